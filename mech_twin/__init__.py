@@ -1,0 +1,1 @@
+"""mech_twin: the digital twin of percussion and crank-linkage machines."""

@@ -1,0 +1,1 @@
+"""The mech-twin command, one file per verb."""

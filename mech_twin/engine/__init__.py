@@ -1,0 +1,1 @@
+"""Time: the coupling scheme and the one-process run."""

@@ -1,0 +1,38 @@
+"""The one-process run: frames one after the other, no ROS, no wall clock."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+from mech_twin.engine.coupling import complete_frame, next_frame
+from mech_twin.roles import Machine
+from mech_twin.samples import Frame
+
+
+def steps_for(machine: Machine, duration_s: float) -> int:
+    """Return how many coupling steps make up a duration (rounded to the nearest)."""
+    return round(duration_s / machine.coupling_step_s)
+
+
+def rated(step: int) -> float:
+    """Return the command that never changes: rated supply frequency."""
+    return 1.0
+
+
+def frames(machine: Machine, duration_s: float, target: Callable[[int], float] = rated) -> Iterator[Frame]:
+    """Yield the frames of a run from step 0 to the last within ``duration_s``.
+
+    Parameters
+    ----------
+    machine : Machine
+        What to run.
+    duration_s : float
+        Simulated time.
+    target : callable
+        ``target(step)``: asked fraction of rated supply frequency at a step.
+    """
+    frame = complete_frame(machine, machine.linkage.start(), None, target(0))
+    yield frame
+    for step in range(1, steps_for(machine, duration_s) + 1):
+        frame = next_frame(machine, frame, target(step))
+        yield frame

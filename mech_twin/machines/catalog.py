@@ -1,0 +1,51 @@
+"""The machines there are, written out by hand."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any
+
+from mech_twin.quantity import Parameters
+from mech_twin.roles import Machine
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One machine of the catalogue: what it is called, what it is, and the module that holds it.
+
+    The module is imported when first asked for, so that listing the machines compiles nothing.  It defines
+    ``PARAMETERS`` (the parameter model) and ``build(parameters) -> Machine``.
+    """
+
+    name: str
+    title: str
+
+    def _module(self) -> Any:
+        return import_module(f"mech_twin.machines.{self.name}")
+
+    @property
+    def parameters(self) -> type[Parameters]:
+        """The parameter model of the machine."""
+        model: type[Parameters] = self._module().PARAMETERS
+        return model
+
+    @property
+    def build(self) -> Callable[[Parameters], Machine]:
+        """The function that builds the machine from its parameters."""
+        function: Callable[[Parameters], Machine] = self._module().build
+        return function
+
+
+CATALOGUE = {
+    entry.name: entry
+    for entry in (
+        Entry("mb10_breaker", "MB-10 breaker with the MO-10 percussion mechanism and its spring-pressed body"),
+        Entry("compaction_press", "four-bar shock-vibration compaction press"),
+        Entry("vibration_crank", "crank vibration mechanism with counterweight"),
+        Entry("impact_mass", "mass under a two-level periodic force, with a stop"),
+        Entry("roller_former", "roller forming installation, 1 to 4 carts on one crank shaft"),
+        Entry("winding_drum", "winding drum with an ideal or eccentric package"),
+    )
+}

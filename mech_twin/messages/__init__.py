@@ -1,0 +1,1 @@
+"""Samples to ROS messages and back."""

@@ -1,0 +1,1 @@
+"""YAML configuration to validated parameter models."""

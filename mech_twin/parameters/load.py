@@ -1,0 +1,1 @@
+"""YAML configuration -> validated parameter models.  The only place that reads configuration."""

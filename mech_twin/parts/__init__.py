@@ -1,0 +1,1 @@
+"""Pure models of one thing each; no part knows another."""

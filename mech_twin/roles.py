@@ -1,0 +1,118 @@
+"""The four roles a machine shows, and the machine that binds them.
+
+A role is a pure map between samples.  It holds immutable parameters and nothing else: all state is in the samples,
+so a role can be rebuilt, restarted elsewhere or given new parameters between any two steps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from mech_twin.quantity import Parameters
+from mech_twin.samples import BodySample, ForceSample, Frame, LinkageSample, MotorSample, Shape
+
+
+class MotorRole(Protocol):
+    """Torque (or prescribed speed) of the drive at the speed the linkage has."""
+
+    joints: tuple[str, ...]
+
+    def respond(self, linkage: LinkageSample, target: float) -> MotorSample:
+        """Return the drive at the linkage's step; ``target`` is the asked fraction of rated supply frequency."""
+        ...
+
+
+class LinkageRole(Protocol):
+    """Owner of all mechanism and drive state."""
+
+    joints: tuple[str, ...]
+    coordinates: tuple[str, ...]
+    regimes: tuple[str, ...]
+    residual_limits: Mapping[str, float]
+
+    def start(self, step: int = 0) -> LinkageSample:
+        """Return the machine at rest (or in its configured initial state) at this step."""
+        ...
+
+    def advance(self, linkage: LinkageSample, motor: MotorSample, body: BodySample | None) -> LinkageSample:
+        """Return the linkage one coupling step later, its own events located inside the step."""
+        ...
+
+
+class ForceRole(Protocol):
+    """Forces that follow from the motion: a map without state."""
+
+    pins: tuple[str, ...]
+    acts_on: tuple[str, ...]
+    residual_limits: Mapping[str, float]
+
+    def analyse(self, linkage: LinkageSample) -> ForceSample:
+        """Return every pin reaction, the derived quantities, and the loads on the body during the step."""
+        ...
+
+
+class BodyRole(Protocol):
+    """Owner of the body's angle and contact state."""
+
+    joints: tuple[str, ...]
+    regimes: tuple[str, ...]
+    residual_limits: Mapping[str, float]
+
+    def start(self, forces: ForceSample) -> BodySample:
+        """Return the body at rest on its stop at the step of these forces."""
+        ...
+
+    def follow(self, body: BodySample, forces: ForceSample) -> BodySample:
+        """Return the body one coupling step later, under the loads of that step."""
+        ...
+
+
+class Observer(Protocol):
+    """Running figures of a run, in memory that does not grow with it."""
+
+    def observe(self, frame: Frame) -> None:
+        """Take one frame into account."""
+        ...
+
+    def numbers(self) -> dict[str, float]:
+        """Return the figures so far, units in the names."""
+        ...
+
+
+@dataclass(frozen=True)
+class Machine:
+    """Parameters, the four roles built from them, and what a designer asks of the machine.
+
+    Attributes
+    ----------
+    name : str
+        Catalogue name, also the ROS namespace.
+    parameters : Parameters
+        The validated model the roles were built from.
+    coupling_step_s : float
+        Macro step of the coupling scheme.
+    motor, linkage, forces, body
+        The roles; ``body`` is None where nothing moves but the linkage.
+    draw : callable
+        Drawing of the mechanism in the machine's frame.
+    report : callable
+        Closed-form figures of one cycle, units in the names (the ``summary`` of a static analysis).
+    analyse : callable
+        ``analyse(crank_rad)``: every angle, speed, force and constant at one position.
+    observer : callable
+        A fresh observer for one run.
+    """
+
+    name: str
+    parameters: Parameters
+    coupling_step_s: float
+    motor: MotorRole
+    linkage: LinkageRole
+    forces: ForceRole
+    body: BodyRole | None
+    draw: Callable[[LinkageSample, BodySample | None], tuple[Shape, ...]]
+    report: Callable[[], dict[str, float]]
+    analyse: Callable[[float], dict[str, Any]]
+    observer: Callable[[], Observer]
