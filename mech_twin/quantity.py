@@ -8,13 +8,22 @@ from __future__ import annotations
 
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 
 
 class Parameters(BaseModel):
     """Base of every parameter model: immutable, and refusing keys it does not know."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, validate_default=True)
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _quantity_is_a_number(cls, value: Any, info: ValidationInfo) -> Any:
+        """Refuse a word or a truth value where a number is declared; pydantic would convert it silently."""
+        extra = cls.model_fields[info.field_name or ""].json_schema_extra
+        if isinstance(extra, dict) and "unit" in extra and isinstance(value, str | bool):
+            raise ValueError(f"expected a number in {extra['unit']}")
+        return value
 
 
 def quantity(unit: str, meaning: str, *, live: bool = False, **bounds: Any) -> Any:

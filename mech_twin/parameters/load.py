@@ -1,1 +1,228 @@
-"""YAML configuration -> validated parameter models.  The only place that reads configuration."""
+"""YAML configuration -> validated parameter models.  The only place that reads configuration.
+
+A configuration file has the form of a ROS 2 parameter file, so that one file serves a node and the engine::
+
+    /**:
+      ros__parameters:
+        motor:
+          rated_power_w: 1500.0
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Iterable, Mapping
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any
+
+import yaml
+from pydantic import ValidationError
+
+from mech_twin.machines.catalog import CATALOGUE, Entry
+from mech_twin.parameters.errors import ConfigurationError, refusal
+from mech_twin.quantity import Parameters
+from mech_twin.roles import Machine
+
+SIZE_LIMIT_BYTES = 1_000_000
+DEPTH_LIMIT = 20
+
+
+def catalogue_entry(name: str) -> Entry:
+    """Return the machine of this name.
+
+    Raises
+    ------
+    ConfigurationError
+        If the catalogue has no such machine.
+    """
+    if name in CATALOGUE:
+        return CATALOGUE[name]
+    near = get_close_matches(name, CATALOGUE, 1)
+    hint = f"; did you mean '{near[0]}'?" if near else ""
+    raise ConfigurationError(f"no machine '{name}'; expected one of {', '.join(CATALOGUE)}{hint}")
+
+
+def configuration_directories() -> list[Path]:
+    """Return where configuration may be installed: source tree, colcon's or pip's share directory."""
+    source = Path(__file__).resolve().parents[2] / "config"
+    prefixes = [Path(p) for p in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if p]
+    installed = Path(__file__).resolve().parents[5] if len(Path(__file__).resolve().parents) > 5 else Path(sys.prefix)
+    prefixes += [installed, Path(sys.prefix)]
+    return [source, *(prefix / "share" / "mech_twin" / "config" for prefix in prefixes)]
+
+
+def configuration_file(name: str) -> Path:
+    """Return the installed configuration file ``NAME.yaml``.
+
+    Raises
+    ------
+    ConfigurationError
+        If no directory holds it.
+    """
+    for directory in configuration_directories():
+        path = directory / f"{name}.yaml"
+        if path.is_file():
+            return path
+    looked = ", ".join(str(directory) for directory in configuration_directories())
+    raise ConfigurationError(f"configuration file {name}.yaml not found; looked in {looked}")
+
+
+def file_tree(path: Path) -> dict[str, Any]:
+    """Return the parameters of a ROS 2 parameter file as a nested dictionary.
+
+    Raises
+    ------
+    ConfigurationError
+        If the file cannot be read, is no YAML, or has not the form of a parameter file.
+    """
+    return text_tree(_file_text(path), str(path))
+
+
+def _file_text(path: Path) -> str:
+    try:
+        with path.open("rb") as stream:
+            data = stream.read(SIZE_LIMIT_BYTES + 1)
+    except OSError as error:
+        raise ConfigurationError(f"{path}: cannot be read: {error.strerror}") from error
+    if len(data) > SIZE_LIMIT_BYTES:
+        raise ConfigurationError(f"{path}: larger than {SIZE_LIMIT_BYTES} bytes; expected a parameter file")
+    try:
+        return data.decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise ConfigurationError(f"{path}: not UTF-8 text at byte {error.start}; expected a YAML file") from error
+
+
+def text_tree(text: str, source: str) -> dict[str, Any]:
+    """Return the parameters of the text of a parameter file; ``source`` names it in errors."""
+    try:
+        _refuse_aliases(text)
+        document = yaml.load(text, Loader=_UniqueKeyLoader)
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        line = " ".join(str(error).split())[:300] or type(error).__name__
+        raise ConfigurationError(f"{source}: not a valid YAML file: {line}") from error
+    sections = document.values() if isinstance(document, dict) else ()
+    trees = [
+        section["ros__parameters"] for section in sections if isinstance(section, dict) and "ros__parameters" in section
+    ]
+    if not trees or not all(isinstance(tree, dict) for tree in trees):
+        raise ConfigurationError(f"{source}: expected a parameter file with '/**:' and below it 'ros__parameters:'")
+    merged: dict[str, Any] = {}
+    for tree in reversed(trees):  # the first section is the more specific one and wins
+        merged = merged_tree(merged, tree)
+    return merged
+
+
+class _UniqueKeyLoader(yaml.SafeLoader):
+    """A safe loader that refuses a key given twice."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        seen = set()
+        for key_node, _ in node.value:
+            key = self.construct_object(key_node, deep=True)
+            if not isinstance(key, str):
+                raise yaml.constructor.ConstructorError(None, None, f"key {key!r} is not a word", key_node.start_mark)
+            if key in seen:
+                raise yaml.constructor.ConstructorError(None, None, f"key '{key}' stands twice", key_node.start_mark)
+            seen.add(key)
+        return super().construct_mapping(node, deep)
+
+
+def _refuse_aliases(text: str) -> None:
+    depth = 0
+    for event in yaml.parse(text, Loader=yaml.SafeLoader):
+        if isinstance(event, yaml.AliasEvent):
+            raise yaml.YAMLError("an alias (*name) is not allowed in a parameter file")
+        if isinstance(event, yaml.CollectionStartEvent):
+            depth += 1
+            if depth > DEPTH_LIMIT:
+                raise yaml.YAMLError(f"nested deeper than {DEPTH_LIMIT} levels")
+        elif isinstance(event, yaml.CollectionEndEvent):
+            depth -= 1
+
+
+def merged_tree(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
+    """Return ``base`` with the keys of ``over`` laid upon it, group by group."""
+    merged = dict(base)
+    for key, value in over.items():
+        below = merged.get(key)
+        merged[key] = merged_tree(below, value) if isinstance(below, dict) and isinstance(value, dict) else value
+    return merged
+
+
+def tree_from_flat(flat: Mapping[str, Any], source: str = "--set") -> dict[str, Any]:
+    """Return a nested dictionary from dotted keys."""
+    tree: dict[str, Any] = {}
+    for dotted, value in flat.items():
+        *groups, last = dotted.split(".")
+        branch = tree
+        for group in groups:
+            branch = branch.setdefault(group, {})
+            if not isinstance(branch, dict):
+                raise ConfigurationError(f"{source}: key '{dotted}': '{group}' is a value, not a group")
+        branch[last] = value
+    return tree
+
+
+def assignments(texts: Iterable[str]) -> dict[str, Any]:
+    """Return the overrides written as ``key.path=value``, values read as YAML scalars or lists.
+
+    Raises
+    ------
+    ConfigurationError
+        If a text has no ``=`` or its value is no YAML.
+    """
+    flat = {}
+    for text in texts:
+        key, equals, value = text.partition("=")
+        if not equals or not key.strip():
+            raise ConfigurationError(f"--set {text}: expected key.path=value")
+        try:
+            flat[key.strip()] = yaml.safe_load(value)
+        except yaml.YAMLError as error:
+            raise ConfigurationError(f"--set {text}: value {value!r} cannot be read") from error
+    return flat
+
+
+def machine_parameters(name: str, path: Path | None = None, overrides: Mapping[str, Any] | None = None) -> Parameters:
+    """Return the validated parameters of a machine.
+
+    Parameters
+    ----------
+    name : str
+        Machine of the catalogue.
+    path : Path, optional
+        Configuration file; the installed ``NAME.yaml`` if absent.
+    overrides : mapping, optional
+        Dotted keys and their values, laid over the file.
+
+    Raises
+    ------
+    ConfigurationError
+        Naming file, key, value and what was expected.
+    """
+    entry = catalogue_entry(name)
+    file = path or configuration_file(name)
+    tree = merged_tree(file_tree(file), tree_from_flat(overrides or {}))
+    source = f"{file} with --set {', '.join(overrides)}" if overrides else str(file)
+    return validated(entry, tree, source)
+
+
+def validated(entry: Entry, tree: Mapping[str, Any], source: str) -> Parameters:
+    """Return the parameter model of a tree of values, or one line that says what is wrong with it."""
+    try:
+        return entry.parameters.model_validate(tree)
+    except ValidationError as error:
+        raise refusal(source, error) from error
+
+
+def machine(name: str, path: Path | None = None, overrides: Mapping[str, Any] | None = None) -> Machine:
+    """Return the machine built from its configuration; see `machine_parameters`."""
+    return catalogue_entry(name).build(machine_parameters(name, path, overrides))
+
+
+def configuration_text(parameters: Parameters) -> str:
+    """Return the full configuration as a parameter file, as a bag carries it."""
+    tree = {"/**": {"ros__parameters": parameters.model_dump(mode="python", exclude_none=True)}}
+    return yaml.safe_dump(tree, sort_keys=False, allow_unicode=True)
