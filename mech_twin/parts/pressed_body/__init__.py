@@ -1,0 +1,1 @@
+"""The spring-pressed body of a percussion mechanism: as published, and as the real machine needs it."""

@@ -1,0 +1,129 @@
+"""What is declared of the spring-pressed body and of its excitation, and the constants the kernels take.
+
+::
+
+      spring c, preload a
+            |                     phi, M > 0: the body leaves the tool
+            v                         ^
+    A o-----+-----------------+------ )        A   crank axis, the body turns about it
+      |<-l->|                 |                l   arm of the spring
+      |<------- r_tool ------>|                r_tool   arm of the collar
+                           =====               collar of the tool: phi >= 0
+"""
+
+from __future__ import annotations
+
+from math import pi, sqrt
+from typing import Literal, NamedTuple
+
+from pydantic import model_validator
+
+from mech_twin.quantity import Parameters, choice, quantity
+
+MATCH = 1e-9  # how far a stated frequency ratio may lie from the one that follows from the onset
+
+
+class BodyParameters(Parameters):
+    """The body that turns about the crank axis, its pressing spring and the collar of the tool."""
+
+    inertia_kg_m2: float = quantity("kg m^2", "inertia of the body about the crank axis, J", gt=0)
+    spring_arm_m: float = quantity("m", "arm of the pressing spring about the crank axis, l", gt=0)
+    spring_rate_n_per_m: float = quantity("N/m", "rate of the pressing spring, c", live=True, gt=0)
+    preload_deflection_m: float = quantity("m", "spring deflection with the body on the tool, a", live=True, ge=0)
+    restitution: float = quantity("1", "restitution of body on tool collar, e", live=True, ge=0, le=1)
+    tool_radius_m: float = quantity("m", "arm of the tool collar about the crank axis, r_tool", gt=0)
+    damping_ratio: float = quantity("1", "damping of the body on its spring, zeta", live=True, ge=0, lt=1)
+    blow_impulse_nms: float = quantity(
+        "N m s", "angular impulse of the blow on the body, S, lifting positive", ge=0, default=0.0
+    )
+    contact: Literal["one_sided", "none"] = choice(
+        "one_sided: the collar only pushes (phi >= 0); none: the body swings freely through it, as published",
+        default="one_sided",
+    )
+
+
+class ExcitationParameters(Parameters):
+    """The moment on the body: the published half sine, or what the force analysis finds."""
+
+    kind: Literal["approximated", "from_forces"] = choice(
+        "approximated: half sine at the end of the cycle; from_forces: moment and blow of the running linkage"
+    )
+    form: Literal["shifted", "printed"] = choice(
+        "shifted: +|H| sin(mu (t - t1)), lifting; printed: H sin(mu t) to the letter", default="shifted"
+    )
+    amplitude_nm: float = quantity("N m", "amplitude of the half sine, H (shifted takes its magnitude)", live=True)
+    frequency_ratio: float | None = quantity(
+        "1", "mu over the cycle frequency; half a period fills the stretch after the onset", gt=0, default=None
+    )
+    onset_fraction: float = quantity("1", "part of the cycle before the half sine begins, t1/T", gt=0, lt=1)
+    blow_rate_hz: float = quantity("Hz", "blows per second of the approximated excitation", gt=0)
+
+    @model_validator(mode="after")
+    def _half_a_period_fills_the_stretch(self) -> ExcitationParameters:
+        derived = 0.5 / (1.0 - self.onset_fraction)
+        if self.frequency_ratio is not None and abs(self.frequency_ratio - derived) > MATCH * derived:
+            raise ValueError(
+                f"frequency_ratio must be 1/(2 (1 - onset_fraction)) = {derived:.9g} so that half a period fills the "
+                f"rest of the cycle, or be left out; got {self.frequency_ratio:.9g}"
+            )
+        return self
+
+
+class PressedBody(NamedTuple):
+    """The constants of one body under one half sine, as the kernels take them.
+
+    Lengths in m, angles in rad, times in s.  The load is ``amplitude sin(mu t + phase)`` with ``amplitude >= 0``.
+    """
+
+    inertia: float
+    arm: float
+    rate: float
+    deflection: float
+    restitution: float
+    damping: float
+    radius: float
+    impulse: float
+    one_sided: bool
+    k: float
+    rest_angle: float  # phi0 = a/l
+    amplitude: float  # |H|
+    mu: float
+    phase: float
+    period: float  # T
+    onset: float  # t1
+
+    @property
+    def preload_ratio(self) -> float:
+        """Preload moment over the peak of the load, p = c a l/|H|."""
+        return self.rate * self.deflection * self.arm / self.amplitude if self.amplitude > 0.0 else float("inf")
+
+
+def pressed_body(body: BodyParameters, excitation: ExcitationParameters) -> PressedBody:
+    """Return the constants of the body under the approximated excitation.
+
+    k^2 = c l^2/J, phi0 = a/l, T = 1/blow rate, mu = pi/(T - t1).  The form ``shifted`` is
+    M = |H| sin(mu t - mu t1); the form ``printed`` is M = H sin(mu t), a negative H being a phase of pi.
+    """
+    period = 1.0 / excitation.blow_rate_hz
+    onset = excitation.onset_fraction * period
+    mu = pi / (period - onset)
+    printed_phase = 0.0 if excitation.amplitude_nm >= 0.0 else pi
+    phase = -mu * onset if excitation.form == "shifted" else printed_phase
+    return PressedBody(
+        inertia=body.inertia_kg_m2,
+        arm=body.spring_arm_m,
+        rate=body.spring_rate_n_per_m,
+        deflection=body.preload_deflection_m,
+        restitution=body.restitution,
+        damping=body.damping_ratio,
+        radius=body.tool_radius_m,
+        impulse=body.blow_impulse_nms,
+        one_sided=body.contact == "one_sided",
+        k=body.spring_arm_m * sqrt(body.spring_rate_n_per_m / body.inertia_kg_m2),
+        rest_angle=body.preload_deflection_m / body.spring_arm_m,
+        amplitude=abs(excitation.amplitude_nm),
+        mu=mu,
+        phase=phase,
+        period=period,
+        onset=onset,
+    )
