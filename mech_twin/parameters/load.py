@@ -15,11 +15,12 @@ import sys
 from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import yaml
 from pydantic import ValidationError
 
+from mech_twin import __version__
 from mech_twin.machines.catalog import CATALOGUE, Entry
 from mech_twin.parameters.errors import ConfigurationError, refusal
 from mech_twin.quantity import Parameters
@@ -27,6 +28,7 @@ from mech_twin.roles import Machine
 
 SIZE_LIMIT_BYTES = 1_000_000
 DEPTH_LIMIT = 20
+MACHINE_KEY = "machine"
 
 
 def catalogue_entry(name: str) -> Entry:
@@ -211,8 +213,12 @@ def machine_parameters(name: str, path: Path | None = None, overrides: Mapping[s
 
 def validated(entry: Entry, tree: Mapping[str, Any], source: str) -> Parameters:
     """Return the parameter model of a tree of values, or one line that says what is wrong with it."""
+    values = dict(tree)
+    meant = values.pop(MACHINE_KEY, entry.name)
+    if meant != entry.name:
+        raise ConfigurationError(f"{source}: key '{MACHINE_KEY}', value {meant!r}: expected {entry.name!r}")
     try:
-        return entry.parameters.model_validate(tree)
+        return entry.parameters.model_validate(values)
     except ValidationError as error:
         raise refusal(source, error) from error
 
@@ -222,7 +228,43 @@ def machine(name: str, path: Path | None = None, overrides: Mapping[str, Any] | 
     return catalogue_entry(name).build(machine_parameters(name, path, overrides))
 
 
-def configuration_text(parameters: Parameters) -> str:
-    """Return the full configuration as a parameter file, as a bag carries it."""
-    tree = {"/**": {"ros__parameters": parameters.model_dump(mode="python", exclude_none=True)}}
+def configuration_tree(parameters: Parameters) -> dict[str, Any]:
+    """Return the parameters as nested plain values, absent options left out."""
+    return parameters.model_dump(mode="json", exclude_none=True)
+
+
+def description_text(name: str, parameters: Parameters, revision: int = 0, from_step: int = 0) -> str:
+    """Return the full configuration as a parameter file that says which machine, and from which step it holds."""
+    head = {"machine": name, "version": __version__, "revision": revision, "from_step": from_step}
+    tree = {**head, "/**": {"ros__parameters": {MACHINE_KEY: name, **configuration_tree(parameters)}}}
     return yaml.safe_dump(tree, sort_keys=False, allow_unicode=True)
+
+
+class Description(NamedTuple):
+    """A described configuration: which machine, which parameters, and from which step they hold."""
+
+    machine: str
+    version: str
+    revision: int
+    from_step: int
+    parameters: Parameters
+
+
+def description(text: str, source: str = "description") -> Description:
+    """Return the configuration a run or a bag describes itself with.
+
+    Raises
+    ------
+    ConfigurationError
+        If the text is no description, or its parameters do not validate.
+    """
+    tree = text_tree(text, source)
+    head = yaml.safe_load(text)
+    name = str(tree.get(MACHINE_KEY, head.get("machine")))
+    parameters = validated(catalogue_entry(name), tree, source)
+    try:
+        return Description(
+            name, str(head.get("version")), int(head.get("revision", 0)), int(head.get("from_step", 0)), parameters
+        )
+    except (TypeError, ValueError) as error:
+        raise ConfigurationError(f"{source}: revision or from_step is no whole number") from error

@@ -1,0 +1,55 @@
+"""BodySample <-> sensor_msgs/JointState on ``body/joint_states``, and the pressing force as a wrench."""
+
+from __future__ import annotations
+
+from geometry_msgs.msg import WrenchStamped
+from sensor_msgs.msg import JointState
+
+from mech_twin.messages.rows import REGIME, STEP, packed, set_stamp, step_and_time, table
+from mech_twin.samples import BodySample
+
+PRESSING_FORCE = "~pressing_force_n"
+
+
+def to_message(sample: BodySample, message: JointState | None = None) -> JointState:
+    """Return the sample as a message."""
+    scalars = (
+        (STEP, float(sample.step), sample.time_s, 0.0),
+        (REGIME, float(sample.regime), 0.0, 0.0),
+        (PRESSING_FORCE, sample.pressing_force_n, 0.0, 0.0),
+    )
+    return packed(message or JointState(), sample, scalars, sample.memory, sample.residuals, sample.events)
+
+
+def from_message(message: JointState, step_s: float | None = None) -> BodySample:
+    """Return the sample of a message.
+
+    Raises
+    ------
+    MessageError
+        If the message is no body sample.
+    """
+    content = table(message)
+    step, time_s = step_and_time(message, content, step_s)
+    return BodySample(
+        step,
+        time_s,
+        content.layout.joints,
+        content.joints(content.position),
+        content.joints(content.velocity),
+        content.joints(content.effort),
+        int(content.scalar(REGIME, 0.0)),
+        content.scalar(PRESSING_FORCE),
+        content.memory(),
+        content.residuals(),
+        content.events(),
+    )
+
+
+def pressing_force_message(time_s: float, force_n: float, message: WrenchStamped | None = None) -> WrenchStamped:
+    """Return the pressing force as a wrench on the tool, along the tool's axis."""
+    wrench = message or WrenchStamped()
+    set_stamp(wrench.header, time_s)
+    wrench.header.frame_id = "tool"
+    wrench.wrench.force.x = force_n
+    return wrench

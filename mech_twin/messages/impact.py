@@ -1,0 +1,23 @@
+"""Event -> geometry_msgs/Vector3Stamped on ``impacts``: x speed before, y speed after, z impulse.
+
+The stamp is the event's time, rounded to the nanosecond a stamp can hold.  The unrounded time travels with the step
+message of the role the event belongs to.
+"""
+
+from __future__ import annotations
+
+from geometry_msgs.msg import Vector3Stamped
+
+from mech_twin.messages.rows import set_stamp
+from mech_twin.samples import Event
+
+
+def to_message(event: Event) -> Vector3Stamped:
+    """Return an event as a message; ``frame_id`` is ``contact/kind``."""
+    message = Vector3Stamped()
+    set_stamp(message.header, event.time_s)
+    message.header.frame_id = f"{event.contact}/{event.kind}"
+    message.vector.x = event.pre_velocity_m_per_s
+    message.vector.y = event.post_velocity_m_per_s
+    message.vector.z = event.impulse_ns
+    return message

@@ -1,0 +1,74 @@
+"""Names, types and quality of service of every topic, relative to the machine's namespace."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import Vector3Stamped, WrenchStamped
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64, String
+from visualization_msgs.msg import MarkerArray
+
+DEPTH = 100
+
+DATA = QoSProfile(depth=DEPTH, history=HistoryPolicy.KEEP_LAST, reliability=ReliabilityPolicy.RELIABLE)
+LATCHED = QoSProfile(
+    depth=1,
+    history=HistoryPolicy.KEEP_LAST,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
+EVERY = QoSProfile(history=HistoryPolicy.KEEP_ALL, depth=0, reliability=ReliabilityPolicy.RELIABLE)
+EVERY_LATCHED = QoSProfile(
+    history=HistoryPolicy.KEEP_ALL,
+    depth=0,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
+
+
+class Topic(NamedTuple):
+    """A topic: its name, its message type and the quality of service it is published with."""
+
+    name: str
+    type: Any
+    qos: QoSProfile = DATA
+
+
+JOINT_STATES = Topic("joint_states", JointState)
+MOTOR_JOINT_STATES = Topic("motor/joint_states", JointState)
+FORCE_JOINT_STATES = Topic("forces/joint_states", JointState)
+BODY_JOINT_STATES = Topic("body/joint_states", JointState)
+SPEED_COMMAND = Topic("motor/speed_command", Float64)
+DRIVE_WRENCH = Topic("forces/drive", WrenchStamped)
+PRESSING_FORCE = Topic("body/pressing_force", WrenchStamped)
+IMPACTS = Topic("impacts", Vector3Stamped)
+SCENE = Topic("scene", MarkerArray)
+DESCRIPTION = Topic("description", String, LATCHED)
+RECALL = Topic("recall", String)
+RECALLED_LINKAGE = Topic("recall/linkage", JointState)
+RECALLED_BODY = Topic("recall/body", JointState)
+CLOCK = Topic("/clock", Clock)
+DIAGNOSTICS = Topic("/diagnostics", DiagnosticArray)
+
+
+def pin_wrench(pin: str) -> Topic:
+    """Return the topic of one pin's reaction."""
+    return Topic(f"forces/{pin}", WrenchStamped)
+
+
+def step_topics(has_body: bool) -> tuple[Topic, ...]:
+    """Return the topics that carry one whole sample each step."""
+    always = (JOINT_STATES, MOTOR_JOINT_STATES, FORCE_JOINT_STATES)
+    return (*always, BODY_JOINT_STATES) if has_body else always
+
+
+def recorded_topics(pins: tuple[str, ...], has_body: bool) -> tuple[Topic, ...]:
+    """Return everything a recording holds."""
+    body = (PRESSING_FORCE,) if has_body else ()
+    wrenches = tuple(pin_wrench(pin) for pin in pins)
+    rest = (SPEED_COMMAND, IMPACTS, SCENE, DESCRIPTION, CLOCK, DIAGNOSTICS)
+    return (*step_topics(has_body), *wrenches, DRIVE_WRENCH, *body, *rest)

@@ -1,0 +1,125 @@
+"""Parameter models <-> ROS 2 parameters: every key declared with type, range, unit and description."""
+
+from __future__ import annotations
+
+import types
+import typing
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+from pydantic.fields import FieldInfo
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
+from rclpy.node import Node
+
+from mech_twin.parameters.errors import ConfigurationError
+from mech_twin.parameters.load import MACHINE_KEY, tree_from_flat
+from mech_twin.quantity import Parameters
+
+UNBOUNDED = 1.7e308
+
+
+class Key(NamedTuple):
+    """One key of a configuration: dotted name, declaration, and value (None if the option is absent)."""
+
+    name: str
+    field: FieldInfo
+    value: Any
+
+    @property
+    def live(self) -> bool:
+        """Whether the key may change while the machine runs."""
+        extra = self.field.json_schema_extra
+        return bool(isinstance(extra, dict) and extra.get("live"))
+
+
+def keys(parameters: Parameters, prefix: str = "") -> Iterator[Key]:
+    """Yield every key of a configuration, groups opened."""
+    for name, field in type(parameters).model_fields.items():
+        value = getattr(parameters, name)
+        if isinstance(value, Parameters):
+            yield from keys(value, f"{prefix}{name}.")
+        elif not _is_group(field.annotation):
+            yield Key(prefix + name, field, list(value) if isinstance(value, tuple) else value)
+
+
+def _is_group(annotation: Any) -> bool:
+    options = typing.get_args(annotation) if isinstance(annotation, types.UnionType) else (annotation,)
+    return any(isinstance(option, type) and issubclass(option, Parameters) for option in options)
+
+
+def _is_float(annotation: Any) -> bool:
+    return annotation is float or float in typing.get_args(annotation)
+
+
+def descriptor(key: Key) -> ParameterDescriptor:
+    """Return the ROS descriptor of a key: description with unit, range, and whether it is read-only."""
+    extra = key.field.json_schema_extra
+    unit = extra.get("unit") if isinstance(extra, dict) else None
+    text = f"{key.field.description or key.name} [{unit}]" if unit else key.field.description or key.name
+    described = ParameterDescriptor(name=key.name, description=text, read_only=not key.live)
+    described.additional_constraints = ", ".join(str(bound) for bound in key.field.metadata)
+    low, high = _bounds(key.field)
+    if low is None and high is None:
+        return described
+    if isinstance(key.value, float):
+        described.floating_point_range = [
+            FloatingPointRange(
+                from_value=-UNBOUNDED if low is None else float(low),
+                to_value=UNBOUNDED if high is None else float(high),
+            )
+        ]
+    elif isinstance(key.value, int) and not isinstance(key.value, bool):
+        top = 2**31 if high is None else int(high)
+        described.integer_range = [IntegerRange(from_value=-(2**31) if low is None else int(low), to_value=top, step=1)]
+    return described
+
+
+def _bounds(field: FieldInfo) -> tuple[float | None, float | None]:
+    low = high = None
+    for bound in field.metadata:
+        low = getattr(bound, "ge", getattr(bound, "gt", low))
+        high = getattr(bound, "le", getattr(bound, "lt", high))
+    return low, high
+
+
+def declared_tree(node: Node, parameters: Parameters) -> dict[str, Any]:
+    """Declare every key on the node and return the values in force, the node's overrides laid over the defaults.
+
+    Raises
+    ------
+    ConfigurationError
+        If an override has an unknown key, a wrong type or a value out of range.
+    """
+    known = {key.name: key for key in keys(parameters)}
+    overrides = dict(node._parameter_overrides)  # noqa: SLF001 - rclpy has no public reader of them
+    own = {name for name in overrides if node.has_parameter(name)}
+    for name in overrides:
+        if name not in known and name not in own and name != MACHINE_KEY:
+            raise ConfigurationError(f"parameters of node {node.get_name()}: unknown key '{name}'")
+    flat = {}
+    for name, key in known.items():
+        if key.value is None and name not in overrides:
+            continue
+        flat[name] = _declare(node, key, overrides.get(name))
+    return tree_from_flat(flat)
+
+
+def _declare(node: Node, key: Key, override: Any) -> Any:
+    default = float(key.value) if _is_float(key.field.annotation) and isinstance(key.value, int) else key.value
+    if default is None:
+        default = override.value
+    try:
+        return node.declare_parameter(key.name, default, descriptor(key)).value
+    except InvalidParameterTypeException as error:
+        expected = type(default).__name__
+        given = override.value if override is not None else default
+        raise ConfigurationError(
+            f"parameters of node {node.get_name()}: key '{key.name}', value {given!r}: expected {expected}"
+        ) from error
+    except InvalidParameterValueException as error:
+        given = override.value if override is not None else default
+        bounds = ", ".join(str(bound) for bound in key.field.metadata)
+        raise ConfigurationError(
+            f"parameters of node {node.get_name()}: key '{key.name}', value {given!r}: expected {bounds}"
+        ) from error
