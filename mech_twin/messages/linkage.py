@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from sensor_msgs.msg import JointState
 
-from mech_twin.messages.rows import COMMAND, REGIME, REVISION, STEP, packed, step_and_time, table
+from mech_twin.messages.rows import COMMAND, REGIME, STEP, packed, step_and_time, table
 from mech_twin.samples import LinkageSample
 
 
-def to_message(sample: LinkageSample, message: JointState | None = None, revision: int = 0) -> JointState:
-    """Return the sample as a message; ``revision`` counts the parameter changes it was computed with."""
+def to_message(sample: LinkageSample, message: JointState | None = None) -> JointState:
+    """Return the sample as a message."""
     scalars = (
         (STEP, float(sample.step), sample.time_s, 0.0),
         (REGIME, float(sample.regime), 0.0, 0.0),
         (COMMAND, sample.command, 0.0, 0.0),
-        (REVISION, float(revision), 0.0, 0.0),
     )
     return packed(message or JointState(), sample, scalars, sample.memory, sample.residuals, sample.events)
 
@@ -42,8 +41,3 @@ def from_message(message: JointState, step_s: float | None = None) -> LinkageSam
         content.residuals(),
         content.events(),
     )
-
-
-def revision(message: JointState) -> int:
-    """Return how many parameter changes a linkage message was computed with."""
-    return int(table(message).scalar(REVISION, 0.0))

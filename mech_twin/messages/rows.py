@@ -251,3 +251,36 @@ def step_and_time(message: JointState, content: Table, step_s: float | None) -> 
     if abs(stamp - time_s) > 2e-9 + 1e-12 * time_s:
         raise MessageError(f"stamp {stamp:.9f} s is not the time {time_s:.9f} s of its step")
     return step, time_s
+
+
+def revision(message: JointState) -> int:
+    """Return how many parameter changes the sample was computed with; 0 if the message does not say."""
+    names = message.name
+    return int(message.position[names.index(REVISION)]) if REVISION in names else 0
+
+
+def mark_revision(message: JointState, number: int) -> JointState:
+    """Return the message with the row that says how many parameter changes its sample was computed with."""
+    message.name.append(REVISION)
+    message.position.append(float(number))
+    message.velocity.append(0.0)
+    message.effort.append(0.0)
+    return message
+
+
+def arranged(sample: Any, joints: tuple[str, ...]) -> Any:
+    """Return the sample with its joints in this order, matched by name.
+
+    Raises
+    ------
+    MessageError
+        If a joint is missing.
+    """
+    if sample.joints == joints:
+        return sample
+    missing = [name for name in joints if name not in sample.joints]
+    if missing:
+        raise MessageError(f"joint {', '.join(missing)} is missing; there are {', '.join(sample.joints) or 'none'}")
+    rows = [sample.joints.index(name) for name in joints]
+    columns = {c: tuple(getattr(sample, c)[row] for row in rows) for c in ("position", "velocity", "effort")}
+    return sample._replace(joints=joints, **columns)

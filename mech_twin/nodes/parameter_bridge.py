@@ -83,16 +83,23 @@ def _bounds(field: FieldInfo) -> tuple[float | None, float | None]:
     return low, high
 
 
-def declared_tree(node: Node, parameters: Parameters) -> dict[str, Any]:
+def declared_tree(node: Node, *groups: tuple[str, Parameters]) -> dict[str, Any]:
     """Declare every key on the node and return the values in force, the node's overrides laid over the defaults.
+
+    Parameters
+    ----------
+    node : Node
+        Where the keys are declared.
+    *groups : tuple of str and Parameters
+        Prefix (empty or ending in a dot) and the model declared below it.
 
     Raises
     ------
     ConfigurationError
         If an override has an unknown key, a wrong type or a value out of range.
     """
-    known = {key.name: key for key in keys(parameters)}
-    overrides = dict(node._parameter_overrides)  # noqa: SLF001 - rclpy has no public reader of them
+    known = {key.name: key for prefix, parameters in groups for key in keys(parameters, prefix)}
+    overrides = dict(node._parameter_overrides)  # rclpy has no public reader of them
     own = {name for name in overrides if node.has_parameter(name)}
     for name in overrides:
         if name not in known and name not in own and name != MACHINE_KEY:

@@ -1,0 +1,93 @@
+"""The body node: angle, contact and pressing force of the body at each step."""
+
+from __future__ import annotations
+
+from functools import partial
+
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+
+from mech_twin.engine.coupling import next_body
+from mech_twin.messages import body as body_messages
+from mech_twin.messages import force as force_messages
+from mech_twin.messages import impact
+from mech_twin.messages.rows import MessageError
+from mech_twin.messages.topics import (
+    BODY_JOINT_STATES,
+    FORCE_JOINT_STATES,
+    IMPACTS,
+    PRESSING_FORCE,
+    RECALL,
+    RECALLED_BODY,
+)
+from mech_twin.nodes.follower_node import FollowerNode
+from mech_twin.nodes.options import RunOptions
+from mech_twin.quantity import Parameters
+from mech_twin.roles import BodyRole
+from mech_twin.samples import BodySample, ForceSample
+
+
+class BodyNode(FollowerNode):
+    """Shell around the body role; see `RoleNode` for the arguments."""
+
+    def __init__(
+        self, machine_name: str, parameters: Parameters | None = None, options: RunOptions | None = None
+    ) -> None:
+        super().__init__("body", machine_name, parameters, options)
+        self._sample: BodySample | None = None
+        self._message = JointState()
+        self._out = self.step_outlet(BODY_JOINT_STATES, 1)
+        self._impacts = self.outlet(IMPACTS)
+        self._pressing = self.extreme_outlet(PRESSING_FORCE)
+        self._recall = self.outlet(RECALL)
+        self._recall.listeners = 0
+        self.create_subscription(JointState, RECALLED_BODY.name, self._on_recalled, RECALLED_BODY.qos)
+        self.listen(FORCE_JOINT_STATES)
+
+    @property
+    def role(self) -> BodyRole:
+        """The body role; a machine without one has no body node."""
+        if self.machine.body is None:
+            raise ValueError(f"machine {self.machine.name} has no moving body")
+        return self.machine.body
+
+    def residual_limits(self) -> dict[str, float]:
+        """Return the limits of what linkage and body may differ by."""
+        return dict(self.role.residual_limits)
+
+    def decoded(self, message: JointState) -> ForceSample:
+        """Return the force sample of a message."""
+        return force_messages.from_message(message, self.machine.coupling_step_s)
+
+    def answer(self, question: ForceSample) -> bool:
+        """Publish the body at the step of these forces; a body that comes back asks first where it was."""
+        if self._sample is None and question.step > 0:
+            self._recall.send(String(data="body"))
+            return False
+        if self._sample is not None and question.step != self._sample.step + 1:
+            self._sample = None
+            return False
+        sample = next_body(self.role, self._sample, question)
+        self._sample = sample
+        self.health.observe(sample.residuals)
+        for event in sample.events:
+            self._impacts.send(impact.to_message(event))
+        self._pressing.offer(
+            abs(sample.pressing_force_n),
+            partial(body_messages.pressing_force_message, sample.time_s, sample.pressing_force_n),
+        )
+        self.repeat()
+        return True
+
+    def repeat(self) -> None:
+        """Publish the last body sample."""
+        if self._sample is not None:
+            self._out.send(body_messages.to_message(self._sample, self._message))
+
+    def _on_recalled(self, message: JointState) -> None:
+        if self._sample is not None or not message.name:
+            return
+        try:
+            self._sample = body_messages.from_message(message, self.machine.coupling_step_s)
+        except MessageError as error:
+            self.ledger.count(RECALLED_BODY.name, "malformed", str(error))

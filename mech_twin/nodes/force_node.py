@@ -1,0 +1,59 @@
+"""The force analysis node: every pin reaction, and the loads on the body, at each step."""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+
+from sensor_msgs.msg import JointState
+
+from mech_twin.messages import force as force_messages
+from mech_twin.messages import linkage as linkage_messages
+from mech_twin.messages.rows import arranged, mark_revision
+from mech_twin.messages.topics import DRIVE_WRENCH, FORCE_JOINT_STATES, JOINT_STATES, pin_wrench
+from mech_twin.nodes.follower_node import FollowerNode
+from mech_twin.nodes.options import RunOptions
+from mech_twin.quantity import Parameters
+from mech_twin.samples import ForceSample, LinkageSample
+
+DRIVE = "drive"
+
+
+class ForceNode(FollowerNode):
+    """Shell around the force role; see `RoleNode` for the arguments."""
+
+    def __init__(
+        self, machine_name: str, parameters: Parameters | None = None, options: RunOptions | None = None
+    ) -> None:
+        super().__init__("force_analysis", machine_name, parameters, options)
+        self._sample: ForceSample | None = None
+        self._out = self.step_outlet(FORCE_JOINT_STATES, 1)
+        topics = {pin: DRIVE_WRENCH if pin == DRIVE else pin_wrench(pin) for pin in self.machine.forces.pins}
+        self._wrenches = [(pin, self.extreme_outlet(topic)) for pin, topic in topics.items()]
+        self.listen(JOINT_STATES)
+
+    def residual_limits(self) -> dict[str, float]:
+        """Return the limits of the power balance and its like."""
+        return dict(self.machine.forces.residual_limits)
+
+    def decoded(self, message: JointState) -> LinkageSample:
+        """Return the linkage sample of a message."""
+        sample = linkage_messages.from_message(message, self.machine.coupling_step_s)
+        arranged_sample: LinkageSample = arranged(sample, self.machine.linkage.joints)
+        return arranged_sample
+
+    def answer(self, question: LinkageSample) -> bool:
+        """Publish the forces of the linkage's step."""
+        sample = self.machine.forces.analyse(question)
+        self._sample = sample
+        self.health.observe(sample.residuals)
+        self.repeat()
+        for (pin, outlet), wrench in zip(self._wrenches, sample.wrenches, strict=True):
+            size = math.hypot(wrench.force_x_n, wrench.force_y_n) + abs(wrench.moment_nm)
+            outlet.offer(size, partial(force_messages.wrench_message, sample.time_s, pin, wrench))
+        return True
+
+    def repeat(self) -> None:
+        """Publish the last force sample."""
+        if self._sample is not None:
+            self._out.send(mark_revision(force_messages.to_message(self._sample), self.revision))

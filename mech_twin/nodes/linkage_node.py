@@ -1,0 +1,304 @@
+"""The linkage node: time authority of a run.  It steps when its peers have answered, and holds while one is missing."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.parameter import Parameter
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+
+from mech_twin.engine.coupling import restarted
+from mech_twin.messages import body as body_messages
+from mech_twin.messages import force as force_messages
+from mech_twin.messages import impact, scene
+from mech_twin.messages import linkage as linkage_messages
+from mech_twin.messages import motor as motor_messages
+from mech_twin.messages.rows import MessageError, arranged, mark_revision, set_stamp
+from mech_twin.messages.topics import (
+    BODY_JOINT_STATES,
+    CLOCK,
+    DESCRIPTION,
+    FORCE_JOINT_STATES,
+    IMPACTS,
+    JOINT_STATES,
+    MOTOR_JOINT_STATES,
+    RECALL,
+    RECALLED_BODY,
+    RECALLED_DESCRIPTION,
+    RECALLED_LINKAGE,
+    SCENE,
+    Topic,
+)
+from mech_twin.nodes.options import RunOptions
+from mech_twin.nodes.pace import Pace
+from mech_twin.nodes.peers import Peers
+from mech_twin.nodes.role_node import RETRY_S, RoleNode
+from mech_twin.parameters.errors import ConfigurationError
+from mech_twin.parameters.load import (
+    catalogue_entry,
+    configuration_tree,
+    description,
+    description_text,
+    merged_tree,
+    tree_from_flat,
+    validated,
+)
+from mech_twin.quantity import Parameters
+from mech_twin.samples import Drawing, LinkageSample
+
+ASK_AGAIN_S = 0.1
+RECALL_LIMIT_S = 1.0
+
+
+class LinkageNode(RoleNode):
+    """Shell around the linkage role; see `RoleNode` for the arguments."""
+
+    def __init__(
+        self, machine_name: str, parameters: Parameters | None = None, options: RunOptions | None = None
+    ) -> None:
+        super().__init__("linkage", machine_name, parameters, options)
+        self.done = False
+        self.sample: LinkageSample | None = None
+        self.pace = Pace(self.machine.coupling_step_s, self.options.pace == "realtime")
+        self._pending: Parameters | None = None
+        self._reset_asked = False
+        self._born = time.monotonic()
+        self._progress = self._born
+        self._recalled: dict[str, Any] = {}
+        self._recall_asked: float | None = None
+        self._steps_per_drawing = max(1, round(1.0 / (self.options.view_rate_hz * self.machine.coupling_step_s)))
+        self._open_outlets()
+        self._open_inlets()
+        self.peers = Peers(self._peer_names(), self.ledger)
+        self.create_timer(RETRY_S, self._attend)
+
+    # -- wiring -----------------------------------------------------------------------------------------------------
+
+    def _peer_names(self) -> tuple[str, ...]:
+        return ("motor", "body") if self.machine.body is not None else ("motor", "force_analysis")
+
+    def _open_outlets(self) -> None:
+        self._message = JointState()
+        self._out = self.step_outlet(JOINT_STATES, 2)
+        self._clock_out = self.outlet(CLOCK)
+        self._impacts = self.outlet(IMPACTS)
+        self._scene = self.outlet(SCENE, int(self.options.viewer))
+        self._description = self.outlet(DESCRIPTION)
+        self._recall = self.outlet(RECALL)
+        self._recalled_body = self.outlet(RECALLED_BODY)
+        self._recall.listeners = self._recalled_body.listeners = 0
+
+    def _open_inlets(self) -> None:
+        decoders = {"motor": motor_messages, "body": body_messages, "force_analysis": force_messages}
+        topics = {"motor": MOTOR_JOINT_STATES, "body": BODY_JOINT_STATES, "force_analysis": FORCE_JOINT_STATES}
+        for peer in self._peer_names():
+            self._listen(topics[peer], peer, decoders[peer].from_message)
+        self.create_subscription(String, RECALL.name, self._on_recall, RECALL.qos)
+        self.create_subscription(JointState, RECALLED_LINKAGE.name, self._on_recalled_linkage, RECALLED_LINKAGE.qos)
+        self.create_subscription(
+            String, RECALLED_DESCRIPTION.name, self._on_recalled_description, RECALLED_DESCRIPTION.qos
+        )
+        self.create_service(Trigger, "reset", self._on_reset)
+        self.add_post_set_parameters_callback(self._on_parameters)
+
+    def _listen(self, topic: Topic, peer: str, decoder: Any) -> None:
+        joints = {"motor": self.machine.motor.joints}
+        if self.machine.body is not None:
+            joints["body"] = self.machine.body.joints
+
+        def receive(message: JointState) -> None:
+            try:
+                sample = decoder(message, self.machine.coupling_step_s)
+                if peer in joints:
+                    sample = arranged(sample, joints[peer])
+            except MessageError as error:
+                self.ledger.count(topic.name, "malformed", str(error))
+                return
+            if self.sample is not None and self.peers.take(peer, topic.name, sample, self.sample.step):
+                self._step_if_due()
+
+        self.create_subscription(topic.type, topic.name, receive, topic.qos)
+
+    def residual_limits(self) -> dict[str, float]:
+        """Return the limits of loop closure, energy books and their like."""
+        return dict(self.machine.linkage.residual_limits)
+
+    def figures(self) -> dict[str, str]:
+        """Return step, pace and lag."""
+        step = "-" if self.sample is None else str(self.sample.step)
+        return {"step": step, "revision": str(self.revision), "worst lag s": f"{self.pace.worst_lag_s:.6f}"}
+
+    # -- the first step ---------------------------------------------------------------------------------------------
+
+    def _attend(self) -> None:
+        """Begin when everybody listens; ask again while a peer is missing."""
+        now = time.monotonic()
+        if self.sample is None:
+            self._begin_if_ready(now)
+        elif not self.done and not self.peers.complete and now - self._progress > ASK_AGAIN_S:
+            self._wait(now)
+
+    def _begin_if_ready(self, now: float) -> None:
+        waited = now - self._born
+        if not self.matched and waited < self.options.discovery_limit_s:
+            self.health.state = "waiting for peers"
+            return
+        if self._recall_asked is None:
+            self._recall_asked = now
+            self._recall.send(String(data="linkage"))
+        if len(self._recalled) == 2 or now - self._recall_asked > RECALL_LIMIT_S:
+            self._begin()
+
+    def _begin(self) -> None:
+        text = self._recalled.get("description", "")
+        if text:
+            described = description(text)
+            self.use(described.parameters)
+            self.revision = described.revision
+        recalled = self._recalled.get("linkage")
+        self.sample = recalled or self.machine.linkage.start()
+        if recalled:
+            self.get_logger().info(f"going on at step {recalled.step}")
+        self._describe(self.sample.step)
+        self._publish(self.sample, repeated=recalled is not None)
+        self._progress = time.monotonic()
+
+    def _on_recalled_linkage(self, message: JointState) -> None:
+        if self.sample is not None:
+            return
+        try:
+            self._recalled["linkage"] = linkage_messages.from_message(message) if message.name else None
+        except MessageError as error:
+            self.ledger.count(RECALLED_LINKAGE.name, "malformed", str(error))
+
+    def _on_recalled_description(self, message: String) -> None:
+        if self.sample is None:
+            self._recalled["description"] = message.data
+
+    def _on_recall(self, message: String) -> None:
+        if message.data == "body" and self.peers.last_body is not None:
+            self._recalled_body.send(body_messages.to_message(self.peers.last_body))
+
+    # -- stepping ---------------------------------------------------------------------------------------------------
+
+    def wait_s(self) -> float:
+        """Return how long nothing is due; a caller that spins need not look earlier."""
+        if self.sample is None or self.done or not self.peers.complete:
+            return RETRY_S
+        return self.pace.wait_s(self.sample.step + 1)
+
+    def tick(self) -> None:
+        """Take the next step if it is due; called between messages."""
+        self._step_if_due()
+
+    def _step_if_due(self) -> None:
+        if self.sample is None or self.done or not self.peers.complete:
+            return
+        if self._last_step() is not None and self.sample.step >= self._last_step():
+            self._finish()
+        elif self.pace.wait_s(self.sample.step + 1) <= 0.0:
+            self._step(self.sample)
+
+    def _last_step(self) -> int | None:
+        duration = self.options.duration_s
+        return round(duration / self.machine.coupling_step_s) if duration > 0.0 else None
+
+    def _step(self, sample: LinkageSample) -> None:
+        if self._pending is not None:
+            self._adopt(self._pending, sample.step + 1)
+        if self._reset_asked:
+            self._reset_asked = False
+            self.sample = restarted(self.machine, sample.step + 1)
+        else:
+            self.sample = self.machine.linkage.advance(sample, self.peers.motor, self.peers.body)
+        self.pace.passed(self.sample.step)
+        self.peers.expect_next()
+        self._progress = time.monotonic()
+        self._publish(self.sample)
+
+    def _publish(self, sample: LinkageSample, repeated: bool = False) -> None:
+        self.time_s = sample.time_s
+        self.health.state = "running" if not self.machine.linkage.regimes else self._regime(sample)
+        self._out.send(mark_revision(linkage_messages.to_message(sample, self._message), self.revision))
+        if repeated:
+            return
+        self.health.observe(sample.residuals)
+        for event in sample.events:
+            self._impacts.send(impact.to_message(event))
+        if sample.step % self.options.stream_decimation == 0:
+            self._tell_time(sample)
+        if sample.step % self._steps_per_drawing == 0:
+            self._draw(sample)
+
+    def _regime(self, sample: LinkageSample) -> str:
+        return f"running, {self.machine.linkage.regimes[sample.regime]}"
+
+    def _tell_time(self, sample: LinkageSample) -> None:
+        stamp = JointState()
+        set_stamp(stamp.header, sample.time_s)
+        self._clock_out.send(Clock(clock=stamp.header.stamp))
+
+    def _draw(self, sample: LinkageSample) -> None:
+        shapes = self.machine.draw(sample, self.peers.last_body)
+        self._scene.send(scene.to_message(Drawing(sample.step, sample.time_s, shapes)))
+
+    def _finish(self) -> None:
+        self.done = True
+        self.health.state = "finished"
+
+    def _wait(self, now: float) -> None:
+        """Hold: ask the missing peer again, and say so once it counts as gone."""
+        missing = self.peers.missing()
+        if now - self._progress > self.options.peer_timeout_s and not self.health.state.startswith("waiting"):
+            self.peers.holds += 1
+            self.health.state = f"waiting for {missing}"
+            self.get_logger().warning(f"waiting for {missing} at step {self.sample.step if self.sample else 0}")
+            self.report()
+        self.pace.resume()
+        self._progress = now if self.health.state.startswith("waiting") else self._progress
+        if self.sample is not None:
+            self._out.send(mark_revision(linkage_messages.to_message(self.sample, self._message), self.revision))
+
+    # -- configuration ----------------------------------------------------------------------------------------------
+
+    def judge_parameters(self, changes: list[Parameter]) -> SetParametersResult:
+        """Say whether a change of live parameters validates; it takes effect at the next step."""
+        if self._adopting:
+            return SetParametersResult(successful=True)
+        try:
+            self._changed(changes)
+        except ConfigurationError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def _on_parameters(self, changes: list[Parameter]) -> None:
+        if not self._adopting:
+            self._pending = self._changed(changes)
+
+    def _changed(self, changes: list[Parameter]) -> Parameters:
+        base = configuration_tree(self._pending or self.machine.parameters)
+        flat = {change.name: change.value for change in changes if not change.name.startswith("run.")}
+        entry = catalogue_entry(self.machine.name)
+        return validated(entry, merged_tree(base, tree_from_flat(flat)), "parameter change")
+
+    def _adopt(self, parameters: Parameters, step: int) -> None:
+        self._pending = None
+        self.machine = catalogue_entry(self.machine.name).build(parameters)
+        self.revision += 1
+        self._describe(step)
+
+    def _describe(self, from_step: int) -> None:
+        if self.revision == 0:
+            self.revision = 1
+        self.description = description_text(self.machine.name, self.machine.parameters, self.revision, from_step)
+        self._description.send(String(data=self.description))
+
+    def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._reset_asked = True
+        response.success, response.message = True, "initial state at the next step"
+        return response

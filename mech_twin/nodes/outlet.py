@@ -1,0 +1,71 @@
+"""A publisher that counts what it sent and knows who must listen."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.node import Node
+
+from mech_twin.messages.topics import Topic
+
+
+class Outlet:
+    """One topic a node publishes.
+
+    Parameters
+    ----------
+    node : Node
+        The publishing node.
+    topic : Topic
+        What is published.
+    listeners : int
+        Subscribers that must be matched before the first message, so that none is missed.
+    """
+
+    def __init__(self, node: Node, topic: Topic, listeners: int) -> None:
+        self.name = topic.name
+        self.listeners = listeners
+        self.sent = 0
+        self._publisher = node.create_publisher(topic.type, topic.name, topic.qos)
+
+    @property
+    def matched(self) -> bool:
+        """Whether all expected subscribers are there."""
+        return self._publisher.get_subscription_count() >= self.listeners
+
+    def send(self, message: Any) -> None:
+        """Publish a message."""
+        self.sent += 1
+        self._publisher.publish(message)
+
+
+class ExtremeOutlet(Outlet):
+    """A decimated topic: of each window the message of greatest magnitude goes out, so that spikes survive.
+
+    Parameters
+    ----------
+    window : int
+        Steps per message.
+    """
+
+    def __init__(self, node: Node, topic: Topic, listeners: int, window: int) -> None:
+        super().__init__(node, topic, listeners)
+        self._window = window
+        self._seen = 0
+        self._largest = -1.0
+        self._kept: Callable[[], Any] | None = None
+
+    def offer(self, magnitude: float, build: Callable[[], Any]) -> None:
+        """Take one step into account; ``build`` makes its message if it turns out to be the extreme."""
+        if magnitude > self._largest:
+            self._largest, self._kept = magnitude, build
+        self._seen += 1
+        if self._seen >= self._window:
+            self.flush()
+
+    def flush(self) -> None:
+        """Publish what the window holds so far."""
+        if self._kept is not None:
+            self.send(self._kept())
+        self._seen, self._largest, self._kept = 0, -1.0, None

@@ -1,0 +1,174 @@
+"""What the four role nodes share: parameters, outlets, diagnostics, and following the linkage's configuration."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from std_msgs.msg import String
+
+from mech_twin.messages.topics import DESCRIPTION, DIAGNOSTICS, Topic
+from mech_twin.nodes.health import Health, array_message
+from mech_twin.nodes.ledger import Ledger
+from mech_twin.nodes.options import RunOptions
+from mech_twin.nodes.outlet import ExtremeOutlet, Outlet
+from mech_twin.nodes.parameter_bridge import declared_tree, keys
+from mech_twin.parameters.load import RUN_GROUP, catalogue_entry, description, machine_parameters, validated
+from mech_twin.quantity import Parameters
+from mech_twin.roles import Machine
+
+WINDOW_S = 1.0
+RETRY_S = 0.02
+
+
+class RoleNode(Node):
+    """A node that is a shell around one role of a machine.
+
+    Parameters
+    ----------
+    role : str
+        Name of the node.
+    machine_name : str
+        Machine of the catalogue, and the namespace.
+    parameters : Parameters, optional
+        Configuration to start from; the installed file if absent.  ROS parameter overrides are laid over it.
+    options : RunOptions, optional
+        How to run.
+
+    Raises
+    ------
+    ConfigurationError
+        If the parameters do not validate.
+    """
+
+    def __init__(
+        self, role: str, machine_name: str, parameters: Parameters | None = None, options: RunOptions | None = None
+    ) -> None:
+        super().__init__(role, namespace=f"/{machine_name}")
+        defaults = parameters or machine_parameters(machine_name)
+        tree = declared_tree(self, ("", defaults), (f"{RUN_GROUP}.", options or RunOptions()))
+        source = f"parameters of node {role}"
+        self.options = RunOptions.model_validate(tree.pop(RUN_GROUP))
+        self.machine: Machine = catalogue_entry(machine_name).build(
+            validated(catalogue_entry(machine_name), tree, source)
+        )
+        self.revision = 0
+        self.time_s = 0.0
+        self.description = ""
+        self.ledger = Ledger()
+        self.outlets: list[Outlet] = []
+        self._adopting = False
+        self._awaiting_revision: tuple[int, Callable[[], None]] | None = None
+        self._diagnostics = self.outlet(DIAGNOSTICS)
+        self.health = Health(self.get_fully_qualified_name(), self.ledger, self.residual_limits())
+        self.create_timer(WINDOW_S, self.report)
+        self.add_on_set_parameters_callback(self.judge_parameters)
+
+    # -- what a role node says about itself -------------------------------------------------------------------------
+
+    def residual_limits(self) -> Mapping[str, float]:
+        """Return the limit of each residual this node publishes."""
+        return {}
+
+    def figures(self) -> Mapping[str, str]:
+        """Return further values for the diagnostics."""
+        return {}
+
+    # -- outlets ----------------------------------------------------------------------------------------------------
+
+    def listeners(self, peers: int) -> int:
+        """Return how many subscribers a topic must have before the first step."""
+        return peers + self.options.recorder
+
+    def outlet(self, topic: Topic, peers: int = 0) -> Outlet:
+        """Return a new counted publisher."""
+        made = Outlet(self, topic, self.listeners(peers))
+        self.outlets.append(made)
+        return made
+
+    def step_outlet(self, topic: Topic, peers: int) -> Outlet:
+        """Return the publisher of a step message, which a viewer listens to as well."""
+        return self.outlet(topic, peers + self.options.viewer)
+
+    def extreme_outlet(self, topic: Topic) -> ExtremeOutlet:
+        """Return a new decimated publisher that keeps extremes."""
+        made = ExtremeOutlet(self, topic, self.listeners(0), self.options.stream_decimation)
+        self.outlets.append(made)
+        return made
+
+    @property
+    def matched(self) -> bool:
+        """Whether everybody who must hear this node does."""
+        return all(outlet.matched for outlet in self.outlets)
+
+    def flush(self) -> None:
+        """Publish what decimated topics still hold."""
+        for outlet in self.outlets:
+            if isinstance(outlet, ExtremeOutlet):
+                outlet.flush()
+
+    # -- configuration ----------------------------------------------------------------------------------------------
+
+    def follow_description(self) -> None:
+        """Take the configuration from the linkage, which owns it."""
+        self.create_subscription(String, DESCRIPTION.name, self._on_description, DESCRIPTION.qos)
+
+    def _on_description(self, message: String) -> None:
+        try:
+            described = description(message.data)
+        except ValueError as error:
+            self.ledger.count(DESCRIPTION.name, "malformed", str(error))
+            return
+        if described.machine != self.machine.name:
+            self.ledger.count(DESCRIPTION.name, "foreign", f"machine {described.machine}")
+            return
+        self.use(described.parameters)
+        self.revision = described.revision
+        self.description = message.data
+        if self._awaiting_revision and self._awaiting_revision[0] <= self.revision:
+            resume = self._awaiting_revision[1]
+            self._awaiting_revision = None
+            resume()
+
+    def use(self, parameters: Parameters) -> None:
+        """Rebuild the role from new parameters, and show them as this node's own."""
+        if parameters == self.machine.parameters:
+            return
+        before = {key.name: key.value for key in keys(self.machine.parameters)}
+        self.machine = catalogue_entry(self.machine.name).build(parameters)
+        changed = [
+            Parameter(key.name, value=key.value)
+            for key in keys(parameters)
+            if key.live and key.value != before.get(key.name)
+        ]
+        self._adopting = True
+        try:
+            self.set_parameters(changed)
+        finally:
+            self._adopting = False
+
+    def at_revision(self, number: int, then: Callable[[], None]) -> bool:
+        """Return whether this configuration is in force; if not, ``then`` is called once it is."""
+        if number <= self.revision:
+            return True
+        self._awaiting_revision = (number, then)
+        return False
+
+    def judge_parameters(self, changes: list[Parameter]) -> SetParametersResult:
+        """Refuse a change made here: the linkage passes parameters on, so that all roles change at one step."""
+        if self._adopting:
+            return SetParametersResult(successful=True)
+        names = ", ".join(change.name for change in changes)
+        return SetParametersResult(successful=False, reason=f"{names}: set it on node linkage, which passes it on")
+
+    # -- diagnostics ------------------------------------------------------------------------------------------------
+
+    def report(self) -> None:
+        """Publish the diagnostics of the window that ends now."""
+        sent = {f"sent {outlet.name}": str(outlet.sent) for outlet in self.outlets}
+        status, lines = self.health.close_window({**sent, **self.figures()})
+        for line in lines:
+            self.get_logger().warning(line)
+        self._diagnostics.send(array_message(self.time_s, status))
