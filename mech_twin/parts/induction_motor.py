@@ -1,0 +1,166 @@
+r"""Three-phase induction motor: torque as a map of speed and supply fraction (Kloss).
+
+::
+
+    torque                      s_kr
+      |                  _.-~-. |        M_max
+      |  corrected  _.--'      `|.
+      |~~~~~~~~~~~~~          . | \
+      |   Kloss       __..--''      \  M_n
+      |__..--''                      \
+      +-------------------------------\-------> speed
+      s = 1 (standstill)         s = 0 \        generating below the axis
+                                (synchronous)
+
+Torque is positive in the sense of the rotating field.  The slip is counted in the rated synchronous speed,
+``s = (f w_0 - w)/w_0``: at constant ratio of voltage to frequency the flux is constant, so torque depends on the
+slip *speed* alone.  At the rated supply (f = 1) this is the ordinary slip; at f < 1 the curve is moved along the
+speed axis, with the same breakdown torque.  f = 0 is the supply switched off.
+
+Source of the curve: M. Kloss 1901, as used in LoveikinRoller2018 eq. (29) and (40).
+"""
+
+from __future__ import annotations
+
+from math import pi, sqrt
+from typing import Literal, NamedTuple
+
+from pydantic import model_validator
+
+from mech_twin.kernel import kernel
+from mech_twin.quantity import Parameters, choice, quantity
+
+RPM = pi / 30.0
+
+
+class InductionMotorParameters(Parameters):
+    """Name plate and catalogue data of a squirrel-cage motor.
+
+    The optional values replace the derived ones where a source prints its own rounding of them.
+    """
+
+    rated_power_w: float = quantity("W", "rated shaft power", gt=0.0)
+    rated_speed_rpm: float = quantity("1/min", "speed at rated power", gt=0.0)
+    synchronous_speed_rpm: float = quantity("1/min", "speed of the field at rated frequency", gt=0.0)
+    breakdown_torque_ratio: float = quantity("1", "largest torque over rated torque", gt=1.0)
+    starting_torque_ratio: float = quantity("1", "catalogue torque at standstill over rated torque", gt=0.0)
+    rotor_inertia_kg_m2: float = quantity("kg m^2", "inertia of the rotor about its axis", gt=0.0)
+    torque_curve: Literal["kloss", "starting_corrected"] = choice(
+        "kloss: the one-cage curve; starting_corrected: raised below breakdown speed to the catalogue starting torque",
+        default="kloss",
+    )
+    rated_torque_nm: float | None = quantity(
+        "N m", "rated torque where printed; else power over speed", gt=0.0, default=None
+    )
+    breakdown_torque_nm: float | None = quantity(
+        "N m", "largest torque where printed; else from the ratio", gt=0.0, default=None
+    )
+    breakdown_slip: float | None = quantity(
+        "1", "slip of the largest torque where printed", gt=0.0, lt=1.0, default=None
+    )
+
+    @model_validator(mode="after")
+    def _plausible(self) -> InductionMotorParameters:
+        if self.rated_speed_rpm >= self.synchronous_speed_rpm:
+            raise ValueError(
+                f"rated_speed_rpm < synchronous_speed_rpm needed, got {self.rated_speed_rpm} "
+                f"and {self.synchronous_speed_rpm}"
+            )
+        constants = motor_constants(self)
+        if not constants.rated_slip < constants.breakdown_slip < 1.0:
+            raise ValueError(
+                f"rated slip < breakdown slip < 1 needed, got {constants.rated_slip:.4g} "
+                f"and {constants.breakdown_slip:.4g}"
+            )
+        if constants.corrected and constants.starting_torque_nm > constants.breakdown_torque_nm:
+            raise ValueError(
+                f"starting torque <= breakdown torque needed for the corrected curve, got "
+                f"{constants.starting_torque_nm:.4g} and {constants.breakdown_torque_nm:.4g} N m"
+            )
+        return self
+
+
+class MotorConstants(NamedTuple):
+    """What the torque kernel needs, derived once from the catalogue data."""
+
+    synchronous_speed_rad_per_s: float
+    rated_speed_rad_per_s: float
+    rated_torque_nm: float
+    rated_slip: float
+    breakdown_torque_nm: float
+    breakdown_slip: float
+    starting_torque_nm: float
+    corrected: bool
+
+
+def breakdown_slip(rated_slip: float, torque_ratio: float) -> float:
+    """Return the slip of the largest torque, ``s_n (lambda + sqrt(lambda^2 - 1))``.
+
+    It makes the Kloss curve pass through the rated point; ``torque_ratio`` is lambda = M_max/M_n >= 1.
+    """
+    return rated_slip * (torque_ratio + sqrt(torque_ratio**2 - 1.0))
+
+
+def motor_constants(parameters: InductionMotorParameters) -> MotorConstants:
+    """Return rated torque and slip, breakdown torque and slip, and starting torque of a catalogue motor."""
+    p = parameters
+    rated_slip = 1.0 - p.rated_speed_rpm / p.synchronous_speed_rpm
+    rated_torque = p.rated_torque_nm or p.rated_power_w / (p.rated_speed_rpm * RPM)
+    return MotorConstants(
+        synchronous_speed_rad_per_s=p.synchronous_speed_rpm * RPM,
+        rated_speed_rad_per_s=p.rated_speed_rpm * RPM,
+        rated_torque_nm=rated_torque,
+        rated_slip=rated_slip,
+        breakdown_torque_nm=p.breakdown_torque_nm or p.breakdown_torque_ratio * rated_torque,
+        breakdown_slip=p.breakdown_slip or breakdown_slip(rated_slip, p.breakdown_torque_ratio),
+        starting_torque_nm=p.starting_torque_ratio * rated_torque,
+        corrected=p.torque_curve == "starting_corrected",
+    )
+
+
+@kernel
+def kloss_torque(motor: MotorConstants, slip: float) -> float:
+    """Return ``2 M_max s s_kr/(s^2 + s_kr^2)``, N m: Kloss with the removable singularity at s = 0 removed."""
+    s_kr = motor.breakdown_slip
+    return 2.0 * motor.breakdown_torque_nm * slip * s_kr / (slip * slip + s_kr * s_kr)
+
+
+@kernel
+def motor_torque(motor: MotorConstants, speed_rad_per_s: float, command: float) -> float:
+    """Return the shaft torque at a rotor speed and a supply fraction, N m.
+
+    Kloss on the slip ``s = (command w_0 - w)/w_0``, motoring (s > 0) and generating (s < 0) alike.  The corrected
+    curve adds, between breakdown and standstill, ``(M_start - M_Kloss(1)) (3 t^2 - 2 t^3)`` with
+    ``t = (s - s_kr)/(1 - s_kr)`` kept within 0 and 1: the working branch, the breakdown point and the slope there stay
+    as they are, the torque at s = 1 is the catalogue's, and there is no kink.  (Our choice; the deep-bar effect it
+    stands for is not in the one-cage curve.)
+
+    Parameters
+    ----------
+    motor : MotorConstants
+        From `motor_constants`.
+    speed_rad_per_s : float
+        Rotor speed.
+    command : float
+        Supply frequency over rated frequency; 0 or less is off and gives no torque.
+    """
+    if command <= 0.0:
+        return 0.0
+    slip = command - speed_rad_per_s / motor.synchronous_speed_rad_per_s
+    torque = kloss_torque(motor, slip)
+    if motor.corrected and slip > motor.breakdown_slip:
+        t = min((slip - motor.breakdown_slip) / (1.0 - motor.breakdown_slip), 1.0)
+        torque += (motor.starting_torque_nm - kloss_torque(motor, 1.0)) * t * t * (3.0 - 2.0 * t)
+    return torque
+
+
+@kernel
+def slip_at_torque(motor: MotorConstants, torque_nm: float) -> float:
+    """Return the slip of the working branch at a torque; nan beyond the breakdown torque.
+
+    ``s = s_kr m/(1 + sqrt(1 - m^2))`` with ``m = M/M_max``.
+    """
+    share = torque_nm / motor.breakdown_torque_nm
+    if abs(share) > 1.0:
+        return float("nan")
+    return motor.breakdown_slip * share / (1.0 + sqrt(1.0 - share * share))

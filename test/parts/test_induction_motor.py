@@ -1,0 +1,126 @@
+"""Laws of the induction motor: rated point, breakdown, generating branch, reduced supply, corrected curve."""
+
+import math
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pydantic import ValidationError
+
+from mech_twin.parts.induction_motor import (
+    InductionMotorParameters,
+    breakdown_slip,
+    kloss_torque,
+    motor_constants,
+    motor_torque,
+    slip_at_torque,
+)
+
+BREAKER = {
+    "rated_power_w": 1500.0,
+    "rated_speed_rpm": 1420.0,
+    "synchronous_speed_rpm": 1500.0,
+    "breakdown_torque_ratio": 2.2,
+    "starting_torque_ratio": 2.0,
+    "rotor_inertia_kg_m2": 0.0033,
+}
+FORMER = {
+    "rated_power_w": 11000.0,
+    "rated_speed_rpm": 975.0,
+    "synchronous_speed_rpm": 1000.0,
+    "breakdown_torque_ratio": 2.0,
+    "starting_torque_ratio": 1.2,
+    "rotor_inertia_kg_m2": 0.138,
+}
+KLOSS = motor_constants(InductionMotorParameters(**BREAKER))
+CORRECTED = motor_constants(InductionMotorParameters(**BREAKER, torque_curve="starting_corrected"))
+speeds = st.floats(-400.0, 400.0)
+commands = st.floats(0.01, 1.0)
+
+
+def test_the_breaker_motor_has_the_derived_figures_of_its_name_plate():
+    assert KLOSS.rated_torque_nm == pytest.approx(10.087, abs=5e-4)
+    assert KLOSS.rated_slip == pytest.approx(0.0533, abs=5e-5)
+    assert KLOSS.breakdown_slip == pytest.approx(0.2218, abs=5e-5)
+    assert KLOSS.breakdown_torque_nm == pytest.approx(22.19, abs=5e-3)
+    assert motor_torque(KLOSS, 0.0, 1.0) / KLOSS.rated_torque_nm == pytest.approx(0.93, abs=5e-3)
+
+
+def test_the_curve_passes_through_the_rated_point():
+    assert motor_torque(KLOSS, KLOSS.rated_speed_rad_per_s, 1.0) == pytest.approx(KLOSS.rated_torque_nm, rel=1e-12)
+
+
+def test_the_largest_torque_is_at_breakdown_slip():
+    assert kloss_torque(KLOSS, KLOSS.breakdown_slip) == pytest.approx(KLOSS.breakdown_torque_nm, rel=1e-15)
+
+
+@settings(deadline=None)  # the first call compiles
+@given(speeds)
+def test_no_speed_gives_more_than_the_breakdown_torque(speed):
+    for curve in (KLOSS, CORRECTED):
+        assert abs(motor_torque(curve, speed, 1.0)) <= curve.breakdown_torque_nm * (1.0 + 1e-15)
+
+
+def test_torque_is_nought_at_synchronous_speed_and_odd_about_it():
+    synchronous = KLOSS.synchronous_speed_rad_per_s
+    assert motor_torque(KLOSS, synchronous, 1.0) == 0.0
+    assert motor_torque(KLOSS, synchronous + 5.0, 1.0) == pytest.approx(
+        -motor_torque(KLOSS, synchronous - 5.0, 1.0), rel=1e-12
+    )
+
+
+@settings(deadline=None)  # the first call compiles
+@given(speeds, commands)
+def test_reduced_supply_moves_the_curve_along_the_speed_axis(speed, command):
+    moved = speed + (1.0 - command) * KLOSS.synchronous_speed_rad_per_s
+    assert motor_torque(KLOSS, speed, command) == pytest.approx(motor_torque(KLOSS, moved, 1.0), rel=1e-9, abs=1e-9)
+
+
+def test_supply_off_gives_no_torque():
+    assert motor_torque(KLOSS, 100.0, 0.0) == 0.0
+
+
+def test_the_corrected_curve_starts_with_the_catalogue_torque_and_keeps_the_working_branch():
+    assert motor_torque(CORRECTED, 0.0, 1.0) == pytest.approx(2.0 * CORRECTED.rated_torque_nm, rel=1e-12)
+    for slip in (-0.3, 0.0, 0.05, 0.2218):
+        speed = (1.0 - slip) * KLOSS.synchronous_speed_rad_per_s
+        assert motor_torque(CORRECTED, speed, 1.0) == pytest.approx(motor_torque(KLOSS, speed, 1.0), rel=1e-6)
+
+
+def test_the_corrected_curve_has_no_kink_at_breakdown():
+    synchronous = CORRECTED.synchronous_speed_rad_per_s
+    at = (1.0 - CORRECTED.breakdown_slip) * synchronous
+    below, above = (motor_torque(CORRECTED, at + side, 1.0) for side in (-1e-4, 1e-4))
+    assert abs(above - below) < 1e-6
+
+
+@settings(deadline=None)  # the first call compiles
+@given(st.floats(-22.0, 22.0))
+def test_slip_at_torque_is_the_inverse_of_the_working_branch(torque):
+    slip = slip_at_torque(KLOSS, torque)
+    assert abs(slip) <= KLOSS.breakdown_slip
+    assert kloss_torque(KLOSS, slip) == pytest.approx(torque, rel=1e-10, abs=1e-12)
+
+
+def test_no_slip_gives_more_than_the_breakdown_torque():
+    assert math.isnan(slip_at_torque(KLOSS, 23.0))
+
+
+def test_printed_values_take_the_place_of_derived_ones():
+    printed = motor_constants(
+        InductionMotorParameters(**FORMER, rated_torque_nm=107.7, breakdown_torque_nm=215.4, breakdown_slip=0.0933)
+    )
+    assert (printed.rated_torque_nm, printed.breakdown_torque_nm, printed.breakdown_slip) == (107.7, 215.4, 0.0933)
+    assert motor_torque(printed, 0.0, 1.0) == pytest.approx(39.85, abs=5e-3)
+    assert printed.starting_torque_nm == pytest.approx(129.24, rel=1.5e-3)
+    assert breakdown_slip(0.025, 2.0) == pytest.approx(0.0933, rel=1.5e-3)
+
+
+def test_a_rated_speed_beyond_the_field_is_refused_with_its_numbers():
+    with pytest.raises(ValidationError, match=r"rated_speed_rpm < synchronous_speed_rpm needed, got 1520.0 and 1500.0"):
+        InductionMotorParameters(**{**BREAKER, "rated_speed_rpm": 1520.0})
+
+
+def test_a_corrected_curve_above_breakdown_is_refused():
+    with pytest.raises(ValidationError, match="starting torque <= breakdown torque"):
+        InductionMotorParameters(**{**BREAKER, "starting_torque_ratio": 2.5}, torque_curve="starting_corrected")
