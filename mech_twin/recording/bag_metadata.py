@@ -1,0 +1,175 @@
+"""The page of contents of a rosbag2 directory, `metadata.yaml` version 9."""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from mech_twin.recording.errors import DamagedBagError, ForeignFileError, MissingBagError
+
+FILE_NAME = "metadata.yaml"
+MAX_FILE_BYTES = 1 << 20
+MAX_SPLITS = 10_000
+
+
+class _PlainDumper(yaml.SafeDumper):
+    """Writes every value out in full: no anchors, which other readers of bags do not expect."""
+
+    def ignore_aliases(self, data: Any) -> bool:
+        return True
+
+
+@dataclass
+class FileContents:
+    """What one split holds."""
+
+    name: str
+    counts: Counter[str] = field(default_factory=Counter)
+    start_ns: int | None = None
+    end_ns: int = 0
+
+    def count(self, topic: str, log_time_ns: int) -> None:
+        """Take one message into account."""
+        self.counts[topic] += 1
+        self.start_ns = log_time_ns if self.start_ns is None else min(self.start_ns, log_time_ns)
+        self.end_ns = max(self.end_ns, log_time_ns)
+
+
+@dataclass(frozen=True)
+class TopicContents:
+    """How a topic is described."""
+
+    topic: str
+    type_name: str
+    qos_yaml: str
+    type_hash: str
+
+
+@dataclass(frozen=True)
+class Contents:
+    """What `metadata.yaml` says, as far as it is needed to open a bag."""
+
+    files: tuple[str, ...]
+    custom: Mapping[str, str]
+
+
+def write_contents(
+    directory: Path,
+    topics: Sequence[TopicContents],
+    files: Sequence[FileContents],
+    custom: Mapping[str, str],
+    ros_distro: str,
+) -> None:
+    """Write `metadata.yaml` so that a reader finds the old one or the new one, never half of either."""
+    text = yaml.dump(
+        {"rosbag2_bagfile_information": _information(topics, files, custom, ros_distro)},
+        Dumper=_PlainDumper,
+        sort_keys=False,
+        allow_unicode=True,
+    )
+    temporary = directory / f".{FILE_NAME}.{os.getpid()}"
+    try:
+        with temporary.open("w", encoding="utf-8") as stream:
+            stream.write(text)
+            stream.flush()
+            os.fsync(stream.fileno())
+        temporary.replace(directory / FILE_NAME)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def read_contents(directory: Path) -> Contents:
+    """Return what `metadata.yaml` says.
+
+    Raises
+    ------
+    MissingBagError, ForeignFileError, DamagedBagError
+        It cannot be read, describes another storage, or is no such page.
+    """
+    path = directory / FILE_NAME
+    try:
+        with path.open("rb") as stream:
+            text = stream.read(MAX_FILE_BYTES + 1)
+    except OSError as error:
+        raise MissingBagError(path, f"cannot be read ({error.strerror})") from error
+    if len(text) > MAX_FILE_BYTES:
+        raise DamagedBagError(path, f"larger than {MAX_FILE_BYTES} bytes")
+    try:
+        information = yaml.safe_load(text)["rosbag2_bagfile_information"]
+        storage = information["storage_identifier"]
+        names = tuple(str(name) for name in information["relative_file_paths"])
+        compression = str(information.get("compression_mode") or "")
+        custom = {str(key): str(value) for key, value in (information.get("custom_data") or {}).items()}
+    except (yaml.YAMLError, KeyError, TypeError, AttributeError, ValueError, RecursionError) as error:
+        raise DamagedBagError(path, f"no rosbag2 metadata ({type(error).__name__}: {error})") from error
+    if storage != "mcap":
+        raise ForeignFileError(
+            path, f"storage '{storage}' is not read here, only mcap; convert it with `ros2 bag convert`"
+        )
+    if compression.lower() == "file":
+        raise ForeignFileError(path, "its files are compressed whole; unpack them, or convert with `ros2 bag convert`")
+    for name in names:
+        if Path(name).name != name:
+            raise DamagedBagError(path, f"names a file outside its directory: '{name}'")
+    if len(names) > MAX_SPLITS:
+        raise DamagedBagError(path, f"names {len(names)} files, more than {MAX_SPLITS}")
+    return Contents(names, custom)
+
+
+def _span(start_ns: int | None, end_ns: int) -> dict[str, dict[str, int]]:
+    return {
+        "duration": {"nanoseconds": end_ns - start_ns if start_ns is not None else 0},
+        "starting_time": {"nanoseconds_since_epoch": start_ns if start_ns is not None else 0},
+    }
+
+
+def _information(
+    topics: Sequence[TopicContents], files: Sequence[FileContents], custom: Mapping[str, str], ros_distro: str
+) -> dict[str, Any]:
+    totals: Counter[str] = Counter()
+    for file in files:
+        totals.update(file.counts)
+    starts = [file.start_ns for file in files if file.start_ns is not None]
+    return {
+        "version": 9,
+        "storage_identifier": "mcap",
+        **_span(min(starts, default=None), max((file.end_ns for file in files), default=0)),
+        "message_count": totals.total(),
+        "topics_with_message_count": [
+            {
+                "topic_metadata": {
+                    "name": topic.topic,
+                    "type": topic.type_name,
+                    "serialization_format": "cdr",
+                    "offered_qos_profiles": _profiles(topic.qos_yaml),
+                    "type_description_hash": topic.type_hash,
+                },
+                "message_count": totals[topic.topic],
+            }
+            for topic in topics
+        ],
+        "compression_format": "",
+        "compression_mode": "",
+        "relative_file_paths": [file.name for file in files],
+        "files": [
+            {"path": file.name, **_span(file.start_ns, file.end_ns), "message_count": file.counts.total()}
+            for file in files
+        ],
+        "custom_data": dict(custom),
+        "ros_distro": ros_distro,
+    }
+
+
+def _profiles(qos_yaml: str) -> list[Any]:
+    """Return the profiles as a list; a foreign bag's text that is none is left out rather than passed on."""
+    try:
+        profiles = yaml.safe_load(qos_yaml) if len(qos_yaml) < MAX_FILE_BYTES else []
+    except (yaml.YAMLError, ValueError, RecursionError):
+        return []
+    return profiles if isinstance(profiles, list) else []

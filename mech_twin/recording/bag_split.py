@@ -1,0 +1,145 @@
+"""One split of a recording: a complete MCAP file that opens alone.
+
+| record     | what                | holds                                                                            |
+|------------|---------------------|----------------------------------------------------------------------------------|
+| attachment | configuration.yaml  | checksummed                                                                      |
+| metadata   | mech_twin.split     | its index, and the latched messages it repeats                                   |
+| metadata   | mech_twin.topic     | for each topic: a second copy of its schema and channel, outside any chunk       |
+| chunk      |                     | messages, before them new schemas and channels; compressed, checksummed, indexed |
+| metadata   | mech_twin.counters  | after each chunk: the counters of every topic as of that chunk                   |
+| summary    |                     | schemas, channels, statistics and indexes; checksummed                           |
+"""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from mcap.well_known import MessageEncoding, SchemaEncoding
+from mcap.writer import CompressionType, Writer
+
+from mech_twin.recording.bag_metadata import FileContents
+from mech_twin.recording.schemas import MessageSchema
+from mech_twin.recording.split_file import SplitFile
+
+CONFIGURATION_NAME = "configuration.yaml"
+SPLIT_RECORD = "mech_twin.split"
+TOPIC_RECORD = "mech_twin.topic"
+COUNTERS_RECORD = "mech_twin.counters"
+LIBRARY = "mech_twin"
+COMPRESSIONS = {"zstd": CompressionType.ZSTD, "lz4": CompressionType.LZ4, "none": CompressionType.NONE}
+
+
+@dataclass
+class TopicCounters:
+    """What happened to the messages of a topic.
+
+    Attributes
+    ----------
+    received : int
+        Handed to the writer.
+    written : int
+        Of these, in the bag.
+    dropped : int
+        Of these, lost while the disk was full or failing.
+    missed : int
+        Never received: gaps in the sequence of the publisher.
+    late : int
+        Received, but behind their time.
+    """
+
+    received: int = 0
+    written: int = 0
+    dropped: int = 0
+    missed: int = 0
+    late: int = 0
+
+
+@dataclass(frozen=True)
+class Storage:
+    """How a split is stored."""
+
+    chunk_bytes: int
+    compression: str
+    fsync: bool
+
+
+class BagSplit:
+    """Writer of one file of a bag; raises OSError from `commit` alone."""
+
+    def __init__(
+        self, path: Path, storage: Storage, configuration: str, index: int, repeated: Mapping[str, int]
+    ) -> None:
+        self.contents = FileContents(path.name)
+        self.file = SplitFile(path, storage.fsync)
+        self.chunks = 0
+        self._channels: dict[str, int] = {}
+        self._schemas: dict[str, int] = {}
+        self._finished = False
+        self.uncommitted: Counter[str] = Counter()
+        self._writer = Writer(
+            self.file,  # type: ignore[arg-type]
+            chunk_size=storage.chunk_bytes,
+            compression=COMPRESSIONS[storage.compression],
+            enable_crcs=True,
+            enable_data_crcs=True,
+        )
+        self._writer.start(profile="ros2", library=LIBRARY)
+        self._writer.add_attachment(0, 0, CONFIGURATION_NAME, "application/yaml", configuration.encode())
+        self._writer.add_metadata(SPLIT_RECORD, {"index": str(index), "repeated": json.dumps(repeated)})
+
+    @property
+    def size_bytes(self) -> int:
+        """Bytes written so far."""
+        return self.file.tell()
+
+    @property
+    def summary_bytes(self) -> int:
+        """Bytes that closing the file may need: the indexes grow with every chunk."""
+        return (self.chunks + 1) * (160 + 10 * len(self._channels)) + 8192 * (len(self._channels) + 1)
+
+    def add_topic(self, topic: str, schema: MessageSchema, qos_yaml: str) -> None:
+        """Register a topic."""
+        if schema.type_name not in self._schemas:
+            self._schemas[schema.type_name] = self._writer.register_schema(
+                schema.type_name, SchemaEncoding.ROS2, schema.definition.encode()
+            )
+        about = {"offered_qos_profiles": qos_yaml, "topic_type_hash": schema.type_hash}
+        channel = self._writer.register_channel(
+            topic, MessageEncoding.CDR, self._schemas[schema.type_name], dict(about)
+        )
+        self._channels[topic] = channel
+        about |= {"id": str(channel), "topic": topic, "type": schema.type_name, "definition": schema.definition}
+        self._writer.add_metadata(TOPIC_RECORD, about)
+
+    def add_message(self, topic: str, raw: bytes, log_time_ns: int, publish_time_ns: int, sequence: int) -> bool:
+        """Add a message; return whether it closed a chunk, which then waits for `commit`."""
+        self._writer.add_message(
+            self._channels[topic], log_time_ns, raw, publish_time=publish_time_ns, sequence=sequence & 0xFFFFFFFF
+        )
+        self.contents.count(topic, log_time_ns)
+        self.uncommitted[topic] += 1
+        return self.file.pending
+
+    def commit(self, counters: Mapping[str, TopicCounters]) -> None:
+        """Close the chunk in progress and hand it, with the counters as they stand, to the operating system."""
+        if not self._finished:
+            self._writer.flush()  # type: ignore[no-untyped-call]
+            self._writer.add_metadata(COUNTERS_RECORD, {key: json.dumps(asdict(row)) for key, row in counters.items()})
+            self.chunks += 1
+        self.file.commit()
+        self.uncommitted.clear()
+
+    def finish(self, counters: Mapping[str, TopicCounters]) -> None:
+        """Close the file with its summary; may be called again after an OSError."""
+        if not self._finished:
+            self._writer.flush()  # type: ignore[no-untyped-call]
+            self._writer.add_metadata(COUNTERS_RECORD, {key: json.dumps(asdict(row)) for key, row in counters.items()})
+            self._writer.finish()  # type: ignore[no-untyped-call]
+            self._finished = True
+        self.file.commit()
+        self.uncommitted.clear()
+        self.file.close()

@@ -1,0 +1,319 @@
+"""Writes a recording: a rosbag2 directory of MCAP files whose loss is bounded and counted."""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from enum import Enum
+from pathlib import Path
+from types import TracebackType
+from typing import Literal
+
+from mech_twin.recording.bag_split import COMPRESSIONS, Storage, TopicCounters
+from mech_twin.recording.errors import UnwritableDirectoryError
+from mech_twin.recording.schemas import MessageSchema, message_schema, offered_qos, string_cdr
+from mech_twin.recording.split_series import Latched, RecordedTopic, SplitSeries, fresh_directory
+
+STRING_TYPE = "std_msgs/msg/String"
+_CLOSE_AT = 0.6  # of max_loss_s: the rest is for the owner's tick and for the write itself
+
+
+class WriterState(Enum):
+    """What a writer is doing."""
+
+    RECORDING = "recording"
+    ERROR = "error"
+    CLOSED = "closed"
+
+
+class BagWriter:
+    """A recording in progress.
+
+    Chunks are closed by size and by age, and each is handed to the operating system at once with the loss counters as
+    they stand, so that a process that dies loses at most `max_loss_s` of any topic.  A full or failing disk turns
+    `state` to ERROR and never raises: messages are then dropped and counted, and recording goes on in a new split
+    when the disk takes bytes again.
+
+    All methods may be called from any thread.
+
+    Parameters
+    ----------
+    directory : Path
+        The bag; its name is also that of its files.
+    configuration : str
+        YAML of the machine, carried by every split.
+    max_loss_s : float
+        Age at which a message must have left this process.  `tick` must be called at least every 0.4 of it.
+    fsync : bool
+        Also force each chunk to the disk, against loss of power.
+    split_bytes, split_duration_s : number, optional
+        Start a new file at this size, or after this much of log time.
+    description_topic : str, optional
+        Topic on which the configuration is also written as a latched `std_msgs/msg/String`.
+    if_exists : {"refuse", "rename"}
+        What to do about a directory that holds anything; `rename` takes the first free of NAME_2, NAME_3...
+    chunk_bytes, compression
+        Uncompressed size of a chunk; `zstd`, `lz4` or `none`.
+    retry_s : float
+        Time between attempts to go on after an error.
+    ros_distro : str, optional
+        Named in `metadata.yaml`; the environment's ROS_DISTRO, else jazzy.
+
+    Raises
+    ------
+    BagExistsError, UnwritableDirectoryError
+        Nothing is left behind.
+    """
+
+    def __init__(
+        self,
+        directory: Path | str,
+        *,
+        configuration: str,
+        max_loss_s: float = 0.5,
+        fsync: bool = False,
+        split_bytes: int | None = None,
+        split_duration_s: float | None = None,
+        description_topic: str | None = None,
+        if_exists: Literal["refuse", "rename"] = "refuse",
+        chunk_bytes: int = 256 * 1024,
+        compression: str = "zstd",
+        retry_s: float = 1.0,
+        ros_distro: str | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        if max_loss_s <= 0.0 or chunk_bytes <= 0 or compression not in COMPRESSIONS:
+            raise ValueError(
+                f"expected max_loss_s > 0, chunk_bytes > 0, compression of {', '.join(COMPRESSIONS)}; "
+                f"got {max_loss_s}, {chunk_bytes}, {compression}"
+            )
+        self.error = ""
+        self._state = WriterState.RECORDING
+        self._lock = threading.RLock()
+        self._close_age_s = _CLOSE_AT * max_loss_s
+        self._split_bytes = split_bytes
+        self._split_duration_ns = None if split_duration_s is None else round(split_duration_s * 1e9)
+        self._retry_s = retry_s
+        self._clock = clock
+        self._topics: dict[str, RecordedTopic] = {}
+        self._repeat_due = True
+        self._chunk_opened: float | None = None
+        self._counters_changed: float | None = None
+        self._next_attempt = 0.0
+        self.directory, made = fresh_directory(Path(directory), if_exists)
+        self._series = SplitSeries(
+            self.directory,
+            Storage(chunk_bytes, compression, fsync),
+            configuration,
+            self._topics,
+            ros_distro or os.environ.get("ROS_DISTRO", "jazzy"),
+        )
+        if description_topic is not None:
+            self.add_topic(description_topic, STRING_TYPE, offered_qos(durability="transient_local", depth=1))
+            self._topics[description_topic].latched = Latched(string_cdr(configuration), 0, 1)
+        try:
+            self._series.open_next()
+        except OSError as error:
+            for path in made:
+                path.rmdir()
+            raise UnwritableDirectoryError(self.directory, f"cannot be written ({error.strerror})") from error
+
+    @property
+    def state(self) -> WriterState:
+        """Whether messages reach the disk."""
+        return self._state
+
+    @property
+    def counters(self) -> dict[str, TopicCounters]:
+        """The counters by topic; what an error keeps from the disk does not count as written."""
+        with self._lock:
+            waiting = self._series.waiting()
+            return {
+                name: replace(row, written=row.written - waiting[name])
+                for name, row in self._series.counter_rows().items()
+            }
+
+    def add_topic(
+        self, topic: str, type_name: str, qos_yaml: str | None = None, schema: MessageSchema | None = None
+    ) -> None:
+        """Register a topic before its first message; a second time with the same type is a no-op.
+
+        Raises
+        ------
+        UnknownTypeError
+            No definition of the type is installed and none was given.
+        ValueError
+            The topic is there with another type.
+        """
+        with self._lock:
+            known = self._topics.get(topic)
+            if known is not None:
+                if known.schema.type_name != type_name:
+                    raise ValueError(f"topic {topic} is of {known.schema.type_name}, not of {type_name}")
+                return
+            entry = RecordedTopic(schema or message_schema(type_name), offered_qos() if qos_yaml is None else qos_yaml)
+            self._topics[topic] = entry
+            if self._series.current is not None and self._state is WriterState.RECORDING:
+                self._series.current.add_topic(topic, entry.schema, entry.qos_yaml)
+
+    def write(self, topic: str, raw: bytes, log_time_ns: int, publish_time_ns: int, latched: bool = False) -> None:
+        """Record one message.
+
+        Parameters
+        ----------
+        topic : str
+            A registered topic.
+        raw : bytes
+            The CDR encoding with its header.
+        log_time_ns, publish_time_ns : int
+            When it was received, and sent.
+        latched : bool
+            Whether it is repeated at the start of every later split.
+        """
+        with self._lock:
+            entry = self._topics.get(topic)
+            if entry is None:
+                raise ValueError(f"topic {topic} was not added; topics: {', '.join(self._topics)}")
+            if self._state is WriterState.CLOSED:
+                raise ValueError(f"{self.directory}: the recording is closed")
+            now = self._clock()
+            entry.counters.received += 1
+            message = Latched(raw, publish_time_ns, entry.counters.received)
+            if self._state is WriterState.RECORDING and self._split_due(log_time_ns):
+                try:
+                    self._next_split()
+                except OSError as error:
+                    self._fail(error, now)
+            if self._state is WriterState.ERROR:
+                self._attempt(now)
+            if self._state is WriterState.RECORDING:
+                self._add(topic, message, log_time_ns, now)
+            else:
+                entry.counters.dropped += 1
+            if latched:
+                entry.latched = message
+
+    def count_missed(self, topic: str, n: int = 1) -> None:
+        """Count messages of a topic that were published but never received."""
+        with self._lock:
+            self._topics[topic].counters.missed += n
+            self._touch_counters()
+
+    def count_late(self, topic: str, n: int = 1) -> None:
+        """Count messages of a topic that came behind their time."""
+        with self._lock:
+            self._topics[topic].counters.late += n
+            self._touch_counters()
+
+    def tick(self, monotonic_now: float | None = None) -> None:
+        """Close what has grown old, and go on after an error; to be called every 0.4 `max_loss_s` or more often."""
+        with self._lock:
+            now = self._clock() if monotonic_now is None else monotonic_now
+            if self._state is WriterState.ERROR:
+                self._attempt(now)
+            elif self._state is WriterState.RECORDING and self._old(now):
+                self._commit(now)
+
+    def close(self) -> None:
+        """Finish the bag; idempotent.  Where the disk refuses, `state` stays ERROR and the bag unfinished but valid."""
+        with self._lock:
+            if self._state is WriterState.CLOSED:
+                return
+            try:
+                self._series.release_reserve()
+                self._series.finish_current()
+                self._series.write_contents(finished=True)
+            except OSError as error:
+                self._note(error)
+            else:
+                self._state = WriterState.CLOSED
+
+    def __enter__(self) -> BagWriter:
+        """Return the writer itself."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Finish the bag."""
+        self.close()
+
+    def _add(self, topic: str, message: Latched, log_time_ns: int, now: float) -> None:
+        split = self._series.current
+        assert split is not None
+        if self._repeat_due:
+            self._repeat_due = False
+            for name, entry in self._topics.items():
+                if (last := entry.latched) is not None:
+                    if entry.counters.received == 0:  # the configuration, put in by this writer itself
+                        entry.counters.received = entry.counters.written = 1
+                    split.add_message(name, last.raw, log_time_ns, last.publish_time_ns, last.sequence)
+        if self._chunk_opened is None:
+            self._chunk_opened = now
+        self._topics[topic].counters.written += 1
+        full = split.add_message(topic, message.raw, log_time_ns, message.publish_time_ns, message.sequence)
+        if full or self._old(now):
+            self._commit(now)
+
+    def _old(self, now: float) -> bool:
+        opened, changed = self._chunk_opened, self._counters_changed
+        return (opened is not None and now - opened >= self._close_age_s) or (
+            changed is not None and now - changed >= self._close_age_s
+        )
+
+    def _touch_counters(self) -> None:
+        if self._counters_changed is None:
+            self._counters_changed = self._clock()
+
+    def _commit(self, now: float) -> None:
+        self._chunk_opened = self._counters_changed = None
+        try:
+            self._series.commit()
+        except OSError as error:
+            self._fail(error, now)
+
+    def _split_due(self, log_time_ns: int) -> bool:
+        split = self._series.current
+        if split is None or split.contents.start_ns is None:
+            return False
+        if self._split_bytes is not None and split.size_bytes >= self._split_bytes:
+            return True
+        return self._split_duration_ns is not None and log_time_ns - split.contents.start_ns >= self._split_duration_ns
+
+    def _next_split(self) -> None:
+        self._series.finish_current()
+        self._series.write_contents(finished=False)
+        self._series.open_next()
+        self._repeat_due = True
+        self._chunk_opened = self._counters_changed = None
+
+    def _note(self, error: OSError) -> None:
+        self._state = WriterState.ERROR
+        self.error = f"{self.directory}: {error.strerror or error}"
+
+    def _fail(self, error: OSError, now: float) -> None:
+        """Stop recording; with the reserve given up, what was gathered still fits and the bag is left complete."""
+        self._note(error)
+        self._next_attempt = now + self._retry_s
+        try:
+            self._series.release_reserve()
+            self._series.finish_current()
+            self._series.write_contents(finished=False)
+        except OSError as again:
+            self._note(again)
+
+    def _attempt(self, now: float) -> None:
+        """Go on in a new split, if the disk takes one."""
+        if now < self._next_attempt:
+            return
+        self._next_attempt = now + self._retry_s
+        try:
+            self._next_split()
+        except OSError as error:
+            self._note(error)
+        else:
+            self._state = WriterState.RECORDING
+            self.error = ""
