@@ -1,0 +1,67 @@
+"""Captions: the name and the unit that a reader sees, from a stored name that ends in its unit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+UNITS = {
+    "m": "m",
+    "mm": "mm",
+    "s": "s",
+    "hz": "Hz",
+    "rad": "rad",
+    "deg": "deg",
+    "rpm": "rpm",
+    "n": "N",
+    "kn": "kN",
+    "nm": "N m",
+    "ns": "N s",
+    "nms": "N m s",
+    "j": "J",
+    "w": "W",
+    "kw": "kW",
+    "kg": "kg",
+    "m2": "m²",
+    "m3": "m³",
+    "s2": "s²",
+    "pa": "Pa",
+    "mpa": "MPa",
+    "percent": "%",
+    "bar": "bar",
+}
+
+
+def caption(name: str) -> tuple[str, str]:
+    """Return the words and the unit of a stored name: ``return_speed_m_per_s`` gives (return speed, m/s).
+
+    A name that ends in no known unit is all words; its unit is empty.
+    """
+    words = name.split("_")
+    below: list[str] = []
+    if "per" in words[1:]:
+        place = len(words) - 1 - words[::-1].index("per")
+        if all(word in UNITS for word in words[place + 1 :]):
+            below, words = words[place + 1 :], words[:place]
+    above: list[str] = []
+    while len(words) > 1 and words[-1] in UNITS and (not above or above[0] in ("m", "m2", "s", "rad")):
+        above.insert(0, words.pop())
+    unit = " ".join(UNITS[word] for word in above)
+    if below:
+        unit = f"{unit or '1'}/{' '.join(UNITS[word] for word in below)}"
+    return " ".join(words), unit
+
+
+def titled(name: str) -> str:
+    """Return words and unit in one: ``drive_torque_nm`` gives "drive torque [N m]"."""
+    words, unit = caption(name)
+    return f"{words} [{unit}]" if unit else words
+
+
+def figure_table(figures: Mapping[str, float]) -> str:
+    """Return the figures as a Markdown table of name, value (four digits) and unit."""
+    rows = [f"| {words} | {value:.4g} | {unit} |" for (words, unit), value in _captioned(figures)]
+    return "\n".join(["| figure | value | unit |", "|:--|--:|:--|", *rows])
+
+
+def _captioned(figures: Mapping[str, float]) -> list[tuple[tuple[str, str], float]]:
+    return [(caption(name), value) for name, value in figures.items()]

@@ -1,0 +1,220 @@
+"""Curves: what of each sample is drawn over time, and how it reaches the recording.
+
+Curves that belong together (one quantity of all joints, one component of all pins) share one entity, one set of
+times and one call, which is several times cheaper than a call for each.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Generic, NamedTuple, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+import rerun as rr
+
+from mech_twin.samples import BodySample, ForceSample, LinkageSample, MotorSample
+from mech_twin.view.captions import caption, titled
+from mech_twin.view.decimation import extreme_rows
+
+SIM_TIME = "sim_time"
+STEP = "step"
+
+# legible on dark and on light ground, told apart by colour-blind eyes (after Okabe and Ito)
+PALETTE = (
+    (86, 180, 233),
+    (230, 159, 0),
+    (0, 178, 130),
+    (204, 121, 167),
+    (213, 94, 0),
+    (120, 120, 235),
+    (178, 168, 40),
+    (150, 150, 150),
+)
+RESIDUAL_FLOOR = 1e-20
+
+
+class Group(NamedTuple):
+    """Curves that share their rows: where they are kept, their names, and their values, shape (n, k)."""
+
+    path: str
+    names: tuple[str, ...]
+    values: npt.NDArray[np.float64]
+
+
+Sample = TypeVar("Sample", bound=MotorSample | LinkageSample | ForceSample | BodySample)
+Groups = list[Group]
+
+
+def times(time_s: npt.ArrayLike, step: npt.ArrayLike | None = None) -> list[rr.TimeColumn]:
+    """Return the time columns: simulation time (nanoseconds kept whole) and, where there is one, the step."""
+    nanoseconds = np.round(np.asarray(time_s, dtype=np.float64) * 1e9).astype("timedelta64[ns]")
+    columns = [rr.TimeColumn(SIM_TIME, duration=nanoseconds)]
+    if step is not None:
+        columns.append(rr.TimeColumn(STEP, sequence=np.asarray(step, dtype=np.int64)))
+    return columns
+
+
+def motor_groups(samples: Sequence[MotorSample]) -> Groups:
+    """Return speed and torque of the drive, and the supply fraction in force."""
+    joints = samples[0].joints
+    return [
+        Group("motor/torque", joints, _rows([sample.effort for sample in samples])),
+        Group("motor/speed", joints, _rows([sample.velocity for sample in samples])),
+        Group("motor/supply", ("supply fraction",), _rows([(sample.command,) for sample in samples])),
+    ]
+
+
+def linkage_groups(samples: Sequence[LinkageSample]) -> Groups:
+    """Return position, speed and effort of every joint, and the running proofs."""
+    joints = samples[0].joints
+    return [
+        Group("linkage/position", joints, _rows([sample.position for sample in samples])),
+        Group("linkage/speed", joints, _rows([sample.velocity for sample in samples])),
+        Group("linkage/effort", joints, _rows([sample.effort for sample in samples])),
+        *_residuals("linkage", samples),
+    ]
+
+
+def force_groups(samples: Sequence[ForceSample]) -> Groups:
+    """Return magnitude and components of every pin reaction, and the derived quantities, those of one unit together."""
+    pins = samples[0].pins
+    wrenches = np.array([sample.wrenches for sample in samples], dtype=np.float64).reshape(len(samples), len(pins), 3)
+    force_x_n, force_y_n = wrenches[:, :, 0], wrenches[:, :, 1]
+    groups = [
+        Group("pins/magnitude", pins, np.hypot(force_x_n, force_y_n)),
+        Group("pins/force_x", pins, force_x_n),
+        Group("pins/force_y", pins, force_y_n),
+        Group("body_moment", ("moment on the body",), _rows([(sample.body_moment_nm,) for sample in samples])),
+    ]
+    names = samples[0].quantities.names
+    values = _rows([sample.quantities.values for sample in samples])
+    for unit, columns in by_unit(names).items():
+        chosen = tuple(caption(names[column])[0] for column in columns)
+        groups.append(Group(quantity_path(unit), chosen, values[:, columns]))
+    return [*groups, *_residuals("forces", samples)]
+
+
+def body_groups(samples: Sequence[BodySample]) -> Groups:
+    """Return position, speed and spring moment of the body, its pressing force, and its running proofs."""
+    joints = samples[0].joints
+    return [
+        Group("body/position", joints, _rows([sample.position for sample in samples])),
+        Group("body/speed", joints, _rows([sample.velocity for sample in samples])),
+        Group("body/effort", joints, _rows([sample.effort for sample in samples])),
+        Group("body/pressing_force", ("pressing force",), _rows([(sample.pressing_force_n,) for sample in samples])),
+        *_residuals("body", samples),
+    ]
+
+
+def by_unit(names: Sequence[str]) -> dict[str, list[int]]:
+    """Return, for each unit that occurs, the places of the names that end in it."""
+    places: dict[str, list[int]] = {}
+    for place, name in enumerate(names):
+        places.setdefault(caption(name)[1], []).append(place)
+    return places
+
+
+def quantity_path(unit: str) -> str:
+    """Return where the derived quantities of a unit are kept: ``quantities/n_m`` for N m."""
+    word = unit.replace("²", "2").replace("³", "3").replace("/", " per ").replace("%", "percent").lower()
+    return "quantities/" + ("_".join(word.split()) or "number")
+
+
+def _rows(values: Sequence[tuple[float, ...]]) -> npt.NDArray[np.float64]:
+    return np.array(values, dtype=np.float64).reshape(len(values), -1)
+
+
+def _residuals(role: str, samples: Sequence[Any]) -> Groups:
+    """Return the residuals as powers of ten, the only scale on which 1e-16 and 1e-9 are both seen."""
+    names = samples[0].residuals.names
+    if not names:
+        return []
+    values = np.abs(_rows([sample.residuals.values for sample in samples]))
+    labels = tuple(f"log10 {titled(name)}" for name in names)
+    return [Group(f"residuals/{role}", labels, np.log10(np.maximum(values, RESIDUAL_FLOOR)))]
+
+
+class Track(Generic[Sample]):
+    """The samples of one role on their way to the recording: kept until a batch is full, thinned, sent.
+
+    Parameters
+    ----------
+    stream : rr.RecordingStream
+        Where the curves go.
+    groups : callable
+        Turns samples of equal names into groups of curves.
+    window : int
+        Samples to a decimation window.
+    batch_s : float
+        Simulated time between two sendings.
+    """
+
+    def __init__(
+        self,
+        stream: rr.RecordingStream,
+        groups: Callable[[Sequence[Sample]], Groups],
+        *,
+        window: int,
+        batch_s: float,
+    ) -> None:
+        self._stream = stream
+        self._groups = groups
+        self._window = window
+        self._batch_s = batch_s
+        self._pending: list[Sample] = []
+        self.curves: dict[str, tuple[str, ...]] = {}
+
+    def add(self, sample: Sample) -> bool:
+        """Take a sample; return whether a batch was sent because of it."""
+        sent = False
+        if self._pending and _names(self._pending[0]) != _names(sample):
+            sent = self.flush()
+        self._pending.append(sample)
+        if sample.time_s - self._pending[0].time_s < self._batch_s:
+            return sent
+        whole = len(self._pending) - len(self._pending) % self._window
+        return self._send(whole) or sent
+
+    def flush(self) -> bool:
+        """Send what is left, a short window too; return whether there was any."""
+        return self._send(len(self._pending))
+
+    def _send(self, count: int) -> bool:
+        batch, self._pending = self._pending[:count], self._pending[count:]
+        if not batch:
+            return False
+        time_s = np.array([sample.time_s for sample in batch])
+        step = np.array([sample.step for sample in batch])
+        for group in self._groups(batch):
+            if not group.names:
+                continue
+            if self.curves.get(group.path) != group.names:
+                self.curves[group.path] = group.names
+                self._stream.log(group.path, series_lines(group.names), static=True)
+            rows = extreme_rows(group.values, self._window)
+            columns = rr.Scalars.columns(scalars=group.values[rows].ravel())
+            self._stream.send_columns(
+                group.path, times(time_s[rows], step[rows]), columns.partition(np.full(len(rows), len(group.names)))
+            )
+        return True
+
+
+def series_lines(names: Sequence[str]) -> rr.SeriesLines:
+    """Return names, colours and width of curves; a joint has the same colour in every panel."""
+    colours = [PALETTE[place % len(PALETTE)] for place in range(len(names))]
+    return rr.SeriesLines(names=list(names), colors=colours, widths=[1.5] * len(names))
+
+
+def _names(sample: Any) -> tuple[Any, ...]:
+    """Return every name that shapes the curves of a sample."""
+    if isinstance(sample, ForceSample):
+        return sample.pins, sample.quantities.names, sample.residuals.names
+    if isinstance(sample, MotorSample):
+        return (sample.joints,)
+    return sample.joints, sample.residuals.names
+
+
+def present(curves: Mapping[str, tuple[str, ...]], *prefixes: str) -> list[str]:
+    """Return the paths among the curves that lie under any of the prefixes."""
+    return [path for path in curves if any(path == prefix or path.startswith(prefix + "/") for prefix in prefixes)]

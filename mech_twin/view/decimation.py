@@ -1,0 +1,60 @@
+r"""Decimation that keeps extremes: a spike one sample long is still there in the thinned curve.
+
+::
+
+    value  |      *                 * kept (largest of its window)
+           |  .  / \   .
+           | * .    \ /            * kept (smallest of its window)
+           |         *
+           +-----------+---> row
+            one window
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+Rows = npt.NDArray[np.intp]
+Values = npt.NDArray[np.float64]
+
+
+def extreme_rows(values: Values, window: int) -> Rows:
+    """Return the rows at which any column has the smallest or the largest value of its window.
+
+    The thinned curve runs through true samples only, each at its own time, and has in every window the extremes
+    of the full one.  A value that is not a number counts as an extreme, so it is never hidden.
+
+    Parameters
+    ----------
+    values : array, shape (n,) or (n, k)
+        Curves that share their rows.
+    window : int
+        Rows to a window, counted from row 0; the last window may be shorter.
+
+    Returns
+    -------
+    array of int
+        Rows to keep, ascending.  At most 2 k of each window; all of them where the window has no more.
+
+    Raises
+    ------
+    ValueError
+        If the window has not at least one row.
+    """
+    if window < 1:
+        raise ValueError(f"window: expected at least 1 row, got {window}")
+    columns = values.reshape(len(values), -1)
+    count, width = columns.shape
+    if window <= 2 or count == 0 or width == 0:
+        return np.arange(count)
+    whole = count - count % window
+    kept = np.zeros(count, dtype=bool)
+    blocks = columns[:whole].reshape(-1, window, width)
+    first = np.arange(0, whole, window)[:, np.newaxis]
+    kept[blocks.argmin(axis=1) + first] = True
+    kept[blocks.argmax(axis=1) + first] = True
+    if whole < count:
+        kept[columns[whole:].argmin(axis=0) + whole] = True
+        kept[columns[whole:].argmax(axis=0) + whole] = True
+    return np.flatnonzero(kept)

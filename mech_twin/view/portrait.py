@@ -1,0 +1,92 @@
+r"""The phase portrait of a body joint: rate against angle over the recent past, the older the fainter.
+
+::
+
+      rate  ^      . - .
+            |   /         \        angle and rate are scaled to a square, each by a round number
+            |  |     o now |        (1, 2 or 5 times a power of ten) that is written on its axis
+     -------+-------------------> angle
+            |   \         /
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from itertools import pairwise
+
+import numpy as np
+import rerun as rr
+
+from mech_twin.samples import BodySample
+
+SHADES = 6
+TRACE = (86, 180, 233)
+NOW = (230, 159, 0)
+AXIS = (130, 130, 130)
+LABEL_AT = 1.0
+
+
+def round_above(value: float) -> float:
+    """Return the smallest of 1, 2, 5 times a power of ten that is not below the value; 1 for nought."""
+    if not (value > 0.0 and math.isfinite(value)):
+        return 1.0
+    power = 10.0 ** math.floor(math.log10(value))
+    return next(step * power for step in (1.0, 2.0, 5.0, 10.0, 20.0) if step * power >= value)
+
+
+class Portrait:
+    """Recent motion of one body joint, drawn in a square of side 2.
+
+    Parameters
+    ----------
+    path : str
+        Entity that holds the portrait.
+    joint : str
+        Name on the axes.
+    place : int
+        Which joint of the body sample it is.
+    span_s : float
+        How far back the trace goes.
+    """
+
+    def __init__(self, path: str, joint: str, place: int, span_s: float) -> None:
+        self.path = path
+        self.joint = joint
+        self._place = place
+        self._span_s = span_s
+        self._points: deque[tuple[float, float, float]] = deque()
+        self._scale = (0.0, 0.0)
+
+    def add(self, sample: BodySample) -> None:
+        """Take a sample; forget what lies further back than the span."""
+        points = self._points
+        points.append((sample.time_s, sample.position[self._place], sample.velocity[self._place]))
+        while points[0][0] < sample.time_s - self._span_s:
+            points.popleft()
+
+    def log(self, stream: rr.RecordingStream) -> None:
+        """Draw the trace, the present point, and the axes when their scale has changed; times are the stream's."""
+        motion = np.array(self._points)[:, 1:]
+        largest = np.abs(motion).max(axis=0)
+        # a scale only grows, so the picture does not breathe with every bounce
+        scale = (max(self._scale[0], round_above(largest[0])), max(self._scale[1], round_above(largest[1])))
+        if scale != self._scale:
+            self._scale = scale
+            self._log_axes(stream)
+        square = motion / scale * (1.0, -1.0)  # the picture's second axis points down
+        edges = np.linspace(0, len(square) - 1, SHADES + 1).astype(int)
+        strips = [square[a : b + 1] for a, b in pairwise(edges)]
+        faint = [(*TRACE, round(255 * (shade + 1) / SHADES)) for shade in range(SHADES)]
+        stream.log(f"{self.path}/trace", rr.LineStrips2D(strips, colors=faint, radii=-1.0))
+        stream.log(f"{self.path}/now", rr.Points2D(square[-1:], colors=[NOW], radii=-5.0))
+
+    def _log_axes(self, stream: rr.RecordingStream) -> None:
+        angle, rate = self._scale
+        cross = [[(-1.08, 0.0), (1.08, 0.0)], [(0.0, 1.08), (0.0, -1.08)]]
+        ticks = [[(x, -0.03), (x, 0.03)] for x in (-1.0, -0.5, 0.5, 1.0)]
+        ticks += [[(-0.02, y), (0.02, y)] for y in (-1.0, -0.5, 0.5, 1.0)]
+        stream.log(f"{self.path}/axes", rr.LineStrips2D(cross + ticks, colors=[AXIS], radii=-0.7))
+        labels = [f"{self.joint} {angle:g}", f"rate {rate:g} /s", f"-{angle:g}", f"-{rate:g} /s"]
+        ends = [(LABEL_AT, 0.0), (0.0, -LABEL_AT), (-LABEL_AT, 0.0), (0.0, LABEL_AT)]
+        stream.log(f"{self.path}/labels", rr.Points2D(ends, labels=labels, show_labels=True, colors=[AXIS], radii=-1.0))
