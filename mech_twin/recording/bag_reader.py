@@ -1,0 +1,352 @@
+"""Reads a recording in the order of time, in memory that does not grow with it."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Collection, Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import TracebackType
+from typing import NamedTuple
+
+from mech_twin.recording.bag_metadata import FILE_NAME, read_contents
+from mech_twin.recording.errors import BagBeyondLimitsError, DamagedBagError, MissingBagError, UnfinishedBagError
+from mech_twin.recording.file_index import Extent, FileIndex, summarised, walked
+from mech_twin.recording.mcap_records import RawMessage, RecordFile
+from mech_twin.recording.split_series import FINISHED_KEY
+
+MAX_OPEN_BYTES = 1 << 30
+
+
+class BagMessage(NamedTuple):
+    """One recorded message, still encoded."""
+
+    topic: str
+    type_name: str
+    log_time_ns: int
+    publish_time_ns: int
+    raw: bytes
+
+
+@dataclass(frozen=True)
+class TopicInfo:
+    """A topic of a bag."""
+
+    topic: str
+    type_name: str
+    message_count: int
+    qos_yaml: str
+    type_hash: str
+    definition: str
+    schema_encoding: str
+    message_encoding: str
+
+
+@dataclass(frozen=True)
+class SplitInfo:
+    """One file of a bag."""
+
+    file: Path
+    size_bytes: int
+    start_ns: int | None
+    end_ns: int | None
+    message_count: int
+
+
+@dataclass(frozen=True)
+class BagInfo:
+    """What a bag holds.
+
+    Attributes
+    ----------
+    counters : dict
+        Loss counters by topic (received, written, dropped, missed, late); empty for foreign bags.
+    configuration : str, optional
+        YAML of the machine.
+    finished : bool
+        Whether the recording was closed.
+    problems : tuple of str
+        What is damaged or missing, a line each; empty for a sound bag.
+    """
+
+    path: Path
+    topics: dict[str, TopicInfo]
+    message_count: int
+    start_ns: int | None
+    duration_s: float
+    counters: dict[str, dict[str, int]]
+    configuration: str | None
+    splits: tuple[SplitInfo, ...]
+    finished: bool
+    problems: tuple[str, ...] = ()
+
+
+@dataclass
+class _Source:
+    """One file and what is left out of it."""
+
+    index: FileIndex
+    repeats: dict[int, int] = field(default_factory=dict)  # channel -> sequence
+
+
+class BagReader:
+    """A bag open for reading: a rosbag2 directory, or one MCAP file.
+
+    Parameters
+    ----------
+    path : Path
+        The bag.
+    salvage : bool
+        Read what is intact of an unfinished or damaged bag instead of refusing it.
+
+    Raises
+    ------
+    MissingBagError, ForeignFileError, UnfinishedBagError, DamagedBagError
+        With the file and the reason in one line.
+    """
+
+    def __init__(self, path: Path | str, *, salvage: bool = False) -> None:
+        self.path = Path(path)
+        self._sources: list[_Source] = []
+        self._stack = ExitStack()
+        self._problems: list[str] = []
+        with ExitStack() as undo:
+            undo.callback(self.close)
+            files, self._finished = _files_of(self.path, salvage, self._problems)
+            for file in files:
+                self._open(file, salvage)
+            undo.pop_all()
+        self.topics = self._topic_table()
+        starts = [extent.start_ns for source in self._sources for extent in source.index.extents]
+        ends = [extent.end_ns for source in self._sources for extent in source.index.extents]
+        self.start_ns: int | None = min(starts, default=None)
+        self.end_ns: int | None = max(ends, default=None)
+
+    def close(self) -> None:
+        """Give the files back."""
+        self._stack.close()
+
+    def __enter__(self) -> BagReader:
+        """Return the reader itself."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Give the files back."""
+        self.close()
+
+    @property
+    def info(self) -> BagInfo:
+        """Return what the bag holds."""
+        counters: dict[str, dict[str, int]] = {}
+        for source in self._sources:
+            counters = source.index.counters() or counters
+        texts = (source.index.configuration() for source in self._sources)
+        start, end = self.start_ns, self.end_ns
+        return BagInfo(
+            path=self.path,
+            topics=self.topics,
+            message_count=sum(topic.message_count for topic in self.topics.values()),
+            start_ns=start,
+            duration_s=0.0 if start is None or end is None else (end - start) * 1e-9,
+            counters=counters,
+            configuration=next((text for text in texts if text is not None), None),
+            splits=tuple(_split_info(source) for source in self._sources),
+            finished=self._finished and all(source.index.finished for source in self._sources),
+            problems=tuple(self._problems),
+        )
+
+    def messages(
+        self, topics: Collection[str] | None = None, start_s: float = 0.0, duration_s: float | None = None
+    ) -> Iterator[BagMessage]:
+        """Yield the messages in the order of log time; of equal times, in the order of the files.
+
+        Parameters
+        ----------
+        topics : collection of str, optional
+            Only these; a topic that the bag does not have gives nothing.
+        start_s, duration_s : float
+            Part of the bag, from its beginning.
+
+        Raises
+        ------
+        DamagedBagError, BagBeyondLimitsError
+            When the damage is reached; when the file is so disordered that putting it in order needs too much memory.
+        """
+        if self.start_ns is None:
+            return
+        first = self.start_ns + round(start_s * 1e9)
+        last = (1 << 64) if duration_s is None else first + round(duration_s * 1e9)
+        wanted = [
+            {key for key, channel in source.index.channels.items() if topics is None or channel.topic in topics}
+            for source in self._sources
+        ]
+        chosen = [
+            (number, extent)
+            for number, source in enumerate(self._sources)
+            for extent in source.index.extents
+            if extent.end_ns >= first
+            and extent.start_ns <= last
+            and (not extent.channels or extent.channels & wanted[number])
+        ]
+        self._check_disorder(extent for _, extent in chosen)
+        for number, record in self._merged(
+            sorted(chosen, key=lambda item: (item[1].start_ns, item[0], item[1].offset))
+        ):
+            if first <= record.log_time_ns <= last and record.channel_id in wanted[number]:
+                source = self._sources[number]
+                if source.repeats.get(record.channel_id) == record.sequence:
+                    continue
+                channel = source.index.channels[record.channel_id]
+                schema = source.index.schemas.get(channel.schema_id)
+                name = schema.name if schema is not None else ""
+                yield BagMessage(channel.topic, name, record.log_time_ns, record.publish_time_ns, record.raw)
+
+    def _merged(self, chosen: list[tuple[int, Extent]]) -> Iterator[tuple[int, RawMessage]]:
+        """Yield the messages of the extents in order, each extent held only while its time lasts."""
+        waiting: list[tuple[int, int, int, RawMessage, Iterator[RawMessage]]] = []
+        following = 0
+        while waiting or following < len(chosen):
+            while following < len(chosen) and (not waiting or chosen[following][1].start_ns <= waiting[0][0]):
+                number, extent = chosen[following]
+                records = iter(
+                    sorted(self._sources[number].index.records_of(extent), key=lambda item: item.log_time_ns)
+                )
+                if (head := next(records, None)) is not None:
+                    heapq.heappush(waiting, (head.log_time_ns, following, number, head, records))
+                following += 1
+            if not waiting:
+                continue
+            _, order, number, record, records = waiting[0]
+            if (head := next(records, None)) is None:
+                heapq.heappop(waiting)
+            else:
+                heapq.heapreplace(waiting, (head.log_time_ns, order, number, head, records))
+            yield number, record
+
+    def _check_disorder(self, extents: Iterator[Extent]) -> None:
+        """Refuse a bag whose extents overlap in time beyond the memory granted."""
+        borders: list[tuple[int, int, int]] = []
+        for extent in extents:
+            borders += [(extent.start_ns, 0, extent.size_bytes), (extent.end_ns, 1, -extent.size_bytes)]
+        held = 0
+        for _, _, change in sorted(borders):
+            held += change
+            if held > MAX_OPEN_BYTES:
+                raise BagBeyondLimitsError(
+                    self.path,
+                    f"its chunks overlap in time so far that order needs more than {MAX_OPEN_BYTES >> 20} MiB",
+                )
+
+    def _open(self, path: Path, salvage: bool) -> None:
+        file = RecordFile(path)
+        self._stack.callback(file.close)
+        if not salvage:
+            source = _Source(summarised(file))
+        else:
+            try:
+                source = _Source(summarised(file))
+                for extent in source.index.extents:
+                    for _ in source.index.records_of(extent):
+                        pass
+            except (UnfinishedBagError, DamagedBagError) as error:
+                self._problems.append(f"{error.file}: {error.reason}")
+                source = _Source(walked(file))
+        index = source.index
+        if self._sources:
+            repeated = index.repeated()
+            source.repeats = {
+                key: repeated[channel.topic] for key, channel in index.channels.items() if channel.topic in repeated
+            }
+        self._sources.append(source)
+
+    def _topic_table(self) -> dict[str, TopicInfo]:
+        table: dict[str, TopicInfo] = {}
+        for source in self._sources:
+            for key, channel in source.index.channels.items():
+                schema = source.index.schemas.get(channel.schema_id)
+                count = source.index.counts[key] - (1 if key in source.repeats and source.index.counts[key] else 0)
+                before = table[channel.topic].message_count if channel.topic in table else 0
+                table[channel.topic] = TopicInfo(
+                    channel.topic,
+                    schema.name if schema is not None else "",
+                    before + count,
+                    channel.metadata.get("offered_qos_profiles", ""),
+                    channel.metadata.get("topic_type_hash", ""),
+                    schema.data.decode("utf-8", "replace") if schema is not None else "",
+                    schema.encoding if schema is not None else "",
+                    channel.message_encoding,
+                )
+        return table
+
+
+def bag_info(path: Path | str) -> BagInfo:
+    """Return what a bag holds, of an unfinished or damaged one what is intact, with its problems named."""
+    try:
+        with BagReader(path) as reader:
+            return reader.info
+    except (UnfinishedBagError, DamagedBagError) as error:
+        with BagReader(path, salvage=True) as reader:
+            found = reader.info
+        if found.problems:
+            return found
+        return BagInfo(**{**vars(found), "problems": (str(error),)})
+
+
+def bag_files(path: Path) -> list[Path]:
+    """Return the MCAP files of a bag in their order, whatever its page of contents says.
+
+    Raises
+    ------
+    MissingBagError
+        There are none.
+    """
+    if path.is_file():
+        return [path]
+    if not path.is_dir():
+        raise MissingBagError(path, "there is no such bag")
+    files = sorted(path.glob("*.mcap"), key=_split_order)
+    if not files:
+        raise MissingBagError(path, "holds no .mcap file")
+    return files
+
+
+def _files_of(path: Path, salvage: bool, problems: list[str]) -> tuple[list[Path], bool]:
+    """Return the files of a bag and whether it says that it was closed."""
+    files = bag_files(path)
+    if path.is_file():
+        return files, True
+    try:
+        if not (path / FILE_NAME).exists():
+            raise UnfinishedBagError(path, f"has no {FILE_NAME}: it was never closed, or is still being written")
+        contents = read_contents(path)
+        if contents.custom.get(FINISHED_KEY, "true") != "true":
+            raise UnfinishedBagError(path, "was never closed, or is still being written")
+        listed = [path / name for name in contents.files]
+        for file in listed:
+            if not file.is_file():
+                raise DamagedBagError(file, f"is named by {FILE_NAME} but is not there")
+    except (UnfinishedBagError, DamagedBagError) as error:
+        if not salvage:
+            raise
+        problems.append(f"{error.file}: {error.reason}")
+        return files, False
+    return listed, True
+
+
+def _split_order(path: Path) -> tuple[int, str]:
+    number = path.stem.rpartition("_")[2]
+    return (int(number) if number.isascii() and number.isdigit() and len(number) < 10 else -1, path.name)
+
+
+def _split_info(source: _Source) -> SplitInfo:
+    index = source.index
+    return SplitInfo(
+        index.file.path,
+        index.file.size,
+        min((extent.start_ns for extent in index.extents), default=None),
+        max((extent.end_ns for extent in index.extents), default=None),
+        index.counts.total(),
+    )
