@@ -36,3 +36,9 @@ def frames(machine: Machine, duration_s: float, target: Callable[[int], float] =
     for step in range(1, steps_for(machine, duration_s) + 1):
         frame = next_frame(machine, frame, target(step))
         yield frame
+
+
+def warm_up(machine: Machine) -> None:
+    """Compile (or load) every kernel a step needs, so that the first step is not late."""
+    frame = complete_frame(machine, machine.linkage.start(), None, 1.0)
+    next_frame(machine, frame, 1.0)

@@ -69,6 +69,7 @@ class BodyNode(FollowerNode):
             return False
         sample = next_body(self.role, self._sample, question)
         self._sample = sample
+        self.on_sample(sample)
         self.health.observe(sample.residuals)
         for event in sample.events:
             self._impacts.send(impact.to_message(event))

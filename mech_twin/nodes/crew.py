@@ -2,22 +2,40 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import NamedTuple
 
 import rclpy
 from rclpy.experimental.events_executor import EventsExecutor
-from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 
+from mech_twin.engine.assembly import FrameAssembler
 from mech_twin.nodes.body_node import BodyNode
 from mech_twin.nodes.force_node import ForceNode
 from mech_twin.nodes.linkage_node import LinkageNode
 from mech_twin.nodes.motor_node import MotorNode
 from mech_twin.nodes.options import RunOptions
+from mech_twin.nodes.recorder_node import RecorderNode
 from mech_twin.nodes.role_node import RoleNode
+from mech_twin.nodes.run_figures import RunFigures
+from mech_twin.nodes.stop_signal import StopSignal
+from mech_twin.nodes.viewer_node import ViewerNode
 from mech_twin.quantity import Parameters
 
 LONGEST_WAIT_S = 0.1
 SHORTEST_WAIT_S = 1e-4
+DRAIN_LIMIT_S = 2.0
+QUIET_S = 0.05
+
+
+class Outcome(NamedTuple):
+    """What a run came to: its figures, and the messages sent and recorded, by full topic name."""
+
+    figures: RunFigures
+    sent: dict[str, int]
+    recorded: dict[str, int]
 
 
 def role_nodes(machine_name: str, parameters: Parameters | None, options: RunOptions) -> list[RoleNode]:
@@ -29,8 +47,8 @@ def role_nodes(machine_name: str, parameters: Parameters | None, options: RunOpt
     return nodes
 
 
-def spin(nodes: Sequence[Node], until: Callable[[], bool]) -> None:
-    """Serve the nodes until the run is over, a signal comes, or rclpy is shut down.
+def spin(nodes: Sequence[RoleNode], until: Callable[[], bool]) -> None:
+    """Serve the nodes until the run is over.
 
     Never ``executor.spin()``: in these wheels it does not end on a signal.
     """
@@ -48,3 +66,97 @@ def spin(nodes: Sequence[Node], until: Callable[[], bool]) -> None:
         for node in nodes:
             executor.remove_node(node)
         executor.shutdown()
+
+
+def run_in_process(
+    machine_name: str, parameters: Parameters, options: RunOptions, directory: Path | None, place: str | None
+) -> Outcome:
+    """Run all nodes of a machine in this process until it is over or a signal asks to stop.
+
+    Parameters
+    ----------
+    machine_name, parameters, options
+        What to run, and how.
+    directory : Path, optional
+        Recording to make.
+    place : str, optional
+        Address of a viewer, or an ``.rrd`` file.
+
+    Raises
+    ------
+    BagError
+        If the recording cannot be made there.
+    """
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    nodes: list[RoleNode] = []
+    try:
+        with StopSignal() as signal:
+            if directory is not None:
+                nodes.append(RecorderNode(machine_name, directory, parameters, options))
+            if place is not None:
+                nodes.append(ViewerNode(machine_name, place, parameters, options))
+            nodes += role_nodes(machine_name, parameters, options)
+            figures = _watched(nodes)
+            linkage = nodes[-1]
+            spin(nodes, lambda: signal.asked or (isinstance(linkage, LinkageNode) and linkage.done))
+            drain(nodes)
+            return Outcome(figures, _sent(nodes), _recorded(nodes))
+    finally:
+        dismiss(nodes)
+        rclpy.try_shutdown()
+
+
+def _watched(nodes: Sequence[RoleNode]) -> RunFigures:
+    """Return the figures of the run, fed by the role nodes as they compute."""
+    machine = nodes[-1].machine
+    figures, assembler = RunFigures(machine), FrameAssembler(machine.body is not None)
+
+    def notice(sample: object) -> None:
+        frame = assembler.add(sample)  # type: ignore[arg-type]
+        if frame is not None:
+            figures.observe(frame)
+
+    for node in nodes:
+        node.on_sample = notice
+    return figures
+
+
+def drain(nodes: Sequence[RoleNode]) -> None:
+    """Serve the nodes until what was sent has been recorded, and nothing more comes."""
+    for node in nodes:
+        if isinstance(node, LinkageNode):
+            node.done = True
+        node.flush()
+        node.report()
+    end = time.monotonic() + DRAIN_LIMIT_S
+
+    def settled() -> bool:
+        recorded = _recorded(nodes)
+        late = any(recorded.get(name, number) < number for name, number in _sent(nodes).items())
+        return not late or time.monotonic() > end
+
+    for node in nodes:
+        node.quiet = True
+    spin(nodes, settled)
+
+
+def _sent(nodes: Sequence[RoleNode]) -> dict[str, int]:
+    total: dict[str, int] = {}
+    for node in nodes:
+        for outlet in node.outlets:
+            name = node.resolve_topic_name(outlet.name)
+            total[name] = total.get(name, 0) + outlet.sent
+    return total
+
+
+def _recorded(nodes: Sequence[RoleNode]) -> dict[str, int]:
+    return next((node.received for node in nodes if isinstance(node, RecorderNode)), {})
+
+
+def dismiss(nodes: Sequence[RoleNode]) -> None:
+    """Close what is open and take the nodes down."""
+    for node in nodes:
+        if isinstance(node, RecorderNode | ViewerNode):
+            node.close()
+    for node in nodes:
+        node.destroy_node()

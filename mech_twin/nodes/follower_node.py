@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import Any
 
 from sensor_msgs.msg import JointState
@@ -16,15 +17,15 @@ class FollowerNode(RoleNode):
     """Answers each step once; a step asked again (a peer came back) is answered again with the same sample."""
 
     def listen(self, topic: Topic) -> None:
-        """Subscribe to the step message that is answered."""
+        """Subscribe to the step message that is answered, once those who need the answers are there."""
         self._sequence = Sequence(topic.name, self.ledger)
         self._topic = topic
         self._last_question: Any = None
         self._held: JointState | None = None
+        self._born = time.monotonic()
+        self._listening = False
         self.follow_description()
-        self.create_subscription(topic.type, topic.name, self._on_question, topic.qos)
         self._patience = self.create_timer(RETRY_S, self._retry)
-        self._patience.cancel()
 
     def decoded(self, message: JointState) -> Any:
         """Return the sample asked about."""
@@ -39,10 +40,18 @@ class FollowerNode(RoleNode):
         raise NotImplementedError
 
     def _retry(self) -> None:
-        held = self._held
-        if held is not None and self.matched:
+        if not self._listening:
+            self._listen_when_heard()
+        elif self._held is not None:
+            self._on_question(self._held)
+        else:
             self._patience.cancel()
-            self._on_question(held)
+
+    def _listen_when_heard(self) -> None:
+        """A linkage that sees this subscription may count on the answers being heard."""
+        if self.matched or time.monotonic() - self._born > self.options.discovery_limit_s:
+            self._listening = True
+            self.create_subscription(self._topic.type, self._topic.name, self._on_question, self._topic.qos)
 
     def _hold(self, message: JointState) -> None:
         self._held = message
@@ -50,9 +59,6 @@ class FollowerNode(RoleNode):
 
     def _on_question(self, message: JointState) -> None:
         self._held = None
-        if not self.matched and self._sequence.last is None:
-            self._hold(message)
-            return
         if not self.at_revision(revision(message), lambda: self._on_question(message)):
             return
         try:

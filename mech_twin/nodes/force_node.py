@@ -46,6 +46,7 @@ class ForceNode(FollowerNode):
         """Publish the forces of the linkage's step."""
         sample = self.machine.forces.analyse(question)
         self._sample = sample
+        self.on_sample(sample)
         self.health.observe(sample.residuals)
         self.repeat()
         for (pin, outlet), wrench in zip(self._wrenches, sample.wrenches, strict=True):

@@ -227,6 +227,7 @@ class LinkageNode(RoleNode):
         self._out.send(mark_revision(linkage_messages.to_message(sample, self._message), self.revision))
         if repeated:
             return
+        self.on_sample(sample)
         self.health.observe(sample.residuals)
         for event in sample.events:
             self._impacts.send(impact.to_message(event))

@@ -62,6 +62,7 @@ class MotorNode(FollowerNode):
         if self.target is None:  # a motor that comes back goes on where the supply was
             self.target = RATED if question.step == 0 else question.command
         self._sample = self.machine.motor.respond(question, self.target)
+        self.on_sample(self._sample)
         self.repeat()
         return True
 

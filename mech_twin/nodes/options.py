@@ -14,6 +14,7 @@ class RunOptions(Parameters):
     duration_s: float = quantity("s", "simulated time to run; 0 runs until stopped", ge=0.0, default=0.0)
     recorder: bool = choice("wait for a recorder before the first step", default=False)
     viewer: bool = choice("wait for a viewer before the first step", default=False)
+    watcher: bool = choice("wait for somebody who watches the steps from outside", default=False)
     stream_decimation: int = quantity("1", "steps per message on decimated topics", ge=1, default=10)
     view_rate_hz: float = quantity("Hz", "drawings per simulated second", gt=0.0, le=1000.0, default=30.0)
     peer_timeout_s: float = quantity("s", "silence after which a peer counts as gone", gt=0.0, default=0.5)

@@ -9,6 +9,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_msgs.msg import String
 
+from mech_twin.engine.run import warm_up
 from mech_twin.messages.topics import DESCRIPTION, DIAGNOSTICS, Topic
 from mech_twin.nodes.health import Health, array_message
 from mech_twin.nodes.ledger import Ledger
@@ -21,6 +22,10 @@ from mech_twin.roles import Machine
 
 WINDOW_S = 1.0
 RETRY_S = 0.02
+
+
+def _unnoticed(sample: object) -> None:
+    """Take a sample nobody watches."""
 
 
 class RoleNode(Node):
@@ -54,9 +59,12 @@ class RoleNode(Node):
         self.machine: Machine = catalogue_entry(machine_name).build(
             validated(catalogue_entry(machine_name), tree, source)
         )
+        warm_up(self.machine)
         self.revision = 0
         self.time_s = 0.0
         self.description = ""
+        self.quiet = False
+        self.on_sample: Callable[[object], None] = _unnoticed
         self.ledger = Ledger()
         self.outlets: list[Outlet] = []
         self._adopting = False
@@ -76,6 +84,10 @@ class RoleNode(Node):
         """Return further values for the diagnostics."""
         return {}
 
+    def quiet_s(self) -> float:
+        """Return for how long this node has heard nothing it must keep."""
+        return float("inf")
+
     # -- outlets ----------------------------------------------------------------------------------------------------
 
     def listeners(self, peers: int) -> int:
@@ -90,7 +102,7 @@ class RoleNode(Node):
 
     def step_outlet(self, topic: Topic, peers: int) -> Outlet:
         """Return the publisher of a step message, which a viewer listens to as well."""
-        return self.outlet(topic, peers + self.options.viewer)
+        return self.outlet(topic, peers + self.options.viewer + self.options.watcher)
 
     def extreme_outlet(self, topic: Topic) -> ExtremeOutlet:
         """Return a new decimated publisher that keeps extremes."""
@@ -167,6 +179,8 @@ class RoleNode(Node):
 
     def report(self) -> None:
         """Publish the diagnostics of the window that ends now."""
+        if self.quiet:
+            return
         sent = {f"sent {outlet.name}": str(outlet.sent) for outlet in self.outlets}
         status, lines = self.health.close_window({**sent, **self.figures()})
         for line in lines:

@@ -19,8 +19,10 @@ def _complaint(item: dict[str, object]) -> str:
     key = ".".join(str(part) for part in location) if isinstance(location, tuple) else str(location)
     message = str(item["msg"]).removeprefix("Value error, ")
     kind = item["type"]
-    if kind == "extra_forbidden":
+    if kind == "extra_forbidden" and not isinstance(item["input"], dict):
         return f"unknown key '{key}' (value {item['input']!r})"
+    if kind == "extra_forbidden":
+        return f"unknown group '{key}'"
     if kind == "missing":
         return f"key '{key}' is missing"
     if not key:

@@ -29,6 +29,7 @@ from mech_twin.roles import Machine
 SIZE_LIMIT_BYTES = 1_000_000
 DEPTH_LIMIT = 20
 MACHINE_KEY = "machine"
+RUN_GROUP = "run"  # how a node is run, not what the machine is
 
 
 def catalogue_entry(name: str) -> Entry:
@@ -214,6 +215,7 @@ def machine_parameters(name: str, path: Path | None = None, overrides: Mapping[s
 def validated(entry: Entry, tree: Mapping[str, Any], source: str) -> Parameters:
     """Return the parameter model of a tree of values, or one line that says what is wrong with it."""
     values = dict(tree)
+    values.pop(RUN_GROUP, None)
     meant = values.pop(MACHINE_KEY, entry.name)
     if meant != entry.name:
         raise ConfigurationError(f"{source}: key '{MACHINE_KEY}', value {meant!r}: expected {entry.name!r}")

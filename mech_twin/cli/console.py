@@ -1,0 +1,79 @@
+"""Output: tables and colours when a terminal listens, plain lines otherwise, JSON for machines."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any, TypeVar
+
+Item = TypeVar("Item")
+
+
+def print_json(document: Mapping[str, Any]) -> None:
+    """Write a document as JSON; a number that is not finite becomes null."""
+    json.dump(_finite(document), sys.stdout, indent=2, ensure_ascii=False, allow_nan=False)
+    sys.stdout.write("\n")
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, Mapping):
+        return {str(key): _finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(item) for item in value]
+    if hasattr(value, "tolist"):
+        return _finite(value.tolist())
+    return value
+
+
+def print_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
+    """Write a table."""
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(title=title, title_justify="left", header_style="bold")
+    for i, column in enumerate(columns):
+        table.add_column(column, justify="left" if i == 0 else "right", overflow="fold")
+    for row in rows:
+        table.add_row(*(_shown(cell) for cell in row))
+    Console(width=None if sys.stdout.isatty() else 140).print(table)
+
+
+def _shown(cell: Any) -> str:
+    return f"{cell:.7g}" if isinstance(cell, float) else str(cell)
+
+
+def print_numbers(title: str, numbers: Mapping[str, Any]) -> None:
+    """Write named numbers, one a line."""
+    print_table(title, ("quantity", "value"), numbers.items())
+
+
+def say(line: str) -> None:
+    """Write a line for the person at the terminal, apart from the output proper."""
+    sys.stderr.write(line + "\n")
+    sys.stderr.flush()
+
+
+@contextmanager
+def progress(items: Iterable[Item], total: int, title: str) -> Iterator[Iterable[Item]]:
+    """Give the items back, with a bar and the time left when a terminal listens."""
+    if not sys.stderr.isatty():
+        yield items
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    parts = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*parts, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(title, total=total)
+
+        def counted() -> Iterator[Item]:
+            for item in items:
+                yield item
+                bar.advance(task)
+
+        yield counted()

@@ -1,0 +1,112 @@
+"""The ``mech-twin`` command: its verbs and their options.  What a verb does is in a file of its own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from mech_twin import __version__
+from mech_twin.cli.failure import told_in_one_line
+
+app = typer.Typer(
+    name="mech-twin",
+    help="Digital twin of percussion and crank-linkage machines.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+
+MachineName = Annotated[str, typer.Argument(help="machine of the catalogue (see `mech-twin list`)")]
+Config = Annotated[Path | None, typer.Option("--config", help="configuration file instead of the installed one")]
+Settings = Annotated[list[str] | None, typer.Option("--set", metavar="KEY.PATH=VALUE", help="override one key")]
+Json = Annotated[bool, typer.Option("--json", help="JSON on standard output")]
+
+
+def _show_version(asked: bool) -> None:
+    if asked:
+        typer.echo(f"mech-twin {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def root(
+    version: Annotated[bool, typer.Option("--version", callback=_show_version, is_eager=True, help="version")] = False,
+) -> None:
+    """Digital twin of percussion and crank-linkage machines."""
+
+
+@app.command("list")
+def list_machines(json: Json = False) -> None:
+    """List the machines there are."""
+    from mech_twin.cli.catalogue import show_catalogue
+
+    show_catalogue(as_json=json)
+
+
+@app.command()
+def run(
+    machine: MachineName = "mb10_breaker",
+    pace: Annotated[str, typer.Option(help="realtime or max")] = "realtime",
+    duration: Annotated[float, typer.Option(help="simulated seconds; 0 runs until stopped", min=0.0)] = 0.0,
+    record: Annotated[Path | None, typer.Option(help="recording to make [recordings/MACHINE-DATE]")] = None,
+    no_record: Annotated[bool, typer.Option("--no-record", help="make no recording")] = False,
+    view: Annotated[str, typer.Option(help="web, none, or a file to write (NAME.rrd)")] = "web",
+    view_port: Annotated[int, typer.Option(help="port of the web view; 0 takes a free one", min=0, max=65535)] = 0,
+    processes: Annotated[bool, typer.Option("--processes", help="give each node its own process")] = False,
+    config: Config = None,
+    settings: Settings = None,
+    json: Json = False,
+) -> None:
+    """Run a machine as ROS 2 nodes, recorded and shown."""
+    from mech_twin.cli.run import RunRequest, run_machine
+
+    recording = None if no_record else record or "default"
+    request = RunRequest(machine, pace, duration, recording, view, view_port, processes, config, settings or [], json)
+    run_machine(request)
+
+
+@app.command()
+def simulate(
+    machine: MachineName,
+    duration: Annotated[float, typer.Option(help="simulated seconds", min=0.0)],
+    bag: Annotated[Path | None, typer.Option(help="write what the nodes would have published")] = None,
+    samples: Annotated[bool, typer.Option("--samples", help="with --json: every sample, as columns")] = False,
+    config: Config = None,
+    settings: Settings = None,
+    json: Json = False,
+) -> None:
+    """Simulate a machine in this process, without ROS communication."""
+    from mech_twin.cli.simulate import simulate_machine
+
+    simulate_machine(machine, duration, bag, config, settings or [], as_json=json, with_samples=samples)
+
+
+@app.command()
+def analyse(
+    machine: MachineName,
+    crank_deg: Annotated[float | None, typer.Option(help="one crank position, degrees")] = None,
+    cycle: Annotated[int | None, typer.Option(help="so many positions of one cycle", min=2, max=1_000_000)] = None,
+    config: Config = None,
+    settings: Settings = None,
+    json: Json = False,
+) -> None:
+    """Analyse one position or one cycle: every angle, speed, force and constant."""
+    from mech_twin.cli.analyse import analyse_machine
+
+    analyse_machine(machine, crank_deg, cycle, config, settings or [], as_json=json)
+
+
+@app.command()
+def info(bag: Annotated[Path, typer.Argument(help="a recording")], json: Json = False) -> None:
+    """Say what a recording holds, and what it lost."""
+    from mech_twin.cli.info import show_info
+
+    show_info(bag, as_json=json)
+
+
+def main() -> None:
+    """Run the command line."""
+    with told_in_one_line():
+        app()

@@ -1,0 +1,118 @@
+"""``mech-twin run``: the nodes of a machine, recorded and shown, until the time is over or a signal comes."""
+
+from __future__ import annotations
+
+import math
+from contextlib import ExitStack
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from mech_twin.cli.console import print_json, print_numbers, say
+from mech_twin.cli.event_record import event_record
+from mech_twin.cli.failure import CommandError
+from mech_twin.nodes.domain import settle_domain
+from mech_twin.parameters.load import assignments, configuration_tree, machine_parameters
+from mech_twin.quantity import Parameters
+
+if TYPE_CHECKING:
+    from mech_twin.nodes.crew import Outcome
+
+PACES = ("realtime", "max")
+
+
+class RunRequest(NamedTuple):
+    """What was asked on the command line."""
+
+    machine: str
+    pace: str
+    duration_s: float
+    record: Path | str | None
+    view: str
+    view_port: int
+    processes: bool
+    config: Path | None
+    settings: list[str]
+    as_json: bool
+
+
+def run_machine(request: RunRequest) -> None:
+    """Run the nodes and, at the end, write the figures of the run."""
+    _check(request)
+    parameters = machine_parameters(request.machine, request.config, assignments(request.settings))
+    directory = _recording_directory(request)
+    with ExitStack() as stack:
+        place = _opened_view(request, stack)
+        outcome = _run(request, parameters, directory, place)
+    _write(request, parameters, outcome, directory)
+
+
+def _run(request: RunRequest, parameters: Parameters, directory: Path | None, place: str | None) -> Outcome:
+    settle_domain()
+    from mech_twin.nodes.crew import run_in_process
+    from mech_twin.nodes.fleet import run_processes
+    from mech_twin.nodes.options import RunOptions
+
+    options = RunOptions.model_validate(
+        {
+            "pace": request.pace,
+            "duration_s": request.duration_s,
+            "recorder": directory is not None,
+            "viewer": place is not None,
+        }
+    )
+    if directory is not None:
+        say(f"recording to {directory}")
+    say("starting (the first run compiles its kernels, which takes a while)")
+    run_nodes = run_processes if request.processes else run_in_process
+    return run_nodes(request.machine, parameters, options, directory, place)
+
+
+def _check(request: RunRequest) -> None:
+    if request.pace not in PACES:
+        raise CommandError(f"--pace {request.pace}: expected {' or '.join(PACES)}")
+    if not math.isfinite(request.duration_s):
+        raise CommandError(f"--duration {request.duration_s}: expected a finite number of seconds")
+    if request.view not in ("web", "none") and not request.view.endswith(".rrd"):
+        raise CommandError(f"--view {request.view}: expected web, none or a file NAME.rrd")
+    if request.view.endswith(".rrd") and not Path(request.view).absolute().parent.is_dir():
+        raise CommandError(f"--view {request.view}: directory {Path(request.view).absolute().parent} does not exist")
+
+
+def _recording_directory(request: RunRequest) -> Path | None:
+    if request.record is None:
+        return None
+    if isinstance(request.record, Path):
+        return request.record
+    return Path("recordings") / f"{request.machine}-{datetime.now():%Y%m%d-%H%M%S}"
+
+
+def _opened_view(request: RunRequest, stack: ExitStack) -> str | None:
+    """Return where the stage goes: the address of a viewer started here, a file, or nowhere."""
+    if request.view == "none":
+        return None
+    if request.view != "web":
+        return request.view
+    from mech_twin.view.viewer_process import ViewerProcess
+
+    viewer = stack.enter_context(ViewerProcess(request.view_port or None))
+    say(f"view: {viewer.web_url}")
+    return viewer.grpc_url
+
+
+def _write(request: RunRequest, parameters: Parameters, outcome: Outcome, directory: Path | None) -> None:
+    numbers = outcome.figures.numbers()
+    if not request.as_json:
+        print_numbers(f"{request.machine}: figures of the run", numbers)
+        return
+    print_json(
+        {
+            "machine": request.machine,
+            "config": configuration_tree(parameters),
+            "summary": numbers,
+            "events": [event_record(event) for event in outcome.figures.events],
+            "recording": None if directory is None else str(directory),
+            "messages_sent": outcome.sent,
+            "messages_recorded": outcome.recorded,
+        }
+    )

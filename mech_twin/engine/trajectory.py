@@ -1,0 +1,58 @@
+"""A run as columns: what frames hold, one array a number."""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Iterator
+
+from mech_twin.samples import Event, Frame
+
+
+def frame_numbers(frame: Frame) -> Iterator[tuple[str, float]]:
+    """Yield every number of a frame under the name of its column."""
+    yield "time_s", frame.linkage.time_s
+    for role, sample in (("linkage", frame.linkage), ("motor", frame.motor), ("body", frame.body)):
+        if sample is None:
+            continue
+        for i, joint in enumerate(sample.joints):
+            yield f"{role}.{joint}.position", sample.position[i]
+            yield f"{role}.{joint}.velocity", sample.velocity[i]
+            yield f"{role}.{joint}.effort", sample.effort[i]
+    yield "linkage.regime", float(frame.linkage.regime)
+    yield "motor.command", frame.motor.command
+    for pin, wrench in zip(frame.forces.pins, frame.forces.wrenches, strict=True):
+        for name, value in zip(wrench._fields, wrench, strict=True):
+            yield f"forces.{pin}.{name}", value
+    for name, value in frame.forces.quantities.as_dict().items():
+        yield f"forces.{name}", value
+    if frame.body is not None:
+        yield "forces.body_moment_nm", frame.forces.body_moment_nm
+        yield "body.pressing_force_n", frame.body.pressing_force_n
+        yield "body.regime", float(frame.body.regime)
+
+
+def frame_events(frame: Frame) -> tuple[Event, ...]:
+    """Return the events of the step that ends with this frame, in time order."""
+    events = (*frame.linkage.events, *(() if frame.body is None else frame.body.events))
+    return tuple(sorted(events, key=lambda event: event.time_s))
+
+
+class Trajectory:
+    """Columns of samples, growing frame by frame."""
+
+    def __init__(self) -> None:
+        self._names: list[str] = []
+        self._columns: list[array[float]] = []
+
+    def append(self, frame: Frame) -> None:
+        """Add one frame."""
+        row = dict(frame_numbers(frame))
+        if not self._names:
+            self._names = list(row)
+            self._columns = [array("d") for _ in row]
+        for column, value in zip(self._columns, row.values(), strict=True):
+            column.append(value)
+
+    def columns(self) -> dict[str, list[float]]:
+        """Return every column by name."""
+        return {name: column.tolist() for name, column in zip(self._names, self._columns, strict=True)}

@@ -1,0 +1,152 @@
+"""Each node as a program of its own: ``linkage_node --ros-args --params-file config/mb10_breaker.yaml``."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Callable
+from datetime import datetime
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from mech_twin.nodes.domain import settle_domain
+from mech_twin.parameters.errors import ConfigurationError
+from mech_twin.parameters.load import MACHINE_KEY, file_tree
+
+if TYPE_CHECKING:
+    from mech_twin.nodes.role_node import RoleNode
+
+DEFAULT_MACHINE = "mb10_breaker"
+QUIET_S = 0.15
+QUIET_LIMIT_S = 0.6
+EXIT_CODE = 2
+
+
+def machine_of(arguments: list[str]) -> str:
+    """Return the machine that ROS arguments speak of: the parameter ``machine``, else that of a parameter file.
+
+    Raises
+    ------
+    ConfigurationError
+        If a parameter file cannot be read.
+    """
+    name = DEFAULT_MACHINE
+    for flag, value in pairwise(arguments):
+        if flag == "--params-file":
+            name = str(file_tree(Path(value)).get(MACHINE_KEY, name))
+    for flag, value in pairwise(arguments):
+        if flag in ("-p", "--param") and value.startswith(f"{MACHINE_KEY}:="):
+            name = value.partition(":=")[2]
+    return name
+
+
+def _program(make: Callable[[str, argparse.Namespace], RoleNode], description: str, *options: str) -> None:
+    settle_domain()
+    parser = argparse.ArgumentParser(description=description)
+    for option in options:
+        parser.add_argument(option)
+    own, ros = parser.parse_known_args()
+    if ros and ros[0] != "--ros-args":
+        parser.error(f"unknown argument {ros[0]}; ROS arguments come after --ros-args")
+    from mech_twin.recording.errors import BagError
+
+    try:
+        _serve(lambda: make(machine_of(ros), own), ros)
+    except (ConfigurationError, BagError) as error:
+        sys.stderr.write(f"{Path(sys.argv[0]).name}: {' '.join(str(error).split())}\n")
+        raise SystemExit(EXIT_CODE) from error
+
+
+def _serve(make: Callable[[], RoleNode], ros: list[str]) -> None:
+    import rclpy
+    from rclpy._rclpy_pybind11 import RCLError
+    from rclpy.signals import SignalHandlerOptions
+
+    from mech_twin.nodes.crew import dismiss, spin
+    from mech_twin.nodes.stop_signal import StopSignal
+
+    try:
+        rclpy.init(args=[sys.argv[0], *ros], signal_handler_options=SignalHandlerOptions.NO)
+    except (RCLError, rclpy.exceptions.ROSInterruptException) as error:
+        raise ConfigurationError(str(error)) from error
+    nodes: list[RoleNode] = []
+    try:
+        with StopSignal() as stop:
+            nodes.append(make())
+            spin(nodes, lambda: stop.asked or getattr(nodes[0], "done", False))
+            nodes[0].flush()
+            nodes[0].report()
+            end = time.monotonic() + QUIET_LIMIT_S
+            spin(nodes, lambda: nodes[0].quiet_s() > QUIET_S or time.monotonic() > end)
+    finally:
+        dismiss(nodes)
+        rclpy.try_shutdown()
+
+
+def motor_node() -> None:
+    """Run the motor node."""
+
+    def make(machine: str, own: argparse.Namespace) -> RoleNode:
+        from mech_twin.nodes.motor_node import MotorNode
+
+        return MotorNode(machine)
+
+    _program(make, "motor of a machine")
+
+
+def linkage_node() -> None:
+    """Run the linkage node."""
+
+    def make(machine: str, own: argparse.Namespace) -> RoleNode:
+        from mech_twin.nodes.linkage_node import LinkageNode
+
+        return LinkageNode(machine)
+
+    _program(make, "linkage of a machine, and time authority of its run")
+
+
+def force_node() -> None:
+    """Run the force analysis node."""
+
+    def make(machine: str, own: argparse.Namespace) -> RoleNode:
+        from mech_twin.nodes.force_node import ForceNode
+
+        return ForceNode(machine)
+
+    _program(make, "force analysis of a machine")
+
+
+def body_node() -> None:
+    """Run the body node."""
+
+    def make(machine: str, own: argparse.Namespace) -> RoleNode:
+        from mech_twin.nodes.body_node import BodyNode
+
+        return BodyNode(machine)
+
+    _program(make, "body of a machine")
+
+
+def recorder_node() -> None:
+    """Run the recorder node."""
+
+    def make(machine: str, own: argparse.Namespace) -> RoleNode:
+        from mech_twin.nodes.recorder_node import RecorderNode
+
+        directory = own.directory or f"recordings/{machine}-{datetime.now():%Y%m%d-%H%M%S}"
+        return RecorderNode(machine, Path(directory))
+
+    _program(make, "recorder of a machine", "--directory")
+
+
+def viewer_node() -> None:
+    """Run the viewer node."""
+
+    def make(machine: str, own: argparse.Namespace) -> RoleNode:
+        from mech_twin.nodes.viewer_node import ViewerNode
+
+        return ViewerNode(machine, own.place or f"{machine}.rrd")
+
+    _program(make, "viewer of a machine", "--place")
