@@ -11,7 +11,7 @@ from mech_twin.cli.event_record import event_record
 from mech_twin.cli.failure import CommandError
 from mech_twin.engine.run import frames, steps_for
 from mech_twin.engine.trajectory import Trajectory, frame_events
-from mech_twin.parameters.load import assignments, configuration_tree
+from mech_twin.parameters.load import assignments, configuration_tree, description_text
 from mech_twin.parameters.load import machine as built_machine
 from mech_twin.samples import Event
 
@@ -40,7 +40,7 @@ def simulate_machine(
         settle_domain()
         from mech_twin.recording.frame_recorder import FrameRecorder
 
-        recorder = FrameRecorder(machine.name, bag, machine)
+        recorder = FrameRecorder(machine, bag, description_text(name, machine.parameters, revision=1))
     try:
         with progress(frames(machine, duration_s), steps_for(machine, duration_s) + 1, "simulating") as counted:
             for frame in counted:

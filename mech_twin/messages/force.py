@@ -5,6 +5,7 @@ Every row is an effort.  A pin has three rows, ``PIN/force_x_n``, ``PIN/force_y_
 
 from __future__ import annotations
 
+import math
 from array import array
 from functools import lru_cache
 from typing import NamedTuple
@@ -107,3 +108,8 @@ def wrench_message(time_s: float, frame: str, wrench: Wrench, message: WrenchSta
     stamped.wrench.force.y = wrench.force_y_n
     stamped.wrench.torque.z = wrench.moment_nm
     return stamped
+
+
+def wrench_size(wrench: Wrench) -> float:
+    """Return the magnitude by which wrenches are compared when a stream is decimated."""
+    return math.hypot(wrench.force_x_n, wrench.force_y_n) + abs(wrench.moment_nm)

@@ -43,7 +43,6 @@ MOTOR_JOINT_STATES = Topic("motor/joint_states", JointState)
 FORCE_JOINT_STATES = Topic("forces/joint_states", JointState)
 BODY_JOINT_STATES = Topic("body/joint_states", JointState)
 SPEED_COMMAND = Topic("motor/speed_command", Float64)
-DRIVE_WRENCH = Topic("forces/drive", WrenchStamped)
 PRESSING_FORCE = Topic("body/pressing_force", WrenchStamped)
 IMPACTS = Topic("impacts", Vector3Stamped)
 SCENE = Topic("scene", MarkerArray)
@@ -72,4 +71,15 @@ def recorded_topics(pins: tuple[str, ...], has_body: bool) -> tuple[Topic, ...]:
     body = (PRESSING_FORCE,) if has_body else ()
     wrenches = tuple(pin_wrench(pin) for pin in pins)
     rest = (SPEED_COMMAND, IMPACTS, SCENE, DESCRIPTION, CLOCK, DIAGNOSTICS)
-    return (*step_topics(has_body), *wrenches, DRIVE_WRENCH, *body, *rest)
+    return (*step_topics(has_body), *wrenches, *body, *rest)
+
+
+def type_name(topic: Topic) -> str:
+    """Return the full name of a topic's type, such as ``sensor_msgs/msg/JointState``."""
+    package, folder, _ = topic.type.__module__.split(".", 2)
+    return f"{package}/{folder}/{topic.type.__name__}"
+
+
+def full_name(machine_name: str, topic: Topic) -> str:
+    """Return the topic's name within a machine's namespace."""
+    return topic.name if topic.name.startswith("/") else f"/{machine_name}/{topic.name}"

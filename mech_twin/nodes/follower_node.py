@@ -48,7 +48,7 @@ class FollowerNode(RoleNode):
             self._patience.cancel()
 
     def _listen_when_heard(self) -> None:
-        """A linkage that sees this subscription may count on the answers being heard."""
+        """Subscribe; a linkage that sees the subscription may count on the answers being heard."""
         if self.matched or time.monotonic() - self._born > self.options.discovery_limit_s:
             self._listening = True
             self.create_subscription(self._topic.type, self._topic.name, self._on_question, self._topic.qos)

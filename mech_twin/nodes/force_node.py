@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from functools import partial
 
 from sensor_msgs.msg import JointState
@@ -10,13 +9,11 @@ from sensor_msgs.msg import JointState
 from mech_twin.messages import force as force_messages
 from mech_twin.messages import linkage as linkage_messages
 from mech_twin.messages.rows import arranged, mark_revision
-from mech_twin.messages.topics import DRIVE_WRENCH, FORCE_JOINT_STATES, JOINT_STATES, pin_wrench
+from mech_twin.messages.topics import FORCE_JOINT_STATES, JOINT_STATES, pin_wrench
 from mech_twin.nodes.follower_node import FollowerNode
 from mech_twin.nodes.options import RunOptions
 from mech_twin.quantity import Parameters
 from mech_twin.samples import ForceSample, LinkageSample
-
-DRIVE = "drive"
 
 
 class ForceNode(FollowerNode):
@@ -28,7 +25,7 @@ class ForceNode(FollowerNode):
         super().__init__("force_analysis", machine_name, parameters, options)
         self._sample: ForceSample | None = None
         self._out = self.step_outlet(FORCE_JOINT_STATES, 1)
-        topics = {pin: DRIVE_WRENCH if pin == DRIVE else pin_wrench(pin) for pin in self.machine.forces.pins}
+        topics = {pin: pin_wrench(pin) for pin in self.machine.forces.pins}
         self._wrenches = [(pin, self.extreme_outlet(topic)) for pin, topic in topics.items()]
         self.listen(JOINT_STATES)
 
@@ -50,8 +47,9 @@ class ForceNode(FollowerNode):
         self.health.observe(sample.residuals)
         self.repeat()
         for (pin, outlet), wrench in zip(self._wrenches, sample.wrenches, strict=True):
-            size = math.hypot(wrench.force_x_n, wrench.force_y_n) + abs(wrench.moment_nm)
-            outlet.offer(size, partial(force_messages.wrench_message, sample.time_s, pin, wrench))
+            outlet.offer(
+                force_messages.wrench_size(wrench), partial(force_messages.wrench_message, sample.time_s, pin, wrench)
+            )
         return True
 
     def repeat(self) -> None:

@@ -7,6 +7,7 @@ from typing import Any
 
 from rclpy.node import Node
 
+from mech_twin.messages.extreme import ExtremeWindow
 from mech_twin.messages.topics import Topic
 
 
@@ -51,21 +52,16 @@ class ExtremeOutlet(Outlet):
 
     def __init__(self, node: Node, topic: Topic, listeners: int, window: int) -> None:
         super().__init__(node, topic, listeners)
-        self._window = window
-        self._seen = 0
-        self._largest = -1.0
-        self._kept: Callable[[], Any] | None = None
+        self._window = ExtremeWindow[Callable[[], Any]](window)
 
     def offer(self, magnitude: float, build: Callable[[], Any]) -> None:
         """Take one step into account; ``build`` makes its message if it turns out to be the extreme."""
-        if magnitude > self._largest:
-            self._largest, self._kept = magnitude, build
-        self._seen += 1
-        if self._seen >= self._window:
-            self.flush()
+        self._send_built(self._window.offer(magnitude, build))
 
     def flush(self) -> None:
         """Publish what the window holds so far."""
-        if self._kept is not None:
-            self.send(self._kept())
-        self._seen, self._largest, self._kept = 0, -1.0, None
+        self._send_built(self._window.rest())
+
+    def _send_built(self, build: Callable[[], Any] | None) -> None:
+        if build is not None:
+            self.send(build())

@@ -6,7 +6,7 @@ import time
 from functools import partial
 from pathlib import Path
 
-from mech_twin.messages.topics import EVERY, EVERY_LATCHED, LATCHED, Topic, recorded_topics, step_topics
+from mech_twin.messages.topics import EVERY, EVERY_LATCHED, LATCHED, Topic, recorded_topics, step_topics, type_name
 from mech_twin.nodes.options import RunOptions
 from mech_twin.nodes.role_node import RoleNode
 from mech_twin.parameters.load import description_text
@@ -16,12 +16,6 @@ from mech_twin.recording.schemas import offered_qos
 from mech_twin.recording.stamps import stamp_ns
 
 TICK_S = 0.1
-
-
-def type_name(topic: Topic) -> str:
-    """Return the full name of a topic's type, such as ``sensor_msgs/msg/JointState``."""
-    package, folder, _ = topic.type.__module__.split(".", 2)
-    return f"{package}/{folder}/{topic.type.__name__}"
 
 
 class RecorderNode(RoleNode):

@@ -1,0 +1,123 @@
+"""Frames of a one-process run to a recording: what the nodes would have published, message by message."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from rclpy.serialization import serialize_message
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+
+from mech_twin.engine.trajectory import frame_events
+from mech_twin.messages import body as body_messages
+from mech_twin.messages import force as force_messages
+from mech_twin.messages import impact, motor, rows, scene
+from mech_twin.messages import linkage as linkage_messages
+from mech_twin.messages.extreme import ExtremeWindow
+from mech_twin.messages.topics import (
+    BODY_JOINT_STATES,
+    CLOCK,
+    DESCRIPTION,
+    FORCE_JOINT_STATES,
+    IMPACTS,
+    JOINT_STATES,
+    LATCHED,
+    MOTOR_JOINT_STATES,
+    PRESSING_FORCE,
+    SCENE,
+    Topic,
+    full_name,
+    pin_wrench,
+    recorded_topics,
+    type_name,
+)
+from mech_twin.recording.bag_writer import BagWriter
+from mech_twin.recording.schemas import offered_qos
+from mech_twin.roles import Machine
+from mech_twin.samples import Drawing, Frame
+
+REVISION = 1
+DECIMATION = 10
+VIEW_RATE_HZ = 30.0
+
+
+class FrameRecorder:
+    """A recording made without ROS communication.
+
+    Parameters
+    ----------
+    machine : Machine
+        Whose frames are written.
+    directory : Path
+        The recording to make.
+    description : str
+        The configuration, as the description topic carries it.
+
+    Raises
+    ------
+    BagError
+        If the recording cannot be made there.
+    """
+
+    def __init__(self, machine: Machine, directory: Path, description: str) -> None:
+        self._machine = machine
+        self._writer = BagWriter(directory, configuration=description)
+        for topic in recorded_topics(machine.forces.pins, machine.body is not None):
+            durability = "transient_local" if topic.qos is LATCHED else "volatile"
+            qos = offered_qos(durability=durability, depth=topic.qos.depth)
+            self._writer.add_topic(full_name(machine.name, topic), type_name(topic), qos)
+        self._now_ns = 0
+        self._wrenches = {pin: ExtremeWindow[Any](DECIMATION) for pin in machine.forces.pins}
+        self._pressing = ExtremeWindow[Any](DECIMATION)
+        self._steps_per_drawing = max(1, round(1.0 / (VIEW_RATE_HZ * machine.coupling_step_s)))
+        self._put(DESCRIPTION, String(data=description))
+
+    def write(self, frame: Frame) -> None:
+        """Record one frame."""
+        linkage, forces, body = frame.linkage, frame.forces, frame.body
+        self._now_ns = round(linkage.time_s * 1e9)
+        self._put(JOINT_STATES, rows.mark_revision(linkage_messages.to_message(linkage), REVISION))
+        self._put(MOTOR_JOINT_STATES, motor.to_message(frame.motor))
+        self._put(FORCE_JOINT_STATES, rows.mark_revision(force_messages.to_message(forces), REVISION))
+        if body is not None:
+            self._put(BODY_JOINT_STATES, body_messages.to_message(body))
+            kept = self._pressing.offer(abs(body.pressing_force_n), (body.time_s, body.pressing_force_n))
+            self._put_pressing_force(kept)
+        for pin, wrench in zip(forces.pins, forces.wrenches, strict=True):
+            kept = self._wrenches[pin].offer(force_messages.wrench_size(wrench), (forces.time_s, wrench))
+            self._put_wrench(pin, kept)
+        for event in frame_events(frame):
+            self._put(IMPACTS, impact.to_message(event))
+        self._write_scene(frame)
+
+    def close(self) -> None:
+        """Write what decimated topics still hold and finish the recording."""
+        for pin, window in self._wrenches.items():
+            self._put_wrench(pin, window.rest())
+        self._put_pressing_force(self._pressing.rest())
+        self._writer.close()
+
+    def _write_scene(self, frame: Frame) -> None:
+        linkage = frame.linkage
+        if linkage.step % DECIMATION == 0:
+            stamp = JointState()
+            rows.set_stamp(stamp.header, linkage.time_s)
+            self._put(CLOCK, Clock(clock=stamp.header.stamp))
+        if linkage.step % self._steps_per_drawing == 0:
+            shapes = self._machine.draw(linkage, frame.body)
+            self._put(SCENE, scene.to_message(Drawing(linkage.step, linkage.time_s, shapes)))
+
+    def _put_wrench(self, pin: str, kept: Any) -> None:
+        if kept is not None:
+            self._put(pin_wrench(pin), force_messages.wrench_message(kept[0], pin, kept[1]))
+
+    def _put_pressing_force(self, kept: Any) -> None:
+        if kept is not None:
+            self._put(PRESSING_FORCE, body_messages.pressing_force_message(*kept))
+
+    def _put(self, topic: Topic, message: Any) -> None:
+        name = full_name(self._machine.name, topic)
+        raw = serialize_message(message)
+        self._writer.write(name, raw, self._now_ns, self._now_ns, latched=topic.qos is LATCHED)
