@@ -7,13 +7,13 @@ from typing import Any, Literal
 
 from pydantic import model_validator
 
+from mech_twin.machines.crank_motor import Coupling, PrescribedSpeed
 from mech_twin.machines.winding_drum_figures import (
     DrumObserver,
     cycle_report,
     package_drawing,
     position_figures,
 )
-from mech_twin.parts.crank_drive import Coupling, PrescribedSpeed
 from mech_twin.parts.wound_package import (
     Package,
     WoundPackage,
@@ -55,7 +55,7 @@ QUANTITIES = (
 class YarnSupply(Parameters):
     """Supply of the drive; its rate is derived from the yarn's acceleration where it is not given."""
 
-    initial_fraction: float = quantity("1", "fraction of rated yarn speed at the start", ge=0.0, le=1.5)
+    initial_fraction: float = quantity("1", "fraction of rated yarn speed at the start", ge=0.0, le=1.0)
     rate_per_s: float | None = quantity(
         "1/s", "largest change of the supply fraction in a second", default=None, gt=0.0
     )

@@ -1,10 +1,10 @@
-"""Drive of a crank: a speed that is prescribed, or a motor whose torque follows from its speed.
+"""Drive of a crank: a speed that is prescribed, or an induction motor; shared by the machines that have one.
 
 ::
 
     supply (command 0..1) --> motor --(gear, ratio i, efficiency eta)--> crank, angle f counter-clockwise
         constant speed:  crank speed = command * rated speed, whatever torque that takes
-        torque:          M_motor = torque(i * crank speed, command)
+        kloss:           M_motor = torque(i * crank speed, command)
 
 The command moves toward the asked fraction of rated supply frequency by at most ``rate_per_s`` a second; with a
 prescribed speed this rate limit is what gives the crank its acceleration.
@@ -12,13 +12,14 @@ prescribed speed this rate limit is what gives the crank its acceleration.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from math import pi
 from typing import Literal
 
 from pydantic import field_validator
 
+from mech_twin.parts.induction_motor import MotorConstants, motor_torque
+from mech_twin.parts.supply import limited_command
 from mech_twin.quantity import Parameters, choice, quantity
 from mech_twin.samples import LinkageSample, MotorSample
 
@@ -27,13 +28,6 @@ class Coupling(Parameters):
     """How the roles exchange samples."""
 
     step_s: float = quantity("s", "coupling step: the roles exchange samples once per step", gt=0.0, le=1.0)
-
-
-class Supply(Parameters):
-    """Supply of the drive."""
-
-    initial_fraction: float = quantity("1", "fraction of rated supply in force at the start", ge=0.0, le=1.5)
-    rate_per_s: float = quantity("1/s", "largest change of the supply fraction in a second", gt=0.0)
 
 
 class Drive(Parameters):
@@ -62,24 +56,6 @@ class Gear(Parameters):
     efficiency: float = quantity("1", "share of the motor's power that reaches the crank", gt=0.0, le=1.0)
 
 
-def next_command(command: float, target: float, rate_per_s: float, step_s: float) -> float:
-    """Return the supply fraction after one step: as near the target as the rate limit allows.
-
-    Parameters
-    ----------
-    command : float
-        Fraction in force before the step (1).
-    target : float
-        Fraction asked for (1).
-    rate_per_s : float
-        Largest change in a second (1/s).
-    step_s : float
-        Coupling step (s).
-    """
-    change = rate_per_s * step_s
-    return min(max(target, command - change), command + change)
-
-
 @dataclass(frozen=True)
 class PrescribedSpeed:
     """Motor that gives its first driven joint a speed, whatever effort that takes.
@@ -96,7 +72,7 @@ class PrescribedSpeed:
 
     def respond(self, linkage: LinkageSample, target: float) -> MotorSample:
         """Return the speed asked of the linkage at the end of the step, and the effort it takes now."""
-        command = next_command(linkage.command, target, self.rate_per_s, self.step_s)
+        command = limited_command(linkage.command, target, self.rate_per_s, self.step_s)
         return MotorSample(
             linkage.step,
             linkage.time_s,
@@ -110,9 +86,9 @@ class PrescribedSpeed:
 
 @dataclass(frozen=True)
 class GearedMotor:
-    """Motor whose torque follows from its speed; ``torque(rotor speed rad/s, command)`` in N m."""
+    """Induction motor whose torque follows from its speed, behind a gear."""
 
-    torque: Callable[[float, float], float]
+    motor: MotorConstants
     ratio: float
     rate_per_s: float
     step_s: float
@@ -120,7 +96,7 @@ class GearedMotor:
 
     def respond(self, linkage: LinkageSample, target: float) -> MotorSample:
         """Return rotor angle, rotor speed and shaft torque at the linkage's step."""
-        command = next_command(linkage.command, target, self.rate_per_s, self.step_s)
+        command = limited_command(linkage.command, target, self.rate_per_s, self.step_s)
         speed = self.ratio * linkage.velocity[0]
         return MotorSample(
             linkage.step,
@@ -128,6 +104,6 @@ class GearedMotor:
             self.joints,
             (self.ratio * linkage.position[0],),
             (speed,),
-            (self.torque(speed, command),),
+            (motor_torque(self.motor, speed, command),),
             command,
         )
