@@ -126,7 +126,7 @@ def _settling_motion(body: PressedBody, stretch: Stretch, s: float) -> tuple[flo
     first, speed, theta, left = stretch.rate, stretch.rate, stretch.theta, s
     while speed > SERIES_END * first:
         current = Stretch(0.0, speed, stretch.load, theta)
-        duration, approach = touchdown(body, current, math.inf if stretch.load == 0.0 else body.period)
+        duration, approach = touchdown(body, current, body.period)
         if left < duration:
             return motion(body, current, left)
         left -= duration
@@ -222,7 +222,8 @@ def following(body: PressedBody, piece: Piece) -> tuple[Piece, Happening]:
         moment = 0.0
         if piece.rate > 0.0:
             stretch = stretch_from(body, piece.start, 0.0, piece.rate, piece.loaded)
-            moment = series_limit(body, stretch, piece.series, math.inf)[1]
+            stage_end = body.period if piece.loaded == 1 else body.onset
+            moment = series_limit(body, stretch, piece.series, stage_end - piece.start)[1]
         return planned(body, piece.cycle, piece.end, 0.0, 0.0, CONTACT, piece.loaded, 0.0), Happening(
             SETTLED, 0.0, 0.0, moment / body.radius
         )

@@ -162,7 +162,7 @@ def first_root(body: PressedBody, stretch: Stretch, order: int, start: float, ro
         root = math.sqrt(rise * rise + 2.0 * bend * height)
         # the two forms of the positive root of height + rise h = bend h^2/2, each without cancellation
         step = (rise + root) / bend if rise >= 0.0 else 2.0 * height / (root - rise)
-        if step <= 4e-16 * s or step <= 0.0:
+        if not step > 4e-16 * s:
             return s
         s += step
         if s > room:
