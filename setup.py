@@ -1,11 +1,17 @@
 """Installs mech_twin with pip and with colcon alike; versions are pinned in constraints.txt."""
 
-from glob import glob
+from pathlib import Path
 
 from setuptools import find_packages, setup
 
 PACKAGE = "mech_twin"
 NODES = ("motor_node", "linkage_node", "force_node", "body_node", "recorder_node", "viewer_node")
+
+
+def files(folder, pattern):
+    """Return the files of a folder as setuptools wants them."""
+    return sorted(str(path) for path in Path(folder).glob(pattern))
+
 
 setup(
     name=PACKAGE,
@@ -17,8 +23,8 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
-        (f"share/{PACKAGE}/config", sorted(glob("config/*.yaml"))),
-        (f"share/{PACKAGE}/launch", sorted(glob("launch/*.launch.py"))),
+        (f"share/{PACKAGE}/config", files("config", "*.yaml")),
+        (f"share/{PACKAGE}/launch", files("launch", "*.launch.py")),
     ],
     install_requires=[
         "numpy", "scipy", "numba", "pydantic>=2", "PyYAML", "typer", "rich", "matplotlib", "pyarrow",

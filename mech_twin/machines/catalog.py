@@ -21,6 +21,7 @@ class Entry:
 
     name: str
     title: str
+    has_body: bool = False  # whether more than the linkage moves
 
     def _module(self) -> Any:
         return import_module(f"mech_twin.machines.{self.name}")
@@ -41,7 +42,7 @@ class Entry:
 CATALOGUE = {
     entry.name: entry
     for entry in (
-        Entry("mb10_breaker", "MB-10 breaker with the MO-10 percussion mechanism and its spring-pressed body"),
+        Entry("mb10_breaker", "MB-10 breaker with the MO-10 percussion mechanism and its spring-pressed body", True),
         Entry("compaction_press", "four-bar shock-vibration compaction press"),
         Entry("vibration_crank", "crank vibration mechanism with counterweight"),
         Entry("impact_mass", "mass under a two-level periodic force, with a stop"),

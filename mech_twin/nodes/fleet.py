@@ -18,7 +18,7 @@ from mech_twin.nodes.crew import Outcome, spin
 from mech_twin.nodes.options import RunOptions
 from mech_twin.nodes.stop_signal import StopSignal
 from mech_twin.nodes.watcher_node import WatcherNode
-from mech_twin.parameters.load import MACHINE_KEY, RUN_GROUP, configuration_tree
+from mech_twin.parameters.load import MACHINE_KEY, RUN_GROUP, catalogue_entry, configuration_tree
 from mech_twin.quantity import Parameters
 
 STOP_LIMIT_S = 3.0
@@ -51,7 +51,7 @@ def run_processes(
         file.write_text(_parameter_file(machine_name, parameters, options), encoding="utf-8")
         watcher = WatcherNode(machine_name, parameters, options)
         try:
-            for name, arguments in _roster(watcher.machine.body is not None, directory, place):
+            for name, arguments in _roster(catalogue_entry(machine_name).has_body, directory, place):
                 processes[name] = _started(name, file, arguments)
             spin([watcher], lambda: stop.asked or _any_ended(processes))
             settled = time.monotonic() + SETTLE_S

@@ -1,0 +1,140 @@
+"""What every machine of the catalogue must keep, without ROS."""
+
+from __future__ import annotations
+
+import math
+from itertools import islice, pairwise
+
+import pytest
+from catalogue import NAMES, built
+
+from mech_twin.engine.coupling import RESET, complete_frame, next_frame, restarted
+from mech_twin.engine.run import frames
+from mech_twin.engine.trajectory import frame_numbers
+from mech_twin.machines.catalog import CATALOGUE
+from mech_twin.parameters.errors import ConfigurationError
+from mech_twin.parameters.load import configuration_tree, description, description_text, machine_parameters
+from mech_twin.samples import Frame
+
+RUN_S = 0.4
+
+machines = pytest.mark.parametrize("name", NAMES)
+
+
+def run(name: str, duration_s: float = RUN_S) -> list[Frame]:
+    return list(frames(built(name), duration_s))
+
+
+@machines
+def test_configuration_validates(name: str) -> None:
+    assert isinstance(machine_parameters(name), CATALOGUE[name].parameters)
+
+
+@machines
+def test_unknown_key_is_refused_by_name(name: str) -> None:
+    with pytest.raises(ConfigurationError, match="no_such_key"):
+        machine_parameters(name, overrides={"no_such_key": 1.0})
+
+
+@machines
+def test_described_configuration_is_the_configuration(name: str) -> None:
+    parameters = machine_parameters(name)
+    described = description(description_text(name, parameters, revision=3, from_step=7))
+    assert described.parameters == parameters
+    assert (described.machine, described.revision, described.from_step) == (name, 3, 7)
+    assert configuration_tree(described.parameters) == configuration_tree(parameters)
+
+
+@machines
+def test_every_number_of_a_run_is_finite(name: str) -> None:
+    for frame in run(name):
+        for column, value in frame_numbers(frame):
+            assert math.isfinite(value), f"{column} at {frame.linkage.time_s} s"
+
+
+@machines
+def test_residuals_stay_within_their_limits(name: str) -> None:
+    machine = built(name)
+    for frame in run(name):
+        for role, sample in ((machine.linkage, frame.linkage), (machine.forces, frame.forces)):
+            for residual, value in sample.residuals.as_dict().items():
+                assert abs(value) <= role.residual_limits[residual], (residual, value, frame.linkage.time_s)
+
+
+@machines
+def test_a_repeated_run_is_identical_to_the_bit(name: str) -> None:
+    assert run(name) == run(name)
+
+
+@machines
+def test_a_run_goes_on_from_its_samples_alone(name: str) -> None:
+    """Nothing is hidden in a role: a machine built anew continues from the last frame to the same bits."""
+    whole = run(name)
+    middle = len(whole) // 2
+    fresh = CATALOGUE[name].build(machine_parameters(name))
+    frame = whole[middle]
+    for expected in whole[middle + 1 :]:
+        frame = next_frame(fresh, frame, 1.0)
+        assert frame == expected
+
+
+@machines
+def test_time_is_the_step_times_its_length(name: str) -> None:
+    machine = built(name)
+    for frame in run(name, 0.1):
+        for sample in (frame.linkage, frame.motor, frame.forces, frame.body):
+            if sample is not None:
+                assert sample.time_s == sample.step * machine.coupling_step_s
+                assert sample.step == frame.linkage.step
+
+
+@machines
+def test_events_lie_in_the_step_that_ends_with_them(name: str) -> None:
+    machine = built(name)
+    for frame in islice(run(name), 1, None):
+        for event in frame.linkage.events:
+            assert frame.linkage.time_s - machine.coupling_step_s <= event.time_s <= frame.linkage.time_s
+
+
+@machines
+def test_reset_returns_to_the_initial_state_while_time_goes_on(name: str) -> None:
+    machine = built(name)
+    last = run(name, 0.1)[-1]
+    linkage = restarted(machine, last.linkage.step + 1)
+    again = complete_frame(machine, linkage, last.body, 1.0)
+    first = run(name, 0.0)[0]
+    assert again.linkage.time_s > last.linkage.time_s
+    assert again.linkage.position == first.linkage.position
+    assert again.linkage.velocity == first.linkage.velocity
+    assert again.linkage.events[0].kind == RESET
+    if again.body is not None and first.body is not None:
+        assert again.body.position == first.body.position
+
+
+@machines
+def test_supply_off_lets_the_command_fall_to_nought(name: str) -> None:
+    machine = built(name)
+    commands = [frame.motor.command for frame in frames(machine, RUN_S, lambda step: 0.0)]
+    assert commands[-1] <= commands[0]
+    assert all(later <= earlier for earlier, later in pairwise(commands))
+
+
+@machines
+def test_report_and_analysis_are_numbers_with_units_in_their_names(name: str) -> None:
+    machine = built(name)
+    report = machine.report()
+    assert report
+    assert all(isinstance(value, int | float) for value in report.values()), report
+    assert machine.analyse(1.0)
+
+
+@machines
+def test_drawing_is_finite_and_named(name: str) -> None:
+    machine = built(name)
+    frame = run(name, 0.05)[-1]
+    shapes = machine.draw(frame.linkage, frame.body)
+    assert shapes
+    assert len({shape.name for shape in shapes}) == len(shapes)
+    for shape in shapes:
+        assert shape.kind in {"line", "points", "arrow"}
+        assert all(math.isfinite(x) and math.isfinite(y) for x, y in shape.points_m)
