@@ -1,0 +1,118 @@
+"""A configuration is refused in one line that names file, key, value and what was expected."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mech_twin.parameters.errors import ConfigurationError
+from mech_twin.parameters.load import (
+    assignments,
+    configuration_file,
+    file_tree,
+    machine_parameters,
+    merged_tree,
+    text_tree,
+    tree_from_flat,
+)
+
+DRUM = "winding_drum"
+
+
+def refused(name: str, overrides: dict[str, object]) -> str:
+    with pytest.raises(ConfigurationError) as caught:
+        machine_parameters(name, overrides=overrides)
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+def test_a_wrong_type_names_key_and_value() -> None:
+    text = refused(DRUM, {"package_radius_m": "wide"})
+    assert "package_radius_m" in text and "'wide'" in text and "number" in text
+
+
+def test_a_value_out_of_range_names_key_value_and_bound() -> None:
+    text = refused(DRUM, {"package_radius_m": -0.3})
+    assert "package_radius_m" in text and "-0.3" in text and "greater than" in text
+
+
+def test_a_missing_key_is_named(tmp_path: Path) -> None:
+    text = configuration_file(DRUM).read_text(encoding="utf-8")
+    file = tmp_path / "drum.yaml"
+    file.write_text("\n".join(line for line in text.splitlines() if "package_radius_m" not in line), encoding="utf-8")
+    with pytest.raises(ConfigurationError, match=rf"{file}.*package_radius_m.*missing"):
+        machine_parameters(DRUM, file)
+
+
+def test_an_unknown_machine_is_named_with_a_near_one() -> None:
+    with pytest.raises(ConfigurationError, match=r"winding_drun.*did you mean 'winding_drum'"):
+        machine_parameters("winding_drun")
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("", "ros__parameters"),
+        ("[1, 2]", "ros__parameters"),
+        ("/**: {ros__parameters: 3}", "ros__parameters"),
+        ("/**: {ros__parameters: {a: 1, a: 2}}", "twice"),
+        ("/**: {ros__parameters: {a: &x 1, b: *x}}", "alias"),
+        ("/**: {ros__parameters: {1: 2}}", "not a word"),
+        ("a: [", "not a valid YAML file"),
+        ("/**: " + "[" * 100, "nested deeper"),
+        ("!!python/object/apply:os.system ['true']", "not a valid YAML file"),
+    ],
+)
+def test_a_file_that_is_no_parameter_file_is_refused(text: str, expected: str) -> None:
+    with pytest.raises(ConfigurationError, match="given") as caught:
+        text_tree(text, "given")
+    assert expected in str(caught.value)
+
+
+def test_a_file_that_is_not_there_or_no_text_or_too_large_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ConfigurationError, match="No such file"):
+        file_tree(tmp_path / "none.yaml")
+    (tmp_path / "raw.yaml").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(ConfigurationError, match="UTF-8"):
+        file_tree(tmp_path / "raw.yaml")
+    (tmp_path / "large.yaml").write_bytes(b"#" * 2_000_000)
+    with pytest.raises(ConfigurationError, match="larger"):
+        file_tree(tmp_path / "large.yaml")
+
+
+def test_the_more_specific_section_of_a_file_wins() -> None:
+    text = "/m/linkage: {ros__parameters: {a: 1.0}}\n/**: {ros__parameters: {a: 2.0, b: 3.0}}"
+    assert text_tree(text, "given") == {"a": 1.0, "b": 3.0}
+
+
+@pytest.mark.parametrize("text", ["novalue", "=3", "a=[1", "a: b=: c: d"])
+def test_an_assignment_that_cannot_be_read_is_refused(text: str) -> None:
+    with pytest.raises(ConfigurationError, match="--set"):
+        tree_from_flat(assignments([text, "a.b=1", "a=2"] if text == "a: b=: c: d" else [text]))
+
+
+trees = st.recursive(
+    st.floats(allow_nan=False), lambda inner: st.dictionaries(st.sampled_from("abc"), inner, max_size=3), max_leaves=8
+).filter(lambda tree: isinstance(tree, dict))
+
+
+@given(trees)
+def test_laying_a_tree_over_itself_changes_nothing(tree: dict[str, object]) -> None:
+    assert merged_tree(tree, tree) == tree
+    assert merged_tree({}, tree) == tree
+
+
+@pytest.mark.slow
+@settings(max_examples=1000, deadline=None, derandomize=True)
+@given(st.data())
+def test_a_mutated_configuration_is_accepted_or_refused_in_one_line(data: st.DataObject) -> None:
+    text = bytearray(configuration_file(DRUM).read_bytes())
+    for _ in range(data.draw(st.integers(1, 8))):
+        text[data.draw(st.integers(0, len(text) - 1))] = data.draw(st.integers(0, 255))
+    try:
+        text_tree(bytes(text).decode("utf-8", "replace"), "mutated")
+    except ConfigurationError as error:
+        assert "\n" not in str(error)
