@@ -172,6 +172,24 @@ def state_at(body: PressedBody, piece: Piece, time: float) -> tuple[float, float
 
 
 @kernel
+def proofs_at(body: PressedBody, piece: Piece, time: float) -> tuple[float, float]:
+    """Return two numbers that should be nought: penetration of the collar (rad), and relative gain of energy.
+
+    The energy phi'^2 + k^2 (phi + phi0)^2 is compared with the start of the piece where neither load nor damping acts.
+    """
+    if piece.regime != FREE:
+        return 0.0, 0.0
+    stretch = stretch_from(body, piece.start, piece.angle, piece.rate, piece.loaded)
+    angle, rate = motion(body, stretch, max(time - piece.start, 0.0))
+    depth = max(-angle, 0.0) if body.one_sided else 0.0
+    if stretch.load > 0.0 or body.damping > 0.0:
+        return depth, 0.0
+    before = piece.rate**2 + (body.k * (piece.angle + body.rest_angle)) ** 2
+    after = rate**2 + (body.k * (angle + body.rest_angle)) ** 2
+    return depth, (after - before) / before if before > 0.0 else after
+
+
+@kernel
 def _after_return(body: PressedBody, piece: Piece) -> tuple[Piece, Happening]:
     """Return what follows a touchdown: another flight, a series that ends, or rest."""
     stretch = stretch_from(body, piece.start, piece.angle, piece.rate, piece.loaded)
