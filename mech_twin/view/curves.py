@@ -31,6 +31,8 @@ PALETTE = (
     (178, 168, 40),
     (150, 150, 150),
 )
+# groups that share a panel with others begin further on in the palette
+FIRST_COLOUR = {"motor/torque": 4, "motor/speed": 4, "body/effort": 1, "residuals/forces": 3, "residuals/body": 6}
 RESIDUAL_FLOOR = 1e-20
 
 
@@ -168,7 +170,7 @@ class Track(Generic[Sample]):
     def add(self, sample: Sample) -> bool:
         """Take a sample; return whether a batch was sent because of it."""
         sent = False
-        if self._pending and _names(self._pending[0]) != _names(sample):
+        if self._pending and not _alike(self._pending[0], sample):
             sent = self.flush()
         self._pending.append(sample)
         if sample.time_s - self._pending[0].time_s < self._batch_s:
@@ -191,7 +193,7 @@ class Track(Generic[Sample]):
                 continue
             if self.curves.get(group.path) != group.names:
                 self.curves[group.path] = group.names
-                self._stream.log(group.path, series_lines(group.names), static=True)
+                self._stream.log(group.path, series_lines(group.names, FIRST_COLOUR.get(group.path, 0)), static=True)
             rows = extreme_rows(group.values, self._window)
             columns = rr.Scalars.columns(scalars=group.values[rows].ravel())
             self._stream.send_columns(
@@ -200,19 +202,24 @@ class Track(Generic[Sample]):
         return True
 
 
-def series_lines(names: Sequence[str]) -> rr.SeriesLines:
-    """Return names, colours and width of curves; a joint has the same colour in every panel."""
-    colours = [PALETTE[place % len(PALETTE)] for place in range(len(names))]
+def series_lines(names: Sequence[str], first_colour: int = 0) -> rr.SeriesLines:
+    """Return names, colours and width of curves; a joint or pin has the same colour in every panel."""
+    colours = [PALETTE[(first_colour + place) % len(PALETTE)] for place in range(len(names))]
     return rr.SeriesLines(names=list(names), colors=colours, widths=[1.5] * len(names))
 
 
-def _names(sample: Any) -> tuple[Any, ...]:
-    """Return every name that shapes the curves of a sample."""
-    if isinstance(sample, ForceSample):
-        return sample.pins, sample.quantities.names, sample.residuals.names
-    if isinstance(sample, MotorSample):
-        return (sample.joints,)
-    return sample.joints, sample.residuals.names
+def _alike(one: Any, other: Any) -> bool:
+    """Return whether two samples of a role have the same names, so that their curves go on."""
+    if isinstance(one, ForceSample):
+        same = one.pins is other.pins or one.pins == other.pins
+        same = same and (
+            one.quantities.names is other.quantities.names or one.quantities.names == other.quantities.names
+        )
+    else:
+        same = one.joints is other.joints or one.joints == other.joints
+    if isinstance(one, MotorSample):
+        return same
+    return same and (one.residuals.names is other.residuals.names or one.residuals.names == other.residuals.names)
 
 
 def present(curves: Mapping[str, tuple[str, ...]], *prefixes: str) -> list[str]:

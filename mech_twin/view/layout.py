@@ -31,6 +31,7 @@ IMPACTS = "impacts"
 FIGURES = "figures"
 PORTRAIT = "portrait"
 PAPER = (244, 244, 240)
+ASPECT = 2.0
 
 
 class Bounds(NamedTuple):
@@ -64,7 +65,7 @@ def blueprint(contents: Contents, window_s: float) -> rrb.Blueprint:
     above = rrb.Horizontal(_mechanism(contents.bounds), *([curves] if curves is not None else []), column_shares=[5, 4])
     below = rrb.Horizontal(*_lower_row(contents, window_s))
     return rrb.Blueprint(
-        rrb.Vertical(above, below, row_shares=[13, 5]),
+        rrb.Vertical(above, below, row_shares=[7, 3]),
         rrb.BlueprintPanel(state="hidden"),
         rrb.SelectionPanel(state="hidden"),
         rrb.TimePanel(state="collapsed", timeline=SIM_TIME, play_state="following"),
@@ -142,7 +143,7 @@ def _lower_row(contents: Contents, window_s: float) -> list[rrb.View | rrb.Tabs]
             origin="/",
             contents=[f"/{PORTRAIT}/{joint}/**"],
             name=f"Phase portrait: {joint}",
-            visual_bounds=rrb.VisualBounds2D(x_range=(-1.3, 1.3), y_range=(-1.2, 1.2)),
+            visual_bounds=rrb.VisualBounds2D(x_range=(-1.3 * ASPECT, 1.3 * ASPECT), y_range=(-1.35, 1.35)),
         )
         for joint in contents.portraits
     ]
@@ -150,7 +151,8 @@ def _lower_row(contents: Contents, window_s: float) -> list[rrb.View | rrb.Tabs]
     portrait = _slot(portraits)
     if portrait is not None:
         panels.append(portrait)
-    log = rrb.TextLogView(origin="/", contents=[f"/{EVENTS}/**"], name="Events")
+    columns = rrb.TextLogColumns(timeline_columns=[], text_log_columns=["loglevel", "body"])
+    log = rrb.TextLogView(origin="/", contents=[f"/{EVENTS}/**"], name="Events", columns=columns)
     impacts = _plot("Impacts", [IMPACTS], window_s)
     panels.append(rrb.Tabs(log, impacts, active_tab=0))
     panels.append(rrb.TextDocumentView(origin=f"/{FIGURES}", name="Figures"))

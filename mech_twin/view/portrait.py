@@ -3,7 +3,7 @@ r"""The phase portrait of a body joint: rate against angle over the recent past,
 ::
 
       rate  ^      . - .
-            |   /         \        angle and rate are scaled to a square, each by a round number
+            |   /         \        angle and rate are scaled to a frame, each by a round number
             |  |     o now |        (1, 2 or 5 times a power of ten) that is written on its axis
      -------+-------------------> angle
             |   \         /
@@ -19,12 +19,12 @@ import numpy as np
 import rerun as rr
 
 from mech_twin.samples import BodySample
+from mech_twin.view.layout import ASPECT
 
 SHADES = 6
 TRACE = (86, 180, 233)
 NOW = (230, 159, 0)
 AXIS = (130, 130, 130)
-LABEL_AT = 1.0
 
 
 def round_above(value: float) -> float:
@@ -36,7 +36,7 @@ def round_above(value: float) -> float:
 
 
 class Portrait:
-    """Recent motion of one body joint, drawn in a square of side 2.
+    """Recent motion of one body joint, drawn in a rectangle of height 2.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ class Portrait:
         if scale != self._scale:
             self._scale = scale
             self._log_axes(stream)
-        square = motion / scale * (1.0, -1.0)  # the picture's second axis points down
+        square = motion / scale * (ASPECT, -1.0)  # the picture's second axis points down
         edges = np.linspace(0, len(square) - 1, SHADES + 1).astype(int)
         strips = [square[a : b + 1] for a, b in pairwise(edges)]
         faint = [(*TRACE, round(255 * (shade + 1) / SHADES)) for shade in range(SHADES)]
@@ -83,10 +83,11 @@ class Portrait:
 
     def _log_axes(self, stream: rr.RecordingStream) -> None:
         angle, rate = self._scale
-        cross = [[(-1.08, 0.0), (1.08, 0.0)], [(0.0, 1.08), (0.0, -1.08)]]
-        ticks = [[(x, -0.03), (x, 0.03)] for x in (-1.0, -0.5, 0.5, 1.0)]
-        ticks += [[(-0.02, y), (0.02, y)] for y in (-1.0, -0.5, 0.5, 1.0)]
+        cross = [[(-1.08 * ASPECT, 0.0), (1.08 * ASPECT, 0.0)], [(0.0, 1.08), (0.0, -1.08)]]
+        parts = (-1.0, -0.5, 0.5, 1.0)
+        ticks = [[(part * ASPECT, -0.04), (part * ASPECT, 0.04)] for part in parts]
+        ticks += [[(-0.04, part), (0.04, part)] for part in parts]
         stream.log(f"{self.path}/axes", rr.LineStrips2D(cross + ticks, colors=[AXIS], radii=-0.7))
         labels = [f"{self.joint} {angle:g}", f"rate {rate:g} /s", f"-{angle:g}", f"-{rate:g} /s"]
-        ends = [(LABEL_AT, 0.0), (0.0, -LABEL_AT), (-LABEL_AT, 0.0), (0.0, LABEL_AT)]
+        ends = [(ASPECT, 0.0), (0.0, -1.0), (-ASPECT, 0.0), (0.0, 1.0)]
         stream.log(f"{self.path}/labels", rr.Points2D(ends, labels=labels, show_labels=True, colors=[AXIS], radii=-1.0))

@@ -66,7 +66,7 @@ class Stage:
         *,
         grpc_url: str | None = None,
         rrd_path: str | Path | None = None,
-        window: int = 10,
+        window: int = 5,
         batch_s: float = 0.05,
         curve_span_s: float = 1.0,
         portrait_span_s: float = 0.5,
