@@ -82,25 +82,26 @@ def press_cycle(press: Press, stroke: Stroke, speed: float, count: int, kinks: b
     """
     sign = 1.0 if speed >= 0.0 else -1.0
     entry = stroke.contact if sign > 0 else stroke.contact_reversed
-    way = np.arange(count) * (TURN / count)
-    marks = np.array([(sign * entry) % TURN, (sign * stroke.bottom) % TURN])
+    way = np.asarray(np.arange(count) * (TURN / count), dtype=np.float64)
+    entry_way, bottom_way = (sign * entry) % TURN, (sign * stroke.bottom) % TURN
     if kinks:
-        way = np.unique(np.concatenate((way, marks)))
-    # position along the motion counted from first contact: inside the layer up to the bottom
-    inside = (way - marks[0]) % TURN < (marks[1] - marks[0]) % TURN
+        way = np.unique(np.append(way, (entry_way, bottom_way)))
+    started_inside = bottom_way < entry_way
+    before_bottom, met = way < bottom_way, way >= entry_way
+    inside = (met | before_bottom) if started_inside else (met & before_bottom)
     regimes = np.where(inside, CONTACT if sign > 0 else CONTACT_REVERSED, FREE).astype(np.float64)
-    table = _columns(press, sign * way, regimes, speed)
+    table = _columns(press, np.asarray(sign * way, dtype=np.float64), regimes, speed)
     whole = layer_work(press.load, stroke.bottom_y_m)
     # the layer's work so far along the motion, from position 0 on
-    started_inside = bool(inside[0])
-    passed = way >= marks[1] - 1e-15
-    layer = np.where(inside & ~(started_inside & passed), table[3], np.where(passed, whole, 0.0))
+    layer = np.where(inside, table[3], 0.0) + np.where(before_bottom, 0.0, whole)
     if started_inside:
-        layer = np.where(inside & passed, whole + table[3], layer) - table[3, 0]
+        layer -= table[3, 0]
     loads = -(table[2] - table[2, 0]) - layer
     mean = whole / TURN
     work = mean * way + loads
-    return Cycle(sign * way, table[0], table[1], work, 0.5 * table[4] * speed * speed, table[4])
+    return Cycle(
+        np.asarray(sign * way, dtype=np.float64), table[0], table[1], work, 0.5 * table[4] * speed * speed, table[4]
+    )
 
 
 def mean_torque(press: Press, stroke: Stroke, speed: float) -> float:

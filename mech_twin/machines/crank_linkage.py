@@ -123,7 +123,8 @@ class CrankLinkage:
             _, before, known, *_ = linkage.memory.values
             if known:
                 slope = (torque - self.transmission.crank_torque(before)) / self.step_s
-        now = State(linkage.position[0], w, e, *linkage.memory.values[3:5], linkage.regime)
+        drive_work, load_work = linkage.memory.values[3:5]
+        now = State(linkage.position[0], w, e, drive_work, load_work, linkage.regime)
         done, events = 0.0, []
         while True:
             left = self.step_s - done

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from math import pi
 from typing import Any
 
@@ -28,7 +29,7 @@ def _size(s: Shaker, th: float, w: float, what: int) -> float:
     if what == MOMENT:
         return abs(drive_moment(s, th, w, 0.0))
     at = shaker_forces(s, th, w, 0.0)
-    size = (at.frame_x * at.frame_x + at.frame_y * at.frame_y) ** 0.5
+    size = math.hypot(at.frame_x, at.frame_y)
     return size if what == FORCE else -size
 
 
@@ -70,7 +71,7 @@ def frame_forces(s: Shaker, angles: Array, w: float) -> Array:
 
 def turn(count: int = GRID) -> Array:
     """Return ``count`` crank angles spread over one turn (rad)."""
-    return np.arange(count) * (2.0 * pi / count)
+    return np.asarray(np.arange(count) * (2.0 * pi / count), dtype=np.float64)
 
 
 def polar_diagram(
