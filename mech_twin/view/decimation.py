@@ -44,10 +44,11 @@ def extreme_rows(values: Values, window: int) -> Rows:
     """
     if window < 1:
         raise ValueError(f"window: expected at least 1 row, got {window}")
-    columns = values.reshape(len(values), -1)
-    count, width = columns.shape
-    if window <= 2 or count == 0 or width == 0:
+    count = len(values)
+    if window <= 2 or values.size == 0:
         return np.arange(count)
+    columns = values.reshape(count, -1)
+    width = columns.shape[1]
     whole = count - count % window
     kept = np.zeros(count, dtype=bool)
     blocks = columns[:whole].reshape(-1, window, width)

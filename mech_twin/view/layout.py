@@ -22,6 +22,7 @@ from typing import NamedTuple
 
 import rerun as rr
 import rerun.blueprint as rrb
+from rerun.blueprint.encodings import TimelineColumn
 
 from mech_twin.view.curves import SIM_TIME, present, quantity_path
 
@@ -151,7 +152,10 @@ def _lower_row(contents: Contents, window_s: float) -> list[rrb.View | rrb.Tabs]
     portrait = _slot(portraits)
     if portrait is not None:
         panels.append(portrait)
-    columns = rrb.TextLogColumns(timeline_columns=[], text_log_columns=["loglevel", "body"])
+    columns = rrb.TextLogColumns(
+        timeline_columns=[TimelineColumn(SIM_TIME, visible=False)],  # the line tells its time to the microsecond
+        text_log_columns=["loglevel", "body"],
+    )
     log = rrb.TextLogView(origin="/", contents=[f"/{EVENTS}/**"], name="Events", columns=columns)
     impacts = _plot("Impacts", [IMPACTS], window_s)
     panels.append(rrb.Tabs(log, impacts, active_tab=0))

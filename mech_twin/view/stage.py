@@ -34,6 +34,10 @@ from mech_twin.view.portrait import Portrait
 VIEW_RATE_HZ = 30.0
 
 
+class StageError(RuntimeError):
+    """The stage cannot show or keep the run; the message is one line."""
+
+
 class Stage:
     """What is shown of one run; a context manager.
 
@@ -58,6 +62,8 @@ class Stage:
     ------
     ValueError
         If there is neither an address nor a file.
+    StageError
+        If the file cannot be created; one line.
     """
 
     def __init__(
@@ -89,7 +95,9 @@ class Stage:
         self._shown: Contents | None = None
         self._time_s = 0.0
         self._last_picture = -1
+        self._live = grpc_url is not None
         self._closed = False
+        self._complete = True
 
     def frame(
         self,
@@ -139,10 +147,21 @@ class Stage:
         """Show a line in the log at the time of the newest sample."""
         self._events.append((self._time_s, text, level))
 
-    def close(self) -> None:
-        """Send what is left, wait for it within the limit, and let go; harmless when called again."""
+    def close(self) -> bool:
+        """Send what is left, wait for it within the limit, and let go; harmless when called again.
+
+        Returns
+        -------
+        bool
+            Whether everything was taken; False when the viewer has gone or is too slow, which must not end a run.
+
+        Raises
+        ------
+        StageError
+            If there is no viewer, only a file, and it could not be written to its end.
+        """
         if self._closed:
-            return
+            return self._complete
         self._closed = True
         for track in (self._motor, self._linkage, self._forces, self._body):
             track.flush()
@@ -150,8 +169,13 @@ class Stage:
         self._lay_out()
         try:
             self._stream.flush(timeout_sec=self._flush_limit_s)
+        except (RuntimeError, ValueError) as reason:
+            self._complete = False
+            if not self._live:
+                raise StageError(f"view: the file was not written to its end: {_first_line(reason)}") from reason
         finally:
             self._stream.disconnect()
+        return self._complete
 
     def __enter__(self) -> Stage:
         return self
@@ -215,6 +239,10 @@ class Stage:
         self._stream.send_blueprint(blueprint(self._shown, self._curve_span_s))
 
 
+def _first_line(reason: Exception) -> str:
+    return str(reason).partition("\n")[0]
+
+
 def _picture(time_s: float) -> int:
     """Return the number of the picture this time falls in."""
     return math.floor(time_s * VIEW_RATE_HZ + 1e-6)
@@ -237,7 +265,11 @@ def _opened_stream(application_id: str, grpc_url: str | None, rrd_path: str | Pa
         sinks.append(rr.GrpcSink(grpc_url))
     if rrd_path is not None:
         sinks.append(rr.FileSink(str(rrd_path)))
-    stream.set_sinks(*sinks)
-    stream.disable_timeline("log_time")
-    stream.disable_timeline("log_tick")
+    try:
+        stream.set_sinks(*sinks)
+    except RuntimeError as reason:
+        target = f"file {rrd_path}" if rrd_path is not None else grpc_url
+        raise StageError(f"view: {target}: cannot be written: {_first_line(reason)}") from reason
+    stream.set_log_time_enabled(False)
+    stream.set_log_tick_enabled(False)
     return stream

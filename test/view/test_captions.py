@@ -1,0 +1,31 @@
+import pytest
+
+from mech_twin.view.captions import caption, figure_table, titled
+
+
+@pytest.mark.parametrize(
+    ("name", "words", "unit"),
+    [
+        ("return_speed_m_per_s", "return speed", "m/s"),
+        ("drive_torque_nm", "drive torque", "N m"),
+        ("body_inertia_kg_m2", "body inertia", "kg m²"),
+        ("crank_speed_rad_per_s", "crank speed", "rad/s"),
+        ("spring_rate_n_per_m", "spring rate", "N/m"),
+        ("angular_impulse_nms", "angular impulse", "N m s"),
+        ("impacts_per_cycle", "impacts per cycle", ""),
+        ("contact_share", "contact share", ""),
+        ("blow_rate_hz", "blow rate", "Hz"),
+        ("s", "s", ""),
+    ],
+)
+def test_the_unit_is_read_off_the_end_of_the_name(name, words, unit):
+    assert caption(name) == (words, unit)
+
+
+def test_a_title_holds_words_and_unit():
+    assert titled("closure_m") == "closure [m]"
+    assert titled("share") == "share"
+
+
+def test_figures_become_a_table_of_four_digits():
+    assert figure_table({"blow_energy_j": 18.81234}).splitlines()[-1] == "| blow energy | 18.81 | J |"

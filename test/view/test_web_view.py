@@ -1,0 +1,53 @@
+"""The page as a person sees it: Chromium opens the viewer while samples come, and the picture moves."""
+
+import threading
+import time
+
+import pytest
+from browser import Page, changed_share, colours, region, share_of
+from synthetic_four_bar import STRIKER, drawing, events, figures, frame
+
+from mech_twin.view.stage import Stage
+from mech_twin.view.viewer_process import ViewerProcess
+
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
+
+# slower than real time: a browser that draws without a graphics card takes in less than the run gives
+PACE = 0.2
+
+
+def fed(stage, stop):
+    """Give the stage samples at a steady pace until told to stop."""
+    begin, step = time.monotonic(), 0
+    while not stop.is_set():
+        for due in range(step, int((time.monotonic() - begin) * 1000 * PACE)):
+            now = frame(due)
+            stage.frame(now.motor, now.linkage, now.forces, now.body)
+            for event in events(due):
+                stage.event(event)
+            if stage.drawing_due(now.linkage.time_s):
+                stage.drawing(drawing(due))
+            if due % 200 == 0:
+                stage.figures(figures(due))
+            step = due + 1
+        time.sleep(0.02)
+
+
+def test_the_page_shows_the_mechanism_and_it_moves(tmp_path):
+    stop = threading.Event()
+    with ViewerProcess() as viewer, Stage("four_bar", grpc_url=viewer.grpc_url) as stage:
+        feeder = threading.Thread(target=fed, args=(stage, stop))
+        feeder.start()
+        try:
+            with Page(viewer.web_url, width=1200, height=750) as page:
+                before = page.picture_when(lambda seen: share_of(seen, STRIKER) > 0.002, limit_s=120.0)
+                page.wait(2.0)
+                after = page.picture_when(lambda seen: changed_share(before, seen) > 0.01, limit_s=60.0)
+        finally:
+            stop.set()
+            feeder.join()
+    mechanism = (0.0, 0.06, 0.55, 0.68)
+    curves = (0.57, 0.06, 1.0, 0.68)
+    assert colours(region(after, *mechanism)) >= 5
+    assert changed_share(region(before, *mechanism), region(after, *mechanism)) > 0.01
+    assert changed_share(region(before, *curves), region(after, *curves)) > 0.005
