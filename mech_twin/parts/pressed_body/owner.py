@@ -65,7 +65,7 @@ def cycle_figures(body: PressedBody, piece: Piece) -> tuple[Piece, CycleFigures]
             if piece.regime == FREE:
                 top = max(top, highest(body, stretch, duration)[1])
             if piece.cause == BLOW:
-                gap = motion(body, stretch, duration)[0]
+                gap = max(motion(body, stretch, duration)[0], 0.0)
         after, happening = following(body, piece)
         if happening.cause == TOUCHDOWN:
             if -happening.pre > fastest:
