@@ -135,7 +135,8 @@ class MassOnStop:
         acting = self.acting((motor.effort[1], motor.effort[2]))
         steps = float(linkage.step) - memory[ORIGIN_AT]
         if acting[2:5] != memory[ACTING_AT : ACTING_AT + 3]:
-            before = Drive(*acting[:2], *memory[ACTING_AT : ACTING_AT + 3], *acting[5:])
+            first, second, restitution = memory[ACTING_AT : ACTING_AT + 3]
+            before = Drive(*self.times_s, first, second, restitution, acting.listed, acting.exact)
             motion = replanted(motion, before, acting, steps, self.step_s)
         motion, count, residual, (gap, velocity), regime, rows = window(motion, acting, count, steps + 1.0, self.step_s)
         step = linkage.step + 1

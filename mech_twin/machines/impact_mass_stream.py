@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from mech_twin.kernel import kernel
 from mech_twin.machines.impact_mass_events import (
     CHATTER_END,
@@ -13,11 +16,12 @@ from mech_twin.machines.impact_mass_events import (
     RELEASE,
     Drive,
     Motion,
+    initial_motion,
     next_event,
     rests_for_good,
 )
 
-RESTING, LEAVING, MOVING = 1, 2, 0
+AT_REST, LEFT, WANDERING = -1, -2, -3  # fates of a start that does not reach the cycle
 
 
 class Tally(NamedTuple):
@@ -134,12 +138,12 @@ def settled_at(motion: Motion, acting: Drive, target: Motion, tolerances: tuple[
         if near == 3:
             return number - 2
         if rests_for_good(motion, acting):
-            return -1
+            return AT_REST
         period = next_period(motion, acting)
         if leaves_for_good(motion, period.motion, period.impacts, acting):
-            return -2
+            return LEFT
         motion = period.motion
-    return -3
+    return WANDERING
 
 
 @kernel
@@ -150,3 +154,35 @@ def collapse_period(motion: Motion, acting: Drive, limit: float) -> float:
             return motion.period
         motion = next_event(motion, acting)[1]
     return -1.0
+
+
+@kernel
+def fates(
+    gaps_m: NDArray[np.float64],
+    velocities_m_per_s: NDArray[np.float64],
+    acting: Drive,
+    target: Motion,
+    tolerances: tuple[float, float],
+    limit: int,
+) -> NDArray[np.int64]:
+    """Return what becomes of each start at the beginning of a period; see `settled_at`."""
+    found = np.empty(len(gaps_m), np.int64)
+    for i in range(len(gaps_m)):
+        start = initial_motion(gaps_m[i], velocities_m_per_s[i], acting)
+        found[i] = settled_at(start, acting, target, tolerances, limit)
+    return found
+
+
+@kernel
+def single_blows(motion: Motion, acting: Drive, periods: int) -> tuple[float, float, float]:
+    """Return how many periods in a row had exactly one impact and no rest, and the least and largest speed of it."""
+    least, largest = 0.0, 0.0
+    for number in range(periods):
+        period = next_period(motion, acting)
+        motion = period.motion
+        if period.impacts != 1.0 or period.chatter_ends > 0.0:
+            return float(number), least, largest
+        speed = period.largest_blow_m_per_s
+        least = speed if number == 0 else min(least, speed)
+        largest = max(largest, speed)
+    return float(periods), least, largest
