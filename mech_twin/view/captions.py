@@ -34,9 +34,11 @@ UNITS = {
 def caption(name: str) -> tuple[str, str]:
     """Return the words and the unit of a stored name: ``return_speed_m_per_s`` gives (return speed, m/s).
 
-    A name that ends in no known unit is all words; its unit is empty.
+    A name that ends in no known unit is all words; its unit is empty, as is that of a pure number (``share_1``).
     """
     words = name.split("_")
+    if words[-1] == "1" and len(words) > 1:
+        return " ".join(words[:-1]), ""
     below: list[str] = []
     if "per" in words[1:]:
         place = len(words) - 1 - words[::-1].index("per")

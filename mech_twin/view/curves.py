@@ -15,7 +15,7 @@ import rerun as rr
 
 from mech_twin.samples import BodySample, ForceSample, LinkageSample, MotorSample
 from mech_twin.view.captions import caption, titled
-from mech_twin.view.decimation import extreme_rows
+from mech_twin.view.decimation import extreme_rows, worst_values
 
 SIM_TIME = "sim_time"
 STEP = "step"
@@ -33,15 +33,20 @@ PALETTE = (
 )
 # groups that share a panel with others begin further on in the palette
 FIRST_COLOUR = {"motor/torque": 4, "motor/speed": 4, "body/effort": 1, "residuals/forces": 3, "residuals/body": 6}
-RESIDUAL_FLOOR = 1e-20
+RESIDUAL_FLOOR = 1e-18
+WORST_WINDOWS = 5
 
 
 class Group(NamedTuple):
-    """Curves that share their rows: where they are kept, their names, and their values, shape (n, k)."""
+    """Curves that share their rows: where they are kept, their names, their values, shape (n, k).
+
+    ``worst`` says that only the largest value of a stretch matters.
+    """
 
     path: str
     names: tuple[str, ...]
     values: npt.NDArray[np.float64]
+    worst: bool = False
 
 
 Sample = TypeVar("Sample", bound=MotorSample | LinkageSample | ForceSample | BodySample)
@@ -134,7 +139,7 @@ def _residuals(role: str, samples: Sequence[Any]) -> Groups:
         return []
     values = np.abs(_rows([sample.residuals.values for sample in samples]))
     labels = tuple(f"log10 {titled(name)}" for name in names)
-    return [Group(f"residuals/{role}", labels, np.log10(np.maximum(values, RESIDUAL_FLOOR)))]
+    return [Group(f"residuals/{role}", labels, np.log10(np.maximum(values, RESIDUAL_FLOOR)), worst=True)]
 
 
 class Track(Generic[Sample]):
@@ -194,8 +199,12 @@ class Track(Generic[Sample]):
             if self.curves.get(group.path) != group.names:
                 self.curves[group.path] = group.names
                 self._stream.log(group.path, series_lines(group.names, FIRST_COLOUR.get(group.path, 0)), static=True)
-            rows = extreme_rows(group.values, self._window)
-            columns = rr.Scalars.columns(scalars=group.values[rows].ravel())
+            if group.worst:
+                rows, values = worst_values(group.values, WORST_WINDOWS * self._window)
+            else:
+                rows = extreme_rows(group.values, self._window)
+                values = group.values[rows]
+            columns = rr.Scalars.columns(scalars=values.ravel())
             self._stream.send_columns(
                 group.path, times(time_s[rows], step[rows]), columns.partition(np.full(len(rows), len(group.names)))
             )

@@ -59,3 +59,22 @@ def extreme_rows(values: Values, window: int) -> Rows:
         kept[columns[whole:].argmin(axis=0) + whole] = True
         kept[columns[whole:].argmax(axis=0) + whole] = True
     return np.flatnonzero(kept)
+
+
+def worst_values(values: Values, window: int) -> tuple[Rows, Values]:
+    """Return the largest value of each column in each window, and the row that ends the window.
+
+    For what is judged by its worst alone, such as a residual.
+
+    Parameters
+    ----------
+    values : array, shape (n, k)
+        Curves that share their rows.
+    window : int
+        Rows to a window, counted from row 0; the last window may be shorter.
+    """
+    starts = np.arange(0, len(values), window)
+    if values.size == 0:
+        return starts, values[starts]
+    ends = np.minimum(starts + window, len(values)) - 1
+    return ends, np.maximum.reduceat(values, starts, axis=0)

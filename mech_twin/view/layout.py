@@ -87,11 +87,13 @@ def _mechanism(bounds: Bounds | None) -> rrb.Spatial2DView:
 def _curve_stack(curves: Mapping[str, tuple[str, ...]], window_s: float) -> rrb.Vertical | None:
     moments, forces = quantity_path("N m"), quantity_path("N")
     others = [path for path in present(curves, "quantities") if path not in (moments, forces)]
+    # without a body nothing is loaded, so there is nothing to show of the moment either
+    moment = present(curves, "body_moment", "body/effort") if present(curves, "body") else []
     slots: list[dict[str, Sequence[str]]] = [
         {
             "Torque, N m": [*present(curves, "motor/torque"), *present(curves, moments)],
             "Joint efforts": present(curves, "linkage/effort"),
-            "Moment on the body, N m": present(curves, "body_moment", "body/effort"),
+            "Moment on the body, N m": moment,
         },
         {
             "Speed": present(curves, "motor/speed", "linkage/speed"),

@@ -141,7 +141,7 @@ class ViewerProcess:
     @property
     def web_url(self) -> str:
         """Address to open in a browser."""
-        return f"http://{LOOPBACK}:{self.web_port}/?url={quote(self.grpc_url, safe='')}"
+        return f"http://{LOOPBACK}:{self.web_port}/?url={quote(self.grpc_url, safe='')}&hide_welcome_screen"
 
     @property
     def pid(self) -> int | None:

@@ -15,6 +15,7 @@ from mech_twin.view.captions import caption, figure_table, titled
         ("impacts_per_cycle", "impacts per cycle", ""),
         ("contact_share", "contact share", ""),
         ("blow_rate_hz", "blow rate", "Hz"),
+        ("energy_books_1", "energy books", ""),
         ("s", "s", ""),
     ],
 )
