@@ -22,6 +22,7 @@ STEP = "~step"
 REGIME = "~regime"
 COMMAND = "~command"
 REVISION = "~revision"
+TARGET = "~target"
 MEMORY = "~memory/"
 RESIDUAL = "~residual/"
 EVENT = "~event/"
@@ -253,19 +254,29 @@ def step_and_time(message: JointState, content: Table, step_s: float | None) -> 
     return step, time_s
 
 
+def marked(message: JointState, name: str, absent: float) -> float:
+    """Return a number a node has added to a step message, or ``absent`` if it has not."""
+    names = message.name
+    return float(message.position[names.index(name)]) if name in names else absent
+
+
+def mark(message: JointState, name: str, value: float) -> JointState:
+    """Return the message with one more bookkeeping row."""
+    message.name.append(name)
+    message.position.append(value)
+    message.velocity.append(0.0)
+    message.effort.append(0.0)
+    return message
+
+
 def revision(message: JointState) -> int:
     """Return how many parameter changes the sample was computed with; 0 if the message does not say."""
-    names = message.name
-    return int(message.position[names.index(REVISION)]) if REVISION in names else 0
+    return int(marked(message, REVISION, 0.0))
 
 
 def mark_revision(message: JointState, number: int) -> JointState:
     """Return the message with the row that says how many parameter changes its sample was computed with."""
-    message.name.append(REVISION)
-    message.position.append(float(number))
-    message.velocity.append(0.0)
-    message.effort.append(0.0)
-    return message
+    return mark(message, REVISION, float(number))
 
 
 def arranged(sample: Any, joints: tuple[str, ...]) -> Any:

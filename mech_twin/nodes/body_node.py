@@ -20,7 +20,7 @@ from mech_twin.messages.topics import (
     RECALL,
     RECALLED_BODY,
 )
-from mech_twin.nodes.follower_node import FollowerNode
+from mech_twin.nodes.follower_node import Exchange, FollowerNode
 from mech_twin.nodes.options import RunOptions
 from mech_twin.quantity import Parameters
 from mech_twin.roles import BodyRole
@@ -34,7 +34,6 @@ class BodyNode(FollowerNode):
         self, machine_name: str, parameters: Parameters | None = None, options: RunOptions | None = None
     ) -> None:
         super().__init__("body", machine_name, parameters, options)
-        self._sample: BodySample | None = None
         self._message = JointState()
         self._out = self.step_outlet(BODY_JOINT_STATES, 1)
         self._impacts = self.outlet(IMPACTS)
@@ -59,17 +58,12 @@ class BodyNode(FollowerNode):
         """Return the force sample of a message."""
         return force_messages.from_message(message, self.machine.coupling_step_s)
 
-    def answer(self, question: ForceSample) -> bool:
-        """Publish the body at the step of these forces; a body that comes back asks first where it was."""
-        if self._sample is None and question.step > 0:
+    def answer(self, question: ForceSample, previous: BodySample | None) -> BodySample | None:
+        """Return the body at the step of these forces; a body that comes back asks first where it was."""
+        if previous is None and question.step > 0:
             self._recall.send(String(data="body"))
-            return False
-        if self._sample is not None and question.step != self._sample.step + 1:
-            self._sample = None
-            return False
-        sample = next_body(self.role, self._sample, question)
-        self._sample = sample
-        self.on_sample(sample)
+            return None
+        sample = next_body(self.role, previous, question)
         self.health.observe(sample.residuals)
         for event in sample.events:
             self._impacts.send(impact.to_message(event))
@@ -77,18 +71,19 @@ class BodyNode(FollowerNode):
             abs(sample.pressing_force_n),
             partial(body_messages.pressing_force_message, sample.time_s, sample.pressing_force_n),
         )
-        self.repeat()
-        return True
+        return sample
 
-    def repeat(self) -> None:
-        """Publish the last body sample."""
-        if self._sample is not None:
-            self._out.send(body_messages.to_message(self._sample, self._message))
+    def send(self, answer: BodySample) -> None:
+        """Publish a body sample."""
+        self._out.send(body_messages.to_message(answer, self._message))
 
     def _on_recalled(self, message: JointState) -> None:
-        if self._sample is not None or not message.name:
+        if not message.name:
             return
         try:
-            self._sample = body_messages.from_message(message, self.machine.coupling_step_s)
+            sample = body_messages.from_message(message, self.machine.coupling_step_s)
         except MessageError as error:
             self.ledger.count(RECALLED_BODY.name, "malformed", str(error))
+            return
+        if self.last_step is None or sample.step > self.last_step:
+            self.remember(sample.step, Exchange(None, sample))

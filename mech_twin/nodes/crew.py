@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import rclpy
-from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.signals import SignalHandlerOptions
 
 from mech_twin.engine.assembly import FrameAssembler
@@ -20,14 +19,12 @@ from mech_twin.nodes.options import RunOptions
 from mech_twin.nodes.recorder_node import RecorderNode
 from mech_twin.nodes.role_node import RoleNode
 from mech_twin.nodes.run_figures import RunFigures
+from mech_twin.nodes.spinner import Spinner
 from mech_twin.nodes.stop_signal import StopSignal
 from mech_twin.nodes.viewer_node import ViewerNode
 from mech_twin.quantity import Parameters
 
-LONGEST_WAIT_S = 0.1
-SHORTEST_WAIT_S = 1e-4
 DRAIN_LIMIT_S = 2.0
-QUIET_S = 0.05
 
 
 class Outcome(NamedTuple):
@@ -45,27 +42,6 @@ def role_nodes(machine_name: str, parameters: Parameters | None, options: RunOpt
         nodes.append(BodyNode(machine_name, parameters, options))
     nodes.append(LinkageNode(machine_name, parameters, options))
     return nodes
-
-
-def spin(nodes: Sequence[RoleNode], until: Callable[[], bool]) -> None:
-    """Serve the nodes until the run is over.
-
-    Never ``executor.spin()``: in these wheels it does not end on a signal.
-    """
-    executor = EventsExecutor()
-    linkages = [node for node in nodes if isinstance(node, LinkageNode)]
-    for node in nodes:
-        executor.add_node(node)
-    try:
-        while rclpy.ok() and not until():
-            wait = min([LONGEST_WAIT_S, *(node.wait_s() for node in linkages)])
-            executor.spin_once(timeout_sec=max(wait, SHORTEST_WAIT_S))
-            for node in linkages:
-                node.tick()
-    finally:
-        for node in nodes:
-            executor.remove_node(node)
-        executor.shutdown()
 
 
 def run_in_process(
@@ -98,8 +74,9 @@ def run_in_process(
             nodes += role_nodes(machine_name, parameters, options)
             figures = _watched(nodes)
             linkage = nodes[-1]
-            spin(nodes, lambda: signal.asked or (isinstance(linkage, LinkageNode) and linkage.done))
-            drain(nodes)
+            with Spinner(nodes) as spinner:
+                spinner.until(lambda: signal.asked or (isinstance(linkage, LinkageNode) and linkage.done))
+                drain(nodes, spinner)
             return Outcome(figures, _sent(nodes), _recorded(nodes))
     finally:
         dismiss(nodes)
@@ -121,7 +98,7 @@ def _watched(nodes: Sequence[RoleNode]) -> RunFigures:
     return figures
 
 
-def drain(nodes: Sequence[RoleNode]) -> None:
+def drain(nodes: Sequence[RoleNode], spinner: Spinner) -> None:
     """Serve the nodes until what was sent has been recorded, and nothing more comes."""
     for node in nodes:
         if isinstance(node, LinkageNode):
@@ -137,7 +114,7 @@ def drain(nodes: Sequence[RoleNode]) -> None:
 
     for node in nodes:
         node.quiet = True
-    spin(nodes, settled)
+    spinner.until(settled)
 
 
 def _sent(nodes: Sequence[RoleNode]) -> dict[str, int]:

@@ -64,7 +64,8 @@ def _serve(make: Callable[[], RoleNode], ros: list[str]) -> None:
     from rclpy._rclpy_pybind11 import RCLError
     from rclpy.signals import SignalHandlerOptions
 
-    from mech_twin.nodes.crew import dismiss, spin
+    from mech_twin.nodes.crew import dismiss
+    from mech_twin.nodes.spinner import Spinner
     from mech_twin.nodes.stop_signal import StopSignal
 
     try:
@@ -74,12 +75,14 @@ def _serve(make: Callable[[], RoleNode], ros: list[str]) -> None:
     nodes: list[RoleNode] = []
     try:
         with StopSignal() as stop:
-            nodes.append(make())
-            spin(nodes, lambda: stop.asked or getattr(nodes[0], "done", False))
-            nodes[0].flush()
-            nodes[0].report()
-            end = time.monotonic() + QUIET_LIMIT_S
-            spin(nodes, lambda: nodes[0].quiet_s() > QUIET_S or time.monotonic() > end)
+            node = make()
+            nodes.append(node)
+            with Spinner(nodes) as spinner:
+                spinner.until(lambda: stop.asked or getattr(node, "done", False))
+                node.flush()
+                node.report()
+                end = time.monotonic() + QUIET_LIMIT_S
+                spinner.until(lambda: node.quiet_s() > QUIET_S or time.monotonic() > end)
     finally:
         dismiss(nodes)
         rclpy.try_shutdown()

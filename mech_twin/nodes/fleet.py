@@ -14,8 +14,9 @@ import rclpy
 import yaml
 from rclpy.signals import SignalHandlerOptions
 
-from mech_twin.nodes.crew import Outcome, spin
+from mech_twin.nodes.crew import Outcome
 from mech_twin.nodes.options import RunOptions
+from mech_twin.nodes.spinner import Spinner
 from mech_twin.nodes.stop_signal import StopSignal
 from mech_twin.nodes.watcher_node import WatcherNode
 from mech_twin.parameters.load import MACHINE_KEY, RUN_GROUP, catalogue_entry, configuration_tree
@@ -53,9 +54,10 @@ def run_processes(
         try:
             for name, arguments in _roster(catalogue_entry(machine_name).has_body, directory, place):
                 processes[name] = _started(name, file, arguments)
-            spin([watcher], lambda: stop.asked or _any_ended(processes))
-            settled = time.monotonic() + SETTLE_S
-            spin([watcher], lambda: time.monotonic() > settled)
+            with Spinner([watcher]) as spinner:
+                spinner.until(lambda: stop.asked or _any_ended(processes))
+                settled = time.monotonic() + SETTLE_S
+                spinner.until(lambda: time.monotonic() > settled)
         finally:
             codes = _stopped(processes)
             watcher.destroy_node()

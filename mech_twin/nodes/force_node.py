@@ -23,7 +23,6 @@ class ForceNode(FollowerNode):
         self, machine_name: str, parameters: Parameters | None = None, options: RunOptions | None = None
     ) -> None:
         super().__init__("force_analysis", machine_name, parameters, options)
-        self._sample: ForceSample | None = None
         self._out = self.step_outlet(FORCE_JOINT_STATES, 1)
         topics = {pin: pin_wrench(pin) for pin in self.machine.forces.pins}
         self._wrenches = [(pin, self.extreme_outlet(topic)) for pin, topic in topics.items()]
@@ -39,20 +38,15 @@ class ForceNode(FollowerNode):
         arranged_sample: LinkageSample = arranged(sample, self.machine.linkage.joints)
         return arranged_sample
 
-    def answer(self, question: LinkageSample) -> bool:
-        """Publish the forces of the linkage's step."""
+    def answer(self, question: LinkageSample, previous: ForceSample | None) -> ForceSample:
+        """Return the forces of the linkage's step, and offer each pin's to its decimated topic."""
         sample = self.machine.forces.analyse(question)
-        self._sample = sample
-        self.on_sample(sample)
         self.health.observe(sample.residuals)
-        self.repeat()
         for (pin, outlet), wrench in zip(self._wrenches, sample.wrenches, strict=True):
-            outlet.offer(
-                force_messages.wrench_size(wrench), partial(force_messages.wrench_message, sample.time_s, pin, wrench)
-            )
-        return True
+            build = partial(force_messages.wrench_message, sample.time_s, pin, wrench)
+            outlet.offer(force_messages.wrench_size(wrench), build)
+        return sample
 
-    def repeat(self) -> None:
-        """Publish the last force sample."""
-        if self._sample is not None:
-            self._out.send(mark_revision(force_messages.to_message(self._sample), self.revision))
+    def send(self, answer: ForceSample) -> None:
+        """Publish a force sample."""
+        self._out.send(mark_revision(force_messages.to_message(answer), self.revision))

@@ -47,24 +47,3 @@ class Ledger:
         self._window.clear()
         self._reasons.clear()
         return reports
-
-
-class Sequence:
-    """Judge of the step indices of one topic: which come in turn, and which do not."""
-
-    def __init__(self, topic: str, ledger: Ledger) -> None:
-        self.topic = topic
-        self.last: int | None = None
-        self._ledger = ledger
-
-    def accepts(self, step: int) -> bool:
-        """Return whether this step is the next one; anything else is counted, a gap is counted and accepted."""
-        if self.last is not None and step <= self.last:
-            self._ledger.count(
-                self.topic, "repeated" if step == self.last else "late", f"step {step} after {self.last}"
-            )
-            return False
-        if self.last is not None and step > self.last + 1:
-            self._ledger.count(self.topic, "missing", f"step {step} after {self.last}", step - self.last - 1)
-        self.last = step
-        return True

@@ -31,6 +31,8 @@ from mech_twin.messages.topics import (
     RECALLED_BODY,
     RECALLED_DESCRIPTION,
     RECALLED_LINKAGE,
+    RECALLED_MOTOR,
+    REWIND,
     SCENE,
     Topic,
 )
@@ -84,6 +86,7 @@ class LinkageNode(RoleNode):
 
     def _open_outlets(self) -> None:
         self._message = JointState()
+        self._last_motor = JointState()
         self._out = self.step_outlet(JOINT_STATES, 2)
         self._clock_out = self.outlet(CLOCK)
         self._impacts = self.outlet(IMPACTS)
@@ -91,7 +94,8 @@ class LinkageNode(RoleNode):
         self._description = self.outlet(DESCRIPTION)
         self._recall = self.outlet(RECALL)
         self._recalled_body = self.outlet(RECALLED_BODY)
-        self._recall.listeners = self._recalled_body.listeners = 0
+        self._recalled_motor = self.outlet(RECALLED_MOTOR)
+        self._recall.listeners = self._recalled_body.listeners = self._recalled_motor.listeners = 0
 
     def _open_inlets(self) -> None:
         decoders = {"motor": motor_messages, "body": body_messages, "force_analysis": force_messages}
@@ -120,6 +124,8 @@ class LinkageNode(RoleNode):
                 self.ledger.count(topic.name, "malformed", str(error))
                 return
             if self.sample is not None and self.peers.take(peer, topic.name, sample, self.sample.step):
+                if peer == "motor":
+                    self._last_motor = message
                 self._step_if_due()
 
         self.create_subscription(topic.type, topic.name, receive, topic.qos)
@@ -165,6 +171,8 @@ class LinkageNode(RoleNode):
         if recalled:
             self.get_logger().info(f"going on at step {recalled.step}")
         self._describe(self.sample.step)
+        if recalled:
+            self._recall.send(String(data=f"{REWIND} {recalled.step}"))
         self._publish(self.sample, repeated=recalled is not None)
         self._progress = time.monotonic()
 
@@ -183,6 +191,8 @@ class LinkageNode(RoleNode):
     def _on_recall(self, message: String) -> None:
         if message.data == "body" and self.peers.last_body is not None:
             self._recalled_body.send(body_messages.to_message(self.peers.last_body))
+        elif message.data == "motor" and self.sample is not None:
+            self._recalled_motor.send(self._last_motor)
 
     # -- stepping ---------------------------------------------------------------------------------------------------
 

@@ -10,13 +10,14 @@ from std_srvs.srv import Trigger
 
 from mech_twin.messages import linkage as linkage_messages
 from mech_twin.messages import motor as motor_messages
-from mech_twin.messages.rows import arranged
+from mech_twin.messages.rows import TARGET, arranged, mark, marked
 from mech_twin.messages.topics import (
     JOINT_STATES,
     MOTOR_JOINT_STATES,
     RECALL,
     RECALLED_DESCRIPTION,
     RECALLED_LINKAGE,
+    RECALLED_MOTOR,
     SPEED_COMMAND,
 )
 from mech_twin.nodes.follower_node import FollowerNode
@@ -37,15 +38,14 @@ class MotorNode(FollowerNode):
         super().__init__("motor", machine_name, parameters, options)
         self.target: float | None = None
         self._asked_target = RATED
-        self._sample: MotorSample | None = None
         self._message = JointState()
-        self._last_linkage: JointState | None = None
         self._out = self.step_outlet(MOTOR_JOINT_STATES, 1)
         self._recalled = self.outlet(RECALLED_LINKAGE)
         self._recalled_description = self.outlet(RECALLED_DESCRIPTION)
-        self._recalled.listeners = self._recalled_description.listeners = 0
+        self._recall = self.outlet(RECALL)
+        self._recall.listeners = self._recalled.listeners = self._recalled_description.listeners = 0
         self.create_subscription(Float64, SPEED_COMMAND.name, self._on_command, SPEED_COMMAND.qos)
-        self.create_subscription(String, RECALL.name, self._on_recall, RECALL.qos)
+        self.create_subscription(JointState, RECALLED_MOTOR.name, self._on_recalled, RECALLED_MOTOR.qos)
         self.create_service(Trigger, "start", self._on_start)
         self.create_service(Trigger, "stop", self._on_stop)
         self.listen(JOINT_STATES)
@@ -54,22 +54,30 @@ class MotorNode(FollowerNode):
         """Return the linkage sample of a message."""
         sample = linkage_messages.from_message(message, self.machine.coupling_step_s)
         arranged_sample: LinkageSample = arranged(sample, self.machine.linkage.joints)
-        self._last_linkage = message
         return arranged_sample
 
-    def answer(self, question: LinkageSample) -> bool:
-        """Publish the drive at the linkage's step."""
-        if self.target is None:  # a motor that comes back goes on where the supply was
-            self.target = RATED if question.step == 0 else question.command
-        self._sample = self.machine.motor.respond(question, self.target)
-        self.on_sample(self._sample)
-        self.repeat()
-        return True
+    def answer(self, question: LinkageSample, previous: MotorSample | None) -> MotorSample | None:
+        """Return the drive at the linkage's step; a motor that comes back asks first what it was told to do."""
+        if self.target is None and question.step > 0:
+            self._recall.send(String(data="motor"))
+            return None
+        self.target = RATED if self.target is None else self.target
+        return self.machine.motor.respond(question, self.target)
 
-    def repeat(self) -> None:
-        """Publish the last motor sample."""
-        if self._sample is not None:
-            self._out.send(motor_messages.to_message(self._sample, self._message))
+    def send(self, answer: MotorSample) -> None:
+        """Publish a motor sample, with the command it is on its way to."""
+        message = motor_messages.to_message(answer, self._message)
+        self._out.send(mark(message, TARGET, RATED if self.target is None else self.target))
+
+    def _on_recalled(self, message: JointState) -> None:
+        if self.target is None:
+            self.target = marked(message, TARGET, RATED)
+
+    def recall(self, who: str) -> None:
+        """Tell a linkage that came back its last sample and its configuration."""
+        if who == "linkage":
+            self._recalled_description.send(String(data=self.description))
+            self._recalled.send(self.last_message or JointState())
 
     def _on_command(self, message: Float64) -> None:
         fraction = message.data
@@ -90,8 +98,3 @@ class MotorNode(FollowerNode):
         self.target = 0.0
         response.success, response.message = True, "supply off"
         return response
-
-    def _on_recall(self, message: String) -> None:
-        if message.data == "linkage":
-            self._recalled_description.send(String(data=self.description))
-            self._recalled.send(self._last_linkage or JointState())

@@ -1,0 +1,58 @@
+"""The one executor of a process: serves its nodes until something holds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from types import TracebackType
+
+import rclpy
+from rclpy.experimental.events_executor import EventsExecutor
+from rclpy.node import Node
+
+from mech_twin.nodes.linkage_node import LinkageNode
+
+LONGEST_WAIT_S = 0.1
+SHORTEST_WAIT_S = 1e-4
+
+
+class Spinner:
+    """A context in which nodes are served.
+
+    One executor for as long as the nodes live: what a second one would find waiting it does not hear of.  Its own
+    ``spin()`` is never called: in these wheels it does not end on a signal.
+    """
+
+    def __init__(self, nodes: Iterable[Node] = ()) -> None:
+        self.nodes: list[Node] = []
+        self._executor = EventsExecutor()
+        for node in nodes:
+            self.add(node)
+
+    def add(self, node: Node) -> None:
+        """Serve one more node."""
+        self.nodes.append(node)
+        self._executor.add_node(node)
+
+    def remove(self, node: Node) -> None:
+        """Serve a node no longer."""
+        self.nodes.remove(node)
+        self._executor.remove_node(node)
+
+    def until(self, predicate: Callable[[], bool]) -> None:
+        """Serve the nodes until the predicate holds or rclpy is shut down."""
+        linkages = [node for node in self.nodes if isinstance(node, LinkageNode)]
+        while rclpy.ok() and not predicate():
+            wait = min([LONGEST_WAIT_S, *(node.wait_s() for node in linkages)])
+            self._executor.spin_once(timeout_sec=max(wait, SHORTEST_WAIT_S))
+            for node in linkages:
+                node.tick()
+
+    def __enter__(self) -> Spinner:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for node in list(self.nodes):
+            self.remove(node)
+        self._executor.shutdown()

@@ -1,0 +1,115 @@
+"""A machine's nodes on a bench: spun by the test itself, with a client beside them."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from types import TracebackType
+from typing import Any
+
+import rclpy
+from catalogue import built
+from rclpy.parameter import Parameter
+from rclpy.signals import SignalHandlerOptions
+
+from mech_twin.messages.topics import Topic, full_name
+from mech_twin.nodes.crew import dismiss, role_nodes
+from mech_twin.nodes.linkage_node import LinkageNode
+from mech_twin.nodes.options import RunOptions
+from mech_twin.nodes.role_node import RoleNode
+from mech_twin.nodes.spinner import Spinner
+from mech_twin.samples import LinkageSample
+
+LIMIT_S = 15.0
+
+
+class BenchRun:
+    """Role nodes of a machine, and a client node that is none of them."""
+
+    def __init__(self, name: str, **options: Any) -> None:
+        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+        self.name = name
+        self.options = RunOptions(pace="max", **options)
+        self.nodes = role_nodes(name, built(name).parameters, self.options)
+        self.client = rclpy.create_node("client", namespace=f"/{name}")
+        self._spinner = Spinner([*self.nodes, self.client])
+        self.samples: list[LinkageSample] = []
+        self._watch(self.linkage)
+
+    @property
+    def linkage(self) -> LinkageNode:
+        return next(node for node in self.nodes if isinstance(node, LinkageNode))
+
+    def node(self, role: str) -> RoleNode:
+        return next(node for node in self.nodes if node.get_name() == role)
+
+    def _watch(self, linkage: LinkageNode) -> None:
+        linkage.on_sample = self.samples.append
+
+    def until(self, predicate: Callable[[], bool]) -> None:
+        """Spin until something holds; fail if it does not within the limit."""
+        end = time.monotonic() + LIMIT_S
+        self._spinner.until(lambda: predicate() or time.monotonic() > end)
+        assert predicate(), "did not happen within the limit"
+
+    def steps(self, number: int) -> None:
+        """Spin until so many further steps are taken."""
+        goal = len(self.samples) + number
+        self.until(lambda: len(self.samples) >= goal)
+
+    def spin_for(self, seconds: float) -> None:
+        """Spin for a time, whatever happens."""
+        end = time.monotonic() + seconds
+        self._spinner.until(lambda: time.monotonic() > end)
+
+    def call(self, kind: Any, service: str, request: Any) -> Any:
+        """Return a service's answer."""
+        client = self.client.create_client(kind, service)
+        self.until(client.service_is_ready)
+        future = client.call_async(request)
+        self.until(future.done)
+        return future.result()
+
+    def set_parameters(self, node: str, **values: float) -> Any:
+        """Return the results of setting parameters on a node, as a user would."""
+        from rcl_interfaces.srv import SetParameters
+
+        parameters = [Parameter(key.replace("__", "."), value=value) for key, value in values.items()]
+        request = SetParameters.Request(parameters=[parameter.to_parameter_msg() for parameter in parameters])
+        return self.call(SetParameters, f"{node}/set_parameters", request).results
+
+    def publisher(self, topic: Topic) -> Any:
+        """Return a matched publisher of the client on one of the machine's topics."""
+        publisher = self.client.create_publisher(topic.type, full_name(self.name, topic), topic.qos)
+        self.until(lambda: publisher.get_subscription_count() > 0)
+        return publisher
+
+    def kill(self, role: str) -> None:
+        """Take a node away without a word."""
+        node = self.node(role)
+        self.nodes.remove(node)
+        for outlet in node.outlets:
+            outlet.send = lambda message: None  # what the executor still holds for it must not speak
+        self._spinner.remove(node)
+        self.spin_for(0.05)
+        dismiss([node])
+
+    def revive(self, make: Callable[[str, Any, RunOptions], RoleNode]) -> RoleNode:
+        """Bring a node back, as new as a restarted process."""
+        node = make(self.name, built(self.name).parameters, self.options)
+        self.nodes.append(node)
+        self._spinner.add(node)
+        if isinstance(node, LinkageNode):
+            self._watch(node)
+        return node
+
+    def __enter__(self) -> BenchRun:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._spinner.__exit__(kind, error, trace)
+        dismiss(self.nodes)
+        self.client.destroy_node()
+        rclpy.try_shutdown()

@@ -1,0 +1,122 @@
+"""A peer that is gone is waited for, one that comes back rejoins, and the run is the same as if it had stayed."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from bench_run import BenchRun
+from catalogue import built
+from sensor_msgs.msg import JointState
+
+from mech_twin.engine.run import frames
+from mech_twin.messages import motor as motor_messages
+from mech_twin.messages.rows import set_stamp
+from mech_twin.messages.topics import JOINT_STATES, MOTOR_JOINT_STATES
+from mech_twin.nodes.body_node import BodyNode
+from mech_twin.nodes.force_node import ForceNode
+from mech_twin.nodes.linkage_node import LinkageNode
+from mech_twin.nodes.motor_node import MotorNode
+from mech_twin.samples import LinkageSample
+
+pytestmark = pytest.mark.usefixtures("ros_domain")
+
+PEERS = [
+    ("winding_drum", "motor", MotorNode),
+    ("winding_drum", "force_analysis", ForceNode),
+    ("winding_drum", "linkage", LinkageNode),
+    ("mb10_breaker", "body", BodyNode),
+    ("mb10_breaker", "linkage", LinkageNode),
+]
+
+
+def by_step(samples: list[LinkageSample]) -> list[LinkageSample]:
+    """Return the samples once each; a linkage that came back repeats its last."""
+    return list({sample.step: sample for sample in samples}.values())
+
+
+@pytest.mark.parametrize(("name", "role", "make"), PEERS)
+def test_a_run_goes_on_as_if_nobody_had_left(name: str, role: str, make: Any) -> None:
+    with BenchRun(name, peer_timeout_s=0.2) as run:
+        for _ in range(3):
+            run.steps(40)
+            run.kill(role)
+            run.spin_for(0.3)
+            run.revive(make)
+        run.steps(40)
+        samples = by_step(run.samples)
+        duration_s = samples[-1].time_s
+        assert samples == [frame.linkage for frame in frames(built(name), duration_s)][: len(samples)]
+
+
+def test_the_linkage_holds_and_says_for_whom() -> None:
+    with BenchRun("winding_drum", peer_timeout_s=0.2) as run:
+        run.steps(10)
+        run.kill("motor")
+        run.until(lambda: run.linkage.health.state == "waiting for motor")
+        held = len(run.samples)
+        run.spin_for(0.3)
+        assert len(run.samples) == held
+        run.revive(MotorNode)
+        run.steps(10)
+        assert run.linkage.health.state.startswith("running")
+
+
+def strange_motor(sample: LinkageSample, **changes: Any) -> JointState:
+    joints = built("winding_drum").motor.joints
+    zeros = (0.0,) * len(joints)
+    message = JointState(name=list(joints), position=zeros, velocity=zeros, effort=zeros)
+    set_stamp(message.header, sample.time_s)
+    for key, value in changes.items():
+        setattr(message, key, value)
+    return message
+
+
+@pytest.mark.parametrize(
+    ("changes", "kind"),
+    [
+        ({"effort": [float("nan")]}, "malformed"),
+        ({"effort": [float("inf")]}, "malformed"),
+        ({"effort": []}, "malformed"),
+        ({"name": ["somebody"]}, "malformed"),
+        ({}, "late"),
+    ],
+)
+def test_a_stranger_on_the_motor_topic_is_counted_and_changes_nothing(changes: dict[str, Any], kind: str) -> None:
+    with BenchRun("winding_drum") as run:
+        run.steps(50)
+        publisher = run.publisher(MOTOR_JOINT_STATES)
+        publisher.publish(strange_motor(run.samples[10], **changes))
+        run.until(lambda: run.linkage.ledger.total[MOTOR_JOINT_STATES.name, kind] >= 1)
+        run.steps(50)
+        expected = [frame.linkage for frame in frames(built("winding_drum"), run.samples[-1].time_s)]
+        assert run.samples == expected[: len(run.samples)]
+
+
+def test_a_second_motor_is_noticed() -> None:
+    with BenchRun("winding_drum") as run:
+        run.steps(20)
+        publisher = run.publisher(MOTOR_JOINT_STATES)
+        run.steps(1)
+        role = built("winding_drum").motor
+        answer = role.respond(run.samples[-1], 1.0)
+        other = answer._replace(effort=tuple(value + 1.0 for value in answer.effort))
+        previous = run.linkage.ledger.total[MOTOR_JOINT_STATES.name, "foreign"]
+        publisher.publish(motor_messages.to_message(other._replace(step=run.samples[-1].step)))
+        run.steps(100)
+        total = run.linkage.ledger.total
+        noticed = total[MOTOR_JOINT_STATES.name, "foreign"] + total[MOTOR_JOINT_STATES.name, "late"]
+        assert noticed > previous
+
+
+def test_joint_states_that_are_garbled_are_never_answered() -> None:
+    with BenchRun("winding_drum") as run:
+        run.steps(20)
+        publisher = run.publisher(JOINT_STATES)
+        for bad in (JointState(), JointState(name=["crank", "crank"]), JointState(name=["x"], position=[1.0])):
+            publisher.publish(bad)
+        motor = run.node("motor")
+        run.until(lambda: motor.ledger.total[JOINT_STATES.name, "malformed"] >= 3)
+        run.steps(20)
+        expected = [frame.linkage for frame in frames(built("winding_drum"), run.samples[-1].time_s)]
+        assert run.samples == expected[: len(run.samples)]
