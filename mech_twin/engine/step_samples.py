@@ -1,0 +1,23 @@
+"""What is known of one step: a frame that may have holes, as a recording gives it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from mech_twin.samples import BodySample, ForceSample, Frame, LinkageSample, MotorSample
+
+
+class StepSamples(NamedTuple):
+    """The samples of one step, None where there is none."""
+
+    step: int
+    linkage: LinkageSample | None = None
+    motor: MotorSample | None = None
+    forces: ForceSample | None = None
+    body: BodySample | None = None
+
+    def frame(self, has_body: bool) -> Frame | None:
+        """Return the whole frame, or None if a sample of it is missing."""
+        if self.linkage is None or self.motor is None or self.forces is None or (has_body and self.body is None):
+            return None
+        return Frame(self.linkage, self.motor, self.forces, self.body)

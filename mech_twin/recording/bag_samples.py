@@ -1,0 +1,217 @@
+"""A bag as samples: step by step, decoded, each step once."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from sensor_msgs.msg import JointState
+
+from mech_twin.engine.step_samples import StepSamples
+from mech_twin.messages import body, force, linkage, motor, scene
+from mech_twin.messages.rows import MessageError
+from mech_twin.messages.topics import (
+    BODY_JOINT_STATES,
+    DESCRIPTION,
+    FORCE_JOINT_STATES,
+    JOINT_STATES,
+    MOTOR_JOINT_STATES,
+    SCENE,
+    Topic,
+    full_name,
+    type_name,
+)
+from mech_twin.recording.bag_reader import BagReader
+from mech_twin.recording.errors import BagError, DecodeError, UnknownTypeError
+from mech_twin.recording.message_types import decoded, message_class
+from mech_twin.samples import Drawing
+
+if TYPE_CHECKING:
+    from mech_twin.recording.bag_contents import BagMessage
+
+OPEN_STEPS = 64
+MOST_DESCRIPTIONS = 10_000
+LARGEST_STEP = 1 << 53
+
+
+class StepTopic(NamedTuple):
+    """A topic that carries one whole sample each step: the field of `StepSamples` it fills, and its decoder."""
+
+    topic: Topic
+    field: str
+    decode: Callable[[Any, float | None], Any]
+
+
+STEP_TOPICS = (
+    StepTopic(JOINT_STATES, "linkage", linkage.from_message),
+    StepTopic(MOTOR_JOINT_STATES, "motor", motor.from_message),
+    StepTopic(FORCE_JOINT_STATES, "forces", force.from_message),
+    StepTopic(BODY_JOINT_STATES, "body", body.from_message),
+)
+
+
+class NoSamplesError(BagError):
+    """The bag holds no samples of a machine."""
+
+
+def recorded_machine(reader: BagReader) -> str:
+    """Return the namespace of the machine whose samples a bag holds.
+
+    Raises
+    ------
+    NoSamplesError
+        If there is none, or more than one.
+    """
+    kind, ending = type_name(JOINT_STATES), f"/{JOINT_STATES.name}"
+    states = {name.removesuffix(ending) for name, topic in reader.topics.items()
+              if name.endswith(ending) and topic.type_name == kind and topic.message_count}  # fmt: skip
+    found = sorted(
+        space.removeprefix("/") for space in states if f"{space}/motor" in states or f"{space}/forces" in states
+    )
+    if len(found) == 1:
+        return found[0]
+    if found:
+        raise NoSamplesError(reader.path, f"holds samples of more than one machine: {', '.join(found)}")
+    raise NoSamplesError(reader.path, "holds no samples of a machine; expected topics such as NAME/motor/joint_states")
+
+
+class BagSamples:
+    """The samples a bag holds of one machine, whether the catalogue knows it or not.
+
+    Parameters
+    ----------
+    reader : BagReader
+        The open bag.
+    coupling_step_s : float, optional
+        For samples without step row (a measured linkage).
+
+    Attributes
+    ----------
+    machine : str
+        Namespace of the recorded run.
+    has_body : bool
+        Whether a body was recorded.
+    passed_over : Counter
+        What was not used, by reason: ``repeated``, ``contradicting``, ``late``, ``malformed``.
+    """
+
+    def __init__(self, reader: BagReader, coupling_step_s: float | None = None) -> None:
+        self.machine = recorded_machine(reader)
+        self.passed_over: Counter[str] = Counter()
+        self._reader = reader
+        self._step_s = coupling_step_s
+        known = {full_name(self.machine, step.topic): step for step in STEP_TOPICS}
+        self._steps = {name: step for name, step in known.items() if self._holds(name, step.topic)}
+        self.fields = frozenset(step.field for step in self._steps.values())
+        self.has_body = "body" in self.fields
+        self._scene = full_name(self.machine, SCENE)
+        self._open: dict[int, dict[str, Any]] = {}
+        self._last = -1
+
+    @property
+    def count(self) -> int:
+        """How many messages of the linkage there are."""
+        return self._reader.topics[full_name(self.machine, JOINT_STATES)].message_count
+
+    def descriptions(self) -> list[str]:
+        """Return the configurations the run described itself with, in order; without any, the bag's own."""
+        name = full_name(self.machine, DESCRIPTION)
+        texts: list[str] = []
+        if self._holds(name, DESCRIPTION):
+            kind = message_class(self._reader.topics[name])
+            for message in self._reader.messages([name]):
+                text = self._decoded(message, kind)
+                if text is not None and text.data not in texts[-1:]:
+                    texts.append(text.data)
+                if len(texts) > MOST_DESCRIPTIONS:
+                    raise NoSamplesError(self._reader.path, f"changes its configuration over {MOST_DESCRIPTIONS} times")
+        configuration = self._reader.info.configuration
+        return texts or ([] if configuration is None else [configuration])
+
+    def steps(self) -> Iterator[StepSamples]:
+        """Yield what is known of each step, in the order of the steps.
+
+        A step recorded more than once counts once: the first one is what the run went on with.
+        """
+        for item in self.shown(drawings=False):
+            if isinstance(item, StepSamples):
+                yield item
+
+    def shown(self, drawings: bool = True) -> Iterator[StepSamples | Drawing]:
+        """Yield the steps and, between them at their time, the drawings of the mechanism."""
+        topics = [*self._steps, *([self._scene] if drawings and self._holds(self._scene, SCENE) else [])]
+        self._open, self._last = {}, -1
+        for message in self._reader.messages(topics):
+            if message.topic == self._scene:
+                drawing = self._drawing(message)
+                if drawing is not None:
+                    yield drawing
+                continue
+            self._take(message)
+            while len(self._open) > OPEN_STEPS or self._lowest_is_whole():
+                yield self._lowest()
+        while self._open:
+            yield self._lowest()
+
+    def _holds(self, name: str, topic: Topic) -> bool:
+        about = self._reader.topics.get(name)
+        if about is None or about.type_name != type_name(topic) or not about.message_count:
+            return False
+        try:
+            message_class(about)
+        except UnknownTypeError as error:
+            raise NoSamplesError(self._reader.path, f"topic {name}: {error}") from error
+        return True
+
+    def _decoded(self, message: BagMessage, kind: Any) -> Any:
+        try:
+            return decoded(message.raw, kind)
+        except DecodeError:
+            self.passed_over["malformed"] += 1
+            return None
+
+    def _drawing(self, message: BagMessage) -> Drawing | None:
+        content = self._decoded(message, SCENE.type)
+        try:
+            return None if content is None else scene.from_message(content)
+        except MessageError:
+            self.passed_over["malformed"] += 1
+            return None
+
+    def _take(self, message: BagMessage) -> None:
+        about = self._steps[message.topic]
+        content = self._decoded(message, JointState)
+        if content is None:
+            return
+        try:
+            sample = about.decode(content, self._step_s)
+        except (MessageError, ValueError, OverflowError):
+            self.passed_over["malformed"] += 1
+            return
+        if not 0 <= sample.step < LARGEST_STEP:
+            self.passed_over["malformed"] += 1
+        elif sample.step <= self._last:
+            self.passed_over["late"] += 1
+        else:
+            known = self._open.setdefault(sample.step, {})
+            if about.field in known:
+                self.passed_over["repeated" if known[about.field] == sample else "contradicting"] += 1
+            known.setdefault(about.field, sample)
+
+    def _lowest_is_whole(self) -> bool:
+        """Whether the lowest open step is complete, and a repeat of it is no longer to be expected."""
+        if len(self._open) < 2:
+            return False
+        return self._open[min(self._open)].keys() == self.fields
+
+    def _lowest(self) -> StepSamples:
+        self._last = min(self._open)
+        return StepSamples(self._last, **self._open.pop(self._last))
+
+
+def bag_samples(path: Path) -> Iterator[StepSamples]:
+    """Yield the steps of a bag; see `BagSamples.steps`."""
+    with BagReader(path) as reader:
+        yield from BagSamples(reader).steps()
