@@ -23,12 +23,14 @@ from pydantic import ValidationError
 from mech_twin import __version__
 from mech_twin.machines.catalog import CATALOGUE, Entry
 from mech_twin.parameters.errors import ConfigurationError, refusal
+from mech_twin.parameters.motors import NAME_KEY, with_catalogue_motor
 from mech_twin.quantity import Parameters
 from mech_twin.roles import Machine
 
 SIZE_LIMIT_BYTES = 1_000_000
 DEPTH_LIMIT = 20
 MACHINE_KEY = "machine"
+MOTOR_TABLE = "motors_4a"
 RUN_GROUP = "run"  # how a node is run, not what the machine is
 
 
@@ -219,6 +221,8 @@ def validated(entry: Entry, tree: Mapping[str, Any], source: str) -> Parameters:
     meant = values.pop(MACHINE_KEY, entry.name)
     if meant != entry.name:
         raise ConfigurationError(f"{source}: key '{MACHINE_KEY}', value {meant!r}: expected {entry.name!r}")
+    if isinstance(values.get("motor"), dict) and NAME_KEY in values["motor"]:
+        values = with_catalogue_motor(values, configuration_file(MOTOR_TABLE), source)
     try:
         return entry.parameters.model_validate(values)
     except ValidationError as error:

@@ -39,6 +39,7 @@ class InductionMotorParameters(Parameters):
     The optional values replace the derived ones where a source prints its own rounding of them.
     """
 
+    catalogue_name: str | None = choice("motor of the table whose data these are", default=None)
     rated_power_w: float = quantity("W", "rated shaft power", gt=0.0)
     rated_speed_rpm: float = quantity("1/min", "speed at rated power", gt=0.0)
     synchronous_speed_rpm: float = quantity("1/min", "speed of the field at rated frequency", gt=0.0)

@@ -1,0 +1,1 @@
+"""Roller forming carts on one crank shaft: parameters, kinematics, statics."""
