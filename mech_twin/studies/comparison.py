@@ -1,0 +1,92 @@
+"""Two samples compared to the last bit: the first field that differs."""
+
+from __future__ import annotations
+
+import struct
+from array import array
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from mech_twin.samples import BodySample, ForceSample, LinkageSample, MotorSample, Named
+
+Sample = LinkageSample | MotorSample | ForceSample | BodySample
+Value = float | str | None
+
+
+class Difference(NamedTuple):
+    """Where two samples of one step part: ``role`` is linkage, motor, forces or body; None is an absent entry."""
+
+    step: int
+    time_s: float
+    role: str
+    field: str
+    recorded: Value
+    computed: Value
+
+
+def first_difference(role: str, recorded: Sample, computed: Sample) -> Difference | None:
+    """Return the first field in which two samples of one step differ in any bit, or None.
+
+    Parameters
+    ----------
+    role : str
+        Whose samples they are.
+    recorded, computed
+        The samples; names of joints, pins, memory and residuals count as well as their numbers.
+    """
+    if _content(recorded) == _content(computed):
+        return None
+    computed_by_name, recorded_by_name = dict(fields(computed)), dict(fields(recorded))
+    for name in {**recorded_by_name, **computed_by_name}:
+        there, here = recorded_by_name.get(name), computed_by_name.get(name)
+        if name not in recorded_by_name or name not in computed_by_name or _bits(there) != _bits(here):
+            return Difference(recorded.step, recorded.time_s, role, name, there, here)
+    return Difference(recorded.step, recorded.time_s, role, "order of the entries", None, None)
+
+
+def fields(sample: object, path: str = "") -> Iterator[tuple[str, Value]]:
+    """Yield every number and word of a sample under its name, such as ``velocity[crank]`` or ``memory.energy_j``."""
+    if isinstance(sample, Named):
+        yield from ((f"{path}.{name}", value) for name, value in zip(sample.names, sample.values, strict=True))
+    elif hasattr(sample, "_fields"):
+        yield from _record_fields(sample, path)
+    elif isinstance(sample, tuple):
+        for i, item in enumerate(sample):
+            yield from fields(item, f"{path}[{i}]")
+    elif isinstance(sample, str):
+        yield path, sample
+    else:
+        yield path, float(sample)  # type: ignore[arg-type]
+
+
+def _record_fields(sample: object, path: str) -> Iterator[tuple[str, Value]]:
+    labels = tuple(getattr(sample, "joints", ()) or getattr(sample, "pins", ()))
+    named = {"position", "velocity", "effort", "wrenches"} if labels else set()
+    for name in sample._fields:  # type: ignore[attr-defined]
+        value = getattr(sample, name)
+        here = f"{path}.{name}" if path else name
+        if name in named:
+            for label, item in zip(labels, value, strict=True):
+                yield from fields(item, f"{here}[{label}]")
+        else:
+            yield from fields(value, here)
+
+
+def _content(sample: Sample) -> tuple[bytes, list[str]]:
+    """Return the bits of all numbers and all words of a sample, without saying which is which."""
+    flat: list[float | str] = []
+    _flatten(sample, flat)
+    numbers = array("d", [item for item in flat if not isinstance(item, str)])
+    return numbers.tobytes(), [item for item in flat if isinstance(item, str)]
+
+
+def _flatten(item: object, flat: list[float | str]) -> None:
+    if isinstance(item, tuple):
+        for part in item:
+            _flatten(part, flat)
+    else:
+        flat.append(item)  # type: ignore[arg-type]
+
+
+def _bits(value: Value) -> bytes | str | None:
+    return struct.pack("<d", value) if isinstance(value, float) else value

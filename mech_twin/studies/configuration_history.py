@@ -1,0 +1,63 @@
+"""Which parameters were in force at which step of a recorded run."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Iterable
+
+from mech_twin.parameters.errors import ConfigurationError
+from mech_twin.parameters.load import Description, catalogue_entry, description
+from mech_twin.roles import Machine
+
+
+class ConfigurationHistory:
+    """Configurations of a run, each from its step on.
+
+    Parameters
+    ----------
+    texts : iterable of str
+        What the run described itself with; a revision described again (a node came back) counts once.
+    source : str
+        Names the recording in errors.
+
+    Raises
+    ------
+    ConfigurationError
+        If there is none, one does not validate, or they speak of different machines.
+    """
+
+    def __init__(self, texts: Iterable[str], source: str) -> None:
+        found: dict[int, Description] = {}
+        for text in texts:
+            described = description(text, source)
+            found.setdefault(described.revision, described)
+        if not found:
+            raise ConfigurationError(f"{source}: holds no configuration; expected a description of the machine")
+        names = {described.machine for described in found.values()}
+        if len(names) > 1:
+            raise ConfigurationError(f"{source}: describes more than one machine: {', '.join(sorted(names))}")
+        self._described = sorted(found.values(), key=lambda item: (item.from_step, item.revision))
+        self._from = [described.from_step for described in self._described]
+        self._built: tuple[int, Machine] | None = None
+
+    @property
+    def name(self) -> str:
+        """The machine that ran."""
+        return self._described[0].machine
+
+    @property
+    def versions(self) -> tuple[str, ...]:
+        """The versions of this package that made the recording."""
+        return tuple(dict.fromkeys(described.version for described in self._described))
+
+    @property
+    def changes(self) -> int:
+        """How many times parameters changed during the run."""
+        return len(self._described) - 1
+
+    def machine_at(self, step: int) -> Machine:
+        """Return the machine as it was at a step."""
+        place = max(0, bisect_right(self._from, step) - 1)
+        if self._built is None or self._built[0] != place:
+            self._built = place, catalogue_entry(self.name).build(self._described[place].parameters)
+        return self._built[1]

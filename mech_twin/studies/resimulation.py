@@ -1,0 +1,142 @@
+"""A recorded run computed again, and its forces again from its motion, to see whether they come out the same.
+
+The roles are pure maps between samples, so the recorded configuration, commands and resets determine every sample.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+
+from mech_twin.engine.coupling import RESET, next_body, restarted
+from mech_twin.engine.step_samples import StepSamples
+from mech_twin.roles import Machine
+from mech_twin.samples import Frame, LinkageSample
+from mech_twin.studies.comparison import Difference, Sample, first_difference
+
+MachineAt = Callable[[int], Machine]
+
+
+@dataclass
+class Verdict:
+    """What a comparison came to.
+
+    Attributes
+    ----------
+    steps, samples : int
+        What was compared.
+    missing_steps : int
+        Steps that the recording does not hold whole, over which nothing could be compared.
+    taken_up : list of int
+        Steps at which the recorded state was taken as given: the first if it is not 0, and the first after a hole.
+    resets : int
+        Resets of the run that were carried out again.
+    first : Difference, optional
+        Where recorded and computed part.
+    """
+
+    steps: int = 0
+    samples: int = 0
+    missing_steps: int = 0
+    taken_up: list[int] = field(default_factory=list)
+    resets: int = 0
+    first: Difference | None = None
+
+    @property
+    def identical(self) -> bool:
+        """Whether something was compared and nothing differed in any bit."""
+        return self.samples > 0 and self.first is None
+
+
+def analysed(steps: Iterable[StepSamples], machine_at: MachineAt) -> Verdict:
+    """Return whether the recorded forces are those of the recorded motion; ends at the first that are not.
+
+    Parameters
+    ----------
+    steps : iterable of StepSamples
+        The recording.
+    machine_at : callable
+        ``machine_at(step)``: the machine with the parameters in force at a step.
+    """
+    verdict = Verdict()
+    for known in steps:
+        if known.linkage is None or known.forces is None:
+            verdict.missing_steps += 1
+            continue
+        verdict.steps += 1
+        verdict.samples += 1
+        forces = machine_at(known.step).forces.analyse(known.linkage)
+        verdict.first = first_difference("forces", known.forces, forces)
+        if verdict.first is not None:
+            break
+    return verdict
+
+
+def resimulated(steps: Iterable[StepSamples], machine_at: MachineAt) -> Verdict:
+    """Return whether the run comes out the same when computed again; ends at the first sample that does not.
+
+    Each step is computed from the computed one before it.  Of the recording go in: the command (the motor's, after
+    rate limiting), the resets and the parameters.  See `analysed` for the arguments.
+    """
+    verdict = Verdict()
+    before: Frame | None = None
+    last_step = -1
+    for known in steps:
+        machine = machine_at(known.step)
+        verdict.missing_steps += known.step - last_step - 1 if last_step >= 0 else 0
+        if before is not None and known.step != before.linkage.step + 1:
+            before = None
+        last_step = known.step
+        frame = _next(machine, before, known, verdict)
+        if frame is None:
+            verdict.missing_steps += 1
+            before = None
+            continue
+        verdict.steps += 1
+        for role, recorded, computed in _pairs(known, frame):
+            verdict.samples += 1
+            verdict.first = first_difference(role, recorded, computed)
+            if verdict.first is not None:
+                return verdict
+        before = frame
+    return verdict
+
+
+def _next(machine: Machine, before: Frame | None, known: StepSamples, verdict: Verdict) -> Frame | None:
+    """Return the frame computed for a step; None if the recording does not say what is needed to go on."""
+    if known.motor is None:
+        return None
+    target = known.motor.command
+    linkage = _linkage(machine, before, known, verdict)
+    if linkage is None:
+        return None
+    motor = machine.motor.respond(linkage, target)
+    forces = machine.forces.analyse(linkage)
+    body = None
+    if machine.body is not None:
+        if before is None and known.step > 0:
+            body = known.body
+            if body is None:
+                return None
+        else:
+            body = next_body(machine.body, None if before is None else before.body, forces)
+    if before is None and known.step > 0:
+        verdict.taken_up.append(known.step)
+    return Frame(linkage, motor, forces, body)
+
+
+def _linkage(machine: Machine, before: Frame | None, known: StepSamples, verdict: Verdict) -> LinkageSample | None:
+    if before is None:
+        return machine.linkage.start() if known.step == 0 else known.linkage
+    if known.linkage is not None and any(event.kind == RESET for event in known.linkage.events):
+        verdict.resets += 1
+        return restarted(machine, known.step)
+    return machine.linkage.advance(before.linkage, before.motor, before.body)
+
+
+def _pairs(known: StepSamples, frame: Frame) -> Iterator[tuple[str, Sample, Sample]]:
+    """Yield what was recorded beside what was computed; a state taken up as recorded proves nothing."""
+    for role in ("linkage", "motor", "forces", "body"):
+        recorded, computed = getattr(known, role), getattr(frame, role)
+        if recorded is not None and computed is not None and recorded is not computed:
+            yield role, recorded, computed
