@@ -148,7 +148,7 @@ def test_forces(benchmark):
 
 @pytest.mark.benchmark(group="full force analysis")
 def test_forces_by_batched_solve(benchmark):
-    """Kinematics given: the peer's time is the assembly and the solution of the 9x9 systems alone."""
+    """The peer gets its kinematics from our compiled batch; its time is mostly assembly and solution of the systems."""
     count = 10_000
 
     def solved():
