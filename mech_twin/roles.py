@@ -17,7 +17,10 @@ from mech_twin.samples import BodySample, ForceSample, Frame, LinkageSample, Mot
 class MotorRole(Protocol):
     """Torque (or prescribed speed) of the drive at the speed the linkage has."""
 
-    joints: tuple[str, ...]
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints, in the order of the samples' columns."""
+        ...
 
     def respond(self, linkage: LinkageSample, target: float) -> MotorSample:
         """Return the drive at the linkage's step; ``target`` is the asked fraction of rated supply frequency."""
@@ -27,10 +30,25 @@ class MotorRole(Protocol):
 class LinkageRole(Protocol):
     """Owner of all mechanism and drive state."""
 
-    joints: tuple[str, ...]
-    coordinates: tuple[str, ...]
-    regimes: tuple[str, ...]
-    residual_limits: Mapping[str, float]
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints, in the order of the samples' columns."""
+        ...
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Names of the independent coordinates, in the order of an event's ``pre`` and ``post``."""
+        ...
+
+    @property
+    def regimes(self) -> tuple[str, ...]:
+        """Names of the regimes; a sample holds the index."""
+        ...
+
+    @property
+    def residual_limits(self) -> Mapping[str, float]:
+        """Limit of each residual; more is an error of the twin itself."""
+        ...
 
     def start(self, step: int = 0) -> LinkageSample:
         """Return the machine at rest (or in its configured initial state) at this step."""
@@ -44,9 +62,20 @@ class LinkageRole(Protocol):
 class ForceRole(Protocol):
     """Forces that follow from the motion: a map without state."""
 
-    pins: tuple[str, ...]
-    acts_on: tuple[str, ...]
-    residual_limits: Mapping[str, float]
+    @property
+    def pins(self) -> tuple[str, ...]:
+        """Names of the pins, in the order of the wrenches."""
+        ...
+
+    @property
+    def acts_on(self) -> tuple[str, ...]:
+        """The link each wrench acts on."""
+        ...
+
+    @property
+    def residual_limits(self) -> Mapping[str, float]:
+        """Limit of each residual; more is an error of the twin itself."""
+        ...
 
     def analyse(self, linkage: LinkageSample) -> ForceSample:
         """Return every pin reaction, the derived quantities, and the loads on the body during the step."""
@@ -56,9 +85,20 @@ class ForceRole(Protocol):
 class BodyRole(Protocol):
     """Owner of the body's angle and contact state."""
 
-    joints: tuple[str, ...]
-    regimes: tuple[str, ...]
-    residual_limits: Mapping[str, float]
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints, in the order of the samples' columns."""
+        ...
+
+    @property
+    def regimes(self) -> tuple[str, ...]:
+        """Names of the regimes; a sample holds the index."""
+        ...
+
+    @property
+    def residual_limits(self) -> Mapping[str, float]:
+        """Limit of each residual; more is an error of the twin itself."""
+        ...
 
     def start(self, forces: ForceSample) -> BodySample:
         """Return the body at rest on its stop at the step of these forces."""

@@ -57,7 +57,7 @@ def run_processes(
             with Spinner([watcher]) as spinner:
                 spinner.until(lambda: stop.asked or _any_ended(processes))
                 settled = time.monotonic() + SETTLE_S
-                spinner.until(lambda: time.monotonic() > settled)
+                spinner.until(lambda: stop.asked or time.monotonic() > settled)
         finally:
             codes = _stopped(processes)
             watcher.destroy_node()
@@ -92,13 +92,7 @@ def _any_ended(processes: Processes) -> bool:
 
 
 def _stopped(processes: Processes) -> dict[str, int]:
-    """End the processes, those that only listen after those that speak, and return their exit codes."""
-    listeners = {name: p for name, p in processes.items() if name in ("recorder_node", "viewer_node")}
-    speakers = {name: p for name, p in processes.items() if name not in listeners}
-    return {**_ended(speakers), **_ended(listeners)}
-
-
-def _ended(processes: Processes) -> dict[str, int]:
+    """End all processes at once - those that listen do so until nothing more comes - and return their exit codes."""
     for process in processes.values():
         if process.poll() is None:
             process.send_signal(signal.SIGINT)
