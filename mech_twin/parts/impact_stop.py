@@ -111,6 +111,9 @@ def arrival(gap_m: float, velocity_m_per_s: float, acceleration_m_per_s2: float)
     """
     if velocity_m_per_s < 0.0 and acceleration_m_per_s2 <= 0.0:
         return Arrival(False, math.inf, 0.0)
+    if gap_m == 0.0 and velocity_m_per_s != 0.0:  # v- = |v| exactly, however small (its square may vanish)
+        speed = abs(velocity_m_per_s)
+        return Arrival(True, 0.0 if velocity_m_per_s > 0.0 else 2.0 * speed / acceleration_m_per_s2, speed)
     squared = discriminant(gap_m, velocity_m_per_s, acceleration_m_per_s2)
     if squared <= 0.0:
         return Arrival(False, math.inf, 0.0)
