@@ -1,0 +1,64 @@
+"""The files ROS installations read: manifest, launch file, entry points, pins."""
+
+from __future__ import annotations
+
+import ast
+import re
+from importlib.metadata import entry_points
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+from mech_twin import __version__
+from mech_twin.machines.catalog import CATALOGUE
+from mech_twin.parameters.load import MACHINE_KEY, file_tree
+
+ROOT = Path(__file__).resolve().parents[2]
+LAUNCH = ROOT / "launch" / "twin.launch.py"
+NODES = {"motor_node", "linkage_node", "force_node", "body_node", "recorder_node", "viewer_node"}
+
+
+def launch_calls(name: str) -> list[ast.Call]:
+    tree = ast.parse(LAUNCH.read_text(encoding="utf-8"))
+    return [node for node in ast.walk(tree) if isinstance(node, ast.Call) and getattr(node.func, "id", "") == name]
+
+
+def test_manifest_is_format_3_ament_python_and_of_this_version() -> None:
+    package = ElementTree.parse(ROOT / "package.xml").getroot()
+    assert package.get("format") == "3"
+    assert package.findtext("export/build_type") == "ament_python"
+    assert package.findtext("version") == __version__
+    assert {"rclpy", "sensor_msgs", "diagnostic_msgs"} <= {item.text for item in package.findall("exec_depend")}
+
+
+def test_launch_file_compiles_and_declares_its_arguments() -> None:
+    compile(LAUNCH.read_text(encoding="utf-8"), str(LAUNCH), "exec")
+    declared = {call.args[0].value for call in launch_calls("DeclareLaunchArgument")}  # type: ignore[attr-defined]
+    assert declared == {"machine", "pace", "record", "view"}
+    assert launch_calls("SetEnvironmentVariable")[0].args[0].value == "ROS_AUTOMATIC_DISCOVERY_RANGE"  # type: ignore[attr-defined]
+
+
+def test_launch_file_starts_programs_that_are_installed() -> None:
+    named = set(re.findall(r'"(\w+_node)"', LAUNCH.read_text(encoding="utf-8")))
+    installed = {entry.name for entry in entry_points(group="console_scripts") if entry.value.startswith("mech_twin.")}
+    assert named == NODES
+    assert NODES | {"mech-twin"} <= installed
+
+
+def test_every_program_can_be_loaded() -> None:
+    for entry in entry_points(group="console_scripts"):
+        if entry.value.startswith("mech_twin."):
+            assert callable(entry.load())
+
+
+@pytest.mark.parametrize("name", list(CATALOGUE))
+def test_a_parameter_file_says_which_machine_it_is_of(name: str) -> None:
+    assert file_tree(ROOT / "config" / f"{name}.yaml")[MACHINE_KEY] == name
+
+
+@pytest.mark.parametrize("file", sorted((ROOT / "constraints").glob("*.txt")), ids=lambda path: path.stem)
+def test_pins_are_exact_and_carry_no_address(file: Path) -> None:
+    for line in file.read_text(encoding="utf-8").splitlines():
+        if line and not line.startswith("#"):
+            assert re.fullmatch(r"[A-Za-z0-9._-]+==[A-Za-z0-9.]+", line), line
