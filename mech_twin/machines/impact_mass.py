@@ -17,8 +17,6 @@ from mech_twin.parts.supply import SupplyParameters
 from mech_twin.quantity import Parameters, choice, quantity
 from mech_twin.roles import Machine
 
-SHORTEST_PHASE = 1e-9  # of a period; below it the phases cannot be told apart at large times
-
 
 class MassCoupling(Parameters):
     """How the roles exchange samples; the motion itself does not depend on it."""

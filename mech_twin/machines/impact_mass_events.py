@@ -170,10 +170,13 @@ def next_event(motion: Motion, acting: Drive) -> tuple[Happening, Motion]:
         first, r = motion.series_speed_m_per_s, acting.restitution
         number = motion.series_number + 1.0
         tau = motion.series_tau_s + series_delay(number, first, a, r)
-        limit = tau if acting.exact == 0.0 else motion.series_tau_s + series_length(first, a, r)
+        limit = tau
+        if acting.exact == 1.0:
+            limit = motion.series_tau_s + series_length(first, a, r)
+            tau = min(tau, limit)  # rounding may put a late impact behind the end of its series
         if number > acting.listed and limit <= end:
             return after_series(motion, acting, limit)
-        if tau <= end and not (limit <= tau and limit > end):
+        if tau <= end:
             return after_impact(motion, acting, tau, first * math.pow(r, number - 1.0))
     elif motion.mode == STUCK:
         if a < 0.0:

@@ -30,7 +30,7 @@ BLOW_TOLERANCE = 1e-9  # of a period: how near the next blow must be to one peri
 MASS_COLOUR, STOP_COLOUR, PUSH_COLOUR, PULL_COLOUR = (60, 90, 180), (90, 90, 90), (200, 60, 40), (240, 160, 40)
 MASS_M = 0.08  # side of the drawn mass
 SCALE_S = 0.02  # drawn height of 1 m/s in the phase portrait
-STOP_GAP_REGIMES = 3
+STUCK_REGIME = 3
 
 
 def after_blow(cycle: OneImpactCycle, acting: Drive) -> Motion:
@@ -129,14 +129,14 @@ def _portrait(stop_m: float, base_m: float, sample: LinkageSample) -> tuple[Shap
     """Return axes, the arc since the last event and the present point of the phase portrait, below the mass."""
     memory = sample.memory.values
     motion = Motion(*memory[:9])
-    a = sample.effort[0] and memory[16 + int(motion.phase)]
+    a = memory[16 + int(motion.phase)]  # phase1_acceleration, phase2_acceleration
     v0, v1 = motion.velocity_m_per_s, sample.velocity[0]
+    x0, x1 = stop_m - motion.gap_m, sample.position[0]
     arc = []
     for i in range(13):
         v = v0 + (v1 - v0) * i / 12.0
-        x = stop_m - motion.gap_m + ((v - v0) * (v + v0) / (2.0 * a) if a else (sample.position[0] - stop_m) * i / 12.0)
+        x = x0 + (v - v0) * (v + v0) / (2.0 * a) if a else x0 + (x1 - x0) * i / 12.0
         arc.append((min(x, stop_m), base_m + SCALE_S * v))
-    x1 = sample.position[0]
     return (
         Shape("portrait_axis", "line", ((stop_m - 1.0, base_m), (stop_m + 0.05, base_m)), STOP_COLOUR, 0.002),
         Shape("portrait_arc", "line", tuple(arc), MASS_COLOUR, 0.004),
@@ -207,7 +207,7 @@ class MassObserver:
         now["last_period_impacts"] = memory[12]
         if linkage.time_s > 0.0:
             now["mean_stop_force_n"] = now["stop_impulse_ns"] / linkage.time_s
-        resting = linkage.regime == STOP_GAP_REGIMES and memory[16] >= 0.0 and memory[17] >= 0.0
+        resting = linkage.regime == STUCK_REGIME and min(memory[16], memory[17]) >= 0.0
         if resting and not now["rests_for_good"]:
             now["rests_for_good_from_s"] = linkage.time_s
         now["rests_for_good"] = 1.0 if resting else 0.0
