@@ -7,13 +7,15 @@ from typing import Any
 
 import numpy as np
 
+from mech_twin.machines.roller_former_forces import QUANTITIES
 from mech_twin.machines.roller_former_motion import Former
-from mech_twin.machines.roller_former_roles import CART_JOINTS, CRANK_JOINT
+from mech_twin.machines.roller_former_roles import CART_JOINTS, CRANK_JOINT, TWIST_JOINT
 from mech_twin.parts.roller_cart.parameters import OFFSET
 from mech_twin.parts.roller_cart.statics import cart_load, cart_motion, shaft_terms, sides_of_travel
 from mech_twin.samples import Frame, LinkageSample, Shape
 
 BODY_HALF_HEIGHT_M = 0.09
+TWIST_ACCELERATION = QUANTITIES.index("twist_acceleration_rad_per_s2")
 COLOURS = ((40, 110, 180), (200, 90, 40), (60, 150, 90), (140, 80, 170))
 
 
@@ -78,16 +80,14 @@ class FormerObserver:
                 run[f"{event.kind}_at_s"] = event.time_s
 
     def _add(self, frame: Frame) -> None:
-        now, quantities = self._open, frame.forces.quantities
-        twist, rate = frame.linkage.position[2], frame.linkage.velocity[2]
-        bend = quantities["twist_acceleration_rad_per_s2"]
-        coupling = quantities["coupling_moment_nm"]
+        now, linkage = self._open, frame.linkage
+        coupling = linkage.effort[CRANK_JOINT]
         for name, value in (
-            ("elastic_moment_nm", quantities["elastic_moment_nm"]),
+            ("elastic_moment_nm", linkage.effort[TWIST_JOINT]),
             ("coupling_moment_nm", coupling),
-            ("twist_rad", twist),
-            ("twist_rate_rad_per_s", rate),
-            ("twist_acceleration_rad_per_s2", bend),
+            ("twist_rad", linkage.position[TWIST_JOINT]),
+            ("twist_rate_rad_per_s", linkage.velocity[TWIST_JOINT]),
+            ("twist_acceleration_rad_per_s2", frame.forces.quantities.values[TWIST_ACCELERATION]),
         ):
             low, high = now[name]
             now[name] = (min(low, value), max(high, value))

@@ -28,6 +28,7 @@ from mech_twin.machines.roller_former_motion import (
     normalise_modes,
     rates,
     signal,
+    something_happened,
     stretch_from,
 )
 from mech_twin.parts.roller_cart.statics import holds_at_rest
@@ -57,16 +58,20 @@ def trial(
     """Fill ``end`` with the state a step ``h`` later; ``k[0]`` holds the rates at ``y`` and ``k[1:12]`` is filled."""
     for stage in range(1, STAGES):
         for i in range(SIZE):
-            total = 0.0
-            for j in range(stage):
-                total += _A[stage, j] * k[j, i]
-            end[i] = y[i] + h * total
-        rates(former, torque, stretch, sides, t + _C[stage] * h, end, k[stage])
+            end[i] = y[i]
+        for j in range(stage):
+            weight = h * _A[stage, j]
+            if weight != 0.0:
+                for i in range(SIZE):
+                    end[i] += weight * k[j, i]
+        rates(former, torque, stretch, sides, t + _C[stage] * h, end, k, stage)
     for i in range(SIZE):
-        total = 0.0
-        for j in range(STAGES):
-            total += _B[j] * k[j, i]
-        end[i] = y[i] + h * total
+        end[i] = y[i]
+    for j in range(STAGES):
+        weight = h * _B[j]
+        if weight != 0.0:
+            for i in range(SIZE):
+                end[i] += weight * k[j, i]
 
 
 @kernel
@@ -167,7 +172,7 @@ def accepted_step(
     dips = holds_at_rest(former.bank) and stretch.share > 0.0
     while h > SHORTEST_S:
         trial(former, torque, stretch, sides, t, h, y, k, end)
-        rates(former, torque, stretch, sides, t + h, end, k[STAGES])
+        rates(former, torque, stretch, sides, t + h, end, k, STAGES)
         error = trial_error(former, h, k)
         if error > 1.0 or not np.isfinite(error):
             h *= max(0.2, 0.9 * error ** (-0.125)) if np.isfinite(error) else 0.2
@@ -224,7 +229,7 @@ def advance_motion(
     while t < end_s and y[CRANK] < stop_rad:
         if fresh:
             stretch = stretch_from(former, t, y, modes, sides, stop_rad)
-            rates(former, torque, stretch, sides, t, y, k[0])
+            rates(former, torque, stretch, sides, t, y, k, 0)
             fresh = False
         limit = end_s - t
         if stretch.share_rate > 0.0:
@@ -235,10 +240,11 @@ def advance_motion(
         if h < wanted and following < wanted and h == limit:
             following = wanted
         code = -1
-        for candidate in range(SIGNALS):
-            if signal(former, torque, stretch, modes, candidate, t + h, end) > 0.0:
-                h = root_step(former, torque, stretch, sides, modes, candidate, t, h, y, k, end)
-                code = candidate
+        if something_happened(former, torque, stretch, modes, t + h, end):
+            for candidate in range(SIGNALS):
+                if signal(former, torque, stretch, modes, candidate, t + h, end) > 0.0:
+                    h = root_step(former, torque, stretch, sides, modes, candidate, t, h, y, k, end)
+                    code = candidate
         count = count_slow(former, t, h, end, modes, events, count)
         y[:] = end
         t = end_s if h == end_s - t else t + h

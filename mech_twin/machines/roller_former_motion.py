@@ -125,8 +125,9 @@ def rates(
     t: float,
     y: NDArray[np.float64],
     out: NDArray[np.float64],
+    row: int,
 ) -> None:
-    """Fill ``out`` with the time derivative of the state; direction 0 is a crank held by its load."""
+    """Fill a row of ``out`` with the time derivative of the state; direction 0 is a crank held by its load."""
     speed, rate = y[SPEED], y[TWIST_RATE]
     moment = motor_moment(former, torque, t, speed + rate)
     transmitted = coupling_moment(former, y)
@@ -135,13 +136,13 @@ def rates(
         inertia, slope, full = shaft_terms(former.bank, y[CRANK], sides, stretch.direction)
         load = full * (stretch.share + stretch.share_rate * (t - stretch.start_s))
         acceleration = (transmitted - load - speed * speed * slope) / inertia
-    out[CRANK] = speed
-    out[TWIST] = rate
-    out[SPEED] = acceleration
-    out[TWIST_RATE] = (moment - transmitted) / former.motor_inertia_kg_m2 - acceleration
-    out[MOTOR_WORK] = moment * (speed + rate)
-    out[DAMPING_WORK] = former.damping_nms_per_rad * rate * rate
-    out[LOAD_WORK] = load * speed
+    out[row, CRANK] = speed
+    out[row, TWIST] = rate
+    out[row, SPEED] = acceleration
+    out[row, TWIST_RATE] = (moment - transmitted) / former.motor_inertia_kg_m2 - acceleration
+    out[row, MOTOR_WORK] = moment * (speed + rate)
+    out[row, DAMPING_WORK] = former.damping_nms_per_rad * rate * rate
+    out[row, LOAD_WORK] = load * speed
 
 
 @kernel
@@ -178,6 +179,27 @@ def signal(
         elif code == SLACKEN and modes[SLOW] < 0.0:
             value = -spare
     return float(value)
+
+
+@kernel
+def something_happened(
+    former: Former,
+    torque: Torque,
+    stretch: Stretch,
+    modes: NDArray[np.float64],
+    t: float,
+    y: NDArray[np.float64],
+) -> bool:
+    """Return whether any signal may be positive; most steps end here."""
+    fast = y[SPEED] + y[TWIST_RATE] >= former.slow_speed_rad_per_s * torque.command
+    return (
+        stretch.direction == 0.0
+        or y[CRANK] > stretch.high_rad
+        or y[CRANK] < stretch.low_rad
+        or stretch.direction * y[SPEED] < 0.0
+        or modes[ENGAGED] == 0.0
+        or fast == (modes[SLOW] >= 0.0)
+    )
 
 
 @kernel

@@ -36,7 +36,7 @@ from mech_twin.parts.roller_cart.statics import load_moments, sides_of_travel
 from mech_twin.parts.supply import limited_command
 
 TURN = 2.0 * pi
-CRITERION = 1e-9
+CRITERION = 1e-11
 MOST_TURNS = 2000
 NODES = 1440
 GRID = 7200
@@ -130,16 +130,16 @@ def turn_nodes(
 ) -> NDArray[np.float64]:
     """Return the columns of `SteadyTurn` over one turn from ``start``."""
     table = np.empty((nodes, 8))
-    y, out = start.copy(), np.empty(SIZE)
+    y, out = start.copy(), np.empty((1, SIZE))
     sides = np.empty(former.bank.carts.shape[0])
     events = np.zeros((EVENT_ROWS, 3))
     torque = Torque(True, command, 0.0, 0.0, 0.0)
     for node in range(nodes):
         t = turn_time_s * node / nodes
         low, high = sides_of_travel(former.bank, y[CRANK], sides)
-        rates(former, torque, Stretch(t, modes[DIRECTION], 1.0, 0.0, low, high, 0.0, 0.0), sides, t, y, out)
+        rates(former, torque, Stretch(t, modes[DIRECTION], 1.0, 0.0, low, high, 0.0, 0.0), sides, t, y, out, 0)
         table[node, 0], table[node, 1], table[node, 2], table[node, 3] = t, y[CRANK], y[SPEED], y[TWIST]
-        table[node, 4], table[node, 5] = y[TWIST_RATE], out[TWIST_RATE]
+        table[node, 4], table[node, 5] = y[TWIST_RATE], out[0, TWIST_RATE]
         table[node, 6] = coupling_moment(former, y)
         table[node, 7] = motor_moment(former, torque, t, y[SPEED] + y[TWIST_RATE])
         modes[5] = 0.0
@@ -153,7 +153,7 @@ def steady_turn(
     """Return the periodic motion under full load at rated supply, or None if the motor cannot keep it up.
 
     Started at synchronous speed, untwisted.  Steady means: from one passage of the starting crank angle to the next,
-    twist, crank speed and twist rate change by less than 1e-9 of their scales (twist of the rated moment, synchronous
+    twist, crank speed and twist rate change by less than 1e-11 of their scales (twist of the rated moment, synchronous
     speed).  None as well if that does not happen within ``most_turns``.
     """
     speed = former.motor.synchronous_speed_rad_per_s / former.ratio
@@ -211,7 +211,7 @@ def start_up(parameters: RollerFormer, former: Former, speed_rad_per_s: float) -
 
 def moment_figures(former: Former) -> dict[str, float]:
     """Return mean and largest load moment over a turn, in all and per cart of the shaft (N m)."""
-    angles = np.arange(GRID) * (TURN / GRID)
+    angles = np.linspace(0.0, TURN, GRID, endpoint=False)
     moments = load_moments(former.bank, angles, 1.0)
     mean, count = float(np.mean(moments)), former.bank.carts.shape[0]
     most = closed_extremes(moments)[1]

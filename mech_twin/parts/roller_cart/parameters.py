@@ -95,6 +95,7 @@ class CartBank(NamedTuple):
     crank_inertia_kg_m2: float
     rod_half_kg: float
     expanded: bool
+    plain: bool
     load: int
 
 
@@ -126,6 +127,7 @@ def cart_bank(
         crank_inertia_kg_m2=rotating,
         rod_half_kg=0.5 * p.rod_mass_kg,
         expanded=kinematics == "expanded",
+        plain=kinematics == "exact" and not any(row[ABSOLUTE] for row in rows),
         load=LOADS.index(load),
     )
 
