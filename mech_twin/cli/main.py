@@ -8,7 +8,8 @@ from typing import Annotated
 import typer
 
 from mech_twin import __version__
-from mech_twin.cli.failure import told_in_one_line
+from mech_twin.cli.failure import CommandError, told_in_one_line
+from mech_twin.cli.many_values import ManyValues
 
 app = typer.Typer(
     name="mech-twin",
@@ -21,6 +22,7 @@ app = typer.Typer(
 MachineName = Annotated[str, typer.Argument(help="machine of the catalogue (see `mech-twin list`)")]
 Config = Annotated[Path | None, typer.Option("--config", help="configuration file instead of the installed one")]
 Settings = Annotated[list[str] | None, typer.Option("--set", metavar="KEY.PATH=VALUE", help="override one key")]
+Bag = Annotated[Path, typer.Argument(help="a recording: its directory, or one .mcap file")]
 Json = Annotated[bool, typer.Option("--json", help="JSON on standard output")]
 
 
@@ -98,12 +100,61 @@ def analyse(
     analyse_machine(machine, crank_deg, cycle, config, settings or [], as_json=json)
 
 
+@app.command(cls=ManyValues)
+def replay(
+    bag: Bag,
+    rate: Annotated[float, typer.Option(help="recorded seconds per second")] = 1.0,
+    start: Annotated[float, typer.Option(help="begin at this time of the recording, s")] = 0.0,
+    duration: Annotated[float | None, typer.Option(help="replay so many seconds of it")] = None,
+    loop: Annotated[bool, typer.Option("--loop", help="begin again at the end")] = False,
+    clock: Annotated[bool, typer.Option("--clock", help="tell the time on /clock oneself")] = False,
+    topics: Annotated[list[str] | None, typer.Option("--topics", metavar="T...", help="only these topics")] = None,
+    listeners: Annotated[int, typer.Option(help="wait for so many subscribers on each topic", min=0)] = 0,
+    analyse: Annotated[bool, typer.Option("--analyse", help="compute the forces again from the motion")] = False,
+    resimulate: Annotated[bool, typer.Option("--resimulate", help="compute the whole run again")] = False,
+    json: Json = False,
+) -> None:
+    """Publish a recording on its topics, or compute it again and compare to the last bit (exit code 1: differs)."""
+    if analyse and resimulate:
+        raise CommandError("--analyse and --resimulate exclude each other: forces alone, or the whole run")
+    if analyse or resimulate:
+        from mech_twin.cli.compare import compare_bag
+
+        compare_bag(bag, "analyse" if analyse else "resimulate", as_json=json)
+        return
+    from mech_twin.cli.replay import ReplayRequest, replay_bag
+
+    replay_bag(ReplayRequest(bag, rate, start, duration, loop, clock, topics or [], listeners))
+
+
 @app.command()
-def info(bag: Annotated[Path, typer.Argument(help="a recording")], json: Json = False) -> None:
+def view(
+    bag: Bag,
+    save: Annotated[Path | None, typer.Option(help="write NAME.rrd instead of showing it")] = None,
+    port: Annotated[int, typer.Option(help="port of the web view; 0 takes a free one", min=0, max=65535)] = 0,
+) -> None:
+    """Show a recording the same way as a live run."""
+    from mech_twin.cli.view import view_bag
+
+    view_bag(bag, save, port)
+
+
+@app.command()
+def info(bag: Bag, json: Json = False) -> None:
     """Say what a recording holds, and what it lost."""
     from mech_twin.cli.info import show_info
 
     show_info(bag, as_json=json)
+
+
+@app.command()
+def recover(
+    bag: Bag, out: Annotated[Path, typer.Argument(help="directory of the new recording")], json: Json = False
+) -> None:
+    """Make a sound recording out of what is intact of another."""
+    from mech_twin.cli.recover import recover_bag
+
+    recover_bag(bag, out, as_json=json)
 
 
 def main() -> None:

@@ -1,0 +1,33 @@
+"""An option that takes several values after one another: ``--topics A B C``."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from typer.core import TyperCommand
+
+MANY = ("--topics",)
+
+
+class ManyValues(TyperCommand):
+    """A command whose `MANY` options may be followed by several values."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Parse the arguments, each further value given its option."""
+        return super().parse_args(ctx, spread(args))
+
+
+def spread(arguments: list[str]) -> list[str]:
+    """Return the arguments with the option repeated before each of its values."""
+    given: list[str] = []
+    option: str | None = None
+    for argument in arguments:
+        if argument.startswith("-"):
+            option = argument if argument in MANY else None
+            if option is None:
+                given.append(argument)
+        elif option is not None:
+            given += [option, argument]
+        else:
+            given.append(argument)
+    return given + ([option] if option and given[-2:-1] != [option] else [])

@@ -1,0 +1,92 @@
+"""``mech-twin replay``: a recording published again, or computed again and compared."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from mech_twin.cli.console import say
+from mech_twin.cli.failure import CommandError
+from mech_twin.nodes.domain import settle_domain
+
+if TYPE_CHECKING:
+    from mech_twin.nodes.replay_node import ReplayNode
+    from mech_twin.nodes.replay_session import ReplayOutcome
+    from mech_twin.nodes.replay_source import ReplaySource
+
+
+class ReplayRequest(NamedTuple):
+    """What was asked on the command line."""
+
+    bag: Path
+    rate: float
+    start_s: float
+    duration_s: float | None
+    loop: bool
+    clock: bool
+    topics: list[str]
+    listeners: int
+
+
+def replay_bag(request: ReplayRequest) -> None:
+    """Publish a bag on its topics until its end, or until stopped."""
+    _check(request)
+    settle_domain()
+    from mech_twin.nodes.replay_node import ReplayOptions
+    from mech_twin.nodes.replay_session import replayed
+    from mech_twin.nodes.replay_source import ReplaySource
+    from mech_twin.recording.bag_reader import BagReader
+
+    with BagReader(request.bag) as reader:
+        source = ReplaySource(reader, request.topics, request.start_s, request.duration_s)
+        for name, why in source.unknown.items():
+            say(f"{name}: left out: {why}")
+        if not source.topics:
+            raise CommandError(f"{request.bag}: no topic can be replayed: {'; '.join(source.unknown.values())}")
+        options = ReplayOptions(request.rate, request.loop, request.clock, request.listeners)
+        with _progress(source) as notice:
+            outcome = replayed(source, options, notice)
+    _tell(outcome)
+
+
+def _check(request: ReplayRequest) -> None:
+    from mech_twin.nodes.replay_limits import FASTEST, SLOWEST
+
+    if not SLOWEST <= request.rate <= FASTEST:  # false for NaN, too
+        raise CommandError(f"--rate {request.rate:g}: expected {SLOWEST:g} to {FASTEST:g}")
+    for name, value in (("--start", request.start_s), ("--duration", request.duration_s)):
+        if value is not None and not (math.isfinite(value) and value >= 0.0):
+            raise CommandError(f"{name} {value}: expected a number of seconds, not negative")
+
+
+@contextmanager
+def _progress(source: ReplaySource) -> Iterator[Callable[[ReplayNode], None]]:
+    """Give what shows the position, when a terminal listens."""
+    if not sys.stderr.isatty():
+        yield lambda node: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn
+
+    parts = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed:.2f} of {task.total:.2f} s"))
+    first, last = source.seconds(source.first_ns), source.seconds(source.last_ns)
+    with Progress(*parts, console=Console(stderr=True), transient=True, refresh_per_second=10) as bar:
+        task = bar.add_task("replaying", total=last - first)
+
+        def notice(node: ReplayNode) -> None:
+            word = "paused" if node.paused else f"replaying at {node.rate:.3g}"
+            bar.update(task, completed=node.position_s - first, description=word)
+
+        yield notice
+
+
+def _tell(outcome: ReplayOutcome) -> None:
+    say(f"published {sum(outcome.published.values())} messages on {len(outcome.published)} topics")
+    for name, number in outcome.malformed.items():
+        say(f"{name}: {number} messages skipped: their bytes are not of the topic's type")
+    for name, number in outcome.refused.items():
+        say(f"{name}: {number} messages not published")

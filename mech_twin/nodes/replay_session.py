@@ -1,0 +1,100 @@
+"""A replay from beginning to end: the node spun, keys obeyed, progress told."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import rclpy
+from rclpy.experimental.events_executor import EventsExecutor
+from rclpy.parameter import Parameter
+from rclpy.signals import SignalHandlerOptions
+
+from mech_twin.nodes.replay_limits import FASTEST, SLOWEST
+from mech_twin.nodes.replay_node import ReplayNode, ReplayOptions
+from mech_twin.nodes.replay_source import ReplaySource
+from mech_twin.nodes.stop_signal import StopSignal
+from mech_twin.nodes.terminal_keys import TerminalKeys
+
+LONGEST_WAIT_S = 0.05
+SHORTEST_WAIT_S = 1e-4
+ARRIVAL_LIMIT_S = 1.0
+FASTER = 1.25
+KEYS = "space: pause or go on, n: next impact, +/-: faster or slower, q: quit"
+
+
+class ReplayOutcome(NamedTuple):
+    """What a replay came to: messages by topic."""
+
+    published: dict[str, int]
+    malformed: dict[str, int]
+    refused: dict[str, int]
+    unknown: dict[str, str]
+
+
+def replayed(source: ReplaySource, options: ReplayOptions, progress: Callable[[ReplayNode], None]) -> ReplayOutcome:
+    """Replay a bag until its end, a signal or the key that quits.
+
+    Parameters
+    ----------
+    source, options
+        What is replayed, and how.
+    progress : callable
+        Called with the node again and again.
+    """
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    node: ReplayNode | None = None
+    try:
+        with StopSignal() as stop, TerminalKeys() as keys:
+            node = ReplayNode(source, options)
+            if keys.listening:
+                node.get_logger().info(KEYS)
+            _spin(node, stop, keys, progress)
+            node.finish(0.0 if stop.asked else ARRIVAL_LIMIT_S)
+            return _outcome(node, source)
+    finally:
+        if node is not None:
+            node.destroy_node()
+        rclpy.try_shutdown()
+
+
+def _outcome(node: ReplayNode, source: ReplaySource) -> ReplayOutcome:
+    published = {name: outlet.published for name, outlet in node.outlets.items()}
+    refused = {name: outlet.refused for name, outlet in node.outlets.items() if outlet.refused}
+    return ReplayOutcome(published, dict(source.malformed), refused, dict(source.unknown))
+
+
+def _spin(node: ReplayNode, stop: StopSignal, keys: TerminalKeys, progress: Callable[[ReplayNode], None]) -> None:
+    executor = EventsExecutor()
+    executor.add_node(node)
+    try:
+        while rclpy.ok() and not (stop.asked or node.done):
+            wait = min(node.turn(), LONGEST_WAIT_S)
+            executor.spin_once(timeout_sec=max(wait, SHORTEST_WAIT_S))
+            for key in keys.pressed():
+                obey(node, key)
+            progress(node)
+    finally:
+        executor.remove_node(node)
+        executor.shutdown()
+
+
+def obey(node: ReplayNode, key: str) -> None:
+    """Do what a key asks for; other keys do nothing."""
+    if key == " ":
+        node.get_logger().info(node.resume() if node.paused else node.pause())
+    elif key == "n":
+        found, line = node.go_to_next_impact()
+        if not found:
+            node.get_logger().info(line)
+    elif key in "+=":
+        _change_rate(node, node.rate * FASTER)
+    elif key in "-_":
+        _change_rate(node, node.rate / FASTER)
+    elif key == "q":
+        node.done = True
+
+
+def _change_rate(node: ReplayNode, rate: float) -> None:
+    node.set_parameters([Parameter("rate", value=min(max(rate, SLOWEST), FASTEST))])
+    node.get_logger().info(f"rate {node.rate:.4g}")
