@@ -1,0 +1,178 @@
+"""The command as a person types it: quick help, numbers for machines, bad input in one line."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from mech_twin.machines.catalog import CATALOGUE
+from mech_twin.parameters.load import configuration_file
+
+pytestmark = pytest.mark.usefixtures("ros_domain")
+COMMAND = [sys.executable, "-c", "from mech_twin.cli.main import main; main()"]
+
+
+def mech_twin(*words: str, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([*COMMAND, *words], capture_output=True, text=True, timeout=120, check=False, cwd=cwd)
+
+
+def document(*words: str) -> Any:
+    done = mech_twin(*words)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+def test_help_is_quick() -> None:
+    """Best of five: the promise is about the command, not about a busy machine."""
+    best = float("inf")
+    for _ in range(5):
+        before = time.monotonic()
+        assert mech_twin("--help").returncode == 0
+        best = min(best, time.monotonic() - before)
+    imports = subprocess.run(
+        [sys.executable, "-X", "importtime", "-c", "import mech_twin.cli.main"],
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stderr
+    heavy = ("numba", "scipy", "rclpy", "matplotlib", "rerun", "pyarrow")
+    assert not [line for line in imports.splitlines() if line.rsplit("|", 1)[-1].strip() in heavy]
+    assert best < 1.0
+
+
+def test_list_names_every_machine() -> None:
+    assert [machine["name"] for machine in document("list", "--json")["machines"]] == list(CATALOGUE)
+
+
+def test_simulate_gives_summary_events_and_samples() -> None:
+    result = document("simulate", "impact_mass", "--duration", "0.2", "--json", "--samples")
+    assert set(result) == {"machine", "config", "summary", "events", "samples"}
+    assert {"time_s", "kind", "pre_velocity_m_per_s", "post_velocity_m_per_s", "impulse_ns", "period"} <= set(
+        result["events"][0]
+    )
+    assert len({len(column) for column in result["samples"].values()}) == 1
+    assert result["samples"]["time_s"][-1] == pytest.approx(0.2)
+
+
+def test_a_setting_changes_the_result() -> None:
+    light = document("analyse", "winding_drum", "--json", "--set", "package_density_kg_per_m3=300.0")["summary"]
+    heavy = document("analyse", "winding_drum", "--json")["summary"]
+    assert light["package_mass_kg"] < heavy["package_mass_kg"]
+
+
+def test_analyse_gives_one_position_or_a_cycle() -> None:
+    one = document("analyse", "compaction_press", "--crank-deg", "225", "--json")
+    assert one["crank_deg"] == 225.0
+    cycle = document("analyse", "compaction_press", "--cycle", "12", "--json")["cycle"]
+    assert {len(column) for column in cycle.values()} == {12}
+
+
+def bad_yaml(folder: Path, old: str, new: str) -> str:
+    text = configuration_file("winding_drum").read_text(encoding="utf-8")
+    assert old in text
+    (folder / "bad.yaml").write_text(text.replace(old, new), encoding="utf-8")
+    return str(folder / "bad.yaml")
+
+
+def bad_inputs(folder: Path) -> dict[str, tuple[list[str], list[str]]]:
+    """Return bad inputs: words of the command, and what the one line must say."""
+    drum = ["simulate", "winding_drum", "--duration", "0.1"]
+    unknown = bad_yaml(folder, "package_radius_m:", "package_radios_m:")
+    (folder / "file").write_text("not a directory", encoding="utf-8")
+    (folder / "damaged").mkdir()
+    (folder / "damaged" / "damaged_0.mcap").write_bytes(b"\x89MCAP0\r\n" + b"\x00" * 100)
+    linkage = ["simulate", "compaction_press", "--duration", "0.1", "--set", "linkage.crank_m=5.0"]
+    return {
+        "unknown machine": (["simulate", "press", "--duration", "1"], ["press", "compaction_press"]),
+        "unknown key": ([*drum, "--config", unknown], ["bad.yaml", "package_radios_m"]),
+        "wrong type": ([*drum, "--set", "package_radius_m=wide"], ["package_radius_m", "wide", "number"]),
+        "out of range": ([*drum, "--set", "package_radius_m=-1.0"], ["package_radius_m", "-1.0", "greater than"]),
+        "cannot turn": (linkage, ["compaction_press.yaml", "5"]),
+        "missing file": ([*drum, "--config", str(folder / "none.yaml")], ["none.yaml", "No such file"]),
+        "missing bag": (["info", str(folder / "nothing")], ["nothing"]),
+        "damaged bag": (["info", str(folder / "damaged")], ["damaged"]),
+        "bag over a file": ([*drum, "--bag", str(folder / "file")], ["file"]),
+        "bag in a file": ([*drum, "--bag", str(folder / "file" / "bag")], ["file"]),
+        "pace": (["run", "winding_drum", "--pace", "slow"], ["--pace", "slow", "realtime"]),
+        "view": (["run", "winding_drum", "--view", "film.mp4"], ["--view", "film.mp4", ".rrd"]),
+        "both": (["analyse", "winding_drum", "--crank-deg", "1", "--cycle", "4"], ["--crank-deg", "--cycle"]),
+    }
+
+
+KINDS = [
+    "unknown machine", "unknown key", "wrong type", "out of range", "cannot turn", "missing file", "missing bag",
+    "damaged bag", "bag over a file", "bag in a file", "pace", "view", "both",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_bad_input_is_one_line_and_exit_code_2(kind: str, tmp_path: Path) -> None:
+    words, expected = bad_inputs(tmp_path)[kind]
+    done = mech_twin(*words, cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    lines = done.stderr.strip().splitlines()
+    assert len(lines) == 1, done.stderr
+    for word in expected:
+        assert word in lines[0]
+    assert not (tmp_path / "recordings").exists()
+
+
+def test_a_busy_port_is_named(tmp_path: Path) -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = str(taken.getsockname()[1])
+        done = mech_twin("run", "winding_drum", "--no-record", "--view-port", port, cwd=tmp_path)
+    assert done.returncode == 2
+    assert port in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("processes", [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_a_signal_ends_a_run_within_a_second_and_closes_the_recording(
+    number: signal.Signals, processes: bool, tmp_path: Path
+) -> None:
+    bag = tmp_path / "bag"
+    words = ["run", "winding_drum", "--view", "none", "--record", str(bag), "--json"]
+    run = subprocess.Popen(
+        [*COMMAND, *words, *(["--processes"] if processes else [])],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=os.environ | {"PYTHONUNBUFFERED": "1"},
+    )
+    try:
+        wait_for_growth(bag / "bag_0.mcap")
+        before = time.monotonic()
+        run.send_signal(number)
+        out, errors = run.communicate(timeout=20)
+        took = time.monotonic() - before
+    finally:
+        run.kill()
+    assert run.returncode == 0, errors
+    assert took < 1.5  # a second, and the start of a report on a busy machine
+    assert json.loads(out)["machine"] == "winding_drum"
+    assert document("info", str(bag), "--json")["finished"] is True
+
+
+def wait_for_growth(file: Path) -> None:
+    end = time.monotonic() + 60.0
+    first: int | None = None
+    while time.monotonic() < end:
+        size = file.stat().st_size if file.exists() else 0
+        first = size if first is None and size else first
+        if first is not None and size > first + 20_000:
+            return
+        time.sleep(0.05)
+    raise AssertionError(f"{file} does not grow")
