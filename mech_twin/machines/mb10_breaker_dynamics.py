@@ -1,0 +1,256 @@
+r"""Crank and body of the breaker, solved together: masses, forces, impacts, energies.
+
+::
+
+        y (of the body)       springs press          A  crank axis = pivot of the body, origin of both frames
+        ^                        |                   D  rocker bearing, on the body's x axis
+        |   coupler _____        v                   q  crank angle from AD, counter-clockwise, against the body
+        |      ____/     \                           phi  angle of the body, clockwise (lifting) positive:
+        |  C'_/           o B                             it runs against the crank
+        | /  q          /                            n  direction of the blow, r_tool from A, striker_arm from D
+        A o-----------o D ----> x                    S  striking face; y_c + r_tool phi is where the tool stands
+                       \                             R  collar force times its arm, >= 0 while the body rests
+                        \  S|===> n   tool | wall
+
+    M11 u' + M12 p' + M11,q u^2/2 - M22,q p^2/2       = Q + G_q
+    M12 u' + M22 p' + M12,q u^2 + M22,q u p           = -Q (frame drive) - c (l phi + a) l - d p + R + G_phi
+
+with u = q', p = phi', Q the torque on the crank behind the gear, G gravity.  An absolute angular velocity is
+counter-clockwise: crank u - p, link i  g_i u - p, body -p.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mech_twin.kernel import kernel
+from mech_twin.parts.four_bar import Coefficients, FourBar, Link, Position, coefficients, offset, position
+
+Q, U, PHI, P, WORK, DAMPED, TURNED = 0, 1, 2, 3, 4, 5, 6
+STATES = 7  # crank angle and speed, body angle and speed, work of the drive, damping loss, angular impulse on all
+REST, FLIGHT, HELD, JAMMED = 0, 1, 2, 3
+
+
+class Breaker(NamedTuple):
+    """Constants of the coupled motion, SI units; see the parameter model for their meaning."""
+
+    bar: FourBar
+    crank: Link
+    coupler: Link
+    rocker: Link
+    rotor11: float
+    rotor12: float
+    rotor22: float
+    frame_drive: float
+    ratio: float
+    efficiency: float
+    inertia: float
+    rate: float
+    arm: float
+    deflection: float
+    damping: float
+    restitution: float
+    radius: float
+    striker: float
+    tool_mass: float
+    tool_restitution: float
+    overtravel: float
+    wall_force: float
+    n_x: float
+    n_y: float
+    extreme: float
+    retreat: float
+    extreme_x: float
+    extreme_y: float
+    gravity: float
+    held: bool
+
+
+class Masses(NamedTuple):
+    """Generalised masses (kg m^2), their derivatives in the crank angle, and gravity's forces (N m)."""
+
+    m11: float
+    m12: float
+    m22: float
+    m11_q: float
+    m12_q: float
+    m22_q: float
+    g_q: float
+    g_phi: float
+
+
+@kernel
+def masses(b: Breaker, at: Position, by: Coefficients, phi: float) -> Masses:
+    """Return the generalised masses: a_i = dr_i/dq, b_i = -k x r_i, V_i = a_i u + b_i p.
+
+    M11 = sum m a.a + I g^2, M12 = sum m a.b - I g, M22 = J + sum m r.r + I, rotor and crank added.
+    """
+    down_x, down_y = b.gravity * math.sin(phi), -b.gravity * math.cos(phi)
+    crank = b.crank.inertia_kg_m2
+    x, y = offset(b.crank, at.a_x, at.a_y, b.bar.crank_m)
+    g_q = b.crank.mass_kg * (-y * down_x + x * down_y)
+    g_phi = -g_q
+    # coupler
+    m, inertia = b.coupler.mass_kg, b.coupler.inertia_kg_m2
+    x, y = offset(b.coupler, at.u_x, at.u_y, b.bar.coupler_m)
+    r_x, r_y = at.a_x + x, at.a_y + y
+    a_x, a_y = -at.a_y - by.g2 * y, at.a_x + by.g2 * x
+    d_x = -at.a_x - by.g2_1 * y - by.g2 * by.g2 * x
+    d_y = -at.a_y + by.g2_1 * x - by.g2 * by.g2 * y
+    m11 = crank + b.rotor11 + m * (a_x * a_x + a_y * a_y) + inertia * by.g2 * by.g2
+    m11_q = 2.0 * (m * (a_x * d_x + a_y * d_y) + inertia * by.g2 * by.g2_1)
+    m12 = -crank + b.rotor12 + m * (a_x * r_y - a_y * r_x) - inertia * by.g2
+    m12_q = m * (d_x * r_y - d_y * r_x) - inertia * by.g2_1
+    m22 = b.inertia + crank + b.rotor22 + m * (r_x * r_x + r_y * r_y) + inertia
+    m22_q = 2.0 * m * (r_x * a_x + r_y * a_y)
+    g_q += m * (a_x * down_x + a_y * down_y)
+    g_phi += m * (r_y * down_x - r_x * down_y)
+    # rocker
+    m, inertia = b.rocker.mass_kg, b.rocker.inertia_kg_m2
+    x, y = offset(b.rocker, at.v_x, at.v_y, b.bar.rocker_m)
+    r_x, r_y = b.bar.pivot_x_m + x, b.bar.pivot_y_m + y
+    a_x, a_y = -by.g3 * y, by.g3 * x
+    d_x, d_y = -by.g3_1 * y - by.g3 * by.g3 * x, by.g3_1 * x - by.g3 * by.g3 * y
+    m11 += m * (a_x * a_x + a_y * a_y) + inertia * by.g3 * by.g3
+    m11_q += 2.0 * (m * (a_x * d_x + a_y * d_y) + inertia * by.g3 * by.g3_1)
+    m12 += m * (a_x * r_y - a_y * r_x) - inertia * by.g3
+    m12_q += m * (d_x * r_y - d_y * r_x) - inertia * by.g3_1
+    m22 += m * (r_x * r_x + r_y * r_y) + inertia
+    m22_q += 2.0 * m * (r_x * a_x + r_y * a_y)
+    g_q += m * (a_x * down_x + a_y * down_y)
+    g_phi += m * (r_y * down_x - r_x * down_y)
+    return Masses(m11, m12, m22, m11_q, m12_q, m22_q, g_q, g_phi)
+
+
+@kernel
+def spring_moment(b: Breaker, phi: float) -> float:
+    """Return c (l phi + a) l, the moment with which the springs press the body down (N m)."""
+    return b.rate * (b.arm * phi + b.deflection) * b.arm
+
+
+@kernel
+def crank_torque(b: Breaker, torque: float, u: float, p: float) -> float:
+    """Return the torque behind the gear, Q = eta i M_m; eta becomes 1/eta when the motor generates (N m)."""
+    speed = u - p if b.frame_drive > 0.0 else u
+    efficiency = b.efficiency if torque * speed >= 0.0 else 1.0 / b.efficiency
+    return efficiency * b.ratio * torque
+
+
+@kernel
+def accelerations(
+    b: Breaker, m: Masses, u: float, phi: float, p: float, drive: float, rests: bool
+) -> tuple[float, float, float]:
+    """Return u', p' (rad/s^2) and R (N m), the collar's moment that holds a resting body (0 in flight)."""
+    first = drive + m.g_q - 0.5 * m.m11_q * u * u + 0.5 * m.m22_q * p * p
+    second = -b.frame_drive * drive - spring_moment(b, phi) - b.damping * p + m.g_phi
+    second -= m.m12_q * u * u + m.m22_q * u * p
+    if rests:
+        du = first / m.m11
+        return du, 0.0, m.m12 * du - second
+    det = m.m11 * m.m22 - m.m12 * m.m12
+    return (first * m.m22 - second * m.m12) / det, (second * m.m11 - first * m.m12) / det, 0.0
+
+
+@kernel
+def masses_at(b: Breaker, q: float, phi: float) -> Masses:
+    """Return the generalised masses at crank angle q and body angle phi (rad)."""
+    at = position(b.bar, q)
+    return masses(b, at, coefficients(at), phi)
+
+
+@kernel
+def derivatives(b: Breaker, state: NDArray[np.float64], torque: float, rests: bool, out: NDArray[np.float64]) -> float:
+    """Fill the derivatives of the state under a motor torque (N m) and return the collar's moment R (N m)."""
+    u, phi, p = state[U], state[PHI], state[P]
+    m = masses_at(b, state[Q], phi)
+    drive = crank_torque(b, torque, u, p)
+    du, dp, collar = accelerations(b, m, u, phi, p, drive, rests)
+    out[Q], out[U], out[PHI], out[P] = u, du, p, dp
+    out[WORK] = drive * (u - b.frame_drive * p)
+    out[DAMPED] = b.damping * p * p
+    out[TURNED] = -b.frame_drive * drive - spring_moment(b, phi) - b.damping * p + collar + m.g_phi
+    return collar
+
+
+@kernel
+def energies(b: Breaker, q: float, u: float, phi: float, p: float) -> tuple[float, float, float]:
+    """Return kinetic energy, potential energy of springs and weights (J), and the angular momentum M12 u + M22 p."""
+    at = position(b.bar, q)
+    m = masses(b, at, coefficients(at), phi)
+    kinetic = 0.5 * m.m11 * u * u + m.m12 * u * p + 0.5 * m.m22 * p * p
+    stretch = b.arm * phi + b.deflection
+    x1, y1 = offset(b.crank, at.a_x, at.a_y, b.bar.crank_m)
+    x2, y2 = offset(b.coupler, at.u_x, at.u_y, b.bar.coupler_m)
+    x3, y3 = offset(b.rocker, at.v_x, at.v_y, b.bar.rocker_m)
+    x = b.crank.mass_kg * x1 + b.coupler.mass_kg * (at.a_x + x2) + b.rocker.mass_kg * (b.bar.pivot_x_m + x3)
+    y = b.crank.mass_kg * y1 + b.coupler.mass_kg * (at.a_y + y2) + b.rocker.mass_kg * (b.bar.pivot_y_m + y3)
+    height = y * math.cos(phi) - x * math.sin(phi)
+    return kinetic, 0.5 * b.rate * stretch * stretch + b.gravity * height, m.m12 * u + m.m22 * p
+
+
+@kernel
+def striker(b: Breaker, q: float) -> tuple[float, float, float]:
+    """Return y - y_c (m), dy/dq (m/rad) and d2y/dq2: the striker's travel against the seated tool's face.
+
+    y = striker_arm x rocker angle; at the rocker's extreme y - y_c = h.
+    """
+    at = position(b.bar, q)
+    by = coefficients(at)
+    cross = b.extreme_x * at.v_y - b.extreme_y * at.v_x
+    dot = b.extreme_x * at.v_x + b.extreme_y * at.v_y
+    return b.overtravel + b.striker * math.atan2(cross, dot), b.striker * by.g3, b.striker * by.g3_1
+
+
+@kernel
+def gap(b: Breaker, q: float, u: float, phi: float, p: float) -> tuple[float, float]:
+    """Return the gap between striker and tool (m) and the closing speed v = (dy/dq) u - r_tool p (m/s)."""
+    travel, slope, _ = striker(b, q)
+    return b.radius * phi - travel, slope * u - b.radius * p
+
+
+class Blow(NamedTuple):
+    """A blow: speeds after it, impulse, the tool's energy and the energy lost in it (SI)."""
+
+    u: float
+    p: float
+    impulse: float
+    tool_energy: float
+    loss: float
+
+
+@kernel
+def blow(b: Breaker, q: float, u: float, phi: float, p: float, rests: bool) -> Blow:
+    """Return the blow of the striker on the free tool, crank and body together.
+
+    j = (dy/dq, -r_tool), 1/m_e = j' M^-1 j, P = (1 + e_t) v m_e m_t/(m_e + m_t), jump = -M^-1 j P; a body that is
+    held, or that the blow would press onto its collar, does not take part: m_e = M11/(dy/dq)^2.
+    """
+    m = masses_at(b, q, phi)
+    _, slope, _ = striker(b, q)
+    v = slope * u - b.radius * p
+    det = m.m11 * m.m22 - m.m12 * m.m12
+    x = (m.m22 * slope + m.m12 * b.radius) / det
+    y = (-m.m12 * slope - m.m11 * b.radius) / det
+    if b.held or (rests and y > 0.0):
+        x, y = slope / m.m11, 0.0
+    effective = 1.0 / (slope * x - b.radius * y)
+    both = effective * b.tool_mass / (effective + b.tool_mass)
+    impulse = (1.0 + b.tool_restitution) * v * both
+    loss = 0.5 * (1.0 - b.tool_restitution * b.tool_restitution) * both * v * v
+    return Blow(u - x * impulse, p - y * impulse, impulse, 0.5 * impulse * impulse / b.tool_mass, loss)
+
+
+@kernel
+def touchdown(b: Breaker, q: float, u: float, phi: float, p: float, e: float) -> tuple[float, float, float, float]:
+    """Return u and p after the body meets its collar, the collar's angular impulse (N m s) and the loss (J).
+
+    du = -(M12/M11)(1 + e)|p|, dp = (1 + e)|p|.
+    """
+    m = masses_at(b, q, phi)
+    jump = -(1.0 + e) * p
+    seen = m.m22 - m.m12 * m.m12 / m.m11
+    return u - m.m12 / m.m11 * jump, p + jump, seen * jump, 0.5 * (1.0 - e * e) * seen * p * p
