@@ -8,7 +8,7 @@ ARGS ?=
 
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
-.PHONY: run test test-fast test-browser lint bench colcon clean
+.PHONY: run test test-fast test-browser test-ros lint bench colcon clean
 
 run: $(VENV)/.run
 	$(BIN)/mech-twin run $(ARGS)
@@ -21,6 +21,9 @@ test-fast: $(VENV)/.test
 
 test-browser: $(VENV)/.test
 	$(BIN)/python -m pytest -m browser $(ARGS)
+
+test-ros: $(VENV)/.test
+	$(BIN)/python -m pytest test/messages test/nodes -m "not slow" $(ARGS)
 
 lint: $(VENV)/.test
 	$(BIN)/ruff check .
