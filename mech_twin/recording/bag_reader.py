@@ -8,78 +8,17 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
-from typing import NamedTuple
 
+from mech_twin.recording.bag_contents import BagInfo, BagMessage, SplitInfo, TopicInfo
 from mech_twin.recording.bag_metadata import FILE_NAME, read_contents
 from mech_twin.recording.errors import BagBeyondLimitsError, DamagedBagError, MissingBagError, UnfinishedBagError
-from mech_twin.recording.file_index import Extent, FileIndex, summarised, walked
-from mech_twin.recording.mcap_records import RawMessage, RecordFile
+from mech_twin.recording.file_index import Extent, FileIndex
+from mech_twin.recording.file_summary import intact_index, summarised
+from mech_twin.recording.mcap_records import RawMessage
+from mech_twin.recording.record_file import RecordFile
 from mech_twin.recording.split_series import FINISHED_KEY
 
 MAX_OPEN_BYTES = 1 << 30
-
-
-class BagMessage(NamedTuple):
-    """One recorded message, still encoded."""
-
-    topic: str
-    type_name: str
-    log_time_ns: int
-    publish_time_ns: int
-    raw: bytes
-
-
-@dataclass(frozen=True)
-class TopicInfo:
-    """A topic of a bag."""
-
-    topic: str
-    type_name: str
-    message_count: int
-    qos_yaml: str
-    type_hash: str
-    definition: str
-    schema_encoding: str
-    message_encoding: str
-
-
-@dataclass(frozen=True)
-class SplitInfo:
-    """One file of a bag."""
-
-    file: Path
-    size_bytes: int
-    start_ns: int | None
-    end_ns: int | None
-    message_count: int
-
-
-@dataclass(frozen=True)
-class BagInfo:
-    """What a bag holds.
-
-    Attributes
-    ----------
-    counters : dict
-        Loss counters by topic (received, written, dropped, missed, late); empty for foreign bags.
-    configuration : str, optional
-        YAML of the machine.
-    finished : bool
-        Whether the recording was closed.
-    problems : tuple of str
-        What is damaged or missing, a line each; empty for a sound bag.
-    """
-
-    path: Path
-    topics: dict[str, TopicInfo]
-    message_count: int
-    start_ns: int | None
-    duration_s: float
-    counters: dict[str, dict[str, int]]
-    configuration: str | None
-    splits: tuple[SplitInfo, ...]
-    finished: bool
-    problems: tuple[str, ...] = ()
 
 
 @dataclass
@@ -243,17 +182,9 @@ class BagReader:
     def _open(self, path: Path, salvage: bool) -> None:
         file = RecordFile(path)
         self._stack.callback(file.close)
-        if not salvage:
-            source = _Source(summarised(file))
-        else:
-            try:
-                source = _Source(summarised(file))
-                for extent in source.index.extents:
-                    for _ in source.index.records_of(extent):
-                        pass
-            except (UnfinishedBagError, DamagedBagError) as error:
-                self._problems.append(f"{error.file}: {error.reason}")
-                source = _Source(walked(file))
+        source = _Source(intact_index(file) if salvage else summarised(file))
+        if salvage:
+            self._problems += source.index.problems()
         index = source.index
         if self._sources:
             repeated = index.repeated()

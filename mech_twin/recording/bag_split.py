@@ -66,6 +66,30 @@ class Storage:
     compression: str
     fsync: bool
 
+    def __post_init__(self) -> None:
+        """Refuse what cannot be stored."""
+        if self.chunk_bytes <= 0 or self.compression not in COMPRESSIONS:
+            raise ValueError(
+                f"expected chunk_bytes > 0 and compression one of {', '.join(COMPRESSIONS)}; "
+                f"got {self.chunk_bytes}, '{self.compression}'"
+            )
+
+
+@dataclass(frozen=True)
+class SplitRule:
+    """When a new file begins: at a size, or after some log time; None is never."""
+
+    size_bytes: int | None
+    duration_s: float | None
+
+    def due(self, split: BagSplit | None, log_time_ns: int) -> bool:
+        """Whether a message of this time belongs in a new file."""
+        if split is None or split.contents.start_ns is None:
+            return False
+        if self.size_bytes is not None and split.size_bytes >= self.size_bytes:
+            return True
+        return self.duration_s is not None and log_time_ns - split.contents.start_ns >= self.duration_s * 1e9
+
 
 class BagSplit:
     """Writer of one file of a bag; raises OSError from `commit` alone."""

@@ -12,7 +12,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Literal
 
-from mech_twin.recording.bag_split import COMPRESSIONS, Storage, TopicCounters
+from mech_twin.recording.bag_split import SplitRule, Storage, TopicCounters
 from mech_twin.recording.errors import UnwritableDirectoryError
 from mech_twin.recording.schemas import MessageSchema, message_schema, offered_qos, string_cdr
 from mech_twin.recording.split_series import Latched, RecordedTopic, SplitSeries, fresh_directory
@@ -85,17 +85,14 @@ class BagWriter:
         ros_distro: str | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        if max_loss_s <= 0.0 or chunk_bytes <= 0 or compression not in COMPRESSIONS:
-            raise ValueError(
-                f"expected max_loss_s > 0, chunk_bytes > 0, compression of {', '.join(COMPRESSIONS)}; "
-                f"got {max_loss_s}, {chunk_bytes}, {compression}"
-            )
+        if not max_loss_s > 0.0:
+            raise ValueError(f"expected max_loss_s > 0, got {max_loss_s}")
+        storage = Storage(chunk_bytes, compression, fsync)
         self.error = ""
         self._state = WriterState.RECORDING
         self._lock = threading.RLock()
         self._close_age_s = _CLOSE_AT * max_loss_s
-        self._split_bytes = split_bytes
-        self._split_duration_ns = None if split_duration_s is None else round(split_duration_s * 1e9)
+        self._split_rule = SplitRule(split_bytes, split_duration_s)
         self._retry_s = retry_s
         self._clock = clock
         self._topics: dict[str, RecordedTopic] = {}
@@ -106,7 +103,7 @@ class BagWriter:
         self.directory, made = fresh_directory(Path(directory), if_exists)
         self._series = SplitSeries(
             self.directory,
-            Storage(chunk_bytes, compression, fsync),
+            storage,
             configuration,
             self._topics,
             ros_distro or os.environ.get("ROS_DISTRO", "jazzy"),
@@ -182,7 +179,7 @@ class BagWriter:
             now = self._clock()
             entry.counters.received += 1
             message = Latched(raw, publish_time_ns, entry.counters.received)
-            if self._state is WriterState.RECORDING and self._split_due(log_time_ns):
+            if self._state is WriterState.RECORDING and self._split_rule.due(self._series.current, log_time_ns):
                 try:
                     self._next_split()
                 except OSError as error:
@@ -274,14 +271,6 @@ class BagWriter:
             self._series.commit()
         except OSError as error:
             self._fail(error, now)
-
-    def _split_due(self, log_time_ns: int) -> bool:
-        split = self._series.current
-        if split is None or split.contents.start_ns is None:
-            return False
-        if self._split_bytes is not None and split.size_bytes >= self._split_bytes:
-            return True
-        return self._split_duration_ns is not None and log_time_ns - split.contents.start_ns >= self._split_duration_ns
 
     def _next_split(self) -> None:
         self._series.finish_current()

@@ -1,4 +1,4 @@
-"""Records of an MCAP file, read by offset, within bounds, and trusting nothing.
+"""Records of an MCAP file, read within bounds and trusting nothing.
 
 The package's own record readers parse the fields.  Around them stand the checks they leave out: a record must fit its
 file and be used up exactly, a chunk must not unpack to more than it says, and checksums must hold.
@@ -6,13 +6,10 @@ file and be used up exactly, a chunk must not unpack to more than it says, and c
 
 from __future__ import annotations
 
-import os
-import re
 import struct
 import zlib
 from collections.abc import Callable, Iterator
 from io import BytesIO
-from pathlib import Path
 from typing import NamedTuple
 
 import lz4.frame  # type: ignore[import-untyped]
@@ -38,17 +35,12 @@ from mcap.records import (
     SummaryOffset,
 )
 
-from mech_twin.recording.errors import MissingBagError
-
 MAGIC = b"\x89MCAP0\r\n"
 MAX_RECORD_BYTES = 256 << 20
 MAX_CHUNK_BYTES = 256 << 20
 HEAD_BYTES = 9
 FOOTER_BYTES = HEAD_BYTES + 20
-_WINDOW = 1 << 20
 _MESSAGE = struct.Struct("<HIQQ")
-# An opcode and a length below MAX_RECORD_BYTES; looked ahead, so that candidates may overlap.
-_HEAD_PATTERN = re.compile(rb"(?=[\x01-\x0f][\s\S]{3}[\x00-\x10]\x00{4})")
 
 _READERS: dict[int, Callable[[ReadDataStream], McapRecord]] = {
     Opcode.HEADER: Header.read,
@@ -100,121 +92,6 @@ class Damage(NamedTuple):
     offset: int
     length: int
     reason: str
-
-
-class RecordFile:
-    """An MCAP file open for reading by offset."""
-
-    def __init__(self, path: Path) -> None:
-        try:
-            self._stream = path.open("rb", buffering=0)
-            self.size = os.fstat(self._stream.fileno()).st_size
-        except OSError as error:
-            raise MissingBagError(path, f"cannot be read ({error.strerror})") from error
-        self.path = path
-
-    def close(self) -> None:
-        """Give the file back."""
-        self._stream.close()
-
-    def bytes_at(self, offset: int, count: int) -> bytes:
-        """Return so many bytes, fewer at the end of the file.
-
-        Raises
-        ------
-        UnreadableRecordError
-            The disk refuses.
-        """
-        try:
-            return os.pread(self._stream.fileno(), count, offset)
-        except OSError as error:
-            raise UnreadableRecordError(f"the disk refuses to read ({error.strerror})") from error
-
-    def head_at(self, offset: int) -> tuple[int, int]:
-        """Return opcode and length of the record at an offset, its length checked against the file."""
-        head = self.bytes_at(offset, HEAD_BYTES)
-        if len(head) < HEAD_BYTES:
-            raise UnreadableRecordError("the file ends within a record")
-        opcode, length = struct.unpack("<BQ", head)
-        if length > MAX_RECORD_BYTES:
-            raise UnreadableRecordError(f"a record of {length} bytes, more than {MAX_RECORD_BYTES}")
-        if offset + HEAD_BYTES + length > self.size:
-            raise UnreadableRecordError("the file ends within a record")
-        return opcode, length
-
-    def record_at(self, offset: int) -> Found:
-        """Return the record at an offset.
-
-        Raises
-        ------
-        UnreadableRecordError
-            It does not fit the file, or its fields do not fit it.
-        """
-        opcode, length = self.head_at(offset)
-        return Found(offset, HEAD_BYTES + length, parse(opcode, self.bytes_at(offset + HEAD_BYTES, length)))
-
-    def scan(self, accept: Callable[[Found], None]) -> Iterator[Found | Damage]:
-        """Yield every record in the order of the file, and the damage between them.
-
-        Parameters
-        ----------
-        accept : callable
-            Looks into a record; raises UnreadableRecordError where it will not have it.
-        """
-        offset = len(MAGIC) if self.bytes_at(0, len(MAGIC)) == MAGIC else 0
-        while offset < self.size and not self._is_end(offset):
-            found = self._record_or_damage(offset, accept)
-            yield found
-            offset += found.length
-
-    def _record_or_damage(self, offset: int, accept: Callable[[Found], None]) -> Found | Damage:
-        try:
-            found = self.record_at(offset)
-            accept(found)
-        except UnreadableRecordError as error:
-            return Damage(offset, self._following(offset, accept) - offset, str(error))
-        return found
-
-    def _is_end(self, offset: int) -> bool:
-        return offset == self.size - len(MAGIC) and self.bytes_at(offset, len(MAGIC)) == MAGIC
-
-    def _plausible(self, offset: int) -> bool:
-        """Whether a record can begin here, or the file ends."""
-        if offset == self.size or self._is_end(offset):
-            return True
-        try:
-            opcode, _ = self.head_at(offset)
-        except UnreadableRecordError:
-            return False
-        return 0 < opcode <= Opcode.DATA_END
-
-    def _following(self, offset: int, accept: Callable[[Found], None]) -> int:
-        """Return where the next record begins after damage at an offset."""
-        try:
-            _, length = self.head_at(offset)
-            after = offset + HEAD_BYTES + length
-            if self._plausible(after) and after < self.size:
-                return after
-        except UnreadableRecordError:
-            pass  # the length itself is damaged: search byte by byte
-        start = offset + 1
-        while start < self.size:
-            window = self.bytes_at(start, _WINDOW + HEAD_BYTES)
-            for match in _HEAD_PATTERN.finditer(window):
-                if match.start() < _WINDOW and self._is_record(start + match.start(), accept):
-                    return start + match.start()
-            start += _WINDOW
-        return self.size
-
-    def _is_record(self, offset: int, accept: Callable[[Found], None]) -> bool:
-        try:
-            _, length = self.head_at(offset)
-            if not self._plausible(offset + HEAD_BYTES + length):
-                return False
-            accept(self.record_at(offset))
-        except UnreadableRecordError:
-            return False
-        return True
 
 
 def parse(opcode: int, content: bytes) -> Record:

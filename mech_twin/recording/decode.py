@@ -1,0 +1,78 @@
+"""Raw CDR to Python objects, for analysis: by the definitions that the bag itself carries."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from mcap.exceptions import McapError
+from mcap.records import Schema
+from mcap_ros2.decoder import DecoderFactory
+
+from mech_twin.recording.bag_contents import BagMessage, TopicInfo
+from mech_twin.recording.errors import DecodeError
+
+_SEPARATOR = "=" * 80
+_FAILURES = (McapError, struct.error, ValueError, LookupError, TypeError, OverflowError, MemoryError)
+
+
+class Decoder:
+    """Decodes the messages of one bag.
+
+    Parameters
+    ----------
+    topics : mapping
+        `BagReader.topics`.
+    """
+
+    def __init__(self, topics: Mapping[str, TopicInfo]) -> None:
+        self._topics = topics
+        self._functions: dict[str, Callable[[bytes], Any]] = {}
+
+    def decode(self, message: BagMessage) -> Any:
+        """Return the message as an object with the fields of its type.
+
+        Raises
+        ------
+        DecodeError
+            The bytes are not of that type, or the bag's definition of it cannot be used.
+        """
+        function = self._functions.get(message.topic)
+        if function is None:
+            function = self._functions[message.topic] = _function(self._topics[message.topic])
+        try:
+            return function(message.raw)
+        except (
+            McapError,
+            struct.error,
+            ValueError,
+            IndexError,
+            TypeError,
+            KeyError,
+            OverflowError,
+            MemoryError,
+        ) as error:
+            raise DecodeError(f"topic {message.topic}: not a {message.type_name} ({error})") from error
+
+
+def _function(topic: TopicInfo) -> Callable[[bytes], Any]:
+    schema = Schema(id=1, data=topic.definition.encode(), encoding=topic.schema_encoding, name=topic.type_name)
+    for part in topic.definition.split(_SEPARATOR)[1:]:
+        if not any(_is_field(line) for line in part.splitlines()[2:]):
+            raise DecodeError(f"topic {topic.topic}: its definition nests a type without fields, which has no bounds")
+    try:
+        function = DecoderFactory().decoder_for(topic.message_encoding, schema)
+    except Exception as error:  # the parser of definitions raises whatever a foreign text makes it trip over
+        raise DecodeError(f"topic {topic.topic}: its definition of {topic.type_name} cannot be read") from error
+    if function is None:
+        raise DecodeError(
+            f"topic {topic.topic}: encoding '{topic.message_encoding}' with schema '{topic.schema_encoding}' is not "
+            "decoded here, only cdr with ros2msg"
+        )
+    return function
+
+
+def _is_field(line: str) -> bool:
+    text = line.partition("#")[0].strip()
+    return bool(text) and "=" not in text.replace("<=", "")

@@ -1,0 +1,126 @@
+"""The index of an MCAP file as its own summary gives it."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+
+from mcap.records import AttachmentIndex, Channel, ChunkIndex, Footer, MetadataIndex, Schema, Statistics
+
+from mech_twin.recording.errors import DamagedBagError, ForeignFileError, UnfinishedBagError
+from mech_twin.recording.file_index import Extent, FileIndex
+from mech_twin.recording.file_walk import walked
+from mech_twin.recording.mcap_records import (
+    FOOTER_BYTES,
+    HEAD_BYTES,
+    MAGIC,
+    MAX_RECORD_BYTES,
+    Record,
+    UnreadableRecordError,
+    parse,
+)
+from mech_twin.recording.record_file import RecordFile
+
+
+def summarised(file: RecordFile) -> FileIndex:
+    """Return the index that the file's own summary gives; where it has none, the one found by walking through it.
+
+    Raises
+    ------
+    ForeignFileError, UnfinishedBagError, DamagedBagError
+    """
+    path = file.path
+    try:
+        head = file.bytes_at(0, len(MAGIC))
+        if head != MAGIC:
+            raise ForeignFileError(
+                path, "is empty" if not head else "is no MCAP recording (its first bytes are not MCAP's)"
+            )
+        footer_at = file.size - FOOTER_BYTES - len(MAGIC)
+        if footer_at < len(MAGIC) or file.bytes_at(file.size - len(MAGIC), len(MAGIC)) != MAGIC:
+            raise UnfinishedBagError(path, "has no end, it was cut off")
+        footer = file.record_at(footer_at).record
+        if not isinstance(footer, Footer):
+            raise DamagedBagError(path, "has no footer")
+        records = _summary_records(file, footer, footer_at)
+    except UnreadableRecordError as error:
+        raise DamagedBagError(path, f"its summary is damaged ({error})") from error
+    index = _from_summary(file, records)
+    if index is None:
+        index = walked(file)
+        if index.damages:
+            damage = index.damages[0]
+            raise DamagedBagError(path, f"at byte {damage.offset}: {damage.reason}")
+    return index
+
+
+def _summary_records(file: RecordFile, footer: Footer, footer_at: int) -> list[Record]:
+    if footer.summary_start == 0:
+        return []
+    if not len(MAGIC) <= footer.summary_start <= footer_at or footer_at - footer.summary_start > MAX_RECORD_BYTES:
+        raise UnreadableRecordError("it does not lie in the file")
+    data = file.bytes_at(footer.summary_start, footer_at + FOOTER_BYTES - footer.summary_start)
+    if footer.summary_crc and zlib.crc32(data[:-4]) != footer.summary_crc:
+        raise UnreadableRecordError("its checksum fails")
+    records: list[Record] = []
+    offset = 0
+    while offset < len(data) - FOOTER_BYTES:
+        opcode, length = struct.unpack_from("<BQ", data, offset)
+        if offset + HEAD_BYTES + length > len(data):
+            raise UnreadableRecordError("a record does not fit it")
+        records.append(parse(opcode, data[offset + HEAD_BYTES : offset + HEAD_BYTES + length]))
+        offset += HEAD_BYTES + length
+    return records
+
+
+def _from_summary(file: RecordFile, records: list[Record]) -> FileIndex | None:
+    index = FileIndex(file)
+    statistics = None
+    for record in records:
+        if isinstance(record, Schema):
+            index.schemas[record.id] = record
+        elif isinstance(record, Channel):
+            index.channels[record.id] = record
+        elif isinstance(record, ChunkIndex):
+            index.extents.append(_chunk_extent(file, record))
+        elif isinstance(record, AttachmentIndex):
+            index.attachments.append(record.offset)
+        elif isinstance(record, MetadataIndex):
+            index.metadata[record.name] = record.offset
+        elif isinstance(record, Statistics):
+            statistics = record
+            index.counts.update(record.channel_message_counts)
+    unlisted = index.counts.keys() - index.channels.keys()
+    untyped = {channel.schema_id for channel in index.channels.values()} - {0, *index.schemas}
+    if statistics is None or unlisted or untyped or (statistics.message_count and not index.extents):
+        return None
+    return index
+
+
+def _chunk_extent(file: RecordFile, record: ChunkIndex) -> Extent:
+    if record.chunk_start_offset + record.chunk_length > file.size:
+        raise DamagedBagError(file.path, "its summary names a chunk beyond its end")
+    return Extent(
+        record.chunk_start_offset,
+        record.chunk_length,
+        record.message_start_time,
+        record.message_end_time,
+        record.uncompressed_size,
+        frozenset(record.message_index_offsets),
+    )
+
+
+def intact_index(file: RecordFile) -> FileIndex:
+    """Return the index of whatever is intact: by the summary if the whole file is sound, else by walking through it."""
+    try:
+        index = summarised(file)
+        for extent in index.extents:
+            for _ in index.records_of(extent):
+                pass
+        for _ in index.attachment_records():
+            pass
+        for name in index.metadata:
+            index.metadata_record(name)
+    except (ForeignFileError, UnfinishedBagError, DamagedBagError):
+        return walked(file)
+    return index

@@ -1,0 +1,191 @@
+"""Rebuilds a sound bag from what is intact of a damaged or unfinished one."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from mcap.records import Channel, Schema
+from mcap.writer import CompressionType, Writer
+
+from mech_twin.recording.bag_metadata import FileContents, TopicContents, write_contents
+from mech_twin.recording.bag_reader import bag_files
+from mech_twin.recording.bag_split import LIBRARY, TOPIC_RECORD
+from mech_twin.recording.errors import BagExistsError, DamagedBagError, UnwritableDirectoryError
+from mech_twin.recording.file_index import Extent, FileIndex
+from mech_twin.recording.file_summary import intact_index
+from mech_twin.recording.mcap_records import RawMessage
+from mech_twin.recording.record_file import RecordFile
+from mech_twin.recording.split_file import SplitFile
+from mech_twin.recording.split_series import FINISHED_KEY
+
+RECOVERED_KEY = "mech_twin.recovered"
+_NO_SCHEMA = Schema(id=0, data=b"", encoding="", name="")
+_CHUNK_BYTES = 256 * 1024
+_MAX_DAMAGES = 50
+
+
+@dataclass
+class RecoveryReport:
+    """What was saved.
+
+    Attributes
+    ----------
+    messages : Counter
+        Saved messages by topic, latched repeats of later splits included.
+    unassigned : int
+        Intact messages whose topic is lost.
+    bytes_read, bytes_skipped : int
+        Size of the files, and how much of it was no intact record.
+    damages : list of str
+        Where and why, a line each; the first fifty.
+    """
+
+    bag: Path
+    out: Path
+    messages: Counter[str] = field(default_factory=Counter)
+    unassigned: int = 0
+    bytes_read: int = 0
+    bytes_skipped: int = 0
+    damages: list[str] = field(default_factory=list)
+
+    def lines(self) -> list[str]:
+        """Return the report in words."""
+        rows = [f"{topic}: {count} messages" for topic, count in sorted(self.messages.items())]
+        return [
+            f"{self.out}: saved {self.messages.total()} messages of {len(self.messages)} topics from {self.bag}",
+            *rows,
+            f"skipped {self.bytes_skipped} of {self.bytes_read} bytes, {self.unassigned} messages of lost topics",
+            *self.damages,
+        ]
+
+
+def recover(bag: Path | str, out: Path | str) -> RecoveryReport:
+    """Write a sound bag with everything intact of another, and say what was saved.
+
+    Whatever the files of the bag hold, this does not raise; the bag itself is only read.
+
+    Parameters
+    ----------
+    bag : Path
+        A rosbag2 directory, or one MCAP file.
+    out : Path
+        The new rosbag2 directory.
+
+    Raises
+    ------
+    MissingBagError
+        There is no such bag.
+    BagExistsError, UnwritableDirectoryError
+        The new one cannot be written; nothing is left behind.
+    """
+    source, target = Path(bag), Path(out).absolute()
+    files = bag_files(source)
+    if target.exists():
+        raise BagExistsError(target, "is there already; nothing is overwritten, choose another directory")
+    report = RecoveryReport(source, target)
+    partial = target.with_name(f".{target.name}.{os.getpid()}")
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        partial.mkdir()
+        _rebuild(files, partial, report)
+        partial.rename(target)
+    except OSError as error:
+        raise UnwritableDirectoryError(target, f"cannot be written ({error.strerror})") from error
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+    return report
+
+
+def _rebuild(files: list[Path], directory: Path, report: RecoveryReport) -> None:
+    topics: dict[str, TopicContents] = {}
+    contents: list[FileContents] = []
+    for number, path in enumerate(files):
+        file = RecordFile(path)
+        try:
+            index = intact_index(file)
+            report.bytes_read += file.size
+            report.bytes_skipped += sum(damage.length for damage in index.damages)
+            report.damages += index.problems()[: _MAX_DAMAGES - len(report.damages)]
+            contents.append(_rewritten(index, directory / f"{report.out.name}_{number}.mcap", topics, report))
+        finally:
+            file.close()
+    custom = {FINISHED_KEY: "true", RECOVERED_KEY: f"skipped {report.bytes_skipped} of {report.bytes_read} bytes"}
+    write_contents(directory, list(topics.values()), contents, custom, os.environ.get("ROS_DISTRO", "jazzy"))
+
+
+def _rewritten(index: FileIndex, path: Path, topics: dict[str, TopicContents], report: RecoveryReport) -> FileContents:
+    """Write one file anew; return what it holds."""
+    contents = FileContents(path.name)
+    file = SplitFile(path, fsync=False)
+    try:
+        writer = Writer(
+            file,  # type: ignore[arg-type]
+            chunk_size=_CHUNK_BYTES,
+            compression=CompressionType.ZSTD,
+            enable_data_crcs=True,
+        )
+        writer.start(profile="ros2", library=LIBRARY)
+        _copy_attachments(index, writer)
+        channels = _register(index, writer, topics)
+        for channel, record in _intact_messages(index, report):
+            writer.add_message(
+                channels[channel.id], record.log_time_ns, record.raw, record.publish_time_ns, record.sequence
+            )
+            contents.count(channel.topic, record.log_time_ns)
+            report.messages[channel.topic] += 1
+            if file.pending:
+                file.commit()
+        writer.finish()  # type: ignore[no-untyped-call]
+        file.commit()
+    finally:
+        file.close()
+    return contents
+
+
+def _copy_attachments(index: FileIndex, writer: Writer) -> None:
+    for attachment in index.attachment_records():
+        writer.add_attachment(
+            attachment.create_time, attachment.log_time, attachment.name, attachment.media_type, attachment.data
+        )
+    for name in index.metadata:
+        if name != TOPIC_RECORD:  # names channels by number, and the numbers change
+            writer.add_metadata(name, index.metadata_record(name))
+
+
+def _register(index: FileIndex, writer: Writer, topics: dict[str, TopicContents]) -> dict[int, int]:
+    """Register what the file has; return the new number of each channel."""
+    schemas: dict[tuple[str, str, bytes], int] = {}
+    channels: dict[int, int] = {}
+    for key, channel in index.channels.items():
+        schema = index.schemas.get(channel.schema_id, _NO_SCHEMA)
+        same = (schema.name, schema.encoding, schema.data)
+        if same not in schemas:
+            schemas[same] = writer.register_schema(*same) if schema.id else 0
+        channels[key] = writer.register_channel(
+            channel.topic, channel.message_encoding, schemas[same], channel.metadata
+        )
+        qos, type_hash = (channel.metadata.get(name, "") for name in ("offered_qos_profiles", "topic_type_hash"))
+        topics.setdefault(channel.topic, TopicContents(channel.topic, schema.name, qos, type_hash))
+    return channels
+
+
+def _intact_messages(index: FileIndex, report: RecoveryReport) -> Iterator[tuple[Channel, RawMessage]]:
+    for extent in index.extents:
+        for record in _records(index, extent, report):
+            channel = index.channels.get(record.channel_id)
+            if channel is None:
+                report.unassigned += 1
+            else:
+                yield channel, record
+
+
+def _records(index: FileIndex, extent: Extent, report: RecoveryReport) -> Iterator[RawMessage]:
+    try:
+        yield from index.records_of(extent)
+    except DamagedBagError as error:  # it was intact a moment ago: the disk itself fails
+        report.damages.append(error.reason)
