@@ -5,7 +5,7 @@ from __future__ import annotations
 from geometry_msgs.msg import WrenchStamped
 from sensor_msgs.msg import JointState
 
-from mech_twin.messages.rows import REGIME, STEP, packed, set_stamp, step_and_time, table
+from mech_twin.messages.rows import REGIME, STEP, joint_columns, packed, set_stamp, table
 from mech_twin.samples import BodySample
 
 PRESSING_FORCE = "~pressing_force_n"
@@ -30,14 +30,8 @@ def from_message(message: JointState, step_s: float | None = None) -> BodySample
         If the message is no body sample.
     """
     content = table(message)
-    step, time_s = step_and_time(message, content, step_s)
     return BodySample(
-        step,
-        time_s,
-        content.layout.joints,
-        content.joints(content.position),
-        content.joints(content.velocity),
-        content.joints(content.effort),
+        *joint_columns(message, content, step_s),
         int(content.scalar(REGIME, 0.0)),
         content.scalar(PRESSING_FORCE),
         content.memory(),

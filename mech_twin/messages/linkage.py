@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from sensor_msgs.msg import JointState
 
-from mech_twin.messages.rows import COMMAND, REGIME, STEP, packed, step_and_time, table
+from mech_twin.messages.rows import COMMAND, REGIME, STEP, joint_columns, packed, table
 from mech_twin.samples import LinkageSample
 
 
@@ -27,14 +27,8 @@ def from_message(message: JointState, step_s: float | None = None) -> LinkageSam
         If the message is no linkage sample.
     """
     content = table(message)
-    step, time_s = step_and_time(message, content, step_s)
     return LinkageSample(
-        step,
-        time_s,
-        content.layout.joints,
-        content.joints(content.position),
-        content.joints(content.velocity),
-        content.joints(content.effort),
+        *joint_columns(message, content, step_s),
         int(content.scalar(REGIME, 0.0)),
         content.scalar(COMMAND, 1.0),
         content.memory(),

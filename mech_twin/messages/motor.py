@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from sensor_msgs.msg import JointState
 
-from mech_twin.messages.rows import COMMAND, STEP, packed, step_and_time, table
+from mech_twin.messages.rows import COMMAND, STEP, joint_columns, packed, table
 from mech_twin.samples import MotorSample
 
 
@@ -23,13 +23,7 @@ def from_message(message: JointState, step_s: float | None = None) -> MotorSampl
         If the message is no motor sample.
     """
     content = table(message)
-    step, time_s = step_and_time(message, content, step_s)
     return MotorSample(
-        step,
-        time_s,
-        content.layout.joints,
-        content.joints(content.position),
-        content.joints(content.velocity),
-        content.joints(content.effort),
+        *joint_columns(message, content, step_s),
         content.scalar(COMMAND, 1.0),
     )

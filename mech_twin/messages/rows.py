@@ -295,3 +295,21 @@ def arranged(sample: Any, joints: tuple[str, ...]) -> Any:
     rows = [sample.joints.index(name) for name in joints]
     columns = {c: tuple(getattr(sample, c)[row] for row in rows) for c in ("position", "velocity", "effort")}
     return sample._replace(joints=joints, **columns)
+
+
+class JointColumns(NamedTuple):
+    """What every sample of joints begins with, in the order of its fields."""
+
+    step: int
+    time_s: float
+    joints: tuple[str, ...]
+    position: tuple[float, ...]
+    velocity: tuple[float, ...]
+    effort: tuple[float, ...]
+
+
+def joint_columns(message: JointState, content: Table, step_s: float | None) -> JointColumns:
+    """Return step, time and joints of a checked step message; see `step_and_time` for what is refused."""
+    step, time_s = step_and_time(message, content, step_s)
+    columns = (content.joints(column) for column in (content.position, content.velocity, content.effort))
+    return JointColumns(step, time_s, content.layout.joints, *columns)
