@@ -1,0 +1,127 @@
+"""A bag gives back the samples that went into it: each step once, whatever else it holds."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import pytest
+from recordings import Entry, altered_bag, edited, entries_of, simulated_bag, written_bag
+
+from mech_twin.engine.step_samples import StepSamples
+from mech_twin.recording.bag_reader import BagReader
+from mech_twin.recording.bag_samples import BagSamples, bag_samples
+from mech_twin.recording.errors import BagError
+from mech_twin.samples import Drawing, Frame
+
+DRUM = "winding_drum"
+STATES = f"/{DRUM}/joint_states"
+MOTOR = f"/{DRUM}/motor/joint_states"
+
+
+@pytest.fixture
+def frames(tmp_path: Path) -> list[Frame]:
+    return simulated_bag(DRUM, 0.1, tmp_path / "bag")
+
+
+def test_samples_of_a_bag_are_those_of_the_run(frames: list[Frame], tmp_path: Path) -> None:
+    steps = list(bag_samples(tmp_path / "bag"))
+    assert [step.frame(has_body=False) for step in steps] == frames
+
+
+def test_drawings_come_between_the_steps_at_their_time(frames: list[Frame], tmp_path: Path) -> None:
+    with BagReader(tmp_path / "bag") as reader:
+        shown = list(BagSamples(reader).shown())
+    drawings = [item for item in shown if isinstance(item, Drawing)]
+    assert [item.step for item in shown if isinstance(item, StepSamples)] == [f.linkage.step for f in frames]
+    assert [round(drawing.time_s, 9) for drawing in drawings] == [0.0, 0.033, 0.066, 0.099]
+    assert all(drawing.shapes for drawing in drawings)
+
+
+def test_a_step_recorded_twice_counts_once(frames: list[Frame], tmp_path: Path) -> None:
+    def twice(entry: Entry) -> Iterable[Entry]:
+        return (entry, entry) if entry.topic == MOTOR else (entry,)
+
+    bag = altered_bag(tmp_path / "bag", tmp_path / "twice", twice)
+    with BagReader(bag) as reader:
+        samples = BagSamples(reader)
+        assert [step.frame(has_body=False) for step in samples.steps()] == frames
+    assert samples.passed_over == {"repeated": len(frames)}
+
+
+def test_of_two_answers_to_a_step_the_first_counts(frames: list[Frame], tmp_path: Path) -> None:
+    def answered_again(entry: Entry) -> Iterable[Entry]:
+        if entry.topic != MOTOR:
+            return (entry,)
+        return entry, edited(entry, lambda message: message.effort.__setitem__(0, 1e6))
+
+    bag = altered_bag(tmp_path / "bag", tmp_path / "again", answered_again)
+    with BagReader(bag) as reader:
+        samples = BagSamples(reader)
+        assert [step.frame(has_body=False) for step in samples.steps()] == frames
+    assert samples.passed_over == {"contradicting": len(frames)}
+
+
+def test_messages_out_of_order_give_steps_in_order(frames: list[Frame], tmp_path: Path) -> None:
+    entries = entries_of(tmp_path / "bag")
+    bag = written_bag(tmp_path / "disordered", reversed(entries))
+    assert [step.frame(has_body=False) for step in bag_samples(bag)] == frames
+
+
+def test_garbage_and_numbers_that_are_not_finite_are_counted_and_not_used(
+    frames: list[Frame], tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    garbage = {0: b"", 1: b"\x00\x01\x00\x00\xff\xff\xff\x7f", 2: b"garbage" * 9}
+
+    def damaged(entry: Entry) -> Iterable[Entry]:
+        step = round(entry.log_time_ns / 1e6)
+        if entry.topic != MOTOR or step > 3:
+            return (entry,)
+        if step in garbage:
+            return (entry._replace(raw=garbage[step]),)
+        return (edited(entry, lambda message: message.effort.__setitem__(0, float("nan"))),)
+
+    bag = altered_bag(tmp_path / "bag", tmp_path / "damaged", damaged)
+    with BagReader(bag) as reader:
+        samples = BagSamples(reader)
+        steps = list(samples.steps())
+    assert samples.passed_over == {"malformed": 4}
+    assert [step.motor is None for step in steps[:5]] == [True, True, True, True, False]
+    assert [step.linkage for step in steps] == [frame.linkage for frame in frames]
+
+
+def test_a_machine_the_catalogue_does_not_know_opens_all_the_same(frames: list[Frame], tmp_path: Path) -> None:
+    bag = altered_bag(
+        tmp_path / "bag", tmp_path / "other", lambda e: (e._replace(topic=e.topic.replace(DRUM, "somebodys_press")),)
+    )
+    with BagReader(bag) as reader:
+        samples = BagSamples(reader)
+        assert samples.machine == "somebodys_press"
+        assert [step.frame(has_body=False) for step in samples.steps()] == frames
+
+
+def test_two_machines_in_one_bag_are_told_apart(frames: list[Frame], tmp_path: Path) -> None:
+    bag = altered_bag(
+        tmp_path / "bag", tmp_path / "two", lambda e: (e, e._replace(topic=e.topic.replace(DRUM, "other")))
+    )
+    with BagReader(bag) as reader, pytest.raises(BagError, match=f"more than one machine: other, {DRUM}"):
+        BagSamples(reader)
+
+
+def test_a_bag_without_a_machine_is_refused_in_one_line(tmp_path: Path) -> None:
+    bag = written_bag(tmp_path / "bag", [Entry("/chatter", "std_msgs/msg/String", 0, b"\x00\x01\x00\x00\x01\0\0\0\0")])
+    with BagReader(bag) as reader, pytest.raises(BagError, match="no samples of a machine") as caught:
+        BagSamples(reader)
+    assert "\n" not in str(caught.value)
+
+
+def test_the_description_is_the_run_s_own(frames: list[Frame], tmp_path: Path) -> None:
+    with BagReader(tmp_path / "bag") as reader:
+        texts = BagSamples(reader).descriptions()
+    assert len(texts) == 1
+    assert f"machine: {DRUM}" in texts[0]
+    silent = altered_bag(
+        tmp_path / "bag", tmp_path / "silent", lambda e: () if e.topic.endswith("/description") else (e,)
+    )
+    with BagReader(silent) as reader:
+        assert BagSamples(reader).descriptions() == texts
