@@ -157,6 +157,20 @@ def recover(
     recover_bag(bag, out, as_json=json)
 
 
+@app.command()
+def reproduce(
+    machine: Annotated[str | None, typer.Argument(help="machine of the catalogue; all if absent")] = None,
+    figures: Annotated[Path | None, typer.Option(help="directory to draw the sources' figures in")] = None,
+    config: Config = None,
+    settings: Settings = None,
+    json: Json = False,
+) -> None:
+    """Compare every published number with the computed one; draw the published figures."""
+    from mech_twin.cli.reproduce import reproduce_machines
+
+    reproduce_machines(machine, figures, config, settings or [], as_json=json)
+
+
 def main() -> None:
     """Run the command line."""
     with told_in_one_line():

@@ -1,0 +1,92 @@
+"""How the figures look: size, fonts, colours that the colour-blind can tell apart, and how they are written."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import matplotlib as mpl
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+# Okabe and Ito's palette, without its yellow
+BLUE, RED, GREEN, ORANGE, PURPLE, SKY, GREY = (
+    "#0072b2",
+    "#d55e00",
+    "#009e73",
+    "#e69f00",
+    "#cc79a7",
+    "#56b4e9",
+    "#7f7f7f",
+)
+COLOURS = (BLUE, RED, GREEN, ORANGE, PURPLE, SKY)
+INK = "#2b2b2b"
+DPI = 110
+STYLE: dict[str, Any] = {
+    "font.family": "DejaVu Sans",
+    "font.size": 9.5,
+    "axes.titlesize": 10.5,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.labelsize": 9.5,
+    "axes.edgecolor": INK,
+    "axes.labelcolor": INK,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": "#dddddd",
+    "grid.linewidth": 0.6,
+    "lines.linewidth": 1.6,
+    "legend.frameon": False,
+    "legend.fontsize": 8.5,
+    "text.color": INK,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "svg.hashsalt": "mech_twin",
+    "svg.fonttype": "none",
+}
+
+
+class Picture(NamedTuple):
+    """A figure, the name of its files, and the sentence that belongs below it."""
+
+    name: str
+    caption: str
+    figure: Figure
+
+
+def sheet(
+    rows: int = 1, columns: int = 1, width: float = 7.2, height: float = 3.8, **options: Any
+) -> tuple[Figure, list[Axes]]:
+    """Return a figure and its axes, row by row; sizes in inches."""
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(width, height), layout="constrained")
+        FigureCanvasAgg(figure)
+        made = figure.subplots(rows, columns, squeeze=False, **options)
+        return figure, [axes for row in made for axes in row]
+
+
+def turn_axis(axes: Axes, label: str = "crank angle, degrees") -> None:
+    """Lay one turn in degrees on the x axis."""
+    axes.set_xlim(0.0, 360.0)
+    axes.set_xticks(range(0, 361, 60))
+    axes.set_xlabel(label)
+
+
+def published(axes: Axes, x: Sequence[float], y: Sequence[float], label: str = "published", colour: str = INK) -> None:
+    """Mark published points."""
+    axes.plot(
+        x, y, "o", color="none", markeredgecolor=colour, markersize=6.5, markeredgewidth=1.4, label=label, zorder=5
+    )
+
+
+def written(picture: Picture, directory: Path) -> tuple[Path, Path]:
+    """Write a picture as SVG and PNG; return both files."""
+    vector, raster = directory / f"{picture.name}.svg", directory / f"{picture.name}.png"
+    with mpl.rc_context(STYLE):
+        picture.figure.savefig(vector, metadata={"Date": None})
+        picture.figure.savefig(raster, dpi=DPI, metadata={"Software": None})
+    return vector, raster

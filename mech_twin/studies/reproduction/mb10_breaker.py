@@ -1,0 +1,157 @@
+"""Published numbers of the breaker: its body under the half sine, its motor."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from math import pi
+
+from mech_twin.machines.mb10_breaker_parameters import BreakerParameters
+from mech_twin.parts.induction_motor import motor_constants, motor_torque
+from mech_twin.parts.pressed_body.owner import preload_range, steady_figures, with_preload
+from mech_twin.parts.pressed_body.parameters import PressedBody, pressed_body
+from mech_twin.parts.pressed_body.published import (
+    cycle_map,
+    growth_per_cycle,
+    published_fixed_point,
+    published_growth,
+    resonance_rate,
+)
+from mech_twin.studies.reproduction.row import CHANGED, CONTRADICTS, REPRODUCED, Row, Source
+from mech_twin.studies.variation import varied
+
+PAPER = "Alisher, MB-10"
+WORKED = "worked for the assumed body"
+PAPER_INERTIA_KG_M2 = 0.35  # assumed with the half sine of 60 N m; the running machine needs a heavier body
+SOFT_TABLE = (
+    (0.2, 67.2, 0.960, 0.229),
+    (0.5, 151.5, 0.457, 0.159),
+    (0.8, 240.2, 0.072, 0.074),
+    (0.9, 270.0, 0.0015, 0.031),
+    (1.0, 300.0, 0.0, 0.0),
+)
+
+
+def paper_body(parameters: BreakerParameters) -> BreakerParameters:
+    """Return the configuration with the paper's excitation and the inertia that goes with it."""
+    changes = {"excitation.kind": "approximated", "body.inertia_kg_m2": PAPER_INERTIA_KG_M2}
+    return varied(parameters, changes)
+
+
+def rows(parameters: BreakerParameters) -> Iterator[Row]:
+    """Yield the rows, eq. (1) first."""
+    changed = paper_body(parameters)
+    body = pressed_body(changed.body, changed.excitation)
+    yield from _equation(body)
+    yield from _load(body)
+    yield from _swing(body)
+    yield from _collar(body)
+    yield from _motor(parameters)
+
+
+def _inputs(body: PressedBody) -> str:
+    return f"J {body.inertia:g} kg m2, l {body.arm:g} m, |H| {body.amplitude:g} N m, {1.0 / body.period:g} blows/s"
+
+
+def _equation(body: PressedBody) -> Iterator[Row]:
+    paper = Source(PAPER, "eq. (1)", f"c {body.rate:g} N/m, l {body.arm:g} m, J {body.inertia:g} kg m2")
+    yield paper.reported(
+        "k^2 of eq. (1) as printed against k^2 of eq. (2), 1/s2",
+        body.rate * body.arm / body.inertia,
+        body.k**2,
+        CONTRADICTS,
+        "(1) adds an angle to a length and loses one arm; the paper's own (2) has k^2 = c l^2/J",
+    )
+
+
+def _load(body: PressedBody) -> Iterator[Row]:
+    omega = 2.0 * pi / body.period
+    paper = Source(PAPER, "eq. (3)", "t1 = 0.9 T")
+    yield paper.gated("mu over omega", 5.0, body.mu / omega, "half a period fills T - t1", relative=1e-12)
+    yield paper.gated("(T - t1) over T", 0.1, 1.0 - body.onset / body.period, "published", relative=1e-12)
+    turns = body.mu * body.onset / pi
+    yield paper.gated(
+        "mu t1 over pi",
+        9.0,
+        turns,
+        "sin(mu t) is negative after t1: a load that lifts the body needs H < 0 (form: shifted lifts always)",
+        relative=1e-12,
+        verdict=CHANGED,
+    )
+    text = "the text breaks off at the integration constants: no figure of amplitude or pressing force is left"
+    yield paper.at("amplitude against c", "a = 0").unknown("amplitude and largest pressing force", None, text)
+
+
+def _swing(body: PressedBody) -> Iterator[Row]:
+    worked = Source(WORKED, "k = omega", _inputs(body))
+    yield worked.gated("spring rate, kN/m", 34.54, resonance_rate(body, 1) / 1000.0, "c = J omega^2/l^2", absolute=5e-3)
+    omega = 2.0 * pi / body.period
+    for order in (15, 25, 35):
+        silent = growth_per_cycle(with_preload(body, 0.0, order * omega))
+        scale = body.amplitude / (body.inertia * body.mu**2)
+        yield worked.at(f"k = {order} omega").gated(
+            "growth per cycle over |H|/(J mu^2)", 0.0, silent / scale, "the load adds nothing", absolute=1e-12
+        )
+    coincident = with_preload(body, 0.0, body.mu)
+    yield worked.at("k = mu").gated(
+        "growth per cycle, rad",
+        pi * body.amplitude / (2.0 * body.inertia * body.mu**2),
+        growth_per_cycle(coincident),
+        "removable point of the closed form",
+        relative=1e-10,
+    )
+    stiff = with_preload(body, 0.0, 3.0 * omega)
+    yield worked.at("k = 3 omega").gated(
+        "growth per cycle, rad",
+        published_growth(stiff),
+        growth_per_cycle(stiff),
+        "2 |G cos(k (T - t1)/2)|",
+        relative=1e-10,
+    )
+    soft = with_preload(body, 0.5, 0.3 * omega)
+    closed, mapped = published_fixed_point(soft)[0], cycle_map(soft).fixed_point
+    yield worked.at("fixed point", f"{_inputs(body)}, k = 0.3 omega").gated(
+        "|Z*|, rad", abs(closed), abs(mapped), "closed form against the linear cycle map", relative=1e-10
+    )
+
+
+def _collar(body: PressedBody) -> Iterator[Row]:
+    omega = 2.0 * pi / body.period
+    inputs = f"{_inputs(body)}, e {body.restitution:g}"
+    for name, k, settled, returned in (
+        ("limit of a soft spring", None, 0.1902, 0.87236),
+        ("k = 0.3 omega", 0.3 * omega, 0.1805, 0.87228),
+        ("k = omega", omega, 0.1135, 0.87139),
+    ):
+        found = preload_range(body, k)
+        worked = Source(WORKED, "rational range", f"{inputs}; {name}")
+        yield worked.gated("least p, settled before t1", settled, found.settled, "bracketed root", absolute=5e-5)
+        yield worked.gated("p, first return before the blow", returned, found.returned, "bracketed root", absolute=5e-6)
+    for p, force, gap, speed in SOFT_TABLE:
+        figures = steady_figures(with_preload(body, p, 0.3 * omega)).figures
+        worked = Source(WORKED, "soft spring", f"{inputs}; k = 0.3 omega, p = {p:g}")
+        why = "steady cycle, events exact"
+        yield worked.gated("largest pressing force, N", force, figures.largest_force_n, why, absolute=0.05)
+        tolerance = 5e-5 if p == 0.9 else 5e-4
+        yield worked.gated("gap at the blow, mm", gap, 1000.0 * figures.gap_at_blow_m, why, absolute=tolerance)
+        yield worked.gated("return speed, m/s", speed, figures.return_speed_m_per_s, why, absolute=5e-4)
+
+
+def _motor(parameters: BreakerParameters) -> Iterator[Row]:
+    motor = motor_constants(parameters.motor)
+    derived = Source(WORKED, "motor 4A80B4U3", "1.5 kW, 1420 rpm")
+    for name, value, computed, tolerance in (
+        ("M_n, N m", 10.087, motor.rated_torque_nm, 5e-4),
+        ("rated slip", 0.0533, motor.rated_slip, 5e-5),
+        ("breakdown slip", 0.2218, motor.breakdown_slip, 5e-5),
+        ("M_max, N m", 22.19, motor.breakdown_torque_nm, 5e-3),
+    ):
+        yield derived.gated(name, value, computed, "from the name plate", absolute=tolerance, verdict=REPRODUCED)
+    start = float(motor_torque(motor, 0.0, 1.0)) / motor.rated_torque_nm
+    yield derived.gated("torque at standstill over M_n", 0.93, start, "the Kloss curve alone", absolute=5e-3)
+    yield derived.reported(
+        "catalogue torque at standstill over M_n",
+        parameters.motor.starting_torque_ratio,
+        start,
+        CHANGED,
+        "the Kloss curve starts with less; torque_curve: starting_corrected gives the catalogue's",
+    )

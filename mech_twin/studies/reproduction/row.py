@@ -1,0 +1,137 @@
+"""One row of the comparison: a published number, ours, how far apart they are, and what to think of it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
+
+Verdict = Literal[
+    "reproduced", "reproduced with a stated change", "contradicts itself", "not enough data", "not reproduced"
+]
+REPRODUCED: Verdict = "reproduced"
+CHANGED: Verdict = "reproduced with a stated change"
+CONTRADICTS: Verdict = "contradicts itself"
+NO_DATA: Verdict = "not enough data"
+FAILED: Verdict = "not reproduced"  # a gated row out of its tolerance: never the state of a sound build
+
+Measure = Literal["relative", "absolute", "below", "above", "none"]
+
+
+@dataclass(frozen=True)
+class Row:
+    """A published number beside the computed one.
+
+    ``error`` is what ``measure`` says: relative (computed/published - 1), absolute (computed - published), or how far
+    the computed value is on the wrong side of a published limit (negative: it keeps it).  A gated row must keep its
+    tolerance; the others are reported with their real error.
+    """
+
+    source: str
+    figure_or_equation: str
+    quantity: str
+    inputs: str
+    published: float | None
+    computed: float | None
+    error: float | None
+    measure: Measure
+    tolerance: float | None
+    verdict: Verdict
+    reason: str
+    gated: bool
+
+    @property
+    def holds(self) -> bool:
+        """Whether a gated row keeps its tolerance; a row that is not gated always holds."""
+        return self.verdict != FAILED
+
+    def record(self) -> dict[str, Any]:
+        """Return the row as plain values."""
+        return {**asdict(self), "holds": self.holds}
+
+
+def error_of(computed: float, published: float, measure: Measure) -> float:
+    """Return the error as the measure defines it."""
+    if measure == "relative":
+        return computed / published - 1.0
+    if measure == "above":
+        return published - computed
+    return computed - published
+
+
+@dataclass(frozen=True)
+class Source:
+    """Writes rows of one source, figure or equation, and inputs."""
+
+    source: str
+    item: str
+    inputs: str
+
+    def at(self, item: str, inputs: str | None = None) -> Source:
+        """Return the same source at another figure or equation, with other inputs if given."""
+        return Source(self.source, item, self.inputs if inputs is None else inputs)
+
+    def gated(
+        self,
+        quantity: str,
+        published: float,
+        computed: float,
+        reason: str,
+        *,
+        relative: float | None = None,
+        absolute: float | None = None,
+        verdict: Verdict = REPRODUCED,
+    ) -> Row:
+        """Return a row that must hold: within a relative or an absolute tolerance."""
+        measure: Measure = "relative" if relative is not None else "absolute"
+        tolerance = relative if relative is not None else absolute
+        return self._row(quantity, published, computed, measure, tolerance, verdict, reason, gated=True)
+
+    def limit(
+        self, quantity: str, published: float, computed: float, reason: str, side: Literal["below", "above"]
+    ) -> Row:
+        """Return a row that must hold: the computed value on this side of a published limit."""
+        return self._row(quantity, published, computed, side, 0.0, REPRODUCED, reason, gated=True)
+
+    def reported(
+        self, quantity: str, published: float, computed: float, verdict: Verdict, reason: str, *, absolute: bool = False
+    ) -> Row:
+        """Return a row that shows its real error and gates nothing."""
+        measure: Measure = "absolute" if absolute else "relative"
+        return self._row(quantity, published, computed, measure, None, verdict, reason, gated=False)
+
+    def unknown(self, quantity: str, computed: float | None, reason: str) -> Row:
+        """Return a row for something published without the numbers it needs."""
+        return Row(
+            self.source, self.item, quantity, self.inputs, None, computed, None, "none", None, NO_DATA, reason, False
+        )
+
+    def _row(
+        self,
+        quantity: str,
+        published: float,
+        computed: float,
+        measure: Measure,
+        tolerance: float | None,
+        verdict: Verdict,
+        reason: str,
+        *,
+        gated: bool,
+    ) -> Row:
+        error = error_of(computed, published, measure)
+        size = error if measure in ("below", "above") else abs(error)
+        keeps = tolerance is None or (math.isfinite(error) and size <= tolerance)
+        return Row(
+            self.source,
+            self.item,
+            quantity,
+            self.inputs,
+            published,
+            computed,
+            error,
+            measure,
+            tolerance,
+            verdict if keeps else FAILED,
+            reason,
+            gated,
+        )

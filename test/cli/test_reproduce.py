@@ -1,0 +1,45 @@
+"""``mech-twin reproduce``: the table, its document, its exit code."""
+
+import json
+
+import pytest
+
+from mech_twin.cli.failure import CommandError
+from mech_twin.cli.reproduce import reproduce_machines
+
+
+def test_the_document_has_every_column_of_the_table(capsys):
+    reproduce_machines("winding_drum", None, None, [], as_json=True)
+    document = json.loads(capsys.readouterr().out)
+    assert document["all_gated_hold"] is True
+    asked = {
+        "source",
+        "figure_or_equation",
+        "inputs",
+        "published",
+        "computed",
+        "error",
+        "tolerance",
+        "verdict",
+        "reason",
+    }
+    assert all(asked <= set(row) for row in document["rows"])
+
+
+def test_a_gated_row_that_does_not_hold_gives_exit_code_1(capsys):
+    with pytest.raises(SystemExit) as left:
+        reproduce_machines("vibration_crank", None, None, ["masses.tree_kg=60.0"], as_json=True)
+    assert left.value.code == 1
+    assert json.loads(capsys.readouterr().out)["all_gated_hold"] is False
+
+
+def test_a_change_needs_the_name_of_a_machine():
+    with pytest.raises(CommandError, match="name it"):
+        reproduce_machines(None, None, None, ["mass_kg=2.0"], as_json=True)
+
+
+def test_the_table_shows_the_awkward_rows(capsys):
+    reproduce_machines("vibration_crank", None, None, [], as_json=False)
+    shown = capsys.readouterr().out
+    assert "contradicts itself" in shown
+    assert "435.804" in shown

@@ -1,0 +1,70 @@
+"""The comparison with the sources: it holds, it is computed, and it notices."""
+
+import math
+
+import pytest
+
+from mech_twin.parameters.load import machine_parameters
+from mech_twin.studies import reproduce
+from mech_twin.studies.reproduction import MACHINES, all_hold
+from mech_twin.studies.reproduction.row import FAILED, Source
+from mech_twin.studies.variation import varied
+
+CHANGES = {
+    "roller_former": ("carts.crank_m", 0.21),
+    "vibration_crank": ("masses.tree_kg", 60.0),
+    "compaction_press": ("linkage.crank_m", 0.055),
+    "impact_mass": ("restitution", 0.35),
+    "mb10_breaker": ("body.restitution", 0.5),
+    "winding_drum": ("eccentricity_m", 0.005),
+}
+
+
+@pytest.mark.parametrize("machine", MACHINES)
+def test_every_gated_row_holds(machine):
+    rows = reproduce(machine)
+    assert [row for row in rows if not row.holds] == []
+    assert any(row.gated for row in rows)
+    assert all(row.reason and "\n" not in row.reason for row in rows)
+
+
+@pytest.mark.parametrize(("machine", "change"), CHANGES.items())
+def test_a_changed_input_changes_what_is_computed(machine, change):
+    before = reproduce(machine)
+    after = reproduce(machine, varied(machine_parameters(machine), dict([change])))
+    assert [row.computed for row in after] != [row.computed for row in before]
+
+
+@pytest.mark.parametrize("machine", ["roller_former", "vibration_crank", "compaction_press", "mb10_breaker"])
+def test_a_changed_input_breaks_gated_rows(machine):
+    after = reproduce(machine, varied(machine_parameters(machine), dict([CHANGES[machine]])))
+    assert not all_hold(after)
+    assert all(row.gated for row in after if not row.holds)
+
+
+def test_the_contradictions_of_the_sources_come_first():
+    rows = reproduce()
+    verdicts = [row.verdict == "contradicts itself" for row in rows]
+    assert verdicts == sorted(verdicts, reverse=True)
+    sources = list(
+        dict.fromkeys(row.source for row, first in zip(rows, verdicts, strict=True) if first and not row.gated)
+    )
+    assert [name.split()[0].strip(",") for name in sources] == [
+        "Loveikin",
+        "Lastochkin",
+        "Asfandiyarov",
+        "Manzhosov",
+        "Alisher",
+        "winding",
+    ]
+
+
+def test_errors_mean_what_the_measure_says():
+    at = Source("a", "b", "c")
+    assert at.gated("x", 2.0, 2.1, "why", relative=0.051).holds
+    assert not at.gated("x", 2.0, 2.1, "why", relative=0.049).holds
+    assert at.gated("x", 0.0, -0.1, "why", absolute=0.1).error == pytest.approx(-0.1)
+    assert at.limit("x", 20.0, 13.0, "why", "below").holds
+    assert at.limit("x", 20.0, 13.0, "why", "above").verdict == FAILED
+    assert not at.gated("x", 1.0, math.nan, "why", absolute=1.0).holds
+    assert at.reported("x", 1.0, 5.0, "contradicts itself", "why").holds
