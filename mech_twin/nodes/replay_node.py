@@ -263,7 +263,10 @@ class ReplayNode(Node):
     # -- saying so --------------------------------------------------------------------------------------------------
 
     def _announce(self, text: str, back: bool) -> None:
-        (self.get_logger().warning if back else self.get_logger().info)(text)
+        if back:
+            self.get_logger().warning(text)
+        else:
+            self.get_logger().info(text)  # a call of its own: rclpy ties the severity to the line
         self._send(text, DiagnosticStatus.WARN if back else DiagnosticStatus.OK)
 
     def report(self) -> None:
