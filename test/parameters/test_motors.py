@@ -1,0 +1,35 @@
+"""Naming a catalogue motor in a configuration: one line, and no silent contradiction."""
+
+import pytest
+
+from mech_twin.parameters.errors import ConfigurationError
+from mech_twin.parameters.load import description, description_text, machine_parameters
+
+
+def test_another_motor_is_one_line():
+    motor = machine_parameters("roller_former", overrides={"motor.catalogue_name": "4A160M6U3"}).motor
+    assert (motor.rated_power_w, motor.rotor_inertia_kg_m2, motor.rated_torque_nm) == (15000.0, 0.183, None)
+
+
+def test_a_motor_the_table_does_not_have_is_refused_with_those_it_has():
+    with pytest.raises(ConfigurationError, match=r"'4A1': expected one of .*4A160S6U3.*\(motors_4a.yaml\)"):
+        machine_parameters("roller_former", overrides={"motor.catalogue_name": "4A1"})
+
+
+def test_a_value_that_contradicts_the_named_motor_is_refused():
+    with pytest.raises(
+        ConfigurationError, match=r"key 'motor.rated_power_w', value 9000.0: the named motor 4A160S6U3 has 11000.0"
+    ):
+        machine_parameters("roller_former", overrides={"motor.rated_power_w": 9000.0})
+
+
+def test_a_described_configuration_keeps_the_motors_name_and_data():
+    parameters = machine_parameters("roller_former")
+    assert description(description_text("roller_former", parameters)).parameters == parameters
+
+
+def test_the_printed_set_is_one_line_and_given_values_win():
+    printed = machine_parameters("roller_former", overrides={"parameter_set": "printed"})
+    assert (printed.carts.mass_kg, printed.carts.roller_force_x_n) == (1000.0, 7962.0)
+    own = machine_parameters("roller_former", overrides={"parameter_set": "printed", "carts.mass_kg": 900.0})
+    assert (own.carts.mass_kg, own.carts.weight_n) == (900.0, 10124.9)
