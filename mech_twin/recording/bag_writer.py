@@ -153,8 +153,11 @@ class BagWriter:
                 return
             entry = RecordedTopic(schema or message_schema(type_name), offered_qos() if qos_yaml is None else qos_yaml)
             self._topics[topic] = entry
-            if self._series.current is not None and self._state is WriterState.RECORDING:
-                self._series.current.add_topic(topic, entry.schema, entry.qos_yaml)
+            if self._state is WriterState.RECORDING:
+                try:
+                    self._series.announce(topic)
+                except OSError as error:
+                    self._fail(error, self._clock())
 
     def write(self, topic: str, raw: bytes, log_time_ns: int, publish_time_ns: int, latched: bool = False) -> None:
         """Record one message.

@@ -87,6 +87,13 @@ class SplitSeries:
             raise
         self.started += 1
 
+    def announce(self, topic: str) -> None:
+        """Register a topic in the file in progress, if there is one; the chunk in progress stays open."""
+        if self.current is not None:
+            entry = self._topics[topic]
+            self.current.add_topic(topic, entry.schema, entry.qos_yaml)
+            self.current.file.commit()
+
     def commit(self) -> None:
         """Close the chunk in progress and hand it to the operating system."""
         if self.current is not None:

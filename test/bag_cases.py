@@ -1,0 +1,64 @@
+"""Bags for the tests of the recording room, and the messages in them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from geometry_msgs.msg import WrenchStamped
+from rclpy.serialization import serialize_message
+from sensor_msgs.msg import JointState
+
+from mech_twin.recording.bag_writer import BagWriter
+from mech_twin.recording.schemas import string_cdr
+
+JOINTS = "/twin/joint_states"
+FORCES = "/twin/forces/pin"
+NOTES = "/twin/notes"
+DESCRIPTION = "/twin/description"
+CONFIGURATION = "crank_m: 0.05\nnote: 'Größe'\n"
+TYPES = {
+    JOINTS: "sensor_msgs/msg/JointState",
+    FORCES: "geometry_msgs/msg/WrenchStamped",
+    NOTES: "std_msgs/msg/String",
+}
+
+
+def joint_state(number: int) -> bytes:
+    """Return the number-th joint state, encoded."""
+    message = JointState(name=["crank", "rocker"], position=[number * 0.1, -1.0], velocity=[1.5, number / 3.0])
+    message.header.stamp.sec = number
+    message.header.frame_id = "frame"
+    return bytes(serialize_message(message))
+
+
+def wrench(number: int) -> bytes:
+    """Return the number-th wrench, encoded."""
+    message = WrenchStamped()
+    message.wrench.force.x = float(number)
+    return bytes(serialize_message(message))
+
+
+def raw_of(topic: str, number: int) -> bytes:
+    """Return the number-th message of a topic, encoded."""
+    if topic == JOINTS:
+        return joint_state(number)
+    return wrench(number) if topic == FORCES else string_cdr(f"note {number}")
+
+
+def written(directory: Path, steps: int, **options: Any) -> Path:
+    """Write steps of two fast topics, 1 ms apart, and a note every tenth; return the bag."""
+    with BagWriter(directory, configuration=CONFIGURATION, description_topic=DESCRIPTION, **options) as writer:
+        for topic, type_name in TYPES.items():
+            writer.add_topic(topic, type_name)
+        for step in range(steps):
+            time_ns = 1_000_000 * step
+            for topic in TYPES:
+                if topic != NOTES or step % 10 == 0:
+                    writer.write(topic, raw_of(topic, step), time_ns, time_ns)
+    return directory
+
+
+def counts(steps: int) -> dict[str, int]:
+    """Return how many messages `written` puts on each topic."""
+    return {DESCRIPTION: min(steps, 1), JOINTS: steps, FORCES: steps, NOTES: (steps + 9) // 10}
