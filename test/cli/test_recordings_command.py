@@ -1,0 +1,336 @@
+"""Recordings on the command line: replayed, compared, shown, described, recovered; bad ones in one line."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import pty
+import select
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterable
+from contextlib import redirect_stderr, redirect_stdout
+from pathlib import Path
+from typing import Any
+
+import pytest
+from recordings import Entry, altered_bag, decoded_messages, edited, simulated_bag, written_bag
+
+from mech_twin.cli.main import main
+from mech_twin.cli.many_values import spread
+
+pytestmark = pytest.mark.usefixtures("ros_domain")
+COMMAND = [sys.executable, "-c", "from mech_twin.cli.main import main; main()"]
+DRUM = "winding_drum"
+STATES = f"/{DRUM}/joint_states"
+MOTOR = f"/{DRUM}/motor/joint_states"
+FORCES = f"/{DRUM}/forces/joint_states"
+END_LIMIT_S = 1.0
+
+
+def in_a_process(*words: str | Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([*COMMAND, *map(str, words)], capture_output=True, text=True, timeout=60, check=False)
+
+
+def mech_twin(*words: str | Path) -> subprocess.CompletedProcess[str]:
+    """Return what the command does, run in this process, which is quicker."""
+    output, errors = io.StringIO(), io.StringIO()
+    arguments = ["mech-twin", *map(str, words)]
+    code: Any = 0
+    with pytest.MonkeyPatch.context() as patch, redirect_stdout(output), redirect_stderr(errors):
+        patch.setattr(sys, "argv", arguments)
+        try:
+            main()
+        except SystemExit as end:
+            code = end.code or 0
+    return subprocess.CompletedProcess(arguments, code, output.getvalue(), errors.getvalue())
+
+
+def document(*words: str | Path) -> Any:
+    done = mech_twin(*words, "--json")
+    assert done.returncode in (0, 1), done.stderr
+    return done.returncode, json.loads(done.stdout)
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    directory = tmp_path_factory.mktemp("recordings") / "bag"
+    simulated_bag(DRUM, 0.2, directory)
+    return directory
+
+
+def tampered(bag: Path, out: Path, topic: str, step: int, column: str) -> Path:
+    """Write a copy in which the last bits of one number of one step are others."""
+
+    def alter(entry: Entry) -> Iterable[Entry]:
+        if entry.topic != topic or round(entry.log_time_ns / 1e6) != step:
+            return (entry,)
+
+        def edit(message: Any) -> None:
+            values = getattr(message, column)
+            values[0] = values[0] * (1.0 + 2e-16) + 1e-300
+
+        return (edited(entry, edit),)
+
+    return altered_bag(bag, out, alter)
+
+
+# -- replay ---------------------------------------------------------------------------------------------------------
+
+
+def test_a_replay_ends_by_itself_and_counts(bag: Path) -> None:
+    done = in_a_process("replay", bag, "--rate", "2", "--topics", "joint_states", "description")
+    assert done.returncode == 0, done.stderr
+    assert "published 202 messages on 2 topics" in done.stderr
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_a_replay_within_a_second(bag: Path, number: signal.Signals) -> None:
+    process = subprocess.Popen([*COMMAND, "replay", str(bag), "--loop"], stderr=subprocess.PIPE, text=True)
+    assert process.stderr is not None
+    for line in process.stderr:
+        if "jumps back" in line:
+            break
+    before = time.monotonic()
+    process.send_signal(number)
+    assert process.wait(10) == 0
+    assert time.monotonic() - before < END_LIMIT_S
+    assert "Traceback" not in process.stderr.read()
+    process.stderr.close()
+
+
+def test_keys_steer_a_replay_in_a_terminal(bag: Path) -> None:
+    pid, terminal = pty.fork()
+    if pid == 0:
+        os.execv(sys.executable, [*COMMAND, "replay", str(bag), "--loop"])
+    try:
+        until_shown(terminal, "quit")
+        os.write(terminal, b" ")
+        until_shown(terminal, "paused at")
+        os.write(terminal, b" ")
+        until_shown(terminal, "going on at")
+        os.write(terminal, b"+")
+        until_shown(terminal, "rate 1.25")
+        os.write(terminal, b"--")
+        until_shown(terminal, "rate 0.8")
+        os.write(terminal, b"n")
+        until_shown(terminal, "no impact after")
+        os.write(terminal, b"q")
+        assert exit_code(pid, terminal) == 0
+    finally:
+        os.close(terminal)
+
+
+def until_shown(terminal: int, words: str) -> None:
+    shown, end = "", time.monotonic() + 20.0
+    while words not in shown:
+        assert time.monotonic() < end, shown
+        if select.select([terminal], [], [], 0.1)[0]:
+            shown += os.read(terminal, 4096).decode(errors="replace")
+
+
+def exit_code(pid: int, terminal: int) -> int:
+    end = time.monotonic() + 10.0
+    while time.monotonic() < end:
+        if select.select([terminal], [], [], 0.05)[0]:
+            try:
+                os.read(terminal, 4096)
+            except OSError:  # the other side has closed
+                time.sleep(0.05)
+        done, status = os.waitpid(pid, os.WNOHANG)
+        if done:
+            return os.waitstatus_to_exitcode(status)
+    os.kill(pid, signal.SIGKILL)
+    return os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
+
+
+def test_an_option_takes_several_values() -> None:
+    given = ["bag", "--topics", "a", "b", "--rate", "2", "--topics", "c"]
+    assert spread(given) == ["bag", "--topics", "a", "--topics", "b", "--rate", "2", "--topics", "c"]
+    assert spread(["bag", "--topics"]) == ["bag", "--topics"]
+
+
+# -- compared -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("mode", ["--analyse", "--resimulate"])
+def test_a_recording_computed_again_is_identical(bag: Path, mode: str) -> None:
+    code, result = document("replay", bag, mode)
+    assert code == 0
+    assert result["identical"] is True
+    assert result["steps_compared"] == 201
+    assert result["first_difference"] is None
+
+
+@pytest.mark.parametrize(
+    ("mode", "topic", "column"),
+    [("--resimulate", MOTOR, "effort"), ("--resimulate", STATES, "velocity"), ("--analyse", FORCES, "effort")],
+)
+def test_the_first_difference_is_shown_with_time_topic_and_field(
+    bag: Path, tmp_path: Path, mode: str, topic: str, column: str
+) -> None:
+    changed = tampered(bag, tmp_path / "changed", topic, 77, column)
+    code, result = document("replay", changed, mode)
+    assert code == 1
+    first = result["first_difference"]
+    assert (first["topic"], first["step"], first["time_s"]) == (topic, 77, 77 * 0.001)
+    assert "effort" in first["field"] or "velocity" in first["field"] or "force" in first["field"]
+    said = mech_twin("replay", changed, mode)
+    assert said.returncode == 1
+    assert f"first difference at 0.077 s (step 77), topic {topic}, field {first['field']}" in said.stderr
+
+
+def test_another_version_is_said(bag: Path, tmp_path: Path) -> None:
+    def older(entry: Entry) -> Iterable[Entry]:
+        if not entry.topic.endswith("/description"):
+            return (entry,)
+
+        def edit(message: Any) -> None:
+            head, _, rest = message.data.partition("version: ")
+            message.data = f"{head}version: 0.0.1\n{rest.partition(chr(10))[2]}"
+
+        return (edited(entry, edit),)
+
+    done = mech_twin("replay", altered_bag(bag, tmp_path / "older", older), "--resimulate")
+    assert done.returncode == 0
+    assert "recorded with version 0.0.1" in done.stderr
+
+
+def test_a_machine_the_catalogue_does_not_know_cannot_be_computed(bag: Path, tmp_path: Path) -> None:
+    done = mech_twin("replay", foreign_machine(bag, tmp_path / "other"), "--resimulate")
+    assert_refused(done, "no machine 'somebodys_press'")
+
+
+def foreign_machine(bag: Path, out: Path) -> Path:
+    def renamed(entry: Entry) -> Iterable[Entry]:
+        entry = entry._replace(topic=entry.topic.replace(DRUM, "somebodys_press"))
+        if not entry.topic.endswith("/description"):
+            return (entry,)
+        return (edited(entry, lambda m: setattr(m, "data", m.data.replace(DRUM, "somebodys_press"))),)
+
+    return altered_bag(bag, out, renamed)
+
+
+# -- shown ----------------------------------------------------------------------------------------------------------
+
+
+def test_a_recording_is_shown_into_a_file(bag: Path, tmp_path: Path) -> None:
+    done = mech_twin("view", bag, "--save", tmp_path / "bag.rrd")
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "bag.rrd").stat().st_size > 10_000
+
+
+def test_a_recording_of_an_unknown_machine_is_shown_without_figures(bag: Path, tmp_path: Path) -> None:
+    done = mech_twin("view", foreign_machine(bag, tmp_path / "other"), "--save", tmp_path / "other.rrd")
+    assert done.returncode == 0, done.stderr
+    assert "no figures" in done.stderr
+    assert (tmp_path / "other.rrd").stat().st_size > 10_000
+
+
+def test_the_viewer_stays_on_this_machine_until_it_is_stopped(bag: Path) -> None:
+    process = subprocess.Popen([*COMMAND, "view", str(bag)], stderr=subprocess.PIPE, text=True)
+    assert process.stderr is not None
+    lines = []
+    for line in process.stderr:
+        lines.append(line)
+        if "shown" in line:
+            break
+    assert any("http://127.0.0.1:" in line for line in lines)
+    before = time.monotonic()
+    process.send_signal(signal.SIGINT)
+    assert process.wait(10) == 0
+    assert time.monotonic() - before < END_LIMIT_S + 0.8  # the viewer's own limit comes first
+    assert "Traceback" not in process.stderr.read()
+    process.stderr.close()
+
+
+# -- described and recovered ----------------------------------------------------------------------------------------
+
+
+def test_info_tells_machine_counts_duration_losses_and_files(bag: Path) -> None:
+    code, result = document("info", bag)
+    assert code == 0
+    assert (result["machine"], result["finished"], result["duration_s"]) == (DRUM, True, 0.2)
+    assert result["topics"][STATES]["messages"] == 201
+    assert result["topics"][STATES]["counters"]["written"] == 201
+    assert result["message_count"] == sum(topic["messages"] for topic in result["topics"].values())
+    assert [split["file"] for split in result["splits"]] == ["bag_0.mcap"]
+    assert mech_twin("info", bag).returncode == 0
+
+
+def test_what_was_cut_off_is_recovered(bag: Path, tmp_path: Path) -> None:
+    cut = tmp_path / "cut"
+    cut.mkdir()
+    whole = (bag / "bag_0.mcap").read_bytes()
+    (cut / "cut_0.mcap").write_bytes(whole[: len(whole) * 2 // 3])
+    assert document("info", cut)[1]["finished"] is False
+    refused = mech_twin("replay", cut)
+    assert_refused(refused, "recover")
+    code, result = document("recover", cut, tmp_path / "saved")
+    assert code == 0
+    saved = len(decoded_messages(tmp_path / "saved", STATES))
+    assert 0 < saved <= 201
+    assert result["messages"][STATES] == saved
+    assert document("replay", tmp_path / "saved", "--resimulate")[1]["identical"] is True
+    assert_refused(mech_twin("recover", cut, tmp_path / "saved"), "nothing is overwritten")
+
+
+# -- refused --------------------------------------------------------------------------------------------------------
+
+
+def assert_refused(done: subprocess.CompletedProcess[str], words: str) -> None:
+    assert done.returncode == 2, done.stderr
+    assert "Traceback" not in done.stderr
+    lines = [line for line in done.stderr.splitlines() if line.startswith("mech-twin:")]
+    assert len(lines) == 1
+    assert words in lines[0]
+
+
+VERBS = [["replay"], ["replay", "--analyse"], ["replay", "--resimulate"], ["view", "--save", "out.rrd"]]
+
+
+@pytest.mark.parametrize("verb", [*VERBS, ["info"], ["recover"]], ids=" ".join)
+def test_a_missing_bag_is_refused_in_one_line(verb: list[str], tmp_path: Path) -> None:
+    rest = [str(tmp_path / "out")] if verb == ["recover"] else []
+    words = (verb[0], tmp_path / "nowhere", *rest, *verb[1:])
+    assert_refused(mech_twin(*words), "nowhere")
+    if len(verb) == 1:
+        assert_refused(in_a_process(*words), "nowhere")
+
+
+@pytest.mark.parametrize("verb", VERBS, ids=" ".join)
+def test_a_foreign_file_and_an_empty_bag_are_refused_in_one_line(verb: list[str], tmp_path: Path) -> None:
+    foreign = tmp_path / "foreign.mcap"
+    foreign.write_bytes(b"SQLite format 3\0" * 40)
+    assert_refused(mech_twin(verb[0], foreign, *verb[1:]), "no MCAP recording")
+    assert_refused(mech_twin(verb[0], written_bag(tmp_path / "empty", []), *verb[1:]), "holds no")
+
+
+@pytest.mark.parametrize("verb", VERBS, ids=" ".join)
+def test_a_flipped_bit_is_refused_in_one_line(verb: list[str], bag: Path, tmp_path: Path) -> None:
+    damaged = tmp_path / "damaged.mcap"
+    content = bytearray((bag / "bag_0.mcap").read_bytes())
+    content[len(content) // 3] ^= 0x10
+    damaged.write_bytes(content)
+    verb = [str(tmp_path / word) if word.endswith(".rrd") else word for word in verb]
+    run = in_a_process if verb == ["replay"] else mech_twin  # a replay gets as far as the damage
+    assert_refused(run(verb[0], damaged, *verb[1:]), "damaged.mcap")
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (["--rate", "0"], "--rate 0: expected"),
+        (["--rate", "nan"], "--rate nan: expected"),
+        (["--start", "-1"], "--start -1.0: expected"),
+        (["--start", "9"], "--start 9 is beyond its end"),
+        (["--duration", "inf"], "--duration inf: expected"),
+        (["--topics", "nonsense"], "has no topic 'nonsense'"),
+        (["--analyse", "--resimulate"], "exclude each other"),
+    ],
+)
+def test_a_replay_that_cannot_be_is_refused_in_one_line(bag: Path, words: list[str], expected: str) -> None:
+    assert_refused(mech_twin("replay", bag, *words), expected)
