@@ -26,7 +26,9 @@ TYPES = {
 
 def joint_state(number: int) -> bytes:
     """Return the number-th joint state, encoded."""
-    message = JointState(name=["crank", "rocker"], position=[number * 0.1, -1.0], velocity=[1.5, number / 3.0])
+    message = JointState(
+        name=["crank", "rocker"], position=[number * 0.1, -1.0], velocity=[1.5, number / 3.0], effort=[0.25, 0.0]
+    )
     message.header.stamp.sec = number
     message.header.frame_id = "frame"
     return bytes(serialize_message(message))

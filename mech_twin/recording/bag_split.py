@@ -4,9 +4,9 @@
 |------------|---------------------|----------------------------------------------------------------------------------|
 | attachment | configuration.yaml  | checksummed                                                                      |
 | metadata   | mech_twin.split     | its index, and the latched messages it repeats                                   |
-| metadata   | mech_twin.topic     | for each topic: a second copy of its schema and channel, outside any chunk       |
+| metadata   | mech_twin.topic     | for each topic: a second copy of its schema and channel; not in the summary      |
 | chunk      |                     | messages, before them new schemas and channels; compressed, checksummed, indexed |
-| metadata   | mech_twin.counters  | after each chunk: the counters of every topic as of that chunk                   |
+| metadata   | mech_twin.counters  | after each chunk: the counters of every topic; the summary lists the last        |
 | summary    |                     | schemas, channels, statistics and indexes; checksummed                           |
 """
 
@@ -18,6 +18,8 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from mcap.data_stream import RecordBuilder
+from mcap.records import Metadata
 from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap.writer import CompressionType, Writer
 
@@ -109,7 +111,6 @@ class BagSplit:
             chunk_size=storage.chunk_bytes,
             compression=COMPRESSIONS[storage.compression],
             enable_crcs=True,
-            enable_data_crcs=True,
         )
         self._writer.start(profile="ros2", library=LIBRARY)
         self._writer.add_attachment(0, 0, CONFIGURATION_NAME, "application/yaml", configuration.encode())
@@ -137,7 +138,7 @@ class BagSplit:
         )
         self._channels[topic] = channel
         about |= {"id": str(channel), "topic": topic, "type": schema.type_name, "definition": schema.definition}
-        self._writer.add_metadata(TOPIC_RECORD, about)
+        self._append(TOPIC_RECORD, about)
 
     def add_message(self, topic: str, raw: bytes, log_time_ns: int, publish_time_ns: int, sequence: int) -> bool:
         """Add a message; return whether it closed a chunk, which then waits for `commit`."""
@@ -152,7 +153,7 @@ class BagSplit:
         """Close the chunk in progress and hand it, with the counters as they stand, to the operating system."""
         if not self._finished:
             self._writer.flush()  # type: ignore[no-untyped-call]
-            self._writer.add_metadata(COUNTERS_RECORD, {key: json.dumps(asdict(row)) for key, row in counters.items()})
+            self._append(COUNTERS_RECORD, _rows(counters))
             self.chunks += 1
         self.file.commit()
         self.uncommitted.clear()
@@ -161,9 +162,23 @@ class BagSplit:
         """Close the file with its summary; may be called again after an OSError."""
         if not self._finished:
             self._writer.flush()  # type: ignore[no-untyped-call]
-            self._writer.add_metadata(COUNTERS_RECORD, {key: json.dumps(asdict(row)) for key, row in counters.items()})
+            self._writer.add_metadata(COUNTERS_RECORD, _rows(counters))
             self._writer.finish()  # type: ignore[no-untyped-call]
             self._finished = True
         self.file.commit()
         self.uncommitted.clear()
         self.file.close()
+
+    def _append(self, name: str, data: dict[str, str]) -> None:
+        """Write a metadata record that only a walk through the file finds.
+
+        The summary lists the last of a kind alone, so it does not grow with the counters, and readers that show
+        metadata show each kind once.
+        """
+        builder = RecordBuilder()
+        Metadata(name=name, metadata=data).write(builder)
+        self.file.write(builder.end())
+
+
+def _rows(counters: Mapping[str, TopicCounters]) -> dict[str, str]:
+    return {topic: json.dumps(asdict(row)) for topic, row in counters.items()}
