@@ -21,13 +21,22 @@ def told_in_one_line() -> Iterator[None]:
     except Exception as error:
         if not _is_about_input(error):
             raise
-        sys.stderr.write(f"mech-twin: {' '.join(str(error).split())}\n")
+        sys.stderr.write(f"mech-twin: {' '.join(_message(error).split())}\n")
         raise SystemExit(EXIT_CODE) from error
 
 
+def _message(error: Exception) -> str:
+    told = getattr(error, "format_message", None)  # the command line library words its own errors
+    return str(told() if told else error)
+
+
 def _is_about_input(error: Exception) -> bool:
+    from typer.exceptions import TyperException
+
     from mech_twin.parameters.errors import ConfigurationError
     from mech_twin.recording.errors import BagError
+    from mech_twin.view.stage import StageError
     from mech_twin.view.viewer_process import ViewerError
 
-    return isinstance(error, CommandError | ConfigurationError | BagError | ViewerError)
+    kinds = (CommandError, TyperException, ConfigurationError, BagError, StageError, ViewerError)
+    return isinstance(error, kinds)

@@ -14,7 +14,7 @@ from mech_twin.cli.many_values import ManyValues
 app = typer.Typer(
     name="mech-twin",
     help="Digital twin of percussion and crank-linkage machines.",
-    no_args_is_help=True,
+    no_args_is_help=False,
     add_completion=False,
     pretty_exceptions_enable=False,
 )
@@ -32,11 +32,14 @@ def _show_version(asked: bool) -> None:
         raise typer.Exit
 
 
-@app.callback()
+@app.callback(invoke_without_command=True)
 def root(
+    context: typer.Context,
     version: Annotated[bool, typer.Option("--version", callback=_show_version, is_eager=True, help="version")] = False,
 ) -> None:
     """Digital twin of percussion and crank-linkage machines."""
+    if context.invoked_subcommand is None:
+        typer.echo(context.get_help())
 
 
 @app.command("list")
@@ -174,4 +177,5 @@ def reproduce(
 def main() -> None:
     """Run the command line."""
     with told_in_one_line():
-        app()
+        code = app(standalone_mode=False)
+    raise SystemExit(code if isinstance(code, int) else 0)

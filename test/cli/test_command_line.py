@@ -104,13 +104,16 @@ def bad_inputs(folder: Path) -> dict[str, tuple[list[str], list[str]]]:
         "bag in a file": ([*drum, "--bag", str(folder / "file" / "bag")], ["file"]),
         "pace": (["run", "winding_drum", "--pace", "slow"], ["--pace", "slow", "realtime"]),
         "view": (["run", "winding_drum", "--view", "film.mp4"], ["--view", "film.mp4", ".rrd"]),
+        "unknown verb": (["fly"], ["fly"]),
+        "unknown option": (["run", "--fly"], ["--fly"]),
+        "no number": (["simulate", "winding_drum", "--duration", "long"], ["--duration"]),
         "both": (["analyse", "winding_drum", "--crank-deg", "1", "--cycle", "4"], ["--crank-deg", "--cycle"]),
     }
 
 
 KINDS = [
     "unknown machine", "unknown key", "wrong type", "out of range", "cannot turn", "missing file", "missing bag",
-    "damaged bag", "bag over a file", "bag in a file", "pace", "view", "both",
+    "damaged bag", "bag over a file", "bag in a file", "pace", "view", "both", "unknown verb", "unknown option", "no number",
 ]  # fmt: skip
 
 
