@@ -99,7 +99,7 @@ def bad_inputs(folder: Path) -> dict[str, tuple[list[str], list[str]]]:
         "cannot turn": (linkage, ["compaction_press.yaml", "5"]),
         "missing file": ([*drum, "--config", str(folder / "none.yaml")], ["none.yaml", "No such file"]),
         "missing bag": (["info", str(folder / "nothing")], ["nothing"]),
-        "damaged bag": (["info", str(folder / "damaged")], ["damaged"]),
+        "damaged bag": (["replay", str(folder / "damaged")], ["damaged"]),
         "bag over a file": ([*drum, "--bag", str(folder / "file")], ["file"]),
         "bag in a file": ([*drum, "--bag", str(folder / "file" / "bag")], ["file"]),
         "pace": (["run", "winding_drum", "--pace", "slow"], ["--pace", "slow", "realtime"]),
@@ -113,7 +113,8 @@ def bad_inputs(folder: Path) -> dict[str, tuple[list[str], list[str]]]:
 
 KINDS = [
     "unknown machine", "unknown key", "wrong type", "out of range", "cannot turn", "missing file", "missing bag",
-    "damaged bag", "bag over a file", "bag in a file", "pace", "view", "both", "unknown verb", "unknown option", "no number",
+    "damaged bag", "bag over a file", "bag in a file", "pace", "view", "both", "unknown verb", "unknown option",
+    "no number",
 ]  # fmt: skip
 
 
