@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import pytest
 from recordings import Entry, altered_bag, edited, entries_of, simulated_bag, written_bag
 
 from mech_twin.engine.step_samples import StepSamples
+from mech_twin.nodes.replay_source import ReplaySource
 from mech_twin.recording.bag_reader import BagReader
 from mech_twin.recording.bag_samples import BagSamples, bag_samples
 from mech_twin.recording.errors import BagError
@@ -125,3 +127,38 @@ def test_the_description_is_the_run_s_own(frames: list[Frame], tmp_path: Path) -
     )
     with BagReader(silent) as reader:
         assert BagSamples(reader).descriptions() == texts
+
+
+def mutated(entry: Entry, chance: random.Random) -> Entry:
+    """Return the entry with some of its bytes changed, cut off, or given an absurd length."""
+    raw = bytearray(entry.raw)
+    kind = chance.randrange(4)
+    if kind == 0:
+        del raw[chance.randrange(len(raw) + 1) :]
+    elif kind == 1:
+        for _ in range(chance.randrange(1, 10)):
+            raw[chance.randrange(len(raw))] = chance.randrange(256)
+    elif kind == 2:
+        at = 4 * chance.randrange(len(raw) // 4)
+        raw[at : at + 4] = chance.choice([b"\xff\xff\xff\x7f", b"\xff\xff\xff\xff", b"\x00\x00\x00\x10"])
+    else:
+        raw = bytearray(chance.randbytes(chance.randrange(200)))
+    return entry._replace(raw=bytes(raw))
+
+
+def test_mutated_messages_are_passed_over_and_never_fatal(
+    frames: list[Frame], tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    chance = random.Random(5)
+    everything = [mutated(entry, chance) for _ in range(5) for entry in entries_of(tmp_path / "bag")]
+    assert len(everything) > 1000
+    sound = [entry for entry in entries_of(tmp_path / "bag") if entry.topic == STATES]
+    bag = written_bag(tmp_path / "mutated", sorted([*everything, *sound], key=lambda entry: entry.log_time_ns))
+    with BagReader(bag) as reader:
+        samples = BagSamples(reader)
+        assert sum(isinstance(item, StepSamples) for item in samples.shown()) >= 1
+        assert samples.passed_over["malformed"] > 500
+        assert isinstance(samples.descriptions(), list)
+        played = sum(1 for _ in ReplaySource(reader).messages(0))
+        assert len(sound) <= played < len(everything) + len(sound)
+    capfd.readouterr()  # the CDR library writes a line of its own for each
