@@ -27,9 +27,11 @@ from mech_twin.parts.induction_motor import MotorConstants, motor_torque
 from mech_twin.parts.roller_cart.parameters import CartBank
 from mech_twin.parts.roller_cart.statics import (
     LOOK_AHEAD_RAD,
+    branching_terms,
     has_kinks,
     holds_at_rest,
     load_moment,
+    plain_terms,
     shaft_terms,
     sides_of_travel,
 )
@@ -133,7 +135,14 @@ def rates(
     transmitted = coupling_moment(former, y)
     load, acceleration = transmitted, 0.0
     if stretch.direction != 0.0:
-        inertia, slope, full = shaft_terms(former.bank, y[CRANK], sides, stretch.direction)
+        bank = former.bank
+        if bank.plain:  # called here and not through shaft_terms, so that the compiler puts it in line
+            inertia, slope, full = plain_terms(
+                bank.carts, bank.crank_m, bank.ratio, bank.friction, bank.load, y[CRANK], sides, stretch.direction
+            )
+            inertia += bank.crank_inertia_kg_m2
+        else:
+            inertia, slope, full = branching_terms(bank, y[CRANK], sides, stretch.direction)
         load = full * (stretch.share + stretch.share_rate * (t - stretch.start_s))
         acceleration = (transmitted - load - speed * speed * slope) / inertia
     out[row, CRANK] = speed

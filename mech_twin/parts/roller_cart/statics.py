@@ -20,7 +20,7 @@ Sources: LoveikinRoller2018 eqs. (10), (12)-(20), (30)-(39).  The term with e fo
 
 from __future__ import annotations
 
-from math import cos, pi, sin, sqrt
+from math import copysign, cos, pi, sin, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -201,6 +201,8 @@ def plain_terms(
     """
     inertia, slope, moment = 0.0, 0.0, 0.0
     shaft_sine, shaft_cosine = sin(crank_rad), cos(crank_rad)
+    reverses = 1.0 if load == REVERSING else 0.0
+    one_way = 1.0 if load in (RECTIFIED, RESIST) else 0.0
     for cart in range(carts.shape[0]):
         sine = shaft_sine * carts[cart, COSINE] + shaft_cosine * carts[cart, SINE]
         cosine = shaft_cosine * carts[cart, COSINE] - shaft_sine * carts[cart, SINE]
@@ -212,28 +214,18 @@ def plain_terms(
         inertia += carts[cart, MASS] * x1 * x1
         slope += carts[cart, MASS] * x1 * x2
         if load != NONE:
-            sense = sides[cart] * direction if load == REVERSING else 1.0
-            force = sense * carts[cart, PULL] / (rod_cosine - sense * friction * ratio * sine)
-            part = force * crank_m * sine * (rod_cosine + ratio * cosine)
-            one_way = load in (RECTIFIED, RESIST)
-            moment += part * (sides[cart] if carts[cart, PULL] >= 0.0 else -sides[cart]) if one_way else part
+            sense = 1.0 + reverses * (sides[cart] * direction - 1.0)
+            factor = 1.0 + one_way * (copysign(sides[cart], sides[cart] * carts[cart, PULL]) - 1.0)
+            arm = crank_m * sine * (rod_cosine + ratio * cosine)
+            moment += factor * sense * carts[cart, PULL] * arm / (rod_cosine - sense * friction * ratio * sine)
     return inertia, slope, direction * moment if load == RESIST else moment
 
 
 @kernel
-def shaft_terms(
+def branching_terms(
     bank: CartBank, crank_rad: float, sides: NDArray[np.float64], direction: float
 ) -> tuple[float, float, float]:
-    """Return J_p2 (kg m^2), half its derivative (kg m^2/rad) and the load moment M_p2 (N m) of all carts.
-
-    ``J_p2 = J_k + sum m_B x'^2`` and ``sum m_B x' x''``; the sides are given, so that a moment with a kink can be
-    continued smoothly beyond it.
-    """
-    if bank.plain:
-        inertia, slope, moment = plain_terms(
-            bank.carts, bank.crank_m, bank.ratio, bank.friction, bank.load, crank_rad, sides, direction
-        )
-        return inertia + bank.crank_inertia_kg_m2, slope, moment
+    """Return what `shaft_terms` does, for every kinematics and friction."""
     inertia, slope, moment = bank.crank_inertia_kg_m2, 0.0, 0.0
     shaft_sine, shaft_cosine = sin(crank_rad), cos(crank_rad)
     carts, r, ratio = bank.carts, bank.crank_m, bank.ratio
@@ -257,6 +249,23 @@ def shaft_terms(
     if bank.load == RESIST:
         moment *= direction
     return inertia, slope, moment
+
+
+@kernel
+def shaft_terms(
+    bank: CartBank, crank_rad: float, sides: NDArray[np.float64], direction: float
+) -> tuple[float, float, float]:
+    """Return J_p2 (kg m^2), half its derivative (kg m^2/rad) and the load moment M_p2 (N m) of all carts.
+
+    ``J_p2 = J_k + sum m_B x'^2`` and ``sum m_B x' x''``; the sides are given, so that a moment with a kink can be
+    continued smoothly beyond it.
+    """
+    if bank.plain:
+        inertia, slope, moment = plain_terms(
+            bank.carts, bank.crank_m, bank.ratio, bank.friction, bank.load, crank_rad, sides, direction
+        )
+        return inertia + bank.crank_inertia_kg_m2, slope, moment
+    return branching_terms(bank, crank_rad, sides, direction)
 
 
 @kernel

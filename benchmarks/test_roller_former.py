@@ -1,0 +1,183 @@
+"""The roller former's integrator against real time, against scipy's DOP853, and against MuJoCo with the same carts.
+
+Motor on, table set, k = 8000 N m s/rad.  ``scipy``: the same equations, the same method and tolerance, right-hand side
+from our compiled kernels, so the ratio is what one compiled kernel saves.  ``MuJoCo``: the carts as bodies (crank, rods
+of negligible mass with half of it at either end, sliding carts closed by a connect of sites), the drive as a hinge on a
+hinge with spring and damper, Kloss torque applied each step; no load, since MuJoCo has no friction that the page's (12)
+would be.  Accuracy: the range of the twist over one steady turn against ours at a tolerance of 1e-12.
+
+Run ``pytest benchmarks/test_roller_former.py -s`` for the ratios; nothing here asserts a time.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable
+
+import mujoco
+import numpy as np
+import pytest
+from roller_former_cases import machine_for, parameters_for
+from scipy.integrate import solve_ivp
+
+from mech_twin.engine.run import frames
+from mech_twin.machines.roller_former_integration import advance_motion
+from mech_twin.machines.roller_former_motion import EVENT_ROWS, SIZE, SPEED, Former, Torque
+from mech_twin.machines.roller_former_parameters import former_of
+from mech_twin.machines.roller_former_steady import steady_turn
+from mech_twin.parts.induction_motor import motor_torque
+from mech_twin.parts.roller_cart.statics import load_moment, shaft_terms
+
+SIMULATED_S = 20.0
+PEER_S = 2.0
+SYNCHRONOUS = 1000.0 * np.pi / 30.0 / 9.8
+
+
+def said(text: str) -> None:
+    sys.stdout.write(f"\n{text}")
+
+
+def best_of(times: int, task: Callable[[], object]) -> float:
+    """Return the shortest time of a few runs, the first one not counted."""
+    task()
+    spent = []
+    for _ in range(times):
+        begin = time.perf_counter()
+        task()
+        spent.append(time.perf_counter() - begin)
+    return min(spent)
+
+
+def ours(former: Former, duration_s: float) -> np.ndarray:
+    """Return the state after a run from synchronous speed under full load."""
+    y, modes, events = np.zeros(SIZE), np.array([1.0, 1.0, 1.0, -1.0, 0.0, 0.0]), np.zeros((EVENT_ROWS, 3))
+    y[SPEED] = SYNCHRONOUS
+    advance_motion(former, Torque(True, 1.0, 0.0, 0.0, 0.0), 0.0, duration_s, y, modes, events, np.inf)
+    return y
+
+
+def peer(former: Former, duration_s: float) -> np.ndarray:
+    """Return the same from ``solve_ivp``."""
+    sides = np.ones(former.bank.carts.shape[0])
+
+    def slope(_: float, y: np.ndarray) -> tuple[float, float, float, float]:
+        crank, twist, speed, rate = y
+        inertia, half, _moment = shaft_terms(former.bank, crank, sides, 1.0)
+        moment = motor_torque(former.motor, (speed + rate) * former.ratio, 1.0) * former.ratio * former.efficiency
+        passed = former.stiffness_nm_per_rad * twist + former.damping_nms_per_rad * rate
+        ahead = (passed - load_moment(former.bank, crank, 1.0) - half * speed * speed) / inertia
+        return speed, rate, ahead, (moment - passed) / former.motor_inertia_kg_m2 - ahead
+
+    begin = [0.0, 0.0, SYNCHRONOUS, 0.0]
+    run = solve_ivp(slope, (0.0, duration_s), begin, "DOP853", rtol=1e-9, atol=1e-11)
+    return np.asarray(run.y[:, -1])
+
+
+@pytest.mark.parametrize("load", ["none", "reversing"])
+@pytest.mark.parametrize("carts", [1, 2, 3, 4])
+def test_times_real_time(carts: int, load: str) -> None:
+    former = former_of(parameters_for(carts, {"load": load}))
+    faster = SIMULATED_S / best_of(5, lambda: ours(former, SIMULATED_S))
+    said(f"{carts} carts, load {load:9s}: integrator {faster:7.0f} x real time")
+
+
+@pytest.mark.parametrize("load", ["none", "reversing"])
+def test_against_scipy(load: str) -> None:
+    former = former_of(parameters_for(4, {"load": load}))
+    we, they = best_of(3, lambda: ours(former, PEER_S)), best_of(1, lambda: peer(former, PEER_S))
+    exact = ours(former._replace(tolerance=1e-13), PEER_S)[:4]
+    our_error, their_error = (abs(f(former, PEER_S)[:4] - exact)[1] / abs(exact[1]) for f in (ours, peer))
+    said(
+        f"4 carts, load {load:9s}: scipy DOP853 takes {they / we:6.0f} x our time; "
+        f"error of the twist {our_error:.1e} (ours) and {their_error:.1e} (scipy)"
+    )
+    assert our_error < 1e-7
+
+
+def test_roles_one_process() -> None:
+    machine = machine_for(4)
+    steps = 2000
+    spent = best_of(2, lambda: list(frames(machine, steps * machine.coupling_step_s)))
+    said(f"4 carts, all roles in one process: {steps / spent:6.0f} coupling steps per second")
+
+
+def mujoco_model(former: Former, timestep_s: float, integrator: str) -> mujoco.MjModel:
+    """Return the carts as MuJoCo bodies; x along the rails, hinges about z."""
+    bank, joined, bodies = former.bank, [], []
+    r, length = bank.crank_m, bank.rod_m
+    cranks = ""
+    for i in range(bank.carts.shape[0]):
+        psi = bank.carts[i, 0]
+        ax, ay = r * np.cos(psi), r * np.sin(psi)
+        reach = ax + np.sqrt(length**2 - ay**2)
+        lean = np.arctan2(-ay, reach - ax)
+        tiny = "mass='1e-6' diaginertia='1e-8 1e-8 1e-8'"
+        cranks += (
+            f"<body pos='{ax} {ay} 0'><inertial pos='0 0 0' mass='{bank.rod_half_kg}' diaginertia='1e-8 1e-8 1e-8'/>"
+            f"<body euler='0 0 {lean}'><joint type='hinge' axis='0 0 1'/><inertial pos='0 0 0' {tiny}/>"
+            f"<site name='rod{i}' pos='{length} 0 0'/></body></body>"
+        )
+        bodies.append(
+            f"<body pos='{reach} 0 0'><joint type='slide' axis='1 0 0'/>"
+            f"<inertial pos='0 0 0' mass='{bank.carts[i, 3]}' diaginertia='1 1 1'/><site name='cart{i}'/></body>"
+        )
+        joined.append(
+            f"<connect site1='rod{i}' site2='cart{i}' solref='{2.0 * timestep_s} 1' solimp='.9999 .9999 .001'/>"
+        )
+    xml = f"""<mujoco><compiler angle='radian'/>
+      <option timestep='{timestep_s}' gravity='0 0 0' integrator='{integrator}' iterations='100' tolerance='1e-14'/>
+      <worldbody><body><joint name='drive' type='hinge' axis='0 0 1' armature='{former.motor_inertia_kg_m2}'/>
+        <inertial pos='0 0 0' mass='1e-6' diaginertia='1e-8 1e-8 1e-8'/>
+        <body><joint name='twist' type='hinge' axis='0 0 1' stiffness='{former.stiffness_nm_per_rad}'
+          damping='{former.damping_nms_per_rad}'/><inertial pos='0 0 0' mass='1e-6' diaginertia='1e-8 1e-8 1e-8'/>
+          {cranks}</body></body>{"".join(bodies)}</worldbody><equality>{"".join(joined)}</equality></mujoco>"""
+    return mujoco.MjModel.from_xml_string(xml)
+
+
+def mujoco_run(former: Former, timestep_s: float, integrator: str, duration_s: float) -> tuple[float, float]:
+    """Return the twist's range over the last turn (rad), and the seconds spent."""
+    model = mujoco_model(former, timestep_s, integrator)
+    state = mujoco.MjData(model)
+    mujoco.mj_forward(model, state)
+    start_speeds(former, model, state)
+    twists, gain = [], former.ratio * former.efficiency
+    begin = time.perf_counter()
+    for _ in range(round(duration_s / timestep_s)):
+        state.qfrc_applied[0] = motor_torque(former.motor, state.qvel[0] * former.ratio, 1.0) * gain
+        mujoco.mj_step(model, state)
+        twists.append(state.qpos[1])
+    spent = time.perf_counter() - begin
+    turn = np.array(twists[-round(2.0 * np.pi / SYNCHRONOUS / timestep_s) :])
+    return float(np.ptp(turn)), spent
+
+
+def start_speeds(former: Former, model: mujoco.MjModel, state: mujoco.MjData) -> None:
+    """Give every joint the rate that goes with a shaft at synchronous speed."""
+    bank = former.bank
+    state.qvel[0] = SYNCHRONOUS
+    for i in range(bank.carts.shape[0]):
+        psi = bank.carts[i, 0]
+        rod_sine = bank.ratio * np.sin(psi)
+        rod_cosine = np.sqrt(1.0 - rod_sine**2)
+        rod_rate = -bank.ratio * np.cos(psi) / rod_cosine * SYNCHRONOUS
+        state.qvel[2 + i] = rod_rate - SYNCHRONOUS
+        travel = -bank.crank_m * (np.sin(psi) + bank.ratio * np.sin(psi) * np.cos(psi) / rod_cosine)
+        state.qvel[2 + bank.carts.shape[0] + i] = travel * SYNCHRONOUS
+
+
+@pytest.mark.parametrize(
+    ("timestep_s", "integrator"), [(1e-3, "implicitfast"), (2.5e-4, "implicitfast"), (2.5e-4, "RK4")]
+)
+def test_against_mujoco(timestep_s: float, integrator: str) -> None:
+    former = former_of(parameters_for(3, {"load": "none"}))
+    turn = steady_turn(former._replace(tolerance=1e-12))
+    assert turn is not None
+    exact = float(np.ptp(turn.extremes(3)))
+    found, they = mujoco_run(former, timestep_s, integrator, PEER_S)
+    we = best_of(3, lambda: ours(former, PEER_S))
+    said(
+        f"3 carts: MuJoCo {integrator} at {1e3 * timestep_s:g} ms takes {they / we:6.0f} x our time, "
+        f"its twist range is off by {found / exact - 1.0:+.1e}"
+    )
+    assert found == pytest.approx(exact, rel=0.2)  # the same machine
