@@ -23,6 +23,7 @@ REGIME = "~regime"
 COMMAND = "~command"
 REVISION = "~revision"
 TARGET = "~target"
+SOURCE = "~source"
 MEMORY = "~memory/"
 RESIDUAL = "~residual/"
 EVENT = "~event/"
@@ -267,6 +268,12 @@ def mark(message: JointState, name: str, value: float) -> JointState:
     message.velocity.append(0.0)
     message.effort.append(0.0)
     return message
+
+
+def source(message: JointState) -> float:
+    """Return the number the publishing node signs with; 0 if it does not."""
+    names = message.name
+    return float(message.position[-1]) if names and names[-1] == SOURCE else marked(message, SOURCE, 0.0)
 
 
 def revision(message: JointState) -> int:

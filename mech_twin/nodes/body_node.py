@@ -38,10 +38,11 @@ class BodyNode(FollowerNode):
         self._out = self.step_outlet(BODY_JOINT_STATES, 1)
         self._impacts = self.outlet(IMPACTS)
         self._pressing = self.extreme_outlet(PRESSING_FORCE)
+        self._asks_where_it_was = False
         self._recall = self.outlet(RECALL)
         self._recall.listeners = 0
-        self.create_subscription(JointState, RECALLED_BODY.name, self._on_recalled, RECALLED_BODY.qos)
-        self.listen(FORCE_JOINT_STATES)
+        self.hear(RECALLED_BODY, self._on_recalled)
+        self.listen(FORCE_JOINT_STATES, "force_analysis")
 
     @property
     def role(self) -> BodyRole:
@@ -60,7 +61,8 @@ class BodyNode(FollowerNode):
 
     def answer(self, question: ForceSample, previous: BodySample | None) -> BodySample | None:
         """Return the body at the step of these forces; a body that comes back asks first where it was."""
-        if previous is None and question.step > 0:
+        self._asks_where_it_was = previous is None and question.step > 0
+        if self._asks_where_it_was:
             self._recall.send(String(data="body"))
             return None
         sample = next_body(self.role, previous, question)
@@ -75,10 +77,10 @@ class BodyNode(FollowerNode):
 
     def send(self, answer: BodySample) -> None:
         """Publish a body sample."""
-        self._out.send(body_messages.to_message(answer, self._message))
+        self._out.send(self.signed(body_messages.to_message(answer, self._message)))
 
     def _on_recalled(self, message: JointState) -> None:
-        if not message.name:
+        if not message.name or not self._asks_where_it_was:
             return
         try:
             sample = body_messages.from_message(message, self.machine.coupling_step_s)

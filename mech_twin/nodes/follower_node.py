@@ -8,9 +8,10 @@ from typing import Any, NamedTuple
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
-from mech_twin.messages.rows import MessageError, revision
-from mech_twin.messages.topics import RECALL, REWIND, Topic
+from mech_twin.messages.rows import MessageError, revision, source
+from mech_twin.messages.topics import RECALL, Topic
 from mech_twin.nodes.role_node import RETRY_S, RoleNode
+from mech_twin.nodes.voice import Voice
 
 REMEMBERED_STEPS = 4
 
@@ -25,17 +26,20 @@ class Exchange(NamedTuple):
 class FollowerNode(RoleNode):
     """Answers each step once; a step asked again (a peer came back) is answered again with the same sample."""
 
-    def listen(self, topic: Topic) -> None:
-        """Subscribe to the step message that is answered, once those who need the answers are there."""
+    def listen(self, topic: Topic, asker: str) -> None:
+        """Subscribe to the step message of the asking node, once those who need the answers are there."""
         self._topic = topic
+        self._asker = asker
+        self._voice = Voice()
+        self._heard = time.monotonic()
         self._exchanges: dict[int, Exchange] = {}
         self.last_message: JointState | None = None
-        self._held: JointState | None = None
+        self._held: tuple[Any, JointState] | None = None
         self._born = time.monotonic()
         self._listening = False
         self.follow_description()
-        self.create_subscription(String, RECALL.name, self._on_recall, RECALL.qos)
-        self._patience = self.create_timer(RETRY_S, self._retry)
+        self.hear(RECALL, self._on_recall)
+        self._patience = self.every(RETRY_S, self._retry)
 
     # -- what a follower is -----------------------------------------------------------------------------------------
 
@@ -71,7 +75,7 @@ class FollowerNode(RoleNode):
         if not self._listening:
             self._listen_when_heard()
         elif self._held is not None:
-            self._on_question(self._held)
+            self._answer(*self._held)
         else:
             self._patience.cancel()
 
@@ -79,28 +83,63 @@ class FollowerNode(RoleNode):
         """Subscribe; a linkage that sees the subscription may count on the answers being heard."""
         if self.matched or time.monotonic() - self._born > self.options.discovery_limit_s:
             self._listening = True
-            self.create_subscription(self._topic.type, self._topic.name, self._on_question, self._topic.qos)
+            self.hear(self._topic, self._on_question)
 
     def _on_question(self, message: JointState) -> None:
-        self._held = None
-        if not self.at_revision(revision(message), lambda: self._on_question(message)):
-            return
         try:
             question = self.decoded(message)
         except MessageError as error:
             self.ledger.count(self._topic.name, "malformed", str(error))
             return
+        if not self._speaks(question.step, source(message)):
+            reason = f"step {question.step} from another publisher than the one that is followed"
+            self.ledger.count(self._topic.name, "foreign", reason)
+        elif self.at_revision(revision(message), lambda: self._answer(question, message)):
+            self._answer(question, message)
+
+    def _answer(self, question: Any, message: JointState) -> None:
+        self._held = None
         last = self.last_step
         if last is not None and question.step <= last:
             self._on_old_step(question, last)
         else:
             self._on_new_step(question, message, last)
 
+    def _speaks(self, step: int, who: float) -> bool:
+        """Return whether this publisher is the one to answer; a new one is, once the one before has fallen silent."""
+        now = time.monotonic()
+        if not self._voice.speaks(who):
+            if self._voice.known and now - self._heard <= self.options.peer_timeout_s:
+                return False
+            self._voice.follow(who)
+            self._go_back_to(step)
+        self._heard = now
+        return True
+
+    def _go_back_to(self, step: int) -> None:
+        """Forget what came after this step: whoever asks now goes on from there, or begins a run of its own."""
+        if step not in self._exchanges and step - 1 not in self._exchanges and step <= (self.last_step or 0):
+            self._exchanges.clear()
+        for later in [known for known in self._exchanges if known > step]:
+            del self._exchanges[later]
+
+    def attend(self, now: float) -> None:
+        """Say so when nothing has been asked for longer than a peer may be silent."""
+        silent = now - self._heard
+        if self._voice.known and silent > self.options.peer_timeout_s and not self.health.state.startswith("waiting"):
+            self.health.state = f"waiting for {self._asker}"
+            self.ledger.count(self._topic.name, "silent", f"nothing for {silent:.1f} s after step {self.last_step}")
+            self.report()
+
+    def woken(self) -> None:
+        """Measure silence from now on."""
+        self._heard = time.monotonic()
+
     def _on_new_step(self, question: Any, message: JointState, last: int | None) -> None:
         previous = self._exchanges.get(question.step - 1)
         answer = self.answer(question, None if previous is None else previous.answer)
         if answer is None:
-            self._held = message
+            self._held = (question, message)
             self._patience.reset()
             return
         if last is not None and question.step > last + 1:
@@ -120,14 +159,10 @@ class FollowerNode(RoleNode):
             self.ledger.count(self._topic.name, "late", f"step {question.step} after {last}")
         elif known.question is None or known.question == question:
             self.ledger.count(self._topic.name, "repeated", f"step {question.step} asked again")
+            self.health.state = "running"
             self.send(known.answer)
         else:
             self.ledger.count(self._topic.name, "foreign", f"another sample of step {question.step}")
 
     def _on_recall(self, message: String) -> None:
-        word, _, number = message.data.partition(" ")
-        if word == REWIND and number.isdigit():
-            for step in [step for step in self._exchanges if step > int(number)]:
-                del self._exchanges[step]
-        else:
-            self.recall(word)
+        self.recall(message.data)

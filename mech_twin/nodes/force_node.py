@@ -26,7 +26,7 @@ class ForceNode(FollowerNode):
         self._out = self.step_outlet(FORCE_JOINT_STATES, 1)
         topics = {pin: pin_wrench(pin) for pin in self.machine.forces.pins}
         self._wrenches = [(pin, self.extreme_outlet(topic)) for pin, topic in topics.items()]
-        self.listen(JOINT_STATES)
+        self.listen(JOINT_STATES, "linkage")
 
     def residual_limits(self) -> dict[str, float]:
         """Return the limits of the power balance and its like."""
@@ -49,4 +49,4 @@ class ForceNode(FollowerNode):
 
     def send(self, answer: ForceSample) -> None:
         """Publish a force sample."""
-        self._out.send(mark_revision(force_messages.to_message(answer), self.revision))
+        self._out.send(self.signed(mark_revision(force_messages.to_message(answer), self.revision)))

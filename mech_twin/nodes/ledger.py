@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from typing import NamedTuple
 
-KINDS = ("missing", "repeated", "late", "early", "malformed", "foreign")
+KINDS = ("missing", "repeated", "late", "early", "malformed", "foreign", "silent", "incompatible", "stopped")
 
 
 class Report(NamedTuple):

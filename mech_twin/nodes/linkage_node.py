@@ -18,7 +18,7 @@ from mech_twin.messages import force as force_messages
 from mech_twin.messages import impact, scene
 from mech_twin.messages import linkage as linkage_messages
 from mech_twin.messages import motor as motor_messages
-from mech_twin.messages.rows import MessageError, arranged, mark_revision, set_stamp
+from mech_twin.messages.rows import MessageError, arranged, mark_revision, set_stamp, source
 from mech_twin.messages.topics import (
     BODY_JOINT_STATES,
     CLOCK,
@@ -32,7 +32,6 @@ from mech_twin.messages.topics import (
     RECALLED_DESCRIPTION,
     RECALLED_LINKAGE,
     RECALLED_MOTOR,
-    REWIND,
     SCENE,
     Topic,
 )
@@ -40,6 +39,7 @@ from mech_twin.nodes.options import RunOptions
 from mech_twin.nodes.pace import Pace
 from mech_twin.nodes.peers import Peers
 from mech_twin.nodes.role_node import RETRY_S, RoleNode
+from mech_twin.nodes.voice import ANONYMOUS, Voice
 from mech_twin.parameters.errors import ConfigurationError
 from mech_twin.parameters.load import (
     catalogue_entry,
@@ -71,13 +71,16 @@ class LinkageNode(RoleNode):
         self._reset_asked = False
         self._born = time.monotonic()
         self._progress = self._born
+        self._held_since: float | None = None
         self._recalled: dict[str, Any] = {}
-        self._recall_asked: float | None = None
+        self._recall_begun: float | None = None
+        self._recall_asked = 0.0
+        self._voices: dict[str, Voice] = {}
         self._steps_per_drawing = max(1, round(1.0 / (self.options.view_rate_hz * self.machine.coupling_step_s)))
         self._open_outlets()
         self._open_inlets()
         self.peers = Peers(self._peer_names(), self.ledger)
-        self.create_timer(RETRY_S, self._attend)
+        self.every(RETRY_S, self._attend)
 
     # -- wiring -----------------------------------------------------------------------------------------------------
 
@@ -99,14 +102,13 @@ class LinkageNode(RoleNode):
 
     def _open_inlets(self) -> None:
         decoders = {"motor": motor_messages, "body": body_messages, "force_analysis": force_messages}
-        topics = {"motor": MOTOR_JOINT_STATES, "body": BODY_JOINT_STATES, "force_analysis": FORCE_JOINT_STATES}
+        every = {"motor": MOTOR_JOINT_STATES, "body": BODY_JOINT_STATES, "force_analysis": FORCE_JOINT_STATES}
+        self._topics = {peer: every[peer] for peer in self._peer_names()}
         for peer in self._peer_names():
-            self._listen(topics[peer], peer, decoders[peer].from_message)
-        self.create_subscription(String, RECALL.name, self._on_recall, RECALL.qos)
-        self.create_subscription(JointState, RECALLED_LINKAGE.name, self._on_recalled_linkage, RECALLED_LINKAGE.qos)
-        self.create_subscription(
-            String, RECALLED_DESCRIPTION.name, self._on_recalled_description, RECALLED_DESCRIPTION.qos
-        )
+            self._listen(self._topics[peer], peer, decoders[peer].from_message)
+        self.hear(RECALL, self._on_recall)
+        self.hear(RECALLED_LINKAGE, self._on_recalled_linkage)
+        self.hear(RECALLED_DESCRIPTION, self._on_recalled_description)
         self.create_service(Trigger, "reset", self._on_reset)
         self.add_post_set_parameters_callback(self._on_parameters)
 
@@ -123,12 +125,29 @@ class LinkageNode(RoleNode):
             except MessageError as error:
                 self.ledger.count(topic.name, "malformed", str(error))
                 return
-            if self.sample is not None and self.peers.take(peer, topic.name, sample, self.sample.step):
+            if self.sample is None:
+                return
+            if sample.step == self.sample.step and not self._speaks(peer, topic, source(message)):
+                self.ledger.count(topic.name, "foreign", f"step {sample.step} from another publisher than before")
+            elif self.peers.take(peer, topic.name, sample, self.sample.step):
                 if peer == "motor":
                     self._last_motor = message
                 self._step_if_due()
 
-        self.create_subscription(topic.type, topic.name, receive, topic.qos)
+        self.hear(topic, receive)
+
+    def _speaks(self, peer: str, topic: Topic, who: float) -> bool:
+        """Return whether this publisher is the peer: the first one heard, until the run holds for it."""
+        voice = self._voices.setdefault(peer, Voice())
+        if voice.speaks(who):
+            return True
+        if voice.known:
+            free = self.health.state.startswith("waiting") and peer in self.peers.missing()
+        else:  # what does not say where it comes from is heard only where nobody else could be meant
+            free = who != ANONYMOUS or self.count_publishers(topic.name) <= 1
+        if free:
+            voice.follow(who)
+        return free
 
     def residual_limits(self) -> dict[str, float]:
         """Return the limits of loop closure, energy books and their like."""
@@ -137,7 +156,14 @@ class LinkageNode(RoleNode):
     def figures(self) -> dict[str, str]:
         """Return step, pace and lag."""
         step = "-" if self.sample is None else str(self.sample.step)
-        return {"step": step, "revision": str(self.revision), "worst lag s": f"{self.pace.worst_lag_s:.6f}"}
+        held_s = self.peers.held_s + (time.monotonic() - self._held_since if self._held_since is not None else 0.0)
+        return {
+            "step": step,
+            "revision": str(self.revision),
+            "worst lag s": f"{self.pace.worst_lag_s:.6f}",
+            "holds": str(self.peers.holds),
+            "held s": f"{held_s:.1f}",
+        }
 
     # -- the first step ---------------------------------------------------------------------------------------------
 
@@ -154,16 +180,18 @@ class LinkageNode(RoleNode):
         if not self.matched and waited < self.options.discovery_limit_s:
             self.health.state = "waiting for peers"
             return
-        if self._recall_asked is None:
+        self._recall_begun = now if self._recall_begun is None else self._recall_begun
+        if now - self._recall_asked > ASK_AGAIN_S:
             self._recall_asked = now
             self._recall.send(String(data="linkage"))
-        if len(self._recalled) == 2 or now - self._recall_asked > RECALL_LIMIT_S:
+        somebody_knows = self.count_publishers(RECALLED_LINKAGE.name) > 0
+        limit = self.options.discovery_limit_s if somebody_knows else RECALL_LIMIT_S
+        if len(self._recalled) == 2 or now - self._recall_begun > limit:
             self._begin()
 
     def _begin(self) -> None:
-        text = self._recalled.get("description", "")
-        if text:
-            described = description(text)
+        described = self._recalled.get("description")
+        if described is not None:
             self.use(described.parameters)
             self.revision = described.revision
         recalled = self._recalled.get("linkage")
@@ -171,8 +199,6 @@ class LinkageNode(RoleNode):
         if recalled:
             self.get_logger().info(f"going on at step {recalled.step}")
         self._describe(self.sample.step)
-        if recalled:
-            self._recall.send(String(data=f"{REWIND} {recalled.step}"))
         self._publish(self.sample, repeated=recalled is not None)
         self._progress = time.monotonic()
 
@@ -185,8 +211,15 @@ class LinkageNode(RoleNode):
             self.ledger.count(RECALLED_LINKAGE.name, "malformed", str(error))
 
     def _on_recalled_description(self, message: String) -> None:
-        if self.sample is None:
-            self._recalled["description"] = message.data
+        if self.sample is not None:
+            return
+        try:
+            described = description(message.data) if message.data else None
+        except ConfigurationError as error:
+            self.ledger.count(RECALLED_DESCRIPTION.name, "malformed", str(error))
+            return
+        if described is None or described.machine == self.machine.name:
+            self._recalled["description"] = described
 
     def _on_recall(self, message: String) -> None:
         if message.data == "body" and self.peers.last_body is not None:
@@ -229,12 +262,13 @@ class LinkageNode(RoleNode):
         self.pace.passed(self.sample.step)
         self.peers.expect_next()
         self._progress = time.monotonic()
+        self._end_hold()
         self._publish(self.sample)
 
     def _publish(self, sample: LinkageSample, repeated: bool = False) -> None:
         self.time_s = sample.time_s
         self.health.state = "running" if not self.machine.linkage.regimes else self._regime(sample)
-        self._out.send(mark_revision(linkage_messages.to_message(sample, self._message), self.revision))
+        self._send_sample(sample)
         if repeated:
             return
         self.on_sample(sample)
@@ -245,6 +279,10 @@ class LinkageNode(RoleNode):
             self._tell_time(sample)
         if sample.step % self._steps_per_drawing == 0:
             self._draw(sample)
+
+    def _send_sample(self, sample: LinkageSample) -> None:
+        message = linkage_messages.to_message(sample, self._message)
+        self._out.send(self.signed(mark_revision(message, self.revision)))
 
     def _regime(self, sample: LinkageSample) -> str:
         return f"running, {self.machine.linkage.regimes[sample.regime]}"
@@ -266,14 +304,30 @@ class LinkageNode(RoleNode):
         """Hold: ask the missing peer again, and say so once it counts as gone."""
         missing = self.peers.missing()
         if now - self._progress > self.options.peer_timeout_s and not self.health.state.startswith("waiting"):
-            self.peers.holds += 1
-            self.health.state = f"waiting for {missing}"
-            self.get_logger().warning(f"waiting for {missing} at step {self.sample.step if self.sample else 0}")
-            self.report()
+            self._begin_hold(now, missing)
         self.pace.resume()
         self._progress = now if self.health.state.startswith("waiting") else self._progress
         if self.sample is not None:
-            self._out.send(mark_revision(linkage_messages.to_message(self.sample, self._message), self.revision))
+            self._send_sample(self.sample)
+
+    def _begin_hold(self, now: float, missing: str) -> None:
+        self.peers.holds += 1
+        self._held_since = now
+        self.health.state = f"waiting for {missing}"
+        step = 0 if self.sample is None else self.sample.step
+        for topic in (self._topics[peer] for peer in missing.split(", ")):
+            self.ledger.count(topic.name, "silent", f"no answer to step {step} for {now - self._progress:.1f} s")
+        self.report()
+
+    def _end_hold(self) -> None:
+        if self._held_since is not None:
+            self.peers.held_s += time.monotonic() - self._held_since
+            self._held_since = None
+
+    def woken(self) -> None:
+        """Go on from the wall clock as it is: the time this process stood still is not caught up."""
+        self.pace.resume()
+        self._progress = time.monotonic()
 
     # -- configuration ----------------------------------------------------------------------------------------------
 

@@ -10,7 +10,7 @@ from std_srvs.srv import Trigger
 
 from mech_twin.messages import linkage as linkage_messages
 from mech_twin.messages import motor as motor_messages
-from mech_twin.messages.rows import TARGET, arranged, mark, marked
+from mech_twin.messages.rows import TARGET, MessageError, arranged, mark, marked
 from mech_twin.messages.topics import (
     JOINT_STATES,
     MOTOR_JOINT_STATES,
@@ -44,11 +44,11 @@ class MotorNode(FollowerNode):
         self._recalled_description = self.outlet(RECALLED_DESCRIPTION)
         self._recall = self.outlet(RECALL)
         self._recall.listeners = self._recalled.listeners = self._recalled_description.listeners = 0
-        self.create_subscription(Float64, SPEED_COMMAND.name, self._on_command, SPEED_COMMAND.qos)
-        self.create_subscription(JointState, RECALLED_MOTOR.name, self._on_recalled, RECALLED_MOTOR.qos)
+        self.hear(SPEED_COMMAND, self._on_command)
+        self.hear(RECALLED_MOTOR, self._on_recalled)
         self.create_service(Trigger, "start", self._on_start)
         self.create_service(Trigger, "stop", self._on_stop)
-        self.listen(JOINT_STATES)
+        self.listen(JOINT_STATES, "linkage")
 
     def decoded(self, message: JointState) -> LinkageSample:
         """Return the linkage sample of a message."""
@@ -67,11 +67,17 @@ class MotorNode(FollowerNode):
     def send(self, answer: MotorSample) -> None:
         """Publish a motor sample, with the command it is on its way to."""
         message = motor_messages.to_message(answer, self._message)
-        self._out.send(mark(message, TARGET, RATED if self.target is None else self.target))
+        self._out.send(self.signed(mark(message, TARGET, RATED if self.target is None else self.target)))
 
     def _on_recalled(self, message: JointState) -> None:
-        if self.target is None:
-            self.target = marked(message, TARGET, RATED)
+        if self.target is not None:
+            return
+        try:
+            if message.name:
+                motor_messages.from_message(message, self.machine.coupling_step_s)
+            self._take_command(marked(message, TARGET, RATED))
+        except MessageError as error:
+            self.ledger.count(RECALLED_MOTOR.name, "malformed", str(error))
 
     def recall(self, who: str) -> None:
         """Tell a linkage that came back its last sample and its configuration."""
@@ -80,11 +86,14 @@ class MotorNode(FollowerNode):
             self._recalled.send(self.last_message or JointState())
 
     def _on_command(self, message: Float64) -> None:
-        fraction = message.data
+        try:
+            self._take_command(message.data)
+        except MessageError as error:
+            self.ledger.count(SPEED_COMMAND.name, "malformed", str(error))
+
+    def _take_command(self, fraction: float) -> None:
         if not math.isfinite(fraction) or not 0.0 <= fraction <= HIGHEST_COMMAND:
-            reason = f"{fraction} is outside 0 to {HIGHEST_COMMAND}"
-            self.ledger.count(SPEED_COMMAND.name, "malformed", reason)
-            return
+            raise MessageError(f"{fraction} is outside 0 to {HIGHEST_COMMAND}")
         self.target = fraction
         if fraction > 0.0:
             self._asked_target = fraction

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
 
 from mech_twin.messages.extreme import ExtremeWindow
@@ -22,13 +23,18 @@ class Outlet:
         What is published.
     listeners : int
         Subscribers that must be matched before the first message, so that none is missed.
+    on_incompatible : callable, optional
+        Told when a subscriber asks for a quality of service that is not offered.
     """
 
-    def __init__(self, node: Node, topic: Topic, listeners: int) -> None:
+    def __init__(
+        self, node: Node, topic: Topic, listeners: int, on_incompatible: Callable[[Any], None] | None = None
+    ) -> None:
         self.name = topic.name
         self.listeners = listeners
         self.sent = 0
-        self._publisher = node.create_publisher(topic.type, topic.name, topic.qos)
+        callbacks = PublisherEventCallbacks(incompatible_qos=on_incompatible)
+        self._publisher = node.create_publisher(topic.type, topic.name, topic.qos, event_callbacks=callbacks)
 
     @property
     def matched(self) -> bool:
@@ -50,8 +56,15 @@ class ExtremeOutlet(Outlet):
         Steps per message.
     """
 
-    def __init__(self, node: Node, topic: Topic, listeners: int, window: int) -> None:
-        super().__init__(node, topic, listeners)
+    def __init__(
+        self,
+        node: Node,
+        topic: Topic,
+        listeners: int,
+        window: int,
+        on_incompatible: Callable[[Any], None] | None = None,
+    ) -> None:
+        super().__init__(node, topic, listeners, on_incompatible)
         self._window = ExtremeWindow[Callable[[], Any]](window)
 
     def offer(self, magnitude: float, build: Callable[[], Any]) -> None:

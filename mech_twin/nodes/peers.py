@@ -21,6 +21,7 @@ class Peers:
 
     def __init__(self, names: tuple[str, ...], ledger: Ledger) -> None:
         self.holds = 0
+        self.held_s = 0.0
         self.last_body: BodySample | None = None
         self._names = names
         self._ledger = ledger

@@ -46,7 +46,7 @@ class RecorderNode(RoleNode):
         self._steps = {topic.name for topic in step_topics(has_body)}
         for topic in recorded_topics(self.machine.forces.pins, has_body):
             self._record(topic)
-        self.create_timer(TICK_S, self._tick)
+        self.every(TICK_S, self._tick)
 
     @property
     def received(self) -> dict[str, int]:

@@ -2,26 +2,37 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any
 
 from rcl_interfaces.msg import SetParametersResult
+from rclpy.clock import Clock, ClockType
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.subscription import Subscription
+from rclpy.timer import Timer
+from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from mech_twin.engine.run import warm_up
+from mech_twin.messages.rows import SOURCE, mark
 from mech_twin.messages.topics import DESCRIPTION, DIAGNOSTICS, Topic
 from mech_twin.nodes.health import Health, array_message
 from mech_twin.nodes.ledger import Ledger
 from mech_twin.nodes.options import RunOptions
 from mech_twin.nodes.outlet import ExtremeOutlet, Outlet
 from mech_twin.nodes.parameter_bridge import declared_tree, keys
+from mech_twin.nodes.voice import new_source
 from mech_twin.parameters.load import RUN_GROUP, catalogue_entry, description, machine_parameters, validated
 from mech_twin.quantity import Parameters
 from mech_twin.roles import Machine
 
 WINDOW_S = 1.0
 RETRY_S = 0.02
+PULSE_S = 0.1
 
 
 def _unnoticed(sample: object) -> None:
@@ -65,13 +76,17 @@ class RoleNode(Node):
         self.description = ""
         self.quiet = False
         self.on_sample: Callable[[object], None] = _unnoticed
+        self.source = new_source()
         self.ledger = Ledger()
         self.outlets: list[Outlet] = []
+        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._pulse_at: float | None = None
         self._adopting = False
         self._awaiting_revision: tuple[int, Callable[[], None]] | None = None
         self._diagnostics = self.outlet(DIAGNOSTICS)
         self.health = Health(self.get_fully_qualified_name(), self.ledger, self.residual_limits())
-        self.create_timer(WINDOW_S, self.report)
+        self.every(WINDOW_S, self.report)
+        self.every(PULSE_S, self._pulse)
         self.add_on_set_parameters_callback(self.judge_parameters)
 
     # -- what a role node says about itself -------------------------------------------------------------------------
@@ -88,6 +103,39 @@ class RoleNode(Node):
         """Return for how long this node has heard nothing it must keep."""
         return float("inf")
 
+    # -- time -------------------------------------------------------------------------------------------------------
+
+    def every(self, period_s: float, call: Callable[[], None]) -> Timer:
+        """Return a timer on the steady clock: a step of the wall clock, or somebody's ``/clock``, does not touch it."""
+        return self.create_timer(period_s, call, clock=self._steady)
+
+    def _pulse(self) -> None:
+        """Notice that this process itself has stood still (stopped by a signal, or starved)."""
+        now, before = time.monotonic(), self._pulse_at
+        self._pulse_at = now
+        if before is not None and now - before > self.options.peer_timeout_s + PULSE_S:
+            self.ledger.count("process", "stopped", f"stood still for {now - before:.1f} s")
+            self.woken()
+        self.attend(now)
+
+    def woken(self) -> None:
+        """Begin measuring time anew, after this process has stood still."""
+
+    def attend(self, now: float) -> None:
+        """Look whether somebody is missing; called ten times a second."""
+
+    # -- inlets -----------------------------------------------------------------------------------------------------
+
+    def hear(self, topic: Topic, call: Callable[[Any], None], **changes: Any) -> Subscription:
+        """Return a new subscription; a publisher whose quality of service does not fit is counted."""
+        callbacks = SubscriptionEventCallbacks(incompatible_qos=partial(self._on_incompatible, topic.name, "publisher"))
+        qos = changes.pop("qos", topic.qos)
+        return self.create_subscription(topic.type, topic.name, call, qos, event_callbacks=callbacks, **changes)
+
+    def _on_incompatible(self, topic: str, who: str, event: Any) -> None:
+        policy = event.last_policy_kind.name.removeprefix("RMW_QOS_POLICY_").lower()
+        self.ledger.count(topic, "incompatible", f"a {who} whose {policy} does not fit is not connected")
+
     # -- outlets ----------------------------------------------------------------------------------------------------
 
     def listeners(self, peers: int) -> int:
@@ -96,7 +144,8 @@ class RoleNode(Node):
 
     def outlet(self, topic: Topic, peers: int = 0) -> Outlet:
         """Return a new counted publisher."""
-        made = Outlet(self, topic, self.listeners(peers))
+        told = partial(self._on_incompatible, topic.name, "subscriber")
+        made = Outlet(self, topic, self.listeners(peers), told)
         self.outlets.append(made)
         return made
 
@@ -106,9 +155,14 @@ class RoleNode(Node):
 
     def extreme_outlet(self, topic: Topic) -> ExtremeOutlet:
         """Return a new decimated publisher that keeps extremes."""
-        made = ExtremeOutlet(self, topic, self.listeners(0), self.options.stream_decimation)
+        told = partial(self._on_incompatible, topic.name, "subscriber")
+        made = ExtremeOutlet(self, topic, self.listeners(0), self.options.stream_decimation, told)
         self.outlets.append(made)
         return made
+
+    def signed(self, message: JointState) -> JointState:
+        """Return a step message with the row that says which node it comes from."""
+        return mark(message, SOURCE, self.source)
 
     @property
     def matched(self) -> bool:
@@ -125,7 +179,7 @@ class RoleNode(Node):
 
     def follow_description(self) -> None:
         """Take the configuration from the linkage, which owns it."""
-        self.create_subscription(String, DESCRIPTION.name, self._on_description, DESCRIPTION.qos)
+        self.hear(DESCRIPTION, self._on_description)
 
     def _on_description(self, message: String) -> None:
         try:
