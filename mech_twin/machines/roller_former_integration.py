@@ -13,23 +13,25 @@ from numpy.typing import NDArray
 from scipy.integrate import DOP853
 
 from mech_twin.kernel import kernel
+from mech_twin.machines.roller_former_events import (
+    SIGNALS,
+    apply_event,
+    count_slow,
+    normalise_modes,
+    signal,
+    something_happened,
+    stretch_from,
+)
 from mech_twin.machines.roller_former_motion import (
     CRANK,
     SHARE,
-    SIGNALS,
     SIZE,
     SPEED,
     TRIAL_STEP,
     Former,
     Stretch,
     Torque,
-    apply_event,
-    count_slow,
-    normalise_modes,
     rates,
-    signal,
-    something_happened,
-    stretch_from,
 )
 from mech_twin.parts.roller_cart.statics import holds_at_rest
 

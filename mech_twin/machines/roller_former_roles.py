@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mech_twin.kernel import kernel
+from mech_twin.machines.roller_former_events import EVENT_KINDS
 from mech_twin.machines.roller_former_integration import FAILED, advance_motion
 from mech_twin.machines.roller_former_motion import (
     CRANK,
     DAMPING_WORK,
     DIRECTION,
     ENGAGED,
-    EVENT_KINDS,
     EVENT_ROWS,
     LOAD_WORK,
     MODES,
