@@ -57,4 +57,4 @@ def test_a_live_run_computed_again_is_identical(name: str, tmp_path: Path) -> No
     assert run.first is None
     assert run.identical and forces.identical
     assert (history.changes, run.resets, run.missing_steps, run.taken_up) == (2, 1, 0, [])
-    assert run.steps > 150
+    assert run.steps >= 150
