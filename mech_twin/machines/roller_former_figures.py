@@ -166,7 +166,7 @@ def _cart_shapes(former: Former, index: int, psi: float, x: float) -> list[Shape
         Shape(
             f"forming_rollers_{number}",
             "points",
-            ((middle - 0.27, -bank.e_m), (middle + 0.27, -bank.e_m)),
+            ((middle - bank.a_m, -bank.e_m), (middle + bank.a_m, -bank.e_m)),
             (90, 90, 90),
             0.05,
         ),

@@ -89,6 +89,7 @@ class CartBank(NamedTuple):
     ratio: float
     friction: float
     roller_radius_m: float
+    a_m: float
     b_m: float
     p_m: float
     e_m: float
@@ -121,6 +122,7 @@ def cart_bank(
         ratio=p.crank_m / p.rod_m,
         friction=p.friction,
         roller_radius_m=0.5 * p.guide_roller_m,
+        a_m=p.a_m,
         b_m=p.b_m,
         p_m=p.p_m,
         e_m=p.e_m,
