@@ -6,6 +6,7 @@ import os
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ MAX_FILE_BYTES = 1 << 20
 MAX_SPLITS = 10_000
 
 
-class _PlainDumper(yaml.SafeDumper):
+class _PlainDumper(getattr(yaml, "CSafeDumper", yaml.SafeDumper)):  # type: ignore[misc]
     """Writes every value out in full: no anchors, which other readers of bags do not expect."""
 
     def ignore_aliases(self, data: Any) -> bool:
@@ -166,6 +167,7 @@ def _information(
     }
 
 
+@lru_cache(maxsize=64)
 def _profiles(qos_yaml: str) -> list[Any]:
     """Return the profiles as a list; a foreign bag's text that is none is left out rather than passed on."""
     try:

@@ -17,6 +17,7 @@ from mech_twin.recording.mcap_records import (
     MAX_RECORD_BYTES,
     Damage,
     Found,
+    RawMessage,
     UnreadableRecordError,
     parse,
 )
@@ -95,12 +96,22 @@ class RecordFile:
         try:
             found = self.record_at(offset)
             accept(found)
+            if isinstance(found.record, RawMessage) and not self._may_follow(offset + found.length):
+                raise UnreadableRecordError("a message whose length does not lead to another record")
         except UnreadableRecordError as error:
             return Damage(offset, self._following(offset, accept) - offset, str(error))
         return found
 
     def _is_end(self, offset: int) -> bool:
         return offset == self.size - len(MAGIC) and self.bytes_at(offset, len(MAGIC)) == MAGIC
+
+    def _may_follow(self, offset: int) -> bool:
+        """Whether a record, or the beginning of one that was cut off, lies here: a message has no other proof."""
+        head = self.bytes_at(offset, HEAD_BYTES)
+        if len(head) < HEAD_BYTES or self._is_end(offset):
+            return True
+        opcode, length = struct.unpack("<BQ", head)
+        return bool(0 < opcode <= Opcode.DATA_END and length <= MAX_RECORD_BYTES)
 
     def _plausible(self, offset: int) -> bool:
         """Whether a record can begin here, or the file ends."""
