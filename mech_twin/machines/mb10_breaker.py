@@ -9,7 +9,8 @@ from scipy.optimize import brentq
 from mech_twin.machines.mb10_approximated_body import ApproximatedBody
 from mech_twin.machines.mb10_breaker_body import FollowingBody
 from mech_twin.machines.mb10_breaker_dynamics import Breaker
-from mech_twin.machines.mb10_breaker_figures import BreakerObserver, drawing, position_figures, static_report
+from mech_twin.machines.mb10_breaker_figures import drawing, position_figures, static_report
+from mech_twin.machines.mb10_breaker_observer import BreakerObserver
 from mech_twin.machines.mb10_breaker_parameters import BreakerParameters
 from mech_twin.machines.mb10_breaker_roles import KlossDrive, Percussion, PinAnalysis
 from mech_twin.parts.four_bar import FourBar, Link, coefficients, link_angles, position

@@ -15,7 +15,6 @@ from mech_twin.machines.mb10_breaker_dynamics import Breaker
 from mech_twin.samples import BodySample, ForceSample, Load, Named
 
 CONTACT, FLYING, STOPPED = 0, 1, 2
-MEMORY = ("moment_nm",)
 RESIDUALS = ("angle_difference_rad", "rate_difference_rad_per_s", "penetration_rad")
 RESIDUAL_LIMITS: Mapping[str, float] = MappingProxyType(
     {"angle_difference_rad": 1e-6, "rate_difference_rad_per_s": 1e-3, "penetration_rad": 1e-6}
@@ -74,10 +73,10 @@ class FollowingBody:
     def follow(self, body: BodySample, forces: ForceSample) -> BodySample:
         """Return the body at the step of these forces, its moment linear between the knots."""
         phi, p, regime = body.position[0], body.velocity[0], body.regime
-        time, moment, found = body.time_s, body.memory.values[0], 0.0
+        time, moment, found = body.time_s, forces.quantities["step_begin_moment_nm"], 0.0
         for load in forces.loads:
             phi, p = self._flown(phi, p, regime, moment, load.moment_before_nm, load.time_s - time)
-            if load.kind == "touchdown" or load.kind == "settled":
+            if load.kind in {"touchdown", "settled"}:
                 found = max(found, abs(phi))
             phi, p, regime = self._after(phi, p, regime, load)
             time, moment = load.time_s, load.moment_after_nm
@@ -130,6 +129,6 @@ class FollowingBody:
             (-force * b.arm,),
             regime,
             force,
-            Named(MEMORY, (forces.body_moment_nm,)),
+            Named(),
             Named(RESIDUALS, (led_phi - phi, led_p - p, found)),
         )

@@ -30,8 +30,10 @@ from numpy.typing import NDArray
 from mech_twin.kernel import kernel
 from mech_twin.parts.four_bar import Coefficients, FourBar, Link, Position, coefficients, offset, position
 
-Q, U, PHI, P, WORK, DAMPED, TURNED = 0, 1, 2, 3, 4, 5, 6
-STATES = 7  # crank angle and speed, body angle and speed, work of the drive, damping loss, angular impulse on all
+# crank angle and speed, body angle and speed, work of the drive, damping loss, angular impulse on all, and a constant
+# torque on the crank that makes good what the step before missed
+Q, U, PHI, P, WORK, DAMPED, TURNED, EXTRA = 0, 1, 2, 3, 4, 5, 6, 7
+STATES = 8
 REST, FLIGHT, HELD, JAMMED = 0, 1, 2, 3
 
 
@@ -167,11 +169,12 @@ def derivatives(b: Breaker, state: NDArray[np.float64], torque: float, rests: bo
     """Fill the derivatives of the state under a motor torque (N m) and return the collar's moment R (N m)."""
     u, phi, p = state[U], state[PHI], state[P]
     m = masses_at(b, state[Q], phi)
-    drive = crank_torque(b, torque, u, p)
+    drive = crank_torque(b, torque, u, p) + state[EXTRA]
     du, dp, collar = accelerations(b, m, u, phi, p, drive, rests)
     out[Q], out[U], out[PHI], out[P] = u, du, p, dp
     out[WORK] = drive * (u - b.frame_drive * p)
     out[DAMPED] = b.damping * p * p
+    out[EXTRA] = 0.0
     out[TURNED] = -b.frame_drive * drive - spring_moment(b, phi) - b.damping * p + collar + m.g_phi
     return collar
 

@@ -18,7 +18,6 @@ from mech_twin.machines.mb10_breaker_dynamics import (
     P,
     Q,
     U,
-    crank_torque,
     energies,
     gap,
     spring_moment,
@@ -28,6 +27,7 @@ from mech_twin.machines.mb10_breaker_forces import PinForces, pin_forces, pin_im
 from mech_twin.machines.mb10_breaker_step import (
     AFTER,
     BEFORE,
+    BEGIN,
     CYCLE_OF,
     EVENT_ROWS,
     IMPULSE,
@@ -75,6 +75,7 @@ QUANTITIES = (
     "blow_impulse_on_body_nms",
     "crank_bearing_impulse_ns",
     "rocker_bearing_impulse_ns",
+    "step_begin_moment_nm",
 )
 FORCE_RESIDUALS = ("drive_torque_routes", "body_moment_routes", "impulse_routes")
 
@@ -155,6 +156,7 @@ class Percussion:
         memory[MEMORY.index("takeover_energy_j")] = kinetic + potential
         memory[MEMORY.index("touched")] = 1.0
         memory[MEMORY.index("torque_history")] = -1.0
+        memory[BEGIN] = state[Q]
         return self._sample(step, state, memory, HELD if self._b.held else REST, 0.0, self._command, ())
 
     def advance(self, linkage: LinkageSample, motor: MotorSample, body: BodySample | None) -> LinkageSample:
@@ -167,11 +169,9 @@ class Percussion:
         if body is not None and not self._b.held:
             regime = taken_over(self._b, state, memory, regime, body.position[0], body.velocity[0], body.regime == REST)
         log = np.empty((EVENT_ROWS, ROW))
-        regime, count, torque = advanced(
-            self._b, state, memory, regime, motor.effort[0], self._step_s, self._order, log
-        )
+        regime, count, drive = advanced(self._b, state, memory, regime, motor.effort[0], self._step_s, self._order, log)
         events = tuple(self._event(linkage.time_s, log[i]) for i in range(count))
-        return self._sample(linkage.step + 1, state, memory, regime, torque, motor.command, events)
+        return self._sample(linkage.step + 1, state, memory, regime, drive, motor.command, events)
 
     def _sample(
         self,
@@ -179,7 +179,7 @@ class Percussion:
         state: Array,
         memory: Array,
         regime: int,
-        torque: float,
+        drive: float,
         command: float,
         events: tuple[Event, ...],
     ) -> LinkageSample:
@@ -189,7 +189,6 @@ class Percussion:
         by = coefficients(at)
         coupler, rocker = link_angles(at)
         values = tuple(memory.tolist())
-        drive = crank_torque(b, torque, u, p)
         if regime == JAMMED:
             drive = pin_forces(b, q, u, phi, p, 0.0, regime).drive
         return LinkageSample(
@@ -272,11 +271,16 @@ class PinAnalysis:
                 Wrench(found.b_x, found.b_y, 0.0),
                 Wrench(found.c_x, found.c_y, 0.0),
             ),
-            Named(QUANTITIES, self._quantities(q, u, phi, p, found, impulses)),
+            Named(QUANTITIES, (*self._quantities(q, u, phi, p, found, impulses), self._moment_at_begin(linkage))),
             found.moment,
             Named(FORCE_RESIDUALS, self._errors(u, found, impulses)),
             tuple(loads),
         )
+
+    def _moment_at_begin(self, linkage: LinkageSample) -> float:
+        """Return the moment on the body as the step began, the torque just extrapolated anew."""
+        q, u, phi, p, drive = linkage.memory.values[BEGIN : BEGIN + 5]
+        return pin_forces(self._b, q, u, phi, p, drive, FLIGHT if linkage.regime == JAMMED else linkage.regime).moment
 
     def _across(self, event: Event) -> PinForces:
         crank, body = event.pre

@@ -3,8 +3,9 @@
 Motor torque inside the step: linear from the last two motor samples, restarted (held) after a step with an impact,
 since the two samples then lie on different sides of a jump in speed.  At t_n the torque of the step before is known at
 both ends, so the impulse which its extrapolation missed is known too; it is made good in the step that begins, as a
-constant.  Without a jump that impulse is (M_n - line_n) h/2; with jumps, M_n - line_n times the time that was left
-after them, each jump weighted with the rotor's change of speed.  An impulse of order h delivered h late leaves an
+constant.  It is counted in torque on the crank, behind the gear, whose losses change sides when the motor generates.
+Without a jump it is (Q_n - line_n) h/2; with jumps, Q_n - line_n times the time that was left after them, each jump
+weighted with the rotor's change of speed.  An impulse of order h delivered h late leaves an
 error of order h^2, so the scheme keeps second order across impacts.
 """
 
@@ -16,6 +17,7 @@ import numpy as np
 
 from mech_twin.kernel import kernel
 from mech_twin.machines.mb10_breaker_dynamics import (
+    EXTRA,
     FLIGHT,
     HELD,
     JAMMED,
@@ -77,13 +79,18 @@ MEMORY = (
     "impact_impulse_nms",
     "takeover_momentum_nms",
     "previous_torque_nm",
-    "line_torque_nm",
+    "line_crank_torque_nm",
     "torque_lag_s",
     "torque_history",
+    "begin_crank_rad",  # crank, body and torque on the crank as this step began with them
+    "begin_crank_rad_per_s",
+    "begin_body_rad",
+    "begin_body_rad_per_s",
+    "begin_drive_torque_nm",
 )
 TURNS, CYCLE, PASS_DONE, TOUCHED, BOOKS = 0, 1, 2, 3, 4
 BLOW_LOSS, TOOL_ENERGY, COLLAR_LOSS, JAM_LOSS, TAKEOVER, IMPACTS, TAKEOVER_MOMENTUM = 7, 8, 9, 10, 11, 12, 13
-PREVIOUS, LINE, LAG, HISTORY = 14, 15, 16, 17
+PREVIOUS, LINE, LAG, HISTORY, BEGIN = 14, 15, 16, 17, 18
 
 
 @kernel
@@ -101,13 +108,15 @@ def taken_over(b: Breaker, state: Array, memory: Array, regime: int, phi: float,
 
 
 @kernel
-def torque_line(memory: Array, torque: float, step_s: float, order: int) -> tuple[float, float, float]:
-    """Return the motor torque at the start of the step, its slope, and the constant that makes good the last step."""
+def torque_line(
+    b: Breaker, state: Array, memory: Array, torque: float, step_s: float, order: int
+) -> tuple[float, float]:
+    """Return slope of the motor torque (N m/s) and the crank torque (N m) that makes good the step before."""
     if order == 0 or memory[HISTORY] < 0.0:
-        return torque, 0.0, 0.0
-    missed = (torque - memory[LINE]) * memory[LAG] / step_s
+        return 0.0, 0.0
+    missed = (crank_torque(b, torque, state[U], state[P]) - memory[LINE]) * memory[LAG] / step_s
     slope = (torque - memory[PREVIOUS]) / step_s if memory[HISTORY] > 0.0 else 0.0
-    return torque, slope, missed
+    return slope, missed
 
 
 @kernel
@@ -162,7 +171,7 @@ def settles(b: Breaker, state: Array, torque: float) -> bool:
     """Return whether the bounces still to come after this touchdown last too short to be told one by one."""
     u, p, _, _ = touchdown(b, state[Q], state[U], 0.0, state[P], b.restitution)
     m = masses_at(b, state[Q], 0.0)
-    _, sink, _ = accelerations(b, m, u, 0.0, p, crank_torque(b, torque, u, p), False)
+    _, sink, _ = accelerations(b, m, u, 0.0, p, crank_torque(b, torque, u, p) + state[EXTRA], False)
     return sink < 0.0 and 2.0 * p <= -sink * (1.0 - b.restitution) * SETTLED_WITHIN_S
 
 
@@ -173,7 +182,7 @@ def noted(b: Breaker, row: Array, place: int, state: Array, torque: float) -> No
     row[place + 1] = state[U]
     row[place + 2] = state[PHI]
     row[place + 3] = state[P]
-    row[place + 4] = crank_torque(b, torque, state[U], state[P])
+    row[place + 4] = crank_torque(b, torque, state[U], state[P]) + state[EXTRA]
 
 
 @kernel
@@ -273,25 +282,26 @@ def substep(b: Breaker, u: float, remaining: float) -> float:
 def advanced(
     b: Breaker, state: Array, memory: Array, regime: int, torque: float, step_s: float, order: int, log: Array
 ) -> tuple[int, int, float]:
-    """Advance state and memory by one coupling step; return regime, number of events and the last motor torque.
+    """Advance state and memory by one coupling step; return regime, number of events, crank torque at the end.
 
     Parameters
     ----------
-    state : (7,) array
-        q, u, phi, p, work of the drive, damping loss, angular impulse; changed in place.
-    memory : (18,) array
+    state : (8,) array
+        q, u, phi, p, work of the drive, damping loss, angular impulse, constant torque; changed in place.
+    memory : (23,) array
         As `MEMORY` names it; changed in place.
     torque : float
         Motor torque at the start of the step (N m).
     log : (EVENT_ROWS, ROW) array
         Receives one row per event.
     """
-    line, slope, missed = torque_line(memory, torque, step_s, order)
+    slope, state[EXTRA] = torque_line(b, state, memory, torque, step_s, order)
     slopes, end, out = np.empty((STAGES + 1, STATES)), np.empty(STATES), np.empty(STATES)
     count, time, left, weighed = 0, 0.0, 0.0, 0.0
+    noted(b, memory, BEGIN, state, torque)
     while regime != JAMMED and step_s - time > 1e-16:
         span = substep(b, state[U], step_s - time)
-        now = line + missed + slope * time
+        now = torque + slope * time
         if memory[PASS_DONE] != 0.0 and ahead(b, state[Q]) > (b.extreme - b.retreat) % TURN:
             memory[PASS_DONE] = 0.0
         integrated(b, state, now, slope, regime != FLIGHT, span, slopes, end)
@@ -309,7 +319,8 @@ def advanced(
         jump = abs(state[U] - u - b.frame_drive * (state[P] - p))
         left += jump * (step_s - time)
         weighed += jump
-    memory[PREVIOUS], memory[LINE] = line, line + slope * step_s
+    final = crank_torque(b, torque + slope * step_s, state[U], state[P])
+    memory[PREVIOUS], memory[LINE] = torque, final
     memory[LAG] = left / weighed if weighed > 0.0 else 0.5 * step_s
     memory[HISTORY] = 0.0 if weighed > 0.0 else 1.0
     turned = math.floor(state[Q] / TURN)
@@ -317,4 +328,4 @@ def advanced(
     state[Q] -= turned * TURN
     memory[BOOKS : BOOKS + 3] += state[WORK : TURNED + 1]
     state[WORK : TURNED + 1] = 0.0
-    return regime, count, line + missed + slope * step_s
+    return regime, count, final + state[EXTRA]
