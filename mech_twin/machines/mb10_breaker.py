@@ -11,6 +11,7 @@ from mech_twin.machines.mb10_breaker_body import FollowingBody
 from mech_twin.machines.mb10_breaker_dynamics import Breaker
 from mech_twin.machines.mb10_breaker_figures import drawing, position_figures, static_report
 from mech_twin.machines.mb10_breaker_observer import BreakerObserver
+from mech_twin.machines.mb10_breaker_owner import BreakerObserver
 from mech_twin.machines.mb10_breaker_parameters import BreakerParameters
 from mech_twin.machines.mb10_breaker_roles import KlossDrive, Percussion, PinAnalysis
 from mech_twin.parts.four_bar import FourBar, Link, coefficients, link_angles, position
@@ -127,5 +128,5 @@ def build(parameters: Parameters) -> Machine:
         draw=drawing(constants, p.linkage.striker_angle_deg),
         report=lambda: static_report(p, constants),
         analyse=lambda crank_rad: position_figures(p, constants, crank_rad),
-        observer=lambda: BreakerObserver(constants, step_s),
+        observer=lambda: BreakerObserver(constants),
     )

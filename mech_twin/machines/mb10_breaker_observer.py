@@ -29,6 +29,8 @@ class Cycle:
     begin_s: float = 0.0
     length_s: float = 0.0
     impulse: float = 0.0
+    before: float = 0.0
+    after: float = 0.0
     gap: float = 0.0
     leaving: float = 0.0
     return_speed: float = 0.0
@@ -93,7 +95,7 @@ class BreakerObserver:
             self._pins[pin] = max(self._pins.get(pin, 0.0), size)
 
     def _add(self, cycle: Cycle, frame: Frame) -> None:
-        speed, motor = frame.linkage.velocity[0], frame.motor
+        speed, motor = frame.linkage.velocity[0] - frame.linkage.velocity[3], frame.motor
         cycle.steps += 1
         cycle.crank_max = max(cycle.crank_max, speed)
         cycle.crank_min = min(cycle.crank_min, speed)
@@ -116,9 +118,12 @@ class BreakerObserver:
             "blow_impulse_ns": impulse,
             "blow_energy_j": energy,
             "wall_force_limit_n": energy / b.overtravel,
+            # absolute: what the flywheel and the rotor have
             "crank_speed_max_rad_per_s": fast,
             "crank_speed_min_rad_per_s": slow,
             "crank_fluctuation": 2.0 * (fast - slow) / (fast + slow),
+            "crank_before_blow_rad_per_s": _mean(cycle.before for cycle in cycles),
+            "crank_after_blow_rad_per_s": _mean(cycle.after for cycle in cycles),
             "body_leaving_rate_rad_per_s": _mean(cycle.leaving for cycle in cycles),
             "lift_at_tool_max_m": b.radius * max(cycle.lift for cycle in cycles),
             "gap_at_blow_m": _mean(cycle.gap for cycle in cycles),
@@ -139,8 +144,9 @@ def _begun(event: Event, b: Breaker) -> Cycle:
     if len(event.pre) > 1 and len(event.post) > 1:
         cycle.gap = b.radius * event.pre[1].position
         cycle.leaving = event.post[1].velocity
-        cycle.crank_max = event.pre[0].velocity
-        cycle.crank_min = event.post[0].velocity
+        cycle.before, cycle.after = event.pre[0].velocity, event.post[0].velocity  # against the body
+        cycle.crank_max = event.pre[0].velocity - event.pre[1].velocity
+        cycle.crank_min = event.post[0].velocity - event.post[1].velocity
     return cycle
 
 
