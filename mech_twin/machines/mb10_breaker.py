@@ -10,7 +10,6 @@ from mech_twin.machines.mb10_approximated_body import ApproximatedBody
 from mech_twin.machines.mb10_breaker_body import FollowingBody
 from mech_twin.machines.mb10_breaker_dynamics import Breaker
 from mech_twin.machines.mb10_breaker_figures import drawing, position_figures, static_report
-from mech_twin.machines.mb10_breaker_observer import BreakerObserver
 from mech_twin.machines.mb10_breaker_owner import BreakerObserver
 from mech_twin.machines.mb10_breaker_parameters import BreakerParameters
 from mech_twin.machines.mb10_breaker_roles import KlossDrive, Percussion, PinAnalysis
