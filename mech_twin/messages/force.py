@@ -65,9 +65,21 @@ def _layout(names: tuple[str, ...]) -> ForceLayout:
     if not of_pins <= set(plain):
         raise MessageError("a pin has not all three components")
     quantities = tuple(name for name in plain if name not in of_pins)
-    heads = [name.split("/") for name in names if name.startswith(LOAD) and name.endswith("/time_s")]
-    loads = tuple((parts[2], parts[3], names.index("/".join(parts))) for parts in heads)
+    loads = tuple(_load(names, row) for row, name in enumerate(names) if name.startswith(LOAD) and _is_head(name))
     return ForceLayout(pins, quantities, tuple(names.index(name) for name in quantities), loads)
+
+
+def _is_head(name: str) -> bool:
+    return name.endswith(f"/{LOAD_COLUMNS[0]}")
+
+
+def _load(names: tuple[str, ...], row: int) -> tuple[str, str, int]:
+    """Return kind, contact and first row of a load, whose rows stand together."""
+    parts = names[row].split("/")
+    expected = tuple("/".join((*parts[:-1], column)) for column in LOAD_COLUMNS)
+    if len(parts) != 5 or names[row : row + len(expected)] != expected:
+        raise MessageError(f"load '{names[row]}' has not all its rows")
+    return parts[2], parts[3], row
 
 
 def from_message(message: JointState, step_s: float | None = None) -> ForceSample:

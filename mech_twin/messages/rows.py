@@ -147,10 +147,14 @@ def layout(names: tuple[str, ...]) -> Layout:
     )  # fmt: skip
 
 
+def _is_index(text: str) -> bool:
+    return text.isascii() and text.isdigit() and len(text) < 10
+
+
 def _event_layouts(rows: dict[str, int]) -> tuple[EventLayout, ...]:
     parts = {tuple(name.split("/")): i for name, i in rows.items() if name.startswith(EVENT)}
     heads = {
-        int(p[1]): (p, i) for p, i in parts.items() if len(p) == 4 and p[1].isdigit() and p[2] not in ("pre", "post")
+        int(p[1]): (p, i) for p, i in parts.items() if len(p) == 4 and _is_index(p[1]) and p[2] not in ("pre", "post")
     }
     found = []
     for index, (head, row) in sorted(heads.items()):

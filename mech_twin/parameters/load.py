@@ -102,7 +102,7 @@ def _file_text(path: Path) -> str:
 def text_tree(text: str, source: str) -> dict[str, Any]:
     """Return the parameters of the text of a parameter file; ``source`` names it in errors."""
     try:
-        _refuse_aliases(text)
+        _refuse_aliases_and_tags(text)
         document = yaml.load(text, Loader=_UniqueKeyLoader)
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         line = " ".join(str(error).split())[:300] or type(error).__name__
@@ -134,11 +134,13 @@ class _UniqueKeyLoader(yaml.SafeLoader):
         return super().construct_mapping(node, deep)
 
 
-def _refuse_aliases(text: str) -> None:
+def _refuse_aliases_and_tags(text: str) -> None:
     depth = 0
     for event in yaml.parse(text, Loader=yaml.SafeLoader):
         if isinstance(event, yaml.AliasEvent):
             raise yaml.YAMLError("an alias (*name) is not allowed in a parameter file")
+        if getattr(event, "tag", None) is not None:
+            raise yaml.YAMLError(f"a tag ({event.tag}) is not allowed in a parameter file")
         if isinstance(event, yaml.CollectionStartEvent):
             depth += 1
             if depth > DEPTH_LIMIT:
@@ -184,8 +186,9 @@ def assignments(texts: Iterable[str]) -> dict[str, Any]:
         if not equals or not key.strip():
             raise ConfigurationError(f"--set {text}: expected key.path=value")
         try:
+            _refuse_aliases_and_tags(value)
             flat[key.strip()] = yaml.safe_load(value)
-        except yaml.YAMLError as error:
+        except (yaml.YAMLError, ValueError, RecursionError) as error:
             raise ConfigurationError(f"--set {text}: value {value!r} cannot be read") from error
     return flat
 

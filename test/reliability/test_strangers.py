@@ -1,0 +1,251 @@
+"""Who else speaks on a running machine's topics is counted, reported once a window, never used, never fatal."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from bench_run import BenchRun
+from catalogue import built
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+
+from mech_twin.engine.run import frames
+from mech_twin.messages import linkage as linkage_messages
+from mech_twin.messages import motor as motor_messages
+from mech_twin.messages.rows import REVISION, SOURCE, mark, set_stamp
+from mech_twin.messages.topics import (
+    DESCRIPTION,
+    DIAGNOSTICS,
+    JOINT_STATES,
+    MOTOR_JOINT_STATES,
+    RECALL,
+    RECALLED_BODY,
+    RECALLED_DESCRIPTION,
+    RECALLED_LINKAGE,
+    RECALLED_MOTOR,
+    Topic,
+)
+from mech_twin.nodes.motor_node import MotorNode
+from mech_twin.samples import MotorSample
+
+pytestmark = pytest.mark.usefixtures("ros_domain")
+DRUM = "winding_drum"
+MOTOR = MOTOR_JOINT_STATES.name
+
+
+def assert_engine(run: BenchRun) -> None:
+    """Hold the whole run so far against the engine, to the bit."""
+    samples = run.samples
+    expected = [frame.linkage for frame in frames(built(run.name), samples[-1].time_s)]
+    assert samples == expected[: len(samples)]
+
+
+def second_motor(run: BenchRun, change: Callable[[MotorSample], MotorSample], source: float | None) -> None:
+    """Let the client answer every step, validly and with other numbers."""
+    publisher = run.publisher(MOTOR_JOINT_STATES)
+    role = built(run.name).motor
+
+    def answer(message: JointState) -> None:
+        reply = motor_messages.to_message(change(role.respond(linkage_messages.from_message(message), 1.0)))
+        publisher.publish(reply if source is None else mark(reply, SOURCE, source))
+
+    run.client.create_subscription(JointState, JOINT_STATES.name, answer, JOINT_STATES.qos)
+
+
+def stronger(sample: MotorSample) -> MotorSample:
+    return sample._replace(
+        effort=tuple(value + 1000.0 for value in sample.effort), velocity=tuple(v + 1.0 for v in sample.velocity)
+    )
+
+
+@pytest.mark.parametrize("source", [None, 17.0])
+def test_a_second_motor_with_valid_other_answers_is_never_used(source: float | None) -> None:
+    with BenchRun(DRUM) as run:
+        run.steps(20)
+        second_motor(run, stronger, source)
+        run.steps(300)
+        total = run.linkage.ledger.total
+        run.until(lambda: sum(total[MOTOR, kind] for kind in ("foreign", "late")) > 50)
+        assert_engine(run)
+
+
+def test_somebodys_own_motor_takes_over_when_ours_is_gone_and_ours_does_when_it_is() -> None:
+    with BenchRun("vibration_crank", peer_timeout_s=0.2) as run:
+        run.steps(20)
+        second_motor(run, lambda sample: sample, None)
+        run.kill("motor")
+        run.steps(100)
+        run.revive(MotorNode)
+        run.steps(100)
+        assert run.linkage.ledger.total[MOTOR, "silent"] >= 1
+        assert_engine(run)
+
+
+def test_joints_in_another_order_are_matched_by_name() -> None:
+    with BenchRun("vibration_crank") as run:
+        run.steps(20)
+        run.kill("motor")
+        publisher = run.publisher(MOTOR_JOINT_STATES)
+        run.until(lambda: run.linkage.health.state.startswith("waiting"))
+        role = built(run.name).motor
+
+        def answer(message: JointState) -> None:
+            good = role.respond(linkage_messages.from_message(message), 1.0)
+            reply = motor_messages.to_message(
+                good._replace(
+                    **{
+                        "joints": ("other", *good.joints),
+                        **{column: (7.0, *getattr(good, column)) for column in ("position", "velocity", "effort")},
+                    }
+                )
+            )
+            for column in ("name", "position", "velocity", "effort"):
+                setattr(reply, column, list(getattr(reply, column))[::-1])
+            publisher.publish(reply)
+
+        run.client.create_subscription(JointState, JOINT_STATES.name, answer, JOINT_STATES.qos)
+        run.steps(50)
+        assert_engine(run)
+
+
+def test_duplicated_and_late_answers_are_counted_and_change_nothing() -> None:
+    with BenchRun(DRUM) as run:
+        publisher = run.publisher(MOTOR_JOINT_STATES)
+        heard: list[JointState] = []
+
+        def twice(message: JointState) -> None:
+            if len(heard) < 300:  # its own repetitions come back here
+                heard.append(message)
+                publisher.publish(message)
+                publisher.publish(heard[len(heard) // 2])
+
+        run.client.create_subscription(JointState, MOTOR, twice, JOINT_STATES.qos)
+        run.steps(300)
+        total = run.linkage.ledger.total
+        run.until(lambda: total[MOTOR, "repeated"] + total[MOTOR, "late"] > 100)
+        assert_engine(run)
+
+
+def window_reports(run: BenchRun, role: str) -> list[str]:
+    """Return, growing, the messages of a node's diagnostics."""
+    messages: list[str] = []
+
+    def take(array: DiagnosticArray) -> None:
+        messages.extend(status.message for status in array.status if status.name.endswith(f"/{role}"))
+
+    run.client.create_subscription(DiagnosticArray, DIAGNOSTICS.name, take, 100)
+    return messages
+
+
+def test_a_fault_is_reported_once_a_window_with_its_number() -> None:
+    with BenchRun(DRUM) as run:
+        run.steps(20)
+        messages = window_reports(run, "linkage")
+        publisher = run.publisher(MOTOR_JOINT_STATES)
+        for _ in range(40):
+            publisher.publish(JointState(name=["drum"], position=[0.0], velocity=[0.0], effort=[float("nan")]))
+        run.until(lambda: run.linkage.ledger.total[MOTOR, "malformed"] == 40)
+        run.until(lambda: any("malformed" in message for message in messages))
+        run.spin_for(1.1)
+        told = [message for message in messages if "malformed" in message]
+        assert len(told) <= 2  # the forty may fall on both sides of a window's end
+        assert any("40 malformed" in message or "not finite" in message for message in told)
+
+
+QUALITIES = {
+    "reliability": QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT),
+    "durability": QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL),
+}
+
+
+def test_a_publisher_whose_quality_does_not_fit_is_noticed() -> None:
+    with BenchRun(DRUM) as run:
+        run.steps(5)
+        run.client.create_publisher(JointState, MOTOR, QUALITIES["reliability"])
+        run.until(lambda: run.linkage.ledger.total[MOTOR, "incompatible"] == 1)
+        run.steps(50)
+        assert_engine(run)
+
+
+def test_a_subscriber_whose_quality_does_not_fit_is_noticed() -> None:
+    with BenchRun(DRUM) as run:
+        run.steps(5)
+        run.client.create_subscription(JointState, JOINT_STATES.name, lambda message: None, QUALITIES["durability"])
+        run.until(lambda: run.linkage.ledger.total[JOINT_STATES.name, "incompatible"] == 1)
+        run.steps(50)
+        assert_engine(run)
+
+
+def signed(message: JointState, row: str, value: float) -> JointState:
+    return mark(message, row, value)
+
+
+def garbled() -> list[JointState]:
+    """Return step messages that are wrong in ways a careless program brings about."""
+    plain = {"position": [0.0], "velocity": [0.0], "effort": [0.0]}
+    far = JointState(name=["drum"], **plain)
+    set_stamp(far.header, 1e6)
+    return [
+        JointState(name=["drum", REVISION], position=[0.0]),
+        signed(JointState(name=["drum"], **plain), REVISION, float("nan")),
+        signed(JointState(name=["drum"], **plain), REVISION, 1e300),
+        signed(JointState(name=["drum"], **plain), "~step", float("inf")),
+        signed(JointState(name=["drum"], **plain), "~step", -1e300),
+        signed(JointState(name=["drum"], **plain), "~event/²/kind/contact", 0.0),
+        signed(JointState(name=["drum"], **plain), "~event/0/kind/contact", 0.0),
+        JointState(name=["drum/force_x_n"], **plain),
+        far,
+    ]
+
+
+@pytest.mark.parametrize(
+    "topic",
+    [
+        JOINT_STATES,
+        MOTOR_JOINT_STATES,
+        Topic("forces/joint_states", JointState),
+        RECALLED_LINKAGE,
+        RECALLED_MOTOR,
+        RECALLED_BODY,
+    ],
+)
+def test_garbled_messages_end_nothing(topic: Topic) -> None:
+    with BenchRun(DRUM) as run:
+        run.steps(20)
+        publisher = run.client.create_publisher(topic.type, topic.name, topic.qos)
+        run.spin_for(0.1)
+        for message in garbled():
+            publisher.publish(message)
+        run.steps(200)
+        assert_engine(run)
+
+
+@pytest.mark.parametrize("topic", [DESCRIPTION, RECALL, RECALLED_DESCRIPTION])
+@pytest.mark.parametrize(
+    "text", ["", "linkage", "[", "machine: nothing", "/**: {ros__parameters: {machine: drum}}", "\0"]
+)
+def test_garbled_words_end_nothing(topic: Topic, text: str) -> None:
+    with BenchRun(DRUM) as run:
+        run.steps(10)
+        publisher = run.client.create_publisher(String, topic.name, topic.qos)
+        run.spin_for(0.1)
+        publisher.publish(String(data=text))
+        run.steps(50)
+        assert_engine(run)
+
+
+def test_a_second_linkage_is_not_followed() -> None:
+    with BenchRun(DRUM) as run:
+        run.steps(50)
+        publisher = run.publisher(JOINT_STATES)
+        ahead = run.samples[-1]._replace(step=10**6, time_s=1e3)
+        for i in range(20):
+            other: Any = ahead._replace(step=ahead.step + i, time_s=(ahead.step + i) * 0.001)
+            publisher.publish(mark(linkage_messages.to_message(other), SOURCE, 5.0))
+        run.until(lambda: run.node("motor").ledger.total[JOINT_STATES.name, "foreign"] >= 20)
+        run.steps(100)
+        assert_engine(run)
