@@ -177,7 +177,7 @@ class BagSplit:
         """
         builder = RecordBuilder()
         Metadata(name=name, metadata=data).write(builder)
-        self.file.write(builder.end())
+        self.file.write(builder.end())  # type: ignore[no-untyped-call]
 
 
 def _rows(counters: Mapping[str, TopicCounters]) -> dict[str, str]:

@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 from mech_twin.recording.bag_metadata import FileContents, TopicContents, write_contents
 from mech_twin.recording.bag_split import BagSplit, Storage, TopicCounters
@@ -19,8 +20,7 @@ COUNTERS_KEY = "mech_twin.counters"
 _RESERVE_BYTES = 64 * 1024
 
 
-@dataclass(frozen=True)
-class Latched:
+class Latched(NamedTuple):
     """The last message of a latched topic."""
 
     raw: bytes
