@@ -10,6 +10,7 @@ import typer
 from mech_twin import __version__
 from mech_twin.cli.failure import CommandError, told_in_one_line
 from mech_twin.cli.many_values import ManyValues
+from mech_twin.cli.study import study_app
 
 app = typer.Typer(
     name="mech-twin",
@@ -172,6 +173,9 @@ def reproduce(
     from mech_twin.cli.reproduce import reproduce_machines
 
     reproduce_machines(machine, figures, config, settings or [], as_json=json)
+
+
+app.add_typer(study_app, name="study")
 
 
 def main() -> None:

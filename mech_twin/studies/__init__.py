@@ -5,12 +5,21 @@ Each function imports what it needs when it is called, so that naming one costs 
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from mech_twin.machines.impact_mass import ImpactMass
     from mech_twin.quantity import Parameters
+    from mech_twin.studies.design_scan import DesignScan
+    from mech_twin.studies.impact_regimes import RegimeMap
+    from mech_twin.studies.impact_synthesis import Demand, Synthesis
+    from mech_twin.studies.parameter_sweep import Sweep
+    from mech_twin.studies.press_problem import Space
+    from mech_twin.studies.press_search import Design
     from mech_twin.studies.reproduction.row import Row
+    from mech_twin.studies.sizing.answer import Sizing
 
 
 def reproduce(machine: str | None = None, parameters: Parameters | None = None) -> tuple[Row, ...]:
@@ -43,3 +52,192 @@ def draw_figures(machine: str, directory: Path, parameters: Parameters | None = 
     from mech_twin.studies.figures import machine_figures
 
     return machine_figures(machine, directory, parameters)
+
+
+def sweep(
+    machine: str,
+    axes: Mapping[str, Sequence[float | int | str | bool]],
+    table: Path,
+    *,
+    parameters: Parameters | None = None,
+    outputs: Sequence[str] = (),
+    duration_s: float = 0.0,
+    cores: int | None = None,
+    scheduler: str | None = None,
+    picture: bool = True,
+    progress: Callable[[int, int], None] | None = None,
+) -> Sweep:
+    """Return the summary numbers of a machine over a grid of configuration keys, written as a table and a picture.
+
+    An interrupted sweep goes on where it stopped when it is asked again with the same table.
+
+    Parameters
+    ----------
+    machine : str
+        Machine of the catalogue.
+    axes : mapping
+        Dotted configuration keys and the values each takes; several keys make a grid.
+    table : Path
+        ``.parquet`` or ``.csv`` file to write.
+    parameters : Parameters, optional
+        The rest of the configuration; the installed one if absent.
+    outputs : sequence of str
+        Names of the summary numbers wanted; all if empty.
+    duration_s : float
+        Seconds to simulate at each point, whose figures join the summary; 0 for the report alone.
+    cores : int, optional
+        Processes to spread over; all cores if absent.
+    scheduler : str, optional
+        Address of a Dask scheduler to spread over instead.
+    picture : bool
+        Whether to draw the table.
+    progress : callable, optional
+        ``progress(done, all)``.
+    """
+    from mech_twin.parameters.load import machine_parameters
+    from mech_twin.studies.parameter_sweep import swept
+    from mech_twin.studies.sweep_points import question
+
+    asked = question(machine, parameters or machine_parameters(machine), axes, outputs, duration_s)
+    return swept(asked, table, cores=cores, scheduler=scheduler, picture=picture, progress=progress)
+
+
+def size(
+    machine: str,
+    parameters: Parameters | None = None,
+    *,
+    limits: Mapping[str, float] | None = None,
+    objective: str | None = None,
+) -> Sizing:
+    """Return the sizes of a machine's parts, the configuration that has them, and which constraint binds.
+
+    Breaker: spring and preload.  Press: flywheel.  Vibration crank: counterweight and balancing fraction.  Roller
+    former: motor, stiffness and damping.
+
+    Parameters
+    ----------
+    machine : str
+        Machine of the catalogue.
+    parameters : Parameters, optional
+        The rest of the configuration; the installed one if absent.
+    limits : mapping, optional
+        Limits that differ from the usual ones, by name (``LIMITS`` of the machine's file in ``studies/sizing``).
+    objective : str, optional
+        What to make small; the first of the machine's ``OBJECTIVES`` if absent.
+    """
+    from mech_twin.studies.sizing import sized
+
+    return sized(machine, parameters, limits, objective)
+
+
+def search(
+    objectives: Sequence[str] = ("peak_torque_nm",), *, space: Space | None = None, seed: int = 1, points: int = 9
+) -> list[Design]:
+    """Return the best press for one objective, or the Pareto front of several; the same for the same seed.
+
+    Parameters
+    ----------
+    objectives : sequence of str
+        Of ``peak_torque_nm``, ``flywheel_inertia_kg_m2``, ``mean_press_force_n`` (the last is made large).
+    space : Space, optional
+        Bounds of crank, length, height and pendulum, and the limits; the reference problem's if absent.
+    seed : int
+        Seed of scan and optimiser.
+    points : int
+        Directions of the front that are refined, besides one per objective.
+    """
+    from mech_twin.studies.press_search import best_design, pareto_front
+
+    if len(objectives) == 1:
+        return [best_design(objectives[0], space, seed)]
+    return pareto_front(tuple(objectives), space, seed, points)
+
+
+def designs(
+    count: int,
+    *,
+    space: Space | None = None,
+    seed: int = 1,
+    cores: int | None = None,
+    scheduler: str | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> DesignScan:
+    """Return the feasible presses among ``count`` random designs, each computed at 72 crank positions.
+
+    Parameters
+    ----------
+    count : int
+        Designs to draw.
+    space : Space, optional
+        Bounds and limits; the reference problem's if absent.
+    seed : int
+        Seed; who computes a design does not matter to it.
+    cores : int, optional
+        Cores of this machine; all if absent.
+    scheduler : str, optional
+        Address of a Dask scheduler to spread over instead.
+    progress : callable, optional
+        ``progress(done, all)``.
+    """
+    from mech_twin.studies.design_scan import design_scan
+
+    return design_scan(count, space, seed, cores=cores, scheduler=scheduler, progress=progress)
+
+
+def synthesise(
+    parameters: ImpactMass, impact_speed_m_per_s: float, *, demand: Demand | None = None, periods: int = 1_000_000
+) -> Synthesis:
+    """Return the published one-impact cycle of the impact mass and a robust one for the same wish, side by side.
+
+    Parameters
+    ----------
+    parameters : ImpactMass
+        Mass, stop, start and restitution are taken from it.
+    impact_speed_m_per_s : float
+        Wanted speed of the blow.
+    demand : Demand, optional
+        Margin, basin and reserve asked of the robust cycle.
+    periods : int
+        How long the endurance runs are.
+    """
+    from mech_twin.studies.impact_synthesis import Wish
+    from mech_twin.studies.impact_synthesis import synthesise as both_cycles
+
+    p = parameters
+    wish = Wish(
+        p.mass_kg,
+        p.stop_position_m,
+        p.initial_position_m,
+        p.initial_velocity_m_per_s,
+        impact_speed_m_per_s,
+        p.restitution,
+    )
+    return both_cycles(wish, demand, periods)
+
+
+def regimes(
+    parameters: ImpactMass,
+    values: Sequence[float],
+    key: str = "phase1_duration_s",
+    *,
+    settling_periods: int = 1000,
+    progress: Callable[[int, int], None] | None = None,
+) -> RegimeMap:
+    """Return the long-run regimes of the impact mass over the values of one configuration key.
+
+    Parameters
+    ----------
+    parameters : ImpactMass
+        The rest of the configuration.
+    values : sequence of float
+        Values of the key.
+    key : str
+        Configuration key.
+    settling_periods : int
+        Periods left out before a regime is looked for.
+    progress : callable, optional
+        ``progress(done, all)``.
+    """
+    from mech_twin.studies.impact_regimes import regime_map
+
+    return regime_map(parameters, values, key, settling_periods, progress)

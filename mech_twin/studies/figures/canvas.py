@@ -24,7 +24,7 @@ BLUE, RED, GREEN, ORANGE, PURPLE, SKY, GREY = (
 COLOURS = (BLUE, RED, GREEN, ORANGE, PURPLE, SKY)
 INK = "#2b2b2b"
 DPI = 110
-STYLE: dict[str, Any] = {
+STYLE: Any = {
     "font.family": "DejaVu Sans",
     "font.size": 9.5,
     "axes.titlesize": 10.5,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import NamedTuple
 
 import numpy as np
 
@@ -13,60 +12,39 @@ from mech_twin.parts.elastic_drive import reduced_inertia
 from mech_twin.parts.induction_motor import breakdown_slip, motor_constants, motor_torque
 from mech_twin.parts.roller_cart.statics import load_moments
 from mech_twin.studies.reproduction.row import CHANGED, CONTRADICTS, Row, Source
+from mech_twin.studies.roller_coupling import (
+    PUBLISHED_MAX_NM,
+    PUBLISHED_MEAN_PER_CART_NM,
+    PUBLISHED_TABLE_2,
+    installation,
+)
 from mech_twin.studies.variation import varied
 
 PAPER = "Loveikin et al. 2018"
 WORKED = "worked from the print"
-OFFSETS_DEG = {1: 90.0, 2: 90.0, 3: 120.0, 4: 90.0}
-STIFFNESS_NM_PER_RAD = {2: 110000.0, 3: 150000.0, 4: 200000.0}  # published, section 3
 
 
-class Published(NamedTuple):
-    """A row of Table 2 and what it comes to: moment per cart (N m), twist (rad), its rate and acceleration."""
-
-    carts: int
-    damping: float
-    published: tuple[float, float, float, float]
-    worked: tuple[float, float, float, float]
-
-
-TABLE_2 = (
-    Published(2, 2000.0, (630.0, 0.0059, 0.17, 5.7), (639.4, 0.00581, 0.1682, 5.64)),
-    Published(3, 2000.0, (776.6, 0.0077, 0.25, 8.1), (774.8, 0.00775, 0.2490, 8.09)),
-    Published(4, 2000.0, (69.0, 0.00068, 0.029, 1.25), (68.9, 0.000689, 0.0294, 1.259)),
-    Published(2, 8000.0, (350.0, 0.00315, 0.08, 2.3), (320.6, 0.00291, 0.0761, 2.34)),
-    Published(3, 8000.0, (386.7, 0.004, 0.127, 4.1), (394.4, 0.00394, 0.1265, 4.07)),
-    Published(4, 8000.0, (33.0, 0.00033, 0.014, 0.6), (33.0, 0.00033, 0.0141, 0.602)),
-)
+# what the published tables come to: moment per cart (N m), twist (rad), its rate and acceleration
+WORKED_TABLE_2 = {
+    (2, 2000.0): (639.4, 0.00581, 0.1682, 5.64),
+    (3, 2000.0): (774.8, 0.00775, 0.2490, 8.09),
+    (4, 2000.0): (68.9, 0.000689, 0.0294, 1.259),
+    (2, 8000.0): (320.6, 0.00291, 0.0761, 2.34),
+    (3, 8000.0): (394.4, 0.00394, 0.1265, 4.07),
+    (4, 8000.0): (33.0, 0.00033, 0.0141, 0.602),
+}
 COLUMNS = ("dM per cart, N m", "d(phi1 - phi2), rad", "d(phi1' - phi2'), rad/s", "d(phi1'' - phi2''), rad/s2")
-
-
-def with_carts(parameters: RollerFormer, count: int) -> RollerFormer:
-    """Return the installation with so many carts: offset and stiffness as published, the motor grown with them."""
-    p, motor = parameters, motor_constants(parameters.motor)
-    share = count / p.carts.count
-    changes = {
-        "carts.count": count,
-        "carts.offset_deg": OFFSETS_DEG[count],
-        "motor.rated_power_w": p.motor.rated_power_w * share,
-        "motor.rated_torque_nm": motor.rated_torque_nm * share,
-        "motor.breakdown_torque_nm": motor.breakdown_torque_nm * share,
-        "motor.breakdown_slip": motor.breakdown_slip,
-    }
-    if count in STIFFNESS_NM_PER_RAD:
-        changes["drive.stiffness_nm_per_rad"] = STIFFNESS_NM_PER_RAD[count]
-    return varied(p, changes)
 
 
 def table_1_case(parameters: RollerFormer, count: int, load: str = "rectified") -> RollerFormer:
     """Return the case of Table 1: static moments of so many carts."""
-    return varied(with_carts(parameters, count), {"load": load})
+    return varied(installation(parameters, count), {"load": load})
 
 
 def table_2_case(parameters: RollerFormer, count: int, damping: float) -> RollerFormer:
     """Return the case of Table 2: no load, expanded kinematics, steady running."""
     changes = {"load": "none", "kinematics": "expanded", "drive.damping_nms_per_rad": damping}
-    return varied(with_carts(parameters, count), changes)
+    return varied(installation(parameters, count), changes)
 
 
 def table_2_figures(parameters: RollerFormer, count: int, damping: float) -> tuple[float, float, float, float] | None:
@@ -107,7 +85,7 @@ def _divisor(parameters: RollerFormer) -> Iterator[Row]:
     paper = Source(PAPER, "Table 1", "printed loads F01, R01, G")
     computed = _moments(printed, 1)["moment_mean_per_cart_nm"]
     why = "the printed loads give 4.5 times the printed table; a smaller machine was evidently computed"
-    yield paper.reported("mean moment per cart, N m", 452.4, computed, CONTRADICTS, why)
+    yield paper.reported("mean moment per cart, N m", PUBLISHED_MEAN_PER_CART_NM, computed, CONTRADICTS, why)
     worked = Source(WORKED, "Table 1", "printed loads")
     yield worked.gated("mean moment per cart, N m", 2037.0, computed, "what (12) gives with them", relative=1e-3)
     named, other = parameters.load_sets.table, parameters.load_sets.printed
@@ -133,7 +111,7 @@ def _three_carts(parameters: RollerFormer) -> Iterator[Row]:
     paper = Source(PAPER, "Table 1", "loads divided by 4.5, rectified")
     three = _moments(parameters, 3)["moment_max_nm"]
     why = "three even cranks give 1466.59; the print fits a crank at 239 degrees instead of 240"
-    yield paper.reported("largest moment of 3 carts, N m", 1475.8, three, CONTRADICTS, why)
+    yield paper.reported("largest moment of 3 carts, N m", PUBLISHED_MAX_NM[3], three, CONTRADICTS, why)
     off = varied(table_1_case(parameters, 3), {"carts.offsets_deg": [0.0, 120.0, 239.0]})
     worked = Source(WORKED, "Table 1", "loads divided by 4.5, rectified")
     yield worked.at("Table 1", "cranks at 0, 120, 239 degrees").gated(
@@ -151,19 +129,25 @@ def _table_1(parameters: RollerFormer) -> Iterator[Row]:
     worked = Source(WORKED, "Table 1", paper.inputs)
     one = _moments(parameters, 1)
     change = "with F01, R01, G divided by 4.5"
+    mean = one["moment_mean_per_cart_nm"]
     yield paper.gated(
-        "mean moment per cart, N m", 452.4, one["moment_mean_per_cart_nm"], change, relative=1e-3, verdict=CHANGED
+        "mean moment per cart, N m",
+        PUBLISHED_MEAN_PER_CART_NM,
+        one["moment_mean_per_cart_nm"],
+        change,
+        relative=1e-3,
+        verdict=CHANGED,
     )
     bank = bank_of(table_1_case(parameters, 1))
     coarse = load_moments(bank, _degrees(5), 1.0)
     yield worked.at("Table 1", "5 degree grid").gated(
         "mean moment per cart, N m", 452.39, float(coarse.mean()), "the grid behind the printed mean", relative=5e-5
     )
-    yield worked.gated("mean moment per cart, N m", 452.68, one["moment_mean_per_cart_nm"], "fine grid", relative=5e-5)
-    for count, value in ((1, 734.5), (2, 1186.2), (4, 2011.2)):
+    yield worked.gated("mean moment per cart, N m", 452.68, mean, "fine grid", relative=5e-5)
+    for count in (1, 2, 4):
         yield paper.gated(
             f"largest moment of {count} cart{'s' * (count > 1)}, N m",
-            value,
+            PUBLISHED_MAX_NM[count],
             _moments(parameters, count)["moment_max_nm"],
             change,
             relative=5e-4,
@@ -186,14 +170,14 @@ def _reversing(parameters: RollerFormer) -> Iterator[Row]:
 
 
 def _table_2(parameters: RollerFormer) -> Iterator[Row]:
-    for row in TABLE_2:
-        found = table_2_figures(parameters, row.carts, row.damping)
-        inputs = f"{row.carts} carts, k {row.damping:g} N m s/rad; no load, masses over 4.5, expanded kinematics"
+    for (carts, damping), theirs in PUBLISHED_TABLE_2.items():
+        found = table_2_figures(parameters, carts, damping)
+        inputs = f"{carts} carts, k {damping:g} N m s/rad; no load, masses over 4.5, expanded kinematics"
         if found is None:
             yield Source(PAPER, "Table 2", inputs).unknown("steady turn", None, "the motor cannot keep it up")
             continue
-        tolerance = 0.10 if row.carts == 2 else 0.03
-        for column, printed, computed in zip(COLUMNS, row.published, found, strict=True):
+        tolerance = 0.10 if carts == 2 else 0.03
+        for column, printed, computed in zip(COLUMNS, theirs, found, strict=True):
             moment = column is COLUMNS[0]
             why = (
                 "read as 2 c (phi1 - phi2) over the carts: the doubled moment"
@@ -203,7 +187,7 @@ def _table_2(parameters: RollerFormer) -> Iterator[Row]:
             yield Source(PAPER, "Table 2", inputs).gated(
                 column, printed, computed, why, relative=tolerance, verdict=CHANGED
             )
-        for column, value, computed in zip(COLUMNS, row.worked, found, strict=True):
+        for column, value, computed in zip(COLUMNS, WORKED_TABLE_2[carts, damping], found, strict=True):
             yield Source(WORKED, "Table 2", inputs).gated(column, value, computed, "steady turn", relative=3e-3)
 
 

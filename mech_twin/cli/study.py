@@ -1,0 +1,158 @@
+"""``mech-twin study MACHINE QUESTION``: the questions and their options; what they write is in `study_answers`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+study_app = typer.Typer(no_args_is_help=True, help="Ask a machine a designer's question.")
+
+Config = Annotated[Path | None, typer.Option("--config", help="configuration file instead of the installed one")]
+Settings = Annotated[list[str] | None, typer.Option("--set", metavar="KEY.PATH=VALUE", help="override one key")]
+Json = Annotated[bool, typer.Option("--json", help="JSON on standard output")]
+Cores = Annotated[int | None, typer.Option(help="processes to spread over [all cores]", min=1, max=1024)]
+Scheduler = Annotated[str | None, typer.Option(metavar="ADDRESS", help="Dask scheduler, tcp://HOST:PORT")]
+Seed = Annotated[int, typer.Option(help="the same seed gives the same answer", min=0)]
+Over = Annotated[
+    list[str],
+    typer.Option("--over", metavar="KEY=VALUES", help="from:to:count, from:to:count:log, or a,b,c; repeat for a grid"),
+]
+Limits = Annotated[list[str] | None, typer.Option("--limit", metavar="NAME=VALUE", help="a limit other than usual")]
+Bounds = Annotated[
+    list[str] | None,
+    typer.Option("--bound", metavar="NAME=LOW:HIGH", help="crank, length, height or pendulum, m"),
+]
+
+
+@study_app.callback()
+def study(
+    context: typer.Context,
+    machine: Annotated[str, typer.Argument(help="machine of the catalogue (see `mech-twin list`)")],
+) -> None:
+    """Ask a machine a designer's question."""
+    context.obj = machine
+
+
+@study_app.command()
+def sweep(
+    context: typer.Context,
+    over: Over,
+    out: Annotated[Path | None, typer.Option(help="NAME.parquet or NAME.csv [MACHINE-sweep.parquet]")] = None,
+    number: Annotated[list[str] | None, typer.Option(help="summary number wanted [all]; repeat")] = None,
+    duration: Annotated[float, typer.Option(help="seconds to simulate at each point", min=0.0)] = 0.0,
+    no_picture: Annotated[bool, typer.Option("--no-picture", help="write the table alone")] = False,
+    cores: Cores = None,
+    scheduler: Scheduler = None,
+    config: Config = None,
+    settings: Settings = None,
+    json: Json = False,
+) -> None:
+    """Sweep configuration keys over a grid; goes on where an interrupted sweep stopped."""
+    from mech_twin.cli.study_answers import SweepRequest, answer_sweep
+
+    numbers, table = tuple(number or ()), out or Path(f"{context.obj}-sweep.parquet")
+    answer_sweep(
+        SweepRequest(context.obj, over, table, numbers, duration, not no_picture, cores, scheduler),
+        config,
+        settings or [],
+        as_json=json,
+    )
+
+
+@study_app.command()
+def size(
+    context: typer.Context,
+    out: Annotated[Path | None, typer.Option(help="configuration to write [MACHINE-sized.yaml]")] = None,
+    objective: Annotated[str | None, typer.Option(help="what to make small")] = None,
+    limit: Limits = None,
+    config: Config = None,
+    settings: Settings = None,
+    json: Json = False,
+) -> None:
+    """Size spring and preload, flywheel, counterweight, or motor and drive; say which constraint binds."""
+    from mech_twin.cli.study_answers import answer_size
+
+    file = out or Path(f"{context.obj}-sized.yaml")
+    answer_size(context.obj, file, objective, limit or [], config, settings or [], as_json=json)
+
+
+@study_app.command()
+def search(
+    context: typer.Context,
+    objective: Annotated[list[str] | None, typer.Option(help="peak_torque_nm, ...; several: a Pareto front")] = None,
+    bound: Bounds = None,
+    limit: Limits = None,
+    seed: Seed = 1,
+    points: Annotated[int, typer.Option(help="refined points of a front", min=1, max=1000)] = 9,
+    out: Annotated[Path | None, typer.Option(help="configuration to write [MACHINE-found.yaml]")] = None,
+    config: Config = None,
+    settings: Settings = None,
+    json: Json = False,
+) -> None:
+    """Choose the press's dimensions: scan, then optimise; a Pareto front for several objectives."""
+    from mech_twin.cli.study_press import answer_search
+
+    file, wanted = out or Path(f"{context.obj}-found.yaml"), tuple(objective or ("peak_torque_nm",))
+    answer_search(
+        context.obj, wanted, bound or [], limit or [], seed, points, file, config, settings or [], as_json=json
+    )
+
+
+@study_app.command()
+def designs(
+    context: typer.Context,
+    count: Annotated[int, typer.Option(help="designs to draw", min=1, max=1_000_000_000)] = 1_000_000,
+    bound: Bounds = None,
+    limit: Limits = None,
+    seed: Seed = 1,
+    out: Annotated[Path | None, typer.Option(help="Parquet file for the feasible ones")] = None,
+    cores: Cores = None,
+    scheduler: Scheduler = None,
+    json: Json = False,
+) -> None:
+    """Evaluate very many random presses at 72 positions each."""
+    from mech_twin.cli.study_press import answer_designs
+
+    answer_designs(context.obj, count, bound or [], limit or [], seed, out, cores, scheduler, as_json=json)
+
+
+@study_app.command()
+def synthesise(
+    context: typer.Context,
+    impact_speed: Annotated[float, typer.Option(help="wanted speed of the blow, m/s")] = 20.0,
+    margin: Annotated[float, typer.Option(help="asked 1 - |largest multiplier|")] = 0.2,
+    basin: Annotated[float, typer.Option(help="asked share of random starts that reach the cycle")] = 0.999,
+    reserve: Annotated[float, typer.Option(help="asked freedom of P2, share of the mean force")] = 0.02,
+    starts: Annotated[int, typer.Option(help="random starts of the basin", min=1)] = 1000,
+    seed: Seed = 1,
+    periods: Annotated[int, typer.Option(help="length of the endurance runs", min=1)] = 1_000_000,
+    out: Annotated[Path | None, typer.Option(help="robust configuration to write [MACHINE-robust.yaml]")] = None,
+    config: Config = None,
+    settings: Settings = None,
+    json: Json = False,
+) -> None:
+    """Synthesise a one-impact cycle as published, and a robust one beside it."""
+    from mech_twin.cli.study_impact import SynthesisRequest, answer_synthesise
+
+    file = out or Path(f"{context.obj}-robust.yaml")
+    request = SynthesisRequest(impact_speed, margin, basin, reserve, starts, seed, periods, file)
+    answer_synthesise(context.obj, request, config, settings or [], as_json=json)
+
+
+@study_app.command()
+def regimes(
+    context: typer.Context,
+    over: Over,
+    settling: Annotated[int, typer.Option(help="periods left out at first", min=1)] = 1000,
+    out: Annotated[Path | None, typer.Option(help="bifurcation picture to write [MACHINE-regimes.png]")] = None,
+    config: Config = None,
+    settings: Settings = None,
+    json: Json = False,
+) -> None:
+    """Map the long-run regimes of the impact mass over one key, with a bifurcation picture."""
+    from mech_twin.cli.study_impact import answer_regimes
+
+    file = out or Path(f"{context.obj}-regimes.png")
+    answer_regimes(context.obj, over, settling, file, config, settings or [], as_json=json)

@@ -1,0 +1,113 @@
+"""Sweep of configuration keys: the summary numbers at every point of a grid."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from mech_twin.studies.errors import StudyError
+from mech_twin.studies.spreading import available_cores, spread
+from mech_twin.studies.sweep_journal import SweepJournal
+from mech_twin.studies.sweep_points import Point, Question, points, require_outputs
+from mech_twin.studies.sweep_table import write_picture, write_table
+
+LARGEST_BATCH = 64
+WORTH_SPREADING_S = 3.0  # below it a process would start for longer than it worked
+FORMATS = (".parquet", ".csv")
+
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """A finished sweep: its question, its points in order, its files, and how many points an earlier run had left."""
+
+    asked: Question
+    points: tuple[Point, ...]
+    table: Path
+    picture: Path | None
+    resumed: int
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """Names of the numbers there are, in order of appearance."""
+        return tuple(dict.fromkeys(name for found in self.points for name in found.numbers))
+
+
+def journal_of(table: Path) -> Path:
+    """Return the journal beside a table."""
+    return table.with_name(table.name + ".partial")
+
+
+def swept(
+    asked: Question,
+    table: Path,
+    *,
+    cores: int | None = None,
+    scheduler: str | None = None,
+    picture: bool = True,
+    progress: Progress | None = None,
+) -> Sweep:
+    """Compute every point that no earlier run has finished, and write table and picture.
+
+    Parameters
+    ----------
+    asked : Question
+        What to sweep.
+    table : Path
+        Parquet or CSV file to write; ``NAME.partial`` beside it keeps the finished points meanwhile.
+    cores : int, optional
+        Processes of this machine; all cores if absent.
+    scheduler : str, optional
+        Address of a Dask scheduler to use instead.
+    picture : bool
+        Whether to draw the table as well (PNG of the same name).
+    progress : callable, optional
+        ``progress(done, all)`` after each batch.
+    """
+    if table.suffix not in FORMATS:
+        raise StudyError(f"{table}: expected a name that ends in {' or '.join(FORMATS)}")
+    require_outputs(asked)
+    journal = SweepJournal(journal_of(table), asked)
+    resumed = len(journal.finished)
+    try:
+        _finish(asked, journal, cores or available_cores(), scheduler, progress or (lambda _done, _all: None))
+    finally:
+        journal.close()
+    found = tuple(journal.finished[index] for index in range(asked.count))
+    write_table(asked, found, table)
+    drawn = table.with_suffix(".png") if picture and asked.count > 1 else None
+    if drawn is not None and not write_picture(asked, found, drawn):
+        drawn = None
+    journal.remove()
+    return Sweep(asked, found, table, drawn, resumed)
+
+
+def _finish(asked: Question, journal: SweepJournal, cores: int, scheduler: str | None, progress: Progress) -> None:
+    missing = [index for index in range(asked.count) if index not in journal.finished]
+    progress(len(journal.finished), asked.count)
+    if not missing:
+        return
+    # the first points here, so that kernels are compiled before processes ask for them; the second is timed
+    for index in missing[:2]:
+        begun = time.monotonic()
+        journal.add(points(asked, [index]))
+        progress(len(journal.finished), asked.count)
+    rest, taken = missing[2:], time.monotonic() - begun
+    if scheduler is None and taken * len(rest) < WORTH_SPREADING_S:
+        cores = 1
+    for found in spread(partial(points, asked), batches_of(rest, cores, taken), cores, scheduler):
+        journal.add(found)
+        progress(len(journal.finished), asked.count)
+
+
+def batches_of(indices: list[int], cores: int, seconds_each: float) -> list[list[int]]:
+    """Return the indices in batches: about half a second of work each, some for every core, none too large."""
+    wanted = 0.5 / max(seconds_each, 1e-6)
+    shared = math.ceil(len(indices) / (8 * max(cores, 1)))
+    size = max(1, min(LARGEST_BATCH, int(wanted), shared))
+    return [indices[start : start + size] for start in range(0, len(indices), size)]

@@ -1,0 +1,121 @@
+"""Work spread over processes of this machine, or over a Dask cluster.
+
+A batch is computed by a pure function, so it may be computed again elsewhere when a worker is lost; whoever takes the
+results counts each batch once.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from importlib import import_module
+from multiprocessing import get_context
+from typing import Any, TypeVar
+
+from mech_twin.studies.errors import StudyError
+
+Batch = TypeVar("Batch")
+Result = TypeVar("Result")
+QUEUED_PER_CORE = 4
+RETRIES = 5
+CONNECT_S = 10.0
+
+
+def available_cores() -> int:
+    """Return how many cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def spread(
+    function: Callable[[Batch], Result], batches: Sequence[Batch], cores: int, scheduler: str | None = None
+) -> Iterator[Result]:
+    """Yield the results of all batches as they are ready, in no order, each once.
+
+    Parameters
+    ----------
+    function : callable
+        Pure, and importable by name in another process.
+    batches : sequence
+        What to give it.
+    cores : int
+        Processes of this machine; 1 computes in this one.
+    scheduler : str, optional
+        Address of a Dask scheduler (``tcp://127.0.0.1:8786``), which is then used instead.
+
+    Raises
+    ------
+    StudyError
+        If the scheduler cannot be reached or is lost, or a worker process of this machine dies.
+    """
+    if scheduler is not None:
+        yield from _over_cluster(function, batches, scheduler)
+    elif cores <= 1 or len(batches) <= 1:
+        yield from map(function, batches)
+    else:
+        yield from _over_processes(function, batches, min(cores, len(batches)))
+
+
+def _over_processes(function: Callable[[Batch], Result], batches: Sequence[Batch], cores: int) -> Iterator[Result]:
+    """Keep a few batches per core queued, so that an interruption leaves little to finish."""
+    with ProcessPoolExecutor(cores, mp_context=get_context("spawn"), initializer=_leave_interrupts_alone) as pool:
+        waiting: set[Future[Result]] = set()
+        rest = iter(batches)
+        try:
+            while True:
+                for batch in rest:
+                    waiting.add(pool.submit(function, batch))
+                    if len(waiting) >= QUEUED_PER_CORE * cores:
+                        break
+                if not waiting:
+                    return
+                done, waiting = wait(waiting, return_when=FIRST_COMPLETED)
+                for future in done:
+                    yield future.result()
+        except BrokenProcessPool as error:
+            raise StudyError("a worker process died before the study was done; finished points are kept") from error
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _leave_interrupts_alone() -> None:
+    """Let the process that takes the results decide what an interruption means."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _over_cluster(function: Callable[[Batch], Result], batches: Sequence[Batch], scheduler: str) -> Iterator[Result]:
+    """Yield what a cluster computes; what a lost worker had, finished but not yet fetched too, goes to the others."""
+    client = _client(scheduler)
+    with client:
+        futures = client.map(function, batches, pure=False, retries=RETRIES)
+        for future in _dask().as_completed(futures):
+            yield _fetched(future, scheduler)
+            future.release()
+
+
+def _dask() -> Any:
+    try:
+        return import_module("distributed")
+    except ImportError as error:
+        raise StudyError("--scheduler needs the optional package dask.distributed") from error
+
+
+def _client(scheduler: str) -> Any:
+    try:
+        client = _dask().Client(scheduler, timeout=CONNECT_S, set_as_default=False)
+    except (OSError, TimeoutError, ValueError) as error:
+        raise StudyError(f"scheduler {scheduler}: no connection within {CONNECT_S:g} s") from error
+    if not client.scheduler_info(n_workers=-1)["workers"]:
+        client.close()
+        raise StudyError(f"scheduler {scheduler}: it has no workers")
+    return client
+
+
+def _fetched(future: Any, scheduler: str) -> Any:
+    dask = _dask()
+    try:
+        return future.result()
+    except (dask.CancelledError, dask.KilledWorker) as error:
+        raise StudyError(f"scheduler {scheduler}: lost before the study was done; finished points are kept") from error

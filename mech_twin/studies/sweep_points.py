@@ -1,0 +1,149 @@
+"""Points of a sweep: which configurations, and the numbers of one of them."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+from typing import Any, get_args
+
+from pydantic import BaseModel
+
+from mech_twin.engine.run import frames
+from mech_twin.parameters.errors import ConfigurationError
+from mech_twin.parameters.load import catalogue_entry, configuration_tree, merged_tree, tree_from_flat, validated
+from mech_twin.quantity import Parameters
+from mech_twin.studies.errors import StudyError
+
+Value = float | int | str | bool
+MOST_POINTS = 10_000_000
+
+
+@dataclass(frozen=True)
+class Question:
+    """A sweep: machine, its configuration, axes (dotted key and values), outputs wanted, simulated seconds (0: none).
+
+    Points are numbered row by row, the last axis fastest.
+    """
+
+    machine: str
+    tree: dict[str, Any]
+    axes: tuple[tuple[str, tuple[Value, ...]], ...]
+    outputs: tuple[str, ...]
+    duration_s: float
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """The swept keys."""
+        return tuple(key for key, _ in self.axes)
+
+    @property
+    def count(self) -> int:
+        """Number of points."""
+        return math.prod(len(values) for _, values in self.axes)
+
+    def changes(self, index: int) -> dict[str, Value]:
+        """Return the swept keys and their values at a point."""
+        found: dict[str, Value] = {}
+        for key, values in reversed(self.axes):
+            index, place = divmod(index, len(values))
+            found[key] = values[place]
+        return dict(reversed(found.items()))
+
+
+@dataclass(frozen=True)
+class Point:
+    """The numbers of one point by name, or why its configuration was refused."""
+
+    index: int
+    numbers: dict[str, float]
+    refused: str
+
+
+def question(
+    machine: str,
+    parameters: Parameters,
+    axes: Mapping[str, Sequence[Value]],
+    outputs: Sequence[str] = (),
+    duration_s: float = 0.0,
+) -> Question:
+    """Return a sweep of these keys.
+
+    Raises
+    ------
+    StudyError
+        If there is no such key, an axis has no values, or there are too many points.
+    """
+    if not axes:
+        raise StudyError("a sweep needs at least one key")
+    for key, values in axes.items():
+        _require_key(type(parameters), key)
+        if not values:
+            raise StudyError(f"key '{key}': no values to sweep")
+    fixed = tuple((key, tuple(values)) for key, values in axes.items())
+    asked = Question(machine, configuration_tree(parameters), fixed, tuple(outputs), duration_s)
+    if asked.count > MOST_POINTS:
+        raise StudyError(f"{asked.count} points; at most {MOST_POINTS} in one sweep")
+    if not (math.isfinite(duration_s) and duration_s >= 0.0):
+        raise StudyError(f"duration {duration_s}: expected a finite number of seconds, 0 or more")
+    return asked
+
+
+def _require_key(model: type[BaseModel], key: str) -> None:
+    known = configuration_keys(model)
+    if key not in known:
+        near = get_close_matches(key, known, 1)
+        hint = f"; did you mean '{near[0]}'?" if near else ""
+        raise StudyError(f"no configuration key '{key}'{hint}")
+
+
+def configuration_keys(model: type[BaseModel], prefix: str = "") -> list[str]:
+    """Return every dotted key of a parameter model that holds a value."""
+    keys = []
+    for name, field in model.model_fields.items():
+        kinds = [field.annotation, *get_args(field.annotation)]
+        groups = [kind for kind in kinds if isinstance(kind, type) and issubclass(kind, BaseModel)]
+        below = [configuration_keys(group, f"{prefix}{name}.") for group in groups]
+        keys += list(itertools.chain.from_iterable(below)) if groups else [f"{prefix}{name}"]
+    return keys
+
+
+def summary(asked: Question, changes: Mapping[str, Value]) -> dict[str, float]:
+    """Return the machine's report at these changes and, if a duration is asked, the figures of a run."""
+    entry = catalogue_entry(asked.machine)
+    machine = entry.build(validated(entry, merged_tree(asked.tree, tree_from_flat(changes)), "this point"))
+    numbers = dict(machine.report())
+    if asked.duration_s > 0.0:
+        observer = machine.observer()
+        for frame in frames(machine, asked.duration_s):
+            observer.observe(frame)
+        numbers.update(observer.numbers())
+    return numbers
+
+
+def require_outputs(asked: Question) -> None:
+    """Raise a `StudyError` if an output is no summary number of the unchanged machine."""
+    if asked.outputs:
+        known = summary(asked, {})
+        for name in asked.outputs:
+            if name not in known:
+                near = get_close_matches(name, known, 1)
+                hint = f"; did you mean '{near[0]}'?" if near else f"; there are {', '.join(known)}"
+                raise StudyError(f"no summary number '{name}'{hint}")
+
+
+def point(asked: Question, index: int) -> Point:
+    """Return the numbers of one point, nan where it has not one that was asked for."""
+    try:
+        numbers = summary(asked, asked.changes(index))
+    except ConfigurationError as error:
+        return Point(index, {}, " ".join(str(error).split()))
+    wanted = asked.outputs or tuple(numbers)
+    return Point(index, {name: float(numbers.get(name, math.nan)) for name in wanted}, "")
+
+
+def points(asked: Question, indices: Sequence[int]) -> list[Point]:
+    """Return the numbers of several points: the unit of work that is spread."""
+    return [point(asked, index) for index in indices]

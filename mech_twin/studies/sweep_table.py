@@ -1,0 +1,112 @@
+"""A sweep as a table (Parquet or CSV) and as a picture."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from mech_twin.studies.sweep_points import Point, Question, Value
+
+REFUSED = "refused"
+PANELS = 6
+CURVES = 8
+
+
+def columns(asked: Question, found: Sequence[Point]) -> dict[str, list[Any]]:
+    """Return swept keys, numbers (nan where a point has none) and refusals, one list each."""
+    changes = [asked.changes(point.index) for point in found]
+    names = dict.fromkeys(name for point in found for name in point.numbers)
+    table: dict[str, list[Any]] = {key: [change[key] for change in changes] for key in asked.keys}
+    table.update({name: [point.numbers.get(name, math.nan) for point in found] for name in names})
+    table[REFUSED] = [point.refused for point in found]
+    return table
+
+
+def write_table(asked: Question, found: Sequence[Point], path: Path) -> None:
+    """Write the table; Parquet carries machine and configuration with it."""
+    table = columns(asked, found)
+    if path.suffix == ".csv":
+        with path.open("w", newline="", encoding="utf-8") as stream:
+            writer = csv.writer(stream)
+            writer.writerow(table)
+            writer.writerows(zip(*table.values(), strict=True))
+        return
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    notes = {"machine": asked.machine, "configuration": json.dumps(asked.tree), "duration_s": repr(asked.duration_s)}
+    parquet.write_table(pa.table(table).replace_schema_metadata(notes), path, compression="zstd")
+
+
+def write_picture(asked: Question, found: Sequence[Point], path: Path) -> bool:
+    """Draw the numbers that vary, the first six of them; return whether there was anything to draw.
+
+    Over one key a line; over two a map; over more, lines over the first key, the others at their first values.
+    """
+    table = columns(asked, found)
+    names = [name for name in table if name not in (*asked.keys, REFUSED) and _varies(table[name])][:PANELS]
+    if not names:
+        return False
+    from mech_twin.studies.figures.canvas import DPI, sheet
+
+    wide = min(len(names), 3 if len(asked.axes) == 2 else 2)
+    tall = math.ceil(len(names) / wide)
+    figure, panels = sheet(tall, wide, 4.0 * wide, 3.2 * tall)
+    for axes, name in zip(panels, names, strict=False):
+        if len(asked.axes) == 2 and min(len(values) for _, values in asked.axes) > 1:
+            _map(figure, axes, asked, table[name], name)
+        else:
+            _lines(axes, asked, table[name], name)
+    for axes in panels[len(names) :]:
+        axes.set_axis_off()
+    figure.suptitle(f"{asked.machine}: {asked.count} points", x=0.01, ha="left", fontweight="bold")
+    figure.savefig(path, dpi=DPI)
+    return True
+
+
+def _varies(values: Sequence[float]) -> bool:
+    finite = [value for value in values if math.isfinite(value)]
+    return len(finite) > 1 and max(finite) - min(finite) > 1e-12 * max(map(abs, finite))
+
+
+def _places(values: Sequence[Value]) -> list[Any]:
+    numbers = all(isinstance(value, int | float) and not isinstance(value, bool) for value in values)
+    return list(values) if numbers else [str(value) for value in values]
+
+
+def _lines(axes: Any, asked: Question, values: Sequence[float], name: str) -> None:
+    (key, first), rest = asked.axes[0], asked.axes[1:]
+    stride = math.prod(len(entries) for _, entries in rest)
+    shown = rest[0] if rest else None
+    inner = math.prod(len(entries) for _, entries in rest[1:])
+    for place in range(min(CURVES, len(shown[1])) if shown else 1):
+        curve = [values[i * stride + place * inner] for i in range(len(first))]
+        label = f"{shown[0]} = {shown[1][place]}" if shown else None
+        axes.plot(_places(first), curve, ".-", label=label)
+    axes.set_xlabel(key)
+    axes.set_ylabel(name)
+    if shown:
+        axes.legend()
+
+
+def _map(figure: Any, axes: Any, asked: Question, values: Sequence[float], name: str) -> None:
+    (down, rows), (across, entries) = asked.axes
+    grid = [list(values[i * len(entries) : (i + 1) * len(entries)]) for i in range(len(rows))]
+    mesh = axes.pcolormesh(_spots(entries), _spots(rows), grid, shading="nearest", cmap="viridis")
+    for axis, spots in ((axes.xaxis, entries), (axes.yaxis, rows)):
+        if _spots(spots) != list(spots):
+            axis.set_ticks(_spots(spots), [str(value) for value in spots])
+    figure.colorbar(mesh, ax=axes)
+    axes.grid(visible=False)
+    axes.set_title(name, fontsize=9)
+    axes.set_xlabel(across)
+    axes.set_ylabel(down)
+
+
+def _spots(values: Sequence[Value]) -> list[Any]:
+    places = _places(values)
+    return places if places == list(values) else list(range(len(values)))
