@@ -12,9 +12,13 @@ from types import MappingProxyType
 
 from mech_twin.kernel import kernel
 from mech_twin.machines.mb10_breaker_dynamics import Breaker
+from mech_twin.machines.mb10_breaker_forces import QUANTITIES
 from mech_twin.samples import BodySample, ForceSample, Load, Named
 
 CONTACT, FLYING, STOPPED = 0, 1, 2
+LED_ANGLE, LED_RATE, BEGIN_MOMENT = (
+    QUANTITIES.index(name) for name in ("body_angle_rad", "body_rate_rad_per_s", "step_begin_moment_nm")
+)
 RESIDUALS = ("angle_difference_rad", "rate_difference_rad_per_s", "penetration_rad")
 RESIDUAL_LIMITS: Mapping[str, float] = MappingProxyType(
     {"angle_difference_rad": 1e-6, "rate_difference_rad_per_s": 1e-3, "penetration_rad": 1e-6}
@@ -73,7 +77,8 @@ class FollowingBody:
     def follow(self, body: BodySample, forces: ForceSample) -> BodySample:
         """Return the body at the step of these forces, its moment linear between the knots."""
         phi, p, regime = body.position[0], body.velocity[0], body.regime
-        time, moment, found = body.time_s, forces.quantities["step_begin_moment_nm"], 0.0
+        time, found = body.time_s, 0.0
+        moment = forces.quantities.values[BEGIN_MOMENT]
         for load in forces.loads:
             phi, p = self._flown(phi, p, regime, moment, load.moment_before_nm, load.time_s - time)
             if load.kind in {"touchdown", "settled"}:
@@ -118,8 +123,7 @@ class FollowingBody:
     def _sample(self, forces: ForceSample, phi: float, p: float, regime: int, found: float) -> BodySample:
         b = self._b
         force = b.rate * (b.arm * phi + b.deflection)
-        led_phi = forces.quantities["body_angle_rad"]
-        led_p = forces.quantities["body_rate_rad_per_s"]
+        led_phi, led_p = forces.quantities.values[LED_ANGLE], forces.quantities.values[LED_RATE]
         return BodySample(
             forces.step,
             forces.time_s,

@@ -15,12 +15,29 @@ from mech_twin.machines.mb10_breaker_dynamics import (
     HELD,
     JAMMED,
     Breaker,
-    Link,
     accelerations,
     masses,
     spring_moment,
 )
-from mech_twin.parts.four_bar import coefficients, dyad_reactions, offset, point_acceleration, position
+from mech_twin.parts.four_bar import Link, coefficients, dyad_reactions, offset, point_acceleration, position
+
+QUANTITIES = (
+    "drive_torque_nm",
+    "crank_acceleration_rad_per_s2",
+    "body_acceleration_rad_per_s2",
+    "body_angle_rad",
+    "body_rate_rad_per_s",
+    "collar_force_n",
+    "spring_force_n",
+    "shaking_force_x_n",
+    "shaking_force_y_n",
+    "striker_gap_m",
+    "closing_speed_m_per_s",
+    "blow_impulse_on_body_nms",
+    "crank_bearing_impulse_ns",
+    "rocker_bearing_impulse_ns",
+    "step_begin_moment_nm",
+)
 
 
 class PinForces(NamedTuple):

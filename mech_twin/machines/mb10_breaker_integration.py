@@ -119,12 +119,12 @@ def indicator(b: Breaker, which: int, state: Array, torque: float, rests: bool, 
     if which == CLOSING:
         return gap(b, state[Q], state[U], state[PHI], state[P])[1]
     if which == LIFT:
-        return state[PHI]
+        return float(state[PHI])
     if which == SINKING:
-        return state[P]
+        return float(state[P])
     if which == COLLAR:
         return derivatives(b, state, torque, rests, room)
-    return state[Q] - aim
+    return float(state[Q] - aim)
 
 
 @kernel

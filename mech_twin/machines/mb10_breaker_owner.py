@@ -7,11 +7,16 @@ from collections import deque
 
 from mech_twin.machines.mb10_breaker_dynamics import Breaker
 from mech_twin.machines.mb10_breaker_roles import PinAnalysis
-from mech_twin.samples import Event, Frame
+from mech_twin.samples import Coordinate, Event, Frame
 
 STEADY_BLOWS = 20
 TOLD_ABOVE_M_PER_S = 1e-3  # impacts on the collar slower than this are the tail of a chatter series and not counted
 PEAKS = tuple(f"{pin}_peak_n" for pin in PinAnalysis.pins)
+
+
+def _absolute(side: tuple[Coordinate, ...]) -> float:
+    """Return the crank's absolute speed, u - phi'."""
+    return side[0].velocity - side[1].velocity
 
 
 class Cycle:
@@ -37,7 +42,7 @@ class Cycle:
         self.moments = [0.0, 0.0]
 
     def sees_speed(self, u: float) -> None:
-        """Take a crank speed into account."""
+        """Take an absolute crank speed into account."""
         self.fastest = u if math.isnan(self.fastest) else max(self.fastest, u)
         self.slowest = u if math.isnan(self.slowest) else min(self.slowest, u)
 
@@ -105,7 +110,7 @@ class BreakerObserver:
             self._counts[event.kind] += 1
         for side in (event.pre, event.post):
             if side:
-                self._cycle.sees_speed(side[0].velocity)
+                self._cycle.sees_speed(_absolute(side))
         if event.kind in ("touchdown", "settled", "impact") and event.contact != "tool":
             self._touched(event)
         leaves = event.kind in ("blow", "lift_off")
@@ -127,16 +132,20 @@ class BreakerObserver:
         """End the cycle at this blow and begin the next."""
         c, b = self._cycle, self._b
         duration = event.time_s - c.start_s
+        found = frame.forces.quantities.as_dict()
         if self._seen_blow and c.samples and duration > 0.0:
             energy = 0.5 * event.impulse_ns**2 / b.tool_mass
-            record = {
+            record: dict[str, float] = {
                 "blow_rate_hz": 1.0 / duration,
                 "blow_energy_j": energy,
                 "blow_impulse_ns": event.impulse_ns,
                 "blow_energy_over_overtravel_n": energy / b.overtravel,
                 "striking_speed_m_per_s": event.pre_velocity_m_per_s,
-                "largest_crank_speed_rad_per_s": c.fastest,
-                "smallest_crank_speed_rad_per_s": c.slowest,
+                "crank_before_blow_rad_per_s": event.pre[0].velocity,
+                "crank_after_blow_rad_per_s": event.post[0].velocity,
+                "body_leaves_at_rad_per_s": event.post[1].velocity,
+                "largest_absolute_crank_speed_rad_per_s": c.fastest,
+                "smallest_absolute_crank_speed_rad_per_s": c.slowest,
                 "fluctuation": 2.0 * (c.fastest - c.slowest) / (c.fastest + c.slowest),
                 "largest_lift_at_tool_m": c.lift,
                 "settled_at_fraction": (c.settled_s - c.start_s) / duration,
@@ -149,9 +158,9 @@ class BreakerObserver:
                 "motor_power_w": c.power / c.samples,
                 "largest_body_moment_nm": c.moments[1],
                 "smallest_body_moment_nm": c.moments[0],
-                "blow_impulse_on_body_nms": frame.forces.quantities["blow_impulse_on_body_nms"],
-                "crank_bearing_impulse_peak_ns": frame.forces.quantities["crank_bearing_impulse_ns"],
-                "rocker_bearing_impulse_peak_ns": frame.forces.quantities["rocker_bearing_impulse_ns"],
+                "blow_impulse_on_body_nms": found["blow_impulse_on_body_nms"],
+                "crank_bearing_impulse_peak_ns": found["crank_bearing_impulse_ns"],
+                "rocker_bearing_impulse_peak_ns": found["rocker_bearing_impulse_ns"],
             }
             record.update(zip(PEAKS, c.peaks, strict=True))
             if math.isnan(c.settled_s):
@@ -160,12 +169,12 @@ class BreakerObserver:
         self._seen_blow = True
         self._cycle = Cycle(event.time_s)
         if event.post:
-            self._cycle.sees_speed(event.post[0].velocity)
+            self._cycle.sees_speed(_absolute(event.post))
 
     def _sampled(self, frame: Frame) -> None:
         c, b = self._cycle, self._b
         self._time_s = frame.linkage.time_s
-        c.sees_speed(frame.linkage.velocity[0])
+        c.sees_speed(frame.linkage.velocity[0] - frame.linkage.velocity[3])
         phi = frame.linkage.position[3] if frame.body is None else frame.body.position[0]
         force = b.rate * (b.arm * phi + b.deflection)
         c.lift, self._lift = max(c.lift, b.radius * phi), max(self._lift, b.radius * phi)

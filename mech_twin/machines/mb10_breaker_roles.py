@@ -23,7 +23,8 @@ from mech_twin.machines.mb10_breaker_dynamics import (
     spring_moment,
 )
 from mech_twin.machines.mb10_breaker_dynamics import PHI as BODY
-from mech_twin.machines.mb10_breaker_forces import PinForces, pin_forces, pin_impulses
+from mech_twin.machines.mb10_breaker_forces import QUANTITIES, PinForces, pin_forces, pin_impulses
+from mech_twin.machines.mb10_breaker_integration import Array
 from mech_twin.machines.mb10_breaker_step import (
     AFTER,
     BEFORE,
@@ -38,7 +39,6 @@ from mech_twin.machines.mb10_breaker_step import (
     PRE,
     ROW,
     TIME,
-    Array,
     advanced,
     taken_over,
 )
@@ -60,23 +60,6 @@ from mech_twin.samples import (
 CONTACTS = {"blow": "tool", "missed": "tool", "unseated": "tool", "jammed": "tool"}
 LOADING = frozenset(("blow", "touchdown", "settled", "lift_off", "jammed"))
 RESIDUALS = ("loop_closure_m", "energy_book", "momentum_book")
-QUANTITIES = (
-    "drive_torque_nm",
-    "crank_acceleration_rad_per_s2",
-    "body_acceleration_rad_per_s2",
-    "body_angle_rad",
-    "body_rate_rad_per_s",
-    "collar_force_n",
-    "spring_force_n",
-    "shaking_force_x_n",
-    "shaking_force_y_n",
-    "striker_gap_m",
-    "closing_speed_m_per_s",
-    "blow_impulse_on_body_nms",
-    "crank_bearing_impulse_ns",
-    "rocker_bearing_impulse_ns",
-    "step_begin_moment_nm",
-)
 FORCE_RESIDUALS = ("drive_torque_routes", "body_moment_routes", "impulse_routes")
 
 

@@ -21,7 +21,7 @@ from mech_twin.machines.mb10_breaker import breaker, build
 from mech_twin.machines.mb10_breaker_dynamics import PHI, STATES, Breaker, P, Q, U, blow, derivatives, gap, touchdown
 from mech_twin.machines.mb10_breaker_integration import STAGES, TABLEAU, WEIGHTS
 from mech_twin.machines.mb10_breaker_parameters import BreakerParameters
-from mech_twin.machines.mb10_breaker_step import ahead
+from mech_twin.machines.mb10_breaker_step import TURNS, ahead
 from mech_twin.parameters.load import machine_parameters
 from mech_twin.parts.induction_motor import MotorConstants, motor_constants, motor_torque
 
@@ -50,7 +50,7 @@ def _sign(b: Breaker, motor: MotorConstants, which: int, state: Array, rests: bo
     if which == 0:
         return gap(b, state[Q], state[U], state[PHI], state[P])[0]
     if which == 1:
-        return state[PHI]
+        return float(state[PHI])
     rotor = b.ratio * (state[U] - b.frame_drive * state[P])
     return derivatives(b, state, motor_torque(motor, rotor, 1.0), rests, room[0])
 
@@ -131,7 +131,7 @@ def coupling_error(parameters: BreakerParameters, step_s: float, duration_s: flo
     run = list(frames(build(p), duration_s))
     start = run[0].linkage.position[0]
     samples, blows = reference_motion(breaker(p), motor_constants(p.motor), start, step_s, len(run) - 1)
-    turned = np.array([f.linkage.position[0] + 2.0 * np.pi * f.linkage.memory["turns"] for f in run])
+    turned = np.array([f.linkage.position[0] + 2.0 * np.pi * f.linkage.memory.values[TURNS] for f in run])
     body = np.array([f.linkage.position[3] for f in run])
     met = np.array([(e.time_s, e.impulse_ns) for f in run for e in f.linkage.events if e.kind == "blow"])
     if met.shape != blows.shape:
