@@ -53,7 +53,7 @@ from mech_twin.parameters.load import (
 from mech_twin.quantity import Parameters
 from mech_twin.samples import Drawing, LinkageSample
 
-ASK_AGAIN_S = 0.1
+ASK_AGAIN_S = 0.3
 RECALL_LIMIT_S = 1.0
 
 

@@ -56,7 +56,7 @@ class Portrait:
         self._place = place
         self._span_s = span_s
         self._points: deque[tuple[float, float, float]] = deque()
-        self._scale = (0.0, 0.0)
+        self._scale: tuple[float, ...] = (0.0, 0.0)
 
     def add(self, sample: BodySample) -> None:
         """Take a sample; forget what lies further back than the span."""
@@ -70,7 +70,12 @@ class Portrait:
         motion = np.array(self._points)[:, 1:]
         largest = np.abs(motion).max(axis=0)
         # a scale only grows, so the picture does not breathe with every bounce
-        scale = (max(self._scale[0], round_above(largest[0])), max(self._scale[1], round_above(largest[1])))
+        scale = tuple(
+            max(known, round_above(size)) if size > 0.0 else known
+            for known, size in zip(self._scale, largest, strict=True)
+        )
+        if 0.0 in scale:  # it has not moved yet: there is nothing to scale by
+            return
         if scale != self._scale:
             self._scale = scale
             self._log_axes(stream)

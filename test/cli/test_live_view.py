@@ -17,11 +17,10 @@ CURVES = (0.57, 0.06, 1.0, 0.68)
 
 def test_the_web_view_of_a_run_is_not_empty_and_changes(tmp_path: Path) -> None:
     command = [sys.executable, "-c", "from mech_twin.cli.main import main; main()"]
-    run = subprocess.Popen(
-        [*command, "run", "--no-record"], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, cwd=tmp_path
-    )
+    words = [*command, "run", "--no-record"]
+    run = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, cwd=tmp_path)
+    assert run.stderr is not None
     try:
-        assert run.stderr is not None
         url = next(line.split("view: ", 1)[1].strip() for line in run.stderr if line.startswith("view: "))
         assert url.startswith("http://127.0.0.1:")
         with Page(url, width=1400, height=900) as page:
@@ -30,7 +29,9 @@ def test_the_web_view_of_a_run_is_not_empty_and_changes(tmp_path: Path) -> None:
             after = page.picture_when(lambda seen: changed_share(before, seen) > 0.01, limit_s=90.0)
     finally:
         run.terminate()
-        assert run.wait(20) == 0
+        code = run.wait(20)
+        run.stderr.close()
+    assert code == 0
     assert colours(region(after, *MECHANISM)) >= 4
     assert changed_share(region(before, *MECHANISM), region(after, *MECHANISM)) > 0.002
     assert changed_share(region(before, *CURVES), region(after, *CURVES)) > 0.005
