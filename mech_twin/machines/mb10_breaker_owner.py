@@ -95,8 +95,11 @@ class BreakerObserver:
         run.update({f"worst_{name}": value for name, value in self._worst.items()})
         if self._records:
             run["steady_blows"] = float(len(self._records))
-            run.update({f"steady_{name}": self._over_last(name) for name in self._records[-1]})
+            run.update({f"steady_{name}": self._over_last(name) for name in self._records[-1] if self._always(name)})
         return run
+
+    def _always(self, name: str) -> bool:
+        return all(name in record for record in self._records)
 
     def _over_last(self, name: str) -> float:
         values = [record[name] for record in self._records]

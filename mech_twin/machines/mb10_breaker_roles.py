@@ -137,7 +137,6 @@ class Percussion:
         memory = np.zeros(len(MEMORY))
         kinetic, potential, _ = energies(self._b, state[Q], 0.0, 0.0, 0.0)
         memory[MEMORY.index("takeover_energy_j")] = kinetic + potential
-        memory[MEMORY.index("touched")] = 1.0
         memory[MEMORY.index("torque_history")] = -1.0
         memory[BEGIN] = state[Q]
         return self._sample(step, state, memory, HELD if self._b.held else REST, 0.0, self._command, ())
@@ -191,7 +190,7 @@ class Percussion:
     def _books(self, q: float, u: float, phi: float, p: float, memory: tuple[float, ...]) -> tuple[float, float]:
         """Return the relative errors of the energy book and of the book of the body's angular momentum."""
         kinetic, potential, momentum = energies(self._b, q, u, phi, p)
-        work, damped, turned, blow, tool, collar, jam, takeover, impacts, shifted = memory[4:14]
+        work, damped, turned, blow, tool, collar, jam, takeover, impacts, shifted = memory[3:13]
         energy = kinetic + potential - (takeover + work - damped - blow - tool - collar - jam)
         angular = 0.0 if self._b.held else momentum - (shifted + turned + impacts)
         return abs(energy) / max(kinetic + abs(potential), 1.0), abs(angular) / max(abs(momentum), 1.0)
@@ -240,7 +239,8 @@ class PinAnalysis:
         for event in linkage.events:
             if event.pre and event.kind in LOADING:
                 jump = self._across(event)
-                impulses.append(jump)
+                if event.kind != "jammed":  # what stops a jammed linkage is not known
+                    impulses.append(jump)
                 loads.append(self._load(event, jump.moment, linkage.regime))
             elif not event.pre:
                 loads.append(Load(event.time_s, event.kind, event.contact, found.moment, found.moment, 0.0))

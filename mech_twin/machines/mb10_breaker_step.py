@@ -67,7 +67,6 @@ MEMORY = (
     "turns",
     "cycle",
     "pass_done",
-    "touched",
     "drive_work_j",
     "damping_loss_j",
     "angular_impulse_nms",
@@ -88,9 +87,9 @@ MEMORY = (
     "begin_body_rad_per_s",
     "begin_drive_torque_nm",
 )
-TURNS, CYCLE, PASS_DONE, TOUCHED, BOOKS = 0, 1, 2, 3, 4
-BLOW_LOSS, TOOL_ENERGY, COLLAR_LOSS, JAM_LOSS, TAKEOVER, IMPACTS, TAKEOVER_MOMENTUM = 7, 8, 9, 10, 11, 12, 13
-PREVIOUS, LINE, LAG, HISTORY, BEGIN = 14, 15, 16, 17, 18
+TURNS, CYCLE, PASS_DONE, BOOKS = 0, 1, 2, 3
+BLOW_LOSS, TOOL_ENERGY, COLLAR_LOSS, JAM_LOSS, TAKEOVER, IMPACTS, TAKEOVER_MOMENTUM = 6, 7, 8, 9, 10, 11, 12
+PREVIOUS, LINE, LAG, HISTORY, BEGIN = 13, 14, 15, 16, 17
 
 
 @kernel
@@ -196,7 +195,7 @@ def struck(b: Breaker, state: Array, memory: Array, regime: int, row: Array) -> 
     memory[BLOW_LOSS] += hit.loss
     memory[TOOL_ENERGY] += hit.tool_energy
     memory[IMPACTS] += b.radius * hit.impulse
-    memory[PASS_DONE], memory[TOUCHED] = 1.0, 0.0
+    memory[PASS_DONE] = 1.0
     memory[CYCLE] += 1.0
     if hit.tool_energy < b.wall_force * b.overtravel:
         return JAMMED
@@ -216,7 +215,6 @@ def landed(b: Breaker, state: Array, memory: Array, row: Array, torque: float, l
     state[U], state[P] = u, p
     memory[COLLAR_LOSS] += loss
     memory[IMPACTS] += impulse
-    memory[TOUCHED] = 1.0
     if final:
         row[KIND] = SETTLED
         return REST
@@ -244,7 +242,7 @@ def happened(
     row[BEFORE] = row[AFTER] = row[IMPULSE] = 0.0
     noted(b, row, PRE, state, torque)
     noted(b, row, POST, state, torque)
-    if kind == BLOW and regime == FLIGHT and memory[TOUCHED] == 0.0:
+    if kind == BLOW and regime == FLIGHT:  # the body is off its collar: the tool is not pressed on the wall
         log[count + 1] = row
         row[KIND] = UNSEATED
         count += 1
@@ -288,7 +286,7 @@ def advanced(
     ----------
     state : (8,) array
         q, u, phi, p, work of the drive, damping loss, angular impulse, constant torque; changed in place.
-    memory : (23,) array
+    memory : (22,) array
         As `MEMORY` names it; changed in place.
     torque : float
         Motor torque at the start of the step (N m).
