@@ -33,10 +33,11 @@ def _message(error: Exception) -> str:
 def _is_about_input(error: Exception) -> bool:
     from typer.exceptions import TyperException
 
+    from mech_twin.nodes.errors import NodeEndedError
     from mech_twin.parameters.errors import ConfigurationError
     from mech_twin.recording.errors import BagError
     from mech_twin.view.stage import StageError
     from mech_twin.view.viewer_process import ViewerError
 
-    kinds = (CommandError, TyperException, ConfigurationError, BagError, StageError, ViewerError)
+    kinds = (CommandError, TyperException, NodeEndedError, ConfigurationError, BagError, StageError, ViewerError)
     return isinstance(error, kinds)

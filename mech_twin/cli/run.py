@@ -8,11 +8,14 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+from pydantic import ValidationError
+
 from mech_twin.cli.console import print_json, print_numbers, say
 from mech_twin.cli.event_record import event_record
 from mech_twin.cli.failure import CommandError
 from mech_twin.nodes.domain import settle_domain
-from mech_twin.parameters.load import assignments, configuration_tree, machine_parameters
+from mech_twin.parameters.errors import refusal
+from mech_twin.parameters.load import RUN_GROUP, assignments, configuration_tree, machine_parameters, run_group
 from mech_twin.quantity import Parameters
 
 if TYPE_CHECKING:
@@ -53,14 +56,17 @@ def _run(request: RunRequest, parameters: Parameters, directory: Path | None, pl
     from mech_twin.nodes.fleet import run_processes
     from mech_twin.nodes.options import RunOptions
 
-    options = RunOptions.model_validate(
-        {
-            "pace": request.pace,
-            "duration_s": request.duration_s,
-            "recorder": directory is not None,
-            "viewer": place is not None,
-        }
-    )
+    configured = run_group(request.machine, request.config, assignments(request.settings))
+    asked = {
+        "pace": request.pace,
+        "duration_s": request.duration_s,
+        "recorder": directory is not None,
+        "viewer": place is not None,
+    }
+    try:
+        options = RunOptions.model_validate({**configured, **asked})
+    except ValidationError as error:
+        raise refusal(f"{RUN_GROUP} group", error) from error
     if directory is not None:
         say(f"recording to {directory}")
     say("starting (the first run compiles its kernels, which takes a while)")

@@ -15,6 +15,7 @@ import yaml
 from rclpy.signals import SignalHandlerOptions
 
 from mech_twin.nodes.crew import Outcome
+from mech_twin.nodes.errors import NodeEndedError
 from mech_twin.nodes.options import RunOptions
 from mech_twin.nodes.spinner import Spinner
 from mech_twin.nodes.stop_signal import StopSignal
@@ -26,10 +27,6 @@ STOP_LIMIT_S = 3.0
 SETTLE_S = 0.1
 
 Processes = dict[str, "subprocess.Popen[bytes]"]
-
-
-class NodeEndedError(RuntimeError):
-    """A node's process ended by itself, with an error."""
 
 
 def run_processes(

@@ -10,7 +10,7 @@ from std_msgs.msg import String
 
 from mech_twin.messages.rows import MessageError, revision, source
 from mech_twin.messages.topics import RECALL, Topic
-from mech_twin.nodes.role_node import RETRY_S, RoleNode
+from mech_twin.nodes.role_node import ASK_AGAIN_S, RETRY_S, RoleNode
 from mech_twin.nodes.voice import Voice
 
 REMEMBERED_STEPS = 4
@@ -109,12 +109,17 @@ class FollowerNode(RoleNode):
         """Return whether this publisher is the one to answer; a new one is, once the one before has fallen silent."""
         now = time.monotonic()
         if not self._voice.speaks(who):
-            if self._voice.known and now - self._heard <= self.options.peer_timeout_s:
+            if self._voice.known and now - self._heard <= self._silence_s:
                 return False
             self._voice.follow(who)
             self._go_back_to(step)
         self._heard = now
         return True
+
+    @property
+    def _silence_s(self) -> float:
+        """After how long nothing heard means that who asks is gone; one that holds asks again sooner than that."""
+        return self.options.peer_timeout_s + ASK_AGAIN_S
 
     def _go_back_to(self, step: int) -> None:
         """Forget what came after this step: whoever asks now goes on from there, or begins a run of its own."""
@@ -126,7 +131,7 @@ class FollowerNode(RoleNode):
     def attend(self, now: float) -> None:
         """Say so when nothing has been asked for longer than a peer may be silent."""
         silent = now - self._heard
-        if self._voice.known and silent > self.options.peer_timeout_s and not self.health.state.startswith("waiting"):
+        if self._voice.known and silent > self._silence_s and not self.health.state.startswith("waiting"):
             self.health.state = f"waiting for {self._asker}"
             self.ledger.count(self._topic.name, "silent", f"nothing for {silent:.1f} s after step {self.last_step}")
             self.report()

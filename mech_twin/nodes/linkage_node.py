@@ -38,7 +38,7 @@ from mech_twin.messages.topics import (
 from mech_twin.nodes.options import RunOptions
 from mech_twin.nodes.pace import Pace
 from mech_twin.nodes.peers import Peers
-from mech_twin.nodes.role_node import RETRY_S, RoleNode
+from mech_twin.nodes.role_node import ASK_AGAIN_S, RETRY_S, RoleNode
 from mech_twin.nodes.voice import ANONYMOUS, Voice
 from mech_twin.parameters.errors import ConfigurationError
 from mech_twin.parameters.load import (
@@ -53,7 +53,7 @@ from mech_twin.parameters.load import (
 from mech_twin.quantity import Parameters
 from mech_twin.samples import Drawing, LinkageSample
 
-ASK_AGAIN_S = 0.3
+HELD_ASK_S = 0.1
 RECALL_LIMIT_S = 1.0
 
 
@@ -71,6 +71,7 @@ class LinkageNode(RoleNode):
         self._reset_asked = False
         self._born = time.monotonic()
         self._progress = self._born
+        self._asked = self._born
         self._held_since: float | None = None
         self._recalled: dict[str, Any] = {}
         self._recall_begun: float | None = None
@@ -142,7 +143,7 @@ class LinkageNode(RoleNode):
         if voice.speaks(who):
             return True
         if voice.known:
-            free = self.health.state.startswith("waiting") and peer in self.peers.missing()
+            free = self._held_since is not None and peer in self.peers.missing()
         else:  # what does not say where it comes from is heard only where nobody else could be meant
             free = who != ANONYMOUS or self.count_publishers(topic.name) <= 1
         if free:
@@ -172,8 +173,13 @@ class LinkageNode(RoleNode):
         now = time.monotonic()
         if self.sample is None:
             self._begin_if_ready(now)
-        elif not self.done and not self.peers.complete and now - self._progress > ASK_AGAIN_S:
+        elif not self.done and not self.peers.complete and now - max(self._progress, self._asked) > self._patience_s:
             self._wait(now)
+
+    @property
+    def _patience_s(self) -> float:
+        """How long an answer is waited for before it is asked for again."""
+        return ASK_AGAIN_S if self._held_since is None else HELD_ASK_S
 
     def _begin_if_ready(self, now: float) -> None:
         waited = now - self._born
@@ -302,11 +308,10 @@ class LinkageNode(RoleNode):
 
     def _wait(self, now: float) -> None:
         """Hold: ask the missing peer again, and say so once it counts as gone."""
-        missing = self.peers.missing()
-        if now - self._progress > self.options.peer_timeout_s and not self.health.state.startswith("waiting"):
-            self._begin_hold(now, missing)
+        self._asked = now
+        if now - self._progress > self.options.peer_timeout_s and self._held_since is None:
+            self._begin_hold(now, self.peers.missing())
         self.pace.resume()
-        self._progress = now if self.health.state.startswith("waiting") else self._progress
         if self.sample is not None:
             self._send_sample(self.sample)
 

@@ -19,3 +19,7 @@ class RunOptions(Parameters):
     view_rate_hz: float = quantity("Hz", "drawings per simulated second", gt=0.0, le=1000.0, default=30.0)
     peer_timeout_s: float = quantity("s", "silence after which a peer counts as gone", gt=0.0, default=0.5)
     discovery_limit_s: float = quantity("s", "longest wait for peers before the first step", gt=0.0, default=10.0)
+    max_loss_s: float = quantity("s", "age at which a recorded message is on its way to the disk", gt=0.0, default=0.5)
+    fsync: bool = choice("force each chunk of a recording to the disk, against loss of power", default=False)
+    split_mib: float = quantity("MiB", "size at which a recording goes on in a new file", gt=0.0, default=512.0)
+    split_s: float = quantity("s", "time after which it does; 0 never", ge=0.0, default=0.0)

@@ -16,6 +16,8 @@ from mech_twin.recording.schemas import offered_qos
 from mech_twin.recording.stamps import stamp_ns
 
 TICK_S = 0.1
+TICKS_PER_LOSS = 0.2
+MIB = 1024.0 * 1024.0
 
 
 class RecorderNode(RoleNode):
@@ -33,14 +35,20 @@ class RecorderNode(RoleNode):
         directory: Path,
         parameters: Parameters | None = None,
         options: RunOptions | None = None,
-        **storage: int | float | bool | str | None,
     ) -> None:
         super().__init__("recorder", machine_name, parameters, options)
         self.last_heard_s = time.monotonic()
         self._now_ns = 0
         self._step_ns = round(self.machine.coupling_step_s * 1e9)
         text = description_text(machine_name, self.machine.parameters)
-        self.writer = BagWriter(directory, configuration=text, **storage)  # type: ignore[arg-type]
+        self.writer = BagWriter(
+            directory,
+            configuration=text,
+            max_loss_s=self.options.max_loss_s,
+            fsync=self.options.fsync,
+            split_bytes=round(self.options.split_mib * MIB),
+            split_duration_s=self.options.split_s or None,
+        )
         self._last_step: dict[str, int] = {}
         has_body = self.machine.body is not None
         self._steps = {topic.name for topic in step_topics(has_body)}

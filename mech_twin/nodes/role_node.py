@@ -32,6 +32,7 @@ from mech_twin.roles import Machine
 
 WINDOW_S = 1.0
 RETRY_S = 0.02
+ASK_AGAIN_S = 0.3
 PULSE_S = 0.1
 
 

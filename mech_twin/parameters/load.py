@@ -217,6 +217,15 @@ def machine_parameters(name: str, path: Path | None = None, overrides: Mapping[s
     return validated(entry, tree, source)
 
 
+def run_group(name: str, path: Path | None = None, overrides: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    """Return the ``run`` group of a configuration: how its nodes are run, with overrides laid over the file."""
+    tree = merged_tree(file_tree(path or configuration_file(name)), tree_from_flat(overrides or {}))
+    group = tree.get(RUN_GROUP, {})
+    if not isinstance(group, dict):
+        raise ConfigurationError(f"key '{RUN_GROUP}', value {group!r}: expected a group")
+    return group
+
+
 def validated(entry: Entry, tree: Mapping[str, Any], source: str) -> Parameters:
     """Return the parameter model of a tree of values, or one line that says what is wrong with it."""
     values = dict(tree)
