@@ -1,0 +1,144 @@
+"""Nodes that are killed, stopped and restarted as real processes: the run goes on where it held, to the bit."""
+
+from __future__ import annotations
+
+import random
+import signal
+from itertools import cycle
+from pathlib import Path
+
+import pytest
+from catalogue import built
+from diagnostic_msgs.msg import DiagnosticArray
+from process_run import ProcessRun
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import JointState
+
+from mech_twin.engine.run import frames
+from mech_twin.messages import linkage as linkage_messages
+from mech_twin.messages.topics import JOINT_STATES, full_name
+from mech_twin.recording.bag_reader import BagReader
+
+pytestmark = [pytest.mark.usefixtures("ros_domain"), pytest.mark.slow]
+KILLS = {"winding_drum": 6, "mb10_breaker": 8}
+
+
+def missed_by(name: str, role: str) -> str:
+    """Return who waits for a node when it is gone."""
+    if role == "force_analysis" and built(name).body is not None:
+        return "body"
+    return "motor" if role == "linkage" else "linkage"
+
+
+def recorded_messages(bag: Path) -> list[str]:
+    """Return ``node: message`` of every diagnostics status of a bag."""
+    with BagReader(bag) as reader:
+        rows = [deserialize_message(row.raw, DiagnosticArray) for row in reader.messages(topics=["/diagnostics"])]
+    return [f"{status.name}: {status.message}" for row in rows for status in row.status]
+
+
+def assert_bag_is_the_engine(name: str, bag: Path) -> int:
+    """Return the number of steps of a bag, each of them the engine's own, none missing."""
+    with BagReader(bag) as reader:
+        rows = reader.messages(topics=[full_name(name, JOINT_STATES)])
+        samples = [linkage_messages.from_message(deserialize_message(row.raw, JointState)) for row in rows]
+    by_step = {sample.step: sample for sample in samples}
+    for sample in samples:
+        assert sample == by_step[sample.step]
+    for frame in frames(built(name), max(by_step) * built(name).coupling_step_s):
+        assert by_step[frame.linkage.step] == frame.linkage
+    return len(by_step)
+
+
+@pytest.mark.parametrize("name", KILLS)
+def test_every_node_killed_in_turn_and_the_run_goes_on_where_it_held(name: str, tmp_path: Path) -> None:
+    chance = random.Random(name)
+    with ProcessRun(name, tmp_path, recorder=True, pace="max", peer_timeout_s=0.3) as run:
+        run.start_all()
+        for _, role in zip(range(KILLS[name]), cycle(run.roles), strict=False):
+            run.steps(chance.randrange(1, 200), "before the kill")
+            run.kill(role)
+            run.until(lambda at=role: run.said(missed_by(name, at), f"waiting for {at}"), what=f"a hold for {role}")
+            run.spin_for(0.1)
+            held = run.step
+            run.start(role)
+            run.steps(50, f"after the kill of {role} at {held}")
+            run.checked()
+            run.diagnostics.clear()
+        assert run.finish("recorder") == 0
+        assert run.checked() > 0
+    assert_bag_is_the_engine(name, run.bag)
+    said = recorded_messages(run.bag)
+    for role in run.roles:
+        assert any(f"waiting for {role}" in line for line in said), role
+
+
+def test_every_node_stopped_for_five_seconds_in_turn(tmp_path: Path) -> None:
+    with ProcessRun("winding_drum", tmp_path, recorder=True, pace="max") as run:
+        run.start_all()
+        for role in run.roles:
+            run.steps(100)
+            run.signal(role, signal.SIGSTOP)
+            run.spin_for(5.0)
+            assert run.said(missed_by("winding_drum", role), f"waiting for {role}")
+            run.signal(role, signal.SIGCONT)
+            run.until(lambda at=role: run.said(at, "stood still for"), what=f"{role} says that it was stopped")
+            run.steps(100)
+            run.checked()
+        assert run.alive()
+        assert run.finish("recorder") == 0
+    assert_bag_is_the_engine("winding_drum", run.bag)
+    said = recorded_messages(run.bag)
+    for role in run.roles:
+        assert any(f"waiting for {role}" in line for line in said), role
+        assert any(line.startswith(f"/winding_drum/{role}:") and "stood still" in line for line in said), role
+
+
+def test_a_stopped_linkage_does_not_chase_the_wall_clock(tmp_path: Path) -> None:
+    with ProcessRun("winding_drum", tmp_path, pace="realtime") as run:
+        run.start_all()
+        run.steps(200)
+        run.signal("linkage", signal.SIGSTOP)
+        run.spin_for(3.0)
+        held = run.step
+        run.signal("linkage", signal.SIGCONT)
+        run.spin_for(1.0)
+        assert run.step - held < 2000  # one second of steps and not the three it missed
+        run.steps(100)
+        run.checked()
+
+
+def test_a_hold_is_told_when_nobody_else_is_left(tmp_path: Path) -> None:
+    with ProcessRun("winding_drum", tmp_path, recorder=True, pace="max") as run:
+        run.start_all()
+        run.steps(100)
+        for role in ("motor", "force_analysis"):
+            run.kill(role)
+        run.until(lambda: run.said("linkage", "waiting for"), what="the hold is told")
+        run.diagnostics.clear()
+        run.spin_for(2.5)
+        assert sum("waiting for" in status.message for status in run.diagnostics) >= 2
+        assert float(run.figure("linkage", "held s") or 0.0) > 1.0
+        run.finish("recorder")
+    assert any("waiting for motor" in line for line in recorded_messages(run.bag))
+
+
+def test_a_stopped_recorder_counts_what_it_missed_and_a_killed_one_stops_nobody(tmp_path: Path) -> None:
+    with ProcessRun("winding_drum", tmp_path, recorder=True, pace="max") as run:
+        run.start_all()
+        run.steps(200)
+        run.signal("recorder", signal.SIGSTOP)
+        run.steps(1500)
+        run.signal("recorder", signal.SIGCONT)
+        run.until(lambda: run.said("recorder", "missing"), what="the recorder says what it missed")
+        run.kill("recorder")
+        run.steps(500)
+        run.checked()
+        run.start("recorder", "--directory", str(run.bag))
+        assert run.processes["recorder"].wait(20.0) == 2  # never written over
+        run.start("recorder", "--directory", str(tmp_path / "second"))
+        run.diagnostics.clear()
+        run.until(lambda: int(run.figure("recorder", "written") or 0) > 1000, what="a second recording")
+        assert run.finish("recorder") == 0
+    with BagReader(tmp_path / "second") as reader:
+        assert sum(1 for _ in reader.messages(topics=[full_name("winding_drum", JOINT_STATES)])) > 200
