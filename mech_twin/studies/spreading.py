@@ -90,7 +90,7 @@ def _over_cluster(function: Callable[[Batch], Result], batches: Sequence[Batch],
     client = _client(scheduler)
     with client:
         futures = client.map(function, batches, pure=False, retries=RETRIES)
-        for future in _dask().as_completed(futures):
+        for future in _dask().as_completed(futures, loop=client.loop):
             yield _fetched(future, scheduler)
             future.release()
 

@@ -51,6 +51,14 @@ def write_picture(asked: Question, found: Sequence[Point], path: Path) -> bool:
     names = [name for name in table if name not in (*asked.keys, REFUSED) and _varies(table[name])][:PANELS]
     if not names:
         return False
+    from mech_twin.studies.figures.canvas import house_style
+
+    with house_style():
+        _draw(asked, table, names, path)
+    return True
+
+
+def _draw(asked: Question, table: dict[str, list[Any]], names: Sequence[str], path: Path) -> None:
     from mech_twin.studies.figures.canvas import DPI, sheet
 
     wide = min(len(names), 3 if len(asked.axes) == 2 else 2)
@@ -65,7 +73,6 @@ def write_picture(asked: Question, found: Sequence[Point], path: Path) -> bool:
         axes.set_axis_off()
     figure.suptitle(f"{asked.machine}: {asked.count} points", x=0.01, ha="left", fontweight="bold")
     figure.savefig(path, dpi=DPI)
-    return True
 
 
 def _varies(values: Sequence[float]) -> bool:

@@ -1,0 +1,100 @@
+"""A sweep over a Dask cluster of two worker processes: one is killed, nothing is lost, nothing counted twice."""
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+import pytest
+
+from mech_twin.studies import designs, sweep
+from mech_twin.studies.errors import StudyError
+from mech_twin.studies.parameter_sweep import journal_of
+
+pytestmark = pytest.mark.slow
+AXES = {"linkage.crank_m": tuple(0.04 + 0.0005 * i for i in range(40)), "drive.speed_rpm": (200.0, 300.0)}
+QUIET = {**os.environ, "DASK_DISTRIBUTED__LOGGING__DISTRIBUTED": "error"}
+
+
+def command(*arguments: object) -> list[str]:
+    beside = Path(sys.executable).with_name("dask")
+    return [str(beside if beside.exists() else shutil.which("dask")), *map(str, arguments)]
+
+
+@contextmanager
+def process(*arguments: object):
+    with subprocess.Popen(
+        command(*arguments), env=QUIET, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    ) as running:
+        try:
+            yield running
+        finally:
+            if running.poll() is None:
+                running.send_signal(signal.SIGTERM)
+                try:
+                    running.wait(10.0)
+                except subprocess.TimeoutExpired:
+                    running.kill()
+
+
+@pytest.fixture
+def cluster(tmp_path):
+    from distributed import Client
+
+    file = tmp_path / "scheduler.json"
+    with ExitStack() as stack:
+        stack.enter_context(
+            process("scheduler", "--host", "127.0.0.1", "--port", 0, "--no-dashboard", "--scheduler-file", file)
+        )
+        until = time.monotonic() + 30.0
+        while not file.exists():
+            assert time.monotonic() < until
+            time.sleep(0.05)
+        worker = ("worker", "--scheduler-file", file, "--nthreads", 1, "--no-nanny", "--no-dashboard")
+        workers = [stack.enter_context(process(*worker, "--host", "127.0.0.1")) for _ in range(2)]
+        with Client(scheduler_file=str(file), set_as_default=False) as client:
+            client.wait_for_workers(2, timeout=30.0)
+            yield client.scheduler.address, workers
+
+
+def test_a_killed_worker_loses_nothing_and_nothing_counts_twice(cluster, tmp_path):
+    address, workers = cluster
+    table, killed = tmp_path / "press.parquet", []
+    lines = []
+
+    def kill_one(done: int, total: int) -> None:
+        lines.append(len(journal_of(table).read_text().splitlines()) - 1)
+        assert lines[-1] == done
+        if done > total // 5 and not killed:
+            workers[0].send_signal(signal.SIGKILL)
+            workers[0].wait(10.0)
+            killed.append(done)
+
+    outputs = ("stroke_m", "flywheel_inertia_kg_m2")
+    asked = {"outputs": outputs, "picture": False}
+    done = sweep("compaction_press", AXES, table, scheduler=address, progress=kill_one, **asked)
+    assert killed
+    assert killed[0] < 80
+    assert lines[-1] == 80
+    assert [point.index for point in done.points] == list(range(80))
+    alone = sweep("compaction_press", AXES, tmp_path / "alone.parquet", cores=1, **asked)
+    assert done.points == alone.points
+
+
+def test_the_cluster_scans_the_same_designs_as_one_core(cluster):
+    address, _ = cluster
+    there, here = designs(90_000, scheduler=address), designs(90_000, cores=1)
+    assert there.designs == here.designs == 90_000
+    assert (there.feasible == here.feasible).all()
+
+
+def test_a_scheduler_that_is_not_there_is_told(tmp_path, monkeypatch):
+    monkeypatch.setattr("mech_twin.studies.spreading.CONNECT_S", 1.0)
+    with pytest.raises(StudyError, match="no connection"):
+        sweep(
+            "winding_drum", {"eccentricity_m": (0.0, 0.001, 0.002)}, tmp_path / "x.csv", scheduler="tcp://127.0.0.1:9"
+        )

@@ -1,0 +1,117 @@
+"""A sweep: every point once, whoever computes it and however often it is interrupted."""
+
+import csv
+import math
+
+import pytest
+from pyarrow import parquet
+
+from mech_twin.parameters.load import machine, machine_parameters
+from mech_twin.studies import sweep
+from mech_twin.studies.errors import StudyError
+from mech_twin.studies.parameter_sweep import journal_of
+from mech_twin.studies.spreading import spread
+from mech_twin.studies.sweep_journal import SweepJournal
+from mech_twin.studies.sweep_points import Question, configuration_keys, question
+
+AXES = {"eccentricity_m": (0.0, 0.002, 0.004, 0.006), "yarn_speed_m_per_s": (4.0, 5.0, 6.0)}
+
+
+def test_points_are_the_machine_s_own_numbers_in_the_order_of_the_grid(tmp_path):
+    done = sweep("winding_drum", AXES, tmp_path / "drum.parquet", cores=1)
+    table = parquet.read_table(done.table).to_pydict()
+    assert table["eccentricity_m"] == [e for e in AXES["eccentricity_m"] for _ in range(3)]
+    assert table["yarn_speed_m_per_s"] == list(AXES["yarn_speed_m_per_s"]) * 4
+    overrides = {"eccentricity_m": 0.006, "yarn_speed_m_per_s": 4.0}
+    report = machine("winding_drum", overrides=overrides).report()
+    assert {name: table[name][9] for name in report} == report
+    assert done.picture is not None
+    assert done.picture.stat().st_size > 5000
+    assert not journal_of(done.table).exists()
+
+
+def test_an_interrupted_sweep_goes_on_without_repeating_a_point(tmp_path):
+    table, seen = tmp_path / "drum.csv", []
+
+    def interrupt(done: int, _all: int) -> None:
+        seen.append(done)
+        if done >= 5:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        sweep("winding_drum", AXES, table, cores=1, picture=False, progress=interrupt)
+    journal = journal_of(table)
+    kept = journal.read_text().splitlines()[1:]
+    journal.write_bytes(journal.read_bytes() + b'{"index": 11, "numb')  # cut off in the middle of a line
+    counted = []
+    done = sweep("winding_drum", AXES, table, cores=1, picture=False, progress=lambda n, _all: counted.append(n))
+    assert done.resumed == counted[0] == len(kept) == seen[-1]
+    assert counted == sorted(set(counted))
+    whole = sweep("winding_drum", AXES, tmp_path / "whole.csv", cores=1, picture=False)
+    assert [point.numbers for point in done.points] == [point.numbers for point in whole.points]
+    with table.open() as stream:
+        assert len(list(csv.reader(stream))) == 13
+
+
+def test_a_point_reported_twice_counts_once(tmp_path):
+    asked = question("winding_drum", machine_parameters("winding_drum"), {"eccentricity_m": (0.0, 0.001)})
+    from mech_twin.studies.sweep_points import points
+
+    journal = SweepJournal(tmp_path / "j", asked)
+    assert journal.add(points(asked, [0, 1])) == 2
+    assert journal.add(points(asked, [1])) == 0
+    journal.close()
+    assert len((tmp_path / "j").read_text().splitlines()) == 3
+
+
+def test_a_journal_of_another_sweep_is_not_mixed_in(tmp_path):
+    parameters = machine_parameters("winding_drum")
+    asked = question("winding_drum", parameters, {"eccentricity_m": (0.0, 0.001)})
+    SweepJournal(tmp_path / "j", asked).close()
+    other = question("winding_drum", parameters, {"eccentricity_m": (0.0, 0.002)})
+    with pytest.raises(StudyError, match="another sweep"):
+        SweepJournal(tmp_path / "j", other)
+
+
+def test_a_refused_point_says_why_and_the_others_stand(tmp_path):
+    axes = {"linkage.crank_m": (0.06, 5.0)}
+    done = sweep("compaction_press", axes, tmp_path / "p.parquet", outputs=("stroke_m",), cores=1, picture=False)
+    assert done.points[0].numbers["stroke_m"] == pytest.approx(0.0602178, abs=1e-6)
+    assert "point" in done.points[1].refused
+    assert math.isnan(parquet.read_table(done.table)["stroke_m"][1].as_py())
+
+
+def test_two_processes_give_what_one_gives(tmp_path):
+    asked = question("winding_drum", machine_parameters("winding_drum"), AXES, ("dynamic_torque_nm",))
+    from functools import partial
+
+    from mech_twin.studies.sweep_points import points
+
+    task, batches = partial(points, asked), [[i, i + 1] for i in range(0, 12, 2)]
+    together = sorted((p for found in spread(task, batches, 2) for p in found), key=lambda p: p.index)
+    assert together == [p for found in spread(task, batches, 1) for p in found]
+
+
+@pytest.mark.parametrize(
+    ("axes", "outputs", "words"),
+    [
+        ({"eccentricity": (1.0,)}, (), "did you mean 'eccentricity_m'"),
+        ({"eccentricity_m": ()}, (), "no values"),
+        ({"eccentricity_m": (0.001,)}, ("dynamic_torque",), "did you mean 'dynamic_torque_nm'"),
+    ],
+)
+def test_a_wrong_question_is_told_before_anything_is_computed(tmp_path, axes, outputs, words):
+    with pytest.raises(StudyError, match=words):
+        sweep("winding_drum", axes, tmp_path / "x.parquet", outputs=outputs)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_every_number_of_a_grid_is_reached_once():
+    asked = Question("m", {}, (("a", (1, 2)), ("b", (3, 4, 5)), ("c", ("x", "y"))), (), 0.0)
+    assert len({tuple(asked.changes(i).values()) for i in range(asked.count)}) == asked.count == 12
+    assert list(asked.changes(7)) == ["a", "b", "c"]
+
+
+def test_optional_groups_are_keys_too():
+    keys = configuration_keys(type(machine_parameters("compaction_press")))
+    assert {"linkage.crank_m", "motor.rated_power_w", "gear.ratio"} <= set(keys)
