@@ -139,8 +139,9 @@ def _refuse_aliases_and_tags(text: str) -> None:
     for event in yaml.parse(text, Loader=yaml.SafeLoader):
         if isinstance(event, yaml.AliasEvent):
             raise yaml.YAMLError("an alias (*name) is not allowed in a parameter file")
-        if getattr(event, "tag", None) is not None:
-            raise yaml.YAMLError(f"a tag ({event.tag}) is not allowed in a parameter file")
+        tag = getattr(event, "tag", None)
+        if tag is not None:
+            raise yaml.YAMLError(f"a tag ({tag}) is not allowed in a parameter file")
         if isinstance(event, yaml.CollectionStartEvent):
             depth += 1
             if depth > DEPTH_LIMIT:
