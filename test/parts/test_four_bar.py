@@ -1,0 +1,123 @@
+"""Laws of the four-bar: lengths, derivatives, mirror, equilibrium, power."""
+
+import math
+import re
+
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from mech_twin.parts.four_bar import (
+    CROSSED,
+    OPEN,
+    FourBar,
+    Link,
+    acute_angles,
+    closure_error,
+    coefficients,
+    failing_inequality,
+    link_angles,
+    motion,
+    pin_forces,
+    position,
+    reduced_inertia,
+)
+
+CRANK, COUPLER, ROCKER = Link(5.0, 0.02, 0.01, 0.003), Link(4.0, 0.08, 0.2, 0.01), Link(5.0, 0.03, 0.15, -0.02)
+PRESS = FourBar(0.06, 0.5, 0.3, 0.5, 0.24, OPEN)
+BREAKER = FourBar(0.03, 0.2, 0.08, 0.2, 0.0, OPEN)
+
+length = st.floats(0.05, 1.0)
+bars = st.builds(
+    FourBar, st.floats(0.01, 0.2), length, length, length, st.floats(-0.5, 0.5), st.sampled_from((OPEN, CROSSED))
+)
+angle = st.floats(-10.0, 10.0)
+
+
+def turning(bar: FourBar) -> FourBar:
+    assume(failing_inequality(bar) is None)
+    return bar
+
+
+def well_conditioned(bar: FourBar, f: float) -> None:
+    assume(acute_angles(position(bar, f))[1] > 0.2)
+
+
+@given(bars, angle)
+def test_rods_keep_their_length(bar, f):
+    assert closure_error(turning(bar), position(bar, f)) <= 1e-12
+
+
+@given(bars, angle)
+@settings(max_examples=60)
+def test_coefficients_are_derivatives_of_the_angles(bar, f):
+    well_conditioned(turning(bar), f)
+    step = 1e-5
+    before, after = position(bar, f - step), position(bar, f + step)
+    found, low, high = coefficients(position(bar, f)), coefficients(before), coefficients(after)
+    scale = max(1.0, *(abs(x) for x in found)) ** 2
+    for i in (0, 1):
+        turned = math.remainder(link_angles(after)[i] - link_angles(before)[i], 2.0 * math.pi)
+        assert turned / (2.0 * step) == pytest.approx(found[i], abs=1e-8 * scale)
+        assert (high[i] - low[i]) / (2.0 * step) == pytest.approx(found[i + 2], abs=1e-7 * scale)
+        assert (high[i + 2] - low[i + 2]) / (2.0 * step) == pytest.approx(found[i + 4], abs=1e-6 * scale)
+
+
+@given(bars, angle)
+def test_branches_mirror_each_other(bar, f):
+    mirror = bar._replace(pivot_y_m=-bar.pivot_y_m, branch=-bar.branch)
+    here, there = position(turning(bar), f), position(mirror, -f)
+    assert (here.b_x, here.b_y) == pytest.approx((there.b_x, -there.b_y), abs=1e-12)
+
+
+@given(angle, st.floats(-30.0, 30.0), st.floats(-200.0, 200.0))
+def test_drive_moment_by_equilibrium_is_that_of_the_reduced_mass(f, w1, e1):
+    at = position(PRESS, f)
+    by = coefficients(at)
+    inertia, slope = reduced_inertia(PRESS, CRANK, COUPLER, ROCKER, at, by)
+    found = pin_forces(
+        PRESS, CRANK, COUPLER, ROCKER, at, motion(PRESS, CRANK, COUPLER, ROCKER, at, by, w1, e1), e1, *(0.0,) * 6
+    ).moment
+    assert found == pytest.approx(inertia * e1 + 0.5 * w1 * w1 * slope, abs=1e-10 * (abs(e1) + w1 * w1 + 1.0))
+
+
+@given(angle, st.floats(-500.0, 500.0), st.floats(-500.0, 500.0))
+def test_massless_linkage_passes_the_power_of_the_load(f, q_x, q_y):
+    nothing = Link(0.0, 0.0, 0.1, 0.0)
+    at = position(PRESS, f)
+    by = coefficients(at)
+    still = motion(PRESS, nothing, nothing, nothing, at, by, 1.0, 0.0)
+    p_x, p_y = at.a_x + 0.5 * at.u_x, at.a_y + 0.5 * at.u_y
+    v_x, v_y = -at.a_y - by.g2 * 0.5 * at.u_y, at.a_x + by.g2 * 0.5 * at.u_x
+    moment = pin_forces(PRESS, nothing, nothing, nothing, at, still, 0.0, 0.0, 0.0, q_x, q_y, p_x, p_y).moment
+    assert moment == pytest.approx(-(q_x * v_x + q_y * v_y), abs=1e-9)
+
+
+@given(angle)
+def test_pin_reactions_balance_the_frame(f):
+    at = position(BREAKER, f)
+    by = coefficients(at)
+    moved = motion(BREAKER, CRANK, COUPLER, ROCKER, at, by, 60.0, 10.0)
+    found = pin_forces(BREAKER, CRANK, COUPLER, ROCKER, at, moved, 10.0, 0.0, -9.81, *(0.0,) * 4)
+    links = ((CRANK, moved.s1_ax, moved.s1_ay), (COUPLER, moved.s2_ax, moved.s2_ay), (ROCKER, moved.s3_ax, moved.s3_ay))
+    assert found.o_x + found.c_x == pytest.approx(sum(k.mass_kg * a for k, a, _ in links), abs=1e-8)
+    assert found.o_y + found.c_y == pytest.approx(sum(k.mass_kg * (a + 9.81) for k, _, a in links), abs=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("bar", "words"),
+    [
+        (FourBar(0.3, 0.2, 0.1, 0.2, 0.0, OPEN), r"crank \+ ground <= coupler \+ rocker fails: 0.5 > 0.3"),
+        (FourBar(0.03, 0.4, 0.1, 0.2, 0.0, OPEN), r">= \|coupler - rocker\| fails: 0.17 < 0.3"),
+    ],
+)
+def test_linkage_that_cannot_turn_is_refused_with_its_numbers(bar, words):
+    failing = failing_inequality(bar, crank_rocker=True)
+    assert failing is not None
+    assert re.search(words, failing)
+
+
+def test_double_crank_is_no_crank_rocker():
+    drag_link = FourBar(0.5, 0.4, 0.5, 0.1, 0.0, OPEN)
+    assert failing_inequality(drag_link) is None
+    assert "crank <= every other link" in (failing_inequality(drag_link, crank_rocker=True) or "")
