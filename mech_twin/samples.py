@@ -134,6 +134,9 @@ class BodySample(NamedTuple):
     events: tuple[Event, ...] = ()
 
 
+Sample = LinkageSample | MotorSample | ForceSample | BodySample
+
+
 class Frame(NamedTuple):
     """All four roles at one step."""
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import OrderedDict
 from typing import Any
 
-from mech_twin.samples import BodySample, ForceSample, Frame, LinkageSample, MotorSample
+from mech_twin.samples import BodySample, ForceSample, Frame, LinkageSample, MotorSample, Sample
 
 OPEN_STEPS = 64
 
@@ -25,7 +25,7 @@ class FrameAssembler:
         self._open: OrderedDict[int, dict[type, Any]] = OrderedDict()
         self._last = -1
 
-    def add(self, sample: LinkageSample | MotorSample | ForceSample | BodySample) -> Frame | None:
+    def add(self, sample: Sample) -> Frame | None:
         """Return the frame this sample completes, if it does; a repeated step is passed over."""
         if sample.step <= self._last:
             return None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -23,6 +23,7 @@ from mech_twin.nodes.spinner import Spinner
 from mech_twin.nodes.stop_signal import StopSignal
 from mech_twin.nodes.viewer_node import ViewerNode
 from mech_twin.quantity import Parameters
+from mech_twin.samples import Frame, Sample
 
 DRAIN_LIMIT_S = 2.0
 
@@ -69,10 +70,13 @@ def run_in_process(
         with StopSignal() as signal:
             if directory is not None:
                 nodes.append(RecorderNode(machine_name, directory, parameters, options))
+            options = options.model_copy(update={"viewer": False})  # it is handed the frames, and hears the scene only
+            viewer = None
             if place is not None:
-                nodes.append(ViewerNode(machine_name, place, parameters, options))
+                viewer = ViewerNode(machine_name, place, parameters, options, on_topics=False)
+                nodes.append(viewer)
             nodes += role_nodes(machine_name, parameters, options)
-            figures = _watched(nodes)
+            figures = _watched(nodes, viewer)
             linkage = nodes[-1]
             with Spinner(nodes) as spinner:
                 spinner.until(lambda: signal.asked or (isinstance(linkage, LinkageNode) and linkage.done))
@@ -83,15 +87,17 @@ def run_in_process(
         rclpy.try_shutdown()
 
 
-def _watched(nodes: Sequence[RoleNode]) -> RunFigures:
-    """Return the figures of the run, fed by the role nodes as they compute."""
+def _watched(nodes: Sequence[RoleNode], viewer: ViewerNode | None) -> RunFigures:
+    """Return the figures of the run, fed - the viewer's stage with them - by the role nodes as they compute."""
     machine = nodes[-1].machine
-    figures, assembler = RunFigures(machine), FrameAssembler(machine.body is not None)
+    assembler = FrameAssembler(machine.body is not None)
+    figures = RunFigures(machine) if viewer is None else viewer.run_figures
+    take: Callable[[Frame], object] = figures.observe if viewer is None else viewer.show
 
-    def notice(sample: object) -> None:
-        frame = assembler.add(sample)  # type: ignore[arg-type]
+    def notice(sample: Sample) -> None:
+        frame = assembler.add(sample)
         if frame is not None:
-            figures.observe(frame)
+            take(frame)
 
     for node in nodes:
         node.on_sample = notice

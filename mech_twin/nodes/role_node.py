@@ -29,6 +29,7 @@ from mech_twin.nodes.voice import new_source
 from mech_twin.parameters.load import RUN_GROUP, catalogue_entry, description, machine_parameters, validated
 from mech_twin.quantity import Parameters
 from mech_twin.roles import Machine
+from mech_twin.samples import Sample
 
 WINDOW_S = 1.0
 RETRY_S = 0.02
@@ -36,7 +37,7 @@ ASK_AGAIN_S = 0.3
 PULSE_S = 0.1
 
 
-def _unnoticed(sample: object) -> None:
+def _unnoticed(sample: Sample) -> None:
     """Take a sample nobody watches."""
 
 
@@ -76,7 +77,7 @@ class RoleNode(Node):
         self.time_s = 0.0
         self.description = ""
         self.quiet = False
-        self.on_sample: Callable[[object], None] = _unnoticed
+        self.on_sample: Callable[[Sample], None] = _unnoticed
         self.source = new_source()
         self.ledger = Ledger()
         self.outlets: list[Outlet] = []

@@ -40,8 +40,9 @@ class ViewerNode(WatcherNode):
         place: str,
         parameters: Parameters | None = None,
         options: RunOptions | None = None,
+        on_topics: bool = True,
     ) -> None:
-        super().__init__(machine_name, parameters, options, role="viewer")
+        super().__init__(machine_name, parameters, options, role="viewer", on_topics=on_topics)
         self.stage = opened_stage(machine_name, place)
         self._shown = time.monotonic()
         self.create_subscription(MarkerArray, SCENE.name, self._on_scene, EVERY)

@@ -35,7 +35,13 @@ DECODERS: dict[str, Any] = {
 
 
 class WatcherNode(RoleNode):
-    """Observes a run from its topics alone; see `RoleNode` for the arguments."""
+    """Observes a run from its topics; see `RoleNode` for the arguments.
+
+    Parameters
+    ----------
+    on_topics : bool
+        Whether to listen; if not, whoever has the frames calls `show`.
+    """
 
     def __init__(
         self,
@@ -43,12 +49,13 @@ class WatcherNode(RoleNode):
         parameters: Parameters | None = None,
         options: RunOptions | None = None,
         role: str = "watcher",
+        on_topics: bool = True,
     ) -> None:
         super().__init__(role, machine_name, parameters, options)
         has_body = self.machine.body is not None
         self.run_figures = RunFigures(self.machine)
         self._assembler = FrameAssembler(has_body)
-        for topic in step_topics(has_body):
+        for topic in step_topics(has_body) if on_topics else ():
             self.create_subscription(JointState, topic.name, self._taker(topic.name), EVERY)
 
     def show(self, frame: Frame) -> None:
