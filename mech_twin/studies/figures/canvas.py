@@ -99,7 +99,7 @@ def published(axes: Axes, x: Sequence[float], y: Sequence[float], label: str = "
 def _raster(figure: Figure) -> Image.Image:
     """Return the figure as an image of 64 colours, a third of the size of a full one."""
     figure.set_dpi(DPI)
-    canvas = FigureCanvasAgg(figure)
+    canvas: Any = FigureCanvasAgg(figure)
     canvas.draw()
     full = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
     return full.quantize(64, dither=Image.Dither.NONE)

@@ -6,13 +6,17 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from mech_twin.engine.run import frames
+from mech_twin.machines.mb10_breaker import build
 from mech_twin.machines.mb10_breaker_parameters import BreakerParameters
 from mech_twin.parts.pressed_body.owner import preload_range, steady_figures, with_preload
 from mech_twin.parts.pressed_body.parameters import pressed_body
 from mech_twin.parts.pressed_body.published import resonance_rate
+from mech_twin.studies.breaker_run import SETTLED_S
 from mech_twin.studies.figures.canvas import BLUE, GREEN, GREY, ORANGE, RED, Picture, published, sheet
 from mech_twin.studies.pressing import swing_curve
 from mech_twin.studies.reproduction.mb10_breaker import SOFT_TABLE, paper_body
+from mech_twin.studies.variation import varied
 
 RATES = np.geomspace(100.0, 3.8e6, 1400)
 PRELOAD_M = 0.01
@@ -24,7 +28,7 @@ def pictures(parameters: BreakerParameters) -> Iterator[Picture]:
     changed = paper_body(parameters)
     yield _spring(changed)
     yield _preload(changed)
-    yield _pulse(changed)
+    yield _pulses(changed, parameters)
 
 
 def _spring(parameters: BreakerParameters) -> Picture:
@@ -85,19 +89,44 @@ def _preload(parameters: BreakerParameters) -> Picture:
     return Picture("mb10_breaker_preload", caption, figure)
 
 
-def _pulse(parameters: BreakerParameters) -> Picture:
-    body = pressed_body(parameters.body, parameters.excitation)
+def _pulses(approximated: BreakerParameters, parameters: BreakerParameters) -> Picture:
+    body = pressed_body(approximated.body, approximated.excitation)
     share = np.linspace(0.0, 1.0, 2001)
     t = share * body.period
     moment = np.where(t > body.onset, body.amplitude * np.sin(body.mu * t + body.phase), 0.0)
-    impulse = float(np.trapezoid(moment, t))
-    figure, (axes,) = sheet(1, 1, 7.2, 3.4)
-    axes.plot(share, moment, color=BLUE, label=f"half sine, {impulse:.3g} N m s a cycle")
-    axes.fill_between(share, moment, color=BLUE, alpha=0.15, linewidth=0.0)
-    axes.set_xlim(0.0, 1.0)
-    axes.set_xlabel("part of the cycle t/T")
-    axes.set_ylabel("moment on the body, N m")
-    axes.set_title("The load on the body as approximated (Fig. 3)")
-    axes.legend(loc="upper left")
-    caption = "M = 0 to t1 = 0.9 T, then half a period of mu = 5 omega."
-    return Picture("mb10_breaker_pulse", caption, figure)
+    running = varied(parameters, {"excitation.kind": "from_forces"})
+    of_cycle, own, blow = last_cycle(running)
+    figure, panels = sheet(1, 2, 8.6, 3.8, width_ratios=(2.4, 1.0))
+    panels[0].plot(share, moment, color=BLUE, label="half sine, as approximated")
+    panels[0].plot(of_cycle, own, color=RED, label="running linkage, between blows")
+    panels[0].plot([1.0, 1.0], [0.0, 60.0], color=RED, linewidth=4.0, alpha=0.5, label="blow")
+    panels[0].set_xlim(0.0, 1.02)
+    panels[0].set_xlabel("part of the cycle t/T")
+    panels[0].set_ylabel("moment on the body, N m")
+    panels[0].set_title("What loads the body (Fig. 3)")
+    panels[0].legend(loc="lower center")
+    impulses = (float(np.trapezoid(moment, t)), blow)
+    panels[1].bar((0, 1), impulses, width=0.6, color=(BLUE, RED), alpha=0.85)
+    for place, value in enumerate(impulses):
+        panels[1].text(place, value, f"{value:.3g}", ha="center", va="bottom")
+    panels[1].set_xticks((0, 1), ("half sine", "blow"))
+    panels[1].set_ylabel("lifting angular impulse, N m s")
+    panels[1].grid(visible=False, axis="x")
+    caption = "The assumed half sine carries some ten times less angular impulse than the blow of the running machine."
+    return Picture("mb10_breaker_pulses", caption, figure)
+
+
+def last_cycle(parameters: BreakerParameters) -> tuple[list[float], list[float], float]:
+    """Return t/T and moment (N m) between the last two blows of a run, and the blow's angular impulse (N m s)."""
+    blows, rows = [0.0], list[tuple[float, float]]()
+    impulse = 0.0
+    for frame in frames(build(parameters), SETTLED_S):
+        happened = [e.time_s for e in frame.linkage.events if e.kind == "blow" and e.contact == "tool"]
+        if happened:
+            blows.append(happened[-1])
+            rows = [row for row in rows if row[0] >= blows[-2]]
+            impulse = frame.forces.quantities["blow_impulse_on_body_nms"]
+        rows.append((frame.linkage.time_s, frame.forces.body_moment_nm))
+    start, end = blows[-2:]
+    inside = [(time, moment) for time, moment in rows if start < time < end]
+    return [(time - start) / (end - start) for time, _ in inside], [moment for _, moment in inside], impulse

@@ -45,7 +45,7 @@ def _reactions(parameters: RollerFormer) -> Picture:
     turn_axis(axes)
     axes.set_ylabel("guide reaction, N")
     axes.set_title("Reactions of the guide rollers, two carts (Fig. 7)")
-    axes.legend(ncols=4)
+    axes.legend(ncols=4, loc="center", bbox_to_anchor=(0.5, 0.72))
     caption = "Loads divided by 4.5, as the paper's tables want; negative: the roller runs on the other rail."
     return Picture("roller_former_reactions", caption, figure)
 
@@ -116,7 +116,7 @@ def _damping(parameters: RollerFormer) -> Picture:
         axes.set_ylim(bottom=0.0)
         axes.legend()
     panels[0].set_title("Coupling moment against damping (Figs. 10, 11, 19, 20)")
-    caption = "Without load, expanded kinematics; dashed: the two dampings studied. Most is gained before 8000."
+    caption = "Without load, expanded kinematics; dashed: the two dampings studied. Gaps: no steady turn found."
     return Picture("roller_former_damping", caption, figure)
 
 
@@ -138,7 +138,7 @@ def _phases(parameters: RollerFormer) -> Picture:
                 axes.set_xlabel(names[x])
                 axes.set_ylabel(names[y])
         panels[3 * row].set_title(f"{count} carts")
-    panels[0].legend(loc="upper right")
+    panels[2].legend(loc="upper right")
     caption = "Phase pictures of the coupling's twist, steady turn without load (Figs. 13 to 15 and 22 to 24)."
     return Picture("roller_former_phases", caption, figure)
 

@@ -68,8 +68,8 @@ def _polar(parameters: VibrationCrank) -> Picture:
         axes.set_xlim(-5.5, 5.5)
         axes.set_ylim(-5.5, 5.5)
         axes.set_xlabel("force on the frame, horizontal, kN")
+        axes.set_ylabel("vertical, kN")
         axes.set_title(name)
-    panels[0].set_ylabel("vertical, kN")
     panels[1].legend(loc="lower right")
     caption = (
         "Polar diagram of the force on the frame. An infinite rod gives ellipses, a circle at kappa = 0.5; a real rod"

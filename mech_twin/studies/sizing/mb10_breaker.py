@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from math import inf, pi, sqrt
 
 from mech_twin.machines.mb10_breaker_parameters import BreakerParameters
 from mech_twin.parts.pressed_body.owner import with_preload
 from mech_twin.parts.pressed_body.parameters import pressed_body
+from mech_twin.studies.breaker_run import run_figures, with_rest_force
 from mech_twin.studies.errors import StudyError
 from mech_twin.studies.pressing import CollarPoint, collar_point, rational_ranges
 from mech_twin.studies.sizing.answer import Constraint, Sizing, binding_of
@@ -18,16 +19,24 @@ LIMITS: dict[str, float] = {"gap_at_blow_m": 2e-5, "return_speed_m_per_s": inf, 
 OBJECTIVES = ("largest_force_n", "return_speed_m_per_s", "gap_at_blow_m")
 SOFTNESS = 0.3  # k over the blow frequency: soft, so that the spring's force hardly changes over the lift
 STEPS = 200
+RUN_S = 8.0
+FORCES_N = (300.0, 400.0, 500.0, 600.0, 700.0, 850.0, 1000.0, 1300.0, 1700.0, 2300.0, 3000.0)
+RUN_NAMES = {
+    "gap_at_blow_m": "steady_gap_at_blow_m",
+    "return_speed_m_per_s": "steady_largest_return_speed_m_per_s",
+    "largest_force_n": "largest_spring_force_n",
+}
 
 
 def sizing(parameters: BreakerParameters, limits: Mapping[str, float], objective: str) -> Sizing:
-    """Return spring rate and preload in the rational range under the half sine.
+    """Return spring rate and preload in the rational range.
 
-    The rate keeps k at 0.3 of the blow frequency; the preload is the one with the smallest objective between settling
-    in time (lower bound) and never lifting (p = 1).
+    The rate keeps k at 0.3 of the blow frequency.  Under the half sine the preload is the one with the smallest
+    objective between settling in time (lower bound) and never lifting (p = 1); of the running machine it is the one
+    with the smallest objective among those that seat the tool before every blow.
     """
-    if parameters.excitation.kind != "approximated":
-        raise StudyError("the half sine is meant: set excitation.kind=approximated, body.inertia_kg_m2=0.35")
+    if parameters.excitation.kind == "from_forces":
+        return _running(parameters, limits, objective)
     omega = 2.0 * pi * parameters.excitation.blow_rate_hz
     rate = parameters.body.inertia_kg_m2 * (SOFTNESS * omega / parameters.body.spring_arm_m) ** 2
     soft = varied(parameters, {"body.spring_rate_n_per_m": rate})
@@ -68,6 +77,79 @@ def sizing(parameters: BreakerParameters, limits: Mapping[str, float], objective
             {"preload_ratio": place, **{name: _figure(found[place], name) for name in LIMITS}} for place in places[::20]
         ),
     )
+
+
+def seats(figures: Mapping[str, float]) -> bool:
+    """Return whether a run had blows, and every one of them on a seated tool."""
+    lost = figures["missed_blows"] + figures["unseated_blows"] + figures["jammed"]
+    return lost == 0.0 and "steady_blows" in figures
+
+
+def _running(parameters: BreakerParameters, limits: Mapping[str, float], objective: str) -> Sizing:
+    omega = 2.0 * pi * parameters.excitation.blow_rate_hz
+    rate = parameters.body.inertia_kg_m2 * (SOFTNESS * omega / parameters.body.spring_arm_m) ** 2
+    soft = varied(parameters, {"body.spring_rate_n_per_m": rate})
+    found: dict[float, dict[str, float]] = {}
+
+    def at(force: float) -> dict[str, float]:
+        if force not in found:
+            found[force] = run_figures(with_rest_force(soft, force), RUN_S)
+        return found[force]
+
+    low, bound = _least_seating(at)
+    for force in FORCES_N:
+        if force > bound:
+            at(force)
+    good = [force for force, figures in found.items() if force >= bound and _run_kept(figures, limits)]
+    if not good:
+        best = {name: min(f.get(RUN_NAMES[name], inf) for f in found.values() if seats(f)) for name in limits}
+        text = "; ".join(f"{name} <= {limit:.4g} (has {best[name]:.4g})" for name, limit in limits.items())
+        raise StudyError(f"no preload that seats the tool meets the limits: {text}")
+    chosen = min(good, key=lambda force: (at(force)[RUN_NAMES[objective]], force))
+    figures = {name: at(chosen)[key] for name, key in RUN_NAMES.items()}
+    constraints = (
+        Constraint("rest_force_n", chosen, bound, "above"),
+        *(Constraint(name, figures[name], limit) for name, limit in limits.items() if limit < inf),
+    )
+    binding = binding_of(constraints, f"none: {objective} is least here")
+    if chosen == bound:
+        binding = f"every blow on a seated tool: at {low:.0f} N at rest blows are unseated, at {bound:.0f} N none"
+    sized = with_rest_force(soft, chosen)
+    return Sizing(
+        "mb10_breaker",
+        objective,
+        {"body.spring_rate_n_per_m": rate, "body.preload_deflection_m": sized.body.preload_deflection_m},
+        sized,
+        {"rest_force_n": chosen, "rational_from_rest_force_n": bound, **figures},
+        constraints,
+        binding,
+        tuple(
+            {
+                "rest_force_n": force,
+                "seated": "yes" if seats(found[force]) else "no",
+                **{name: found[force].get(key, inf) for name, key in RUN_NAMES.items()},
+            }
+            for force in sorted(found)
+        ),
+    )
+
+
+def _least_seating(at: Callable[[float], dict[str, float]]) -> tuple[float, float]:
+    """Return two rest forces (N) a newton or so apart: blows are unseated at the first, at the second none."""
+    place = next((i for i, force in enumerate(FORCES_N) if seats(at(force))), None)
+    if place is None:
+        raise StudyError(f"no preload between {FORCES_N[0]:g} and {FORCES_N[-1]:g} N seats the tool before every blow")
+    if place == 0:
+        return 0.0, FORCES_N[0]
+    low, high = FORCES_N[place - 1], FORCES_N[place]
+    while high - low > 2.0:
+        middle = float(round(0.5 * (low + high)))
+        low, high = (low, middle) if seats(at(middle)) else (middle, high)
+    return low, high
+
+
+def _run_kept(figures: Mapping[str, float], limits: Mapping[str, float]) -> bool:
+    return seats(figures) and all(figures[RUN_NAMES[name]] <= limit for name, limit in limits.items())
 
 
 def _figure(point: CollarPoint, name: str) -> float:

@@ -1,0 +1,33 @@
+"""The sources' figures: drawn for every machine, vector and raster, labelled, small enough for a page."""
+
+import pytest
+
+from mech_twin.studies import draw_figures
+from mech_twin.studies.figures import machine_pictures
+from mech_twin.studies.reproduction import MACHINES
+
+LARGEST_BYTES = 120_000
+
+
+@pytest.mark.parametrize("machine", MACHINES)
+def test_every_axis_has_a_name_with_its_unit(machine):
+    pictures = machine_pictures(machine)
+    assert len({picture.name for picture in pictures}) == len(pictures) > 0
+    for picture in pictures:
+        assert picture.caption.endswith(".")
+        for axes in picture.figure.axes:
+            across, beside = (
+                group.get_siblings(axes) for group in (axes.get_shared_x_axes(), axes.get_shared_y_axes())
+            )
+            assert any(other.get_xlabel() for other in across) or axes.get_xticklabels()[0].get_text(), picture.name
+            assert any(other.get_ylabel() for other in beside), picture.name
+
+
+@pytest.mark.parametrize("machine", ["winding_drum", "vibration_crank"])
+def test_each_figure_is_a_vector_and_a_small_raster(machine, tmp_path):
+    files = draw_figures(machine, tmp_path)
+    assert {file.suffix for file in files} == {".svg", ".png"}
+    for file in files:
+        head = file.read_bytes()[:300]
+        assert head.startswith(b"\x89PNG") if file.suffix == ".png" else b"<svg" in head or b"<?xml" in head
+        assert file.suffix == ".svg" or file.stat().st_size < LARGEST_BYTES

@@ -1,0 +1,76 @@
+"""Sizes: what is chosen keeps its limits, a little less would not, and a machine can be built of it."""
+
+import pytest
+
+from mech_twin.machines.compaction_press_flywheel_run import flywheel_run
+from mech_twin.parameters.load import machine, machine_parameters
+from mech_twin.studies import size
+from mech_twin.studies.errors import StudyError
+from mech_twin.studies.sizing import write_configuration
+
+HALF_SINE = {"excitation.kind": "approximated", "body.inertia_kg_m2": 0.35}
+
+
+def test_the_flywheel_gives_the_asked_non_uniformity_and_is_written(tmp_path):
+    answer = size("compaction_press", limits={"non_uniformity": 0.08})
+    assert answer.figures["non_uniformity_of_time_run"] == pytest.approx(0.08, rel=2e-3)
+    assert answer.binding.startswith("non_uniformity <= 0.08")
+    write_configuration(answer, tmp_path / "sized.yaml")
+    again = machine_parameters("compaction_press", tmp_path / "sized.yaml")
+    assert again.flywheel.inertia_kg_m2 == answer.sizes["flywheel.inertia_kg_m2"]
+    assert flywheel_run(again, 0.9 * again.flywheel.inertia_kg_m2, 5e-4).non_uniformity > 0.08
+
+
+@pytest.mark.parametrize("objective", ["shaking_force_max_n", "drive_torque_peak_nm"])
+def test_no_other_fraction_of_the_trade_is_better(objective):
+    answer = size("vibration_crank", objective=objective)
+    assert answer.figures[objective] <= min(row[objective] for row in answer.trade)
+    built = machine("vibration_crank", overrides=dict.fromkeys(["counterweight.mass_kg"]) | answer.sizes)
+    assert built.report()[objective] == pytest.approx(answer.figures[objective], rel=1e-9)
+
+
+def test_a_limit_on_the_counterweight_binds():
+    answer = size("vibration_crank", limits={"counterweight_mass_kg": 40.0})
+    assert answer.figures["counterweight_mass_kg"] == pytest.approx(40.0, rel=1e-3)
+    assert "counterweight_mass_kg <= 40" in answer.binding
+
+
+def test_half_the_mass_of_an_infinite_rod_is_the_evenest_force():
+    parameters = machine_parameters("vibration_crank", None, {"rod_m": float("inf")})
+    assert size("vibration_crank", parameters).sizes["counterweight.balancing_fraction"] == pytest.approx(0.5, abs=1e-6)
+
+
+def test_limits_that_cannot_be_met_name_themselves():
+    with pytest.raises(StudyError, match="shaking_force_max_n <= 100"):
+        size("vibration_crank", limits={"shaking_force_max_n": 100.0})
+    with pytest.raises(StudyError, match="no limit 'mass'"):
+        size("vibration_crank", limits={"mass": 100.0})
+    with pytest.raises(StudyError, match="nothing to size"):
+        size("winding_drum")
+
+
+def test_the_spring_under_the_half_sine_lies_in_the_rational_range():
+    answer = size("mb10_breaker", machine_parameters("mb10_breaker", None, HALF_SINE))
+    figures = answer.figures
+    assert figures["rational_from_ratio"] <= figures["preload_ratio"] <= 1.0
+    assert figures["gap_at_blow_m"] <= 2e-5
+    assert "gap_at_blow_m" in answer.binding
+    gentle = size("mb10_breaker", machine_parameters("mb10_breaker", None, HALF_SINE), objective="return_speed_m_per_s")
+    assert gentle.figures["preload_ratio"] == pytest.approx(1.0)
+
+
+@pytest.mark.slow
+def test_the_running_breaker_is_seated_from_510_newtons():
+    answer = size("mb10_breaker")
+    assert answer.figures["rest_force_n"] == pytest.approx(510.0, abs=3.0)
+    assert "seated" in answer.binding
+    assert next(row for row in answer.trade if row["rest_force_n"] == 400.0)["seated"] == "no"
+
+
+@pytest.mark.slow
+def test_the_roller_former_gets_the_published_motor_and_a_drive_near_the_published_one():
+    answer = size("roller_former")
+    assert answer.sizes["motor.catalogue_name"] == "4A160S6U3"
+    assert 80000.0 < answer.sizes["drive.stiffness_nm_per_rad"] < 150000.0
+    assert 4000.0 < answer.sizes["drive.damping_nms_per_rad"] < 8000.0
+    assert all(constraint.holds for constraint in answer.constraints)
