@@ -114,7 +114,10 @@ def position(bar: FourBar, f: float) -> Position:
     d_y = bar.pivot_y_m - a_y
     dd = d_x * d_x + d_y * d_y
     p = (bar.coupler_m * bar.coupler_m - bar.rocker_m * bar.rocker_m + dd) / (2.0 * dd)
-    square = bar.coupler_m * bar.coupler_m / dd - p * p
+    whole = bar.coupler_m * bar.coupler_m / dd
+    square = whole - p * p
+    if -1e-13 * whole < square < 0.0:  # stretched or folded, but for rounding
+        square = 0.0
     q = bar.branch * math.sqrt(square) if square >= 0.0 else math.nan
     u_x = p * d_x + q * d_y
     u_y = p * d_y - q * d_x
