@@ -61,6 +61,9 @@ def run(
     view: Annotated[str, typer.Option(help="web, none, or a file to write (NAME.rrd)")] = "web",
     view_port: Annotated[int, typer.Option(help="port of the web view; 0 takes a free one", min=0, max=65535)] = 0,
     processes: Annotated[bool, typer.Option("--processes", help="give each node its own process")] = False,
+    open_to_other_hosts: Annotated[
+        bool, typer.Option("--open-to-other-hosts", help="open topics and view to the network, without password")
+    ] = False,
     config: Config = None,
     settings: Settings = None,
     json: Json = False,
@@ -69,7 +72,19 @@ def run(
     from mech_twin.cli.run import RunRequest, run_machine
 
     recording = None if no_record else record or "default"
-    request = RunRequest(machine, pace, duration, recording, view, view_port, processes, config, settings or [], json)
+    request = RunRequest(
+        machine,
+        pace,
+        duration,
+        recording,
+        view,
+        view_port,
+        processes,
+        config,
+        settings or [],
+        json,
+        open_to_other_hosts,
+    )
     run_machine(request)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from contextlib import ExitStack
 from datetime import datetime
 from pathlib import Path
@@ -13,7 +14,7 @@ from pydantic import ValidationError
 from mech_twin.cli.console import print_json, print_numbers, say
 from mech_twin.cli.event_record import event_record
 from mech_twin.cli.failure import CommandError
-from mech_twin.nodes.domain import settle_domain
+from mech_twin.nodes.domain import DISCOVERY, OTHER_HOSTS, settle_domain
 from mech_twin.parameters.errors import refusal
 from mech_twin.parameters.load import RUN_GROUP, assignments, configuration_tree, machine_parameters, run_group
 from mech_twin.quantity import Parameters
@@ -37,6 +38,7 @@ class RunRequest(NamedTuple):
     config: Path | None
     settings: list[str]
     as_json: bool
+    open_to_other_hosts: bool = False
 
 
 def run_machine(request: RunRequest) -> None:
@@ -51,7 +53,9 @@ def run_machine(request: RunRequest) -> None:
 
 
 def _run(request: RunRequest, parameters: Parameters, directory: Path | None, place: str | None) -> Outcome:
-    settle_domain()
+    discovery = settle_domain(request.open_to_other_hosts)
+    if request.open_to_other_hosts:
+        say(_what_is_open(discovery))
     from mech_twin.nodes.crew import run_in_process
     from mech_twin.nodes.fleet import run_processes
     from mech_twin.nodes.options import RunOptions
@@ -72,6 +76,16 @@ def _run(request: RunRequest, parameters: Parameters, directory: Path | None, pl
     say("starting (the first run compiles its kernels, which takes a while)")
     run_nodes = run_processes if request.processes else run_in_process
     return run_nodes(request.machine, parameters, options, directory, place)
+
+
+def _what_is_open(discovery: str) -> str:
+    domain = os.environ.get("ROS_DOMAIN_ID", "0")
+    if discovery != OTHER_HOSTS:
+        return f"topics: not opened, because {DISCOVERY}={discovery} is set; it is kept (domain {domain})"
+    return (
+        f"topics: OPEN TO OTHER HOSTS, without password: ROS domain {domain}, discovery range {discovery}; "
+        "who is in the same network can read every topic, send commands and set parameters"
+    )
 
 
 def _check(request: RunRequest) -> None:
@@ -101,7 +115,9 @@ def _opened_view(request: RunRequest, stack: ExitStack) -> str | None:
         return request.view
     from mech_twin.view.viewer_process import ViewerProcess
 
-    viewer = stack.enter_context(ViewerProcess(request.view_port or None))
+    viewer = stack.enter_context(
+        ViewerProcess(request.view_port or None, open_to_other_hosts=request.open_to_other_hosts, announce=say)
+    )
     say(f"view: {viewer.web_url}")
     return viewer.grpc_url
 
