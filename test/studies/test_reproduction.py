@@ -1,6 +1,7 @@
 """The comparison with the sources: it holds, it is computed, and it notices."""
 
 import math
+from functools import cache
 
 import pytest
 
@@ -20,28 +21,29 @@ CHANGES = {
 }
 
 
+@cache
+def rows_of(machine):
+    return reproduce(machine)
+
+
 @pytest.mark.parametrize("machine", MACHINES)
 def test_every_gated_row_holds(machine):
-    rows = reproduce(machine)
+    rows = rows_of(machine)
     assert [row for row in rows if not row.holds] == []
     assert any(row.gated for row in rows)
     assert all(row.reason and "\n" not in row.reason for row in rows)
 
 
 @pytest.mark.parametrize(("machine", "change"), CHANGES.items())
-def test_a_changed_input_changes_what_is_computed(machine, change):
-    before = reproduce(machine)
+def test_a_changed_input_changes_what_is_computed_and_breaks_gated_rows(machine, change):
     after = reproduce(machine, varied(machine_parameters(machine), dict([change])))
-    assert [row.computed for row in after] != [row.computed for row in before]
-
-
-@pytest.mark.parametrize("machine", ["roller_former", "vibration_crank", "compaction_press", "mb10_breaker"])
-def test_a_changed_input_breaks_gated_rows(machine):
-    after = reproduce(machine, varied(machine_parameters(machine), dict([CHANGES[machine]])))
-    assert not all_hold(after)
+    assert [row.computed for row in after] != [row.computed for row in rows_of(machine)]
     assert all(row.gated for row in after if not row.holds)
+    if machine != "winding_drum":  # the fragment prints no number that a changed drum could miss
+        assert not all_hold(after)
 
 
+@pytest.mark.slow
 def test_the_contradictions_of_the_sources_come_first():
     rows = reproduce()
     verdicts = [row.verdict == "contradicts itself" for row in rows]

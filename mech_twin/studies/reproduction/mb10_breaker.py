@@ -202,7 +202,7 @@ def _trade(parameters: BreakerParameters) -> Iterator[Row]:
             "lowest near 600 N, growing with the preload",
             absolute=5e-4,
         )
-    below = run_figures(with_rest_force(parameters, 150.0), 20.0)
+    below = run_figures(with_rest_force(parameters, 150.0))
     all_blows = below["blows"] + below["missed_blows"]
     low = worked.at("owner's trade", f"{worked.inputs}, 150 N at rest")
     why = "a blow without a seated tool is no blow for the wall"
@@ -222,7 +222,7 @@ def _trade(parameters: BreakerParameters) -> Iterator[Row]:
         absolute=True,
     )
     for force, unseated in ((510.0, 0.0), (500.0, 1.0)):
-        found = run_figures(with_rest_force(parameters, force), 20.0)
+        found = run_figures(with_rest_force(parameters, force))
         yield worked.at("owner's trade", f"{worked.inputs}, {force:g} N at rest").gated(
             "unseated blows (1: some)",
             unseated,
