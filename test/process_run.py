@@ -43,6 +43,7 @@ class ProcessRun:
         self.folder = folder
         self.bag = folder / "bag"
         self.options = RunOptions(watcher=True, recorder=recorder, **options)
+        self.sim_time = False
         self.step = -1
         self.fresh: list[LinkageSample] = []
         self.repeated = 0
@@ -141,6 +142,8 @@ class ProcessRun:
         program = PROGRAMS.get(role, f"{role}_node")
         code = f"from mech_twin.nodes.executables import {program}; {program}()"
         command = [sys.executable, "-c", code, *arguments, "--ros-args", "--params-file", str(self._parameters)]
+        if self.sim_time:
+            command += ["-p", "use_sim_time:=true"]
         with (self.folder / f"{role}.log").open("ab") as log:
             self.processes[role] = subprocess.Popen(
                 command, stdout=log, stderr=log, env={**os.environ, **(environment or {})}

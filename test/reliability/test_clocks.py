@@ -1,0 +1,88 @@
+"""Nothing but the steady clock is read: a stopped, jumping or foreign clock has no effect on a run."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import pytest
+from bench_run import BenchRun
+from builtin_interfaces.msg import Time
+from catalogue import built
+from process_run import ProcessRun
+from rclpy.clock import ClockType
+from rosgraph_msgs.msg import Clock
+
+import mech_twin
+from mech_twin.engine.run import frames
+from mech_twin.messages.topics import CLOCK
+from mech_twin.nodes.motor_node import MotorNode
+
+DRUM = "winding_drum"
+PURE = ("samples", "roles", "quantity", "kernel", "parts", "engine", "machines", "studies")
+WALL = {"time", "time_ns", "ctime", "localtime", "gmtime", "strftime", "now", "today", "utcnow"}
+ONLY_NAMES = {"executables.py", "run.py"}  # the wall clock names a recording directory there
+
+
+def wall_clock_reads(file: Path) -> list[str]:
+    """Return the calls of a file that read the wall clock: ``time.time()``, ``datetime.now()`` and their like."""
+    calls = [node for node in ast.walk(ast.parse(file.read_text())) if isinstance(node, ast.Call)]
+    return [
+        ast.unparse(call)
+        for call in calls
+        if isinstance(call.func, ast.Attribute)
+        and call.func.attr in WALL
+        and ast.unparse(call.func.value) in ("time", "datetime", "date", "datetime.datetime")
+    ]
+
+
+def test_no_node_and_no_physics_reads_the_wall_clock() -> None:
+    root = Path(mech_twin.__file__).parent
+    rooms = [root / "nodes", root / "messages", *(root / room for room in PURE)]
+    files = [f for room in rooms for f in (sorted(room.rglob("*.py")) if room.is_dir() else [room.with_suffix(".py")])]
+    assert len(files) > 50
+    found = {str(file.relative_to(root)): wall_clock_reads(file) for file in files if file.name not in ONLY_NAMES}
+    assert {name: calls for name, calls in found.items() if calls} == {}
+
+
+@pytest.mark.usefixtures("ros_domain")
+def test_every_timer_of_a_node_runs_on_the_steady_clock() -> None:
+    with BenchRun("mb10_breaker") as run:
+        timers = [timer for node in run.nodes for timer in node.timers]
+        assert len(timers) > 8
+        assert {timer.clock.clock_type for timer in timers} == {ClockType.STEADY_TIME}
+
+
+@pytest.mark.usefixtures("ros_domain")
+def test_a_foreign_clock_that_stops_and_jumps_changes_nothing() -> None:
+    with BenchRun(DRUM, peer_timeout_s=0.2) as run:
+        publisher = run.client.create_publisher(CLOCK.type, CLOCK.name, CLOCK.qos)
+        run.steps(50)
+        for second in (10**6, 5, 0, 2**31 - 1, 7):
+            publisher.publish(Clock(clock=Time(sec=second)))
+            run.steps(30)
+        run.kill("motor")  # what waits and retries does so in spite of it, too
+        run.until(lambda: run.linkage.health.state == "waiting for motor")
+        run.revive(MotorNode)
+        run.steps(50)
+        expected = [frame.linkage for frame in frames(built(DRUM), run.samples[-1].time_s)]
+        assert run.samples == expected[: len(run.samples)]
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("ros_domain")
+def test_nodes_that_were_told_to_use_sim_time_run_all_the_same(tmp_path: Path) -> None:
+    """The ROS clock of such nodes is this foreign clock, which stands still and then jumps back."""
+    with ProcessRun(DRUM, tmp_path, pace="max", peer_timeout_s=0.3) as run:
+        publisher = run.witness.create_publisher(Clock, CLOCK.name, CLOCK.qos)
+        run.sim_time = True
+        run.start_all()
+        publisher.publish(Clock(clock=Time(sec=10**6)))
+        run.steps(300)
+        publisher.publish(Clock(clock=Time(sec=3)))
+        run.steps(300)
+        run.kill("motor")
+        run.until(lambda: run.said("linkage", "waiting for motor"))
+        run.start("motor")
+        run.steps(100)
+        assert run.checked() > 600
