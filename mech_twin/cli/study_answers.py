@@ -94,7 +94,7 @@ def answer_size(
     parameters = machine_parameters(machine, config, assignments(settings))
     with study_errors():
         answer = size(machine, parameters, limits=limits_of(limits), objective=objective)
-    write_configuration(answer, out)
+        write_configuration(answer, out)
     if as_json:
         print_json(
             {

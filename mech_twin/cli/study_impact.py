@@ -51,7 +51,7 @@ def answer_synthesise(
             found = synthesise(parameters, r.impact_speed_m_per_s, demand=demand, periods=r.periods)
         except ValueError as error:
             raise CommandError(str(error)) from error
-    write_configuration(found.robust.parameters, r.out)
+        write_configuration(found.robust.parameters, r.out)
     if as_json:
         cycles = {design.name: _record(design) for design in (found.published, found.robust)}
         document = {"machine": MACHINE, "wish": asdict(found.wish), "demand": asdict(found.demand), **cycles}
@@ -121,7 +121,7 @@ def answer_regimes(
             found = regimes(parameters, values, key, settling_periods=settling, progress=progress)
         except TypeError as error:
             raise CommandError(f"--over {over[0]}: {error}") from error
-    write_bifurcation_picture(found, out)
+        write_bifurcation_picture(found, out)
     rows = [{key: value, **asdict(regime)} for value, regime in zip(found.values, found.regimes, strict=True)]
     if as_json:
         print_json({"machine": MACHINE, "key": key, "regimes": rows, "picture": str(out)})

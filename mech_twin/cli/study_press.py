@@ -72,7 +72,7 @@ def answer_search(
         parameters = machine_parameters(MACHINE, config, assignments(settings))
         assert isinstance(parameters, CompactionPress)
         chosen = configured_press(parameters, found[0], space.limits)
-    out.write_text(description_text(MACHINE, chosen), encoding="utf-8")
+        out.write_text(description_text(MACHINE, chosen), encoding="utf-8")
     rows = [_row(design) for design in found]
     if as_json:
         front = [{**row, "margins": design.margins} for row, design in zip(rows, found, strict=True)]
@@ -112,8 +112,8 @@ def answer_designs(
             count, space=space_of(bounds, limits), seed=seed, cores=cores, scheduler=scheduler, progress=progress
         )
         taken = time.monotonic() - begun
-    if out is not None:
-        found.write(out)
+        if out is not None:
+            found.write(out)
     best = {name: found.best(name) for name in _objectives()} if len(found.feasible) else {}
     document: dict[str, Any] = {
         "machine": MACHINE,

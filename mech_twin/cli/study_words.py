@@ -74,7 +74,7 @@ def limits_of(texts: Sequence[str]) -> dict[str, float]:
 
 @contextmanager
 def study_errors() -> Iterator[None]:
-    """Turn what a study says of the question into a failed command."""
+    """Turn what a study says of the question, or a file that cannot be written, into a failed command."""
     from pydantic import ValidationError
 
     from mech_twin.parameters.errors import ConfigurationError, refusal
@@ -88,6 +88,8 @@ def study_errors() -> Iterator[None]:
         raise refusal("this study", error) from error
     except StudyError as error:
         raise CommandError(str(error)) from error
+    except OSError as error:
+        raise CommandError(f"{error.filename}: cannot be written: {error.strerror}") from error
 
 
 @contextmanager

@@ -125,7 +125,7 @@ def last_cycle(parameters: BreakerParameters) -> tuple[list[float], list[float],
         if happened:
             blows.append(happened[-1])
             rows = [row for row in rows if row[0] >= blows[-2]]
-            impulse = frame.forces.quantities["blow_impulse_on_body_nms"]
+            impulse = frame.forces.quantities.as_dict()["blow_impulse_on_body_nms"]
         rows.append((frame.linkage.time_s, frame.forces.body_moment_nm))
     start, end = blows[-2:]
     inside = [(time, moment) for time, moment in rows if start < time < end]

@@ -1,0 +1,90 @@
+"""``mech-twin study``: the questions as they are asked on the command line."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+import yaml
+
+from mech_twin.cli.failure import CommandError
+from mech_twin.cli.study_words import axes_of, limits_of
+from mech_twin.parameters.load import machine
+
+
+def asked(directory, *words):
+    command = [sys.executable, "-c", "from mech_twin.cli.main import main; main()", "study", *words]
+    return subprocess.run(command, cwd=directory, capture_output=True, text=True, timeout=120, check=False)
+
+
+def test_ranges_lists_and_logarithms_are_read():
+    assert axes_of(["a.b=1:2:3", "c=1,x,true"]) == {"a.b": (1.0, 1.5, 2.0), "c": (1, "x", True)}
+    assert axes_of(["k=1:100:3:log"])["k"] == pytest.approx((1.0, 10.0, 100.0))
+    assert limits_of(["a=1e-3"]) == {"a": 0.001}
+
+
+@pytest.mark.parametrize(
+    "text", ["a", "=1", "a=", "a=1:2", "a=1:2:0", "a=0:2:3:log", "a=1:nan:3", "a=1:2:3:ln", "a={b: 1}"]
+)
+def test_an_axis_that_cannot_be_read_is_refused(text):
+    with pytest.raises(CommandError, match="--over"):
+        axes_of([text])
+
+
+def test_a_sweep_is_written_and_told_as_json(tmp_path):
+    words = ("winding_drum", "sweep", "--over", "eccentricity_m=0.0,0.004", "--out", "d.csv", "--json")
+    done = asked(tmp_path, *words)
+    assert done.returncode == 0, done.stderr
+    document = json.loads(done.stdout)
+    report = machine("winding_drum").report()
+    assert {name: document["rows"][1][name] for name in report} == pytest.approx(report)
+    assert (tmp_path / "d.csv").is_file()
+    assert (tmp_path / "d.png").is_file()
+
+
+def test_sizes_are_written_as_a_configuration_that_runs(tmp_path):
+    done = asked(tmp_path, "vibration_crank", "size", "--limit", "counterweight_mass_kg=45", "--json")
+    assert done.returncode == 0, done.stderr
+    assert "counterweight_mass_kg <= 45" in json.loads(done.stdout)["binding"]
+    built = machine("vibration_crank", tmp_path / "vibration_crank-sized.yaml")
+    assert built.report()["counterweight_mass_kg"] == pytest.approx(45.0, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("nothing", "sweep", "--over", "a=1,2"), "no machine 'nothing'"),
+        (("winding_drum", "sweep", "--over", "a=1,2"), "no configuration key 'a'"),
+        (("winding_drum", "size"), "nothing to size"),
+        (("winding_drum", "search"), "about compaction_press"),
+        (("vibration_crank", "size", "--out", "no/where.yaml"), "cannot be written"),
+        (("impact_mass", "synthesise", "--impact-speed", "-1"), "impact_speed_m_per_s > 0"),
+        (("impact_mass", "regimes", "--over", "restitution=0.5,1.5"), "restitution"),
+        (("compaction_press", "search", "--bound", "crank=0.2:0.1"), "bounds of r"),
+    ],
+)
+def test_a_wrong_question_is_one_line_and_exit_code_2(tmp_path, words, told):
+    done = asked(tmp_path, *words)
+    assert done.returncode == 2
+    assert told in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
+@pytest.mark.slow
+def test_the_robust_cycle_is_written_and_holds(tmp_path):
+    done = asked(tmp_path, "impact_mass", "synthesise", "--json")
+    document = json.loads(done.stdout)
+    assert [held["rests_in_period"] for held in document["published"]["endurance"][1:]] == [7, 8]
+    assert all(held["held_periods"] == 1_000_000 for held in document["robust"]["endurance"])
+    text = (tmp_path / "impact_mass-robust.yaml").read_text()
+    written = yaml.safe_load(text)["/**"]["ros__parameters"]
+    assert written["phase2_force_n"] == document["robust"]["config"]["phase2_force_n"]
+
+
+@pytest.mark.slow
+def test_the_search_meets_the_best_known_press_and_its_configuration_builds(tmp_path):
+    done = asked(tmp_path, "compaction_press", "search", "--json")
+    document = json.loads(done.stdout)
+    assert document["designs"][0]["peak_torque_nm"] <= 145.162 * (1.0 + 1e-5)
+    report = machine("compaction_press", tmp_path / "compaction_press-found.yaml").report()
+    assert report["drive_torque_peak_nm"] == pytest.approx(145.16, rel=1e-2)
