@@ -27,11 +27,6 @@ from mech_twin.messages.topics import (
     IMPACTS,
     JOINT_STATES,
     MOTOR_JOINT_STATES,
-    RECALL,
-    RECALLED_BODY,
-    RECALLED_DESCRIPTION,
-    RECALLED_LINKAGE,
-    RECALLED_MOTOR,
     SCENE,
     Topic,
 )
@@ -40,11 +35,11 @@ from mech_twin.nodes.pace import Pace
 from mech_twin.nodes.peers import Peers
 from mech_twin.nodes.role_node import ASK_AGAIN_S, RETRY_S, RoleNode
 from mech_twin.nodes.voice import ANONYMOUS, Voice
+from mech_twin.nodes.whereabouts import Whereabouts
 from mech_twin.parameters.errors import ConfigurationError
 from mech_twin.parameters.load import (
     catalogue_entry,
     configuration_tree,
-    description,
     description_text,
     merged_tree,
     tree_from_flat,
@@ -54,7 +49,6 @@ from mech_twin.quantity import Parameters
 from mech_twin.samples import Drawing, LinkageSample
 
 HELD_ASK_S = 0.1
-RECALL_LIMIT_S = 1.0
 
 
 class LinkageNode(RoleNode):
@@ -73,11 +67,9 @@ class LinkageNode(RoleNode):
         self._progress = self._born
         self._asked = self._born
         self._held_since: float | None = None
-        self._recalled: dict[str, Any] = {}
-        self._recall_begun: float | None = None
-        self._recall_asked = 0.0
         self._voices: dict[str, Voice] = {}
         self._steps_per_drawing = max(1, round(1.0 / (self.options.view_rate_hz * self.machine.coupling_step_s)))
+        self.whereabouts = Whereabouts(self)
         self._open_outlets()
         self._open_inlets()
         self.peers = Peers(self._peer_names(), self.ledger)
@@ -90,16 +82,11 @@ class LinkageNode(RoleNode):
 
     def _open_outlets(self) -> None:
         self._message = JointState()
-        self._last_motor = JointState()
         self._out = self.step_outlet(JOINT_STATES, 2)
         self._clock_out = self.outlet(CLOCK)
         self._impacts = self.outlet(IMPACTS)
         self._scene = self.outlet(SCENE, int(self.options.viewer))
         self._description = self.outlet(DESCRIPTION)
-        self._recall = self.outlet(RECALL)
-        self._recalled_body = self.outlet(RECALLED_BODY)
-        self._recalled_motor = self.outlet(RECALLED_MOTOR)
-        self._recall.listeners = self._recalled_body.listeners = self._recalled_motor.listeners = 0
 
     def _open_inlets(self) -> None:
         decoders = {"motor": motor_messages, "body": body_messages, "force_analysis": force_messages}
@@ -107,9 +94,6 @@ class LinkageNode(RoleNode):
         self._topics = {peer: every[peer] for peer in self._peer_names()}
         for peer in self._peer_names():
             self._listen(self._topics[peer], peer, decoders[peer].from_message)
-        self.hear(RECALL, self._on_recall)
-        self.hear(RECALLED_LINKAGE, self._on_recalled_linkage)
-        self.hear(RECALLED_DESCRIPTION, self._on_recalled_description)
         self.create_service(Trigger, "reset", self._on_reset)
         self.add_post_set_parameters_callback(self._on_parameters)
 
@@ -131,11 +115,16 @@ class LinkageNode(RoleNode):
             if sample.step == self.sample.step and not self._speaks(peer, topic, source(message)):
                 self.ledger.count(topic.name, "foreign", f"step {sample.step} from another publisher than before")
             elif self.peers.take(peer, topic.name, sample, self.sample.step):
-                if peer == "motor":
-                    self._last_motor = message
+                self._remember(peer, message, sample)
                 self._step_if_due()
 
         self.hear(topic, receive)
+
+    def _remember(self, peer: str, message: JointState, sample: Any) -> None:
+        if peer == "motor":
+            self.whereabouts.last_motor = message
+        elif peer == "body":
+            self.whereabouts.last_body = sample
 
     def _speaks(self, peer: str, topic: Topic, who: float) -> bool:
         """Return whether this publisher is the peer: the first one heard, until the run holds for it."""
@@ -182,56 +171,21 @@ class LinkageNode(RoleNode):
         return ASK_AGAIN_S if self._held_since is None else HELD_ASK_S
 
     def _begin_if_ready(self, now: float) -> None:
-        waited = now - self._born
-        if not self.matched and waited < self.options.discovery_limit_s:
+        if not self.matched and now - self._born < self.options.discovery_limit_s:
             self.health.state = "waiting for peers"
-            return
-        self._recall_begun = now if self._recall_begun is None else self._recall_begun
-        if now - self._recall_asked > ASK_AGAIN_S:
-            self._recall_asked = now
-            self._recall.send(String(data="linkage"))
-        somebody_knows = self.count_publishers(RECALLED_LINKAGE.name) > 0
-        limit = self.options.discovery_limit_s if somebody_knows else RECALL_LIMIT_S
-        if len(self._recalled) == 2 or now - self._recall_begun > limit:
+        elif self.whereabouts.known(now):
             self._begin()
 
     def _begin(self) -> None:
-        described = self._recalled.get("description")
+        described, recalled = self.whereabouts.described, self.whereabouts.linkage
         if described is not None:
             self.use(described.parameters)
             self.revision = described.revision
-        recalled = self._recalled.get("linkage")
         self.sample = recalled or self.machine.linkage.start()
-        if recalled:
-            self.get_logger().info(f"going on at step {recalled.step}")
         self._describe(self.sample.step)
+        self.whereabouts.begin()
         self._publish(self.sample, repeated=recalled is not None)
         self._progress = time.monotonic()
-
-    def _on_recalled_linkage(self, message: JointState) -> None:
-        if self.sample is not None:
-            return
-        try:
-            self._recalled["linkage"] = linkage_messages.from_message(message) if message.name else None
-        except MessageError as error:
-            self.ledger.count(RECALLED_LINKAGE.name, "malformed", str(error))
-
-    def _on_recalled_description(self, message: String) -> None:
-        if self.sample is not None:
-            return
-        try:
-            described = description(message.data) if message.data else None
-        except ConfigurationError as error:
-            self.ledger.count(RECALLED_DESCRIPTION.name, "malformed", str(error))
-            return
-        if described is None or described.machine == self.machine.name:
-            self._recalled["description"] = described
-
-    def _on_recall(self, message: String) -> None:
-        if message.data == "body" and self.peers.last_body is not None:
-            self._recalled_body.send(body_messages.to_message(self.peers.last_body))
-        elif message.data == "motor" and self.sample is not None:
-            self._recalled_motor.send(self._last_motor)
 
     # -- stepping ---------------------------------------------------------------------------------------------------
 
@@ -299,7 +253,7 @@ class LinkageNode(RoleNode):
         self._clock_out.send(Clock(clock=stamp.header.stamp))
 
     def _draw(self, sample: LinkageSample) -> None:
-        shapes = self.machine.draw(sample, self.peers.last_body)
+        shapes = self.machine.draw(sample, self.whereabouts.last_body)
         self._scene.send(scene.to_message(Drawing(sample.step, sample.time_s, shapes)))
 
     def _finish(self) -> None:

@@ -22,7 +22,6 @@ class Peers:
     def __init__(self, names: tuple[str, ...], ledger: Ledger) -> None:
         self.holds = 0
         self.held_s = 0.0
-        self.last_body: BodySample | None = None
         self._names = names
         self._ledger = ledger
         self._answers: dict[str, Any] = {}
@@ -59,8 +58,6 @@ class Peers:
             self._ledger.count(topic, *kind)
             return False
         self._answers[peer] = sample
-        if peer == "body":
-            self.last_body = sample
         return True
 
     def _fault(self, peer: str, sample: Any, step: int) -> tuple[str, str] | None:
