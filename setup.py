@@ -23,7 +23,7 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
-        (f"share/{PACKAGE}/config", files("config", "*.yaml")),
+        (f"share/{PACKAGE}/config", files("config", "*.*")),
         (f"share/{PACKAGE}/launch", files("launch", "*.launch.py")),
     ],
     install_requires=[

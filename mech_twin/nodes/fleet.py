@@ -23,7 +23,7 @@ from mech_twin.nodes.watcher_node import WatcherNode
 from mech_twin.parameters.load import MACHINE_KEY, RUN_GROUP, catalogue_entry, configuration_tree
 from mech_twin.quantity import Parameters
 
-STOP_LIMIT_S = 3.0
+STOP_LIMIT_S = 10.0  # a bound for a busy machine; they end within a second
 SETTLE_S = 0.1
 
 Processes = dict[str, "subprocess.Popen[bytes]"]
