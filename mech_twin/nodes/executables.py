@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 import time
 from collections.abc import Callable
@@ -57,6 +58,11 @@ def _program(make: Callable[[str, argparse.Namespace], RoleNode], description: s
     except (ConfigurationError, BagError) as error:
         sys.stderr.write(f"{Path(sys.argv[0]).name}: {' '.join(str(error).split())}\n")
         raise SystemExit(EXIT_CODE) from error
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(
+        0
+    )  # all is closed; taking the interpreter and the compiler down would cost half of the second a stop may take
 
 
 def _serve(make: Callable[[], RoleNode], ros: list[str]) -> None:

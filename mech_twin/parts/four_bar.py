@@ -28,6 +28,9 @@ OPEN = 1.0
 CROSSED = -1.0
 
 
+SINGULAR = 1e-9  # of a length: closer to zero it decides nothing
+
+
 class FourBar(NamedTuple):
     """The lengths (m), the bearing of link 3 (m) and the branch (+1 open, -1 crossed)."""
 
@@ -301,7 +304,8 @@ def failing_inequality(bar: FourBar, crank_rocker: bool = False) -> str | None:
     """Return the first rotation inequality that fails, with its numbers, or None for a crank that turns fully.
 
     r + |OC| <= R1 + R and ||OC| - r| >= |R1 - R|; for a crank-rocker also: crank shortest, and shortest + longest at
-    most the sum of the other two.
+    most the sum of the other two.  Where both sides of the second are nought the crank pin falls on the pivot, and the
+    position is not determined: that is refused too.
     """
     r, r1, r3 = bar.crank_m, bar.coupler_m, bar.rocker_m
     ground = math.hypot(bar.pivot_x_m, bar.pivot_y_m)
@@ -310,6 +314,8 @@ def failing_inequality(bar: FourBar, crank_rocker: bool = False) -> str | None:
         return f"crank + ground <= coupler + rocker fails: {r + ground:g} > {r1 + r3:g} ({numbers})"
     if abs(ground - r) < abs(r1 - r3):
         return f"|ground - crank| >= |coupler - rocker| fails: {abs(ground - r):g} < {abs(r1 - r3):g} ({numbers})"
+    if abs(ground - r) <= SINGULAR * (ground + r) and abs(r1 - r3) <= SINGULAR * (r1 + r3):
+        return f"crank pin and pivot must not meet: crank = ground and coupler = rocker ({numbers})"
     if not crank_rocker:
         return None
     others = sorted((r1, r3, ground))

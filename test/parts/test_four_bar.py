@@ -126,3 +126,9 @@ def test_double_crank_is_no_crank_rocker():
     drag_link = FourBar(0.5, 0.4, 0.5, 0.1, 0.0, OPEN)
     assert failing_inequality(drag_link) is None
     assert "crank <= every other link" in (failing_inequality(drag_link, crank_rocker=True) or "")
+
+
+def test_a_crank_pin_that_meets_the_pivot_is_refused():
+    """Equal crank and ground, equal coupler and rocker: there the rods may lie anywhere."""
+    bar = FourBar(0.05, 0.3, 0.3, 0.05, 0.0, OPEN)
+    assert "must not meet" in failing_inequality(bar)
