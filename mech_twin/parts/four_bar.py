@@ -309,18 +309,20 @@ def failing_inequality(bar: FourBar, crank_rocker: bool = False) -> str | None:
     """
     r, r1, r3 = bar.crank_m, bar.coupler_m, bar.rocker_m
     ground = math.hypot(bar.pivot_x_m, bar.pivot_y_m)
-    numbers = f"crank {r:g} m, coupler {r1:g} m, rocker {r3:g} m, ground {ground:g} m"
-    if r + ground > r1 + r3:
-        return f"crank + ground <= coupler + rocker fails: {r + ground:g} > {r1 + r3:g} ({numbers})"
-    if abs(ground - r) < abs(r1 - r3):
-        return f"|ground - crank| >= |coupler - rocker| fails: {abs(ground - r):g} < {abs(r1 - r3):g} ({numbers})"
-    if abs(ground - r) <= SINGULAR * (ground + r) and abs(r1 - r3) <= SINGULAR * (r1 + r3):
-        return f"crank pin and pivot must not meet: crank = ground and coupler = rocker ({numbers})"
-    if not crank_rocker:
-        return None
     others = sorted((r1, r3, ground))
-    if r > others[0]:
-        return f"crank <= every other link fails: {r:g} > {others[0]:g} ({numbers})"
-    if r + others[2] > others[0] + others[1]:
-        return f"shortest + longest <= the other two fails: {r + others[2]:g} > {others[0] + others[1]:g} ({numbers})"
-    return None
+    meets = abs(ground - r) <= SINGULAR * (ground + r) and abs(r1 - r3) <= SINGULAR * (r1 + r3)
+    failures = [
+        (r + ground > r1 + r3, f"crank + ground <= coupler + rocker fails: {r + ground:g} > {r1 + r3:g}"),
+        (
+            abs(ground - r) < abs(r1 - r3),
+            f"|ground - crank| >= |coupler - rocker| fails: {abs(ground - r):g} < {abs(r1 - r3):g}",
+        ),
+        (meets, "crank pin and pivot must not meet: crank = ground and coupler = rocker"),
+        (crank_rocker and r > others[0], f"crank <= every other link fails: {r:g} > {others[0]:g}"),
+        (
+            crank_rocker and r + others[2] > others[0] + others[1],
+            f"shortest + longest <= the other two fails: {r + others[2]:g} > {others[0] + others[1]:g}",
+        ),
+    ]
+    numbers = f"crank {r:g} m, coupler {r1:g} m, rocker {r3:g} m, ground {ground:g} m"
+    return next((f"{text} ({numbers})" for fails, text in failures if fails), None)
