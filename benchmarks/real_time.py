@@ -1,4 +1,4 @@
-"""Does a run hold real time?  ``python benchmarks/real_time.py [SECONDS]`` runs the breaker, recorded and shown to a file.
+"""Does a run hold real time?  ``python benchmarks/real_time.py [SECONDS]`` runs the breaker, recorded and shown.
 
 Prints what was sent and recorded by topic, and how late the latest step was.
 """
