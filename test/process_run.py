@@ -25,6 +25,7 @@ from mech_twin.messages import linkage as linkage_messages
 from mech_twin.messages.topics import DIAGNOSTICS, EVERY, JOINT_STATES, Topic, full_name
 from mech_twin.nodes.options import RunOptions
 from mech_twin.parameters.load import configuration_tree
+from mech_twin.roles import Machine
 from mech_twin.samples import LinkageSample
 
 LIMIT_S = 30.0
@@ -38,8 +39,11 @@ class ProcessRun:
     forgets what it has checked, so that a long run stays small), and every diagnostics message.
     """
 
-    def __init__(self, name: str, folder: Path, recorder: bool = False, **options: Any) -> None:
+    def __init__(
+        self, name: str, folder: Path, recorder: bool = False, machine: Machine | None = None, **options: Any
+    ) -> None:
         self.name = name
+        self.machine = machine or built(name)
         self.folder = folder
         self.bag = folder / "bag"
         self.options = RunOptions(watcher=True, recorder=recorder, **options)
@@ -49,7 +53,7 @@ class ProcessRun:
         self.repeated = 0
         self.diagnostics: list[DiagnosticStatus] = []
         self.processes: dict[str, subprocess.Popen[bytes]] = {}
-        self._engine = frames(built(name), 1e6)
+        self._engine = frames(self.machine, 1e6)
         self._parameters = self._parameter_file()
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
         self.witness = rclpy.create_node("witness", namespace=f"/{name}")
@@ -126,7 +130,7 @@ class ProcessRun:
     # -- processes --------------------------------------------------------------------------------------------------
 
     def _parameter_file(self) -> Path:
-        tree = {"machine": self.name, **configuration_tree(built(self.name).parameters)}
+        tree = {"machine": self.name, **configuration_tree(self.machine.parameters)}
         tree["run"] = configuration_tree(self.options)
         path = self.folder / "parameters.yaml"
         path.write_text(yaml.safe_dump({"/**": {"ros__parameters": tree}}), encoding="utf-8")
@@ -135,7 +139,7 @@ class ProcessRun:
     @property
     def roles(self) -> list[str]:
         """Roles of this machine."""
-        return [role for role in PROGRAMS if role != "body" or built(self.name).body is not None]
+        return [role for role in PROGRAMS if role != "body" or self.machine.body is not None]
 
     def start(self, role: str, *arguments: str, environment: dict[str, str] | None = None) -> None:
         """Start a node's program; one that was there before is replaced."""

@@ -1,0 +1,53 @@
+"""Step the wall clock of running nodes by hours, forward and back, and hold every step against the engine.
+
+    apt-get install libfaketime
+    python benchmarks/reliability/wall_clock_steps.py
+
+The nodes alone see the stepped clock (LD_PRELOAD); the steady clock is left as it is.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import tempfile
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "test"))
+os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+os.environ.setdefault("ROS_DOMAIN_ID", "59")
+
+from process_run import ProcessRun
+
+STEPS = ("+0", "+3h", "+30d", "+30d", "-2h", "-30d", "+60d", "+60d")
+SECONDS = 4.0
+
+
+def main() -> None:
+    """Run with a clock that jumps, a kill included."""
+    libraries = [str(path) for path in Path("/usr/lib").glob("*/faketime/libfaketimeMT.so.1")]
+    if not libraries:
+        raise SystemExit("libfaketime is not installed")
+    with tempfile.TemporaryDirectory() as folder:
+        clock = Path(folder) / "clock"
+        clock.write_text(STEPS[0] + "\n")
+        environment = {
+            "LD_PRELOAD": libraries[0],
+            "FAKETIME_TIMESTAMP_FILE": str(clock),
+            "FAKETIME_NO_CACHE": "1",
+            "FAKETIME_DONT_FAKE_MONOTONIC": "1",
+        }
+        with ProcessRun("winding_drum", Path(folder), pace="max") as run:
+            run.start_all(environment)
+            for step in STEPS:
+                clock.write_text(step + "\n")
+                before = run.step
+                run.spin_for(SECONDS)
+                sys.stdout.write(
+                    f"wall clock {step:6s} {(run.step - before) / SECONDS:6.0f} steps/s, up to {run.checked()}\n"
+                )
+            sys.stdout.write(f"{run.checked() + 1} steps equal the engine to the bit; nobody ended: {run.alive()}\n")
+
+
+if __name__ == "__main__":
+    main()
