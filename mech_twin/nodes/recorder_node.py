@@ -6,7 +6,16 @@ import time
 from functools import partial
 from pathlib import Path
 
-from mech_twin.messages.topics import EVERY, EVERY_LATCHED, LATCHED, Topic, recorded_topics, step_topics, type_name
+from mech_twin.messages.topics import (
+    CLOCK,
+    EVERY,
+    EVERY_LATCHED,
+    LATCHED,
+    Topic,
+    recorded_topics,
+    step_topics,
+    type_name,
+)
 from mech_twin.nodes.options import RunOptions
 from mech_twin.nodes.role_node import RoleNode
 from mech_twin.parameters.load import description_text
@@ -91,11 +100,11 @@ class RecorderNode(RoleNode):
     def _on_message(self, name: str, kind: str, latched: bool, is_step: bool, raw: bytes) -> None:
         self.last_heard_s = time.monotonic()
         stamp = stamp_ns(kind, raw)
-        if stamp is not None:
+        if is_step and stamp is not None:  # the steps are the time of a recording, whatever /clock says
             self._now_ns = stamp
-            if is_step:
-                self._watch_sequence(name, stamp)
-        self.writer.write(name, raw, self._now_ns, self._now_ns, latched=latched)
+            self._watch_sequence(name, stamp)
+        at = self._now_ns if stamp is None or name == CLOCK.name else stamp
+        self.writer.write(name, raw, at, at, latched=latched)
 
     def _watch_sequence(self, name: str, stamp: int) -> None:
         step = round(stamp / self._step_ns)

@@ -17,6 +17,8 @@ import mech_twin
 from mech_twin.engine.run import frames
 from mech_twin.messages.topics import CLOCK
 from mech_twin.nodes.motor_node import MotorNode
+from mech_twin.nodes.recorder_node import RecorderNode
+from mech_twin.recording.bag_reader import BagReader
 
 DRUM = "winding_drum"
 PURE = ("samples", "roles", "quantity", "kernel", "parts", "engine", "machines", "studies")
@@ -86,3 +88,23 @@ def test_nodes_that_were_told_to_use_sim_time_run_all_the_same(tmp_path: Path) -
         run.start("motor")
         run.steps(100)
         assert run.checked() > 600
+
+
+@pytest.mark.usefixtures("ros_domain")
+def test_a_foreign_clock_does_not_move_the_time_of_a_recording(tmp_path: Path) -> None:
+    with BenchRun(DRUM, recorder=True) as run:
+        recorder = run.revive(
+            lambda name, parameters, options: RecorderNode(name, tmp_path / "bag", parameters, options)
+        )
+        publisher = run.client.create_publisher(CLOCK.type, CLOCK.name, CLOCK.qos)
+        run.steps(50)
+        for second in (10**6, 0):
+            publisher.publish(Clock(clock=Time(sec=second)))
+            run.steps(30)
+        run.spin_for(0.2)
+        assert isinstance(recorder, RecorderNode)
+        recorder.close()
+        end_s = run.samples[-1].time_s
+    with BagReader(tmp_path / "bag") as reader:
+        times = [row.log_time_ns for row in reader.messages()]
+    assert max(times) <= round(end_s * 1e9)
