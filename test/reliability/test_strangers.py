@@ -9,6 +9,7 @@ import pytest
 from bench_run import BenchRun
 from catalogue import built
 from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
@@ -165,7 +166,8 @@ QUALITIES = {
 def test_a_publisher_whose_quality_does_not_fit_is_noticed() -> None:
     with BenchRun(DRUM) as run:
         run.steps(5)
-        run.client.create_publisher(JointState, MOTOR, QUALITIES["reliability"])
+        told_apart = PublisherEventCallbacks(use_default_callbacks=False)
+        run.client.create_publisher(JointState, MOTOR, QUALITIES["reliability"], event_callbacks=told_apart)
         run.until(lambda: run.linkage.ledger.total[MOTOR, "incompatible"] == 1)
         run.steps(50)
         assert_engine(run)
@@ -174,7 +176,10 @@ def test_a_publisher_whose_quality_does_not_fit_is_noticed() -> None:
 def test_a_subscriber_whose_quality_does_not_fit_is_noticed() -> None:
     with BenchRun(DRUM) as run:
         run.steps(5)
-        run.client.create_subscription(JointState, JOINT_STATES.name, lambda message: None, QUALITIES["durability"])
+        told_apart = SubscriptionEventCallbacks(use_default_callbacks=False)
+        run.client.create_subscription(
+            JointState, JOINT_STATES.name, lambda message: None, QUALITIES["durability"], event_callbacks=told_apart
+        )
         run.until(lambda: run.linkage.ledger.total[JOINT_STATES.name, "incompatible"] == 1)
         run.steps(50)
         assert_engine(run)
