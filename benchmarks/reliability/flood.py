@@ -1,0 +1,82 @@
+"""Does the recorder keep up?  ``python benchmarks/reliability/flood.py [SECONDS] [RATE]`` floods it.
+
+The recorder is a process of its own; the messages come from this one, at a steady pace, as whole step messages.
+Prints sent, recorded and missed, and the recorder's share of a core.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import psutil
+
+from mech_twin.nodes.domain import settle_domain
+
+MACHINE = "vibration_crank"
+TOPICS = 3
+STEP_S = 0.001
+
+
+def main() -> None:
+    """Run, and print what was seen."""
+    settle_domain()
+    import rclpy
+
+    from mech_twin.engine.run import frames
+    from mech_twin.messages import force, linkage, motor
+    from mech_twin.messages.rows import set_stamp
+    from mech_twin.messages.topics import DATA, FORCE_JOINT_STATES, JOINT_STATES, MOTOR_JOINT_STATES
+    from mech_twin.parameters.load import machine
+    from mech_twin.recording.bag_reader import bag_info
+
+    seconds = float(sys.argv[1]) if len(sys.argv) > 1 else 60.0
+    rate = float(sys.argv[2]) if len(sys.argv) > 2 else 4000.0
+    frame = list(frames(machine(MACHINE), 0.1))[-1]
+    messages = [
+        linkage.to_message(frame.linkage),
+        motor.to_message(frame.motor),
+        force.to_message(frame.forces),
+    ]
+    with tempfile.TemporaryDirectory() as folder:
+        bag = Path(folder) / "bag"
+        code = "from mech_twin.nodes.executables import recorder_node; recorder_node()"
+        words = ["--directory", str(bag), "--ros-args", "-p", f"machine:={MACHINE}"]
+        recorder = subprocess.Popen([sys.executable, "-c", code, *words])
+        rclpy.init(args=[])
+        node = rclpy.create_node("flood", namespace=f"/{MACHINE}")
+        topics = (JOINT_STATES, MOTOR_JOINT_STATES, FORCE_JOINT_STATES)
+        publishers = [node.create_publisher(topic.type, topic.name, DATA) for topic in topics]
+        while not all(publisher.get_subscription_count() for publisher in publishers):
+            time.sleep(0.01)
+        process = psutil.Process(recorder.pid)
+        before, begin, sent = sum(process.cpu_times()[:2]), time.monotonic(), 0
+        while (now := time.monotonic() - begin) < seconds:
+            while sent * TOPICS < now * rate:
+                for message, publisher in zip(messages, publishers, strict=True):
+                    set_stamp(message.header, sent * STEP_S)
+                    publisher.publish(message)
+                sent += 1
+            time.sleep(0.0005)
+        wall = time.monotonic() - begin
+        time.sleep(1.0)
+        share = (sum(process.cpu_times()[:2]) - before) / wall
+        recorder.terminate()
+        recorder.wait(10)
+        node.destroy_node()
+        rclpy.shutdown()
+        counters = {topic.name: info.message_count for topic, info in _recorded(bag_info(bag), topics)}
+    print(f"sent {sent * TOPICS} messages in {wall:.1f} s: {sent * TOPICS / wall:.0f} a second")
+    print(f"recorded {sum(counters.values())}, lost {sent * TOPICS - sum(counters.values())}")
+    print(f"recorder: {share:.0%} of a core")
+
+
+def _recorded(info: object, topics: tuple) -> list:
+    return [(topic, info.topics[f"/{MACHINE}/{topic.name}"]) for topic in topics]  # type: ignore[attr-defined]
+
+
+if __name__ == "__main__":
+    main()
