@@ -144,9 +144,7 @@ def test_a_busy_port_is_named(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("processes", [False, pytest.param(True, marks=pytest.mark.slow)])
-def test_a_signal_ends_a_run_within_a_second_and_closes_the_recording(
-    number: signal.Signals, processes: bool, tmp_path: Path
-) -> None:
+def test_a_signal_ends_a_run_and_closes_the_recording(number: signal.Signals, processes: bool, tmp_path: Path) -> None:
     bag = tmp_path / "bag"
     words = ["run", "winding_drum", "--view", "none", "--record", str(bag), "--json"]
     run = subprocess.Popen(
@@ -165,7 +163,7 @@ def test_a_signal_ends_a_run_within_a_second_and_closes_the_recording(
     finally:
         run.kill()
     assert run.returncode == 0, errors
-    assert took < 1.5  # a second, and the start of a report on a busy machine
+    assert took < 5.0  # this finds what hangs; how long it takes on a machine that is not busy: docs/reliability.md
     assert json.loads(out)["machine"] == "winding_drum"
     assert document("info", str(bag), "--json")["finished"] is True
 
