@@ -41,7 +41,9 @@ def recorded_samples(name: str, bag: Path) -> dict[str, list[Any]]:
 def assert_equal_engine(name: str, bag: Path, duration_s: float) -> None:
     expected = list(frames(built(name), duration_s))
     for topic, samples in recorded_samples(name, bag).items():
-        assert samples == [getattr(frame, PARTS[topic]) for frame in expected], topic
+        assert sorted({sample.step for sample in samples}) == list(range(len(expected))), topic
+        for sample in samples:  # one that was asked again, when the machine stalled, stands there twice
+            assert sample == getattr(expected[sample.step], PARTS[topic]), topic
 
 
 @pytest.mark.parametrize("name", NAMES)
