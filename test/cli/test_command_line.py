@@ -163,7 +163,7 @@ def test_a_signal_ends_a_run_and_closes_the_recording(number: signal.Signals, pr
     finally:
         run.kill()
     assert run.returncode == 0, errors
-    assert took < 5.0  # this finds what hangs; how long it takes on a machine that is not busy: docs/reliability.md
+    assert took < 1.5  # a second, and the start of a report on a busy machine
     assert json.loads(out)["machine"] == "winding_drum"
     assert document("info", str(bag), "--json")["finished"] is True
 
