@@ -5,7 +5,7 @@ from __future__ import annotations
 from geometry_msgs.msg import WrenchStamped
 from sensor_msgs.msg import JointState
 
-from mech_twin.messages.rows import REGIME, STEP, joint_columns, packed, set_stamp, table
+from mech_twin.messages.rows import REGIME, STEP, AnyStep, joint_columns, packed, set_stamp, table
 from mech_twin.samples import BodySample
 
 PRESSING_FORCE = "~pressing_force_n"
@@ -21,7 +21,7 @@ def to_message(sample: BodySample, message: JointState | None = None) -> JointSt
     return packed(message or JointState(), sample, scalars, sample.memory, sample.residuals, sample.events)
 
 
-def from_message(message: JointState, step_s: float | None = None) -> BodySample:
+def from_message(message: AnyStep, step_s: float | None = None) -> BodySample:
     """Return the sample of a message.
 
     Raises

@@ -13,7 +13,7 @@ from typing import NamedTuple
 from geometry_msgs.msg import WrenchStamped
 from sensor_msgs.msg import JointState
 
-from mech_twin.messages.rows import MARK, RESIDUAL, STEP, MessageError, set_stamp, step_and_time, table
+from mech_twin.messages.rows import MARK, RESIDUAL, STEP, AnyStep, MessageError, set_stamp, step_and_time, table
 from mech_twin.samples import ForceSample, Load, Named, Wrench
 
 BODY_MOMENT = "~body_moment_nm"
@@ -82,7 +82,7 @@ def _load(names: tuple[str, ...], row: int) -> tuple[str, str, int]:
     return parts[2], parts[3], row
 
 
-def from_message(message: JointState, step_s: float | None = None) -> ForceSample:
+def from_message(message: AnyStep, step_s: float | None = None) -> ForceSample:
     """Return the sample of a message.
 
     Raises

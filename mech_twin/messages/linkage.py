@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from sensor_msgs.msg import JointState
 
-from mech_twin.messages.rows import COMMAND, REGIME, STEP, joint_columns, packed, table
+from mech_twin.messages.rows import COMMAND, REGIME, STEP, AnyStep, joint_columns, packed, table
 from mech_twin.samples import LinkageSample
 
 
@@ -18,7 +18,7 @@ def to_message(sample: LinkageSample, message: JointState | None = None) -> Join
     return packed(message or JointState(), sample, scalars, sample.memory, sample.residuals, sample.events)
 
 
-def from_message(message: JointState, step_s: float | None = None) -> LinkageSample:
+def from_message(message: AnyStep, step_s: float | None = None) -> LinkageSample:
     """Return the sample of a message; one without bookkeeping rows (a measured linkage) gives joints only.
 
     Raises

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from sensor_msgs.msg import JointState
 
-from mech_twin.messages.rows import COMMAND, STEP, joint_columns, packed, table
+from mech_twin.messages.rows import COMMAND, STEP, AnyStep, joint_columns, packed, table
 from mech_twin.samples import MotorSample
 
 
@@ -14,7 +14,7 @@ def to_message(sample: MotorSample, message: JointState | None = None) -> JointS
     return packed(message or JointState(), sample, scalars)
 
 
-def from_message(message: JointState, step_s: float | None = None) -> MotorSample:
+def from_message(message: AnyStep, step_s: float | None = None) -> MotorSample:
     """Return the sample of a message; one without bookkeeping rows comes from somebody's own motor.
 
     Raises

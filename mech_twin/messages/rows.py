@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 from sensor_msgs.msg import JointState
 
+from mech_twin.messages.wire import StepMessage
 from mech_twin.samples import Coordinate, Event, Named
 
 MARK = "~"
@@ -27,6 +28,9 @@ SOURCE = "~source"
 MEMORY = "~memory/"
 RESIDUAL = "~residual/"
 EVENT = "~event/"
+
+
+AnyStep = JointState | StepMessage
 
 
 class MessageError(ValueError):
@@ -219,7 +223,12 @@ class Table(NamedTuple):
         return Coordinate(self.position[row], self.velocity[row], self.effort[row])
 
 
-def table(message: JointState) -> Table:
+def _columns(message: AnyStep) -> tuple[Sequence[float], ...]:
+    columns = (message.position, message.velocity, message.effort)
+    return columns if isinstance(message, StepMessage) else tuple(column.tolist() for column in columns)
+
+
+def table(message: AnyStep) -> Table:
     """Return the checked content of a step message.
 
     Raises
@@ -228,7 +237,7 @@ def table(message: JointState) -> Table:
         If the columns have not one entry a row, or hold a number that is not finite.
     """
     names = tuple(message.name)
-    columns = (message.position.tolist(), message.velocity.tolist(), message.effort.tolist())
+    columns = _columns(message)
     if not names or any(len(column) != len(names) for column in columns):
         raise MessageError(f"{len(names)} rows, but columns of {', '.join(str(len(c)) for c in columns)}")
     for title, column in zip(("position", "velocity", "effort"), columns, strict=True):
@@ -237,7 +246,7 @@ def table(message: JointState) -> Table:
     return Table(layout(names), *columns)
 
 
-def step_and_time(message: JointState, content: Table, step_s: float | None) -> tuple[int, float]:
+def step_and_time(message: AnyStep, content: Table, step_s: float | None) -> tuple[int, float]:
     """Return the step index and its exact time: from the step row, else from the stamp and the step's length.
 
     Raises
@@ -259,7 +268,7 @@ def step_and_time(message: JointState, content: Table, step_s: float | None) -> 
     return step, time_s
 
 
-def marked(message: JointState, name: str, absent: float) -> float:
+def marked(message: AnyStep, name: str, absent: float) -> float:
     """Return a number a node has added to a step message, or ``absent`` if it has not."""
     names = message.name
     return float(message.position[names.index(name)]) if name in names else absent
@@ -274,13 +283,13 @@ def mark(message: JointState, name: str, value: float) -> JointState:
     return message
 
 
-def source(message: JointState) -> float:
+def source(message: AnyStep) -> float:
     """Return the number the publishing node signs with; 0 if it does not."""
     names = message.name
     return float(message.position[-1]) if names and names[-1] == SOURCE else marked(message, SOURCE, 0.0)
 
 
-def revision(message: JointState) -> int:
+def revision(message: AnyStep) -> int:
     """Return how many parameter changes the sample was computed with; 0 if the message does not say."""
     return int(marked(message, REVISION, 0.0))
 
@@ -319,7 +328,7 @@ class JointColumns(NamedTuple):
     effort: tuple[float, ...]
 
 
-def joint_columns(message: JointState, content: Table, step_s: float | None) -> JointColumns:
+def joint_columns(message: AnyStep, content: Table, step_s: float | None) -> JointColumns:
     """Return step, time and joints of a checked step message; see `step_and_time` for what is refused."""
     step, time_s = step_and_time(message, content, step_s)
     columns = (content.joints(column) for column in (content.position, content.velocity, content.effort))

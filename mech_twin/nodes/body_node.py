@@ -20,6 +20,7 @@ from mech_twin.messages.topics import (
     RECALL,
     RECALLED_BODY,
 )
+from mech_twin.messages.wire import StepMessage
 from mech_twin.nodes.follower_node import Exchange, FollowerNode
 from mech_twin.nodes.options import RunOptions
 from mech_twin.quantity import Parameters
@@ -55,7 +56,7 @@ class BodyNode(FollowerNode):
         """Return the limits of what linkage and body may differ by."""
         return dict(self.role.residual_limits)
 
-    def decoded(self, message: JointState) -> ForceSample:
+    def decoded(self, message: StepMessage) -> ForceSample:
         """Return the force sample of a message."""
         return force_messages.from_message(message, self.machine.coupling_step_s)
 

@@ -60,9 +60,8 @@ def _program(make: Callable[[str, argparse.Namespace], RoleNode], description: s
         raise SystemExit(EXIT_CODE) from error
     sys.stdout.flush()
     sys.stderr.flush()
-    os._exit(
-        0
-    )  # all is closed; taking the interpreter and the compiler down would cost half of the second a stop may take
+    # all is closed; taking the interpreter and the compiler down would cost half of the second a stop may take
+    os._exit(0)
 
 
 def _serve(make: Callable[[], RoleNode], ros: list[str]) -> None:

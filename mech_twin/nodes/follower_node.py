@@ -5,11 +5,11 @@ from __future__ import annotations
 import time
 from typing import Any, NamedTuple
 
-from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from mech_twin.messages.rows import MessageError, revision, source
 from mech_twin.messages.topics import RECALL, Topic
+from mech_twin.messages.wire import StepMessage
 from mech_twin.nodes.role_node import ASK_AGAIN_S, RETRY_S, RoleNode
 from mech_twin.nodes.voice import Voice
 
@@ -33,8 +33,8 @@ class FollowerNode(RoleNode):
         self._voice = Voice()
         self._heard = time.monotonic()
         self._exchanges: dict[int, Exchange] = {}
-        self.last_message: JointState | None = None
-        self._held: tuple[Any, JointState] | None = None
+        self.last_message: StepMessage | None = None
+        self._held: tuple[Any, StepMessage] | None = None
         self._born = time.monotonic()
         self._listening = False
         self.follow_description()
@@ -43,7 +43,7 @@ class FollowerNode(RoleNode):
 
     # -- what a follower is -----------------------------------------------------------------------------------------
 
-    def decoded(self, message: JointState) -> Any:
+    def decoded(self, message: StepMessage) -> Any:
         """Return the sample asked about."""
         raise NotImplementedError
 
@@ -83,9 +83,9 @@ class FollowerNode(RoleNode):
         """Subscribe; a linkage that sees the subscription may count on the answers being heard."""
         if self.matched or time.monotonic() - self._born > self.options.discovery_limit_s:
             self._listening = True
-            self.hear(self._topic, self._on_question)
+            self.hear_steps(self._topic, self._on_question)
 
-    def _on_question(self, message: JointState) -> None:
+    def _on_question(self, message: StepMessage) -> None:
         try:
             question = self.decoded(message)
         except MessageError as error:
@@ -97,7 +97,7 @@ class FollowerNode(RoleNode):
         elif self.at_revision(revision(message), lambda: self._answer(question, message)):
             self._answer(question, message)
 
-    def _answer(self, question: Any, message: JointState) -> None:
+    def _answer(self, question: Any, message: StepMessage) -> None:
         self._held = None
         last = self.last_step
         if last is not None and question.step <= last:
@@ -140,7 +140,7 @@ class FollowerNode(RoleNode):
         """Measure silence from now on."""
         self._heard = time.monotonic()
 
-    def _on_new_step(self, question: Any, message: JointState, last: int | None) -> None:
+    def _on_new_step(self, question: Any, message: StepMessage, last: int | None) -> None:
         previous = self._exchanges.get(question.step - 1)
         answer = self.answer(question, None if previous is None else previous.answer)
         if answer is None:

@@ -10,6 +10,7 @@ from mech_twin.messages import force as force_messages
 from mech_twin.messages import linkage as linkage_messages
 from mech_twin.messages.rows import arranged, mark_revision
 from mech_twin.messages.topics import FORCE_JOINT_STATES, JOINT_STATES, pin_wrench
+from mech_twin.messages.wire import StepMessage
 from mech_twin.nodes.follower_node import FollowerNode
 from mech_twin.nodes.options import RunOptions
 from mech_twin.quantity import Parameters
@@ -23,6 +24,7 @@ class ForceNode(FollowerNode):
         self, machine_name: str, parameters: Parameters | None = None, options: RunOptions | None = None
     ) -> None:
         super().__init__("force_analysis", machine_name, parameters, options)
+        self._message = JointState()
         self._out = self.step_outlet(FORCE_JOINT_STATES, 1)
         topics = {pin: pin_wrench(pin) for pin in self.machine.forces.pins}
         self._wrenches = [(pin, self.extreme_outlet(topic)) for pin, topic in topics.items()]
@@ -32,7 +34,7 @@ class ForceNode(FollowerNode):
         """Return the limits of the power balance and its like."""
         return dict(self.machine.forces.residual_limits)
 
-    def decoded(self, message: JointState) -> LinkageSample:
+    def decoded(self, message: StepMessage) -> LinkageSample:
         """Return the linkage sample of a message."""
         sample = linkage_messages.from_message(message, self.machine.coupling_step_s)
         arranged_sample: LinkageSample = arranged(sample, self.machine.linkage.joints)
@@ -49,4 +51,5 @@ class ForceNode(FollowerNode):
 
     def send(self, answer: ForceSample) -> None:
         """Publish a force sample."""
-        self._out.send(self.signed(mark_revision(force_messages.to_message(answer), self.revision)))
+        message = force_messages.to_message(answer, self._message)
+        self._out.send(self.signed(mark_revision(message, self.revision)))

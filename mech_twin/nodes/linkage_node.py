@@ -30,6 +30,7 @@ from mech_twin.messages.topics import (
     SCENE,
     Topic,
 )
+from mech_twin.messages.wire import StepMessage
 from mech_twin.nodes.options import RunOptions
 from mech_twin.nodes.pace import Pace
 from mech_twin.nodes.peers import Peers
@@ -102,7 +103,7 @@ class LinkageNode(RoleNode):
         if self.machine.body is not None:
             joints["body"] = self.machine.body.joints
 
-        def receive(message: JointState) -> None:
+        def receive(message: StepMessage) -> None:
             try:
                 sample = decoder(message, self.machine.coupling_step_s)
                 if peer in joints:
@@ -118,11 +119,11 @@ class LinkageNode(RoleNode):
                 self._remember(peer, message, sample)
                 self._step_if_due()
 
-        self.hear(topic, receive)
+        self.hear_steps(topic, receive)
 
-    def _remember(self, peer: str, message: JointState, sample: Any) -> None:
+    def _remember(self, peer: str, message: StepMessage, sample: Any) -> None:
         if peer == "motor":
-            self.whereabouts.last_motor = message
+            self.whereabouts.last_motor = message.raw
         elif peer == "body":
             self.whereabouts.last_body = sample
 

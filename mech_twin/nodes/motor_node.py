@@ -20,6 +20,7 @@ from mech_twin.messages.topics import (
     RECALLED_MOTOR,
     SPEED_COMMAND,
 )
+from mech_twin.messages.wire import StepMessage
 from mech_twin.nodes.follower_node import FollowerNode
 from mech_twin.nodes.options import RunOptions
 from mech_twin.quantity import Parameters
@@ -50,7 +51,7 @@ class MotorNode(FollowerNode):
         self.create_service(Trigger, "stop", self._on_stop)
         self.listen(JOINT_STATES, "linkage")
 
-    def decoded(self, message: JointState) -> LinkageSample:
+    def decoded(self, message: StepMessage) -> LinkageSample:
         """Return the linkage sample of a message."""
         sample = linkage_messages.from_message(message, self.machine.coupling_step_s)
         arranged_sample: LinkageSample = arranged(sample, self.machine.linkage.joints)
@@ -83,7 +84,7 @@ class MotorNode(FollowerNode):
         """Tell a linkage that came back its last sample and its configuration."""
         if who == "linkage":
             self._recalled_description.send(String(data=self.description))
-            self._recalled.send(self.last_message or JointState())
+            self._recalled.send(JointState() if self.last_message is None else self.last_message.raw)
 
     def _on_command(self, message: Float64) -> None:
         try:

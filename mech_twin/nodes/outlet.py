@@ -7,9 +7,11 @@ from typing import Any
 
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
+from sensor_msgs.msg import JointState
 
 from mech_twin.messages.extreme import ExtremeWindow
 from mech_twin.messages.topics import Topic
+from mech_twin.messages.wire import encoded
 
 
 class Outlet:
@@ -42,9 +44,17 @@ class Outlet:
         return self._publisher.get_subscription_count() >= self.listeners
 
     def send(self, message: Any) -> None:
-        """Publish a message."""
+        """Publish a message, or the bytes of one."""
         self.sent += 1
         self._publisher.publish(message)
+
+
+class StepOutlet(Outlet):
+    """A topic of step messages."""
+
+    def send(self, message: JointState) -> None:
+        """Publish a step message."""
+        super().send(encoded(message))
 
 
 class ExtremeOutlet(Outlet):

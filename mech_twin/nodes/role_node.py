@@ -20,10 +20,11 @@ from std_msgs.msg import String
 from mech_twin.engine.run import warm_up
 from mech_twin.messages.rows import SOURCE, mark
 from mech_twin.messages.topics import DESCRIPTION, DIAGNOSTICS, Topic
+from mech_twin.messages.wire import Decoder, StepMessage, WireError
 from mech_twin.nodes.health import Health, array_message
 from mech_twin.nodes.ledger import Ledger
 from mech_twin.nodes.options import RunOptions
-from mech_twin.nodes.outlet import ExtremeOutlet, Outlet
+from mech_twin.nodes.outlet import ExtremeOutlet, Outlet, StepOutlet
 from mech_twin.nodes.parameter_bridge import declared_tree, keys
 from mech_twin.nodes.voice import new_source
 from mech_twin.parameters.load import RUN_GROUP, catalogue_entry, description, machine_parameters, validated
@@ -134,6 +135,20 @@ class RoleNode(Node):
         qos = changes.pop("qos", topic.qos)
         return self.create_subscription(topic.type, topic.name, call, qos, event_callbacks=callbacks, **changes)
 
+    def hear_steps(self, topic: Topic, call: Callable[[StepMessage], None], **changes: Any) -> Subscription:
+        """Return a new subscription to a topic of step messages; what is none is counted."""
+        decode = Decoder()
+
+        def receive(raw: bytes) -> None:
+            try:
+                message = decode(raw)
+            except WireError as error:
+                self.ledger.count(topic.name, "malformed", str(error))
+            else:
+                call(message)
+
+        return self.hear(topic, receive, raw=True, **changes)
+
     def _on_incompatible(self, topic: str, who: str, event: Any) -> None:
         policy = event.last_policy_kind.name.removeprefix("RMW_QOS_POLICY_").lower()
         self.ledger.count(topic, "incompatible", f"a {who} whose {policy} does not fit is not connected")
@@ -151,9 +166,13 @@ class RoleNode(Node):
         self.outlets.append(made)
         return made
 
-    def step_outlet(self, topic: Topic, peers: int) -> Outlet:
+    def step_outlet(self, topic: Topic, peers: int) -> StepOutlet:
         """Return the publisher of a step message, which a viewer listens to as well."""
-        return self.outlet(topic, peers + self.options.viewer + self.options.watcher)
+        told = partial(self._on_incompatible, topic.name, "subscriber")
+        listeners = self.listeners(peers + self.options.viewer + self.options.watcher)
+        made = StepOutlet(self, topic, listeners, told)
+        self.outlets.append(made)
+        return made
 
     def extreme_outlet(self, topic: Topic) -> ExtremeOutlet:
         """Return a new decimated publisher that keeps extremes."""

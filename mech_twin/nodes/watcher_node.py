@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-from sensor_msgs.msg import JointState
-
 from mech_twin.engine.assembly import FrameAssembler
 from mech_twin.messages import body as body_messages
 from mech_twin.messages import force as force_messages
@@ -20,6 +18,7 @@ from mech_twin.messages.topics import (
     MOTOR_JOINT_STATES,
     step_topics,
 )
+from mech_twin.messages.wire import StepMessage
 from mech_twin.nodes.options import RunOptions
 from mech_twin.nodes.role_node import RoleNode
 from mech_twin.nodes.run_figures import RunFigures
@@ -56,7 +55,7 @@ class WatcherNode(RoleNode):
         self.run_figures = RunFigures(self.machine)
         self._assembler = FrameAssembler(has_body)
         for topic in step_topics(has_body) if on_topics else ():
-            self.create_subscription(JointState, topic.name, self._taker(topic.name), EVERY)
+            self.hear_steps(topic, self._taker(topic.name), qos=EVERY)
 
     def show(self, frame: Frame) -> None:
         """Take one whole frame into account."""
@@ -67,7 +66,7 @@ class WatcherNode(RoleNode):
     def _taker(self, name: str) -> Any:
         decoder = DECODERS[name]
 
-        def take(message: JointState) -> None:
+        def take(message: StepMessage) -> None:
             try:
                 sample = decoder(message, self.machine.coupling_step_s)
             except MessageError as error:

@@ -37,7 +37,7 @@ class Whereabouts:
 
     def __init__(self, node: RoleNode) -> None:
         self.asking = True
-        self.last_motor = JointState()
+        self.last_motor: JointState | bytes = JointState()
         self.last_body: BodySample | None = None
         self._node = node
         self._answers: dict[str, Any] = {}

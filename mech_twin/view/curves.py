@@ -11,6 +11,7 @@ from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
+import pyarrow as pa
 import rerun as rr
 
 from mech_twin.samples import BodySample, ForceSample, LinkageSample, MotorSample
@@ -53,12 +54,27 @@ Sample = TypeVar("Sample", bound=MotorSample | LinkageSample | ForceSample | Bod
 Groups = list[Group]
 
 
-def times(time_s: npt.ArrayLike, step: npt.ArrayLike | None = None) -> list[rr.TimeColumn]:
+class Times(NamedTuple):
+    """A column of times as rerun takes it; its own ``TimeColumn`` takes thirty times as long over durations."""
+
+    name: str
+    values: pa.Array
+
+    def timeline_name(self) -> str:
+        """Return the name of the timeline."""
+        return self.name
+
+    def as_arrow_array(self) -> pa.Array:
+        """Return the times."""
+        return self.values
+
+
+def times(time_s: npt.ArrayLike, step: npt.ArrayLike | None = None) -> list[Times]:
     """Return the time columns: simulation time (nanoseconds kept whole) and, where there is one, the step."""
-    nanoseconds = np.round(np.asarray(time_s, dtype=np.float64) * 1e9).astype("timedelta64[ns]")
-    columns = [rr.TimeColumn(SIM_TIME, duration=nanoseconds)]
+    nanoseconds = np.round(np.asarray(time_s, dtype=np.float64) * 1e9).astype(np.int64)
+    columns = [Times(SIM_TIME, pa.array(nanoseconds).view(pa.duration("ns")))]
     if step is not None:
-        columns.append(rr.TimeColumn(STEP, sequence=np.asarray(step, dtype=np.int64)))
+        columns.append(Times(STEP, pa.array(np.asarray(step, dtype=np.int64))))
     return columns
 
 

@@ -73,7 +73,7 @@ class Stage:
         grpc_url: str | None = None,
         rrd_path: str | Path | None = None,
         window: int = 5,
-        batch_s: float = 0.05,
+        batch_s: float = 0.1,
         curve_span_s: float = 1.0,
         portrait_span_s: float = 0.5,
         flush_limit_s: float = 0.5,
@@ -91,6 +91,7 @@ class Stage:
         self._portraits: tuple[Portrait, ...] = ()
         self._events: list[tuple[float, str, str]] = []
         self._contacts: dict[str, int] = {}
+        self._marks: dict[str, list[tuple[float, float]]] = {}
         self._mechanism = Mechanism(self._stream)
         self._shown: Contents | None = None
         self._time_s = 0.0
@@ -213,11 +214,15 @@ class Stage:
             self._contacts[path] = len(self._contacts)
             points = rr.SeriesPoints(names=[name], colors=[colour], marker_sizes=[4.0], markers="Circle")
             self._stream.log(path, points, static=True)
-        self._stream.send_columns(path, times([event.time_s]), rr.Scalars.columns(scalars=[value]))
+        self._marks.setdefault(path, []).append((event.time_s, value))
 
     def _send_events(self) -> None:
         if not self._events:
             return
+        for path, marks in self._marks.items():
+            time_s, value = zip(*marks, strict=True)
+            self._stream.send_columns(path, times(time_s), rr.Scalars.columns(scalars=value))
+        self._marks.clear()
         time_s, text, level = zip(*self._events, strict=True)
         self._events = []
         self._stream.send_columns(EVENTS, times(time_s), rr.TextLog.columns(text=list(text), level=list(level)))

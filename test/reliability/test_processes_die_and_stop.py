@@ -16,7 +16,7 @@ from sensor_msgs.msg import JointState
 
 from mech_twin.engine.run import frames
 from mech_twin.messages import linkage as linkage_messages
-from mech_twin.messages.topics import JOINT_STATES, full_name
+from mech_twin.messages.topics import DEPTH, JOINT_STATES, full_name
 from mech_twin.recording.bag_reader import BagReader
 
 pytestmark = [pytest.mark.usefixtures("ros_domain"), pytest.mark.slow]
@@ -128,7 +128,7 @@ def test_a_stopped_recorder_counts_what_it_missed_and_a_killed_one_stops_nobody(
         run.start_all()
         run.steps(200)
         run.signal("recorder", signal.SIGSTOP)
-        run.steps(1500)
+        run.steps(3 * DEPTH)  # the publishers keep the newest DEPTH for it, and the transport a few more
         run.signal("recorder", signal.SIGCONT)
         run.until(lambda: run.said("recorder", "missing"), what="the recorder says what it missed")
         run.kill("recorder")
