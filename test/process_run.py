@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -85,10 +86,10 @@ class ProcessRun:
         self.fresh.clear()
         return self.step
 
-    def said(self, role: str, words: str) -> bool:
+    def said(self, role: str, pattern: str) -> bool:
         """Return whether a node's diagnostics ever said this."""
         full = f"/{self.name}/{role}"
-        return any(status.name == full and words in status.message for status in self.diagnostics)
+        return any(status.name == full and re.search(pattern, status.message) for status in self.diagnostics)
 
     def figure(self, role: str, key: str) -> str | None:
         """Return the newest value of this key in a node's diagnostics."""

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from geometry_msgs.msg import Point
+from copy import copy
+
+from geometry_msgs.msg import Point, Vector3
+from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from mech_twin.messages.rows import MessageError, set_stamp, stamp_s
@@ -12,6 +15,8 @@ FRAME = "machine"
 TYPES = {"line": Marker.LINE_STRIP, "points": Marker.POINTS, "arrow": Marker.ARROW}
 KINDS = {value: key for key, value in TYPES.items()}
 ARROW_POINTS = 2
+BLANK = Marker(action=Marker.ADD)
+BLANK.pose.orientation.w = 1.0
 
 
 def to_message(drawing: Drawing) -> MarkerArray:
@@ -20,13 +25,13 @@ def to_message(drawing: Drawing) -> MarkerArray:
 
 
 def _marker(time_s: float, index: int, shape: Shape) -> Marker:
-    marker = Marker(ns=shape.name, id=index, type=TYPES[shape.kind], action=Marker.ADD)
+    marker = copy(BLANK)  # to make one takes most of the time of a drawing: textures and meshes come with it
+    marker.ns, marker.id, marker.type = shape.name, index, TYPES[shape.kind]
+    marker.header = Header(frame_id=FRAME)
     set_stamp(marker.header, time_s)
-    marker.header.frame_id = FRAME
-    marker.pose.orientation.w = 1.0
-    marker.scale.x = marker.scale.y = marker.scale.z = shape.width_m
-    marker.color.r, marker.color.g, marker.color.b = (part / 255.0 for part in shape.colour)
-    marker.color.a = 1.0
+    marker.scale = Vector3(x=shape.width_m, y=shape.width_m, z=shape.width_m)
+    red, green, blue = (part / 255.0 for part in shape.colour)
+    marker.color = ColorRGBA(r=red, g=green, b=blue, a=1.0)
     marker.points = [Point(x=x, y=y, z=0.0) for x, y in shape.points_m]
     return marker
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from typing import Any
 
@@ -117,7 +118,7 @@ class LinkageNode(RoleNode):
                 self.ledger.count(topic.name, "foreign", f"step {sample.step} from another publisher than before")
             elif self.peers.take(peer, topic.name, sample, self.sample.step):
                 self._remember(peer, message, sample)
-                self._step_if_due()
+                self.tick()
 
         self.hear_steps(topic, receive)
 
@@ -190,27 +191,22 @@ class LinkageNode(RoleNode):
 
     # -- stepping ---------------------------------------------------------------------------------------------------
 
-    def wait_s(self) -> float:
-        """Return how long nothing is due; a caller that spins need not look earlier."""
+    def tick(self) -> float:
+        """Take the next step if it is due; return how long nothing more will be."""
         if self.sample is None or self.done or not self.peers.complete:
             return RETRY_S
-        return self.pace.wait_s(self.sample.step + 1)
-
-    def tick(self) -> None:
-        """Take the next step if it is due; called between messages."""
-        self._step_if_due()
-
-    def _step_if_due(self) -> None:
-        if self.sample is None or self.done or not self.peers.complete:
-            return
-        if self._last_step() is not None and self.sample.step >= self._last_step():
+        if self.sample.step >= self._last_step():
             self._finish()
-        elif self.pace.wait_s(self.sample.step + 1) <= 0.0:
-            self._step(self.sample)
+            return RETRY_S
+        wait_s = self.pace.wait_s(self.sample.step + 1)
+        if wait_s > 0.0:
+            return wait_s
+        self._step(self.sample)
+        return RETRY_S
 
-    def _last_step(self) -> int | None:
+    def _last_step(self) -> float:
         duration = self.options.duration_s
-        return round(duration / self.machine.coupling_step_s) if duration > 0.0 else None
+        return round(duration / self.machine.coupling_step_s) if duration > 0.0 else math.inf
 
     def _step(self, sample: LinkageSample) -> None:
         if self._pending is not None:
@@ -266,6 +262,8 @@ class LinkageNode(RoleNode):
         self._asked = now
         if now - self._progress > self.options.peer_timeout_s and self._held_since is None:
             self._begin_hold(now, self.peers.missing())
+        if self._held_since is not None:  # one of several may have answered since
+            self.health.state = f"waiting for {self.peers.missing()}"
         self.pace.resume()
         if self.sample is not None:
             self._send_sample(self.sample)

@@ -43,10 +43,10 @@ class Spinner:
         """Serve the nodes until the predicate holds or rclpy is shut down."""
         linkages = [node for node in self.nodes if isinstance(node, LinkageNode)]
         while rclpy.ok() and not predicate():
-            wait = min([LONGEST_WAIT_S, *(node.wait_s() for node in linkages)])
-            self._executor.spin_once(timeout_sec=max(wait, SHORTEST_WAIT_S))
+            wait_s = LONGEST_WAIT_S
             for node in linkages:
-                node.tick()
+                wait_s = min(wait_s, node.tick())
+            self._executor.spin_once(timeout_sec=max(wait_s, SHORTEST_WAIT_S))
 
     def __enter__(self) -> Spinner:
         gc.freeze()  # what is loaded by now stays; to search it for garbage again and again halts a run for 0.15 s
