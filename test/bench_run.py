@@ -13,10 +13,10 @@ from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 
 from mech_twin.messages.topics import Topic, full_name
-from mech_twin.nodes.crew import dismiss, role_nodes
+from mech_twin.nodes.crew import role_nodes
 from mech_twin.nodes.linkage_node import LinkageNode
 from mech_twin.nodes.options import RunOptions
-from mech_twin.nodes.role_node import RoleNode
+from mech_twin.nodes.role_node import RoleNode, dismiss
 from mech_twin.nodes.spinner import Spinner
 from mech_twin.samples import LinkageSample
 

@@ -17,7 +17,7 @@ from mech_twin.nodes.linkage_node import LinkageNode
 from mech_twin.nodes.motor_node import MotorNode
 from mech_twin.nodes.options import RunOptions
 from mech_twin.nodes.recorder_node import RecorderNode
-from mech_twin.nodes.role_node import RoleNode
+from mech_twin.nodes.role_node import RoleNode, dismiss
 from mech_twin.nodes.run_figures import RunFigures
 from mech_twin.nodes.spinner import Spinner
 from mech_twin.nodes.stop_signal import StopSignal
@@ -134,12 +134,3 @@ def _sent(nodes: Sequence[RoleNode]) -> dict[str, int]:
 
 def _recorded(nodes: Sequence[RoleNode]) -> dict[str, int]:
     return next((node.received for node in nodes if isinstance(node, RecorderNode)), {})
-
-
-def dismiss(nodes: Sequence[RoleNode]) -> None:
-    """Close what is open and take the nodes down."""
-    for node in nodes:
-        if isinstance(node, RecorderNode | ViewerNode):
-            node.close()
-    for node in nodes:
-        node.destroy_node()

@@ -69,7 +69,7 @@ def _serve(make: Callable[[], RoleNode], ros: list[str]) -> None:
     from rclpy._rclpy_pybind11 import RCLError
     from rclpy.signals import SignalHandlerOptions
 
-    from mech_twin.nodes.crew import dismiss
+    from mech_twin.nodes.role_node import dismiss
     from mech_twin.nodes.spinner import Spinner
     from mech_twin.nodes.stop_signal import StopSignal
 

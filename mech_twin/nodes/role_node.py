@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -101,6 +101,9 @@ class RoleNode(Node):
     def figures(self) -> Mapping[str, str]:
         """Return further values for the diagnostics."""
         return {}
+
+    def close(self) -> None:
+        """Let go of what this node holds open beside its topics."""
 
     def quiet_s(self) -> float:
         """Return for how long this node has heard nothing it must keep."""
@@ -261,3 +264,11 @@ class RoleNode(Node):
         for line in lines:
             self.get_logger().warning(line)
         self._diagnostics.send(array_message(self.time_s, status))
+
+
+def dismiss(nodes: Sequence[RoleNode]) -> None:
+    """Close what is open and take the nodes down."""
+    for node in nodes:
+        node.close()
+    for node in nodes:
+        node.destroy_node()
