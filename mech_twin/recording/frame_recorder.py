@@ -33,6 +33,7 @@ from mech_twin.messages.topics import (
     recorded_topics,
     type_name,
 )
+from mech_twin.messages.wire import encoded
 from mech_twin.recording.bag_writer import BagWriter
 from mech_twin.recording.schemas import offered_qos
 from mech_twin.roles import Machine
@@ -119,5 +120,5 @@ class FrameRecorder:
 
     def _put(self, topic: Topic, message: Any) -> None:
         name = full_name(self._machine.name, topic)
-        raw = serialize_message(message)
+        raw = encoded(message) if isinstance(message, JointState) else serialize_message(message)
         self._writer.write(name, raw, self._now_ns, self._now_ns, latched=topic.qos is LATCHED)

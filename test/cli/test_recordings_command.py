@@ -17,6 +17,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from mcap.records import Chunk
+from mcap.stream_reader import StreamReader
 from recordings import Entry, altered_bag, decoded_messages, edited, simulated_bag, written_bag
 
 from mech_twin.cli.main import main
@@ -313,7 +315,9 @@ def test_a_foreign_file_and_an_empty_bag_are_refused_in_one_line(verb: list[str]
 def test_a_flipped_bit_is_refused_in_one_line(verb: list[str], bag: Path, tmp_path: Path) -> None:
     damaged = tmp_path / "damaged.mcap"
     content = bytearray((bag / "bag_0.mcap").read_bytes())
-    content[len(content) // 3] ^= 0x10
+    chunks = StreamReader(io.BytesIO(content), emit_chunks=True).records
+    messages = next(record.data for record in chunks if isinstance(record, Chunk))
+    content[content.index(messages) + len(messages) // 2] ^= 0x10
     damaged.write_bytes(content)
     verb = [str(tmp_path / word) if word.endswith(".rrd") else word for word in verb]
     run = in_a_process if verb == ["replay"] else mech_twin  # a replay gets as far as the damage
