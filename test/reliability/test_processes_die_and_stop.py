@@ -143,8 +143,13 @@ def test_a_stopped_recorder_counts_what_it_missed_and_a_killed_one_stops_nobody(
         run.start("recorder", "--directory", str(run.bag))
         assert run.processes["recorder"].wait(20.0) == 2  # never written over
         run.start("recorder", "--directory", str(tmp_path / "second"))
-        run.diagnostics.clear()
-        run.until(lambda: int(run.figure("recorder", "written") or 0) > 1000, what="a second recording")
+        second = str(tmp_path / "second")
+        run.until(
+            lambda: (
+                run.figure("recorder", "recording") == second and int(run.figure("recorder", "written") or 0) > 1000
+            ),
+            what="a second recording",
+        )
         assert run.finish("recorder") == 0
     with BagReader(tmp_path / "second") as reader:
         assert sum(1 for _ in reader.messages(topics=[full_name("winding_drum", JOINT_STATES)])) > 200
