@@ -9,7 +9,7 @@ import pytest
 from footprint import FootprintLog
 from process_run import ProcessRun
 
-SOAK_S = 45.0
+SOAK_S = 30.0
 GROWTH_MIB = 3.0  # of some 260: what the allocator moves about
 
 
