@@ -17,7 +17,7 @@ import pytest
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.parameters.load import configuration_file
 
-pytestmark = pytest.mark.usefixtures("ros_domain")
+pytestmark = [pytest.mark.usefixtures("ros_domain"), pytest.mark.slow]
 COMMAND = [sys.executable, "-c", "from mech_twin.cli.main import main; main()"]
 
 

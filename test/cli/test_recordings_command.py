@@ -24,7 +24,7 @@ from recordings import Entry, altered_bag, decoded_messages, edited, simulated_b
 from mech_twin.cli.main import main
 from mech_twin.cli.many_values import spread
 
-pytestmark = pytest.mark.usefixtures("ros_domain")
+pytestmark = [pytest.mark.usefixtures("ros_domain"), pytest.mark.slow]
 COMMAND = [sys.executable, "-c", "from mech_twin.cli.main import main; main()"]
 DRUM = "winding_drum"
 STATES = f"/{DRUM}/joint_states"

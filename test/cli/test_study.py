@@ -11,6 +11,8 @@ from mech_twin.cli.failure import CommandError
 from mech_twin.cli.study_words import axes_of, limits_of
 from mech_twin.parameters.load import machine
 
+pytestmark = pytest.mark.slow
+
 
 def asked(directory, *words):
     command = [sys.executable, "-c", "from mech_twin.cli.main import main; main()", "study", *words]

@@ -11,6 +11,8 @@ from catalogue import NAMES
 from mech_twin.parameters.errors import ConfigurationError
 from mech_twin.parameters.load import catalogue_entry, configuration_file, machine_parameters
 
+pytestmark = pytest.mark.slow
+
 MUTATIONS = 1000
 PIECES = (
     b"nan", b".nan", b".inf", b"-.inf", b"-1", b"0", b"0.0", b"1e308", b"1e-320", b"9" * 400, b"null", b"true",

@@ -6,6 +6,8 @@ from mech_twin.studies import draw_figures
 from mech_twin.studies.figures import machine_pictures
 from mech_twin.studies.reproduction import MACHINES
 
+pytestmark = pytest.mark.slow
+
 LARGEST_BYTES = 120_000
 
 

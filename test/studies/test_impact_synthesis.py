@@ -20,6 +20,8 @@ from mech_twin.studies.impact_synthesis import (
     write_configuration,
 )
 
+pytestmark = pytest.mark.slow
+
 PAPER = Wish(1.0, 0.0, -0.5, 0.0, 20.0, 0.3)
 BOX = default_box(0.5, 20.0, 1000, 1)
 

@@ -18,6 +18,8 @@ from mech_twin.studies.press_search import (
     scan,
 )
 
+pytestmark = pytest.mark.slow
+
 BEST_KNOWN = {"peak_torque_nm": 145.162, "flywheel_inertia_kg_m2": 2.156745, "mean_press_force_n": 15234.5}
 
 

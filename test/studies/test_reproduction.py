@@ -11,6 +11,8 @@ from mech_twin.studies.reproduction import MACHINES, all_hold
 from mech_twin.studies.reproduction.row import FAILED, Source
 from mech_twin.studies.variation import varied
 
+pytestmark = pytest.mark.slow
+
 CHANGES = {
     "roller_former": ("carts.crank_m", 0.21),
     "vibration_crank": ("masses.tree_kg", 60.0),

@@ -14,6 +14,8 @@ from mech_twin.studies.spreading import spread
 from mech_twin.studies.sweep_journal import SweepJournal
 from mech_twin.studies.sweep_points import Question, configuration_keys, question
 
+pytestmark = pytest.mark.slow
+
 AXES = {"eccentricity_m": (0.0, 0.002, 0.004, 0.006), "yarn_speed_m_per_s": (4.0, 5.0, 6.0)}
 
 
