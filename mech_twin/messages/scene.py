@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from copy import copy
 
-from geometry_msgs.msg import Point, Vector3
+from geometry_msgs.msg import Point, Pose, Quaternion, Vector3
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -16,7 +16,6 @@ TYPES = {"line": Marker.LINE_STRIP, "points": Marker.POINTS, "arrow": Marker.ARR
 KINDS = {value: key for key, value in TYPES.items()}
 ARROW_POINTS = 2
 BLANK = Marker(action=Marker.ADD)
-BLANK.pose.orientation.w = 1.0
 
 
 def to_message(drawing: Drawing) -> MarkerArray:
@@ -29,6 +28,8 @@ def _marker(time_s: float, index: int, shape: Shape) -> Marker:
     marker.ns, marker.id, marker.type = shape.name, index, TYPES[shape.kind]
     marker.header = Header(frame_id=FRAME)
     set_stamp(marker.header, time_s)
+    marker.pose = Pose(orientation=Quaternion(w=1.0))  # what others may write to is not shared between markers
+    marker.colors, marker.uv_coordinates = [], []
     marker.scale = Vector3(x=shape.width_m, y=shape.width_m, z=shape.width_m)
     red, green, blue = (part / 255.0 for part in shape.colour)
     marker.color = ColorRGBA(r=red, g=green, b=blue, a=1.0)
