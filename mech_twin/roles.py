@@ -6,12 +6,17 @@ so a role can be rebuilt, restarted elsewhere or given new parameters between an
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from mech_twin.quantity import Parameters
 from mech_twin.samples import BodySample, ForceSample, Frame, LinkageSample, MotorSample, Shape
+
+if TYPE_CHECKING:
+    from mech_twin.capabilities.plots import Picture
+    from mech_twin.capabilities.published import Row
+    from mech_twin.capabilities.sizing import SizingQuestion
 
 
 class MotorRole(Protocol):
@@ -156,3 +161,22 @@ class Machine:
     report: Callable[[], dict[str, float]]
     analyse: Callable[[float], dict[str, Any]]
     observer: Callable[[], Observer]
+
+
+@dataclass(frozen=True)
+class Capabilities:
+    """What a machine answers beside running; None where it has no answer.
+
+    Attributes
+    ----------
+    published : callable
+        ``published(parameters)``: every published number beside the computed one.
+    pictures : callable
+        ``pictures(parameters)``: the figures of the sources, drawn anew.
+    sizing : SizingQuestion
+        Sizes of the machine's parts under limits.
+    """
+
+    published: Callable[[Any], Iterable[Row]] | None = None
+    pictures: Callable[[Any], Iterable[Picture]] | None = None
+    sizing: SizingQuestion | None = None

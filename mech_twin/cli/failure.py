@@ -33,8 +33,8 @@ def _message(error: Exception) -> str:
 def _is_about_input(error: Exception) -> bool:
     from typer.exceptions import TyperException
 
+    from mech_twin.configuration_tree import ConfigurationError
     from mech_twin.nodes.errors import NodeEndedError
-    from mech_twin.parameters.errors import ConfigurationError
     from mech_twin.recording.errors import BagError
     from mech_twin.view.stage import StageError
     from mech_twin.view.viewer_process import ViewerError

@@ -14,9 +14,10 @@ from pydantic import ValidationError
 from mech_twin.cli.console import print_json, print_numbers, say
 from mech_twin.cli.event_record import event_record
 from mech_twin.cli.failure import CommandError
+from mech_twin.configuration_tree import configuration_tree
 from mech_twin.nodes.domain import DISCOVERY, OTHER_HOSTS, settle_domain
 from mech_twin.parameters.errors import refusal
-from mech_twin.parameters.load import RUN_GROUP, assignments, configuration_tree, machine_parameters, run_group
+from mech_twin.parameters.load import RUN_GROUP, assignments, machine_parameters, run_group
 from mech_twin.quantity import Parameters
 
 if TYPE_CHECKING:

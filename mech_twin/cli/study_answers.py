@@ -8,9 +8,9 @@ from typing import Any
 
 from mech_twin.cli.console import print_json, print_numbers, print_table, say
 from mech_twin.cli.study_words import axes_of, counted, limits_of, study_errors
-from mech_twin.parameters.load import assignments, configuration_tree, machine_parameters
+from mech_twin.configuration_tree import configuration_tree
+from mech_twin.parameters.load import assignments, machine_parameters, write_configuration
 from mech_twin.studies import size, sweep
-from mech_twin.studies.sizing import write_configuration
 
 SHOWN_ROWS = 20
 SHOWN_NUMBERS = 5
@@ -94,7 +94,7 @@ def answer_size(
     parameters = machine_parameters(machine, config, assignments(settings))
     with study_errors():
         answer = size(machine, parameters, limits=limits_of(limits), objective=objective)
-        write_configuration(answer, out)
+        write_configuration(answer.machine, answer.parameters, out)
     if as_json:
         print_json(
             {

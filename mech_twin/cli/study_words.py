@@ -77,8 +77,8 @@ def study_errors() -> Iterator[None]:
     """Turn what a study says of the question, or a file that cannot be written, into a failed command."""
     from pydantic import ValidationError
 
+    from mech_twin.capabilities.errors import StudyError
     from mech_twin.parameters.errors import ConfigurationError, refusal
-    from mech_twin.studies.errors import StudyError
 
     try:
         yield

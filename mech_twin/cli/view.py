@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 from mech_twin.cli.console import progress, say
 from mech_twin.cli.failure import CommandError
+from mech_twin.configuration_tree import ConfigurationError
 from mech_twin.engine.step_samples import StepSamples
 from mech_twin.nodes.domain import settle_domain
-from mech_twin.parameters.errors import ConfigurationError
 from mech_twin.samples import Event
 
 if TYPE_CHECKING:

@@ -13,6 +13,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
+from mech_twin.configuration_tree import ConfigurationError, configuration_tree, merged_tree, tree_from_flat
 from mech_twin.engine.coupling import restarted
 from mech_twin.messages import body as body_messages
 from mech_twin.messages import force as force_messages
@@ -38,15 +39,7 @@ from mech_twin.nodes.peers import Peers
 from mech_twin.nodes.role_node import ASK_AGAIN_S, RETRY_S, RoleNode
 from mech_twin.nodes.voice import ANONYMOUS, Voice
 from mech_twin.nodes.whereabouts import Whereabouts
-from mech_twin.parameters.errors import ConfigurationError
-from mech_twin.parameters.load import (
-    catalogue_entry,
-    configuration_tree,
-    description_text,
-    merged_tree,
-    tree_from_flat,
-    validated,
-)
+from mech_twin.parameters.load import catalogue_entry, description_text, validated
 from mech_twin.quantity import Parameters
 from mech_twin.samples import Drawing, LinkageSample
 

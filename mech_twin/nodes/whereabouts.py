@@ -7,6 +7,7 @@ from typing import Any
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
+from mech_twin.configuration_tree import ConfigurationError
 from mech_twin.messages import body as body_messages
 from mech_twin.messages import linkage as linkage_messages
 from mech_twin.messages.rows import MessageError
@@ -18,7 +19,6 @@ from mech_twin.messages.topics import (
     RECALLED_MOTOR,
 )
 from mech_twin.nodes.role_node import ASK_AGAIN_S, RoleNode
-from mech_twin.parameters.errors import ConfigurationError
 from mech_twin.parameters.load import Description, description
 from mech_twin.samples import BodySample, LinkageSample
 

@@ -21,8 +21,9 @@ import yaml
 from pydantic import ValidationError
 
 from mech_twin import __version__
+from mech_twin.configuration_tree import ConfigurationError, configuration_tree, merged_tree, tree_from_flat
 from mech_twin.machines.catalog import CATALOGUE, Entry
-from mech_twin.parameters.errors import ConfigurationError, refusal
+from mech_twin.parameters.errors import refusal
 from mech_twin.parameters.motors import NAME_KEY, with_catalogue_motor
 from mech_twin.quantity import Parameters
 from mech_twin.roles import Machine
@@ -150,29 +151,6 @@ def _refuse_aliases_and_tags(text: str) -> None:
             depth -= 1
 
 
-def merged_tree(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
-    """Return ``base`` with the keys of ``over`` laid upon it, group by group."""
-    merged = dict(base)
-    for key, value in over.items():
-        below = merged.get(key)
-        merged[key] = merged_tree(below, value) if isinstance(below, dict) and isinstance(value, dict) else value
-    return merged
-
-
-def tree_from_flat(flat: Mapping[str, Any], source: str = "--set") -> dict[str, Any]:
-    """Return a nested dictionary from dotted keys."""
-    tree: dict[str, Any] = {}
-    for dotted, value in flat.items():
-        *groups, last = dotted.split(".")
-        branch = tree
-        for group in groups:
-            branch = branch.setdefault(group, {})
-            if not isinstance(branch, dict):
-                raise ConfigurationError(f"{source}: key '{dotted}': '{group}' is a value, not a group")
-        branch[last] = value
-    return tree
-
-
 def assignments(texts: Iterable[str]) -> dict[str, Any]:
     """Return the overrides written as ``key.path=value``, values read as YAML scalars or lists.
 
@@ -247,16 +225,22 @@ def machine(name: str, path: Path | None = None, overrides: Mapping[str, Any] | 
     return catalogue_entry(name).build(machine_parameters(name, path, overrides))
 
 
-def configuration_tree(parameters: Parameters) -> dict[str, Any]:
-    """Return the parameters as nested plain values, absent options left out."""
-    return parameters.model_dump(mode="json", exclude_none=True)
-
-
 def description_text(name: str, parameters: Parameters, revision: int = 0, from_step: int = 0) -> str:
     """Return the full configuration as a parameter file that says which machine, and from which step it holds."""
     head = {"machine": name, "version": __version__, "revision": revision, "from_step": from_step}
     tree = {**head, "/**": {"ros__parameters": {MACHINE_KEY: name, **configuration_tree(parameters)}}}
     return yaml.safe_dump(tree, sort_keys=False, allow_unicode=True)
+
+
+def write_configuration(name: str, parameters: Parameters, path: Path) -> None:
+    """Write the parameter file of a machine, which ``run`` and ``simulate`` take."""
+    path.write_text(description_text(name, parameters), encoding="utf-8")
+
+
+def table(name: str) -> dict[str, Any]:
+    """Return an installed table that is no machine's configuration, such as the motors of a catalogue."""
+    document = yaml.safe_load(configuration_file(name).read_text(encoding="utf-8"))
+    return dict(document)
 
 
 class Description(NamedTuple):

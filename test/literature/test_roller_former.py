@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from roller_former_cases import machine_for, parameters_for
 
-from mech_twin.machines.roller_former_parameters import former_of
-from mech_twin.machines.roller_former_steady import moment_figures
+from mech_twin.machines.roller_former.cart_statics import load_moments
+from mech_twin.machines.roller_former.coupling_choice import table_1, table_2
+from mech_twin.machines.roller_former.motor_choice import catalogue_check
+from mech_twin.machines.roller_former.parameters import former_of
+from mech_twin.machines.roller_former.steady import moment_figures
 from mech_twin.parts.induction_motor import motor_torque
-from mech_twin.parts.roller_cart.statics import load_moments
-from mech_twin.studies.roller_coupling import table_1, table_2
-from mech_twin.studies.roller_motor import catalogue_check
 
 TABLE_1 = table_1(parameters_for(2))
 TABLE_2 = table_2(parameters_for(2))

@@ -8,12 +8,12 @@ from itertools import islice, pairwise
 import pytest
 from catalogue import NAMES, built
 
+from mech_twin.configuration_tree import ConfigurationError, configuration_tree
 from mech_twin.engine.coupling import RESET, complete_frame, next_frame, restarted
 from mech_twin.engine.run import frames
 from mech_twin.engine.trajectory import frame_numbers
 from mech_twin.machines.catalog import CATALOGUE
-from mech_twin.parameters.errors import ConfigurationError
-from mech_twin.parameters.load import configuration_tree, description, description_text, machine_parameters
+from mech_twin.parameters.load import description, description_text, machine_parameters
 from mech_twin.samples import Frame
 
 RUN_S = 0.4

@@ -8,16 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mech_twin.parameters.errors import ConfigurationError
-from mech_twin.parameters.load import (
-    assignments,
-    configuration_file,
-    file_tree,
-    machine_parameters,
-    merged_tree,
-    text_tree,
-    tree_from_flat,
-)
+from mech_twin.configuration_tree import ConfigurationError, merged_tree, tree_from_flat
+from mech_twin.parameters.load import assignments, configuration_file, file_tree, machine_parameters, text_tree
 
 DRUM = "winding_drum"
 

@@ -2,11 +2,10 @@
 
 import pytest
 
-from mech_twin.machines.compaction_press_flywheel_run import flywheel_run
-from mech_twin.parameters.load import machine, machine_parameters
+from mech_twin.capabilities.errors import StudyError
+from mech_twin.machines.compaction_press.flywheel_run import flywheel_run
+from mech_twin.parameters.load import machine, machine_parameters, write_configuration
 from mech_twin.studies import size
-from mech_twin.studies.errors import StudyError
-from mech_twin.studies.sizing import write_configuration
 
 HALF_SINE = {"excitation.kind": "approximated", "body.inertia_kg_m2": 0.35}
 
@@ -15,7 +14,7 @@ def test_the_flywheel_gives_the_asked_non_uniformity_and_is_written(tmp_path):
     answer = size("compaction_press", limits={"non_uniformity": 0.08})
     assert answer.figures["non_uniformity_of_time_run"] == pytest.approx(0.08, rel=2e-3)
     assert answer.binding.startswith("non_uniformity <= 0.08")
-    write_configuration(answer, tmp_path / "sized.yaml")
+    write_configuration(answer.machine, answer.parameters, tmp_path / "sized.yaml")
     again = machine_parameters("compaction_press", tmp_path / "sized.yaml")
     assert again.flywheel.inertia_kg_m2 == answer.sizes["flywheel.inertia_kg_m2"]
     assert flywheel_run(again, 0.9 * again.flywheel.inertia_kg_m2, 5e-4).non_uniformity > 0.08
