@@ -38,7 +38,9 @@ def has_known_sources(function: Callable[..., object]) -> bool:
     """Tell whether a function stands in a file of a package: what a script or a prompt imports is not followed."""
     name = function.__module__
     file = getattr(sys.modules.get(name), "__file__", None)
-    return "." in name and file is not None and Path(file) == Path(function.__code__.co_filename)
+    if "." not in name or file is None:
+        return False
+    return Path(file) == Path(function.__code__.co_filename) and Path(file).is_file()
 
 
 def source(file: Path) -> bytes:
