@@ -10,7 +10,6 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 
-
 # smallest size above zero, and largest, that any machine's number in this unit has: wide, so that no legal input
 # leaves the range in which the equations are solved
 RANGES: dict[str, tuple[float, float]] = {

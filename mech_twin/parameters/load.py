@@ -122,7 +122,7 @@ def text_tree(text: str, source: str) -> dict[str, Any]:
 
 
 class NumberLoader(yaml.SafeLoader):
-    """A safe loader that reads 1e-3, 1e5 and inf as numbers, as YAML 1.2 and ROS 2 do; YAML 1.1 takes them for words."""
+    """A safe loader that reads 1e-3, 1e5 and inf as numbers, as YAML 1.2 and ROS 2 do; YAML 1.1 has them as words."""
 
 
 NumberLoader.add_implicit_resolver(
