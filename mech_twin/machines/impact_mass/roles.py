@@ -22,8 +22,8 @@ from mech_twin.samples import BodySample, Event, ForceSample, LinkageSample, Mot
 REGIMES = ("free", "impact", "chatter", "stuck")
 FREE_AT_START, STUCK_AT_START = 0, 3
 CONTACTS = ("stop", "stop", "stop", "generator")  # of the event kinds, in their order
-RESIDUALS = ("momentum_1", "energy_1")
-RESIDUAL_LIMITS = {"momentum_1": 1e-9, "energy_1": 1e-9}
+RESIDUALS = ("momentum_balance", "energy_balance")
+RESIDUAL_LIMITS = {"momentum_balance": 1e-9, "energy_balance": 1e-9}
 MEMORY = (
     "anchor_period_1",
     "anchor_tau_s",
