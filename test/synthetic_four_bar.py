@@ -111,7 +111,7 @@ def events(step: int) -> Iterator[Event]:
         yield Event((step - 0.25) * STEP_S, "return", "collar", 0.106, -0.042, 0.9, cycle)
 
 
-def figures(step: int) -> dict[str, float]:
+def metrics(step: int) -> dict[str, float]:
     """Return an owner's figures."""
     return {
         "blow_rate_hz": 10.0,

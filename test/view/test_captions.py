@@ -1,6 +1,6 @@
 import pytest
 
-from mech_twin.view.captions import caption, figure_table, titled
+from mech_twin.view.captions import caption, metrics_table, titled
 
 
 @pytest.mark.parametrize(
@@ -28,5 +28,5 @@ def test_a_title_holds_words_and_unit():
     assert titled("share") == "share"
 
 
-def test_figures_become_a_table_of_four_digits():
-    assert figure_table({"blow_energy_j": 18.81234}).splitlines()[-1] == "| blow energy | 18.81 | J |"
+def test_metrics_become_a_table_of_four_digits():
+    assert metrics_table({"blow_energy_j": 18.81234}).splitlines()[-1] == "| blow energy | 18.81 | J |"

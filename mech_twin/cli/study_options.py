@@ -79,7 +79,8 @@ def study_errors() -> Iterator[None]:
     from pydantic import ValidationError
 
     from mech_twin.capabilities.errors import StudyError
-    from mech_twin.parameters.errors import ConfigurationError, refusal
+    from mech_twin.configuration_tree import ConfigurationError
+    from mech_twin.parameters.errors import refusal
 
     try:
         yield

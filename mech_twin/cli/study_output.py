@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from mech_twin.cli.console import print_json, print_numbers, print_table, say
-from mech_twin.cli.study_words import axes_of, counted, limits_of, study_errors
+from mech_twin.cli.study_options import axes_of, counted, limits_of, study_errors
 from mech_twin.configuration_tree import configuration_tree
 from mech_twin.parameters.load import assignments, machine_parameters, write_configuration
 from mech_twin.studies import size, sweep
