@@ -158,11 +158,12 @@ class CrankLinkage:
     transmission: Transmission | None = None
     friction: ShaftFriction = NO_FRICTION
     coordinates: tuple[str, ...] = ("crank",)
+    size_m: float = 1.0
 
     @property
     def residual_limits(self) -> Mapping[str, float]:
-        """Limits of the residuals: rod lengths (m), energy balance over the energy turned over."""
-        return {"loop_closure_m": 1e-12, "energy_balance": 1e-8}
+        """Limits of the residuals: rod lengths (m, of a linkage beyond 1 m over its size), energy balance."""
+        return {"loop_closure_m": 1e-12 * max(1.0, self.size_m), "energy_balance": 1e-8}
 
     def start(self, step: int = 0) -> LinkageSample:
         """Return the machine at its first angle and speed; at rest it is held until the motor is heard."""
