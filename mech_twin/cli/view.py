@@ -15,7 +15,7 @@ from mech_twin.parameters.errors import ConfigurationError
 from mech_twin.samples import Event
 
 if TYPE_CHECKING:
-    from mech_twin.nodes.run_figures import RunFigures
+    from mech_twin.nodes.run_metrics import RunMetrics
     from mech_twin.nodes.stop_signal import StopSignal
     from mech_twin.recording.bag_samples import BagSamples
     from mech_twin.view.stage import Stage
@@ -85,13 +85,13 @@ def _events(item: StepSamples) -> list[Event]:
     return sorted(events, key=lambda event: event.time_s)
 
 
-def _figures(samples: BagSamples) -> RunFigures | None:
+def _figures(samples: BagSamples) -> RunMetrics | None:
     """Return what gathers the owner's figures; None for a machine the catalogue does not know."""
-    from mech_twin.nodes.run_figures import RunFigures
+    from mech_twin.nodes.run_metrics import RunMetrics
     from mech_twin.studies.configuration_history import ConfigurationHistory
 
     try:
-        return RunFigures(ConfigurationHistory(samples.descriptions(), "the recording").machine_at(0))
+        return RunMetrics(ConfigurationHistory(samples.descriptions(), "the recording").machine_at(0))
     except ConfigurationError as error:
         say(f"no figures: {error}")
         return None

@@ -24,7 +24,7 @@ BLOCK_AT = STAMP_AT + STAMP.size
 MOST_SHAPES = 256
 
 
-class WireError(ValueError):
+class CdrError(ValueError):
     """Bytes that are no JointState."""
 
 
@@ -97,7 +97,7 @@ class Decoder:
 
         Raises
         ------
-        WireError
+        CdrError
             If it is no JointState.
         """
         for shape in self._shapes.get(len(raw), ()):
@@ -120,14 +120,14 @@ class Decoder:
             message: JointState = deserialize_message(raw, JointState)
         except RuntimeError as error:
             reason = str(error).partition("\n")[0]
-            raise WireError(f"{len(raw)} bytes that are no JointState: {reason}") from error
+            raise CdrError(f"{len(raw)} bytes that are no JointState: {reason}") from error
         names = tuple(message.name)
         shape = _shape(names, message.header.frame_id)
         if names and len(raw) == shape.start + shape.columns.size and raw.startswith(shape.block, BLOCK_AT):
             self._learn(shape, len(raw))
         stamp = message.header.stamp
-        columns = (tuple(column) for column in (message.position, message.velocity, message.effort))
-        return StepMessage(Header(Stamp(stamp.sec, stamp.nanosec)), names, *columns, raw)
+        header = Header(Stamp(stamp.sec, stamp.nanosec))
+        return StepMessage(header, names, tuple(message.position), tuple(message.velocity), tuple(message.effort), raw)
 
     def _learn(self, shape: Shape, size: int) -> None:
         if self.learnt >= MOST_SHAPES:  # a stream of ever new names must not fill the memory
