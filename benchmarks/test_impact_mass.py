@@ -20,8 +20,8 @@ import pytest
 from literature.impact_reference import number, walk
 from scipy.integrate import solve_ivp
 
-from mech_twin.machines.impact_mass_events import IMPACT, drive, initial_motion, next_event
-from mech_twin.machines.impact_mass_stream import empty_tally, walked
+from mech_twin.machines.impact_mass.batch import empty_tally, walked
+from mech_twin.machines.impact_mass.events import IMPACT, drive, initial_motion, next_event
 
 
 class Case(NamedTuple):

@@ -22,12 +22,12 @@ from roller_former_cases import machine_for, parameters_for
 from scipy.integrate import solve_ivp
 
 from mech_twin.engine.run import frames
-from mech_twin.machines.roller_former_integration import advance_motion
-from mech_twin.machines.roller_former_motion import EVENT_ROWS, SIZE, SPEED, Former, Torque
-from mech_twin.machines.roller_former_parameters import former_of
-from mech_twin.machines.roller_former_steady import steady_turn
+from mech_twin.machines.roller_former.cart_statics import load_moment, shaft_terms
+from mech_twin.machines.roller_former.dynamics import EVENT_ROWS, SIZE, SPEED, Former, Torque
+from mech_twin.machines.roller_former.integration import advance_motion
+from mech_twin.machines.roller_former.parameters import former_of
+from mech_twin.machines.roller_former.steady import steady_turn
 from mech_twin.parts.induction_motor import motor_torque
-from mech_twin.parts.roller_cart.statics import load_moment, shaft_terms
 
 SIMULATED_S = 20.0
 PEER_S = 2.0

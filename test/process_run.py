@@ -21,12 +21,12 @@ from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 
+from mech_twin.configuration_tree import configuration_tree
 from mech_twin.engine.run import frames
 from mech_twin.messages import linkage as linkage_messages
 from mech_twin.messages.joint_state_cdr import Decoder
 from mech_twin.messages.topics import DIAGNOSTICS, EVERY, JOINT_STATES, Topic, full_name
 from mech_twin.nodes.options import RunOptions
-from mech_twin.parameters.load import configuration_tree
 from mech_twin.roles import Machine
 from mech_twin.samples import LinkageSample
 

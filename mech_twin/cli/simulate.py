@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING, Any
 from mech_twin.cli.console import print_json, print_numbers, print_table, progress, say
 from mech_twin.cli.event_record import event_record
 from mech_twin.cli.failure import CommandError
+from mech_twin.configuration_tree import configuration_tree
 from mech_twin.engine.invariants import Residual, RunInvariants, broken_lines
 from mech_twin.engine.run import frames, steps_for
 from mech_twin.engine.trajectory import Trajectory, frame_events
-from mech_twin.parameters.load import assignments, configuration_tree, description_text
+from mech_twin.parameters.load import assignments, description_text
 from mech_twin.parameters.load import machine as built_machine
 from mech_twin.roles import Machine
 from mech_twin.samples import Event, Frame

@@ -8,12 +8,13 @@ from typing import Any
 
 from mech_twin.cli.console import print_json, print_table, say
 from mech_twin.cli.failure import CommandError
-from mech_twin.cli.study_words import axes_of, counted, require_machine, study_errors
-from mech_twin.machines.impact_mass import ImpactMass
-from mech_twin.parameters.load import assignments, configuration_tree, machine_parameters
+from mech_twin.cli.study_options import axes_of, counted, require_machine, study_errors
+from mech_twin.configuration_tree import configuration_tree
+from mech_twin.machines.impact_mass.parameters import ImpactMass
+from mech_twin.machines.impact_mass.regimes import write_bifurcation_picture
+from mech_twin.machines.impact_mass.synthesis import Demand, Design
+from mech_twin.parameters.load import assignments, machine_parameters, write_configuration
 from mech_twin.studies import regimes, synthesise
-from mech_twin.studies.impact_regimes import write_bifurcation_picture
-from mech_twin.studies.impact_synthesis import Demand, Design, write_configuration
 
 MACHINE = "impact_mass"
 
@@ -51,7 +52,7 @@ def answer_synthesise(
             found = synthesise(parameters, r.impact_speed_m_per_s, demand=demand, periods=r.periods)
         except ValueError as error:
             raise CommandError(str(error)) from error
-        write_configuration(found.robust.parameters, r.out)
+        write_configuration("impact_mass", found.robust.parameters, r.out)
     if as_json:
         cycles = {design.name: _record(design) for design in (found.published, found.robust)}
         document = {"machine": MACHINE, "wish": asdict(found.wish), "demand": asdict(found.demand), **cycles}

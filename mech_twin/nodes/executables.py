@@ -12,8 +12,8 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from mech_twin.configuration_tree import ConfigurationError
 from mech_twin.nodes.domain import settle_domain
-from mech_twin.parameters.errors import ConfigurationError
 from mech_twin.parameters.load import MACHINE_KEY, file_tree
 
 if TYPE_CHECKING:

@@ -10,6 +10,7 @@ from rcl_interfaces.msg import SetParametersResult
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
+from mech_twin.configuration_tree import ConfigurationError
 from mech_twin.engine.coupling import restarted
 from mech_twin.nodes.linkage_inputs import LinkageInputs
 from mech_twin.nodes.linkage_outputs import LinkageOutputs
@@ -19,7 +20,6 @@ from mech_twin.nodes.options import RunOptions
 from mech_twin.nodes.peer_wait import PeerWait
 from mech_twin.nodes.role_node import RETRY_S, RoleNode
 from mech_twin.nodes.step_pacer import StepPacer
-from mech_twin.parameters.errors import ConfigurationError
 from mech_twin.parameters.load import catalogue_entry, description_text
 from mech_twin.quantity import Parameters
 from mech_twin.samples import LinkageSample

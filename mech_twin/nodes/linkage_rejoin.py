@@ -5,13 +5,13 @@ from __future__ import annotations
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
+from mech_twin.configuration_tree import ConfigurationError
 from mech_twin.messages import body as body_messages
 from mech_twin.messages import linkage as linkage_messages
 from mech_twin.messages.step_message import MessageError
 from mech_twin.messages.topics import REJOIN, REJOIN_BODY, REJOIN_DESCRIPTION, REJOIN_LINKAGE, REJOIN_MOTOR
 from mech_twin.nodes.rejoin import RejoinRequest
 from mech_twin.nodes.role_node import RoleNode
-from mech_twin.parameters.errors import ConfigurationError
 from mech_twin.parameters.load import description
 from mech_twin.samples import BodySample
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from mech_twin.parameters.load import RUN_GROUP, catalogue_entry, configuration_tree, merged_tree, tree_from_flat
+from mech_twin.configuration_tree import configuration_tree, merged_tree, tree_from_flat
+from mech_twin.parameters.load import RUN_GROUP, catalogue_entry
 from mech_twin.parameters.load import validated as validated_tree
 from mech_twin.quantity import Parameters
 

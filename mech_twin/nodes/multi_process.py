@@ -14,13 +14,14 @@ import rclpy
 import yaml
 from rclpy.signals import SignalHandlerOptions
 
+from mech_twin.configuration_tree import configuration_tree
 from mech_twin.nodes.composition import Outcome
 from mech_twin.nodes.errors import NodeEndedError
 from mech_twin.nodes.observer_node import ObserverNode
 from mech_twin.nodes.options import RunOptions
 from mech_twin.nodes.spinner import Spinner
 from mech_twin.nodes.stop_signal import StopSignal
-from mech_twin.parameters.load import MACHINE_KEY, RUN_GROUP, catalogue_entry, configuration_tree
+from mech_twin.parameters.load import MACHINE_KEY, RUN_GROUP, catalogue_entry
 from mech_twin.quantity import Parameters
 
 STOP_LIMIT_S = 10.0  # a bound for a busy machine; they end within a second

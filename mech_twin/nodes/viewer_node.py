@@ -13,16 +13,16 @@ from mech_twin.nodes.observer_node import ObserverNode
 from mech_twin.nodes.options import RunOptions
 from mech_twin.quantity import Parameters
 from mech_twin.samples import Frame
-from mech_twin.view.stage import Stage
+from mech_twin.view.rerun_scene import RerunScene
 
-FIGURES_EVERY_S = 1.0
+METRICS_EVERY_S = 1.0
 
 
-def opened_stage(machine_name: str, place: str) -> Stage:
+def opened_stage(machine_name: str, place: str) -> RerunScene:
     """Return a stage in a running viewer (its address) or in a file (``NAME.rrd``)."""
     if place.endswith(".rrd"):
-        return Stage(machine_name, rrd_path=place)
-    return Stage(machine_name, grpc_url=place)
+        return RerunScene(machine_name, rrd_path=place)
+    return RerunScene(machine_name, grpc_url=place)
 
 
 class ViewerNode(ObserverNode):
@@ -49,7 +49,7 @@ class ViewerNode(ObserverNode):
 
     def close(self) -> None:
         """Show the last figures and let the stage go."""
-        self.stage.figures(self.run_metrics.running_numbers())
+        self.stage.metrics(self.run_metrics.running_numbers())
         self.stage.close()
 
     def show(self, frame: Frame) -> None:
@@ -60,9 +60,9 @@ class ViewerNode(ObserverNode):
         for event in self.run_metrics.observe(frame):
             self.stage.event(event)
         now = time.monotonic()
-        if now - self._shown > FIGURES_EVERY_S:
+        if now - self._shown > METRICS_EVERY_S:
             self._shown = now
-            self.stage.figures(self.run_metrics.running_numbers())
+            self.stage.metrics(self.run_metrics.running_numbers())
 
     def _on_scene(self, message: MarkerArray) -> None:
         try:

@@ -12,13 +12,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mech_twin.capabilities.plots import BLUE, RED, Picture, house_style, sheet, written
 from mech_twin.engine.run import frames
 from mech_twin.machines.mb10_breaker import build
-from mech_twin.machines.mb10_breaker_parameters import BreakerParameters
+from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
+from mech_twin.machines.mb10_breaker.pressed_body.parameters import pressed_body
 from mech_twin.parameters.load import machine_parameters
-from mech_twin.parts.pressed_body.parameters import pressed_body
 from mech_twin.samples import Event, Frame
-from mech_twin.studies.figures.canvas import BLUE, RED, Picture, house_style, sheet, written
 
 Array = NDArray[np.float64]
 SETTLED_S = 5.0

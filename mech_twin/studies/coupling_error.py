@@ -17,11 +17,12 @@ from numpy.typing import NDArray
 
 from mech_twin.engine.run import frames
 from mech_twin.kernel import kernel
-from mech_twin.machines.mb10_breaker import breaker, build
-from mech_twin.machines.mb10_breaker_dynamics import PHI, STATES, Breaker, P, Q, U, blow, derivatives, gap, touchdown
-from mech_twin.machines.mb10_breaker_integration import STAGES, TABLEAU, WEIGHTS
-from mech_twin.machines.mb10_breaker_parameters import BreakerParameters
-from mech_twin.machines.mb10_breaker_step import TURNS, ahead
+from mech_twin.machines.mb10_breaker import build
+from mech_twin.machines.mb10_breaker.constants import breaker
+from mech_twin.machines.mb10_breaker.dynamics import PHI, STATES, Breaker, P, Q, U, blow, derivatives, gap, touchdown
+from mech_twin.machines.mb10_breaker.integration import STAGES, TABLEAU, WEIGHTS
+from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
+from mech_twin.machines.mb10_breaker.step import TURNS, ahead
 from mech_twin.parameters.load import machine_parameters
 from mech_twin.parts.induction_motor import MotorConstants, motor_constants, motor_torque
 

@@ -15,7 +15,7 @@ from importlib import import_module
 from multiprocessing import get_context
 from typing import Any, TypeVar
 
-from mech_twin.studies.errors import StudyError
+from mech_twin.capabilities.errors import StudyError
 
 Batch = TypeVar("Batch")
 Result = TypeVar("Result")

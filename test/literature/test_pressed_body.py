@@ -3,12 +3,12 @@
 import math
 
 import pytest
-from parts.pressed_body_cases import OMEGA, body_at, integrated
+from machines.mb10_breaker.pressed_body_cases import OMEGA, body_at, integrated
 from scipy.optimize import brentq
 
-from mech_twin.parts.pressed_body.owner import preload_range, steady_figures
-from mech_twin.parts.pressed_body.published import growth_per_cycle, published_growth, resonance_rate
-from mech_twin.parts.pressed_body.regime import swing_regime
+from mech_twin.machines.mb10_breaker.pressed_body.metrics import preload_range, steady_figures
+from mech_twin.machines.mb10_breaker.pressed_body.published import growth_per_cycle, published_growth, resonance_rate
+from mech_twin.machines.mb10_breaker.pressed_body.regime import swing_regime
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ from math import cos, inf, pi, sin
 import numpy as np
 import pytest
 
-from mech_twin.machines.vibration_crank_figures import (
+from mech_twin.machines.vibration_crank.metrics import (
     benefit_against_speed,
     compromise_rod,
     lanchester_figures,

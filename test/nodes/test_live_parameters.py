@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 from catalogue import built
 
+from mech_twin.configuration_tree import ConfigurationError
 from mech_twin.nodes.live_parameters import LiveParameters
-from mech_twin.parameters.errors import ConfigurationError
 
 IN_FORCE = built("impact_mass").parameters
 
