@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from types import FrameType
 
 EXIT_CODE = 2
 
@@ -41,3 +43,13 @@ def _is_input_error(error: Exception) -> bool:
 
     kinds = (CommandError, TyperException, NodeEndedError, ConfigurationError, BagError, RerunSceneError, ViewerError)
     return isinstance(error, kinds)
+
+
+def end_on_signals() -> None:
+    """Let SIGINT, SIGTERM and SIGHUP end the command, what is open being closed, with exit code 128 + number."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, _end)
+
+
+def _end(number: int, frame: FrameType | None) -> None:
+    raise SystemExit(128 + number)

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from mech_twin import __version__
-from mech_twin.cli.failure import CommandError, report_cli_errors
+from mech_twin.cli.failure import CommandError, end_on_signals, report_cli_errors
 from mech_twin.cli.many_values import ManyValues
 from mech_twin.cli.study import study_app
 
@@ -206,6 +206,7 @@ app.add_typer(study_app, name="study")
 
 def main() -> None:
     """Run the command line."""
+    end_on_signals()
     with report_cli_errors():
         code = app(standalone_mode=False)
     raise SystemExit(code if isinstance(code, int) else 0)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import NamedTuple
@@ -42,13 +42,13 @@ class Outcome(NamedTuple):
     recorded: dict[str, int]
 
 
-def role_nodes(machine_name: str, parameters: Parameters | None, options: RunOptions) -> list[RoleNode]:
-    """Return the role nodes of a machine, the linkage last; a machine without a moving body has no body node."""
-    nodes: list[RoleNode] = [MotorNode(machine_name, parameters, options), ForceNode(machine_name, parameters, options)]
-    if nodes[0].machine.body is not None:
-        nodes.append(BodyNode(machine_name, parameters, options))
-    nodes.append(LinkageNode(machine_name, parameters, options))
-    return nodes
+def role_nodes(machine_name: str, parameters: Parameters | None, options: RunOptions) -> Iterator[RoleNode]:
+    """Yield the role nodes of a machine, the linkage last; a machine without a moving body has no body node."""
+    yield MotorNode(machine_name, parameters, options)
+    yield ForceNode(machine_name, parameters, options)
+    if catalogue_entry(machine_name).has_body:
+        yield BodyNode(machine_name, parameters, options)
+    yield LinkageNode(machine_name, parameters, options)
 
 
 def guarded_topics(machine_name: str, namespace: str | None) -> list[str]:
@@ -89,11 +89,15 @@ def run_in_process(
     nodes: list[TwinNode] = []
     try:
         with StopSignal() as signal, ExitStack() as stack:
+            stack.enter_context(signal.interrupting())
             guard = stack.enter_context(NameGuard(guarded_topics(machine_name, namespace)))
             apart = options.model_copy(update={"viewer": False})  # it is handed the frames, and hears the scene only
-            roles = role_nodes(machine_name, parameters, apart)
-            nodes += roles
-            guard.check(own_publishers=1)
+            roles: list[RoleNode] = []
+            for node in role_nodes(machine_name, parameters, apart):
+                roles.append(node)
+                nodes.append(node)
+            if options.exclusive:
+                guard.check(own_publishers=1)
             stack.close()
             if directory is not None:
                 nodes.append(RecorderNode(machine_name, directory, parameters, apart))

@@ -82,12 +82,13 @@ def _serve(make: Callable[[], TwinNode], ros: list[str]) -> None:
     nodes: list[TwinNode] = []
     try:
         with StopSignal() as stop:
-            node = make()
-            nodes.append(node)
-            exclusive = [node.resolve_topic_name(output.name) for output in node.outputs if output.exclusive]
-            if exclusive and node.options.exclusive:
-                with NameGuard(exclusive) as guard:
-                    guard.check(own_publishers=1)
+            with stop.interrupting():
+                node = make()
+                nodes.append(node)
+                exclusive = [node.resolve_topic_name(output.name) for output in node.outputs if output.exclusive]
+                if exclusive and node.options.exclusive:
+                    with NameGuard(exclusive) as guard:
+                        guard.check(own_publishers=1)
             with Spinner(nodes) as spinner:
                 spinner.until(lambda: stop.asked or node.done)
                 node.flush()
