@@ -21,7 +21,7 @@ from mech_twin.parameters.load import RUN_GROUP, assignments, machine_parameters
 from mech_twin.quantity import Parameters
 
 if TYPE_CHECKING:
-    from mech_twin.nodes.crew import Outcome
+    from mech_twin.nodes.composition import Outcome
 
 PACES = ("realtime", "max")
 
@@ -57,8 +57,8 @@ def _run(request: RunRequest, parameters: Parameters, directory: Path | None, de
     discovery = settle_domain(request.open_to_other_hosts)
     if request.open_to_other_hosts:
         say(_exposure_warning(discovery))
-    from mech_twin.nodes.crew import run_in_process
-    from mech_twin.nodes.fleet import run_processes
+    from mech_twin.nodes.composition import run_in_process
+    from mech_twin.nodes.multi_process import run_processes
     from mech_twin.nodes.options import RunOptions
 
     configured = run_group(request.machine, request.config, assignments(request.settings))
@@ -124,7 +124,7 @@ def _opened_view(request: RunRequest, stack: ExitStack) -> str | None:
 
 
 def _write(request: RunRequest, parameters: Parameters, outcome: Outcome, directory: Path | None) -> None:
-    numbers = outcome.figures.numbers()
+    numbers = outcome.metrics.numbers()
     if not request.as_json:
         print_numbers(f"{request.machine}: metrics of the run", numbers)
         return
@@ -133,7 +133,7 @@ def _write(request: RunRequest, parameters: Parameters, outcome: Outcome, direct
             "machine": request.machine,
             "config": configuration_tree(parameters),
             "summary": numbers,
-            "events": [event_record(event) for event in outcome.figures.events],
+            "events": [event_record(event) for event in outcome.metrics.events],
             "recording": None if directory is None else str(directory),
             "messages_sent": outcome.sent,
             "messages_recorded": outcome.recorded,

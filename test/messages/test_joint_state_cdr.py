@@ -8,7 +8,7 @@ from hypothesis import given
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 
-from mech_twin.messages.wire import MOST_SHAPES, Decoder, WireError, encoded
+from mech_twin.messages.joint_state_cdr import MOST_LAYOUTS, CdrError, Decoder, encoded
 
 NAMES = st.lists(st.text(st.characters(exclude_characters="\0", exclude_categories=["Cs"]), max_size=9), max_size=6)
 NUMBERS = st.floats(width=64)
@@ -71,15 +71,15 @@ def test_equally_long_messages_of_other_names_are_told_apart():
 
 def test_ever_new_names_do_not_fill_the_memory():
     decode = Decoder()
-    for number in range(2 * MOST_SHAPES + 10):
+    for number in range(2 * MOST_LAYOUTS + 10):
         raw = encoded(JointState(name=[f"joint {number:06}"], position=[1.0], velocity=[2.0], effort=[3.0]))
         assert decode(raw).name == (f"joint {number:06}",)
-    assert decode.learnt <= MOST_SHAPES
+    assert decode.layout_count <= MOST_LAYOUTS
 
 
 @pytest.mark.parametrize("raw", [b"", b"garbage", b"\x00\x01\x00\x00" + b"\xff" * 60])
 def test_bytes_that_are_no_message_are_refused(raw):
-    with pytest.raises(WireError, match=f"{len(raw)} bytes"):
+    with pytest.raises(CdrError, match=f"{len(raw)} bytes"):
         Decoder()(raw)
 
 
@@ -91,6 +91,6 @@ def test_a_learnt_shape_does_not_read_beyond_a_message_cut_short(message, cut):
     short = raw[:-cut]
     try:
         read = decode(short)
-    except WireError:
+    except CdrError:
         return
     assert content(read) == content(deserialize_message(short, JointState))

@@ -5,12 +5,12 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mech_twin.messages.extreme import ExtremeWindow
+from mech_twin.messages.peak_hold import PeakHoldWindow
 
 
 @given(st.lists(st.floats(0.0, 1e6), min_size=1), st.integers(1, 12))
 def test_of_each_window_the_greatest_survives(values: list[float], length: int) -> None:
-    window = ExtremeWindow[float](length)
+    window = PeakHoldWindow[float](length)
     sent = [kept for value in values if (kept := window.offer(value, value)) is not None]
     rest = window.rest()
     if rest is not None:

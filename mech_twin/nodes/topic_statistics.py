@@ -1,11 +1,12 @@
-"""Counters of what went wrong on a topic: nothing is lost silently.  Knows no ROS, so it can be tested alone."""
+"""Counters of what went wrong on a topic, so that no loss is silent.  Knows no ROS, so it can be tested alone."""
 
 from __future__ import annotations
 
 from collections import Counter
 from typing import NamedTuple
 
-KINDS = ("missing", "repeated", "late", "early", "malformed", "foreign", "silent", "incompatible", "stopped")
+OF_STEPS = ("missing", "repeated", "late", "early", "conflicting")
+KINDS = (*OF_STEPS, "malformed", "unknown_source", "timeout", "incompatible", "stopped")
 
 
 class Report(NamedTuple):
@@ -16,7 +17,7 @@ class Report(NamedTuple):
     last_reason: str
 
 
-class Ledger:
+class TopicStatistics:
     """Counts per topic and kind, in all and since the last report."""
 
     def __init__(self) -> None:
@@ -25,7 +26,7 @@ class Ledger:
         self._reasons: dict[str, str] = {}
 
     def count(self, topic: str, kind: str, reason: str = "", number: int = 1) -> None:
-        """Note that something of this kind happened on a topic."""
+        """Count that something of this kind happened on a topic."""
         if kind not in KINDS:
             raise ValueError(f"kind {kind!r} is not one of {', '.join(KINDS)}")
         self.total[topic, kind] += number

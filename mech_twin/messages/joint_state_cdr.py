@@ -1,8 +1,8 @@
-"""Step messages as bytes.  The names of a stream's rows hardly ever change, so they are spelled once.
+"""Step messages as CDR bytes.  The row names of a stream hardly ever change, so they are encoded once.
 
 The middleware's own converter turns every name of every message into a string and back, which is most of what a
 step message costs.  Here, while the bytes before the columns stay the same, only the numbers are read or written;
-whatever looks different goes to the converter::
+any other message goes to the converter::
 
       head | stamp | frame, names ........... | n | positions | n | velocities | n | efforts
            4       12                         ^ columns begin here: `start`
@@ -21,10 +21,10 @@ HEAD = b"\x00\x01\x00\x00"  # plain CDR, little endian
 STAMP = struct.Struct("<iI")
 STAMP_AT = len(HEAD)
 BLOCK_AT = STAMP_AT + STAMP.size
-MOST_SHAPES = 256
+MOST_LAYOUTS = 256
 
 
-class WireError(ValueError):
+class CdrError(ValueError):
     """Bytes that are no JointState."""
 
 
@@ -52,7 +52,7 @@ class StepMessage(NamedTuple):
     raw: bytes
 
 
-class Shape(NamedTuple):
+class RowLayout(NamedTuple):
     """What messages with these row names have in common.
 
     ``block`` are the bytes from the frame's name up to the columns, ``columns`` reads and writes what follows.
@@ -69,7 +69,7 @@ class Shape(NamedTuple):
 
 
 def _block(names: tuple[str, ...], frame: str) -> bytes:
-    """Return frame and names as bytes: a string has its length in front, a nought behind, and starts on a four."""
+    """Return frame and names in CDR: each string with its length before it, NUL-terminated, 4-byte aligned."""
     words = [struct.pack("<I", len(names))]
     for text in (frame, *names):
         letters = text.encode() + b"\0"
@@ -78,36 +78,36 @@ def _block(names: tuple[str, ...], frame: str) -> bytes:
     return b"".join(words)
 
 
-@lru_cache(maxsize=MOST_SHAPES)
-def _shape(names: tuple[str, ...], frame: str) -> Shape:
+@lru_cache(maxsize=MOST_LAYOUTS)
+def _layout(names: tuple[str, ...], frame: str) -> RowLayout:
     block, rows = _block(names, frame), len(names)
-    gap = -(BLOCK_AT - STAMP_AT + len(block) + 4) % 8  # numbers start on an eight, counted from behind the head
-    return Shape(names, block, struct.Struct(f"<I{gap}x{rows}dI4x{rows}dI4x{rows}d"))
+    gap = -(BLOCK_AT - STAMP_AT + len(block) + 4) % 8  # float64 is 8-byte aligned, counted from the end of the head
+    return RowLayout(names, block, struct.Struct(f"<I{gap}x{rows}dI4x{rows}dI4x{rows}d"))
 
 
 class Decoder:
-    """Reads step messages, and learns the shapes of those it hears."""
+    """Reads step messages, and keeps the layouts of those it has read."""
 
     def __init__(self) -> None:
-        self._shapes: dict[int, list[Shape]] = {}
-        self.learnt = 0
+        self._layouts: dict[int, list[RowLayout]] = {}
+        self.layout_count = 0
 
     def __call__(self, raw: bytes) -> StepMessage:
         """Return what a message says.
 
         Raises
         ------
-        WireError
+        CdrError
             If it is no JointState.
         """
-        for shape in self._shapes.get(len(raw), ()):
-            if raw.startswith(shape.block, BLOCK_AT) and raw.startswith(HEAD):
-                rows = len(shape.names)
-                values = shape.columns.unpack_from(raw, shape.start)
+        for layout in self._layouts.get(len(raw), ()):
+            if raw.startswith(layout.block, BLOCK_AT) and raw.startswith(HEAD):
+                rows = len(layout.names)
+                values = layout.columns.unpack_from(raw, layout.start)
                 if values[0] == values[rows + 1] == values[2 * rows + 2] == rows:
                     return StepMessage(
                         Header(Stamp(*STAMP.unpack_from(raw, STAMP_AT))),
-                        shape.names,
+                        layout.names,
                         values[1 : rows + 1],
                         values[rows + 2 : 2 * rows + 2],
                         values[2 * rows + 3 :],
@@ -120,29 +120,29 @@ class Decoder:
             message: JointState = deserialize_message(raw, JointState)
         except RuntimeError as error:
             reason = str(error).partition("\n")[0]
-            raise WireError(f"{len(raw)} bytes that are no JointState: {reason}") from error
+            raise CdrError(f"{len(raw)} bytes that are no JointState: {reason}") from error
         names = tuple(message.name)
-        shape = _shape(names, message.header.frame_id)
-        if names and len(raw) == shape.start + shape.columns.size and raw.startswith(shape.block, BLOCK_AT):
-            self._learn(shape, len(raw))
+        layout = _layout(names, message.header.frame_id)
+        if names and len(raw) == layout.start + layout.columns.size and raw.startswith(layout.block, BLOCK_AT):
+            self._keep(layout, len(raw))
         stamp = message.header.stamp
-        columns = (tuple(column) for column in (message.position, message.velocity, message.effort))
-        return StepMessage(Header(Stamp(stamp.sec, stamp.nanosec)), names, *columns, raw)
+        header = Header(Stamp(stamp.sec, stamp.nanosec))
+        return StepMessage(header, names, tuple(message.position), tuple(message.velocity), tuple(message.effort), raw)
 
-    def _learn(self, shape: Shape, size: int) -> None:
-        if self.learnt >= MOST_SHAPES:  # a stream of ever new names must not fill the memory
-            self._shapes.clear()
-            self.learnt = 0
-        self._shapes.setdefault(size, []).append(shape)
-        self.learnt += 1
+    def _keep(self, layout: RowLayout, size: int) -> None:
+        if self.layout_count >= MOST_LAYOUTS:  # bounds the memory a stream of ever new names takes
+            self._layouts.clear()
+            self.layout_count = 0
+        self._layouts.setdefault(size, []).append(layout)
+        self.layout_count += 1
 
 
 def encoded(message: JointState) -> bytes:
-    """Return the bytes of a step message.  They are the same each time: the converter leaves gaps as it finds them."""
-    shape = _shape(tuple(message.name), message.header.frame_id)
-    rows = len(shape.names)
+    """Return the bytes of a step message, padding zeroed, so that equal messages are equal bytes."""
+    layout = _layout(tuple(message.name), message.header.frame_id)
+    rows = len(layout.names)
     if not rows or not len(message.position) == len(message.velocity) == len(message.effort) == rows:
         return bytes(serialize_message(message))
     stamp = message.header.stamp
-    columns = shape.columns.pack(rows, *message.position, rows, *message.velocity, rows, *message.effort)
-    return b"".join((HEAD, STAMP.pack(stamp.sec, stamp.nanosec), shape.block, columns))
+    columns = layout.columns.pack(rows, *message.position, rows, *message.velocity, rows, *message.effort)
+    return b"".join((HEAD, STAMP.pack(stamp.sec, stamp.nanosec), layout.block, columns))

@@ -11,11 +11,11 @@ import math
 from array import array
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 from sensor_msgs.msg import JointState
 
-from mech_twin.messages.wire import StepMessage
+from mech_twin.messages.joint_state_cdr import StepMessage
 from mech_twin.samples import Coordinate, Event, Named
 
 MARK = "~"
@@ -30,7 +30,9 @@ RESIDUAL = "~residual/"
 EVENT = "~event/"
 
 
-AnyStep = JointState | StepMessage
+LARGEST_STEP = 2.0**53
+
+AnyStep: TypeAlias = JointState | StepMessage
 
 
 class MessageError(ValueError):
@@ -224,8 +226,9 @@ class Table(NamedTuple):
 
 
 def _columns(message: AnyStep) -> tuple[Sequence[float], ...]:
-    columns = (message.position, message.velocity, message.effort)
-    return columns if isinstance(message, StepMessage) else tuple(column.tolist() for column in columns)
+    if isinstance(message, StepMessage):
+        return message.position, message.velocity, message.effort
+    return message.position.tolist(), message.velocity.tolist(), message.effort.tolist()
 
 
 def table(message: AnyStep) -> Table:
@@ -266,6 +269,25 @@ def step_and_time(message: AnyStep, content: Table, step_s: float | None) -> tup
     if abs(stamp - time_s) > 2e-9 + 1e-12 * time_s:
         raise MessageError(f"stamp {stamp:.9f} s is not the time {time_s:.9f} s of its step")
     return step, time_s
+
+
+def step_index(message: AnyStep) -> int | None:
+    """Return the step of a message that is not decoded any further; None if it has no step row.
+
+    Raises
+    ------
+    MessageError
+        If its columns have not one entry a row, or the step is no whole number a float64 holds exactly.
+    """
+    names, position = message.name, message.position
+    if len(names) != len(position):
+        raise MessageError(f"{len(names)} rows, but {len(position)} positions")
+    if STEP not in names:
+        return None
+    step = float(position[names.index(STEP)])
+    if not abs(step) < LARGEST_STEP or step != int(step):
+        raise MessageError(f"step {step} is no step index")
+    return int(step)
 
 
 def marked(message: AnyStep, name: str, absent: float) -> float:

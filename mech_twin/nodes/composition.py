@@ -1,4 +1,4 @@
-"""The nodes of a machine in one process, spun on one executor until the run is over."""
+"""The nodes of a machine composed in one process, spun on one executor until the run is over."""
 
 from __future__ import annotations
 
@@ -11,14 +11,15 @@ import rclpy
 from rclpy.signals import SignalHandlerOptions
 
 from mech_twin.engine.assembly import FrameAssembler
+from mech_twin.nodes.base_node import TwinNode, destroy_nodes, sent_messages
 from mech_twin.nodes.body_node import BodyNode
 from mech_twin.nodes.force_node import ForceNode
 from mech_twin.nodes.linkage_node import LinkageNode
 from mech_twin.nodes.motor_node import MotorNode
 from mech_twin.nodes.options import RunOptions
 from mech_twin.nodes.recorder_node import RecorderNode
-from mech_twin.nodes.role_node import RoleNode, dismiss
-from mech_twin.nodes.run_figures import RunFigures
+from mech_twin.nodes.role_node import RoleNode
+from mech_twin.nodes.run_metrics import RunMetrics
 from mech_twin.nodes.spinner import Spinner
 from mech_twin.nodes.stop_signal import StopSignal
 from mech_twin.nodes.viewer_node import ViewerNode
@@ -29,9 +30,9 @@ DRAIN_LIMIT_S = 2.0
 
 
 class Outcome(NamedTuple):
-    """What a run came to: its figures, and the messages sent and recorded, by full topic name."""
+    """What a run came to: its metrics, and the messages sent and recorded, by full topic name."""
 
-    figures: RunFigures
+    metrics: RunMetrics
     sent: dict[str, int]
     recorded: dict[str, int]
 
@@ -65,7 +66,7 @@ def run_in_process(
         If the recording cannot be made there.
     """
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-    nodes: list[RoleNode] = []
+    nodes: list[TwinNode] = []
     try:
         with StopSignal() as signal:
             if directory is not None:
@@ -75,47 +76,47 @@ def run_in_process(
             if place is not None:
                 viewer = ViewerNode(machine_name, place, parameters, options, on_topics=False)
                 nodes.append(viewer)
-            nodes += role_nodes(machine_name, parameters, options)
-            figures = _watched(nodes, viewer)
+            roles = role_nodes(machine_name, parameters, options)
+            nodes += roles
+            metrics = _observed(roles, viewer)
             linkage = nodes[-1]
             with Spinner(nodes) as spinner:
-                spinner.until(lambda: signal.asked or (isinstance(linkage, LinkageNode) and linkage.done))
+                spinner.until(lambda: signal.asked or linkage.done)
                 drain(nodes, spinner)
-            return Outcome(figures, _sent(nodes), _recorded(nodes))
+            return Outcome(metrics, sent_messages(nodes), _recorded(nodes))
     finally:
-        dismiss(nodes)
+        destroy_nodes(nodes)
         rclpy.try_shutdown()
 
 
-def _watched(nodes: Sequence[RoleNode], viewer: ViewerNode | None) -> RunFigures:
-    """Return the figures of the run, fed - the viewer's stage with them - by the role nodes as they compute."""
-    machine = nodes[-1].machine
+def _observed(roles: Sequence[RoleNode], viewer: ViewerNode | None) -> RunMetrics:
+    """Return the metrics of the run, fed - and the viewer with them - by the role nodes as they compute."""
+    machine = roles[-1].machine
     assembler = FrameAssembler(machine.body is not None)
-    figures = RunFigures(machine) if viewer is None else viewer.run_figures
-    take: Callable[[Frame], object] = figures.observe if viewer is None else viewer.show
+    metrics = RunMetrics(lambda: machine) if viewer is None else viewer.run_metrics
+    take: Callable[[Frame], object] = metrics.observe if viewer is None else viewer.show
 
-    def notice(sample: Sample) -> None:
+    def on_sample(sample: Sample) -> None:
         frame = assembler.add(sample)
         if frame is not None:
             take(frame)
 
-    for node in nodes:
-        node.on_sample = notice
-    return figures
+    for node in roles:
+        node.on_sample = on_sample
+    return metrics
 
 
-def drain(nodes: Sequence[RoleNode], spinner: Spinner) -> None:
+def drain(nodes: Sequence[TwinNode], spinner: Spinner) -> None:
     """Serve the nodes until what was sent has been recorded, and nothing more comes."""
     for node in nodes:
-        if isinstance(node, LinkageNode):
-            node.done = True
+        node.done = True
         node.flush()
         node.report()
     end = time.monotonic() + DRAIN_LIMIT_S
 
     def settled() -> bool:
-        recorded = _recorded(nodes)
-        late = any(recorded.get(name, number) < number for name, number in _sent(nodes).items())
+        recorded, sent = _recorded(nodes), sent_messages(nodes)
+        late = any(recorded.get(name, number) < number for name, number in sent.items())
         return not late or time.monotonic() > end
 
     for node in nodes:
@@ -123,14 +124,8 @@ def drain(nodes: Sequence[RoleNode], spinner: Spinner) -> None:
     spinner.until(settled)
 
 
-def _sent(nodes: Sequence[RoleNode]) -> dict[str, int]:
+def _recorded(nodes: Sequence[TwinNode]) -> dict[str, int]:
     total: dict[str, int] = {}
     for node in nodes:
-        for outlet in node.outlets:
-            name = node.resolve_topic_name(outlet.name)
-            total[name] = total.get(name, 0) + outlet.sent
+        total |= node.received
     return total
-
-
-def _recorded(nodes: Sequence[RoleNode]) -> dict[str, int]:
-    return next((node.received for node in nodes if isinstance(node, RecorderNode)), {})

@@ -15,12 +15,12 @@ import yaml
 from rclpy.signals import SignalHandlerOptions
 
 from mech_twin.configuration_tree import configuration_tree
-from mech_twin.nodes.crew import Outcome
+from mech_twin.nodes.composition import Outcome
 from mech_twin.nodes.errors import NodeEndedError
+from mech_twin.nodes.observer_node import ObserverNode
 from mech_twin.nodes.options import RunOptions
 from mech_twin.nodes.spinner import Spinner
 from mech_twin.nodes.stop_signal import StopSignal
-from mech_twin.nodes.watcher_node import WatcherNode
 from mech_twin.parameters.load import MACHINE_KEY, RUN_GROUP, catalogue_entry
 from mech_twin.quantity import Parameters
 
@@ -33,37 +33,37 @@ Processes = dict[str, "subprocess.Popen[bytes]"]
 def run_processes(
     machine_name: str, parameters: Parameters, options: RunOptions, directory: Path | None, place: str | None
 ) -> Outcome:
-    """Run every node of a machine in a process of its own; see `crew.run_in_process` for the arguments.
+    """Run every node of a machine in a process of its own; see `composition.run_in_process` for the arguments.
 
-    This process watches the steps from outside, for the figures of the run.
+    This process observes the steps from outside, for the metrics of the run.
 
     Raises
     ------
     NodeEndedError
         If a node ends with an error.
     """
-    options = options.model_copy(update={"watcher": True})
+    options = options.model_copy(update={"observer": True})
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     processes: Processes = {}
     with tempfile.TemporaryDirectory(prefix="mech_twin-") as folder, StopSignal() as stop:
         file = Path(folder) / "parameters.yaml"
         file.write_text(_parameter_file(machine_name, parameters, options), encoding="utf-8")
-        watcher = WatcherNode(machine_name, parameters, options)
+        observer = ObserverNode(machine_name, parameters, options)
         try:
             for name, arguments in _roster(catalogue_entry(machine_name).has_body, directory, place):
                 processes[name] = _started(name, file, arguments)
-            with Spinner([watcher]) as spinner:
+            with Spinner([observer]) as spinner:
                 spinner.until(lambda: stop.asked or _any_ended(processes))
                 settled = time.monotonic() + SETTLE_S
                 spinner.until(lambda: stop.asked or time.monotonic() > settled)
         finally:
             codes = _stopped(processes)
-            watcher.destroy_node()
+            observer.destroy_node()
             rclpy.try_shutdown()
     failed = ", ".join(f"{name} (exit code {code})" for name, code in codes.items() if code != 0)
     if failed:
         raise NodeEndedError(f"ended with an error: {failed}")
-    return Outcome(watcher.run_figures, {}, {})
+    return Outcome(observer.run_metrics, {}, {})
 
 
 def _roster(has_body: bool, directory: Path | None, place: str | None) -> list[tuple[str, list[str]]]:

@@ -7,7 +7,7 @@ from typing import Generic, TypeVar
 Kept = TypeVar("Kept")
 
 
-class ExtremeWindow(Generic[Kept]):
+class PeakHoldWindow(Generic[Kept]):
     """Window over a stream.
 
     Parameters

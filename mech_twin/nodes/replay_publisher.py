@@ -14,7 +14,7 @@ ACKNOWLEDGED_LIMIT_S = 0.1
 IMPATIENCE_S = 1.0
 
 
-class ReplayOutlet:
+class ReplayPublisher:
     """One topic going out.
 
     Parameters

@@ -9,12 +9,12 @@ from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
-from mech_twin.messages.extreme import ExtremeWindow
+from mech_twin.messages.joint_state_cdr import encoded
+from mech_twin.messages.peak_hold import PeakHoldWindow
 from mech_twin.messages.topics import Topic
-from mech_twin.messages.wire import encoded
 
 
-class Outlet:
+class CountingPublisher:
     """One topic a node publishes.
 
     Parameters
@@ -48,8 +48,11 @@ class Outlet:
         self.sent += 1
         self._publisher.publish(message)
 
+    def flush(self) -> None:
+        """Publish what is held back, where anything is."""
 
-class StepOutlet(Outlet):
+
+class StepPublisher(CountingPublisher):
     """A topic of step messages."""
 
     def send(self, message: JointState) -> None:
@@ -57,7 +60,7 @@ class StepOutlet(Outlet):
         super().send(encoded(message))
 
 
-class ExtremeOutlet(Outlet):
+class PeakHoldPublisher(CountingPublisher):
     """A decimated topic: of each window the message of greatest magnitude goes out, so that spikes survive.
 
     Parameters
@@ -75,7 +78,7 @@ class ExtremeOutlet(Outlet):
         on_incompatible: Callable[[Any], None] | None = None,
     ) -> None:
         super().__init__(node, topic, listeners, on_incompatible)
-        self._window = ExtremeWindow[Callable[[], Any]](window)
+        self._window = PeakHoldWindow[Callable[[], Any]](window)
 
     def offer(self, magnitude: float, build: Callable[[], Any]) -> None:
         """Take one step into account; ``build`` makes its message if it turns out to be the extreme."""
