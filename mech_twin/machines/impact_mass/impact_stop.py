@@ -147,6 +147,12 @@ def series_length(first_m_per_s: float, acceleration_m_per_s2: float, restitutio
 
 
 @kernel
+def series_sum(count: float, first_m_per_s: float, restitution: float) -> float:
+    """Return the sum of the speeds before so many impacts in a row, v (1 - R^n)/(1 - R), in m/s."""
+    return first_m_per_s * -math.expm1(count * math.log(restitution)) / (1.0 - restitution)
+
+
+@kernel
 def impacts_within(duration_s: float, first_m_per_s: float, acceleration_m_per_s2: float, restitution: float) -> float:
     """Return how many impacts of a series, the first included, lie within a time after the first (inf: all).
 

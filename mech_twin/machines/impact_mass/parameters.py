@@ -5,7 +5,7 @@ from __future__ import annotations
 from pydantic import model_validator
 from typing_extensions import Self
 
-from mech_twin.machines.impact_mass.events import Drive, drive
+from mech_twin.machines.impact_mass.dynamics import ImpactSystem, impact_system
 from mech_twin.machines.impact_mass.force_generator import GeneratorParameters
 from mech_twin.machines.impact_mass.impact_stop import StopParameters
 from mech_twin.parts.supply import SupplyParameters
@@ -46,9 +46,9 @@ class ImpactMass(StopParameters, GeneratorParameters):
         return self.phase1_force_n / self.mass_kg, self.phase2_force_n / self.mass_kg
 
     @property
-    def acting(self) -> Drive:
+    def system(self) -> ImpactSystem:
         """What acts on the mass at nominal supply."""
-        return drive(self.times_s, self.accelerations_m_per_s2, self.restitution, self.chatter_cutoff)
+        return impact_system(self.times_s, self.accelerations_m_per_s2, self.restitution, self.chatter_cutoff)
 
     @property
     def initial_gap_m(self) -> float:
