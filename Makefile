@@ -8,7 +8,7 @@ ARGS ?=
 
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
-.PHONY: run test test-fast test-browser test-ros lint bench colcon kernels-anew clean
+.PHONY: run test test-fast test-browser test-ros lint bench colcon clean
 
 run: $(VENV)/.run
 	$(BIN)/mech-twin run $(ARGS)
@@ -52,9 +52,6 @@ $(VENV)/.test: setup.py constraints/python.txt constraints/$(ROS).txt | $(VENV)/
 $(VENV)/.bench: $(VENV)/.test
 	$(BIN)/python -m pip install -q -e ".[$(ROS),bench]" $(PINS)
 	touch $@
-
-kernels-anew: # compiled kernels are kept by the source file they stand in; one that calls into an edited file is not noticed
-	find mech_twin -name '*.nb[ic]' -delete
 
 clean:
 	rm -rf $(VENV) build install log

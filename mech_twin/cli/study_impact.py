@@ -8,7 +8,7 @@ from typing import Any
 
 from mech_twin.cli.console import print_json, print_table, say
 from mech_twin.cli.failure import CommandError
-from mech_twin.cli.study_words import axes_of, counted, require_machine, study_errors
+from mech_twin.cli.study_options import axes_of, counted, require_machine, study_errors
 from mech_twin.configuration_tree import configuration_tree
 from mech_twin.machines.impact_mass.parameters import ImpactMass
 from mech_twin.machines.impact_mass.regimes import write_bifurcation_picture

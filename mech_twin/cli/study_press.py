@@ -8,7 +8,7 @@ from typing import Any
 
 from mech_twin.cli.console import print_json, print_numbers, print_table, say
 from mech_twin.cli.failure import CommandError
-from mech_twin.cli.study_words import counted, limits_of, require_machine, study_errors
+from mech_twin.cli.study_options import counted, limits_of, require_machine, study_errors
 from mech_twin.machines.compaction_press.design_configuration import configured_press
 from mech_twin.machines.compaction_press.design_problem import REFERENCE_LIMITS, Space
 from mech_twin.machines.compaction_press.design_search import Design, InfeasibleSpaceError

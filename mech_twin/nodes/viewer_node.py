@@ -13,16 +13,16 @@ from mech_twin.nodes.options import RunOptions
 from mech_twin.nodes.watcher_node import WatcherNode
 from mech_twin.quantity import Parameters
 from mech_twin.samples import Frame
-from mech_twin.view.stage import Stage
+from mech_twin.view.rerun_scene import RerunScene
 
 FIGURES_EVERY_S = 1.0
 
 
-def opened_stage(machine_name: str, place: str) -> Stage:
+def opened_stage(machine_name: str, place: str) -> RerunScene:
     """Return a stage in a running viewer (its address) or in a file (``NAME.rrd``)."""
     if place.endswith(".rrd"):
-        return Stage(machine_name, rrd_path=place)
-    return Stage(machine_name, grpc_url=place)
+        return RerunScene(machine_name, rrd_path=place)
+    return RerunScene(machine_name, grpc_url=place)
 
 
 class ViewerNode(WatcherNode):
@@ -49,7 +49,7 @@ class ViewerNode(WatcherNode):
 
     def close(self) -> None:
         """Show the last figures and let the stage go."""
-        self.stage.figures(self.run_figures.running_numbers())
+        self.stage.metrics(self.run_figures.running_numbers())
         self.stage.close()
 
     def show(self, frame: Frame) -> None:
@@ -62,7 +62,7 @@ class ViewerNode(WatcherNode):
         now = time.monotonic()
         if now - self._shown > FIGURES_EVERY_S:
             self._shown = now
-            self.stage.figures(self.run_figures.running_numbers())
+            self.stage.metrics(self.run_figures.running_numbers())
 
     def _on_scene(self, message: MarkerArray) -> None:
         try:

@@ -1,4 +1,4 @@
-"""Frames of a one-process run to a recording: what the nodes would have published, message by message."""
+"""Records the frames of a one-process run as the messages that the nodes would have published."""
 
 from __future__ import annotations
 
@@ -45,21 +45,21 @@ VIEW_RATE_HZ = 30.0
 
 
 class FrameRecorder:
-    """A recording made without ROS communication.
+    """Writer of a recording without ROS communication.
 
     Parameters
     ----------
     machine : Machine
-        Whose frames are written.
+        The machine that is simulated.
     directory : Path
-        The recording to make.
+        The recording to create.
     description : str
-        The configuration, as the description topic carries it.
+        The configuration, as published on the description topic.
 
     Raises
     ------
     BagError
-        If the recording cannot be made there.
+        The recording cannot be created there.
     """
 
     def __init__(self, machine: Machine, directory: Path, description: str) -> None:
@@ -94,7 +94,7 @@ class FrameRecorder:
         self._write_scene(frame)
 
     def close(self) -> None:
-        """Write what decimated topics still hold and finish the recording."""
+        """Write the last window of the decimated topics and finish the recording."""
         for pin, window in self._wrenches.items():
             self._put_wrench(pin, window.rest())
         self._put_pressing_force(self._pressing.rest())

@@ -108,6 +108,7 @@ def size(
     *,
     limits: Mapping[str, float] | None = None,
     objective: str | None = None,
+    tolerance: float | None = None,
 ) -> Sizing:
     """Return the sizes of a machine's parts, the configuration that has them, and which constraint binds.
 
@@ -124,10 +125,13 @@ def size(
         Limits that differ from the usual ones, by name (``LIMITS`` of the machine's file in `each machine`).
     objective : str, optional
         What to make small; the first of the machine's ``OBJECTIVES`` if absent.
+    tolerance : float, optional
+        Relative tolerance of what is assumed, over which the limits must hold in the worst case; the machine's usual
+        one if absent, 0 for the machine exactly as configured.
     """
     from mech_twin.studies.sizing import sized
 
-    return sized(machine, parameters, limits, objective)
+    return sized(machine, parameters, limits, objective, tolerance)
 
 
 def search(

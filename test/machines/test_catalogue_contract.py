@@ -14,6 +14,7 @@ from mech_twin.engine.run import frames
 from mech_twin.engine.trajectory import frame_numbers
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.parameters.load import description, description_text, machine_parameters
+from mech_twin.roles import RESIDUALS
 from mech_twin.samples import Frame
 
 RUN_S = 0.4
@@ -59,6 +60,21 @@ def test_residuals_stay_within_their_limits(name: str) -> None:
         for role, sample in ((machine.linkage, frame.linkage), (machine.forces, frame.forces)):
             for residual, value in sample.residuals.as_dict().items():
                 assert abs(value) <= role.residual_limits[residual], (residual, value, frame.linkage.time_s)
+
+
+@machines
+def test_every_residual_is_one_of_the_dictionary_and_has_a_limit(name: str) -> None:
+    machine = built(name)
+    roles = [machine.linkage, machine.forces, *([] if machine.body is None else [machine.body])]
+    frame = run(name, 0.0)[0]
+    samples = [frame.linkage, frame.forces, *([] if frame.body is None else [frame.body])]
+    for role, sample in zip(roles, samples, strict=True):
+        assert set(sample.residuals.names) == set(role.residual_limits)
+        for residual, limit in role.residual_limits.items():
+            assert residual in RESIDUALS
+            assert limit > 0.0
+            unit = RESIDUALS[residual].unit
+            assert unit == "1" or residual.endswith("_" + unit.replace("/", "_per_"))
 
 
 @machines

@@ -41,7 +41,7 @@ def test_every_drawing_survives_the_wire(name: str) -> None:
 
 def sample() -> LinkageSample:
     event = Event(0.1234567890123456, "blow", "tool", 1.5, -0.5, 20.9, 7, (Coordinate(1.0, 2.0, 3.0),), ())
-    memory, residuals = Named(("energy_j",), (1.0,)), Named(("closure_m",), (1e-16,))
+    memory, residuals = Named(("energy_j",), (1.0,)), Named(("loop_closure_m",), (1e-16,))
     return LinkageSample(
         2, 0.2, ("crank", "rocker"), (1.0, 2.0), (3.0, 4.0), (5.0, 6.0), 1, 0.5, memory, residuals, (event,)
     )

@@ -21,7 +21,7 @@ from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 
 from mech_twin.recording.bag_reader import BagReader
-from mech_twin.recording.decode import Decoder
+from mech_twin.recording.decode import MessageDecoder
 from mech_twin.recording.recovery import recover
 
 STEPS = 300
@@ -78,7 +78,7 @@ def check(messages: Iterable[tuple[str, Any]]) -> None:
 
 def test_own_reader(either: Path) -> None:
     with BagReader(either) as reader:
-        decoder = Decoder(reader.topics)
+        decoder = MessageDecoder(reader.topics)
         check((message.topic, decoder.decode(message)) for message in reader.messages())
 
 

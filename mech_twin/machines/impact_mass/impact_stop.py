@@ -30,6 +30,7 @@ from mech_twin.kernel import kernel
 from mech_twin.quantity import Parameters, quantity
 
 LISTED_RATIO = 1e-12  # impacts of a series slower than this share of its first are booked with the end of the series
+LEAST_RESTITUTION, LARGEST_RESTITUTION = 1e-6, 0.999999  # a millionth of the speed, or all but a millionth, is lost
 TIE_TOLERANCE = 1e-9  # of one impact, when a cut-off equals a power of R up to rounding: the impact is kept
 SPLITTER = 134217729.0  # 2^27 + 1, halves a double for the error-free product
 
@@ -39,7 +40,9 @@ class StopParameters(Parameters):
 
     mass_kg: float = quantity("kg", "impact mass", live=True, gt=0)
     stop_position_m: float = quantity("m", "position xc of the stop")
-    restitution: float = quantity("1", "speed after a blow over the speed before it, R", live=True, gt=0, lt=1)
+    restitution: float = quantity(
+        "1", "speed after a blow over the speed before it, R", live=True, ge=LEAST_RESTITUTION, le=LARGEST_RESTITUTION
+    )
     chatter_cutoff: float = quantity(
         "1", "relative speed below which a chatter series is cut off; 0: its exact limit", default=0.0, ge=0, lt=1
     )

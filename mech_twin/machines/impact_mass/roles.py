@@ -18,7 +18,7 @@ from mech_twin.machines.impact_mass.states import (
     STUCK,
     STUCK_REGIME,
 )
-from mech_twin.machines.impact_mass.step import RunningCounts, coupling_step, reanchored
+from mech_twin.machines.impact_mass.step import RunningCounts, mass_step, reanchored
 from mech_twin.parts.supply import limited_command
 from mech_twin.samples import BodySample, Event, LinkageSample, MotorSample, Named
 
@@ -119,7 +119,7 @@ class MassOnStop:
         before = memory.acted(system)
         if before != system:
             motion = reanchored(motion, before, system, steps, self.step_s)
-        done = coupling_step(motion, system, memory.counts, steps + 1.0, self.step_s)
+        done = mass_step(motion, system, memory.counts, steps + 1.0, self.step_s)
         (begin_velocity,) = linkage.velocity
         added_kg = self.mass_kg - memory.mass_kg
         energies = StepEnergies(

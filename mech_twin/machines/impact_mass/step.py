@@ -165,9 +165,7 @@ def lies_in_step(coming: MotionEvent, motion: MassMotion, system: ImpactSystem, 
 
 
 @kernel
-def coupling_step(
-    motion: MassMotion, system: ImpactSystem, counts: RunningCounts, steps: float, step_s: float
-) -> MassStep:
+def mass_step(motion: MassMotion, system: ImpactSystem, counts: RunningCounts, steps: float, step_s: float) -> MassStep:
     """Return the mass one coupling step later.
 
     Parameters

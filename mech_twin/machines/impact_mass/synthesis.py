@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mech_twin.engine.coupling import Coupling
 from mech_twin.machines.impact_mass.cycle_verdict import (
     CycleVerdict,
     Endurance,
@@ -25,7 +26,7 @@ from mech_twin.machines.impact_mass.cycle_verdict import (
     verdict,
 )
 from mech_twin.machines.impact_mass.one_impact_cycle import least_stability_number, synthesised_cycle
-from mech_twin.machines.impact_mass.parameters import ImpactMass, MassCoupling
+from mech_twin.machines.impact_mass.parameters import ImpactMass
 from mech_twin.parts.supply import SupplyParameters
 
 CANDIDATES = 240
@@ -108,7 +109,7 @@ def published_parameters(spec: CycleSpec) -> ImpactMass:
         initial_position_m=w.initial_position_m,
         initial_velocity_m_per_s=w.initial_velocity_m_per_s,
         supply=SupplyParameters(initial_fraction=1.0, rate_per_s=2.0),
-        coupling=MassCoupling(step_s=_handy_step(found.period_s)),
+        coupling=Coupling(step_s=_handy_step(found.period_s)),
     )
 
 

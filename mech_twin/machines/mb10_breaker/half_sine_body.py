@@ -49,8 +49,8 @@ MEMORY = (
     "piece_cause",
     "constants_key",  # of the constants the piece was found with
 )
-RESIDUALS = ("penetration_rad", "energy_error")
-RESIDUAL_LIMITS: Mapping[str, float] = MappingProxyType({"penetration_rad": 1e-12, "energy_error": 1e-9})
+RESIDUALS = ("penetration_rad", "energy_balance")
+RESIDUAL_LIMITS: Mapping[str, float] = MappingProxyType({"penetration_rad": 1e-12, "energy_balance": 1e-9})
 
 
 class ApproximatedBody:

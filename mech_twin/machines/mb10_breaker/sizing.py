@@ -28,7 +28,9 @@ RUN_NAMES = {
 }
 
 
-def sizing(parameters: BreakerParameters, limits: Mapping[str, float], objective: str, table: Table) -> Sizing:
+def sizing(
+    parameters: BreakerParameters, limits: Mapping[str, float], objective: str, table: Table, tolerance: float = 0.0
+) -> Sizing:
     """Return spring rate and preload in the rational range.
 
     The rate keeps k at 0.3 of the blow frequency.  Under the half sine the preload is the one with the smallest

@@ -1,10 +1,10 @@
-r"""The phase portrait of a body joint: rate against angle over the recent past, the older the fainter.
+r"""The phase portrait of a body joint: rate against angle over the recent past, older points fainter.
 
 ::
 
       rate  ^      . - .
-            |   /         \        angle and rate are scaled to a frame, each by a round number
-            |  |     o now |        (1, 2 or 5 times a power of ten) that is written on its axis
+            |   /         \        angle and rate are each scaled by a round number (1, 2 or 5
+            |  |     o now |        times a power of ten), which labels the axis
      -------+-------------------> angle
             |   \         /
 """
@@ -28,26 +28,26 @@ AXIS = (130, 130, 130)
 
 
 def round_above(value: float) -> float:
-    """Return the smallest of 1, 2, 5 times a power of ten that is not below the value; 1 for nought."""
+    """Return the smallest of 1, 2, 5 times a power of ten that is not below the value; 1 for zero."""
     if not (value > 0.0 and math.isfinite(value)):
         return 1.0
     power = 10.0 ** math.floor(math.log10(value))
     return next(step * power for step in (1.0, 2.0, 5.0, 10.0, 20.0) if step * power >= value)
 
 
-class Portrait:
+class PhasePortrait:
     """Recent motion of one body joint, drawn in a rectangle of height 2.
 
     Parameters
     ----------
     path : str
-        Entity that holds the portrait.
+        Entity path of the phase portrait.
     joint : str
-        Name on the axes.
+        Joint name, shown on the axis.
     place : int
-        Which joint of the body sample it is.
+        Index of the joint in the body sample.
     span_s : float
-        How far back the trace goes.
+        Simulated time span of the trace.
     """
 
     def __init__(self, path: str, joint: str, place: int, span_s: float) -> None:
@@ -59,27 +59,27 @@ class Portrait:
         self._scale: tuple[float, ...] = (0.0, 0.0)
 
     def add(self, sample: BodySample) -> None:
-        """Take a sample; forget what lies further back than the span."""
+        """Add a sample; drop those older than the span."""
         points = self._points
         points.append((sample.time_s, sample.position[self._place], sample.velocity[self._place]))
         while points[0][0] < sample.time_s - self._span_s:
             points.popleft()
 
     def log(self, stream: rr.RecordingStream) -> None:
-        """Draw the trace, the present point, and the axes when their scale has changed; times are the stream's."""
+        """Log the trace, the current point and, after a change of scale, the axes, at the time set on the stream."""
         motion = np.array(self._points)[:, 1:]
         largest = np.abs(motion).max(axis=0)
-        # a scale only grows, so the picture does not breathe with every bounce
+        # the scale only grows, so that it does not oscillate with the motion
         scale = tuple(
             max(known, round_above(size)) if size > 0.0 else known
             for known, size in zip(self._scale, largest, strict=True)
         )
-        if 0.0 in scale:  # it has not moved yet: there is nothing to scale by
+        if 0.0 in scale:  # no motion yet, no scale
             return
         if scale != self._scale:
             self._scale = scale
             self._log_axes(stream)
-        square = motion / scale * (ASPECT, -1.0)  # the picture's second axis points down
+        square = motion / scale * (ASPECT, -1.0)  # the second axis of the viewer points down
         edges = np.linspace(0, len(square) - 1, SHADES + 1).astype(int)
         strips = [square[a : b + 1] for a, b in pairwise(edges)]
         faint = [(*TRACE, round(255 * (shade + 1) / SHADES)) for shade in range(SHADES)]

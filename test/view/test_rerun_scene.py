@@ -4,27 +4,27 @@ import numpy as np
 import pyarrow as pa
 import pytest
 from rerun.chunk import RrdReader
-from synthetic_four_bar import PINS, drawing, events, figures, frame
+from synthetic_four_bar import PINS, drawing, events, frame, metrics
 
 from mech_twin.samples import BodySample, Drawing, Event, Named, Shape
-from mech_twin.view.layout import Bounds, Contents, blueprint
-from mech_twin.view.portrait import round_above
-from mech_twin.view.stage import Stage, StageError, event_line
+from mech_twin.view.layout import Bounds, SceneContents, blueprint
+from mech_twin.view.phase_portrait import round_above
+from mech_twin.view.rerun_scene import RerunScene, RerunSceneError, event_line
 
 STEPS = 1000
 
 
-def shown(stage, steps=STEPS, *, with_body=True):
+def shown(scene, steps=STEPS, *, with_body=True):
     """Show a synthetic run as a run's loop would."""
     for step in range(steps + 1):
         now = frame(step)
-        stage.frame(now.motor, now.linkage, now.forces, now.body if with_body else None)
+        scene.frame(now.motor, now.linkage, now.forces, now.body if with_body else None)
         for event in events(step):
-            stage.event(event)
-        if stage.drawing_due(now.linkage.time_s):
-            stage.drawing(drawing(step))
+            scene.event(event)
+        if scene.drawing_due(now.linkage.time_s):
+            scene.drawing(drawing(step))
         if step % 1000 == 0:
-            stage.figures(figures(step))
+            scene.metrics(metrics(step))
 
 
 def tables(path):
@@ -42,8 +42,8 @@ def tables(path):
 @pytest.fixture(scope="module")
 def kept(tmp_path_factory):
     path = tmp_path_factory.mktemp("view") / "run.rrd"
-    with Stage("four_bar", rrd_path=path) as stage:
-        shown(stage)
+    with RerunScene("four_bar", rrd_path=path) as scene:
+        shown(scene)
     return tables(path)
 
 
@@ -99,18 +99,18 @@ def test_nothing_of_the_wall_clock_enters_the_file(kept):
     assert not any(name.startswith("log_") for table in kept[0].values() for name in table.column_names)
 
 
-def test_figures_are_a_table_with_units(kept):
-    text = kept[0]["/figures"]["TextDocument:text"].to_pylist()[0][0]
+def test_metrics_are_a_table_with_units(kept):
+    text = kept[0]["/metrics"]["TextDocument:text"].to_pylist()[0][0]
     assert "| blow energy | 18.8 | J |" in text
 
 
 def test_a_machine_without_body_gets_no_body_panels(tmp_path):
     path = tmp_path / "run.rrd"
-    with Stage("four_bar", rrd_path=path) as stage:
-        shown(stage, 200, with_body=False)
+    with RerunScene("four_bar", rrd_path=path) as scene:
+        shown(scene, 200, with_body=False)
     moving, _ = tables(path)
-    assert not any(entity.startswith(("/body/", "/portrait")) for entity in moving)
-    names = panel_names(Contents({"motor/torque": ("rotor",), "body_moment": ("moment on the body",)}, (), None))
+    assert not any(entity.startswith(("/body/", "/phase_portrait")) for entity in moving)
+    names = panel_names(SceneContents({"motor/torque": ("rotor",), "body_moment": ("moment on the body",)}, (), None))
     assert not any(word in names for word in ("Phase portrait", "Pressing force", "Body", "Moment on the body"))
 
 
@@ -127,31 +127,31 @@ def panel_names(contents):
 
 def test_the_layout_has_a_panel_for_everything_there_is():
     curves = {"motor/torque": ("rotor",), "pins/magnitude": ("A",), "body/pressing_force": ("pressing force",)}
-    names = panel_names(Contents(curves, ("body",), Bounds(0.0, 1.0, 0.0, 1.0)))
+    names = panel_names(SceneContents(curves, ("body",), Bounds(0.0, 1.0, 0.0, 1.0)))
     for expected in ("Mechanism", "Torque, N m", "Pin reactions, N", "Pressing force, N", "Phase portrait: body"):
         assert expected in names
-    for expected in ("Events", "Impacts", "Figures"):
+    for expected in ("Events", "Impacts", "Metrics"):
         assert expected in names
 
 
 def test_an_empty_run_has_a_layout_too():
-    assert "Mechanism" in panel_names(Contents({}, (), None))
+    assert "Mechanism" in panel_names(SceneContents({}, (), None))
 
 
 def test_the_file_holds_its_layout(tmp_path):
     path = tmp_path / "run.rrd"
-    with Stage("four_bar", rrd_path=path) as stage:
-        shown(stage, 100)
+    with RerunScene("four_bar", rrd_path=path) as scene:
+        shown(scene, 100)
     assert len(RrdReader(str(path)).blueprints()) >= 1
 
 
 def test_samples_may_come_one_role_at_a_time(tmp_path):
     path = tmp_path / "run.rrd"
-    with Stage("four_bar", rrd_path=path) as stage:
+    with RerunScene("four_bar", rrd_path=path) as scene:
         for step in range(101):
-            stage.frame(linkage=frame(step).linkage)
+            scene.frame(linkage=frame(step).linkage)
         for step in range(101):
-            stage.frame(body=frame(step).body)
+            scene.frame(body=frame(step).body)
     moving, _ = tables(path)
     assert max(moving["/linkage/speed"]["step"].to_pylist()) == 100
     assert max(moving["/body/pressing_force"]["step"].to_pylist()) == 100
@@ -159,12 +159,12 @@ def test_samples_may_come_one_role_at_a_time(tmp_path):
 
 def test_names_that_change_start_curves_of_their_own(tmp_path):
     path = tmp_path / "run.rrd"
-    with Stage("four_bar", rrd_path=path) as stage:
+    with RerunScene("four_bar", rrd_path=path) as scene:
         for step in range(40):
-            stage.frame(motor=frame(step).motor)
+            scene.frame(motor=frame(step).motor)
         for step in range(40, 81):
             sample = frame(step).motor
-            stage.frame(
+            scene.frame(
                 motor=sample._replace(joints=("a", "b"), position=(0, 0), velocity=(1, 2), effort=(3.0, step * 1.0))
             )
     moving, _ = tables(path)
@@ -175,35 +175,38 @@ def test_names_that_change_start_curves_of_their_own(tmp_path):
 def test_what_is_no_longer_drawn_disappears(tmp_path):
     path = tmp_path / "run.rrd"
     arrow = Shape("load", "arrow", ((0.0, 0.0), (0.1, 0.0)), (0, 0, 0), 0.01)
-    with Stage("four_bar", rrd_path=path) as stage:
-        stage.drawing(Drawing(0, 0.0, (arrow,)))
-        stage.drawing(Drawing(34, 0.034, ()))
+    with RerunScene("four_bar", rrd_path=path) as scene:
+        scene.drawing(Drawing(0, 0.0, (arrow,)))
+        scene.drawing(Drawing(34, 0.034, ()))
     moving, _ = tables(path)
     counts = [len(row or ()) for row in moving["/mechanism/arrows"]["Arrows2D:vectors"].to_pylist()]
     assert counts == [1, 0]
 
 
 def test_an_unknown_shape_is_refused_by_name(tmp_path):
-    with Stage("four_bar", rrd_path=tmp_path / "run.rrd") as stage, pytest.raises(ValueError, match="lump: expected"):
-        stage.drawing(Drawing(0, 0.0, (Shape("lump", "blob", (), (0, 0, 0), 0.01),)))
+    with (
+        RerunScene("four_bar", rrd_path=tmp_path / "run.rrd") as scene,
+        pytest.raises(ValueError, match="lump: expected"),
+    ):
+        scene.drawing(Drawing(0, 0.0, (Shape("lump", "blob", (), (0, 0, 0), 0.01),)))
 
 
 def test_a_file_that_cannot_be_written_is_refused_in_one_line(tmp_path):
-    with pytest.raises(StageError, match=r"no_room.*cannot be written") as refusal:
-        Stage("four_bar", rrd_path=tmp_path / "no_room" / "run.rrd")
+    with pytest.raises(RerunSceneError, match=r"no_room.*cannot be written") as refusal:
+        RerunScene("four_bar", rrd_path=tmp_path / "no_room" / "run.rrd")
     assert "\n" not in str(refusal.value)
 
 
 def test_a_stage_needs_somewhere_to_show():
     with pytest.raises(ValueError, match="expected grpc_url, rrd_path or both"):
-        Stage("four_bar")
+        RerunScene("four_bar")
 
 
 def test_a_body_that_rests_is_drawn_without_fault(tmp_path):
     still = BodySample(0, 0.0, ("body",), (0.0,), (0.0,), (0.0,), 0, 0.0, Named(), Named())
-    with Stage("four_bar", rrd_path=tmp_path / "run.rrd") as stage:
+    with RerunScene("four_bar", rrd_path=tmp_path / "run.rrd") as scene:
         for step in range(101):
-            stage.frame(body=still._replace(step=step, time_s=step * 0.001))
+            scene.frame(body=still._replace(step=step, time_s=step * 0.001))
 
 
 @pytest.mark.parametrize(("value", "scale"), [(0.0, 1.0), (0.0054, 0.01), (0.24, 0.5), (1.0, 1.0), (7.3, 10.0)])

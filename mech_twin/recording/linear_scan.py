@@ -1,4 +1,4 @@
-"""The index of an MCAP file found by walking through it, whatever state it is in."""
+"""Index of an MCAP file built by a linear scan, which works on damaged and truncated files."""
 
 from __future__ import annotations
 
@@ -11,57 +11,57 @@ from mech_twin.recording.file_index import Extent, FileIndex
 from mech_twin.recording.mcap_records import (
     MAGIC,
     Damage,
-    Found,
+    LocatedRecord,
     RawMessage,
     Record,
     UnreadableRecordError,
+    decompressed,
     inner_records,
-    unpacked,
 )
 from mech_twin.recording.record_file import RecordFile
 
 _RUN_BYTES = 256 * 1024
 
 
-def walked(file: RecordFile) -> FileIndex:
-    """Return the index of every record that is intact, and the damage between them; never raises on content."""
+def scanned_index(file: RecordFile) -> FileIndex:
+    """Return the index of every intact record and of the damage between them; no file content makes it raise."""
     index = FileIndex(file, finished=False)
-    walk = _Walk(index)
-    for found in file.scan(walk.accept):
+    scan = _LinearScan(index)
+    for found in file.scan(scan.accept):
         if isinstance(found, Damage):
             index.damages.append(found)
         else:
-            walk.take(found)
-    walk.complete()
+            scan.take(found)
+    scan.complete()
     return index
 
 
-class _Walk:
-    """Gathers an index record by record."""
+class _LinearScan:
+    """Builds an index record by record."""
 
     def __init__(self, index: FileIndex) -> None:
         self._index = index
-        self._looked_into: tuple[int, list[Record]] = (-1, [])
-        self._second_copies: list[dict[str, str]] = []
+        self._verified_chunk: tuple[int, list[Record]] = (-1, [])
+        self._backups: list[dict[str, str]] = []
         self._outside: list[Schema | Channel] = []
 
-    def accept(self, found: Found) -> None:
-        """Look into a chunk, whose records must be intact too."""
+    def accept(self, found: LocatedRecord) -> None:
+        """Verify what the record contains: the records of a chunk must be intact, too."""
         record = found.record
         if isinstance(record, Chunk):
-            if self._looked_into[0] != found.offset:
-                inner = list(inner_records(unpacked(record)))
-                self._looked_into = (found.offset, inner)
+            if self._verified_chunk[0] != found.offset:
+                inner = list(inner_records(decompressed(record)))
+                self._verified_chunk = (found.offset, inner)
         elif isinstance(record, Footer):
             end = found.offset + found.length
             if end != self._index.file.size - len(MAGIC):
-                raise UnreadableRecordError("a footer within the file")
+                raise UnreadableRecordError("a footer before the end of the file")
 
-    def take(self, found: Found) -> None:
-        """Take a record into the index."""
+    def take(self, found: LocatedRecord) -> None:
+        """Add a record to the index."""
         index, record = self._index, found.record
         if isinstance(record, Chunk):
-            self._take_chunk(found, self._looked_into[1])
+            self._take_chunk(found, self._verified_chunk[1])
         elif isinstance(record, RawMessage):
             self._take_message(found, record)
         elif isinstance(record, (Schema, Channel)):
@@ -71,11 +71,11 @@ class _Walk:
         elif isinstance(record, Metadata):
             index.metadata[record.name] = found.offset
             if record.name == TOPIC_RECORD:
-                self._second_copies.append(record.metadata)
+                self._backups.append(record.metadata)
         elif isinstance(record, Footer):
             index.finished = True
 
-    def _take_chunk(self, found: Found, inner: list[Record]) -> None:
+    def _take_chunk(self, found: LocatedRecord, inner: list[Record]) -> None:
         index = self._index
         messages = [record for record in inner if isinstance(record, RawMessage)]
         for record in inner:
@@ -90,7 +90,7 @@ class _Walk:
             size = sum(len(message.raw) for message in messages)
             index.extents.append(Extent(found.offset, found.length, min(times), max(times), size, frozenset(channels)))
 
-    def _take_message(self, found: Found, message: RawMessage) -> None:
+    def _take_message(self, found: LocatedRecord, message: RawMessage) -> None:
         index = self._index
         index.counts[message.channel_id] += 1
         last = index.extents[-1] if index.extents else None
@@ -109,14 +109,14 @@ class _Walk:
             index.extents.append(Extent(found.offset, found.length, time, time, found.length, one))
 
     def complete(self) -> None:
-        """Fill in the schemas and channels that no intact chunk gave: first from the summary, then from copies."""
+        """Add schemas and channels that no intact chunk contains: from the summary, then from the backup records."""
         index = self._index
         for record in self._outside:
             table: dict[int, Schema] | dict[int, Channel] = (
                 index.schemas if isinstance(record, Schema) else index.channels
             )
             table.setdefault(record.id, record)  # type: ignore[arg-type]
-        for copy in self._second_copies:
+        for copy in self._backups:
             self._take_copy(copy)
         index.channels = {
             key: channel for key, channel in index.channels.items() if channel.schema_id in {0, *index.schemas}

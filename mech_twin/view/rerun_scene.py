@@ -1,7 +1,7 @@
-"""The stage: takes samples as they come and shows them, live or into a file.
+"""Shows samples in rerun as they arrive, live or into a file.
 
-Everything is logged under simulation time; nothing reads the wall clock.  The stage needs no machine: the names of
-joints and pins come from the samples, so whatever a bag holds can be shown.
+Everything is logged at simulation time, never wall-clock time.  The names of joints and pins come from the samples, so
+recordings of machines outside the catalogue can be shown as well.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 import rerun as rr
 
 from mech_twin.samples import BodySample, Drawing, Event, ForceSample, LinkageSample, MotorSample
-from mech_twin.view.captions import figure_table
+from mech_twin.view.captions import metrics_table
 from mech_twin.view.curves import (
     PALETTE,
     SIM_TIME,
@@ -27,19 +27,19 @@ from mech_twin.view.curves import (
     motor_groups,
     times,
 )
-from mech_twin.view.layout import EVENTS, FIGURES, IMPACTS, PORTRAIT, Contents, blueprint
+from mech_twin.view.layout import EVENTS, IMPACTS, METRICS, PHASE_PORTRAIT, SceneContents, blueprint
 from mech_twin.view.mechanism import Mechanism
-from mech_twin.view.portrait import Portrait
+from mech_twin.view.phase_portrait import PhasePortrait
 
 VIEW_RATE_HZ = 30.0
 
 
-class StageError(RuntimeError):
-    """The stage cannot show or keep the run; the message is one line."""
+class RerunSceneError(RuntimeError):
+    """The viewer or the file cannot be opened or written; the message is one line."""
 
 
-class Stage:
-    """What is shown of one run; a context manager.
+class RerunScene:
+    """The rerun recording of one run; a context manager.
 
     Parameters
     ----------
@@ -48,22 +48,22 @@ class Stage:
     grpc_url : str, optional
         Address of a running viewer (``ViewerProcess.grpc_url``).
     rrd_path : path, optional
-        File to write instead of, or beside, showing it live.
+        File to write, instead of or in addition to the live view.
     window : int
-        Samples to a decimation window of the curves; each window keeps its extremes.
+        Samples per decimation window of the curves; each window keeps its extremes.
     batch_s : float
-        Simulated time between two sendings of the curves.
+        Simulated time per batch of curve data.
     curve_span_s, portrait_span_s : float
-        Simulated time that the curves and the phase portrait show.
+        Simulated time span of the curves and of the phase portrait.
     flush_limit_s : float
-        How long ``close`` waits for a viewer that does not take the rest.
+        How long ``close`` waits for the viewer to accept the remaining data.
 
     Raises
     ------
     ValueError
-        If there is neither an address nor a file.
-    StageError
-        If the file cannot be created; one line.
+        Neither an address nor a file is given.
+    RerunSceneError
+        The file cannot be created; one line.
     """
 
     def __init__(
@@ -79,7 +79,7 @@ class Stage:
         flush_limit_s: float = 0.5,
     ) -> None:
         if grpc_url is None and rrd_path is None:
-            raise ValueError("stage: expected grpc_url, rrd_path or both")
+            raise ValueError("scene: expected grpc_url, rrd_path or both")
         self._curve_span_s = curve_span_s
         self._portrait_span_s = portrait_span_s
         self._flush_limit_s = flush_limit_s
@@ -88,12 +88,12 @@ class Stage:
         self._linkage = Track(self._stream, linkage_groups, window=window, batch_s=batch_s)
         self._forces = Track(self._stream, force_groups, window=window, batch_s=batch_s)
         self._body = Track(self._stream, body_groups, window=window, batch_s=batch_s)
-        self._portraits: tuple[Portrait, ...] = ()
+        self._portraits: tuple[PhasePortrait, ...] = ()
         self._events: list[tuple[float, str, str]] = []
         self._contacts: dict[str, int] = {}
         self._marks: dict[str, list[tuple[float, float]]] = {}
         self._mechanism = Mechanism(self._stream)
-        self._shown: Contents | None = None
+        self._shown: SceneContents | None = None
         self._time_s = 0.0
         self._last_picture = -1
         self._live = grpc_url is not None
@@ -107,7 +107,7 @@ class Stage:
         forces: ForceSample | None = None,
         body: BodySample | None = None,
     ) -> None:
-        """Take the samples of a step, all or some; they are sent in batches."""
+        """Add the samples of a step, all or some; they are sent in batches."""
         sent = False
         for track, sample in ((self._motor, motor), (self._linkage, linkage), (self._forces, forces)):
             if sample is not None:
@@ -126,40 +126,40 @@ class Stage:
         return _picture(time_s) != self._last_picture
 
     def drawing(self, drawing: Drawing) -> None:
-        """Show the mechanism as drawn; every drawing given is shown."""
+        """Show a drawing of the mechanism."""
         self._last_picture = _picture(drawing.time_s)
         self._set_time(drawing.time_s, drawing.step)
         self._mechanism.show(drawing.shapes)
 
     def event(self, event: Event, level: str = "INFO") -> None:
-        """Show an event at its own exact time: a line in the log, and marks where it was an impact."""
+        """Show an event at its exact time: a log line and, for an impact, markers of impulse and speed."""
         self._events.append((event.time_s, event_line(event), level))
         if event.impulse_ns != 0.0:
             self._mark(f"{IMPACTS}/impulse", event, f"{event.contact}: impulse, N s", event.impulse_ns)
         if event.pre_velocity_m_per_s != 0.0:
             self._mark(f"{IMPACTS}/speed", event, f"{event.contact}: speed before, m/s", event.pre_velocity_m_per_s)
 
-    def figures(self, figures: Mapping[str, float]) -> None:
-        """Show the owner's figures as a table; names end in their unit."""
+    def metrics(self, metrics: Mapping[str, float]) -> None:
+        """Show the metrics of the run as a table; names end in their unit."""
         self._set_time(self._time_s)
-        self._stream.log(FIGURES, rr.TextDocument(figure_table(figures), media_type=rr.MediaType.MARKDOWN))
+        self._stream.log(METRICS, rr.TextDocument(metrics_table(metrics), media_type=rr.MediaType.MARKDOWN))
 
     def log(self, text: str, level: str = "INFO") -> None:
         """Show a line in the log at the time of the newest sample."""
         self._events.append((self._time_s, text, level))
 
     def close(self) -> bool:
-        """Send what is left, wait for it within the limit, and let go; harmless when called again.
+        """Send the remaining data, wait up to the limit, and disconnect; idempotent.
 
         Returns
         -------
         bool
-            Whether everything was taken; False when the viewer has gone or is too slow, which must not end a run.
+            Whether everything was accepted; False if the viewer is gone or too slow, which must not end a run.
 
         Raises
         ------
-        StageError
-            If there is no viewer, only a file, and it could not be written to its end.
+        RerunSceneError
+            There is no viewer, only a file, and it could not be written completely.
         """
         if self._closed:
             return self._complete
@@ -173,12 +173,14 @@ class Stage:
         except (RuntimeError, ValueError) as reason:
             self._complete = False
             if not self._live:
-                raise StageError(f"view: the file was not written to its end: {_first_line(reason)}") from reason
+                raise RerunSceneError(
+                    f"view: the file could not be written completely: {_first_line(reason)}"
+                ) from reason
         finally:
             self._stream.disconnect()
         return self._complete
 
-    def __enter__(self) -> Stage:
+    def __enter__(self) -> RerunScene:
         return self
 
     def __exit__(
@@ -195,7 +197,7 @@ class Stage:
     def _trace_body(self, body: BodySample) -> bool:
         if tuple(portrait.joint for portrait in self._portraits) != body.joints:
             self._portraits = tuple(
-                Portrait(f"{PORTRAIT}/{joint}", joint, place, self._portrait_span_s)
+                PhasePortrait(f"{PHASE_PORTRAIT}/{joint}", joint, place, self._portrait_span_s)
                 for place, joint in enumerate(body.joints)
             )
         for portrait in self._portraits:
@@ -228,7 +230,7 @@ class Stage:
         self._stream.send_columns(EVENTS, times(time_s), rr.TextLog.columns(text=list(text), level=list(level)))
 
     def _lay_out(self) -> None:
-        """Send the layout when something new has appeared or the mechanism has moved out of sight."""
+        """Send the layout if there are new curves or joints, or the mechanism has left the visible range."""
         tracks = (self._motor, self._linkage, self._forces, self._body)
         curves = {path: names for track in tracks for path, names in track.curves.items()}
         joints = tuple(portrait.joint for portrait in self._portraits)
@@ -240,7 +242,7 @@ class Stage:
             and self._mechanism.within(shown.bounds)
         ):
             return
-        self._shown = Contents(curves, joints, self._mechanism.bounds())
+        self._shown = SceneContents(curves, joints, self._mechanism.bounds())
         self._stream.send_blueprint(blueprint(self._shown, self._curve_span_s))
 
 
@@ -249,12 +251,12 @@ def _first_line(reason: Exception) -> str:
 
 
 def _picture(time_s: float) -> int:
-    """Return the number of the picture this time falls in."""
+    """Return the index of the drawing interval of this time."""
     return math.floor(time_s * VIEW_RATE_HZ + 1e-6)
 
 
 def event_line(event: Event) -> str:
-    """Return the event in words: what, where, the speeds before and after, the impulse, the cycle."""
+    """Return the event as text: kind, contact, velocities before and after, impulse, cycle."""
     words = [f"{event.time_s:.6f} s  {event.kind} ({event.contact})"]
     if event.pre_velocity_m_per_s != 0.0 or event.post_velocity_m_per_s != 0.0:
         words.append(f"{event.pre_velocity_m_per_s:+.4g} -> {event.post_velocity_m_per_s:+.4g} m/s")
@@ -274,7 +276,7 @@ def _opened_stream(application_id: str, grpc_url: str | None, rrd_path: str | Pa
         stream.set_sinks(*sinks)
     except RuntimeError as reason:
         target = f"file {rrd_path}" if rrd_path is not None else grpc_url
-        raise StageError(f"view: {target}: cannot be written: {_first_line(reason)}") from reason
+        raise RerunSceneError(f"view: {target}: cannot be written: {_first_line(reason)}") from reason
     stream.set_log_time_enabled(False)
     stream.set_log_tick_enabled(False)
     return stream
