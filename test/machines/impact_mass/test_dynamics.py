@@ -1,4 +1,4 @@
-"""Laws of the event walk and of the roles: ties, grazing, rest, books, independence of the coupling step."""
+"""Laws of the event walk and of the roles: ties, grazing, rest, balance, independence of the coupling step."""
 
 from __future__ import annotations
 
@@ -16,49 +16,51 @@ from mech_twin.configuration_tree import ConfigurationError
 from mech_twin.engine.coupling import complete_frame, next_frame, restarted
 from mech_twin.engine.run import frames
 from mech_twin.machines.impact_mass import PARAMETERS, build
-from mech_twin.machines.impact_mass.batch import empty_tally, walked
-from mech_twin.machines.impact_mass.events import (
-    KINDS,
-    STUCK,
-    Motion,
-    drive,
+from mech_twin.machines.impact_mass.batch import empty_tally, event_batch
+from mech_twin.machines.impact_mass.dynamics import (
+    MassMotion,
     elapsed,
+    impact_system,
     initial_motion,
     next_event,
     rests_for_good,
 )
+from mech_twin.machines.impact_mass.states import (
+    KIND_NAMES,
+    STUCK,
+)
 from mech_twin.parameters.load import machine, machine_parameters
 
 
-def events_of(acting, motion, count):
+def events_of(system, motion, count):
     """Return (kind, period, tau, pre, post) of the next events, and the motion after them."""
     seen = []
     for _ in range(count):
-        event, motion = next_event(motion, acting)
-        seen.append((KINDS[int(event.kind)], event.period, event.tau_s, event.pre_m_per_s, event.post_m_per_s))
+        event, motion = next_event(motion, system)
+        seen.append((KIND_NAMES[int(event.kind)], event.period, event.tau_s, event.pre_m_per_s, event.post_m_per_s))
     return seen, motion
 
 
 def test_an_impact_at_the_change_of_phase_comes_before_it():
-    acting = drive((1.0, 0.25), (8.0, -1.0), 0.5, 0.0)
-    seen, _ = events_of(acting, initial_motion(0.25, 0.0, acting), 2)
+    system = impact_system((1.0, 0.25), (8.0, -1.0), 0.5, 0.0)
+    seen, _ = events_of(system, initial_motion(0.25, 0.0, system), 2)
     assert seen[0] == ("impact", 0.0, 0.25, 2.0, -1.0)
     assert seen[1] == ("phase", 0.0, 0.25, -1.0, -1.0)
 
 
 def test_an_impact_at_the_end_of_a_period_belongs_to_that_period():
-    acting = drive((0.5, 0.25), (0.0, 8.0), 0.5, 0.0)
-    seen, _ = events_of(acting, initial_motion(0.25, 0.0, acting), 3)
+    system = impact_system((0.5, 0.25), (0.0, 8.0), 0.5, 0.0)
+    seen, _ = events_of(system, initial_motion(0.25, 0.0, system), 3)
     assert seen[1] == ("impact", 0.0, 0.5, 2.0, -1.0)
     assert seen[2][:3] == ("phase", 1.0, 0.0)
 
 
 def test_a_blow_that_rounding_puts_behind_the_change_comes_at_once():
-    acting = drive((1.0, 0.25), (8.0, -1.0), 0.5, 0.0)
-    seen, _ = events_of(acting, initial_motion(0.25 + 2e-17, 0.0, acting), 3)
+    system = impact_system((1.0, 0.25), (8.0, -1.0), 0.5, 0.0)
+    seen, _ = events_of(system, initial_motion(0.25 + 2e-17, 0.0, system), 3)
     assert seen[0][0] == "impact"
     gap = math.nextafter(0.25, 1.0)
-    seen, _ = events_of(acting, initial_motion(gap, 0.0, acting), 3)
+    seen, _ = events_of(system, initial_motion(gap, 0.0, system), 3)
     (blow,) = (e for e in seen if e[0] == "impact")
     exact = (2 * Decimal(gap) / 8).sqrt()
     assert blow[2] == pytest.approx(float(exact), rel=1e-15)
@@ -66,22 +68,22 @@ def test_a_blow_that_rounding_puts_behind_the_change_comes_at_once():
 
 
 def test_a_series_that_ends_with_its_phase_completes_and_is_released_at_the_same_instant():
-    acting = drive((1.0, 0.25), (8.0, -1.0), 0.5, 0.0)
-    motion = initial_motion(0.0, 1.0, acting)
-    seen, _ = events_of(acting, motion, 44)
+    system = impact_system((1.0, 0.25), (8.0, -1.0), 0.5, 0.0)
+    motion = initial_motion(0.0, 1.0, system)
+    seen, _ = events_of(system, motion, 44)
     assert seen[0][:4] == ("impact", 0.0, 0.0, 1.0)
     ends = [e for e in seen if e[0] != "impact"]
     assert [(e[0], e[2]) for e in ends[:3]] == [("chatter_end", 0.25), ("phase", 0.25), ("release", 0.25)]
 
 
 def test_exact_grazing_goes_on_without_event_and_rests_only_where_the_force_presses():
-    acting = drive((0.0625, 0.03125), (1.0, -512.0), 0.3, 0.0)
+    system = impact_system((0.0625, 0.03125), (1.0, -512.0), 0.3, 0.0)
     # phase 2 brings the mass to the stop with speed 0 at exactly its end
-    motion = Motion(0.0, 0.03125, 1.0, 0.25, 16.0, 0.0, 0.0, 0.0, 0.0)
-    seen, after = events_of(acting, motion, 1)
+    motion = MassMotion(0.0, 0.03125, 1.0, 0.25, 16.0, 0.0, 0.0, 0.0, 0.0)
+    seen, after = events_of(system, motion, 1)
     assert seen[0][:3] == ("phase", 1.0, 0.0)
     assert (after.gap_m, after.velocity_m_per_s, after.mode) == (0.0, 0.0, STUCK)
-    pulled = drive((0.0625, 0.03125), (-1.0, -512.0), 0.3, 0.0)
+    pulled = impact_system((0.0625, 0.03125), (-1.0, -512.0), 0.3, 0.0)
     seen, after = events_of(pulled, motion, 2)
     assert [e[0] for e in seen] == ["phase", "phase"]
     assert after.gap_m > 0.0
@@ -90,8 +92,8 @@ def test_exact_grazing_goes_on_without_event_and_rests_only_where_the_force_pres
 @pytest.mark.parametrize("nudge", [0.0, 1e-15, -1e-15, 1e-13, -1e-13, 1e-9, -1e-9])
 def test_next_to_grazing_the_blow_agrees_with_sixty_digits(nudge):
     a, gap, v = -500.0 * (1.0 + nudge), 0.15625, 12.5
-    acting = drive((1.0, 0.5), (a, -1.0), 0.3, 0.0)
-    seen, _ = events_of(acting, initial_motion(gap, v, acting), 1)
+    system = impact_system((1.0, 0.5), (a, -1.0), 0.3, 0.0)
+    seen, _ = events_of(system, initial_motion(gap, v, system), 1)
     square = Decimal(v) ** 2 + 2 * Decimal(a) * Decimal(gap)
     if square > 0:
         assert seen[0][0] == "impact"
@@ -113,12 +115,12 @@ def test_next_to_grazing_the_blow_agrees_with_sixty_digits(nudge):
 )
 def test_the_first_two_periods_agree_with_sixty_digits(r, share, a1, a2, gap, v):
     t1 = 0.05 * share
-    acting = drive((0.05, t1), (a1, a2), r, 0.0)
+    system = impact_system((0.05, t1), (a1, a2), r, 0.0)
     case = {"T": 0.05, "t1": t1, "A1": a1, "A2": a2, "R": r, "gap": gap, "speed": v}
     reference = walk({k: number(x) for k, x in case.items()}, 2, listed=1e-6)
-    motion, ours = initial_motion(gap, v, acting), []
+    motion, ours = initial_motion(gap, v, system), []
     while motion.period < 2.0:
-        event, motion = next_event(motion, acting)
+        event, motion = next_event(motion, system)
         if event.kind < 2.0:
             ours.append(event)
     biggest = [e for e in reference if e.pre > Decimal("1e-3")]
@@ -134,24 +136,24 @@ def test_the_first_two_periods_agree_with_sixty_digits(r, share, a1, a2, gap, v)
 
 
 def test_the_event_walk_has_no_drift_over_a_million_periods():
-    acting = drive((0.05, 0.035), (1000.0, -500.0), 0.3, 0.0)
-    motion = initial_motion(0.5, 0.0, acting)
-    motion, _ = walked(motion, acting, empty_tally(motion), 10_000, 100.0)
-    early = events_of(acting, motion, 20)[0]
-    motion, tally = walked(motion, acting, empty_tally(motion), 100_000_000, 300_100.0)
-    late = events_of(acting, motion, 20)[0]
+    system = impact_system((0.05, 0.035), (1000.0, -500.0), 0.3, 0.0)
+    motion = initial_motion(0.5, 0.0, system)
+    motion, _ = event_batch(motion, system, empty_tally(motion), 10_000, 100.0)
+    early = events_of(system, motion, 20)[0]
+    motion, tally = event_batch(motion, system, empty_tally(motion), 100_000_000, 300_100.0)
+    late = events_of(system, motion, 20)[0]
     assert tally.impacts == 300_000 * 23
     assert [(e[0], *e[2:]) for e in early] == [(e[0], *e[2:]) for e in late]
 
 
 @given(st.integers(1, 10**12), st.floats(1e-5, 1e-2), st.floats(1e-3, 1.0))
 def test_the_time_since_an_event_is_exact_at_any_age(steps, step_s, period_s):
-    acting = drive((period_s, 0.5 * period_s), (1.0, -1.0), 0.5, 0.0)
+    system = impact_system((period_s, 0.5 * period_s), (1.0, -1.0), 0.5, 0.0)
     period = float(int(steps * step_s / period_s))
-    motion = Motion(period, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    motion = MassMotion(period, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     exact = Fraction(float(steps)) * Fraction(step_s) - Fraction(period) * Fraction(period_s)
     if exact >= 0:
-        assert elapsed(motion, acting, float(steps), step_s) == pytest.approx(float(exact), rel=1e-15, abs=1e-300)
+        assert elapsed(motion, system, float(steps), step_s) == pytest.approx(float(exact), rel=1e-15, abs=1e-300)
 
 
 def at_step(step_s, t1, duration_s=0.8, **changes):
@@ -180,7 +182,7 @@ def test_events_lie_in_the_step_that_carries_them():
         for event in after.linkage.events:
             assert before.linkage.time_s - 1e-15 <= event.time_s <= after.linkage.time_s
             assert event.impulse_ns >= 0.0
-            assert event.kind in KINDS
+            assert event.kind in KIND_NAMES
 
 
 @pytest.mark.parametrize("cutoff", [0.0, 0.05])
@@ -254,8 +256,8 @@ def test_a_reset_starts_the_force_anew_at_its_own_time():
 
 def test_rest_for_good_needs_both_forces_towards_the_stop():
     for a2, good in ((1.0, True), (0.0, True), (-1.0, False)):
-        acting = drive((1.0, 0.5), (1.0, a2), 0.3, 0.0)
-        assert rests_for_good(initial_motion(0.0, 0.0, acting), acting) == good
+        system = impact_system((1.0, 0.5), (1.0, a2), 0.3, 0.0)
+        assert rests_for_good(initial_motion(0.0, 0.0, system), system) == good
 
 
 @pytest.mark.parametrize(
