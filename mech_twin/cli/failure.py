@@ -6,6 +6,8 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from mech_twin.dependencies import missing_extra
+
 EXIT_CODE = 2
 
 
@@ -26,17 +28,21 @@ def told_in_one_line() -> Iterator[None]:
 
 
 def _message(error: Exception) -> str:
+    if isinstance(error, ImportError):
+        return missing_extra(error) or str(error)
     told = getattr(error, "format_message", None)  # the command line library words its own errors
     return str(told() if told else error)
 
 
 def _is_about_input(error: Exception) -> bool:
+    if isinstance(error, ImportError):
+        return missing_extra(error) is not None
     from typer.exceptions import TyperException
 
     from mech_twin.nodes.errors import NodeEndedError
     from mech_twin.parameters.errors import ConfigurationError
     from mech_twin.recording.errors import BagError
-    from mech_twin.view.stage import StageError
+    from mech_twin.view.errors import StageError
     from mech_twin.view.viewer_process import ViewerError
 
     kinds = (CommandError, TyperException, NodeEndedError, ConfigurationError, BagError, StageError, ViewerError)

@@ -14,6 +14,7 @@ from pydantic import ValidationError
 from mech_twin.cli.console import print_json, print_numbers, say
 from mech_twin.cli.event_record import event_record
 from mech_twin.cli.failure import CommandError
+from mech_twin.dependencies import require_extra
 from mech_twin.nodes.domain import DISCOVERY, OTHER_HOSTS, settle_domain
 from mech_twin.parameters.errors import refusal
 from mech_twin.parameters.load import RUN_GROUP, assignments, configuration_tree, machine_parameters, run_group
@@ -111,6 +112,7 @@ def _opened_view(request: RunRequest, stack: ExitStack) -> str | None:
     """Return where the stage goes: the address of a viewer started here, a file, or nowhere."""
     if request.view == "none":
         return None
+    require_extra("view")
     if request.view != "web":
         return request.view
     from mech_twin.view.viewer_process import ViewerProcess

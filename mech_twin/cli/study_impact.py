@@ -9,6 +9,7 @@ from typing import Any
 from mech_twin.cli.console import print_json, print_table, say
 from mech_twin.cli.failure import CommandError
 from mech_twin.cli.study_words import axes_of, counted, require_machine, study_errors
+from mech_twin.dependencies import require_extra
 from mech_twin.machines.impact_mass import ImpactMass
 from mech_twin.parameters.load import assignments, configuration_tree, machine_parameters
 from mech_twin.studies import regimes, synthesise
@@ -111,6 +112,7 @@ def answer_regimes(
 ) -> None:
     """Show the regime at each value; write the bifurcation picture."""
     require_machine(machine, MACHINE, "regimes")
+    require_extra("plots")
     axes = axes_of(over)
     if len(axes) != 1:
         raise CommandError("--over: a regime map has one key")

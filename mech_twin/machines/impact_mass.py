@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, Self
 
 from pydantic import model_validator
-from typing_extensions import Self
 
 from mech_twin.machines.impact_mass_events import Drive, drive
 from mech_twin.machines.impact_mass_figures import MassObserver, cycle_report, mass_drawing, position_figures

@@ -27,15 +27,12 @@ from mech_twin.view.curves import (
     motor_groups,
     times,
 )
+from mech_twin.view.errors import StageError
 from mech_twin.view.layout import EVENTS, FIGURES, IMPACTS, PORTRAIT, Contents, blueprint
 from mech_twin.view.mechanism import Mechanism
 from mech_twin.view.portrait import Portrait
 
 VIEW_RATE_HZ = 30.0
-
-
-class StageError(RuntimeError):
-    """The stage cannot show or keep the run; the message is one line."""
 
 
 class Stage:
