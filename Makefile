@@ -6,7 +6,11 @@ VENV ?= .venv$(if $(filter kilted,$(ROS)),-kilted)
 BIN := $(VENV)/bin
 TOOLS := .venv-tools
 PINS := -c constraints/python.txt -c constraints/$(ROS).txt
+HASHED ?= # any text: install by hashes, and nothing else (docs/supply-chain.md)
+HASHES := constraints/hashes/$(ROS).txt
 EXTRAS := $(ROS),view,plots,tables
+INSTALL_HASHED = $(BIN)/python -m pip install -q --require-hashes --no-deps -r $(HASHES) && \
+  $(BIN)/python -m pip install -q --no-deps --no-build-isolation -e .
 READERS := test/recording/npm
 ARGS ?=
 
@@ -74,11 +78,11 @@ $(VENV)/bin/python:
 	$(BIN)/python -m pip install -q "pip>=24" "setuptools>=77"
 
 $(VENV)/.run: setup.py constraints/python.txt constraints/$(ROS).txt | $(VENV)/bin/python
-	$(BIN)/python -m pip install -q -e ".[$(EXTRAS)]" $(PINS)
+	$(if $(strip $(HASHED)),$(INSTALL_HASHED),$(BIN)/python -m pip install -q -e ".[$(EXTRAS)]" $(PINS))
 	touch $@
 
 $(VENV)/.test: setup.py constraints/python.txt constraints/$(ROS).txt | $(VENV)/bin/python
-	$(BIN)/python -m pip install -q -e ".[$(EXTRAS),cluster,test]" $(PINS)
+	$(if $(strip $(HASHED)),$(INSTALL_HASHED),$(BIN)/python -m pip install -q -e ".[$(EXTRAS),cluster,test]" $(PINS))
 	touch $@ $(VENV)/.run
 	$(MAKE) -s $(READERS)/node_modules
 

@@ -61,15 +61,18 @@ def third_party() -> dict[str, set[Path]]:
     return found
 
 
-def declared() -> dict[str, set[str]]:
-    """Return the distributions that setup.py requires: those of every installation under "", the others by extra."""
+def requirements() -> dict[str, list[str]]:
+    """Return what setup.py requires: of every installation under "", the rest by extra."""
     tree = ast.parse((ROOT / "setup.py").read_text(encoding="utf-8"))
     calls = (node for node in ast.walk(tree) if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "setup")
     arguments = {word.arg: word.value for word in next(calls).keywords}
-    groups = {"": ast.literal_eval(arguments["install_requires"]), **ast.literal_eval(arguments["extras_require"])}
+    return {"": ast.literal_eval(arguments["install_requires"]), **ast.literal_eval(arguments["extras_require"])}
+
+
+def declared() -> dict[str, set[str]]:
+    """Return the distributions of each group."""
     return {
-        group: {canonical(re.split(r"[\[>=<]", text)[0]) for text in requirements}
-        for group, requirements in groups.items()
+        group: {canonical(re.split(r"[\[>=<]", text)[0]) for text in listed} for group, listed in requirements().items()
     }
 
 
@@ -83,6 +86,7 @@ def distributions(name: str) -> set[str]:
 
 IMPORTED = third_party()
 DECLARED = declared()
+REQUIRED = requirements()[""]
 FROM_PIP = set().union(*(names for group, names in DECLARED.items() if group not in ROS_EXTRAS + DEVELOPER_EXTRAS))
 ROS = {name for name in IMPORTED if name.endswith(("_msgs", "_srvs", "_interfaces")) or name == "rclpy"}
 
@@ -120,11 +124,13 @@ def test_manifest_names_every_key_that_rosdep_has() -> None:
 
 
 def test_what_rosdep_lacks_stands_in_the_page_on_native_installation() -> None:
-    page = (ROOT / "docs" / "native.md").read_text(encoding="utf-8")
-    command = re.search(r"^pip install (.+)$", page, re.MULTILINE)
-    assert command is not None
-    named = {canonical(re.split(r"[>=<]", word.strip("'\""))[0]) for word in command.group(1).split()}
-    assert DECLARED[""] - set(ROSDEP) <= named
+    for name in ("docs/native.md", "README.md"):
+        page = (ROOT / name).read_text(encoding="utf-8")
+        command = re.search(r"^pip install ('.+)$", page, re.MULTILINE)
+        assert command is not None
+        named = {word.strip("'") for word in command.group(1).split()}
+        assert {canonical(re.split(r">=", word)[0]) for word in named} >= DECLARED[""] - set(ROSDEP)
+        assert named <= set(REQUIRED), "a bound differs from that of setup.py"
 
 
 HEADLESS = """
