@@ -15,6 +15,7 @@ from mech_twin.cli.console import print_json, print_numbers, say
 from mech_twin.cli.event_record import event_record
 from mech_twin.cli.failure import CommandError
 from mech_twin.configuration_tree import configuration_tree
+from mech_twin.dependencies import require_extra
 from mech_twin.nodes.domain import DISCOVERY, OTHER_HOSTS, settle_domain
 from mech_twin.parameters.errors import refusal
 from mech_twin.parameters.load import RUN_GROUP, assignments, machine_parameters, run_group
@@ -112,6 +113,7 @@ def _opened_view(request: RunRequest, stack: ExitStack) -> str | None:
     """Return the destination of the view: the address of a viewer started here, a file, or None."""
     if request.view == "none":
         return None
+    require_extra("view")
     if request.view != "web":
         return request.view
     from mech_twin.view.viewer_process import ViewerProcess
