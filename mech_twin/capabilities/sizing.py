@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, Protocol
 
 from mech_twin.quantity import Parameters
 
@@ -45,7 +45,10 @@ class Constraint:
 
 @dataclass(frozen=True)
 class Sizing:
-    """Sizes by configuration key, the whole configuration, constraints, which binds, and the trade around it."""
+    """Sizes by configuration key, the whole configuration, constraints, which binds, and the trade-off around it.
+
+    ``tolerance`` is the relative tolerance of what is assumed, under which ``constraints`` hold (0: as configured).
+    """
 
     machine: str
     objective: str
@@ -55,6 +58,7 @@ class Sizing:
     constraints: tuple[Constraint, ...]
     binding: str
     trade: tuple[dict[str, float | str], ...] = ()
+    tolerance: float = 0.0
 
 
 def binding_of(constraints: tuple[Constraint, ...], otherwise: str) -> str:
@@ -66,12 +70,39 @@ def binding_of(constraints: tuple[Constraint, ...], otherwise: str) -> str:
     return "; ".join(binding) or otherwise
 
 
+class SizingAnswer(Protocol):
+    """Sizes of a machine under limits."""
+
+    def __call__(
+        self, parameters: Any, limits: Mapping[str, float], objective: str, table: Table, tolerance: float, /
+    ) -> Sizing:
+        """Return the sizes with the smallest objective within the limits.
+
+        Parameters
+        ----------
+        parameters : Parameters
+            The machine's configuration; what is not sized is taken from it.
+        limits : mapping
+            Every limit by its name.
+        objective : str
+            What to make small.
+        table : callable
+            An installed table by its name.
+        tolerance : float
+            Relative tolerance of what is assumed: the limits hold in the worst case over the box that each assumed
+            number spans, value x (1 - tolerance) to value x (1 + tolerance); 0 sizes the machine as configured.
+        """
+        ...
+
+
 class SizingQuestion(NamedTuple):
     """How a machine is sized: its limits with their usual values, its objectives (the first is usual), the answer.
 
-    ``answer(parameters, limits, objective, table)`` has every limit; ``table`` gives an installed table by its name.
+    ``usual_tolerance`` is the tolerance taken where none is asked for; None where the machine has no answer with one,
+    and a tolerance above 0 is refused.
     """
 
     limits: Mapping[str, float]
     objectives: tuple[str, ...]
-    answer: Callable[[Any, Mapping[str, float], str, Table], Sizing]
+    answer: SizingAnswer
+    usual_tolerance: float | None = None

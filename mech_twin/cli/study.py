@@ -1,4 +1,4 @@
-"""``mech-twin study MACHINE QUESTION``: the questions and their options; what they write is in `study_answers`."""
+"""``mech-twin study MACHINE QUESTION``: the questions and their options; what they write is in `study_output`."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def sweep(
     json: Json = False,
 ) -> None:
     """Sweep configuration keys over a grid; goes on where an interrupted sweep stopped."""
-    from mech_twin.cli.study_answers import SweepRequest, answer_sweep
+    from mech_twin.cli.study_output import SweepRequest, answer_sweep
 
     numbers, table = tuple(number or ()), out or Path(f"{context.obj}-sweep.parquet")
     answer_sweep(
@@ -67,15 +67,18 @@ def size(
     out: Annotated[Path | None, typer.Option(help="configuration to write [MACHINE-sized.yaml]")] = None,
     objective: Annotated[str | None, typer.Option(help="what to make small")] = None,
     limit: Limits = None,
+    tolerance: Annotated[
+        float | None, typer.Option(help="part of each assumed value by which it may be off [the machine's usual one]")
+    ] = None,
     config: Config = None,
     settings: Settings = None,
     json: Json = False,
 ) -> None:
     """Size spring and preload, flywheel, counterweight, or motor and drive; say which constraint binds."""
-    from mech_twin.cli.study_answers import answer_size
+    from mech_twin.cli.study_output import answer_size
 
     file = out or Path(f"{context.obj}-sized.yaml")
-    answer_size(context.obj, file, objective, limit or [], config, settings or [], as_json=json)
+    answer_size(context.obj, file, objective, limit or [], tolerance, config, settings or [], as_json=json)
 
 
 @study_app.command()

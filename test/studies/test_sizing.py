@@ -58,6 +58,15 @@ def test_the_spring_under_the_half_sine_lies_in_the_rational_range():
     assert gentle.figures["preload_ratio"] == pytest.approx(1.0)
 
 
+def test_a_tolerance_is_refused_where_there_is_no_answer_with_one():
+    with pytest.raises(StudyError, match="vibration_crank: no sizes with a tolerance"):
+        size("vibration_crank", tolerance=0.05)
+    assert size("vibration_crank", tolerance=0.0) == size("vibration_crank")
+    for wrong in (-0.01, 0.6, float("nan")):
+        with pytest.raises(StudyError, match=r"expected 0 to 0\.5"):
+            size("vibration_crank", tolerance=wrong)
+
+
 @pytest.mark.slow
 def test_the_running_breaker_is_seated_from_510_newtons():
     answer = size("mb10_breaker")

@@ -18,7 +18,9 @@ OBJECTIVES = ("flywheel_inertia_kg_m2",)
 TRADE = (0.01, 0.02, 0.03, 0.05, 0.08, 0.1, 0.15, 0.2)
 
 
-def sizing(parameters: CompactionPress, limits: Mapping[str, float], objective: str, table: Table) -> Sizing:
+def sizing(
+    parameters: CompactionPress, limits: Mapping[str, float], objective: str, table: Table, tolerance: float = 0.0
+) -> Sizing:
     """Return the least flywheel that keeps the asked non-uniformity, shown by a time run."""
     if limits["non_uniformity"] > 0.0:
         parameters = varied(parameters, {"flywheel.non_uniformity": limits["non_uniformity"]})

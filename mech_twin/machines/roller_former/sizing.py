@@ -85,7 +85,9 @@ def stiffness_and_damping(p: RollerFormer, limits: Mapping[str, float]) -> tuple
     return best, sweep
 
 
-def sizing(parameters: RollerFormer, limits: Mapping[str, float], objective: str, table: Table) -> Sizing:
+def sizing(
+    parameters: RollerFormer, limits: Mapping[str, float], objective: str, table: Table, tolerance: float = 0.0
+) -> Sizing:
     """Return motor (the weakest of the table that carries the load), stiffness and damping of the coupling."""
     p, motor = motor_of(parameters, table(MOTOR_TABLE))
     best, sweep = stiffness_and_damping(p, limits)

@@ -37,7 +37,9 @@ def balance_at(parameters: VibrationCrank, fraction: float) -> Balance:
     return Balance(shaker.counter_mass, float(extreme(shaker, speed, MOMENT)), float(extreme(shaker, speed, FORCE)))
 
 
-def sizing(parameters: VibrationCrank, limits: Mapping[str, float], objective: str, table: Table) -> Sizing:
+def sizing(
+    parameters: VibrationCrank, limits: Mapping[str, float], objective: str, table: Table, tolerance: float = 0.0
+) -> Sizing:
     """Return the fraction with the smallest objective within the limits, and its counterweight."""
 
     def cost(fraction: float) -> float:
