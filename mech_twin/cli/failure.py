@@ -6,6 +6,8 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from mech_twin.dependencies import missing_extra
+
 EXIT_CODE = 2
 
 
@@ -26,17 +28,21 @@ def report_cli_errors() -> Iterator[None]:
 
 
 def _message(error: Exception) -> str:
+    if isinstance(error, ImportError):
+        return missing_extra(error) or str(error)
     format_message = getattr(error, "format_message", None)  # of the command line library
     return str(format_message() if format_message else error)
 
 
 def _is_input_error(error: Exception) -> bool:
+    if isinstance(error, ImportError):
+        return missing_extra(error) is not None
     from typer.exceptions import TyperException
 
     from mech_twin.configuration_tree import ConfigurationError
     from mech_twin.nodes.errors import NodeEndedError
     from mech_twin.recording.errors import BagError
-    from mech_twin.view.rerun_scene import RerunSceneError
+    from mech_twin.view.errors import RerunSceneError
     from mech_twin.view.viewer_process import ViewerError
 
     kinds = (CommandError, TyperException, NodeEndedError, ConfigurationError, BagError, RerunSceneError, ViewerError)

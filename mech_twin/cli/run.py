@@ -15,13 +15,14 @@ from mech_twin.cli.console import print_json, print_numbers, say
 from mech_twin.cli.event_record import event_record
 from mech_twin.cli.failure import CommandError
 from mech_twin.configuration_tree import configuration_tree
+from mech_twin.dependencies import require_extra
 from mech_twin.nodes.domain import DISCOVERY, OTHER_HOSTS, settle_domain
 from mech_twin.parameters.errors import refusal
 from mech_twin.parameters.load import RUN_GROUP, assignments, machine_parameters, run_group
 from mech_twin.quantity import Parameters
 
 if TYPE_CHECKING:
-    from mech_twin.nodes.crew import Outcome
+    from mech_twin.nodes.composition import Outcome
 
 PACES = ("realtime", "max")
 
@@ -57,8 +58,8 @@ def _run(request: RunRequest, parameters: Parameters, directory: Path | None, de
     discovery = settle_domain(request.open_to_other_hosts)
     if request.open_to_other_hosts:
         say(_exposure_warning(discovery))
-    from mech_twin.nodes.crew import run_in_process
-    from mech_twin.nodes.fleet import run_processes
+    from mech_twin.nodes.composition import run_in_process
+    from mech_twin.nodes.multi_process import run_processes
     from mech_twin.nodes.options import RunOptions
 
     configured = run_group(request.machine, request.config, assignments(request.settings))
@@ -112,6 +113,7 @@ def _opened_view(request: RunRequest, stack: ExitStack) -> str | None:
     """Return the destination of the view: the address of a viewer started here, a file, or None."""
     if request.view == "none":
         return None
+    require_extra("view")
     if request.view != "web":
         return request.view
     from mech_twin.view.viewer_process import ViewerProcess
@@ -124,7 +126,7 @@ def _opened_view(request: RunRequest, stack: ExitStack) -> str | None:
 
 
 def _write(request: RunRequest, parameters: Parameters, outcome: Outcome, directory: Path | None) -> None:
-    numbers = outcome.figures.numbers()
+    numbers = outcome.metrics.numbers()
     if not request.as_json:
         print_numbers(f"{request.machine}: metrics of the run", numbers)
         return
@@ -133,7 +135,7 @@ def _write(request: RunRequest, parameters: Parameters, outcome: Outcome, direct
             "machine": request.machine,
             "config": configuration_tree(parameters),
             "summary": numbers,
-            "events": [event_record(event) for event in outcome.figures.events],
+            "events": [event_record(event) for event in outcome.metrics.events],
             "recording": None if directory is None else str(directory),
             "messages_sent": outcome.sent,
             "messages_recorded": outcome.recorded,

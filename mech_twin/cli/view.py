@@ -14,7 +14,7 @@ from mech_twin.engine.step_samples import StepSamples
 from mech_twin.nodes.domain import settle_domain
 
 if TYPE_CHECKING:
-    from mech_twin.nodes.run_figures import RunFigures
+    from mech_twin.nodes.run_metrics import RunMetrics
     from mech_twin.nodes.stop_signal import StopSignal
     from mech_twin.recording.bag_samples import BagSamples
     from mech_twin.view.rerun_scene import RerunScene
@@ -79,13 +79,14 @@ def _show(scene: RerunScene, samples: BagSamples, stop: StopSignal) -> None:
         say(f"{number} recorded samples not used: {reason}")
 
 
-def _metrics(samples: BagSamples) -> RunFigures | None:
+def _metrics(samples: BagSamples) -> RunMetrics | None:
     """Return the observer of the run's metrics; None for a machine that is not in the catalogue."""
-    from mech_twin.nodes.run_figures import RunFigures
+    from mech_twin.nodes.run_metrics import RunMetrics
     from mech_twin.studies.configuration_history import ConfigurationHistory
 
     try:
-        return RunFigures(ConfigurationHistory(samples.descriptions(), "the recording").machine_at(0))
+        machine = ConfigurationHistory(samples.descriptions(), "the recording").machine_at(0)
     except ConfigurationError as error:
         say(f"no metrics: {error}")
         return None
+    return RunMetrics(lambda: machine)
