@@ -1,4 +1,4 @@
-r"""A blow through a contact of finite stiffness: force, duration and what it passes on, beside the impulse of a rigid one.
+r"""A blow through a contact of finite stiffness: force, duration, and what it passes on beside a rigid one.
 
 ::
 
