@@ -28,7 +28,7 @@ def main() -> None:
 
 def timed(pace: str, duration: float) -> float:
     """Return how long a run takes, recorded and shown, and print what was seen of it."""
-    from mech_twin.nodes.crew import run_in_process
+    from mech_twin.nodes.composition import run_in_process
     from mech_twin.nodes.options import RunOptions
     from mech_twin.parameters.load import machine_parameters
 
@@ -47,10 +47,10 @@ def timed(pace: str, duration: float) -> float:
 def worst_lag_s(bag: Path) -> float:
     """Return how late the latest step was, as the linkage said."""
     from mech_twin.recording.bag_reader import BagReader
-    from mech_twin.recording.decode import Decoder
+    from mech_twin.recording.decode import MessageDecoder
 
     with BagReader(bag) as reader:
-        decoder = Decoder(reader.topics)
+        decoder = MessageDecoder(reader.topics)
         rows = [decoder.decode(row) for row in reader.messages(topics=["/diagnostics"])]
     said = [status.values for row in rows for status in row.status if status.name.endswith("/linkage")]
     return max(float(pair.value) for values in said for pair in values if pair.key == "worst lag s")

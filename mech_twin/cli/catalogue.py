@@ -7,8 +7,8 @@ from mech_twin.machines.catalog import CATALOGUE
 
 
 def show_catalogue(*, as_json: bool) -> None:
-    """Write the names and titles of all machines."""
+    """Print the names and titles of all machines."""
     if as_json:
         print_json({"machines": [{"name": e.name, "title": e.title} for e in CATALOGUE.values()]})
     else:
-        print_table("machines", ("name", "what it is"), [(e.name, e.title) for e in CATALOGUE.values()])
+        print_table("machines", ("name", "description"), [(e.name, e.title) for e in CATALOGUE.values()])

@@ -1,4 +1,4 @@
-"""``mech-twin replay --analyse`` and ``--resimulate``: a recording computed again and compared to the last bit."""
+"""``mech-twin replay --analyse`` and ``--resimulate``: a recording recomputed and compared bit for bit."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ TOPICS = {
 
 
 def compare_bag(bag: Path, mode: Literal["analyse", "resimulate"], *, as_json: bool) -> None:
-    """Write what the comparison came to; exit code 1 if anything differs or nothing could be compared."""
+    """Print the result of the comparison; exit code 1 if anything differs or nothing could be compared."""
     settle_domain()
     from mech_twin.recording.bag_reader import BagReader
     from mech_twin.recording.bag_samples import BagSamples
@@ -51,24 +51,23 @@ def _write(
         "identical": verdict.identical,
         "steps_compared": verdict.steps,
         "samples_compared": verdict.samples,
-        "steps_not_whole_in_the_recording": verdict.missing_steps,
+        "incomplete_steps": verdict.missing_steps,
         "parameter_changes": history.changes,
     }
     if mode == "resimulate":
         numbers |= {"resets": verdict.resets}
     first = _first(samples.machine, verdict)
     if as_json:
-        passed_over = dict(samples.passed_over)
-        more = {"taken_up_at_steps": verdict.taken_up, "passed_over": passed_over, "first_difference": first}
+        more = {"resumed_at_steps": verdict.taken_up, "unused_samples": dict(samples.unused), "first_difference": first}
         print_json(
             {"bag": str(bag), "recorded_with": list(history.versions), "version": __version__, **numbers, **more}
         )
         return
     print_numbers(f"{bag}: {mode}", numbers)
     for step in verdict.taken_up[:10]:
-        say(f"step {step}: the recorded state was taken as given")
-    for reason, number in samples.passed_over.items():
-        say(f"{number} recorded samples passed over: {reason}")
+        say(f"step {step}: resumed from the recorded state")
+    for reason, number in samples.unused.items():
+        say(f"{number} recorded samples not used: {reason}")
     if first is not None:
         say(
             f"first difference at {first['time_s']:.9g} s (step {first['step']}), topic {first['topic']}, "

@@ -1,4 +1,4 @@
-"""Output: tables and colours when a terminal listens, plain lines otherwise, JSON for machines."""
+"""Output: tables, progress bars on a terminal, JSON."""
 
 from __future__ import annotations
 
@@ -53,14 +53,14 @@ def print_numbers(title: str, numbers: Mapping[str, Any]) -> None:
 
 
 def say(line: str) -> None:
-    """Write a line for the person at the terminal, apart from the output proper."""
+    """Write a line to standard error, separate from the output proper."""
     sys.stderr.write(line + "\n")
     sys.stderr.flush()
 
 
 @contextmanager
 def progress(items: Iterable[Item], total: int, title: str) -> Iterator[Iterable[Item]]:
-    """Give the items back, with a bar and the time left when a terminal listens."""
+    """Iterate over the items, with a progress bar if standard error is a terminal."""
     if not sys.stderr.isatty():
         yield items
         return

@@ -1,4 +1,4 @@
-"""An event as it stands in JSON."""
+"""Conversion of an event to JSON."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from mech_twin.samples import Event
 
 
 def event_record(event: Event) -> dict[str, Any]:
-    """Return an event as it stands in JSON."""
+    """Return an event as a JSON object."""
     return {
         "time_s": event.time_s,
         "kind": event.kind,

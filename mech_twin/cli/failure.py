@@ -1,4 +1,4 @@
-"""How a command fails: one line on standard error, exit code 2."""
+"""Error reporting: one line on standard error and exit code 2 for errors in the input."""
 
 from __future__ import annotations
 
@@ -6,38 +6,44 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from mech_twin.dependencies import missing_extra
+
 EXIT_CODE = 2
 
 
 class CommandError(Exception):
-    """A command that cannot be carried out as asked; the message is one line."""
+    """A command that cannot be carried out as given; the message is one line."""
 
 
 @contextmanager
-def told_in_one_line() -> Iterator[None]:
-    """Turn an error that is the input's into one line and exit code 2; anything else is ours and keeps its trace."""
+def report_cli_errors() -> Iterator[None]:
+    """Report errors in the input in one line with exit code 2; internal errors keep their traceback."""
     try:
         yield
     except Exception as error:
-        if not _is_about_input(error):
+        if not _is_input_error(error):
             raise
         sys.stderr.write(f"mech-twin: {' '.join(_message(error).split())}\n")
         raise SystemExit(EXIT_CODE) from error
 
 
 def _message(error: Exception) -> str:
-    told = getattr(error, "format_message", None)  # the command line library words its own errors
-    return str(told() if told else error)
+    if isinstance(error, ImportError):
+        return missing_extra(error) or str(error)
+    format_message = getattr(error, "format_message", None)  # of the command line library
+    return str(format_message() if format_message else error)
 
 
-def _is_about_input(error: Exception) -> bool:
+def _is_input_error(error: Exception) -> bool:
+    if isinstance(error, ImportError):
+        return missing_extra(error) is not None
     from typer.exceptions import TyperException
 
     from mech_twin.configuration_tree import ConfigurationError
     from mech_twin.nodes.errors import NodeEndedError
     from mech_twin.recording.errors import BagError
-    from mech_twin.view.stage import StageError
+    from mech_twin.view.errors import RerunSceneError
     from mech_twin.view.viewer_process import ViewerError
 
-    kinds = (CommandError, TyperException, NodeEndedError, ConfigurationError, BagError, StageError, ViewerError)
+    kinds = (CommandError, TyperException, NodeEndedError, ConfigurationError, BagError, RerunSceneError, ViewerError)
     return isinstance(error, kinds)

@@ -1,4 +1,4 @@
-"""``mech-twin info``: what a recording holds, and what it lost."""
+"""``mech-twin info``: contents and losses of a recording."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ COUNTERS = ("received", "written", "dropped", "missed", "late")
 
 
 def show_info(bag: Path, *, as_json: bool) -> None:
-    """Write messages per topic, loss counters, files, configuration, and what is wrong with it."""
+    """Print messages per topic, loss counters, files and problems."""
     from mech_twin.recording.bag_reader import bag_info
 
     info = bag_info(bag)
@@ -38,7 +38,7 @@ def show_info(bag: Path, *, as_json: bool) -> None:
 
 
 def info_record(info: BagInfo) -> dict[str, Any]:
-    """Return what a bag holds as it stands in JSON."""
+    """Return the summary of a bag as a JSON object."""
     head = _configuration_head(info.configuration)
     return {
         "bag": str(info.path),
@@ -71,7 +71,7 @@ def info_record(info: BagInfo) -> dict[str, Any]:
 
 
 def _configuration_head(text: str | None) -> dict[str, str]:
-    """Return machine and version of a configuration, as far as they can be read."""
+    """Return machine and version of a configuration, if they can be read."""
     try:
         tree = yaml.safe_load(text) if text else None
     except (yaml.YAMLError, ValueError, RecursionError):

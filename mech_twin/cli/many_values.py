@@ -1,4 +1,4 @@
-"""An option that takes several values after one another: ``--topics A B C``."""
+"""Options that accept several values: ``--topics A B C``."""
 
 from __future__ import annotations
 
@@ -6,24 +6,24 @@ from typing import Any
 
 from typer.core import TyperCommand
 
-MANY = ("--topics",)
+MULTIPLE = ("--topics",)
 
 
 class ManyValues(TyperCommand):
-    """A command whose `MANY` options may be followed by several values."""
+    """A command whose `MULTIPLE` options may be followed by several values."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Parse the arguments, each further value given its option."""
-        return super().parse_args(ctx, spread(args))
+        """Parse the arguments after repeating the option for each further value."""
+        return super().parse_args(ctx, expanded(args))
 
 
-def spread(arguments: list[str]) -> list[str]:
+def expanded(arguments: list[str]) -> list[str]:
     """Return the arguments with the option repeated before each of its values."""
     given: list[str] = []
     option: str | None = None
     for argument in arguments:
         if argument.startswith("-"):
-            option = argument if argument in MANY else None
+            option = argument if argument in MULTIPLE else None
             if option is None:
                 given.append(argument)
         elif option is not None:

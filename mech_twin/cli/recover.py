@@ -1,4 +1,4 @@
-"""``mech-twin recover``: a sound bag out of what is intact of another."""
+"""``mech-twin recover``: salvage of a damaged recording."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from mech_twin.cli.console import print_json
 
 
 def recover_bag(bag: Path, out: Path, *, as_json: bool) -> None:
-    """Write the sound bag and say what was saved."""
+    """Write the new recording and report what was salvaged."""
     from mech_twin.recording.recovery import recover
 
     report = recover(bag, out)

@@ -1,4 +1,4 @@
-"""``mech-twin replay``: a recording published again, or computed again and compared."""
+"""``mech-twin replay``: publishes a recording on its topics."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class ReplayRequest(NamedTuple):
-    """What was asked on the command line."""
+    """Arguments of the command."""
 
     bag: Path
     rate: float
@@ -33,7 +33,7 @@ class ReplayRequest(NamedTuple):
 
 
 def replay_bag(request: ReplayRequest) -> None:
-    """Publish a bag on its topics until its end, or until stopped."""
+    """Publish a recording on its topics until its end, or until stopped."""
     _check(request)
     settle_domain()
     from mech_twin.nodes.replay_node import ReplayOptions
@@ -44,13 +44,13 @@ def replay_bag(request: ReplayRequest) -> None:
     with BagReader(request.bag) as reader:
         source = ReplaySource(reader, request.topics, request.start_s, request.duration_s)
         for name, why in source.unknown.items():
-            say(f"{name}: left out: {why}")
+            say(f"{name}: not replayed: {why}")
         if not source.topics:
             raise CommandError(f"{request.bag}: no topic can be replayed: {'; '.join(source.unknown.values())}")
         options = ReplayOptions(request.rate, request.loop, request.clock, request.listeners)
         with _progress(source) as notice:
             outcome = replayed(source, options, notice)
-    _tell(outcome)
+    _report(outcome)
 
 
 def _check(request: ReplayRequest) -> None:
@@ -65,7 +65,7 @@ def _check(request: ReplayRequest) -> None:
 
 @contextmanager
 def _progress(source: ReplaySource) -> Iterator[Callable[[ReplayNode], None]]:
-    """Give what shows the position, when a terminal listens."""
+    """Provide the callback that shows the position, if standard error is a terminal."""
     if not sys.stderr.isatty():
         yield lambda node: None
         return
@@ -84,9 +84,9 @@ def _progress(source: ReplaySource) -> Iterator[Callable[[ReplayNode], None]]:
         yield notice
 
 
-def _tell(outcome: ReplayOutcome) -> None:
+def _report(outcome: ReplayOutcome) -> None:
     say(f"published {sum(outcome.published.values())} messages on {len(outcome.published)} topics")
     for name, number in outcome.malformed.items():
-        say(f"{name}: {number} messages skipped: their bytes are not of the topic's type")
+        say(f"{name}: {number} messages skipped: not decodable as the topic's type")
     for name, number in outcome.refused.items():
         say(f"{name}: {number} messages not published")

@@ -1,4 +1,4 @@
-"""``mech-twin run``: the nodes of a machine, recorded and shown, until the time is over or a signal comes."""
+"""``mech-twin run``: runs the nodes of a machine for a duration or until a signal."""
 
 from __future__ import annotations
 
@@ -15,19 +15,20 @@ from mech_twin.cli.console import print_json, print_numbers, say
 from mech_twin.cli.event_record import event_record
 from mech_twin.cli.failure import CommandError
 from mech_twin.configuration_tree import configuration_tree
+from mech_twin.dependencies import require_extra
 from mech_twin.nodes.domain import DISCOVERY, OTHER_HOSTS, settle_domain
 from mech_twin.parameters.errors import refusal
 from mech_twin.parameters.load import RUN_GROUP, assignments, machine_parameters, run_group
 from mech_twin.quantity import Parameters
 
 if TYPE_CHECKING:
-    from mech_twin.nodes.crew import Outcome
+    from mech_twin.nodes.composition import Outcome
 
 PACES = ("realtime", "max")
 
 
 class RunRequest(NamedTuple):
-    """What was asked on the command line."""
+    """Arguments of the command."""
 
     machine: str
     pace: str
@@ -43,22 +44,22 @@ class RunRequest(NamedTuple):
 
 
 def run_machine(request: RunRequest) -> None:
-    """Run the nodes and, at the end, write the figures of the run."""
+    """Run the nodes and, at the end, print the metrics of the run."""
     _check(request)
     parameters = machine_parameters(request.machine, request.config, assignments(request.settings))
     directory = _recording_directory(request)
     with ExitStack() as stack:
-        place = _opened_view(request, stack)
-        outcome = _run(request, parameters, directory, place)
+        destination = _opened_view(request, stack)
+        outcome = _run(request, parameters, directory, destination)
     _write(request, parameters, outcome, directory)
 
 
-def _run(request: RunRequest, parameters: Parameters, directory: Path | None, place: str | None) -> Outcome:
+def _run(request: RunRequest, parameters: Parameters, directory: Path | None, destination: str | None) -> Outcome:
     discovery = settle_domain(request.open_to_other_hosts)
     if request.open_to_other_hosts:
-        say(_what_is_open(discovery))
-    from mech_twin.nodes.crew import run_in_process
-    from mech_twin.nodes.fleet import run_processes
+        say(_exposure_warning(discovery))
+    from mech_twin.nodes.composition import run_in_process
+    from mech_twin.nodes.multi_process import run_processes
     from mech_twin.nodes.options import RunOptions
 
     configured = run_group(request.machine, request.config, assignments(request.settings))
@@ -66,7 +67,7 @@ def _run(request: RunRequest, parameters: Parameters, directory: Path | None, pl
         "pace": request.pace,
         "duration_s": request.duration_s,
         "recorder": directory is not None,
-        "viewer": place is not None,
+        "viewer": destination is not None,
     }
     try:
         options = RunOptions.model_validate({**configured, **asked})
@@ -74,18 +75,18 @@ def _run(request: RunRequest, parameters: Parameters, directory: Path | None, pl
         raise refusal(f"{RUN_GROUP} group", error) from error
     if directory is not None:
         say(f"recording to {directory}")
-    say("starting (the first run compiles its kernels, which takes a while)")
+    say("starting (the first run compiles the numerical kernels, which takes up to a minute)")
     run_nodes = run_processes if request.processes else run_in_process
-    return run_nodes(request.machine, parameters, options, directory, place)
+    return run_nodes(request.machine, parameters, options, directory, destination)
 
 
-def _what_is_open(discovery: str) -> str:
+def _exposure_warning(discovery: str) -> str:
     domain = os.environ.get("ROS_DOMAIN_ID", "0")
     if discovery != OTHER_HOSTS:
-        return f"topics: not opened, because {DISCOVERY}={discovery} is set; it is kept (domain {domain})"
+        return f"topics: not exposed, because {DISCOVERY}={discovery} is set and is not overridden (domain {domain})"
     return (
-        f"topics: OPEN TO OTHER HOSTS, without password: ROS domain {domain}, discovery range {discovery}; "
-        "who is in the same network can read every topic, send commands and set parameters"
+        f"topics: OPEN TO OTHER HOSTS, without authentication: ROS domain {domain}, discovery range {discovery}; "
+        "anyone on the same network can read all topics, send commands and set parameters"
     )
 
 
@@ -109,9 +110,10 @@ def _recording_directory(request: RunRequest) -> Path | None:
 
 
 def _opened_view(request: RunRequest, stack: ExitStack) -> str | None:
-    """Return where the stage goes: the address of a viewer started here, a file, or nowhere."""
+    """Return the destination of the view: the address of a viewer started here, a file, or None."""
     if request.view == "none":
         return None
+    require_extra("view")
     if request.view != "web":
         return request.view
     from mech_twin.view.viewer_process import ViewerProcess
@@ -124,16 +126,16 @@ def _opened_view(request: RunRequest, stack: ExitStack) -> str | None:
 
 
 def _write(request: RunRequest, parameters: Parameters, outcome: Outcome, directory: Path | None) -> None:
-    numbers = outcome.figures.numbers()
+    numbers = outcome.metrics.numbers()
     if not request.as_json:
-        print_numbers(f"{request.machine}: figures of the run", numbers)
+        print_numbers(f"{request.machine}: metrics of the run", numbers)
         return
     print_json(
         {
             "machine": request.machine,
             "config": configuration_tree(parameters),
             "summary": numbers,
-            "events": [event_record(event) for event in outcome.figures.events],
+            "events": [event_record(event) for event in outcome.metrics.events],
             "recording": None if directory is None else str(directory),
             "messages_sent": outcome.sent,
             "messages_recorded": outcome.recorded,

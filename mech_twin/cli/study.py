@@ -1,4 +1,4 @@
-"""``mech-twin study MACHINE QUESTION``: the questions and their options; what they write is in `study_answers`."""
+"""``mech-twin study MACHINE QUESTION``: the questions and their options; what they write is in `study_output`."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def sweep(
     json: Json = False,
 ) -> None:
     """Sweep configuration keys over a grid; goes on where an interrupted sweep stopped."""
-    from mech_twin.cli.study_answers import SweepRequest, answer_sweep
+    from mech_twin.cli.study_output import SweepRequest, answer_sweep
 
     numbers, table = tuple(number or ()), out or Path(f"{context.obj}-sweep.parquet")
     answer_sweep(
@@ -75,7 +75,7 @@ def size(
     json: Json = False,
 ) -> None:
     """Size spring and preload, flywheel, counterweight, or motor and drive; say which constraint binds."""
-    from mech_twin.cli.study_answers import answer_size
+    from mech_twin.cli.study_output import answer_size
 
     file = out or Path(f"{context.obj}-sized.yaml")
     answer_size(context.obj, file, objective, limit or [], tolerance, config, settings or [], as_json=json)

@@ -1,4 +1,4 @@
-"""``mech-twin view``: a recording shown the same way as a live run."""
+"""``mech-twin view``: shows a recording in the viewer, with the layout of a live run."""
 
 from __future__ import annotations
 
@@ -12,19 +12,18 @@ from mech_twin.cli.failure import CommandError
 from mech_twin.configuration_tree import ConfigurationError
 from mech_twin.engine.step_samples import StepSamples
 from mech_twin.nodes.domain import settle_domain
-from mech_twin.samples import Event
 
 if TYPE_CHECKING:
-    from mech_twin.nodes.run_figures import RunFigures
+    from mech_twin.nodes.run_metrics import RunMetrics
     from mech_twin.nodes.stop_signal import StopSignal
     from mech_twin.recording.bag_samples import BagSamples
-    from mech_twin.view.stage import Stage
+    from mech_twin.view.rerun_scene import RerunScene
 
 WAIT_S = 0.05
 
 
 def view_bag(bag: Path, save: Path | None, port: int) -> None:
-    """Show a bag in the viewer until stopped, or write it to a file."""
+    """Show a recording in the viewer until stopped, or write it to a file."""
     if save is not None and save.suffix != ".rrd":
         raise CommandError(f"--save {save}: expected a file NAME.rrd")
     if save is not None and not save.absolute().parent.is_dir():
@@ -33,18 +32,18 @@ def view_bag(bag: Path, save: Path | None, port: int) -> None:
     from mech_twin.nodes.stop_signal import StopSignal
     from mech_twin.recording.bag_reader import BagReader
     from mech_twin.recording.bag_samples import BagSamples
-    from mech_twin.view.stage import Stage
+    from mech_twin.view.rerun_scene import RerunScene
 
     with ExitStack() as stack:
         stop = stack.enter_context(StopSignal())
         samples = BagSamples(stack.enter_context(BagReader(bag)))
-        stage = stack.enter_context(Stage(samples.machine, grpc_url=_viewer(stack, save, port), rrd_path=save))
-        _show(stage, samples, stop)
-        stage.close()
+        scene = stack.enter_context(RerunScene(samples.machine, grpc_url=_viewer(stack, save, port), rrd_path=save))
+        _show(scene, samples, stop)
+        scene.close()
         if save is not None:
             say(f"written to {save}")
             return
-        say("shown; Ctrl-C ends")
+        say("complete; press Ctrl-C to close the view")
         while not stop.asked:
             time.sleep(WAIT_S)
 
@@ -59,39 +58,35 @@ def _viewer(stack: ExitStack, save: Path | None, port: int) -> str | None:
     return viewer.grpc_url
 
 
-def _show(stage: Stage, samples: BagSamples, stop: StopSignal) -> None:
-    figures = _figures(samples)
+def _show(scene: RerunScene, samples: BagSamples, stop: StopSignal) -> None:
+    metrics = _metrics(samples)
     with progress(samples.shown(), samples.count, "showing") as shown:
         for item in shown:
             if stop.asked:
                 return
             if not isinstance(item, StepSamples):
-                stage.drawing(item)
+                scene.drawing(item)
                 continue
-            stage.frame(motor=item.motor, linkage=item.linkage, forces=item.forces, body=item.body)
-            for event in _events(item):
-                stage.event(event)
-            frame = None if figures is None else item.frame(samples.has_body)
-            if figures is not None and frame is not None:
-                figures.observe(frame)
-    if figures is not None:
-        stage.figures(figures.numbers())
-    for reason, number in samples.passed_over.items():
-        say(f"{number} recorded samples passed over: {reason}")
+            scene.frame(motor=item.motor, linkage=item.linkage, forces=item.forces, body=item.body)
+            for event in item.events:
+                scene.event(event)
+            frame = None if metrics is None else item.frame(samples.has_body)
+            if metrics is not None and frame is not None:
+                metrics.observe(frame)
+    if metrics is not None:
+        scene.metrics(metrics.numbers())
+    for reason, number in samples.unused.items():
+        say(f"{number} recorded samples not used: {reason}")
 
 
-def _events(item: StepSamples) -> list[Event]:
-    events = [event for sample in (item.linkage, item.body) if sample is not None for event in sample.events]
-    return sorted(events, key=lambda event: event.time_s)
-
-
-def _figures(samples: BagSamples) -> RunFigures | None:
-    """Return what gathers the owner's figures; None for a machine the catalogue does not know."""
-    from mech_twin.nodes.run_figures import RunFigures
+def _metrics(samples: BagSamples) -> RunMetrics | None:
+    """Return the observer of the run's metrics; None for a machine that is not in the catalogue."""
+    from mech_twin.nodes.run_metrics import RunMetrics
     from mech_twin.studies.configuration_history import ConfigurationHistory
 
     try:
-        return RunFigures(ConfigurationHistory(samples.descriptions(), "the recording").machine_at(0))
+        machine = ConfigurationHistory(samples.descriptions(), "the recording").machine_at(0)
     except ConfigurationError as error:
-        say(f"no figures: {error}")
+        say(f"no metrics: {error}")
         return None
+    return RunMetrics(lambda: machine)

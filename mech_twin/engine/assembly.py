@@ -1,17 +1,81 @@
-"""Frames put together again from samples that come one by one, from topics or from a bag."""
+"""Steps put together from samples that arrive one by one, from topics or from a recording."""
 
 from __future__ import annotations
 
-from collections import OrderedDict
+from collections import Counter
 from typing import Any
 
+from mech_twin.engine.step_samples import StepSamples
 from mech_twin.samples import BodySample, ForceSample, Frame, LinkageSample, MotorSample, Sample
 
 OPEN_STEPS = 64
+FIELDS: dict[type, str] = {
+    LinkageSample: "linkage",
+    MotorSample: "motor",
+    ForceSample: "forces",
+    BodySample: "body",
+}
+
+
+class StepAssembler:
+    """Joins samples to steps and gives the steps back in ascending order, each once.
+
+    A step is given back as soon as it has every expected sample.  Each source sends its samples in order, so the
+    steps still open below a complete one have lost a sample and are given back, incomplete, before it.  At most
+    `OPEN_STEPS` steps wait at a time; then the lowest is given back as it is.
+
+    Parameters
+    ----------
+    fields : frozenset of str
+        The fields of `StepSamples` that make a step complete.
+    unused : Counter, optional
+        Counts the samples not used, by reason: ``repeated`` (equal to the first of its step), ``contradicting``
+        (differs from it; the first one counts), ``late`` (its step has been given back already).
+
+    Attributes
+    ----------
+    incomplete : int
+        Steps given back with a sample missing.
+    """
+
+    def __init__(self, fields: frozenset[str], unused: Counter[str] | None = None) -> None:
+        self.unused: Counter[str] = Counter() if unused is None else unused
+        self.incomplete = 0
+        self._fields = fields
+        self._open: dict[int, dict[str, Any]] = {}
+        self._newest: StepSamples | None = None
+
+    def add(self, sample: Sample) -> list[StepSamples]:
+        """Return the steps that this sample completes or displaces, lowest first."""
+        field = FIELDS[type(sample)]
+        if self._newest is not None and sample.step <= self._newest.step:
+            self._count_unused(sample, getattr(self._newest, field) if sample.step == self._newest.step else None)
+            return []
+        known = self._open.setdefault(sample.step, {})
+        if field in known:
+            self._count_unused(sample, known[field])
+            return []
+        known[field] = sample
+        if known.keys() == self._fields:
+            return [self._given_back(step) for step in sorted(self._open) if step <= sample.step]
+        return [self._given_back(min(self._open))] if len(self._open) > OPEN_STEPS else []
+
+    def rest(self) -> list[StepSamples]:
+        """Return the steps still open, lowest first."""
+        return [self._given_back(step) for step in sorted(self._open)]
+
+    def _count_unused(self, sample: Sample, first: Sample | None) -> None:
+        self.unused["late" if first is None else "repeated" if first == sample else "contradicting"] += 1
+
+    def _given_back(self, step: int) -> StepSamples:
+        known = self._open.pop(step)
+        self.incomplete += known.keys() != self._fields
+        self._newest = StepSamples(step, **known)
+        return self._newest
 
 
 class FrameAssembler:
-    """Joins the samples of one step to a frame.
+    """Joins samples to whole frames; steps with a sample missing are counted and left out.
 
     Parameters
     ----------
@@ -20,22 +84,15 @@ class FrameAssembler:
     """
 
     def __init__(self, has_body: bool) -> None:
-        self.incomplete = 0
-        self._wanted = 4 if has_body else 3
-        self._open: OrderedDict[int, dict[type, Any]] = OrderedDict()
-        self._last = -1
+        self._has_body = has_body
+        self._steps = StepAssembler(frozenset(FIELDS.values()) - (set() if has_body else {"body"}))
+
+    @property
+    def incomplete(self) -> int:
+        """How many steps were left out."""
+        return self._steps.incomplete
 
     def add(self, sample: Sample) -> Frame | None:
-        """Return the frame this sample completes, if it does; a repeated step is passed over."""
-        if sample.step <= self._last:
-            return None
-        parts = self._open.setdefault(sample.step, {})
-        parts.setdefault(type(sample), sample)
-        if len(parts) < self._wanted:
-            if len(self._open) > OPEN_STEPS:
-                self._open.popitem(last=False)
-                self.incomplete += 1
-            return None
-        del self._open[sample.step]
-        self._last = sample.step
-        return Frame(parts[LinkageSample], parts[MotorSample], parts[ForceSample], parts.get(BodySample))
+        """Return the frame that this sample completes, if it does."""
+        frames = [step.frame(self._has_body) for step in self._steps.add(sample)]
+        return frames[-1] if frames else None

@@ -27,7 +27,7 @@ MEMORY = (
     "load_work_j",
     "initial_energy_j",
 )
-RESIDUALS = ("closure_m", "energy_books_1")
+RESIDUALS = ("loop_closure_m", "energy_balance")
 
 
 class CrankKernels(NamedTuple):
@@ -103,7 +103,7 @@ class CrankLinkage:
     @property
     def residual_limits(self) -> Mapping[str, float]:
         """Limits of the running proofs: rod lengths (m), energy book over the energy turned over."""
-        return {"closure_m": 1e-12, "energy_books_1": 1e-8}
+        return {"loop_closure_m": 1e-12, "energy_balance": 1e-8}
 
     def start(self, step: int = 0) -> LinkageSample:
         """Return the machine at its first angle and speed; the motor is not heard yet."""

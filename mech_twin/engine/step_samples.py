@@ -1,10 +1,11 @@
-"""What is known of one step: a frame that may have holes, as a recording gives it."""
+"""The samples known of one step: a frame in which some may be missing, as recordings and topics give it."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
-from mech_twin.samples import BodySample, ForceSample, Frame, LinkageSample, MotorSample
+from mech_twin.engine.trajectory import step_events
+from mech_twin.samples import BodySample, Event, ForceSample, Frame, LinkageSample, MotorSample
 
 
 class StepSamples(NamedTuple):
@@ -15,6 +16,11 @@ class StepSamples(NamedTuple):
     motor: MotorSample | None = None
     forces: ForceSample | None = None
     body: BodySample | None = None
+
+    @property
+    def events(self) -> tuple[Event, ...]:
+        """The events of the step, in time order."""
+        return step_events(self.linkage, self.body)
 
     def frame(self, has_body: bool) -> Frame | None:
         """Return the whole frame, or None if a sample of it is missing."""

@@ -1,11 +1,11 @@
-"""A run as columns: what frames hold, one array a number."""
+"""A run as columns: one array for each number of a frame."""
 
 from __future__ import annotations
 
 from array import array
 from collections.abc import Iterator
 
-from mech_twin.samples import Event, Frame
+from mech_twin.samples import BodySample, Event, Frame, LinkageSample
 
 
 def frame_numbers(frame: Frame) -> Iterator[tuple[str, float]]:
@@ -33,7 +33,12 @@ def frame_numbers(frame: Frame) -> Iterator[tuple[str, float]]:
 
 def frame_events(frame: Frame) -> tuple[Event, ...]:
     """Return the events of the step that ends with this frame, in time order."""
-    events = (*frame.linkage.events, *(() if frame.body is None else frame.body.events))
+    return step_events(frame.linkage, frame.body)
+
+
+def step_events(linkage: LinkageSample | None, body: BodySample | None) -> tuple[Event, ...]:
+    """Return the events of a step in time order, those of a missing sample left out."""
+    events = [event for sample in (linkage, body) if sample is not None for event in sample.events]
     return tuple(sorted(events, key=lambda event: event.time_s))
 
 

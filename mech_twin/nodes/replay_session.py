@@ -59,8 +59,8 @@ def replayed(source: ReplaySource, options: ReplayOptions, progress: Callable[[R
 
 
 def _outcome(node: ReplayNode, source: ReplaySource) -> ReplayOutcome:
-    published = {name: outlet.published for name, outlet in node.outlets.items()}
-    refused = {name: outlet.refused for name, outlet in node.outlets.items() if outlet.refused}
+    published = {name: output.published for name, output in node.outputs.items()}
+    refused = {name: output.refused for name, output in node.outputs.items() if output.refused}
     return ReplayOutcome(published, dict(source.malformed), refused, dict(source.unknown))
 
 

@@ -11,6 +11,7 @@ A configuration file has the form of a ROS 2 parameter file, so that one file se
 from __future__ import annotations
 
 import os
+import re
 import sys
 from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
@@ -120,8 +121,21 @@ def text_tree(text: str, source: str) -> dict[str, Any]:
     return merged
 
 
-class _UniqueKeyLoader(yaml.SafeLoader):
-    """A safe loader that refuses a key given twice."""
+class NumberLoader(yaml.SafeLoader):
+    """A safe loader that reads 1e-3, 1e5 and inf as numbers, as YAML 1.2 and ROS 2 do; YAML 1.1 has them as words."""
+
+
+NumberLoader.add_implicit_resolver(
+    "tag:yaml.org,2002:float",
+    re.compile(
+        r"^[-+]?(?:(?:[0-9][0-9_]*\.?[0-9_]*|\.[0-9][0-9_]*)(?:[eE][-+]?[0-9]+)?|\.?(?:inf|Inf|INF)|\.?(?:nan|NaN|NAN))$"
+    ),
+    list("-+0123456789.iInN"),
+)
+
+
+class _UniqueKeyLoader(NumberLoader):
+    """A loader that refuses a key given twice."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         seen = set()
@@ -151,6 +165,11 @@ def _refuse_aliases_and_tags(text: str) -> None:
             depth -= 1
 
 
+def scalar(text: str) -> Any:
+    """Return the value of a YAML scalar or list."""
+    return yaml.load(text, Loader=NumberLoader)
+
+
 def assignments(texts: Iterable[str]) -> dict[str, Any]:
     """Return the overrides written as ``key.path=value``, values read as YAML scalars or lists.
 
@@ -166,7 +185,7 @@ def assignments(texts: Iterable[str]) -> dict[str, Any]:
             raise ConfigurationError(f"--set {text}: expected key.path=value")
         try:
             _refuse_aliases_and_tags(value)
-            flat[key.strip()] = yaml.safe_load(value)
+            flat[key.strip()] = scalar(value)
         except (yaml.YAMLError, ValueError, RecursionError) as error:
             raise ConfigurationError(f"--set {text}: value {value!r} cannot be read") from error
     return flat

@@ -1,4 +1,4 @@
-"""What a bag holds, as its reader says it."""
+"""What a recording holds: messages, topics, files, totals."""
 
 from __future__ import annotations
 
@@ -44,18 +44,18 @@ class SplitInfo:
 
 @dataclass(frozen=True)
 class BagInfo:
-    """What a bag holds.
+    """Summary of a recording.
 
     Attributes
     ----------
     counters : dict
         Loss counters by topic (received, written, dropped, missed, late); empty for foreign bags.
     configuration : str, optional
-        YAML of the machine.
+        The machine's configuration as YAML.
     finished : bool
         Whether the recording was closed.
     problems : tuple of str
-        What is damaged or missing, a line each; empty for a sound bag.
+        What is damaged or missing, one line each; empty for an intact recording.
     """
 
     path: Path

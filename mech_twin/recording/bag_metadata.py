@@ -1,4 +1,4 @@
-"""The page of contents of a rosbag2 directory, `metadata.yaml` version 9."""
+"""`metadata.yaml` (version 9) of a rosbag2 directory: written and read."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ MAX_SPLITS = 10_000
 
 
 class _PlainDumper(getattr(yaml, "CSafeDumper", yaml.SafeDumper)):  # type: ignore[misc]
-    """Writes every value out in full: no anchors, which other readers of bags do not expect."""
+    """Writes YAML without anchors and aliases, which other rosbag2 readers do not expect."""
 
     def ignore_aliases(self, data: Any) -> bool:
         return True
 
 
 @dataclass
-class FileContents:
-    """What one split holds."""
+class FileStatistics:
+    """Message counts and time range of one file."""
 
     name: str
     counts: Counter[str] = field(default_factory=Counter)
@@ -36,15 +36,15 @@ class FileContents:
     end_ns: int = 0
 
     def count(self, topic: str, log_time_ns: int) -> None:
-        """Take one message into account."""
+        """Count one message."""
         self.counts[topic] += 1
         self.start_ns = log_time_ns if self.start_ns is None else min(self.start_ns, log_time_ns)
         self.end_ns = max(self.end_ns, log_time_ns)
 
 
 @dataclass(frozen=True)
-class TopicContents:
-    """How a topic is described."""
+class TopicMetadata:
+    """Name, type and quality of service of a topic."""
 
     topic: str
     type_name: str
@@ -53,21 +53,21 @@ class TopicContents:
 
 
 @dataclass(frozen=True)
-class Contents:
-    """What `metadata.yaml` says, as far as it is needed to open a bag."""
+class BagMetadata:
+    """The fields of `metadata.yaml` that are needed to open a bag."""
 
     files: tuple[str, ...]
     custom: Mapping[str, str]
 
 
-def write_contents(
+def write_metadata(
     directory: Path,
-    topics: Sequence[TopicContents],
-    files: Sequence[FileContents],
+    topics: Sequence[TopicMetadata],
+    files: Sequence[FileStatistics],
     custom: Mapping[str, str],
     ros_distro: str,
 ) -> None:
-    """Write `metadata.yaml` so that a reader finds the old one or the new one, never half of either."""
+    """Write `metadata.yaml` atomically: a reader finds the old file or the new one."""
     text = yaml.dump(
         {"rosbag2_bagfile_information": _information(topics, files, custom, ros_distro)},
         Dumper=_PlainDumper,
@@ -85,13 +85,13 @@ def write_contents(
         temporary.unlink(missing_ok=True)
 
 
-def read_contents(directory: Path) -> Contents:
-    """Return what `metadata.yaml` says.
+def read_metadata(directory: Path) -> BagMetadata:
+    """Return the contents of `metadata.yaml`.
 
     Raises
     ------
     MissingBagError, ForeignFileError, DamagedBagError
-        It cannot be read, describes another storage, or is no such page.
+        It cannot be read, describes another storage format, or is not rosbag2 metadata.
     """
     path = directory / FILE_NAME
     try:
@@ -108,7 +108,7 @@ def read_contents(directory: Path) -> Contents:
         compression = str(information.get("compression_mode") or "")
         custom = {str(key): str(value) for key, value in (information.get("custom_data") or {}).items()}
     except (yaml.YAMLError, KeyError, TypeError, AttributeError, ValueError, RecursionError) as error:
-        raise DamagedBagError(path, f"no rosbag2 metadata ({type(error).__name__}: {error})") from error
+        raise DamagedBagError(path, f"is not rosbag2 metadata ({type(error).__name__}: {error})") from error
     if storage != "mcap":
         raise ForeignFileError(
             path, f"storage '{storage}' is not read here, only mcap; convert it with `ros2 bag convert`"
@@ -120,7 +120,7 @@ def read_contents(directory: Path) -> Contents:
             raise DamagedBagError(path, f"names a file outside its directory: '{name}'")
     if len(names) > MAX_SPLITS:
         raise DamagedBagError(path, f"names {len(names)} files, more than {MAX_SPLITS}")
-    return Contents(names, custom)
+    return BagMetadata(names, custom)
 
 
 def _span(start_ns: int | None, end_ns: int) -> dict[str, dict[str, int]]:
@@ -131,7 +131,7 @@ def _span(start_ns: int | None, end_ns: int) -> dict[str, dict[str, int]]:
 
 
 def _information(
-    topics: Sequence[TopicContents], files: Sequence[FileContents], custom: Mapping[str, str], ros_distro: str
+    topics: Sequence[TopicMetadata], files: Sequence[FileStatistics], custom: Mapping[str, str], ros_distro: str
 ) -> dict[str, Any]:
     totals: Counter[str] = Counter()
     for file in files:
@@ -169,7 +169,7 @@ def _information(
 
 @lru_cache(maxsize=64)
 def _profiles(qos_yaml: str) -> list[Any]:
-    """Return the profiles as a list; a foreign bag's text that is none is left out rather than passed on."""
+    """Return the QoS profiles as a list; empty if the text of a foreign bag cannot be parsed."""
     try:
         profiles = yaml.safe_load(qos_yaml) if len(qos_yaml) < MAX_FILE_BYTES else []
     except (yaml.YAMLError, ValueError, RecursionError):

@@ -1,4 +1,4 @@
-"""Reads a recording in the order of time, in memory that does not grow with it."""
+"""Reads a recording in order of log time, in memory that does not grow with its size."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from pathlib import Path
 from types import TracebackType
 
 from mech_twin.recording.bag_contents import BagInfo, BagMessage, SplitInfo, TopicInfo
-from mech_twin.recording.bag_metadata import FILE_NAME, read_contents
+from mech_twin.recording.bag_metadata import FILE_NAME, read_metadata
 from mech_twin.recording.errors import BagBeyondLimitsError, DamagedBagError, MissingBagError, UnfinishedBagError
 from mech_twin.recording.file_index import Extent, FileIndex
-from mech_twin.recording.file_summary import intact_index, summarised
+from mech_twin.recording.file_summary import intact_index, summary_index
 from mech_twin.recording.mcap_records import RawMessage
 from mech_twin.recording.record_file import RecordFile
 from mech_twin.recording.split_series import FINISHED_KEY
@@ -23,7 +23,7 @@ MAX_OPEN_BYTES = 1 << 30
 
 @dataclass
 class _Source:
-    """One file and what is left out of it."""
+    """One file, and the repeated latched messages to skip in it."""
 
     index: FileIndex
     repeats: dict[int, int] = field(default_factory=dict)  # channel -> sequence
@@ -37,12 +37,12 @@ class BagReader:
     path : Path
         The bag.
     salvage : bool
-        Read what is intact of an unfinished or damaged bag instead of refusing it.
+        Read the intact part of an unfinished or damaged bag instead of refusing it.
 
     Raises
     ------
     MissingBagError, ForeignFileError, UnfinishedBagError, DamagedBagError
-        With the file and the reason in one line.
+        One line with the file and the reason.
     """
 
     def __init__(self, path: Path | str, *, salvage: bool = False) -> None:
@@ -63,7 +63,7 @@ class BagReader:
         self.end_ns: int | None = max(ends, default=None)
 
     def close(self) -> None:
-        """Give the files back."""
+        """Close the files."""
         self._stack.close()
 
     def __enter__(self) -> BagReader:
@@ -73,12 +73,12 @@ class BagReader:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Give the files back."""
+        """Close the files."""
         self.close()
 
     @property
     def info(self) -> BagInfo:
-        """Return what the bag holds."""
+        """Return the summary of the bag."""
         counters: dict[str, dict[str, int]] = {}
         for source in self._sources:
             counters = source.index.counters() or counters
@@ -105,14 +105,14 @@ class BagReader:
         Parameters
         ----------
         topics : collection of str, optional
-            Only these; a topic that the bag does not have gives nothing.
+            Only these topics; a topic that is not in the bag yields nothing.
         start_s, duration_s : float
-            Part of the bag, from its beginning.
+            Time range, relative to the start of the bag.
 
         Raises
         ------
         DamagedBagError, BagBeyondLimitsError
-            When the damage is reached; when the file is so disordered that putting it in order needs too much memory.
+            A damaged record is reached; the chunks overlap so far that sorting needs too much memory.
         """
         if self.start_ns is None:
             return
@@ -144,7 +144,7 @@ class BagReader:
                 yield BagMessage(channel.topic, name, record.log_time_ns, record.publish_time_ns, record.raw)
 
     def _merged(self, chosen: list[tuple[int, Extent]]) -> Iterator[tuple[int, RawMessage]]:
-        """Yield the messages of the extents in order, each extent held only while its time lasts."""
+        """Yield the messages of the extents in time order; an extent is in memory only during its time range."""
         waiting: list[tuple[int, int, int, RawMessage, Iterator[RawMessage]]] = []
         following = 0
         while waiting or following < len(chosen):
@@ -166,23 +166,23 @@ class BagReader:
             yield number, record
 
     def _check_disorder(self, extents: Iterator[Extent]) -> None:
-        """Refuse a bag whose extents overlap in time beyond the memory granted."""
+        """Refuse a bag whose chunks overlap in time so far that sorting exceeds `MAX_OPEN_BYTES`."""
         borders: list[tuple[int, int, int]] = []
         for extent in extents:
             borders += [(extent.start_ns, 0, extent.size_bytes), (extent.end_ns, 1, -extent.size_bytes)]
-        held = 0
+        open_bytes = 0
         for _, _, change in sorted(borders):
-            held += change
-            if held > MAX_OPEN_BYTES:
+            open_bytes += change
+            if open_bytes > MAX_OPEN_BYTES:
                 raise BagBeyondLimitsError(
                     self.path,
-                    f"its chunks overlap in time so far that order needs more than {MAX_OPEN_BYTES >> 20} MiB",
+                    f"its chunks overlap in time so far that sorting needs more than {MAX_OPEN_BYTES >> 20} MiB",
                 )
 
     def _open(self, path: Path, salvage: bool) -> None:
         file = RecordFile(path)
         self._stack.callback(file.close)
-        source = _Source(intact_index(file) if salvage else summarised(file))
+        source = _Source(intact_index(file) if salvage else summary_index(file))
         if salvage:
             self._problems += source.index.problems()
         index = source.index
@@ -214,7 +214,7 @@ class BagReader:
 
 
 def bag_info(path: Path | str) -> BagInfo:
-    """Return what a bag holds, of an unfinished or damaged one what is intact, with its problems named."""
+    """Return the summary of a bag; of an unfinished or damaged one, of its intact part, with the problems listed."""
     try:
         with BagReader(path) as reader:
             return reader.info
@@ -227,12 +227,12 @@ def bag_info(path: Path | str) -> BagInfo:
 
 
 def bag_files(path: Path) -> list[Path]:
-    """Return the MCAP files of a bag in their order, whatever its page of contents says.
+    """Return the MCAP files of a bag in order of their number, without consulting `metadata.yaml`.
 
     Raises
     ------
     MissingBagError
-        There are none.
+        There is no such bag, or it has no MCAP file.
     """
     if path.is_file():
         return [path]
@@ -245,20 +245,20 @@ def bag_files(path: Path) -> list[Path]:
 
 
 def _files_of(path: Path, salvage: bool, problems: list[str]) -> tuple[list[Path], bool]:
-    """Return the files of a bag and whether it says that it was closed."""
+    """Return the files of a bag and whether its metadata marks it as closed."""
     files = bag_files(path)
     if path.is_file():
         return files, True
     try:
         if not (path / FILE_NAME).exists():
             raise UnfinishedBagError(path, f"has no {FILE_NAME}: it was never closed, or is still being written")
-        contents = read_contents(path)
+        contents = read_metadata(path)
         if contents.custom.get(FINISHED_KEY, "true") != "true":
             raise UnfinishedBagError(path, "was never closed, or is still being written")
         listed = [path / name for name in contents.files]
         for file in listed:
             if not file.is_file():
-                raise DamagedBagError(file, f"is named by {FILE_NAME} but is not there")
+                raise DamagedBagError(file, f"is listed in {FILE_NAME} but does not exist")
     except (UnfinishedBagError, DamagedBagError) as error:
         if not salvage:
             raise

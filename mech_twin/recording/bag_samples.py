@@ -1,4 +1,4 @@
-"""A bag as samples: step by step, decoded, each step once."""
+"""A recording decoded to samples, step by step, each step once."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from sensor_msgs.msg import JointState
 
+from mech_twin.engine.assembly import StepAssembler
 from mech_twin.engine.step_samples import StepSamples
 from mech_twin.messages import body, force, linkage, motor, scene
-from mech_twin.messages.rows import MessageError
+from mech_twin.messages.step_message import MessageError
 from mech_twin.messages.topics import (
     BODY_JOINT_STATES,
     DESCRIPTION,
@@ -26,18 +27,17 @@ from mech_twin.messages.topics import (
 from mech_twin.recording.bag_reader import BagReader
 from mech_twin.recording.errors import BagError, DecodeError, UnknownTypeError
 from mech_twin.recording.message_types import decoded, message_class
-from mech_twin.samples import Drawing
+from mech_twin.samples import Drawing, Sample
 
 if TYPE_CHECKING:
     from mech_twin.recording.bag_contents import BagMessage
 
-OPEN_STEPS = 64
 MOST_DESCRIPTIONS = 10_000
 LARGEST_STEP = 1 << 53
 
 
 class StepTopic(NamedTuple):
-    """A topic that carries one whole sample each step: the field of `StepSamples` it fills, and its decoder."""
+    """A topic with one sample per step: the field of `StepSamples` it fills, and its decoder."""
 
     topic: Topic
     field: str
@@ -53,7 +53,7 @@ STEP_TOPICS = (
 
 
 class NoSamplesError(BagError):
-    """The bag holds no samples of a machine."""
+    """The bag holds no samples of exactly one machine."""
 
 
 def recorded_machine(reader: BagReader) -> str:
@@ -78,28 +78,28 @@ def recorded_machine(reader: BagReader) -> str:
 
 
 class BagSamples:
-    """The samples a bag holds of one machine, whether the catalogue knows it or not.
+    """The samples of one machine in a bag; the machine need not be in the catalogue.
 
     Parameters
     ----------
     reader : BagReader
         The open bag.
     coupling_step_s : float, optional
-        For samples without step row (a measured linkage).
+        Step length for messages without a step number (a measured linkage).
 
     Attributes
     ----------
     machine : str
         Namespace of the recorded run.
     has_body : bool
-        Whether a body was recorded.
-    passed_over : Counter
-        What was not used, by reason: ``repeated``, ``contradicting``, ``late``, ``malformed``.
+        Whether body samples were recorded.
+    unused : Counter
+        Messages not used, by reason: ``repeated``, ``contradicting``, ``late``, ``malformed``.
     """
 
     def __init__(self, reader: BagReader, coupling_step_s: float | None = None) -> None:
         self.machine = recorded_machine(reader)
-        self.passed_over: Counter[str] = Counter()
+        self.unused: Counter[str] = Counter()
         self._reader = reader
         self._step_s = coupling_step_s
         known = {full_name(self.machine, step.topic): step for step in STEP_TOPICS}
@@ -107,8 +107,6 @@ class BagSamples:
         self.fields = frozenset(step.field for step in self._steps.values())
         self.has_body = "body" in self.fields
         self._scene = full_name(self.machine, SCENE)
-        self._open: dict[int, dict[str, Any]] = {}
-        self._last = -1
 
     @property
     def count(self) -> int:
@@ -116,7 +114,7 @@ class BagSamples:
         return self._reader.topics[full_name(self.machine, JOINT_STATES)].message_count
 
     def descriptions(self) -> list[str]:
-        """Return the configurations the run described itself with, in order; without any, the bag's own."""
+        """Return the configurations published during the run, in order; without any, the one attached to the bag."""
         name = full_name(self.machine, DESCRIPTION)
         texts: list[str] = []
         if self._holds(name, DESCRIPTION):
@@ -131,29 +129,28 @@ class BagSamples:
         return texts or ([] if configuration is None else [configuration])
 
     def steps(self) -> Iterator[StepSamples]:
-        """Yield what is known of each step, in the order of the steps.
+        """Yield the samples of each step, in order of the steps.
 
-        A step recorded more than once counts once: the first one is what the run went on with.
+        Of a step recorded more than once the first sample counts: it is the one the run continued with.
         """
         for item in self.shown(drawings=False):
             if isinstance(item, StepSamples):
                 yield item
 
     def shown(self, drawings: bool = True) -> Iterator[StepSamples | Drawing]:
-        """Yield the steps and, between them at their time, the drawings of the mechanism."""
+        """Yield the steps and, at their time between them, the drawings of the mechanism."""
         topics = [*self._steps, *([self._scene] if drawings and self._holds(self._scene, SCENE) else [])]
-        self._open, self._last = {}, -1
+        assembler = StepAssembler(self.fields, self.unused)
         for message in self._reader.messages(topics):
             if message.topic == self._scene:
                 drawing = self._drawing(message)
                 if drawing is not None:
                     yield drawing
                 continue
-            self._take(message)
-            while len(self._open) > OPEN_STEPS or self._lowest_is_whole():
-                yield self._lowest()
-        while self._open:
-            yield self._lowest()
+            sample = self._sample(message)
+            if sample is not None:
+                yield from assembler.add(sample)
+        yield from assembler.rest()
 
     def _holds(self, name: str, topic: Topic) -> bool:
         about = self._reader.topics.get(name)
@@ -169,7 +166,7 @@ class BagSamples:
         try:
             return decoded(message.raw, kind)
         except DecodeError:
-            self.passed_over["malformed"] += 1
+            self.unused["malformed"] += 1
             return None
 
     def _drawing(self, message: BagMessage) -> Drawing | None:
@@ -177,38 +174,22 @@ class BagSamples:
         try:
             return None if content is None else scene.from_message(content)
         except MessageError:
-            self.passed_over["malformed"] += 1
+            self.unused["malformed"] += 1
             return None
 
-    def _take(self, message: BagMessage) -> None:
-        about = self._steps[message.topic]
+    def _sample(self, message: BagMessage) -> Sample | None:
+        """Return the sample of a step message; None, counted as malformed, if it cannot be decoded."""
         content = self._decoded(message, JointState)
         if content is None:
-            return
+            return None
         try:
-            sample = about.decode(content, self._step_s)
+            sample: Sample | None = self._steps[message.topic].decode(content, self._step_s)
         except (MessageError, ValueError, OverflowError):
-            self.passed_over["malformed"] += 1
-            return
-        if not 0 <= sample.step < LARGEST_STEP:
-            self.passed_over["malformed"] += 1
-        elif sample.step <= self._last:
-            self.passed_over["late"] += 1
-        else:
-            known = self._open.setdefault(sample.step, {})
-            if about.field in known:
-                self.passed_over["repeated" if known[about.field] == sample else "contradicting"] += 1
-            known.setdefault(about.field, sample)
-
-    def _lowest_is_whole(self) -> bool:
-        """Whether the lowest open step is complete, and a repeat of it is no longer to be expected."""
-        if len(self._open) < 2:
-            return False
-        return self._open[min(self._open)].keys() == self.fields
-
-    def _lowest(self) -> StepSamples:
-        self._last = min(self._open)
-        return StepSamples(self._last, **self._open.pop(self._last))
+            sample = None
+        if sample is None or not 0 <= sample.step < LARGEST_STEP:
+            self.unused["malformed"] += 1
+            return None
+        return sample
 
 
 def bag_samples(path: Path) -> Iterator[StepSamples]:

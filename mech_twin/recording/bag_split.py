@@ -1,4 +1,4 @@
-"""One split of a recording: a complete MCAP file that opens alone.
+"""One split of a recording: a complete MCAP file that can be opened on its own.
 
 | record     | what                | holds                                                                            |
 |------------|---------------------|----------------------------------------------------------------------------------|
@@ -23,7 +23,7 @@ from mcap.records import Metadata
 from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap.writer import CompressionType, Writer
 
-from mech_twin.recording.bag_metadata import FileContents
+from mech_twin.recording.bag_metadata import FileStatistics
 from mech_twin.recording.schemas import MessageSchema
 from mech_twin.recording.split_file import SplitFile
 
@@ -37,20 +37,20 @@ COMPRESSIONS = {"zstd": CompressionType.ZSTD, "lz4": CompressionType.LZ4, "none"
 
 @dataclass
 class TopicCounters:
-    """What happened to the messages of a topic.
+    """Loss counters of a topic.
 
     Attributes
     ----------
     received : int
-        Handed to the writer.
+        Passed to the writer.
     written : int
-        Of these, in the bag.
+        Of these, written to the bag.
     dropped : int
-        Of these, lost while the disk was full or failing.
+        Of these, lost because the disk was full or failing.
     missed : int
-        Never received: gaps in the sequence of the publisher.
+        Published but never received: gaps in the sequence of the publisher.
     late : int
-        Received, but behind their time.
+        Received after a later one.
     """
 
     received: int = 0
@@ -62,14 +62,14 @@ class TopicCounters:
 
 @dataclass(frozen=True)
 class Storage:
-    """How a split is stored."""
+    """Chunk size, compression and fsync of a file."""
 
     chunk_bytes: int
     compression: str
     fsync: bool
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be stored."""
+        """Validate the values."""
         if self.chunk_bytes <= 0 or self.compression not in COMPRESSIONS:
             raise ValueError(
                 f"expected chunk_bytes > 0 and compression one of {', '.join(COMPRESSIONS)}; "
@@ -79,27 +79,27 @@ class Storage:
 
 @dataclass(frozen=True)
 class SplitRule:
-    """When a new file begins: at a size, or after some log time; None is never."""
+    """When to start a new file: at a size, or after a duration of log time; None means never."""
 
     size_bytes: int | None
     duration_s: float | None
 
     def due(self, split: BagSplit | None, log_time_ns: int) -> bool:
-        """Whether a message of this time belongs in a new file."""
-        if split is None or split.contents.start_ns is None:
+        """Whether a message of this log time belongs in a new file."""
+        if split is None or split.statistics.start_ns is None:
             return False
         if self.size_bytes is not None and split.size_bytes >= self.size_bytes:
             return True
-        return self.duration_s is not None and log_time_ns - split.contents.start_ns >= self.duration_s * 1e9
+        return self.duration_s is not None and log_time_ns - split.statistics.start_ns >= self.duration_s * 1e9
 
 
 class BagSplit:
-    """Writer of one file of a bag; raises OSError from `commit` alone."""
+    """Writer of one file of a bag; only `commit` and `finish` raise OSError."""
 
     def __init__(
         self, path: Path, storage: Storage, configuration: str, index: int, repeated: Mapping[str, int]
     ) -> None:
-        self.contents = FileContents(path.name)
+        self.statistics = FileStatistics(path.name)
         self.file = SplitFile(path, storage.fsync)
         self.chunks = 0
         self._channels: dict[str, int] = {}
@@ -123,7 +123,7 @@ class BagSplit:
 
     @property
     def summary_bytes(self) -> int:
-        """Bytes that closing the file may need: the indexes grow with every chunk."""
+        """Upper estimate of the bytes that closing the file writes: the indexes grow with every chunk."""
         return (self.chunks + 1) * (160 + 10 * len(self._channels)) + 8192 * (len(self._channels) + 1)
 
     def add_topic(self, topic: str, schema: MessageSchema, qos_yaml: str) -> None:
@@ -141,43 +141,43 @@ class BagSplit:
         self._append(TOPIC_RECORD, about)
 
     def add_message(self, topic: str, raw: bytes, log_time_ns: int, publish_time_ns: int, sequence: int) -> bool:
-        """Add a message; return whether it closed a chunk, which then waits for `commit`."""
+        """Add a message; return whether it completed a chunk, which then waits for `commit`."""
         self._writer.add_message(
             self._channels[topic], log_time_ns, raw, publish_time=publish_time_ns, sequence=sequence & 0xFFFFFFFF
         )
-        self.contents.count(topic, log_time_ns)
+        self.statistics.count(topic, log_time_ns)
         self.uncommitted[topic] += 1
         return self.file.pending
 
     def commit(self, counters: Mapping[str, TopicCounters]) -> None:
-        """Close the chunk in progress and hand it, with the counters as they stand, to the operating system."""
+        """Close the current chunk and write it, with the current counters, to the file."""
         if not self._finished:
-            self._writer.flush()  # type: ignore[no-untyped-call]
+            self._writer.flush()
             self._append(COUNTERS_RECORD, _rows(counters))
             self.chunks += 1
         self.file.commit()
         self.uncommitted.clear()
 
     def finish(self, counters: Mapping[str, TopicCounters]) -> None:
-        """Close the file with its summary; may be called again after an OSError."""
+        """Write the summary and close the file; may be called again after an OSError."""
         if not self._finished:
-            self._writer.flush()  # type: ignore[no-untyped-call]
+            self._writer.flush()
             self._writer.add_metadata(COUNTERS_RECORD, _rows(counters))
-            self._writer.finish()  # type: ignore[no-untyped-call]
+            self._writer.finish()
             self._finished = True
         self.file.commit()
         self.uncommitted.clear()
         self.file.close()
 
     def _append(self, name: str, data: dict[str, str]) -> None:
-        """Write a metadata record that only a walk through the file finds.
+        """Write a metadata record that the summary does not index; only a linear scan finds it.
 
-        The summary lists the last of a kind alone, so it does not grow with the counters, and readers that show
-        metadata show each kind once.
+        The summary then indexes one record of each name, so it does not grow with every chunk and readers that list
+        metadata list each name once.
         """
         builder = RecordBuilder()
         Metadata(name=name, metadata=data).write(builder)
-        self.file.write(builder.end())  # type: ignore[no-untyped-call]
+        self.file.write(builder.end())
 
 
 def _rows(counters: Mapping[str, TopicCounters]) -> dict[str, str]:

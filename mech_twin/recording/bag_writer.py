@@ -1,4 +1,4 @@
-"""Writes a recording: a rosbag2 directory of MCAP files whose loss is bounded and counted."""
+"""Writes a recording: a rosbag2 directory of MCAP files, with bounded and counted message loss."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from mech_twin.recording.schemas import MessageSchema, message_schema, offered_q
 from mech_twin.recording.split_series import Latched, RecordedTopic, SplitSeries, fresh_directory
 
 STRING_TYPE = "std_msgs/msg/String"
-_CLOSE_AT = 0.6  # of max_loss_s: the rest is for the owner's tick and for the write itself
+_CLOSE_AT = 0.6  # of max_loss_s: the rest allows for the interval between ticks and for the write
 
 
 class WriterState(Enum):
-    """What a writer is doing."""
+    """State of a writer."""
 
     RECORDING = "recording"
     ERROR = "error"
@@ -32,40 +32,39 @@ class WriterState(Enum):
 class BagWriter:
     """A recording in progress.
 
-    Chunks are closed by size and by age, and each is handed to the operating system at once with the loss counters as
-    they stand, so that a process that dies loses at most `max_loss_s` of any topic.  A full or failing disk turns
-    `state` to ERROR and never raises: messages are then dropped and counted, and recording goes on in a new split
-    when the disk takes bytes again.
+    Chunks are closed by size and by age.  Each is written to the file at once, followed by the loss counters, so that a
+    process that dies loses at most `max_loss_s` of any topic.  A full or failing disk sets `state` to ERROR and never
+    raises: messages are dropped and counted, and recording resumes in a new split when the disk accepts data again.
 
     All methods may be called from any thread.
 
     Parameters
     ----------
     directory : Path
-        The bag; its name is also that of its files.
+        The bag; its files are named after it.
     configuration : str
-        YAML of the machine, carried by every split.
+        The machine's configuration as YAML, attached to every split.
     max_loss_s : float
-        Age at which a message must have left this process.  `tick` must be called at least every 0.4 of it.
+        Greatest age of a message that has not been written to the file.  Call `tick` at least every 0.4 `max_loss_s`.
     fsync : bool
-        Also force each chunk to the disk, against loss of power.
+        Also synchronise each chunk to the disk, to survive a power failure.
     split_bytes, split_duration_s : number, optional
-        Start a new file at this size, or after this much of log time.
+        Start a new file at this size, or after this duration of log time.
     description_topic : str, optional
-        Topic on which the configuration is also written as a latched `std_msgs/msg/String`.
+        Topic on which the configuration is also recorded as a latched (transient local) `std_msgs/msg/String`.
     if_exists : {"refuse", "rename"}
-        What to do about a directory that holds anything; `rename` takes the first free of NAME_2, NAME_3...
+        What to do if the directory is not empty; `rename` uses the first free of NAME_2, NAME_3...
     chunk_bytes, compression
         Uncompressed size of a chunk; `zstd`, `lz4` or `none`.
     retry_s : float
-        Time between attempts to go on after an error.
+        Time between attempts to resume after an error.
     ros_distro : str, optional
-        Named in `metadata.yaml`; the environment's ROS_DISTRO, else jazzy.
+        Written to `metadata.yaml`; default the environment variable ROS_DISTRO, else jazzy.
 
     Raises
     ------
     BagExistsError, UnwritableDirectoryError
-        Nothing is left behind.
+        The recording cannot be created; no file or directory is left behind.
     """
 
     def __init__(
@@ -120,12 +119,12 @@ class BagWriter:
 
     @property
     def state(self) -> WriterState:
-        """Whether messages reach the disk."""
+        """Whether messages are being recorded."""
         return self._state
 
     @property
     def counters(self) -> dict[str, TopicCounters]:
-        """The counters by topic; what an error keeps from the disk does not count as written."""
+        """The counters by topic; messages not yet accepted by the disk after an error do not count as written."""
         with self._lock:
             waiting = self._series.waiting()
             return {
@@ -141,9 +140,9 @@ class BagWriter:
         Raises
         ------
         UnknownTypeError
-            No definition of the type is installed and none was given.
+            The type is not installed and no schema was given.
         ValueError
-            The topic is there with another type.
+            The topic is registered with another type.
         """
         with self._lock:
             known = self._topics.get(topic)
@@ -167,11 +166,11 @@ class BagWriter:
         topic : str
             A registered topic.
         raw : bytes
-            The CDR encoding with its header.
+            CDR with its encapsulation header.
         log_time_ns, publish_time_ns : int
-            When it was received, and sent.
+            Time of reception and of publication.
         latched : bool
-            Whether it is repeated at the start of every later split.
+            Whether to repeat it at the start of every later split.
         """
         with self._lock:
             entry = self._topics.get(topic)
@@ -203,13 +202,13 @@ class BagWriter:
             self._touch_counters()
 
     def count_late(self, topic: str, n: int = 1) -> None:
-        """Count messages of a topic that came behind their time."""
+        """Count messages of a topic that were received after a later one."""
         with self._lock:
             self._topics[topic].counters.late += n
             self._touch_counters()
 
     def tick(self, monotonic_now: float | None = None) -> None:
-        """Close what has grown old, and go on after an error; to be called every 0.4 `max_loss_s` or more often."""
+        """Write a chunk that is due by age, and resume after an error; call it every 0.4 `max_loss_s` or more often."""
         with self._lock:
             now = self._clock() if monotonic_now is None else monotonic_now
             if self._state is WriterState.ERROR:
@@ -218,14 +217,14 @@ class BagWriter:
                 self._commit(now)
 
     def close(self) -> None:
-        """Finish the bag; idempotent.  Where the disk refuses, `state` stays ERROR and the bag unfinished but valid."""
+        """Finish the bag; idempotent.  If the disk fails, `state` stays ERROR and the bag unfinished but readable."""
         with self._lock:
             if self._state is WriterState.CLOSED:
                 return
             try:
-                self._series.release_reserve()
+                self._series.release_reservation()
                 self._series.finish_current()
-                self._series.write_contents(finished=True)
+                self._series.write_metadata(finished=True)
             except OSError as error:
                 self._note(error)
             else:
@@ -248,7 +247,7 @@ class BagWriter:
             self._repeat_due = False
             for name, entry in self._topics.items():
                 if (last := entry.latched) is not None:
-                    if entry.counters.received == 0:  # the configuration, put in by this writer itself
+                    if entry.counters.received == 0:  # the configuration, added by this writer itself
                         entry.counters.received = entry.counters.written = 1
                     split.add_message(name, last.raw, log_time_ns, last.publish_time_ns, last.sequence)
         if self._chunk_opened is None:
@@ -277,7 +276,7 @@ class BagWriter:
 
     def _next_split(self) -> None:
         self._series.finish_current()
-        self._series.write_contents(finished=False)
+        self._series.write_metadata(finished=False)
         self._series.open_next()
         self._repeat_due = True
         self._chunk_opened = self._counters_changed = None
@@ -287,18 +286,18 @@ class BagWriter:
         self.error = f"{self.directory}: {error.strerror or error}"
 
     def _fail(self, error: OSError, now: float) -> None:
-        """Stop recording; with the reserve given up, what was gathered still fits and the bag is left complete."""
+        """Stop recording; in the space released from the reservation the buffered data and the summary still fit."""
         self._note(error)
         self._next_attempt = now + self._retry_s
         try:
-            self._series.release_reserve()
+            self._series.release_reservation()
             self._series.finish_current()
-            self._series.write_contents(finished=False)
+            self._series.write_metadata(finished=False)
         except OSError as again:
             self._note(again)
 
     def _attempt(self, now: float) -> None:
-        """Go on in a new split, if the disk takes one."""
+        """Resume in a new split, if the disk accepts one."""
         if now < self._next_attempt:
             return
         self._next_attempt = now + self._retry_s

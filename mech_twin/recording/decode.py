@@ -1,4 +1,4 @@
-"""Raw CDR to Python objects, for analysis: by the definitions that the bag itself carries."""
+"""Decodes raw CDR to Python objects, by the message definitions stored in the bag."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _SEPARATOR = "=" * 80
 _FAILURES = (McapError, struct.error, ValueError, LookupError, TypeError, OverflowError, MemoryError)
 
 
-class Decoder:
+class MessageDecoder:
     """Decodes the messages of one bag.
 
     Parameters
@@ -60,10 +60,12 @@ def _function(topic: TopicInfo) -> Callable[[bytes], Any]:
     schema = Schema(id=1, data=topic.definition.encode(), encoding=topic.schema_encoding, name=topic.type_name)
     for part in topic.definition.split(_SEPARATOR)[1:]:
         if not any(_is_field(line) for line in part.splitlines()[2:]):
-            raise DecodeError(f"topic {topic.topic}: its definition nests a type without fields, which has no bounds")
+            raise DecodeError(
+                f"topic {topic.topic}: its definition nests a type without fields, whose decoding is unbounded"
+            )
     try:
         function = DecoderFactory().decoder_for(topic.message_encoding, schema)
-    except Exception as error:  # the parser of definitions raises whatever a foreign text makes it trip over
+    except Exception as error:  # the definition parser raises various exceptions on malformed text
         raise DecodeError(f"topic {topic.topic}: its definition of {topic.type_name} cannot be read") from error
     if function is None:
         raise DecodeError(

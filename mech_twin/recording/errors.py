@@ -1,4 +1,4 @@
-"""How a bag is refused: the file, the reason, and where there is one the remedy, in one line."""
+"""Errors of recordings: file, reason and, if there is one, the remedy, in one line."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ class BagError(Exception):
     Attributes
     ----------
     file : Path
-        What was refused.
+        The file or directory concerned.
     reason : str
-        Why, and what to do about it.
+        Why it was refused and what to do.
     """
 
     def __init__(self, file: Path | str, reason: str) -> None:
@@ -23,42 +23,42 @@ class BagError(Exception):
 
 
 class MissingBagError(BagError):
-    """There is nothing at this path, or it may not be read."""
+    """The path does not exist or cannot be read."""
 
 
 class ForeignFileError(BagError):
-    """The file is no MCAP recording."""
+    """The file is not an MCAP recording."""
 
 
 class UnfinishedBagError(BagError):
-    """The recording was never closed, or still runs."""
+    """The recording was never closed, or is still being written."""
 
     def __init__(self, file: Path | str, reason: str) -> None:
         super().__init__(file, f"{reason}; if no recorder is running, recover it: mech-twin recover {file} OUT")
 
 
 class DamagedBagError(BagError):
-    """The bytes of the recording contradict each other."""
+    """The recording is corrupt."""
 
     def __init__(self, file: Path | str, reason: str) -> None:
-        super().__init__(file, f"{reason}; save what is intact: mech-twin recover {file} OUT")
+        super().__init__(file, f"{reason}; salvage the intact part: mech-twin recover {file} OUT")
 
 
 class BagBeyondLimitsError(BagError):
-    """Reading the bag would need more memory than this reader grants to any file."""
+    """Reading the bag would exceed the reader's memory limit."""
 
 
 class BagExistsError(BagError):
-    """A recording is never written over another one."""
+    """The output exists; recordings are never overwritten."""
 
 
 class UnwritableDirectoryError(BagError):
-    """The directory cannot be made or written."""
+    """The directory cannot be created or written."""
 
 
 class UnknownTypeError(LookupError):
-    """No definition of this message type is installed."""
+    """The message type is not installed."""
 
 
 class DecodeError(ValueError):
-    """These bytes are not a message of this type."""
+    """The bytes are not a message of this type."""

@@ -1,4 +1,4 @@
-"""Where the messages of one MCAP file lie."""
+"""Index of one MCAP file: where its chunks, attachments and metadata are."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from mech_twin.recording.mcap_records import (
     RawMessage,
     Record,
     UnreadableRecordError,
+    decompressed,
     inner_records,
-    unpacked,
 )
 from mech_twin.recording.record_file import RecordFile
 
@@ -32,7 +32,7 @@ _MAX_PROBLEMS = 50
 
 
 class Extent(NamedTuple):
-    """A chunk, or a run of messages outside chunks."""
+    """A byte range of messages: one chunk, or consecutive messages outside chunks."""
 
     offset: int
     length: int
@@ -44,7 +44,7 @@ class Extent(NamedTuple):
 
 @dataclass
 class FileIndex:
-    """What one file holds, and where."""
+    """Schemas, channels and positions of the records of one file."""
 
     file: RecordFile
     schemas: dict[int, Schema] = field(default_factory=dict)
@@ -62,7 +62,7 @@ class FileIndex:
         Raises
         ------
         DamagedBagError
-            The bytes are not what the index says.
+            The records do not match the index.
         """
         try:
             for record in _contents(self.file, extent):
@@ -72,8 +72,8 @@ class FileIndex:
             raise DamagedBagError(self.file.path, f"at byte {extent.offset}: {error}") from error
 
     def problems(self) -> list[str]:
-        """Return what is wrong with the file, a line each; the first fifty."""
-        lines = [] if self.finished else [f"{self.file.path}: has no end, it was cut off"]
+        """Return the damage of the file, one line each; the first fifty."""
+        lines = [] if self.finished else [f"{self.file.path}: has no footer, it was truncated"]
         lines += [
             f"{self.file.path}: {damage.length} bytes at {damage.offset}: {damage.reason}"
             for damage in self.damages[:_MAX_PROBLEMS]
@@ -81,7 +81,7 @@ class FileIndex:
         return lines
 
     def metadata_record(self, name: str) -> dict[str, str]:
-        """Return the last metadata record of this name, empty where there is none."""
+        """Return the last metadata record of this name; empty if there is none."""
         if name not in self.metadata:
             return {}
         try:
@@ -101,7 +101,7 @@ class FileIndex:
                 yield record
 
     def configuration(self) -> str | None:
-        """Return the configuration that the recording carries."""
+        """Return the configuration attached to the file."""
         for attachment in self.attachment_records():
             if attachment.name == CONFIGURATION_NAME:
                 return attachment.data.decode("utf-8", "replace")
@@ -136,7 +136,7 @@ def _contents(file: RecordFile, extent: Extent) -> Iterator[Record]:
     while offset < extent.offset + extent.length:
         found = file.record_at(offset)
         if isinstance(found.record, Chunk):
-            yield from inner_records(unpacked(found.record))
+            yield from inner_records(decompressed(found.record))
         else:
             yield found.record
         offset += found.length

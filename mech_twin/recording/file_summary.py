@@ -1,4 +1,4 @@
-"""The index of an MCAP file as its own summary gives it."""
+"""Index of an MCAP file, read from its summary section."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from mcap.records import AttachmentIndex, Channel, ChunkIndex, Footer, MetadataI
 
 from mech_twin.recording.errors import DamagedBagError, ForeignFileError, UnfinishedBagError
 from mech_twin.recording.file_index import Extent, FileIndex
-from mech_twin.recording.file_walk import walked
+from mech_twin.recording.linear_scan import scanned_index
 from mech_twin.recording.mcap_records import (
     FOOTER_BYTES,
     HEAD_BYTES,
@@ -22,8 +22,8 @@ from mech_twin.recording.mcap_records import (
 from mech_twin.recording.record_file import RecordFile
 
 
-def summarised(file: RecordFile) -> FileIndex:
-    """Return the index that the file's own summary gives; where it has none, the one found by walking through it.
+def summary_index(file: RecordFile) -> FileIndex:
+    """Return the index from the summary section; if the file has none, from a linear scan.
 
     Raises
     ------
@@ -33,12 +33,10 @@ def summarised(file: RecordFile) -> FileIndex:
     try:
         head = file.bytes_at(0, len(MAGIC))
         if head != MAGIC:
-            raise ForeignFileError(
-                path, "is empty" if not head else "is no MCAP recording (its first bytes are not MCAP's)"
-            )
+            raise ForeignFileError(path, "is empty" if not head else "is not an MCAP recording (wrong magic bytes)")
         footer_at = file.size - FOOTER_BYTES - len(MAGIC)
         if footer_at < len(MAGIC) or file.bytes_at(file.size - len(MAGIC), len(MAGIC)) != MAGIC:
-            raise UnfinishedBagError(path, "has no end, it was cut off")
+            raise UnfinishedBagError(path, "has no footer, it was truncated")
         footer = file.record_at(footer_at).record
         if not isinstance(footer, Footer):
             raise DamagedBagError(path, "has no footer")
@@ -47,7 +45,7 @@ def summarised(file: RecordFile) -> FileIndex:
         raise DamagedBagError(path, f"its summary is damaged ({error})") from error
     index = _from_summary(file, records)
     if index is None:
-        index = walked(file)
+        index = scanned_index(file)
         if index.damages:
             damage = index.damages[0]
             raise DamagedBagError(path, f"at byte {damage.offset}: {damage.reason}")
@@ -58,7 +56,7 @@ def _summary_records(file: RecordFile, footer: Footer, footer_at: int) -> list[R
     if footer.summary_start == 0:
         return []
     if not len(MAGIC) <= footer.summary_start <= footer_at or footer_at - footer.summary_start > MAX_RECORD_BYTES:
-        raise UnreadableRecordError("it does not lie in the file")
+        raise UnreadableRecordError("it lies outside the file")
     data = file.bytes_at(footer.summary_start, footer_at + FOOTER_BYTES - footer.summary_start)
     if footer.summary_crc and zlib.crc32(data[:-4]) != footer.summary_crc:
         raise UnreadableRecordError("its checksum fails")
@@ -67,7 +65,7 @@ def _summary_records(file: RecordFile, footer: Footer, footer_at: int) -> list[R
     while offset < len(data) - FOOTER_BYTES:
         opcode, length = struct.unpack_from("<BQ", data, offset)
         if offset + HEAD_BYTES + length > len(data):
-            raise UnreadableRecordError("a record does not fit it")
+            raise UnreadableRecordError("a record exceeds it")
         records.append(parse(opcode, data[offset + HEAD_BYTES : offset + HEAD_BYTES + length]))
         offset += HEAD_BYTES + length
     return records
@@ -111,9 +109,9 @@ def _chunk_extent(file: RecordFile, record: ChunkIndex) -> Extent:
 
 
 def intact_index(file: RecordFile) -> FileIndex:
-    """Return the index of whatever is intact: by the summary if the whole file is sound, else by walking through it."""
+    """Return the index of all intact records: from the summary if the whole file is intact, else from a linear scan."""
     try:
-        index = summarised(file)
+        index = summary_index(file)
         for extent in index.extents:
             for _ in index.records_of(extent):
                 pass
@@ -122,5 +120,5 @@ def intact_index(file: RecordFile) -> FileIndex:
         for name in index.metadata:
             index.metadata_record(name)
     except (ForeignFileError, UnfinishedBagError, DamagedBagError):
-        return walked(file)
+        return scanned_index(file)
     return index

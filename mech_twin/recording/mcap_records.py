@@ -1,7 +1,7 @@
-"""Records of an MCAP file, read within bounds and trusting nothing.
+"""Records of an MCAP file, parsed with every length and checksum verified.
 
-The package's own record readers parse the fields.  Around them stand the checks they leave out: a record must fit its
-file and be used up exactly, a chunk must not unpack to more than it says, and checksums must hold.
+The `mcap` package parses the fields.  This module adds the checks it omits: a record must lie within its file and be
+consumed exactly, a chunk must decompress to its declared size, and checksums must match.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from io import BytesIO
 from typing import NamedTuple
 
-import lz4.frame  # type: ignore[import-untyped]
+import lz4.frame
 import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
@@ -61,11 +61,11 @@ _READERS: dict[int, Callable[[ReadDataStream], McapRecord]] = {
 
 
 class UnreadableRecordError(Exception):
-    """The bytes at this offset are no record."""
+    """The bytes at this offset are not a valid record."""
 
 
 class RawMessage(NamedTuple):
-    """A message as it lies in the file."""
+    """A message record, its payload still encoded."""
 
     channel_id: int
     sequence: int
@@ -75,11 +75,11 @@ class RawMessage(NamedTuple):
 
 
 Record = McapRecord | RawMessage | None
-"""A record, or None for one of a kind this reader does not know."""
+"""A record; None for an unknown record type."""
 
 
-class Found(NamedTuple):
-    """A record and the bytes it takes."""
+class LocatedRecord(NamedTuple):
+    """A record with its position in the file."""
 
     offset: int
     length: int
@@ -87,7 +87,7 @@ class Found(NamedTuple):
 
 
 class Damage(NamedTuple):
-    """Bytes that are no record."""
+    """A range of bytes that are not valid records."""
 
     offset: int
     length: int
@@ -95,32 +95,32 @@ class Damage(NamedTuple):
 
 
 def parse(opcode: int, content: bytes) -> Record:
-    """Return the record of these bytes.
+    """Return the record parsed from its content.
 
     Raises
     ------
     UnreadableRecordError
-        The fields do not use the bytes up exactly, or a checksum fails.
+        The fields do not consume the content exactly, or a checksum fails.
     """
     if opcode == Opcode.MESSAGE:
         return _message(content, 0, len(content))
     reader = _READERS.get(opcode)
     if reader is None:
         if opcode == 0:
-            raise UnreadableRecordError("no record")
+            raise UnreadableRecordError("not a record")
         return None
     stream = ReadDataStream(BytesIO(content))
     try:
         record = reader(stream)
     except (McapError, struct.error, ValueError, OverflowError, MemoryError) as error:
         raise UnreadableRecordError(f"a broken {Opcode(opcode).name.lower()} record") from error
-    if stream.count != len(content) or not _whole(record, content):
+    if stream.count != len(content) or not _is_complete(record, content):
         raise UnreadableRecordError(f"a broken {Opcode(opcode).name.lower()} record")
     return record
 
 
-def _whole(record: McapRecord, content: bytes) -> bool:
-    """Whether the last field has its full length (the package's stream reads short without a word) and checksum."""
+def _is_complete(record: McapRecord, content: bytes) -> bool:
+    """Whether the last field has its declared length (`mcap` truncates silently) and its checksum matches."""
     if isinstance(record, Chunk):
         at = 32 + len(record.compression.encode())
         return bool(struct.unpack_from("<Q", content, at)[0] == len(record.data))
@@ -140,13 +140,13 @@ def _message(content: bytes, start: int, stop: int) -> RawMessage:
     return RawMessage(channel_id, sequence, log_time_ns, publish_time_ns, content[start + 22 : stop])
 
 
-def unpacked(chunk: Chunk) -> bytes:
-    """Return what a chunk holds, never more than it says, its checksum verified.
+def decompressed(chunk: Chunk) -> bytes:
+    """Return the decompressed content of a chunk, of its declared size, checksum verified.
 
     Raises
     ------
     UnreadableRecordError
-        It does not unpack, or the checksum fails.
+        It cannot be decompressed, is larger than declared or than allowed, or the checksum fails.
     """
     size = chunk.uncompressed_size
     if size > MAX_CHUNK_BYTES:
@@ -154,7 +154,7 @@ def unpacked(chunk: Chunk) -> bytes:
     try:
         if chunk.compression == "zstd":
             if zstandard.get_frame_parameters(chunk.data).content_size not in {size, zstandard.CONTENTSIZE_UNKNOWN}:
-                raise UnreadableRecordError("a chunk whose size is not what it says")
+                raise UnreadableRecordError("a chunk whose size differs from the declared one")
             data = zstandard.ZstdDecompressor().decompress(chunk.data, max_output_size=size)
         elif chunk.compression == "lz4":
             data = lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, max_length=size + 1)
@@ -163,9 +163,9 @@ def unpacked(chunk: Chunk) -> bytes:
         else:
             raise UnreadableRecordError(f"a chunk of unknown compression '{chunk.compression[:16]}'")
     except (zstandard.ZstdError, RuntimeError, ValueError, EOFError, MemoryError) as error:
-        raise UnreadableRecordError(f"a chunk that does not unpack ({error})") from error
+        raise UnreadableRecordError(f"a chunk that cannot be decompressed ({error})") from error
     if len(data) != size:
-        raise UnreadableRecordError("a chunk whose size is not what it says")
+        raise UnreadableRecordError("a chunk whose size differs from the declared one")
     if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
         raise UnreadableRecordError("a chunk whose checksum fails")
     return data
@@ -177,7 +177,7 @@ def inner_records(data: bytes) -> Iterator[Record]:
     Raises
     ------
     UnreadableRecordError
-        At the first record that is none.
+        At the first invalid record.
     """
     offset, size = 0, len(data)
     while offset < size:

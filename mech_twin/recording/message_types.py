@@ -1,4 +1,4 @@
-"""Message types named by a bag: which are installed, whether bytes are of a type, how a topic was offered."""
+"""Message types of a bag: the installed classes, decoding, and the recorded quality of service."""
 
 from __future__ import annotations
 
@@ -23,12 +23,13 @@ CDR = "cdr"
 def message_class(topic: TopicInfo) -> Any:
     """Return the installed class of a topic's messages.
 
-    A bag names types freely, so nothing is imported that does not define a message of this very name and hash.
+    The type name comes from the bag, so a module is imported only if an installed package defines a message of this
+    name and hash.
 
     Raises
     ------
     UnknownTypeError
-        If it is not installed, is another version of the type, or the bag encodes it otherwise than ROS does.
+        The type is not installed, is installed in another version, or the encoding is not CDR.
     """
     if topic.message_encoding != CDR:
         raise UnknownTypeError(f"encoding '{topic.message_encoding}' is not {CDR}")
@@ -43,12 +44,12 @@ def message_class(topic: TopicInfo) -> Any:
 
 
 def decoded(raw: bytes, kind: Any) -> Any:
-    """Return the message of raw CDR.
+    """Return the message decoded from CDR.
 
     Raises
     ------
     DecodeError
-        If the bytes are no such message.
+        The bytes are not a message of this type.
     """
     try:
         return deserialize_message(raw, kind)
@@ -57,9 +58,9 @@ def decoded(raw: bytes, kind: Any) -> Any:
 
 
 def recorded_qos(qos_yaml: str) -> QoSProfile:
-    """Return the quality of service a topic was offered with: of several publishers the strongest.
+    """Return the quality of service offered on a topic; of several publishers the strictest.
 
-    Deadline, lifespan and lease are left out: they hold at the recorded rate only.
+    Deadline, lifespan and lease are ignored: they are valid at the recorded rate only.
     """
     profiles = _profiles(qos_yaml) or [{}]
     reliable = any(_word(p.get("reliability"), "reliable") != "best_effort" for p in profiles)
@@ -75,7 +76,7 @@ def recorded_qos(qos_yaml: str) -> QoSProfile:
 
 
 def is_latched(qos: QoSProfile) -> bool:
-    """Return whether somebody who comes late still gets the last messages."""
+    """Return whether late subscribers still receive the last messages (transient local)."""
     return bool(qos.durability == DurabilityPolicy.TRANSIENT_LOCAL)
 
 

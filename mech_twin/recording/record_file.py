@@ -1,4 +1,4 @@
-"""An MCAP file read record by record, by offset, and walked through past any damage."""
+"""An MCAP file read record by record; a scan resynchronises after damage."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from mech_twin.recording.mcap_records import (
     MAGIC,
     MAX_RECORD_BYTES,
     Damage,
-    Found,
+    LocatedRecord,
     RawMessage,
     UnreadableRecordError,
     parse,
 )
 
 _WINDOW = 1 << 20
-# An opcode and a length below MAX_RECORD_BYTES; looked ahead, so that candidates may overlap.
+# An opcode and a length below MAX_RECORD_BYTES, as a lookahead so that candidates may overlap.
 _HEAD_PATTERN = re.compile(rb"(?=[\x01-\x0f][\s\S]{3}[\x00-\x10]\x00{4})")
 
 
@@ -39,24 +39,24 @@ class RecordFile:
         self.path = path
 
     def close(self) -> None:
-        """Give the file back."""
+        """Close the file."""
         self._stream.close()
 
     def bytes_at(self, offset: int, count: int) -> bytes:
-        """Return so many bytes, fewer at the end of the file.
+        """Return `count` bytes, fewer at the end of the file.
 
         Raises
         ------
         UnreadableRecordError
-            The disk refuses.
+            The operating system reports a read error.
         """
         try:
             return os.pread(self._stream.fileno(), count, offset)
         except OSError as error:
-            raise UnreadableRecordError(f"the disk refuses to read ({error.strerror})") from error
+            raise UnreadableRecordError(f"read error ({error.strerror})") from error
 
     def head_at(self, offset: int) -> tuple[int, int]:
-        """Return opcode and length of the record at an offset, its length checked against the file."""
+        """Return opcode and length of the record at an offset; the length is checked against the file size."""
         head = self.bytes_at(offset, HEAD_BYTES)
         if len(head) < HEAD_BYTES:
             raise UnreadableRecordError("the file ends within a record")
@@ -67,24 +67,24 @@ class RecordFile:
             raise UnreadableRecordError("the file ends within a record")
         return opcode, length
 
-    def record_at(self, offset: int) -> Found:
+    def record_at(self, offset: int) -> LocatedRecord:
         """Return the record at an offset.
 
         Raises
         ------
         UnreadableRecordError
-            It does not fit the file, or its fields do not fit it.
+            It exceeds the file, or its fields are invalid.
         """
         opcode, length = self.head_at(offset)
-        return Found(offset, HEAD_BYTES + length, parse(opcode, self.bytes_at(offset + HEAD_BYTES, length)))
+        return LocatedRecord(offset, HEAD_BYTES + length, parse(opcode, self.bytes_at(offset + HEAD_BYTES, length)))
 
-    def scan(self, accept: Callable[[Found], None]) -> Iterator[Found | Damage]:
+    def scan(self, accept: Callable[[LocatedRecord], None]) -> Iterator[LocatedRecord | Damage]:
         """Yield every record in the order of the file, and the damage between them.
 
         Parameters
         ----------
         accept : callable
-            Looks into a record; raises UnreadableRecordError where it will not have it.
+            Verifies a record; raises UnreadableRecordError to reject it.
         """
         offset = len(MAGIC) if self.bytes_at(0, len(MAGIC)) == MAGIC else 0
         while offset < self.size and not self._is_end(offset):
@@ -92,7 +92,7 @@ class RecordFile:
             yield found
             offset += found.length
 
-    def _record_or_damage(self, offset: int, accept: Callable[[Found], None]) -> Found | Damage:
+    def _record_or_damage(self, offset: int, accept: Callable[[LocatedRecord], None]) -> LocatedRecord | Damage:
         try:
             found = self.record_at(offset)
             accept(found)
@@ -106,7 +106,7 @@ class RecordFile:
         return offset == self.size - len(MAGIC) and self.bytes_at(offset, len(MAGIC)) == MAGIC
 
     def _may_follow(self, offset: int) -> bool:
-        """Whether a record, or the beginning of one that was cut off, lies here: a message has no other proof."""
+        """Whether a record, or the head of a truncated one, follows here: the only check a message record allows."""
         head = self.bytes_at(offset, HEAD_BYTES)
         if len(head) < HEAD_BYTES or self._is_end(offset):
             return True
@@ -114,7 +114,7 @@ class RecordFile:
         return bool(0 < opcode <= Opcode.DATA_END and length <= MAX_RECORD_BYTES)
 
     def _plausible(self, offset: int) -> bool:
-        """Whether a record can begin here, or the file ends."""
+        """Whether a record may begin here, or the file ends."""
         if offset == self.size or self._is_end(offset):
             return True
         try:
@@ -123,7 +123,7 @@ class RecordFile:
             return False
         return 0 < opcode <= Opcode.DATA_END
 
-    def _following(self, offset: int, accept: Callable[[Found], None]) -> int:
+    def _following(self, offset: int, accept: Callable[[LocatedRecord], None]) -> int:
         """Return where the next record begins after damage at an offset."""
         try:
             _, length = self.head_at(offset)
@@ -131,7 +131,7 @@ class RecordFile:
             if self._plausible(after) and after < self.size:
                 return after
         except UnreadableRecordError:
-            pass  # the length itself is damaged: search byte by byte
+            pass  # the length field itself is damaged: search byte by byte
         start = offset + 1
         while start < self.size:
             window = self.bytes_at(start, _WINDOW + HEAD_BYTES)
@@ -141,7 +141,7 @@ class RecordFile:
             start += _WINDOW
         return self.size
 
-    def _is_record(self, offset: int, accept: Callable[[Found], None]) -> bool:
+    def _is_record(self, offset: int, accept: Callable[[LocatedRecord], None]) -> bool:
         try:
             _, length = self.head_at(offset)
             if not self._plausible(offset + HEAD_BYTES + length):

@@ -1,4 +1,4 @@
-"""Rebuilds a sound bag from what is intact of a damaged or unfinished one."""
+"""Salvages the intact records of a damaged or unfinished recording into a new one."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pathlib import Path
 from mcap.records import Channel, Schema
 from mcap.writer import CompressionType, Writer
 
-from mech_twin.recording.bag_metadata import FileContents, TopicContents, write_contents
+from mech_twin.recording.bag_metadata import FileStatistics, TopicMetadata, write_metadata
 from mech_twin.recording.bag_reader import bag_files
 from mech_twin.recording.bag_split import LIBRARY, TOPIC_RECORD
 from mech_twin.recording.errors import BagExistsError, DamagedBagError, UnwritableDirectoryError
@@ -31,18 +31,18 @@ _MAX_DAMAGES = 50
 
 @dataclass
 class RecoveryReport:
-    """What was saved.
+    """Result of a recovery.
 
     Attributes
     ----------
     messages : Counter
-        Saved messages by topic, latched repeats of later splits included.
+        Salvaged messages by topic, including the latched messages repeated in later splits.
     unassigned : int
-        Intact messages whose topic is lost.
+        Intact messages whose channel record is lost.
     bytes_read, bytes_skipped : int
-        Size of the files, and how much of it was no intact record.
+        Size of the files, and how many bytes were not part of an intact record.
     damages : list of str
-        Where and why, a line each; the first fifty.
+        Position and reason, one line each; the first fifty.
     """
 
     bag: Path
@@ -54,10 +54,10 @@ class RecoveryReport:
     damages: list[str] = field(default_factory=list)
 
     def lines(self) -> list[str]:
-        """Return the report in words."""
+        """Return the report as text lines."""
         rows = [f"{topic}: {count} messages" for topic, count in sorted(self.messages.items())]
         return [
-            f"{self.out}: saved {self.messages.total()} messages of {len(self.messages)} topics from {self.bag}",
+            f"{self.out}: salvaged {self.messages.total()} messages of {len(self.messages)} topics from {self.bag}",
             *rows,
             f"skipped {self.bytes_skipped} of {self.bytes_read} bytes, {self.unassigned} messages of lost topics",
             *self.damages,
@@ -65,9 +65,9 @@ class RecoveryReport:
 
 
 def recover(bag: Path | str, out: Path | str) -> RecoveryReport:
-    """Write a sound bag with everything intact of another, and say what was saved.
+    """Write a new bag with every intact record of another, and return what was salvaged.
 
-    Whatever the files of the bag hold, this does not raise; the bag itself is only read.
+    The contents of the files never make it raise; the source is only read.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ def recover(bag: Path | str, out: Path | str) -> RecoveryReport:
     MissingBagError
         There is no such bag.
     BagExistsError, UnwritableDirectoryError
-        The new one cannot be written; nothing is left behind.
+        The output exists or cannot be written; nothing is left behind.
     """
     source, target = Path(bag), Path(out).absolute()
     files = bag_files(source)
@@ -102,8 +102,8 @@ def recover(bag: Path | str, out: Path | str) -> RecoveryReport:
 
 
 def _rebuild(files: list[Path], directory: Path, report: RecoveryReport) -> None:
-    topics: dict[str, TopicContents] = {}
-    contents: list[FileContents] = []
+    topics: dict[str, TopicMetadata] = {}
+    files_written: list[FileStatistics] = []
     for number, path in enumerate(files):
         file = RecordFile(path)
         try:
@@ -111,16 +111,18 @@ def _rebuild(files: list[Path], directory: Path, report: RecoveryReport) -> None
             report.bytes_read += file.size
             report.bytes_skipped += sum(damage.length for damage in index.damages)
             report.damages += index.problems()[: _MAX_DAMAGES - len(report.damages)]
-            contents.append(_rewritten(index, directory / f"{report.out.name}_{number}.mcap", topics, report))
+            files_written.append(_rewritten(index, directory / f"{report.out.name}_{number}.mcap", topics, report))
         finally:
             file.close()
     custom = {FINISHED_KEY: "true", RECOVERED_KEY: f"skipped {report.bytes_skipped} of {report.bytes_read} bytes"}
-    write_contents(directory, list(topics.values()), contents, custom, os.environ.get("ROS_DISTRO", "jazzy"))
+    write_metadata(directory, list(topics.values()), files_written, custom, os.environ.get("ROS_DISTRO", "jazzy"))
 
 
-def _rewritten(index: FileIndex, path: Path, topics: dict[str, TopicContents], report: RecoveryReport) -> FileContents:
-    """Write one file anew; return what it holds."""
-    contents = FileContents(path.name)
+def _rewritten(
+    index: FileIndex, path: Path, topics: dict[str, TopicMetadata], report: RecoveryReport
+) -> FileStatistics:
+    """Copy the intact records of one file; return the statistics of the copy."""
+    statistics = FileStatistics(path.name)
     file = SplitFile(path, fsync=False)
     try:
         writer = Writer(
@@ -136,15 +138,15 @@ def _rewritten(index: FileIndex, path: Path, topics: dict[str, TopicContents], r
             writer.add_message(
                 channels[channel.id], record.log_time_ns, record.raw, record.publish_time_ns, record.sequence
             )
-            contents.count(channel.topic, record.log_time_ns)
+            statistics.count(channel.topic, record.log_time_ns)
             report.messages[channel.topic] += 1
             if file.pending:
                 file.commit()
-        writer.finish()  # type: ignore[no-untyped-call]
+        writer.finish()
         file.commit()
     finally:
         file.close()
-    return contents
+    return statistics
 
 
 def _copy_attachments(index: FileIndex, writer: Writer) -> None:
@@ -153,12 +155,12 @@ def _copy_attachments(index: FileIndex, writer: Writer) -> None:
             attachment.create_time, attachment.log_time, attachment.name, attachment.media_type, attachment.data
         )
     for name in index.metadata:
-        if name != TOPIC_RECORD:  # names channels by number, and the numbers change
+        if name != TOPIC_RECORD:  # refers to channels by id, and the ids change
             writer.add_metadata(name, index.metadata_record(name))
 
 
-def _register(index: FileIndex, writer: Writer, topics: dict[str, TopicContents]) -> dict[int, int]:
-    """Register what the file has; return the new number of each channel."""
+def _register(index: FileIndex, writer: Writer, topics: dict[str, TopicMetadata]) -> dict[int, int]:
+    """Register the schemas and channels of a file; return the new id of each channel."""
     schemas: dict[tuple[str, str, bytes], int] = {}
     channels: dict[int, int] = {}
     for key, channel in index.channels.items():
@@ -170,7 +172,7 @@ def _register(index: FileIndex, writer: Writer, topics: dict[str, TopicContents]
             channel.topic, channel.message_encoding, schemas[same], channel.metadata
         )
         qos, type_hash = (channel.metadata.get(name, "") for name in ("offered_qos_profiles", "topic_type_hash"))
-        topics.setdefault(channel.topic, TopicContents(channel.topic, schema.name, qos, type_hash))
+        topics.setdefault(channel.topic, TopicMetadata(channel.topic, schema.name, qos, type_hash))
     return channels
 
 
@@ -187,5 +189,5 @@ def _intact_messages(index: FileIndex, report: RecoveryReport) -> Iterator[tuple
 def _records(index: FileIndex, extent: Extent, report: RecoveryReport) -> Iterator[RawMessage]:
     try:
         yield from index.records_of(extent)
-    except DamagedBagError as error:  # it was intact a moment ago: the disk itself fails
+    except DamagedBagError as error:  # verified a moment ago: the disk itself is failing
         report.damages.append(error.reason)

@@ -1,7 +1,7 @@
-"""Message definitions as a bag carries them, collected from the installed message packages.
+"""Message definitions as stored in a bag, collected from the installed message packages.
 
-Every package installs `share/<package>/msg/<Type>.msg` and beside it a type description (`.json`, REP-2011, REP-2016)
-that lists the types it refers to and their hashes.  Nothing of ROS need run, or be set in the environment.
+Every package installs `share/<package>/msg/<Type>.msg` and a type description (`.json`, REP-2011, REP-2016) that
+lists the referenced types and their hashes.  Neither a running ROS nor its environment variables are needed.
 """
 
 from __future__ import annotations
@@ -32,17 +32,17 @@ class MessageSchema(NamedTuple):
 
 @cache
 def message_schema(type_name: str) -> MessageSchema:
-    """Return the definition of a type with all it depends on.
+    """Return the definition of a type, including all types it depends on.
 
     Parameters
     ----------
     type_name : str
-        As ROS 2 writes it, `sensor_msgs/msg/JointState`.
+        Full name such as `sensor_msgs/msg/JointState`.
 
     Raises
     ------
     UnknownTypeError
-        Where no installed package defines it.
+        No installed package defines it.
     """
     if not _TYPE_NAME.fullmatch(type_name):
         raise UnknownTypeError(f"'{type_name}' is no message type; expected package/msg/Type")
@@ -58,7 +58,7 @@ def message_schema(type_name: str) -> MessageSchema:
 
 
 def installed_shares() -> Iterator[Path]:
-    """Yield the directories that may hold message packages, the sourced workspaces first."""
+    """Yield the share directories that may contain message packages, sourced workspaces first."""
     for prefix in [*os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep), sys.prefix]:
         if prefix:
             yield Path(prefix) / "share"

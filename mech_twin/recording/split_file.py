@@ -1,10 +1,10 @@
-"""The file under one split: bytes reach it whole or not at all.
+"""Output file of one split, written in transactions.
 
-The MCAP writer's output is gathered in memory and handed to the operating system by `commit`, so that a full disk
-never leaves half a record behind: what was written stays valid, and the gathered bytes wait for the next attempt.
+The output of the MCAP writer is buffered in memory and written by `commit`, completely or not at all, so that a full
+disk never leaves a partial record: what was written stays valid, and the buffered bytes wait for the next attempt.
 
-A small reserve is held on the same disk while recording.  It is given up when the disk is full, which leaves room to
-write what was gathered, close the file and describe the bag.
+While recording, disk space is reserved on the same file system.  It is released when the disk is full, which leaves
+room to write the buffered data, the summary and `metadata.yaml`.
 """
 
 from __future__ import annotations
@@ -20,38 +20,38 @@ class SplitFile:
         self.path = path
         self.committed_bytes = 0
         self._fsync = fsync
-        self._gathered: list[bytes] = []
-        self._gathered_bytes = 0
+        self._buffered: list[bytes] = []
+        self._buffered_bytes = 0
         self._descriptor = os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY | os.O_CLOEXEC, 0o644)
 
     @property
     def pending(self) -> bool:
-        """Whether there are bytes that the operating system does not have yet."""
-        return self._gathered_bytes > 0
+        """Whether there are buffered bytes."""
+        return self._buffered_bytes > 0
 
     def write(self, data: bytes) -> int:
-        """Gather bytes."""
+        """Buffer bytes."""
         if data:
-            self._gathered.append(bytes(data))
-            self._gathered_bytes += len(data)
+            self._buffered.append(bytes(data))
+            self._buffered_bytes += len(data)
         return len(data)
 
     def tell(self) -> int:
         """Return the offset of the next byte."""
-        return self.committed_bytes + self._gathered_bytes
+        return self.committed_bytes + self._buffered_bytes
 
     def flush(self) -> None:
-        """Do nothing: `commit` is the only way out."""
+        """Do nothing: only `commit` writes."""
 
     def commit(self) -> None:
-        """Hand everything gathered to the operating system, or leave the file as it was.
+        """Write everything buffered, or leave the file as it was.
 
         Raises
         ------
         OSError
-            The disk is full or fails; the bytes are kept, and the file ends where it ended before.
+            The disk is full or failing; the bytes stay buffered and the file keeps its previous length.
         """
-        data = memoryview(b"".join(self._gathered))
+        data = memoryview(b"".join(self._buffered))
         done = 0
         try:
             while done < len(data):
@@ -62,35 +62,35 @@ class SplitFile:
             os.ftruncate(self._descriptor, self.committed_bytes)
             raise
         self.committed_bytes += done
-        self._gathered.clear()
-        self._gathered_bytes = 0
+        self._buffered.clear()
+        self._buffered_bytes = 0
 
     def close(self) -> None:
-        """Give the file back; idempotent."""
+        """Close the file; idempotent."""
         if self._descriptor >= 0:
             os.close(self._descriptor)
             self._descriptor = -1
 
 
-class Reserve:
-    """Disk space held back for the day the disk is full."""
+class SpaceReservation:
+    """Disk space reserved for closing the recording when the disk is full."""
 
     def __init__(self, directory: Path) -> None:
         self._path = directory / ".reserve"
-        self._held_bytes = 0
+        self._reserved_bytes = 0
 
-    def hold(self, size: int) -> None:
-        """Hold at least so many bytes; a no-op where they are held already."""
-        if size <= self._held_bytes:
+    def reserve(self, size: int) -> None:
+        """Reserve at least `size` bytes; a no-op if they are reserved already."""
+        if size <= self._reserved_bytes:
             return
         descriptor = os.open(self._path, os.O_CREAT | os.O_WRONLY | os.O_CLOEXEC, 0o600)
         try:
             os.posix_fallocate(descriptor, 0, size)
         finally:
             os.close(descriptor)
-        self._held_bytes = size
+        self._reserved_bytes = size
 
     def release(self) -> None:
-        """Give the space back; idempotent."""
+        """Release the space; idempotent."""
         self._path.unlink(missing_ok=True)
-        self._held_bytes = 0
+        self._reserved_bytes = 0

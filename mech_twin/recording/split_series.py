@@ -1,4 +1,4 @@
-"""The splits of a recording, one after the other, and the page of contents that lists the finished ones."""
+"""The consecutive splits of a recording, and the `metadata.yaml` that lists the finished ones."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
-from mech_twin.recording.bag_metadata import FileContents, TopicContents, write_contents
+from mech_twin.recording.bag_metadata import FileStatistics, TopicMetadata, write_metadata
 from mech_twin.recording.bag_split import BagSplit, Storage, TopicCounters
 from mech_twin.recording.errors import BagExistsError, UnwritableDirectoryError
 from mech_twin.recording.schemas import MessageSchema
-from mech_twin.recording.split_file import Reserve
+from mech_twin.recording.split_file import SpaceReservation
 
 FINISHED_KEY = "mech_twin.finished"
 COUNTERS_KEY = "mech_twin.counters"
@@ -30,7 +30,7 @@ class Latched(NamedTuple):
 
 @dataclass
 class RecordedTopic:
-    """A topic, what happened to it, and what a new split repeats of it."""
+    """A topic with its counters and the latched message to repeat in a new split."""
 
     schema: MessageSchema
     qos_yaml: str
@@ -39,7 +39,7 @@ class RecordedTopic:
 
 
 class SplitSeries:
-    """The files of a bag; every method that writes raises OSError and may be called again."""
+    """The files of a bag; methods that write raise OSError and may be called again."""
 
     def __init__(
         self,
@@ -56,20 +56,20 @@ class SplitSeries:
         self._configuration = configuration
         self._topics = topics
         self._ros_distro = ros_distro
-        self._finished: list[FileContents] = []
-        self._reserve = Reserve(directory)
+        self._finished: list[FileStatistics] = []
+        self._reservation = SpaceReservation(directory)
 
     def counter_rows(self) -> dict[str, TopicCounters]:
         """Return the counters by topic."""
         return {name: topic.counters for name, topic in self._topics.items()}
 
     def waiting(self) -> Counter[str]:
-        """Return how many messages of each topic the operating system has refused so far."""
-        held = self.current is not None and self.current.file.pending
-        return self.current.uncommitted if self.current is not None and held else Counter()
+        """Return how many messages of each topic are buffered because the disk did not accept them."""
+        pending = self.current is not None and self.current.file.pending
+        return self.current.uncommitted if self.current is not None and pending else Counter()
 
     def open_next(self) -> None:
-        """Start a file, whole or not at all."""
+        """Start a file; nothing remains of it if that fails."""
         path = self._directory / f"{self._directory.name}_{self.started}.mcap"
         latched = {name: topic.latched.sequence for name, topic in self._topics.items() if topic.latched}
         split = BagSplit(path, self._storage, self._configuration, self.started, latched if self.started else {})
@@ -78,67 +78,67 @@ class SplitSeries:
                 split.add_topic(name, topic.schema, topic.qos_yaml)
             split.file.commit()
             self.current = split
-            self._hold_reserve()
+            self._reserve_space()
         except OSError:
             self.current = None
             split.file.close()
             path.unlink(missing_ok=True)
-            self._reserve.release()
+            self._reservation.release()
             raise
         self.started += 1
 
     def announce(self, topic: str) -> None:
-        """Register a topic in the file in progress, if there is one; the chunk in progress stays open."""
+        """Register a topic in the current file, if there is one; the current chunk stays open."""
         if self.current is not None:
             entry = self._topics[topic]
             self.current.add_topic(topic, entry.schema, entry.qos_yaml)
             self.current.file.commit()
 
     def commit(self) -> None:
-        """Close the chunk in progress and hand it to the operating system."""
+        """Close the current chunk and write it to the file."""
         if self.current is not None:
             self.current.commit(self.counter_rows())
-            self._hold_reserve()
+            self._reserve_space()
 
     def finish_current(self) -> None:
-        """Complete the file in progress, if there is one."""
+        """Finish the current file, if there is one."""
         if self.current is not None:
             self.current.finish(self.counter_rows())
-            self._finished.append(self.current.contents)
+            self._finished.append(self.current.statistics)
             self.current = None
 
-    def release_reserve(self) -> None:
-        """Give up the space held back."""
-        self._reserve.release()
+    def release_reservation(self) -> None:
+        """Release the reserved disk space."""
+        self._reservation.release()
 
-    def write_contents(self, finished: bool) -> None:
-        """Describe the finished files; ``finished`` says whether any more will come."""
+    def write_metadata(self, finished: bool) -> None:
+        """Write `metadata.yaml` for the finished files; ``finished`` is False while more may follow."""
         topics = [
-            TopicContents(name, topic.schema.type_name, topic.qos_yaml, topic.schema.type_hash)
+            TopicMetadata(name, topic.schema.type_name, topic.qos_yaml, topic.schema.type_hash)
             for name, topic in self._topics.items()
         ]
         counters = json.dumps({name: asdict(row) for name, row in self.counter_rows().items()})
         custom = {FINISHED_KEY: str(finished).lower(), COUNTERS_KEY: counters}
-        write_contents(self._directory, topics, self._finished, custom, self._ros_distro)
+        write_metadata(self._directory, topics, self._finished, custom, self._ros_distro)
 
-    def _hold_reserve(self) -> None:
+    def _reserve_space(self) -> None:
         assert self.current is not None
         needed = _RESERVE_BYTES + self._storage.chunk_bytes + len(self._configuration) + self.current.summary_bytes
-        self._reserve.hold(1 << (needed - 1).bit_length())
+        self._reservation.reserve(1 << (needed - 1).bit_length())
 
 
 def fresh_directory(wanted: Path, if_exists: str) -> tuple[Path, list[Path]]:
-    """Return an empty directory and those that had to be made for it, innermost first.
+    """Return an empty directory and the directories created for it, innermost first.
 
     Raises
     ------
     BagExistsError, UnwritableDirectoryError
-        Nothing is left behind.
+        The directory is not empty or cannot be created; nothing is left behind.
     """
     directory, number = wanted.absolute(), 1
     while _occupied(directory):
         if if_exists != "rename":
-            raise BagExistsError(directory, "holds files already; nothing is overwritten, choose another directory")
+            raise BagExistsError(directory, "is not empty; nothing is overwritten, choose another directory")
         number += 1
         directory = wanted.absolute().with_name(f"{wanted.name}_{number}")
     made: list[Path] = []
@@ -150,7 +150,7 @@ def fresh_directory(wanted: Path, if_exists: str) -> tuple[Path, list[Path]]:
     except OSError as error:
         for path in made:
             path.rmdir()
-        raise UnwritableDirectoryError(directory, f"cannot be made ({error.strerror})") from error
+        raise UnwritableDirectoryError(directory, f"cannot be created ({error.strerror})") from error
     return directory, made
 
 
@@ -158,4 +158,4 @@ def _occupied(directory: Path) -> bool:
     try:
         return directory.exists() and (not directory.is_dir() or any(directory.iterdir()))
     except OSError as error:
-        raise UnwritableDirectoryError(directory, f"cannot be looked into ({error.strerror})") from error
+        raise UnwritableDirectoryError(directory, f"cannot be read ({error.strerror})") from error

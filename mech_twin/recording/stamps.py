@@ -1,4 +1,4 @@
-"""The time a message says it belongs to, read from its raw bytes."""
+"""Header stamp of a message, read from its CDR bytes."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ SEQUENCE_OF_HEADERS_FIRST = frozenset({"visualization_msgs/msg/MarkerArray"})
 
 
 def stamp_ns(type_name: str, raw: bytes) -> int | None:
-    """Return the stamp at the head of a message in nanoseconds, or None if its type has none.
+    """Return the header stamp of a message in nanoseconds, None for a type without one.
 
     Parameters
     ----------
     type_name : str
         Such as ``sensor_msgs/msg/JointState``.
     raw : bytes
-        CDR encoding with its four-byte head.
+        CDR with its four-byte encapsulation header.
     """
     if type_name in HEADER_FIRST:
         offset = ENCAPSULATION

@@ -1,4 +1,4 @@
-"""Captions: the name and the unit that a reader sees, from a stored name that ends in its unit."""
+"""Display names and units, derived from stored names that end in their unit."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ UNITS = {
 
 
 def caption(name: str) -> tuple[str, str]:
-    """Return the words and the unit of a stored name: ``return_speed_m_per_s`` gives (return speed, m/s).
+    """Return display name and unit: ``return_speed_m_per_s`` gives (return speed, m/s).
 
-    A name that ends in no known unit is all words; its unit is empty, as is that of a pure number (``share_1``).
+    The unit is empty for a name without a known unit and for a dimensionless number (``share_1``).
     """
     words = name.split("_")
     if words[-1] == "1" and len(words) > 1:
@@ -54,16 +54,16 @@ def caption(name: str) -> tuple[str, str]:
 
 
 def titled(name: str) -> str:
-    """Return words and unit in one: ``drive_torque_nm`` gives "drive torque [N m]"."""
+    """Return display name with unit: ``drive_torque_nm`` gives "drive torque [N m]"."""
     words, unit = caption(name)
     return f"{words} [{unit}]" if unit else words
 
 
-def figure_table(figures: Mapping[str, float]) -> str:
-    """Return the figures as a Markdown table of name, value (four digits) and unit."""
-    rows = [f"| {words} | {value:.4g} | {unit} |" for (words, unit), value in _captioned(figures)]
-    return "\n".join(["| figure | value | unit |", "|:--|--:|:--|", *rows])
+def metrics_table(metrics: Mapping[str, float]) -> str:
+    """Return the metrics as a Markdown table of name, value (four digits) and unit."""
+    rows = [f"| {words} | {value:.4g} | {unit} |" for (words, unit), value in _captioned(metrics)]
+    return "\n".join(["| quantity | value | unit |", "|:--|--:|:--|", *rows])
 
 
-def _captioned(figures: Mapping[str, float]) -> list[tuple[tuple[str, str], float]]:
-    return [(caption(name), value) for name, value in figures.items()]
+def _captioned(metrics: Mapping[str, float]) -> list[tuple[tuple[str, str], float]]:
+    return [(caption(name), value) for name, value in metrics.items()]

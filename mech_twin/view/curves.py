@@ -1,7 +1,7 @@
-"""Curves: what of each sample is drawn over time, and how it reaches the recording.
+"""Time series of the samples, and how they are logged to rerun.
 
-Curves that belong together (one quantity of all joints, one component of all pins) share one entity, one set of
-times and one call, which is several times cheaper than a call for each.
+Curves that belong together (one quantity of all joints, one component of all pins) share one entity, one time column
+and one call, which is several times cheaper than one call per curve.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from mech_twin.view.decimation import extreme_rows, worst_values
 SIM_TIME = "sim_time"
 STEP = "step"
 
-# legible on dark and on light ground, told apart by colour-blind eyes (after Okabe and Ito)
+# legible on dark and light backgrounds, distinguishable by colour-blind readers (after Okabe and Ito)
 PALETTE = (
     (86, 180, 233),
     (230, 159, 0),
@@ -32,16 +32,16 @@ PALETTE = (
     (178, 168, 40),
     (150, 150, 150),
 )
-# groups that share a panel with others begin further on in the palette
+# groups that share a panel with others start at a later palette colour
 FIRST_COLOUR = {"motor/torque": 4, "motor/speed": 4, "body/effort": 1, "residuals/forces": 3, "residuals/body": 6}
 RESIDUAL_FLOOR = 1e-18
 WORST_WINDOWS = 5
 
 
 class Group(NamedTuple):
-    """Curves that share their rows: where they are kept, their names, their values, shape (n, k).
+    """Curves with common time stamps: entity path, names, and values of shape (n, k).
 
-    ``worst`` says that only the largest value of a stretch matters.
+    With ``worst``, only the largest value of each window is drawn.
     """
 
     path: str
@@ -55,7 +55,7 @@ Groups = list[Group]
 
 
 class Times(NamedTuple):
-    """A column of times as rerun takes it; its own ``TimeColumn`` takes thirty times as long over durations."""
+    """A time column for rerun; its own ``TimeColumn`` is thirty times slower for durations."""
 
     name: str
     values: pa.Array
@@ -70,7 +70,7 @@ class Times(NamedTuple):
 
 
 def times(time_s: npt.ArrayLike, step: npt.ArrayLike | None = None) -> list[Times]:
-    """Return the time columns: simulation time (nanoseconds kept whole) and, where there is one, the step."""
+    """Return the time columns: simulation time (rounded to nanoseconds) and, if given, the step."""
     nanoseconds = np.round(np.asarray(time_s, dtype=np.float64) * 1e9).astype(np.int64)
     columns = [Times(SIM_TIME, pa.array(nanoseconds).view(pa.duration("ns")))]
     if step is not None:
@@ -79,7 +79,7 @@ def times(time_s: npt.ArrayLike, step: npt.ArrayLike | None = None) -> list[Time
 
 
 def motor_groups(samples: Sequence[MotorSample]) -> Groups:
-    """Return speed and torque of the drive, and the supply fraction in force."""
+    """Return speed and torque of the drive, and the fraction of rated supply frequency."""
     joints = samples[0].joints
     return [
         Group("motor/torque", joints, _rows([sample.effort for sample in samples])),
@@ -89,7 +89,7 @@ def motor_groups(samples: Sequence[MotorSample]) -> Groups:
 
 
 def linkage_groups(samples: Sequence[LinkageSample]) -> Groups:
-    """Return position, speed and effort of every joint, and the running proofs."""
+    """Return position, speed and effort of every joint, and the residuals."""
     joints = samples[0].joints
     return [
         Group("linkage/position", joints, _rows([sample.position for sample in samples])),
@@ -119,7 +119,7 @@ def force_groups(samples: Sequence[ForceSample]) -> Groups:
 
 
 def body_groups(samples: Sequence[BodySample]) -> Groups:
-    """Return position, speed and spring moment of the body, its pressing force, and its running proofs."""
+    """Return position, speed and spring moment of the body, its pressing force, and the residuals."""
     joints = samples[0].joints
     return [
         Group("body/position", joints, _rows([sample.position for sample in samples])),
@@ -131,7 +131,7 @@ def body_groups(samples: Sequence[BodySample]) -> Groups:
 
 
 def by_unit(names: Sequence[str]) -> dict[str, list[int]]:
-    """Return, for each unit that occurs, the places of the names that end in it."""
+    """Return, for each unit, the indices of the names with that unit."""
     places: dict[str, list[int]] = {}
     for place, name in enumerate(names):
         places.setdefault(caption(name)[1], []).append(place)
@@ -139,7 +139,7 @@ def by_unit(names: Sequence[str]) -> dict[str, list[int]]:
 
 
 def quantity_path(unit: str) -> str:
-    """Return where the derived quantities of a unit are kept: ``quantities/n_m`` for N m."""
+    """Return the entity path of the derived quantities of a unit: ``quantities/n_m`` for N m."""
     word = unit.replace("²", "2").replace("³", "3").replace("/", " per ").replace("%", "percent").lower()
     return "quantities/" + ("_".join(word.split()) or "number")
 
@@ -149,7 +149,7 @@ def _rows(values: Sequence[tuple[float, ...]]) -> npt.NDArray[np.float64]:
 
 
 def _residuals(role: str, samples: Sequence[Any]) -> Groups:
-    """Return the residuals as powers of ten, the only scale on which 1e-16 and 1e-9 are both seen."""
+    """Return the decimal logarithm of the residuals, so that 1e-16 and 1e-9 are both visible."""
     names = samples[0].residuals.names
     if not names:
         return []
@@ -159,18 +159,18 @@ def _residuals(role: str, samples: Sequence[Any]) -> Groups:
 
 
 class Track(Generic[Sample]):
-    """The samples of one role on their way to the recording: kept until a batch is full, thinned, sent.
+    """Buffers the samples of one role, decimates them and sends them to rerun in batches.
 
     Parameters
     ----------
     stream : rr.RecordingStream
-        Where the curves go.
+        Destination of the curves.
     groups : callable
-        Turns samples of equal names into groups of curves.
+        Converts samples with equal names to groups of curves.
     window : int
-        Samples to a decimation window.
+        Samples per decimation window.
     batch_s : float
-        Simulated time between two sendings.
+        Simulated time per batch.
     """
 
     def __init__(
@@ -191,7 +191,7 @@ class Track(Generic[Sample]):
     def add(self, sample: Sample) -> bool:
         """Take a sample; return whether a batch was sent because of it."""
         sent = False
-        if self._pending and not _alike(self._pending[0], sample):
+        if self._pending and not _same_names(self._pending[0], sample):
             sent = self.flush()
         self._pending.append(sample)
         if sample.time_s - self._pending[0].time_s < self._batch_s:
@@ -200,7 +200,7 @@ class Track(Generic[Sample]):
         return self._send(whole) or sent
 
     def flush(self) -> bool:
-        """Send what is left, a short window too; return whether there was any."""
+        """Send the remaining samples, including an incomplete window; return whether there were any."""
         return self._send(len(self._pending))
 
     def _send(self, count: int) -> bool:
@@ -233,8 +233,8 @@ def series_lines(names: Sequence[str], first_colour: int = 0) -> rr.SeriesLines:
     return rr.SeriesLines(names=list(names), colors=colours, widths=[1.5] * len(names))
 
 
-def _alike(one: Any, other: Any) -> bool:
-    """Return whether two samples of a role have the same names, so that their curves go on."""
+def _same_names(one: Any, other: Any) -> bool:
+    """Return whether two samples of a role have the same names and thus belong to the same curves."""
     if isinstance(one, ForceSample):
         same = one.pins is other.pins or one.pins == other.pins
         same = same and (
@@ -248,5 +248,5 @@ def _alike(one: Any, other: Any) -> bool:
 
 
 def present(curves: Mapping[str, tuple[str, ...]], *prefixes: str) -> list[str]:
-    """Return the paths among the curves that lie under any of the prefixes."""
+    """Return the entity paths that lie under any of the prefixes."""
     return [path for path in curves if any(path == prefix or path.startswith(prefix + "/") for prefix in prefixes)]

@@ -1,4 +1,4 @@
-r"""Decimation that keeps extremes: a spike one sample long is still there in the thinned curve.
+r"""Decimation that keeps extremes: a spike of one sample remains in the decimated curve.
 
 ::
 
@@ -22,25 +22,25 @@ Values = npt.NDArray[np.float64]
 def extreme_rows(values: Values, window: int) -> Rows:
     """Return the rows at which any column has the smallest or the largest value of its window.
 
-    The thinned curve runs through true samples only, each at its own time, and has in every window the extremes
-    of the full one.  A value that is not a number counts as an extreme, so it is never hidden.
+    The decimated curve consists of original samples at their original times and has in every window the extremes
+    of the full curve.  NaN counts as an extreme, so it is never hidden.
 
     Parameters
     ----------
     values : array, shape (n,) or (n, k)
-        Curves that share their rows.
+        Curves with common time stamps.
     window : int
-        Rows to a window, counted from row 0; the last window may be shorter.
+        Rows per window, counted from row 0; the last window may be shorter.
 
     Returns
     -------
     array of int
-        Rows to keep, ascending.  At most 2 k of each window; all of them where the window has no more.
+        Rows to keep, ascending; at most 2 k per window.
 
     Raises
     ------
     ValueError
-        If the window has not at least one row.
+        The window is smaller than one row.
     """
     if window < 1:
         raise ValueError(f"window: expected at least 1 row, got {window}")
@@ -62,16 +62,14 @@ def extreme_rows(values: Values, window: int) -> Rows:
 
 
 def worst_values(values: Values, window: int) -> tuple[Rows, Values]:
-    """Return the largest value of each column in each window, and the row that ends the window.
-
-    For what is judged by its worst alone, such as a residual.
+    """Return the last row of each window, and the largest value of each column in it (used for residuals).
 
     Parameters
     ----------
     values : array, shape (n, k)
-        Curves that share their rows.
+        Curves with common time stamps.
     window : int
-        Rows to a window, counted from row 0; the last window may be shorter.
+        Rows per window, counted from row 0; the last window may be shorter.
     """
     starts = np.arange(0, len(values), window)
     if values.size == 0:

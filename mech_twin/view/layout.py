@@ -1,4 +1,4 @@
-"""The layout of the panels: mechanism large on the left, curves on the right, body, events and figures below.
+"""Layout of the panels: mechanism on the left, curves on the right, body, events and metrics below.
 
 ::
 
@@ -11,7 +11,7 @@
     |                     +-----------------+
     |                     | pressing force  |
     +----------+----------+--+--------------+
-    | portrait | events      | figures      |
+    | phase    | events      | metrics      |
     +----------+-------------+--------------+
 """
 
@@ -29,14 +29,14 @@ from mech_twin.view.curves import SIM_TIME, present, quantity_path
 MECHANISM = "mechanism"
 EVENTS = "events"
 IMPACTS = "impacts"
-FIGURES = "figures"
-PORTRAIT = "portrait"
+METRICS = "metrics"
+PHASE_PORTRAIT = "phase_portrait"
 PAPER = (244, 244, 240)
 ASPECT = 2.0
 
 
 class Bounds(NamedTuple):
-    """What of the machine's plane is seen, m."""
+    """Visible range of the machine's plane, m."""
 
     left_m: float
     right_m: float
@@ -44,23 +44,23 @@ class Bounds(NamedTuple):
     high_m: float
 
 
-class Contents(NamedTuple):
-    """What there is to lay out: curves by path, body joints, bounds of the mechanism, whether there were impacts."""
+class SceneContents(NamedTuple):
+    """What there is to show: curve names by entity path, body joints, bounds of the mechanism."""
 
     curves: Mapping[str, tuple[str, ...]]
     portraits: tuple[str, ...]
     bounds: Bounds | None
 
 
-def blueprint(contents: Contents, window_s: float) -> rrb.Blueprint:
-    """Return the layout for what there is; a machine without body has no panels for one.
+def blueprint(contents: SceneContents, window_s: float) -> rrb.Blueprint:
+    """Return the layout for these contents; a machine without body gets no body panels.
 
     Parameters
     ----------
-    contents : Contents
-        What there is.
+    contents : SceneContents
+        What there is to show.
     window_s : float
-        Simulated time that the curves show.
+        Simulated time span of the curves.
     """
     curves = _curve_stack(contents.curves, window_s)
     above = rrb.Horizontal(_mechanism(contents.bounds), *([curves] if curves is not None else []), column_shares=[5, 4])
@@ -87,7 +87,7 @@ def _mechanism(bounds: Bounds | None) -> rrb.Spatial2DView:
 def _curve_stack(curves: Mapping[str, tuple[str, ...]], window_s: float) -> rrb.Vertical | None:
     moments, forces = quantity_path("N m"), quantity_path("N")
     others = [path for path in present(curves, "quantities") if path not in (moments, forces)]
-    # without a body nothing is loaded, so there is nothing to show of the moment either
+    # without a body the moment on it is zero
     moment = present(curves, "body_moment", "body/effort") if present(curves, "body") else []
     slots: list[dict[str, Sequence[str]]] = [
         {
@@ -140,11 +140,11 @@ def _plot(name: str, paths: Sequence[str], window_s: float) -> rrb.TimeSeriesVie
     )
 
 
-def _lower_row(contents: Contents, window_s: float) -> list[rrb.View | rrb.Tabs]:
+def _lower_row(contents: SceneContents, window_s: float) -> list[rrb.View | rrb.Tabs]:
     portraits = [
         rrb.Spatial2DView(
             origin="/",
-            contents=[f"/{PORTRAIT}/{joint}/**"],
+            contents=[f"/{PHASE_PORTRAIT}/{joint}/**"],
             name=f"Phase portrait: {joint}",
             visual_bounds=rrb.VisualBounds2D(x_range=(-1.3 * ASPECT, 1.3 * ASPECT), y_range=(-1.35, 1.35)),
         )
@@ -155,11 +155,11 @@ def _lower_row(contents: Contents, window_s: float) -> list[rrb.View | rrb.Tabs]
     if portrait is not None:
         panels.append(portrait)
     columns = rrb.TextLogColumns(
-        timeline_columns=[TimelineColumn(SIM_TIME, visible=False)],  # the line tells its time to the microsecond
+        timeline_columns=[TimelineColumn(SIM_TIME, visible=False)],  # the text contains the time to the microsecond
         text_log_columns=["loglevel", "body"],
     )
     log = rrb.TextLogView(origin="/", contents=[f"/{EVENTS}/**"], name="Events", columns=columns)
     impacts = _plot("Impacts", [IMPACTS], window_s)
     panels.append(rrb.Tabs(log, impacts, active_tab=0))
-    panels.append(rrb.TextDocumentView(origin=f"/{FIGURES}", name="Figures"))
+    panels.append(rrb.TextDocumentView(origin=f"/{METRICS}", name="Metrics"))
     return panels

@@ -1,4 +1,4 @@
-"""The mechanism on the stage: shapes of a drawing as lines, points and arrows, and how much of the plane they need."""
+"""The drawing of the mechanism in rerun: lines, points and arrows, and the range of the plane they cover."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Mechanism:
     Parameters
     ----------
     stream : rr.RecordingStream
-        Where the drawing goes; the caller sets the time.
+        Destination of the drawing; the caller sets the time.
     """
 
     def __init__(self, stream: rr.RecordingStream) -> None:
@@ -37,7 +37,7 @@ class Mechanism:
         Raises
         ------
         ValueError
-            If a shape is of a kind there is not.
+            The kind of a shape is unknown.
         """
         by_kind: dict[str, list[Shape]] = {kind: [] for kind in KINDS}
         for shape in shapes:
@@ -45,7 +45,7 @@ class Mechanism:
                 raise ValueError(f"shape {shape.name}: expected one of {', '.join(KINDS)}, got {shape.kind}")
             by_kind[shape.kind].append(shape)
         for kind, chosen in by_kind.items():
-            if chosen or kind in self._drawn:  # what has gone must be seen to go
+            if chosen or kind in self._drawn:  # an emptied kind must be cleared in the viewer
                 self._drawn.add(kind)
                 getattr(self, f"_log_{kind}")(chosen)
         points = [point for shape in shapes for point in shape.points_m]
@@ -65,7 +65,7 @@ class Mechanism:
         )
 
     def bounds(self) -> Bounds | None:
-        """Return what to show of the plane: everything drawn so far and a margin; None before the first drawing."""
+        """Return the range of everything drawn so far plus a margin; None before the first drawing."""
         extent = self._extent
         if extent is None:
             return None
@@ -124,6 +124,6 @@ class Mechanism:
 
 
 def _colours(triples: Sequence[tuple[int, int, int]]) -> npt.NDArray[np.uint32]:
-    """Return the colours packed as the viewer keeps them, opaque."""
+    """Return the colours packed as 32-bit RGBA, opaque."""
     parts = np.array(triples, dtype=np.uint32).reshape(-1, 3)
     return (parts[:, 0] << 24 | parts[:, 1] << 16 | parts[:, 2] << 8 | 255).astype(np.uint32)

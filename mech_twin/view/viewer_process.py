@@ -1,7 +1,7 @@
-"""The viewer's server as a process of its own: bound to this machine, ended by its process number.
+"""The rerun server as a child process, bound to the loopback interface.
 
-The Python call that serves the viewer binds every interface and has no option against it, and the wrapper script
-orphans the server when it is killed.  So the binary itself is started here.
+The Python function that serves the viewer always binds all interfaces, and the wrapper script leaves an orphaned
+server when it is killed.  Therefore the binary itself is started here.
 """
 
 from __future__ import annotations
@@ -21,8 +21,10 @@ from pathlib import Path
 from types import TracebackType
 from urllib.parse import quote
 
+from mech_twin.dependencies import extra_needed
+
 LOOPBACK = "127.0.0.1"
-EVERYWHERE = "0.0.0.0"  # bound only when the caller asks for it by name
+EVERYWHERE = "0.0.0.0"  # bound only on explicit request
 STOP_LIMIT_S = 0.8
 
 
@@ -35,16 +37,16 @@ def _to_stderr(line: str) -> None:
 
 
 def viewer_binary() -> Path:
-    """Return the viewer's own binary.
+    """Return the path of the viewer binary.
 
     Raises
     ------
     ViewerError
-        If the viewer package, or the binary in it, is not installed.
+        The viewer package or its binary is not installed.
     """
     found = find_spec("rerun_cli")
     if found is None or found.origin is None:
-        raise ViewerError("viewer: package rerun-sdk is not installed")
+        raise ViewerError(f"viewer: {extra_needed('view')}")
     binary = Path(found.origin).parent / "rerun"
     if not binary.is_file():
         raise ViewerError(f"viewer: no binary at {binary}")
@@ -52,15 +54,15 @@ def viewer_binary() -> Path:
 
 
 def free_port() -> int:
-    """Return a port nobody listens on at this moment."""
+    """Return a free TCP port."""
     with socket.socket() as probe:
         probe.bind((LOOPBACK, 0))
         port: int = probe.getsockname()[1]
         return port
 
 
-def _claimed_port(port: int | None, address: str, purpose: str) -> int:
-    """Return the port to use; say which one is busy, before anything is started."""
+def _available_port(port: int | None, address: str, purpose: str) -> int:
+    """Return the port to use; raise ViewerError if it is busy."""
     if port is None or port == 0:
         return free_port()
     if not 1 <= port <= 65535:
@@ -71,35 +73,35 @@ def _claimed_port(port: int | None, address: str, purpose: str) -> int:
             probe.bind((address, port))
         except OSError as reason:
             why = "is busy" if reason.errno == 98 else f"cannot be used ({reason.strerror})"
-            raise ViewerError(f"viewer: {purpose} port {port} on {address} {why}; name another one") from reason
+            raise ViewerError(f"viewer: {purpose} port {port} on {address} {why}; choose another one") from reason
     return port
 
 
 class ViewerProcess:
     """The running server; a context manager.
 
-    Start it from a thread that lives as long as the viewer shall: where the system offers it, the server is tied to
-    that thread and ends with it, even when this process is killed.
+    Start it from a thread that lives as long as the viewer should: with `setpriv` available, the kernel terminates the
+    server when that thread ends, even if this process is killed.
 
     Parameters
     ----------
     port : int or None
-        Port of the web page; a free one when None or 0.
+        Port of the web page; None or 0 selects a free one.
     grpc_port : int or None
-        Port that takes the samples; a free one when None or 0.
+        Port that receives the samples; None or 0 selects a free one.
     open_to_other_hosts : bool
-        Bind every interface instead of this machine alone; what is opened is announced.
+        Bind all interfaces instead of the loopback interface; a warning is announced.
     memory_limit : str
-        What the server keeps for pages opened late; the oldest goes first.
+        History kept by the server for pages opened later; the oldest data is dropped first.
     ready_limit_s : float
-        How long the server may take until it answers.
+        Time limit for the server to answer.
     announce : callable
-        Takes the line that says what was opened (default: standard error).
+        Receives the warning (default: standard error).
 
     Raises
     ------
     ViewerError
-        Port busy, binary missing, server ended early or not ready in time; one line.
+        Port busy, binary missing, server exited or not ready in time; one line.
     """
 
     def __init__(
@@ -114,11 +116,11 @@ class ViewerProcess:
     ) -> None:
         address = EVERYWHERE if open_to_other_hosts else LOOPBACK
         binary = viewer_binary()
-        self.web_port = _claimed_port(port, address, "web")
-        self.grpc_port = _claimed_port(grpc_port, address, "data")
+        self.web_port = _available_port(port, address, "web")
+        self.grpc_port = _available_port(grpc_port, address, "data")
         if self.web_port == self.grpc_port:
-            raise ViewerError(f"viewer: web and data port are both {self.web_port}; name two")
-        self._room = Path(tempfile.mkdtemp(prefix="mech_twin_view_"))
+            raise ViewerError(f"viewer: web and data port are both {self.web_port}; choose two different ones")
+        self._directory = Path(tempfile.mkdtemp(prefix="mech_twin_view_"))
         try:
             self._process = self._started(binary, address, memory_limit)
             self._wait_until_ready(ready_limit_s)
@@ -127,7 +129,7 @@ class ViewerProcess:
             raise
         if open_to_other_hosts:
             announce(
-                f"viewer: OPEN TO OTHER HOSTS, without password: web page on port {self.web_port}, "
+                f"viewer: OPEN TO OTHER HOSTS, without authentication: web page on port {self.web_port}, "
                 f"data on port {self.grpc_port}, all interfaces of {socket.gethostname()}"
             )
 
@@ -135,7 +137,7 @@ class ViewerProcess:
 
     @property
     def grpc_url(self) -> str:
-        """Address that a Stage connects to."""
+        """Address for `RerunScene`."""
         return f"rerun+http://{LOOPBACK}:{self.grpc_port}/proxy"
 
     @property
@@ -145,11 +147,11 @@ class ViewerProcess:
 
     @property
     def pid(self) -> int | None:
-        """Process number of the server, None when it is not running."""
+        """Process id of the server, None if it is not running."""
         return self._process.pid if self._process is not None and self._process.poll() is None else None
 
     def close(self) -> None:
-        """End the server within a second and remove what it left; harmless when called again."""
+        """Stop the server within a second and remove its files; idempotent."""
         if self._process is not None and self._process.poll() is None:
             self._process.terminate()
             try:
@@ -157,7 +159,7 @@ class ViewerProcess:
             except subprocess.TimeoutExpired:
                 self._process.kill()
                 self._process.wait()
-        shutil.rmtree(self._room, ignore_errors=True)
+        shutil.rmtree(self._directory, ignore_errors=True)
 
     def __enter__(self) -> ViewerProcess:
         return self
@@ -170,11 +172,11 @@ class ViewerProcess:
     def _started(self, binary: Path, address: str, memory_limit: str) -> subprocess.Popen[bytes]:
         command = [str(binary), "--serve-web", "--bind", address, "--port", str(self.grpc_port)]
         command += ["--web-viewer-port", str(self.web_port), "--server-memory-limit", memory_limit]
-        tie = shutil.which("setpriv")
-        if tie is not None:  # same process number: setpriv replaces itself by the binary
-            command = [tie, "--pdeathsig", "TERM", "--", *command]
-        with (self._room / "log").open("wb") as log:
-            # a session of its own: Ctrl-C in the terminal reaches the run, which then ends the server in order
+        setpriv = shutil.which("setpriv")
+        if setpriv is not None:  # the process id stays the same: setpriv executes the binary in place
+            command = [setpriv, "--pdeathsig", "TERM", "--", *command]
+        with (self._directory / "log").open("wb") as log:
+            # a session of its own: Ctrl-C in the terminal reaches the run alone, which then stops the server
             return subprocess.Popen(
                 command,
                 stdin=subprocess.DEVNULL,
@@ -185,8 +187,8 @@ class ViewerProcess:
             )
 
     def _environment(self) -> dict[str, str]:
-        """Return the environment of the server: a configuration of its own with analytics off, plain log text."""
-        settings = self._room / "rerun"
+        """Return the environment of the server: a private configuration with analytics off, plain log text."""
+        settings = self._directory / "rerun"
         settings.mkdir()
         content = {
             "analytics_enabled": False,
@@ -196,10 +198,10 @@ class ViewerProcess:
             "data_dir_path": str(settings / "analytics"),
         }
         (settings / "analytics.json").write_text(json.dumps(content))
-        room = str(self._room)
+        directory = str(self._directory)
         return os.environ | {
-            "XDG_CONFIG_HOME": room,
-            "XDG_DATA_HOME": room,
+            "XDG_CONFIG_HOME": directory,
+            "XDG_DATA_HOME": directory,
             "NO_COLOR": "1",
             "TELEMETRY_ENABLED": "false",
         }
@@ -209,7 +211,7 @@ class ViewerProcess:
         end = time.monotonic() + limit_s
         while process is not None and time.monotonic() < end:
             if process.poll() is not None:
-                raise ViewerError(f"viewer: ended at once with code {process.returncode}: {self._last_words()}")
+                raise ViewerError(f"viewer: exited at once with code {process.returncode}: {self._last_log_line()}")
             if self._answers():
                 return
             time.sleep(0.02)
@@ -227,7 +229,7 @@ class ViewerProcess:
         finally:
             page.close()
 
-    def _last_words(self) -> str:
-        lines = (self._room / "log").read_text(errors="replace").split("\n")
+    def _last_log_line(self) -> str:
+        lines = (self._directory / "log").read_text(errors="replace").split("\n")
         said = [line.strip() for line in lines if line.strip()]
-        return said[-1] if said else "it said nothing"
+        return said[-1] if said else "no output"

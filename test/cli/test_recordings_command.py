@@ -22,7 +22,7 @@ from mcap.stream_reader import StreamReader
 from recordings import Entry, altered_bag, decoded_messages, edited, simulated_bag, written_bag
 
 from mech_twin.cli.main import main
-from mech_twin.cli.many_values import spread
+from mech_twin.cli.many_values import expanded
 
 pytestmark = [pytest.mark.usefixtures("ros_domain"), pytest.mark.slow]
 COMMAND = [sys.executable, "-c", "from mech_twin.cli.main import main; main()"]
@@ -151,8 +151,8 @@ def exit_code(pid: int, terminal: int) -> int:
 
 def test_an_option_takes_several_values() -> None:
     given = ["bag", "--topics", "a", "b", "--rate", "2", "--topics", "c"]
-    assert spread(given) == ["bag", "--topics", "a", "--topics", "b", "--rate", "2", "--topics", "c"]
-    assert spread(["bag", "--topics"]) == ["bag", "--topics"]
+    assert expanded(given) == ["bag", "--topics", "a", "--topics", "b", "--rate", "2", "--topics", "c"]
+    assert expanded(["bag", "--topics"]) == ["bag", "--topics"]
 
 
 # -- compared -------------------------------------------------------------------------------------------------------
@@ -228,7 +228,7 @@ def test_a_recording_is_shown_into_a_file(bag: Path, tmp_path: Path) -> None:
 def test_a_recording_of_an_unknown_machine_is_shown_without_figures(bag: Path, tmp_path: Path) -> None:
     done = mech_twin("view", foreign_machine(bag, tmp_path / "other"), "--save", tmp_path / "other.rrd")
     assert done.returncode == 0, done.stderr
-    assert "no figures" in done.stderr
+    assert "no metrics" in done.stderr
     assert (tmp_path / "other.rrd").stat().st_size > 10_000
 
 

@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from mech_twin.cli.failure import CommandError
-from mech_twin.cli.study_words import axes_of, limits_of
+from mech_twin.cli.study_options import axes_of, limits_of
 from mech_twin.parameters.load import machine
 
 pytestmark = pytest.mark.slow

@@ -20,7 +20,7 @@ from mcap.writer import CompressionType, IndexType, Writer
 from mech_twin.recording import bag_reader
 from mech_twin.recording.bag_contents import BagMessage, TopicInfo
 from mech_twin.recording.bag_reader import BagReader, bag_info
-from mech_twin.recording.decode import Decoder
+from mech_twin.recording.decode import MessageDecoder
 from mech_twin.recording.errors import (
     BagBeyondLimitsError,
     BagError,
@@ -139,12 +139,12 @@ def flip_in_summary(path: Path) -> None:
 @pytest.mark.parametrize(
     ("harm", "error", "reason"),
     [
-        (cut, UnfinishedBagError, "was cut off.*mech-twin recover"),
+        (cut, UnfinishedBagError, "was truncated.*mech-twin recover"),
         (flip_in_chunk, DamagedBagError, "at byte [0-9]+: a chunk .*mech-twin recover"),
         (flip_in_summary, DamagedBagError, "its summary is damaged .*mech-twin recover"),
         (lambda path: path.write_bytes(b""), ForeignFileError, "is empty"),
-        (lambda path: path.write_bytes(b"SQLite format 3\0" * 99), ForeignFileError, "is no MCAP recording"),
-        (lambda path: path.unlink(), DamagedBagError, "is named by metadata.yaml but is not there"),
+        (lambda path: path.write_bytes(b"SQLite format 3\0" * 99), ForeignFileError, "is not an MCAP recording"),
+        (lambda path: path.unlink(), DamagedBagError, "is listed in metadata.yaml but does not exist"),
     ],
 )
 def test_damage_is_said_in_one_line(bag: Path, harm: Callable[[Path], None], error: type, reason: str) -> None:
@@ -161,10 +161,10 @@ def test_damage_is_said_in_one_line(bag: Path, harm: Callable[[Path], None], err
 @pytest.mark.parametrize(
     ("text", "error", "reason"),
     [
-        ("{", DamagedBagError, "no rosbag2 metadata"),
-        ("[1, 2]", DamagedBagError, "no rosbag2 metadata"),
-        ("!!python/object/apply:os.system ['true']", DamagedBagError, "no rosbag2 metadata"),
-        ("[" * 5000, DamagedBagError, "no rosbag2 metadata"),
+        ("{", DamagedBagError, "is not rosbag2 metadata"),
+        ("[1, 2]", DamagedBagError, "is not rosbag2 metadata"),
+        ("!!python/object/apply:os.system ['true']", DamagedBagError, "is not rosbag2 metadata"),
+        ("[" * 5000, DamagedBagError, "is not rosbag2 metadata"),
         (" " * (2 << 20), DamagedBagError, "larger than"),
         ("rosbag2_bagfile_information: {storage_identifier: sqlite3, relative_file_paths: []}", ForeignFileError,
          "storage 'sqlite3'.*ros2 bag convert"),
@@ -280,10 +280,10 @@ def topic(definition: str, name: str = "x_msgs/msg/X") -> TopicInfo:
 )
 def test_bytes_of_another_type_are_refused(definition: str, raw: bytes, complaint: str) -> None:
     with pytest.raises(DecodeError, match=complaint):
-        Decoder({"/x": topic(definition)}).decode(BagMessage("/x", "x_msgs/msg/X", 0, 0, raw))
+        MessageDecoder({"/x": topic(definition)}).decode(BagMessage("/x", "x_msgs/msg/X", 0, 0, raw))
 
 
 def test_errors_are_of_one_family() -> None:
     error = DamagedBagError(Path("a.mcap"), "two\nlines")
     assert isinstance(error, BagError)
-    assert str(error).startswith("a.mcap: two lines; save what is intact")
+    assert str(error).startswith("a.mcap: two lines; salvage the intact part")

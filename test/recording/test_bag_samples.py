@@ -48,7 +48,7 @@ def test_a_step_recorded_twice_counts_once(frames: list[Frame], tmp_path: Path) 
     with BagReader(bag) as reader:
         samples = BagSamples(reader)
         assert [step.frame(has_body=False) for step in samples.steps()] == frames
-    assert samples.passed_over == {"repeated": len(frames)}
+    assert samples.unused == {"repeated": len(frames)}
 
 
 def test_of_two_answers_to_a_step_the_first_counts(frames: list[Frame], tmp_path: Path) -> None:
@@ -61,7 +61,7 @@ def test_of_two_answers_to_a_step_the_first_counts(frames: list[Frame], tmp_path
     with BagReader(bag) as reader:
         samples = BagSamples(reader)
         assert [step.frame(has_body=False) for step in samples.steps()] == frames
-    assert samples.passed_over == {"contradicting": len(frames)}
+    assert samples.unused == {"contradicting": len(frames)}
 
 
 def test_messages_out_of_order_give_steps_in_order(frames: list[Frame], tmp_path: Path) -> None:
@@ -87,7 +87,7 @@ def test_garbage_and_numbers_that_are_not_finite_are_counted_and_not_used(
     with BagReader(bag) as reader:
         samples = BagSamples(reader)
         steps = list(samples.steps())
-    assert samples.passed_over == {"malformed": 4}
+    assert samples.unused == {"malformed": 4}
     assert [step.motor is None for step in steps[:5]] == [True, True, True, True, False]
     assert [step.linkage for step in steps] == [frame.linkage for frame in frames]
 
@@ -146,7 +146,7 @@ def mutated(entry: Entry, chance: random.Random) -> Entry:
     return entry._replace(raw=bytes(raw))
 
 
-def test_mutated_messages_are_passed_over_and_never_fatal(
+def test_mutated_messages_are_counted_and_never_fatal(
     frames: list[Frame], tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     chance = random.Random(5)
@@ -157,7 +157,7 @@ def test_mutated_messages_are_passed_over_and_never_fatal(
     with BagReader(bag) as reader:
         samples = BagSamples(reader)
         assert sum(isinstance(item, StepSamples) for item in samples.shown()) >= 1
-        assert samples.passed_over["malformed"] > 500
+        assert samples.unused["malformed"] > 500
         assert isinstance(samples.descriptions(), list)
         played = sum(1 for _ in ReplaySource(reader).messages(0))
         assert len(sound) <= played < len(everything) + len(sound)

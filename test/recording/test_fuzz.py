@@ -11,7 +11,7 @@ from bag_cases import written
 
 from mech_twin.recording.bag_contents import BagMessage
 from mech_twin.recording.bag_reader import BagReader, bag_info
-from mech_twin.recording.decode import Decoder
+from mech_twin.recording.decode import MessageDecoder
 from mech_twin.recording.errors import BagError, DecodeError
 from mech_twin.recording.recovery import recover
 
@@ -61,14 +61,14 @@ def mutated(data: bytes, source: random.Random) -> bytes:
 def read_all(bag: Path, salvage: bool) -> None:
     try:
         with BagReader(bag, salvage=salvage) as reader:
-            decoder = Decoder(reader.topics)
+            decoder = MessageDecoder(reader.topics)
             for message in reader.messages():
                 decode(decoder, message)
     except BagError as error:
         assert "\n" not in str(error)
 
 
-def decode(decoder: Decoder, message: BagMessage) -> None:
+def decode(decoder: MessageDecoder, message: BagMessage) -> None:
     try:
         decoder.decode(message)
     except DecodeError as error:

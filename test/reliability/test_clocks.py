@@ -64,7 +64,7 @@ def test_a_foreign_clock_that_stops_and_jumps_changes_nothing() -> None:
             publisher.publish(Clock(clock=Time(sec=second)))
             run.steps(30)
         run.kill("motor")  # what waits and retries does so in spite of it, too
-        run.until(lambda: run.linkage.health.state == "waiting for motor")
+        run.until(lambda: run.linkage.diagnostics.state == "waiting for motor")
         run.revive(MotorNode)
         run.steps(50)
         expected = [frame.linkage for frame in frames(built(DRUM), run.samples[-1].time_s)]

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from synthetic_four_bar import drawing, frame
 
-from mech_twin.view.stage import Stage
+from mech_twin.view.rerun_scene import RerunScene
 from mech_twin.view.viewer_process import ViewerError, ViewerProcess, free_port
 
 PARENT = """
@@ -120,22 +120,22 @@ def _runs(pid):
 
 
 def test_a_server_that_has_gone_does_not_end_the_run(viewer):
-    stage = Stage("four_bar", grpc_url=viewer.grpc_url)
+    scene = RerunScene("four_bar", grpc_url=viewer.grpc_url)
     for step in range(2000):
         now = frame(step)
-        stage.frame(now.motor, now.linkage, now.forces, now.body)
+        scene.frame(now.motor, now.linkage, now.forces, now.body)
         if step == 500:
             viewer.close()
-        if stage.drawing_due(now.linkage.time_s):
-            stage.drawing(drawing(step))
+        if scene.drawing_due(now.linkage.time_s):
+            scene.drawing(drawing(step))
     begin = time.monotonic()
-    assert not stage.close()
+    assert not scene.close()
     assert time.monotonic() - begin < 1.0
-    assert not stage.close()
+    assert not scene.close()
 
 
 def test_a_server_that_listens_takes_everything(viewer):
-    stage = Stage("four_bar", grpc_url=viewer.grpc_url, flush_limit_s=10.0)
+    scene = RerunScene("four_bar", grpc_url=viewer.grpc_url, flush_limit_s=10.0)
     for step in range(200):
-        stage.frame(linkage=frame(step).linkage)
-    assert stage.close()
+        scene.frame(linkage=frame(step).linkage)
+    assert scene.close()

@@ -5,9 +5,9 @@ import time
 
 import pytest
 from browser import Page, changed_share, colours, region, share_of
-from synthetic_four_bar import STRIKER, drawing, events, figures, frame
+from synthetic_four_bar import STRIKER, drawing, events, frame, metrics
 
-from mech_twin.view.stage import Stage
+from mech_twin.view.rerun_scene import RerunScene
 from mech_twin.view.viewer_process import ViewerProcess
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
@@ -16,27 +16,27 @@ pytestmark = [pytest.mark.browser, pytest.mark.slow]
 PACE = 0.2
 
 
-def fed(stage, stop):
-    """Give the stage samples at a steady pace until told to stop."""
+def fed(scene, stop):
+    """Give the scene samples at a steady pace until told to stop."""
     begin, step = time.monotonic(), 0
     while not stop.is_set():
         for due in range(step, int((time.monotonic() - begin) * 1000 * PACE)):
             now = frame(due)
-            stage.frame(now.motor, now.linkage, now.forces, now.body)
+            scene.frame(now.motor, now.linkage, now.forces, now.body)
             for event in events(due):
-                stage.event(event)
-            if stage.drawing_due(now.linkage.time_s):
-                stage.drawing(drawing(due))
+                scene.event(event)
+            if scene.drawing_due(now.linkage.time_s):
+                scene.drawing(drawing(due))
             if due % 200 == 0:
-                stage.figures(figures(due))
+                scene.metrics(metrics(due))
             step = due + 1
         time.sleep(0.02)
 
 
 def test_the_page_shows_the_mechanism_and_it_moves(tmp_path):
     stop = threading.Event()
-    with ViewerProcess() as viewer, Stage("four_bar", grpc_url=viewer.grpc_url) as stage:
-        feeder = threading.Thread(target=fed, args=(stage, stop))
+    with ViewerProcess() as viewer, RerunScene("four_bar", grpc_url=viewer.grpc_url) as scene:
+        feeder = threading.Thread(target=fed, args=(scene, stop))
         feeder.start()
         try:
             with Page(viewer.web_url, width=1200, height=750) as page:

@@ -21,7 +21,7 @@ from mech_twin.machines.compaction_press.dynamics import (
 )
 from mech_twin.machines.compaction_press.metrics import PressObserver, cycle_report, loaded_point, position_figures
 from mech_twin.machines.compaction_press.parameters import CompactionPress, Stroke, press_constants
-from mech_twin.machines.drives import GearedMotor, PrescribedSpeed
+from mech_twin.machines.drives import KlossDrive, PrescribedSpeed
 from mech_twin.parts.four_bar import acute_angles, coefficients, motion, position
 from mech_twin.parts.induction_motor import motor_constants
 from mech_twin.quantity import Parameters
@@ -68,7 +68,7 @@ class PressForces:
     @property
     def residual_limits(self) -> Mapping[str, float]:
         """Limit of the running proof: the two routes to the drive torque, over the peak torque."""
-        return {"drive_torque_routes_1": 1e-10}
+        return {"drive_torque_routes": 1e-10}
 
     def analyse(self, linkage: LinkageSample) -> ForceSample:
         """Return the pin forces at the joint angles, rates and crank torque of the sample."""
@@ -115,7 +115,7 @@ class PressForces:
             wrenches,
             Named(QUANTITIES, values),
             0.0,
-            Named(("drive_torque_routes_1",), ((pins.moment - torque) / scale,)),
+            Named(("drive_torque_routes",), ((pins.moment - torque) / scale,)),
         )
 
 
@@ -187,7 +187,7 @@ def build(parameters: Parameters) -> Machine:
     motor: MotorRole = PrescribedSpeed(speed, p.supply.rate_per_s, step_s)
     transmission = None
     if p.drive.kind == "kloss" and p.motor is not None and p.gear is not None:
-        motor = GearedMotor(motor_constants(p.motor), p.gear.ratio, p.supply.rate_per_s, step_s)
+        motor = KlossDrive(motor_constants(p.motor), p.gear.ratio, p.supply.rate_per_s, step_s)
         transmission = Transmission(p.gear.ratio, p.gear.efficiency, p.motor.rotor_inertia_kg_m2)
     direction = 1.0 if transmission is not None or speed > 0.0 else -1.0
     first = 0.0 if transmission is not None else fraction * speed

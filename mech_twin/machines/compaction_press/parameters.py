@@ -9,10 +9,12 @@ import numpy as np
 from pydantic import model_validator
 from scipy.optimize import brentq
 
+from mech_twin.engine.coupling import Coupling
 from mech_twin.machines.compaction_press.dynamics import Press, loaded_height
 from mech_twin.machines.compaction_press.stroke_load import StrokeLoad
-from mech_twin.machines.drives import Coupling, Drive, Gear
+from mech_twin.machines.drives import Drive
 from mech_twin.parts.four_bar import CROSSED, OPEN, FourBar, Link, failing_inequality
+from mech_twin.parts.gear import Gear
 from mech_twin.parts.induction_motor import InductionMotorParameters
 from mech_twin.parts.supply import SupplyParameters
 from mech_twin.quantity import Parameters, choice, quantity

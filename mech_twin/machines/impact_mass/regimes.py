@@ -27,13 +27,9 @@ from numpy.typing import NDArray
 from mech_twin.configuration_tree import configuration_tree, merged_tree, tree_from_flat
 from mech_twin.kernel import kernel
 from mech_twin.machines.impact_mass.batch import leaves_for_good
-from mech_twin.machines.impact_mass.events import (
-    CHATTER_END,
-    IMPACT,
-    PHASE,
-    RELEASE,
-    Drive,
-    Motion,
+from mech_twin.machines.impact_mass.dynamics import (
+    ImpactSystem,
+    MassMotion,
     acceleration,
     initial_motion,
     next_event,
@@ -41,6 +37,12 @@ from mech_twin.machines.impact_mass.events import (
     rests_for_good,
 )
 from mech_twin.machines.impact_mass.parameters import ImpactMass
+from mech_twin.machines.impact_mass.states import (
+    CHATTER_END,
+    IMPACT,
+    PHASE_CHANGE,
+    RELEASE,
+)
 
 WINDOW = 512
 DOUBLINGS = 4
@@ -52,7 +54,7 @@ REST, ESCAPE, GOING = 1, 2, 0
 
 
 @dataclass(frozen=True)
-class Regime:
+class LongRunRegime:
     """What the motion does in the long run.
 
     ``impacts_per_period`` lists one period of the motion (a completed series counts as -1 in its period: endless);
@@ -74,28 +76,28 @@ class RegimeMap:
 
     key: str
     values: tuple[float, ...]
-    regimes: tuple[Regime, ...]
+    regimes: tuple[LongRunRegime, ...]
 
 
 @kernel
-def recorded(motion: Motion, acting: Drive, periods: int) -> tuple[Motion, int, NDArray[np.float64]]:
+def recorded(motion: MassMotion, system: ImpactSystem, periods: int) -> tuple[MassMotion, int, NDArray[np.float64]]:
     """Return the motion after so many periods, how it ended (going, rest, escape), and a row for each period."""
     rows = np.zeros((periods, ROW))
     for i in range(periods):
         row, start = rows[i], motion
         row[0], row[1] = motion.gap_m, motion.velocity_m_per_s
-        if rests_for_good(motion, acting):
+        if rests_for_good(motion, system):
             return motion, REST, rows[:i]
         while motion.period == start.period:
-            event, motion = next_event(motion, acting)
-            if event.kind == IMPACT:
-                row[2] += 1.0
+            event, motion = next_event(motion, system)
+            if event.impacts > 0.0:
+                row[2] += event.impacts
                 row[4] = max(row[4], event.pre_m_per_s)
             elif event.kind == RELEASE:
                 row[5] += 1.0
             elif event.kind == CHATTER_END:
                 row[3] += 1.0
-        if leaves_for_good(start, motion, row[2], acting):
+        if leaves_for_good(start, motion, row[2], system):
             return motion, ESCAPE, rows[: i + 1]
     return motion, GOING, rows
 
@@ -107,7 +109,7 @@ def flown_tangent(dx: float, dv: float, duration_s: float) -> tuple[float, float
 
 
 @kernel
-def exponent(motion: Motion, acting: Drive, periods: int) -> tuple[Motion, float]:
+def exponent(motion: MassMotion, system: ImpactSystem, periods: int) -> tuple[MassMotion, float]:
     """Return the motion after so many periods and the mean growth of a small difference per period (natural log).
 
     Flight: (1 t; 0 1).  Blow with speed v- under A: (-R 0; (1 + R) A/v- -R).  Lengths are scaled by the period, so
@@ -116,16 +118,16 @@ def exponent(motion: Motion, acting: Drive, periods: int) -> tuple[Motion, float
     dx, dv, growth = 1.0, 0.7, 0.0
     last = motion.period + periods
     while motion.period < last:
-        a, end = acceleration(motion, acting), phase_end(motion, acting)
-        event, after = next_event(motion, acting)
+        a, end = acceleration(motion, system), phase_end(motion, system)
+        event, after = next_event(motion, system)
         if event.kind == IMPACT:
-            dx, dv = flown_tangent(dx, dv, (event.tau_s - motion.tau_s) / acting.period_s)
-            turn = (1.0 + acting.restitution) * a * acting.period_s / event.pre_m_per_s
-            dx, dv = -acting.restitution * dx, turn * dx - acting.restitution * dv
-        elif event.kind != PHASE:
+            dx, dv = flown_tangent(dx, dv, (event.tau_s - motion.tau_s) / system.period_s)
+            turn = (1.0 + system.restitution) * a * system.period_s / event.pre_m_per_s
+            dx, dv = -system.restitution * dx, turn * dx - system.restitution * dv
+        elif event.kind != PHASE_CHANGE:
             return after, -math.inf
         else:
-            dx, dv = flown_tangent(dx, dv, (end - motion.tau_s) / acting.period_s)
+            dx, dv = flown_tangent(dx, dv, (end - motion.tau_s) / system.period_s)
         size = math.hypot(dx, dv)
         growth += math.log(size)
         dx, dv, motion = dx / size, dv / size, after
@@ -152,50 +154,50 @@ def _counts(rows: NDArray[np.float64]) -> tuple[int, ...]:
     return tuple(-1 if row[3] > 0.0 else int(row[2]) for row in rows)
 
 
-def _periodic(rows: NDArray[np.float64], k: int, walked: int) -> Regime:
+def _periodic(rows: NDArray[np.float64], k: int, walked: int) -> LongRunRegime:
     last = rows[-k:]
     blows = tuple(float(v) for v in last[last[:, 2] > 0.0, 4])
-    return Regime("periodic", k, _counts(last), bool(np.any(last[:, 3] > 0.0)), blows, None, walked)
+    return LongRunRegime("periodic", k, _counts(last), bool(np.any(last[:, 3] > 0.0)), blows, None, walked)
 
 
-def regime(acting: Drive, motion: Motion, settling_periods: int = 1000) -> Regime:
+def regime(system: ImpactSystem, motion: MassMotion, settling_periods: int = 1000) -> LongRunRegime:
     """Return the long-run regime of a motion.
 
     Parameters
     ----------
-    acting : Drive
+    system : ImpactSystem
         What acts on the mass.
-    motion : Motion
+    motion : MassMotion
         Where it starts.
     settling_periods : int
         Periods left out at first; doubled while no regime is found.
     """
     walked, settling = 0, settling_periods
     for _ in range(DOUBLINGS + 1):
-        motion, ended, rows = recorded(motion, acting, settling + WINDOW)
+        motion, ended, rows = recorded(motion, system, settling + WINDOW)
         walked += len(rows)
         if ended != GOING:
-            return Regime("rest" if ended == REST else "escape", 0, (), False, (), None, walked)
+            return LongRunRegime("rest" if ended == REST else "escape", 0, (), False, (), None, walked)
         k = release_period(rows) or return_period(rows[-WINDOW:])
         if k:
             return _periodic(rows, k, walked)
         settling *= 2
-    motion, first = exponent(motion, acting, EXPONENT_PERIODS)
-    motion, second = exponent(motion, acting, EXPONENT_PERIODS)
+    motion, first = exponent(motion, system, EXPONENT_PERIODS)
+    motion, second = exponent(motion, system, EXPONENT_PERIODS)
     kind = "chaotic" if min(first, second) > CHAOS_EXPONENT else "undecided"
     window = rows[-WINDOW:]
     blows = tuple(float(v) for v in window[window[:, 2] > 0.0, 4])
     mean = 0.5 * (first + second)
     completed = bool(np.any(window[:, 3] > 0.0))
     shown = mean if math.isfinite(mean) else None
-    return Regime(kind, 0, (), completed, blows, shown, walked + 2 * EXPONENT_PERIODS)
+    return LongRunRegime(kind, 0, (), completed, blows, shown, walked + 2 * EXPONENT_PERIODS)
 
 
-def regime_of(parameters: ImpactMass, settling_periods: int = 1000) -> Regime:
+def regime_of(parameters: ImpactMass, settling_periods: int = 1000) -> LongRunRegime:
     """Return the long-run regime from the configured start."""
-    acting = parameters.acting
-    start = initial_motion(parameters.initial_gap_m, parameters.initial_velocity_m_per_s, acting)
-    return regime(acting, start, settling_periods)
+    system = parameters.system
+    start = initial_motion(parameters.initial_gap_m, parameters.initial_velocity_m_per_s, system)
+    return regime(system, start, settling_periods)
 
 
 def with_value(parameters: ImpactMass, key: str, value: float) -> ImpactMass:

@@ -59,7 +59,7 @@ from mech_twin.samples import (
 
 CONTACTS = {"blow": "tool", "missed": "tool", "unseated": "tool", "jammed": "tool"}
 LOADING = frozenset(("blow", "touchdown", "settled", "lift_off", "jammed"))
-RESIDUALS = ("loop_closure_m", "energy_book", "momentum_book")
+RESIDUALS = ("loop_closure_m", "energy_balance", "momentum_balance")
 FORCE_RESIDUALS = ("drive_torque_routes", "body_moment_routes", "impulse_routes")
 
 
@@ -118,7 +118,7 @@ class Percussion:
     coordinates = ("crank", "body")
     regimes = ("rest", "flight", "held", "jammed")
     residual_limits: Mapping[str, float] = MappingProxyType(
-        {"loop_closure_m": 1e-12, "energy_book": 1e-9, "momentum_book": 1e-9}
+        {"loop_closure_m": 1e-12, "energy_balance": 1e-9, "momentum_balance": 1e-9}
     )
 
     def __init__(

@@ -5,8 +5,9 @@ from __future__ import annotations
 from math import radians
 from typing import Any
 
+from mech_twin.machines.roller_former.drawing import former_drawing
 from mech_twin.machines.roller_former.forces import QUANTITIES, FormerForces, loaded_bodies, pin_names
-from mech_twin.machines.roller_former.metrics import FormerObserver, former_drawing, position_figures
+from mech_twin.machines.roller_former.metrics import FormerObserver, position_metrics
 from mech_twin.machines.roller_former.parameters import RollerFormer, former_of
 from mech_twin.machines.roller_former.roles import FormerLinkage, FormerMotor, joint_names
 from mech_twin.machines.roller_former.steady import former_report
@@ -34,7 +35,7 @@ def build(parameters: Parameters) -> Machine:
     forces = FormerForces(former, pin_names(count), loaded_bodies(count), (*QUANTITIES, *rod_forces))
 
     def analyse(crank_rad: float) -> dict[str, Any]:
-        return position_figures(former, crank_rad)
+        return position_metrics(former, crank_rad)
 
     def report() -> dict[str, float]:
         return former_report(p, former)

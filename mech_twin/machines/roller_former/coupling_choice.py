@@ -1,4 +1,4 @@
-"""Loads in the coupling of the roller former: the paper's two tables, and sweeps over stiffness and damping."""
+"""Loads in the coupling of the roller former: the installations of 1 to 4 carts, sweeps over stiffness and damping."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from mech_twin.capabilities.variation import varied
 from mech_twin.machines.roller_former.parameters import RollerFormer, former_of
-from mech_twin.machines.roller_former.steady import SteadyTurn, moment_figures, steady_turn, turn_figures
+from mech_twin.machines.roller_former.steady import SteadyTurn, steady_turn, turn_figures
 
 OFFSETS_DEG = {1: 0.0, 2: 90.0, 3: 120.0, 4: 90.0}
 PUBLISHED_STIFFNESS = {2: 110000.0, 3: 150000.0, 4: 200000.0}
@@ -18,45 +18,7 @@ STUDIED_DAMPING = (2000.0, 8000.0)
 SWEEP_DAMPING = tuple(float(k) for k in np.geomspace(200.0, 15000.0, 25))
 SWEEP_STIFFNESS = tuple(float(c) for c in np.geomspace(20000.0, 800000.0, 41))
 
-PUBLISHED_MEAN_PER_CART_NM = 452.4
-PUBLISHED_MAX_NM = {1: 734.5, 2: 1186.2, 3: 1475.8, 4: 2011.2}
-WORKED_MAX_NM = {**PUBLISHED_MAX_NM, 3: 1466.6}
-TABLE_1_TOLERANCE = {"mean": 1e-3, "max": 5e-4}
-
-TABLE_2_COLUMNS = ("moment_per_cart_nm", "twist_rad", "twist_rate_rad_per_s", "twist_acceleration_rad_per_s2")
-PUBLISHED_TABLE_2 = {
-    (2, 2000.0): (630.0, 0.0059, 0.17, 5.7),
-    (3, 2000.0): (776.6, 0.0077, 0.25, 8.1),
-    (4, 2000.0): (69.0, 0.00068, 0.029, 1.25),
-    (2, 8000.0): (350.0, 0.00315, 0.08, 2.3),
-    (3, 8000.0): (386.7, 0.004, 0.127, 4.1),
-    (4, 8000.0): (33.0, 0.00033, 0.014, 0.6),
-}
-TABLE_2_TOLERANCE = {2: 0.10, 3: 0.03, 4: 0.03}
-
 Progress = Callable[[int, int], None]
-
-
-@dataclass(frozen=True)
-class Comparison:
-    """A published number and ours; ``error`` is computed/published - 1, ``tolerance`` what the page allows."""
-
-    carts: int
-    damping_nms_per_rad: float
-    quantity: str
-    published: float
-    computed: float
-    tolerance: float
-
-    @property
-    def error(self) -> float:
-        """Relative error of the computed number."""
-        return self.computed / self.published - 1.0
-
-    @property
-    def holds(self) -> bool:
-        """Whether the error is within the tolerance."""
-        return abs(self.error) <= self.tolerance
 
 
 @dataclass(frozen=True)
@@ -113,43 +75,6 @@ def installation(parameters: RollerFormer, count: int) -> RollerFormer:
         "motor.catalogue_name": motor.catalogue_name if factor == 1.0 else None,
     }
     return varied(parameters, {**changes, **{f"motor.{key}": value for key, value in scaled.items()}})
-
-
-def table_1(parameters: RollerFormer, parameter_set: str = "table") -> tuple[Comparison, ...]:
-    """Return the paper's Table 1 with the load as the paper takes it; totals, 3 carts against the worked 1466.6 N m."""
-    rows = []
-    for count in (1, 2, 3, 4):
-        changes = {"load": "rectified", "parameter_set": parameter_set}
-        figures = moment_figures(former_of(varied(installation(parameters, count), changes)))
-        mean, most = figures["moment_mean_per_cart_nm"], figures["moment_max_nm"]
-        rows.append(
-            Comparison(
-                count, nan, "moment_mean_per_cart_nm", PUBLISHED_MEAN_PER_CART_NM, mean, TABLE_1_TOLERANCE["mean"]
-            )
-        )
-        rows.append(Comparison(count, nan, "moment_max_nm", WORKED_MAX_NM[count], most, TABLE_1_TOLERANCE["max"]))
-    return tuple(rows)
-
-
-def table_2(parameters: RollerFormer, parameter_set: str = "table") -> tuple[Comparison, ...]:
-    """Return the paper's Table 2: no load, expanded kinematics, the moment read as 2 c (phi1 - phi2)."""
-    rows = []
-    for (count, damping), published in PUBLISHED_TABLE_2.items():
-        quiet = {"load": "none", "kinematics": "expanded", "parameter_set": parameter_set}
-        changes = {**quiet, "drive.damping_nms_per_rad": damping}
-        former = former_of(varied(installation(parameters, count), changes))
-        turn = steady_turn(former)
-        if turn is None:
-            raise ArithmeticError(f"no steady turn without load for {count} carts, k {damping} N m s/rad")
-        f = turn_figures(turn, former)
-        twist = f["twist_range_rad"]
-        moment = 2.0 * former.stiffness_nm_per_rad * twist / count
-        computed = (moment, twist, f["twist_rate_range_rad_per_s"], f["twist_acceleration_range_rad_per_s2"])
-        rows += [
-            Comparison(count, damping, name, theirs, ours, TABLE_2_TOLERANCE[count])
-            for name, theirs, ours in zip(TABLE_2_COLUMNS, published, computed, strict=True)
-        ]
-    return tuple(rows)
 
 
 def coupling_point(parameters: RollerFormer, stiffness: float, damping: float) -> CouplingPoint:

@@ -149,7 +149,7 @@ class FormerForces:
     def residual_limits(self) -> dict[str, float]:
         """Limit of the two routes; the expansion's transfer function is not the linkage's, to the order (r/l)^3."""
         ratio = self.former.bank.ratio
-        return {"drive_torque_routes_1": 2.0 * ratio**3 if self.former.bank.expanded else 1e-10}
+        return {"drive_torque_routes": 2.0 * ratio**3 if self.former.bank.expanded else 1e-10}
 
     def analyse(self, linkage: LinkageSample) -> ForceSample:
         """Return every force at the linkage's step.
@@ -172,5 +172,5 @@ class FormerForces:
             tuple(wrenches),
             Named(self.names, values),
             0.0,
-            Named(("drive_torque_routes_1",), (residual,)),
+            Named(("drive_torque_routes",), (residual,)),
         )

@@ -1,4 +1,4 @@
-"""Figures of the roller former: one position, a running observer, and the drawing."""
+"""Metrics of the roller former: one position, and those of a run as it goes."""
 
 from __future__ import annotations
 
@@ -11,15 +11,13 @@ from mech_twin.machines.roller_former.cart_parameters import OFFSET
 from mech_twin.machines.roller_former.cart_statics import cart_load, cart_motion, shaft_terms, sides_of_travel
 from mech_twin.machines.roller_former.dynamics import Former
 from mech_twin.machines.roller_former.forces import QUANTITIES
-from mech_twin.machines.roller_former.roles import CART_JOINTS, CRANK_JOINT, TWIST_JOINT
-from mech_twin.samples import Frame, LinkageSample, Shape
+from mech_twin.machines.roller_former.roles import CRANK_JOINT, TWIST_JOINT
+from mech_twin.samples import Frame
 
-BODY_HALF_HEIGHT_M = 0.09
 TWIST_ACCELERATION = QUANTITIES.index("twist_acceleration_rad_per_s2")
-COLOURS = ((40, 110, 180), (200, 90, 40), (60, 150, 90), (140, 80, 170))
 
 
-def position_figures(former: Former, crank_rad: float) -> dict[str, Any]:
+def position_metrics(former: Former, crank_rad: float) -> dict[str, Any]:
     """Return each cart's angles, transfer functions, static forces and moment at a crank angle, and the totals."""
     bank = former.bank
     carts = []
@@ -54,7 +52,7 @@ def position_figures(former: Former, crank_rad: float) -> dict[str, Any]:
 
 
 class FormerObserver:
-    """Running figures: those of the last whole turn, and extremes and events of the whole run."""
+    """Running metrics: those of the last whole turn, and extremes and events of the whole run."""
 
     def __init__(self) -> None:
         self._turn: int | None = None
@@ -111,7 +109,7 @@ class FormerObserver:
         self._open = _empty_turn()
 
     def numbers(self) -> dict[str, float]:
-        """Return the figures so far; those of a turn are missing until the first is complete."""
+        """Return the metrics so far; those of a turn are missing until the first is complete."""
         return {**self._run, **self._closed}
 
 
@@ -124,50 +122,3 @@ def _empty_turn() -> dict[str, tuple[float, float]]:
         "twist_acceleration_rad_per_s2",
     )
     return {**dict.fromkeys(names, (inf, -inf)), "samples": (inf, 0.0), "sums": (0.0, 0.0)}
-
-
-def former_drawing(former: Former, sample: LinkageSample) -> tuple[Shape, ...]:
-    """Return shaft, cranks, rods, carts with their rollers, and rails; carts are drawn one behind the other."""
-    bank = former.bank
-    reach = bank.crank_m + bank.rod_m
-    rail = bank.p_m + bank.b_m + 0.1
-    shapes = [
-        Shape("shaft", "points", ((0.0, 0.0),), (0, 0, 0), 0.02),
-        *(
-            Shape(name, "line", ((bank.rod_m - bank.crank_m, y), (reach + rail, y)), (120, 120, 120), 0.006)
-            for name, y in (("upper_rail", BODY_HALF_HEIGHT_M), ("lower_rail", -BODY_HALF_HEIGHT_M))
-        ),
-    ]
-    crank = sample.position[CRANK_JOINT]
-    for index in range(bank.carts.shape[0]):
-        psi = crank + bank.carts[index, OFFSET]
-        shapes += _cart_shapes(former, index, psi, sample.position[CART_JOINTS + 2 * index])
-    return tuple(shapes)
-
-
-def _cart_shapes(former: Former, index: int, psi: float, x: float) -> list[Shape]:
-    bank, colour = former.bank, COLOURS[index % len(COLOURS)]
-    pin = (bank.crank_m * cos(psi), bank.crank_m * sin(psi))
-    left, right, middle = x, x + bank.p_m + bank.b_m + 0.05, x + bank.p_m
-    top = 0.8 * BODY_HALF_HEIGHT_M
-    box = ((left, -top), (right, -top), (right, top), (left, top), (left, -top))
-    number = index + 1
-    return [
-        Shape(f"crank_{number}", "line", ((0.0, 0.0), pin), colour, 0.012),
-        Shape(f"rod_{number}", "line", (pin, (x, 0.0)), colour, 0.008),
-        Shape(f"cart_{number}", "line", box, colour, 0.006),
-        Shape(
-            f"guide_rollers_{number}",
-            "points",
-            ((middle - bank.b_m, 0.0), (middle + bank.b_m, 0.0)),
-            (60, 60, 60),
-            0.023,
-        ),
-        Shape(
-            f"forming_rollers_{number}",
-            "points",
-            ((middle - bank.a_m, -bank.e_m), (middle + bank.a_m, -bank.e_m)),
-            (90, 90, 90),
-            0.05,
-        ),
-    ]

@@ -9,14 +9,19 @@ import numpy as np
 from mech_twin.capabilities.plots import BLUE, COLOURS, GREY, INK, RED, Picture, published, sheet, turn_axis
 from mech_twin.machines.roller_former.cart_statics import cart_load, load_moments
 from mech_twin.machines.roller_former.coupling_choice import (
-    PUBLISHED_MAX_NM,
-    PUBLISHED_TABLE_2,
     STUDIED_DAMPING,
     SWEEP_DAMPING,
     damping_sweep,
 )
 from mech_twin.machines.roller_former.parameters import RollerFormer, bank_of, former_of
-from mech_twin.machines.roller_former.published import COLUMNS, table_1_case, table_2_case, table_2_figures
+from mech_twin.machines.roller_former.published import (
+    COLUMNS,
+    MAX_NM,
+    TABLE_2,
+    table_1_case,
+    table_2_case,
+    table_2_figures,
+)
 from mech_twin.machines.roller_former.steady import steady_turn
 
 DEGREES = np.arange(0.0, 360.5, 0.5)
@@ -72,7 +77,7 @@ def _moments(parameters: RollerFormer) -> Picture:
             axes.plot(DEGREES, single, color=COLOURS[cart + 1], linewidth=0.9)
         total = load_moments(bank, np.radians(DEGREES), 1.0)
         axes.plot(DEGREES, total, color=BLUE, label="total")
-        most = PUBLISHED_MAX_NM[count]
+        most = MAX_NM[count]
         axes.axhline(most, color=INK, linewidth=0.9, linestyle="--", label=f"published maximum {most:g}")
         axes.set_ylim(0.0, 2450.0)
         turn_axis(axes, "crank angle, degrees" if count > 2 else "")
@@ -90,7 +95,7 @@ def _largest(parameters: RollerFormer) -> Picture:
     most = [load_moments(bank_of(table_1_case(parameters, n)), angles, 1.0).max() / n for n in counts]
     figure, (axes,) = sheet(1, 1, 5.6, 3.6)
     axes.bar(counts, most, width=0.55, color=BLUE, alpha=0.85, label="computed")
-    published(axes, counts, [PUBLISHED_MAX_NM[n] / n for n in counts])
+    published(axes, counts, [MAX_NM[n] / n for n in counts])
     for n, value in zip(counts, most, strict=True):
         axes.text(n, value / 2.0, f"{value:.1f}", ha="center", color="white", fontsize=9)
     axes.set_xticks(counts)
@@ -151,7 +156,7 @@ def _deviations(parameters: RollerFormer) -> Picture:
             found = [table_2_figures(parameters, count, damping) for count in CARTS]
             values = [0.0 if figures is None else figures[place] for figures in found]
             axes.bar(spots, values, width=0.34, color=colour, alpha=0.85, label=f"k = {damping:g}")
-            theirs = [PUBLISHED_TABLE_2[count, damping][place] for count in CARTS]
+            theirs = [TABLE_2[count, damping][place] for count in CARTS]
             published(axes, spots, theirs, "published" if damping == STUDIED_DAMPING[0] else "")
         axes.set_xticks(CARTS)
         axes.set_xlabel("carts")

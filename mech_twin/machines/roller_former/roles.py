@@ -52,7 +52,7 @@ MEMORY = (
     "load_work_j",
     "book_error_j",
 )
-RESIDUALS = ("energy_books_1", "rod_length_1")
+RESIDUALS = ("energy_balance", "rod_length")
 KINK = 1e-9  # a second difference of the command above this is a corner: the torque before it tells nothing of after
 
 
@@ -153,7 +153,7 @@ class FormerLinkage:
     def residual_limits(self) -> dict[str, float]:
         """Limits of the running proofs; the expansion leaves (r/l)^4/8 of the rod's length open."""
         open_rod = 0.2 * self.former.bank.ratio**4 if self.former.bank.expanded else 1e-12
-        return {"energy_books_1": 1e-8, "rod_length_1": open_rod}
+        return {"energy_balance": 1e-8, "rod_length": open_rod}
 
     def start(self, step: int = 0) -> LinkageSample:
         """Return the machine in its initial state: untwisted, the load on or still off as configured."""

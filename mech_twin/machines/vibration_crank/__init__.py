@@ -8,7 +8,7 @@ from math import cos, sin
 from typing import Any
 
 from mech_twin.engine.crank_linkage import CrankKernels, CrankLinkage, Transmission
-from mech_twin.machines.drives import GearedMotor, PrescribedSpeed
+from mech_twin.machines.drives import KlossDrive, PrescribedSpeed
 from mech_twin.machines.vibration_crank.dynamics import crank_state, driven_step, prescribed_step
 from mech_twin.machines.vibration_crank.metrics import ShakerObserver, cycle_report, position_figures
 from mech_twin.machines.vibration_crank.parameters import VibrationCrank, shaker_constants
@@ -46,7 +46,7 @@ class ShakerForceAnalysis:
     @property
     def residual_limits(self) -> Mapping[str, float]:
         """Limits of the running proofs."""
-        return {"drive_torque_routes_1": 1e-10, "shaking_force_routes_1": 1e-10}
+        return {"drive_torque_routes": 1e-10, "shaking_force_routes": 1e-10}
 
     def analyse(self, linkage: LinkageSample) -> ForceSample:
         """Return the pin forces at the joint angles, rates and crank torque of the sample."""
@@ -90,7 +90,7 @@ class ShakerForceAnalysis:
             wrenches,
             Named(QUANTITIES, values),
             0.0,
-            Named(("drive_torque_routes_1", "shaking_force_routes_1"), residuals),
+            Named(("drive_torque_routes", "shaking_force_routes"), residuals),
         )
 
 
@@ -124,7 +124,7 @@ def _drive(p: VibrationCrank) -> tuple[MotorRole, Transmission | None]:
     step_s, rate = p.coupling.step_s, p.supply.rate_per_s
     if p.drive.kind == "constant_speed" or p.motor is None or p.gear is None:
         return PrescribedSpeed(p.drive.speed_rad_per_s, rate, step_s), None
-    motor = GearedMotor(motor_constants(p.motor), p.gear.ratio, rate, step_s)
+    motor = KlossDrive(motor_constants(p.motor), p.gear.ratio, rate, step_s)
     return motor, Transmission(p.gear.ratio, p.gear.efficiency, p.motor.rotor_inertia_kg_m2)
 
 

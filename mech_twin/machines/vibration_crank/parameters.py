@@ -7,8 +7,10 @@ from typing import Literal
 
 from pydantic import model_validator
 
-from mech_twin.machines.drives import Coupling, Drive, Gear
+from mech_twin.engine.coupling import Coupling
+from mech_twin.machines.drives import Drive
 from mech_twin.machines.vibration_crank.counterweight import Counterweight, Masses, balance
+from mech_twin.parts.gear import Gear
 from mech_twin.parts.induction_motor import InductionMotorParameters
 from mech_twin.parts.slider_crank import BOOM, FINITE_ROD, INFINITE_ROD, Shaker
 from mech_twin.parts.supply import SupplyParameters

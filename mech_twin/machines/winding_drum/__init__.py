@@ -12,7 +12,7 @@ from mech_twin.machines.winding_drum.metrics import (
     position_figures,
 )
 from mech_twin.machines.winding_drum.parameters import WindingDrum
-from mech_twin.machines.winding_drum.roles import JOINTS, DrumForces, DrumLinkage
+from mech_twin.machines.winding_drum.roles import ENDED, JOINTS, DrumForces, DrumLinkage
 from mech_twin.machines.winding_drum.wound_package import package_constants
 from mech_twin.quantity import Parameters
 from mech_twin.roles import Capabilities, Machine
@@ -37,7 +37,7 @@ def build(parameters: Parameters) -> Machine:
         "full" if parameters.direction == "winding" else "empty",
     )
     motor = PrescribedSpeed(
-        parameters.yarn_speed_m_per_s, parameters.rate_per_s, parameters.coupling.step_s, JOINTS.index("yarn")
+        parameters.yarn_speed_m_per_s, parameters.rate_per_s, parameters.coupling.step_s, JOINTS.index("yarn"), ENDED
     )
 
     def analyse(phi: float) -> dict[str, Any]:

@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import model_validator
 
-from mech_twin.machines.drives import Coupling
+from mech_twin.engine.coupling import Coupling
 from mech_twin.machines.winding_drum.wound_package import WoundPackage
 from mech_twin.quantity import Parameters, choice, quantity
 

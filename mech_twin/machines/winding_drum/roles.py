@@ -21,7 +21,7 @@ from mech_twin.samples import BodySample, Coordinate, Event, ForceSample, Linkag
 RUNNING, ENDED = 0, 1
 JOINTS = ("drum", "yarn", "package_radius")
 MEMORY = ("yarn_acceleration_m_per_s2", "drive_work_j", "initial_energy_j")
-RESIDUALS = ("rolling_m_per_s", "energy_books_1")
+RESIDUALS = ("rolling_m_per_s", "energy_balance")
 QUANTITIES = (
     "acceleration_torque_nm",
     "radius_torque_nm",
@@ -173,7 +173,7 @@ class DrumForces:
     @property
     def residual_limits(self) -> dict[str, float]:
         """Limits of the running proofs."""
-        return {"drive_torque_routes_1": 1e-10}
+        return {"drive_torque_routes": 1e-10}
 
     def analyse(self, linkage: LinkageSample) -> ForceSample:
         """Return each torque term by itself; the yarn's acceleration follows from the torque on the drum joint.
@@ -201,5 +201,5 @@ class DrumForces:
             (Wrench(0.0, mass * self.gravity, terms.total),),
             Named(QUANTITIES, values),
             0.0,
-            Named(("drive_torque_routes_1",), (difference,)),
+            Named(("drive_torque_routes",), (difference,)),
         )

@@ -127,8 +127,8 @@ def test_books_close_over_many_blows():
     assert sum(e.kind == "blow" for f in taken for e in f.linkage.events) > 35
     for frame in taken:
         assert frame.linkage.residuals["loop_closure_m"] <= 1e-12
-        assert frame.linkage.residuals["energy_book"] <= 1e-10
-        assert frame.linkage.residuals["momentum_book"] <= 1e-10
+        assert frame.linkage.residuals["energy_balance"] <= 1e-10
+        assert frame.linkage.residuals["momentum_balance"] <= 1e-10
         assert max(frame.forces.residuals.values) <= 1e-10
 
 
@@ -175,7 +175,7 @@ def test_blow_too_weak_for_the_wall_jams_the_linkage():
     kinds = [e.kind for f in taken for e in f.linkage.events]
     assert kinds[:2] == ["blow", "jammed"]
     assert taken[-1].linkage.velocity[0] == 0.0
-    assert taken[-1].linkage.residuals["energy_book"] <= 1e-10
+    assert taken[-1].linkage.residuals["energy_balance"] <= 1e-10
 
 
 def test_gear_loses_power_whichever_way_it_flows():

@@ -59,8 +59,8 @@ def test_package_ends_at_the_time_the_area_gives(direction, kind):
     assert drum.linkage.regimes[samples[-1].regime] == "ended"
     assert samples[-1].velocity[0] == event.post[0].velocity  # let go, it turns on
     assert worst["rolling_m_per_s"] < 1e-12
-    assert worst["energy_books_1"] < 1e-9
-    assert worst["drive_torque_routes_1"] < 1e-10
+    assert worst["energy_balance"] < 1e-9
+    assert worst["drive_torque_routes"] < 1e-10
 
 
 def test_start_from_rest_follows_the_yarn_acceleration():

@@ -1,0 +1,117 @@
+"""What the options of ``mech-twin study`` are written in: axes, limits, bounds; and what all answers share."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import yaml
+
+from mech_twin.cli.failure import CommandError
+from mech_twin.parameters.load import scalar
+
+RANGE = "from:to:count, from:to:count:log or a,b,c"
+MOST_VALUES = 1_000_000
+
+
+def axes_of(texts: Sequence[str]) -> dict[str, tuple[Any, ...]]:
+    """Return keys and values of ``KEY=from:to:count``, ``KEY=from:to:count:log`` or ``KEY=a,b,c``."""
+    axes = {}
+    for text in texts:
+        key, equals, values = text.partition("=")
+        if not equals or not key.strip() or not values.strip():
+            raise CommandError(f"--over {text}: expected KEY={RANGE}")
+        if key.strip() in axes:
+            raise CommandError(f"--over {text}: key '{key.strip()}' stands twice")
+        axes[key.strip()] = _range(text, values) if ":" in values else _list(text, values)
+    return axes
+
+
+def _range(text: str, values: str) -> tuple[float, ...]:
+    parts = values.split(":")
+    logarithmic = len(parts) == 4 and parts[3] == "log"
+    try:
+        low, high, count = float(parts[0]), float(parts[1]), int(parts[2])
+    except (ValueError, IndexError) as error:
+        raise CommandError(f"--over {text}: expected {RANGE}") from error
+    if (len(parts) > 3 and not logarithmic) or not (math.isfinite(low) and math.isfinite(high)):
+        raise CommandError(f"--over {text}: expected {RANGE}, numbers finite")
+    if not 1 <= count <= MOST_VALUES or (logarithmic and min(low, high) <= 0.0):
+        raise CommandError(f"--over {text}: expected 1 to {MOST_VALUES} values, above 0 where the range is log")
+    if count == 1:
+        return (low,)
+    if logarithmic:
+        ratio = math.log(high / low) / (count - 1)
+        return (low, *(low * math.exp(ratio * i) for i in range(1, count - 1)), high)
+    return (low, *(low + (high - low) * i / (count - 1) for i in range(1, count - 1)), high)
+
+
+def _list(text: str, values: str) -> tuple[Any, ...]:
+    try:
+        found = scalar(f"[{values}]")
+    except yaml.YAMLError as error:
+        raise CommandError(f"--over {text}: expected {RANGE}") from error
+    if not found or not all(isinstance(value, int | float | str | bool) for value in found):
+        raise CommandError(f"--over {text}: expected {RANGE}")
+    return tuple(found)
+
+
+def limits_of(texts: Sequence[str]) -> dict[str, float]:
+    """Return names and numbers of ``NAME=VALUE``."""
+    limits = {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        try:
+            limits[name.strip()] = float(value)
+        except ValueError as error:
+            raise CommandError(f"--limit {text}: expected NAME=NUMBER") from error
+        if not equals or math.isnan(limits[name.strip()]):
+            raise CommandError(f"--limit {text}: expected NAME=NUMBER")
+    return limits
+
+
+@contextmanager
+def study_errors() -> Iterator[None]:
+    """Turn what a study says of the question, or a file that cannot be written, into a failed command."""
+    from pydantic import ValidationError
+
+    from mech_twin.capabilities.errors import StudyError
+    from mech_twin.configuration_tree import ConfigurationError
+    from mech_twin.parameters.errors import refusal
+
+    try:
+        yield
+    except ConfigurationError:
+        raise
+    except ValidationError as error:
+        raise refusal("this study", error) from error
+    except StudyError as error:
+        raise CommandError(str(error)) from error
+    except OSError as error:
+        raise CommandError(f"{error.filename}: cannot be written: {error.strerror}") from error
+
+
+@contextmanager
+def counted(title: str) -> Iterator[Callable[[int, int], None] | None]:
+    """Give ``progress(done, all)``: a bar with the time left when a terminal listens."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    parts = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*parts, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(title, total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)
+
+
+def require_machine(machine: str, wanted: str, question: str) -> None:
+    """Fail unless the question is asked of the machine it is about."""
+    from mech_twin.parameters.load import catalogue_entry
+
+    if catalogue_entry(machine).name != wanted:
+        raise CommandError(f"study {machine} {question}: this question is about {wanted}")

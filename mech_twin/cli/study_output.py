@@ -1,0 +1,137 @@
+"""Answers of ``mech-twin study MACHINE sweep`` and ``size``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from mech_twin.cli.console import print_json, print_numbers, print_table, say
+from mech_twin.cli.study_options import axes_of, counted, limits_of, study_errors
+from mech_twin.configuration_tree import configuration_tree
+from mech_twin.dependencies import require_extra
+from mech_twin.parameters.load import assignments, machine_parameters, write_configuration
+from mech_twin.studies import size, sweep
+
+SHOWN_ROWS = 20
+SHOWN_NUMBERS = 5
+
+
+@dataclass(frozen=True)
+class SweepRequest:
+    """What to sweep, as it stands on the command line."""
+
+    machine: str
+    over: list[str]
+    table: Path
+    numbers: tuple[str, ...]
+    duration_s: float
+    picture: bool
+    cores: int | None
+    scheduler: str | None
+
+
+def answer_sweep(request: SweepRequest, config: Path | None, settings: list[str], *, as_json: bool) -> None:
+    """Sweep, and say what was written."""
+    if request.table.suffix != ".csv":
+        require_extra("tables")
+    if request.picture:
+        require_extra("plots")
+    parameters = machine_parameters(request.machine, config, assignments(settings))
+    with study_errors(), counted("sweeping") as progress:
+        try:
+            done = sweep(
+                request.machine,
+                axes_of(request.over),
+                request.table,
+                parameters=parameters,
+                outputs=request.numbers,
+                duration_s=request.duration_s,
+                cores=request.cores,
+                scheduler=request.scheduler,
+                picture=request.picture,
+                progress=progress,
+            )
+        except KeyboardInterrupt:
+            say(f"interrupted; finished points are kept beside {request.table}: the same command goes on from there")
+            raise SystemExit(130) from None
+    keys, names = done.asked.keys, done.outputs
+    if as_json:
+        document: dict[str, Any] = {
+            "machine": request.machine,
+            "config": configuration_tree(parameters),
+            "points": len(done.points),
+            "resumed": done.resumed,
+            "refused": sum(bool(point.refused) for point in done.points),
+            "table": str(done.table),
+            "picture": None if done.picture is None else str(done.picture),
+            "rows": [
+                {**done.asked.changes(point.index), **point.numbers, "refused": point.refused} for point in done.points
+            ],
+        }
+        print_json(document)
+        return
+    rows = [
+        (*done.asked.changes(point.index).values(), *(point.numbers.get(n, "refused") for n in names[:SHOWN_NUMBERS]))
+        for point in done.points[:SHOWN_ROWS]
+    ]
+    title = f"{request.machine}: {len(done.points)} points, {len(names)} numbers"
+    print_table(title, (*keys, *names[:SHOWN_NUMBERS]), rows)
+    refused = [point for point in done.points if point.refused]
+    if refused:
+        say(f"{len(refused)} points refused, the first: {refused[0].refused}")
+    if done.resumed:
+        say(f"{done.resumed} points were finished before")
+    say(f"wrote {done.table}" + (f" and {done.picture}" if done.picture else ""))
+
+
+def answer_size(
+    machine: str,
+    out: Path,
+    objective: str | None,
+    limits: list[str],
+    tolerance: float | None,
+    config: Path | None,
+    settings: list[str],
+    *,
+    as_json: bool,
+) -> None:
+    """Size, write the configuration, and say which constraint binds."""
+    parameters = machine_parameters(machine, config, assignments(settings))
+    with study_errors():
+        answer = size(machine, parameters, limits=limits_of(limits), objective=objective, tolerance=tolerance)
+        write_configuration(answer.machine, answer.parameters, out)
+    if as_json:
+        print_json(
+            {
+                "machine": answer.machine,
+                "objective": answer.objective,
+                "tolerance": answer.tolerance,
+                "sizes": answer.sizes,
+                "figures": answer.figures,
+                "binding": answer.binding,
+                "constraints": [
+                    {
+                        "name": c.name,
+                        "value": c.value,
+                        "limit": c.limit,
+                        "side": c.side,
+                        "holds": c.holds,
+                        "binds": c.binds,
+                    }
+                    for c in answer.constraints
+                ],
+                "trade": answer.trade,
+                "configuration": str(out),
+            }
+        )
+        return
+    print_numbers(f"{machine}: sizes", {**answer.sizes, **answer.figures})
+    rows = [(c.text, c.margin, "binds" if c.binds else "holds" if c.holds else "not met") for c in answer.constraints]
+    print_table("constraints", ("constraint", "margin", "state"), rows)
+    if answer.trade:
+        print_table("trade", tuple(answer.trade[0]), [tuple(row.values()) for row in answer.trade])
+    say(f"binding: {answer.binding}")
+    if answer.tolerance > 0.0:
+        say(f"holds with every assumed value off by up to {100.0 * answer.tolerance:g} %")
+    say(f"wrote {out}")

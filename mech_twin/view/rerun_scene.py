@@ -1,0 +1,279 @@
+"""Shows samples in rerun as they arrive, live or into a file.
+
+Everything is logged at simulation time, never wall-clock time.  The names of joints and pins come from the samples, so
+recordings of machines outside the catalogue can be shown as well.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from types import TracebackType
+
+import numpy as np
+import rerun as rr
+
+from mech_twin.samples import BodySample, Drawing, Event, ForceSample, LinkageSample, MotorSample
+from mech_twin.view.captions import metrics_table
+from mech_twin.view.curves import (
+    PALETTE,
+    SIM_TIME,
+    STEP,
+    Track,
+    body_groups,
+    force_groups,
+    linkage_groups,
+    motor_groups,
+    times,
+)
+from mech_twin.view.errors import RerunSceneError
+from mech_twin.view.layout import EVENTS, IMPACTS, METRICS, PHASE_PORTRAIT, SceneContents, blueprint
+from mech_twin.view.mechanism import Mechanism
+from mech_twin.view.phase_portrait import PhasePortrait
+
+VIEW_RATE_HZ = 30.0
+
+
+class RerunScene:
+    """The rerun recording of one run; a context manager.
+
+    Parameters
+    ----------
+    application_id : str
+        Name of the run in the viewer, usually the machine's.
+    grpc_url : str, optional
+        Address of a running viewer (``ViewerProcess.grpc_url``).
+    rrd_path : path, optional
+        File to write, instead of or in addition to the live view.
+    window : int
+        Samples per decimation window of the curves; each window keeps its extremes.
+    batch_s : float
+        Simulated time per batch of curve data.
+    curve_span_s, portrait_span_s : float
+        Simulated time span of the curves and of the phase portrait.
+    flush_limit_s : float
+        How long ``close`` waits for the viewer to accept the remaining data.
+
+    Raises
+    ------
+    ValueError
+        Neither an address nor a file is given.
+    RerunSceneError
+        The file cannot be created; one line.
+    """
+
+    def __init__(
+        self,
+        application_id: str,
+        *,
+        grpc_url: str | None = None,
+        rrd_path: str | Path | None = None,
+        window: int = 5,
+        batch_s: float = 0.1,
+        curve_span_s: float = 1.0,
+        portrait_span_s: float = 0.5,
+        flush_limit_s: float = 0.5,
+    ) -> None:
+        if grpc_url is None and rrd_path is None:
+            raise ValueError("scene: expected grpc_url, rrd_path or both")
+        self._curve_span_s = curve_span_s
+        self._portrait_span_s = portrait_span_s
+        self._flush_limit_s = flush_limit_s
+        self._stream = _opened_stream(application_id, grpc_url, rrd_path)
+        self._motor = Track(self._stream, motor_groups, window=window, batch_s=batch_s)
+        self._linkage = Track(self._stream, linkage_groups, window=window, batch_s=batch_s)
+        self._forces = Track(self._stream, force_groups, window=window, batch_s=batch_s)
+        self._body = Track(self._stream, body_groups, window=window, batch_s=batch_s)
+        self._portraits: tuple[PhasePortrait, ...] = ()
+        self._events: list[tuple[float, str, str]] = []
+        self._contacts: dict[str, int] = {}
+        self._marks: dict[str, list[tuple[float, float]]] = {}
+        self._mechanism = Mechanism(self._stream)
+        self._shown: SceneContents | None = None
+        self._time_s = 0.0
+        self._last_picture = -1
+        self._live = grpc_url is not None
+        self._closed = False
+        self._complete = True
+
+    def frame(
+        self,
+        motor: MotorSample | None = None,
+        linkage: LinkageSample | None = None,
+        forces: ForceSample | None = None,
+        body: BodySample | None = None,
+    ) -> None:
+        """Add the samples of a step, all or some; they are sent in batches."""
+        sent = False
+        for track, sample in ((self._motor, motor), (self._linkage, linkage), (self._forces, forces)):
+            if sample is not None:
+                self._time_s = max(self._time_s, sample.time_s)
+                sent = bool(track.add(sample)) or sent  # type: ignore[arg-type]
+        if body is not None:
+            self._time_s = max(self._time_s, body.time_s)
+            if self._trace_body(body):
+                sent = True
+        if sent:
+            self._send_events()
+            self._lay_out()
+
+    def drawing_due(self, time_s: float) -> bool:
+        """Return whether the mechanism should be drawn at this time: 30 times a simulated second."""
+        return _picture(time_s) != self._last_picture
+
+    def drawing(self, drawing: Drawing) -> None:
+        """Show a drawing of the mechanism."""
+        self._last_picture = _picture(drawing.time_s)
+        self._set_time(drawing.time_s, drawing.step)
+        self._mechanism.show(drawing.shapes)
+
+    def event(self, event: Event, level: str = "INFO") -> None:
+        """Show an event at its exact time: a log line and, for an impact, markers of impulse and speed."""
+        self._events.append((event.time_s, event_line(event), level))
+        if event.impulse_ns != 0.0:
+            self._mark(f"{IMPACTS}/impulse", event, f"{event.contact}: impulse, N s", event.impulse_ns)
+        if event.pre_velocity_m_per_s != 0.0:
+            self._mark(f"{IMPACTS}/speed", event, f"{event.contact}: speed before, m/s", event.pre_velocity_m_per_s)
+
+    def metrics(self, metrics: Mapping[str, float]) -> None:
+        """Show the metrics of the run as a table; names end in their unit."""
+        self._set_time(self._time_s)
+        self._stream.log(METRICS, rr.TextDocument(metrics_table(metrics), media_type=rr.MediaType.MARKDOWN))
+
+    def log(self, text: str, level: str = "INFO") -> None:
+        """Show a line in the log at the time of the newest sample."""
+        self._events.append((self._time_s, text, level))
+
+    def close(self) -> bool:
+        """Send the remaining data, wait up to the limit, and disconnect; idempotent.
+
+        Returns
+        -------
+        bool
+            Whether everything was accepted; False if the viewer is gone or too slow, which must not end a run.
+
+        Raises
+        ------
+        RerunSceneError
+            There is no viewer, only a file, and it could not be written completely.
+        """
+        if self._closed:
+            return self._complete
+        self._closed = True
+        for track in (self._motor, self._linkage, self._forces, self._body):
+            track.flush()
+        self._send_events()
+        self._lay_out()
+        try:
+            self._stream.flush(timeout_sec=self._flush_limit_s)
+        except (RuntimeError, ValueError) as reason:
+            self._complete = False
+            if not self._live:
+                raise RerunSceneError(
+                    f"view: the file could not be written completely: {_first_line(reason)}"
+                ) from reason
+        finally:
+            self._stream.disconnect()
+        return self._complete
+
+    def __enter__(self) -> RerunScene:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _set_time(self, time_s: float, step: int | None = None) -> None:
+        self._stream.reset_time()
+        self._stream.set_time(SIM_TIME, duration=np.timedelta64(round(time_s * 1e9), "ns"))
+        if step is not None:
+            self._stream.set_time(STEP, sequence=step)
+
+    def _trace_body(self, body: BodySample) -> bool:
+        if tuple(portrait.joint for portrait in self._portraits) != body.joints:
+            self._portraits = tuple(
+                PhasePortrait(f"{PHASE_PORTRAIT}/{joint}", joint, place, self._portrait_span_s)
+                for place, joint in enumerate(body.joints)
+            )
+        for portrait in self._portraits:
+            portrait.add(body)
+        if not self._body.add(body):
+            return False
+        self._set_time(body.time_s, body.step)
+        for portrait in self._portraits:
+            portrait.log(self._stream)
+        return True
+
+    def _mark(self, kind: str, event: Event, name: str, value: float) -> None:
+        path = f"{kind}/{event.contact}"
+        if path not in self._contacts:
+            colour = PALETTE[len(self._contacts) % len(PALETTE)]
+            self._contacts[path] = len(self._contacts)
+            points = rr.SeriesPoints(names=[name], colors=[colour], marker_sizes=[4.0], markers="Circle")
+            self._stream.log(path, points, static=True)
+        self._marks.setdefault(path, []).append((event.time_s, value))
+
+    def _send_events(self) -> None:
+        if not self._events:
+            return
+        for path, marks in self._marks.items():
+            time_s, value = zip(*marks, strict=True)
+            self._stream.send_columns(path, times(time_s), rr.Scalars.columns(scalars=value))
+        self._marks.clear()
+        time_s, text, level = zip(*self._events, strict=True)
+        self._events = []
+        self._stream.send_columns(EVENTS, times(time_s), rr.TextLog.columns(text=list(text), level=list(level)))
+
+    def _lay_out(self) -> None:
+        """Send the layout if there are new curves or joints, or the mechanism has left the visible range."""
+        tracks = (self._motor, self._linkage, self._forces, self._body)
+        curves = {path: names for track in tracks for path, names in track.curves.items()}
+        joints = tuple(portrait.joint for portrait in self._portraits)
+        shown = self._shown
+        if (
+            shown is not None
+            and shown.curves == curves
+            and shown.portraits == joints
+            and self._mechanism.within(shown.bounds)
+        ):
+            return
+        self._shown = SceneContents(curves, joints, self._mechanism.bounds())
+        self._stream.send_blueprint(blueprint(self._shown, self._curve_span_s))
+
+
+def _first_line(reason: Exception) -> str:
+    return str(reason).partition("\n")[0]
+
+
+def _picture(time_s: float) -> int:
+    """Return the index of the drawing interval of this time."""
+    return math.floor(time_s * VIEW_RATE_HZ + 1e-6)
+
+
+def event_line(event: Event) -> str:
+    """Return the event as text: kind, contact, velocities before and after, impulse, cycle."""
+    words = [f"{event.time_s:.6f} s  {event.kind} ({event.contact})"]
+    if event.pre_velocity_m_per_s != 0.0 or event.post_velocity_m_per_s != 0.0:
+        words.append(f"{event.pre_velocity_m_per_s:+.4g} -> {event.post_velocity_m_per_s:+.4g} m/s")
+    if event.impulse_ns != 0.0:
+        words.append(f"{event.impulse_ns:.4g} N s")
+    return "  ".join([*words, f"cycle {event.period}"])
+
+
+def _opened_stream(application_id: str, grpc_url: str | None, rrd_path: str | Path | None) -> rr.RecordingStream:
+    stream = rr.RecordingStream(application_id)
+    sinks: list[rr.GrpcSink | rr.FileSink] = []
+    if grpc_url is not None:
+        sinks.append(rr.GrpcSink(grpc_url))
+    if rrd_path is not None:
+        sinks.append(rr.FileSink(str(rrd_path)))
+    try:
+        stream.set_sinks(*sinks)
+    except RuntimeError as reason:
+        target = f"file {rrd_path}" if rrd_path is not None else grpc_url
+        raise RerunSceneError(f"view: {target}: cannot be written: {_first_line(reason)}") from reason
+    stream.set_log_time_enabled(False)
+    stream.set_log_tick_enabled(False)
+    return stream

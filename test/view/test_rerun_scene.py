@@ -1,0 +1,220 @@
+from collections import defaultdict
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from rerun.chunk import RrdReader
+from synthetic_four_bar import PINS, drawing, events, frame, metrics
+
+from mech_twin.samples import BodySample, Drawing, Event, Named, Shape
+from mech_twin.view.layout import Bounds, SceneContents, blueprint
+from mech_twin.view.phase_portrait import round_above
+from mech_twin.view.rerun_scene import RerunScene, RerunSceneError, event_line
+
+STEPS = 1000
+
+
+def shown(scene, steps=STEPS, *, with_body=True):
+    """Show a synthetic run as a run's loop would."""
+    for step in range(steps + 1):
+        now = frame(step)
+        scene.frame(now.motor, now.linkage, now.forces, now.body if with_body else None)
+        for event in events(step):
+            scene.event(event)
+        if scene.drawing_due(now.linkage.time_s):
+            scene.drawing(drawing(step))
+        if step % 1000 == 0:
+            scene.metrics(metrics(step))
+
+
+def tables(path):
+    """Return what the file holds: per entity one table of all rows over time, and one of what is static."""
+    moving, static = defaultdict(list), {}
+    for chunk in RrdReader(str(path)).stream():
+        batch = chunk.to_record_batch()
+        if chunk.is_static:
+            static[chunk.entity_path] = batch
+        else:
+            moving[chunk.entity_path].append(batch)
+    return {entity: pa.Table.from_batches(parts) for entity, parts in moving.items()}, static
+
+
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory):
+    path = tmp_path_factory.mktemp("view") / "run.rrd"
+    with RerunScene("four_bar", rrd_path=path) as scene:
+        shown(scene)
+    return tables(path)
+
+
+def sorted_rows(table, component):
+    rows = sorted(zip(table["step"].to_pylist(), table[component].to_pylist(), strict=True))
+    return [row[0] for row in rows], np.array([row[1] for row in rows])
+
+
+def test_curves_run_through_true_samples_and_keep_the_extremes_of_the_run(kept):
+    steps, values = sorted_rows(kept[0]["/pins/magnitude"], "Scalars:scalars")
+    full = np.array([[np.hypot(w.force_x_n, w.force_y_n) for w in frame(s).forces.wrenches] for s in range(STEPS + 1)])
+    assert np.array_equal(values, full[steps])
+    assert np.array_equal(values.max(axis=0), full.max(axis=0))
+    assert np.array_equal(values.min(axis=0), full.min(axis=0))
+    assert 2 * STEPS / 5 <= len(steps) < STEPS
+
+
+def test_curves_carry_step_and_exact_simulation_time(kept):
+    table = kept[0]["/motor/torque"]
+    steps = np.array(table["step"].to_pylist())
+    nanoseconds = np.array(table["sim_time"].cast(pa.int64()).to_pylist())
+    assert np.array_equal(nanoseconds, steps * 1_000_000)
+    assert {0, STEPS} >= {steps.min(), steps.max()}
+
+
+def test_joints_and_pins_are_called_what_the_samples_call_them(kept):
+    assert kept[1]["/pins/magnitude"].column("SeriesLines:names").to_pylist()[0] == list(PINS)
+    assert kept[1]["/linkage/speed"].column("SeriesLines:names").to_pylist()[0] == ["crank", "coupler", "rocker"]
+
+
+def test_the_mechanism_is_drawn_thirty_times_a_simulated_second(kept):
+    moving, static = kept
+    assert moving["/mechanism/lines"].num_rows == 31
+    assert len(moving["/mechanism/lines"]["LineStrips2D:strips"][0]) == 4
+    assert len(moving["/mechanism/points"]["Points2D:positions"][0]) == 4
+    assert len(moving["/mechanism/arrows"]["Arrows2D:vectors"][0]) == 1
+    first = moving["/mechanism/lines"]["LineStrips2D:strips"][0][1].as_py()
+    assert np.allclose(first, drawing(0).shapes[1].points_m, atol=1e-7)
+    assert "/mechanism" in static  # the mirror that turns the viewer's second axis up
+
+
+def test_events_stand_at_their_own_exact_times(kept):
+    happened = [event for step in range(STEPS + 1) for event in events(step)]
+    table = kept[0]["/events"]
+    assert table.num_rows == len(happened)
+    at = np.array(table["sim_time"].cast(pa.int64()).to_pylist())
+    assert np.array_equal(np.sort(at), np.round(np.array([event.time_s for event in happened]) * 1e9))
+    blows = sum(event.contact == "tool" for event in happened)
+    assert kept[0]["/impacts/impulse/tool"].num_rows == blows
+
+
+def test_nothing_of_the_wall_clock_enters_the_file(kept):
+    assert not any(name.startswith("log_") for table in kept[0].values() for name in table.column_names)
+
+
+def test_metrics_are_a_table_with_units(kept):
+    text = kept[0]["/metrics"]["TextDocument:text"].to_pylist()[0][0]
+    assert "| blow energy | 18.8 | J |" in text
+
+
+def test_a_machine_without_body_gets_no_body_panels(tmp_path):
+    path = tmp_path / "run.rrd"
+    with RerunScene("four_bar", rrd_path=path) as scene:
+        shown(scene, 200, with_body=False)
+    moving, _ = tables(path)
+    assert not any(entity.startswith(("/body/", "/phase_portrait")) for entity in moving)
+    names = panel_names(SceneContents({"motor/torque": ("rotor",), "body_moment": ("moment on the body",)}, (), None))
+    assert not any(word in names for word in ("Phase portrait", "Pressing force", "Body", "Moment on the body"))
+
+
+def panel_names(contents):
+    def names(part):
+        found = [str(part.name)] if getattr(part, "name", None) else []
+        return found + [name for inner in getattr(part, "contents", None) or () for name in names_of(inner)]
+
+    def names_of(part):
+        return names(part) if not isinstance(part, str) else []
+
+    return " | ".join(names(blueprint(contents, 1.0).root_container))
+
+
+def test_the_layout_has_a_panel_for_everything_there_is():
+    curves = {"motor/torque": ("rotor",), "pins/magnitude": ("A",), "body/pressing_force": ("pressing force",)}
+    names = panel_names(SceneContents(curves, ("body",), Bounds(0.0, 1.0, 0.0, 1.0)))
+    for expected in ("Mechanism", "Torque, N m", "Pin reactions, N", "Pressing force, N", "Phase portrait: body"):
+        assert expected in names
+    for expected in ("Events", "Impacts", "Metrics"):
+        assert expected in names
+
+
+def test_an_empty_run_has_a_layout_too():
+    assert "Mechanism" in panel_names(SceneContents({}, (), None))
+
+
+def test_the_file_holds_its_layout(tmp_path):
+    path = tmp_path / "run.rrd"
+    with RerunScene("four_bar", rrd_path=path) as scene:
+        shown(scene, 100)
+    assert len(RrdReader(str(path)).blueprints()) >= 1
+
+
+def test_samples_may_come_one_role_at_a_time(tmp_path):
+    path = tmp_path / "run.rrd"
+    with RerunScene("four_bar", rrd_path=path) as scene:
+        for step in range(101):
+            scene.frame(linkage=frame(step).linkage)
+        for step in range(101):
+            scene.frame(body=frame(step).body)
+    moving, _ = tables(path)
+    assert max(moving["/linkage/speed"]["step"].to_pylist()) == 100
+    assert max(moving["/body/pressing_force"]["step"].to_pylist()) == 100
+
+
+def test_names_that_change_start_curves_of_their_own(tmp_path):
+    path = tmp_path / "run.rrd"
+    with RerunScene("four_bar", rrd_path=path) as scene:
+        for step in range(40):
+            scene.frame(motor=frame(step).motor)
+        for step in range(40, 81):
+            sample = frame(step).motor
+            scene.frame(
+                motor=sample._replace(joints=("a", "b"), position=(0, 0), velocity=(1, 2), effort=(3.0, step * 1.0))
+            )
+    moving, _ = tables(path)
+    widths = {len(row) for row in moving["/motor/torque"]["Scalars:scalars"].to_pylist()}
+    assert widths == {1, 2}
+
+
+def test_what_is_no_longer_drawn_disappears(tmp_path):
+    path = tmp_path / "run.rrd"
+    arrow = Shape("load", "arrow", ((0.0, 0.0), (0.1, 0.0)), (0, 0, 0), 0.01)
+    with RerunScene("four_bar", rrd_path=path) as scene:
+        scene.drawing(Drawing(0, 0.0, (arrow,)))
+        scene.drawing(Drawing(34, 0.034, ()))
+    moving, _ = tables(path)
+    counts = [len(row or ()) for row in moving["/mechanism/arrows"]["Arrows2D:vectors"].to_pylist()]
+    assert counts == [1, 0]
+
+
+def test_an_unknown_shape_is_refused_by_name(tmp_path):
+    with (
+        RerunScene("four_bar", rrd_path=tmp_path / "run.rrd") as scene,
+        pytest.raises(ValueError, match="lump: expected"),
+    ):
+        scene.drawing(Drawing(0, 0.0, (Shape("lump", "blob", (), (0, 0, 0), 0.01),)))
+
+
+def test_a_file_that_cannot_be_written_is_refused_in_one_line(tmp_path):
+    with pytest.raises(RerunSceneError, match=r"no_room.*cannot be written") as refusal:
+        RerunScene("four_bar", rrd_path=tmp_path / "no_room" / "run.rrd")
+    assert "\n" not in str(refusal.value)
+
+
+def test_a_stage_needs_somewhere_to_show():
+    with pytest.raises(ValueError, match="expected grpc_url, rrd_path or both"):
+        RerunScene("four_bar")
+
+
+def test_a_body_that_rests_is_drawn_without_fault(tmp_path):
+    still = BodySample(0, 0.0, ("body",), (0.0,), (0.0,), (0.0,), 0, 0.0, Named(), Named())
+    with RerunScene("four_bar", rrd_path=tmp_path / "run.rrd") as scene:
+        for step in range(101):
+            scene.frame(body=still._replace(step=step, time_s=step * 0.001))
+
+
+@pytest.mark.parametrize(("value", "scale"), [(0.0, 1.0), (0.0054, 0.01), (0.24, 0.5), (1.0, 1.0), (7.3, 10.0)])
+def test_axes_end_at_a_round_number(value, scale):
+    assert round_above(value) == pytest.approx(scale)
+
+
+def test_an_event_is_told_in_words():
+    told = event_line(Event(1.25, "blow", "tool", 1.58, -0.55, 20.9, 12))
+    assert told == "1.250000 s  blow (tool)  +1.58 -> -0.55 m/s  20.9 N s  cycle 12"
+    assert event_line(Event(1.0, "reset", "linkage")) == "1.000000 s  reset (linkage)  cycle 0"
