@@ -41,6 +41,7 @@ class RunRequest(NamedTuple):
     settings: list[str]
     as_json: bool
     open_to_other_hosts: bool = False
+    namespace: str | None = None
 
 
 def run_machine(request: RunRequest) -> None:
@@ -77,7 +78,7 @@ def _run(request: RunRequest, parameters: Parameters, directory: Path | None, de
         say(f"recording to {directory}")
     say("starting (the first run compiles the numerical kernels, which takes up to a minute)")
     run_nodes = run_processes if request.processes else run_in_process
-    return run_nodes(request.machine, parameters, options, directory, destination)
+    return run_nodes(request.machine, parameters, options, directory, destination, request.namespace)
 
 
 def _exposure_warning(discovery: str) -> str:
