@@ -27,10 +27,15 @@ def simulate_machine(
     *,
     as_json: bool,
     with_samples: bool,
+    force: bool,
 ) -> None:
     """Simulate and write the figures, the events, and the samples if asked; record them if asked."""
     if not math.isfinite(duration_s):
         raise CommandError(f"--duration {duration_s}: expected a finite number of seconds")
+    if bag is not None:
+        from mech_twin.recording.output_directory import check_recording_directory, remove_recording
+
+        check_recording_directory(bag, force=force)
     machine = built_machine(name, config, assignments(settings))
     observer, trajectory, events = machine.observer(), Trajectory(), list[Event]()
     recorder = None
@@ -40,6 +45,7 @@ def simulate_machine(
         settle_domain()
         from mech_twin.recording.frame_recorder import FrameRecorder
 
+        remove_recording(bag)
         recorder = FrameRecorder(machine, bag, description_text(name, machine.parameters, revision=1))
     try:
         with progress(frames(machine, duration_s), steps_for(machine, duration_s) + 1, "simulating") as counted:

@@ -11,6 +11,7 @@ from mech_twin.cli.console import progress, say
 from mech_twin.cli.failure import CommandError
 from mech_twin.engine.step_samples import StepSamples
 from mech_twin.nodes.domain import settle_domain
+from mech_twin.output_file import check_output_file, written_file
 from mech_twin.parameters.errors import ConfigurationError
 
 if TYPE_CHECKING:
@@ -22,12 +23,12 @@ if TYPE_CHECKING:
 WAIT_S = 0.05
 
 
-def view_bag(bag: Path, save: Path | None, port: int) -> None:
+def view_bag(bag: Path, save: Path | None, port: int, *, force: bool) -> None:
     """Show a recording in the viewer until stopped, or write it to a file."""
     if save is not None and save.suffix != ".rrd":
         raise CommandError(f"--save {save}: expected a file NAME.rrd")
-    if save is not None and not save.absolute().parent.is_dir():
-        raise CommandError(f"--save {save}: directory {save.absolute().parent} does not exist")
+    if save is not None:
+        check_output_file(save, force=force)
     settle_domain()
     from mech_twin.nodes.stop_signal import StopSignal
     from mech_twin.recording.bag_reader import BagReader
@@ -37,9 +38,12 @@ def view_bag(bag: Path, save: Path | None, port: int) -> None:
     with ExitStack() as stack:
         stop = stack.enter_context(StopSignal())
         samples = BagSamples(stack.enter_context(BagReader(bag)))
-        scene = stack.enter_context(RerunScene(samples.machine, grpc_url=_viewer(stack, save, port), rrd_path=save))
+        file = None if save is None else stack.enter_context(written_file(save, force=force))
+        scene = stack.enter_context(RerunScene(samples.machine, grpc_url=_viewer(stack, save, port), rrd_path=file))
         _show(scene, samples, stop)
         scene.close()
+        if save is not None and stop.asked:
+            raise KeyboardInterrupt  # an incomplete file is not kept
         if save is not None:
             say(f"written to {save}")
             return

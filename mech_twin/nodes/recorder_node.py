@@ -85,8 +85,8 @@ class RecorderNode(RoleNode):
         }
 
     def close(self) -> None:
-        """Finish the recording."""
-        self.writer.close()
+        """Finish the recording; one in which nothing was recorded is deleted."""
+        self.writer.close(discard_empty=True)
 
     def _record(self, topic: Topic) -> None:
         name = self.resolve_topic_name(topic.name)

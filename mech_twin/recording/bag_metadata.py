@@ -12,6 +12,7 @@ from typing import Any
 
 import yaml
 
+from mech_twin.output_file import FILE_MODE, NEW_FILE
 from mech_twin.recording.errors import DamagedBagError, ForeignFileError, MissingBagError
 
 FILE_NAME = "metadata.yaml"
@@ -75,8 +76,9 @@ def write_metadata(
         allow_unicode=True,
     )
     temporary = directory / f".{FILE_NAME}.{os.getpid()}"
+    temporary.unlink(missing_ok=True)
     try:
-        with temporary.open("w", encoding="utf-8") as stream:
+        with os.fdopen(os.open(temporary, NEW_FILE, FILE_MODE), "w", encoding="utf-8") as stream:
             stream.write(text)
             stream.flush()
             os.fsync(stream.fileno())
