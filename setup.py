@@ -28,7 +28,7 @@ setup(
     ],
     install_requires=[
         "numpy", "scipy", "numba", "pydantic>=2", "PyYAML", "typer", "rich", "matplotlib", "pyarrow",
-        "mcap", "mcap-ros2-support", "zstandard", "rosbags", "rerun-sdk",
+        "mcap", "mcap-ros2-support", "zstandard", "rosbags", "apsw", "rerun-sdk",
     ],
     extras_require={
         "jazzy": ["ros-jazzy-rclpy", "ros-jazzy-rmw-fastrtps-cpp", "ros-jazzy-common-interfaces"],

@@ -31,13 +31,13 @@ def view_bag(bag: Path, save: Path | None, port: int, *, force: bool) -> None:
         check_output_file(save, force=force)
     settle_domain()
     from mech_twin.nodes.stop_signal import StopSignal
-    from mech_twin.recording.bag_reader import BagReader
+    from mech_twin.recording.bag_reader import open_bag
     from mech_twin.recording.bag_samples import BagSamples
     from mech_twin.view.rerun_scene import RerunScene
 
     with ExitStack() as stack:
         stop = stack.enter_context(StopSignal())
-        samples = BagSamples(stack.enter_context(BagReader(bag)))
+        samples = BagSamples(stack.enter_context(open_bag(bag)))
         file = None if save is None else stack.enter_context(written_file(save, force=force))
         scene = stack.enter_context(RerunScene(samples.machine, grpc_url=_viewer(stack, save, port), rrd_path=file))
         _show(scene, samples, stop)

@@ -14,8 +14,8 @@ from mcap.records import Channel, Schema
 from mcap.writer import CompressionType, Writer
 
 from mech_twin.output_file import DIRECTORY_MODE
+from mech_twin.recording.bag_directory import bag_files
 from mech_twin.recording.bag_metadata import FileStatistics, TopicMetadata, write_metadata
-from mech_twin.recording.bag_reader import bag_files
 from mech_twin.recording.bag_split import LIBRARY, TOPIC_RECORD
 from mech_twin.recording.errors import BagExistsError, DamagedBagError, UnwritableDirectoryError
 from mech_twin.recording.file_index import Extent, FileIndex
