@@ -172,11 +172,16 @@ def view(
 
 
 @app.command()
-def info(bag: Bag, json: Json = False) -> None:
+def info(
+    bag: Bag,
+    wide: Annotated[bool, typer.Option("--wide", help="all columns, whatever the width of the terminal")] = False,
+    csv: Annotated[bool, typer.Option("--csv", help="print the table of topics as CSV")] = False,
+    json: Json = False,
+) -> None:
     """Show topics, message counts and losses of a recording."""
     from mech_twin.cli.info import show_info
 
-    show_info(bag, as_json=json)
+    show_info(bag, as_json=json, as_csv=csv, wide=wide)
 
 
 @app.command()

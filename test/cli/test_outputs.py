@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+import csv
+import fcntl
+import io
 import os
+import pty
+import re
 import signal
 import stat
+import struct
 import subprocess
 import sys
+import termios
 import time
 from pathlib import Path
 
@@ -14,6 +21,7 @@ import pytest
 from recordings import simulated_bag
 
 from mech_twin.cli.main import main
+from mech_twin.recording.bag_reader import BagReader
 
 pytestmark = pytest.mark.usefixtures("ros_domain")
 COMMAND = [sys.executable, "-c", "from mech_twin.cli.main import main; main()"]
@@ -160,3 +168,45 @@ def test_ctrl_c_is_one_line_and_leaves_no_file(words, tmp_path):
     assert process.returncode == 130, errors
     assert errors.decode().splitlines() == ["mech-twin: interrupted"]
     assert [path for path in tmp_path.iterdir() if path != directory] == []
+
+
+def in_a_terminal(words: list[str], columns: int) -> list[str]:
+    """Return the lines that a command writes to a terminal of this width."""
+    ours, theirs = pty.openpty()
+    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 24, columns, 0, 0))
+    environment = {key: value for key, value in os.environ.items() if key not in {"COLUMNS", "LINES"}}
+    process = subprocess.Popen([*COMMAND, *words], stdout=theirs, stderr=theirs, env=environment | {"TERM": "xterm"})
+    os.close(theirs)
+    text = b""
+    try:
+        while piece := os.read(ours, 65536):
+            text += piece
+    except OSError:  # the terminal is closed at the other end
+        pass
+    assert process.wait(10) == 0
+    os.close(ours)
+    return re.sub(r"\x1b\[[0-9;]*m", "", text.decode()).splitlines()
+
+
+@pytest.mark.slow
+def test_info_fits_80_columns_with_every_topic_in_one_piece(tmp_path: Path) -> None:
+    simulated_bag("mb10_breaker", 0.02, tmp_path / "bag")
+    with BagReader(tmp_path / "bag") as reader:
+        names = [name.removeprefix("/mb10_breaker/") for name in reader.topics]
+    lines = in_a_terminal(["info", str(tmp_path / "bag")], 80)
+    assert max(map(len, lines)) <= 80
+    for name in names:
+        assert sum(f" {name} " in line for line in lines) == 1
+    wide = in_a_terminal(["info", str(tmp_path / "bag"), "--wide"], 80)
+    assert sum("sensor_msgs/msg/JointState" in line for line in wide) == 4
+
+
+def test_the_topics_of_a_recording_as_csv(bag, capsys, monkeypatch):
+    monkeypatch.setattr(sys, "argv", ["mech-twin", "info", str(bag), "--csv"])
+    with pytest.raises(SystemExit):
+        main()
+    rows = list(csv.DictReader(io.StringIO(capsys.readouterr().out)))
+    with BagReader(bag) as reader:
+        assert {row["topic"]: int(row["messages"]) for row in rows} == {
+            name: topic.message_count for name, topic in reader.topics.items()
+        }
