@@ -52,8 +52,8 @@ bench: $(VENV)/.bench
 colcon: $(VENV)/.test
 	bash test/packaging/colcon_build.sh $(BIN)
 
-mutation: $(VENV)/.test $(TOOLS)/.tools # ARGS: names of configurations in .ci/mutation; all without
-	bash .ci/mutate $(BIN) $(TOOLS)/bin $(ARGS)
+mutation: $(VENV)/.test $(TOOLS)/.tools # ARGS: targets of .ci/mutation.toml; all without
+	$(TOOLS)/bin/python .ci/mutate.py $(BIN) $(TOOLS)/bin $(ARGS)
 
 hooks: $(VENV)/.test $(TOOLS)/.tools
 	$(TOOLS)/bin/pre-commit install
