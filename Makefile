@@ -43,8 +43,8 @@ lint: $(VENV)/.test
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-coverage: $(VENV)/.test # kernels are counted as Python, not compiled: slower, and the lines inside them are seen
-	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -m "not browser and not slow" --timeout=600 --cov --cov-report=term:skip-covered --cov-report=xml $(ARGS)
+coverage: $(VENV)/.test # of the fast tests; lines inside compiled kernels are not seen, mutation testing looks at those
+	$(BIN)/python -m pytest -m "not browser and not slow" --timeout=600 --cov --cov-report=term:skip-covered --cov-report=xml $(ARGS)
 
 bench: $(VENV)/.bench
 	$(BIN)/python -m pytest benchmarks --benchmark-only $(ARGS)

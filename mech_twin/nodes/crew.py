@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import rclpy
 from rclpy.signals import SignalHandlerOptions
@@ -21,9 +21,11 @@ from mech_twin.nodes.role_node import RoleNode, dismiss
 from mech_twin.nodes.run_figures import RunFigures
 from mech_twin.nodes.spinner import Spinner
 from mech_twin.nodes.stop_signal import StopSignal
-from mech_twin.nodes.viewer_node import ViewerNode
 from mech_twin.quantity import Parameters
 from mech_twin.samples import Frame, Sample
+
+if TYPE_CHECKING:
+    from mech_twin.nodes.viewer_node import ViewerNode
 
 DRAIN_LIMIT_S = 2.0
 
@@ -73,6 +75,8 @@ def run_in_process(
             options = options.model_copy(update={"viewer": False})  # it is handed the frames, and hears the scene only
             viewer = None
             if place is not None:
+                from mech_twin.nodes.viewer_node import ViewerNode  # rerun is an extra
+
                 viewer = ViewerNode(machine_name, place, parameters, options, on_topics=False)
                 nodes.append(viewer)
             nodes += role_nodes(machine_name, parameters, options)
