@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import rclpy
 from rclpy.signals import SignalHandlerOptions
@@ -26,10 +26,12 @@ from mech_twin.nodes.role_node import RoleNode
 from mech_twin.nodes.run_metrics import RunMetrics
 from mech_twin.nodes.spinner import Spinner
 from mech_twin.nodes.stop_signal import StopSignal
-from mech_twin.nodes.viewer_node import ViewerNode
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.quantity import Parameters
 from mech_twin.samples import Frame, Sample
+
+if TYPE_CHECKING:
+    from mech_twin.nodes.viewer_node import ViewerNode
 
 DRAIN_LIMIT_S = 2.0
 
@@ -103,6 +105,8 @@ def run_in_process(
                 nodes.append(RecorderNode(machine_name, directory, parameters, apart))
             viewer = None
             if place is not None:
+                from mech_twin.nodes.viewer_node import ViewerNode  # rerun is an extra
+
                 viewer = ViewerNode(machine_name, place, parameters, apart, on_topics=False)
                 nodes.append(viewer)
             metrics = _observed(roles, viewer)

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.dependencies import missing_extra
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.nodes.domain import settle_domain
 from mech_twin.nodes.errors import NameInUseError
@@ -68,8 +69,11 @@ def _program(
 
     try:
         _serve(lambda: make(machine_of(node_name), own), ros)
-    except (ConfigurationError, BagError, NameInUseError) as error:
-        sys.stderr.write(f"{Path(sys.argv[0]).name}: {' '.join(str(error).split())}\n")
+    except (ConfigurationError, BagError, NameInUseError, ModuleNotFoundError) as error:
+        line = missing_extra(error) if isinstance(error, ModuleNotFoundError) else " ".join(str(error).split())
+        if line is None:
+            raise
+        sys.stderr.write(f"{Path(sys.argv[0]).name}: {line}\n")
         raise SystemExit(EXIT_CODE) from error
     sys.stdout.flush()
     sys.stderr.flush()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType, TracebackType
@@ -10,6 +11,7 @@ from typing import Any
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 EXIT_CODE_BASE = 128
+RETRY_S = 0.001
 
 
 class StopSignal:
@@ -41,6 +43,16 @@ class StopSignal:
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
         self.asked = True
-        if self._interrupts:
+        if not self._interrupts:
+            return
+        if frame is not None and str(frame.f_globals.get("__name__", "")).startswith("namedtuple_"):
+            _send_again(number)  # an exception in the wrapper of a compiled function ends in a segmentation fault
+        else:
             self._interrupts = False  # a second one must not interrupt the clearing up
             raise SystemExit(EXIT_CODE_BASE + number)
+
+
+def _send_again(number: int) -> None:
+    again = threading.Timer(RETRY_S, signal.pthread_kill, (threading.main_thread().ident, number))
+    again.daemon = True
+    again.start()

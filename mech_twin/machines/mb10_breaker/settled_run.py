@@ -1,4 +1,4 @@
-"""The running breaker asked: its steady figures at a spring, and the trade over the preload."""
+"""A run of the breaker from standstill until it is steady, and the breaker with another preload."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
 SETTLED_S = 8.0  # of a run from standstill: some eighty blows, the last twenty of which count
 
 
-def run_figures(parameters: BreakerParameters, duration_s: float = SETTLED_S) -> dict[str, float]:
-    """Return the figures of a run from standstill, the means and peaks of its last blows among them."""
+def settled_run_metrics(parameters: BreakerParameters, duration_s: float = SETTLED_S) -> dict[str, float]:
+    """Return the metrics of a run from standstill, the means and peaks of its last blows among them."""
     machine = build(parameters)
     observer = machine.observer()
     for frame in frames(machine, duration_s):

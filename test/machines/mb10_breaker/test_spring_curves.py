@@ -6,7 +6,7 @@ from itertools import pairwise
 import pytest
 from machines.mb10_breaker.pressed_body_cases import parameters, rate_at
 
-from mech_twin.machines.mb10_breaker.pressing import collar_grid, rational_ranges, swing_curve
+from mech_twin.machines.mb10_breaker.spring_curves import collar_grid, rational_ranges, swing_curve
 
 RATES = [rate_at(ratio) for ratio in (0.1, 0.3, 0.7, 1.0, 1.5, 2.5)]
 
@@ -35,14 +35,14 @@ def test_more_preload_trades_gap_and_return_speed_for_force():
     points = collar_grid(*parameters(), [rate], [p * unit for p in (0.1, 0.2, 0.4, 0.6, 0.8, 1.0)])
     assert [point.seated for point in points] == [False, True, True, True, True, True]
     for weaker, stronger in pairwise(points[1:]):
-        assert stronger.figures.gap_at_blow_m < weaker.figures.gap_at_blow_m
-        assert stronger.figures.return_speed_m_per_s < weaker.figures.return_speed_m_per_s
-        assert stronger.figures.largest_force_n > weaker.figures.largest_force_n
+        assert stronger.metrics.gap_at_blow_m < weaker.metrics.gap_at_blow_m
+        assert stronger.metrics.return_speed_m_per_s < weaker.metrics.return_speed_m_per_s
+        assert stronger.metrics.largest_force_n > weaker.metrics.largest_force_n
 
 
 def test_rational_range_is_bounded_by_settling_and_by_the_load():
     for found in rational_ranges(*parameters(), RATES[:2]):
         assert 0.0 < found.settled_deflection_m < found.returned_deflection_m < found.never_lifts_deflection_m
-        assert found.settled.figures.settled_s == pytest.approx(0.09, abs=1e-9)
-        assert found.returned.figures.gap_at_blow_m < 1e-9
+        assert found.settled.metrics.settled_s == pytest.approx(0.09, abs=1e-9)
+        assert found.returned.metrics.gap_at_blow_m < 1e-9
         assert found.never_lifts_deflection_m == pytest.approx(60.0 / (found.spring_rate_n_per_m * 0.2))

@@ -58,7 +58,7 @@ class CycleMap:
     def fixed_point(self) -> complex:
         """Z* = g/(1 - q)."""
         if self.resonant:
-            raise ValueError("no fixed point: k is a whole multiple of the cycle frequency and damping is nought")
+            raise ValueError("no fixed point: k is a whole multiple of the cycle frequency and damping is zero")
         return -self.gain / _exponential_less_one(self.exponent)
 
     def after(self, start: complex, cycles: int) -> complex:
@@ -185,7 +185,7 @@ def published_fixed_point(body: PressedBody) -> tuple[complex, float]:
     gain = _published_gain(body)
     resonance = math.sin(0.5 * body.k * body.period)
     if cycle_map(body).resonant:
-        raise ValueError("no fixed point: k is a whole multiple of the cycle frequency and damping is nought")
+        raise ValueError("no fixed point: k is a whole multiple of the cycle frequency and damping is zero")
     size = gain * math.cos(0.5 * body.k * (body.period - body.onset)) / resonance
     return 1j * size * cmath.exp(-0.5j * body.k * body.onset), size
 
@@ -193,7 +193,7 @@ def published_fixed_point(body: PressedBody) -> tuple[complex, float]:
 def published_growth(body: PressedBody) -> float:
     """Return the growth of |Z| per cycle at a resonance k = n omega, rad: 2 |G cos(k (T - t1)/2)|.
 
-    It is nought at n = 15, 25, 35, ... and pi |H|/(2 J mu^2) at k = mu.  Undamped, mu = 5 omega only.
+    It is zero at n = 15, 25, 35, ... and pi |H|/(2 J mu^2) at k = mu.  Undamped, mu = 5 omega only.
     """
     if coincident(body):
         return math.pi * body.amplitude / (2.0 * body.inertia * body.mu**2)

@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from mech_twin.machines.mb10_breaker.pressed_body.parameters import PressedBody
-from mech_twin.machines.mb10_breaker.pressed_body.published import (
+from mech_twin.machines.mb10_breaker.pressed_body.free_swing import (
     amplitudes,
     amplitudes_of_cycle,
     cycle_map,
@@ -14,6 +13,7 @@ from mech_twin.machines.mb10_breaker.pressed_body.published import (
     largest_angle,
     pressing_force,
 )
+from mech_twin.machines.mb10_breaker.pressed_body.parameters import PressedBody
 
 SILENT = 1e-12  # gain of a cycle, as part of the load's static deflection scale, below which a resonance is silent
 

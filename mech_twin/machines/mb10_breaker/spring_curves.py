@@ -1,7 +1,7 @@
-"""How hard to press: the body's amplitude and pressing force against the spring, and which springs are rational.
+"""The body over spring rate and preload: amplitude, pressing force, metrics on the collar, the rational range.
 
 The paper's two figures first (amplitude and largest pressing force against spring rate, no preload, no collar), then
-the same with preload, then the machine on its collar: gap at the blow, return speed and pressing force traded against
+the same with preload, then the machine on its collar: gap at the blow, return speed and pressing force weighed against
 each other over spring rate and preload.
 """
 
@@ -12,11 +12,11 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from mech_twin.machines.mb10_breaker.pressed_body.metrics import (
-    CycleFigures,
+    CycleMetrics,
     PreloadRange,
-    SteadyFigures,
+    SteadyMetrics,
     preload_range,
-    steady_figures,
+    steady_metrics,
     with_preload,
 )
 from mech_twin.machines.mb10_breaker.pressed_body.parameters import (
@@ -25,7 +25,7 @@ from mech_twin.machines.mb10_breaker.pressed_body.parameters import (
     PressedBody,
     pressed_body,
 )
-from mech_twin.machines.mb10_breaker.pressed_body.regime import SwingRegime, swing_regime
+from mech_twin.machines.mb10_breaker.pressed_body.swing_regime import SwingRegime, swing_regime
 
 
 @dataclass(frozen=True)
@@ -47,19 +47,19 @@ class SwingPoint:
 
 @dataclass(frozen=True)
 class CollarPoint:
-    """The body on its collar at one spring: the owner's figures of the steady cycle, and whether they will do."""
+    """The body on its collar at one spring: the metrics of the steady cycle, and whether they will do."""
 
     spring_rate_n_per_m: float
     preload_deflection_m: float
     frequency_ratio: float
     preload_ratio: float
-    steady: SteadyFigures
+    steady: SteadyMetrics
     seated: bool  # settled before the next load begins, every cycle alike
 
     @property
-    def figures(self) -> CycleFigures:
-        """The owner's figures of the steady cycle."""
-        return self.steady.figures
+    def metrics(self) -> CycleMetrics:
+        """The metrics of the steady cycle."""
+        return self.steady.metrics
 
 
 @dataclass(frozen=True)
@@ -125,10 +125,10 @@ def swing_curve(
 
 
 def collar_point(constants: PressedBody) -> CollarPoint:
-    """Return the owner's figures of one body on its collar."""
-    steady = steady_figures(constants)
-    never_off = steady.figures.contact_share == 1.0
-    settles = steady.repeats_after == 1 and not math.isnan(steady.figures.settled_s)
+    """Return the metrics of one body on its collar."""
+    steady = steady_metrics(constants)
+    never_off = steady.metrics.contact_share == 1.0
+    settles = steady.repeats_after == 1 and not math.isnan(steady.metrics.settled_s)
     return CollarPoint(
         spring_rate_n_per_m=constants.rate,
         preload_deflection_m=constants.deflection,
@@ -145,7 +145,7 @@ def collar_grid(
     rates_n_per_m: Iterable[float],
     preload_deflections_m: Iterable[float],
 ) -> tuple[CollarPoint, ...]:
-    """Return the owner's figures over spring rates and preload deflections, rate by rate."""
+    """Return the metrics over spring rates and preload deflections, rate by rate."""
     deflections = tuple(preload_deflections_m)
     return tuple(
         collar_point(_sprung(body, excitation, rate, deflection))
@@ -157,7 +157,7 @@ def collar_grid(
 def rational_ranges(
     body: BodyParameters, excitation: ExcitationParameters, rates_n_per_m: Iterable[float]
 ) -> tuple[RationalRange, ...]:
-    """Return the rational preload of each spring rate, with the owner's figures at its bounds."""
+    """Return the rational preload of each spring rate, with the metrics at its bounds."""
     ranges = []
     for rate in rates_n_per_m:
         constants = _sprung(body, excitation, rate, body.preload_deflection_m)
