@@ -7,6 +7,7 @@ import os
 import sys
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -96,24 +97,22 @@ def _serve(make: Callable[[], TwinNode], ros: list[str]) -> None:
     except (RCLError, rclpy.exceptions.ROSInterruptException) as error:
         raise ConfigurationError(str(error)) from error
     nodes: list[TwinNode] = []
-    try:
-        with StopSignal() as stop:
-            with stop.interrupting():
-                node = make()
-                nodes.append(node)
-                exclusive = [node.resolve_topic_name(output.name) for output in node.outputs if output.exclusive]
-                if exclusive and node.options.exclusive:
-                    with NameGuard(exclusive) as guard:
-                        guard.check(own_publishers=1)
-            with Spinner(nodes) as spinner:
-                spinner.until(lambda: stop.asked or node.done)
-                node.flush()
-                node.report()
-                end = time.monotonic() + QUIET_LIMIT_S
-                spinner.until(lambda: node.quiet_s() > QUIET_S or time.monotonic() > end)
-    finally:
-        destroy_nodes(nodes)
-        rclpy.try_shutdown()
+    with StopSignal() as stop, ExitStack() as at_end:
+        at_end.callback(rclpy.try_shutdown)
+        at_end.callback(destroy_nodes, nodes)
+        with stop.interrupting():
+            node = make()
+            nodes.append(node)
+            exclusive = [node.resolve_topic_name(output.name) for output in node.outputs if output.exclusive]
+            if exclusive and node.options.exclusive:
+                with NameGuard(exclusive) as guard:
+                    guard.check(own_publishers=1)
+        with Spinner(nodes) as spinner:
+            spinner.until(lambda: stop.asked or node.done)
+            node.flush()
+            node.report()
+            end = time.monotonic() + QUIET_LIMIT_S
+            spinner.until(lambda: node.quiet_s() > QUIET_S or time.monotonic() > end)
 
 
 def motor_node() -> None:
