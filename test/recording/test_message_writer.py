@@ -33,7 +33,7 @@ def file_of(writer_class, messages, compression, flushes=(), **arguments):
 @given(
     MESSAGES, st.sampled_from([1, 100, 1000, 100_000]), st.sampled_from(CompressionType), st.sets(st.integers(0, 20))
 )
-@settings(max_examples=100)
+@settings(max_examples=100, deadline=None)
 def test_the_bytes_are_those_of_the_package(messages, chunk_bytes, compression, flushes):
     ours = file_of(MessageWriter, messages, compression, flushes, chunk_bytes=chunk_bytes)
     theirs = file_of(Writer, messages, compression, flushes, chunk_size=chunk_bytes)
