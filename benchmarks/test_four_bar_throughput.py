@@ -14,7 +14,7 @@ import pylinkage
 import pytest
 from pylinkage.simulation import Linkage
 
-from mech_twin.machines.compaction_press_batch import (
+from mech_twin.machines.compaction_press.batch import (
     batch_forces,
     batch_motions,
     batch_positions,

@@ -10,6 +10,34 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 
+# smallest size above zero, and largest, that any machine's number in this unit has: wide, so that no legal input
+# leaves the range in which the equations are solved
+RANGES: dict[str, tuple[float, float]] = {
+    "1": (1e-9, 1e6),
+    "1/min": (1e-6, 1e6),
+    "1/s": (1e-6, 1e6),
+    "Hz": (1e-6, 1e6),
+    "MiB": (1e-3, 1e9),
+    "N": (1e-9, 1e9),
+    "N m": (1e-9, 1e9),
+    "N m s": (1e-9, 1e9),
+    "N m s/rad": (1e-9, 1e9),
+    "N m/rad": (1e-9, 1e12),
+    "N/m": (1e-9, 1e13),
+    "W": (1e-6, 1e9),
+    "deg": (1e-9, 1e5),
+    "kg": (1e-9, 1e7),
+    "kg m2": (1e-12, 1e8),
+    "kg/m3": (1e-3, 1e5),
+    "m": (1e-6, 1e4),
+    "m/s": (1e-9, 1e4),
+    "m/s2": (1e-9, 1e4),
+    "rad": (1e-9, 1e4),
+    "rad/s": (1e-9, 1e6),
+    "rpm": (1e-6, 1e6),
+    "s": (1e-9, 1e6),
+}
+
 
 class Parameters(BaseModel):
     """Base of every parameter model: immutable, and refusing keys it does not know."""
@@ -39,7 +67,20 @@ def quantity(unit: str, meaning: str, *, live: bool = False, **bounds: Any) -> A
         Whether the number may be changed while the machine runs.
     **bounds
         Pydantic bounds (``gt``, ``ge``, ``lt``, ``le``), ``default`` where absence has a meaning, ``allow_inf_nan``.
+        What they leave open is closed by the range of the unit (`RANGES`); ``gt=0`` becomes its smallest size.
+
+    Raises
+    ------
+    KeyError
+        If the unit has no range.
     """
+    smallest, largest = RANGES[unit.replace("^", "")]
+    if bounds.get("gt") == 0.0:
+        bounds = {name: bound for name, bound in bounds.items() if name != "gt"} | {"ge": smallest}
+    if not bounds.keys() & {"gt", "ge"}:
+        bounds["ge"] = -largest
+    if not bounds.keys() & {"lt", "le"} and not bounds.get("allow_inf_nan"):
+        bounds["le"] = largest
     return Field(description=meaning, json_schema_extra={"unit": unit, "live": live}, **bounds)
 
 

@@ -6,12 +6,43 @@ so a role can be rebuilt, restarted elsewhere or given new parameters between an
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from mech_twin.quantity import Parameters
 from mech_twin.samples import BodySample, ForceSample, Frame, LinkageSample, MotorSample, Shape
+
+if TYPE_CHECKING:
+    from mech_twin.capabilities.plots import Picture
+    from mech_twin.capabilities.published import Row
+    from mech_twin.capabilities.sizing import SizingQuestion
+
+
+class Residual(NamedTuple):
+    """A number that is 0 but for rounding while the twin is right: its unit, and what it compares."""
+
+    unit: str
+    meaning: str
+
+
+# every name under which a sample may carry a residual; a relative one has the unit 1
+RESIDUALS: Mapping[str, Residual] = MappingProxyType(
+    {
+        "loop_closure_m": Residual("m", "worst miss of a link's length by the joints solved for"),
+        "rod_length": Residual("1", "worst miss of a rod's length, over that length"),
+        "energy_balance": Residual("1", "energy held less work and losses booked, over the energy turned over"),
+        "momentum_balance": Residual("1", "momentum less impulses booked, over the momentum"),
+        "drive_torque_routes": Residual("1", "drive torque by pin forces less by the reduced machine, over its peak"),
+        "body_moment_routes": Residual("1", "moment on the body by pin forces less by the coupled motion"),
+        "impulse_routes": Residual("1", "impulse of a blow by pin impulses less by the jump of the coupled motion"),
+        "angle_difference_rad": Residual("rad", "angle the linkage led the body to, less the body's own"),
+        "rate_difference_rad_per_s": Residual("rad/s", "rate the linkage led the body to, less the body's own"),
+        "penetration_rad": Residual("rad", "angle by which a body lies beyond its stop"),
+        "rolling_m_per_s": Residual("m/s", "speed of the rim less speed of the yarn"),
+    }
+)
 
 
 class MotorRole(Protocol):
@@ -156,3 +187,22 @@ class Machine:
     report: Callable[[], dict[str, float]]
     analyse: Callable[[float], dict[str, Any]]
     observer: Callable[[], Observer]
+
+
+@dataclass(frozen=True)
+class Capabilities:
+    """What a machine answers beside running; None where it has no answer.
+
+    Attributes
+    ----------
+    published : callable
+        ``published(parameters)``: every published number beside the computed one.
+    pictures : callable
+        ``pictures(parameters)``: the figures of the sources, drawn anew.
+    sizing : SizingQuestion
+        Sizes of the machine's parts under limits.
+    """
+
+    published: Callable[[Any], Iterable[Row]] | None = None
+    pictures: Callable[[Any], Iterable[Picture]] | None = None
+    sizing: SizingQuestion | None = None

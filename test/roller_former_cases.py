@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from mech_twin.machines.roller_former_parameters import RollerFormer
+from mech_twin.machines.roller_former.parameters import RollerFormer
 from mech_twin.parameters.load import configuration_file, machine, machine_parameters
 from mech_twin.roles import Machine
 

@@ -57,7 +57,9 @@ def frame(step: int) -> Frame:
         0,
         1.0,
         Named(),
-        Named(("closure_m", "power_w"), (1e-16 * (1.0 + abs(math.sin(crank))), 1e-12 * (1.0 + math.cos(crank) ** 2))),
+        Named(
+            ("loop_closure_m", "power_w"), (1e-16 * (1.0 + abs(math.sin(crank))), 1e-12 * (1.0 + math.cos(crank) ** 2))
+        ),
     )
     wrenches = tuple(
         Wrench(600.0 * math.cos(crank + place) + 300.0 * place + 900.0 * blow, 400.0 * math.sin(crank + place), 0.0)

@@ -8,7 +8,8 @@ from typing import Any
 
 from mech_twin.cli.console import print_json, print_numbers, progress
 from mech_twin.cli.failure import CommandError
-from mech_twin.parameters.load import assignments, configuration_tree
+from mech_twin.configuration_tree import configuration_tree
+from mech_twin.parameters.load import assignments
 from mech_twin.parameters.load import machine as built_machine
 from mech_twin.roles import Machine
 

@@ -9,6 +9,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
+from mech_twin.dependencies import missing_extra
+
 EXIT_CODE = 2
 INTERRUPTED = 128 + signal.SIGINT
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -63,18 +65,22 @@ def _raise_when_safe(number: int, frame: FrameType | None) -> None:
 
 
 def _message(error: Exception) -> str:
+    if isinstance(error, ImportError):
+        return missing_extra(error) or str(error)
     format_message = getattr(error, "format_message", None)  # of the command line library
     return str(format_message() if format_message else error)
 
 
 def _is_input_error(error: Exception) -> bool:
+    if isinstance(error, ImportError):
+        return missing_extra(error) is not None
     from typer.exceptions import TyperException
 
+    from mech_twin.configuration_tree import ConfigurationError
     from mech_twin.nodes.errors import NodeEndedError
     from mech_twin.output_file import OutputError
-    from mech_twin.parameters.errors import ConfigurationError
     from mech_twin.recording.errors import BagError
-    from mech_twin.view.rerun_scene import RerunSceneError
+    from mech_twin.view.errors import RerunSceneError
     from mech_twin.view.viewer_process import ViewerError
 
     kinds = (CommandError, TyperException, NodeEndedError, ConfigurationError)

@@ -26,6 +26,7 @@ Config = Annotated[Path | None, typer.Option("--config", help="configuration fil
 Settings = Annotated[
     list[str] | None, typer.Option("--set", metavar="KEY.PATH=VALUE", help="override one configuration key")
 ]
+Namespace = Annotated[str | None, typer.Option(help="namespace of the nodes instead of the machine's name")]
 Bag = Annotated[Path, typer.Argument(help="recording: a directory, or one .mcap file")]
 Force = Annotated[bool, typer.Option("--force", help="overwrite existing results")]
 Json = Annotated[bool, typer.Option("--json", help="print JSON to standard output")]
@@ -67,6 +68,7 @@ def run(
     view: Annotated[str, typer.Option(help="web, none, or a file NAME.rrd to write")] = "web",
     view_port: Annotated[int, typer.Option(help="port of the web view; 0: any free port", min=0, max=65535)] = 0,
     processes: Annotated[bool, typer.Option("--processes", help="run each node in its own process")] = False,
+    namespace: Namespace = None,
     open_to_other_hosts: Annotated[
         bool,
         typer.Option("--open-to-other-hosts", help="expose topics and web view to the network, without authentication"),
@@ -92,6 +94,7 @@ def run(
         settings or [],
         json,
         open_to_other_hosts,
+        namespace,
         force,
     )
     run_machine(request)
@@ -139,6 +142,7 @@ def replay(
     clock: Annotated[bool, typer.Option("--clock", help="publish /clock from the playback time")] = False,
     topics: Annotated[list[str] | None, typer.Option("--topics", metavar="T...", help="only these topics")] = None,
     listeners: Annotated[int, typer.Option(help="subscribers to wait for on each topic", min=0)] = 0,
+    namespace: Namespace = None,
     analyse: Annotated[
         bool, typer.Option("--analyse", help="recompute the forces from the recorded motion and compare")
     ] = False,
@@ -155,7 +159,7 @@ def replay(
         return
     from mech_twin.cli.replay import ReplayRequest, replay_bag
 
-    replay_bag(ReplayRequest(bag, rate, start, duration, loop, clock, topics or [], listeners))
+    replay_bag(ReplayRequest(bag, rate, start, duration, loop, clock, topics or [], listeners, namespace))
 
 
 @app.command()

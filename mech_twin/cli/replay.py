@@ -30,6 +30,7 @@ class ReplayRequest(NamedTuple):
     clock: bool
     topics: list[str]
     listeners: int
+    namespace: str | None = None
 
 
 def replay_bag(request: ReplayRequest) -> None:
@@ -49,7 +50,7 @@ def replay_bag(request: ReplayRequest) -> None:
             raise CommandError(f"{request.bag}: no topic can be replayed: {'; '.join(source.unknown.values())}")
         options = ReplayOptions(request.rate, request.loop, request.clock, request.listeners)
         with _progress(source) as notice:
-            outcome = replayed(source, options, notice)
+            outcome = replayed(source, options, notice, request.namespace)
     _report(outcome)
 
 

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING
 
 from mech_twin.cli.console import print_json, progress, say
 from mech_twin.cli.failure import CommandError
+from mech_twin.dependencies import require_extra
 
 if TYPE_CHECKING:
-    from mech_twin.studies.reproduction.row import Row
+    from mech_twin.capabilities.published import Row
 
 SHOWN_COLUMNS = (
     "source",
@@ -33,8 +34,10 @@ def reproduce_machines(
     """Write the comparison with the sources and, if asked, their figures; exit code 1 where a gated row fails."""
     from mech_twin.parameters.load import assignments, machine_parameters
     from mech_twin.studies import reproduce
-    from mech_twin.studies.reproduction import MACHINES, all_hold
+    from mech_twin.studies.reproduction import all_hold, machines_with_published_values
 
+    if figures is not None:
+        require_extra("plots")
     parameters = None
     if config is not None or settings:
         if machine is None:
@@ -45,7 +48,7 @@ def reproduce_machines(
     if figures is not None:
         from mech_twin.studies import draw_figures
 
-        machines = MACHINES if machine is None else (machine,)
+        machines = machines_with_published_values() if machine is None else (machine,)
         with progress(machines, len(machines), "drawing") as counted:
             for name in counted:
                 files += draw_figures(name, figures, parameters)

@@ -14,15 +14,17 @@ from pydantic import ValidationError
 from mech_twin.cli.console import print_json, print_numbers, say
 from mech_twin.cli.event_record import event_record
 from mech_twin.cli.failure import CommandError
+from mech_twin.configuration_tree import configuration_tree
+from mech_twin.dependencies import require_extra
 from mech_twin.nodes.domain import DISCOVERY, OTHER_HOSTS, settle_domain
 from mech_twin.output_file import check_output_file
 from mech_twin.parameters.errors import refusal
-from mech_twin.parameters.load import RUN_GROUP, assignments, configuration_tree, machine_parameters, run_group
+from mech_twin.parameters.load import RUN_GROUP, assignments, machine_parameters, run_group
 from mech_twin.quantity import Parameters
 from mech_twin.recording.output_directory import check_recording_directory, remove_recording
 
 if TYPE_CHECKING:
-    from mech_twin.nodes.crew import Outcome
+    from mech_twin.nodes.composition import Outcome
 
 PACES = ("realtime", "max")
 
@@ -41,6 +43,7 @@ class RunRequest(NamedTuple):
     settings: list[str]
     as_json: bool
     open_to_other_hosts: bool = False
+    namespace: str | None = None
     force: bool = False
 
 
@@ -61,8 +64,8 @@ def _run(request: RunRequest, parameters: Parameters, directory: Path | None, de
     discovery = settle_domain(request.open_to_other_hosts)
     if request.open_to_other_hosts:
         say(_exposure_warning(discovery))
-    from mech_twin.nodes.crew import run_in_process
-    from mech_twin.nodes.fleet import run_processes
+    from mech_twin.nodes.composition import run_in_process
+    from mech_twin.nodes.multi_process import run_processes
     from mech_twin.nodes.options import RunOptions
 
     configured = run_group(request.machine, request.config, assignments(request.settings))
@@ -81,7 +84,7 @@ def _run(request: RunRequest, parameters: Parameters, directory: Path | None, de
         say(f"recording to {directory}")
     say("starting (the first run compiles the numerical kernels, which takes up to a minute)")
     run_nodes = run_processes if request.processes else run_in_process
-    return run_nodes(request.machine, parameters, options, directory, destination)
+    return run_nodes(request.machine, parameters, options, directory, destination, request.namespace)
 
 
 def _exposure_warning(discovery: str) -> str:
@@ -117,6 +120,7 @@ def _opened_view(request: RunRequest, stack: ExitStack) -> str | None:
     """Return the destination of the view: the address of a viewer started here, a file, or None."""
     if request.view == "none":
         return None
+    require_extra("view")
     if request.view != "web":
         return request.view
     from mech_twin.view.viewer_process import ViewerProcess
@@ -129,7 +133,7 @@ def _opened_view(request: RunRequest, stack: ExitStack) -> str | None:
 
 
 def _write(request: RunRequest, parameters: Parameters, outcome: Outcome, directory: Path | None) -> None:
-    numbers = outcome.figures.numbers()
+    numbers = outcome.metrics.numbers()
     if not request.as_json:
         print_numbers(f"{request.machine}: metrics of the run", numbers)
         return
@@ -138,7 +142,7 @@ def _write(request: RunRequest, parameters: Parameters, outcome: Outcome, direct
             "machine": request.machine,
             "config": configuration_tree(parameters),
             "summary": numbers,
-            "events": [event_record(event) for event in outcome.figures.events],
+            "events": [event_record(event) for event in outcome.metrics.events],
             "recording": None if directory is None else str(directory),
             "messages_sent": outcome.sent,
             "messages_recorded": outcome.recorded,

@@ -74,6 +74,9 @@ def size(
     out: Annotated[Path | None, typer.Option(help="configuration to write [MACHINE-sized.yaml]")] = None,
     objective: Annotated[str | None, typer.Option(help="what to make small")] = None,
     limit: Limits = None,
+    tolerance: Annotated[
+        float | None, typer.Option(help="part of each assumed value by which it may be off [the machine's usual one]")
+    ] = None,
     config: Config = None,
     settings: Settings = None,
     force: Force = False,
@@ -84,7 +87,7 @@ def size(
 
     file = out or Path(f"{context.obj}-sized.yaml")
     check_output_file(file, force=force)
-    answer_size(context.obj, file, objective, limit or [], config, settings or [], as_json=json)
+    answer_size(context.obj, file, objective, limit or [], tolerance, config, settings or [], as_json=json)
 
 
 @study_app.command()

@@ -11,6 +11,7 @@ from typing import Any
 import yaml
 
 from mech_twin.cli.failure import CommandError
+from mech_twin.parameters.load import scalar
 
 RANGE = "from:to:count, from:to:count:log or a,b,c"
 MOST_VALUES = 1_000_000
@@ -50,7 +51,7 @@ def _range(text: str, values: str) -> tuple[float, ...]:
 
 def _list(text: str, values: str) -> tuple[Any, ...]:
     try:
-        found = yaml.safe_load(f"[{values}]")
+        found = scalar(f"[{values}]")
     except yaml.YAMLError as error:
         raise CommandError(f"--over {text}: expected {RANGE}") from error
     if not found or not all(isinstance(value, int | float | str | bool) for value in found):
@@ -77,8 +78,9 @@ def study_errors() -> Iterator[None]:
     """Turn what a study says of the question, or a file that cannot be written, into a failed command."""
     from pydantic import ValidationError
 
-    from mech_twin.parameters.errors import ConfigurationError, refusal
-    from mech_twin.studies.errors import StudyError
+    from mech_twin.capabilities.errors import StudyError
+    from mech_twin.configuration_tree import ConfigurationError
+    from mech_twin.parameters.errors import refusal
 
     try:
         yield

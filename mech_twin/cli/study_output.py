@@ -8,9 +8,10 @@ from typing import Any
 
 from mech_twin.cli.console import print_json, print_numbers, print_table, say
 from mech_twin.cli.study_options import axes_of, counted, limits_of, study_errors
-from mech_twin.parameters.load import assignments, configuration_tree, machine_parameters
+from mech_twin.configuration_tree import configuration_tree
+from mech_twin.dependencies import require_extra
+from mech_twin.parameters.load import assignments, machine_parameters, write_configuration
 from mech_twin.studies import size, sweep
-from mech_twin.studies.sizing import write_configuration
 
 SHOWN_ROWS = 20
 SHOWN_NUMBERS = 5
@@ -32,6 +33,10 @@ class SweepRequest:
 
 def answer_sweep(request: SweepRequest, config: Path | None, settings: list[str], *, as_json: bool) -> None:
     """Sweep, and say what was written."""
+    if request.table.suffix != ".csv":
+        require_extra("tables")
+    if request.picture:
+        require_extra("plots")
     parameters = machine_parameters(request.machine, config, assignments(settings))
     with study_errors(), counted("sweeping") as progress:
         try:
@@ -85,6 +90,7 @@ def answer_size(
     out: Path,
     objective: str | None,
     limits: list[str],
+    tolerance: float | None,
     config: Path | None,
     settings: list[str],
     *,
@@ -93,13 +99,14 @@ def answer_size(
     """Size, write the configuration, and say which constraint binds."""
     parameters = machine_parameters(machine, config, assignments(settings))
     with study_errors():
-        answer = size(machine, parameters, limits=limits_of(limits), objective=objective)
-        write_configuration(answer, out)
+        answer = size(machine, parameters, limits=limits_of(limits), objective=objective, tolerance=tolerance)
+        write_configuration(answer.machine, answer.parameters, out)
     if as_json:
         print_json(
             {
                 "machine": answer.machine,
                 "objective": answer.objective,
+                "tolerance": answer.tolerance,
                 "sizes": answer.sizes,
                 "figures": answer.figures,
                 "binding": answer.binding,
@@ -125,4 +132,6 @@ def answer_size(
     if answer.trade:
         print_table("trade", tuple(answer.trade[0]), [tuple(row.values()) for row in answer.trade])
     say(f"binding: {answer.binding}")
+    if answer.tolerance > 0.0:
+        say(f"holds with every assumed value off by up to {100.0 * answer.tolerance:g} %")
     say(f"wrote {out}")

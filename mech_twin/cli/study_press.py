@@ -9,12 +9,13 @@ from typing import Any
 from mech_twin.cli.console import print_json, print_numbers, print_table, say
 from mech_twin.cli.failure import CommandError
 from mech_twin.cli.study_options import counted, limits_of, require_machine, study_errors
-from mech_twin.machines.compaction_press_parameters import CompactionPress
-from mech_twin.parameters.load import assignments, description_text, machine_parameters
+from mech_twin.dependencies import require_extra
+from mech_twin.machines.compaction_press.design_configuration import configured_press
+from mech_twin.machines.compaction_press.design_problem import REFERENCE_LIMITS, Space
+from mech_twin.machines.compaction_press.design_search import Design, InfeasibleSpaceError
+from mech_twin.machines.compaction_press.parameters import CompactionPress
+from mech_twin.parameters.load import assignments, machine_parameters, write_configuration
 from mech_twin.studies import designs, search
-from mech_twin.studies.press_configuration import configured_press
-from mech_twin.studies.press_problem import REFERENCE_LIMITS, Space
-from mech_twin.studies.press_search import Design, InfeasibleSpaceError
 
 MACHINE = "compaction_press"
 VARIABLES = ("crank", "length", "height", "pendulum")
@@ -72,7 +73,7 @@ def answer_search(
         parameters = machine_parameters(MACHINE, config, assignments(settings))
         assert isinstance(parameters, CompactionPress)
         chosen = configured_press(parameters, found[0], space.limits)
-        out.write_text(description_text(MACHINE, chosen), encoding="utf-8")
+        write_configuration(MACHINE, chosen, out)
     rows = [_row(design) for design in found]
     if as_json:
         front = [{**row, "margins": design.margins} for row, design in zip(rows, found, strict=True)]
@@ -106,6 +107,8 @@ def answer_designs(
 ) -> None:
     """Scan the space, and say how fast and what the best are."""
     require_machine(machine, MACHINE, "designs")
+    if out is not None:
+        require_extra("tables")
     with study_errors(), counted("designs") as progress:
         begun = time.monotonic()
         found = designs(
@@ -132,6 +135,6 @@ def answer_designs(
 
 
 def _objectives() -> tuple[str, ...]:
-    from mech_twin.studies.press_problem import OBJECTIVES
+    from mech_twin.machines.compaction_press.design_problem import OBJECTIVES
 
     return OBJECTIVES

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 
 from mech_twin.cli.console import progress, say
 from mech_twin.cli.failure import CommandError
+from mech_twin.configuration_tree import ConfigurationError
 from mech_twin.engine.step_samples import StepSamples
 from mech_twin.nodes.domain import settle_domain
 from mech_twin.output_file import check_output_file, written_file
-from mech_twin.parameters.errors import ConfigurationError
 
 if TYPE_CHECKING:
-    from mech_twin.nodes.run_figures import RunFigures
+    from mech_twin.nodes.run_metrics import RunMetrics
     from mech_twin.nodes.stop_signal import StopSignal
     from mech_twin.recording.bag_samples import BagSamples
     from mech_twin.view.rerun_scene import RerunScene
@@ -83,13 +83,14 @@ def _show(scene: RerunScene, samples: BagSamples, stop: StopSignal) -> None:
         say(f"{number} recorded samples not used: {reason}")
 
 
-def _metrics(samples: BagSamples) -> RunFigures | None:
+def _metrics(samples: BagSamples) -> RunMetrics | None:
     """Return the observer of the run's metrics; None for a machine that is not in the catalogue."""
-    from mech_twin.nodes.run_figures import RunFigures
+    from mech_twin.nodes.run_metrics import RunMetrics
     from mech_twin.studies.configuration_history import ConfigurationHistory
 
     try:
-        return RunFigures(ConfigurationHistory(samples.descriptions(), "the recording").machine_at(0))
+        machine = ConfigurationHistory(samples.descriptions(), "the recording").machine_at(0)
     except ConfigurationError as error:
         say(f"no metrics: {error}")
         return None
+    return RunMetrics(lambda: machine)

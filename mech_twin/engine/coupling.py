@@ -12,10 +12,34 @@ call the same three functions, step index by step index, so a run over topics is
 
 from __future__ import annotations
 
+from typing import Any, Literal
+
+from mech_twin.quantity import Parameters, choice, quantity
 from mech_twin.roles import BodyRole, Machine
 from mech_twin.samples import BodySample, Event, ForceSample, Frame, LinkageSample
 
 RESET = "reset"
+
+
+def coupling_step(longest_s: float = 1.0) -> Any:
+    """Return the field of a coupling step (s), for a machine whose longest step is this."""
+    return quantity("s", "coupling step: the roles exchange samples once per step", gt=0.0, le=longest_s)
+
+
+class Coupling(Parameters):
+    """How the roles exchange samples; a machine with a shorter longest step narrows ``step_s`` alone."""
+
+    step_s: float = coupling_step()
+
+
+class ExtrapolatedCoupling(Coupling):
+    """Coupling of a machine that lets its user choose how the motor torque goes on within a step."""
+
+    extrapolation_order: Literal[0, 1] = choice(
+        "motor torque within a step: 0 held, 1 linear from the last two samples, restarted at impacts, with the "
+        "impulse that turned out missing made good in the next step",
+        default=1,
+    )
 
 
 def restarted(machine: Machine, step: int) -> LinkageSample:

@@ -8,15 +8,16 @@ from importlib import import_module
 from typing import Any
 
 from mech_twin.quantity import Parameters
-from mech_twin.roles import Machine
+from mech_twin.roles import Capabilities, Machine
 
 
 @dataclass(frozen=True)
 class Entry:
-    """One machine of the catalogue: what it is called, what it is, and the module that holds it.
+    """One machine of the catalogue: what it is called, what it is, and the package that holds it.
 
-    The module is imported when first asked for, so that listing the machines compiles nothing.  It defines
-    ``PARAMETERS`` (the parameter model) and ``build(parameters) -> Machine``.
+    The package is imported when first asked for, so that listing the machines compiles nothing.  It defines
+    ``PARAMETERS`` (the parameter model) and ``build(parameters) -> Machine``; a machine that answers more than a run
+    defines ``capabilities() -> Capabilities`` too.
     """
 
     name: str
@@ -37,6 +38,12 @@ class Entry:
         """The function that builds the machine from its parameters."""
         function: Callable[[Parameters], Machine] = self._module().build
         return function
+
+    @property
+    def capabilities(self) -> Capabilities:
+        """What the machine answers beside running; nothing where its package does not say."""
+        declared: Callable[[], Capabilities] | None = getattr(self._module(), "capabilities", None)
+        return Capabilities() if declared is None else declared()
 
 
 CATALOGUE = {

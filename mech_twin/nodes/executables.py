@@ -12,12 +12,14 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.dependencies import missing_extra
 from mech_twin.nodes.domain import settle_domain
-from mech_twin.parameters.errors import ConfigurationError
+from mech_twin.nodes.errors import NameInUseError
 from mech_twin.parameters.load import MACHINE_KEY, file_tree
 
 if TYPE_CHECKING:
-    from mech_twin.nodes.role_node import RoleNode
+    from mech_twin.nodes.base_node import TwinNode
 
 DEFAULT_MACHINE = "mb10_breaker"
 QUIET_S = 0.15
@@ -43,7 +45,7 @@ def machine_of(arguments: list[str]) -> str:
     return name
 
 
-def _program(make: Callable[[str, argparse.Namespace], RoleNode], description: str, *options: str) -> None:
+def _program(make: Callable[[str, argparse.Namespace], TwinNode], description: str, *options: str) -> None:
     settle_domain()
     parser = argparse.ArgumentParser(description=description)
     for option in options:
@@ -55,8 +57,11 @@ def _program(make: Callable[[str, argparse.Namespace], RoleNode], description: s
 
     try:
         _serve(lambda: make(machine_of(ros), own), ros)
-    except (ConfigurationError, BagError) as error:
-        sys.stderr.write(f"{Path(sys.argv[0]).name}: {' '.join(str(error).split())}\n")
+    except (ConfigurationError, BagError, NameInUseError, ModuleNotFoundError) as error:
+        line = missing_extra(error) if isinstance(error, ModuleNotFoundError) else " ".join(str(error).split())
+        if line is None:
+            raise
+        sys.stderr.write(f"{Path(sys.argv[0]).name}: {line}\n")
         raise SystemExit(EXIT_CODE) from error
     sys.stdout.flush()
     sys.stderr.flush()
@@ -64,12 +69,13 @@ def _program(make: Callable[[str, argparse.Namespace], RoleNode], description: s
     os._exit(0)
 
 
-def _serve(make: Callable[[], RoleNode], ros: list[str]) -> None:
+def _serve(make: Callable[[], TwinNode], ros: list[str]) -> None:
     import rclpy
     from rclpy._rclpy_pybind11 import RCLError
     from rclpy.signals import SignalHandlerOptions
 
-    from mech_twin.nodes.role_node import dismiss
+    from mech_twin.nodes.base_node import destroy_nodes
+    from mech_twin.nodes.name_guard import NameGuard
     from mech_twin.nodes.spinner import Spinner
     from mech_twin.nodes.stop_signal import StopSignal
 
@@ -77,26 +83,30 @@ def _serve(make: Callable[[], RoleNode], ros: list[str]) -> None:
         rclpy.init(args=[sys.argv[0], *ros], signal_handler_options=SignalHandlerOptions.NO)
     except (RCLError, rclpy.exceptions.ROSInterruptException) as error:
         raise ConfigurationError(str(error)) from error
-    nodes: list[RoleNode] = []
+    nodes: list[TwinNode] = []
     try:
         with StopSignal() as stop:
             node = make()
             nodes.append(node)
+            exclusive = [node.resolve_topic_name(output.name) for output in node.outputs if output.exclusive]
+            if exclusive and node.options.exclusive:
+                with NameGuard(exclusive) as guard:
+                    guard.check(own_publishers=1)
             with Spinner(nodes) as spinner:
-                spinner.until(lambda: stop.asked or getattr(node, "done", False))
+                spinner.until(lambda: stop.asked or node.done)
                 node.flush()
                 node.report()
                 end = time.monotonic() + QUIET_LIMIT_S
                 spinner.until(lambda: node.quiet_s() > QUIET_S or time.monotonic() > end)
     finally:
-        dismiss(nodes)
+        destroy_nodes(nodes)
         rclpy.try_shutdown()
 
 
 def motor_node() -> None:
     """Run the motor node."""
 
-    def make(machine: str, own: argparse.Namespace) -> RoleNode:
+    def make(machine: str, own: argparse.Namespace) -> TwinNode:
         from mech_twin.nodes.motor_node import MotorNode
 
         return MotorNode(machine)
@@ -107,7 +117,7 @@ def motor_node() -> None:
 def linkage_node() -> None:
     """Run the linkage node."""
 
-    def make(machine: str, own: argparse.Namespace) -> RoleNode:
+    def make(machine: str, own: argparse.Namespace) -> TwinNode:
         from mech_twin.nodes.linkage_node import LinkageNode
 
         return LinkageNode(machine)
@@ -118,7 +128,7 @@ def linkage_node() -> None:
 def force_node() -> None:
     """Run the force analysis node."""
 
-    def make(machine: str, own: argparse.Namespace) -> RoleNode:
+    def make(machine: str, own: argparse.Namespace) -> TwinNode:
         from mech_twin.nodes.force_node import ForceNode
 
         return ForceNode(machine)
@@ -129,7 +139,7 @@ def force_node() -> None:
 def body_node() -> None:
     """Run the body node."""
 
-    def make(machine: str, own: argparse.Namespace) -> RoleNode:
+    def make(machine: str, own: argparse.Namespace) -> TwinNode:
         from mech_twin.nodes.body_node import BodyNode
 
         return BodyNode(machine)
@@ -140,7 +150,7 @@ def body_node() -> None:
 def recorder_node() -> None:
     """Run the recorder node."""
 
-    def make(machine: str, own: argparse.Namespace) -> RoleNode:
+    def make(machine: str, own: argparse.Namespace) -> TwinNode:
         from mech_twin.nodes.recorder_node import RecorderNode
 
         directory = own.directory or f"recordings/{machine}-{datetime.now():%Y%m%d-%H%M%S}"
@@ -152,7 +162,7 @@ def recorder_node() -> None:
 def viewer_node() -> None:
     """Run the viewer node."""
 
-    def make(machine: str, own: argparse.Namespace) -> RoleNode:
+    def make(machine: str, own: argparse.Namespace) -> TwinNode:
         from mech_twin.nodes.viewer_node import ViewerNode
 
         return ViewerNode(machine, own.place or f"{machine}.rrd")

@@ -12,8 +12,8 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.node import Node
 
-from mech_twin.parameters.errors import ConfigurationError
-from mech_twin.parameters.load import MACHINE_KEY, tree_from_flat
+from mech_twin.configuration_tree import ConfigurationError, tree_from_flat
+from mech_twin.parameters.load import MACHINE_KEY
 from mech_twin.quantity import Parameters
 
 UNBOUNDED = 1.7e308

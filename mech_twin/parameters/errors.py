@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from pydantic import ValidationError
 
-
-class ConfigurationError(ValueError):
-    """A configuration that cannot be used; the message is one line for the user."""
+from mech_twin.configuration_tree import ConfigurationError
 
 
 def refusal(source: str, error: ValidationError) -> ConfigurationError:

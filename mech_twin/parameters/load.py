@@ -11,6 +11,7 @@ A configuration file has the form of a ROS 2 parameter file, so that one file se
 from __future__ import annotations
 
 import os
+import re
 import sys
 from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
@@ -21,14 +22,16 @@ import yaml
 from pydantic import ValidationError
 
 from mech_twin import __version__
+from mech_twin.configuration_tree import ConfigurationError, configuration_tree, merged_tree, tree_from_flat
 from mech_twin.machines.catalog import CATALOGUE, Entry
-from mech_twin.parameters.errors import ConfigurationError, refusal
+from mech_twin.parameters.errors import refusal
 from mech_twin.parameters.motors import NAME_KEY, with_catalogue_motor
 from mech_twin.quantity import Parameters
 from mech_twin.roles import Machine
 
 SIZE_LIMIT_BYTES = 1_000_000
 DEPTH_LIMIT = 20
+LARGEST_COUNTER = 2**53  # a float64 holds it exactly
 MACHINE_KEY = "machine"
 MOTOR_TABLE = "motors_4a"
 RUN_GROUP = "run"  # how a node is run, not what the machine is
@@ -119,8 +122,21 @@ def text_tree(text: str, source: str) -> dict[str, Any]:
     return merged
 
 
-class _UniqueKeyLoader(yaml.SafeLoader):
-    """A safe loader that refuses a key given twice."""
+class NumberLoader(yaml.SafeLoader):
+    """A safe loader that reads 1e-3, 1e5 and inf as numbers, as YAML 1.2 and ROS 2 do; YAML 1.1 has them as words."""
+
+
+NumberLoader.add_implicit_resolver(
+    "tag:yaml.org,2002:float",
+    re.compile(
+        r"^[-+]?(?:(?:[0-9][0-9_]*\.?[0-9_]*|\.[0-9][0-9_]*)(?:[eE][-+]?[0-9]+)?|\.?(?:inf|Inf|INF)|\.?(?:nan|NaN|NAN))$"
+    ),
+    list("-+0123456789.iInN"),
+)
+
+
+class _UniqueKeyLoader(NumberLoader):
+    """A loader that refuses a key given twice."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         seen = set()
@@ -150,27 +166,9 @@ def _refuse_aliases_and_tags(text: str) -> None:
             depth -= 1
 
 
-def merged_tree(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
-    """Return ``base`` with the keys of ``over`` laid upon it, group by group."""
-    merged = dict(base)
-    for key, value in over.items():
-        below = merged.get(key)
-        merged[key] = merged_tree(below, value) if isinstance(below, dict) and isinstance(value, dict) else value
-    return merged
-
-
-def tree_from_flat(flat: Mapping[str, Any], source: str = "--set") -> dict[str, Any]:
-    """Return a nested dictionary from dotted keys."""
-    tree: dict[str, Any] = {}
-    for dotted, value in flat.items():
-        *groups, last = dotted.split(".")
-        branch = tree
-        for group in groups:
-            branch = branch.setdefault(group, {})
-            if not isinstance(branch, dict):
-                raise ConfigurationError(f"{source}: key '{dotted}': '{group}' is a value, not a group")
-        branch[last] = value
-    return tree
+def scalar(text: str) -> Any:
+    """Return the value of a YAML scalar or list."""
+    return yaml.load(text, Loader=NumberLoader)
 
 
 def assignments(texts: Iterable[str]) -> dict[str, Any]:
@@ -188,7 +186,7 @@ def assignments(texts: Iterable[str]) -> dict[str, Any]:
             raise ConfigurationError(f"--set {text}: expected key.path=value")
         try:
             _refuse_aliases_and_tags(value)
-            flat[key.strip()] = yaml.safe_load(value)
+            flat[key.strip()] = scalar(value)
         except (yaml.YAMLError, ValueError, RecursionError) as error:
             raise ConfigurationError(f"--set {text}: value {value!r} cannot be read") from error
     return flat
@@ -247,16 +245,28 @@ def machine(name: str, path: Path | None = None, overrides: Mapping[str, Any] | 
     return catalogue_entry(name).build(machine_parameters(name, path, overrides))
 
 
-def configuration_tree(parameters: Parameters) -> dict[str, Any]:
-    """Return the parameters as nested plain values, absent options left out."""
-    return parameters.model_dump(mode="json", exclude_none=True)
+def description_text(
+    name: str, parameters: Parameters, revision: int = 0, from_step: int = 0, source: float | None = None
+) -> str:
+    """Return the full configuration as a parameter file that says which machine, and from which step it holds.
 
-
-def description_text(name: str, parameters: Parameters, revision: int = 0, from_step: int = 0) -> str:
-    """Return the full configuration as a parameter file that says which machine, and from which step it holds."""
+    ``source`` is the number the describing node signs its step messages with, if it does.
+    """
     head = {"machine": name, "version": __version__, "revision": revision, "from_step": from_step}
+    head |= {} if source is None else {"source": int(source)}
     tree = {**head, "/**": {"ros__parameters": {MACHINE_KEY: name, **configuration_tree(parameters)}}}
     return yaml.safe_dump(tree, sort_keys=False, allow_unicode=True)
+
+
+def write_configuration(name: str, parameters: Parameters, path: Path) -> None:
+    """Write the parameter file of a machine, which ``run`` and ``simulate`` take."""
+    path.write_text(description_text(name, parameters), encoding="utf-8")
+
+
+def table(name: str) -> dict[str, Any]:
+    """Return an installed table that is no machine's configuration, such as the motors of a catalogue."""
+    document = yaml.safe_load(configuration_file(name).read_text(encoding="utf-8"))
+    return dict(document)
 
 
 class Description(NamedTuple):
@@ -267,6 +277,7 @@ class Description(NamedTuple):
     revision: int
     from_step: int
     parameters: Parameters
+    source: float = 0.0
 
 
 def description(text: str, source: str = "description") -> Description:
@@ -281,9 +292,15 @@ def description(text: str, source: str = "description") -> Description:
     head = yaml.safe_load(text)
     name = str(tree.get(MACHINE_KEY, head.get("machine")))
     parameters = validated(catalogue_entry(name), tree, source)
-    try:
-        return Description(
-            name, str(head.get("version")), int(head.get("revision", 0)), int(head.get("from_step", 0)), parameters
+    revision, from_step, described_by = (_counter(head, key, source) for key in ("revision", "from_step", "source"))
+    return Description(name, str(head.get("version")), revision, from_step, parameters, float(described_by))
+
+
+def _counter(head: Mapping[str, Any], key: str, source: str) -> int:
+    value = head.get(key, 0)
+    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= LARGEST_COUNTER:
+        shown = str(value) if not isinstance(value, int) or abs(value) < LARGEST_COUNTER**2 else "a huge number"
+        raise ConfigurationError(
+            f"{source}: key '{key}', value {shown}: expected a whole number, 0 to {LARGEST_COUNTER}"
         )
-    except (TypeError, ValueError) as error:
-        raise ConfigurationError(f"{source}: revision or from_step is no whole number") from error
+    return value

@@ -8,7 +8,7 @@ from typing import Any
 
 import yaml
 
-from mech_twin.parameters.errors import ConfigurationError
+from mech_twin.configuration_tree import ConfigurationError
 
 NAME_KEY = "catalogue_name"
 

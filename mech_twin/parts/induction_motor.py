@@ -127,6 +127,21 @@ def kloss_torque(motor: MotorConstants, slip: float) -> float:
 
 
 @kernel
+def _curve(motor: MotorConstants, slip: float) -> tuple[float, float]:
+    """Return torque (N m) and its derivative in the slip (N m) on the whole curve."""
+    s_kr, s_2 = motor.breakdown_slip, slip * slip
+    torque = kloss_torque(motor, slip)
+    below = s_2 + s_kr * s_kr
+    slope = 2.0 * motor.breakdown_torque_nm * s_kr * (s_kr * s_kr - s_2) / (below * below)
+    if motor.corrected and slip > s_kr:
+        t = min((slip - s_kr) / (1.0 - s_kr), 1.0)
+        missing = motor.starting_torque_nm - kloss_torque(motor, 1.0)
+        torque += missing * t * t * (3.0 - 2.0 * t)
+        slope += missing * 6.0 * t * (1.0 - t) / (1.0 - s_kr)
+    return torque, slope
+
+
+@kernel
 def motor_torque(motor: MotorConstants, speed_rad_per_s: float, command: float) -> float:
     """Return the shaft torque at a rotor speed and a supply fraction, N m.
 
@@ -143,16 +158,29 @@ def motor_torque(motor: MotorConstants, speed_rad_per_s: float, command: float) 
     speed_rad_per_s : float
         Rotor speed.
     command : float
-        Supply frequency over rated frequency; 0 or less is off and gives no torque.
+        Supply frequency over rated frequency; 0 is off and gives no torque, below 0 the phases are swapped and the
+        curve is turned round: M(w, -c) = -M(-w, c).
     """
-    if command <= 0.0:
+    if command == 0.0:
         return 0.0
-    slip = command - speed_rad_per_s / motor.synchronous_speed_rad_per_s
-    torque = kloss_torque(motor, slip)
-    if motor.corrected and slip > motor.breakdown_slip:
-        t = min((slip - motor.breakdown_slip) / (1.0 - motor.breakdown_slip), 1.0)
-        torque += (motor.starting_torque_nm - kloss_torque(motor, 1.0)) * t * t * (3.0 - 2.0 * t)
-    return torque
+    sign = 1.0 if command > 0.0 else -1.0
+    slip = sign * (command - speed_rad_per_s / motor.synchronous_speed_rad_per_s)
+    torque, _ = _curve(motor, slip)
+    return sign * torque
+
+
+@kernel
+def motor_torque_slope(motor: MotorConstants, speed_rad_per_s: float, command: float) -> float:
+    """Return dM/dw, the derivative of `motor_torque` in the rotor speed (N m s/rad); negative on the working branch.
+
+    The derivative in the command is -w_0 times this.
+    """
+    if command == 0.0:
+        return 0.0
+    sign = 1.0 if command > 0.0 else -1.0
+    slip = sign * (command - speed_rad_per_s / motor.synchronous_speed_rad_per_s)
+    _, slope = _curve(motor, slip)
+    return -slope / motor.synchronous_speed_rad_per_s
 
 
 @kernel

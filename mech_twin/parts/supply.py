@@ -21,6 +21,16 @@ class SupplyParameters(Parameters):
 
 
 @kernel
+def limited_change(value: float, wanted: float, reach: float) -> float:
+    """Return ``value`` moved towards ``wanted`` by at most ``reach``, which it meets exactly."""
+    if wanted > value + reach:
+        return value + reach
+    if wanted < value - reach:
+        return value - reach
+    return wanted
+
+
+@kernel
 def limited_command(command: float, target: float, rate_per_s: float, step_s: float) -> float:
     """Return the supply fraction one step later: ``command`` moved towards ``target`` by at most ``rate step``.
 
@@ -35,10 +45,4 @@ def limited_command(command: float, target: float, rate_per_s: float, step_s: fl
     step_s : float
         Length of the step, s.
     """
-    wanted = min(max(target, 0.0), 1.0)
-    reach = rate_per_s * step_s
-    if wanted > command + reach:
-        return command + reach
-    if wanted < command - reach:
-        return command - reach
-    return wanted
+    return limited_change(command, min(max(target, 0.0), 1.0), rate_per_s * step_s)

@@ -12,7 +12,7 @@ from sensor_msgs.msg import JointState
 from mech_twin.engine.assembly import StepAssembler
 from mech_twin.engine.step_samples import StepSamples
 from mech_twin.messages import body, force, linkage, motor, scene
-from mech_twin.messages.rows import MessageError
+from mech_twin.messages.step_message import MessageError
 from mech_twin.messages.topics import (
     BODY_JOINT_STATES,
     DESCRIPTION,

@@ -10,16 +10,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from mech_twin.machines.impact_mass import ImpactMass
+    from mech_twin.capabilities.published import Row
+    from mech_twin.capabilities.sizing import Sizing
+    from mech_twin.machines.compaction_press.design_problem import Space
+    from mech_twin.machines.compaction_press.design_search import Design
+    from mech_twin.machines.impact_mass.parameters import ImpactMass
+    from mech_twin.machines.impact_mass.regimes import RegimeMap
+    from mech_twin.machines.impact_mass.synthesis import RobustnessSpec, Synthesis
     from mech_twin.quantity import Parameters
     from mech_twin.studies.design_scan import DesignScan
-    from mech_twin.studies.impact_regimes import RegimeMap
-    from mech_twin.studies.impact_synthesis import Demand, Synthesis
     from mech_twin.studies.parameter_sweep import Sweep
-    from mech_twin.studies.press_problem import Space
-    from mech_twin.studies.press_search import Design
-    from mech_twin.studies.reproduction.row import Row
-    from mech_twin.studies.sizing.answer import Sizing
 
 
 def reproduce(machine: str | None = None, parameters: Parameters | None = None) -> tuple[Row, ...]:
@@ -49,7 +49,7 @@ def draw_figures(machine: str, directory: Path, parameters: Parameters | None = 
     parameters : Parameters, optional
         What to draw from; the installed configuration if absent.
     """
-    from mech_twin.studies.figures import machine_figures
+    from mech_twin.studies.plots import machine_figures
 
     return machine_figures(machine, directory, parameters)
 
@@ -108,6 +108,7 @@ def size(
     *,
     limits: Mapping[str, float] | None = None,
     objective: str | None = None,
+    tolerance: float | None = None,
 ) -> Sizing:
     """Return the sizes of a machine's parts, the configuration that has them, and which constraint binds.
 
@@ -121,13 +122,16 @@ def size(
     parameters : Parameters, optional
         The rest of the configuration; the installed one if absent.
     limits : mapping, optional
-        Limits that differ from the usual ones, by name (``LIMITS`` of the machine's file in ``studies/sizing``).
+        Limits that differ from the usual ones, by name (``LIMITS`` of the machine's file in `each machine`).
     objective : str, optional
         What to make small; the first of the machine's ``OBJECTIVES`` if absent.
+    tolerance : float, optional
+        Relative tolerance of what is assumed, over which the limits must hold in the worst case; the machine's usual
+        one if absent, 0 for the machine exactly as configured.
     """
     from mech_twin.studies.sizing import sized
 
-    return sized(machine, parameters, limits, objective)
+    return sized(machine, parameters, limits, objective, tolerance)
 
 
 def search(
@@ -146,7 +150,7 @@ def search(
     points : int
         Directions of the front that are refined, besides one per objective.
     """
-    from mech_twin.studies.press_search import best_design, pareto_front
+    from mech_twin.machines.compaction_press.design_search import best_design, pareto_front
 
     if len(objectives) == 1:
         return [best_design(objectives[0], space, seed)]
@@ -185,9 +189,13 @@ def designs(
 
 
 def synthesise(
-    parameters: ImpactMass, impact_speed_m_per_s: float, *, demand: Demand | None = None, periods: int = 1_000_000
+    parameters: ImpactMass,
+    impact_speed_m_per_s: float,
+    *,
+    robustness: RobustnessSpec | None = None,
+    periods: int = 1_000_000,
 ) -> Synthesis:
-    """Return the published one-impact cycle of the impact mass and a robust one for the same wish, side by side.
+    """Return the published one-impact cycle of the impact mass and a robust one for the same asked cycle, side by side.
 
     Parameters
     ----------
@@ -200,11 +208,11 @@ def synthesise(
     periods : int
         How long the endurance runs are.
     """
-    from mech_twin.studies.impact_synthesis import Wish
-    from mech_twin.studies.impact_synthesis import synthesise as both_cycles
+    from mech_twin.machines.impact_mass.synthesis import CycleSpec
+    from mech_twin.machines.impact_mass.synthesis import synthesise as both_cycles
 
     p = parameters
-    wish = Wish(
+    spec = CycleSpec(
         p.mass_kg,
         p.stop_position_m,
         p.initial_position_m,
@@ -212,7 +220,7 @@ def synthesise(
         impact_speed_m_per_s,
         p.restitution,
     )
-    return both_cycles(wish, demand, periods)
+    return both_cycles(spec, robustness, periods)
 
 
 def regimes(
@@ -238,6 +246,6 @@ def regimes(
     progress : callable, optional
         ``progress(done, all)``.
     """
-    from mech_twin.studies.impact_regimes import regime_map
+    from mech_twin.machines.impact_mass.regimes import regime_map
 
     return regime_map(parameters, values, key, settling_periods, progress)

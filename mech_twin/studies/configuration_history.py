@@ -5,7 +5,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Iterable
 
-from mech_twin.parameters.errors import ConfigurationError
+from mech_twin.configuration_tree import ConfigurationError
 from mech_twin.parameters.load import Description, catalogue_entry, description
 from mech_twin.roles import Machine
 

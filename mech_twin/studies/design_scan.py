@@ -12,7 +12,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from mech_twin.studies.press_problem import OBJECTIVES, SENSES, Space, evaluation
+from mech_twin.machines.compaction_press.design_problem import OBJECTIVES, SENSES, Space, evaluation
 from mech_twin.studies.spreading import available_cores, spread
 
 Array = NDArray[np.float64]

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from mech_twin.studies.errors import StudyError
+from mech_twin.capabilities.errors import StudyError
 from mech_twin.studies.spreading import available_cores, spread
 from mech_twin.studies.sweep_journal import SweepJournal
 from mech_twin.studies.sweep_points import Point, Question, points, require_outputs

@@ -13,7 +13,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from mech_twin.studies.errors import StudyError
+from mech_twin.capabilities.errors import StudyError
 from mech_twin.studies.sweep_points import Point, Question
 
 

@@ -11,11 +11,11 @@ from typing import Any, get_args
 
 from pydantic import BaseModel
 
+from mech_twin.capabilities.errors import StudyError
+from mech_twin.configuration_tree import ConfigurationError, configuration_tree, merged_tree, tree_from_flat
 from mech_twin.engine.run import frames
-from mech_twin.parameters.errors import ConfigurationError
-from mech_twin.parameters.load import catalogue_entry, configuration_tree, merged_tree, tree_from_flat, validated
+from mech_twin.parameters.load import catalogue_entry, validated
 from mech_twin.quantity import Parameters
-from mech_twin.studies.errors import StudyError
 
 Value = float | int | str | bool
 MOST_POINTS = 10_000_000

@@ -51,7 +51,7 @@ def write_picture(asked: Question, found: Sequence[Point], path: Path) -> bool:
     names = [name for name in table if name not in (*asked.keys, REFUSED) and _varies(table[name])][:PANELS]
     if not names:
         return False
-    from mech_twin.studies.figures.canvas import house_style
+    from mech_twin.capabilities.plots import house_style
 
     with house_style():
         _draw(asked, table, names, path)
@@ -59,7 +59,7 @@ def write_picture(asked: Question, found: Sequence[Point], path: Path) -> bool:
 
 
 def _draw(asked: Question, table: dict[str, list[Any]], names: Sequence[str], path: Path) -> None:
-    from mech_twin.studies.figures.canvas import DPI, sheet
+    from mech_twin.capabilities.plots import DPI, sheet
 
     wide = min(len(names), 3 if len(asked.axes) == 2 else 2)
     tall = math.ceil(len(names) / wide)

@@ -29,15 +29,12 @@ from mech_twin.view.curves import (
     motor_groups,
     times,
 )
+from mech_twin.view.errors import RerunSceneError
 from mech_twin.view.layout import EVENTS, IMPACTS, METRICS, PHASE_PORTRAIT, SceneContents, blueprint
 from mech_twin.view.mechanism import Mechanism
 from mech_twin.view.phase_portrait import PhasePortrait
 
 VIEW_RATE_HZ = 30.0
-
-
-class RerunSceneError(RuntimeError):
-    """The viewer or the file cannot be opened or written; the message is one line."""
 
 
 class RerunScene:

@@ -58,6 +58,7 @@ def test_sizes_are_written_as_a_configuration_that_runs(tmp_path):
         (("nothing", "sweep", "--over", "a=1,2"), "no machine 'nothing'"),
         (("winding_drum", "sweep", "--over", "a=1,2"), "no configuration key 'a'"),
         (("winding_drum", "size"), "nothing to size"),
+        (("vibration_crank", "size", "--tolerance", "0.05"), "no sizes with a tolerance"),
         (("winding_drum", "search"), "about compaction_press"),
         (("vibration_crank", "size", "--out", "no/where.yaml"), "cannot be written"),
         (("impact_mass", "synthesise", "--impact-speed", "-1"), "impact_speed_m_per_s > 0"),

@@ -12,10 +12,10 @@ from sensor_msgs.msg import JointState
 
 from mech_twin.engine.run import frames
 from mech_twin.messages.topics import full_name, step_topics
-from mech_twin.nodes.crew import Outcome, run_in_process
-from mech_twin.nodes.fleet import run_processes
+from mech_twin.nodes.composition import Outcome, run_in_process
+from mech_twin.nodes.multi_process import run_processes
+from mech_twin.nodes.observer_node import DECODERS
 from mech_twin.nodes.options import RunOptions
-from mech_twin.nodes.watcher_node import DECODERS
 from mech_twin.recording.bag_reader import BagReader
 
 RUN_S = 0.4

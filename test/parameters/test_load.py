@@ -2,22 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mech_twin.parameters.errors import ConfigurationError
-from mech_twin.parameters.load import (
-    assignments,
-    configuration_file,
-    file_tree,
-    machine_parameters,
-    merged_tree,
-    text_tree,
-    tree_from_flat,
-)
+from mech_twin.configuration_tree import ConfigurationError, merged_tree, tree_from_flat
+from mech_twin.parameters.load import assignments, configuration_file, file_tree, machine_parameters, text_tree
 
 DRUM = "winding_drum"
 
@@ -116,3 +109,29 @@ def test_a_mutated_configuration_is_accepted_or_refused_in_one_line(data: st.Dat
         text_tree(bytes(text).decode("utf-8", "replace"), "mutated")
     except ConfigurationError as error:
         assert "\n" not in str(error)
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [("1e-3", 1e-3), ("1e5", 1e5), ("-2E+4", -2e4), ("inf", math.inf), ("-inf", -math.inf), (".5e1", 5.0)],
+)
+def test_a_number_in_scientific_form_is_a_number(text: str, value: float) -> None:
+    """YAML 1.1 reads 1e-3 (no point) and inf as words; ROS 2 parameter files and people mean numbers."""
+    assert assignments([f"a.b={text}"]) == {"a.b": value}
+    assert text_tree(f"/**:\n  ros__parameters:\n    a: {text}\n", "file")["a"] == value
+
+
+def test_words_stay_words() -> None:
+    """Words that merely begin like a number form are not converted."""
+    assert assignments(["a=infinite", "b=ideal", "c=nano", "d=e5"]) == {
+        "a": "infinite",
+        "b": "ideal",
+        "c": "nano",
+        "d": "e5",
+    }
+
+
+def test_an_infinite_value_is_refused_by_its_key() -> None:
+    """Infinity is read as a number, and refused as one where a finite number is declared."""
+    with pytest.raises(ConfigurationError, match=r"stop_position_m.*inf"):
+        machine_parameters("impact_mass", overrides=assignments(["stop_position_m=inf"]))

@@ -2,7 +2,7 @@
 
 import pytest
 
-from mech_twin.parameters.errors import ConfigurationError
+from mech_twin.configuration_tree import ConfigurationError
 from mech_twin.parameters.load import description, description_text, machine_parameters
 
 

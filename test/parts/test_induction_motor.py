@@ -13,6 +13,7 @@ from mech_twin.parts.induction_motor import (
     kloss_torque,
     motor_constants,
     motor_torque,
+    motor_torque_slope,
     slip_at_torque,
 )
 
@@ -124,3 +125,20 @@ def test_a_rated_speed_beyond_the_field_is_refused_with_its_numbers():
 def test_a_corrected_curve_above_breakdown_is_refused():
     with pytest.raises(ValidationError, match="starting torque <= breakdown torque"):
         InductionMotorParameters(**{**BREAKER, "starting_torque_ratio": 2.5}, torque_curve="starting_corrected")
+
+
+@settings(deadline=None)
+@given(speeds, commands, st.sampled_from((1.0, -1.0)))
+def test_the_slope_is_the_derivative_of_the_torque(speed, command, sign):
+    h = 1e-3
+    for curve in (KLOSS, CORRECTED):
+        at = [motor_torque(curve, speed + i * h, sign * command) for i in (-2, -1, 1, 2)]
+        slope = (8.0 * (at[2] - at[1]) - (at[3] - at[0])) / (12.0 * h)
+        assert motor_torque_slope(curve, speed, sign * command) == pytest.approx(slope, abs=2e-6)
+
+
+@settings(deadline=None)
+@given(speeds, commands)
+def test_swapped_phases_turn_the_curve_round(speed, command):
+    for curve in (KLOSS, CORRECTED):
+        assert motor_torque(curve, speed, -command) == -motor_torque(curve, -speed, command)

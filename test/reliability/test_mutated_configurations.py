@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from catalogue import NAMES
 
-from mech_twin.parameters.errors import ConfigurationError
+from mech_twin.configuration_tree import ConfigurationError
 from mech_twin.parameters.load import catalogue_entry, configuration_file, machine_parameters
 
 pytestmark = pytest.mark.slow

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from mech_twin.capabilities.errors import StudyError
 from mech_twin.studies import designs, sweep
-from mech_twin.studies.errors import StudyError
 from mech_twin.studies.parameter_sweep import journal_of
 
 pytestmark = pytest.mark.slow

@@ -11,11 +11,11 @@ from catalogue import NAMES, built
 from hypothesis import given
 from hypothesis import strategies as st
 
+from mech_twin.configuration_tree import ConfigurationError
 from mech_twin.engine.coupling import complete_frame, next_frame, restarted
 from mech_twin.engine.run import frames
 from mech_twin.engine.step_samples import StepSamples
 from mech_twin.machines.catalog import CATALOGUE
-from mech_twin.parameters.errors import ConfigurationError
 from mech_twin.parameters.load import description_text, machine_parameters
 from mech_twin.roles import Machine
 from mech_twin.samples import Frame

@@ -2,11 +2,10 @@
 
 import pytest
 
-from mech_twin.machines.compaction_press_flywheel_run import flywheel_run
-from mech_twin.parameters.load import machine, machine_parameters
+from mech_twin.capabilities.errors import StudyError
+from mech_twin.machines.compaction_press.flywheel_run import flywheel_run
+from mech_twin.parameters.load import machine, machine_parameters, write_configuration
 from mech_twin.studies import size
-from mech_twin.studies.errors import StudyError
-from mech_twin.studies.sizing import write_configuration
 
 HALF_SINE = {"excitation.kind": "approximated", "body.inertia_kg_m2": 0.35}
 
@@ -15,7 +14,7 @@ def test_the_flywheel_gives_the_asked_non_uniformity_and_is_written(tmp_path):
     answer = size("compaction_press", limits={"non_uniformity": 0.08})
     assert answer.figures["non_uniformity_of_time_run"] == pytest.approx(0.08, rel=2e-3)
     assert answer.binding.startswith("non_uniformity <= 0.08")
-    write_configuration(answer, tmp_path / "sized.yaml")
+    write_configuration(answer.machine, answer.parameters, tmp_path / "sized.yaml")
     again = machine_parameters("compaction_press", tmp_path / "sized.yaml")
     assert again.flywheel.inertia_kg_m2 == answer.sizes["flywheel.inertia_kg_m2"]
     assert flywheel_run(again, 0.9 * again.flywheel.inertia_kg_m2, 5e-4).non_uniformity > 0.08
@@ -57,6 +56,15 @@ def test_the_spring_under_the_half_sine_lies_in_the_rational_range():
     assert "gap_at_blow_m" in answer.binding
     gentle = size("mb10_breaker", machine_parameters("mb10_breaker", None, HALF_SINE), objective="return_speed_m_per_s")
     assert gentle.figures["preload_ratio"] == pytest.approx(1.0)
+
+
+def test_a_tolerance_is_refused_where_there_is_no_answer_with_one():
+    with pytest.raises(StudyError, match="vibration_crank: no sizes with a tolerance"):
+        size("vibration_crank", tolerance=0.05)
+    assert size("vibration_crank", tolerance=0.0) == size("vibration_crank")
+    for wrong in (-0.01, 0.6, float("nan")):
+        with pytest.raises(StudyError, match=r"expected 0 to 0\.5"):
+            size("vibration_crank", tolerance=wrong)
 
 
 @pytest.mark.slow

@@ -6,9 +6,9 @@ import math
 import pytest
 from pyarrow import parquet
 
+from mech_twin.capabilities.errors import StudyError
 from mech_twin.parameters.load import machine, machine_parameters
 from mech_twin.studies import sweep
-from mech_twin.studies.errors import StudyError
 from mech_twin.studies.parameter_sweep import journal_of
 from mech_twin.studies.spreading import spread
 from mech_twin.studies.sweep_journal import SweepJournal

@@ -15,7 +15,7 @@ from mech_twin.view.captions import caption, metrics_table, titled
         ("impacts_per_cycle", "impacts per cycle", ""),
         ("contact_share", "contact share", ""),
         ("blow_rate_hz", "blow rate", "Hz"),
-        ("energy_books_1", "energy books", ""),
+        ("energy_balance", "energy balance", ""),
         ("s", "s", ""),
     ],
 )
@@ -24,7 +24,7 @@ def test_the_unit_is_read_off_the_end_of_the_name(name, words, unit):
 
 
 def test_a_title_holds_words_and_unit():
-    assert titled("closure_m") == "closure [m]"
+    assert titled("loop_closure_m") == "loop closure [m]"
     assert titled("share") == "share"
 
 

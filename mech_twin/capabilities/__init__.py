@@ -1,0 +1,1 @@
+"""What a machine may answer beside running: the terms in which published values, sizes and plots are given."""

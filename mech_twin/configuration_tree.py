@@ -1,0 +1,46 @@
+"""A configuration as nested groups of plain values, and how values are laid over it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from mech_twin.quantity import Parameters
+
+
+def configuration_tree(parameters: Parameters) -> dict[str, Any]:
+    """Return the parameters as nested plain values, absent options left out."""
+    return parameters.model_dump(mode="json", exclude_none=True)
+
+
+def merged_tree(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
+    """Return ``base`` with the keys of ``over`` laid upon it, group by group."""
+    merged = dict(base)
+    for key, value in over.items():
+        below = merged.get(key)
+        merged[key] = merged_tree(below, value) if isinstance(below, dict) and isinstance(value, dict) else value
+    return merged
+
+
+def tree_from_flat(flat: Mapping[str, Any], source: str = "--set") -> dict[str, Any]:
+    """Return a nested dictionary from dotted keys.
+
+    Raises
+    ------
+    ConfigurationError
+        If a key is a value and a group at once.
+    """
+    tree: dict[str, Any] = {}
+    for dotted, value in flat.items():
+        *groups, last = dotted.split(".")
+        branch = tree
+        for group in groups:
+            branch = branch.setdefault(group, {})
+            if not isinstance(branch, dict):
+                raise ConfigurationError(f"{source}: key '{dotted}': '{group}' is a value, not a group")
+        branch[last] = value
+    return tree
+
+
+class ConfigurationError(ValueError):
+    """A configuration that cannot be used; the message is one line for the user."""

@@ -1,0 +1,180 @@
+"""The cache numba asks for a kernel's compiled code: the key is content, so that an edit is never missed.
+
+numba's own cache looks at the file a kernel stands in and at no other, so code with an older callee in line stays in
+use.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+import pickle
+import platform
+import sys
+from collections.abc import Callable
+from functools import cache
+from importlib.metadata import version
+from typing import Any
+
+import llvmlite  # type: ignore[import-untyped]
+import numba
+import numpy as np
+from numba.core import compiler, config, serialize, types
+
+from mech_twin.kernel_sources import has_known_sources, is_known_module, keep_sources, sources_digest
+from mech_twin.kernel_store import directories, load, save
+
+COMPILING = "compiling kernels for this machine, once; takes a minute or two"
+
+Observer = Callable[[str, int], None]
+
+# numba has type hints for its front only; what is used of the rest is its interface between dispatcher and cache
+_types: Any = types
+_settings: Any = config
+_dumps: Any = serialize.dumps
+_rebuild: Any = compiler.CompileResult._rebuild
+
+_log = logging.getLogger("mech_twin.kernel")
+_observers: list[Observer] = []
+_compiled: list[str] = []
+
+
+def on_compile(observer: Observer) -> Callable[[], None]:
+    """Call `observer(kernel, count)` before each compilation of this process, count from 1; return what ends that."""
+    _observers.append(observer)
+    return lambda: _observers.remove(observer)
+
+
+def compiled_count() -> int:
+    """Return how many kernels (one a signature) this process compiled, not counting those loaded."""
+    return len(_compiled)
+
+
+class KernelCache:
+    """What a dispatcher of numba expects of its cache (`numba.core.caching._Cache`), for one kernel."""
+
+    def __init__(self, function: Callable[..., object], options: str) -> None:
+        keep_sources(function.__module__)
+        self._function = function
+        self._options = options
+        self._known = self._enabled = has_known_sources(function)
+
+    @property
+    def cache_path(self) -> str | None:
+        """The preferred directory of compiled kernels, None if there is none."""
+        return next(map(str, directories()), None)
+
+    def enable(self) -> None:
+        """Load and store again, if it is known what the kernel is compiled from."""
+        self._enabled = self._known
+
+    def disable(self) -> None:
+        """Neither load nor store."""
+        self._enabled = False
+
+    def flush(self) -> None:
+        """Do nothing: what is stored stays right, and other processes may be using it."""
+
+    def load_overload(self, signature: Any, target_context: Any) -> Any:
+        """Return the stored code for a signature, None if it is to be compiled."""
+        target_context.refresh()
+        stored = self._stored(signature, target_context) if self._enabled else None
+        if stored is None:
+            _tell_compiling(f"{self._function.__module__}.{self._function.__qualname__}")
+        return stored
+
+    def save_overload(self, signature: Any, result: Any) -> None:
+        """Store compiled code, unless it holds addresses of this process."""
+        if not self._enabled or not _storable(signature) or result.library.has_dynamic_globals or result.lifted:
+            return
+        save(self._folder(), self._name(signature, result.codegen), _dumps(result._reduce()))
+
+    def _stored(self, signature: Any, target_context: Any) -> Any:
+        name = self._name(signature, target_context.codegen())
+        payload = load(self._folder(), name) if _storable(signature) else None
+        if payload is None:
+            return None
+        try:
+            return _rebuild(target_context, *pickle.loads(payload))
+        except Exception as error:  # noqa: BLE001 # unpickling can raise anything; the compiler does not need it
+            _log.warning("%s: stored code not usable (%s), compiled anew", name, error)
+            return None
+
+    def _folder(self) -> str:
+        """Return the directory of the kernel's module: its name and what all its kernels are compiled from and with."""
+        return f"{self._function.__module__}-{_module_key(self._function.__module__)}"
+
+    def _name(self, signature: Any, codegen: Any) -> str:
+        """Return the file of one signature on one kind of processor."""
+        code = self._function.__code__
+        closed_over = _dumps(tuple(cell.cell_contents for cell in self._function.__closure__ or ()))
+        key = (
+            self._function.__qualname__, code.co_firstlineno, hashlib.sha256(code.co_code).hexdigest(),
+            hashlib.sha256(closed_over).hexdigest(), self._options, signature_text(signature), codegen.magic_tuple(),
+            *map(sources_digest, sorted(modules_of(signature))),
+        )  # fmt: skip
+        return f"{self._function.__name__}-{hashlib.sha256(repr(key).encode()).hexdigest()[:32]}"
+
+
+@cache
+def _module_key(module: str) -> str:
+    """Return a digest of the sources and of the versions and settings that decide what the compiler makes of them."""
+    key = (
+        sources_digest(module), numba.__version__, llvmlite.__version__, np.__version__,
+        version("scipy"),  # coefficients of its methods are frozen into kernels
+        platform.python_implementation(), sys.version_info[:3], platform.machine(),
+        _settings.OPT, _settings.BOUNDSCHECK, _settings.USING_SVML, _settings.DEBUGINFO_DEFAULT,
+    )  # fmt: skip
+    return hashlib.sha256(repr(key).encode()).hexdigest()[:32]
+
+
+def signature_text(signature: Any) -> str:
+    """Return the argument types as text, tuples with the names and order of their fields."""
+    arguments = getattr(signature, "args", signature)
+    return ", ".join(map(_type_text, arguments))
+
+
+def _type_text(kind: Any) -> str:
+    if isinstance(kind, _types.BaseNamedTuple):
+        owner = kind.instance_class
+        fields = (f"{name}: {_type_text(inner)}" for name, inner in zip(kind.fields, kind.types, strict=True))
+        return f"{owner.__module__}.{owner.__qualname__}({', '.join(fields)})"
+    if isinstance(kind, _types.BaseTuple):
+        return f"({', '.join(map(_type_text, kind.types))},)"
+    return str(kind)
+
+
+def modules_of(signature: Any) -> set[str]:
+    """Return the modules of all named tuples among the argument types: a kernel may be made for what stands there.
+
+    A kernel that calls `mech_twin.engine.integration.rates` has the equation of motion of the tuple's module in line.
+    """
+    found: set[str] = set()
+    waiting = list(getattr(signature, "args", signature))
+    while waiting:
+        kind = waiting.pop()
+        if isinstance(kind, _types.BaseNamedTuple):
+            found.add(kind.instance_class.__module__)
+        waiting += getattr(kind, "types", ()) if isinstance(kind, _types.BaseTuple) else ()
+    return found
+
+
+def _storable(signature: Any) -> bool:
+    """Tell whether a signature means the same in each process: a function given as argument does not.
+
+    Nor does a named tuple of a script or a prompt.
+    """
+    callables = any(isinstance(kind, _types.Callable) for kind in getattr(signature, "args", signature))
+    known = all(map(is_known_module, modules_of(signature)))
+    return known and not callables and " at 0x" not in signature_text(signature)
+
+
+def _tell_compiling(kernel: str) -> None:
+    """Count a compilation, say the first one, and call the observers."""
+    if not _compiled:
+        _log.info(COMPILING)
+        if sys.stderr is not None and sys.stderr.isatty() and not _observers:
+            sys.stderr.write(f"{COMPILING}\n")
+    _compiled.append(kernel)
+    for observer in tuple(_observers):
+        observer(kernel, len(_compiled))

@@ -1,0 +1,82 @@
+"""Four-bar shock-vibration compaction press: exact kinematics, every pin force, gain and flywheel."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from mech_twin.engine.crank_linkage import Transmission
+from mech_twin.machines.compaction_press.cycle import POSITIONS, press_cycle
+from mech_twin.machines.compaction_press.drawing import drawing
+from mech_twin.machines.compaction_press.forces import PressForces
+from mech_twin.machines.compaction_press.metrics import cycle_report, position_figures
+from mech_twin.machines.compaction_press.parameters import CompactionPress, press_constants
+from mech_twin.machines.compaction_press.roles import press_linkage
+from mech_twin.machines.compaction_press.run_metrics import PressObserver
+from mech_twin.machines.drives import KlossDrive, PrescribedSpeed, shaft_friction
+from mech_twin.parts.induction_motor import motor_constants
+from mech_twin.quantity import Parameters
+from mech_twin.roles import Capabilities, Machine, MotorRole
+
+PARAMETERS = CompactionPress
+
+
+def build(parameters: Parameters) -> Machine:
+    """Return the compaction press of these parameters."""
+    if not isinstance(parameters, CompactionPress):
+        raise TypeError(f"expected CompactionPress parameters, got {type(parameters).__name__}")
+    p = parameters
+    press, stroke = press_constants(p)
+    speed, fraction, step_s = p.drive.speed_rad_per_s, p.supply.initial_fraction, p.coupling.step_s
+    motor: MotorRole = PrescribedSpeed(speed, p.supply.rate_per_s, step_s)
+    direction = 1.0 if speed > 0.0 else -1.0
+    transmission = None
+    if p.drive.kind == "kloss" and p.motor is not None and p.gear is not None:
+        curve = motor_constants(p.motor)
+        motor = KlossDrive(curve, p.gear.ratio, p.supply.rate_per_s, step_s, direction=direction)
+        transmission = Transmission(
+            p.gear.ratio, p.gear.efficiency, p.motor.rotor_inertia_kg_m2, motor_constants(p.motor)
+        )
+    first = 0.0 if transmission is not None else fraction * speed
+    if transmission is not None:
+        fraction *= direction
+    linkage = press_linkage(
+        press,
+        stroke,
+        step_s,
+        first,
+        fraction,
+        direction,
+        p.working_force.contact_fraction,
+        transmission,
+        shaft_friction(p.friction),
+    )
+    torque = press_cycle(press, stroke, speed, POSITIONS, kinks=False).drive_torque_nm
+
+    def analyse(crank_rad: float) -> dict[str, Any]:
+        return position_figures(p, crank_rad)
+
+    return Machine(
+        "compaction_press",
+        p,
+        step_s,
+        motor,
+        linkage,
+        PressForces(press, float(abs(torque).max())),
+        None,
+        lambda sample, _: drawing(press, sample),
+        lambda: cycle_report(p),
+        analyse,
+        lambda: PressObserver(None if transmission is None else transmission.motor),
+    )
+
+
+def capabilities() -> Capabilities:
+    """Return what the machine answers beside running."""
+    from mech_twin.capabilities.sizing import SizingQuestion
+    from mech_twin.machines.compaction_press import plots, published, sizing
+
+    return Capabilities(
+        published=published.rows,
+        pictures=plots.pictures,
+        sizing=SizingQuestion(sizing.LIMITS, sizing.OBJECTIVES, sizing.sizing),
+    )

@@ -1,0 +1,140 @@
+"""Many positions of many four-bars at once: positions, rates and accelerations, every pin force.
+
+One compiled loop over designs and crank angles on all cores; the same scalar kernels as a live step.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import prange
+from numpy.typing import NDArray
+
+from mech_twin.engine.crank_motion import ShaftDrive
+from mech_twin.engine.integration import Workspace, method_of, start_step, take_step
+from mech_twin.kernel import kernel, parallel_kernel
+from mech_twin.machines.compaction_press.dynamics import FREE, DrivenPress, Press
+from mech_twin.parts.four_bar import FourBar, Link, coefficients, motion, pin_forces, position
+
+Array = NDArray[np.float64]
+
+
+@parallel_kernel
+def batch_positions(designs: Array, angles: Array) -> Array:
+    """Return A and B (m), rows (a_x, a_y, b_x, b_y), shape (designs, 4, angles).
+
+    Parameters
+    ----------
+    designs : ndarray
+        Rows of (crank, coupler, rocker, pivot x, pivot y, branch), m and +-1, shape (n, 6).
+    angles : ndarray
+        Crank angles (rad), shape (k,).
+    """
+    many, count = designs.shape[0], angles.size
+    out = np.empty((many, 4, count))
+    block = 512
+    pieces = (count + block - 1) // block
+    for job in prange(many * pieces):
+        i, start = job // pieces, (job % pieces) * block
+        d = designs[i]
+        bar = FourBar(d[0], d[1], d[2], d[3], d[4], d[5])
+        for k in range(start, min(count, start + block)):
+            at = position(bar, angles[k])
+            out[i, 0, k], out[i, 1, k], out[i, 2, k], out[i, 3, k] = at.a_x, at.a_y, at.b_x, at.b_y
+    return out
+
+
+@parallel_kernel
+def batch_motions(designs: Array, angles: Array, w: float, e: float) -> Array:
+    """Return positions, rates and accelerations, shape (designs, 8, angles).
+
+    Rows (a_x, a_y, b_x, b_y in m, w2, w3 in rad/s, e2, e3 in rad/s^2) at crank rate ``w`` and acceleration ``e``.
+    """
+    many, count = designs.shape[0], angles.size
+    out = np.empty((many, 8, count))
+    block = 512
+    pieces = (count + block - 1) // block
+    square = w * w
+    for job in prange(many * pieces):
+        i, start = job // pieces, (job % pieces) * block
+        d = designs[i]
+        bar = FourBar(d[0], d[1], d[2], d[3], d[4], d[5])
+        for k in range(start, min(count, start + block)):
+            at = position(bar, angles[k])
+            by = coefficients(at)
+            out[i, 0, k], out[i, 1, k], out[i, 2, k], out[i, 3, k] = at.a_x, at.a_y, at.b_x, at.b_y
+            out[i, 4, k], out[i, 5, k] = by.g2 * w, by.g3 * w
+            out[i, 6, k], out[i, 7, k] = by.g2 * e + by.g2_1 * square, by.g3 * e + by.g3_1 * square
+    return out
+
+
+@parallel_kernel
+def _forces(
+    links: Array,
+    along: float,
+    across: float,
+    gravity: float,
+    designs: Array,
+    angles: Array,
+    w: float,
+    e: float,
+    force: Array,
+) -> Array:
+    many, count = designs.shape[0], angles.size
+    out = np.empty((many, 9, count))
+    block = 512
+    pieces = (count + block - 1) // block
+    for job in prange(many * pieces):
+        i, start = job // pieces, (job % pieces) * block
+        d = designs[i]
+        bar = FourBar(d[0], d[1], d[2], d[3], d[4], d[5])
+        crank = Link(links[0, 0], links[0, 1], links[0, 2], links[0, 3])
+        plate = Link(links[1, 0], links[1, 1], links[1, 2], links[1, 3])
+        pendulum = Link(links[2, 0], links[2, 1], links[2, 2], links[2, 3])
+        for k in range(start, min(count, start + block)):
+            at = position(bar, angles[k])
+            by = motion(bar, crank, plate, pendulum, at, coefficients(at), w, e)
+            x = at.a_x + (along * at.u_x - across * at.u_y) / bar.coupler_m
+            y = at.a_y + (along * at.u_y + across * at.u_x) / bar.coupler_m
+            pins = pin_forces(bar, crank, plate, pendulum, at, by, e, 0.0, -gravity, 0.0, force[k], x, y)
+            out[i, 0, k], out[i, 1, k], out[i, 2, k], out[i, 3, k] = pins.o_x, pins.o_y, pins.a_x, pins.a_y
+            out[i, 4, k], out[i, 5, k], out[i, 6, k], out[i, 7, k] = pins.b_x, pins.b_y, pins.c_x, pins.c_y
+            out[i, 8, k] = pins.moment
+    return out
+
+
+def batch_forces(press: Press, designs: Array, angles: Array, w: float, e: float, force: Array) -> Array:
+    """Return every pin force and the drive moment, shape (designs, 9, angles).
+
+    Rows (R_O, R_A, R_B, R_C as x, y in N; M in N m), under an upward force on the plate (N) given at each angle.
+    Masses and the point of the force are those of ``press``; lengths and branch come from ``designs``.
+    """
+    links = np.array([press.crank, press.plate, press.pendulum], dtype=np.float64)
+    return _forces(links, press.along_m, press.across_m, press.gravity, designs, angles, w, e, force)
+
+
+def design_row(bar: FourBar) -> Array:
+    """Return one row of ``designs``."""
+    return np.array([tuple(bar)], dtype=np.float64)
+
+
+def full_turn(count: int) -> Array:
+    """Return ``count`` crank angles spread over one turn (rad)."""
+    return np.asarray(np.arange(count) * (2.0 * math.pi / count), dtype=np.float64)
+
+
+@kernel
+def driven_run(
+    press: Press, shaft: float, f: float, w: float, torque: float, h: float, steps: int
+) -> tuple[float, float]:
+    """Return crank angle (rad) and rate (rad/s) after many steps of ``h`` seconds under a constant torque, no layer."""
+    drive = ShaftDrive(shaft, 1.0, 1.0, torque, 0.0, 0.0, 0.0, math.inf, 0.0, 0.0, 1.0)
+    system = DrivenPress(press, drive, FREE)
+    rows, y = len(method_of(system).nodes), np.array([f, w, 0.0, 0.0, 0.0])
+    work = Workspace(np.empty((rows, y.size)), np.empty(y.size), np.empty(y.size))
+    for _ in range(steps):
+        start_step(system, 0.0, y, work)
+        take_step(system, 0.0, y, h, work)
+        y[:] = work.end
+    return y[0], y[1]

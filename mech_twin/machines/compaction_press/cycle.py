@@ -1,0 +1,175 @@
+"""One cycle of the press: torque, work, energy and inertia along the crank's turn, and the flywheel they ask for."""
+
+from __future__ import annotations
+
+from math import pi
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mech_twin.kernel import kernel
+from mech_twin.machines.compaction_press.dynamics import (
+    CONTACT,
+    CONTACT_REVERSED,
+    FREE,
+    Press,
+    loaded_height,
+    press_pins,
+    press_reduced,
+    press_weights,
+)
+from mech_twin.machines.compaction_press.parameters import Stroke
+from mech_twin.machines.compaction_press.stroke_load import layer_work
+from mech_twin.parts.flywheel import (
+    exact_inertia,
+    mertsalov_inertia,
+    non_uniformity,
+    start_speed,
+    textbook_inertia,
+    wittenbauer,
+)
+from mech_twin.parts.four_bar import acute_angles, position
+
+Array = NDArray[np.float64]
+TURN = 2.0 * pi
+POSITIONS = 3600
+WORK_POSITIONS = 36000
+
+
+def regime_at(stroke: Stroke, f: float, direction: float) -> int:
+    """Return the regime at crank angle ``f`` (rad) turning in ``direction`` (+1, -1)."""
+    if direction >= 0.0:
+        inside = (f - stroke.contact) % TURN < (stroke.bottom - stroke.contact) % TURN
+        return CONTACT if inside else FREE
+    inside = (stroke.contact_reversed - f) % TURN < (stroke.contact_reversed - stroke.bottom) % TURN
+    return CONTACT_REVERSED if inside else FREE
+
+
+class Cycle(NamedTuple):
+    """Columns over the way the crank turns, shape (n,): crank angle (rad), torques (N m), energies (J), inertia.
+
+    ``load_torque`` is M_pr, ``drive_torque`` the torque at constant speed, ``work`` W of the constant mean torque and
+    all loads (J) from the first position, counted along the motion; ``kinetic`` I_pr w^2/2 (J).
+    """
+
+    angle_rad: Array
+    load_torque_nm: Array
+    drive_torque_nm: Array
+    work_j: Array
+    kinetic_j: Array
+    inertia_kg_m2: Array
+
+
+@kernel
+def _columns(press: Press, angles: Array, regimes: Array, w: float) -> Array:
+    table = np.empty((5, angles.size))
+    for i in range(angles.size):
+        now = press_reduced(press, angles[i], int(regimes[i]))
+        table[0, i] = now.moment
+        table[1, i] = press_pins(press, angles[i], w, 0.0, now.force).moment
+        table[2, i] = press_weights(press, angles[i])
+        table[3, i] = layer_work(press.load, now.y) if regimes[i] != FREE else 0.0
+        table[4, i] = now.inertia
+    return table
+
+
+def press_cycle(press: Press, stroke: Stroke, speed: float, count: int, kinks: bool = True) -> Cycle:
+    """Return one cycle at ``count`` evenly spread positions from crank angle 0 along the motion.
+
+    The work is in closed form: weights have a potential, the layer's force one of its own in the height.  With
+    ``kinks`` the angles of first contact and of the bottom join the positions, since extremes may sit on them.
+    """
+    sign = 1.0 if speed >= 0.0 else -1.0
+    entry = stroke.contact if sign > 0 else stroke.contact_reversed
+    way = np.asarray(np.arange(count) * (TURN / count), dtype=np.float64)
+    entry_way, bottom_way = (sign * entry) % TURN, (sign * stroke.bottom) % TURN
+    if kinks:
+        way = np.unique(np.append(way, (entry_way, bottom_way)))
+    started_inside = bottom_way < entry_way
+    before_bottom, met = way < bottom_way, way >= entry_way
+    inside = (met | before_bottom) if started_inside else (met & before_bottom)
+    regimes = np.where(inside, CONTACT if sign > 0 else CONTACT_REVERSED, FREE).astype(np.float64)
+    table = _columns(press, np.asarray(sign * way, dtype=np.float64), regimes, speed)
+    whole = layer_work(press.load, stroke.bottom_y_m)
+    # the layer's work so far along the motion, from position 0 on
+    layer = np.where(inside, table[3], 0.0) + np.where(before_bottom, 0.0, whole)
+    if started_inside:
+        layer -= table[3, 0]
+    loads = -(table[2] - table[2, 0]) - layer
+    mean = whole / TURN
+    work = mean * way + loads
+    return Cycle(
+        np.asarray(sign * way, dtype=np.float64), table[0], table[1], work, 0.5 * table[4] * speed * speed, table[4]
+    )
+
+
+def mean_torque(press: Press, stroke: Stroke, speed: float) -> float:
+    """Return the constant drive torque (N m) that carries the cycle: the layer's work over a turn."""
+    whole = float(layer_work(press.load, stroke.bottom_y_m)) / TURN
+    return whole if speed >= 0.0 else -whole
+
+
+def flywheel_figures(press: Press, stroke: Stroke, speed: float, delta: float) -> dict[str, float]:
+    """Return the flywheel by every variant, at 36000 and at the paper's 12 positions, and delta without one."""
+    w = abs(speed)
+    fine = press_cycle(press, stroke, speed, WORK_POSITIONS)
+    coarse = press_cycle(press, stroke, speed, 12, kinks=False)
+    curve = (fine.work_j, fine.inertia_kg_m2, delta, w)
+    few = (coarse.work_j, coarse.inertia_kg_m2, delta, w)
+    cuts = wittenbauer(*curve)
+    return {
+        "non_uniformity_without_flywheel": non_uniformity(fine.work_j, fine.inertia_kg_m2, w),
+        "flywheel_inertia_kg_m2": exact_inertia(*curve),
+        "flywheel_inertia_12_positions_kg_m2": exact_inertia(*few),
+        "flywheel_inertia_wittenbauer_kg_m2": cuts.inertia_kg_m2,
+        "flywheel_inertia_textbook_kg_m2": textbook_inertia(*curve),
+        "flywheel_inertia_mertsalov_kg_m2": mertsalov_inertia(*curve),
+        "wittenbauer_upper_cut_j": cuts.upper_j,
+        "wittenbauer_lower_cut_j": cuts.lower_j,
+        "energy_range_j": float(np.ptp(fine.work_j)),
+        "start_speed_with_flywheel_rad_per_s": start_speed(*curve, cuts.inertia_kg_m2),
+    }
+
+
+@kernel
+def _gains(press: Press, f: float) -> tuple[float, float, float]:
+    """Return k1, |V_Q . n|/(r |w1|) with n the plate's normal, and |V_Q,y|/(r |w1|)."""
+    at = position(press.bar, f)
+    alpha, _, _ = acute_angles(at)
+    r, r1 = press.bar.crank_m, press.bar.coupler_m
+    _, rate = loaded_height(press, f)
+    # velocities of A and B per unit crank speed; B's from the loop
+    g2 = -(-at.a_y * at.v_x + at.a_x * at.v_y) / at.det
+    n_x, n_y = -at.u_y / r1, at.u_x / r1
+    x = (press.along_m * at.u_x - press.across_m * at.u_y) / r1
+    y = (press.along_m * at.u_y + press.across_m * at.u_x) / r1
+    normal = (-at.a_y - g2 * y) * n_x + (at.a_x + g2 * x) * n_y
+    return 1.0 / max(np.cos(alpha), 1e-300), abs(normal) / r, abs(rate) / r
+
+
+@kernel
+def gains(press: Press, f: float) -> tuple[float, float, float, float]:
+    """Return k1, k2 = R1/a, exact gain of a load normal to the plate, exact gain of a vertical load.
+
+    k1 k2 is the paper's, Q = P k1 k2; it holds only while B is at rest.  The exact gains are inverse velocity ratios
+    and grow without bound at the dead centres (kept below 1e300).
+    """
+    k1, normal, vertical = _gains(press, f)
+    k2 = press.bar.coupler_m / max(press.bar.coupler_m - press.along_m, 1e-300)
+    return k1, k2, 1.0 / max(normal, 1e-300), 1.0 / max(vertical, 1e-300)
+
+
+@kernel
+def angle_range(press: Press, count: int) -> Array:
+    """Return the largest gamma, smallest and largest transmission angle over ``count`` positions (rad).
+
+    The transmission angle is the angle between plate and pendulum at B, 0 to pi.
+    """
+    found = np.array([0.0, 10.0, 0.0])
+    for i in range(count):
+        at = position(press.bar, TURN * i / count)
+        found[0] = max(found[0], abs(np.arctan2(at.u_y, at.u_x)))
+        mu = np.arctan2(abs(at.det), at.u_x * at.v_x + at.u_y * at.v_y)
+        found[1], found[2] = min(found[1], mu), max(found[2], mu)
+    return found

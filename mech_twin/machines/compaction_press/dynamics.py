@@ -1,0 +1,189 @@
+"""Motion of the press: reduced quantities, equations of motion at a prescribed speed and behind a motor."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mech_twin.engine.crank_motion import ShaftDrive, crank_rates
+from mech_twin.engine.integration import rates_of
+from mech_twin.engine.tableaus import DORMAND_PRINCE_8
+from mech_twin.kernel import kernel
+from mech_twin.machines.compaction_press.stroke_load import StrokeLoad, layer_force, layer_work
+from mech_twin.parts.four_bar import (
+    FourBar,
+    Link,
+    Reactions,
+    closure_error,
+    coefficients,
+    link_angles,
+    motion,
+    offset,
+    pin_forces,
+    position,
+    reduced_inertia,
+)
+
+FREE, CONTACT, CONTACT_REVERSED = 0, 1, 2
+Array = NDArray[np.float64]
+
+
+class Press(NamedTuple):
+    """Linkage, links, point of the plate where the force acts (m along and across AB from A), its law, gravity."""
+
+    bar: FourBar
+    crank: Link
+    plate: Link
+    pendulum: Link
+    along_m: float
+    across_m: float
+    load: StrokeLoad
+    gravity: float
+
+
+class Reduced(NamedTuple):
+    """At one crank angle: I_pr (kg m2), its slope, M_pr (N m), height of the loaded point (m) and its dy/df (m)."""
+
+    inertia: float
+    slope: float
+    moment: float
+    y: float
+    y1: float
+    force: float
+
+
+@kernel
+def loaded_height(press: Press, f: float) -> tuple[float, float]:
+    """Return the height of the loaded point (m) and its derivative in the crank angle (m)."""
+    at = position(press.bar, f)
+    g2 = coefficients(at).g2
+    r1 = press.bar.coupler_m
+    x = (press.along_m * at.u_x - press.across_m * at.u_y) / r1
+    y = (press.along_m * at.u_y + press.across_m * at.u_x) / r1
+    return at.a_y + y, at.a_x + g2 * x
+
+
+@kernel
+def press_reduced(press: Press, f: float, regime: int) -> Reduced:
+    """Return inertia and moment reduced to the crank; the layer resists where the regime is one of contact.
+
+    M_pr = [sum over links 1, 2, 3 of m_i g . V_i + Q . V_Q]/w1.
+    """
+    at = position(press.bar, f)
+    by = coefficients(at)
+    inertia, slope = reduced_inertia(press.bar, press.crank, press.plate, press.pendulum, at, by)
+    r1 = press.bar.coupler_m
+    x = (press.along_m * at.u_x - press.across_m * at.u_y) / r1
+    y = (press.along_m * at.u_y + press.across_m * at.u_x) / r1
+    height, rate = at.a_y + y, at.a_x + by.g2 * x
+    force = layer_force(press.load, height) if regime != FREE else 0.0
+    s1_x, _ = offset(press.crank, at.a_x, at.a_y, press.bar.crank_m)
+    s2_x, _ = offset(press.plate, at.u_x, at.u_y, press.bar.coupler_m)
+    s3_x, _ = offset(press.pendulum, at.v_x, at.v_y, press.bar.rocker_m)
+    lifted = press.crank.mass_kg * s1_x + press.plate.mass_kg * (at.a_x + by.g2 * s2_x)
+    lifted += press.pendulum.mass_kg * by.g3 * s3_x
+    return Reduced(inertia, slope, force * rate - press.gravity * lifted, height, rate, force)
+
+
+@kernel
+def press_weights(press: Press, f: float) -> float:
+    """Return the potential energy of the weights (J), the bearings at height 0 and h."""
+    at = position(press.bar, f)
+    _, s1_y = offset(press.crank, at.a_x, at.a_y, press.bar.crank_m)
+    _, s2_y = offset(press.plate, at.u_x, at.u_y, press.bar.coupler_m)
+    _, s3_y = offset(press.pendulum, at.v_x, at.v_y, press.bar.rocker_m)
+    height = press.crank.mass_kg * s1_y + press.plate.mass_kg * (at.a_y + s2_y)
+    return press.gravity * (height + press.pendulum.mass_kg * (press.bar.pivot_y_m + s3_y))
+
+
+@kernel
+def press_pins(press: Press, f: float, w: float, e: float, force: float) -> Reactions:
+    """Return every pin force and the drive moment from equilibrium, under an upward force (N) on the plate."""
+    at = position(press.bar, f)
+    by = motion(press.bar, press.crank, press.plate, press.pendulum, at, coefficients(at), w, e)
+    r1 = press.bar.coupler_m
+    x = at.a_x + (press.along_m * at.u_x - press.across_m * at.u_y) / r1
+    y = at.a_y + (press.along_m * at.u_y + press.across_m * at.u_x) / r1
+    return pin_forces(
+        press.bar,
+        press.crank,
+        press.plate,
+        press.pendulum,
+        at,
+        by,
+        e,
+        0.0,
+        -press.gravity,
+        0.0,
+        force,
+        x,
+        y,
+    )
+
+
+@kernel
+def press_state(
+    press: Press, f: float, w: float, e: float, regime: int
+) -> tuple[tuple[float, float, float], tuple[float, float, float], float, float, float]:
+    """Return positions and rates of crank, plate, pendulum; crank torque (N m), energy (J), miss of the rods (m)."""
+    at = position(press.bar, f)
+    by = coefficients(at)
+    plate, pendulum = link_angles(at)
+    now = press_reduced(press, f, regime)
+    torque = now.inertia * e + 0.5 * w * w * now.slope - now.moment
+    energy = 0.5 * now.inertia * w * w + press_weights(press, f)
+    return (f, plate, pendulum), (w, by.g2 * w, by.g3 * w), torque, energy, closure_error(press.bar, at)
+
+
+@kernel
+def press_load_work(press: Press, before: float, after: float, regime: int) -> float:
+    """Return the work (J) of the layer on the plate from one crank angle (rad) to another, in closed form."""
+    if regime == FREE:
+        return 0.0
+    y0, _ = loaded_height(press, before)
+    y1, _ = loaded_height(press, after)
+    return layer_work(press.load, y0) - layer_work(press.load, y1)
+
+
+@kernel
+def press_load_speed(press: Press, f: float, w: float) -> float:
+    """Return the downward speed of the loaded point (m/s)."""
+    return -loaded_height(press, f)[1] * w
+
+
+class LedPress(NamedTuple):
+    """The press at a prescribed speed: angle (rad), speed (rad/s) at time 0, acceleration (rad/s2), regime."""
+
+    press: Press
+    f: float
+    w: float
+    e: float
+    regime: int
+
+
+@rates_of(LedPress, DORMAND_PRINCE_8)
+def led_press_power(led: LedPress, t: float, y: Array, out: Array) -> None:
+    """Fill in the power of the drive (W), from the moment that the pin forces give.
+
+    The layer's work is in closed form and the energy from the reduced inertia, so the balance compares three routes.
+    """
+    w, f = led.w + led.e * t, led.f + (led.w + 0.5 * led.e * t) * t
+    force = press_reduced(led.press, f, led.regime).force
+    out[0] = press_pins(led.press, f, w, led.e, force).moment * w
+
+
+class DrivenPress(NamedTuple):
+    """The press behind a motor, and the regime of its layer."""
+
+    press: Press
+    drive: ShaftDrive
+    regime: int
+
+
+@rates_of(DrivenPress, DORMAND_PRINCE_8)
+def driven_press_rates(driven: DrivenPress, t: float, y: Array, out: Array) -> None:
+    """Fill in the rates of crank angle, speed, drive work, gear loss and friction loss."""
+    now = press_reduced(driven.press, y[0], driven.regime)
+    crank_rates(driven.drive, t, y, now.inertia, now.slope, now.moment, out)

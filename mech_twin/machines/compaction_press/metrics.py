@@ -1,0 +1,151 @@
+"""Numbers of the press: one position, one cycle, the paper's closing conditions."""
+
+from __future__ import annotations
+
+from math import degrees, pi
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from mech_twin.machines.compaction_press.cycle import (
+    POSITIONS,
+    angle_range,
+    flywheel_figures,
+    gains,
+    mean_torque,
+    press_cycle,
+    regime_at,
+)
+from mech_twin.machines.compaction_press.dynamics import Press, press_pins, press_reduced
+from mech_twin.machines.compaction_press.parameters import CompactionPress, press_constants
+from mech_twin.machines.compaction_press.stroke_load import layer_work
+from mech_twin.parts.four_bar import acute_angles, coefficients, failing_inequality, motion, position
+
+GAMMA_LIMIT_DEG = 20.0  # published
+ALPHA_TOLERANCE_DEG = 5.0  # the design search's reading of "near 90"
+
+
+class Check(NamedTuple):
+    """One of the paper's conditions: its value, its limit, and the margin (negative: it fails)."""
+
+    name: str
+    value: float
+    limit: float
+    margin: float
+
+    @property
+    def holds(self) -> bool:
+        """Whether the condition is met."""
+        return self.margin >= 0.0
+
+
+def transmission_angle(press: Press, f: float) -> float:
+    """Return the angle between plate and pendulum at B (rad, 0 to pi)."""
+    at = position(press.bar, f)
+    return float(np.arctan2(abs(at.det), at.u_x * at.v_x + at.u_y * at.v_y))
+
+
+def position_figures(parameters: CompactionPress, f: float) -> dict[str, Any]:
+    """Return every angle, speed, force and constant at crank angle ``f`` (rad) and rated constant speed."""
+    press, stroke = press_constants(parameters)
+    w = parameters.drive.speed_rad_per_s
+    at = position(press.bar, f)
+    alpha, beta, gamma = acute_angles(at)
+    by = motion(press.bar, press.crank, press.plate, press.pendulum, at, coefficients(at), w, 0.0)
+    now = press_reduced(press, f, regime_at(stroke, f, w))
+    pins = press_pins(press, f, w, 0.0, now.force)
+    k1, k2, normal, vertical = gains(press, f)
+    return {
+        "crank_angle_rad": f,
+        "crank_angle_deg": degrees(f),
+        "a_m": (at.a_x, at.a_y),
+        "b_m": (at.b_x, at.b_y),
+        "alpha_deg": degrees(alpha),
+        "beta_deg": degrees(beta),
+        "gamma_deg": degrees(gamma),
+        "transmission_angle_deg": degrees(transmission_angle(press, f)),
+        "w2_rad_per_s": by.w2,
+        "w3_rad_per_s": by.w3,
+        "e2_rad_per_s2": by.e2,
+        "e3_rad_per_s2": by.e3,
+        "pin_o_force_on_crank_n": (pins.o_x, pins.o_y),
+        "pin_a_force_on_plate_n": (pins.a_x, pins.a_y),
+        "pin_b_force_on_plate_n": (pins.b_x, pins.b_y),
+        "pin_c_force_on_pendulum_n": (pins.c_x, pins.c_y),
+        "working_force_n": now.force,
+        "loaded_point_height_m": now.y,
+        "drive_torque_nm": pins.moment,
+        "drive_torque_reduced_nm": 0.5 * w * w * now.slope - now.moment,
+        "drive_power_w": pins.moment * w,
+        "i_pr_kg_m2": now.inertia,
+        "i_pr_slope_kg_m2_per_rad": now.slope,
+        "m_pr_nm": now.moment,
+        "k1": k1,
+        "k2": k2,
+        "k1_k2": k1 * k2,
+        "gain_exact_normal": normal,
+        "gain_exact_vertical": vertical,
+    }
+
+
+def working_quarter(press: Press, count: int = 9000) -> dict[str, float]:
+    """Return over 180-270 degrees: smallest gains, and the share of it on which each exact gain is two or more."""
+    angles = pi + (np.arange(count) + 0.5) * (0.5 * pi / count)
+    table = np.array([gains(press, f) for f in angles])
+    return {
+        "paper_gain_min_in_quarter": float((table[:, 0] * table[:, 1]).min()),
+        "normal_gain_min_in_quarter": float(table[:, 2].min()),
+        "vertical_gain_min_in_quarter": float(table[:, 3].min()),
+        "normal_gain_two_share_of_quarter": float(np.mean(table[:, 2] >= 2.0)),
+        "vertical_gain_two_share_of_quarter": float(np.mean(table[:, 3] >= 2.0)),
+    }
+
+
+def conditions(parameters: CompactionPress) -> tuple[Check, ...]:
+    """Return the paper's three closing conditions with their margins.
+
+    gamma_max < 20 degrees; alpha near 90 degrees at the end of the working stroke; a flywheel, unless the machine
+    keeps the asked non-uniformity without one (then nothing is missing).
+    """
+    press, stroke = press_constants(parameters)
+    gamma = degrees(angle_range(press, POSITIONS)[0])
+    alpha = degrees(acute_angles(position(press.bar, stroke.bottom))[0])
+    figures = flywheel_figures(press, stroke, parameters.drive.speed_rad_per_s, parameters.flywheel.non_uniformity)
+    missing = max(0.0, figures["flywheel_inertia_kg_m2"])
+    return (
+        Check("gamma_max_deg", gamma, GAMMA_LIMIT_DEG, GAMMA_LIMIT_DEG - gamma),
+        Check("alpha_at_bottom_deg", alpha, 90.0 - ALPHA_TOLERANCE_DEG, alpha - (90.0 - ALPHA_TOLERANCE_DEG)),
+        Check("flywheel_missing_kg_m2", missing, 0.0, -missing),
+    )
+
+
+def cycle_report(parameters: CompactionPress) -> dict[str, float]:
+    """Return the figures of one cycle at rated constant speed; the flywheel figures are for the bare press."""
+    press, stroke = press_constants(parameters, fitted=False)
+    speed = parameters.drive.speed_rad_per_s
+    cycle = press_cycle(press, stroke, speed, POSITIONS, kinks=False)
+    torque = cycle.drive_torque_nm
+    gamma, least, most = (degrees(angle) for angle in angle_range(press, POSITIONS))
+    gamma_check, alpha_check, _ = conditions(parameters)
+    mean = mean_torque(press, stroke, speed)
+    return {
+        "gamma_max_deg": gamma,
+        "drive_torque_mean_nm": mean,
+        "drive_torque_peak_nm": float(torque.max()),
+        "drive_torque_min_nm": float(torque.min()),
+        "power_mean_w": mean * speed,
+        "power_peak_w": float((torque * speed).max()),
+        "transmission_angle_min_deg": least,
+        "transmission_angle_max_deg": most,
+        **flywheel_figures(press, stroke, speed, parameters.flywheel.non_uniformity),
+        "work_per_cycle_j": float(layer_work(press.load, stroke.bottom_y_m)),
+        "stroke_m": stroke.top_y_m - stroke.bottom_y_m,
+        "top_deg": degrees(stroke.top),
+        "bottom_deg": degrees(stroke.bottom),
+        "contact_deg": degrees(stroke.contact),
+        "crank_rocker_1": 1.0 if failing_inequality(press.bar, crank_rocker=True) is None else 0.0,
+        "gamma_margin_deg": gamma_check.margin,
+        "alpha_at_bottom_deg": alpha_check.value,
+        "alpha_margin_deg": alpha_check.margin,
+        **working_quarter(press),
+    }

@@ -1,0 +1,171 @@
+"""Parameters of the press, the constants of its kernels, and where on a turn the layer is pressed."""
+
+from __future__ import annotations
+
+from math import pi
+from typing import Literal, NamedTuple
+
+import numpy as np
+from pydantic import model_validator
+from scipy.optimize import brentq
+
+from mech_twin.engine.coupling import Coupling
+from mech_twin.machines.compaction_press.dynamics import Press, loaded_height
+from mech_twin.machines.compaction_press.stroke_load import StrokeLoad
+from mech_twin.machines.drives import Drive
+from mech_twin.parts.four_bar import CROSSED, OPEN, FourBar, Link, failing_inequality
+from mech_twin.parts.friction import Friction
+from mech_twin.parts.gear import Gear
+from mech_twin.parts.induction_motor import InductionMotorParameters
+from mech_twin.parts.supply import SupplyParameters
+from mech_twin.quantity import Parameters, choice, quantity
+
+GRAVITY = 9.80665
+TURN = 2.0 * pi
+
+
+class PressLinkage(Parameters):
+    """Lengths of the four-bar and its branch."""
+
+    crank_m: float = quantity("m", "crank OA", gt=0.0)
+    coupler_m: float = quantity("m", "plate AB", gt=0.0)
+    pendulum_m: float = quantity("m", "pendulum CB", gt=0.0)
+    pivot_x_m: float = quantity("m", "pendulum bearing C, to the right of the crank bearing O")
+    pivot_y_m: float = quantity("m", "pendulum bearing C, above the crank bearing O")
+    branch: Literal["open", "crossed"] = choice("hanging (open) or its mirror (crossed)")
+
+    @property
+    def four_bar(self) -> FourBar:
+        """The constants of the kernels."""
+        sign = OPEN if self.branch == "open" else CROSSED
+        return FourBar(self.crank_m, self.coupler_m, self.pendulum_m, self.pivot_x_m, self.pivot_y_m, sign)
+
+    @model_validator(mode="after")
+    def _turns(self) -> PressLinkage:
+        failing = failing_inequality(self.four_bar)
+        if failing is not None:
+            raise ValueError(failing)
+        return self
+
+
+class PressLink(Parameters):
+    """One link; the crank's inertia is about O, the others' about their centroids."""
+
+    mass_kg: float = quantity("kg", "mass", ge=0.0)
+    inertia_kg_m2: float = quantity("kg m2", "moment of inertia: crank about O, others about their centroid", ge=0.0)
+    centroid_along_m: float = quantity("m", "centroid along the link, from O, A or C")
+    centroid_across_m: float = quantity("m", "centroid across the link, along turned +90 degrees")
+
+    @property
+    def link(self) -> Link:
+        """The constants of the kernels."""
+        return Link(self.mass_kg, self.inertia_kg_m2, self.centroid_along_m, self.centroid_across_m)
+
+
+class PressLinks(Parameters):
+    """The three moving links."""
+
+    crank: PressLink = choice("link 1")
+    plate: PressLink = choice("link 2")
+    pendulum: PressLink = choice("link 3")
+
+
+class WorkingForce(Parameters):
+    """Force of the layer on the plate, vertically up."""
+
+    peak_n: float = quantity("N", "force at the bottom of the stroke", ge=0.0)
+    application_from_a_m: float = quantity("m", "where it acts, along the plate from A")
+    application_across_m: float = quantity("m", "where it acts, across the plate")
+    contact_fraction: float = quantity("1", "share of the stroke above first contact", ge=0.0, lt=1.0)
+    exponent: float = quantity("1", "power of depth in the force", ge=0.0)
+
+
+class PressFlywheel(Parameters):
+    """Flywheel on the crank shaft."""
+
+    non_uniformity: float = quantity("1", "asked non-uniformity delta of the crank speed", gt=0.0, lt=2.0)
+    inertia_kg_m2: float = quantity("kg m2", "inertia of the flywheel fitted in a run", default=0.0, ge=0.0)
+
+
+class CompactionPress(Parameters):
+    """Parameters of the compaction press."""
+
+    linkage: PressLinkage = choice("four-bar")
+    links: PressLinks = choice("masses")
+    working_force: WorkingForce = choice("force of the layer")
+    flywheel: PressFlywheel = choice("flywheel")
+    drive: Drive = choice("drive of the crank")
+    motor: InductionMotorParameters | None = choice("motor of a kloss drive", default=None)
+    gear: Gear | None = choice("gear of a kloss drive", default=None)
+    supply: SupplyParameters = choice("supply of the drive")
+    friction: Friction = choice("friction at the crank shaft", default=Friction())
+    coupling: Coupling = choice("coupling of the roles")
+
+    @model_validator(mode="after")
+    def _drive_complete(self) -> CompactionPress:
+        if self.drive.kind == "kloss" and (self.motor is None or self.gear is None):
+            raise ValueError("a kloss drive needs both groups motor and gear")
+        return self
+
+
+class Stroke(NamedTuple):
+    """Crank angles (rad, 0 to 2 pi) of top, bottom, and first contact turning forward and backward; heights (m)."""
+
+    top: float
+    bottom: float
+    contact: float
+    contact_reversed: float
+    top_y_m: float
+    bottom_y_m: float
+
+
+def _dead_centre(press: Press, guess: float, step: float) -> float:
+    def rate(f: float) -> float:
+        return loaded_height(press, f)[1]
+
+    low, high = guess - step, guess + step
+    return float(brentq(rate, low, high, xtol=1e-15)) if rate(low) * rate(high) < 0.0 else guess
+
+
+def press_stroke(press: Press, contact_fraction: float) -> Stroke:
+    """Return where the loaded point's path has its top and bottom, and where the layer is met on the way down."""
+    count = 720
+    step = TURN / count
+    heights = np.array([loaded_height(press, i * step)[0] for i in range(count)])
+    top = _dead_centre(press, int(np.argmax(heights)) * step, step) % TURN
+    bottom = _dead_centre(press, int(np.argmin(heights)) * step, step) % TURN
+    y_t, y_b = loaded_height(press, top)[0], loaded_height(press, bottom)[0]
+    y_c = y_t - contact_fraction * (y_t - y_b)
+
+    def below(f: float) -> float:
+        return loaded_height(press, f)[0] - y_c
+
+    forward, backward = (bottom - top) % TURN, (top - bottom) % TURN
+    met = (top, top)
+    if contact_fraction > 0.0:
+        met = (
+            float(brentq(below, top, top + forward, xtol=1e-15)),
+            float(brentq(below, top - backward, top, xtol=1e-15)),
+        )
+    return Stroke(top, bottom, met[0] % TURN, met[1] % TURN, y_t, y_b)
+
+
+def press_constants(parameters: CompactionPress, fitted: bool = True) -> tuple[Press, Stroke]:
+    """Return the constants of the kernels and the stroke; ``fitted`` counts the fitted flywheel into the crank."""
+    p, force = parameters, parameters.working_force
+    crank = p.links.crank.link
+    if fitted:
+        crank = crank._replace(inertia_kg_m2=crank.inertia_kg_m2 + p.flywheel.inertia_kg_m2)
+    press = Press(
+        p.linkage.four_bar,
+        crank,
+        p.links.plate.link,
+        p.links.pendulum.link,
+        force.application_from_a_m,
+        force.application_across_m,
+        StrokeLoad(0.0, 1.0, 0.0, 1.0),
+        GRAVITY,
+    )
+    stroke = press_stroke(press, force.contact_fraction)
+    y_c = stroke.top_y_m - force.contact_fraction * (stroke.top_y_m - stroke.bottom_y_m)
+    return press._replace(load=StrokeLoad(force.peak_n, y_c, stroke.bottom_y_m, force.exponent)), stroke

@@ -1,0 +1,75 @@
+"""Impact mass: a mass under a two-level periodic force, striking a stop; exact events, no time step."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from mech_twin.machines.impact_mass.drawing import mass_drawing
+from mech_twin.machines.impact_mass.forces import StopReaction
+from mech_twin.machines.impact_mass.metrics import cycle_report, position_figures
+from mech_twin.machines.impact_mass.observer import MassObserver
+from mech_twin.machines.impact_mass.parameters import ImpactMass
+from mech_twin.machines.impact_mass.roles import ForceGenerator, MassOnStop
+from mech_twin.quantity import Parameters
+from mech_twin.roles import Capabilities, Machine
+
+PARAMETERS = ImpactMass
+
+
+def build(parameters: Parameters) -> Machine:
+    """Return the impact mass of these parameters."""
+    if not isinstance(parameters, ImpactMass):
+        raise TypeError(f"expected ImpactMass parameters, got {type(parameters).__name__}")
+    p = parameters
+    step_s = p.coupling.step_s
+    linkage = MassOnStop(
+        p.mass_kg,
+        p.stop_position_m,
+        p.restitution,
+        p.chatter_cutoff,
+        p.times_s,
+        step_s,
+        (p.phase1_force_n, p.phase2_force_n),
+        p.supply.initial_fraction,
+        p.initial_position_m,
+        p.initial_velocity_m_per_s,
+    )
+    motor = ForceGenerator(p.phase1_force_n, p.phase2_force_n, p.supply.rate_per_s, step_s)
+
+    def analyse(angle_rad: float) -> dict[str, Any]:
+        return position_figures(
+            p.system,
+            p.mass_kg,
+            p.stop_position_m,
+            p.initial_gap_m,
+            p.initial_velocity_m_per_s,
+            angle_rad % (2.0 * math.pi),
+        )
+
+    def report() -> dict[str, float]:
+        return cycle_report(p.system, p.mass_kg, p.initial_gap_m, p.initial_velocity_m_per_s)
+
+    return Machine(
+        "impact_mass",
+        p,
+        step_s,
+        motor,
+        linkage,
+        StopReaction(p.mass_kg, p.period_s),
+        None,
+        lambda sample, _: mass_drawing(p.stop_position_m, sample),
+        report,
+        analyse,
+        lambda: MassObserver(p.stop_position_m),
+    )
+
+
+def capabilities() -> Capabilities:
+    """Return what the machine answers beside running."""
+    from mech_twin.machines.impact_mass import plots, published
+
+    return Capabilities(
+        published=published.rows,
+        pictures=plots.pictures,
+    )

@@ -1,0 +1,166 @@
+"""One-impact cycles of the impact mass under judgement: multipliers, margin, basin, endurance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mech_twin.machines.impact_mass.batch import AT_REST, LEFT, collapse_period, fates, single_blows
+from mech_twin.machines.impact_mass.dynamics import (
+    ImpactSystem,
+    MassMotion,
+    initial_motion,
+)
+from mech_twin.machines.impact_mass.metrics import admissible
+from mech_twin.machines.impact_mass.one_impact_cycle import OneImpactCycle, one_impact_cycle
+from mech_twin.machines.impact_mass.parameters import ImpactMass
+from mech_twin.machines.impact_mass.states import (
+    FLIGHT,
+)
+
+BORDER = 1e-9  # of a phase: a blow this near the change of the force stands on the border of existence
+NEAR = 1e-6  # of the stroke and of the blow's speed: a start this near the cycle at three period starts is at it
+BASIN_PERIODS = 5000
+
+
+@dataclass(frozen=True)
+class StartBox:
+    """Where random starts are drawn from, evenly, at the start of a period: gap (m), velocity (m/s), number, seed."""
+
+    gap_max_m: float
+    velocity_min_m_per_s: float
+    velocity_max_m_per_s: float
+    starts: int
+    seed: int
+
+
+@dataclass(frozen=True)
+class Basin:
+    """What became of the random starts; ``fraction`` reached the cycle."""
+
+    box: StartBox
+    reached: int
+    at_rest: int
+    left: int
+    other: int
+    fraction: float
+    slowest_periods: int
+
+
+@dataclass(frozen=True)
+class CycleVerdict:
+    """Judgement of a one-impact cycle.
+
+    ``margin`` is 1 - |largest multiplier|.  On the border, where the blow falls on the change of the force, a late
+    blow sees A2 and an early one A1: the worse of both counts, and the cycle is not stable.
+    """
+
+    exists: bool
+    admissible: bool
+    on_border: bool
+    stable: bool
+    margin: float
+    multipliers: tuple[complex, complex]
+    other_side_multipliers: tuple[complex, complex] | None
+    basin: Basin | None
+    reason: str
+
+
+@dataclass(frozen=True)
+class Endurance:
+    """How long a cycle holds: periods in a row with exactly one impact; ``rests_in_period`` counts from 1, 0: never."""
+
+    period_s: float
+    periods: int
+    held_periods: int
+    rests_in_period: int
+    least_blow_m_per_s: float
+    largest_blow_m_per_s: float
+
+
+def phase2_cycle(parameters: ImpactMass) -> OneImpactCycle:
+    """Return the closed form of the one-impact motion with its blow in phase 2.
+
+    Raises
+    ------
+    ValueError
+        If there is none, naming the inequality and its numbers.
+    """
+    p = parameters
+    cycle = one_impact_cycle(p.period_s, p.phase1_duration_s, p.accelerations_m_per_s2, p.restitution, 1)
+    if cycle is None:
+        mean = p.phase1_force_n * p.phase1_duration_s + p.phase2_force_n * (p.period_s - p.phase1_duration_s)
+        raise ValueError(
+            "no cycle: P1 t1 + P2 (T - t1) > 0 and P1 != P2 do not both hold: "
+            f"{mean!r} N s, P1 = {p.phase1_force_n!r} N, P2 = {p.phase2_force_n!r} N"
+        )
+    return cycle
+
+
+def cycle_start(cycle: OneImpactCycle) -> MassMotion:
+    """Return the motion of a cycle at the start of a period."""
+    return MassMotion(0.0, 0.0, 0.0, max(cycle.start_gap_m, 0.0), cycle.start_velocity_m_per_s, FLIGHT, 0.0, 0.0, 0.0)
+
+
+def default_box(stroke_m: float, impact_speed_m_per_s: float, starts: int, seed: int) -> StartBox:
+    """Return the box gap 0 to 2 strokes, velocity -v- to v-."""
+    return StartBox(2.0 * stroke_m, -impact_speed_m_per_s, impact_speed_m_per_s, starts, seed)
+
+
+def basin(system: ImpactSystem, cycle: OneImpactCycle, box: StartBox, periods: int = BASIN_PERIODS) -> Basin:
+    """Return what becomes of the seeded random starts of a box within so many periods."""
+    random = np.random.default_rng(box.seed)
+    gaps = random.uniform(0.0, box.gap_max_m, box.starts)
+    velocities = random.uniform(box.velocity_min_m_per_s, box.velocity_max_m_per_s, box.starts)
+    tolerances = (NEAR * box.gap_max_m, NEAR * cycle.impact_speed_m_per_s)
+    found = fates(gaps, velocities, system, cycle_start(cycle), tolerances, periods)
+    reached, rest, left = int(np.sum(found >= 0)), int(np.sum(found == AT_REST)), int(np.sum(found == LEFT))
+    slowest = int(found.max()) if reached else 0
+    other = box.starts - reached - rest - left
+    return Basin(box, reached, rest, left, other, reached / box.starts, slowest)
+
+
+def verdict(parameters: ImpactMass, box: StartBox | None) -> CycleVerdict:
+    """Return the judgement of the one-impact cycle with its blow in phase 2; no basin where ``box`` is None."""
+    cycle = phase2_cycle(parameters)
+    system = parameters.system
+    share = cycle.position_share
+    border = min(abs(share), abs(1.0 - share)) <= BORDER
+    exists = border or 0.0 < share < 1.0
+    clear = exists and admissible(cycle, system)
+    other = _other_side(parameters) if border else None
+    worst = max(abs(m) for pair in (cycle.multipliers, other or ()) for m in pair)
+    stable = clear and not border and worst < 1.0
+    found = basin(system, cycle, box) if box is not None and exists else None
+    reason = _reason(exists, clear, border, worst, share)
+    return CycleVerdict(exists, clear, border, stable, 1.0 - worst, cycle.multipliers, other, found, reason)
+
+
+def _other_side(parameters: ImpactMass) -> tuple[complex, complex]:
+    p = parameters
+    early = one_impact_cycle(p.period_s, p.phase1_duration_s, p.accelerations_m_per_s2, p.restitution, 0)
+    if early is None:  # the late side exists, so does this: both need the same <A> > 0 and A1 != A2
+        raise AssertionError("one-impact motion exists on one side of the change of phase alone")
+    return early.multipliers
+
+
+def _reason(exists: bool, clear: bool, border: bool, worst: float, share: float) -> str:
+    if not exists:
+        return f"no such motion: 0 <= w/(T - t1) <= 1 does not hold for the blow's place: {share!r}"
+    if not clear:
+        return "not admissible: something strikes between the blows"
+    if border:
+        return f"on the border of existence: the blow falls on the change of the force; largest multiplier {worst!r}"
+    if worst >= 1.0:
+        return f"unstable: largest multiplier < 1 does not hold: {worst!r}"
+    return f"stable: largest multiplier {worst!r} < 1"
+
+
+def endurance(parameters: ImpactMass, periods: int) -> Endurance:
+    """Return how many periods from the configured start have exactly one impact, and when the mass comes to rest."""
+    p, system = parameters, parameters.system
+    start = initial_motion(p.initial_gap_m, p.initial_velocity_m_per_s, system)
+    held, least, largest = single_blows(start, system, periods)
+    rest = int(collapse_period(start, system, float(periods))) + 1 if held < periods else 0
+    return Endurance(p.period_s, periods, int(held), rest, least, largest)

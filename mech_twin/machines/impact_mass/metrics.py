@@ -1,0 +1,117 @@
+"""Metrics of the impact mass in closed form: report of the configuration, state at one angle of the period."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from mech_twin.machines.impact_mass.batch import next_period, strikes_once_a_period
+from mech_twin.machines.impact_mass.dynamics import (
+    ImpactSystem,
+    MassMotion,
+    acceleration,
+    after_impact,
+    gap_after,
+    initial_motion,
+    next_event,
+)
+from mech_twin.machines.impact_mass.force_generator import mean_level
+from mech_twin.machines.impact_mass.one_impact_cycle import (
+    OneImpactCycle,
+    least_stability_number,
+    one_impact_cycle,
+    phase1_chatter_share,
+)
+from mech_twin.machines.impact_mass.states import FLIGHT, IMPACT, MODE_NAMES, STUCK
+
+SETTLING_PERIODS = 1000
+FIRST_EVENTS = 100  # among which the first impact is looked for
+BLOW_TOLERANCE = 1e-9  # of a period: how near the next blow must be to one period after the last
+
+
+def after_blow(cycle: OneImpactCycle, system: ImpactSystem) -> MassMotion:
+    """Return the motion right after the blow of a one-impact cycle."""
+    tau, speed, phase = cycle.impact_tau_s, cycle.impact_speed_m_per_s, float(cycle.phase)
+    before = MassMotion(0.0, tau, phase, 0.0, speed, FLIGHT, 0.0, 0.0, 0.0)
+    return after_impact(before, system, tau, speed)[1]
+
+
+def admissible(cycle: OneImpactCycle, system: ImpactSystem) -> bool:
+    """Return whether nothing strikes between the blows of a one-impact cycle."""
+    return strikes_once_a_period(after_blow(cycle, system), system, BLOW_TOLERANCE * system.period_s)
+
+
+def one_impact_cycles(system: ImpactSystem) -> list[OneImpactCycle]:
+    """Return the one-impact motions there are: the blow within its phase, nothing striking between (at most two)."""
+    accelerations = (system.acceleration1, system.acceleration2)
+    found = (
+        one_impact_cycle(system.period_s, system.phase1_s, accelerations, system.restitution, phase) for phase in (0, 1)
+    )
+    return [
+        cycle
+        for cycle in found
+        if cycle is not None and 0.0 <= cycle.position_share <= 1.0 and admissible(cycle, system)
+    ]
+
+
+def cycle_report(system: ImpactSystem, mass_kg: float, gap_m: float, velocity_m_per_s: float) -> dict[str, float]:
+    """Return the closed-form figures: means, stability limits, one-impact motions, the first blow."""
+    mean = mean_level(system.period_s, system.phase1_s, system.acceleration1, system.acceleration2)
+    share = phase1_chatter_share((system.acceleration1, system.acceleration2), system.restitution)
+    figures = {
+        "period_s": system.period_s,
+        "phase1_acceleration_m_per_s2": system.acceleration1,
+        "phase2_acceleration_m_per_s2": system.acceleration2,
+        "mean_acceleration_m_per_s2": mean,
+        "mean_force_n": mean * mass_kg,
+        "least_stable_blow_acceleration_m_per_s2": least_stability_number(system.restitution) * mean,
+        "greatest_stable_blow_acceleration_m_per_s2": mean,
+    }
+    if math.isfinite(share):
+        figures["chatter_completes_from_phase1_duration_s"] = share * system.period_s / (1.0 + share)
+    for cycle in one_impact_cycles(system):
+        name = f"one_impact_phase{cycle.phase + 1}"
+        figures[f"{name}_speed_m_per_s"] = cycle.impact_speed_m_per_s
+        figures[f"{name}_impact_tau_s"] = cycle.impact_tau_s
+        figures[f"{name}_largest_multiplier_1"] = abs(cycle.multipliers[0])
+        figures[f"{name}_blow_energy_j"] = 0.5 * mass_kg * cycle.impact_speed_m_per_s**2
+    motion = initial_motion(gap_m, velocity_m_per_s, system)
+    for _ in range(FIRST_EVENTS):
+        event, motion = next_event(motion, system)
+        if event.kind == IMPACT:
+            figures["first_impact_time_s"] = event.period * system.period_s + event.tau_s
+            figures["first_impact_speed_m_per_s"] = event.pre_m_per_s
+            break
+    return figures
+
+
+def position_figures(
+    system: ImpactSystem, mass_kg: float, stop_m: float, gap_m: float, velocity_m_per_s: float, angle_rad: float
+) -> dict[str, Any]:
+    """Return the state at an angle 2 pi tau/T of the period after a thousand, from the configured start."""
+    motion = initial_motion(gap_m, velocity_m_per_s, system)
+    for _ in range(SETTLING_PERIODS):
+        motion = next_period(motion, system).motion
+    tau = angle_rad / (2.0 * math.pi) * system.period_s
+    event, after = next_event(motion, system)
+    number = motion.period
+    while event.period == number and event.tau_s <= tau:
+        motion = after
+        event, after = next_event(motion, system)
+    gap, velocity = gap_after(motion, system, tau - motion.tau_s)
+    a = acceleration(motion, system)
+    stuck = motion.mode == STUCK
+    return {
+        "angle_rad": angle_rad,
+        "time_in_period_s": tau,
+        "phase": int(motion.phase) + 1,
+        "regime": MODE_NAMES[int(motion.mode)],
+        "position_m": stop_m - gap,
+        "gap_m": gap,
+        "velocity_m_per_s": velocity,
+        "acceleration_m_per_s2": 0.0 if stuck else a,
+        "drive_force_n": a * mass_kg,
+        "stop_force_n": a * mass_kg if stuck else 0.0,
+        "kinetic_energy_j": 0.5 * mass_kg * velocity**2,
+        "settled_periods": SETTLING_PERIODS,
+    }

@@ -1,0 +1,162 @@
+"""The motion with one impact per period: synthesis, closed form, multipliers.
+
+::
+
+        v- |     /|            /|        one period: blow, recoil under A2, stroke under A1, wait w under A2
+           |    / |           / |
+      -----+---/--|----------/--|---> t
+       -R v-  /   |   ______/   |
+           |      |__/          |
+              t1  ^ blow at t1 + w
+
+m is the mass, d = xc - x0 the stroke, R the restitution, A1 = P1/m, A2 = P2/m, <A> their mean over the period T.
+Velocities are positive towards the stop.
+
+Source: manzhosov_novikov, section 3 (synthesis); the closed form, its multipliers and limits are derived here.
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+from typing import NamedTuple
+
+
+class SynthesisedCycle(NamedTuple):
+    """A one-impact cycle and the forces that make it, SI units."""
+
+    rebound_velocity_m_per_s: float
+    phase1_duration_s: float
+    period_s: float
+    phase1_force_n: float
+    phase2_force_n: float
+
+
+class OneImpactCycle(NamedTuple):
+    """A period-T motion with one impact: where it strikes and where it stands at the start of a period.
+
+    ``position_share`` is the place of the blow in its phase, 0 at the phase's start and 1 at its end; the motion
+    exists if it lies between.
+    """
+
+    phase: int
+    impact_tau_s: float
+    impact_speed_m_per_s: float
+    start_gap_m: float
+    start_velocity_m_per_s: float
+    position_share: float
+    stability_number: float
+    multipliers: tuple[complex, complex]
+
+
+def synthesised_cycle(
+    mass_kg: float,
+    stop_position_m: float,
+    initial_position_m: float,
+    initial_velocity_m_per_s: float,
+    impact_speed_m_per_s: float,
+    restitution: float,
+) -> SynthesisedCycle:
+    """Return forces and times of the cycle that starts at x0, v0 and strikes with v- at the change of phase.
+
+    v+ = -R v-; t1 = 2 d/(v- + v0); T = t1 - 2 d/(v+ + v0); P1 = m (v-^2 - v0^2)/(2 d); P2 = m (v0 - v+)/(T - t1).
+
+    Raises
+    ------
+    ValueError
+        If the cycle cannot exist, naming the inequality and its numbers.
+
+    Notes
+    -----
+    manzhosov_novikov, section 3.
+    """
+    d = stop_position_m - initial_position_m
+    v0, v1, r = initial_velocity_m_per_s, impact_speed_m_per_s, restitution
+    _require(0.0 < r < 1.0, "0 < restitution < 1", f"restitution = {r!r}")
+    _require(mass_kg > 0.0, "mass_kg > 0", f"mass_kg = {mass_kg!r}")
+    _require(d > 0.0, "initial_position_m < stop_position_m", f"{initial_position_m!r}, {stop_position_m!r}")
+    _require(v1 > 0.0, "impact_speed_m_per_s > 0", f"impact_speed_m_per_s = {v1!r}")
+    _require(v0 < r * v1, "initial_velocity_m_per_s < restitution * impact_speed_m_per_s", f"{v0!r}, {r * v1!r}")
+    _require(v0 > -v1, "initial_velocity_m_per_s > -impact_speed_m_per_s", f"{v0!r}, {-v1!r}")
+    rebound = -r * v1
+    stroke_s = 2.0 * d / (v1 + v0)
+    recoil_s = 2.0 * d / -(rebound + v0)
+    return SynthesisedCycle(
+        rebound,
+        stroke_s,
+        stroke_s + recoil_s,
+        mass_kg * (v1 - v0) * (v1 + v0) / (2.0 * d),
+        mass_kg * (v0 - rebound) / recoil_s,
+    )
+
+
+def _require(holds: bool, inequality: str, numbers: str) -> None:
+    if not holds:
+        raise ValueError(f"no cycle: {inequality} does not hold: {numbers}")
+
+
+def multipliers(stability_number: float, restitution: float) -> tuple[complex, complex]:
+    """Return the two multipliers of a one-impact cycle, larger modulus first.
+
+    With q = A_c/<A>, A_c the acceleration at the blow: l^2 - ((1+R)^2 q - 2R) l + R^2 = 0, from the product of the
+    free flight (1 T; 0 1) and the jump (-R 0; (1+R) A_c/v- -R).  Stable if and only if -((1-R)/(1+R))^2 < q < 1.
+    """
+    trace = (1.0 + restitution) ** 2 * stability_number - 2.0 * restitution
+    root = cmath.sqrt(trace * trace - 4.0 * restitution**2)
+    large = 0.5 * (trace + root) if (trace * root.real >= 0.0) else 0.5 * (trace - root)
+    return large, restitution**2 / large
+
+
+def least_stability_number(restitution: float) -> float:
+    """Return the lower limit of stability of q = A_c/<A>: -((1-R)/(1+R))^2."""
+    return -(((1.0 - restitution) / (1.0 + restitution)) ** 2)
+
+
+def impact_speed(period_s: float, mean_acceleration_m_per_s2: float, restitution: float) -> float:
+    """Return v- = <A> T/(1 + R), m/s: the speed of every one-impact motion of period T."""
+    return mean_acceleration_m_per_s2 * period_s / (1.0 + restitution)
+
+
+def one_impact_cycle(
+    period_s: float,
+    phase1_duration_s: float,
+    accelerations_m_per_s2: tuple[float, float],
+    restitution: float,
+    phase: int,
+) -> OneImpactCycle | None:
+    """Return the period-T motion whose blow falls in the given phase (0 or 1), or None if <A> <= 0 or A1 = A2.
+
+    The blow waits w after the start of its phase (length l, acceleration A; the other phase: k, B):
+    w = (R v- T - A l^2/2 - A l k - B k^2/2)/(k (B - A)), linear because the displacement of a period is zero.
+    The motion exists if 0 <= w <= l and nothing strikes earlier; the second is for the caller to check.
+    """
+    mean = (
+        accelerations_m_per_s2[0] * phase1_duration_s + accelerations_m_per_s2[1] * (period_s - phase1_duration_s)
+    ) / period_s
+    a, b = accelerations_m_per_s2[phase], accelerations_m_per_s2[1 - phase]
+    if mean <= 0.0 or a == b:
+        return None
+    own_s = (phase1_duration_s, period_s - phase1_duration_s)[phase]
+    other_s = period_s - own_s
+    v = impact_speed(period_s, mean, restitution)
+    travel = restitution * v * period_s - 0.5 * a * own_s**2 - a * own_s * other_s - 0.5 * b * other_s**2
+    w = travel / (other_s * (b - a))
+    if phase == 0:
+        gap, velocity = v * w - 0.5 * a * w * w, v - a * w
+    else:
+        left = own_s - w
+        gap, velocity = restitution * v * left - 0.5 * a * left * left, a * left - restitution * v
+    tau = w if phase == 0 else phase1_duration_s + w
+    q = a / mean
+    return OneImpactCycle(phase, tau, v, gap, velocity, w / own_s, q, multipliers(q, restitution))
+
+
+def phase1_chatter_share(accelerations_m_per_s2: tuple[float, float], restitution: float) -> float:
+    """Return f: phase-1 chatter completes every period if t1 >= f (T - t1); inf unless A1 > 0 > A2.
+
+    f = b/A1 + sqrt(b^2 + A1 b)/A1 (1 + 2R/(1-R)) with b = -A2 > 0.
+    """
+    a, b = accelerations_m_per_s2[0], -accelerations_m_per_s2[1]
+    if a <= 0.0 or b <= 0.0:
+        return math.inf
+    return b / a + math.sqrt(b * b + a * b) / a * (1.0 + 2.0 * restitution / (1.0 - restitution))

@@ -1,0 +1,282 @@
+"""Long-run regimes of the impact mass over a sweep of one parameter, and their bifurcation picture.
+
+How regimes are told apart (every rule but the last two is exact):
+
+- *rest*: at the stop with A1 >= 0 and A2 >= 0; no phase ever releases it.
+- *escape*: <A> <= 0 and a period without contact that ends no nearer and no faster than it began.
+- *periodic*, by release: a mass released from rest always goes on the same way, so two releases close an exact
+  period; its length is the number of periods between them.
+- *not resolved*: periodic by release, but a small difference grows by so much from one release to the next that
+  rounding (1e-16) is no longer small there: the number of periods would be an accident of the arithmetic.
+- *periodic*, by return: gap and velocity at the period starts repeat after k periods, throughout a window of
+  `WINDOW` periods, within 1e-9 of the largest gap and speed in it; k at most half the window.
+- Neither: the run is doubled, `DOUBLINGS` times, for it may be a long transient.  Then *chaotic* if the largest
+  Lyapunov exponent (closed-form tangent map of flights and blows) exceeds 0.01 a period in both halves of a last
+  long window, else *undecided*: a transient longer than the run, or a marginal motion.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mech_twin.configuration_tree import configuration_tree, merged_tree, tree_from_flat
+from mech_twin.kernel import kernel
+from mech_twin.machines.impact_mass.batch import leaves_for_good
+from mech_twin.machines.impact_mass.dynamics import (
+    ImpactSystem,
+    MassMotion,
+    initial_motion,
+    next_event,
+    rests_for_good,
+)
+from mech_twin.machines.impact_mass.parameters import ImpactMass
+from mech_twin.machines.impact_mass.states import CHATTER_END, RELEASE
+from mech_twin.machines.impact_mass.tangent import exponent, release_growth
+
+WINDOW = 512
+LARGEST_LOG = 700.0  # of a growth that is still a double
+DOUBLINGS = 4
+RETURN_TOLERANCE = 1e-9
+CHAOS_EXPONENT = 0.01
+EXPONENT_PERIODS = 4000
+ROUNDING = 1e-16
+RESOLVED = 1e-3  # growth of a small difference times rounding up to which the number of periods is told
+REST, ESCAPE, GOING = 1, 2, 0
+NOT_RESOLVED = "not resolved"
+
+
+class PeriodTable(NamedTuple):
+    """What happened in each period: one row a period, gap (m) and velocity (m/s) at its start."""
+
+    gap_m: NDArray[np.float64]
+    velocity_m_per_s: NDArray[np.float64]
+    impacts: NDArray[np.float64]
+    chatter_ends: NDArray[np.float64]
+    hardest_m_per_s: NDArray[np.float64]
+    releases: NDArray[np.float64]
+
+    def last(self, periods: int) -> PeriodTable:
+        """Return the last rows."""
+        return PeriodTable(*(column[-periods:] for column in self))
+
+
+@dataclass(frozen=True)
+class LongRunRegime:
+    """What the motion does in the long run.
+
+    ``impacts_per_period`` lists one period of the motion (a completed series counts as -1 in its period: endless);
+    ``blows_m_per_s`` are the hardest blows of these periods (of the last window where there is no period).
+    ``growth`` is how much a small difference grows from release to release, where the motion is periodic by release.
+    """
+
+    kind: str
+    period: int
+    impacts_per_period: tuple[int, ...]
+    completed_chatter: bool
+    blows_m_per_s: tuple[float, ...]
+    exponent_per_period: float | None
+    walked_periods: int
+    growth: float | None = None
+
+    @property
+    def note(self) -> str:
+        """Why there is no number where one would be expected; empty otherwise."""
+        return f"period not resolved, growth {self.growth:.0e}" if self.kind == NOT_RESOLVED else ""
+
+
+@dataclass(frozen=True)
+class RegimeMap:
+    """Regimes over the values of one configuration key."""
+
+    key: str
+    values: tuple[float, ...]
+    regimes: tuple[LongRunRegime, ...]
+
+
+@kernel
+def recorded(motion: MassMotion, system: ImpactSystem, periods: int) -> tuple[MassMotion, int, int, PeriodTable]:
+    """Return the motion after so many periods, how it ended (going, rest, escape), how many were walked, and a table.
+
+    Rows of the table beyond the walked ones are zero.
+    """
+    table = PeriodTable(
+        np.zeros(periods), np.zeros(periods), np.zeros(periods), np.zeros(periods), np.zeros(periods), np.zeros(periods)
+    )
+    for i in range(periods):
+        start = motion
+        table.gap_m[i], table.velocity_m_per_s[i] = motion.gap_m, motion.velocity_m_per_s
+        if rests_for_good(motion, system):
+            return motion, REST, i, table
+        while motion.period == start.period:
+            event, motion = next_event(motion, system)
+            if event.impacts > 0.0:
+                table.impacts[i] += event.impacts
+                table.hardest_m_per_s[i] = max(table.hardest_m_per_s[i], event.pre_m_per_s)
+            elif event.kind == RELEASE:
+                table.releases[i] += 1.0
+            elif event.kind == CHATTER_END:
+                table.chatter_ends[i] += 1.0
+        if leaves_for_good(start, motion, table.impacts[i], system):
+            return motion, ESCAPE, i + 1, table
+    return motion, GOING, periods, table
+
+
+def return_period(table: PeriodTable) -> int:
+    """Return the least k after which gap and velocity repeat throughout the table, or 0."""
+    state = np.column_stack([table.gap_m, table.velocity_m_per_s])
+    scale = np.abs(state).max(axis=0)
+    for k in range(1, len(state) // 2 + 1):
+        if np.all(np.abs(state[k:] - state[:-k]) <= RETURN_TOLERANCE * scale):
+            return k
+    return 0
+
+
+def release_period(table: PeriodTable) -> int:
+    """Return the number of periods between the last two releases, or 0 if there are not two."""
+    *_, before, last = (-1, -1, *np.flatnonzero(table.releases))
+    return int(last - before) if before >= 0 else 0
+
+
+def _periodic(table: PeriodTable, k: int, walked: int, growth: float | None) -> LongRunRegime:
+    last = table.last(k)
+    impacts = tuple(-1 if ends > 0.0 else int(n) for ends, n in zip(last.chatter_ends, last.impacts, strict=True))
+    blows = tuple(float(v) for v in last.hardest_m_per_s[last.impacts > 0.0])
+    completed = bool(np.any(last.chatter_ends > 0.0))
+    return LongRunRegime("periodic", k, impacts, completed, blows, None, walked, growth)
+
+
+def _released(system: ImpactSystem, table: PeriodTable, k: int, walked: int) -> LongRunRegime:
+    """Return the regime of a motion with releases k periods apart: the number, or its refusal."""
+    _, exponent_log = release_growth(system, float(k))
+    growth = math.exp(min(exponent_log, LARGEST_LOG))
+    if growth * ROUNDING <= RESOLVED:
+        return _periodic(table, k, walked, growth)
+    window = table.last(WINDOW)
+    blows = tuple(float(v) for v in window.hardest_m_per_s[window.impacts > 0.0])
+    return LongRunRegime(NOT_RESOLVED, 0, (), True, blows, None, walked, growth)
+
+
+def regime(system: ImpactSystem, motion: MassMotion, settling_periods: int = 1000) -> LongRunRegime:
+    """Return the long-run regime of a motion.
+
+    Parameters
+    ----------
+    system : ImpactSystem
+        What acts on the mass.
+    motion : MassMotion
+        Where it starts.
+    settling_periods : int
+        Periods left out at first; doubled while no regime is found.
+    """
+    walked, settling = 0, settling_periods
+    for _ in range(DOUBLINGS + 1):
+        motion, ended, count, table = recorded(motion, system, settling + WINDOW)
+        walked += count
+        if ended != GOING:
+            return LongRunRegime("rest" if ended == REST else "escape", 0, (), False, (), None, walked)
+        released = release_period(table)
+        if released:
+            return _released(system, table, released, walked)
+        returned = return_period(table.last(WINDOW))
+        if returned:
+            return _periodic(table, returned, walked, None)
+        settling *= 2
+    return _without_period(motion, system, table.last(WINDOW), walked)
+
+
+def _without_period(motion: MassMotion, system: ImpactSystem, window: PeriodTable, walked: int) -> LongRunRegime:
+    motion, first = exponent(motion, system, EXPONENT_PERIODS)
+    motion, second = exponent(motion, system, EXPONENT_PERIODS)
+    kind = "chaotic" if min(first, second) > CHAOS_EXPONENT else "undecided"
+    blows = tuple(float(v) for v in window.hardest_m_per_s[window.impacts > 0.0])
+    mean = 0.5 * (first + second)
+    completed = bool(np.any(window.chatter_ends > 0.0))
+    shown = mean if math.isfinite(mean) else None
+    return LongRunRegime(kind, 0, (), completed, blows, shown, walked + 2 * EXPONENT_PERIODS)
+
+
+def regime_of(parameters: ImpactMass, settling_periods: int = 1000) -> LongRunRegime:
+    """Return the long-run regime from the configured start."""
+    system = parameters.system
+    start = initial_motion(parameters.initial_gap_m, parameters.initial_velocity_m_per_s, system)
+    return regime(system, start, settling_periods)
+
+
+def with_value(parameters: ImpactMass, key: str, value: float) -> ImpactMass:
+    """Return the parameters with one key changed, validated anew."""
+    changes: dict[str, Any] = tree_from_flat({key: value})
+    return ImpactMass.model_validate(merged_tree(configuration_tree(parameters), changes))
+
+
+def regime_map(
+    parameters: ImpactMass,
+    values: Sequence[float],
+    key: str = "phase1_duration_s",
+    settling_periods: int = 1000,
+    progress: Callable[[int, int], None] | None = None,
+) -> RegimeMap:
+    """Return the long-run regimes for each value of a configuration key, each from the configured start.
+
+    Parameters
+    ----------
+    parameters : ImpactMass
+        The rest of the configuration.
+    values : sequence of float
+        Values of the key, in its unit.
+    key : str
+        Configuration key.
+    settling_periods : int
+        See `regime`.
+    progress : callable, optional
+        ``progress(done, all)`` after each value.
+
+    Raises
+    ------
+    pydantic.ValidationError
+        If a value makes a configuration that cannot be.
+    """
+    found = []
+    for number, value in enumerate(values, 1):
+        found.append(regime_of(with_value(parameters, key, float(value)), settling_periods))
+        if progress is not None:
+            progress(number, len(values))
+    return RegimeMap(key, tuple(float(v) for v in values), tuple(found))
+
+
+def write_bifurcation_picture(regimes: RegimeMap, path: Path) -> None:
+    """Write the bifurcation picture: hardest blow of each period against the swept key, coloured by regime."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    colours = {
+        "periodic": "#3c5ab4",
+        "chatter": "#c83c28",
+        NOT_RESOLVED: "#e0a030",
+        "chaotic": "#5a5a5a",
+        "undecided": "#b0b0b0",
+    }
+    marks: dict[str, tuple[list[float], list[float]]] = {name: ([], []) for name in (*colours, "rest", "escape")}
+    for value, found in zip(regimes.values, regimes.regimes, strict=True):
+        name = "chatter" if found.kind == "periodic" and found.completed_chatter else found.kind
+        blows = found.blows_m_per_s or (0.0,)
+        x, y = marks[name]
+        x.extend([value] * len(blows))
+        y.extend(blows)
+    figure = Figure(figsize=(9.0, 5.0), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.add_subplot()
+    for name, (x, y) in marks.items():
+        if x:
+            sign = {"rest": "s", "escape": "^"}.get(name, ".")
+            axes.plot(x, y, sign, color=colours.get(name, "#000000"), markersize=3.0, linestyle="none", label=name)
+    axes.set_xlabel(regimes.key)
+    axes.set_ylabel("hardest blow of a period, m/s")
+    axes.legend(loc="best", fontsize="small")
+    figure.savefig(path, dpi=120)

@@ -1,0 +1,61 @@
+"""The MB-10 breaker: motor, gear, percussion mechanism MO-10, tool, and the body its springs press on the tool."""
+
+from __future__ import annotations
+
+import math
+
+from mech_twin.machines.mb10_breaker.constants import breaker
+from mech_twin.machines.mb10_breaker.drawing import drawing
+from mech_twin.machines.mb10_breaker.driven_body import FollowingBody
+from mech_twin.machines.mb10_breaker.half_sine_body import HalfSineBody
+from mech_twin.machines.mb10_breaker.metrics import position_metrics, static_report
+from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
+from mech_twin.machines.mb10_breaker.roles import KlossDrive, Percussion, PinAnalysis
+from mech_twin.machines.mb10_breaker.run_metrics import BreakerObserver
+from mech_twin.parts.induction_motor import motor_constants
+from mech_twin.quantity import Parameters
+from mech_twin.roles import BodyRole, Capabilities, Machine
+
+PARAMETERS = BreakerParameters
+
+
+def build(parameters: Parameters) -> Machine:
+    """Return the breaker of these parameters."""
+    if not isinstance(parameters, BreakerParameters):
+        raise TypeError(f"expected BreakerParameters, got {type(parameters).__name__}")
+    p = parameters
+    constants, step_s = breaker(p), p.coupling.step_s
+    body: BodyRole = FollowingBody(constants)
+    if constants.held:
+        body = HalfSineBody(p.body, p.excitation, step_s)
+    return Machine(
+        name="mb10_breaker",
+        parameters=p,
+        coupling_step_s=step_s,
+        motor=KlossDrive(motor_constants(p.motor), constants, p.supply.rate_per_s, step_s),
+        linkage=Percussion(
+            constants,
+            math.radians(p.linkage.initial_crank_deg),
+            p.supply.initial_fraction,
+            step_s,
+            p.coupling.extrapolation_order,
+        ),
+        forces=PinAnalysis(constants),
+        body=body,
+        draw=drawing(constants, p.linkage.striker_angle_deg),
+        report=lambda: static_report(p, constants),
+        analyse=lambda crank_rad: position_metrics(p, constants, crank_rad),
+        observer=lambda: BreakerObserver(constants),
+    )
+
+
+def capabilities() -> Capabilities:
+    """Return what the machine answers beside running."""
+    from mech_twin.capabilities.sizing import SizingQuestion
+    from mech_twin.machines.mb10_breaker import plots, published, sizing
+
+    return Capabilities(
+        published=published.rows,
+        pictures=plots.pictures,
+        sizing=SizingQuestion(sizing.LIMITS, sizing.OBJECTIVES, sizing.sizing),
+    )

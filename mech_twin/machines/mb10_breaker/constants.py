@@ -1,0 +1,91 @@
+"""Constants of the breaker's motion, derived from its parameters."""
+
+from __future__ import annotations
+
+import math
+
+from scipy.optimize import brentq
+
+from mech_twin.machines.mb10_breaker.dynamics import Breaker
+from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
+from mech_twin.parts.four_bar import FourBar, Link, coefficients, link_angles, position
+
+
+def extremes(bar: FourBar) -> tuple[float, float]:
+    """Return the crank angles (rad, 0 to 2 pi) of the rocker's striking extreme and of its other extreme.
+
+    The rocker strikes counter-clockwise: its coefficient falls through zero at the first and rises at the second.
+    """
+    count = 720
+    angles = [2.0 * math.pi * i / count for i in range(count + 1)]
+    values = [coefficients(position(bar, angle)).g3 for angle in angles]
+    striking = retreating = math.nan
+    for i in range(count):
+        if values[i] * values[i + 1] <= 0.0 and values[i] != values[i + 1]:
+            found = float(
+                brentq(lambda q: coefficients(position(bar, q)).g3, angles[i], angles[i + 1], xtol=1e-15, rtol=1e-15)
+            )
+            if values[i] > values[i + 1]:
+                striking = found
+            else:
+                retreating = found
+    return striking, retreating
+
+
+def breaker(p: BreakerParameters) -> Breaker:
+    """Return the constants of the coupled motion."""
+    link, bar = p.linkage, p.linkage.four_bar
+    striking, retreating = extremes(bar)
+    at = position(bar, striking)
+    rotor, i = p.motor.rotor_inertia_kg_m2, p.gear.ratio
+    on_frame = p.drive_mount == "frame"
+    lever = (p.body.tool_radius_m - link.striker_arm_m) / link.ground_m
+    # two lines touch both circles; the striker's angle says which is meant
+    towards = link_angles(at)[1] + math.radians(link.striker_angle_deg) + 0.5 * math.pi
+    along = math.copysign(math.sqrt(1.0 - lever * lever), math.cos(towards))
+    own = link.rocker_mass_kg * (link.rocker_centroid_along_m**2 + link.rocker_centroid_across_m**2)
+    k = p.body.spring_arm_m * math.sqrt(p.body.spring_rate_n_per_m / p.body.inertia_kg_m2)
+    return Breaker(
+        bar=bar,
+        crank=Link(
+            link.crank_mass_kg, link.crank_inertia_kg_m2, link.crank_centroid_along_m, link.crank_centroid_across_m
+        ),
+        coupler=Link(
+            link.coupler_mass_kg,
+            link.coupler_inertia_kg_m2,
+            link.coupler_centroid_along_m,
+            link.coupler_centroid_across_m,
+        ),
+        rocker=Link(
+            link.rocker_mass_kg,
+            link.rocker_inertia_kg_m2 - own,
+            link.rocker_centroid_along_m,
+            link.rocker_centroid_across_m,
+        ),
+        rotor11=i * i * rotor,
+        rotor12=-i * i * rotor if on_frame else i * rotor,
+        rotor22=i * i * rotor if on_frame else rotor,
+        frame_drive=1.0 if on_frame else 0.0,
+        ratio=i,
+        efficiency=p.gear.efficiency,
+        inertia=p.body.inertia_kg_m2,
+        rate=p.body.spring_rate_n_per_m,
+        arm=p.body.spring_arm_m,
+        deflection=p.body.preload_deflection_m,
+        damping=2.0 * p.body.damping_ratio * k * p.body.inertia_kg_m2,
+        restitution=p.body.restitution,
+        radius=p.body.tool_radius_m,
+        striker=link.striker_arm_m,
+        tool_mass=p.tool.mass_kg,
+        tool_restitution=p.tool.restitution,
+        overtravel=p.tool.overtravel_m,
+        wall_force=p.tool.wall_force_n,
+        n_x=along,
+        n_y=lever,
+        extreme=striking,
+        retreat=retreating,
+        extreme_x=at.v_x / link.rocker_m,
+        extreme_y=at.v_y / link.rocker_m,
+        gravity=p.gravity_m_per_s2,
+        held=p.excitation.kind == "approximated",
+    )

@@ -1,0 +1,138 @@
+"""The breaker's body under the moments and impulses of the force analysis: closed form between knots, no stepping.
+
+J p' + d p + c (l phi + a) l = M0 + M1 t on each piece between knots; the knots are the ends of the step and the
+linkage's events, which alone decide when the body touches, settles or leaves.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from types import MappingProxyType
+
+from mech_twin.kernel import kernel
+from mech_twin.machines.mb10_breaker.dynamics import Breaker
+from mech_twin.machines.mb10_breaker.forces import QUANTITIES
+from mech_twin.samples import BodySample, ForceSample, Load, Named
+
+CONTACT, FLYING, STOPPED = 0, 1, 2
+LED_ANGLE, LED_RATE, BEGIN_MOMENT = (
+    QUANTITIES.index(name) for name in ("body_angle_rad", "body_rate_rad_per_s", "step_begin_moment_nm")
+)
+RESIDUALS = ("angle_difference_rad", "rate_difference_rad_per_s", "penetration_rad")
+RESIDUAL_LIMITS: Mapping[str, float] = MappingProxyType(
+    {"angle_difference_rad": 1e-6, "rate_difference_rad_per_s": 1e-3, "penetration_rad": 1e-6}
+)
+
+
+@kernel
+def swung(
+    inertia: float,
+    stiffness: float,
+    damping: float,
+    preload: float,
+    phi: float,
+    p: float,
+    moment: float,
+    slope: float,
+    span: float,
+) -> tuple[float, float]:
+    """Return angle and rate of the body after a span (s) under the moment ``moment + slope t`` (N m, N m/s).
+
+    J p' + d p + kappa phi = M0 - preload + M1 t: the particular solution alpha + beta t with beta = M1/kappa,
+    alpha = (M0 - preload - d beta)/kappa, and a damped oscillation on top.
+    """
+    beta = slope / stiffness
+    alpha = (moment - preload - damping * beta) / stiffness
+    decay = 0.5 * damping / inertia
+    k = math.sqrt(stiffness / inertia - decay * decay)
+    x, v = phi - alpha, p - beta
+    c, s, fade = math.cos(k * span), math.sin(k * span), math.exp(-decay * span)
+    sine = (v + decay * x) / k
+    angle = alpha + beta * span + fade * (x * c + sine * s)
+    rate = beta + fade * (v * c - (k * x + decay * sine) * s)
+    return angle, rate
+
+
+class FollowingBody:
+    """The body role for the excitation ``from_forces``.
+
+    Parameters
+    ----------
+    breaker : Breaker
+        Constants.
+    """
+
+    joints = ("body",)
+    regimes = ("rest", "flight", "stopped")
+    residual_limits = RESIDUAL_LIMITS
+
+    def __init__(self, breaker: Breaker) -> None:
+        self._b = breaker
+
+    def start(self, forces: ForceSample) -> BodySample:
+        """Return the body at rest on its collar."""
+        return self._sample(forces, 0.0, 0.0, CONTACT, 0.0)
+
+    def follow(self, body: BodySample, forces: ForceSample) -> BodySample:
+        """Return the body at the step of these forces, its moment linear between the knots."""
+        phi, p, regime = body.position[0], body.velocity[0], body.regime
+        time, found = body.time_s, 0.0
+        moment = forces.quantities.values[BEGIN_MOMENT]
+        for load in forces.loads:
+            phi, p = self._flown(phi, p, regime, moment, load.moment_before_nm, load.time_s - time)
+            if load.kind in {"touchdown", "settled"}:
+                found = max(found, abs(phi))
+            phi, p, regime = self._after(phi, p, regime, load)
+            time, moment = load.time_s, load.moment_after_nm
+        phi, p = self._flown(phi, p, regime, moment, forces.body_moment_nm, forces.time_s - time)
+        return self._sample(forces, phi, p, regime, found)
+
+    def _flown(
+        self, phi: float, p: float, regime: int, moment: float, final: float, span: float
+    ) -> tuple[float, float]:
+        if regime != FLYING or span <= 0.0:
+            return phi, p
+        b = self._b
+        return swung(
+            b.inertia,
+            b.rate * b.arm * b.arm,
+            b.damping,
+            b.rate * b.deflection * b.arm,
+            phi,
+            p,
+            moment,
+            (final - moment) / span,
+            span,
+        )
+
+    def _after(self, phi: float, p: float, regime: int, load: Load) -> tuple[float, float, int]:
+        if load.kind == "blow":
+            p += load.impulse_nms / self._b.inertia
+            return phi, p, (FLYING if regime == FLYING or p > 0.0 else regime)
+        if load.kind == "touchdown":
+            return 0.0, -self._b.restitution * p, FLYING
+        if load.kind == "settled":
+            return 0.0, 0.0, CONTACT
+        if load.kind == "lift_off":
+            return 0.0, 0.0, FLYING
+        if load.kind == "jammed":
+            return phi, 0.0, STOPPED
+        return phi, p, regime
+
+    def _sample(self, forces: ForceSample, phi: float, p: float, regime: int, found: float) -> BodySample:
+        b = self._b
+        force = b.rate * (b.arm * phi + b.deflection)
+        led_phi, led_p = forces.quantities.values[LED_ANGLE], forces.quantities.values[LED_RATE]
+        return BodySample(
+            forces.step,
+            forces.time_s,
+            self.joints,
+            (phi,),
+            (p,),
+            (-force * b.arm,),
+            regime,
+            force,
+            Named(),
+            Named(RESIDUALS, (led_phi - phi, led_p - p, found)),
+        )

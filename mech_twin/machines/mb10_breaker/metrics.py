@@ -1,0 +1,144 @@
+"""Metrics of the breaker in closed form: one cycle at rated speed, and one position of the crank."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from scipy.optimize import brentq
+
+from mech_twin.machines.mb10_breaker.dynamics import FLIGHT, HELD, Breaker, blow, gap, masses_at, striker
+from mech_twin.machines.mb10_breaker.dynamics import crank_torque as geared
+from mech_twin.machines.mb10_breaker.forces import pin_forces, pin_impulses
+from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
+from mech_twin.parts.four_bar import acute_angles, coefficients, link_angles, position
+from mech_twin.parts.induction_motor import motor_constants, motor_torque
+
+TURN = 2.0 * math.pi
+
+
+def striking_angle(b: Breaker) -> float:
+    """Return the crank angle (rad, 0 to 2 pi) at which the striker meets the seated tool, the body at rest."""
+    start = b.extreme - (b.extreme - b.retreat) % TURN
+    return float(brentq(lambda q: striker(b, q)[0], start, b.extreme, xtol=1e-14)) % TURN
+
+
+def rated_crank_speed(p: BreakerParameters) -> float:
+    """Return the crank's speed at the motor's rated speed (rad/s)."""
+    return motor_constants(p.motor).rated_speed_rad_per_s / p.gear.ratio
+
+
+def static_report(p: BreakerParameters, b: Breaker) -> dict[str, float]:
+    """Return the closed-form metrics of one cycle at rated speed, the body on its collar."""
+    motor, u = motor_constants(p.motor), rated_crank_speed(p)
+    q = striking_angle(b)
+    _, slope, bend = striker(b, q)
+    held = blow(b._replace(held=True), q, u, 0.0, 0.0, True)
+    free = blow(b._replace(held=False), q, u, 0.0, 0.0, True)
+    jump = pin_impulses(b, q, 0.0, free.u - u, free.p, free.impulse)
+    held_jump = pin_impulses(b, q, 0.0, held.u - u, 0.0, held.impulse)
+    k = b.arm * math.sqrt(b.rate / b.inertia)
+    inertias = [masses_at(b, TURN * i / 360, 0.0) for i in range(360)]
+    arm_angle = link_angles(position(b.bar, q))[1] + math.radians(p.linkage.striker_angle_deg)
+    return {
+        "rated_torque_nm": motor.rated_torque_nm,
+        "rated_slip": motor.rated_slip,
+        "breakdown_slip": motor.breakdown_slip,
+        "breakdown_torque_nm": motor.breakdown_torque_nm,
+        "rated_crank_speed_rad_per_s": u,
+        "rated_blow_rate_hz": u / TURN,
+        "striking_extreme_deg": math.degrees(b.extreme),
+        "retreating_extreme_deg": math.degrees(b.retreat),
+        "striking_angle_deg": math.degrees(q),
+        "before_extreme_deg": math.degrees(b.extreme - q),
+        "rocker_stroke_deg": _stroke_deg(b),
+        "smallest_transmission_deg": min(
+            math.degrees(acute_angles(position(b.bar, TURN * i / 360))[1]) for i in range(360)
+        ),
+        "tool_line_miss_m": b.striker + b.bar.pivot_x_m * math.cos(arm_angle) - b.radius,
+        "striker_speed_m_per_s": slope * u,
+        "striker_curvature_m_per_rad2": bend,
+        "crank_inertia_smallest_kg_m2": min(m.m11 for m in inertias),
+        "crank_inertia_largest_kg_m2": max(m.m11 for m in inertias),
+        "body_inertia_smallest_kg_m2": min(m.m22 for m in inertias),
+        "body_inertia_largest_kg_m2": max(m.m22 for m in inertias),
+        "blow_impulse_ns": free.impulse,
+        "blow_energy_j": free.tool_energy,
+        "blow_loss_j": free.loss,
+        "blow_energy_over_overtravel_n": free.tool_energy / b.overtravel,
+        "body_leaves_at_rad_per_s": free.p,
+        "blow_impulse_on_body_nms": jump.moment,
+        "blow_impulse_body_held_ns": held.impulse,
+        "blow_energy_body_held_j": held.tool_energy,
+        "blow_impulse_on_body_held_nms": held_jump.moment,
+        "rocker_bearing_impulse_body_held_ns": math.hypot(held_jump.c_x, held_jump.c_y),
+        "crank_bearing_impulse_body_held_ns": math.hypot(held_jump.o_x, held_jump.o_y),
+        "rest_force_n": b.rate * b.deflection,
+        "rest_force_on_tool_n": b.rate * b.deflection * b.arm / b.radius,
+        "body_frequency_rad_per_s": k,
+        "body_frequency_over_blow_frequency": k / u,
+    }
+
+
+def _stroke_deg(b: Breaker) -> float:
+    here, there = (link_angles(position(b.bar, q))[1] for q in (b.extreme, b.retreat))
+    return math.degrees(abs(math.remainder(here - there, TURN)))
+
+
+def position_metrics(p: BreakerParameters, b: Breaker, crank_rad: float) -> dict[str, Any]:
+    """Return every angle, speed, force and constant at one crank angle: rated speed, the body on its collar."""
+    motor, u = motor_constants(p.motor), rated_crank_speed(p)
+    at = position(b.bar, crank_rad)
+    by = coefficients(at)
+    m = masses_at(b, crank_rad, 0.0)
+    torque = motor_torque(motor, b.ratio * u, 1.0)
+    drive = geared(b, torque, u, 0.0)
+    found = pin_forces(b, crank_rad, u, 0.0, 0.0, drive, HELD if b.held else FLIGHT)
+    coupler, rocker = link_angles(at)
+    alpha, transmission, gamma = acute_angles(at)
+    travel, slope, bend = striker(b, crank_rad)
+    e1 = found.crank_acceleration
+    return {
+        "crank_rad": crank_rad,
+        "coupler_rad": coupler,
+        "rocker_rad": rocker,
+        "crank_to_coupler_rad": alpha,
+        "transmission_rad": transmission,
+        "coupler_to_ground_rad": gamma,
+        "crank_pin_x_m": at.a_x,
+        "crank_pin_y_m": at.a_y,
+        "rocker_pin_x_m": at.b_x,
+        "rocker_pin_y_m": at.b_y,
+        "crank_speed_rad_per_s": u,
+        "coupler_speed_rad_per_s": by.g2 * u,
+        "rocker_speed_rad_per_s": by.g3 * u,
+        "crank_acceleration_rad_per_s2": e1,
+        "coupler_acceleration_rad_per_s2": by.g2 * e1 + by.g2_1 * u * u,
+        "rocker_acceleration_rad_per_s2": by.g3 * e1 + by.g3_1 * u * u,
+        "body_acceleration_rad_per_s2": found.body_acceleration,
+        "striker_travel_m": travel,
+        "striker_speed_m_per_s": slope * u,
+        "striker_slope_m_per_rad": slope,
+        "striker_curvature_m_per_rad2": bend,
+        "striker_gap_m": gap(b, crank_rad, u, 0.0, 0.0)[0],
+        "m11_kg_m2": m.m11,
+        "m12_kg_m2": m.m12,
+        "m22_kg_m2": m.m22,
+        "m11_slope_kg_m2_per_rad": m.m11_q,
+        "m12_slope_kg_m2_per_rad": m.m12_q,
+        "m22_slope_kg_m2_per_rad": m.m22_q,
+        "motor_torque_nm": torque,
+        "drive_torque_nm": found.drive,
+        "drive_torque_routes_nm": found.drive_error,
+        "crank_bearing_x_n": found.o_x,
+        "crank_bearing_y_n": found.o_y,
+        "crank_pin_x_n": found.a_x,
+        "crank_pin_y_n": found.a_y,
+        "rocker_pin_x_n": found.b_x,
+        "rocker_pin_y_n": found.b_y,
+        "rocker_bearing_x_n": found.c_x,
+        "rocker_bearing_y_n": found.c_y,
+        "body_moment_nm": found.moment,
+        "collar_force_n": found.collar_moment / b.radius,
+        "spring_force_n": b.rate * b.deflection,
+    }

@@ -1,0 +1,121 @@
+"""The breaker's configuration: its parameter model, and the conditions that tie its numbers together."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import model_validator
+
+from mech_twin.machines.mb10_breaker.pressed_body.parameters import BodyParameters, ExcitationParameters
+from mech_twin.parts.four_bar import OPEN, FourBar, failing_inequality
+from mech_twin.parts.induction_motor import InductionMotorParameters
+from mech_twin.parts.supply import SupplyParameters
+from mech_twin.quantity import Parameters, choice, quantity
+
+
+class GearParameters(Parameters):
+    """The gear pair between motor and crank."""
+
+    ratio: float = quantity("1", "rotor turns per crank turn, i", gt=0.0)
+    efficiency: float = quantity("1", "power passed on by the gear", gt=0.0, le=1.0, live=True)
+
+
+class PercussionParameters(Parameters):
+    """The crank-rocker MO-10: lengths, masses and the arm that strikes."""
+
+    crank_m: float = quantity("m", "crank length", gt=0.0)
+    coupler_m: float = quantity("m", "coupler length", gt=0.0)
+    rocker_m: float = quantity("m", "rocker length, bearing to coupler pin", gt=0.0)
+    ground_m: float = quantity("m", "distance of the crank and rocker bearings on the body", gt=0.0)
+    striker_arm_m: float = quantity("m", "arm of the striking face about the rocker bearing", gt=0.0)
+    striker_angle_deg: float = quantity("deg", "angle from the rocker to the striker arm", ge=-180.0, le=180.0)
+    crank_mass_kg: float = quantity("kg", "mass of crank and flywheel", gt=0.0)
+    crank_inertia_kg_m2: float = quantity("kg m^2", "inertia of crank and flywheel about the crank axis", gt=0.0)
+    crank_centroid_along_m: float = quantity("m", "crank centroid from its axis along the crank", default=0.0)
+    crank_centroid_across_m: float = quantity("m", "crank centroid across the crank", default=0.0)
+    coupler_mass_kg: float = quantity("kg", "mass of the coupler", gt=0.0)
+    coupler_inertia_kg_m2: float = quantity("kg m^2", "inertia of the coupler about its centroid", ge=0.0)
+    coupler_centroid_along_m: float = quantity("m", "coupler centroid from the crank pin along the coupler")
+    coupler_centroid_across_m: float = quantity("m", "coupler centroid across the coupler", default=0.0)
+    rocker_mass_kg: float = quantity("kg", "mass of rocker and striker", gt=0.0)
+    rocker_inertia_kg_m2: float = quantity("kg m^2", "inertia of rocker and striker about the rocker bearing", gt=0.0)
+    rocker_centroid_along_m: float = quantity("m", "rocker centroid from its bearing along the rocker")
+    rocker_centroid_across_m: float = quantity("m", "rocker centroid across the rocker", default=0.0)
+    initial_crank_deg: float = quantity("deg", "crank angle at the start, from the line of the bearings", default=0.0)
+
+    @property
+    def four_bar(self) -> FourBar:
+        """The linkage in the body's frame: origin on the crank axis, x towards the rocker bearing."""
+        return FourBar(self.crank_m, self.coupler_m, self.rocker_m, self.ground_m, 0.0, OPEN)
+
+    @model_validator(mode="after")
+    def _turns_fully(self) -> PercussionParameters:
+        failing = failing_inequality(self.four_bar, crank_rocker=True)
+        if failing:
+            raise ValueError(failing)
+        own = self.rocker_mass_kg * (self.rocker_centroid_along_m**2 + self.rocker_centroid_across_m**2)
+        if self.rocker_inertia_kg_m2 <= own:
+            raise ValueError(
+                f"rocker_inertia_kg_m2 is about the bearing and must exceed mass x centroid distance squared = "
+                f"{own:.6g} kg m^2; got {self.rocker_inertia_kg_m2:g}"
+            )
+        return self
+
+
+class ToolParameters(Parameters):
+    """The free tool the striker meets, seated in the collar of the body."""
+
+    mass_kg: float = quantity("kg", "mass of the tool", gt=0.0)
+    restitution: float = quantity("1", "restitution of striker on tool, e_t", ge=0.0, le=1.0, live=True)
+    overtravel_m: float = quantity("m", "travel of the striker past the seated tool, h", gt=0.0)
+    wall_force_n: float = quantity("N", "mean force of the wall on the advancing tool", ge=0.0, live=True)
+
+
+class CouplingParameters(Parameters):
+    """The coupling of the roles through time."""
+
+    step_s: float = quantity("s", "coupling step", gt=0.0, le=0.005)
+    extrapolation_order: Literal[0, 1] = choice(
+        "motor torque within a step: 0 held, 1 linear from the last two samples, restarted at impacts, with the "
+        "impulse that turned out missing made good in the next step",
+        default=1,
+    )
+
+
+class BreakerParameters(Parameters):
+    """MB-10 breaker."""
+
+    motor: InductionMotorParameters = choice("the induction motor")
+    gear: GearParameters = choice("the gear pair")
+    linkage: PercussionParameters = choice("the percussion mechanism")
+    tool: ToolParameters = choice("the tool")
+    drive_mount: Literal["frame", "body"] = choice(
+        "what carries motor and gear; on the body the gear torque and the rotor's reaction act on it too"
+    )
+    gravity_m_per_s2: float = quantity(
+        "m/s^2", "gravity on the links, along -y; the body's own weight is in its preload", ge=0.0, live=True
+    )
+    body: BodyParameters = choice("the body, its spring and collar")
+    excitation: ExcitationParameters = choice("what moves the body")
+    coupling: CouplingParameters = choice("the coupling of the roles")
+    supply: SupplyParameters = choice("the supply of the motor")
+
+    @model_validator(mode="after")
+    def _collar_is_there(self) -> BreakerParameters:
+        if self.excitation.kind == "from_forces" and self.body.contact != "one_sided":
+            raise ValueError(
+                f"excitation.kind from_forces needs body.contact one_sided, got '{self.body.contact}': without a "
+                "collar nothing seats the tool"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _tool_line_exists(self) -> BreakerParameters:
+        lever = self.body.tool_radius_m - self.linkage.striker_arm_m
+        if abs(lever) >= self.linkage.ground_m:
+            raise ValueError(
+                f"|tool_radius_m - striker_arm_m| < ground_m fails: no line lies {self.body.tool_radius_m:g} m from "
+                f"the crank axis and {self.linkage.striker_arm_m:g} m from the rocker bearing, "
+                f"{self.linkage.ground_m:g} m apart"
+            )
+        return self

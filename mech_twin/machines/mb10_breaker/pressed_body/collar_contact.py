@@ -1,0 +1,257 @@
+r"""The body on the one-sided collar of the tool: phi >= 0, restitution e, every event exact.
+
+::
+
+     M |           _            phi |             .-.
+       |          / \               |    settled /   \   first   bounces, each (2/k) atan(w/(k phi0))
+     cal|- - - - /- -\- -           |           /     \ return
+       |________/     \___ t        |__________/       \_/\_.____ t        a finite limit when phi0 > 0
+       0       t1      T            0      lift-off         settled
+
+A motion is a chain of pieces, each of which ends with an event found in closed form or by a search that cannot step
+over it.  The chain depends on nothing but the constants and the state it starts from, so it is the same whatever the
+times at which it is looked at.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from mech_twin.kernel import kernel
+from mech_twin.machines.mb10_breaker.pressed_body.flight import ROUNDING, Stretch, motion, net_acceleration, touchdown
+from mech_twin.machines.mb10_breaker.pressed_body.parameters import PressedBody
+
+CONTACT, FREE, SETTLING = 0, 1, 2
+REGIMES = ("contact", "free", "settling")
+ONSET, BLOW, LIFT_OFF, TOUCHDOWN, SETTLED = 0, 1, 2, 3, 4
+CAUSES = ("onset", "blow", "lift_off", "touchdown", "settled")
+
+TAIL_CUT = 1e-3  # returns slower than this part of their series' first are reported as one settling, not one by one
+SERIES_END = 1e-12  # speed, as part of its first, at which a series is taken to its geometric limit
+LONGEST_SERIES = 1_000_000
+
+
+class Piece(NamedTuple):
+    """A piece of the chain: its start, the state there, and the event that ends it.
+
+    Times in s from the start of the cycle; ``loaded`` is 1 after the onset; ``series`` is the fastest approach (rad/s)
+    of the running series of returns.
+    """
+
+    cycle: int
+    start: float
+    angle: float
+    rate: float
+    regime: int
+    loaded: int
+    series: float
+    end: float
+    cause: int
+
+
+class PieceEnd(NamedTuple):
+    """What ended a piece: its cause, velocities before and after at the tool (m/s), impulse on the body (N s)."""
+
+    cause: int
+    pre: float
+    post: float
+    impulse: float
+
+
+@kernel
+def stretch_from(body: PressedBody, start: float, angle: float, rate: float, loaded: int) -> Stretch:
+    """Return the free stretch that begins at a time of the cycle."""
+    if loaded == 0:
+        return Stretch(angle, rate, 0.0, 0.0)
+    at_onset = body.mu * body.onset + body.phase  # exactly 0 in the shifted form
+    return Stretch(angle, rate, body.amplitude, body.mu * (start - body.onset) + at_onset)
+
+
+@kernel
+def _leaves(body: PressedBody, stretch: Stretch) -> bool:
+    """Return whether the load carries a body resting on the collar away at once."""
+    net, push = net_acceleration(body, stretch), stretch.load / body.inertia
+    return net > ROUNDING * push or (net >= 0.0 and push > 0.0 and math.cos(stretch.theta) > 0.0)
+
+
+@kernel
+def lift_off(body: PressedBody, start: float) -> float:
+    """Return the time in the cycle at which a body resting from ``start`` under the load leaves the collar, or inf.
+
+    In the shifted form t1 + asin(p)/mu with p = c a l/|H|; a body with p >= 1 never leaves.
+    """
+    stretch = stretch_from(body, start, 0.0, 0.0, 1)
+    if _leaves(body, stretch):
+        return start
+    needed = body.k * body.k * body.rest_angle * body.inertia
+    if needed >= body.amplitude:
+        return math.inf
+    return start + (math.asin(needed / body.amplitude) - stretch.theta) % (2.0 * math.pi) / body.mu
+
+
+@kernel
+def series_limit(body: PressedBody, stretch: Stretch, first: float, room: float) -> tuple[float, float]:
+    """Return duration (s) and summed impulse (N m s) of the returns that remain, or (inf, 0).
+
+    ``stretch`` starts on the collar with the speed after a return.  Durations are summed until the speed is below
+    ``SERIES_END`` of the first, the rest is its geometric limit 2 w/(g (1 - e)), g being the net pressing
+    acceleration.  Infinite if the limit lies beyond ``room`` or the load leaves no pressing.
+    """
+    elapsed, moment, speed = 0.0, 0.0, stretch.rate
+    theta = stretch.theta
+    for _ in range(LONGEST_SERIES):
+        current = Stretch(0.0, speed, stretch.load, theta)
+        pressing = -net_acceleration(body, current)
+        if pressing <= 0.0:
+            return math.inf, 0.0
+        if speed <= SERIES_END * first:
+            remainder = 2.0 * speed / (pressing * (1.0 - body.restitution))
+            moment += body.inertia * speed * (1.0 + body.restitution) / (1.0 - body.restitution)
+            elapsed += remainder
+            return (elapsed, moment) if elapsed <= room else (math.inf, 0.0)
+        duration, approach = touchdown(body, current, room - elapsed)
+        if duration == math.inf:
+            return math.inf, 0.0
+        elapsed += duration
+        theta += body.mu * duration
+        moment += body.inertia * approach * (1.0 + body.restitution)
+        speed = body.restitution * approach
+    return math.inf, 0.0
+
+
+@kernel
+def _settling_motion(body: PressedBody, stretch: Stretch, s: float) -> tuple[float, float]:
+    """Return angle and rate within a series that is known to end; beyond the last distinct bounce the body rests."""
+    first, speed, theta, left = stretch.rate, stretch.rate, stretch.theta, s
+    while speed > SERIES_END * first:
+        current = Stretch(0.0, speed, stretch.load, theta)
+        duration, approach = touchdown(body, current, body.period)
+        if left < duration:
+            return motion(body, current, left)
+        left -= duration
+        theta += body.mu * duration
+        speed = body.restitution * approach
+    return 0.0, 0.0
+
+
+@kernel
+def planned_piece(
+    body: PressedBody, cycle: int, start: float, angle: float, rate: float, regime: int, loaded: int, series: float
+) -> Piece:
+    """Return the piece that begins with this state, its end found."""
+    stage_end, cause = (body.period, BLOW) if loaded == 1 else (body.onset, ONSET)
+    end = stage_end
+    room = max(stage_end - start, 0.0)
+    if regime == CONTACT:
+        if loaded == 1:
+            leaving = lift_off(body, start)
+            if leaving <= stage_end:
+                end, cause = leaving, LIFT_OFF
+    elif body.one_sided:
+        stretch = stretch_from(body, start, angle, rate, loaded)
+        if regime == SETTLING:
+            duration = 0.0 if rate == 0.0 else series_limit(body, stretch, series, room)[0]
+            end, cause = start + duration, SETTLED
+        else:
+            duration, _ = touchdown(body, stretch, room)
+            if duration < math.inf:
+                end, cause = start + duration, TOUCHDOWN
+    return Piece(cycle, start, angle, rate, regime, loaded, series, end, cause)
+
+
+@kernel
+def state_at(body: PressedBody, piece: Piece, time: float) -> tuple[float, float]:
+    """Return angle and rate (rad, rad/s) at a time of the cycle within the piece."""
+    if piece.regime == CONTACT:
+        return 0.0, 0.0
+    stretch = stretch_from(body, piece.start, piece.angle, piece.rate, piece.loaded)
+    s = max(time - piece.start, 0.0)
+    angle, rate = _settling_motion(body, stretch, s) if piece.regime == SETTLING else motion(body, stretch, s)
+    return (max(angle, 0.0) if body.one_sided else angle), rate
+
+
+@kernel
+def residuals_at(body: PressedBody, piece: Piece, time: float) -> tuple[float, float]:
+    """Return two residuals, zero but for rounding: penetration of the collar (rad), and relative gain of energy.
+
+    The energy phi'^2 + k^2 (phi + phi0)^2 is compared with the start of the piece where neither load nor damping acts.
+    """
+    if piece.regime != FREE:
+        return 0.0, 0.0
+    stretch = stretch_from(body, piece.start, piece.angle, piece.rate, piece.loaded)
+    angle, rate = motion(body, stretch, max(time - piece.start, 0.0))
+    depth = max(-angle, 0.0) if body.one_sided else 0.0
+    if stretch.load > 0.0 or body.damping > 0.0:
+        return depth, 0.0
+    before = piece.rate**2 + (body.k * (piece.angle + body.rest_angle)) ** 2
+    after = rate**2 + (body.k * (angle + body.rest_angle)) ** 2
+    return depth, (after - before) / before if before > 0.0 else after
+
+
+@kernel
+def _after_return(body: PressedBody, piece: Piece) -> tuple[Piece, PieceEnd]:
+    """Return what follows a touchdown: another flight, a series that ends, or rest."""
+    stretch = stretch_from(body, piece.start, piece.angle, piece.rate, piece.loaded)
+    stage_end = body.period if piece.loaded == 1 else body.onset
+    _, approach = touchdown(body, stretch, max(stage_end - piece.start, 0.0))
+    first = max(piece.series, approach)
+    speed = body.restitution * approach
+    landed = stretch_from(body, piece.end, 0.0, speed, piece.loaded)
+    pressed = net_acceleration(body, landed) < 0.0
+    regime = FREE
+    if speed == 0.0 or (pressed and speed <= SERIES_END * first):
+        regime, speed = (FREE, 0.0) if _leaves(body, landed) else (SETTLING, 0.0)
+    elif (
+        pressed
+        and approach < TAIL_CUT * first
+        and series_limit(body, landed, first, stage_end - piece.end)[0] < math.inf
+    ):
+        regime = SETTLING
+    ending = PieceEnd(
+        TOUCHDOWN, -body.radius * approach, body.radius * speed, body.inertia * (approach + speed) / body.radius
+    )
+    return planned_piece(body, piece.cycle, piece.end, 0.0, speed, regime, piece.loaded, first), ending
+
+
+@kernel
+def _after_blow(body: PressedBody, piece: Piece) -> tuple[Piece, PieceEnd]:
+    """Return what follows the end of the cycle: the blow throws the body up by S/J."""
+    angle, before = state_at(body, piece, piece.end)
+    after = before + body.impulse / body.inertia
+    thrown = piece.regime == CONTACT and body.impulse > 0.0
+    regime, series = (FREE, 0.0) if thrown else (piece.regime, piece.series)
+    ending = PieceEnd(BLOW, body.radius * before, body.radius * after, body.impulse / body.radius)
+    return planned_piece(body, piece.cycle + 1, 0.0, angle, after, regime, 0, series), ending
+
+
+@kernel
+def next_piece(body: PressedBody, piece: Piece) -> tuple[Piece, PieceEnd]:
+    """Return the piece that follows, and what happened between the two."""
+    if piece.cause == TOUCHDOWN:
+        return _after_return(body, piece)
+    if piece.cause == BLOW:
+        return _after_blow(body, piece)
+    if piece.cause == LIFT_OFF:
+        return planned_piece(body, piece.cycle, piece.end, 0.0, 0.0, FREE, piece.loaded, 0.0), PieceEnd(
+            LIFT_OFF, 0.0, 0.0, 0.0
+        )
+    if piece.cause == SETTLED:
+        moment = 0.0
+        if piece.rate > 0.0:
+            stretch = stretch_from(body, piece.start, 0.0, piece.rate, piece.loaded)
+            stage_end = body.period if piece.loaded == 1 else body.onset
+            moment = series_limit(body, stretch, piece.series, stage_end - piece.start)[1]
+        return planned_piece(body, piece.cycle, piece.end, 0.0, 0.0, CONTACT, piece.loaded, 0.0), PieceEnd(
+            SETTLED, 0.0, 0.0, moment / body.radius
+        )
+    angle, rate = state_at(body, piece, piece.end)
+    return planned_piece(body, piece.cycle, piece.end, angle, rate, piece.regime, 1, piece.series), PieceEnd(
+        ONSET, 0.0, 0.0, 0.0
+    )
+
+
+@kernel
+def resting_piece(body: PressedBody, cycle: int) -> Piece:
+    """Return the first piece of a body that rests on the tool at the start of a cycle."""
+    return planned_piece(body, cycle, 0.0, 0.0, 0.0, CONTACT if body.one_sided else FREE, 0, 0.0)

@@ -1,0 +1,67 @@
+"""Roller former: one to four carts on one crank shaft, induction motor, elastic drive."""
+
+from __future__ import annotations
+
+from math import radians
+from typing import Any
+
+from mech_twin.machines.drives import KlossDrive
+from mech_twin.machines.roller_former.drawing import former_drawing
+from mech_twin.machines.roller_former.forces import FormerForces, FormerQuantities, loaded_bodies, pin_names
+from mech_twin.machines.roller_former.metrics import FormerObserver, former_report, position_metrics
+from mech_twin.machines.roller_former.parameters import RollerFormer, former_of
+from mech_twin.machines.roller_former.roles import FormerLinkage, joint_names
+from mech_twin.quantity import Parameters
+from mech_twin.roles import Capabilities, Machine
+
+PARAMETERS = RollerFormer
+
+
+def build(parameters: Parameters) -> Machine:
+    """Return the roller former of these parameters."""
+    if not isinstance(parameters, RollerFormer):
+        raise TypeError(f"expected RollerFormer parameters, got {type(parameters).__name__}")
+    p = parameters
+    former, count, step_s = former_of(p), p.carts.count, p.coupling.step_s
+    linkage = FormerLinkage(
+        former,
+        step_s,
+        radians(p.start.crank_deg),
+        p.start.speed_fraction * p.synchronous_crank_speed_rad_per_s,
+        p.supply.initial_fraction,
+        joint_names(count),
+    )
+    rod_forces = tuple(f"rod_force_{i}_n" for i in range(1, count + 1))
+    forces = FormerForces(former, pin_names(count), loaded_bodies(count), (*FormerQuantities._fields, *rod_forces))
+
+    def analyse(crank_rad: float) -> dict[str, Any]:
+        return position_metrics(former, crank_rad)
+
+    def report() -> dict[str, float]:
+        return former_report(p, former)
+
+    return Machine(
+        "roller_former",
+        p,
+        step_s,
+        KlossDrive(former.motor, former.ratio, p.supply.rate_per_s, step_s),
+        linkage,
+        forces,
+        None,
+        lambda sample, _: former_drawing(former, sample),
+        report,
+        analyse,
+        FormerObserver,
+    )
+
+
+def capabilities() -> Capabilities:
+    """Return what the machine answers beside running."""
+    from mech_twin.capabilities.sizing import SizingQuestion
+    from mech_twin.machines.roller_former import plots, published, sizing
+
+    return Capabilities(
+        published=published.rows,
+        pictures=plots.pictures,
+        sizing=SizingQuestion(sizing.LIMITS, sizing.OBJECTIVES, sizing.sizing),
+    )

@@ -1,0 +1,213 @@
+"""Force analysis of the roller former: rods, guides, coupling and frame, from angles, rates and efforts of the joints.
+
+The mass of a rod is halved to its ends (the page's model), so pin forces are those on crank and cart with their
+half of the rod.  Guide friction in the drive's equation is that of the static load; what the inertia of a cart adds to
+the guide reactions is shown in them and its friction neglected, as in (40).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from mech_twin.kernel import kernel
+from mech_twin.machines.roller_former.cart_parameters import REVERSING
+from mech_twin.machines.roller_former.cart_statics import cart_motion, guide_reactions, rod_force, rod_weight_moment
+from mech_twin.machines.roller_former.dynamics import Array, Former, at_motor
+from mech_twin.machines.roller_former.roles import joints_of
+from mech_twin.samples import ForceSample, LinkageSample, Named, Wrench
+
+
+class FormerQuantities(NamedTuple):
+    """Moments, inertia, accelerations, shaking force and powers that follow from the joints."""
+
+    motor_moment_nm: float
+    coupling_moment_nm: float
+    elastic_moment_nm: float
+    coupling_moment_at_motor_nm: float
+    load_moment_nm: float
+    friction_moment_nm: float
+    rod_weight_moment_nm: float
+    inertia_moment_nm: float
+    reduced_inertia_kg_m2: float
+    crank_acceleration_rad_per_s2: float
+    twist_acceleration_rad_per_s2: float
+    shaking_force_x_n: float
+    shaking_force_y_n: float
+    drive_power_w: float
+    load_power_w: float
+
+
+class CartForces(NamedTuple):
+    """Forces of each cart (N), (carts,) each: along the rod, on the guides, of the rod on its crank pin."""
+
+    rod: Array
+    front: Array
+    rear: Array
+    crank_pin_x: Array
+    crank_pin_y: Array
+
+
+class ShaftForces(NamedTuple):
+    """Moment about the shaft by the crank pins (N m), force on the shaft and shaking force (N)."""
+
+    moment_nm: float
+    x_n: float
+    y_n: float
+    shaking_x_n: float
+    shaking_y_n: float
+
+
+def pin_names(count: int) -> tuple[str, ...]:
+    """Return the pins: shaft, then crank pin, cart pin, front and rear guide rollers of each cart."""
+    kinds = ("crank_pin", "cart_pin", "guide_front", "guide_rear")
+    return ("shaft", *(f"{kind}_{i}" for i in range(1, count + 1) for kind in kinds))
+
+
+def loaded_bodies(count: int) -> tuple[str, ...]:
+    """Return on which body each pin's force acts."""
+    return ("shaft", *(body for i in range(1, count + 1) for body in (f"crank_{i}", *(f"cart_{i}",) * 3)))
+
+
+@kernel
+def load_sums(former: Former, crank: float, pulls: Array) -> tuple[float, float, float]:
+    """Return J_p2, half its derivative, and the load moment of the forces on the carts (N, along x)."""
+    bank = former.bank
+    inertia, slope, load = bank.crank_inertia_kg_m2, 0.0, 0.0
+    for cart in range(pulls.size):
+        sine, cosine = np.sin(crank + bank.offset_rad[cart]), np.cos(crank + bank.offset_rad[cart])
+        motion = cart_motion(bank, sine, cosine)
+        inertia += bank.mass_kg[cart] * motion.x1 * motion.x1
+        slope += bank.mass_kg[cart] * motion.x1 * motion.x2
+        load += pulls[cart] / motion.rod_cosine * bank.crank_m * sine * (motion.rod_cosine + bank.ratio * cosine)
+    return inertia, slope, load
+
+
+@kernel
+def friction_moment(former: Former, speed: float, driving: float) -> float:
+    """Return the friction of the shaft against its motion (N m); at rest as much as holds it, up to Coulomb's."""
+    if speed == 0.0:
+        return min(max(driving, -former.coulomb_nm), former.coulomb_nm)
+    return former.viscous_nms_per_rad * speed + (former.coulomb_nm if speed > 0.0 else -former.coulomb_nm)
+
+
+@kernel
+def fill_cart_forces(
+    former: Former, crank: float, speed: float, acceleration: float, pulls: Array, forces: CartForces
+) -> ShaftForces:
+    """Fill ``forces`` with those of each cart; return what they make on shaft and frame.
+
+    The weight of a rod's half at the crank pin counts to the force on that pin.
+    """
+    bank = former.bank
+    moment, shaft_x, shaft_y, shake_x, shake_y = 0.0, 0.0, 0.0, 0.0, 0.0
+    for cart in range(pulls.size):
+        mass, half = bank.mass_kg[cart], bank.rod_half_kg[cart]
+        psi = crank + bank.offset_rad[cart]
+        sine, cosine = np.sin(psi), np.cos(psi)
+        motion = cart_motion(bank, sine, cosine)
+        inertia_x = mass * (motion.x1 * acceleration + motion.x2 * speed * speed)
+        force = (pulls[cart] - inertia_x) / motion.rod_cosine
+        sense = -1.0 if bank.load == REVERSING and pulls[cart] < 0.0 else 1.0
+        static = rod_force(bank, cart, motion.rod_sine, motion.rod_cosine, sense)
+        share = min(abs(pulls[cart] / (static * motion.rod_cosine)), 1.0) if static != 0.0 else 0.0
+        forces.rod[cart] = force
+        forces.front[cart], forces.rear[cart] = guide_reactions(
+            bank, cart, motion.rod_sine, force, sense, share, static
+        )
+        pin_x, pin_y = force * motion.rod_cosine, -force * motion.rod_sine - half * bank.gravity_m_per_s2
+        forces.crank_pin_x[cart], forces.crank_pin_y[cart] = pin_x, pin_y
+        moment += bank.crank_m * (cosine * pin_y - sine * pin_x)
+        end_x = half * bank.crank_m * (-sine * acceleration - cosine * speed * speed)
+        end_y = half * bank.crank_m * (cosine * acceleration - sine * speed * speed)
+        shaft_x += pin_x - end_x
+        shaft_y += pin_y - end_y
+        shake_x -= inertia_x + end_x
+        shake_y -= end_y
+    return ShaftForces(moment, shaft_x, shaft_y, shake_x, shake_y)
+
+
+@kernel
+def former_forces(
+    former: Former, crank: float, speed: float, drive_speed: float, efforts: tuple[float, float, float], pulls: Array
+) -> tuple[CartForces, ShaftForces, FormerQuantities, float]:
+    """Return forces of carts and shaft, the quantities, and how far two routes to the moment in the coupling differ.
+
+    ``efforts`` are the motor's moment at the crank, the moment in the coupling and its elastic part (N m).
+    """
+    motor, transmitted, elastic = efforts
+    inertia, slope, load = load_sums(former, crank, pulls)
+    weight = rod_weight_moment(former.bank, crank)
+    driving = transmitted - load - weight - speed * speed * slope
+    friction = friction_moment(former, speed, driving)
+    acceleration = (driving - friction) / inertia
+    n = pulls.size
+    forces = CartForces(np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n))
+    shaft = fill_cart_forces(former, crank, speed, acceleration, pulls, forces)
+    residual = transmitted - friction + shaft.moment_nm - former.bank.crank_inertia_kg_m2 * acceleration
+    scale = former.motor.breakdown_torque_nm * former.ratio + abs(transmitted) + abs(load)
+    drive_acceleration = (motor - transmitted) / former.motor_inertia_kg_m2
+    quantities = FormerQuantities(
+        motor,
+        transmitted,
+        elastic,
+        at_motor(former, transmitted, 1.0 if drive_speed >= 0.0 else -1.0),
+        load,
+        friction,
+        weight,
+        inertia * acceleration + speed * speed * slope,
+        inertia,
+        acceleration,
+        drive_acceleration - acceleration,
+        shaft.shaking_x_n,
+        shaft.shaking_y_n,
+        motor * drive_speed,
+        load * speed,
+    )
+    return forces, shaft, quantities, residual / scale
+
+
+@dataclass(frozen=True)
+class FormerForces:
+    """Rod forces, guide reactions, coupling moment and shaking force; a map without state."""
+
+    former: Former
+    pins: tuple[str, ...]
+    acts_on: tuple[str, ...]
+    names: tuple[str, ...]
+
+    @property
+    def residual_limits(self) -> dict[str, float]:
+        """Limit of the two routes; the expansion's transfer function is not the linkage's, to the order (r/l)^3."""
+        ratio = self.former.bank.ratio
+        return {"drive_torque_routes": 2.0 * ratio**3 if self.former.bank.expanded else 1e-10}
+
+    def analyse(self, linkage: LinkageSample) -> ForceSample:
+        """Return every force at the linkage's step.
+
+        The two routes to the moment in the coupling: the reduced equation of motion, and the crank-pin forces' moments.
+        """
+        position, velocity, effort = (joints_of(v) for v in (linkage.position, linkage.velocity, linkage.effort))
+        efforts, pulls = (effort.drive, effort.crank, effort.twist), np.array(effort.carts)
+        carts, shaft, quantities, residual = former_forces(
+            self.former, position.crank, velocity.crank, velocity.drive, efforts, pulls
+        )
+        half_weights = self.former.bank.rod_half_kg * self.former.bank.gravity_m_per_s2
+        wrenches = [Wrench(-shaft.x_n, -shaft.y_n, quantities.coupling_moment_nm)]
+        rows = zip(*(column.tolist() for column in carts), half_weights.tolist(), strict=True)
+        for _, front, rear, pin_x, pin_y, weight in rows:
+            wrenches.append(Wrench(pin_x, pin_y, 0.0))
+            wrenches.append(Wrench(-pin_x, -(pin_y + weight), 0.0))
+            wrenches.append(Wrench(0.0, -front, 0.0))
+            wrenches.append(Wrench(0.0, -rear, 0.0))
+        return ForceSample(
+            linkage.step,
+            linkage.time_s,
+            self.pins,
+            tuple(wrenches),
+            Named(self.names, (*quantities, *carts.rod.tolist())),
+            0.0,
+            Named(("drive_torque_routes",), (residual,)),
+        )

@@ -1,0 +1,173 @@
+"""Motor of the roller former: what power the mean moment asks for, and whether a motor carries and starts the load."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mech_twin.capabilities.variation import varied
+from mech_twin.machines.roller_former.cart_statics import load_moments
+from mech_twin.machines.roller_former.metrics import moment_metrics
+from mech_twin.machines.roller_former.parameters import RollerFormer, former_of
+from mech_twin.machines.roller_former.start_up import start_up
+from mech_twin.machines.roller_former.steady import steady_turn
+from mech_twin.parts.induction_motor import (
+    InductionMotorParameters,
+    breakdown_slip,
+    kloss_torque,
+    motor_constants,
+    motor_torque,
+    slip_at_torque,
+)
+
+
+@dataclass(frozen=True)
+class CatalogueFigure:
+    """A figure of the catalogue or the print beside the one that follows from the others."""
+
+    quantity: str
+    printed: float
+    derived: float
+
+    @property
+    def error(self) -> float:
+        """Relative error of the derived figure."""
+        return self.derived / self.printed - 1.0
+
+
+PUBLISHED_MOTOR = {
+    "rated slip": 0.025,
+    "breakdown slip": 0.0933,
+    "breakdown speed, rad/s": 94.95,
+    "starting torque, N m": 129.24,
+    "rated torque, N m": 107.7,
+}
+
+
+@dataclass(frozen=True)
+class MotorVerdict:
+    """How a motor suits the installation; torques in N m on the motor shaft.
+
+    ``rated_enough`` compares rated power with the mean demand; ``load_peak_nm`` is the largest static load, which the
+    moving masses smooth; ``runs`` is whether the motor settles to a steady turn under load; the starts are computed
+    from rest, at the configured crank angle, with the load on from the first instant or coming on as configured.
+    """
+
+    name: str
+    rated_power_w: float
+    power_required_w: float
+    rated_enough: bool
+    kloss_standstill_nm: float
+    catalogue_start_nm: float
+    load_mean_nm: float
+    load_peak_nm: float
+    breakdown_nm: float
+    runs: bool
+    steady_speed_rad_per_s: float | None
+    starts_as_configured: bool
+    starts_under_load: bool
+    starts_under_load_with_catalogue_torque: bool
+
+    @property
+    def text(self) -> str:
+        """One sentence for the machine's owner."""
+        if not self.rated_enough:
+            return f"{self.name}: too weak, {self.power_required_w / 1000.0:.1f} kW are needed"
+        if not self.runs:
+            return f"{self.name}: does not keep the load up"
+        if self.starts_under_load:
+            return f"{self.name}: suits, and starts under load"
+        if self.starts_under_load_with_catalogue_torque:
+            return f"{self.name}: suits; starts under load only if the catalogue's starting torque is really there"
+        return f"{self.name}: suits, but stalls under load: start it empty" + (
+            "" if self.starts_as_configured else " (the configured start stalls as well)"
+        )
+
+
+def catalogue_check(motor: InductionMotorParameters) -> tuple[CatalogueFigure, ...]:
+    """Return the printed figures of the published motor beside those that follow from its other data and Kloss."""
+    rated_slip = 1.0 - motor.rated_speed_rpm / motor.synchronous_speed_rpm
+    constants = motor_constants(motor)
+    slip = breakdown_slip(rated_slip, motor.breakdown_torque_ratio)
+    derived = {
+        "rated slip": rated_slip,
+        "breakdown slip": slip,
+        "breakdown speed, rad/s": constants.synchronous_speed_rad_per_s * (1.0 - slip),
+        "starting torque, N m": motor.starting_torque_ratio * motor.rated_power_w / constants.rated_speed_rad_per_s,
+        "rated torque, N m": motor.rated_power_w / constants.rated_speed_rad_per_s,
+    }
+    return tuple(CatalogueFigure(name, printed, derived[name]) for name, printed in PUBLISHED_MOTOR.items())
+
+
+def power_required_w(parameters: RollerFormer) -> float:
+    """Return the rated power the mean moment asks for: mean moment times rated crank speed over efficiency (W)."""
+    mean = moment_metrics(former_of(parameters))["moment_mean_nm"]
+    return mean * parameters.rated_crank_speed_rad_per_s / parameters.drive.efficiency
+
+
+def motor_verdict(parameters: RollerFormer, name: str | None = None) -> MotorVerdict:
+    """Return the verdict on the motor of a configuration; ``name`` is what to call it."""
+    p = parameters
+    former = former_of(p)
+    constants, figures = former.motor, moment_metrics(former)
+    to_shaft = 1.0 / (former.ratio * former.efficiency)
+    turn, required = steady_turn(former), power_required_w(p)
+    return MotorVerdict(
+        name=name or p.motor.catalogue_name or f"{p.motor.rated_power_w / 1000.0:g} kW",
+        rated_power_w=p.motor.rated_power_w,
+        power_required_w=required,
+        rated_enough=p.motor.rated_power_w >= required,
+        kloss_standstill_nm=kloss_torque(constants, 1.0),
+        catalogue_start_nm=constants.starting_torque_nm,
+        load_mean_nm=figures["moment_mean_nm"] * to_shaft,
+        load_peak_nm=figures["moment_max_nm"] * to_shaft,
+        breakdown_nm=constants.breakdown_torque_nm,
+        runs=turn is not None,
+        steady_speed_rad_per_s=None if turn is None else turn.mean_speed_rad_per_s,
+        starts_as_configured=_starts(p),
+        starts_under_load=_starts(_loaded(p, p.motor.torque_curve)),
+        starts_under_load_with_catalogue_torque=_starts(_loaded(p, "starting_corrected")),
+    )
+
+
+def _loaded(parameters: RollerFormer, curve: str) -> RollerFormer:
+    return varied(
+        parameters,
+        {
+            "start.speed_fraction": 0.0,
+            "start.load_from_fraction": 0.0,
+            "supply.initial_fraction": 1.0,
+            "motor.torque_curve": curve,
+        },
+    )
+
+
+def _starts(parameters: RollerFormer) -> bool:
+    return start_up(parameters, former_of(parameters), parameters.rated_crank_speed_rad_per_s).steady
+
+
+def motor_selection(parameters: RollerFormer, table: Mapping[str, Mapping[str, float]]) -> tuple[MotorVerdict, ...]:
+    """Return the verdict on every motor of a table, weakest first; all else stays as it is."""
+    verdicts = []
+    tree: dict[str, Any] = parameters.model_dump(mode="json", exclude_none=True)
+    for name, row in sorted(table.items(), key=lambda item: item[1]["rated_power_w"]):
+        motor = {"catalogue_name": name, "torque_curve": parameters.motor.torque_curve, **row}
+        verdicts.append(motor_verdict(RollerFormer.model_validate({**tree, "motor": motor})))
+    return tuple(verdicts)
+
+
+def speed_under_mean_load(parameters: RollerFormer) -> float:
+    """Return the motor speed (rad/s) at which Kloss gives the mean moment; nan where it is beyond breakdown."""
+    former = former_of(parameters)
+    torque = moment_metrics(former)["moment_mean_nm"] / (former.ratio * former.efficiency)
+    return former.motor.synchronous_speed_rad_per_s * (1.0 - slip_at_torque(former.motor, torque))
+
+
+def standstill_margin(parameters: RollerFormer) -> float:
+    """Return the motor's moment at standstill over the largest load moment a start may meet (both at the crank)."""
+    former = former_of(parameters)
+    moment = motor_torque(former.motor, 0.0, 1.0) * former.ratio * former.efficiency
+    return float(moment / np.max(load_moments(former.bank, np.linspace(0.0, 2.0 * np.pi, 720), 1.0)))

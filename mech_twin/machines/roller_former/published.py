@@ -1,0 +1,160 @@
+"""Published numbers of the roller former beside the computed ones."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from mech_twin.capabilities.published import CHANGED, CONTRADICTS, Row, Source
+from mech_twin.capabilities.variation import varied
+from mech_twin.machines.roller_former.coupling_choice import installation
+from mech_twin.machines.roller_former.metrics import moment_metrics, turn_metrics
+from mech_twin.machines.roller_former.parameters import RollerFormer, former_of
+from mech_twin.machines.roller_former.steady import steady_turn
+from mech_twin.parts.induction_motor import breakdown_slip, motor_constants, motor_torque
+
+PAPER = "Loveikin et al. 2018"
+
+MEAN_PER_CART_NM = 452.4  # Table 1
+MAX_NM = {1: 734.5, 2: 1186.2, 3: 1475.8, 4: 2011.2}  # Table 1, all carts together
+# Table 2, by carts and damping (N m s/rad): moment per cart (N m), twist (rad), its rate and acceleration
+TABLE_2 = {
+    (2, 2000.0): (630.0, 0.0059, 0.17, 5.7),
+    (3, 2000.0): (776.6, 0.0077, 0.25, 8.1),
+    (4, 2000.0): (69.0, 0.00068, 0.029, 1.25),
+    (2, 8000.0): (350.0, 0.00315, 0.08, 2.3),
+    (3, 8000.0): (386.7, 0.004, 0.127, 4.1),
+    (4, 8000.0): (33.0, 0.00033, 0.014, 0.6),
+}
+TABLE_2_TOLERANCE = {2: 0.10, 3: 0.03, 4: 0.03}
+COLUMNS = ("dM per cart, N m", "d(phi1 - phi2), rad", "d(phi1' - phi2'), rad/s", "d(phi1'' - phi2''), rad/s2")
+
+
+def table_1_case(parameters: RollerFormer, count: int, load: str = "rectified") -> RollerFormer:
+    """Return the case of Table 1: static moments of so many carts."""
+    return varied(installation(parameters, count), {"load": load})
+
+
+def table_2_case(parameters: RollerFormer, count: int, damping: float) -> RollerFormer:
+    """Return the case of Table 2: no load, expanded kinematics, the gear of (40), steady running."""
+    changes = {"load": "none", "kinematics": "expanded", "drive.gear_loss": "printed"}
+    return varied(installation(parameters, count), {**changes, "drive.damping_nms_per_rad": damping})
+
+
+def table_2_figures(parameters: RollerFormer, count: int, damping: float) -> tuple[float, float, float, float] | None:
+    """Return the four peak-to-peak figures of a row of Table 2, the moment read as 2 c (phi1 - phi2)."""
+    case = table_2_case(parameters, count, damping)
+    former = former_of(case)
+    turn = steady_turn(former)
+    if turn is None:
+        return None
+    figures = turn_metrics(turn, former)
+    twist = figures["twist_range_rad"]
+    return (
+        2.0 * case.drive.stiffness_nm_per_rad * twist / count,
+        twist,
+        figures["twist_rate_range_rad_per_s"],
+        figures["twist_acceleration_range_rad_per_s2"],
+    )
+
+
+def rows(parameters: RollerFormer) -> Iterator[Row]:
+    """Yield the rows: the loads, the doubled moment and the three-cart maximum first."""
+    yield from _printed_loads(parameters)
+    yield from _doubled(parameters)
+    yield from _table_1(parameters)
+    yield from _table_2(parameters)
+    yield from _motor(parameters)
+    yield from _trends(parameters)
+
+
+def _moments(parameters: RollerFormer, count: int, load: str = "rectified") -> dict[str, float]:
+    return moment_metrics(former_of(table_1_case(parameters, count, load)))
+
+
+def _printed_loads(parameters: RollerFormer) -> Iterator[Row]:
+    printed = varied(parameters, {"parameter_set": "printed"})
+    paper = Source(PAPER, "Table 1", "printed loads F01, R01, G")
+    computed = _moments(printed, 1)["moment_mean_per_cart_nm"]
+    why = "the printed loads give 4.5 times the printed table; a smaller machine was evidently computed"
+    yield paper.reported("mean moment per cart, N m", MEAN_PER_CART_NM, computed, CONTRADICTS, why)
+
+
+def _doubled(parameters: RollerFormer) -> Iterator[Row]:
+    found = table_2_figures(parameters, 2, 2000.0)
+    if found is not None:
+        paper = Source(PAPER, "Table 2", "2 carts, k 2000 N m s/rad; the moment as c (phi1 - phi2)")
+        why = "the printed moments are 2 c (phi1 - phi2): twice what the printed twist and stiffness give"
+        yield paper.reported("dM per cart, N m", TABLE_2[2, 2000.0][0], 0.5 * found[0], CONTRADICTS, why)
+
+
+def _table_1(parameters: RollerFormer) -> Iterator[Row]:
+    paper = Source(PAPER, "Table 1", "loads divided by 4.5, rectified")
+    why = "three even cranks give 1466.59; the print fits a crank at 239 degrees instead of 240"
+    three = _moments(parameters, 3)["moment_max_nm"]
+    yield paper.reported("largest moment of 3 carts, N m", MAX_NM[3], three, CONTRADICTS, why)
+    change = "with F01, R01, G divided by 4.5"
+    mean = _moments(parameters, 1)["moment_mean_per_cart_nm"]
+    yield paper.gated("mean moment per cart, N m", MEAN_PER_CART_NM, mean, change, relative=1e-3, verdict=CHANGED)
+    for count in (1, 2, 4):
+        name = f"largest moment of {count} cart{'s' * (count > 1)}, N m"
+        computed = _moments(parameters, count)["moment_max_nm"]
+        yield paper.gated(name, MAX_NM[count], computed, change, relative=5e-4, verdict=CHANGED)
+
+
+def _table_2(parameters: RollerFormer) -> Iterator[Row]:
+    for (carts, damping), theirs in TABLE_2.items():
+        found = table_2_figures(parameters, carts, damping)
+        inputs = f"{carts} carts, k {damping:g} N m s/rad; no load, masses over 4.5, expanded kinematics"
+        paper = Source(PAPER, "Table 2", inputs)
+        if found is None:
+            yield paper.unknown("steady turn", None, "the motor cannot keep it up")
+            continue
+        reasons = ("read as 2 c (phi1 - phi2) over the carts: the doubled moment", *("peak to peak, steady turn",) * 3)
+        for column, printed, computed, why in zip(COLUMNS, theirs, found, reasons, strict=True):
+            yield paper.gated(column, printed, computed, why, relative=TABLE_2_TOLERANCE[carts], verdict=CHANGED)
+
+
+def _motor(parameters: RollerFormer) -> Iterator[Row]:
+    """Yield what the printed motor data give when one is worked from the others: slips, speeds, ratios of torques."""
+    plate, motor = parameters.motor, motor_constants(parameters.motor)
+    paper = Source(PAPER, "motor data", "4A160S6U3: 11 kW, 975 and 1000 1/min, ratios 2.0 and 1.2")
+    rated = plate.rated_power_w / motor.rated_speed_rad_per_s
+    slip = breakdown_slip(motor.rated_slip, plate.breakdown_torque_ratio)
+    for name, value, computed in (
+        ("rated slip s_n", 0.025, motor.rated_slip),
+        ("breakdown slip s_kr", 0.0933, slip),
+        ("omega_kr, rad/s", 94.95, motor.synchronous_speed_rad_per_s * (1.0 - slip)),
+        ("omega_n, rad/s", 102.1, motor.rated_speed_rad_per_s),
+        ("M_start, N m", 129.24, plate.starting_torque_ratio * rated),
+        ("M_n, N m", 107.7, rated),
+        ("M_kr, N m", 215.4, plate.breakdown_torque_ratio * rated),
+    ):
+        yield paper.gated(name, value, computed, "from power, speeds and ratios", relative=1.5e-3)
+    still = float(motor_torque(motor, 0.0, 1.0))
+    why = "the Kloss curve alone starts with a third of the catalogue torque: a loaded start stalls"
+    yield paper.reported("torque at standstill, N m", 129.24, still, CONTRADICTS, why)
+
+
+def _trends(parameters: RollerFormer) -> Iterator[Row]:
+    paper = Source(PAPER, "Fig. 10", "2 carts, no load, expanded kinematics")
+    most = []
+    for damping in (2000.0, 8000.0, 10000.0):
+        former = former_of(table_2_case(parameters, 2, damping))
+        turn = steady_turn(former)
+        most.append(turn_metrics(turn, former)["coupling_moment_max_nm"] if turn is not None else float("nan"))
+    yield paper.limit(
+        "fall of the largest coupling moment from k 2000 to 8000 above that to 10000, N m",
+        most[1] - most[2],
+        most[0] - most[1],
+        "falls with k, most of it before 8000",
+        "above",
+    )
+    yield paper.unknown("optimal stiffness", None, "the published c are no unique minima of anything printed")
+    per_cart = {count: _moments(parameters, count)["moment_max_nm"] / count for count in (2, 3, 4)}
+    yield Source(PAPER, "Fig. 18", "loads divided by 4.5, rectified").limit(
+        "largest moment per cart: 3 carts below the other two, N m",
+        min(per_cart[2], per_cart[4]),
+        per_cart[3],
+        "the energetically balanced drive is the evenest",
+        "below",
+    )

@@ -1,0 +1,171 @@
+"""Steady turn of the roller former under full load, motor and mechanism solved together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import isfinite, pi
+from typing import NamedTuple
+
+import numpy as np
+
+from mech_twin.kernel import kernel
+from mech_twin.machines.roller_former.cart_statics import sides_of_travel
+from mech_twin.machines.roller_former.dynamics import (
+    CRANK,
+    SIZE,
+    Array,
+    Former,
+    Modes,
+    Motion,
+    State,
+    Stretch,
+    Torque,
+    coupling_moment,
+    geared,
+    rates,
+    shaft_torque,
+    state_array,
+    state_of,
+)
+from mech_twin.machines.roller_former.events import empty_log
+from mech_twin.machines.roller_former.integration import DONE, Advance, advance_motion, ending
+
+TURN = 2.0 * pi
+CRITERION = 1e-11
+MOST_TURNS = 2000
+NODES = 1440
+LONGEST_TURN = 20.0  # times that at synchronous speed: slower, the machine does not run
+
+
+class TurnColumns(NamedTuple):
+    """Nodes of one turn, equal in time: (nodes,) each."""
+
+    time_s: Array
+    crank_rad: Array
+    crank_speed_rad_per_s: Array
+    twist_rad: Array
+    twist_rate_rad_per_s: Array
+    twist_acceleration_rad_per_s2: Array
+    coupling_nm: Array
+    drive_nm: Array
+    motor_nm: Array
+
+
+@dataclass(frozen=True)
+class SteadyTurn:
+    """One turn of the periodic motion.
+
+    ``works`` is what the turn took and gave (J), integrated with the motion.  ``change`` is the largest change of
+    twist, crank speed and twist rate from the turn before, over their scales.
+    """
+
+    turn_time_s: float
+    turns_taken: int
+    change: float
+    columns: TurnColumns
+    works: State
+    stiffness_nm_per_rad: float
+
+    @property
+    def mean_speed_rad_per_s(self) -> float:
+        """Mean crank speed over the turn."""
+        return TURN / self.turn_time_s
+
+    @property
+    def elastic_nm(self) -> Array:
+        """Elastic moment c (phi1 - phi2) at the nodes."""
+        return self.stiffness_nm_per_rad * self.columns.twist_rad
+
+
+def closed_extremes(values: Array) -> tuple[float, float]:
+    """Return smallest and largest value of a periodic curve sampled at equal steps, a parabola laid about each."""
+    found = []
+    for sign in (-1.0, 1.0):
+        curve = sign * values
+        at = int(np.argmax(curve))
+        before, here, after = curve[at - 1], curve[at], curve[(at + 1) % curve.size]
+        bend = before - 2.0 * here + after
+        lift = (before - after) ** 2 / (8.0 * -bend) if bend < 0.0 else 0.0
+        found.append(float(sign * (here + lift)))
+    return found[0], found[1]
+
+
+@kernel
+def next_section(former: Former, command: float, t: float, y: Array, modes: Modes, longest_s: float) -> Advance:
+    """Carry the state on by one whole turn; the time reached is nan if the turn does not end in time."""
+    stop = y[CRANK] + TURN
+    torque = Torque(True, command, 0.0, 0.0, 0.0)
+    done = advance_motion(former, torque, t, t + longest_s, y, modes, empty_log(), stop)
+    if y[CRANK] < stop:
+        return Advance(np.nan, done.status, done.events, done.modes)
+    y[CRANK] = stop - TURN
+    return done
+
+
+@kernel
+def turn_columns(former: Former, command: float, turn_time_s: float, nodes: int, y: Array, modes: Modes) -> TurnColumns:
+    """Carry the state through one turn, and return the nodes passed."""
+    found, out = np.empty((9, nodes)), np.empty(SIZE)
+    sides, log = np.empty(former.bank.offset_rad.size), empty_log()
+    torque = Torque(True, command, 0.0, 0.0, 0.0)
+    for node in range(nodes):
+        now, t = state_of(y), turn_time_s * node / nodes
+        low, high = sides_of_travel(former.bank, now.crank_rad, sides)
+        stretch = Stretch(t, modes.direction, modes.drive_direction, 1.0, 0.0, low, high, 0.0, 0.0)
+        rates(Motion(former, torque, stretch, sides), t, y, out)
+        found[0, node], found[1, node], found[2, node] = t, now.crank_rad, now.crank_speed_rad_per_s
+        found[3, node], found[4, node] = now.twist_rad, now.twist_rate_rad_per_s
+        found[5, node] = state_of(out).twist_rate_rad_per_s
+        found[6, node] = coupling_moment(former, now)
+        shaft = shaft_torque(former, torque, t, now.crank_speed_rad_per_s + now.twist_rate_rad_per_s)
+        found[7, node], found[8, node] = geared(former, shaft, modes.drive_direction), shaft
+        until = turn_time_s * (node + 1) / nodes
+        modes = advance_motion(former, torque, t, until, y, modes, log, np.inf).modes
+    return TurnColumns(found[0], found[1], found[2], found[3], found[4], found[5], found[6], found[7], found[8])
+
+
+def steady_turn(
+    former: Former, crank_rad: float = 0.0, nodes: int = NODES, most_turns: int = MOST_TURNS
+) -> SteadyTurn | None:
+    """Return the periodic motion under full load at rated supply, or None if the motor cannot keep it up.
+
+    Started at synchronous speed, untwisted.  Steady means: from one passage of the starting crank angle to the next,
+    twist, crank speed and twist rate change by less than 1e-11 of their scales (twist of the rated moment, synchronous
+    speed).  None as well if that does not happen within ``most_turns``.
+
+    Raises
+    ------
+    ArithmeticError
+        If the integration cannot go on.
+    """
+    speed = former.motor.synchronous_speed_rad_per_s / former.ratio
+    y, modes, t = state_array(crank_rad, speed), Modes(1.0, 1.0, True, 1.0, -1.0, False, 0.0), 0.0
+    for turns in range(1, most_turns + 1):
+        before = State(*y.tolist())
+        done = next_section(former, 1.0, t, y, modes, LONGEST_TURN * TURN / speed)
+        if done.status != DONE:
+            raise ArithmeticError(f"roller_former: {ending(done)}")
+        if not isfinite(done.time_s) or done.modes.stalled:
+            return None
+        change = section_change(before, State(*y.tolist()), former.scales)
+        works, y = y, state_array(0.0, 0.0) + y * KEPT
+        modes = done.modes
+        if change < CRITERION:
+            columns = turn_columns(former, 1.0, done.time_s - t, nodes, y, modes)
+            return SteadyTurn(
+                done.time_s - t, turns, change, columns, State(*works.tolist()), former.stiffness_nm_per_rad
+            )
+        t = done.time_s
+    return None
+
+
+KEPT = np.array([1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0])  # coordinates go on, works begin anew with each turn
+
+
+def section_change(before: State, after: State, scales: State) -> float:
+    """Return the largest change of twist, crank speed and twist rate between two passages, over their scales."""
+    return max(
+        abs(after.twist_rad - before.twist_rad) / scales.twist_rad,
+        abs(after.crank_speed_rad_per_s - before.crank_speed_rad_per_s) / scales.crank_speed_rad_per_s,
+        abs(after.twist_rate_rad_per_s - before.twist_rate_rad_per_s) / scales.twist_rate_rad_per_s,
+    )

@@ -1,0 +1,214 @@
+"""Numbers of the vibration crank: one position, one cycle, the balance, and the influence of speed."""
+
+from __future__ import annotations
+
+import math
+from math import pi
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+
+from mech_twin.kernel import kernel
+from mech_twin.machines.vibration_crank.counterweight import derived_counterweight
+from mech_twin.machines.vibration_crank.parameters import VibrationCrank, slider_crank_constants
+from mech_twin.machines.vibration_crank.slider_crank import (
+    BOOM,
+    SliderCrank,
+    drive_moment,
+    follower,
+    pin_forces,
+    reduced,
+)
+
+Array = NDArray[np.float64]
+GRID = 3600
+HARMONICS = 256
+MOMENT, FORCE, LITTLE_FORCE = 0, 1, 2
+PUBLISHED_PEAK_WITHOUT_NM = 435.804  # [vibration_crank], 150 rpm, 50 kg tree
+PUBLISHED_PEAK_WITH_NM = 331.931
+
+
+@kernel
+def _size(s: SliderCrank, th: float, w: float, what: int) -> float:
+    if what == MOMENT:
+        return abs(drive_moment(s, th, w, 0.0))
+    at = pin_forces(s, th, w, 0.0)
+    size = math.hypot(at.frame_x, at.frame_y)
+    return size if what == FORCE else -size
+
+
+@kernel
+def extreme(s: SliderCrank, w: float, what: int) -> float:
+    """Return the largest |M| (N m), largest force on the frame (N) or minus the smallest, over a turn at speed w.
+
+    The best of 3600 positions, refined by golden sections between its neighbours.
+    """
+    best, place, step = -1e300, 0.0, 2.0 * np.pi / GRID
+    for i in range(GRID):
+        value = _size(s, i * step, w, what)
+        if value > best:
+            best, place = value, i * step
+    low, high, golden = place - step, place + step, 0.6180339887498949
+    left, right = high - golden * (high - low), low + golden * (high - low)
+    at_left, at_right = _size(s, left, w, what), _size(s, right, w, what)
+    for _ in range(40):
+        if at_left > at_right:
+            high, right, at_right = right, left, at_left
+            left = high - golden * (high - low)
+            at_left = _size(s, left, w, what)
+        else:
+            low, left, at_left = left, right, at_right
+            right = low + golden * (high - low)
+            at_right = _size(s, right, w, what)
+    return max(best, at_left, at_right)
+
+
+@kernel
+def frame_forces(s: SliderCrank, angles: Array, w: float) -> Array:
+    """Return the force on the frame (N) and the drive moment (N m), rows (x, y, moment), at crank angles (rad)."""
+    table = np.empty((3, angles.size))
+    for i in range(angles.size):
+        at = pin_forces(s, angles[i], w, 0.0)
+        table[0, i], table[1, i], table[2, i] = at.frame_x, at.frame_y, at.moment
+    return table
+
+
+def turn(count: int = GRID) -> Array:
+    """Return ``count`` crank angles spread over one turn (rad)."""
+    return np.asarray(np.arange(count) * (2.0 * pi / count), dtype=np.float64)
+
+
+def polar_diagram(
+    parameters: VibrationCrank, fractions: tuple[float, ...] = (0.0, 0.25, 0.5, 0.75, 1.0), count: int = 360
+) -> dict[float, Array]:
+    """Return the force on the frame over a turn, rows (x, y, moment), for each balancing fraction.
+
+    The counterweight is the derived one, m_p = (m_r + kappa m_s) r/r_p, whatever mass is configured.
+    """
+    speed = parameters.drive.speed_rad_per_s
+    return {fraction: frame_forces(balanced(parameters, fraction), turn(count), speed) for fraction in fractions}
+
+
+def balanced(parameters: VibrationCrank, fraction: float) -> SliderCrank:
+    """Return the constants with the counterweight derived for a balancing fraction."""
+    masses, radius = parameters.masses, parameters.counterweight.radius_m
+    mass = derived_counterweight(masses.rotating, masses.reciprocating, fraction, parameters.crank_m, radius)
+    return slider_crank_constants(parameters)._replace(counter_mass=mass)
+
+
+def lanchester_figures(s: SliderCrank, speed: float) -> dict[str, float]:
+    """Return what one counter-rotating mass at w and a pair at 2w would cancel of the force on the frame.
+
+    Fx + i Fy = sum of c_n exp(i n th): c_-1 turns against the crank and is what one counter-rotating mass cancels; a
+    pair of opposite masses at 2w gives a straight force and cancels the vertical second harmonic.
+    """
+    angles = turn(HARMONICS)
+    table = frame_forces(s, angles, speed)
+    lines = np.fft.fft(table[0] + 1j * table[1]) / HARMONICS
+    once = table[0] + 1j * table[1] - lines[-1] * np.exp(-1j * angles)
+    vertical = np.fft.fft(table[1]) / HARMONICS
+    twice = once - 2j * np.real(vertical[2] * np.exp(2j * angles))
+    height = 2.0 * np.abs(vertical)
+    return {
+        "forward_rotating_force_n": float(np.abs(lines[1])),
+        "counter_rotating_force_n": float(np.abs(lines[-1])),
+        "second_harmonic_force_n": float(height[2]),
+        "fourth_harmonic_force_n": float(height[4]),
+        "sixth_harmonic_force_n": float(height[6]),
+        "shaking_force_max_after_counter_mass_n": float(np.max(np.abs(once))),
+        "shaking_force_max_after_pair_n": float(np.max(np.abs(twice))),
+    }
+
+
+def peak_change(s: SliderCrank, speed: float) -> float:
+    """Return the relative change of the largest |M| that the counterweight brings (negative: a benefit)."""
+    return extreme(s, speed, MOMENT) / extreme(s._replace(counter_mass=0.0), speed, MOMENT) - 1.0
+
+
+def benefit_against_speed(s: SliderCrank, speeds_rpm: tuple[float, ...]) -> dict[float, float]:
+    """Return the relative change of the peak moment at crank speeds in rpm."""
+    return {rpm: peak_change(s, rpm * pi / 30.0) for rpm in speeds_rpm}
+
+
+def peaks(s: SliderCrank, speed: float) -> tuple[float, float]:
+    """Return the largest |M| without and with the counterweight (N m)."""
+    return extreme(s._replace(counter_mass=0.0), speed, MOMENT), extreme(s, speed, MOMENT)
+
+
+def compromise_rod(parameters: VibrationCrank) -> tuple[float, float, float, float]:
+    """Return the rod (m) with the smallest larger error of the two published peaks, both peaks (N m), that error.
+
+    A question about the print, not a setting: no rod makes both fit (`cycle_report`).
+    """
+    s, speed = slider_crank_constants(parameters), parameters.drive.speed_rad_per_s
+
+    def error(rod: float) -> float:
+        without, with_it = peaks(s._replace(kind=1, rod_m=rod), speed)
+        return max(abs(without / PUBLISHED_PEAK_WITHOUT_NM - 1.0), abs(with_it / PUBLISHED_PEAK_WITH_NM - 1.0))
+
+    rods = np.linspace(1.05 * (s.crank_m + abs(s.offset_m)), 20.0 * s.crank_m, 400)
+    best = float(min(rods, key=error))
+    width = float(rods[1] - rods[0])
+    found = minimize_scalar(error, bounds=(best - width, best + width), method="bounded", options={"xatol": 1e-10})
+    rod = float(found.x)
+    return (rod, *peaks(s._replace(kind=1, rod_m=rod), speed), float(found.fun))
+
+
+def cycle_report(parameters: VibrationCrank, s: SliderCrank) -> dict[str, float]:
+    """Return the figures of one cycle at rated speed."""
+    speed = parameters.drive.speed_rad_per_s
+    without, with_it = peaks(s, speed)
+    bound = s.counter_mass * s.gravity * s.counter_m
+    published = PUBLISHED_PEAK_WITHOUT_NM - PUBLISHED_PEAK_WITH_NM
+    moments = frame_forces(s, turn(), speed)[2]
+    return {
+        "reciprocating_mass_kg": s.joint_mass + s.load_mass,
+        "rotating_mass_kg": s.rotating_mass,
+        "rotating_mass_from_parts_kg": parameters.masses.rotating_from_parts,
+        "counterweight_mass_kg": s.counter_mass,
+        "counterweight_mass_derived_kg": balanced(parameters, parameters.counterweight.balancing_fraction).counter_mass,
+        "counterweight_volume_m3": s.counter_mass / parameters.counterweight.density_kg_per_m3,
+        "drive_torque_peak_nm": with_it,
+        "drive_torque_peak_without_counterweight_nm": without,
+        "drive_torque_max_nm": float(moments.max()),
+        "drive_torque_min_nm": float(moments.min()),
+        "drive_torque_mean_nm": float(moments.mean()),
+        "peak_change_with_counterweight_1": with_it / without - 1.0,
+        "peak_difference_bound_nm": bound,
+        "peak_difference_nm": without - with_it,
+        "peak_difference_published_nm": published,
+        "published_peaks_possible_1": 1.0 if published <= bound else 0.0,
+        "peak_without_error_against_print_1": without / PUBLISHED_PEAK_WITHOUT_NM - 1.0,
+        "peak_with_error_against_print_1": with_it / PUBLISHED_PEAK_WITH_NM - 1.0,
+        "shaking_force_max_n": extreme(s, speed, FORCE),
+        "shaking_force_min_n": -extreme(s, speed, LITTLE_FORCE),
+        **lanchester_figures(s, speed),
+    }
+
+
+def position_figures(s: SliderCrank, speed: float, th: float) -> dict[str, Any]:
+    """Return coordinates, forces and moments at crank angle ``th`` (rad) and rated speed."""
+    at = follower(s, th)
+    inertia, slope, load = reduced(s, th)
+    forces = pin_forces(s, th, speed, 0.0)
+    unit = "rad" if s.kind == BOOM else "m"
+    return {
+        "crank_angle_rad": th,
+        f"follower_{unit}": at.z,
+        f"follower_speed_{unit}_per_s": at.z1 * speed,
+        f"follower_acceleration_{unit}_per_s2": at.z2 * speed * speed,
+        "rod_joint_m": (at.x, at.y),
+        "bearing_force_n": (forces.bearing_x, forces.bearing_y),
+        "crank_pin_force_n": (forces.pin_x, forces.pin_y),
+        "ground_force_n": (forces.ground_x, forces.ground_y),
+        "ground_moment_nm": forces.ground_moment,
+        "shaking_force_n": (forces.frame_x, forces.frame_y),
+        "drive_torque_nm": drive_moment(s, th, speed, 0.0),
+        "drive_torque_from_pins_nm": forces.moment,
+        "drive_torque_without_counterweight_nm": drive_moment(s._replace(counter_mass=0.0), th, speed, 0.0),
+        "reduced_inertia_kg_m2": inertia,
+        "reduced_inertia_slope_kg_m2_per_rad": slope,
+        "reduced_moment_nm": load,
+    }

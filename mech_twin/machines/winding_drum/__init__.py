@@ -1,0 +1,71 @@
+"""Winding drum: the dynamic torque of a winding or unwinding package, until it is full or empty."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from mech_twin.machines.drives import PrescribedSpeed
+from mech_twin.machines.winding_drum.metrics import (
+    DrumObserver,
+    cycle_report,
+    package_drawing,
+    position_figures,
+)
+from mech_twin.machines.winding_drum.parameters import WindingDrum
+from mech_twin.machines.winding_drum.roles import ENDED, JOINTS, DrumForces, DrumLinkage
+from mech_twin.machines.winding_drum.wound_package import package_constants
+from mech_twin.quantity import Parameters
+from mech_twin.roles import Capabilities, Machine
+
+PARAMETERS = WindingDrum
+
+
+def build(parameters: Parameters) -> Machine:
+    """Return the winding drum of these parameters."""
+    if not isinstance(parameters, WindingDrum):
+        raise TypeError(f"expected WindingDrum parameters, got {type(parameters).__name__}")
+    constants = package_constants(parameters, parameters.direction == "winding")
+    first, last = parameters.radii_m
+    fraction = parameters.supply.initial_fraction
+    linkage = DrumLinkage(
+        constants,
+        parameters.coupling.step_s,
+        first,
+        last,
+        fraction * parameters.yarn_speed_m_per_s,
+        fraction,
+        "full" if parameters.direction == "winding" else "empty",
+    )
+    motor = PrescribedSpeed(
+        parameters.yarn_speed_m_per_s, parameters.rate_per_s, parameters.coupling.step_s, JOINTS.index("yarn"), ENDED
+    )
+
+    def analyse(phi: float) -> dict[str, Any]:
+        return position_figures(parameters, constants, phi)
+
+    def report() -> dict[str, float]:
+        return cycle_report(parameters, constants, first, last)
+
+    return Machine(
+        "winding_drum",
+        parameters,
+        parameters.coupling.step_s,
+        motor,
+        linkage,
+        DrumForces(constants),
+        None,
+        lambda sample, _: package_drawing(constants, sample),
+        report,
+        analyse,
+        DrumObserver,
+    )
+
+
+def capabilities() -> Capabilities:
+    """Return what the machine answers beside running."""
+    from mech_twin.machines.winding_drum import plots, published
+
+    return Capabilities(
+        published=published.rows,
+        pictures=plots.pictures,
+    )

@@ -1,1 +1,0 @@
-"""Roller forming carts on one crank shaft: parameters, kinematics, statics."""

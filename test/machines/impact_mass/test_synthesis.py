@@ -1,0 +1,111 @@
+"""The published cycle does not survive; the robust one does."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from mech_twin.engine.run import frames
+from mech_twin.machines.impact_mass import build
+from mech_twin.machines.impact_mass.cycle_verdict import default_box, endurance, verdict
+from mech_twin.machines.impact_mass.synthesis import (
+    CycleSpec,
+    RobustnessSpec,
+    published_parameters,
+    robust_parameters,
+    synthesise,
+    with_phase2_force,
+)
+from mech_twin.parameters.load import machine_parameters, write_configuration
+
+pytestmark = pytest.mark.slow
+
+PAPER = CycleSpec(1.0, 0.0, -0.5, 0.0, 20.0, 0.3)
+BOX = default_box(0.5, 20.0, 1000, 1)
+
+
+@pytest.fixture(scope="module")
+def both():
+    return synthesise(PAPER)
+
+
+def test_the_published_cycle_stands_on_the_border_and_has_no_basin(both):
+    judged = both.published.verdict
+    assert judged.exists and judged.admissible and judged.on_border and not judged.stable
+    assert judged.margin < 0.0
+    assert judged.basin.reached == 0
+
+
+@pytest.mark.parametrize(("period_s", "periods"), [(0.2167, 7), (0.216, 8)])
+def test_the_published_cycle_collapses_with_the_period_as_printed(period_s, periods):
+    printed = published_parameters(PAPER).model_copy(update={"period_s": period_s})
+    assert endurance(printed, 1000).rests_in_period == periods
+
+
+def test_the_robust_cycle_holds_for_a_million_periods_at_every_printed_period(both):
+    assert [e.period_s for e in both.robust.endurance[1:]] == [0.2167, 0.216]
+    for lasting in both.robust.endurance:
+        assert lasting.held_periods == lasting.periods == 1_000_000
+        assert lasting.rests_in_period == 0
+        assert lasting.least_blow_m_per_s == pytest.approx(20.0, rel=1e-3)
+    assert both.robust.endurance[0].largest_blow_m_per_s == pytest.approx(20.0, rel=1e-12)
+
+
+def test_the_robust_cycle_keeps_speed_and_times_and_meets_its_demand(both):
+    published, robust = both.published.parameters, both.robust.parameters
+    assert (robust.period_s, robust.phase1_duration_s) == (published.period_s, published.phase1_duration_s)
+    assert both.robust.impact_speed_m_per_s == pytest.approx(20.0, rel=1e-12)
+    judged = both.robust.verdict
+    assert judged.stable and judged.margin >= both.robustness.margin
+    assert judged.basin.fraction >= both.robustness.basin_fraction
+    assert judged.basin.box == BOX
+
+
+def test_the_two_examples_of_stable_forces_have_their_stated_basins():
+    published = published_parameters(PAPER)
+    good, poor = (with_phase2_force(published, 20.0, p2) for p2 in (-20.0, 30.0))
+    assert good.phase1_force_n == pytest.approx(586.667, abs=5e-4)
+    assert poor.phase1_force_n == pytest.approx(420.0, rel=1e-12)
+    assert verdict(good, BOX).basin.reached == 1000
+    judged = verdict(poor, BOX)
+    assert judged.stable
+    assert judged.basin.at_rest >= 2000 / 3
+
+
+def test_a_basin_repeats_for_its_seed_and_differs_for_another():
+    parameters = with_phase2_force(published_parameters(PAPER), 20.0, 30.0)
+    assert verdict(parameters, BOX) == verdict(parameters, BOX)
+    assert verdict(parameters, replace(BOX, seed=2)).basin.slowest_periods > 0
+
+
+def test_the_written_configuration_runs_with_one_impact_a_period(both, tmp_path):
+    file = tmp_path / "robust.yaml"
+    write_configuration("impact_mass", both.robust.parameters, file)
+    parameters = machine_parameters("impact_mass", file)
+    assert parameters == both.robust.parameters
+    run = list(frames(build(parameters), 20.5 * parameters.period_s))
+    blows = [e for f in run for e in f.linkage.events if e.kind == "impact"]
+    assert [e.period for e in blows] == list(range(20)) + [20] * (len(blows) - 20)
+    assert all(e.pre_velocity_m_per_s == pytest.approx(20.0, rel=1e-9) for e in blows)
+
+
+@pytest.mark.parametrize(
+    ("spec", "robustness", "words"),
+    [
+        (replace(PAPER, initial_velocity_m_per_s=7.0), RobustnessSpec(), "initial_velocity_m_per_s < restitution"),
+        (PAPER, RobustnessSpec(margin=0.75), "margin <= 1 - restitution"),
+        (PAPER, RobustnessSpec(margin=0.69, starts=50), "margin >= 0.69 and basin_fraction"),
+        (PAPER, RobustnessSpec(force_reserve=0.2, starts=50), "force_reserve = 0.2"),
+    ],
+)
+def test_a_synthesis_without_solution_says_which_inequality_fails(spec, robustness, words):
+    with pytest.raises(ValueError, match=words):
+        robust_parameters(spec, robustness)
+
+
+def test_another_wish_is_served_too():
+    spec = CycleSpec(3.0, 0.2, -0.1, 0.0, 12.0, 0.2)
+    found = robust_parameters(spec, RobustnessSpec(starts=100))
+    assert verdict(found, None).stable
+    assert endurance(found, 20_000).held_periods == 20_000

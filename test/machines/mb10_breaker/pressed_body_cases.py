@@ -1,0 +1,127 @@
+"""Bodies to try, and an integrator that knows nothing of the closed forms."""
+
+from math import asin, pi, sin
+
+import numpy as np
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
+
+from mech_twin.machines.mb10_breaker.pressed_body.parameters import (
+    BodyParameters,
+    ExcitationParameters,
+    PressedBody,
+    pressed_body,
+)
+
+OMEGA = 20.0 * pi
+INERTIA, ARM = 0.35, 0.20
+
+
+def rate_at(ratio: float) -> float:
+    """Spring rate at which k = ratio * omega."""
+    return INERTIA * (ratio * OMEGA) ** 2 / ARM**2
+
+
+def parameters(
+    rate: float = 3108.9, deflection: float = 0.01, **changed
+) -> tuple[BodyParameters, ExcitationParameters]:
+    body = {
+        "inertia_kg_m2": INERTIA,
+        "spring_arm_m": ARM,
+        "spring_rate_n_per_m": rate,
+        "preload_deflection_m": deflection,
+        "restitution": 0.4,
+        "tool_radius_m": 0.25,
+        "damping_ratio": 0.0,
+        "blow_impulse_nms": 0.0,
+        "contact": "one_sided",
+    }
+    excitation = {
+        "kind": "approximated",
+        "form": "shifted",
+        "amplitude_nm": 60.0,
+        "onset_fraction": 0.9,
+        "frequency_ratio": None,
+        "blow_rate_hz": 10.0,
+    }
+    for key, value in changed.items():
+        (body if key in body else excitation)[key] = value
+    return BodyParameters(**body), ExcitationParameters(**excitation)
+
+
+def body_at(ratio: float, preload: float = 0.5, **changed) -> PressedBody:
+    """Body with k = ratio * omega and preload ratio p."""
+    rate = rate_at(ratio)
+    amplitude = abs(changed.get("amplitude_nm", 60.0))
+    return pressed_body(*parameters(rate, preload * amplitude / (rate * ARM), **changed))
+
+
+def integrated(body: PressedBody, angle: float, rate: float, start: float, end: float, *, dense: bool = False):
+    """DOP853 of J phi'' + 2 J zeta k phi' + c (l phi + a) l = M, M as printed on the page."""
+
+    def slope(time, state):
+        moment = body.amplitude * sin(body.mu * time + body.phase) if start >= body.onset else 0.0
+        spring = body.rate * (body.arm * state[0] + body.deflection) * body.arm
+        return [state[1], (moment - spring) / body.inertia - 2.0 * body.damping * body.k * state[1]]
+
+    step = 0.25 / max(body.k, body.mu)
+    return solve_ivp(
+        slope, (start, end), [angle, rate], method="DOP853", rtol=1e-13, atol=1e-17, max_step=step, dense_output=dense
+    )
+
+
+def cycle_integrated(body: PressedBody, angle: float, rate: float) -> tuple[float, float]:
+    """State after one cycle without a collar."""
+    first = integrated(body, angle, rate, 0.0, body.onset).y[:, -1]
+    return tuple(integrated(body, *first, body.onset, body.period).y[:, -1])
+
+
+def _first_return(body, angle, rate, start, end):
+    """Return (time, approach) of the first sign change of the integrated angle, or the state at the end."""
+    solution = integrated(body, angle, rate, start, end, dense=True)
+    times = start + (end - start) * np.geomspace(1e-8, 1.0, 8000)  # the shortest bounces are not stepped over
+    values = solution.sol(times)[0]
+    off = np.flatnonzero(values > 1e-13)
+    if off.size:
+        below = np.flatnonzero(values[off[0] :] < 0.0)
+        if below.size:
+            upper = off[0] + below[0]
+            at = brentq(lambda time: solution.sol(time)[0], times[upper - 1], times[upper], xtol=1e-16, rtol=1e-15)
+            return at, -solution.sol(at)[1], None
+    return None, None, tuple(solution.y[:, -1])
+
+
+def contact_integrated(body: PressedBody, cycles: int) -> list[tuple[str, float, float]]:
+    """(kind, time, approach speed at the tool) of lift-offs and of returns faster than 1e-3 of their series' first.
+
+    The rest of a series is taken at its geometric limit.  Shifted form, preload ratio between 0 and 1.
+    """
+    events, angle, rate, resting, first = [], 0.0, 0.0, True, 0.0
+    for cycle in range(cycles):
+        origin = cycle * body.period
+        for start, end in ((0.0, body.onset), (body.onset, body.period)):
+            time = start
+            while time < end:
+                if resting:
+                    if start == 0.0:
+                        break
+                    moment = body.rate * body.deflection * body.arm
+                    if moment >= body.amplitude or time > body.onset + asin(moment / body.amplitude) / body.mu:
+                        break
+                    time = body.onset + asin(moment / body.amplitude) / body.mu
+                    events.append(("lift_off", origin + time, 0.0))
+                    resting, angle, rate, first = False, 0.0, 0.0, 0.0
+                at, approach, state = _first_return(body, angle, rate, time, end)
+                if at is None:
+                    angle, rate = state
+                    break
+                events.append(("touchdown", origin + at, body.radius * approach))
+                first, time, angle, rate = max(first, approach), at, 0.0, body.restitution * approach
+                if approach < 1e-3 * first:
+                    load = body.amplitude * sin(body.mu * at + body.phase) if start > 0.0 else 0.0
+                    pressing = (body.rate * body.deflection * body.arm - load) / body.inertia
+                    time += 2.0 * rate / (pressing * (1.0 - body.restitution))
+                    events.append(("settled", origin + time, 0.0))
+                    resting = True
+        events.append(("blow", origin + body.period, 0.0))
+    return events

@@ -1,0 +1,210 @@
+"""Laws of the breaker: momentum and energy across impacts, routes to one result, events at their own time."""
+
+import math
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.engine.run import frames
+from mech_twin.machines.mb10_breaker import build
+from mech_twin.machines.mb10_breaker.constants import breaker
+from mech_twin.machines.mb10_breaker.driven_body import swung
+from mech_twin.machines.mb10_breaker.dynamics import FLIGHT, blow, crank_torque, energies, masses_at, striker, touchdown
+from mech_twin.machines.mb10_breaker.forces import pin_forces, pin_impulses
+from mech_twin.machines.mb10_breaker.metrics import striking_angle
+from mech_twin.parameters.load import machine, machine_parameters
+from mech_twin.studies.coupling_error import coupling_error
+
+PARAMETERS = machine_parameters("mb10_breaker")
+B = breaker(PARAMETERS)
+ON_BODY = breaker(machine_parameters("mb10_breaker", overrides={"drive_mount": "body", "gravity_m_per_s2": 9.80665}))
+both_mounts = pytest.mark.parametrize("b", [B, ON_BODY], ids=["frame", "body"])
+
+angle = st.floats(0.0, 2.0 * math.pi)
+speed = st.floats(20.0, 80.0)
+lift = st.floats(1e-6, 0.012)
+rate = st.floats(-0.8, 0.8)
+
+
+def run(duration_s, **overrides):
+    twin = machine("mb10_breaker", overrides={key.replace("__", "."): value for key, value in overrides.items()})
+    return twin, list(frames(twin, duration_s))
+
+
+@both_mounts
+@given(q=angle, phi=lift)
+@settings(max_examples=40, deadline=None)
+def test_masses_have_their_derivatives(b, q, phi):
+    step = 1e-5
+    low, here, high = masses_at(b, q - step, phi), masses_at(b, q, phi), masses_at(b, q + step, phi)
+    for i in range(3):
+        assert (high[i] - low[i]) / (2.0 * step) == pytest.approx(here[i + 3], abs=1e-8)
+
+
+@both_mounts
+@given(q=angle, u=speed, phi=lift, p=rate, torque=st.floats(-60.0, 60.0))
+@settings(max_examples=60, deadline=None)
+def test_reduced_masses_and_dyad_equilibrium_agree(b, q, u, phi, p, torque):
+    found = pin_forces(b, q, u, phi, p, torque, FLIGHT)
+    assert abs(found.drive_error) <= 1e-10 * max(abs(torque), b.crank.inertia_kg_m2 * u * u)
+    assert abs(found.body_error) <= 1e-10 * max(abs(found.moment), 1.0)
+
+
+@both_mounts
+@given(u=speed, p=st.floats(-0.2, 0.2), before=st.floats(0.02, 0.25))
+@settings(max_examples=60, deadline=None)
+def test_blow_keeps_momentum_and_energy(b, u, p, before):
+    q = b.extreme - before
+    hit = blow(b, q, u, 1e-4, p, False)
+    m, slope = masses_at(b, q, 1e-4), striker(b, q)[1]
+    du, dp = hit.u - u, hit.p - p
+    scale = abs(hit.impulse)
+    assert m.m11 * du + m.m12 * dp == pytest.approx(-slope * hit.impulse, abs=1e-10 * scale)
+    assert m.m12 * du + m.m22 * dp == pytest.approx(b.radius * hit.impulse, abs=1e-10 * scale)
+    tool = hit.impulse / b.tool_mass
+    closing = slope * u - b.radius * p
+    assert slope * hit.u - b.radius * hit.p - tool == pytest.approx(-b.tool_restitution * closing, abs=1e-10)
+    lost = energies(b, q, u, 1e-4, p)[0] - energies(b, q, hit.u, 1e-4, hit.p)[0]
+    assert lost == pytest.approx(hit.loss + hit.tool_energy, abs=1e-10 * energies(b, q, u, 1e-4, p)[0])
+
+
+@both_mounts
+def test_impulsive_pins_agree_with_the_jump_of_the_body(b):
+    q = striking_angle(b)
+    hit = blow(b, q, 66.5, 0.0, 0.0, True)
+    found = pin_impulses(b, q, 0.0, hit.u - 66.5, hit.p, hit.impulse)
+    assert found.moment == pytest.approx(b.inertia * hit.p, rel=1e-10)
+    assert found.drive == pytest.approx(0.0, abs=1e-12)
+
+
+def test_held_body_is_the_limit_of_a_heavy_one():
+    q = striking_angle(B)
+    heavy = blow(B._replace(inertia=1e9), q, 66.5, 0.0, 0.0, True)
+    held = blow(B._replace(held=True), q, 66.5, 0.0, 0.0, True)
+    assert heavy.impulse == pytest.approx(held.impulse, rel=1e-7)
+
+
+@given(q=angle, u=speed, p=st.floats(-0.8, -1e-6), e=st.floats(0.0, 1.0))
+@settings(deadline=None)  # the first call compiles
+def test_touchdown_keeps_the_crank_s_momentum_and_the_energy(q, u, p, e):
+    m = masses_at(B, q, 0.0)
+    u2, p2, impulse, loss = touchdown(B, q, u, 0.0, p, e)
+    assert p2 == pytest.approx(-e * p, abs=1e-12)
+    assert m.m11 * (u2 - u) + m.m12 * (p2 - p) == pytest.approx(0.0, abs=1e-12)
+    assert m.m12 * (u2 - u) + m.m22 * (p2 - p) == pytest.approx(impulse, abs=1e-10)
+    lost = energies(B, q, u, 0.0, p)[0] - energies(B, q, u2, 0.0, p2)[0]
+    assert lost == pytest.approx(loss, abs=1e-10 * energies(B, q, u, 0.0, p)[0])
+
+
+@given(
+    st.floats(0.0, 0.01),
+    rate,
+    st.floats(-200.0, 200.0),
+    st.floats(-1e4, 1e4),
+    st.floats(0.0, 20.0),
+    st.floats(1e-4, 0.02),
+)
+@settings(deadline=None)  # the first call compiles
+def test_body_swings_as_its_equation_says(phi, p, moment, slope, damping, span):
+    """Two halves make the whole, and the second derivative at the end fulfils the equation of motion."""
+    j, kappa, preload = 6.0, 2132.0, 148.0
+
+    def at(t):
+        return swung(j, kappa, damping, preload, phi, p, moment, slope, t)
+
+    half = swung(j, kappa, damping, preload, *at(0.5 * span), moment + 0.5 * slope * span, slope, 0.5 * span)
+    assert half == pytest.approx(at(span), abs=1e-11)
+    step = 1e-5
+    angle_at, rate_at = at(span)
+    bent = (at(span + step)[1] - at(span - step)[1]) / (2.0 * step)
+    assert j * bent + damping * rate_at + kappa * angle_at + preload == pytest.approx(moment + slope * span, abs=1e-4)
+
+
+def test_books_close_over_many_blows():
+    _, taken = run(4.0)
+    assert sum(e.kind == "blow" for f in taken for e in f.linkage.events) > 35
+    for frame in taken:
+        assert frame.linkage.residuals["loop_closure_m"] <= 1e-12
+        assert frame.linkage.residuals["energy_balance"] <= 1e-10
+        assert frame.linkage.residuals["momentum_balance"] <= 1e-10
+        assert max(frame.forces.residuals.values) <= 1e-10
+
+
+def test_forces_follow_from_the_joint_states_alone():
+    twin, taken = run(0.6)
+    for frame in taken[::7]:
+        bare = frame.linkage._replace(
+            regime=0, residuals=frame.linkage.residuals._replace(values=(0.0,) * 3), events=()
+        )
+        assert twin.forces.analyse(bare).wrenches == frame.forces.wrenches
+
+
+def test_impacts_are_applied_once_wherever_they_fall_in_a_step():
+    """Shifting the start by fractions of a turn moves the impacts through the step; every blow has its touchdowns."""
+    for degrees in range(0, 12, 2):
+        _, taken = run(0.9, linkage__initial_crank_deg=float(degrees))
+        kinds = [e.kind for f in taken for e in f.linkage.events]
+        assert kinds.count("settled") in (kinds.count("blow"), kinds.count("blow") - 1)
+        assert all(f.body.residuals["angle_difference_rad"] <= 1e-7 for f in taken)
+        assert all(f.body.position[0] >= -1e-9 for f in taken)
+
+
+def test_events_carry_the_state_of_their_instant():
+    _, taken = run(1.2)
+    for event in (e for f in taken for e in f.linkage.events):
+        (crank, body), (_, body_after) = event.pre, event.post
+        if event.kind == "blow":
+            assert striker(B, crank.position)[0] == pytest.approx(B.radius * body.position, abs=1e-13)
+        elif event.kind in ("touchdown", "settled"):
+            assert body.position == pytest.approx(0.0, abs=1e-14)
+            assert body.velocity < 0.0 <= body_after.velocity
+
+
+def test_run_goes_on_from_its_samples_whoever_holds_the_roles():
+    twin, taken = run(0.5)
+    other = build(PARAMETERS)
+    middle = taken[250]
+    assert other.linkage.advance(middle.linkage, middle.motor, middle.body) == taken[251].linkage
+    assert twin.body.follow(middle.body, taken[251].forces) == taken[251].body
+
+
+def test_blow_too_weak_for_the_wall_jams_the_linkage():
+    _, taken = run(0.6, tool__wall_force_n=5000.0)
+    kinds = [e.kind for f in taken for e in f.linkage.events]
+    assert kinds[:2] == ["blow", "jammed"]
+    assert taken[-1].linkage.velocity[0] == 0.0
+    assert taken[-1].linkage.residuals["energy_balance"] <= 1e-10
+
+
+def test_gear_loses_power_whichever_way_it_flows():
+    assert crank_torque(B, 10.0, 60.0, 0.0) == pytest.approx(10.0 * B.ratio * B.efficiency)
+    assert crank_torque(B, -10.0, 60.0, 0.0) == pytest.approx(-10.0 * B.ratio / B.efficiency)
+
+
+def test_motor_generates_before_the_blow():
+    _, taken = run(1.0)
+    assert min(f.motor.effort[0] for f in taken[800:]) < 0.0 < max(f.motor.effort[0] for f in taken[800:])
+
+
+def test_coupling_is_of_second_order():
+    coarse = coupling_error(PARAMETERS, 2e-3, 1.2)
+    fine = coupling_error(PARAMETERS, 5e-4, 1.2)
+    assert coarse.body_angle_rad / fine.body_angle_rad >= 4.0**2 * 0.8
+    assert coarse.crank_angle_rad / fine.crank_angle_rad >= 4.0**2 * 0.8
+    assert coarse.blow_impulse_relative / fine.blow_impulse_relative >= 4.0**2
+
+
+@pytest.mark.parametrize(
+    ("overrides", "words"),
+    [
+        ({"linkage.crank_m": 0.09}, "fails"),
+        ({"body.tool_radius_m": 0.45}, "tool_radius_m - striker_arm_m"),
+        ({"body.contact": "none"}, "one_sided"),
+        ({"linkage.rocker_inertia_kg_m2": 0.02}, "rocker_inertia_kg_m2"),
+    ],
+)
+def test_impossible_machine_is_refused(overrides, words):
+    with pytest.raises(ConfigurationError, match=words):
+        machine_parameters("mb10_breaker", overrides=overrides)

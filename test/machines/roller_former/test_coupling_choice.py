@@ -1,0 +1,50 @@
+"""Coupling of the roller former: trends with damping, what the sweeps say of the published stiffness."""
+
+import pytest
+from roller_former_cases import parameters_for
+
+from mech_twin.machines.roller_former.coupling_choice import (
+    PUBLISHED_STIFFNESS,
+    damping_sweep,
+    installation,
+    stiffness_finding,
+    stiffness_sweep,
+)
+
+STUDIED = (2, 3, 4)
+
+
+@pytest.mark.parametrize("carts", (1, 2, 3, 4))
+def test_the_installation_made_from_one_is_the_configuration_of_the_other(carts):
+    assert installation(parameters_for(2), carts) == parameters_for(carts)
+
+
+@pytest.mark.parametrize("carts", STUDIED)
+def test_the_coupling_moment_falls_with_damping_most_of_it_before_8000(carts):
+    points = damping_sweep(parameters_for(carts), (200.0, 500.0, 1000.0, 2000.0, 4000.0, 8000.0, 15000.0))
+    for name in ("coupling_max_nm", "coupling_rms_nm", "elastic_max_nm", "coupling_rms_about_mean_nm"):
+        values = [getattr(point, name) for point in points]
+        assert values == sorted(values, reverse=True), name
+    most = [point.coupling_max_nm for point in points]
+    assert most[0] - most[-2] > 0.8 * (most[0] - most[-1])
+
+
+@pytest.mark.parametrize("carts", STUDIED)
+def test_the_published_stiffness_is_no_unique_minimum(carts):
+    parameters = parameters_for(carts)
+    finding = stiffness_finding(parameters, stiffness_sweep(parameters))
+    assert finding.published_nm_per_rad == PUBLISHED_STIFFNESS[carts]
+    assert not finding.unique
+    assert finding.lowest_nm <= finding.at_published_nm
+
+
+def test_the_coupling_is_well_within_its_rated_moment():
+    for carts in STUDIED:
+        (point,) = damping_sweep(parameters_for(carts), (8000.0,))
+        assert 0.2 < point.share_of_rated < 0.5
+
+
+def test_progress_is_told_after_each_point():
+    told = []
+    damping_sweep(parameters_for(2), (2000.0, 8000.0), lambda done, of: told.append((done, of)))
+    assert told == [(1, 2), (2, 2)]
