@@ -20,8 +20,15 @@ import pytest
 from literature.impact_reference import number, walk
 from scipy.integrate import solve_ivp
 
-from mech_twin.machines.impact_mass.batch import empty_tally, walked
-from mech_twin.machines.impact_mass.events import IMPACT, drive, initial_motion, next_event
+from mech_twin.machines.impact_mass.batch import empty_tally, event_batch
+from mech_twin.machines.impact_mass.dynamics import (
+    impact_system,
+    initial_motion,
+    next_event,
+)
+from mech_twin.machines.impact_mass.states import (
+    IMPACT,
+)
 
 
 class Case(NamedTuple):
@@ -41,8 +48,8 @@ R = 0.3
 
 def started(case: Case):
     """Return what acts on the unit mass of a case, and its start."""
-    acting = drive((case.period_s, case.t1_s), (case.p1_n, case.p2_n), R, 0.0)
-    return acting, initial_motion(case.gap_m, 0.0, acting)
+    system = impact_system((case.period_s, case.t1_s), (case.p1_n, case.p2_n), R, 0.0)
+    return system, initial_motion(case.gap_m, 0.0, system)
 
 
 def peer_times(case: Case, max_step_s: float = np.inf) -> list[float]:
@@ -69,10 +76,10 @@ def peer_times(case: Case, max_step_s: float = np.inf) -> list[float]:
 
 def our_times(case: Case) -> list[float]:
     """Return our impact times, one event at a time."""
-    acting, motion = started(case)
+    system, motion = started(case)
     times = []
     while motion.period < case.periods:
-        event, motion = next_event(motion, acting)
+        event, motion = next_event(motion, system)
         if event.kind == IMPACT:
             times.append(event.period * case.period_s + event.tau_s)
     return times
@@ -97,9 +104,9 @@ def told(line: str) -> None:
 
 
 def test_impacts_per_second(benchmark):
-    acting, start = started(STEADY)
-    walked(start, acting, empty_tally(start), 10, 1e9)
-    tally = benchmark(lambda: walked(start, acting, empty_tally(start), 3_000_000, 1e9)[1])
+    system, start = started(STEADY)
+    event_batch(start, system, empty_tally(start), 10, 1e9)
+    tally = benchmark(lambda: event_batch(start, system, empty_tally(start), 3_000_000, 1e9)[1])
     ours = tally.impacts / benchmark.stats.stats.min
     begun = time.perf_counter()
     peer = len(peer_times(STEADY)) / (time.perf_counter() - begun)
@@ -119,13 +126,13 @@ def test_largest_time_error(case):
 
 @pytest.mark.slow
 def test_ten_million_events_in_flat_memory_at_constant_speed():
-    acting, motion = started(STEADY)
+    system, motion = started(STEADY)
     tally, rates = empty_tally(motion), []
-    walked(motion, acting, tally, 10, 1e9)
+    event_batch(motion, system, tally, 10, 1e9)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     for _ in range(10):
         begun = time.perf_counter()
-        motion, tally = walked(motion, acting, tally, 1_000_000, 1e12)
+        motion, tally = event_batch(motion, system, tally, 1_000_000, 1e12)
         rates.append(1e6 / (time.perf_counter() - begun))
     grown = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before
     told(f"{tally.events:.0f} events: {min(rates):.3g} to {max(rates):.3g} a second; memory grew by {grown} KiB")

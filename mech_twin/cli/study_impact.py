@@ -10,9 +10,10 @@ from mech_twin.cli.console import print_json, print_table, say
 from mech_twin.cli.failure import CommandError
 from mech_twin.cli.study_options import axes_of, counted, require_machine, study_errors
 from mech_twin.configuration_tree import configuration_tree
+from mech_twin.dependencies import require_extra
 from mech_twin.machines.impact_mass.parameters import ImpactMass
 from mech_twin.machines.impact_mass.regimes import write_bifurcation_picture
-from mech_twin.machines.impact_mass.synthesis import Demand, Design
+from mech_twin.machines.impact_mass.synthesis import CycleDesign, RobustnessSpec
 from mech_twin.parameters.load import assignments, machine_parameters, write_configuration
 from mech_twin.studies import regimes, synthesise
 
@@ -45,17 +46,17 @@ def answer_synthesise(
     """Show both cycles side by side; write the robust one's configuration."""
     require_machine(machine, MACHINE, "synthesise")
     r = request
-    demand = Demand(r.margin, r.basin_fraction, r.force_reserve, r.starts, r.seed)
+    robustness = RobustnessSpec(r.margin, r.basin_fraction, r.force_reserve, r.starts, r.seed)
     parameters = _parameters(config, settings)
     with study_errors():
         try:
-            found = synthesise(parameters, r.impact_speed_m_per_s, demand=demand, periods=r.periods)
+            found = synthesise(parameters, r.impact_speed_m_per_s, robustness=robustness, periods=r.periods)
         except ValueError as error:
             raise CommandError(str(error)) from error
         write_configuration("impact_mass", found.robust.parameters, r.out)
     if as_json:
         cycles = {design.name: _record(design) for design in (found.published, found.robust)}
-        document = {"machine": MACHINE, "wish": asdict(found.wish), "demand": asdict(found.demand), **cycles}
+        document = {"machine": MACHINE, "spec": asdict(found.spec), "robustness": asdict(found.robustness), **cycles}
         print_json({**document, "configuration": str(r.out)})
         return
     both = [_lines(design) for design in (found.published, found.robust)]
@@ -64,7 +65,7 @@ def answer_synthesise(
     say(f"wrote {r.out}")
 
 
-def _record(design: Design) -> dict[str, Any]:
+def _record(design: CycleDesign) -> dict[str, Any]:
     judged = asdict(design.verdict)
     pairs = ("multipliers", "other_side_multipliers")
     judged.update({name: judged[name] and [[m.real, m.imag] for m in judged[name]] for name in pairs})
@@ -77,7 +78,7 @@ def _record(design: Design) -> dict[str, Any]:
     }
 
 
-def _lines(design: Design) -> dict[str, Any]:
+def _lines(design: CycleDesign) -> dict[str, Any]:
     p, judged = design.parameters, design.verdict
     lines: dict[str, Any] = {
         "T, s": p.period_s,
@@ -112,6 +113,7 @@ def answer_regimes(
 ) -> None:
     """Show the regime at each value; write the bifurcation picture."""
     require_machine(machine, MACHINE, "regimes")
+    require_extra("plots")
     axes = axes_of(over)
     if len(axes) != 1:
         raise CommandError("--over: a regime map has one key")
@@ -123,14 +125,17 @@ def answer_regimes(
         except TypeError as error:
             raise CommandError(f"--over {over[0]}: {error}") from error
         write_bifurcation_picture(found, out)
-    rows = [{key: value, **asdict(regime)} for value, regime in zip(found.values, found.regimes, strict=True)]
+    rows = [
+        {key: value, **asdict(regime), "note": regime.note}
+        for value, regime in zip(found.values, found.regimes, strict=True)
+    ]
     if as_json:
         print_json({"machine": MACHINE, "key": key, "regimes": rows, "picture": str(out)})
         return
     shown = [
         (
             row[key],
-            row["kind"],
+            row["note"] or row["kind"],
             row["period"] or "-",
             " ".join("inf" if count < 0 else str(count) for count in row["impacts_per_period"]) or "-",
             max(row["blows_m_per_s"], default=0.0),

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from mech_twin.machines.compaction_press.design_search import Design
     from mech_twin.machines.impact_mass.parameters import ImpactMass
     from mech_twin.machines.impact_mass.regimes import RegimeMap
-    from mech_twin.machines.impact_mass.synthesis import Demand, Synthesis
+    from mech_twin.machines.impact_mass.synthesis import RobustnessSpec, Synthesis
     from mech_twin.quantity import Parameters
     from mech_twin.studies.design_scan import DesignScan
     from mech_twin.studies.parameter_sweep import Sweep
@@ -189,9 +189,13 @@ def designs(
 
 
 def synthesise(
-    parameters: ImpactMass, impact_speed_m_per_s: float, *, demand: Demand | None = None, periods: int = 1_000_000
+    parameters: ImpactMass,
+    impact_speed_m_per_s: float,
+    *,
+    robustness: RobustnessSpec | None = None,
+    periods: int = 1_000_000,
 ) -> Synthesis:
-    """Return the published one-impact cycle of the impact mass and a robust one for the same wish, side by side.
+    """Return the published one-impact cycle of the impact mass and a robust one for the same asked cycle, side by side.
 
     Parameters
     ----------
@@ -204,11 +208,11 @@ def synthesise(
     periods : int
         How long the endurance runs are.
     """
-    from mech_twin.machines.impact_mass.synthesis import Wish
+    from mech_twin.machines.impact_mass.synthesis import CycleSpec
     from mech_twin.machines.impact_mass.synthesis import synthesise as both_cycles
 
     p = parameters
-    wish = Wish(
+    spec = CycleSpec(
         p.mass_kg,
         p.stop_position_m,
         p.initial_position_m,
@@ -216,7 +220,7 @@ def synthesise(
         impact_speed_m_per_s,
         p.restitution,
     )
-    return both_cycles(wish, demand, periods)
+    return both_cycles(spec, robustness, periods)
 
 
 def regimes(

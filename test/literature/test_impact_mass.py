@@ -8,21 +8,33 @@ import pytest
 from literature.impact_reference import number, walk
 
 from mech_twin.engine.run import frames
-from mech_twin.machines.impact_mass.events import CHATTER_END, IMPACT, KINDS, PHASE, drive, initial_motion, next_event
+from mech_twin.machines.impact_mass.dynamics import (
+    impact_system,
+    initial_motion,
+    next_event,
+)
 from mech_twin.machines.impact_mass.one_impact_cycle import synthesised_cycle
+from mech_twin.machines.impact_mass.states import (
+    CHATTER_END,
+    IMPACT,
+    KIND_NAMES,
+    PHASE_CHANGE,
+)
 from mech_twin.parameters.load import machine, machine_parameters
 
 FIG2 = {"period_s": 0.05, "phase1_force_n": 1000.0, "phase2_force_n": -500.0, "restitution": 0.3, "mass_kg": 1.0}
 
 
-def walked(t1: float, periods: int, cutoff: float = 0.0):
+def event_batch(t1: float, periods: int, cutoff: float = 0.0):
     """Return (kind, period, tau, pre, post) of the events of the case of figs. 2 and 3."""
-    acting = drive((0.05, t1), (1000.0, -500.0), 0.3, cutoff)
-    motion = initial_motion(0.5, 0.0, acting)
+    system = impact_system((0.05, t1), (1000.0, -500.0), 0.3, cutoff)
+    motion = initial_motion(0.5, 0.0, system)
     seen = []
     while motion.period < periods:
-        event, motion = next_event(motion, acting)
-        seen.append((KINDS[int(event.kind)], int(event.period), event.tau_s, event.pre_m_per_s, event.post_m_per_s))
+        event, motion = next_event(motion, system)
+        seen.append(
+            (KIND_NAMES[int(event.kind)], int(event.period), event.tau_s, event.pre_m_per_s, event.post_m_per_s)
+        )
     return seen
 
 
@@ -48,7 +60,7 @@ def velocities(seen) -> tuple[float, float]:
 
 
 def test_figure_2_settles_on_a_slower_blow_with_completed_chatter():
-    seen = walked(0.035, 40)
+    seen = event_batch(0.035, 40)
     blows = first_blows(seen, 40)
     assert blows[:5] == pytest.approx([31.6228, 20.4813, 20.2744, 19.7455, 17.4812], abs=5e-5)
     assert blows[-1] == pytest.approx(12.9904, abs=5e-5)
@@ -57,14 +69,14 @@ def test_figure_2_settles_on_a_slower_blow_with_completed_chatter():
 
 
 def test_figure_3a_misses_impacts():
-    seen = walked(0.025, 6)
+    seen = event_batch(0.025, 6)
     assert counts(seen, 6) == [1, 0, 1, 1, 1, math.inf]
     low, high = velocities(seen)
     assert (low, high) == pytest.approx((-14.69, 25.00), abs=5e-3)
 
 
 def test_figure_3b_misses_impacts_then_repeats_after_five_periods():
-    seen = walked(0.03, 36)
+    seen = event_batch(0.03, 36)
     assert counts(seen, 6) == [1, 0, 2, 1, 0, math.inf]
     low, high = velocities([e for e in seen if e[1] < 10])
     assert (low, high) == pytest.approx((-17.90, 30.00), abs=5e-3)
@@ -77,7 +89,7 @@ def test_figure_3b_misses_impacts_then_repeats_after_five_periods():
 def test_times_and_speeds_hold_against_sixty_digits(t1, periods):
     case = {k: number(v) for k, v in {"T": "0.05", "t1": t1, "A1": "1000", "A2": "-500", "R": "0.3"}.items()}
     reference = walk({**case, "gap": number("0.5"), "speed": number("0")}, periods)
-    ours = [e for e in walked(float(t1), periods) if e[0] in ("impact", "chatter_end")]
+    ours = [e for e in event_batch(float(t1), periods) if e[0] in ("impact", "chatter_end")]
     assert [e[0] for e in ours] == [r.kind for r in reference]
     for (_, period, tau, pre, _), exact in zip(ours, reference, strict=True):
         assert period * 0.05 + tau == pytest.approx(float(exact.time), rel=1e-9)
@@ -87,7 +99,7 @@ def test_times_and_speeds_hold_against_sixty_digits(t1, periods):
 @pytest.mark.parametrize("cutoff", [1e-3, 0.05, 0.09])
 def test_the_cut_off_keeps_i_min_impacts_and_rests_at_the_next(cutoff):
     kept = math.floor(math.log(cutoff) / math.log(0.3) + 1e-9) + 1
-    seen = [e for e in walked(0.035, 12, cutoff) if e[1] == 11]
+    seen = [e for e in event_batch(0.035, 12, cutoff) if e[1] == 11]
     blows = [e for e in seen if e[0] == "impact"]
     (end,) = (e for e in seen if e[0] == "chatter_end")
     assert len(blows) == kept
@@ -110,19 +122,19 @@ def test_figure_4_synthesis_gives_the_printed_cycle():
 
 
 def test_figure_4_runs_with_one_impact_a_period_and_no_chatter():
-    acting = drive((0.05 + 1 / 6, 0.05), (400.0, 36.0), 0.3, 0.0)
-    motion = initial_motion(0.5, 0.0, acting)
+    system = impact_system((0.05 + 1 / 6, 0.05), (400.0, 36.0), 0.3, 0.0)
+    motion = initial_motion(0.5, 0.0, system)
     for n in range(5):
         kinds = []
         while motion.period == n:
-            event, motion = next_event(motion, acting)
+            event, motion = next_event(motion, system)
             kinds.append(event.kind)
             if event.kind == IMPACT:
                 assert event.pre_m_per_s == pytest.approx(20.0, rel=1e-9)
                 assert event.tau_s == pytest.approx(0.05, rel=1e-9)
         assert kinds.count(IMPACT) == 1
         assert CHATTER_END not in kinds
-        assert kinds.count(PHASE) == 2
+        assert kinds.count(PHASE_CHANGE) == 2
 
 
 def test_the_machine_shows_figure_2_on_the_coupling_grid():

@@ -5,9 +5,12 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from mech_twin.machines.impact_mass.metrics import MassObserver, cycle_report, mass_drawing, position_figures
+from mech_twin.machines.impact_mass.drawing import mass_drawing
+from mech_twin.machines.impact_mass.forces import StopReaction
+from mech_twin.machines.impact_mass.metrics import cycle_report, position_figures
+from mech_twin.machines.impact_mass.observer import MassObserver
 from mech_twin.machines.impact_mass.parameters import ImpactMass
-from mech_twin.machines.impact_mass.roles import ForceGenerator, MassOnStop, StopReaction
+from mech_twin.machines.impact_mass.roles import ForceGenerator, MassOnStop
 from mech_twin.quantity import Parameters
 from mech_twin.roles import Capabilities, Machine
 
@@ -36,7 +39,7 @@ def build(parameters: Parameters) -> Machine:
 
     def analyse(angle_rad: float) -> dict[str, Any]:
         return position_figures(
-            p.acting,
+            p.system,
             p.mass_kg,
             p.stop_position_m,
             p.initial_gap_m,
@@ -45,7 +48,7 @@ def build(parameters: Parameters) -> Machine:
         )
 
     def report() -> dict[str, float]:
-        return cycle_report(p.acting, p.mass_kg, p.initial_gap_m, p.initial_velocity_m_per_s)
+        return cycle_report(p.system, p.mass_kg, p.initial_gap_m, p.initial_velocity_m_per_s)
 
     return Machine(
         "impact_mass",
@@ -58,7 +61,7 @@ def build(parameters: Parameters) -> Machine:
         lambda sample, _: mass_drawing(p.stop_position_m, sample),
         report,
         analyse,
-        lambda: MassObserver(p.mass_kg, p.stop_position_m),
+        lambda: MassObserver(p.stop_position_m),
     )
 
 

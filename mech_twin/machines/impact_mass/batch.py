@@ -8,17 +8,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mech_twin.kernel import kernel
-from mech_twin.machines.impact_mass.events import (
-    CHATTER_END,
-    FLIGHT,
-    IMPACT,
-    PHASE,
-    RELEASE,
-    Drive,
-    Motion,
+from mech_twin.machines.impact_mass.dynamics import (
+    ImpactSystem,
+    MassMotion,
     initial_motion,
     next_event,
     rests_for_good,
+)
+from mech_twin.machines.impact_mass.states import (
+    CHATTER_END,
+    FLIGHT,
+    IMPACT,
+    PHASE_CHANGE,
+    RELEASE,
 )
 
 AT_REST, LEFT, WANDERING = -1, -2, -3  # fates of a start that does not reach the cycle
@@ -42,25 +44,27 @@ class Tally(NamedTuple):
 
 
 @kernel
-def empty_tally(motion: Motion) -> Tally:
+def empty_tally(motion: MassMotion) -> Tally:
     """Return the tally before the first event."""
     v = motion.velocity_m_per_s
     return Tally(0.0, 0.0, 0.0, 0.0, 0.0, v, v, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @kernel
-def walked(motion: Motion, acting: Drive, tally: Tally, events: int, periods: float) -> tuple[Motion, Tally]:
+def event_batch(
+    motion: MassMotion, system: ImpactSystem, tally: Tally, events: int, periods: float
+) -> tuple[MassMotion, Tally]:
     """Return motion and tally after so many events, or at the start of the period numbered ``periods`` if sooner."""
     count, impacts, ends, releases, phases, low, high, impulse, least, most, last, last_tau = tally
     for _ in range(events):
         if motion.period >= periods:
             break
-        event, motion = next_event(motion, acting)
+        event, motion = next_event(motion, system)
         count += 1.0
         low = min(low, event.pre_m_per_s, event.post_m_per_s)
         high = max(high, event.pre_m_per_s, event.post_m_per_s)
-        if event.kind == IMPACT:
-            impacts += 1.0
+        if event.impacts > 0.0:
+            impacts += event.impacts
             impulse += event.impulse_per_mass
             least = event.pre_m_per_s if most == 0.0 else min(least, event.pre_m_per_s)
             most = max(most, event.pre_m_per_s)
@@ -70,61 +74,63 @@ def walked(motion: Motion, acting: Drive, tally: Tally, events: int, periods: fl
             impulse += event.impulse_per_mass
         elif event.kind == RELEASE:
             releases += 1.0
-        elif event.kind == PHASE:
+        elif event.kind == PHASE_CHANGE:
             phases += 1.0
     return motion, Tally(count, impacts, ends, releases, phases, low, high, impulse, least, most, last, last_tau)
 
 
-class Period(NamedTuple):
+class PeriodOutcome(NamedTuple):
     """One period: the motion at its end, its impacts (those listed), completed series, and its hardest blow."""
 
-    motion: Motion
+    motion: MassMotion
     impacts: float
     chatter_ends: float
     largest_blow_m_per_s: float
 
 
 @kernel
-def next_period(motion: Motion, acting: Drive) -> Period:
+def next_period(motion: MassMotion, system: ImpactSystem) -> PeriodOutcome:
     """Return the rest of the period the motion is in, up to the start of the next."""
     number = motion.period
     impacts, ends, largest = 0.0, 0.0, 0.0
     while motion.period == number:
-        event, motion = next_event(motion, acting)
-        if event.kind == IMPACT:
-            impacts += 1.0
+        event, motion = next_event(motion, system)
+        if event.impacts > 0.0:
+            impacts += event.impacts
             largest = max(largest, event.pre_m_per_s)
         elif event.kind == CHATTER_END:
             ends += 1.0
-    return Period(motion, impacts, ends, largest)
+    return PeriodOutcome(motion, impacts, ends, largest)
 
 
 @kernel
-def strikes_once_a_period(motion: Motion, acting: Drive, tolerance_s: float) -> bool:
+def strikes_once_a_period(motion: MassMotion, system: ImpactSystem, tolerance_s: float) -> bool:
     """Return whether the next impact after this one comes one period later; ``motion`` is right after a blow."""
     period, tau = motion.period, motion.tau_s
     while motion.period <= period + 1.0:
-        event, motion = next_event(motion, acting)
+        event, motion = next_event(motion, system)
         if event.kind == IMPACT:
-            return abs((event.period - period - 1.0) * acting.period_s + event.tau_s - tau) <= tolerance_s
+            return abs((event.period - period - 1.0) * system.period_s + event.tau_s - tau) <= tolerance_s
     return False
 
 
 @kernel
-def leaves_for_good(before: Motion, after: Motion, impacts: float, acting: Drive) -> bool:
+def leaves_for_good(before: MassMotion, after: MassMotion, impacts: float, system: ImpactSystem) -> bool:
     """Return whether the mass never comes back, from the motion at the start and at the end of one period.
 
     With <A> <= 0, a period without contact that ends no nearer and no faster than it began is followed by periods
     that lie wholly below it.  With <A> > 0 the mass always comes back.
     """
-    total = acting.acceleration1 * acting.phase1_s + acting.acceleration2 * (acting.period_s - acting.phase1_s)
+    total = system.acceleration1 * system.phase1_s + system.acceleration2 * (system.period_s - system.phase1_s)
     if total > 0.0 or impacts > 0.0 or before.mode != FLIGHT or after.mode != FLIGHT:
         return False
     return after.gap_m >= before.gap_m > 0.0 and after.velocity_m_per_s <= before.velocity_m_per_s
 
 
 @kernel
-def settled_at(motion: Motion, acting: Drive, target: Motion, tolerances: tuple[float, float], limit: int) -> int:
+def settled_at(
+    motion: MassMotion, system: ImpactSystem, target: MassMotion, tolerances: tuple[float, float], limit: int
+) -> int:
     """Return after how many periods a motion is at the period-1 orbit through ``target`` and stays there.
 
     Returns -1 if it rests for good, -2 if it leaves for good, -3 if neither comes within ``limit`` periods.  At the
@@ -137,22 +143,22 @@ def settled_at(motion: Motion, acting: Drive, target: Motion, tolerances: tuple[
         near = near + 1 if close else 0
         if near == 3:
             return number - 2
-        if rests_for_good(motion, acting):
+        if rests_for_good(motion, system):
             return AT_REST
-        period = next_period(motion, acting)
-        if leaves_for_good(motion, period.motion, period.impacts, acting):
+        period = next_period(motion, system)
+        if leaves_for_good(motion, period.motion, period.impacts, system):
             return LEFT
         motion = period.motion
     return WANDERING
 
 
 @kernel
-def collapse_period(motion: Motion, acting: Drive, limit: float) -> float:
+def collapse_period(motion: MassMotion, system: ImpactSystem, limit: float) -> float:
     """Return the number of the period (from 0) in which the mass comes to rest for good, or -1 before ``limit``."""
     while motion.period < limit:
-        if rests_for_good(motion, acting):
+        if rests_for_good(motion, system):
             return motion.period
-        motion = next_event(motion, acting)[1]
+        motion = next_event(motion, system)[1]
     return -1.0
 
 
@@ -160,25 +166,25 @@ def collapse_period(motion: Motion, acting: Drive, limit: float) -> float:
 def fates(
     gaps_m: NDArray[np.float64],
     velocities_m_per_s: NDArray[np.float64],
-    acting: Drive,
-    target: Motion,
+    system: ImpactSystem,
+    target: MassMotion,
     tolerances: tuple[float, float],
     limit: int,
 ) -> NDArray[np.int64]:
     """Return what becomes of each start at the beginning of a period; see `settled_at`."""
     found = np.empty(len(gaps_m), np.int64)
     for i in range(len(gaps_m)):
-        start = initial_motion(gaps_m[i], velocities_m_per_s[i], acting)
-        found[i] = settled_at(start, acting, target, tolerances, limit)
+        start = initial_motion(gaps_m[i], velocities_m_per_s[i], system)
+        found[i] = settled_at(start, system, target, tolerances, limit)
     return found
 
 
 @kernel
-def single_blows(motion: Motion, acting: Drive, periods: int) -> tuple[float, float, float]:
+def single_blows(motion: MassMotion, system: ImpactSystem, periods: int) -> tuple[float, float, float]:
     """Return how many periods in a row had exactly one impact and no rest, and the least and largest speed of it."""
     least, largest = 0.0, 0.0
     for number in range(periods):
-        period = next_period(motion, acting)
+        period = next_period(motion, system)
         motion = period.motion
         if period.impacts != 1.0 or period.chatter_ends > 0.0:
             return float(number), least, largest

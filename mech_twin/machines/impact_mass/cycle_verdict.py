@@ -7,10 +7,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from mech_twin.machines.impact_mass.batch import AT_REST, LEFT, collapse_period, fates, single_blows
-from mech_twin.machines.impact_mass.events import FLIGHT, Drive, Motion, initial_motion
+from mech_twin.machines.impact_mass.dynamics import (
+    ImpactSystem,
+    MassMotion,
+    initial_motion,
+)
 from mech_twin.machines.impact_mass.metrics import admissible
 from mech_twin.machines.impact_mass.one_impact_cycle import OneImpactCycle, one_impact_cycle
 from mech_twin.machines.impact_mass.parameters import ImpactMass
+from mech_twin.machines.impact_mass.states import (
+    FLIGHT,
+)
 
 BORDER = 1e-9  # of a phase: a blow this near the change of the force stands on the border of existence
 NEAR = 1e-6  # of the stroke and of the blow's speed: a start this near the cycle at three period starts is at it
@@ -18,7 +25,7 @@ BASIN_PERIODS = 5000
 
 
 @dataclass(frozen=True)
-class Box:
+class StartBox:
     """Where random starts are drawn from, evenly, at the start of a period: gap (m), velocity (m/s), number, seed."""
 
     gap_max_m: float
@@ -32,7 +39,7 @@ class Box:
 class Basin:
     """What became of the random starts; ``fraction`` reached the cycle."""
 
-    box: Box
+    box: StartBox
     reached: int
     at_rest: int
     left: int
@@ -42,7 +49,7 @@ class Basin:
 
 
 @dataclass(frozen=True)
-class Verdict:
+class CycleVerdict:
     """Judgement of a one-impact cycle.
 
     ``margin`` is 1 - |largest multiplier|.  On the border, where the blow falls on the change of the force, a late
@@ -91,43 +98,43 @@ def phase2_cycle(parameters: ImpactMass) -> OneImpactCycle:
     return cycle
 
 
-def cycle_start(cycle: OneImpactCycle) -> Motion:
+def cycle_start(cycle: OneImpactCycle) -> MassMotion:
     """Return the motion of a cycle at the start of a period."""
-    return Motion(0.0, 0.0, 0.0, max(cycle.start_gap_m, 0.0), cycle.start_velocity_m_per_s, FLIGHT, 0.0, 0.0, 0.0)
+    return MassMotion(0.0, 0.0, 0.0, max(cycle.start_gap_m, 0.0), cycle.start_velocity_m_per_s, FLIGHT, 0.0, 0.0, 0.0)
 
 
-def default_box(stroke_m: float, impact_speed_m_per_s: float, starts: int, seed: int) -> Box:
+def default_box(stroke_m: float, impact_speed_m_per_s: float, starts: int, seed: int) -> StartBox:
     """Return the box gap 0 to 2 strokes, velocity -v- to v-."""
-    return Box(2.0 * stroke_m, -impact_speed_m_per_s, impact_speed_m_per_s, starts, seed)
+    return StartBox(2.0 * stroke_m, -impact_speed_m_per_s, impact_speed_m_per_s, starts, seed)
 
 
-def basin(acting: Drive, cycle: OneImpactCycle, box: Box, periods: int = BASIN_PERIODS) -> Basin:
+def basin(system: ImpactSystem, cycle: OneImpactCycle, box: StartBox, periods: int = BASIN_PERIODS) -> Basin:
     """Return what becomes of the seeded random starts of a box within so many periods."""
     random = np.random.default_rng(box.seed)
     gaps = random.uniform(0.0, box.gap_max_m, box.starts)
     velocities = random.uniform(box.velocity_min_m_per_s, box.velocity_max_m_per_s, box.starts)
     tolerances = (NEAR * box.gap_max_m, NEAR * cycle.impact_speed_m_per_s)
-    found = fates(gaps, velocities, acting, cycle_start(cycle), tolerances, periods)
+    found = fates(gaps, velocities, system, cycle_start(cycle), tolerances, periods)
     reached, rest, left = int(np.sum(found >= 0)), int(np.sum(found == AT_REST)), int(np.sum(found == LEFT))
     slowest = int(found.max()) if reached else 0
     other = box.starts - reached - rest - left
     return Basin(box, reached, rest, left, other, reached / box.starts, slowest)
 
 
-def verdict(parameters: ImpactMass, box: Box | None) -> Verdict:
+def verdict(parameters: ImpactMass, box: StartBox | None) -> CycleVerdict:
     """Return the judgement of the one-impact cycle with its blow in phase 2; no basin where ``box`` is None."""
     cycle = phase2_cycle(parameters)
-    acting = parameters.acting
+    system = parameters.system
     share = cycle.position_share
     border = min(abs(share), abs(1.0 - share)) <= BORDER
     exists = border or 0.0 < share < 1.0
-    clear = exists and admissible(cycle, acting)
+    clear = exists and admissible(cycle, system)
     other = _other_side(parameters) if border else None
     worst = max(abs(m) for pair in (cycle.multipliers, other or ()) for m in pair)
     stable = clear and not border and worst < 1.0
-    found = basin(acting, cycle, box) if box is not None and exists else None
+    found = basin(system, cycle, box) if box is not None and exists else None
     reason = _reason(exists, clear, border, worst, share)
-    return Verdict(exists, clear, border, stable, 1.0 - worst, cycle.multipliers, other, found, reason)
+    return CycleVerdict(exists, clear, border, stable, 1.0 - worst, cycle.multipliers, other, found, reason)
 
 
 def _other_side(parameters: ImpactMass) -> tuple[complex, complex]:
@@ -152,8 +159,8 @@ def _reason(exists: bool, clear: bool, border: bool, worst: float, share: float)
 
 def endurance(parameters: ImpactMass, periods: int) -> Endurance:
     """Return how many periods from the configured start have exactly one impact, and when the mass comes to rest."""
-    p, acting = parameters, parameters.acting
-    start = initial_motion(p.initial_gap_m, p.initial_velocity_m_per_s, acting)
-    held, least, largest = single_blows(start, acting, periods)
-    rest = int(collapse_period(start, acting, float(periods))) + 1 if held < periods else 0
+    p, system = parameters, parameters.system
+    start = initial_motion(p.initial_gap_m, p.initial_velocity_m_per_s, system)
+    held, least, largest = single_blows(start, system, periods)
+    rest = int(collapse_period(start, system, float(periods))) + 1 if held < periods else 0
     return Endurance(p.period_s, periods, int(held), rest, least, largest)

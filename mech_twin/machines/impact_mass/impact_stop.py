@@ -30,6 +30,7 @@ from mech_twin.kernel import kernel
 from mech_twin.quantity import Parameters, quantity
 
 LISTED_RATIO = 1e-12  # impacts of a series slower than this share of its first are booked with the end of the series
+LEAST_RESTITUTION, LARGEST_RESTITUTION = 1e-6, 0.999999  # a millionth of the speed, or all but a millionth, is lost
 TIE_TOLERANCE = 1e-9  # of one impact, when a cut-off equals a power of R up to rounding: the impact is kept
 SPLITTER = 134217729.0  # 2^27 + 1, halves a double for the error-free product
 
@@ -39,7 +40,9 @@ class StopParameters(Parameters):
 
     mass_kg: float = quantity("kg", "impact mass", live=True, gt=0)
     stop_position_m: float = quantity("m", "position xc of the stop")
-    restitution: float = quantity("1", "speed after a blow over the speed before it, R", live=True, gt=0, lt=1)
+    restitution: float = quantity(
+        "1", "speed after a blow over the speed before it, R", live=True, ge=LEAST_RESTITUTION, le=LARGEST_RESTITUTION
+    )
     chatter_cutoff: float = quantity(
         "1", "relative speed below which a chatter series is cut off; 0: its exact limit", default=0.0, ge=0, lt=1
     )
@@ -144,6 +147,12 @@ def series_delay(number: float, first_m_per_s: float, acceleration_m_per_s2: flo
 def series_length(first_m_per_s: float, acceleration_m_per_s2: float, restitution: float) -> float:
     """Return t_inf - t_1 = 2 R v_1/(A (1 - R)) in s: the endless series ends after this time (A > 0)."""
     return 2.0 * restitution * first_m_per_s / (acceleration_m_per_s2 * (1.0 - restitution))
+
+
+@kernel
+def series_sum(count: float, first_m_per_s: float, restitution: float) -> float:
+    """Return the sum of the speeds before so many impacts in a row, v (1 - R^n)/(1 - R), in m/s."""
+    return first_m_per_s * -math.expm1(count * math.log(restitution)) / (1.0 - restitution)
 
 
 @kernel

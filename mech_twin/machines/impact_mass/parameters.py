@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from pydantic import model_validator
-from typing_extensions import Self
+from typing import Self
 
-from mech_twin.machines.impact_mass.events import Drive, drive
+from pydantic import model_validator
+
+from mech_twin.engine.coupling import Coupling
+from mech_twin.machines.impact_mass.dynamics import ImpactSystem, impact_system
 from mech_twin.machines.impact_mass.force_generator import GeneratorParameters
 from mech_twin.machines.impact_mass.impact_stop import StopParameters
 from mech_twin.parts.supply import SupplyParameters
-from mech_twin.quantity import Parameters, choice, quantity
+from mech_twin.quantity import choice, quantity
 
-
-class MassCoupling(Parameters):
-    """How the roles exchange samples; the motion itself does not depend on it."""
-
-    step_s: float = quantity("s", "coupling step: the roles exchange samples once per step", gt=0.0, le=1.0)
+MOST_PERIODS_PER_STEP = 100.0  # a step holds at most so many periods of the force, and so a bounded number of events
 
 
 class ImpactMass(StopParameters, GeneratorParameters):
@@ -24,7 +22,7 @@ class ImpactMass(StopParameters, GeneratorParameters):
     initial_position_m: float = quantity("m", "position x0 at the start, not beyond the stop")
     initial_velocity_m_per_s: float = quantity("m/s", "velocity v0 at the start, positive towards the stop")
     supply: SupplyParameters = choice("supply of the generator: the fraction multiplies both force levels")
-    coupling: MassCoupling = choice("coupling of the roles")
+    coupling: Coupling = choice("coupling of the roles")
 
     @model_validator(mode="after")
     def _start_before_the_stop(self) -> Self:
@@ -32,6 +30,15 @@ class ImpactMass(StopParameters, GeneratorParameters):
             raise ValueError(
                 "initial_position_m <= stop_position_m does not hold: "
                 f"initial_position_m = {self.initial_position_m!r}, stop_position_m = {self.stop_position_m!r}"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _few_periods_in_a_step(self) -> Self:
+        if self.coupling.step_s > MOST_PERIODS_PER_STEP * self.period_s:
+            raise ValueError(
+                f"coupling.step_s <= {MOST_PERIODS_PER_STEP:g} period_s does not hold: "
+                f"coupling.step_s = {self.coupling.step_s!r}, period_s = {self.period_s!r}"
             )
         return self
 
@@ -46,9 +53,9 @@ class ImpactMass(StopParameters, GeneratorParameters):
         return self.phase1_force_n / self.mass_kg, self.phase2_force_n / self.mass_kg
 
     @property
-    def acting(self) -> Drive:
+    def system(self) -> ImpactSystem:
         """What acts on the mass at nominal supply."""
-        return drive(self.times_s, self.accelerations_m_per_s2, self.restitution, self.chatter_cutoff)
+        return impact_system(self.times_s, self.accelerations_m_per_s2, self.restitution, self.chatter_cutoff)
 
     @property
     def initial_gap_m(self) -> float:

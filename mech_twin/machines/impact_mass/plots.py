@@ -10,15 +10,15 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from mech_twin.capabilities.plots import BLUE, GREY, RED, Picture, blank, published, sheet
-from mech_twin.machines.impact_mass.events import gap_after, initial_motion, next_event, phase_end
+from mech_twin.machines.impact_mass.dynamics import gap_after, initial_motion, next_event, phase_end
 from mech_twin.machines.impact_mass.parameters import ImpactMass
-from mech_twin.machines.impact_mass.published import BLOW_M_PER_S, figure_case, wish_of
+from mech_twin.machines.impact_mass.published import BLOW_M_PER_S, cycle_spec, figure_case
 from mech_twin.machines.impact_mass.synthesis import published_parameters, with_phase2_force
 
 ARC = 24  # points of a parabola between two events
 
 
-class Path(NamedTuple):
+class MotionCurves(NamedTuple):
     """A motion as curves: time (s), position (m), velocity (m/s); jumps of velocity stand as two points at one time."""
 
     time_s: NDArray[np.float64]
@@ -26,22 +26,22 @@ class Path(NamedTuple):
     velocity_m_per_s: NDArray[np.float64]
 
 
-def path(parameters: ImpactMass, periods: int) -> Path:
+def path(parameters: ImpactMass, periods: int) -> MotionCurves:
     """Return the motion from the configured start, every arc from event to event."""
-    acting = parameters.acting
-    motion = initial_motion(parameters.initial_gap_m, parameters.initial_velocity_m_per_s, acting)
+    system = parameters.system
+    motion = initial_motion(parameters.initial_gap_m, parameters.initial_velocity_m_per_s, system)
     rows = []
     while motion.period < periods:
-        event, after = next_event(motion, acting)
-        end = phase_end(motion, acting) if after.period > motion.period else after.tau_s
-        start = motion.period * acting.period_s + motion.tau_s
+        event, after = next_event(motion, system)
+        end = phase_end(motion, system) if after.period > motion.period else after.tau_s
+        start = motion.period * system.period_s + motion.tau_s
         for t in np.linspace(0.0, end - motion.tau_s, ARC):
-            gap, velocity = gap_after(motion, acting, t)
+            gap, velocity = gap_after(motion, system, t)
             rows.append((start + t, parameters.stop_position_m - max(gap, 0.0), velocity))
-        rows.append((event.period * acting.period_s + event.tau_s, rows[-1][1], event.post_m_per_s))
+        rows.append((event.period * system.period_s + event.tau_s, rows[-1][1], event.post_m_per_s))
         motion = after
     table = np.array(rows)
-    return Path(table[:, 0], table[:, 1], table[:, 2])
+    return MotionCurves(table[:, 0], table[:, 1], table[:, 2])
 
 
 def pictures(parameters: ImpactMass) -> Iterator[Picture]:
@@ -52,7 +52,7 @@ def pictures(parameters: ImpactMass) -> Iterator[Picture]:
     yield _figure_4(parameters)
 
 
-def _motion_panels(panels: list[Axes], shown: Path, period_s: float) -> None:
+def _motion_panels(panels: list[Axes], shown: MotionCurves, period_s: float) -> None:
     panels[0].plot(1000.0 * shown.time_s, shown.position_m, color=BLUE)
     panels[1].plot(1000.0 * shown.time_s, shown.velocity_m_per_s, color=BLUE, linewidth=1.1)
     panels[0].set_ylabel("position x, m")
@@ -93,7 +93,7 @@ def _figure_3(parameters: ImpactMass, name: str, t1: float, periods: int) -> Pic
 
 
 def _figure_4(parameters: ImpactMass) -> Picture:
-    made = published_parameters(wish_of(parameters))
+    made = published_parameters(cycle_spec(parameters))
     rounded = made.model_copy(update={"period_s": 0.216})
     robust = with_phase2_force(made, BLOW_M_PER_S, -20.0)
     figure, panels = sheet(3, 1, 7.2, 6.4, sharex=True)

@@ -9,10 +9,17 @@ from typing import NamedTuple
 from mech_twin.capabilities.published import CHANGED, CONTRADICTS, REPRODUCED, Row, Source
 from mech_twin.capabilities.variation import varied
 from mech_twin.machines.impact_mass.cycle_verdict import endurance, verdict
-from mech_twin.machines.impact_mass.events import CHATTER_END, IMPACT, initial_motion, next_event
+from mech_twin.machines.impact_mass.dynamics import (
+    initial_motion,
+    next_event,
+)
 from mech_twin.machines.impact_mass.one_impact_cycle import synthesised_cycle
 from mech_twin.machines.impact_mass.parameters import ImpactMass
-from mech_twin.machines.impact_mass.synthesis import Wish, printed_periods, published_parameters, with_phase2_force
+from mech_twin.machines.impact_mass.states import (
+    CHATTER_END,
+    IMPACT,
+)
+from mech_twin.machines.impact_mass.synthesis import CycleSpec, printed_periods, published_parameters, with_phase2_force
 
 PAPER = "Manzhosov, Novikov"
 WORKED = "exact computation"
@@ -20,7 +27,7 @@ ENDLESS = -1.0  # stands for the impacts of a period in which the series complet
 BLOW_M_PER_S = 20.0  # published, fig. 4
 
 
-class Walk(NamedTuple):
+class FirstPeriods(NamedTuple):
     """First periods of a motion: impacts and first blow of each period, velocity range, when the last series ended."""
 
     impacts: tuple[float, ...]
@@ -30,14 +37,14 @@ class Walk(NamedTuple):
     chatter_end_tau_s: float
 
 
-def walk(parameters: ImpactMass, periods: int) -> Walk:
+def walk(parameters: ImpactMass, periods: int) -> FirstPeriods:
     """Return the first periods from the configured start; velocity is linear between events, so its range is exact."""
-    acting = parameters.acting
-    motion = initial_motion(parameters.initial_gap_m, parameters.initial_velocity_m_per_s, acting)
+    system = parameters.system
+    motion = initial_motion(parameters.initial_gap_m, parameters.initial_velocity_m_per_s, system)
     impacts, blows = [0.0] * periods, [0.0] * periods
     speeds, end = [parameters.initial_velocity_m_per_s], math.nan
     while motion.period < periods:
-        event, motion = next_event(motion, acting)
+        event, motion = next_event(motion, system)
         speeds += [event.pre_m_per_s, event.post_m_per_s]
         if event.kind == IMPACT:
             number = int(event.period)
@@ -45,7 +52,7 @@ def walk(parameters: ImpactMass, periods: int) -> Walk:
             impacts[number] += 1.0 if impacts[number] != ENDLESS else 0.0
         elif event.kind == CHATTER_END:
             impacts[int(event.period)], end = ENDLESS, event.tau_s
-    return Walk(tuple(impacts), tuple(blows), min(speeds), max(speeds), end)
+    return FirstPeriods(tuple(impacts), tuple(blows), min(speeds), max(speeds), end)
 
 
 def figure_case(parameters: ImpactMass, phase1_duration_s: float) -> ImpactMass:
@@ -53,10 +60,10 @@ def figure_case(parameters: ImpactMass, phase1_duration_s: float) -> ImpactMass:
     return varied(parameters, {"phase1_duration_s": phase1_duration_s})
 
 
-def wish_of(parameters: ImpactMass) -> Wish:
+def cycle_spec(parameters: ImpactMass) -> CycleSpec:
     """Return the cycle of fig. 4, from rest, for the configured mass, stop, start and restitution."""
     p = parameters
-    return Wish(p.mass_kg, p.stop_position_m, p.initial_position_m, 0.0, BLOW_M_PER_S, p.restitution)
+    return CycleSpec(p.mass_kg, p.stop_position_m, p.initial_position_m, 0.0, BLOW_M_PER_S, p.restitution)
 
 
 def rows(parameters: ImpactMass) -> Iterator[Row]:
@@ -68,7 +75,7 @@ def rows(parameters: ImpactMass) -> Iterator[Row]:
 
 
 def _collapse(parameters: ImpactMass) -> Iterator[Row]:
-    published = published_parameters(wish_of(parameters))
+    published = published_parameters(cycle_spec(parameters))
     judged = verdict(published, None)
     paper = Source(PAPER, "Fig. 4", "synthesis with v0 = 0, v- 20 m/s")
     border = published.phase2_force_n / (parameters.restitution**2 * published.phase1_force_n)
@@ -112,17 +119,17 @@ def _collapse(parameters: ImpactMass) -> Iterator[Row]:
 
 
 def _synthesis(parameters: ImpactMass) -> Iterator[Row]:
-    wish = wish_of(parameters)
+    spec = cycle_spec(parameters)
     found = synthesised_cycle(
-        wish.mass_kg,
-        wish.stop_position_m,
-        wish.initial_position_m,
-        wish.initial_velocity_m_per_s,
-        wish.impact_speed_m_per_s,
-        wish.restitution,
+        spec.mass_kg,
+        spec.stop_position_m,
+        spec.initial_position_m,
+        spec.initial_velocity_m_per_s,
+        spec.impact_speed_m_per_s,
+        spec.restitution,
     )
     paper = Source(
-        PAPER, "Fig. 4", f"m {wish.mass_kg:g}, x0 {wish.initial_position_m:g}, v0 0, v- 20, R {wish.restitution:g}"
+        PAPER, "Fig. 4", f"m {spec.mass_kg:g}, x0 {spec.initial_position_m:g}, v0 0, v- 20, R {spec.restitution:g}"
     )
     for name, value, computed in (
         ("v+, m/s", -6.0, found.rebound_velocity_m_per_s),

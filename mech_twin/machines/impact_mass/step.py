@@ -1,8 +1,7 @@
-"""One coupling step of the impact mass: its events, the sample at its end, and its books.
+"""One coupling step of the impact mass: its events, the sample at its end, and its balance.
 
 The state never leaves its anchor at the last event, so the answer does not depend on the coupling step: a finer grid
-only looks more often.  Books are kept piece by piece (between events), per unit of mass: momentum by the impulse of
-the force against the impulses of the stop, energy by the work of the force against the losses at the blows.
+only looks more often.
 """
 
 from __future__ import annotations
@@ -13,216 +12,209 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mech_twin.kernel import kernel
-from mech_twin.machines.impact_mass.events import (
-    CHATTER_END,
-    IMPACT,
-    PHASE,
-    SERIES,
-    STUCK,
-    Drive,
-    Happening,
-    Motion,
+from mech_twin.machines.impact_mass.balance import (
+    BalanceResiduals,
+    StepBalance,
+    balance_after_piece,
+    balance_after_stop,
+    empty_balance,
+    residuals,
+)
+from mech_twin.machines.impact_mass.dynamics import (
+    LISTED_MOST,
+    ImpactSystem,
+    MassMotion,
+    MotionEvent,
     acceleration,
+    anchored,
     elapsed,
     gap_after,
-    next_event,
+    next_event_until,
     phase_end,
-    placed,
+    tau_at,
+)
+from mech_twin.machines.impact_mass.states import (
+    CHATTER_END,
+    CHATTER_REGIME,
+    FREE_REGIME,
+    IMPACT,
+    IMPACT_REGIME,
+    IMPACTS_SUMMED,
+    PHASE_CHANGE,
+    SERIES,
+    STUCK,
+    STUCK_REGIME,
 )
 
-FREE_REGIME, IMPACT_REGIME, CHATTER_REGIME, STUCK_REGIME = 0, 1, 2, 3
-COLUMNS = 6  # of an event row: kind, period, tau, velocity before, velocity after, impulse per unit of mass
+EVENT_COLUMNS = len(MotionEvent._fields)
 
 
-class Count(NamedTuple):
+class RunningCounts(NamedTuple):
     """Running counts since the start; impulses of the stop per unit of mass (m/s)."""
 
     impacts: float
     chatter_ends: float
     period_impacts: float
     last_period_impacts: float
-    period_impulse: float
-    last_period_impulse: float
-    step_impulse: float
+    period_impulse_m_per_s: float
+    last_period_impulse_m_per_s: float
+    step_impulse_m_per_s: float
 
 
-class Books(NamedTuple):
-    """Sums of a step per unit of mass: impulse and work of the force, impulse and loss at the stop, and their size."""
+class MassStep(NamedTuple):
+    """The mass one coupling step later.
 
-    impulse: float
-    work: float
-    stop_impulse: float
-    loss: float
-    momentum_size: float
-    energy_size: float
+    Anchor, counts, balance and what it leaves over; gap (m) and velocity (m/s) at the end; regime; event rows (n, 7)
+    in the columns of `MotionEvent`.
+    """
 
-
-class Residuals(NamedTuple):
-    """What the books of a step leave over, as a share of what was summed."""
-
-    momentum: float
-    energy: float
-
-
-@kernel
-def pieced(books: Books, a: float, duration_s: float, begin_gap: float, end_gap: float) -> Books:
-    """Return the books after a piece of flight or rest under one acceleration."""
-    impulse, work = a * duration_s, a * (begin_gap - end_gap)
-    return Books(
-        books.impulse + impulse,
-        books.work + work,
-        books.stop_impulse,
-        books.loss,
-        books.momentum_size + abs(impulse),
-        books.energy_size + abs(a) * (begin_gap + end_gap),
-    )
+    motion: MassMotion
+    counts: RunningCounts
+    balance: StepBalance
+    residuals: BalanceResiduals
+    gap_m: float
+    velocity_m_per_s: float
+    regime: int
+    rows: NDArray[np.float64]
 
 
 @kernel
-def struck_books(books: Books, impulse: float, loss: float) -> Books:
-    """Return the books after a blow (or a rest) against the stop."""
-    return Books(
-        books.impulse,
-        books.work,
-        books.stop_impulse + impulse,
-        books.loss + loss,
-        books.momentum_size + impulse,
-        books.energy_size + loss,
-    )
-
-
-@kernel
-def residuals(books: Books, begin_m_per_s: float, end_m_per_s: float) -> Residuals:
-    """Return v_E - v_S = impulse - stop and (v_E^2 - v_S^2)/2 = work - loss, what is left over each time."""
-    momentum = (end_m_per_s - begin_m_per_s) - (books.impulse - books.stop_impulse)
-    energy = 0.5 * (end_m_per_s - begin_m_per_s) * (end_m_per_s + begin_m_per_s) - (books.work - books.loss)
-    momentum_size = books.momentum_size + abs(begin_m_per_s) + abs(end_m_per_s)
-    energy_size = books.energy_size + 0.5 * (begin_m_per_s**2 + end_m_per_s**2)
-    return Residuals(
-        momentum / momentum_size if momentum_size > 0.0 else 0.0, energy / energy_size if energy_size > 0.0 else 0.0
-    )
-
-
-@kernel
-def counted(count: Count, event: Happening, rest_impulse: float) -> Count:
+def counts_after_event(counts: RunningCounts, event: MotionEvent, rest_impulse: float) -> RunningCounts:
     """Return the counts after an event; ``rest_impulse`` is what the stop gave while the mass lay against it."""
-    hit = 1.0 if event.kind == IMPACT else 0.0
-    impulse, hits = count.period_impulse + event.impulse_per_mass + rest_impulse, count.period_impacts + hit
-    last_impulse, last_hits = count.last_period_impulse, count.last_period_impacts
-    if event.kind == PHASE and event.tau_s == 0.0:
+    impulse = counts.period_impulse_m_per_s + event.impulse_per_mass + rest_impulse
+    hits = counts.period_impacts + event.impacts
+    last_impulse, last_hits = counts.last_period_impulse_m_per_s, counts.last_period_impacts
+    if event.kind == PHASE_CHANGE and event.tau_s == 0.0:
         last_impulse, last_hits, impulse, hits = impulse, hits, 0.0, 0.0
-    ends = count.chatter_ends + (1.0 if event.kind == CHATTER_END else 0.0)
-    return Count(count.impacts + hit, ends, hits, last_hits, impulse, last_impulse, 0.0)
+    ends = counts.chatter_ends + (1.0 if event.kind == CHATTER_END else 0.0)
+    return RunningCounts(counts.impacts + event.impacts, ends, hits, last_hits, impulse, last_impulse, 0.0)
 
 
 @kernel
-def rested(count: Count, impulse: float) -> Count:
-    """Return the counts after a rest that goes on."""
-    return Count(count[0], count[1], count[2], count[3], count[4] + impulse, count[5], count[6])
+def counts_after_step(counts: RunningCounts, rest_impulse: float, step_impulse: float) -> RunningCounts:
+    """Return the counts at the end of a step: the impulse of a rest that goes on, and of the whole step."""
+    return RunningCounts(
+        counts.impacts,
+        counts.chatter_ends,
+        counts.period_impacts,
+        counts.last_period_impacts,
+        counts.period_impulse_m_per_s + rest_impulse,
+        counts.last_period_impulse_m_per_s,
+        step_impulse,
+    )
 
 
 @kernel
-def stepped(count: Count, impulse: float) -> Count:
-    """Return the counts with the stop's impulse of this step."""
-    return Count(count[0], count[1], count[2], count[3], count[4], count[5], impulse)
-
-
-@kernel
-def grown(rows: NDArray[np.float64]) -> NDArray[np.float64]:
+def doubled_table(rows: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return a table twice as long with the same first rows."""
-    longer = np.empty((2 * len(rows), COLUMNS))
+    longer = np.empty((2 * len(rows), EVENT_COLUMNS))
     longer[: len(rows)] = rows
     return longer
 
 
 @kernel
-def write_row(row: NDArray[np.float64], event: Happening) -> None:
+def write_event(row: NDArray[np.float64], event: MotionEvent) -> None:
     """Write an event into a row of the table."""
     row[0], row[1], row[2] = event.kind, event.period, event.tau_s
-    row[3], row[4], row[5] = event.pre_m_per_s, event.post_m_per_s, event.impulse_per_mass
+    row[3], row[4], row[5], row[6] = event.pre_m_per_s, event.post_m_per_s, event.impulse_per_mass, event.impacts
 
 
 @kernel
-def regime_at(motion: Motion, coming: Happening, struck: bool) -> int:
+def regime_at(motion: MassMotion, coming: MotionEvent, struck: bool) -> int:
     """Return the regime of a sample: stuck, chatter (the series goes on in this phase), impact (in the step), free."""
     if motion.mode == STUCK:
         return STUCK_REGIME
-    if motion.mode == SERIES and coming.kind != PHASE:
+    if motion.mode == SERIES and coming.kind != PHASE_CHANGE:
         return CHATTER_REGIME
     return IMPACT_REGIME if struck else FREE_REGIME
 
 
 @kernel
-def booked(
-    books: Books, motion: Motion, acting: Drive, event: Happening, begin_gap: float, passed_s: float
-) -> tuple[Books, float]:
-    """Return the books after the piece that ends with this event and after its blow, and the impulse of a rest."""
-    a = acceleration(motion, acting)
-    until = phase_end(motion, acting) if event.kind == PHASE else event.tau_s
+def balance_after_event(
+    balance: StepBalance,
+    motion: MassMotion,
+    system: ImpactSystem,
+    event: MotionEvent,
+    begin_gap: float,
+    passed_s: float,
+) -> tuple[StepBalance, float]:
+    """Return the balance after the piece that ends with this event and after its impact, and the impulse of a rest."""
+    a = acceleration(motion, system)
+    until = phase_end(motion, system) if event.kind == PHASE_CHANGE else event.tau_s
     duration = max(until - motion.tau_s - passed_s, 0.0)
-    end_gap = gap_after(motion, acting, until - motion.tau_s)[0] if event.kind == PHASE else 0.0
-    books = pieced(books, a, duration, begin_gap, end_gap)
+    end_gap = gap_after(motion, system, until - motion.tau_s)[0] if event.kind == PHASE_CHANGE else 0.0
+    balance = balance_after_piece(balance, a, duration, begin_gap, end_gap)
     loss = 0.5 * (event.pre_m_per_s**2 - event.post_m_per_s**2)
     if event.kind == CHATTER_END:
-        loss = 0.5 * motion.velocity_m_per_s**2  # what the last listed blow left, booked with the end
+        loss = 0.5 * motion.velocity_m_per_s**2  # what the last listed impact left, booked with the end
     rest = a * duration if motion.mode == STUCK else 0.0
-    return struck_books(books, event.impulse_per_mass + rest, loss), rest
+    return balance_after_stop(balance, event.impulse_per_mass + rest, loss), rest
 
 
 @kernel
-def window(
-    motion: Motion, acting: Drive, count: Count, steps: float, step_s: float
-) -> tuple[Motion, Count, Residuals, tuple[float, float], int, NDArray[np.float64]]:
+def lies_in_step(coming: MotionEvent, motion: MassMotion, system: ImpactSystem, end_s: float) -> bool:
+    """Return whether an event belongs to the step that ends at ``end_s``, s since the origin.
+
+    A sum of impacts was cut at the end of the step, so it does; the impact after it was found to lie behind.
+    """
+    if coming.kind == IMPACTS_SUMMED:
+        return True
+    if coming.kind == IMPACT and motion.mode == SERIES and motion.series_number >= LISTED_MOST:
+        return False
+    return coming.period * system.period_s + coming.tau_s <= end_s
+
+
+@kernel
+def mass_step(motion: MassMotion, system: ImpactSystem, counts: RunningCounts, steps: float, step_s: float) -> MassStep:
     """Return the mass one coupling step later.
 
     Parameters
     ----------
-    motion : Motion
+    motion : MassMotion
         Anchor at the last event (or the last change of a parameter).
-    acting : Drive
+    system : ImpactSystem
         Forces per unit of mass and restitution during the step.
-    count : Count
+    counts : RunningCounts
         Running counts.
     steps : float
-        Number of the step that ends the window, counted from the origin of time.
+        Number of the step that ends here, counted from the origin of time.
     step_s : float
         Coupling step, s.
-
-    Returns
-    -------
-    tuple
-        Anchor, counts, residuals, (gap m, velocity m/s) at the end, regime, event rows (n, 6).
     """
-    rows = np.empty((8, COLUMNS))
+    rows = np.empty((8, EVENT_COLUMNS))
     found, struck = 0, False
-    books = Books(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    passed = elapsed(motion, acting, steps - 1.0, step_s)
-    gap, first = gap_after(motion, acting, passed)
-    coming, after = next_event(motion, acting)
-    while coming.period * acting.period_s + coming.tau_s <= steps * step_s:
-        books, rest = booked(books, motion, acting, coming, gap, passed)
-        count = counted(count, coming, rest)
-        struck = struck or coming.kind == IMPACT
+    balance = empty_balance()
+    passed = elapsed(motion, system, steps - 1.0, step_s)
+    gap, first = gap_after(motion, system, passed)
+    coming, after = next_event_until(motion, system, tau_at(motion.period, system, steps, step_s))
+    while lies_in_step(coming, motion, system, steps * step_s):
+        balance, rest = balance_after_event(balance, motion, system, coming, gap, passed)
+        counts = counts_after_event(counts, coming, rest)
+        struck = struck or coming.impacts > 0.0
         if found == len(rows):
-            rows = grown(rows)
-        write_row(rows[found], coming)
+            rows = doubled_table(rows)
+        write_event(rows[found], coming)
         found += 1
         motion, passed, gap = after, 0.0, after.gap_m
-        coming, after = next_event(motion, acting)
-    now = elapsed(motion, acting, steps, step_s)
-    end = gap_after(motion, acting, now)
-    a, duration = acceleration(motion, acting), max(now - passed, 0.0)
-    books = pieced(books, a, duration, gap, end[0])
+        coming, after = next_event_until(motion, system, tau_at(motion.period, system, steps, step_s))
+    now = elapsed(motion, system, steps, step_s)
+    end_gap, end_velocity = gap_after(motion, system, now)
+    a, duration = acceleration(motion, system), max(now - passed, 0.0)
+    balance = balance_after_piece(balance, a, duration, gap, end_gap)
+    rest = 0.0
     if motion.mode == STUCK:
-        books = struck_books(books, a * duration, 0.0)
-        count = rested(count, a * duration)
-    count = stepped(count, books.stop_impulse)
+        rest = a * duration
+        balance = balance_after_stop(balance, rest, 0.0)
+    counts = counts_after_step(counts, rest, balance.stop_impulse_m_per_s)
     regime = regime_at(motion, coming, struck)
-    return motion, count, residuals(books, first, end[1]), end, regime, rows[:found]
+    left = residuals(balance, first, end_velocity)
+    return MassStep(motion, counts, balance, left, end_gap, end_velocity, regime, rows[:found])
 
 
 @kernel
-def replanted(motion: Motion, before: Drive, after: Drive, steps: float, step_s: float) -> Motion:
+def reanchored(
+    motion: MassMotion, before: ImpactSystem, after: ImpactSystem, steps: float, step_s: float
+) -> MassMotion:
     """Return the motion anchored at a coupling step, where what acts on the mass changes.
 
     A series under way is over: what follows under the new forces is a flight, and its impacts a new series.
@@ -230,5 +222,5 @@ def replanted(motion: Motion, before: Drive, after: Drive, steps: float, step_s:
     tau = min(motion.tau_s + elapsed(motion, before, steps, step_s), phase_end(motion, before))
     gap, velocity = gap_after(motion, before, tau - motion.tau_s)
     if motion.mode == STUCK:
-        return Motion(motion.period, tau, motion.phase, 0.0, 0.0, STUCK, 0.0, 0.0, 0.0)
-    return placed(motion.period, tau, motion.phase, gap, velocity, acceleration(motion, after))
+        return MassMotion(motion.period, tau, motion.phase, 0.0, 0.0, STUCK, 0.0, 0.0, 0.0)
+    return anchored(motion.period, tau, motion.phase, gap, velocity, acceleration(motion, after))

@@ -14,10 +14,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mech_twin.engine.coupling import Coupling
 from mech_twin.machines.impact_mass.cycle_verdict import (
-    Box,
+    CycleVerdict,
     Endurance,
-    Verdict,
+    StartBox,
     basin,
     default_box,
     endurance,
@@ -25,7 +26,7 @@ from mech_twin.machines.impact_mass.cycle_verdict import (
     verdict,
 )
 from mech_twin.machines.impact_mass.one_impact_cycle import least_stability_number, synthesised_cycle
-from mech_twin.machines.impact_mass.parameters import ImpactMass, MassCoupling
+from mech_twin.machines.impact_mass.parameters import ImpactMass
 from mech_twin.parts.supply import SupplyParameters
 
 CANDIDATES = 240
@@ -34,7 +35,7 @@ SCREEN = 40  # starts tried first; a candidate whose failures among them are too
 
 
 @dataclass(frozen=True)
-class Wish:
+class CycleSpec:
     """What the cycle shall be: mass, stop, start of the stroke, speed of the blow, restitution."""
 
     mass_kg: float
@@ -51,7 +52,7 @@ class Wish:
 
 
 @dataclass(frozen=True)
-class Demand:
+class RobustnessSpec:
     """What a robust cycle shall stand: margin 1 - |multiplier|, share of the starts that reach it, reserve of P2.
 
     ``force_reserve`` is a share of the mean force m <A>: P2 may move by so much, with v- kept, and all still holds.
@@ -65,30 +66,30 @@ class Demand:
 
 
 @dataclass(frozen=True)
-class Design:
+class CycleDesign:
     """A cycle: the configuration that runs it, its verdict, and its endurance at T in full and at T as printed."""
 
     name: str
     parameters: ImpactMass
     impact_speed_m_per_s: float
     impact_tau_s: float
-    verdict: Verdict
+    verdict: CycleVerdict
     endurance: tuple[Endurance, ...]
 
 
 @dataclass(frozen=True)
 class Synthesis:
-    """Both cycles side by side, for the same wish, judged in the same box."""
+    """Both cycles side by side, for the same spec, judged in the same box."""
 
-    wish: Wish
-    demand: Demand
-    published: Design
-    robust: Design
+    spec: CycleSpec
+    robustness: RobustnessSpec
+    published: CycleDesign
+    robust: CycleDesign
 
 
-def published_parameters(wish: Wish) -> ImpactMass:
+def published_parameters(spec: CycleSpec) -> ImpactMass:
     """Return the configuration of the published synthesis; see `synthesised_cycle` for its errors."""
-    w = wish
+    w = spec
     found = synthesised_cycle(
         w.mass_kg,
         w.stop_position_m,
@@ -108,7 +109,7 @@ def published_parameters(wish: Wish) -> ImpactMass:
         initial_position_m=w.initial_position_m,
         initial_velocity_m_per_s=w.initial_velocity_m_per_s,
         supply=SupplyParameters(initial_fraction=1.0, rate_per_s=2.0),
-        coupling=MassCoupling(step_s=_handy_step(found.period_s)),
+        coupling=Coupling(step_s=_handy_step(found.period_s)),
     )
 
 
@@ -141,51 +142,51 @@ class _Candidate:
     fraction: float
 
 
-def _screened_fraction(parameters: ImpactMass, box: Box, demand: Demand) -> float:
+def _screened_fraction(parameters: ImpactMass, box: StartBox, robustness: RobustnessSpec) -> float:
     """Return the share of the starts that reach the cycle; of the first few alone where these already fail it."""
     cycle = phase2_cycle(parameters)
-    few = basin(parameters.acting, cycle, replace(box, starts=min(SCREEN, box.starts)))
-    if few.box.starts - few.reached > (1.0 - demand.basin_fraction) * box.starts:
+    few = basin(parameters.system, cycle, replace(box, starts=min(SCREEN, box.starts)))
+    if few.box.starts - few.reached > (1.0 - robustness.basin_fraction) * box.starts:
         return few.fraction
-    return basin(parameters.acting, cycle, box).fraction
+    return basin(parameters.system, cycle, box).fraction
 
 
-def _candidates(wish: Wish, published: ImpactMass, box: Box, demand: Demand) -> list[_Candidate]:
+def _candidates(spec: CycleSpec, published: ImpactMass, box: StartBox, robustness: RobustnessSpec) -> list[_Candidate]:
     """Return the candidates over the stable range of q = A2/<A>; no basin where the margin is not met."""
-    mean_n = wish.mass_kg * wish.impact_speed_m_per_s * (1.0 + wish.restitution) / published.period_s
-    low = least_stability_number(wish.restitution)
+    mean_n = spec.mass_kg * spec.impact_speed_m_per_s * (1.0 + spec.restitution) / published.period_s
+    low = least_stability_number(spec.restitution)
     found = []
     for i in range(1, CANDIDATES):
         q = low + (1.0 - low) * i / CANDIDATES
-        parameters = with_phase2_force(published, wish.impact_speed_m_per_s, q * mean_n)
+        parameters = with_phase2_force(published, spec.impact_speed_m_per_s, q * mean_n)
         judged = verdict(parameters, None)
         margin = judged.margin if judged.stable else -math.inf
-        fraction = _screened_fraction(parameters, box, demand) if margin >= demand.margin else 0.0
+        fraction = _screened_fraction(parameters, box, robustness) if margin >= robustness.margin else 0.0
         found.append(_Candidate(parameters, q, margin, fraction))
     return found
 
 
-def robust_parameters(wish: Wish, demand: Demand) -> ImpactMass:
-    """Return the configuration of the robust cycle with the wish's v- and the published T and t1.
+def robust_parameters(spec: CycleSpec, robustness: RobustnessSpec) -> ImpactMass:
+    """Return the configuration of the robust cycle with the spec's v- and the published T and t1.
 
     Raises
     ------
     ValueError
-        If no forces meet the demand, naming the inequality that fails and the best that was found.
+        If no forces meet the robustness, naming the inequality that fails and the best that was found.
     """
-    if demand.margin > 1.0 - wish.restitution:
+    if robustness.margin > 1.0 - spec.restitution:
         raise ValueError(
             "no robust cycle: margin <= 1 - restitution does not hold (the product of the multipliers is R^2): "
-            f"{demand.margin!r}, {1.0 - wish.restitution!r}"
+            f"{robustness.margin!r}, {1.0 - spec.restitution!r}"
         )
-    published = published_parameters(wish)
-    box = default_box(wish.stroke_m, wish.impact_speed_m_per_s, demand.starts, demand.seed)
-    found = _candidates(wish, published, box, demand)
-    passing = [c for c in found if c.margin >= demand.margin and c.fraction >= demand.basin_fraction]
+    published = published_parameters(spec)
+    box = default_box(spec.stroke_m, spec.impact_speed_m_per_s, robustness.starts, robustness.seed)
+    found = _candidates(spec, published, box, robustness)
+    passing = [c for c in found if c.margin >= robustness.margin and c.fraction >= robustness.basin_fraction]
     numbers = np.array([c.stability_number for c in found])
-    safe = [c for c in passing if _neighbours_pass(c, passing, numbers, demand.force_reserve)]
+    safe = [c for c in passing if _neighbours_pass(c, passing, numbers, robustness.force_reserve)]
     if not safe:
-        raise ValueError(_refusal(found, passing, demand))
+        raise ValueError(_refusal(found, passing, robustness))
     return max(safe, key=lambda c: c.margin).parameters
 
 
@@ -198,17 +199,17 @@ def _neighbours_pass(
     return not outside and all(float(number) in good for number in asked)
 
 
-def _refusal(found: list[_Candidate], passing: list[_Candidate], demand: Demand) -> str:
+def _refusal(found: list[_Candidate], passing: list[_Candidate], robustness: RobustnessSpec) -> str:
     if passing:
         return (
-            f"no robust cycle: force_reserve = {demand.force_reserve!r} does not hold: no candidate passes with all "
-            f"its neighbours; {len(passing)} of {len(found)} pass alone"
+            f"no robust cycle: force_reserve = {robustness.force_reserve!r} does not hold: no candidate passes with "
+            f"all its neighbours; {len(passing)} of {len(found)} pass alone"
         )
     margin = max(c.margin for c in found)
-    fraction = max((c.fraction for c in found if c.margin >= demand.margin), default=0.0)
+    fraction = max((c.fraction for c in found if c.margin >= robustness.margin), default=0.0)
     return (
-        f"no robust cycle: margin >= {demand.margin!r} and basin_fraction >= {demand.basin_fraction!r} do not both "
-        f"hold: largest margin {margin!r}; largest basin fraction at the asked margin {fraction!r}"
+        f"no robust cycle: margin >= {robustness.margin!r} and basin_fraction >= {robustness.basin_fraction!r} do not "
+        f"both hold: largest margin {margin!r}; largest basin fraction at the asked margin {fraction!r}"
     )
 
 
@@ -217,7 +218,7 @@ def printed_periods(period_s: float) -> tuple[float, ...]:
     return round(period_s, 4), math.floor(period_s * 1000.0) / 1000.0
 
 
-def design(name: str, parameters: ImpactMass, box: Box, periods: int) -> Design:
+def design(name: str, parameters: ImpactMass, box: StartBox, periods: int) -> CycleDesign:
     """Return a cycle with its verdict and its endurance at T in full precision and at T as printed."""
     cycle = phase2_cycle(parameters)
     lasting = tuple(
@@ -226,17 +227,17 @@ def design(name: str, parameters: ImpactMass, box: Box, periods: int) -> Design:
         if period_s > parameters.phase1_duration_s
     )
     judged = verdict(parameters, box)
-    return Design(name, parameters, cycle.impact_speed_m_per_s, cycle.impact_tau_s, judged, lasting)
+    return CycleDesign(name, parameters, cycle.impact_speed_m_per_s, cycle.impact_tau_s, judged, lasting)
 
 
-def synthesise(wish: Wish, demand: Demand | None = None, periods: int = 1_000_000) -> Synthesis:
+def synthesise(spec: CycleSpec, robustness: RobustnessSpec | None = None, periods: int = 1_000_000) -> Synthesis:
     """Return the published and the robust cycle side by side.
 
     Parameters
     ----------
-    wish : Wish
+    spec : CycleSpec
         The cycle that is wanted.
-    demand : Demand, optional
+    robustness : RobustnessSpec, optional
         What the robust cycle shall stand, and the box and seed of the basin.
     periods : int
         How long the endurance runs are.
@@ -246,8 +247,8 @@ def synthesise(wish: Wish, demand: Demand | None = None, periods: int = 1_000_00
     ValueError
         If one of them has no solution, naming the inequality and its numbers.
     """
-    demand = demand or Demand()
-    box = default_box(wish.stroke_m, wish.impact_speed_m_per_s, demand.starts, demand.seed)
-    published = design("published", published_parameters(wish), box, periods)
-    robust = design("robust", robust_parameters(wish, demand), box, periods)
-    return Synthesis(wish, demand, published, robust)
+    robustness = robustness or RobustnessSpec()
+    box = default_box(spec.stroke_m, spec.impact_speed_m_per_s, robustness.starts, robustness.seed)
+    published = design("published", published_parameters(spec), box, periods)
+    robust = design("robust", robust_parameters(spec, robustness), box, periods)
+    return Synthesis(spec, robustness, published, robust)

@@ -1,4 +1,4 @@
-"""The owner's figures of a running breaker: the whole run, and its last blows, in memory that does not grow."""
+"""The metrics of a running breaker: the whole run, and its last blows, in memory that does not grow."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from mech_twin.machines.mb10_breaker.roles import PinAnalysis
 from mech_twin.samples import Coordinate, Event, Frame
 
 STEADY_BLOWS = 20
-TOLD_ABOVE_M_PER_S = 1e-3  # impacts on the collar slower than this are the tail of a chatter series and not counted
+COUNTED_ABOVE_M_PER_S = 1e-3  # impacts on the collar slower than this are the tail of a chatter series and not counted
 PEAKS = tuple(f"{pin}_peak_n" for pin in PinAnalysis.pins)
 
 
@@ -126,7 +126,7 @@ class BreakerObserver:
     def _touched(self, event: Event) -> None:
         speed = abs(event.pre_velocity_m_per_s)
         self._cycle.return_speed = max(self._cycle.return_speed, speed)
-        self._cycle.impacts += speed > TOLD_ABOVE_M_PER_S
+        self._cycle.impacts += speed > COUNTED_ABOVE_M_PER_S
         if event.kind == "settled":
             self._cycle.settled_s = event.time_s
             self._resting_since = event.time_s

@@ -11,8 +11,8 @@ from mech_twin.capabilities.variation import varied
 from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
 from mech_twin.machines.mb10_breaker.pressed_body.metrics import with_preload
 from mech_twin.machines.mb10_breaker.pressed_body.parameters import pressed_body
-from mech_twin.machines.mb10_breaker.pressing import CollarPoint, collar_point, rational_ranges
-from mech_twin.machines.mb10_breaker.steady_run import run_figures, with_rest_force
+from mech_twin.machines.mb10_breaker.settled_run import settled_run_metrics, with_rest_force
+from mech_twin.machines.mb10_breaker.spring_curves import CollarPoint, collar_point, rational_ranges
 
 # gap at the blow (m), return speed (m/s), largest spring force (N); 0.02 mm is a tool that is seated
 LIMITS: dict[str, float] = {"gap_at_blow_m": 2e-5, "return_speed_m_per_s": inf, "largest_force_n": inf}
@@ -95,7 +95,7 @@ def _running(parameters: BreakerParameters, limits: Mapping[str, float], objecti
 
     def at(force: float) -> dict[str, float]:
         if force not in found:
-            found[force] = run_figures(with_rest_force(soft, force), RUN_S)
+            found[force] = settled_run_metrics(with_rest_force(soft, force), RUN_S)
         return found[force]
 
     low, bound = _least_seating(at)
@@ -155,7 +155,7 @@ def _run_kept(figures: Mapping[str, float], limits: Mapping[str, float]) -> bool
 
 
 def _figure(point: CollarPoint, name: str) -> float:
-    value: float = getattr(point.figures, name)
+    value: float = getattr(point.metrics, name)
     return value
 
 

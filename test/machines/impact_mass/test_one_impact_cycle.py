@@ -9,7 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mech_twin.machines.impact_mass.events import IMPACT, drive, initial_motion, next_event
+from mech_twin.machines.impact_mass.dynamics import (
+    impact_system,
+    initial_motion,
+    next_event,
+)
 from mech_twin.machines.impact_mass.force_generator import GeneratorParameters, mean_level
 from mech_twin.machines.impact_mass.one_impact_cycle import (
     impact_speed,
@@ -18,6 +22,9 @@ from mech_twin.machines.impact_mass.one_impact_cycle import (
     one_impact_cycle,
     phase1_chatter_share,
     synthesised_cycle,
+)
+from mech_twin.machines.impact_mass.states import (
+    IMPACT,
 )
 
 
@@ -57,7 +64,7 @@ def test_the_synthesis_from_rest_lands_on_the_border(r, v):
     ],
 )
 def test_a_synthesis_without_solution_names_its_inequality(changes, inequality):
-    wish = {
+    spec = {
         "mass_kg": 1.0,
         "stop_position_m": 0.0,
         "initial_position_m": -0.5,
@@ -66,7 +73,7 @@ def test_a_synthesis_without_solution_names_its_inequality(changes, inequality):
         "restitution": 0.3,
     }
     with pytest.raises(ValueError, match=inequality):
-        synthesised_cycle(**(wish | changes))
+        synthesised_cycle(**(spec | changes))
 
 
 @given(st.floats(0.05, 0.95), st.floats(-1.5, 1.5))
@@ -80,10 +87,10 @@ def test_the_multipliers_are_stable_exactly_within_the_limits(r, q):
 
 
 def start_after(period_s, t1, a1, a2, r, gap, velocity):
-    acting = drive((period_s, t1), (a1, a2), r, 0.0)
-    motion = initial_motion(gap, velocity, acting)
+    system = impact_system((period_s, t1), (a1, a2), r, 0.0)
+    motion = initial_motion(gap, velocity, system)
     while motion.period < 1.0:
-        _, motion = next_event(motion, acting)
+        _, motion = next_event(motion, system)
     return np.array([motion.gap_m, motion.velocity_m_per_s])
 
 
@@ -128,13 +135,13 @@ def test_phase_1_chatter_completes_from_the_stated_duration():
     share = phase1_chatter_share((1000.0, -500.0), 0.3)
     for factor, complete in ((1.001, True), (0.97, False)):
         t1 = 0.05 * share * factor / (1 + share * factor)
-        acting = drive((0.05, t1), (1000.0, -500.0), 0.3, 0.0)
-        motion = initial_motion(0.0, 0.0, acting)
+        system = impact_system((0.05, t1), (1000.0, -500.0), 0.3, 0.0)
+        motion = initial_motion(0.0, 0.0, system)
         completed = []
         for _ in range(30):
             ends, number = 0, motion.period
             while motion.period == number:
-                event, motion = next_event(motion, acting)
+                event, motion = next_event(motion, system)
                 ends += event.kind == IMPACT + 1.0
             completed.append(ends)
         assert all(completed[1:]) == complete

@@ -10,8 +10,8 @@ from mech_twin.engine.run import frames
 from mech_twin.machines.impact_mass import build
 from mech_twin.machines.impact_mass.cycle_verdict import default_box, endurance, verdict
 from mech_twin.machines.impact_mass.synthesis import (
-    Demand,
-    Wish,
+    CycleSpec,
+    RobustnessSpec,
     published_parameters,
     robust_parameters,
     synthesise,
@@ -21,7 +21,7 @@ from mech_twin.parameters.load import machine_parameters, write_configuration
 
 pytestmark = pytest.mark.slow
 
-PAPER = Wish(1.0, 0.0, -0.5, 0.0, 20.0, 0.3)
+PAPER = CycleSpec(1.0, 0.0, -0.5, 0.0, 20.0, 0.3)
 BOX = default_box(0.5, 20.0, 1000, 1)
 
 
@@ -57,8 +57,8 @@ def test_the_robust_cycle_keeps_speed_and_times_and_meets_its_demand(both):
     assert (robust.period_s, robust.phase1_duration_s) == (published.period_s, published.phase1_duration_s)
     assert both.robust.impact_speed_m_per_s == pytest.approx(20.0, rel=1e-12)
     judged = both.robust.verdict
-    assert judged.stable and judged.margin >= both.demand.margin
-    assert judged.basin.fraction >= both.demand.basin_fraction
+    assert judged.stable and judged.margin >= both.robustness.margin
+    assert judged.basin.fraction >= both.robustness.basin_fraction
     assert judged.basin.box == BOX
 
 
@@ -91,21 +91,21 @@ def test_the_written_configuration_runs_with_one_impact_a_period(both, tmp_path)
 
 
 @pytest.mark.parametrize(
-    ("wish", "demand", "words"),
+    ("spec", "robustness", "words"),
     [
-        (replace(PAPER, initial_velocity_m_per_s=7.0), Demand(), "initial_velocity_m_per_s < restitution"),
-        (PAPER, Demand(margin=0.75), "margin <= 1 - restitution"),
-        (PAPER, Demand(margin=0.69, starts=50), "margin >= 0.69 and basin_fraction"),
-        (PAPER, Demand(force_reserve=0.2, starts=50), "force_reserve = 0.2"),
+        (replace(PAPER, initial_velocity_m_per_s=7.0), RobustnessSpec(), "initial_velocity_m_per_s < restitution"),
+        (PAPER, RobustnessSpec(margin=0.75), "margin <= 1 - restitution"),
+        (PAPER, RobustnessSpec(margin=0.69, starts=50), "margin >= 0.69 and basin_fraction"),
+        (PAPER, RobustnessSpec(force_reserve=0.2, starts=50), "force_reserve = 0.2"),
     ],
 )
-def test_a_synthesis_without_solution_says_which_inequality_fails(wish, demand, words):
+def test_a_synthesis_without_solution_says_which_inequality_fails(spec, robustness, words):
     with pytest.raises(ValueError, match=words):
-        robust_parameters(wish, demand)
+        robust_parameters(spec, robustness)
 
 
 def test_another_wish_is_served_too():
-    wish = Wish(3.0, 0.2, -0.1, 0.0, 12.0, 0.2)
-    found = robust_parameters(wish, Demand(starts=100))
+    spec = CycleSpec(3.0, 0.2, -0.1, 0.0, 12.0, 0.2)
+    found = robust_parameters(spec, RobustnessSpec(starts=100))
     assert verdict(found, None).stable
     assert endurance(found, 20_000).held_periods == 20_000

@@ -1,0 +1,177 @@
+"""Running metrics of a run of the impact mass."""
+
+from __future__ import annotations
+
+from collections import deque
+
+from mech_twin.machines.impact_mass.memory import MassMemory
+from mech_twin.machines.impact_mass.states import CHATTER_END, IMPACT, IMPACTS_SUMMED, KIND_NAMES, RELEASE, STUCK_REGIME
+from mech_twin.samples import Event, Frame
+
+RESET = "reset"
+STEADY_PERIODS = 20  # full periods with an impact over which the steady impact speed is taken
+IMPACT_NAME, CHATTER_END_NAME, RELEASE_NAME, SUMMED_NAME = (
+    KIND_NAMES[int(kind)] for kind in (IMPACT, CHATTER_END, RELEASE, IMPACTS_SUMMED)
+)
+
+
+class CompensatedSum:
+    """A sum whose rounding does not grow with the number of terms (Neumaier)."""
+
+    def __init__(self) -> None:
+        self._sum = 0.0
+        self._lost = 0.0
+
+    def add(self, term: float) -> None:
+        """Add a term."""
+        total = self._sum + term
+        if abs(self._sum) >= abs(term):
+            self._lost += (self._sum - total) + term
+        else:
+            self._lost += (term - total) + self._sum
+        self._sum = total
+
+    @property
+    def value(self) -> float:
+        """The sum so far."""
+        return self._sum + self._lost
+
+
+class SteadySpeed:
+    """Hardest impact of each of the last full periods; periods without an impact are left out."""
+
+    def __init__(self) -> None:
+        self._full: deque[float] = deque(maxlen=STEADY_PERIODS)
+        self._period = -1
+        self._hardest = 0.0
+
+    def add(self, period: int, speed_m_per_s: float) -> None:
+        """Take an impact into account; a later period completes the one before."""
+        if period != self._period:
+            if self._period >= 0:
+                self._full.append(self._hardest)
+            self._period, self._hardest = period, 0.0
+        self._hardest = max(self._hardest, speed_m_per_s)
+
+    def numbers(self) -> dict[str, float]:
+        """Return mean, spread (largest less least) and number of the periods it is taken over; 0 before the first."""
+        count = len(self._full)
+        return {
+            "steady_impact_speed_m_per_s": sum(self._full) / count if count else 0.0,
+            "steady_impact_speed_spread_m_per_s": max(self._full) - min(self._full) if count else 0.0,
+            "steady_impact_periods": float(count),
+        }
+
+
+class EnergyBalance:
+    """Energy of a run: kinetic energy against work of the force, loss at the stop and work of live changes, J."""
+
+    def __init__(self) -> None:
+        self._begin_j: float | None = None
+        self._last_j = 0.0
+        self._work, self._loss, self._change = CompensatedSum(), CompensatedSum(), CompensatedSum()
+
+    def observe(self, frame: Frame, memory: MassMemory) -> None:
+        """Take one frame into account; a reset is booked as a change."""
+        (velocity,) = frame.linkage.velocity
+        kinetic_j = 0.5 * memory.mass_kg * velocity**2
+        if self._begin_j is None:
+            self._begin_j = kinetic_j
+        elif any(event.kind == RESET for event in frame.linkage.events):
+            self._change.add(kinetic_j - self._last_j)
+        else:
+            self._work.add(memory.step_drive_work_j)
+            self._loss.add(memory.step_stop_loss_j)
+            self._change.add(memory.step_change_work_j)
+        self._last_j = kinetic_j
+
+    def numbers(self) -> dict[str, float]:
+        """Return the sums and what they leave over."""
+        given = self._work.value - self._loss.value + self._change.value
+        return {
+            "drive_work_j": self._work.value,
+            "stop_loss_j": self._loss.value,
+            "change_work_j": self._change.value,
+            "energy_unbalanced_j": self._last_j - (self._begin_j or 0.0) - given,
+        }
+
+
+class MassObserver:
+    """Running metrics of a run; the velocity's extremes lie at events, so they are exact."""
+
+    def __init__(self, stop_m: float) -> None:
+        self._stop = stop_m
+        self._speed_sum = CompensatedSum()
+        self._impulse = CompensatedSum()
+        self._steady, self._energy = SteadySpeed(), EnergyBalance()
+        self._impacts_before = 0.0
+        self._numbers = {
+            "impacts": 0.0,
+            "chatter_ends": 0.0,
+            "releases": 0.0,
+            "periods": 0.0,
+            "last_period_impacts": 0.0,
+            "hardest_blow_m_per_s": 0.0,
+            "last_blow_m_per_s": 0.0,
+            "mean_blow_m_per_s": 0.0,
+            "velocity_min_m_per_s": 0.0,
+            "velocity_max_m_per_s": 0.0,
+            "gap_max_m": 0.0,
+            "stop_impulse_ns": 0.0,
+            "mean_stop_force_n": 0.0,
+            "rests_for_good": 0.0,
+        }
+
+    def observe(self, frame: Frame) -> None:
+        """Take one frame into account."""
+        now, linkage = self._numbers, frame.linkage
+        memory = MassMemory.unpacked(linkage.memory.values)
+        self._count_impacts(memory, linkage.events)
+        for event in linkage.events:
+            self._take_event(event, memory)
+        (position,), (velocity,) = linkage.position, linkage.velocity
+        now["velocity_min_m_per_s"] = min(now["velocity_min_m_per_s"], velocity)
+        now["velocity_max_m_per_s"] = max(now["velocity_max_m_per_s"], velocity)
+        now["gap_max_m"] = max(now["gap_max_m"], self._stop - position)
+        self._impulse.add(memory.step_impulse_m_per_s * memory.mass_kg)
+        now["stop_impulse_ns"] = self._impulse.value
+        now["periods"] = memory.anchor_period_1
+        now["last_period_impacts"] = memory.last_period_impacts_1
+        if linkage.time_s > 0.0:
+            now["mean_stop_force_n"] = now["stop_impulse_ns"] / linkage.time_s
+        self._energy.observe(frame, memory)
+        self._take_rest(linkage.regime, linkage.time_s, memory)
+
+    def _count_impacts(self, memory: MassMemory, events: tuple[Event, ...]) -> None:
+        """Count by the mass's own counter: a sum of impacts is one event."""
+        if any(event.kind == RESET for event in events):
+            self._impacts_before = 0.0
+        self._numbers["impacts"] += memory.impacts_1 - self._impacts_before
+        self._impacts_before = memory.impacts_1
+
+    def _take_event(self, event: Event, memory: MassMemory) -> None:
+        now = self._numbers
+        low, high = sorted((event.pre_velocity_m_per_s, event.post_velocity_m_per_s))
+        now["velocity_min_m_per_s"] = min(now["velocity_min_m_per_s"], low)
+        now["velocity_max_m_per_s"] = max(now["velocity_max_m_per_s"], high)
+        if event.kind in (IMPACT_NAME, SUMMED_NAME):
+            self._speed_sum.add(event.impulse_ns / (memory.mass_kg * (1.0 + memory.restitution_1)))
+            self._steady.add(event.period, high)
+            now["hardest_blow_m_per_s"] = max(now["hardest_blow_m_per_s"], high)
+            now["last_blow_m_per_s"] = high
+            now["mean_blow_m_per_s"] = self._speed_sum.value / now["impacts"]
+            now["last_impact_time_s"] = event.time_s
+        elif event.kind in (CHATTER_END_NAME, RELEASE_NAME):
+            now[f"{event.kind}s"] += 1.0
+
+    def _take_rest(self, regime: int, time_s: float, memory: MassMemory) -> None:
+        now = self._numbers
+        pressed = min(memory.phase1_acceleration_m_per_s2, memory.phase2_acceleration_m_per_s2) >= 0.0
+        resting = regime == STUCK_REGIME and pressed
+        if resting and not now["rests_for_good"]:
+            now["rests_for_good_from_s"] = time_s
+        now["rests_for_good"] = 1.0 if resting else 0.0
+
+    def numbers(self) -> dict[str, float]:
+        """Return the metrics so far."""
+        return {**self._numbers, **self._steady.numbers(), **self._energy.numbers()}
