@@ -125,14 +125,17 @@ def answer_regimes(
         except TypeError as error:
             raise CommandError(f"--over {over[0]}: {error}") from error
         write_bifurcation_picture(found, out)
-    rows = [{key: value, **asdict(regime)} for value, regime in zip(found.values, found.regimes, strict=True)]
+    rows = [
+        {key: value, **asdict(regime), "note": regime.note}
+        for value, regime in zip(found.values, found.regimes, strict=True)
+    ]
     if as_json:
         print_json({"machine": MACHINE, "key": key, "regimes": rows, "picture": str(out)})
         return
     shown = [
         (
             row[key],
-            row["kind"],
+            row["note"] or row["kind"],
             row["period"] or "-",
             " ".join("inf" if count < 0 else str(count) for count in row["impacts_per_period"]) or "-",
             max(row["blows_m_per_s"], default=0.0),

@@ -20,6 +20,8 @@ from typing import Literal
 
 from pydantic import field_validator
 
+from mech_twin.engine.crank_linkage import ShaftFriction
+from mech_twin.parts.friction import Friction
 from mech_twin.parts.induction_motor import MotorConstants, motor_torque
 from mech_twin.parts.supply import limited_change, limited_command
 from mech_twin.quantity import Parameters, choice, quantity
@@ -89,6 +91,11 @@ class PrescribedSpeed:
             (linkage.effort[self.driven],),
             command,
         )
+
+
+def shaft_friction(friction: Friction) -> ShaftFriction:
+    """Return the constants of a crank shaft's friction."""
+    return ShaftFriction(friction.coulomb_nm, friction.viscous_nms_per_rad)
 
 
 def first_joint(linkage: LinkageSample) -> tuple[float, float]:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 from mech_twin.configuration_tree import ConfigurationError
 from mech_twin.dependencies import missing_extra
 from mech_twin.nodes.domain import settle_domain
+from mech_twin.nodes.errors import NameInUseError
 from mech_twin.parameters.load import MACHINE_KEY, file_tree
 
 if TYPE_CHECKING:
@@ -56,7 +57,7 @@ def _program(make: Callable[[str, argparse.Namespace], TwinNode], description: s
 
     try:
         _serve(lambda: make(machine_of(ros), own), ros)
-    except (ConfigurationError, BagError, ModuleNotFoundError) as error:
+    except (ConfigurationError, BagError, NameInUseError, ModuleNotFoundError) as error:
         line = missing_extra(error) if isinstance(error, ModuleNotFoundError) else " ".join(str(error).split())
         if line is None:
             raise
@@ -74,6 +75,7 @@ def _serve(make: Callable[[], TwinNode], ros: list[str]) -> None:
     from rclpy.signals import SignalHandlerOptions
 
     from mech_twin.nodes.base_node import destroy_nodes
+    from mech_twin.nodes.name_guard import NameGuard
     from mech_twin.nodes.spinner import Spinner
     from mech_twin.nodes.stop_signal import StopSignal
 
@@ -86,6 +88,10 @@ def _serve(make: Callable[[], TwinNode], ros: list[str]) -> None:
         with StopSignal() as stop:
             node = make()
             nodes.append(node)
+            exclusive = [node.resolve_topic_name(output.name) for output in node.outputs if output.exclusive]
+            if exclusive and node.options.exclusive:
+                with NameGuard(exclusive) as guard:
+                    guard.check(own_publishers=1)
             with Spinner(nodes) as spinner:
                 spinner.until(lambda: stop.asked or node.done)
                 node.flush()

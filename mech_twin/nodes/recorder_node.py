@@ -105,8 +105,8 @@ class RecorderNode(TwinNode):
         }
 
     def close(self) -> None:
-        """Finish the recording."""
-        self.writer.close()
+        """Finish the recording; one in which nothing was recorded is deleted."""
+        self.writer.close(discard_empty=True)
 
     # -- topics -----------------------------------------------------------------------------------------------------
 

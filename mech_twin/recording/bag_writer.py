@@ -14,8 +14,9 @@ from typing import Literal
 
 from mech_twin.recording.bag_split import SplitRule, Storage, TopicCounters
 from mech_twin.recording.errors import UnwritableDirectoryError
+from mech_twin.recording.output_directory import new_directory
 from mech_twin.recording.schemas import MessageSchema, message_schema, offered_qos, string_cdr
-from mech_twin.recording.split_series import Latched, RecordedTopic, SplitSeries, fresh_directory
+from mech_twin.recording.split_series import Latched, RecordedTopic, SplitSeries
 
 STRING_TYPE = "std_msgs/msg/String"
 _CLOSE_AT = 0.6  # of max_loss_s: the rest allows for the interval between ticks and for the write
@@ -99,7 +100,7 @@ class BagWriter:
         self._chunk_opened: float | None = None
         self._counters_changed: float | None = None
         self._next_attempt = 0.0
-        self.directory, made = fresh_directory(Path(directory), if_exists)
+        self.directory, self._made = new_directory(Path(directory), if_exists)
         self._series = SplitSeries(
             self.directory,
             storage,
@@ -113,7 +114,7 @@ class BagWriter:
         try:
             self._series.open_next()
         except OSError as error:
-            for path in made:
+            for path in self._made:
                 path.rmdir()
             raise UnwritableDirectoryError(self.directory, f"cannot be written ({error.strerror})") from error
 
@@ -216,10 +217,19 @@ class BagWriter:
             elif self._state is WriterState.RECORDING and self._old(now):
                 self._commit(now)
 
-    def close(self) -> None:
-        """Finish the bag; idempotent.  If the disk fails, `state` stays ERROR and the bag unfinished but readable."""
+    def close(self, *, discard_empty: bool = False) -> None:
+        """Finish the bag; idempotent.  If the disk fails, `state` stays ERROR and the bag unfinished but readable.
+
+        Parameters
+        ----------
+        discard_empty : bool
+            Delete the recording if it holds nothing but latched messages: the run it belongs to never started.
+        """
         with self._lock:
             if self._state is WriterState.CLOSED:
+                return
+            if discard_empty and self._state is WriterState.RECORDING and self._is_empty():
+                self._discard()
                 return
             try:
                 self._series.release_reservation()
@@ -256,6 +266,16 @@ class BagWriter:
         full = split.add_message(topic, message.raw, log_time_ns, message.publish_time_ns, message.sequence)
         if full or self._old(now):
             self._commit(now)
+
+    def _is_empty(self) -> bool:
+        return all(entry.latched is not None or entry.counters.received == 0 for entry in self._topics.values())
+
+    def _discard(self) -> None:
+        self._series.discard()
+        self._state = WriterState.CLOSED
+        for path in self._made:
+            if not any(path.iterdir()):
+                path.rmdir()
 
     def _old(self, now: float) -> bool:
         opened, changed = self._chunk_opened, self._counters_changed

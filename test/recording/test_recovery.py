@@ -180,7 +180,7 @@ def test_a_recording_that_still_runs_can_be_looked_into(tmp_path: Path) -> None:
 def test_what_cannot_be_written_is_said_and_leaves_nothing(sound: Sound, tmp_path: Path) -> None:
     with pytest.raises(MissingBagError):
         recover(tmp_path / "none", tmp_path / "out")
-    with pytest.raises(BagExistsError, match="nothing is overwritten"):
+    with pytest.raises(BagExistsError, match="use --force to overwrite"):
         recover(sound.bag, tmp_path)
     with pytest.raises(UnwritableDirectoryError, match="/proc/out"):
         recover(sound.bag, "/proc/out")

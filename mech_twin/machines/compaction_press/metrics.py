@@ -1,4 +1,4 @@
-"""Figures of the press: one position, one cycle, the paper's closing conditions, the observer of a run."""
+"""Numbers of the press: one position, one cycle, the paper's closing conditions."""
 
 from __future__ import annotations
 
@@ -16,11 +16,10 @@ from mech_twin.machines.compaction_press.cycle import (
     press_cycle,
     regime_at,
 )
-from mech_twin.machines.compaction_press.dynamics import Press, loaded_height, press_pins, press_reduced
+from mech_twin.machines.compaction_press.dynamics import Press, press_pins, press_reduced
 from mech_twin.machines.compaction_press.parameters import CompactionPress, press_constants
 from mech_twin.machines.compaction_press.stroke_load import layer_work
 from mech_twin.parts.four_bar import acute_angles, coefficients, failing_inequality, motion, position
-from mech_twin.samples import Frame
 
 GAMMA_LIMIT_DEG = 20.0  # published
 ALPHA_TOLERANCE_DEG = 5.0  # the design search's reading of "near 90"
@@ -150,46 +149,3 @@ def cycle_report(parameters: CompactionPress) -> dict[str, float]:
         "alpha_margin_deg": alpha_check.margin,
         **working_quarter(press),
     }
-
-
-class PressObserver:
-    """Running figures of a run."""
-
-    def __init__(self) -> None:
-        self._range: dict[str, list[float]] = {}
-        self._turns, self._work, self._layer = 0.0, 0.0, 0.0
-        self._counts: dict[str, int] = {}
-
-    def observe(self, frame: Frame) -> None:
-        """Take one frame into account."""
-        linkage = frame.linkage
-        torque, speed = linkage.effort[0], linkage.velocity[0]
-        pins = [(w.force_x_n**2 + w.force_y_n**2) ** 0.5 for w in frame.forces.wrenches]
-        for name, value in (
-            ("drive_torque_{}_nm", torque),
-            ("power_{}_w", torque * speed),
-            ("crank_speed_{}_rad_per_s", speed),
-            ("pin_force_{}_n", max(pins)),
-        ):
-            seen = self._range.setdefault(name, [value, value])
-            seen[0], seen[1] = min(seen[0], value), max(seen[1], value)
-        self._turns = linkage.position[0] / (2.0 * pi)
-        self._work, self._layer = linkage.memory.values[3:5]
-        for event in linkage.events:
-            self._counts[event.kind] = self._counts.get(event.kind, 0) + 1
-
-    def numbers(self) -> dict[str, float]:
-        """Return the figures so far."""
-        out: dict[str, float] = {}
-        for name, (least, most) in self._range.items():
-            out[name.format("min")], out[name.format("max")] = least, most
-        out["crank_turns"], out["drive_work_j"], out["layer_work_j"] = self._turns, self._work, self._layer
-        out.update({f"{kind}_events": float(count) for kind, count in self._counts.items()})
-        return out
-
-
-def loaded_point(press: Press, f: float) -> tuple[float, float]:
-    """Return where the layer's force acts (m)."""
-    at = position(press.bar, f)
-    x = (press.along_m * at.u_x - press.across_m * at.u_y) / press.bar.coupler_m
-    return at.a_x + x, loaded_height(press, f)[0]

@@ -14,6 +14,7 @@ from mech_twin.machines.compaction_press.dynamics import Press, loaded_height
 from mech_twin.machines.compaction_press.stroke_load import StrokeLoad
 from mech_twin.machines.drives import Drive
 from mech_twin.parts.four_bar import CROSSED, OPEN, FourBar, Link, failing_inequality
+from mech_twin.parts.friction import Friction
 from mech_twin.parts.gear import Gear
 from mech_twin.parts.induction_motor import InductionMotorParameters
 from mech_twin.parts.supply import SupplyParameters
@@ -97,6 +98,7 @@ class CompactionPress(Parameters):
     motor: InductionMotorParameters | None = choice("motor of a kloss drive", default=None)
     gear: Gear | None = choice("gear of a kloss drive", default=None)
     supply: SupplyParameters = choice("supply of the drive")
+    friction: Friction = choice("friction at the crank shaft", default=Friction())
     coupling: Coupling = choice("coupling of the roles")
 
     @model_validator(mode="after")

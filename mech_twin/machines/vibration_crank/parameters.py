@@ -10,9 +10,10 @@ from pydantic import model_validator
 from mech_twin.engine.coupling import Coupling
 from mech_twin.machines.drives import Drive
 from mech_twin.machines.vibration_crank.counterweight import Counterweight, Masses, balance
+from mech_twin.machines.vibration_crank.slider_crank import BOOM, FINITE_ROD, INFINITE_ROD, SliderCrank
+from mech_twin.parts.friction import Friction
 from mech_twin.parts.gear import Gear
 from mech_twin.parts.induction_motor import InductionMotorParameters
-from mech_twin.parts.slider_crank import BOOM, FINITE_ROD, INFINITE_ROD, Shaker
 from mech_twin.parts.supply import SupplyParameters
 from mech_twin.quantity import Parameters, choice, quantity
 
@@ -44,6 +45,7 @@ class VibrationCrank(Parameters):
     motor: InductionMotorParameters | None = choice("motor of a kloss drive", default=None)
     gear: Gear | None = choice("gear of a kloss drive", default=None)
     supply: SupplyParameters = choice("supply of the drive")
+    friction: Friction = choice("friction at the crank shaft", default=Friction())
     coupling: Coupling = choice("coupling of the roles")
 
     @model_validator(mode="after")
@@ -75,7 +77,7 @@ class VibrationCrank(Parameters):
         return self
 
 
-def shaker_constants(parameters: VibrationCrank) -> Shaker:
+def slider_crank_constants(parameters: VibrationCrank) -> SliderCrank:
     """Return the constants of the kernels."""
     p = parameters
     masses = balance(p.masses, p.counterweight, p.crank_m)
@@ -85,7 +87,7 @@ def shaker_constants(parameters: VibrationCrank) -> Shaker:
         kind, joint, load = BOOM, p.masses.at_rod_joint, p.masses.carried
         side = 1.0 if p.boom.side == "left" else -1.0
         arm = (p.boom.pivot_x_m, p.boom.pivot_y_m, p.boom.length_m, p.boom.load_ratio, side)
-    return Shaker(
+    return SliderCrank(
         kind,
         p.crank_m,
         0.0 if isinf(p.rod_m) else p.rod_m,
