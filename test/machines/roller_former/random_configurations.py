@@ -73,7 +73,9 @@ def drawn(rng: np.random.Generator) -> tuple[int, dict[str, Any]]:
         "integrator.tolerance": float(rng.choice([1e-9, 1e-13, 1e-7])),
         "coupling.step_s": float(rng.choice([1e-3, 1e-4, 1e-2, log_uniform(rng, 1e-5, 1e-2)])),
     }
-    over["carts.states"] = [str(state) for state in rng.choice(["loaded", "empty", "missing"], carts, p=[0.7, 0.2, 0.1])]
+    over["carts.states"] = [
+        str(state) for state in rng.choice(["loaded", "empty", "missing"], carts, p=[0.7, 0.2, 0.1])
+    ]
     if rng.random() < 0.3:
         over["carts.offsets_deg"] = [float(angle) for angle in rng.uniform(-3600.0, 3600.0, carts)]
     if rng.random() < 0.3:
@@ -108,7 +110,7 @@ def broken(twin: Machine, commands: tuple[float, ...]) -> str:
                 for name, value in sample.residuals.as_dict().items():
                     if not abs(value) <= role.residual_limits[name]:
                         return f"{name} {value} at {frame.linkage.time_s} s"
-    except Exception as error:  # what a legal input must never end in
+    except Exception as error:  # noqa: BLE001 - what a legal input must never end in
         return f"{type(error).__name__}: {error}"
     return ""
 
