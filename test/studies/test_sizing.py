@@ -77,8 +77,24 @@ def test_the_running_breaker_is_seated_from_510_newtons():
 
 @pytest.mark.slow
 def test_the_roller_former_gets_the_published_motor_and_a_drive_near_the_published_one():
-    answer = size("roller_former")
+    answer = size("roller_former", tolerance=0.0)
     assert answer.sizes["motor.catalogue_name"] == "4A160S6U3"
+    assert answer.figures["share_of_rated"] == pytest.approx(0.31, abs=0.01)
     assert 80000.0 < answer.sizes["drive.stiffness_nm_per_rad"] < 150000.0
     assert 4000.0 < answer.sizes["drive.damping_nms_per_rad"] < 8000.0
     assert all(constraint.holds for constraint in answer.constraints)
+
+
+@pytest.mark.slow
+def test_with_tolerances_the_roller_former_gets_a_motor_that_carries_the_worst_of_them():
+    """11 kW carry the load as configured (10.5 kW), not one 5 % larger through a gear 5 % worse (11.6 kW)."""
+    answer = size("roller_former")
+    assert answer.tolerance == 0.05
+    assert answer.sizes["motor.catalogue_name"] == "4A160M6U3"
+    assert answer.figures["motor_power_required_w"] == pytest.approx(10497.36 * 1.05 / 0.95, rel=1e-6)
+    assert answer.figures["nominal_motor_rated_power_w"] == 11000.0
+    assert answer.figures["configurations_tried"] == 1 + 8 + 16
+    assert all(constraint.holds for constraint in answer.constraints)
+    nominal = size("roller_former", tolerance=0.0)
+    assert answer.figures["nominal_stiffness_nm_per_rad"] == nominal.sizes["drive.stiffness_nm_per_rad"]
+    assert answer.sizes["drive.stiffness_nm_per_rad"] != nominal.sizes["drive.stiffness_nm_per_rad"]
