@@ -126,7 +126,7 @@ class MassOnStop:
             done.balance.drive_work_m2_per_s2 * self.mass_kg,
             done.balance.stop_loss_m2_per_s2 * self.mass_kg,
             0.5 * added_kg * begin_velocity**2,
-            added_kg * begin_velocity,
+            added_kg * begin_velocity if added_kg else 0.0,
         )
         after = packed(done.motion, done.counts, system, memory.origin_step_1, self.mass_kg, energies)
         step = linkage.step + 1
