@@ -59,7 +59,7 @@ def build(parameters: Parameters) -> Machine:
         step_s,
         motor,
         linkage,
-        StopReaction(p.mass_kg, p.restitution, p.times_s, step_s, p.contact_stiffness_n_per_m),
+        StopReaction(p.times_s, step_s, p.contact_stiffness_n_per_m),
         None,
         lambda sample, _: mass_drawing(p.stop_position_m, sample),
         report,

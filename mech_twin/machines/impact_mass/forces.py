@@ -40,11 +40,10 @@ class StopReaction:
 
     The stop can only push back, along -x.  Over a periodic motion its mean force equals the mean force of the
     generator, since the momentum of the mass comes back.  With a contact stiffness the quantities hold peak force,
-    contact time and loss of the hardest impact of the step; 0 without an impact, or at a rigid stop.
+    contact time and loss of the hardest impact of the step; 0 without an impact, or at a rigid stop.  Mass and
+    restitution are those of the step, from the memory: a live change does not reach back.
     """
 
-    mass_kg: float
-    restitution: float
     times_s: tuple[float, float]
     step_s: float
     contact_stiffness_n_per_m: float | None = None
@@ -57,11 +56,11 @@ class StopReaction:
         memory = MassMemory.unpacked(linkage.memory.values)
         (force,) = linkage.effort
         reaction = max(force, 0.0) if memory.mode_1 == STUCK else 0.0
-        last_impulse_ns = memory.last_period_impulse_m_per_s * self.mass_kg
+        last_impulse_ns = memory.last_period_impulse_m_per_s * memory.mass_kg
         period_s, _ = self.times_s
         contact = self._hardest_contact(linkage.events, memory)
         values = StopQuantities(
-            stop_impulse_ns=memory.step_impulse_m_per_s * self.mass_kg,
+            stop_impulse_ns=memory.step_impulse_m_per_s * memory.mass_kg,
             stop_force_n=reaction,
             drive_force_n=force,
             last_period_impulse_ns=last_impulse_ns,
@@ -90,5 +89,5 @@ class StopReaction:
         tau_s = hardest.time_s - memory.origin_step_1 * self.step_s - hardest.period * period_s
         in_phase1 = tau_s <= phase1_s
         acting = memory.phase1_acceleration_m_per_s2 if in_phase1 else memory.phase2_acceleration_m_per_s2
-        speed, force_n = hardest.pre_velocity_m_per_s, acting * self.mass_kg
-        return contact_estimate(self.mass_kg, speed, self.restitution, self.contact_stiffness_n_per_m, force_n)
+        mass_kg, speed = memory.mass_kg, hardest.pre_velocity_m_per_s
+        return contact_estimate(mass_kg, speed, memory.restitution_1, self.contact_stiffness_n_per_m, acting * mass_kg)

@@ -119,7 +119,8 @@ class MassOnStop:
         before = memory.acted(system)
         if before != system:
             motion = reanchored(motion, before, system, steps, self.step_s)
-        done = mass_step(motion, system, memory.counts, steps + 1.0, self.step_s)
+        counts = memory.counts.rescaled(memory.mass_kg / self.mass_kg)
+        done = mass_step(motion, system, counts, steps + 1.0, self.step_s)
         (begin_velocity,) = linkage.velocity
         added_kg = self.mass_kg - memory.mass_kg
         energies = StepEnergies(

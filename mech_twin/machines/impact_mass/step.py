@@ -60,6 +60,15 @@ class RunningCounts(NamedTuple):
     last_period_impulse_m_per_s: float
     step_impulse_m_per_s: float
 
+    def rescaled(self, ratio: float) -> RunningCounts:
+        """Return the counts with impulses times the mass before over the mass after, so that they stay the same N s."""
+        if ratio == 1.0:
+            return self
+        return self._replace(
+            period_impulse_m_per_s=self.period_impulse_m_per_s * ratio,
+            last_period_impulse_m_per_s=self.last_period_impulse_m_per_s * ratio,
+        )
+
 
 class MassStep(NamedTuple):
     """The mass one coupling step later.
