@@ -45,7 +45,7 @@ def build(parameters: Parameters) -> Machine:
         draw=drawing(constants, p.linkage.striker_angle_deg),
         report=lambda: static_report(p, constants),
         analyse=lambda crank_rad: position_metrics(p, constants, crank_rad),
-        observer=lambda: BreakerObserver(constants),
+        observer=lambda: BreakerObserver(p, constants),
     )
 
 

@@ -24,7 +24,7 @@ FORCES_N = (300.0, 400.0, 500.0, 600.0, 700.0, 850.0, 1000.0, 1300.0, 1700.0, 23
 RUN_NAMES = {
     "gap_at_blow_m": "steady_gap_at_blow_m",
     "return_speed_m_per_s": "steady_largest_return_speed_m_per_s",
-    "largest_force_n": "largest_spring_force_n",
+    "largest_force_n": "steady_largest_spring_force_n",
 }
 
 
