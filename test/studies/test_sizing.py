@@ -7,8 +7,6 @@ from mech_twin.machines.compaction_press.flywheel_run import flywheel_run
 from mech_twin.parameters.load import machine, machine_parameters, write_configuration
 from mech_twin.studies import size
 
-HALF_SINE = {"excitation.kind": "approximated", "body.inertia_kg_m2": 0.35}
-
 
 def test_the_flywheel_gives_the_asked_non_uniformity_and_is_written(tmp_path):
     answer = size("compaction_press", limits={"non_uniformity": 0.08})
@@ -48,16 +46,6 @@ def test_limits_that_cannot_be_met_name_themselves():
         size("winding_drum")
 
 
-def test_the_spring_under_the_half_sine_lies_in_the_rational_range():
-    answer = size("mb10_breaker", machine_parameters("mb10_breaker", None, HALF_SINE))
-    figures = answer.figures
-    assert figures["rational_from_ratio"] <= figures["preload_ratio"] <= 1.0
-    assert figures["gap_at_blow_m"] <= 2e-5
-    assert "gap_at_blow_m" in answer.binding
-    gentle = size("mb10_breaker", machine_parameters("mb10_breaker", None, HALF_SINE), objective="return_speed_m_per_s")
-    assert gentle.figures["preload_ratio"] == pytest.approx(1.0)
-
-
 def test_a_tolerance_is_refused_where_there_is_no_answer_with_one():
     with pytest.raises(StudyError, match="vibration_crank: no sizes with a tolerance"):
         size("vibration_crank", tolerance=0.05)
@@ -65,14 +53,6 @@ def test_a_tolerance_is_refused_where_there_is_no_answer_with_one():
     for wrong in (-0.01, 0.6, float("nan")):
         with pytest.raises(StudyError, match=r"expected 0 to 0\.5"):
             size("vibration_crank", tolerance=wrong)
-
-
-@pytest.mark.slow
-def test_the_running_breaker_is_seated_from_510_newtons():
-    answer = size("mb10_breaker")
-    assert answer.figures["rest_force_n"] == pytest.approx(510.0, abs=3.0)
-    assert "seated" in answer.binding
-    assert next(row for row in answer.trade if row["rest_force_n"] == 400.0)["seated"] == "no"
 
 
 @pytest.mark.slow
