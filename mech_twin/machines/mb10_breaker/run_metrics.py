@@ -6,12 +6,12 @@ import math
 from collections import deque
 
 from mech_twin.machines.mb10_breaker.dynamics import Breaker
-from mech_twin.machines.mb10_breaker.roles import PinAnalysis
+from mech_twin.machines.mb10_breaker.roles import BreakerForces
 from mech_twin.samples import Coordinate, Event, Frame
 
 STEADY_BLOWS = 20
 COUNTED_ABOVE_M_PER_S = 1e-3  # impacts on the collar slower than this are the tail of a chatter series and not counted
-PEAKS = tuple(f"{pin}_peak_n" for pin in PinAnalysis.pins)
+PEAKS = tuple(f"{pin}_peak_n" for pin in BreakerForces.pins)
 
 
 def _absolute(side: tuple[Coordinate, ...]) -> float:
@@ -58,7 +58,7 @@ class BreakerObserver:
 
     def __init__(self, breaker: Breaker) -> None:
         self._b = breaker
-        self._counts = dict.fromkeys(("blow", "missed", "unseated", "jammed"), 0)
+        self._counts = dict.fromkeys(("blow", "missed", "unseated", "stalled"), 0)
         self._cycle = Cycle(0.0)
         self._resting_since: float | None = 0.0
         self._records: deque[dict[str, float]] = deque(maxlen=STEADY_BLOWS)
@@ -86,7 +86,7 @@ class BreakerObserver:
             "blows": float(self._counts["blow"]),
             "missed_blows": float(self._counts["missed"]),
             "unseated_blows": float(self._counts["unseated"]),
-            "jammed": float(self._counts["jammed"]),
+            "stalled": float(self._counts["stalled"]),
             "largest_spring_force_n": self._spring,
             "largest_lift_at_tool_m": self._lift,
             "rest_force_n": self._b.rate * self._b.deflection,

@@ -83,7 +83,7 @@ def sizing(
 
 def seats(figures: Mapping[str, float]) -> bool:
     """Return whether a run had blows, and every one of them on a seated tool."""
-    lost = figures["missed_blows"] + figures["unseated_blows"] + figures["jammed"]
+    lost = figures["missed_blows"] + figures["unseated_blows"] + figures["stalled"]
     return lost == 0.0 and "steady_blows" in figures
 
 
