@@ -43,8 +43,8 @@ lint: $(VENV)/.test
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-coverage: $(VENV)/.test # kernels are counted as Python, not compiled: slower, and the lines inside them are seen
-	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -m "not browser and not slow" --timeout=600 --cov --cov-report=term:skip-covered --cov-report=xml $(ARGS)
+coverage: $(VENV)/.test # of the fast tests; lines inside compiled kernels are not seen, mutation testing looks at those
+	$(BIN)/python -m pytest -m "not browser and not slow" --timeout=600 --cov --cov-report=term:skip-covered --cov-report=xml $(ARGS)
 
 bench: $(VENV)/.bench
 	$(BIN)/python -m pytest benchmarks --benchmark-only $(ARGS)
@@ -52,8 +52,8 @@ bench: $(VENV)/.bench
 colcon: $(VENV)/.test
 	bash test/packaging/colcon_build.sh $(BIN)
 
-mutation: $(VENV)/.test $(TOOLS)/.tools # ARGS: names of configurations in .ci/mutation; all without
-	bash .ci/mutate $(BIN) $(TOOLS)/bin $(ARGS)
+mutation: $(VENV)/.test $(TOOLS)/.tools # ARGS: targets of .ci/mutation.toml; all without
+	$(TOOLS)/bin/python .ci/mutate.py $(BIN) $(TOOLS)/bin $(ARGS)
 
 hooks: $(VENV)/.test $(TOOLS)/.tools
 	$(TOOLS)/bin/pre-commit install

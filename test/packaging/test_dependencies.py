@@ -159,6 +159,14 @@ def test_a_machine_is_simulated_without_any_extra(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+def test_a_machine_is_run_over_topics_without_any_extra(ros_domain: int, tmp_path: Path) -> None:
+    words = ("run", "winding_drum", "--duration", "0.05", "--pace", "max", "--view", "none", "--record", "bag")
+    done = without_extras(*words, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "bag" / "metadata.yaml").is_file()
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "extra"),
     [
