@@ -34,6 +34,9 @@ RESIDUALS: Mapping[str, Residual] = MappingProxyType(
         "rod_length": Residual("1", "worst miss of a rod's length, over that length"),
         "energy_balance": Residual("1", "energy held less work and losses booked, over the energy turned over"),
         "momentum_balance": Residual("1", "momentum less impulses booked, over the momentum"),
+        "coupling_defect": Residual(
+            "1", "energy by which a follower's own angle changes a step's start, over that held"
+        ),
         "drive_torque_routes": Residual("1", "drive torque by pin forces less by the reduced machine, over its peak"),
         "body_moment_routes": Residual("1", "moment on the body by pin forces less by the coupled motion"),
         "impulse_routes": Residual("1", "impulse of a blow by pin impulses less by the jump of the coupled motion"),
