@@ -6,8 +6,8 @@ import math
 
 from mech_twin.machines.mb10_breaker.dynamics import Breaker
 from mech_twin.machines.mb10_breaker.roles import PinAnalysis
+from mech_twin.machines.motor_duty import MotorDuty, duty_metrics
 from mech_twin.parts.induction_motor import MotorConstants
-from mech_twin.parts.motor_duty import MotorDuty, duty_metrics
 from mech_twin.samples import Coordinate, Event, ForceSample
 
 PEAKS = tuple(f"{pin}_peak_n" for pin in PinAnalysis.pins)

@@ -82,11 +82,11 @@ def test_the_motor_is_loaded_as_its_curve_says():
     """Rotor loss is slip times air-gap power: at a steady torque M over the rated one it is (s M)/(s_n M_n)."""
     _, numbers, _ = numbers_of({**KLOSS, "working_force.peak_n": 0.0, "friction.viscous_nms_per_rad": 1.5}, 6.0)
     speed = numbers["turn_crank_speed_mean_rad_per_s"] * 4.8
-    torque = numbers["turn_motor_torque_rms_nm"]
+    torque = numbers["turn_motor_rms_torque_nm"]
     slip = 1.0 - speed / (50.0 * pi)
     rated = 2200.0 / (1440.0 * pi / 30.0)
-    assert numbers["turn_motor_torque_rms_over_rated"] == pytest.approx(torque / rated, rel=1e-12)
-    assert numbers["turn_rotor_loss_over_rated"] == pytest.approx(torque * slip / (rated * 0.04), rel=0.05)
+    assert numbers["turn_motor_rms_torque_over_rated"] == pytest.approx(torque / rated, rel=1e-12)
+    assert numbers["turn_motor_heating_over_rated"] == pytest.approx(torque * slip / (rated * 0.04), rel=0.05)
     assert torque * 4.8 * 0.95 == pytest.approx(1.5 * numbers["turn_crank_speed_mean_rad_per_s"], rel=0.1)
 
 
