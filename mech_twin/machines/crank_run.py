@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from math import inf, pi
 from typing import NamedTuple
 
-from mech_twin.engine.crank_linkage import Memory
+from mech_twin.engine.crank_state import Memory
 from mech_twin.machines.motor_duty import MotorDuty, MotorState, duty_after, duty_metrics
 from mech_twin.parts.induction_motor import MotorConstants
 from mech_twin.samples import Frame

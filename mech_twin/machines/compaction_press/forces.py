@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from mech_twin.engine.crank_linkage import Memory
+from mech_twin.engine.crank_state import Memory
 from mech_twin.machines.compaction_press.cycle import gains
 from mech_twin.machines.compaction_press.dynamics import Press, press_pins, press_reduced, with_load_share
 from mech_twin.parts.four_bar import acute_angles, coefficients, motion, position

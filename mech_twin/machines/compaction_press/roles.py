@@ -4,15 +4,8 @@ from __future__ import annotations
 
 from math import nan
 
-from mech_twin.engine.crank_linkage import (
-    NO_FRICTION,
-    Boundary,
-    CrankKernels,
-    CrankLinkage,
-    Resisting,
-    ShaftFriction,
-    Transmission,
-)
+from mech_twin.engine.crank_linkage import CrankLinkage
+from mech_twin.engine.crank_state import NO_FRICTION, Boundary, CrankKernels, Resisting, ShaftFriction, Transmission
 from mech_twin.machines.compaction_press.cycle import regime_at
 from mech_twin.machines.compaction_press.dynamics import (
     COMPACTED,

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from mech_twin.engine.crank_linkage import CrankKernels, CrankLinkage
+from mech_twin.engine.crank_linkage import CrankLinkage
+from mech_twin.engine.crank_state import CrankKernels
 from mech_twin.machines.vibration_crank.drawing import drawing
 from mech_twin.machines.vibration_crank.dynamics import (
     DrivenCrank,
