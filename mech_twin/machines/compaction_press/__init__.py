@@ -35,6 +35,7 @@ def build(parameters: Parameters) -> Machine:
         "top" if stroke.contact == stroke.top else "contact",
         transmission,
         p.shaft_friction,
+        p.working_force.gives_back,
     )
     speed, step_s = p.drive.speed_rad_per_s, p.coupling.step_s
     torque = press_cycle(press, stroke, speed, POSITIONS, kinks=False).drive_torque_nm

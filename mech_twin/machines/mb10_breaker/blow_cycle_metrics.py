@@ -6,8 +6,8 @@ import math
 
 from mech_twin.machines.mb10_breaker.dynamics import Breaker
 from mech_twin.machines.mb10_breaker.roles import BreakerForces
+from mech_twin.machines.motor_duty import MotorDuty, duty_metrics
 from mech_twin.parts.induction_motor import MotorConstants
-from mech_twin.parts.motor_duty import MotorDuty, MotorRating, duty_metrics
 from mech_twin.samples import Coordinate, Event, ForceSample
 
 PEAKS = tuple(f"{pin}_peak_n" for pin in BreakerForces.pins)
@@ -52,7 +52,6 @@ class BlowCycle:
     def metrics(self, b: Breaker, motor: MotorConstants, blow: Event, forces: ForceSample) -> dict[str, float]:
         """Return the metrics of the cycle that this blow (or miss) ends."""
         energy = 0.5 * blow.impulse_ns**2 / b.tool_mass
-        rating = MotorRating(motor.rated_torque_nm, motor.rated_slip, motor.synchronous_speed_rad_per_s)
         found = forces.quantities.as_dict()
         crank, *_ = blow.pre
         crank_after, body_after, *_ = blow.post
@@ -68,7 +67,7 @@ class BlowCycle:
             "largest_absolute_crank_speed_rad_per_s": self.fastest,
             "smallest_absolute_crank_speed_rad_per_s": self.slowest,
             "fluctuation": 2.0 * (self.fastest - self.slowest) / (self.fastest + self.slowest),
-            **duty_metrics(self.duty, rating),
+            **duty_metrics(self.duty, motor),
             "largest_body_moment_nm": self.greatest_moment,
             "smallest_body_moment_nm": self.least_moment,
             "blow_impulse_on_body_nms": found["blow_impulse_on_body_nms"],

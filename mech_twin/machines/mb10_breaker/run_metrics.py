@@ -13,8 +13,8 @@ from mech_twin.machines.mb10_breaker.blow_cycle_metrics import PEAKS, BlowCycle,
 from mech_twin.machines.mb10_breaker.body_cycle_metrics import BodyCycle
 from mech_twin.machines.mb10_breaker.dynamics import Breaker
 from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
+from mech_twin.machines.motor_duty import MotorState, duty_after, shaft_work_j
 from mech_twin.parts.induction_motor import motor_constants, motor_torque
-from mech_twin.parts.motor_duty import MotorState, duty_after, shaft_work_j
 from mech_twin.samples import Coordinate, Event, Frame
 
 STEADY_BLOWS = 20

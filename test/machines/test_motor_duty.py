@@ -5,11 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from mech_twin.machines.motor_duty import MotorDuty, MotorState, duty_after, duty_metrics
 from mech_twin.parts.induction_motor import MotorConstants, motor_torque
-from mech_twin.parts.motor_duty import MotorDuty, MotorRating, MotorState, duty_after, duty_metrics
 
 MOTOR = MotorConstants(157.0796, 148.7021, 10.087, 0.053333, 22.19, 0.2218, 20.17, False)
-RATING = MotorRating(MOTOR.rated_torque_nm, MOTOR.rated_slip, MOTOR.synchronous_speed_rad_per_s)
 number = st.floats(-50.0, 50.0)
 
 
@@ -44,11 +43,11 @@ def test_rated_load_heats_as_rated():
         MOTOR.rated_speed_rad_per_s,
         MOTOR.synchronous_speed_rad_per_s - MOTOR.rated_speed_rad_per_s,
     )
-    found = duty_metrics(duty_after(MotorDuty(), rated, rated, 3.0), RATING)
+    found = duty_metrics(duty_after(MotorDuty(), rated, rated, 3.0), MOTOR)
     assert found["motor_rms_torque_over_rated"] == pytest.approx(1.0, rel=1e-3)
     assert found["motor_heating_over_rated"] == pytest.approx(1.0, rel=1e-3)
     assert found["motor_power_w"] == pytest.approx(1500.0, rel=1e-3)
 
 
 def test_no_time_no_means():
-    assert duty_metrics(MotorDuty(), RATING) == {}
+    assert duty_metrics(MotorDuty(), MOTOR) == {}

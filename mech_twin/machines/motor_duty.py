@@ -11,6 +11,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from mech_twin.parts.induction_motor import MotorConstants
+
 
 class MotorState(NamedTuple):
     """Torque (N m), speed and slip speed (rad/s) of the rotor at an instant."""
@@ -70,26 +72,18 @@ def duty_after(
     )
 
 
-class MotorRating(NamedTuple):
-    """Torque, slip and synchronous speed of a motor at rated load."""
-
-    torque_nm: float
-    slip: float
-    synchronous_speed_rad_per_s: float
-
-
-def duty_metrics(duty: MotorDuty, rating: MotorRating) -> dict[str, float]:
+def duty_metrics(duty: MotorDuty, motor: MotorConstants) -> dict[str, float]:
     """Return means and effective values of a duty, and their shares of the motor's rating; empty without a time."""
     if duty.time_s <= 0.0:
         return {}
     rms = math.sqrt(duty.torque_square_n2m2s / duty.time_s)
     loss = duty.rotor_loss_j / duty.time_s
-    rated_loss = rating.torque_nm * rating.slip * rating.synchronous_speed_rad_per_s
+    rated_loss = motor.rated_torque_nm * motor.rated_slip * motor.synchronous_speed_rad_per_s
     return {
         "motor_torque_nm": duty.torque_nms / duty.time_s,
         "motor_power_w": duty.work_j / duty.time_s,
         "motor_rms_torque_nm": rms,
-        "motor_rms_torque_over_rated": rms / rating.torque_nm,
+        "motor_rms_torque_over_rated": rms / motor.rated_torque_nm,
         "motor_rotor_loss_w": loss,
         "motor_heating_over_rated": loss / rated_loss,
     }
