@@ -1,14 +1,23 @@
 # The two commands: `make run` sets up and watches the breaker hammer, `make test` sets up and passes the tests.
 PYTHON ?= python3
+PYTHON_MINIMUM := 3.11
 ROS ?= jazzy
 VENV ?= .venv$(if $(filter kilted,$(ROS)),-kilted)
 BIN := $(VENV)/bin
+TOOLS := .venv-tools
 PINS := -c constraints/python.txt -c constraints/$(ROS).txt
+HASHED ?= # any text: install by hashes, and nothing else (docs/supply-chain.md)
+HASHES := constraints/hashes/$(ROS).txt
+EXTRAS := $(ROS),view,plots,tables
+INSTALL_HASHED = $(BIN)/python -m pip install -q --require-hashes --no-deps -r $(HASHES) && \
+  $(BIN)/python -m pip install -q --no-deps --no-build-isolation -e .
+READERS := test/recording/npm
 ARGS ?=
 
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
-.PHONY: run test test-fast test-browser test-ros lint bench colcon clean
+.PHONY: run test test-fast test-browser test-ros test-oldest lint coverage bench colcon mutation hooks
+.PHONY: audit sbom licences hashes clean
 
 run: $(VENV)/.run
 	$(BIN)/mech-twin run $(ARGS)
@@ -25,11 +34,17 @@ test-browser: $(VENV)/.test
 test-ros: $(VENV)/.test
 	$(BIN)/python -m pytest test/messages test/nodes -m "not slow" $(ARGS)
 
+test-oldest: $(TOOLS)/.tools # the fast tests with the oldest versions that setup.py allows
+	PYTHON=$(PYTHON) bash .ci/oldest $(TOOLS)/bin $(ARGS)
+
 lint: $(VENV)/.test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+coverage: $(VENV)/.test # of the fast tests; lines inside compiled kernels are not seen, mutation testing looks at those
+	$(BIN)/python -m pytest -m "not browser and not slow" --timeout=600 --cov --cov-report=term:skip-covered --cov-report=xml $(ARGS)
 
 bench: $(VENV)/.bench
 	$(BIN)/python -m pytest benchmarks --benchmark-only $(ARGS)
@@ -37,21 +52,53 @@ bench: $(VENV)/.bench
 colcon: $(VENV)/.test
 	bash test/packaging/colcon_build.sh $(BIN)
 
+mutation: $(VENV)/.test $(TOOLS)/.tools # ARGS: targets of .ci/mutation.toml; all without
+	$(TOOLS)/bin/python .ci/mutate.py $(BIN) $(TOOLS)/bin $(ARGS)
+
+hooks: $(VENV)/.test $(TOOLS)/.tools
+	$(TOOLS)/bin/pre-commit install
+
+audit: $(VENV)/.test $(TOOLS)/.tools # asks the vulnerability service over the network
+	$(TOOLS)/bin/python .ci/audit.py $(BIN) $(TOOLS)/bin
+
+sbom: $(VENV)/.run $(TOOLS)/.tools
+	mkdir -p build
+	$(TOOLS)/bin/python .ci/sbom.py $(BIN) $(TOOLS)/bin build/sbom.cdx.json
+
+licences: $(VENV)/.run $(TOOLS)/.tools
+	$(TOOLS)/bin/python .ci/licences.py $(BIN) $(TOOLS)/bin docs/licences.md
+
+hashes: $(TOOLS)/.tools # asks the package index; rewrites the pins with hashes
+	$(TOOLS)/bin/python .ci/hashes.py $(TOOLS)/bin
+
 $(VENV)/bin/python:
+	@$(PYTHON) -c 'import sys; found = sys.version_info[:2]; need = tuple(map(int, "$(PYTHON_MINIMUM)".split("."))); \
+	  sys.exit(0 if found >= need else "Python $(PYTHON_MINIMUM) or newer is needed; found %d.%d (%s); name another: make PYTHON=python3.12" % (found + (sys.executable,)))'
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install -q "pip>=24" "setuptools>=77"
 
 $(VENV)/.run: setup.py constraints/python.txt constraints/$(ROS).txt | $(VENV)/bin/python
-	$(BIN)/python -m pip install -q -e ".[$(ROS)]" $(PINS)
+	$(if $(strip $(HASHED)),$(INSTALL_HASHED),$(BIN)/python -m pip install -q -e ".[$(EXTRAS)]" $(PINS))
 	touch $@
 
 $(VENV)/.test: setup.py constraints/python.txt constraints/$(ROS).txt | $(VENV)/bin/python
-	$(BIN)/python -m pip install -q -e ".[$(ROS),cluster,test]" $(PINS)
+	$(if $(strip $(HASHED)),$(INSTALL_HASHED),$(BIN)/python -m pip install -q -e ".[$(EXTRAS),cluster,test]" $(PINS))
 	touch $@ $(VENV)/.run
+	$(MAKE) -s $(READERS)/node_modules
+
+# the JavaScript readers that recordings are proved against; without npm their test is skipped, and says so
+$(READERS)/node_modules: $(READERS)/package-lock.json
+	@if command -v npm >/dev/null; then npm ci --prefix $(READERS) --silent --no-audit --no-fund --ignore-scripts && touch $@; \
+	  else echo "npm not found: the test with the JavaScript readers will be skipped"; fi
 
 $(VENV)/.bench: $(VENV)/.test
 	$(BIN)/python -m pip install -q -e ".[$(ROS),bench]" $(PINS)
 	touch $@
 
+$(TOOLS)/.tools: constraints/tools.txt | $(VENV)/bin/python
+	$(BIN)/python -m venv $(TOOLS)
+	$(TOOLS)/bin/python -m pip install -q cosmic-ray cyclonedx-bom pip-audit pip-licenses pre-commit uv -c constraints/tools.txt
+	touch $@
+
 clean:
-	rm -rf $(VENV) build install log
+	rm -rf $(VENV) $(TOOLS) $(READERS)/node_modules build install log

@@ -1,11 +1,20 @@
-"""Installs mech_twin with pip and with colcon alike; versions are pinned in constraints.txt."""
+"""Installs mech_twin with pip and with colcon alike; exact versions of a tried set are in constraints/."""
 
+import re
 from pathlib import Path
 
 from setuptools import find_packages, setup
 
+try:
+    from setuptools.command.bdist_wheel import bdist_wheel
+except ImportError:  # Ubuntu's setuptools, which colcon uses on a native installation, makes no wheels
+    bdist_wheel = None
+
 PACKAGE = "mech_twin"
 NODES = ("motor_node", "linkage_node", "force_node", "body_node", "recorder_node", "viewer_node")
+LAUNCHER = """#!/bin/sh
+exec "$(dirname -- "$0")/../../bin/$(basename -- "$0")" "$@"
+"""
 
 
 def files(folder, pattern):
@@ -13,29 +22,63 @@ def files(folder, pattern):
     return sorted(str(path) for path in Path(folder).glob(pattern))
 
 
+def version():
+    """Return the version, which is written in the package alone (package.xml and CITATION.cff repeat it, tested)."""
+    text = Path(__file__).with_name(PACKAGE).joinpath("__init__.py").read_text(encoding="utf-8")
+    return re.search(r'^__version__ = "(.+)"$', text, re.MULTILINE).group(1)
+
+
+def launchers(folder):
+    """Write a program for each of pip's in bin/ that starts it from lib/mech_twin, where `ros2 run` looks."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in ("mech-twin", *NODES):
+        folder.joinpath(name).write_text(LAUNCHER, encoding="utf-8")
+        folder.joinpath(name).chmod(0o755)
+    return files(folder, "*")
+
+
+def commands():
+    """Return the command that makes a wheel; colcon puts its programs into lib/mech_twin itself."""
+    if bdist_wheel is None:
+        return {}
+
+    class Wheel(bdist_wheel):
+        def run(self):
+            self.distribution.data_files.append((f"lib/{PACKAGE}", launchers(Path("build/launchers"))))
+            super().run()
+
+    return {"bdist_wheel": Wheel}
+
+
 setup(
     name=PACKAGE,
-    version="0.1.0",
+    version=version(),
     description="Digital twin of percussion and crank-linkage machines",
     license="Apache-2.0",
-    python_requires=">=3.10",
+    python_requires=">=3.11",
     packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
+    package_data={PACKAGE: ["py.typed"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
         (f"share/{PACKAGE}/config", files("config", "*.*")),
         (f"share/{PACKAGE}/launch", files("launch", "*.launch.py")),
     ],
+    # lower bounds: the oldest set with which the fast tests pass (docs/releasing.md says how that is tried)
     install_requires=[
-        "numpy", "scipy", "numba", "pydantic>=2", "PyYAML", "typer", "rich", "matplotlib", "pyarrow",
-        "mcap", "mcap-ros2-support", "zstandard", "rosbags", "rerun-sdk",
+        "numpy>=1.26", "scipy>=1.11.4", "numba>=0.68", "pydantic>=2.7", "PyYAML>=6.0.1",
+        "typer>=0.26", "rich>=13.7", "mcap>=1.6", "mcap-ros2-support>=0.5.5", "zstandard>=0.22", "lz4>=4.0.2",
+        "rosbags>=0.11", "apsw", "llvmlite",
     ],
     extras_require={
         "jazzy": ["ros-jazzy-rclpy", "ros-jazzy-rmw-fastrtps-cpp", "ros-jazzy-common-interfaces"],
         "kilted": ["ros-rclpy", "ros-rmw-fastrtps-cpp", "ros-common-interfaces"],
-        "cluster": ["dask[distributed]"],
+        "view": ["rerun-sdk>=0.41", "pyarrow>=18"],
+        "plots": ["matplotlib>=3.8", "pillow>=10.2"],
+        "tables": ["pyarrow>=18"],
+        "cluster": ["distributed>=2026.8"],
         "test": [
-            "pytest", "pytest-timeout", "hypothesis", "mpmath", "playwright", "psutil",
+            "pytest", "pytest-timeout", "pytest-cov", "hypothesis", "mpmath", "playwright", "psutil", "rosbags",
             "ruff", "mypy", "import-linter", "types-PyYAML", "colcon-common-extensions",
         ],
         "bench": ["pytest-benchmark", "pylinkage", "mujoco"],
@@ -46,5 +89,6 @@ setup(
             *(f"{node} = mech_twin.nodes.executables:{node}" for node in NODES),
         ]
     },
+    cmdclass=commands(),
     zip_safe=False,
 )  # fmt: skip

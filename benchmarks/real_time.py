@@ -28,7 +28,7 @@ def main() -> None:
 
 def timed(pace: str, duration: float) -> float:
     """Return how long a run takes, recorded and shown, and print what was seen of it."""
-    from mech_twin.nodes.crew import run_in_process
+    from mech_twin.nodes.composition import run_in_process
     from mech_twin.nodes.options import RunOptions
     from mech_twin.parameters.load import machine_parameters
 

@@ -15,7 +15,7 @@ from sensor_msgs.msg import JointState
 from mech_twin.engine.run import frames
 from mech_twin.messages import body, force, linkage, motor
 from mech_twin.messages.topics import DATA
-from mech_twin.nodes.crew import run_in_process
+from mech_twin.nodes.composition import run_in_process
 from mech_twin.nodes.options import RunOptions
 from mech_twin.nodes.spinner import Spinner
 from mech_twin.parameters.load import machine

@@ -35,13 +35,12 @@ RESIDUALS: Mapping[str, Residual] = MappingProxyType(
         "energy_balance": Residual("1", "energy held less work and losses booked, over the energy turned over"),
         "momentum_balance": Residual("1", "momentum less impulses booked, over the momentum"),
         "drive_torque_routes": Residual("1", "drive torque by pin forces less by the reduced machine, over its peak"),
-        "shaking_force_routes": Residual("1", "force on the frame by pin forces less by momentum, over its peak"),
         "body_moment_routes": Residual("1", "moment on the body by pin forces less by the coupled motion"),
         "impulse_routes": Residual("1", "impulse of a blow by pin impulses less by the jump of the coupled motion"),
         "angle_difference_rad": Residual("rad", "angle the linkage led the body to, less the body's own"),
         "rate_difference_rad_per_s": Residual("rad/s", "rate the linkage led the body to, less the body's own"),
         "penetration_rad": Residual("rad", "angle by which a body lies beyond its stop"),
-        "rolling_m_per_s": Residual("m/s", "speed of the rim less speed of the yarn"),
+        "area_balance": Residual("1", "area the package lost less area of the yarn run, over that of all its yarn"),
     }
 )
 

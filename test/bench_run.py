@@ -13,10 +13,10 @@ from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 
 from mech_twin.messages.topics import Topic, full_name
-from mech_twin.nodes.crew import role_nodes
+from mech_twin.nodes.base_node import TwinNode, destroy_nodes
+from mech_twin.nodes.composition import role_nodes
 from mech_twin.nodes.linkage_node import LinkageNode
 from mech_twin.nodes.options import RunOptions
-from mech_twin.nodes.role_node import RoleNode, dismiss
 from mech_twin.nodes.spinner import Spinner
 from mech_twin.samples import LinkageSample
 
@@ -30,7 +30,7 @@ class BenchRun:
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
         self.name = name
         self.options = RunOptions(pace="max", **options)
-        self.nodes = role_nodes(name, built(name).parameters, self.options)
+        self.nodes: list[TwinNode] = [*role_nodes(name, built(name).parameters, self.options)]
         self.client = rclpy.create_node("client", namespace=f"/{name}")
         self._spinner = Spinner([*self.nodes, self.client])
         self.samples: list[LinkageSample] = []
@@ -40,7 +40,7 @@ class BenchRun:
     def linkage(self) -> LinkageNode:
         return next(node for node in self.nodes if isinstance(node, LinkageNode))
 
-    def node(self, role: str) -> RoleNode:
+    def node(self, role: str) -> Any:
         return next(node for node in self.nodes if node.get_name() == role)
 
     def _watch(self, linkage: LinkageNode) -> None:
@@ -88,13 +88,13 @@ class BenchRun:
         """Take a node away without a word."""
         node = self.node(role)
         self.nodes.remove(node)
-        for outlet in node.outlets:
-            outlet.send = lambda message: None  # what the executor still holds for it must not speak
+        for output in node.outputs:
+            output.send = lambda message: None  # what the executor still holds for it must not speak
         self._spinner.remove(node)
         self.spin_for(0.05)
-        dismiss([node])
+        destroy_nodes([node])
 
-    def revive(self, make: Callable[[str, Any, RunOptions], RoleNode]) -> RoleNode:
+    def revive(self, make: Callable[[str, Any, RunOptions], TwinNode]) -> TwinNode:
         """Bring a node back, as new as a restarted process."""
         node = make(self.name, built(self.name).parameters, self.options)
         self.nodes.append(node)
@@ -110,6 +110,6 @@ class BenchRun:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._spinner.__exit__(kind, error, trace)
-        dismiss(self.nodes)
+        destroy_nodes(self.nodes)
         self.client.destroy_node()
         rclpy.try_shutdown()

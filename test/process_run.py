@@ -24,8 +24,8 @@ from sensor_msgs.msg import JointState
 from mech_twin.configuration_tree import configuration_tree
 from mech_twin.engine.run import frames
 from mech_twin.messages import linkage as linkage_messages
+from mech_twin.messages.joint_state_cdr import Decoder
 from mech_twin.messages.topics import DIAGNOSTICS, EVERY, JOINT_STATES, Topic, full_name
-from mech_twin.messages.wire import Decoder
 from mech_twin.nodes.options import RunOptions
 from mech_twin.roles import Machine
 from mech_twin.samples import LinkageSample
@@ -48,7 +48,7 @@ class ProcessRun:
         self.machine = machine or built(name)
         self.folder = folder
         self.bag = folder / "bag"
-        self.options = RunOptions(watcher=True, recorder=recorder, **options)
+        self.options = RunOptions(observer=True, recorder=recorder, **options)
         self.sim_time = False
         self.step = -1
         self.fresh: list[LinkageSample] = []

@@ -98,7 +98,7 @@ class ReplayBench:
     def to_the_end(self) -> None:
         """Replay until everything is published and heard."""
         self.until(lambda: self.node.done)
-        self.until(lambda: len(self.heard) >= sum(outlet.published for outlet in self.node.outlets.values()))
+        self.until(lambda: len(self.heard) >= sum(output.published for output in self.node.outputs.values()))
 
     def ask(self, service: str) -> Any:
         """Return the answer of one of the replay's services."""

@@ -28,7 +28,7 @@ def main() -> None:
 
     from mech_twin.engine.run import frames
     from mech_twin.messages import force, linkage, motor
-    from mech_twin.messages.rows import set_stamp
+    from mech_twin.messages.step_message import set_stamp
     from mech_twin.messages.topics import DATA, FORCE_JOINT_STATES, JOINT_STATES, MOTOR_JOINT_STATES
     from mech_twin.parameters.load import machine
     from mech_twin.recording.bag_reader import bag_info

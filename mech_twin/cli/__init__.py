@@ -1,1 +1,5 @@
 """The mech-twin command, one file per verb."""
+
+from mech_twin.dependencies import require_versions
+
+require_versions()  # before anything of a verb, which would fail with a trace, is loaded

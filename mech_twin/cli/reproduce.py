@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from mech_twin.cli.console import print_json, progress, say
 from mech_twin.cli.failure import CommandError
+from mech_twin.dependencies import require_extra
 
 if TYPE_CHECKING:
     from mech_twin.capabilities.published import Row
@@ -35,6 +36,8 @@ def reproduce_machines(
     from mech_twin.studies import reproduce
     from mech_twin.studies.reproduction import all_hold, machines_with_published_values
 
+    if figures is not None:
+        require_extra("plots")
     parameters = None
     if config is not None or settings:
         if machine is None:

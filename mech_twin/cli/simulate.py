@@ -3,20 +3,28 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from contextlib import closing, nullcontext
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from mech_twin.cli.console import print_json, print_numbers, print_table, progress
+from mech_twin.cli.console import print_json, print_numbers, print_table, progress, say
 from mech_twin.cli.event_record import event_record
 from mech_twin.cli.failure import CommandError
 from mech_twin.configuration_tree import configuration_tree
+from mech_twin.engine.invariants import Residual, RunInvariants, broken_lines
 from mech_twin.engine.run import frames, steps_for
 from mech_twin.engine.trajectory import Trajectory, frame_events
 from mech_twin.parameters.load import assignments, description_text
 from mech_twin.parameters.load import machine as built_machine
-from mech_twin.samples import Event
+from mech_twin.roles import Machine
+from mech_twin.samples import Event, Frame
+
+if TYPE_CHECKING:
+    from mech_twin.recording.frame_recorder import FrameRecorder
 
 SHOWN_EVENTS = 12
+BROKEN_EXIT_CODE = 1
 
 
 def simulate_machine(
@@ -28,44 +36,84 @@ def simulate_machine(
     *,
     as_json: bool,
     with_samples: bool,
+    force: bool,
 ) -> None:
-    """Simulate and write the figures, the events, and the samples if asked; record them if asked."""
+    """Simulate and write metrics, worst residuals, events, and the samples if asked; exit with 1 if one broke."""
     if not math.isfinite(duration_s):
         raise CommandError(f"--duration {duration_s}: expected a finite number of seconds")
-    machine = built_machine(name, config, assignments(settings))
-    observer, trajectory, events = machine.observer(), Trajectory(), list[Event]()
-    recorder = None
     if bag is not None:
-        from mech_twin.nodes.domain import settle_domain
+        from mech_twin.recording.output_directory import check_recording_directory
 
-        settle_domain()
-        from mech_twin.recording.frame_recorder import FrameRecorder
-
-        recorder = FrameRecorder(machine, bag, description_text(name, machine.parameters, revision=1))
-    try:
-        with progress(frames(machine, duration_s), steps_for(machine, duration_s) + 1, "simulating") as counted:
-            for frame in counted:
-                observer.observe(frame)
-                events.extend(frame_events(frame))
-                if with_samples:
-                    trajectory.append(frame)
-                if recorder is not None:
-                    recorder.write(frame)
-    finally:
-        if recorder is not None:
-            recorder.close()
-    document: dict[str, Any] = {
-        "machine": name,
-        "config": configuration_tree(machine.parameters),
-        "summary": {**machine.report(), **observer.numbers()},
-        "events": [event_record(event) for event in events],
-    }
+        check_recording_directory(bag, force=force)
+    machine = built_machine(name, config, assignments(settings))
+    simulation = Simulation(machine)
+    recording = nullcontext() if bag is None else closing(_recorder(machine, bag))
+    with recording as recorder, progress(frames(machine, duration_s), steps_for(machine, duration_s) + 1, name) as run:
+        for frame in run:
+            simulation.observe(frame)
+            if with_samples:
+                simulation.trajectory.append(frame)
+            if recorder is not None:
+                recorder.write(frame)
+    document = simulation.document()
     if with_samples:
-        document["samples"] = trajectory.columns()
+        document["samples"] = simulation.trajectory.columns()
     if as_json:
         print_json(document)
-        return
-    print_numbers(f"{name}: {duration_s:g} s", document["summary"])
+    else:
+        _show(f"{name}: {duration_s:g} s", document, simulation.events)
+    broken = broken_lines(simulation.residuals())
+    if broken:
+        say(f"{name}: {'; '.join(broken)}")
+        raise SystemExit(BROKEN_EXIT_CODE)
+
+
+class Simulation:
+    """What is gathered of a run, frame by frame."""
+
+    def __init__(self, machine: Machine) -> None:
+        self.events: list[Event] = []
+        self.trajectory = Trajectory()
+        self._machine = machine
+        self._observer = machine.observer()
+        self._invariants = RunInvariants(machine)
+
+    def observe(self, frame: Frame) -> None:
+        """Take one frame into account."""
+        self._observer.observe(frame)
+        self._invariants.observe(frame)
+        self.events.extend(frame_events(frame))
+
+    def residuals(self) -> dict[str, Residual]:
+        """Return the worst of each residual, with its limit."""
+        return self._invariants.residuals()
+
+    def document(self) -> dict[str, Any]:
+        """Return everything but the samples, as it is written with ``--json``."""
+        return {
+            "machine": self._machine.name,
+            "config": configuration_tree(self._machine.parameters),
+            "summary": {**self._machine.report(), **self._observer.numbers()},
+            "residuals": {name: residual._asdict() for name, residual in self.residuals().items()},
+            "events": [event_record(event) for event in self.events],
+        }
+
+
+def _recorder(machine: Machine, bag: Path) -> FrameRecorder:
+    from mech_twin.nodes.domain import settle_domain
+
+    settle_domain()
+    from mech_twin.recording.frame_recorder import FrameRecorder
+    from mech_twin.recording.output_directory import remove_recording
+
+    remove_recording(bag)
+    return FrameRecorder(machine, bag, description_text(machine.name, machine.parameters, revision=1))
+
+
+def _show(title: str, document: Mapping[str, Any], events: list[Event]) -> None:
+    print_numbers(title, document["summary"])
+    rows = [(name, residual["worst"], residual["limit"]) for name, residual in document["residuals"].items()]
+    print_table("worst residuals", ("residual", "worst", "limit"), rows)
     if events:
-        rows = [tuple(event_record(event).values()) for event in events[-SHOWN_EVENTS:]]
-        print_table(f"last {len(rows)} of {len(events)} events", tuple(event_record(events[0])), rows)
+        shown = [tuple(event_record(event).values()) for event in events[-SHOWN_EVENTS:]]
+        print_table(f"last {len(shown)} of {len(events)} events", tuple(event_record(events[0])), shown)

@@ -7,10 +7,13 @@ from typing import Annotated
 
 import typer
 
+from mech_twin.output_file import check_output_file
+
 study_app = typer.Typer(no_args_is_help=True, help="Ask a machine a designer's question.")
 
 Config = Annotated[Path | None, typer.Option("--config", help="configuration file instead of the installed one")]
 Settings = Annotated[list[str] | None, typer.Option("--set", metavar="KEY.PATH=VALUE", help="override one key")]
+Force = Annotated[bool, typer.Option("--force", help="overwrite existing results")]
 Json = Annotated[bool, typer.Option("--json", help="JSON on standard output")]
 Cores = Annotated[int | None, typer.Option(help="processes to spread over [all cores]", min=1, max=1024)]
 Scheduler = Annotated[str | None, typer.Option(metavar="ADDRESS", help="Dask scheduler, tcp://HOST:PORT")]
@@ -47,12 +50,16 @@ def sweep(
     scheduler: Scheduler = None,
     config: Config = None,
     settings: Settings = None,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Sweep configuration keys over a grid; goes on where an interrupted sweep stopped."""
     from mech_twin.cli.study_output import SweepRequest, answer_sweep
 
     numbers, table = tuple(number or ()), out or Path(f"{context.obj}-sweep.parquet")
+    check_output_file(table, force=force)
+    if not no_picture:
+        check_output_file(table.with_suffix(".png"), force=force)
     answer_sweep(
         SweepRequest(context.obj, over, table, numbers, duration, not no_picture, cores, scheduler),
         config,
@@ -72,12 +79,14 @@ def size(
     ] = None,
     config: Config = None,
     settings: Settings = None,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Size spring and preload, flywheel, counterweight, or motor and drive; say which constraint binds."""
     from mech_twin.cli.study_output import answer_size
 
     file = out or Path(f"{context.obj}-sized.yaml")
+    check_output_file(file, force=force)
     answer_size(context.obj, file, objective, limit or [], tolerance, config, settings or [], as_json=json)
 
 
@@ -92,12 +101,14 @@ def search(
     out: Annotated[Path | None, typer.Option(help="configuration to write [MACHINE-found.yaml]")] = None,
     config: Config = None,
     settings: Settings = None,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Choose the press's dimensions: scan, then optimise; a Pareto front for several objectives."""
     from mech_twin.cli.study_press import answer_search
 
     file, wanted = out or Path(f"{context.obj}-found.yaml"), tuple(objective or ("peak_torque_nm",))
+    check_output_file(file, force=force)
     answer_search(
         context.obj, wanted, bound or [], limit or [], seed, points, file, config, settings or [], as_json=json
     )
@@ -113,9 +124,12 @@ def designs(
     out: Annotated[Path | None, typer.Option(help="Parquet file for the feasible ones")] = None,
     cores: Cores = None,
     scheduler: Scheduler = None,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Evaluate very many random presses at 72 positions each."""
+    if out is not None:
+        check_output_file(out, force=force)
     from mech_twin.cli.study_press import answer_designs
 
     answer_designs(context.obj, count, bound or [], limit or [], seed, out, cores, scheduler, as_json=json)
@@ -135,12 +149,14 @@ def synthesise(
     out: Annotated[Path | None, typer.Option(help="robust configuration to write [MACHINE-robust.yaml]")] = None,
     config: Config = None,
     settings: Settings = None,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Synthesise a one-impact cycle as published, and a robust one beside it."""
     from mech_twin.cli.study_impact import SynthesisRequest, answer_synthesise
 
     file = out or Path(f"{context.obj}-robust.yaml")
+    check_output_file(file, force=force)
     request = SynthesisRequest(impact_speed, margin, basin, tolerance, stroke_ratio, starts, seed, periods, file)
     answer_synthesise(context.obj, request, config, settings or [], as_json=json)
 
@@ -153,10 +169,12 @@ def regimes(
     out: Annotated[Path | None, typer.Option(help="bifurcation picture to write [MACHINE-regimes.png]")] = None,
     config: Config = None,
     settings: Settings = None,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Map the long-run regimes of the impact mass over one key, with a bifurcation picture."""
     from mech_twin.cli.study_impact import answer_regimes
 
     file = out or Path(f"{context.obj}-regimes.png")
+    check_output_file(file, force=force)
     answer_regimes(context.obj, over, settling, file, config, settings or [], as_json=json)

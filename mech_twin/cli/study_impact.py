@@ -10,6 +10,7 @@ from mech_twin.cli.console import print_json, print_table, say
 from mech_twin.cli.failure import CommandError
 from mech_twin.cli.study_options import axes_of, counted, require_machine, study_errors
 from mech_twin.configuration_tree import configuration_tree
+from mech_twin.dependencies import require_extra
 from mech_twin.machines.impact_mass.parameters import ImpactMass
 from mech_twin.machines.impact_mass.regimes import write_bifurcation_picture
 from mech_twin.machines.impact_mass.synthesis import CycleDesign, RobustnessSpec
@@ -147,6 +148,7 @@ def answer_regimes(
 ) -> None:
     """Show the regime at each value; write the bifurcation picture."""
     require_machine(machine, MACHINE, "regimes")
+    require_extra("plots")
     axes = axes_of(over)
     if len(axes) != 1:
         raise CommandError("--over: a regime map has one key")

@@ -9,6 +9,7 @@ from typing import Any
 from mech_twin.cli.console import print_json, print_numbers, print_table, say
 from mech_twin.cli.study_options import axes_of, counted, limits_of, study_errors
 from mech_twin.configuration_tree import configuration_tree
+from mech_twin.dependencies import require_extra
 from mech_twin.parameters.load import assignments, machine_parameters, write_configuration
 from mech_twin.studies import size, sweep
 
@@ -32,6 +33,10 @@ class SweepRequest:
 
 def answer_sweep(request: SweepRequest, config: Path | None, settings: list[str], *, as_json: bool) -> None:
     """Sweep, and say what was written."""
+    if request.table.suffix != ".csv":
+        require_extra("tables")
+    if request.picture:
+        require_extra("plots")
     parameters = machine_parameters(request.machine, config, assignments(settings))
     with study_errors(), counted("sweeping") as progress:
         try:

@@ -9,6 +9,7 @@ from typing import Any
 from mech_twin.cli.console import print_json, print_numbers, print_table, say
 from mech_twin.cli.failure import CommandError
 from mech_twin.cli.study_options import counted, limits_of, require_machine, study_errors
+from mech_twin.dependencies import require_extra
 from mech_twin.machines.compaction_press.design_configuration import configured_press
 from mech_twin.machines.compaction_press.design_problem import REFERENCE_LIMITS, Space
 from mech_twin.machines.compaction_press.design_search import Design, InfeasibleSpaceError
@@ -106,6 +107,8 @@ def answer_designs(
 ) -> None:
     """Scan the space, and say how fast and what the best are."""
     require_machine(machine, MACHINE, "designs")
+    if out is not None:
+        require_extra("tables")
     with study_errors(), counted("designs") as progress:
         begun = time.monotonic()
         found = designs(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from geometry_msgs.msg import WrenchStamped
 from sensor_msgs.msg import JointState
 
-from mech_twin.messages.rows import REGIME, STEP, AnyStep, joint_columns, packed, set_stamp, table
+from mech_twin.messages.step_message import REGIME, STEP, AnyStep, joint_columns, packed, set_stamp, table
 from mech_twin.samples import BodySample
 
 PRESSING_FORCE = "~pressing_force_n"

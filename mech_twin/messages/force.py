@@ -13,7 +13,7 @@ from typing import NamedTuple
 from geometry_msgs.msg import WrenchStamped
 from sensor_msgs.msg import JointState
 
-from mech_twin.messages.rows import MARK, RESIDUAL, STEP, AnyStep, MessageError, set_stamp, step_and_time, table
+from mech_twin.messages.step_message import MARK, RESIDUAL, STEP, AnyStep, MessageError, set_stamp, step_and_time, table
 from mech_twin.samples import ForceSample, Load, Named, Wrench
 
 BODY_MOMENT = "~body_moment_nm"

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from geometry_msgs.msg import Vector3Stamped
 
-from mech_twin.messages.rows import set_stamp
+from mech_twin.messages.step_message import set_stamp
 from mech_twin.samples import Event
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from sensor_msgs.msg import JointState
 
-from mech_twin.messages.rows import COMMAND, REGIME, STEP, AnyStep, joint_columns, packed, table
+from mech_twin.messages.step_message import COMMAND, REGIME, STEP, AnyStep, joint_columns, packed, table
 from mech_twin.samples import LinkageSample
 
 

@@ -8,7 +8,7 @@ from geometry_msgs.msg import Point, Pose, Quaternion, Vector3
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
-from mech_twin.messages.rows import MessageError, set_stamp, stamp_s
+from mech_twin.messages.step_message import MessageError, set_stamp, stamp_s
 from mech_twin.samples import Drawing, Shape
 
 FRAME = "machine"

@@ -47,18 +47,19 @@ PRESSING_FORCE = Topic("body/pressing_force", WrenchStamped)
 IMPACTS = Topic("impacts", Vector3Stamped)
 SCENE = Topic("scene", MarkerArray)
 DESCRIPTION = Topic("description", String, LATCHED)
-RECALL = Topic("recall", String)  # "linkage", "body" or "motor" asks where that one was
-RECALLED_MOTOR = Topic("recall/motor", JointState)
-RECALLED_LINKAGE = Topic("recall/linkage", JointState)
-RECALLED_DESCRIPTION = Topic("recall/description", String)
-RECALLED_BODY = Topic("recall/body", JointState)
+REJOIN = Topic("rejoin", String)  # "linkage", "body" or "motor" asks where that one was
+REJOIN_MOTOR = Topic("rejoin/motor", JointState)
+REJOIN_LINKAGE = Topic("rejoin/linkage", JointState)
+REJOIN_DESCRIPTION = Topic("rejoin/description", String)
+REJOIN_BODY = Topic("rejoin/body", JointState)
+WRENCHES = "forces"  # below it, one topic a pin
 CLOCK = Topic("/clock", Clock)
 DIAGNOSTICS = Topic("/diagnostics", DiagnosticArray)
 
 
 def pin_wrench(pin: str) -> Topic:
     """Return the topic of one pin's reaction."""
-    return Topic(f"forces/{pin}", WrenchStamped)
+    return Topic(f"{WRENCHES}/{pin}", WrenchStamped)
 
 
 def step_topics(has_body: bool) -> tuple[Topic, ...]:

@@ -1,1 +1,5 @@
 """ROS 2 nodes: thin shells around the roles."""
+
+from mech_twin.dependencies import require_versions
+
+require_versions()  # before anything of a node, which would fail with a trace, is loaded

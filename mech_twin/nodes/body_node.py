@@ -11,17 +11,17 @@ from mech_twin.engine.coupling import next_body
 from mech_twin.messages import body as body_messages
 from mech_twin.messages import force as force_messages
 from mech_twin.messages import impact
-from mech_twin.messages.rows import MessageError
+from mech_twin.messages.joint_state_cdr import StepMessage
+from mech_twin.messages.step_message import MessageError
 from mech_twin.messages.topics import (
     BODY_JOINT_STATES,
     FORCE_JOINT_STATES,
     IMPACTS,
     PRESSING_FORCE,
-    RECALL,
-    RECALLED_BODY,
+    REJOIN,
+    REJOIN_BODY,
 )
-from mech_twin.messages.wire import StepMessage
-from mech_twin.nodes.follower_node import Exchange, FollowerNode
+from mech_twin.nodes.follower_node import FollowerNode
 from mech_twin.nodes.options import RunOptions
 from mech_twin.quantity import Parameters
 from mech_twin.roles import BodyRole
@@ -34,16 +34,14 @@ class BodyNode(FollowerNode):
     def __init__(
         self, machine_name: str, parameters: Parameters | None = None, options: RunOptions | None = None
     ) -> None:
-        super().__init__("body", machine_name, parameters, options)
+        super().__init__("body", machine_name, parameters, options, FORCE_JOINT_STATES, "force_analysis")
         self._message = JointState()
-        self._out = self.step_outlet(BODY_JOINT_STATES, 1)
-        self._impacts = self.outlet(IMPACTS)
-        self._pressing = self.extreme_outlet(PRESSING_FORCE)
-        self._asks_where_it_was = False
-        self._recall = self.outlet(RECALL)
-        self._recall.listeners = 0
-        self.hear(RECALLED_BODY, self._on_recalled)
-        self.listen(FORCE_JOINT_STATES, "force_analysis")
+        self._out = self.step_output(BODY_JOINT_STATES, 1)
+        self._impacts = self.output(IMPACTS)
+        self._pressing = self.peak_hold_output(PRESSING_FORCE)
+        self._rejoining = False
+        self._rejoin = self.output(REJOIN, recorded=False)
+        self.subscribe(REJOIN_BODY, self._on_last_sample)
 
     @property
     def role(self) -> BodyRole:
@@ -62,12 +60,12 @@ class BodyNode(FollowerNode):
 
     def answer(self, question: ForceSample, previous: BodySample | None) -> BodySample | None:
         """Return the body at the step of these forces; a body that comes back asks first where it was."""
-        self._asks_where_it_was = previous is None and question.step > 0
-        if self._asks_where_it_was:
-            self._recall.send(String(data="body"))
+        self._rejoining = previous is None and question.step > 0
+        if self._rejoining:
+            self._rejoin.send(String(data="body"))
             return None
         sample = next_body(self.role, previous, question)
-        self.health.observe(sample.residuals)
+        self.diagnostics.observe(sample.residuals)
         for event in sample.events:
             self._impacts.send(impact.to_message(event))
         self._pressing.offer(
@@ -80,13 +78,14 @@ class BodyNode(FollowerNode):
         """Publish a body sample."""
         self._out.send(self.signed(body_messages.to_message(answer, self._message)))
 
-    def _on_recalled(self, message: JointState) -> None:
-        if not message.name or not self._asks_where_it_was:
+    def _on_last_sample(self, message: JointState) -> None:
+        if not message.name or not self._rejoining:
             return
         try:
             sample = body_messages.from_message(message, self.machine.coupling_step_s)
         except MessageError as error:
-            self.ledger.count(RECALLED_BODY.name, "malformed", str(error))
+            self.statistics.count(REJOIN_BODY.name, "malformed", str(error))
             return
-        if self.last_step is None or sample.step > self.last_step:
-            self.remember(sample.step, Exchange(None, sample))
+        last = self.exchanges.last_step
+        if last is None or sample.step > last:
+            self.exchanges.remember(sample.step, None, sample)

@@ -8,9 +8,9 @@ from sensor_msgs.msg import JointState
 
 from mech_twin.messages import force as force_messages
 from mech_twin.messages import linkage as linkage_messages
-from mech_twin.messages.rows import arranged, mark_revision
+from mech_twin.messages.joint_state_cdr import StepMessage
+from mech_twin.messages.step_message import arranged, mark_revision
 from mech_twin.messages.topics import FORCE_JOINT_STATES, JOINT_STATES, pin_wrench
-from mech_twin.messages.wire import StepMessage
 from mech_twin.nodes.follower_node import FollowerNode
 from mech_twin.nodes.options import RunOptions
 from mech_twin.quantity import Parameters
@@ -23,12 +23,11 @@ class ForceNode(FollowerNode):
     def __init__(
         self, machine_name: str, parameters: Parameters | None = None, options: RunOptions | None = None
     ) -> None:
-        super().__init__("force_analysis", machine_name, parameters, options)
+        super().__init__("force_analysis", machine_name, parameters, options, JOINT_STATES, "linkage")
         self._message = JointState()
-        self._out = self.step_outlet(FORCE_JOINT_STATES, 1)
+        self._out = self.step_output(FORCE_JOINT_STATES, 1)
         topics = {pin: pin_wrench(pin) for pin in self.machine.forces.pins}
-        self._wrenches = [(pin, self.extreme_outlet(topic)) for pin, topic in topics.items()]
-        self.listen(JOINT_STATES, "linkage")
+        self._wrenches = [(pin, self.peak_hold_output(topic)) for pin, topic in topics.items()]
 
     def residual_limits(self) -> dict[str, float]:
         """Return the limits of the power balance and its like."""
@@ -43,13 +42,13 @@ class ForceNode(FollowerNode):
     def answer(self, question: LinkageSample, previous: ForceSample | None) -> ForceSample:
         """Return the forces of the linkage's step, and offer each pin's to its decimated topic."""
         sample = self.machine.forces.analyse(question)
-        self.health.observe(sample.residuals)
-        for (pin, outlet), wrench in zip(self._wrenches, sample.wrenches, strict=True):
+        self.diagnostics.observe(sample.residuals)
+        for (pin, output), wrench in zip(self._wrenches, sample.wrenches, strict=True):
             build = partial(force_messages.wrench_message, sample.time_s, pin, wrench)
-            outlet.offer(force_messages.wrench_size(wrench), build)
+            output.offer(force_messages.wrench_size(wrench), build)
         return sample
 
     def send(self, answer: ForceSample) -> None:
         """Publish a force sample."""
         message = force_messages.to_message(answer, self._message)
-        self._out.send(self.signed(mark_revision(message, self.revision)))
+        self._out.send(self.signed(mark_revision(message, self.revision, self.described_by)))

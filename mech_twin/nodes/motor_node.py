@@ -10,17 +10,17 @@ from std_srvs.srv import Trigger
 
 from mech_twin.messages import linkage as linkage_messages
 from mech_twin.messages import motor as motor_messages
-from mech_twin.messages.rows import TARGET, MessageError, arranged, mark, marked
+from mech_twin.messages.joint_state_cdr import StepMessage
+from mech_twin.messages.step_message import TARGET, MessageError, arranged, mark, marked
 from mech_twin.messages.topics import (
     JOINT_STATES,
     MOTOR_JOINT_STATES,
-    RECALL,
-    RECALLED_DESCRIPTION,
-    RECALLED_LINKAGE,
-    RECALLED_MOTOR,
+    REJOIN,
+    REJOIN_DESCRIPTION,
+    REJOIN_LINKAGE,
+    REJOIN_MOTOR,
     SPEED_COMMAND,
 )
-from mech_twin.messages.wire import StepMessage
 from mech_twin.nodes.follower_node import FollowerNode
 from mech_twin.nodes.options import RunOptions
 from mech_twin.quantity import Parameters
@@ -36,20 +36,18 @@ class MotorNode(FollowerNode):
     def __init__(
         self, machine_name: str, parameters: Parameters | None = None, options: RunOptions | None = None
     ) -> None:
-        super().__init__("motor", machine_name, parameters, options)
+        super().__init__("motor", machine_name, parameters, options, JOINT_STATES, "linkage")
         self.target: float | None = None
         self._asked_target = RATED
         self._message = JointState()
-        self._out = self.step_outlet(MOTOR_JOINT_STATES, 1)
-        self._recalled = self.outlet(RECALLED_LINKAGE)
-        self._recalled_description = self.outlet(RECALLED_DESCRIPTION)
-        self._recall = self.outlet(RECALL)
-        self._recall.listeners = self._recalled.listeners = self._recalled_description.listeners = 0
-        self.hear(SPEED_COMMAND, self._on_command)
-        self.hear(RECALLED_MOTOR, self._on_recalled)
+        self._out = self.step_output(MOTOR_JOINT_STATES, 1)
+        self._rejoin = self.output(REJOIN, recorded=False)
+        self._linkage_rejoins = self.output(REJOIN_LINKAGE, recorded=False)
+        self._description_rejoins = self.output(REJOIN_DESCRIPTION, recorded=False)
+        self.subscribe(SPEED_COMMAND, self._on_command)
+        self.subscribe(REJOIN_MOTOR, self._on_last_sample)
         self.create_service(Trigger, "start", self._on_start)
         self.create_service(Trigger, "stop", self._on_stop)
-        self.listen(JOINT_STATES, "linkage")
 
     def decoded(self, message: StepMessage) -> LinkageSample:
         """Return the linkage sample of a message."""
@@ -60,7 +58,7 @@ class MotorNode(FollowerNode):
     def answer(self, question: LinkageSample, previous: MotorSample | None) -> MotorSample | None:
         """Return the drive at the linkage's step; a motor that comes back asks first what it was told to do."""
         if self.target is None and question.step > 0:
-            self._recall.send(String(data="motor"))
+            self._rejoin.send(String(data="motor"))
             return None
         self.target = RATED if self.target is None else self.target
         return self.machine.motor.respond(question, self.target)
@@ -70,7 +68,7 @@ class MotorNode(FollowerNode):
         message = motor_messages.to_message(answer, self._message)
         self._out.send(self.signed(mark(message, TARGET, RATED if self.target is None else self.target)))
 
-    def _on_recalled(self, message: JointState) -> None:
+    def _on_last_sample(self, message: JointState) -> None:
         if self.target is not None:
             return
         try:
@@ -78,19 +76,19 @@ class MotorNode(FollowerNode):
                 motor_messages.from_message(message, self.machine.coupling_step_s)
             self._take_command(marked(message, TARGET, RATED))
         except MessageError as error:
-            self.ledger.count(RECALLED_MOTOR.name, "malformed", str(error))
+            self.statistics.count(REJOIN_MOTOR.name, "malformed", str(error))
 
-    def recall(self, who: str) -> None:
+    def tell_peer(self, peer: str) -> None:
         """Tell a linkage that came back its last sample and its configuration."""
-        if who == "linkage":
-            self._recalled_description.send(String(data=self.description))
-            self._recalled.send(JointState() if self.last_message is None else self.last_message.raw)
+        if peer == "linkage":
+            self._description_rejoins.send(String(data=self.description))
+            self._linkage_rejoins.send(JointState() if self.last_message is None else self.last_message.raw)
 
     def _on_command(self, message: Float64) -> None:
         try:
             self._take_command(message.data)
         except MessageError as error:
-            self.ledger.count(SPEED_COMMAND.name, "malformed", str(error))
+            self.statistics.count(SPEED_COMMAND.name, "malformed", str(error))
 
     def _take_command(self, fraction: float) -> None:
         if not math.isfinite(fraction) or not 0.0 <= fraction <= HIGHEST_COMMAND:

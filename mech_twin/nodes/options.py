@@ -8,13 +8,14 @@ from mech_twin.quantity import Parameters, choice, quantity
 
 
 class RunOptions(Parameters):
-    """Pace, length and company of a run."""
+    """StepPacer, length and company of a run."""
 
     pace: Literal["realtime", "max"] = choice("follow the wall clock, or run as fast as answers come", default="max")
     duration_s: float = quantity("s", "simulated time to run; 0 runs until stopped", ge=0.0, default=0.0)
     recorder: bool = choice("wait for a recorder before the first step", default=False)
     viewer: bool = choice("wait for a viewer before the first step", default=False)
-    watcher: bool = choice("wait for somebody who watches the steps from outside", default=False)
+    observer: bool = choice("wait for an observer of the steps", default=False)
+    exclusive: bool = choice("refuse to start where somebody publishes this node's step messages", default=True)
     stream_decimation: int = quantity("1", "steps per message on decimated topics", ge=1, default=10)
     view_rate_hz: float = quantity("Hz", "drawings per simulated second", gt=0.0, le=1000.0, default=30.0)
     peer_timeout_s: float = quantity("s", "silence after which a peer counts as gone", gt=0.0, default=0.5)

@@ -6,19 +6,27 @@ import time
 from functools import partial
 from pathlib import Path
 
+from mech_twin.messages.joint_state_cdr import CdrError, Decoder, StepMessage
+from mech_twin.messages.step_message import MessageError, step_index
+from mech_twin.messages.step_message import source as source_of
 from mech_twin.messages.topics import (
-    CLOCK,
     EVERY,
     EVERY_LATCHED,
+    JOINT_STATES,
     LATCHED,
+    WRENCHES,
     Topic,
+    pin_wrench,
     recorded_topics,
     step_topics,
     type_name,
 )
+from mech_twin.nodes.base_node import TwinNode
 from mech_twin.nodes.options import RunOptions
-from mech_twin.nodes.role_node import RoleNode
-from mech_twin.parameters.load import description_text
+from mech_twin.nodes.recording_clock import RecordingClock
+from mech_twin.nodes.source_lock import ANONYMOUS, Admission, SourceLock
+from mech_twin.nodes.step_sequence import StepSequence
+from mech_twin.parameters.load import catalogue_entry, description_text
 from mech_twin.quantity import Parameters
 from mech_twin.recording.bag_writer import BagWriter, WriterState
 from mech_twin.recording.schemas import offered_qos
@@ -29,13 +37,26 @@ TICKS_PER_LOSS = 0.2
 MIB = 1024.0 * 1024.0
 
 
-class RecorderNode(RoleNode):
-    """Writes what it hears; the log time of a message is the simulated time it belongs to.
+class StepInput:
+    """One topic of step messages: how they are decoded, who is followed, which step was the last."""
+
+    def __init__(self) -> None:
+        self.decode = Decoder()
+        self.lock = SourceLock()
+        self.sequence = StepSequence()
+        self.heard_s = time.monotonic()
+
+
+class RecorderNode(TwinNode):
+    """Writes what it hears; the log time of a message is the simulated time at which it came.
+
+    Time and gaps are those of the publishers that are followed, one per topic of step messages, and the linkage's lead.
+    The topics of the pins are found on the graph, so that nothing of the machine need be built.
 
     Parameters
     ----------
     directory : Path
-        The recording to make.  See `RoleNode` for the other arguments.
+        The recording to make.  See `TwinNode` for the other arguments.
     """
 
     def __init__(
@@ -46,24 +67,27 @@ class RecorderNode(RoleNode):
         options: RunOptions | None = None,
     ) -> None:
         super().__init__("recorder", machine_name, parameters, options)
-        self.last_heard_s = time.monotonic()
-        self._now_ns = 0
-        self._step_ns = round(self.machine.coupling_step_s * 1e9)
-        text = description_text(machine_name, self.machine.parameters)
         self.writer = BagWriter(
             directory,
-            configuration=text,
+            configuration=description_text(machine_name, self.initial_parameters),
             max_loss_s=self.options.max_loss_s,
             fsync=self.options.fsync,
             split_bytes=round(self.options.split_mib * MIB),
             split_duration_s=self.options.split_s or None,
         )
-        self._last_step: dict[str, int] = {}
-        has_body = self.machine.body is not None
-        self._steps = {topic.name for topic in step_topics(has_body)}
-        for topic in recorded_topics(self.machine.forces.pins, has_body):
-            self._record(topic)
-        self.every(TICK_S, self._tick)
+        self._last_heard_s = time.monotonic()
+        self._time = RecordingClock()
+        has_body = catalogue_entry(machine_name).has_body
+        self._steps = {topic.name: StepInput() for topic in step_topics(has_body)}
+        self._recorded: set[str] = set()
+        self._wrench_prefix = self.resolve_topic_name(WRENCHES) + "/"
+        try:
+            for topic in recorded_topics((), has_body):
+                self._record(topic)
+            self.every(min(TICK_S, TICKS_PER_LOSS * self.options.max_loss_s), self._tick)
+        except BaseException:  # a signal, too: what is on the disk is closed
+            self.writer.close()
+            raise
 
     @property
     def received(self) -> dict[str, int]:
@@ -72,9 +96,9 @@ class RecorderNode(RoleNode):
 
     def quiet_s(self) -> float:
         """Return for how long nothing has come to be recorded."""
-        return time.monotonic() - self.last_heard_s
+        return time.monotonic() - self._last_heard_s
 
-    def figures(self) -> dict[str, str]:
+    def diagnostic_values(self) -> dict[str, str]:
         """Return the state of the writer and what it dropped."""
         counters = self.writer.counters.values()
         return {
@@ -85,41 +109,98 @@ class RecorderNode(RoleNode):
         }
 
     def close(self) -> None:
-        """Finish the recording."""
-        self.writer.close()
+        """Finish the recording; one in which nothing was recorded is deleted."""
+        self.writer.close(discard_empty=True)
+
+    # -- topics -----------------------------------------------------------------------------------------------------
 
     def _record(self, topic: Topic) -> None:
         name = self.resolve_topic_name(topic.name)
-        kind = type_name(topic)
+        self._recorded.add(name)
         latched = topic.qos is LATCHED
         durability = "transient_local" if latched else "volatile"
-        self.writer.add_topic(name, kind, offered_qos(durability=durability, depth=topic.qos.depth))
-        heard = partial(self._on_message, name, kind, latched, topic.name in self._steps)
-        self.create_subscription(topic.type, topic.name, heard, EVERY_LATCHED if latched else EVERY, raw=True)
+        self.writer.add_topic(name, type_name(topic), offered_qos(durability=durability, depth=topic.qos.depth))
+        call = (
+            partial(self._on_step, topic, name, self._steps[topic.name])
+            if topic.name in self._steps
+            else partial(self._on_message, topic, name, latched)
+        )
+        self.create_subscription(topic.type, topic.name, call, EVERY_LATCHED if latched else EVERY, raw=True)
 
-    def _on_message(self, name: str, kind: str, latched: bool, is_step: bool, raw: bytes) -> None:
-        self.last_heard_s = time.monotonic()
-        stamp = stamp_ns(kind, raw)
-        if is_step and stamp is not None:  # the steps are the time of a recording, whatever /clock says
-            self._now_ns = stamp
-            self._watch_sequence(name, stamp)
-        at = self._now_ns if stamp is None or name == CLOCK.name else stamp
-        self.writer.write(name, raw, at, at, latched=latched)
+    def _record_wrenches(self) -> None:
+        """Record the pins' topics that have appeared."""
+        kind = type_name(pin_wrench("any"))
+        for name, types in self.get_topic_names_and_types():
+            if name.startswith(self._wrench_prefix) and name not in self._recorded and kind in types:
+                self._record(pin_wrench(name.removeprefix(self._wrench_prefix)))
 
-    def _watch_sequence(self, name: str, stamp: int) -> None:
-        step = round(stamp / self._step_ns)
-        last = self._last_step.get(name, step - 1)
-        if step > last + 1:
-            self.writer.count_missed(name, step - last - 1)
-            self.ledger.count(name, "missing", f"step {step} after {last}", step - last - 1)
-        elif step <= last:
+    # -- messages ---------------------------------------------------------------------------------------------------
+
+    def _on_message(self, topic: Topic, name: str, latched: bool, raw: bytes) -> None:
+        self._last_heard_s = time.monotonic()
+        stamp = stamp_ns(type_name(topic), raw)
+        if stamp is not None and not self._time.belongs(stamp):
+            self._count_stamp(topic, stamp)
+        self._write(name, raw, self._time.now_ns, latched)
+
+    def _on_step(self, topic: Topic, name: str, of_topic: StepInput, raw: bytes) -> None:
+        self._last_heard_s = time.monotonic()
+        try:
+            message = of_topic.decode(raw)
+            step = step_index(message)
+        except (CdrError, MessageError) as error:
+            self.statistics.count(topic.name, "malformed", str(error))
+            self._write(name, raw, self._time.now_ns)
+            return
+        if not self._is_followed(topic, of_topic, source_of(message)):
+            self.statistics.count(topic.name, "unknown_source", "another publisher than the one that is followed")
+            self._write(name, raw, self._time.now_ns)
+            return
+        self._write(name, raw, self._time_of(topic, message))
+        if step is not None:
+            self._check_sequence(topic, name, of_topic.sequence, step)
+
+    def _is_followed(self, topic: Topic, of_topic: StepInput, who: float) -> bool:
+        """Return whether the run is this publisher's; one that signs comes before one that does not."""
+        lock, now = of_topic.lock, time.monotonic()
+        if lock.locked:
+            silent = now - of_topic.heard_s > self.options.peer_timeout_s
+            vacant = silent or (lock.source == ANONYMOUS and who != ANONYMOUS)
+        else:
+            vacant = who != ANONYMOUS or self.count_publishers(topic.name) <= 1
+        followed = lock.admit(who, vacant) is not Admission.REFUSED
+        of_topic.heard_s = now if followed else of_topic.heard_s
+        return followed
+
+    def _time_of(self, topic: Topic, message: StepMessage) -> int:
+        """Return the log time of a step that is followed: its stamp, where it is a time of this run."""
+        stamp = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
+        if self._time.lead(stamp) if topic == JOINT_STATES else self._time.belongs(stamp):
+            return stamp
+        self._count_stamp(topic, stamp)
+        return self._time.now_ns
+
+    def _count_stamp(self, topic: Topic, stamp: int) -> None:
+        reason = f"stamp {stamp * 1e-9:g} s is no time of this run; recorded at {self._time.now_ns * 1e-9:g} s"
+        self.statistics.count(topic.name, "unknown_source", reason)
+
+    def _check_sequence(self, topic: Topic, name: str, sequence: StepSequence, step: int) -> None:
+        fault = sequence.take(step)
+        if fault is None:
+            return
+        if fault.kind == "missing":
+            self.writer.count_missed(name, fault.number)
+        else:
             self.writer.count_late(name)
-            self.ledger.count(name, "repeated" if step == last else "late", f"step {step} after {last}")
-        self._last_step[name] = max(step, last)
+        self.statistics.count(topic.name, fault.kind, fault.reason, fault.number)
+
+    def _write(self, name: str, raw: bytes, at_ns: int, latched: bool = False) -> None:
+        self.writer.write(name, raw, at_ns, at_ns, latched=latched)
 
     def _tick(self) -> None:
-        self.time_s = self._now_ns * 1e-9
+        self._record_wrenches()
+        self.time_s = self._time.now_ns * 1e-9
         self.writer.tick()
-        self.health.state = self.writer.state.value
+        self.diagnostics.state = self.writer.state.value
         if self.writer.state is WriterState.ERROR:
-            self.health.error(self.writer.error)
+            self.diagnostics.error(self.writer.error)

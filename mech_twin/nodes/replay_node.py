@@ -13,12 +13,12 @@ from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
 
-from mech_twin.messages.rows import set_stamp
+from mech_twin.messages.step_message import set_stamp
 from mech_twin.messages.topics import CLOCK, DATA, DIAGNOSTICS
-from mech_twin.nodes.health import array_message
+from mech_twin.nodes.diagnostics import array_message
 from mech_twin.nodes.replay_clock import ReplayClock
 from mech_twin.nodes.replay_limits import FASTEST, SLOWEST
-from mech_twin.nodes.replay_outlet import ReplayOutlet
+from mech_twin.nodes.replay_publisher import ReplayPublisher
 from mech_twin.nodes.replay_source import ReplaySource
 from mech_twin.recording.stamps import stamp_ns
 
@@ -65,9 +65,9 @@ class ReplayNode(Node):
         self._place = ReplayClock(source.first_ns, options.rate, self._born)
         if options.clock:
             source.without_clock()
-        self.outlets = {name: ReplayOutlet(self, topic) for name, topic in source.topics.items()}
+        self.outputs = {name: ReplayPublisher(self, topic) for name, topic in source.topics.items()}
         self._clock_out = self.create_publisher(Clock, CLOCK.name, CLOCK.qos) if options.clock else None
-        self._diagnostics = self.create_publisher(DIAGNOSTICS.type, DIAGNOSTICS.name, DATA)
+        self._diagnostics_out = self.create_publisher(DIAGNOSTICS.type, DIAGNOSTICS.name, DATA)
         self._begin_ns = source.first_ns
         self._told_ns: dict[str, int] = {}
         self._messages: Iterator[BagMessage] = iter(())
@@ -130,8 +130,8 @@ class ReplayNode(Node):
     def finish(self, limit_s: float) -> None:
         """Wait, within a limit, until what was published has arrived."""
         end = time.monotonic() + limit_s
-        for outlet in self.outlets.values():
-            outlet.arrived(end - time.monotonic())
+        for output in self.outputs.values():
+            output.arrived(end - time.monotonic())
 
     def _at_end(self) -> float:
         wait = self._place.wait_s(self._source.last_ns, time.monotonic())
@@ -149,7 +149,7 @@ class ReplayNode(Node):
     def _play(self, message: BagMessage) -> None:
         if message.topic == CLOCK.name:
             self._announce_if_back(message)
-        self.outlets[message.topic].send(message.raw)
+        self.outputs[message.topic].send(message.raw)
 
     def _listeners_are_there(self) -> bool:
         waited = time.monotonic() - self._born
@@ -158,7 +158,7 @@ class ReplayNode(Node):
             if wanted:
                 self.get_logger().warning(f"not every topic has {wanted} subscribers; beginning without")
             return True
-        return waited > SETTLE_S and all(outlet.matched(wanted) for outlet in self.outlets.values())
+        return waited > SETTLE_S and all(output.matched(wanted) for output in self.outputs.values())
 
     # -- jumps ------------------------------------------------------------------------------------------------------
 
@@ -177,7 +177,7 @@ class ReplayNode(Node):
         self._told_ns.clear()
         for name, held in self._source.latched_at(log_time_ns).items():
             if not held:
-                self.outlets[name].forget()
+                self.outputs[name].forget()
             for message in held:
                 self._play(message)
         self._messages = self._source.messages(log_time_ns)
@@ -272,15 +272,15 @@ class ReplayNode(Node):
     def report(self) -> None:
         """Publish where it is and what was left out."""
         state = "paused" if self.paused else "replaying" if self._begun else "waiting for listeners"
-        lost = self._source.malformed.total() + sum(outlet.refused for outlet in self.outlets.values())
+        lost = self._source.malformed.total() + sum(output.refused for output in self.outputs.values())
         self._send(state, DiagnosticStatus.WARN if lost or self._source.unknown else DiagnosticStatus.OK)
 
     def _send(self, text: str, level: Any) -> None:
         values = {"position s": f"{self.position_s:.6f}", "rate": f"{self.rate:g}", "loops": str(self.loops)}
-        for name, outlet in self.outlets.items():
-            values |= {f"published {name}": str(outlet.published), f"refused {name}": str(outlet.refused)}
+        for name, output in self.outputs.items():
+            values |= {f"published {name}": str(output.published), f"refused {name}": str(output.refused)}
         values |= {f"malformed {name}": str(number) for name, number in self._source.malformed.items()}
         values |= {f"left out {name}": why for name, why in self._source.unknown.items()}
         status = DiagnosticStatus(level=level, name=self.get_fully_qualified_name(), message=text)
         status.values = [KeyValue(key=key, value=value) for key, value in values.items()]
-        self._diagnostics.publish(array_message(self.position_ns * 1e-9, status))
+        self._diagnostics_out.publish(array_message(self.position_ns * 1e-9, status))

@@ -5,15 +5,23 @@ from __future__ import annotations
 import gc
 from collections.abc import Callable, Iterable
 from types import TracebackType
+from typing import Protocol, runtime_checkable
 
 import rclpy
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
 
-from mech_twin.nodes.linkage_node import LinkageNode
-
 LONGEST_WAIT_S = 0.1
 SHORTEST_WAIT_S = 1e-4
+
+
+@runtime_checkable
+class Ticking(Protocol):
+    """A node that has something to do between messages."""
+
+    def tick(self) -> float:
+        """Do what is due; return how long nothing more will be."""
+        ...
 
 
 class Spinner:
@@ -41,10 +49,10 @@ class Spinner:
 
     def until(self, predicate: Callable[[], bool]) -> None:
         """Serve the nodes until the predicate holds or rclpy is shut down."""
-        linkages = [node for node in self.nodes if isinstance(node, LinkageNode)]
+        ticking = [node for node in self.nodes if isinstance(node, Ticking)]
         while rclpy.ok() and not predicate():
             wait_s = LONGEST_WAIT_S
-            for node in linkages:
+            for node in ticking:
                 wait_s = min(wait_s, node.tick())
             self._executor.spin_once(timeout_sec=max(wait_s, SHORTEST_WAIT_S))
 

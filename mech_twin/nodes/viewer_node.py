@@ -7,15 +7,15 @@ import time
 from visualization_msgs.msg import MarkerArray
 
 from mech_twin.messages import scene
-from mech_twin.messages.rows import MessageError
+from mech_twin.messages.step_message import MessageError
 from mech_twin.messages.topics import EVERY, SCENE
+from mech_twin.nodes.observer_node import ObserverNode
 from mech_twin.nodes.options import RunOptions
-from mech_twin.nodes.watcher_node import WatcherNode
 from mech_twin.quantity import Parameters
 from mech_twin.samples import Frame
 from mech_twin.view.rerun_scene import RerunScene
 
-FIGURES_EVERY_S = 1.0
+METRICS_EVERY_S = 1.0
 
 
 def opened_stage(machine_name: str, place: str) -> RerunScene:
@@ -25,13 +25,13 @@ def opened_stage(machine_name: str, place: str) -> RerunScene:
     return RerunScene(machine_name, grpc_url=place)
 
 
-class ViewerNode(WatcherNode):
+class ViewerNode(ObserverNode):
     """Shows a run on a stage.
 
     Parameters
     ----------
     place : str
-        Address of a running viewer, or the file to write.  See `RoleNode` for the other arguments.
+        Address of a running viewer, or the file to write.  See `TwinNode` for the other arguments.
     """
 
     def __init__(
@@ -42,30 +42,30 @@ class ViewerNode(WatcherNode):
         options: RunOptions | None = None,
         on_topics: bool = True,
     ) -> None:
-        super().__init__(machine_name, parameters, options, role="viewer", on_topics=on_topics)
+        super().__init__(machine_name, parameters, options, name="viewer", on_topics=on_topics)
         self.stage = opened_stage(machine_name, place)
         self._shown = time.monotonic()
         self.create_subscription(MarkerArray, SCENE.name, self._on_scene, EVERY)
 
     def close(self) -> None:
         """Show the last figures and let the stage go."""
-        self.stage.metrics(self.run_figures.running_numbers())
+        self.stage.metrics(self.run_metrics.running_numbers())
         self.stage.close()
 
     def show(self, frame: Frame) -> None:
         """Show one whole frame."""
-        self.health.state = "running"
+        self.diagnostics.state = "running"
         self.time_s = frame.linkage.time_s
         self.stage.frame(motor=frame.motor, linkage=frame.linkage, forces=frame.forces, body=frame.body)
-        for event in self.run_figures.observe(frame):
+        for event in self.run_metrics.observe(frame):
             self.stage.event(event)
         now = time.monotonic()
-        if now - self._shown > FIGURES_EVERY_S:
+        if now - self._shown > METRICS_EVERY_S:
             self._shown = now
-            self.stage.metrics(self.run_figures.running_numbers())
+            self.stage.metrics(self.run_metrics.running_numbers())
 
     def _on_scene(self, message: MarkerArray) -> None:
         try:
             self.stage.drawing(scene.from_message(message))
         except MessageError as error:
-            self.ledger.count(SCENE.name, "malformed", str(error))
+            self.statistics.count(SCENE.name, "malformed", str(error))

@@ -13,9 +13,10 @@ from std_msgs.msg import String
 from mech_twin.engine.trajectory import frame_events
 from mech_twin.messages import body as body_messages
 from mech_twin.messages import force as force_messages
-from mech_twin.messages import impact, motor, rows, scene
+from mech_twin.messages import impact, motor, scene, step_message
 from mech_twin.messages import linkage as linkage_messages
-from mech_twin.messages.extreme import ExtremeWindow
+from mech_twin.messages.joint_state_cdr import encoded
+from mech_twin.messages.peak_hold import PeakHoldWindow
 from mech_twin.messages.topics import (
     BODY_JOINT_STATES,
     CLOCK,
@@ -33,7 +34,6 @@ from mech_twin.messages.topics import (
     recorded_topics,
     type_name,
 )
-from mech_twin.messages.wire import encoded
 from mech_twin.recording.bag_writer import BagWriter
 from mech_twin.recording.schemas import offered_qos
 from mech_twin.roles import Machine
@@ -70,8 +70,8 @@ class FrameRecorder:
             qos = offered_qos(durability=durability, depth=topic.qos.depth)
             self._writer.add_topic(full_name(machine.name, topic), type_name(topic), qos)
         self._now_ns = 0
-        self._wrenches = {pin: ExtremeWindow[Any](DECIMATION) for pin in machine.forces.pins}
-        self._pressing = ExtremeWindow[Any](DECIMATION)
+        self._wrenches = {pin: PeakHoldWindow[Any](DECIMATION) for pin in machine.forces.pins}
+        self._pressing = PeakHoldWindow[Any](DECIMATION)
         self._steps_per_drawing = max(1, round(1.0 / (VIEW_RATE_HZ * machine.coupling_step_s)))
         self._put(DESCRIPTION, String(data=description))
 
@@ -79,9 +79,9 @@ class FrameRecorder:
         """Record one frame."""
         linkage, forces, body = frame.linkage, frame.forces, frame.body
         self._now_ns = round(linkage.time_s * 1e9)
-        self._put(JOINT_STATES, rows.mark_revision(linkage_messages.to_message(linkage), REVISION))
+        self._put(JOINT_STATES, step_message.mark_revision(linkage_messages.to_message(linkage), REVISION))
         self._put(MOTOR_JOINT_STATES, motor.to_message(frame.motor))
-        self._put(FORCE_JOINT_STATES, rows.mark_revision(force_messages.to_message(forces), REVISION))
+        self._put(FORCE_JOINT_STATES, step_message.mark_revision(force_messages.to_message(forces), REVISION))
         if body is not None:
             self._put(BODY_JOINT_STATES, body_messages.to_message(body))
             kept = self._pressing.offer(abs(body.pressing_force_n), (body.time_s, body.pressing_force_n))
@@ -94,17 +94,17 @@ class FrameRecorder:
         self._write_scene(frame)
 
     def close(self) -> None:
-        """Write the last window of the decimated topics and finish the recording."""
+        """Write the last window of the decimated topics and finish the recording; without any frame, delete it."""
         for pin, window in self._wrenches.items():
             self._put_wrench(pin, window.rest())
         self._put_pressing_force(self._pressing.rest())
-        self._writer.close()
+        self._writer.close(discard_empty=True)
 
     def _write_scene(self, frame: Frame) -> None:
         linkage = frame.linkage
         if linkage.step % DECIMATION == 0:
             stamp = JointState()
-            rows.set_stamp(stamp.header, linkage.time_s)
+            step_message.set_stamp(stamp.header, linkage.time_s)
             self._put(CLOCK, Clock(clock=stamp.header.stamp))
         if linkage.step % self._steps_per_drawing == 0:
             shapes = self._machine.draw(linkage, frame.body)

@@ -16,17 +16,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mech_twin.engine.run import frames
+from mech_twin.engine.tableaus import COOPER_VERNER_8
 from mech_twin.kernel import kernel
 from mech_twin.machines.mb10_breaker import build
 from mech_twin.machines.mb10_breaker.constants import breaker
 from mech_twin.machines.mb10_breaker.dynamics import PHI, STATES, Breaker, P, Q, U, blow, derivatives, gap, touchdown
-from mech_twin.machines.mb10_breaker.integration import STAGES, TABLEAU, WEIGHTS
 from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
 from mech_twin.machines.mb10_breaker.step import TURNS, ahead
 from mech_twin.parameters.load import machine_parameters
 from mech_twin.parts.induction_motor import MotorConstants, motor_constants, motor_torque
 
 Array = NDArray[np.float64]
+TABLEAU, WEIGHTS = COOPER_VERNER_8.stages, COOPER_VERNER_8.weights
+STAGES = len(WEIGHTS)
 SUBSTEP_S = 1e-4
 PLASTIC_BELOW = 1e-9  # rad/s: a bounce slower than this ends the series
 

@@ -16,6 +16,7 @@ from multiprocessing import get_context
 from typing import Any, TypeVar
 
 from mech_twin.capabilities.errors import StudyError
+from mech_twin.dependencies import extra_needed
 
 Batch = TypeVar("Batch")
 Result = TypeVar("Result")
@@ -99,7 +100,7 @@ def _dask() -> Any:
     try:
         return import_module("distributed")
     except ImportError as error:
-        raise StudyError("--scheduler needs the optional package dask.distributed") from error
+        raise StudyError(f"--scheduler {extra_needed('cluster')}") from error
 
 
 def _client(scheduler: str) -> Any:

@@ -21,6 +21,8 @@ from pathlib import Path
 from types import TracebackType
 from urllib.parse import quote
 
+from mech_twin.dependencies import extra_needed
+
 LOOPBACK = "127.0.0.1"
 EVERYWHERE = "0.0.0.0"  # bound only on explicit request
 STOP_LIMIT_S = 0.8
@@ -44,7 +46,7 @@ def viewer_binary() -> Path:
     """
     found = find_spec("rerun_cli")
     if found is None or found.origin is None:
-        raise ViewerError("viewer: package rerun-sdk is not installed")
+        raise ViewerError(f"viewer: {extra_needed('view')}")
     binary = Path(found.origin).parent / "rerun"
     if not binary.is_file():
         raise ViewerError(f"viewer: no binary at {binary}")

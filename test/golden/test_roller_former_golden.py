@@ -11,9 +11,9 @@ import pytest
 from roller_former_cases import machine_for, parameters_for
 
 from mech_twin.engine.run import frames
+from mech_twin.machines.roller_former.metrics import moment_metrics
 from mech_twin.machines.roller_former.parameters import former_of
 from mech_twin.machines.roller_former.published import table_1_case, table_2_figures
-from mech_twin.machines.roller_former.steady import moment_figures
 
 STORE = Path(__file__).with_name("roller_former.json")
 
@@ -55,7 +55,7 @@ TABLE_2 = {
 )
 def test_static_moments_are_those_worked_from_the_formulas(load, mean_nm, largest_nm, digit_nm):
     for carts, most in enumerate(largest_nm, start=1):
-        found = moment_figures(former_of(table_1_case(parameters_for(2), carts, load)))
+        found = moment_metrics(former_of(table_1_case(parameters_for(2), carts, load)))
         assert found["moment_mean_per_cart_nm"] == pytest.approx(mean_nm, abs=digit_nm)
         assert found["moment_max_nm"] == pytest.approx(most, abs=digit_nm)
 

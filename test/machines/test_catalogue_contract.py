@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from itertools import islice, pairwise
 
 import pytest
@@ -15,7 +16,7 @@ from mech_twin.engine.trajectory import frame_numbers
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.parameters.load import description, description_text, machine_parameters
 from mech_twin.roles import RESIDUALS
-from mech_twin.samples import Frame
+from mech_twin.samples import BodySample, Frame, LinkageSample
 
 RUN_S = 0.4
 
@@ -24,6 +25,28 @@ machines = pytest.mark.parametrize("name", NAMES)
 
 def run(name: str, duration_s: float = RUN_S) -> list[Frame]:
     return list(frames(built(name), duration_s))
+
+
+def samples_with_state(frame: Frame) -> tuple[LinkageSample | BodySample, ...]:
+    """Return the samples that carry memory and events: the linkage's and, where there is one, the body's."""
+    return (frame.linkage,) if frame.body is None else (frame.linkage, frame.body)
+
+
+def hidden_numbers(frame: Frame) -> Iterator[tuple[str, float]]:
+    """Yield every number of a frame that is no column of a trajectory: memory, residuals, loads, events."""
+    for sample in samples_with_state(frame):
+        yield from sample.memory.as_dict().items()
+        yield from sample.residuals.as_dict().items()
+        for event in sample.events:
+            yield f"{event.kind}.time_s", event.time_s
+            yield f"{event.kind}.pre", event.pre_velocity_m_per_s
+            yield f"{event.kind}.post", event.post_velocity_m_per_s
+            yield f"{event.kind}.impulse", event.impulse_ns
+            for coordinate in (*event.pre, *event.post):
+                yield from zip((f"{event.kind}.{name}" for name in coordinate._fields), coordinate, strict=True)
+    yield from frame.forces.residuals.as_dict().items()
+    for load in frame.forces.loads:
+        yield from ((f"load.{name}", value) for name, value in load._asdict().items() if isinstance(value, int | float))
 
 
 @machines
@@ -49,7 +72,7 @@ def test_described_configuration_is_the_configuration(name: str) -> None:
 @machines
 def test_every_number_of_a_run_is_finite(name: str) -> None:
     for frame in run(name):
-        for column, value in frame_numbers(frame):
+        for column, value in (*frame_numbers(frame), *hidden_numbers(frame)):
             assert math.isfinite(value), f"{column} at {frame.linkage.time_s} s"
 
 
@@ -57,7 +80,12 @@ def test_every_number_of_a_run_is_finite(name: str) -> None:
 def test_residuals_stay_within_their_limits(name: str) -> None:
     machine = built(name)
     for frame in run(name):
-        for role, sample in ((machine.linkage, frame.linkage), (machine.forces, frame.forces)):
+        pairs = [(machine.linkage, frame.linkage), (machine.forces, frame.forces), (machine.body, frame.body)]
+        for role, sample in pairs:
+            if role is None or sample is None:
+                assert role is None, "a body role gives a body sample with every frame"
+                assert sample is None
+                continue
             for residual, value in sample.residuals.as_dict().items():
                 assert abs(value) <= role.residual_limits[residual], (residual, value, frame.linkage.time_s)
 
@@ -108,8 +136,11 @@ def test_time_is_the_step_times_its_length(name: str) -> None:
 def test_events_lie_in_the_step_that_ends_with_them(name: str) -> None:
     machine = built(name)
     for frame in islice(run(name), 1, None):
-        for event in frame.linkage.events:
-            assert frame.linkage.time_s - machine.coupling_step_s <= event.time_s <= frame.linkage.time_s
+        for sample in samples_with_state(frame):
+            times = [event.time_s for event in sample.events]
+            assert times == sorted(times)
+            for time_s in times:
+                assert frame.linkage.time_s - machine.coupling_step_s <= time_s <= frame.linkage.time_s
 
 
 @machines
@@ -128,7 +159,7 @@ def test_reset_returns_to_the_initial_state_while_time_goes_on(name: str) -> Non
 
 
 @machines
-def test_supply_off_lets_the_command_fall_to_nought(name: str) -> None:
+def test_supply_off_lets_the_command_fall_to_zero(name: str) -> None:
     machine = built(name)
     commands = [frame.motor.command for frame in frames(machine, RUN_S, lambda step: 0.0)]
     assert commands[-1] <= commands[0]

@@ -38,7 +38,7 @@ def test_a_command_outside_its_range_is_counted_and_not_used(bad: float) -> None
         run.steps(5)
         run.publisher(SPEED_COMMAND).publish(Float64(data=bad))
         motor = run.node("motor")
-        run.until(lambda: motor.ledger.total[SPEED_COMMAND.name, "malformed"] == 1)
+        run.until(lambda: motor.statistics.total[SPEED_COMMAND.name, "malformed"] == 1)
         run.steps(50)
         assert run.samples[-1].command == 1.0
 

@@ -12,9 +12,9 @@ from sensor_msgs.msg import JointState
 
 from mech_twin.engine.run import frames
 from mech_twin.messages.topics import full_name, step_topics
-from mech_twin.nodes.crew import run_in_process
+from mech_twin.nodes.composition import run_in_process
+from mech_twin.nodes.observer_node import DECODERS
 from mech_twin.nodes.options import RunOptions
-from mech_twin.nodes.watcher_node import DECODERS
 from mech_twin.recording.bag_reader import BagReader
 
 NAME = "roller_former"
@@ -33,7 +33,7 @@ def recorded(bag: Path) -> dict[str, list[Any]]:
 
 
 def over_topics(carts: int, overrides: dict[str, Any], duration_s: float, bag: Path) -> dict[str, list[Any]]:
-    options = RunOptions(pace="max", duration_s=duration_s, recorder=True)
+    options = RunOptions(pace="max", duration_s=duration_s, recorder=True, exclusive=False)
     run_in_process(NAME, parameters_for(carts, overrides), options, bag, None)
     return recorded(bag)
 

@@ -12,10 +12,10 @@ from sensor_msgs.msg import JointState
 
 from mech_twin.engine.run import frames
 from mech_twin.messages.topics import full_name, step_topics
-from mech_twin.nodes.crew import Outcome, run_in_process
-from mech_twin.nodes.fleet import run_processes
+from mech_twin.nodes.composition import Outcome, run_in_process
+from mech_twin.nodes.multi_process import run_processes
+from mech_twin.nodes.observer_node import DECODERS
 from mech_twin.nodes.options import RunOptions
-from mech_twin.nodes.watcher_node import DECODERS
 from mech_twin.recording.bag_reader import BagReader
 
 RUN_S = 0.4
@@ -48,7 +48,7 @@ def assert_equal_engine(name: str, bag: Path, duration_s: float) -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_topics_equal_engine_to_the_bit(name: str, ros_domain: int, tmp_path: Path) -> None:
-    options = RunOptions(pace="max", duration_s=RUN_S, recorder=True)
+    options = RunOptions(pace="max", duration_s=RUN_S, recorder=True, exclusive=False)
     outcome = run_in_process(name, built(name).parameters, options, tmp_path / "bag", None)
     assert_equal_engine(name, tmp_path / "bag", RUN_S)
     assert_every_message_recorded(outcome)
@@ -62,6 +62,6 @@ def assert_every_message_recorded(outcome: Outcome) -> None:
 @pytest.mark.parametrize("name", ["mb10_breaker", "winding_drum"])
 @pytest.mark.slow
 def test_nodes_in_processes_of_their_own_equal_engine_to_the_bit(name: str, ros_domain: int, tmp_path: Path) -> None:
-    options = RunOptions(pace="max", duration_s=RUN_S, recorder=True)
+    options = RunOptions(pace="max", duration_s=RUN_S, recorder=True, exclusive=False)
     run_processes(name, built(name).parameters, options, tmp_path / "bag", None)
     assert_equal_engine(name, tmp_path / "bag", RUN_S)

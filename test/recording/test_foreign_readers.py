@@ -158,13 +158,11 @@ def test_rerun_reader(either: Path) -> None:
 
 
 @pytest.mark.slow
-def test_npm_readers(bag: Path, recovered: Path, tmp_path: Path) -> None:
-    for name in ("package.json", "read.mjs"):
-        shutil.copy(NPM / name, tmp_path)
-    install = ["npm", "install", "--no-package-lock", "--no-audit", "--no-fund", "--ignore-scripts", "--silent"]
-    subprocess.run(install, cwd=tmp_path, check=True, capture_output=True)
+def test_npm_readers(bag: Path, recovered: Path) -> None:
+    if not (NPM / "node_modules").is_dir():
+        pytest.skip("the JavaScript readers are not set up: make test does it where npm is found")
     for file in (only_file(bag), only_file(recovered)):
-        done = subprocess.run(["node", "read.mjs", str(file)], cwd=tmp_path, capture_output=True, text=True, check=True)
+        done = subprocess.run(["node", "read.mjs", str(file)], cwd=NPM, capture_output=True, text=True, check=True)
         found = json.loads(done.stdout)
         assert found["profile"] == "ros2"
         assert found["counts"] == counts(STEPS)

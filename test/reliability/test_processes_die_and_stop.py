@@ -130,7 +130,7 @@ def test_a_hold_is_told_when_nobody_else_is_left(tmp_path: Path) -> None:
             run.kill(role)
         run.until(lambda: run.said("linkage", "waiting for"), what="the hold is told")
         run.diagnostics.clear()
-        run.until(lambda: float(run.figure("linkage", "held s") or 0.0) > 1.0, what="how long it holds is told")
+        run.until(lambda: float(run.figure("linkage", "waited s") or 0.0) > 1.0, what="how long it holds is told")
         run.diagnostics.clear()
         run.until(lambda: run.said("linkage", "waiting for"), what="it is told again")
         run.finish("recorder")

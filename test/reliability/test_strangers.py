@@ -17,20 +17,22 @@ from std_msgs.msg import String
 from mech_twin.engine.run import frames
 from mech_twin.messages import linkage as linkage_messages
 from mech_twin.messages import motor as motor_messages
-from mech_twin.messages.rows import REVISION, SOURCE, mark, set_stamp
+from mech_twin.messages.step_message import REVISION, SOURCE, mark, set_stamp
 from mech_twin.messages.topics import (
     DESCRIPTION,
     DIAGNOSTICS,
     JOINT_STATES,
     MOTOR_JOINT_STATES,
-    RECALL,
-    RECALLED_BODY,
-    RECALLED_DESCRIPTION,
-    RECALLED_LINKAGE,
-    RECALLED_MOTOR,
+    REJOIN,
+    REJOIN_BODY,
+    REJOIN_DESCRIPTION,
+    REJOIN_LINKAGE,
+    REJOIN_MOTOR,
     Topic,
 )
+from mech_twin.nodes.force_node import ForceNode
 from mech_twin.nodes.motor_node import MotorNode
+from mech_twin.parameters.load import description_text, machine_parameters
 from mech_twin.samples import MotorSample
 
 pytestmark = pytest.mark.usefixtures("ros_domain")
@@ -69,8 +71,8 @@ def test_a_second_motor_with_valid_other_answers_is_never_used(source: float | N
         run.steps(20)
         second_motor(run, stronger, source)
         run.steps(300)
-        total = run.linkage.ledger.total
-        run.until(lambda: sum(total[MOTOR, kind] for kind in ("foreign", "late")) > 50)
+        total = run.linkage.statistics.total
+        run.until(lambda: sum(total[MOTOR, kind] for kind in ("unknown_source", "conflicting", "late")) > 50)
         assert_engine(run)
 
 
@@ -82,7 +84,7 @@ def test_somebodys_own_motor_takes_over_when_ours_is_gone_and_ours_does_when_it_
         run.steps(100)
         run.revive(MotorNode)
         run.steps(100)
-        assert run.linkage.ledger.total[MOTOR, "silent"] >= 1
+        assert run.linkage.statistics.total[MOTOR, "timeout"] >= 1
         assert_engine(run)
 
 
@@ -91,7 +93,7 @@ def test_joints_in_another_order_are_matched_by_name() -> None:
         run.steps(20)
         run.kill("motor")
         publisher = run.publisher(MOTOR_JOINT_STATES)
-        run.until(lambda: run.linkage.health.state.startswith("waiting"))
+        run.until(lambda: run.linkage.diagnostics.state.startswith("waiting"))
         role = built(run.name).motor
 
         def answer(message: JointState) -> None:
@@ -126,7 +128,7 @@ def test_duplicated_and_late_answers_are_counted_and_change_nothing() -> None:
 
         run.client.create_subscription(JointState, MOTOR, twice, JOINT_STATES.qos)
         run.steps(300)
-        total = run.linkage.ledger.total
+        total = run.linkage.statistics.total
         run.until(lambda: total[MOTOR, "repeated"] + total[MOTOR, "late"] > 100)
         assert_engine(run)
 
@@ -149,7 +151,7 @@ def test_a_fault_is_reported_once_a_window_with_its_number() -> None:
         publisher = run.publisher(MOTOR_JOINT_STATES)
         for _ in range(40):
             publisher.publish(JointState(name=["drum"], position=[0.0], velocity=[0.0], effort=[float("nan")]))
-        run.until(lambda: run.linkage.ledger.total[MOTOR, "malformed"] == 40)
+        run.until(lambda: run.linkage.statistics.total[MOTOR, "malformed"] == 40)
         run.until(lambda: any("malformed" in message for message in messages))
         run.spin_for(1.1)
         told = [message for message in messages if "malformed" in message]
@@ -168,7 +170,7 @@ def test_a_publisher_whose_quality_does_not_fit_is_noticed() -> None:
         run.steps(5)
         told_apart = PublisherEventCallbacks(use_default_callbacks=False)
         run.client.create_publisher(JointState, MOTOR, QUALITIES["reliability"], event_callbacks=told_apart)
-        run.until(lambda: run.linkage.ledger.total[MOTOR, "incompatible"] == 1)
+        run.until(lambda: run.linkage.statistics.total[MOTOR, "incompatible"] == 1)
         run.steps(50)
         assert_engine(run)
 
@@ -180,7 +182,7 @@ def test_a_subscriber_whose_quality_does_not_fit_is_noticed() -> None:
         run.client.create_subscription(
             JointState, JOINT_STATES.name, lambda message: None, QUALITIES["durability"], event_callbacks=told_apart
         )
-        run.until(lambda: run.linkage.ledger.total[JOINT_STATES.name, "incompatible"] == 1)
+        run.until(lambda: run.linkage.statistics.total[JOINT_STATES.name, "incompatible"] == 1)
         run.steps(50)
         assert_engine(run)
 
@@ -213,9 +215,9 @@ def garbled() -> list[JointState]:
         JOINT_STATES,
         MOTOR_JOINT_STATES,
         Topic("forces/joint_states", JointState),
-        RECALLED_LINKAGE,
-        RECALLED_MOTOR,
-        RECALLED_BODY,
+        REJOIN_LINKAGE,
+        REJOIN_MOTOR,
+        REJOIN_BODY,
     ],
 )
 def test_garbled_messages_end_nothing(topic: Topic) -> None:
@@ -232,7 +234,7 @@ def test_garbled_messages_end_nothing(topic: Topic) -> None:
 WORDS = ("", "linkage", "[", "machine: nothing", "/**: {ros__parameters: {machine: drum}}", "\0")
 
 
-@pytest.mark.parametrize("topic", [DESCRIPTION, RECALL, RECALLED_DESCRIPTION])
+@pytest.mark.parametrize("topic", [DESCRIPTION, REJOIN, REJOIN_DESCRIPTION])
 def test_garbled_words_end_nothing(topic: Topic) -> None:
     with BenchRun(DRUM) as run:
         run.steps(10)
@@ -244,6 +246,42 @@ def test_garbled_words_end_nothing(topic: Topic) -> None:
         assert_engine(run)
 
 
+def other_descriptions() -> list[str]:
+    """Return what a stranger may say the configuration is: other parameters, absurd revisions, an older bag's."""
+    parameters = machine_parameters(DRUM, overrides={"package_radius_m": 0.4})
+    signed_one = description_text(DRUM, parameters, 1, 0, 17.0)
+    return [
+        description_text(DRUM, parameters),
+        description_text(DRUM, parameters, 1),
+        signed_one,
+        description_text(DRUM, parameters, 2**53, 0, 17.0),
+        description_text(DRUM, parameters, 0, 0, 17.0),
+        signed_one.replace("revision: 1", "revision: .inf"),
+        signed_one.replace("revision: 1", "revision: " + "9" * 400),
+        signed_one.replace("revision: 1", "revision: -1"),
+        signed_one.replace("source: 17", "source: .nan"),
+    ]
+
+
+def test_a_strangers_description_never_reaches_a_running_role() -> None:
+    with BenchRun(DRUM) as run:
+        run.steps(20)
+        publisher = run.client.create_publisher(String, DESCRIPTION.name, DESCRIPTION.qos)
+        run.until(lambda: publisher.get_subscription_count() >= 2)
+        for text in other_descriptions():
+            publisher.publish(String(data=text))
+            run.steps(30)
+        total = run.node("motor").statistics.total
+        run.until(lambda: total[DESCRIPTION.name, "unknown_source"] + total[DESCRIPTION.name, "malformed"] >= 9)
+        assert total[DESCRIPTION.name, "malformed"] == 4
+        run.kill("force_analysis")  # one that comes back while the stranger's is the newest on the topic
+        run.revive(ForceNode)
+        run.steps(100)
+        assert_engine(run)
+        for role in ("motor", "force_analysis", "linkage"):
+            assert run.node(role).machine.parameters == built(DRUM).parameters
+
+
 def test_a_second_linkage_is_not_followed() -> None:
     with BenchRun(DRUM) as run:
         run.steps(50)
@@ -252,6 +290,6 @@ def test_a_second_linkage_is_not_followed() -> None:
         for i in range(20):
             other: Any = ahead._replace(step=ahead.step + i, time_s=(ahead.step + i) * 0.001)
             publisher.publish(mark(linkage_messages.to_message(other), SOURCE, 5.0))
-        run.until(lambda: run.node("motor").ledger.total[JOINT_STATES.name, "foreign"] >= 20)
+        run.until(lambda: run.node("motor").statistics.total[JOINT_STATES.name, "unknown_source"] >= 20)
         run.steps(100)
         assert_engine(run)

@@ -18,8 +18,9 @@ Source: manzhosov_novikov, eq. (2) and fig. 1.
 
 from __future__ import annotations
 
+from typing import Self
+
 from pydantic import model_validator
-from typing_extensions import Self
 
 from mech_twin.kernel import kernel
 from mech_twin.quantity import Parameters, quantity

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from typing import Self
+
 from pydantic import model_validator
-from typing_extensions import Self
 
 from mech_twin.engine.coupling import Coupling
 from mech_twin.machines.impact_mass.dynamics import ImpactSystem, impact_system

@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 
 from mech_twin.machines.mb10_breaker.constants import breaker
+from mech_twin.machines.mb10_breaker.drawing import drawing
 from mech_twin.machines.mb10_breaker.driven_body import FollowingBody
-from mech_twin.machines.mb10_breaker.half_sine_body import ApproximatedBody
-from mech_twin.machines.mb10_breaker.metrics import drawing, position_figures, static_report
+from mech_twin.machines.mb10_breaker.half_sine_body import HalfSineBody
+from mech_twin.machines.mb10_breaker.metrics import position_metrics, static_report
 from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
 from mech_twin.machines.mb10_breaker.roles import KlossDrive, Percussion, PinAnalysis
 from mech_twin.machines.mb10_breaker.run_metrics import BreakerObserver
@@ -26,7 +27,7 @@ def build(parameters: Parameters) -> Machine:
     constants, step_s = breaker(p), p.coupling.step_s
     body: BodyRole = FollowingBody(constants)
     if constants.held:
-        body = ApproximatedBody(p.body, p.excitation, step_s)
+        body = HalfSineBody(p.body, p.excitation, step_s)
     return Machine(
         name="mb10_breaker",
         parameters=p,
@@ -43,8 +44,8 @@ def build(parameters: Parameters) -> Machine:
         body=body,
         draw=drawing(constants, p.linkage.striker_angle_deg),
         report=lambda: static_report(p, constants),
-        analyse=lambda crank_rad: position_figures(p, constants, crank_rad),
-        observer=lambda: BreakerObserver(constants),
+        analyse=lambda crank_rad: position_metrics(p, constants, crank_rad),
+        observer=lambda: BreakerObserver(p, constants),
     )
 
 
@@ -56,5 +57,5 @@ def capabilities() -> Capabilities:
     return Capabilities(
         published=published.rows,
         pictures=plots.pictures,
-        sizing=SizingQuestion(sizing.LIMITS, sizing.OBJECTIVES, sizing.sizing),
+        sizing=SizingQuestion(sizing.LIMITS, sizing.OBJECTIVES, sizing.sizing, sizing.USUAL_TOLERANCE),
     )

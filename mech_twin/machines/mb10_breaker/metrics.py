@@ -1,23 +1,21 @@
-"""What a designer asks of the breaker: one position, one cycle in closed form, and the drawing."""
+"""Metrics of the breaker in closed form: one cycle at rated speed, and one position of the crank."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Any
 
 from scipy.optimize import brentq
 
+from mech_twin.machines.mb10_breaker.blow_contact import blow_contact, fading
 from mech_twin.machines.mb10_breaker.dynamics import FLIGHT, HELD, Breaker, blow, gap, masses_at, striker
 from mech_twin.machines.mb10_breaker.dynamics import crank_torque as geared
 from mech_twin.machines.mb10_breaker.forces import pin_forces, pin_impulses
 from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
 from mech_twin.parts.four_bar import acute_angles, coefficients, link_angles, position
 from mech_twin.parts.induction_motor import motor_constants, motor_torque
-from mech_twin.samples import BodySample, LinkageSample, Shape
 
 TURN = 2.0 * math.pi
-STEEL, DARK, BRASS, RED, GREY = (70, 130, 180), (40, 40, 40), (205, 133, 63), (200, 60, 60), (150, 150, 150)
 
 
 def striking_angle(b: Breaker) -> float:
@@ -32,7 +30,7 @@ def rated_crank_speed(p: BreakerParameters) -> float:
 
 
 def static_report(p: BreakerParameters, b: Breaker) -> dict[str, float]:
-    """Return the closed-form figures of one cycle at rated speed, the body on its collar."""
+    """Return the closed-form metrics of one cycle at rated speed, the body on its collar."""
     motor, u = motor_constants(p.motor), rated_crank_speed(p)
     q = striking_angle(b)
     _, slope, bend = striker(b, q)
@@ -43,6 +41,11 @@ def static_report(p: BreakerParameters, b: Breaker) -> dict[str, float]:
     k = b.arm * math.sqrt(b.rate / b.inertia)
     inertias = [masses_at(b, TURN * i / 360, 0.0) for i in range(360)]
     arm_angle = link_angles(position(b.bar, q))[1] + math.radians(p.linkage.striker_angle_deg)
+    contact: dict[str, float] = {}
+    if p.tool.contact_stiffness_n_per_m is not None:
+        fades = fading(b, q, u, 0.0, 0.0, 0.0, b.held)
+        struck = held if b.held else free
+        contact = blow_contact(b, p.tool.contact_stiffness_n_per_m, slope * u, struck.impulse, fades).metrics
     return {
         "rated_torque_nm": motor.rated_torque_nm,
         "rated_slip": motor.rated_slip,
@@ -80,6 +83,7 @@ def static_report(p: BreakerParameters, b: Breaker) -> dict[str, float]:
         "rest_force_on_tool_n": b.rate * b.deflection * b.arm / b.radius,
         "body_frequency_rad_per_s": k,
         "body_frequency_over_blow_frequency": k / u,
+        **contact,
     }
 
 
@@ -88,7 +92,7 @@ def _stroke_deg(b: Breaker) -> float:
     return math.degrees(abs(math.remainder(here - there, TURN)))
 
 
-def position_figures(p: BreakerParameters, b: Breaker, crank_rad: float) -> dict[str, Any]:
+def position_metrics(p: BreakerParameters, b: Breaker, crank_rad: float) -> dict[str, Any]:
     """Return every angle, speed, force and constant at one crank angle: rated speed, the body on its collar."""
     motor, u = motor_constants(p.motor), rated_crank_speed(p)
     at = position(b.bar, crank_rad)
@@ -145,53 +149,3 @@ def position_figures(p: BreakerParameters, b: Breaker, crank_rad: float) -> dict
         "collar_force_n": found.collar_moment / b.radius,
         "spring_force_n": b.rate * b.deflection,
     }
-
-
-def drawing(b: Breaker, striker_angle_deg: float) -> Callable[[LinkageSample, BodySample | None], tuple[Shape, ...]]:
-    """Return the function that draws the mechanism in the machine's frame, the body turned by its own angle."""
-    swing = math.radians(striker_angle_deg)
-    face = (b.bar.pivot_x_m + b.n_y * b.striker, -b.n_x * b.striker)  # the struck face, the tool seated
-
-    def shapes(linkage: LinkageSample, body: BodySample | None) -> tuple[Shape, ...]:
-        q, rocker = linkage.position[0], linkage.position[2]
-        phi = linkage.position[3] if body is None else body.position[0]
-        c, s = math.cos(phi), math.sin(phi)
-
-        def seen(x: float, y: float) -> tuple[float, float]:
-            return c * x + s * y, c * y - s * x
-
-        at = position(b.bar, q)
-        d = (b.bar.pivot_x_m, b.bar.pivot_y_m)
-        tip = (d[0] + b.striker * math.cos(rocker + swing), d[1] + b.striker * math.sin(rocker + swing))
-        far = (face[0] + 0.12 * b.n_x, face[1] + 0.12 * b.n_y)
-        across = (-0.15 * b.n_y, 0.15 * b.n_x)
-        collar = tuple(
-            seen(face[0] + 0.03 * b.n_x + w * across[0], face[1] + 0.03 * b.n_y + w * across[1]) for w in (-0.3, 0.3)
-        )
-        a, pin, bearing = seen(at.a_x, at.a_y), seen(at.b_x, at.b_y), seen(*d)
-        return (
-            Shape("body", "line", ((0.0, 0.0), bearing, collar[0], collar[1], (0.0, 0.0)), GREY, 0.006),
-            Shape("spring", "line", _coil(seen(b.arm * b.n_y, -b.arm * b.n_x), (b.n_x, b.n_y)), BRASS, 0.002),
-            Shape("crank", "line", ((0.0, 0.0), a), RED, 0.010),
-            Shape("coupler", "line", (a, pin), STEEL, 0.008),
-            Shape("rocker", "line", (pin, bearing, seen(*tip)), DARK, 0.012),
-            Shape("tool", "line", (face, far), BRASS, 0.020),
-            Shape("wall", "line", _wall(far, across), GREY, 0.010),
-            Shape("pins", "points", ((0.0, 0.0), a, pin, bearing), DARK, 0.012),
-        )
-
-    return shapes
-
-
-def _wall(far: tuple[float, float], across: tuple[float, float]) -> tuple[tuple[float, float], ...]:
-    return ((far[0] - across[0], far[1] - across[1]), (far[0] + across[0], far[1] + across[1]))
-
-
-def _coil(foot: tuple[float, float], n: tuple[float, float]) -> tuple[tuple[float, float], ...]:
-    """Return a zigzag from a fixed point behind the body to the foot of the spring."""
-    behind = (foot[0] - 0.10 * n[0], foot[1] - 0.10 * n[1])
-    points = [behind]
-    for i in range(1, 8):
-        side = 0.01 if i % 2 else -0.01
-        points.append((behind[0] + 0.0125 * i * n[0] - side * n[1], behind[1] + 0.0125 * i * n[1] + side * n[0]))
-    return (*points, foot)

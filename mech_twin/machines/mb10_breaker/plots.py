@@ -1,4 +1,4 @@
-"""Figures of the breaker's body: amplitude and pressing force against the spring, the trade of the preload."""
+"""Plots of the breaker's body: amplitude and pressing force against the spring, the preload, both excitations."""
 
 from __future__ import annotations
 
@@ -8,15 +8,13 @@ import numpy as np
 
 from mech_twin.capabilities.plots import BLUE, GREEN, GREY, ORANGE, RED, Picture, published, sheet
 from mech_twin.capabilities.variation import varied
-from mech_twin.engine.run import frames
-from mech_twin.machines.mb10_breaker import build
+from mech_twin.machines.mb10_breaker.excitation_comparison import assumed_pulse, computed_pulse
 from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
-from mech_twin.machines.mb10_breaker.pressed_body.metrics import preload_range, steady_figures, with_preload
+from mech_twin.machines.mb10_breaker.pressed_body.free_swing import resonance_rate
+from mech_twin.machines.mb10_breaker.pressed_body.metrics import preload_range, steady_metrics, with_preload
 from mech_twin.machines.mb10_breaker.pressed_body.parameters import pressed_body
-from mech_twin.machines.mb10_breaker.pressed_body.published import resonance_rate
-from mech_twin.machines.mb10_breaker.pressing import swing_curve
 from mech_twin.machines.mb10_breaker.published import SOFT_TABLE, paper_body
-from mech_twin.machines.mb10_breaker.steady_run import SETTLED_S
+from mech_twin.machines.mb10_breaker.spring_curves import swing_curve
 
 RATES = np.geomspace(100.0, 3.8e6, 1400)
 PRELOAD_M = 0.01
@@ -24,7 +22,7 @@ SOFTNESS = 0.3
 
 
 def pictures(parameters: BreakerParameters) -> Iterator[Picture]:
-    """Yield the figures."""
+    """Yield the plots."""
     changed = paper_body(parameters)
     yield _spring(changed)
     yield _preload(changed)
@@ -67,7 +65,7 @@ def _preload(parameters: BreakerParameters) -> Picture:
     base = pressed_body(parameters.body, parameters.excitation)
     omega = 2.0 * np.pi / base.period
     ratios = np.linspace(0.05, 1.0, 191)
-    found = [steady_figures(with_preload(base, float(p), SOFTNESS * omega)).figures for p in ratios]
+    found = [steady_metrics(with_preload(base, float(p), SOFTNESS * omega)).metrics for p in ratios]
     span = preload_range(base, SOFTNESS * omega)
     figure, panels = sheet(3, 1, 7.2, 6.8, sharex=True)
     for axes, curve, column, name, colour in (
@@ -90,22 +88,18 @@ def _preload(parameters: BreakerParameters) -> Picture:
 
 
 def _pulses(approximated: BreakerParameters, parameters: BreakerParameters) -> Picture:
-    body = pressed_body(approximated.body, approximated.excitation)
-    share = np.linspace(0.0, 1.0, 2001)
-    t = share * body.period
-    moment = np.where(t > body.onset, body.amplitude * np.sin(body.mu * t + body.phase), 0.0)
-    running = varied(parameters, {"excitation.kind": "from_forces"})
-    of_cycle, own, blow = last_cycle(running)
+    assumed = assumed_pulse(approximated)
+    running = computed_pulse(varied(parameters, {"excitation.kind": "from_forces"}))
     figure, panels = sheet(1, 2, 8.6, 3.8, width_ratios=(2.4, 1.0))
-    panels[0].plot(share, moment, color=BLUE, label="half sine, as approximated")
-    panels[0].plot(of_cycle, own, color=RED, label="running linkage, between blows")
+    panels[0].plot(assumed.share, assumed.moment_nm, color=BLUE, label="half sine, as approximated")
+    panels[0].plot(running.share, running.moment_nm, color=RED, label="running linkage, between blows")
     panels[0].plot([1.0, 1.0], [0.0, 60.0], color=RED, linewidth=4.0, alpha=0.5, label="blow")
     panels[0].set_xlim(0.0, 1.02)
     panels[0].set_xlabel("part of the cycle t/T")
     panels[0].set_ylabel("moment on the body, N m")
     panels[0].set_title("What loads the body (Fig. 3)")
     panels[0].legend(loc="lower center")
-    impulses = (float(np.trapezoid(moment, t)), blow)
+    impulses = (assumed.steady_impulse_nms, running.blow_impulse_nms)
     panels[1].bar((0, 1), impulses, width=0.6, color=(BLUE, RED), alpha=0.85)
     for place, value in enumerate(impulses):
         panels[1].text(place, value, f"{value:.3g}", ha="center", va="bottom")
@@ -114,19 +108,3 @@ def _pulses(approximated: BreakerParameters, parameters: BreakerParameters) -> P
     panels[1].grid(visible=False, axis="x")
     caption = "The assumed half sine carries some ten times less angular impulse than the blow of the running machine."
     return Picture("mb10_breaker_pulses", caption, figure)
-
-
-def last_cycle(parameters: BreakerParameters) -> tuple[list[float], list[float], float]:
-    """Return t/T and moment (N m) between the last two blows of a run, and the blow's angular impulse (N m s)."""
-    blows, rows = [0.0], list[tuple[float, float]]()
-    impulse = 0.0
-    for frame in frames(build(parameters), SETTLED_S):
-        happened = [e.time_s for e in frame.linkage.events if e.kind == "blow" and e.contact == "tool"]
-        if happened:
-            blows.append(happened[-1])
-            rows = [row for row in rows if row[0] >= blows[-2]]
-            impulse = frame.forces.quantities.as_dict()["blow_impulse_on_body_nms"]
-        rows.append((frame.linkage.time_s, frame.forces.body_moment_nm))
-    start, end = blows[-2:]
-    inside = [(time, moment) for time, moment in rows if start < time < end]
-    return [(time - start) / (end - start) for time, _ in inside], [moment for _, moment in inside], impulse

@@ -8,22 +8,22 @@ from math import nan, pi
 from mech_twin.capabilities.published import CHANGED, CONTRADICTS, REPRODUCED, Row, Source
 from mech_twin.capabilities.variation import varied
 from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
-from mech_twin.machines.mb10_breaker.pressed_body.metrics import preload_range, steady_figures, with_preload
-from mech_twin.machines.mb10_breaker.pressed_body.parameters import PressedBody, pressed_body
-from mech_twin.machines.mb10_breaker.pressed_body.published import (
+from mech_twin.machines.mb10_breaker.pressed_body.free_swing import (
     cycle_map,
     growth_per_cycle,
     published_fixed_point,
     published_growth,
     resonance_rate,
 )
-from mech_twin.machines.mb10_breaker.steady_run import run_figures, with_rest_force
+from mech_twin.machines.mb10_breaker.pressed_body.metrics import preload_range, steady_metrics, with_preload
+from mech_twin.machines.mb10_breaker.pressed_body.parameters import PressedBody, pressed_body
+from mech_twin.machines.mb10_breaker.settled_run import settled_run_metrics, with_rest_force
 from mech_twin.parts.induction_motor import motor_constants, motor_torque
 
 PAPER = "Alisher, MB-10"
 WORKED = "worked for the assumed body"
 RUNNING = "strongly coupled reference"
-# steady figures of the running machine: name, reference, half a unit of its last digit, the observer's name, factor
+# steady metrics of the running machine: name, reference, half a unit of its last digit, the observer's name, factor
 STEADY = (
     ("blows per second", 10.45, 0.005, "blow_rate_hz", 1.0),
     ("energy per blow, J", 18.8, 0.05, "blow_energy_j", 1.0),
@@ -69,7 +69,7 @@ def rows(parameters: BreakerParameters) -> Iterator[Row]:
     yield from _collar(body)
     yield from _motor(parameters)
     yield from _running(parameters)
-    yield from _trade(parameters)
+    yield from _preload_trade_off(parameters)
 
 
 def _inputs(body: PressedBody) -> str:
@@ -151,7 +151,7 @@ def _collar(body: PressedBody) -> Iterator[Row]:
         yield worked.gated("least p, settled before t1", settled, found.settled, "bracketed root", absolute=5e-5)
         yield worked.gated("p, first return before the blow", returned, found.returned, "bracketed root", absolute=5e-6)
     for p, force, gap, speed in SOFT_TABLE:
-        figures = steady_figures(with_preload(body, p, 0.3 * omega)).figures
+        figures = steady_metrics(with_preload(body, p, 0.3 * omega)).metrics
         worked = Source(WORKED, "soft spring", f"{inputs}; k = 0.3 omega, p = {p:g}")
         why = "steady cycle, events exact"
         yield worked.gated("largest pressing force, N", force, figures.largest_force_n, why, absolute=0.05)
@@ -182,7 +182,7 @@ def _motor(parameters: BreakerParameters) -> Iterator[Row]:
 
 
 def _running(parameters: BreakerParameters) -> Iterator[Row]:
-    found = run_figures(parameters)
+    found = settled_run_metrics(parameters)
     worked = Source(RUNNING, "whole machine", "assumed set: J 6 kg m2, 741 N, e 0.4; from standstill")
     for name, value, tolerance, key, factor in STEADY:
         computed = factor * found.get(f"steady_{key}", nan)
@@ -191,20 +191,20 @@ def _running(parameters: BreakerParameters) -> Iterator[Row]:
         yield worked.gated(f"{name} blows", 0.0, found[f"{name}_blows"], "period 1, none missed", absolute=0.0)
 
 
-def _trade(parameters: BreakerParameters) -> Iterator[Row]:
-    worked = Source(RUNNING, "owner's trade", "k = 0.3 omega")
+def _preload_trade_off(parameters: BreakerParameters) -> Iterator[Row]:
+    worked = Source(RUNNING, "preload trade-off", "k = 0.3 omega")
     for force, speed in ((600.0, 0.099), (1000.0, 0.127), (5000.0, 0.178)):
-        found = run_figures(with_rest_force(parameters, force))
-        yield worked.at("owner's trade", f"{worked.inputs}, {force:g} N at rest").gated(
+        found = settled_run_metrics(with_rest_force(parameters, force))
+        yield worked.at("preload trade-off", f"{worked.inputs}, {force:g} N at rest").gated(
             "return speed, m/s",
             speed,
             found.get("steady_largest_return_speed_m_per_s", nan),
             "lowest near 600 N, growing with the preload",
             absolute=5e-4,
         )
-    below = run_figures(with_rest_force(parameters, 150.0))
+    below = settled_run_metrics(with_rest_force(parameters, 150.0))
     all_blows = below["blows"] + below["missed_blows"]
-    low = worked.at("owner's trade", f"{worked.inputs}, 150 N at rest")
+    low = worked.at("preload trade-off", f"{worked.inputs}, 150 N at rest")
     why = "a blow without a seated tool is no blow for the wall"
     yield low.limit(
         "share of blows missed or unseated",
@@ -222,8 +222,8 @@ def _trade(parameters: BreakerParameters) -> Iterator[Row]:
         absolute=True,
     )
     for force, unseated in ((510.0, 0.0), (500.0, 1.0)):
-        found = run_figures(with_rest_force(parameters, force))
-        yield worked.at("owner's trade", f"{worked.inputs}, {force:g} N at rest").gated(
+        found = settled_run_metrics(with_rest_force(parameters, force))
+        yield worked.at("preload trade-off", f"{worked.inputs}, {force:g} N at rest").gated(
             "unseated blows (1: some)",
             unseated,
             min(1.0, found["unseated_blows"]),

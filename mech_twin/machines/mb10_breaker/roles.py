@@ -24,7 +24,6 @@ from mech_twin.machines.mb10_breaker.dynamics import (
 )
 from mech_twin.machines.mb10_breaker.dynamics import PHI as BODY
 from mech_twin.machines.mb10_breaker.forces import QUANTITIES, PinForces, pin_forces, pin_impulses
-from mech_twin.machines.mb10_breaker.integration import Array
 from mech_twin.machines.mb10_breaker.step import (
     AFTER,
     BEFORE,
@@ -39,6 +38,7 @@ from mech_twin.machines.mb10_breaker.step import (
     PRE,
     ROW,
     TIME,
+    Array,
     advanced,
     taken_over,
 )

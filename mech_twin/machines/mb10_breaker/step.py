@@ -14,7 +14,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
+from mech_twin.engine.events import FALLING, NONE, Step, first_event
+from mech_twin.engine.integration import start_step, take_step
 from mech_twin.kernel import kernel
 from mech_twin.machines.mb10_breaker.dynamics import (
     EXTRA,
@@ -38,22 +41,9 @@ from mech_twin.machines.mb10_breaker.dynamics import (
     masses_at,
     touchdown,
 )
-from mech_twin.machines.mb10_breaker.integration import (
-    ANGLE,
-    CLOSING,
-    GAP,
-    LIFT,
-    LONGEST_SUBSTEP_S,
-    SINGLE_STEP_RAD,
-    SINKING,
-    STAGES,
-    Array,
-    crossing,
-    integrated,
-    release,
-    root,
-)
+from mech_twin.machines.mb10_breaker.motion import COLLAR, EXTREME, GAP, LIFT, Motion, substep, workspace_of_motion
 
+Array = NDArray[np.float64]
 TURN = 2.0 * math.pi
 SETTLED_WITHIN_S = 1e-10  # the rest of a chatter series that is cut off as one plastic impact
 EVENT_ROWS = 512
@@ -126,43 +116,36 @@ def ahead(b: Breaker, q: float) -> float:
 
 
 @kernel
-def first_event(
-    b: Breaker,
-    state: Array,
-    end: Array,
-    memory: Array,
-    regime: int,
-    torque: float,
-    slope: float,
-    span: float,
-    slopes: Array,
-    out: Array,
-) -> tuple[int, float]:
-    """Return kind and span of the first event within the substep, or (-1, span)."""
-    kind, when = -1, span
-    rests = regime != FLIGHT
-    approach = (b.extreme - b.retreat) % TURN
+def watched(b: Breaker, state: Array, end: Array, memory: Array, regime: int, watches: NDArray[np.int64]) -> int:
+    """Fill the rows of ``watches`` with what can happen within a substep; return their number."""
+    count = 0
     rest = ahead(b, state[Q])
-    if memory[PASS_DONE] == 0.0 and rest <= approach:
-        found = crossing(b, GAP, CLOSING, state, torque, slope, rests, span, end, slopes, out)
-        if 0.0 <= found <= when:
-            kind, when = BLOW, found
-        aim = state[Q] + rest
-        if end[Q] >= aim:
-            found = root(
-                b, ANGLE, state, torque, slope, rests, aim, 0.0, -rest, span, end[Q] - aim + 1e-300, slopes, out
-            )
-            if found < when:
-                kind, when = MISSED, found
+    if memory[PASS_DONE] == 0.0 and rest <= (b.extreme - b.retreat) % TURN:
+        watches[0] = (GAP, FALLING, 0)
+        count = 1
+        if end[Q] >= state[Q] + rest:
+            watches[1] = (EXTREME, FALLING, 0)
+            count = 2
     if regime == FLIGHT:
-        found = crossing(b, LIFT, SINKING, state, torque, slope, rests, span, end, slopes, out)
-        if found >= 0.0 and (found < when or kind < 0):
-            kind, when = TOUCHDOWN, found
+        watches[count] = (LIFT, FALLING, 1 if state[PHI] == 0.0 else 0)
+        count += 1
     elif regime == REST:
-        found = release(b, state, torque, slope, span, end, slopes, out)
-        if found >= 0.0 and (found < when or kind < 0):
-            kind, when = LIFT_OFF, found
-    return kind, when
+        watches[count] = (COLLAR, FALLING, 0)
+        count += 1
+    return count
+
+
+@kernel
+def event_kind(which: int, watches: NDArray[np.int64]) -> int:
+    """Return the kind of event a watch saw."""
+    if which == NONE:
+        return NONE
+    seen = watches[which, 0]
+    if seen == GAP:
+        return BLOW
+    if seen == EXTREME:
+        return MISSED
+    return TOUCHDOWN if seen == LIFT else LIFT_OFF
 
 
 @kernel
@@ -270,13 +253,6 @@ def happened(
 
 
 @kernel
-def substep(b: Breaker, u: float, remaining: float) -> float:
-    """Return the length of the next substep (s): equal pieces of what remains, short in time and in crank angle."""
-    longest = min(LONGEST_SUBSTEP_S, SINGLE_STEP_RAD / (abs(u) + 1e-9))
-    return remaining / max(math.ceil(remaining / longest - 1e-9), 1)
-
-
-@kernel
 def advanced(
     b: Breaker, state: Array, memory: Array, regime: int, torque: float, step_s: float, order: int, log: Array
 ) -> tuple[int, int, float]:
@@ -294,26 +270,30 @@ def advanced(
         Receives one row per event.
     """
     slope, state[EXTRA] = torque_line(b, state, memory, torque, step_s, order)
-    slopes, end, out = np.empty((STAGES + 1, STATES)), np.empty(STATES), np.empty(STATES)
+    work, end, watches = workspace_of_motion(), np.empty(STATES), np.empty((4, 3), dtype=np.int64)
     count, time, left, weighed = 0, 0.0, 0.0, 0.0
     noted(b, memory, BEGIN, state, torque)
     while regime != JAMMED and step_s - time > 1e-16:
-        span = substep(b, state[U], step_s - time)
-        now = torque + slope * time
+        span = substep(state[U], step_s - time)
         if memory[PASS_DONE] != 0.0 and ahead(b, state[Q]) > (b.extreme - b.retreat) % TURN:
             memory[PASS_DONE] = 0.0
-        integrated(b, state, now, slope, regime != FLIGHT, span, slopes, end)
-        kind, when = first_event(b, state, end, memory, regime, now, slope, span, slopes, out)
-        if kind < 0:
+        motion = Motion(b, torque, slope, regime != FLIGHT, state[Q] + ahead(b, state[Q]))
+        start_step(motion, time, state, work)
+        take_step(motion, time, state, span, work)
+        end[:] = work.end
+        number = watched(b, state, end, memory, regime, watches)
+        which, when = first_event(Step(motion, time, state, span, work), watches, number, end)
+        kind = event_kind(which, watches)
+        if kind == NONE:
             state[:] = end
             time += span
             continue
         if when > 0.0:
-            integrated(b, state, now, slope, regime != FLIGHT, when, slopes, out)
-            state[:] = out
+            take_step(motion, time, state, when, work)
+            state[:] = work.end
             time += when
         u, p = state[U], state[P]
-        regime, count = happened(b, state, memory, regime, kind, time, now + slope * when, log, count)
+        regime, count = happened(b, state, memory, regime, kind, time, torque + slope * time, log, count)
         jump = abs(state[U] - u - b.frame_drive * (state[P] - p))
         left += jump * (step_s - time)
         weighed += jump

@@ -134,7 +134,11 @@ def _phases(parameters: RollerFormer) -> Picture:
             turn = steady_turn(former_of(table_2_case(parameters, count, damping)))
             if turn is None:
                 continue
-            columns = (1000.0 * turn.columns[:, 3], turn.columns[:, 4], turn.columns[:, 5])
+            columns = (
+                1000.0 * turn.columns.twist_rad,
+                turn.columns.twist_rate_rad_per_s,
+                turn.columns.twist_acceleration_rad_per_s2,
+            )
             for place, (x, y) in enumerate(pairs):
                 axes = panels[3 * row + place]
                 axes.plot(

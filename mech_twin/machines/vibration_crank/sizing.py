@@ -33,8 +33,10 @@ class Balance(NamedTuple):
 
 def balance_at(parameters: VibrationCrank, fraction: float) -> Balance:
     """Return mass, peak moment and largest force on the frame with the counterweight derived for a fraction."""
-    shaker, speed = balanced(parameters, fraction), parameters.drive.speed_rad_per_s
-    return Balance(shaker.counter_mass, float(extreme(shaker, speed, MOMENT)), float(extreme(shaker, speed, FORCE)))
+    mechanism, speed = balanced(parameters, fraction), parameters.drive.speed_rad_per_s
+    return Balance(
+        mechanism.counter_mass, float(extreme(mechanism, speed, MOMENT)), float(extreme(mechanism, speed, FORCE))
+    )
 
 
 def sizing(

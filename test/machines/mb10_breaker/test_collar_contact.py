@@ -16,32 +16,32 @@ from mech_twin.machines.mb10_breaker.pressed_body.collar_contact import (
     SETTLING,
     TAIL_CUT,
     TOUCHDOWN,
-    following,
-    planned,
-    seated,
+    next_piece,
+    planned_piece,
+    resting_piece,
     series_limit,
     state_at,
 )
 from mech_twin.machines.mb10_breaker.pressed_body.flight import Stretch, touchdown
-from mech_twin.machines.mb10_breaker.pressed_body.metrics import cycle_figures, steady_figures
+from mech_twin.machines.mb10_breaker.pressed_body.metrics import cycle_metrics, steady_metrics
 
 
 def chain(body, cycles):
     """Pieces and happenings of a run from rest."""
-    piece, told = seated(body, 0), []
+    piece, found = resting_piece(body, 0), []
     while piece.cycle < cycles:
-        after, happening = following(body, piece)
-        told.append((piece, happening))
+        after, ending = next_piece(body, piece)
+        found.append((piece, ending))
         piece = after
-    return told
+    return found
 
 
 def events(body, cycles):
     """(kind, time, approach speed) of a run from rest, as the independent integrator gives them."""
     return [
-        (CAUSES[happening.cause], piece.cycle * body.period + piece.end, max(-happening.pre, 0.0))
-        for piece, happening in chain(body, cycles)
-        if happening.cause != ONSET
+        (CAUSES[ending.cause], piece.cycle * body.period + piece.end, max(-ending.pre, 0.0))
+        for piece, ending in chain(body, cycles)
+        if ending.cause != ONSET
     ]
 
 
@@ -120,10 +120,10 @@ def test_chatter_limit_is_the_sum_of_the_bounces():
 
 def test_without_preload_every_bounce_lasts_half_a_period_and_the_body_never_settles():
     body = body_at(7.3, 0.0)
-    told = chain(body, 4)
-    assert not any(happening.cause == SETTLED for _, happening in told)
-    for piece, happening in told:
-        if happening.cause == TOUCHDOWN and piece.angle == 0.0 and piece.loaded == 0 and piece.rate > 0.0:
+    found = chain(body, 4)
+    assert not any(ending.cause == SETTLED for _, ending in found)
+    for piece, ending in found:
+        if ending.cause == TOUCHDOWN and piece.angle == 0.0 and piece.loaded == 0 and piece.rate > 0.0:
             assert piece.end - piece.start == pytest.approx(math.pi / body.k, rel=1e-10)
 
 
@@ -150,11 +150,11 @@ def test_whatever_the_body_its_chain_is_ordered_and_stays_off_the_collar(
         form=form,
         amplitude_nm=-60.0,
     )
-    for piece, happening in chain(body, 5):
+    for piece, ending in chain(body, 5):
         assert 0.0 <= piece.start <= piece.end <= body.period * (1.0 + 1e-12)
-        assert happening.impulse >= 0.0
-        if happening.cause == TOUCHDOWN:
-            assert happening.post == pytest.approx(-restitution * happening.pre, rel=1e-12, abs=1e-9)
+        assert ending.impulse >= 0.0
+        if ending.cause == TOUCHDOWN:
+            assert ending.post == pytest.approx(-restitution * ending.pre, rel=1e-12, abs=1e-9)
         if piece.regime == CONTACT:
             continue
         # state_at clips rounding below the collar; the search must have left nothing else to clip
@@ -181,13 +181,13 @@ def test_energy_never_grows_in_contact_without_load(ratio, preload, restitution)
 
 def test_momentum_books_close_over_a_cycle():
     body = body_at(0.3, 0.4)
-    told = [(piece, happening) for piece, happening in chain(body, 3) if piece.cycle == 2]
-    impulse = body.radius * sum(happening.impulse for _, happening in told)
-    lift = next(piece.end for piece, happening in told if CAUSES[happening.cause] == "lift_off")
-    settled = next(piece.end for piece, happening in told if happening.cause == SETTLED)
+    found = [(piece, ending) for piece, ending in chain(body, 3) if piece.cycle == 2]
+    impulse = body.radius * sum(ending.impulse for _, ending in found)
+    lift = next(piece.end for piece, ending in found if CAUSES[ending.cause] == "lift_off")
+    settled = next(piece.end for piece, ending in found if ending.cause == SETTLED)
     steps = 40_000
     spring = 0.0
-    for piece, _ in told:
+    for piece, _ in found:
         if piece.regime != CONTACT:
             width = (piece.end - piece.start) / steps
             angles = [state_at(body, piece, piece.start + (n + 0.5) * width)[0] for n in range(steps)]
@@ -199,32 +199,32 @@ def test_momentum_books_close_over_a_cycle():
 
 def test_blow_impulse_throws_a_resting_body_up():
     body = body_at(0.3, 2.0, blow_impulse_nms=0.07)
-    told = chain(body, 2)
-    blow = next(happening for _, happening in told if happening.cause == BLOW)
+    found = chain(body, 2)
+    blow = next(ending for _, ending in found if ending.cause == BLOW)
     assert blow.post - blow.pre == pytest.approx(body.radius * 0.07 / body.inertia)
-    first = next(happening for piece, happening in told if happening.cause == TOUCHDOWN)
+    first = next(ending for piece, ending in found if ending.cause == TOUCHDOWN)
     assert -first.pre == pytest.approx(blow.post, rel=1e-12)
 
 
-def test_tail_of_a_series_settles_at_the_same_time_told_one_by_one():
+def test_tail_of_a_series_settles_at_the_same_time_followed_one_by_one():
     body = body_at(0.3, 0.5)
-    told = chain(body, 2)
-    start = next(piece for piece, _ in told if piece.regime == SETTLING)
-    first = max(-happening.pre for piece, happening in told if happening.cause == TOUCHDOWN)
+    found = chain(body, 2)
+    start = next(piece for piece, _ in found if piece.regime == SETTLING)
+    first = max(-ending.pre for piece, ending in found if ending.cause == TOUCHDOWN)
     assert body.radius * start.rate < TAIL_CUT * first
     middle = 0.5 * (start.start + start.end)
     bounce, _ = touchdown(body, Stretch(0.0, start.rate, 0.0, 0.0), 1.0)
-    alone = planned(body, 1, start.start, 0.0, start.rate, 1, 0, 0.0)
+    alone = planned_piece(body, 1, start.start, 0.0, start.rate, 1, 0, 0.0)
     assert state_at(body, start, start.start + 0.3 * bounce) == state_at(body, alone, start.start + 0.3 * bounce)
     assert state_at(body, start, middle)[0] >= 0.0
 
 
-def test_a_damped_body_repeats_its_cycle_and_owner_figures_are_of_that_cycle():
+def test_a_damped_body_repeats_its_cycle_and_the_metrics_are_of_that_cycle():
     body = body_at(0.3, 0.3, damping_ratio=0.2)
-    steady = steady_figures(body)
+    steady = steady_metrics(body)
     assert steady.repeats_after == 1
-    piece = seated(body, 0)
+    piece = resting_piece(body, 0)
     for _ in range(4):
-        piece, figures = cycle_figures(body, piece)
-    assert figures.gap_at_blow_m == pytest.approx(steady.figures.gap_at_blow_m, rel=1e-9)
-    assert figures.contact_share == pytest.approx(steady.figures.contact_share, rel=1e-9)
+        piece, figures = cycle_metrics(body, piece)
+    assert figures.gap_at_blow_m == pytest.approx(steady.metrics.gap_at_blow_m, rel=1e-9)
+    assert figures.contact_share == pytest.approx(steady.metrics.contact_share, rel=1e-9)

@@ -3,10 +3,10 @@
 import pytest
 from machines.mb10_breaker.pressed_body_cases import parameters, rate_at
 
-from mech_twin.machines.mb10_breaker.half_sine_body import ApproximatedBody
-from mech_twin.machines.mb10_breaker.pressed_body.metrics import steady_figures
+from mech_twin.machines.mb10_breaker.half_sine_body import HalfSineBody
+from mech_twin.machines.mb10_breaker.pressed_body.free_swing import amplitudes_of_cycle, swing
+from mech_twin.machines.mb10_breaker.pressed_body.metrics import steady_metrics
 from mech_twin.machines.mb10_breaker.pressed_body.parameters import pressed_body
-from mech_twin.machines.mb10_breaker.pressed_body.published import amplitudes_of_cycle, swing
 from mech_twin.roles import BodyRole
 from mech_twin.samples import ForceSample, Named
 
@@ -25,7 +25,7 @@ def run(role, step_s, duration_s, first=0):
 
 
 def role_of(step_s, rate=3108.9, deflection=0.03, **changed) -> BodyRole:
-    return ApproximatedBody(*parameters(rate, deflection, **changed), step_s)
+    return HalfSineBody(*parameters(rate, deflection, **changed), step_s)
 
 
 def events_of(samples):
@@ -35,9 +35,9 @@ def events_of(samples):
 @pytest.mark.parametrize("changed", [{}, {"deflection": 0.012}, {"damping_ratio": 0.1}, {"restitution": 0.8}], ids=str)
 def test_coupling_step_does_not_touch_the_motion(changed):
     coarse, fine = run(role_of(1e-3, **changed), 1e-3, 1.0), run(role_of(2.5e-4, **changed), 2.5e-4, 1.0)
-    told, expected = events_of(coarse), events_of(fine)
-    assert len(told) == len(expected) >= 20
-    for one, other in zip(told, expected, strict=True):
+    found, expected = events_of(coarse), events_of(fine)
+    assert len(found) == len(expected) >= 20
+    for one, other in zip(found, expected, strict=True):
         assert (one.kind, one.contact, one.period) == (other.kind, other.contact, other.period)
         assert one.time_s == pytest.approx(other.time_s, abs=1e-12)
         assert one.pre_velocity_m_per_s == pytest.approx(other.pre_velocity_m_per_s, abs=1e-12)
@@ -90,9 +90,9 @@ def test_live_change_takes_effect_from_the_last_sample_on():
     for step in range(351, 1200):
         sample = harder.follow(sample, forces(step, 1e-3))
         seen.append(sample)
-    expected = steady_figures(pressed_body(*parameters(3108.9, 0.09)))
+    expected = steady_metrics(pressed_body(*parameters(3108.9, 0.09)))
     fastest = max(-event.pre_velocity_m_per_s for s in seen[-120:] for event in s.events if event.kind == "touchdown")
-    assert fastest == pytest.approx(expected.figures.return_speed_m_per_s, rel=1e-9)
+    assert fastest == pytest.approx(expected.metrics.return_speed_m_per_s, rel=1e-9)
     assert seen[0].pressing_force_n == pytest.approx(3108.9 * (0.2 * seen[0].position[0] + 0.09))
 
 
@@ -100,7 +100,7 @@ def test_change_in_flight_keeps_angle_and_rate():
     samples = run(role_of(1e-3, deflection=0.02), 1e-3, 0.11)
     before = samples[-1]
     assert before.regime == 1
-    stiffer = ApproximatedBody(*parameters(3108.9 * 1.5, 0.02), 1e-3)
+    stiffer = HalfSineBody(*parameters(3108.9 * 1.5, 0.02), 1e-3)
     after = stiffer.follow(before, forces(111, 1e-3))
     acceleration = (after.velocity[0] - before.velocity[0]) / 1e-3
     middle = 0.5 * (before.position[0] + after.position[0])

@@ -9,7 +9,7 @@ from machines.mb10_breaker.pressed_body_cases import OMEGA, body_at, cycle_integ
 from pydantic import ValidationError
 
 from mech_twin.machines.mb10_breaker.pressed_body.flight import Stretch, highest, motion
-from mech_twin.machines.mb10_breaker.pressed_body.published import (
+from mech_twin.machines.mb10_breaker.pressed_body.free_swing import (
     amplitudes,
     amplitudes_of_cycle,
     cycle_constants,
@@ -25,7 +25,7 @@ from mech_twin.machines.mb10_breaker.pressed_body.published import (
     start_state,
     swing,
 )
-from mech_twin.machines.mb10_breaker.pressed_body.regime import swing_regime
+from mech_twin.machines.mb10_breaker.pressed_body.swing_regime import swing_regime
 
 FORMS = [
     {"form": "shifted"},

@@ -27,7 +27,7 @@ REGIMES = ("contact", "free", "settling")
 ONSET, BLOW, LIFT_OFF, TOUCHDOWN, SETTLED = 0, 1, 2, 3, 4
 CAUSES = ("onset", "blow", "lift_off", "touchdown", "settled")
 
-TAIL_CUT = 1e-3  # returns slower than this part of their series' first are told as one settling, not one by one
+TAIL_CUT = 1e-3  # returns slower than this part of their series' first are reported as one settling, not one by one
 SERIES_END = 1e-12  # speed, as part of its first, at which a series is taken to its geometric limit
 LONGEST_SERIES = 1_000_000
 
@@ -50,8 +50,8 @@ class Piece(NamedTuple):
     cause: int
 
 
-class Happening(NamedTuple):
-    """What ends a piece: velocities before and after at the tool (m/s) and the impulse on the body (N s)."""
+class PieceEnd(NamedTuple):
+    """What ended a piece: its cause, velocities before and after at the tool (m/s), impulse on the body (N s)."""
 
     cause: int
     pre: float
@@ -136,7 +136,7 @@ def _settling_motion(body: PressedBody, stretch: Stretch, s: float) -> tuple[flo
 
 
 @kernel
-def planned(
+def planned_piece(
     body: PressedBody, cycle: int, start: float, angle: float, rate: float, regime: int, loaded: int, series: float
 ) -> Piece:
     """Return the piece that begins with this state, its end found."""
@@ -172,8 +172,8 @@ def state_at(body: PressedBody, piece: Piece, time: float) -> tuple[float, float
 
 
 @kernel
-def proofs_at(body: PressedBody, piece: Piece, time: float) -> tuple[float, float]:
-    """Return two numbers that should be nought: penetration of the collar (rad), and relative gain of energy.
+def residuals_at(body: PressedBody, piece: Piece, time: float) -> tuple[float, float]:
+    """Return two residuals, zero but for rounding: penetration of the collar (rad), and relative gain of energy.
 
     The energy phi'^2 + k^2 (phi + phi0)^2 is compared with the start of the piece where neither load nor damping acts.
     """
@@ -190,7 +190,7 @@ def proofs_at(body: PressedBody, piece: Piece, time: float) -> tuple[float, floa
 
 
 @kernel
-def _after_return(body: PressedBody, piece: Piece) -> tuple[Piece, Happening]:
+def _after_return(body: PressedBody, piece: Piece) -> tuple[Piece, PieceEnd]:
     """Return what follows a touchdown: another flight, a series that ends, or rest."""
     stretch = stretch_from(body, piece.start, piece.angle, piece.rate, piece.loaded)
     stage_end = body.period if piece.loaded == 1 else body.onset
@@ -208,32 +208,32 @@ def _after_return(body: PressedBody, piece: Piece) -> tuple[Piece, Happening]:
         and series_limit(body, landed, first, stage_end - piece.end)[0] < math.inf
     ):
         regime = SETTLING
-    happening = Happening(
+    ending = PieceEnd(
         TOUCHDOWN, -body.radius * approach, body.radius * speed, body.inertia * (approach + speed) / body.radius
     )
-    return planned(body, piece.cycle, piece.end, 0.0, speed, regime, piece.loaded, first), happening
+    return planned_piece(body, piece.cycle, piece.end, 0.0, speed, regime, piece.loaded, first), ending
 
 
 @kernel
-def _after_blow(body: PressedBody, piece: Piece) -> tuple[Piece, Happening]:
+def _after_blow(body: PressedBody, piece: Piece) -> tuple[Piece, PieceEnd]:
     """Return what follows the end of the cycle: the blow throws the body up by S/J."""
     angle, before = state_at(body, piece, piece.end)
     after = before + body.impulse / body.inertia
     thrown = piece.regime == CONTACT and body.impulse > 0.0
     regime, series = (FREE, 0.0) if thrown else (piece.regime, piece.series)
-    happening = Happening(BLOW, body.radius * before, body.radius * after, body.impulse / body.radius)
-    return planned(body, piece.cycle + 1, 0.0, angle, after, regime, 0, series), happening
+    ending = PieceEnd(BLOW, body.radius * before, body.radius * after, body.impulse / body.radius)
+    return planned_piece(body, piece.cycle + 1, 0.0, angle, after, regime, 0, series), ending
 
 
 @kernel
-def following(body: PressedBody, piece: Piece) -> tuple[Piece, Happening]:
+def next_piece(body: PressedBody, piece: Piece) -> tuple[Piece, PieceEnd]:
     """Return the piece that follows, and what happened between the two."""
     if piece.cause == TOUCHDOWN:
         return _after_return(body, piece)
     if piece.cause == BLOW:
         return _after_blow(body, piece)
     if piece.cause == LIFT_OFF:
-        return planned(body, piece.cycle, piece.end, 0.0, 0.0, FREE, piece.loaded, 0.0), Happening(
+        return planned_piece(body, piece.cycle, piece.end, 0.0, 0.0, FREE, piece.loaded, 0.0), PieceEnd(
             LIFT_OFF, 0.0, 0.0, 0.0
         )
     if piece.cause == SETTLED:
@@ -242,16 +242,16 @@ def following(body: PressedBody, piece: Piece) -> tuple[Piece, Happening]:
             stretch = stretch_from(body, piece.start, 0.0, piece.rate, piece.loaded)
             stage_end = body.period if piece.loaded == 1 else body.onset
             moment = series_limit(body, stretch, piece.series, stage_end - piece.start)[1]
-        return planned(body, piece.cycle, piece.end, 0.0, 0.0, CONTACT, piece.loaded, 0.0), Happening(
+        return planned_piece(body, piece.cycle, piece.end, 0.0, 0.0, CONTACT, piece.loaded, 0.0), PieceEnd(
             SETTLED, 0.0, 0.0, moment / body.radius
         )
     angle, rate = state_at(body, piece, piece.end)
-    return planned(body, piece.cycle, piece.end, angle, rate, piece.regime, 1, piece.series), Happening(
+    return planned_piece(body, piece.cycle, piece.end, angle, rate, piece.regime, 1, piece.series), PieceEnd(
         ONSET, 0.0, 0.0, 0.0
     )
 
 
 @kernel
-def seated(body: PressedBody, cycle: int) -> Piece:
+def resting_piece(body: PressedBody, cycle: int) -> Piece:
     """Return the first piece of a body that rests on the tool at the start of a cycle."""
-    return planned(body, cycle, 0.0, 0.0, 0.0, CONTACT if body.one_sided else FREE, 0, 0.0)
+    return planned_piece(body, cycle, 0.0, 0.0, 0.0, CONTACT if body.one_sided else FREE, 0, 0.0)

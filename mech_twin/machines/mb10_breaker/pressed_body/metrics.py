@@ -1,4 +1,4 @@
-"""The owner's figures of the body on its collar, cycle by cycle, and the cycle the machine comes to."""
+"""Metrics of the body on its collar, cycle by cycle, the steady cycle, and the rational range of the preload."""
 
 from __future__ import annotations
 
@@ -17,14 +17,15 @@ from mech_twin.machines.mb10_breaker.pressed_body.collar_contact import (
     SETTLING,
     TOUCHDOWN,
     Piece,
-    following,
-    planned,
-    seated,
+    next_piece,
+    planned_piece,
+    resting_piece,
     stretch_from,
 )
 from mech_twin.machines.mb10_breaker.pressed_body.flight import Stretch, highest, motion, touchdown
 from mech_twin.machines.mb10_breaker.pressed_body.parameters import PressedBody
 
+SEATED_GAP_M = 2e-5  # gap at the blow up to which the tool counts as seated
 COUNTED_CUT = 1e-2  # returns slower than this part of their series' first are the tail of a completed series
 LONGEST_REPEAT = 8  # cycles after which a motion may repeat to be called periodic
 PATIENCE = 400  # cycles waited for a repetition
@@ -32,8 +33,8 @@ SAME = 1e-10  # relative difference of state taken as repetition
 SOFT = 1e-3  # k/omega that stands for the limit of a soft spring; its error is of the order of its square
 
 
-class CycleFigures(NamedTuple):
-    """One cycle in the owner's terms; times in s from the start of the cycle, nan where nothing of the kind happens.
+class CycleMetrics(NamedTuple):
+    """One cycle on the collar; times in s from the start of the cycle, nan where nothing of the kind happens.
 
     ``return_s`` is the time of the fastest return.  ``contact_share`` is the part of the cycle at rest on the collar.
     ``impacts`` counts returns at or above ``COUNTED_CUT`` of their series' first; slower ones are counted only if the
@@ -52,8 +53,8 @@ class CycleFigures(NamedTuple):
 
 
 @kernel
-def cycle_figures(body: PressedBody, piece: Piece) -> tuple[Piece, CycleFigures]:
-    """Return the first piece of the next cycle and the figures of the cycle that begins with ``piece``."""
+def cycle_metrics(body: PressedBody, piece: Piece) -> tuple[Piece, CycleMetrics]:
+    """Return the first piece of the next cycle and the metrics of the cycle that begins with ``piece``."""
     top, fastest, rested, returned, settled = piece.angle, 0.0, 0.0, math.nan, math.nan
     counted, slow, gap = 0, 0, 0.0
     while True:
@@ -66,21 +67,21 @@ def cycle_figures(body: PressedBody, piece: Piece) -> tuple[Piece, CycleFigures]
                 top = max(top, highest(body, stretch, duration)[1])
             if piece.cause == BLOW:
                 gap = max(motion(body, stretch, duration)[0], 0.0)
-        after, happening = following(body, piece)
-        if happening.cause == TOUCHDOWN:
-            if -happening.pre > fastest:
-                returned, fastest = piece.end, -happening.pre
-            if -happening.pre >= COUNTED_CUT * body.radius * after.series:
+        after, ending = next_piece(body, piece)
+        if ending.cause == TOUCHDOWN:
+            if -ending.pre > fastest:
+                returned, fastest = piece.end, -ending.pre
+            if -ending.pre >= COUNTED_CUT * body.radius * after.series:
                 counted += 1
             else:
                 slow += 1
-        elif happening.cause == SETTLED:
+        elif ending.cause == SETTLED:
             settled, slow = piece.end, 0
         piece = after
-        if happening.cause == BLOW:
+        if ending.cause == BLOW:
             break
     force = body.rate * (body.arm * top + body.deflection)
-    return piece, CycleFigures(
+    return piece, CycleMetrics(
         body.radius * gap,
         fastest,
         force,
@@ -94,40 +95,40 @@ def cycle_figures(body: PressedBody, piece: Piece) -> tuple[Piece, CycleFigures]
 
 
 @dataclass(frozen=True)
-class SteadyFigures:
-    """The figures of the cycle the machine comes to, or the worst of those it goes through.
+class SteadyMetrics:
+    """The metrics of the cycle the machine comes to, or the worst of those it goes through.
 
     ``repeats_after`` is the number of cycles after which the motion repeats, 0 if it does not within the cycles tried;
     ``statement`` says so in words.
     """
 
-    figures: CycleFigures
+    metrics: CycleMetrics
     repeats_after: int
     cycles: int
     statement: str
 
 
-def steady_figures(body: PressedBody) -> SteadyFigures:
-    """Return the owner's figures of the steady cycle, started from rest on the tool.
+def steady_metrics(body: PressedBody) -> SteadyMetrics:
+    """Return the metrics of the steady cycle, started from rest on the tool.
 
     A motion that repeats after several cycles, or does not repeat, is given by its worst cycle: largest gap, speed,
     force and impacts, least contact.
     """
     if not body.one_sided:
-        raise ValueError("the owner's figures need contact: one_sided; the free swing has its own regime")
-    piece = seated(body, 0)
+        raise ValueError("metrics of a cycle need contact: one_sided; the free swing has its own regime")
+    piece = resting_piece(body, 0)
     states: list[tuple[float, float]] = []
-    figures: list[CycleFigures] = []
+    cycles: list[CycleMetrics] = []
     for cycle in range(PATIENCE):
         states.append((piece.angle, piece.rate / body.k))
         for back in range(1, min(LONGEST_REPEAT, cycle) + 1):
             if _same(states[-1], states[-1 - back]):
                 words = "steady: every cycle alike" if back == 1 else f"repeats every {back} cycles; the worst is given"
-                return SteadyFigures(_worst(figures[-back:]), back, cycle, words)
-        piece, found = cycle_figures(body, piece)
-        figures.append(found)
+                return SteadyMetrics(_worst(cycles[-back:]), back, cycle, words)
+        piece, found = cycle_metrics(body, piece)
+        cycles.append(found)
     words = f"does not repeat within {PATIENCE} cycles; the worst of the last {PATIENCE // 2} is given"
-    return SteadyFigures(_worst(figures[PATIENCE // 2 :]), 0, PATIENCE, words)
+    return SteadyMetrics(_worst(cycles[PATIENCE // 2 :]), 0, PATIENCE, words)
 
 
 def _same(one: tuple[float, float], other: tuple[float, float]) -> bool:
@@ -135,12 +136,12 @@ def _same(one: tuple[float, float], other: tuple[float, float]) -> bool:
     return max(abs(one[0] - other[0]), abs(one[1] - other[1])) <= SAME * size
 
 
-def _worst(cycles: list[CycleFigures]) -> CycleFigures:
+def _worst(cycles: list[CycleMetrics]) -> CycleMetrics:
     if len(cycles) == 1:
         return cycles[0]
     fastest = max(cycles, key=lambda cycle: cycle.return_speed_m_per_s)
     settled = [cycle.settled_s for cycle in cycles]
-    return CycleFigures(
+    return CycleMetrics(
         max(cycle.gap_at_blow_m for cycle in cycles),
         fastest.return_speed_m_per_s,
         max(cycle.largest_force_n for cycle in cycles),
@@ -162,9 +163,9 @@ def with_preload(body: PressedBody, ratio: float, k: float | None = None) -> Pre
 
 
 def _first_cycle(body: PressedBody) -> Piece:
-    piece = seated(body, 0)
+    piece = resting_piece(body, 0)
     while piece.cycle == 0 and piece.cause not in {TOUCHDOWN, BLOW}:
-        piece, _ = following(body, piece)
+        piece, _ = next_piece(body, piece)
     return piece
 
 
@@ -173,7 +174,7 @@ def first_return_after_blow(body: PressedBody) -> float:
     piece = _first_cycle(body)
     if piece.cause == TOUCHDOWN:
         return piece.end - body.period
-    after, _ = following(body, piece)
+    after, _ = next_piece(body, piece)
     if after.regime == CONTACT:
         return -body.period
     return touchdown(body, Stretch(after.angle, after.rate, 0.0, 0.0), math.inf if body.damping == 0.0 else 1e3)[0]
@@ -181,17 +182,17 @@ def first_return_after_blow(body: PressedBody) -> float:
 
 def settled_after_blow(body: PressedBody) -> float:
     """Return when a body thrown up from rest settles, s after the blow, the next load held off for as long."""
-    piece = seated(body, 0)
+    piece = resting_piece(body, 0)
     while piece.cycle == 0:
-        piece, _ = following(body, piece)
+        piece, _ = next_piece(body, piece)
     if piece.regime == CONTACT:
         return 0.0
     long = body._replace(amplitude=0.0, onset=1e3 * body.period, period=1e4 * body.period)
-    piece = planned(long, 1, 0.0, piece.angle, piece.rate, FREE, 0, piece.series)
+    piece = planned_piece(long, 1, 0.0, piece.angle, piece.rate, FREE, 0, piece.series)
     while piece.regime not in {CONTACT, SETTLING}:
         if piece.cause != TOUCHDOWN:
             return math.inf
-        piece, _ = following(long, piece)
+        piece, _ = next_piece(long, piece)
     return piece.end if piece.regime == SETTLING else piece.start
 
 

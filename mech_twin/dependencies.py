@@ -1,0 +1,89 @@
+"""What the package needs of others: versions at start, extras when they are used; each fault is one line."""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Callable, Iterable
+from importlib.metadata import PackageNotFoundError, requires, version
+from importlib.util import find_spec
+
+PACKAGE = "mech_twin"
+EXIT_CODE = 2
+EXTRA_OF = {
+    "rerun": "view",
+    "rerun_cli": "view",
+    "matplotlib": "plots",
+    "PIL": "plots",
+    "pyarrow": "tables",
+    "distributed": "cluster",
+}
+_BOUND = re.compile(r"([A-Za-z0-9._-]+)\s*>=\s*([0-9.]+)$")
+
+
+def _number(text: str) -> tuple[int, ...]:
+    leading = re.match(r"\d+(\.\d+)*", text)
+    return tuple(int(part) for part in leading.group().split(".")) if leading else ()
+
+
+def unmet(requirements: Iterable[str], installed: Callable[[str], str] = version) -> list[str]:
+    """Return what is missing or too old, one phrase each.
+
+    Parameters
+    ----------
+    requirements : iterable of str
+        As in the metadata of a package, ``numba>=0.60``; those of an extra (with ``;``) are passed over.
+    installed : callable, optional
+        Name of a distribution to its version; raises PackageNotFoundError.
+    """
+    found = []
+    for requirement in requirements:
+        bound = _BOUND.match(requirement)
+        if bound is None:
+            continue
+        name, lowest = bound.groups()
+        try:
+            has = installed(name)
+        except PackageNotFoundError:
+            found.append(f"{name} {lowest} or newer (not installed)")
+            continue
+        if _number(has) < _number(lowest):
+            found.append(f"{name} {lowest} or newer (found {has})")
+    return found
+
+
+def require_versions() -> None:
+    """End the program in one line if a package it needs is missing or too old; a bare source tree is not checked."""
+    try:
+        declared = requires(PACKAGE) or []
+    except PackageNotFoundError:
+        return
+    lacking = unmet(declared)
+    if lacking:
+        names = " ".join(f"'{phrase.split()[0]}>={phrase.split()[1]}'" for phrase in lacking)
+        sys.stderr.write(f"{PACKAGE}: needs {', '.join(lacking)}: pip install {names}\n")
+        raise SystemExit(EXIT_CODE)
+
+
+def extra_needed(extra: str) -> str:
+    """Return the line that names an extra and how it is installed."""
+    return f"needs the extra '{extra}': pip install '{PACKAGE}[{extra}]'"
+
+
+def require_extra(extra: str) -> None:
+    """Raise before the work begins what using the extra would raise after it.
+
+    Raises
+    ------
+    ModuleNotFoundError
+        If a module of the extra is not installed; `missing_extra` puts it in a line.
+    """
+    for module in (name for name, brings in EXTRA_OF.items() if brings == extra):
+        if find_spec(module) is None:
+            raise ModuleNotFoundError(f"No module named {module!r}", name=module)
+
+
+def missing_extra(error: ImportError) -> str | None:
+    """Return the line for an import that failed for want of an extra, or None if it failed for another reason."""
+    extra = EXTRA_OF.get((error.name or "").partition(".")[0])
+    return extra_needed(extra) if extra and isinstance(error, ModuleNotFoundError) else None

@@ -1,0 +1,373 @@
+"""The step message: one whole sample as the named rows of a sensor_msgs/JointState.
+
+The rows of the joints come first, under their own names.  What a sample carries beyond its joints follows in rows
+whose names begin with ``~``, so that a reader who wants the joints only can drop them by name.  Every number travels
+as the float64 it is: nothing is rounded on the way.
+"""
+
+from __future__ import annotations
+
+import math
+from array import array
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import Any, NamedTuple, TypeAlias
+
+from sensor_msgs.msg import JointState
+
+from mech_twin.messages.joint_state_cdr import StepMessage
+from mech_twin.samples import Coordinate, Event, Named
+
+MARK = "~"
+STEP = "~step"
+REGIME = "~regime"
+COMMAND = "~command"
+REVISION = "~revision"
+TARGET = "~target"
+SOURCE = "~source"
+MEMORY = "~memory/"
+RESIDUAL = "~residual/"
+EVENT = "~event/"
+
+
+LARGEST_STEP = 2.0**53
+
+AnyStep: TypeAlias = JointState | StepMessage
+
+
+class MessageError(ValueError):
+    """A message that is no sample; the text says what is wrong with it."""
+
+
+def set_stamp(header: Any, time_s: float) -> None:
+    """Write a time into a header, rounded to the nanosecond a stamp can hold."""
+    nanoseconds = round(time_s * 1e9)
+    header.stamp.sec, header.stamp.nanosec = divmod(nanoseconds, 1_000_000_000)
+
+
+def stamp_s(header: Any) -> float:
+    """Return the time of a header in seconds."""
+    return float(header.stamp.sec + header.stamp.nanosec * 1e-9)
+
+
+class Rows(NamedTuple):
+    """Rows of a step message: names, and the three columns."""
+
+    names: tuple[str, ...]
+    position: tuple[float, ...]
+    velocity: tuple[float, ...]
+    effort: tuple[float, ...]
+
+
+@lru_cache(maxsize=256)
+def _row_names(
+    joints: tuple[str, ...], scalars: tuple[str, ...], memory: tuple[str, ...], residuals: tuple[str, ...]
+) -> tuple[str, ...]:
+    return (*joints, *scalars, *(MEMORY + name for name in memory), *(RESIDUAL + name for name in residuals))
+
+
+NOTHING = Named()
+
+
+def packed(
+    message: JointState,
+    sample: Any,
+    scalars: Sequence[tuple[str, float, float, float]],
+    memory: Named = NOTHING,
+    residuals: Named = NOTHING,
+    events: tuple[Event, ...] = (),
+) -> JointState:
+    """Return the message filled with a sample; ``scalars`` are further rows (name, position, velocity, effort)."""
+    set_stamp(message.header, sample.time_s)
+    names = _row_names(sample.joints, tuple(row[0] for row in scalars), memory.names, residuals.names)
+    padding = (0.0,) * (len(memory.values) + len(residuals.values))
+    position = [*sample.position, *(row[1] for row in scalars), *memory.values, *residuals.values]
+    velocity = [*sample.velocity, *(row[2] for row in scalars), *padding]
+    effort = [*sample.effort, *(row[3] for row in scalars), *padding]
+    if events:
+        event_names, *columns = zip(*(row for i, e in enumerate(events) for row in _event_rows(i, e)), strict=True)
+        names = (*names, *event_names)
+        for column, extra in zip((position, velocity, effort), columns, strict=True):
+            column.extend(extra)
+    message.name = list(names)
+    message.position = array("d", position)
+    message.velocity = array("d", velocity)
+    message.effort = array("d", effort)
+    return message
+
+
+def _event_rows(index: int, event: Event) -> list[tuple[str, float, float, float]]:
+    head = f"{EVENT}{index}/"
+    rows = [
+        (f"{head}{event.kind}/{event.contact}", event.time_s, event.pre_velocity_m_per_s, event.impulse_ns),
+        (f"{head}after", float(event.period), event.post_velocity_m_per_s, 0.0),
+    ]
+    rows += [(f"{head}pre/{k}", *coordinate) for k, coordinate in enumerate(event.pre)]
+    rows += [(f"{head}post/{k}", *coordinate) for k, coordinate in enumerate(event.post)]
+    return rows
+
+
+class Layout(NamedTuple):
+    """Where everything stands in a step message with these row names."""
+
+    joints: tuple[str, ...]
+    joint_rows: tuple[int, ...]
+    scalars: dict[str, int]
+    memory: tuple[str, ...]
+    memory_rows: tuple[int, ...]
+    residuals: tuple[str, ...]
+    residual_rows: tuple[int, ...]
+    events: tuple[EventLayout, ...]
+
+
+class EventLayout(NamedTuple):
+    """Rows of one event."""
+
+    kind: str
+    contact: str
+    head: int
+    after: int
+    pre: tuple[int, ...]
+    post: tuple[int, ...]
+
+
+@lru_cache(maxsize=1024)
+def layout(names: tuple[str, ...]) -> Layout:
+    """Return where everything stands.
+
+    Raises
+    ------
+    MessageError
+        If a name stands twice or an event is incomplete.
+    """
+    if len(set(names)) != len(names):
+        raise MessageError("a row name stands twice")
+    rows = {name: i for i, name in enumerate(names)}
+    joints = {n: i for n, i in rows.items() if not n.startswith(MARK)}
+    memory = {n.removeprefix(MEMORY): i for n, i in rows.items() if n.startswith(MEMORY)}
+    residuals = {n.removeprefix(RESIDUAL): i for n, i in rows.items() if n.startswith(RESIDUAL)}
+    scalars = {n: i for n, i in rows.items() if n.startswith(MARK) and not n.startswith((MEMORY, RESIDUAL, EVENT))}
+    return Layout(
+        tuple(joints), tuple(joints.values()), scalars, tuple(memory), tuple(memory.values()),
+        tuple(residuals), tuple(residuals.values()), _event_layouts(rows),
+    )  # fmt: skip
+
+
+def _is_index(text: str) -> bool:
+    return text.isascii() and text.isdigit() and len(text) < 10
+
+
+def _event_layouts(rows: dict[str, int]) -> tuple[EventLayout, ...]:
+    parts = {tuple(name.split("/")): i for name, i in rows.items() if name.startswith(EVENT)}
+    heads = {
+        int(p[1]): (p, i) for p, i in parts.items() if len(p) == 4 and _is_index(p[1]) and p[2] not in ("pre", "post")
+    }
+    found = []
+    for index, (head, row) in sorted(heads.items()):
+        after = rows.get(f"{EVENT}{index}/after")
+        if after is None:
+            raise MessageError(f"event {index} has no row 'after'")
+        sides = [
+            tuple(i for p, i in parts.items() if p[1] == str(index) and p[2] == side and len(p) == 4)
+            for side in ("pre", "post")
+        ]
+        found.append(EventLayout(head[2], head[3], row, after, *sides))
+    return tuple(found)
+
+
+class Table(NamedTuple):
+    """A checked step message: its layout and its columns."""
+
+    layout: Layout
+    position: Sequence[float]
+    velocity: Sequence[float]
+    effort: Sequence[float]
+
+    def joints(self, column: Sequence[float]) -> tuple[float, ...]:
+        """Return the joints' entries of one column."""
+        return tuple([column[i] for i in self.layout.joint_rows])
+
+    def scalar(self, name: str, absent: float | None = None) -> float:
+        """Return a bookkeeping number; without ``absent`` a missing row is an error."""
+        row = self.layout.scalars.get(name)
+        if row is not None:
+            return self.position[row]
+        if absent is None:
+            raise MessageError(f"row '{name}' is missing")
+        return absent
+
+    def memory(self) -> Named:
+        """Return the memory rows."""
+        return Named(self.layout.memory, tuple([self.position[i] for i in self.layout.memory_rows]))
+
+    def residuals(self) -> Named:
+        """Return the residual rows."""
+        return Named(self.layout.residuals, tuple([self.position[i] for i in self.layout.residual_rows]))
+
+    def events(self) -> tuple[Event, ...]:
+        """Return the events of the step."""
+        return tuple([self._event(rows) for rows in self.layout.events])
+
+    def _event(self, rows: EventLayout) -> Event:
+        return Event(
+            self.position[rows.head],
+            rows.kind,
+            rows.contact,
+            self.velocity[rows.head],
+            self.velocity[rows.after],
+            self.effort[rows.head],
+            int(self.position[rows.after]),
+            tuple(self._coordinate(i) for i in rows.pre),
+            tuple(self._coordinate(i) for i in rows.post),
+        )
+
+    def _coordinate(self, row: int) -> Coordinate:
+        return Coordinate(self.position[row], self.velocity[row], self.effort[row])
+
+
+def _columns(message: AnyStep) -> tuple[Sequence[float], ...]:
+    if isinstance(message, StepMessage):
+        return message.position, message.velocity, message.effort
+    return message.position.tolist(), message.velocity.tolist(), message.effort.tolist()
+
+
+def table(message: AnyStep) -> Table:
+    """Return the checked content of a step message.
+
+    Raises
+    ------
+    MessageError
+        If the columns have not one entry a row, or hold a number that is not finite.
+    """
+    names = tuple(message.name)
+    columns = _columns(message)
+    if not names or any(len(column) != len(names) for column in columns):
+        raise MessageError(f"{len(names)} rows, but columns of {', '.join(str(len(c)) for c in columns)}")
+    for title, column in zip(("position", "velocity", "effort"), columns, strict=True):
+        if not math.isfinite(sum(column)) and not all(map(math.isfinite, column)):
+            raise MessageError(f"a {title} is not finite")
+    return Table(layout(names), *columns)
+
+
+def step_and_time(message: AnyStep, content: Table, step_s: float | None) -> tuple[int, float]:
+    """Return the step index and its exact time: from the step row, else from the stamp and the step's length.
+
+    Raises
+    ------
+    MessageError
+        If neither is known, or the stamp contradicts the row, or the stamp lies off the grid.
+    """
+    row = content.layout.scalars.get(STEP)
+    stamp = stamp_s(message.header)
+    if row is not None:
+        step, time_s = int(content.position[row]), content.velocity[row]
+    elif step_s is not None:
+        step = round(stamp / step_s)
+        time_s = step * step_s
+    else:
+        raise MessageError("no step row, and the coupling step is not known")
+    if abs(stamp - time_s) > 2e-9 + 1e-12 * time_s:
+        raise MessageError(f"stamp {stamp:.9f} s is not the time {time_s:.9f} s of its step")
+    return step, time_s
+
+
+def step_index(message: AnyStep) -> int | None:
+    """Return the step of a message that is not decoded any further; None if it has no step row.
+
+    Raises
+    ------
+    MessageError
+        If its columns have not one entry a row, or the step is no whole number a float64 holds exactly.
+    """
+    names, position = message.name, message.position
+    if len(names) != len(position):
+        raise MessageError(f"{len(names)} rows, but {len(position)} positions")
+    if STEP not in names:
+        return None
+    step = float(position[names.index(STEP)])
+    if not abs(step) < LARGEST_STEP or step != int(step):
+        raise MessageError(f"step {step} is no step index")
+    return int(step)
+
+
+def marked(message: AnyStep, name: str, absent: float) -> float:
+    """Return a number a node has added to a step message, or ``absent`` if it has not."""
+    names = message.name
+    return float(message.position[names.index(name)]) if name in names else absent
+
+
+def mark(message: JointState, name: str, value: float, second: float = 0.0) -> JointState:
+    """Return the message with one more bookkeeping row, of one or two numbers."""
+    message.name.append(name)
+    message.position.append(value)
+    message.velocity.append(second)
+    message.effort.append(0.0)
+    return message
+
+
+def source(message: AnyStep) -> float:
+    """Return the number the publishing node signs with; 0 if it does not."""
+    names = message.name
+    return float(message.position[-1]) if names and names[-1] == SOURCE else marked(message, SOURCE, 0.0)
+
+
+def revision(message: AnyStep) -> int:
+    """Return how many parameter changes the sample was computed with; 0 if the message does not say."""
+    return int(marked(message, REVISION, 0.0))
+
+
+class ConfigurationMark(NamedTuple):
+    """The configuration a sample was computed with: its revision, and the source of the node that described it."""
+
+    revision: int = 0
+    source: float = 0.0
+
+
+def configuration_mark(message: AnyStep) -> ConfigurationMark:
+    """Return which configuration the sample was computed with; revision 0 if the message does not say."""
+    names = message.name
+    if REVISION not in names:
+        return ConfigurationMark()
+    row = names.index(REVISION)
+    return ConfigurationMark(int(message.position[row]), float(message.velocity[row]))
+
+
+def mark_revision(message: JointState, number: int, source: float = 0.0) -> JointState:
+    """Return the message with the row that says which configuration its sample was computed with."""
+    return mark(message, REVISION, float(number), source)
+
+
+def arranged(sample: Any, joints: tuple[str, ...]) -> Any:
+    """Return the sample with its joints in this order, matched by name.
+
+    Raises
+    ------
+    MessageError
+        If a joint is missing.
+    """
+    if sample.joints == joints:
+        return sample
+    missing = [name for name in joints if name not in sample.joints]
+    if missing:
+        raise MessageError(f"joint {', '.join(missing)} is missing; there are {', '.join(sample.joints) or 'none'}")
+    rows = [sample.joints.index(name) for name in joints]
+    columns = {c: tuple(getattr(sample, c)[row] for row in rows) for c in ("position", "velocity", "effort")}
+    return sample._replace(joints=joints, **columns)
+
+
+class JointColumns(NamedTuple):
+    """What every sample of joints begins with, in the order of its fields."""
+
+    step: int
+    time_s: float
+    joints: tuple[str, ...]
+    position: tuple[float, ...]
+    velocity: tuple[float, ...]
+    effort: tuple[float, ...]
+
+
+def joint_columns(message: AnyStep, content: Table, step_s: float | None) -> JointColumns:
+    """Return step, time and joints of a checked step message; see `step_and_time` for what is refused."""
+    step, time_s = step_and_time(message, content, step_s)
+    columns = (content.joints(column) for column in (content.position, content.velocity, content.effort))
+    return JointColumns(step, time_s, content.layout.joints, *columns)

@@ -1,0 +1,97 @@
+"""A publisher that counts what it sent and knows who must listen."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.event_handler import PublisherEventCallbacks
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+
+from mech_twin.messages.joint_state_cdr import encoded
+from mech_twin.messages.peak_hold import PeakHoldWindow
+from mech_twin.messages.topics import Topic
+
+
+class CountingPublisher:
+    """One topic a node publishes.
+
+    Parameters
+    ----------
+    node : Node
+        The publishing node.
+    topic : Topic
+        What is published.
+    listeners : int
+        Subscribers that must be matched before the first message, so that none is missed.
+    on_incompatible : callable, optional
+        Told when a subscriber asks for a quality of service that is not offered.
+    """
+
+    exclusive = False  # whether nobody else may publish on the topic
+
+    def __init__(
+        self, node: Node, topic: Topic, listeners: int, on_incompatible: Callable[[Any], None] | None = None
+    ) -> None:
+        self.name = topic.name
+        self.listeners = listeners
+        self.sent = 0
+        callbacks = PublisherEventCallbacks(incompatible_qos=on_incompatible)
+        self._publisher = node.create_publisher(topic.type, topic.name, topic.qos, event_callbacks=callbacks)
+
+    @property
+    def matched(self) -> bool:
+        """Whether all expected subscribers are there."""
+        return self._publisher.get_subscription_count() >= self.listeners
+
+    def send(self, message: Any) -> None:
+        """Publish a message, or the bytes of one."""
+        self.sent += 1
+        self._publisher.publish(message)
+
+    def flush(self) -> None:
+        """Publish what is held back, where anything is."""
+
+
+class StepPublisher(CountingPublisher):
+    """A topic of step messages."""
+
+    exclusive = True
+
+    def send(self, message: JointState) -> None:
+        """Publish a step message."""
+        super().send(encoded(message))
+
+
+class PeakHoldPublisher(CountingPublisher):
+    """A decimated topic: of each window the message of greatest magnitude goes out, so that spikes survive.
+
+    Parameters
+    ----------
+    window : int
+        Steps per message.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        topic: Topic,
+        listeners: int,
+        window: int,
+        on_incompatible: Callable[[Any], None] | None = None,
+    ) -> None:
+        super().__init__(node, topic, listeners, on_incompatible)
+        self._window = PeakHoldWindow[Callable[[], Any]](window)
+
+    def offer(self, magnitude: float, build: Callable[[], Any]) -> None:
+        """Take one step into account; ``build`` makes its message if it turns out to be the extreme."""
+        self._send_built(self._window.offer(magnitude, build))
+
+    def flush(self) -> None:
+        """Publish what the window holds so far."""
+        self._send_built(self._window.rest())
+
+    def _send_built(self, build: Callable[[], Any] | None) -> None:
+        if build is not None:
+            self.send(build())

@@ -1,0 +1,84 @@
+"""A node that hears every step message and puts the frames together again: base of the viewer, metrics of a run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+from mech_twin.engine.assembly import FrameAssembler
+from mech_twin.messages import body as body_messages
+from mech_twin.messages import force as force_messages
+from mech_twin.messages import linkage as linkage_messages
+from mech_twin.messages import motor as motor_messages
+from mech_twin.messages.joint_state_cdr import StepMessage
+from mech_twin.messages.step_message import MessageError
+from mech_twin.messages.topics import (
+    BODY_JOINT_STATES,
+    EVERY,
+    FORCE_JOINT_STATES,
+    JOINT_STATES,
+    MOTOR_JOINT_STATES,
+    step_topics,
+)
+from mech_twin.nodes.base_node import TwinNode
+from mech_twin.nodes.options import RunOptions
+from mech_twin.nodes.run_metrics import RunMetrics
+from mech_twin.parameters.load import catalogue_entry
+from mech_twin.quantity import Parameters
+from mech_twin.samples import Frame, Sample
+
+FIRST_STEP_S = 1.0  # for what does not say its step, until the linkage has taken one: at time 0 any length does
+DECODERS: dict[str, Callable[..., Sample]] = {
+    JOINT_STATES.name: linkage_messages.from_message,
+    MOTOR_JOINT_STATES.name: motor_messages.from_message,
+    FORCE_JOINT_STATES.name: force_messages.from_message,
+    BODY_JOINT_STATES.name: body_messages.from_message,
+}
+
+
+class ObserverNode(TwinNode):
+    """Observes a run from its topics; see `TwinNode` for the arguments.
+
+    Parameters
+    ----------
+    on_topics : bool
+        Whether to listen; if not, whoever has the frames calls `show`.
+    """
+
+    def __init__(
+        self,
+        machine_name: str,
+        parameters: Parameters | None = None,
+        options: RunOptions | None = None,
+        name: str = "observer",
+        on_topics: bool = True,
+    ) -> None:
+        super().__init__(name, machine_name, parameters, options)
+        entry = catalogue_entry(machine_name)
+        self.run_metrics = RunMetrics(lambda: entry.build(self.initial_parameters))
+        self._step_s = FIRST_STEP_S
+        self._assembler = FrameAssembler(entry.has_body)
+        for topic in step_topics(entry.has_body) if on_topics else ():
+            self.subscribe_steps(topic, partial(self._on_step, topic.name), qos=EVERY)
+
+    def show(self, frame: Frame) -> None:
+        """Take one whole frame into account."""
+        self.diagnostics.state = "running"
+        self.time_s = frame.linkage.time_s
+        self.run_metrics.observe(frame)
+
+    def _decoded(self, name: str, message: StepMessage) -> Sample:
+        sample = DECODERS[name](message, self._step_s)
+        if name == JOINT_STATES.name and sample.step > 0:
+            self._step_s = sample.time_s / sample.step
+        return sample
+
+    def _on_step(self, name: str, message: StepMessage) -> None:
+        try:
+            sample = self._decoded(name, message)
+        except MessageError as error:
+            self.statistics.count(name, "malformed", str(error))
+            return
+        frame = self._assembler.add(sample)
+        if frame is not None:
+            self.show(frame)

@@ -1,0 +1,64 @@
+"""``simulate`` shows the worst residuals with their limits and fails where one is broken."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from catalogue import built
+
+from mech_twin.cli import simulate
+from mech_twin.cli.simulate import simulate_machine
+from mech_twin.roles import Machine
+
+DRUM = "winding_drum"
+
+
+class Limited:
+    """A role with one limit replaced."""
+
+    def __init__(self, role: Any, residual: str, limit: float) -> None:
+        self._role = role
+        self.residual_limits = {**role.residual_limits, residual: limit}
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._role, name)
+
+
+def simulated(machine: Machine, monkeypatch: pytest.MonkeyPatch, as_json: bool = True) -> None:
+    monkeypatch.setattr(simulate, "built_machine", lambda *arguments: machine)
+    simulate_machine(machine.name, 0.1, None, None, [], as_json=as_json, with_samples=False)
+
+
+def test_the_worst_residuals_are_written_with_their_limits(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    machine = built(DRUM)
+    simulated(machine, monkeypatch)
+    residuals = json.loads(capsys.readouterr().out)["residuals"]
+    limits = {**machine.linkage.residual_limits, **machine.forces.residual_limits}
+    assert {name: found["limit"] for name, found in residuals.items()} == limits
+    assert all(0.0 <= found["worst"] <= found["limit"] for found in residuals.values())
+
+
+@pytest.mark.parametrize("limit", [-1.0, float("nan")])
+@pytest.mark.parametrize("role", ["linkage", "forces"])
+def test_a_broken_residual_is_named_and_the_exit_code_is_1(
+    role: str, limit: float, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    machine = built(DRUM)
+    for residual in getattr(machine, role).residual_limits:
+        spoilt = replace(machine, **{role: Limited(getattr(machine, role), residual, limit)})
+        with pytest.raises(SystemExit) as ended:
+            simulated(spoilt, monkeypatch)
+        assert ended.value.code == 1
+        assert residual in capsys.readouterr().err
+
+
+def test_people_see_them_too(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    simulated(built(DRUM), monkeypatch, as_json=False)
+    shown = capsys.readouterr().out
+    assert "worst residuals" in shown
+    assert all(name in shown for name in built(DRUM).linkage.residual_limits)

@@ -1,0 +1,76 @@
+"""A residual over its limit is broken, and so is one that is no number or has no limit."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from catalogue import NAMES, built
+
+from mech_twin.engine.invariants import Residual, ResidualWindow, RunInvariants, broken_lines
+from mech_twin.engine.run import frames
+from mech_twin.samples import Named
+
+NAN = float("nan")
+
+
+@pytest.mark.parametrize(
+    ("worst", "limit", "broken"),
+    [
+        (1.0, 1.0, False),
+        (math.nextafter(1.0, 2.0), 1.0, True),
+        (0.0, 0.0, False),
+        (NAN, 1.0, True),
+        (0.0, NAN, True),
+        (math.inf, 1.0, True),
+    ],
+)
+def test_what_exceeds_its_limit_or_is_no_number_is_broken(worst: float, limit: float, broken: bool) -> None:
+    assert Residual(worst, limit).broken is broken
+
+
+@pytest.mark.parametrize("order", [(1.0, NAN, 2.0), (NAN, 1.0, 2.0), (1.0, 2.0, NAN)])
+def test_a_residual_that_was_once_no_number_stays_broken_until_the_window_ends(order: tuple[float, ...]) -> None:
+    window = ResidualWindow({"closure_m": 10.0})
+    for value in order:
+        window.observe(Named(("closure_m",), (value,)))
+    assert window.residuals()["closure_m"].broken
+    window.close()
+    window.observe(Named(("closure_m",), (1.0,)))
+    assert not window.residuals()["closure_m"].broken
+
+
+def test_the_greatest_magnitude_of_either_sign_is_kept() -> None:
+    window = ResidualWindow({"closure_m": 1.0})
+    for value in (0.5, -2.0, 1.5):
+        window.observe(Named(("closure_m",), (value,)))
+    assert window.close() == {"closure_m": Residual(2.0, 1.0)}
+    assert window.close() == {}
+
+
+def test_a_residual_nobody_gave_a_limit_is_broken() -> None:
+    window = ResidualWindow({})
+    window.observe(Named(("forgotten",), (0.0,)))
+    assert broken_lines(window.residuals()) == ["forgotten 0 exceeds nan"]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_residual_of_every_role_has_its_limit_and_can_be_seen_to_break(name: str) -> None:
+    machine = built(name)
+    run = list(frames(machine, 0.05))
+    clean = RunInvariants(machine)
+    for frame in run:
+        clean.observe(frame)
+    assert clean.residuals()
+    assert broken_lines(clean.residuals()) == []
+    roles = ("linkage", "forces") if machine.body is None else ("linkage", "forces", "body")
+    for role in roles:
+        sample = getattr(run[-1], role)
+        limits = getattr(machine, role).residual_limits
+        for i, residual in enumerate(sample.residuals.names):
+            for bad in (-1.01 * limits[residual], NAN):
+                values = (*sample.residuals.values[:i], bad, *sample.residuals.values[i + 1 :])
+                spoilt = sample._replace(residuals=sample.residuals._replace(values=values))
+                judged = RunInvariants(machine)
+                judged.observe(run[-1]._replace(**{role: spoilt}))
+                assert len(broken_lines(judged.residuals())) == 1, (role, residual, bad)

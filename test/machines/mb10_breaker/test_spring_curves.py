@@ -1,0 +1,48 @@
+"""The owner's question: how hard to press."""
+
+import math
+from itertools import pairwise
+
+import pytest
+from machines.mb10_breaker.pressed_body_cases import parameters, rate_at
+
+from mech_twin.machines.mb10_breaker.spring_curves import collar_grid, rational_ranges, swing_curve
+
+RATES = [rate_at(ratio) for ratio in (0.1, 0.3, 0.7, 1.0, 1.5, 2.5)]
+
+
+def test_without_preload_amplitude_falls_and_force_rises_between_resonances():
+    points = swing_curve(*parameters(), RATES)
+    assert [math.isinf(point.amplitude_rad) for point in points] == [False, False, False, True, False, False]
+    assert "resonance k = 1 omega" in points[3].regime.statement
+    assert all("never settles" in point.regime.statement for point in points if point.regime.kind == "beat")
+    soft = points[0]
+    # a soft spring: the mean pressing moment balances the mean of the load, 2 H/(mu T) ... P = 2 |H|/(pi l) (T - t1)/T
+    assert soft.largest_force_n == pytest.approx(2.0 * 60.0 / math.pi * 0.1 / 0.2, rel=0.03)
+
+
+def test_preload_shifts_the_rest_and_adds_its_force_without_a_collar():
+    bare, pressed = (swing_curve(*parameters(), RATES[:2], a) for a in (0.0, 0.01))
+    for one, other in zip(bare, pressed, strict=True):
+        assert other.amplitude_rad == pytest.approx(one.amplitude_rad)
+        assert other.largest_force_n == pytest.approx(one.largest_force_n)
+        assert other.largest_travel_m == pytest.approx(one.largest_travel_m - 0.25 * 0.01 / 0.2)
+
+
+def test_more_preload_trades_gap_and_return_speed_for_force():
+    rate = rate_at(0.3)
+    unit = 60.0 / (rate * 0.2)
+    points = collar_grid(*parameters(), [rate], [p * unit for p in (0.1, 0.2, 0.4, 0.6, 0.8, 1.0)])
+    assert [point.settles for point in points] == [False, True, True, True, True, True]
+    for weaker, stronger in pairwise(points[1:]):
+        assert stronger.metrics.gap_at_blow_m < weaker.metrics.gap_at_blow_m
+        assert stronger.metrics.return_speed_m_per_s < weaker.metrics.return_speed_m_per_s
+        assert stronger.metrics.largest_force_n > weaker.metrics.largest_force_n
+
+
+def test_rational_range_is_bounded_by_settling_and_by_the_load():
+    for found in rational_ranges(*parameters(), RATES[:2]):
+        assert 0.0 < found.settled_deflection_m < found.returned_deflection_m < found.never_lifts_deflection_m
+        assert found.settled.metrics.settled_s == pytest.approx(0.09, abs=1e-9)
+        assert found.returned.metrics.gap_at_blow_m < 1e-9
+        assert found.never_lifts_deflection_m == pytest.approx(60.0 / (found.spring_rate_n_per_m * 0.2))

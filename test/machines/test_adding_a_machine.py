@@ -1,0 +1,81 @@
+"""The recipe of the documentation is true: a machine made from its blocks alone keeps every contract."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = ROOT / "docs" / "adding-a-machine.md"
+BLOCK = re.compile(r"^```\w+ (file|line)=(\S+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+MACHINE = "flywheel_rig"
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def checkout(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a copy of the project to which the page's blocks were added, and nothing else."""
+    folder = tmp_path_factory.mktemp("checkout")
+    for part in ("mech_twin", "config", "test"):
+        shutil.copytree(ROOT / part, folder / part, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copy(ROOT / "pyproject.toml", folder)
+    blocks = BLOCK.findall(PAGE.read_text(encoding="utf-8"))
+    assert {kind for kind, _, _ in blocks} == {"file", "line"}
+    for kind, name, text in blocks:
+        path = folder / name
+        if kind == "file":
+            path.parent.mkdir(exist_ok=True)
+            path.write_text(text, encoding="utf-8")
+        else:
+            catalogue = path.read_text(encoding="utf-8")
+            assert catalogue.count("\n    )\n}") == 1
+            path.write_text(catalogue.replace("\n    )\n}", f"\n{text}    )\n}}"), encoding="utf-8")
+    return folder
+
+
+def ran(checkout: Path, *words: str) -> subprocess.CompletedProcess[str]:
+    environment = {**os.environ, "PYTHONPATH": str(checkout)}
+    return subprocess.run(
+        [sys.executable, *words],
+        cwd=checkout,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=250,
+        check=False,
+    )
+
+
+def test_a_machine_made_by_the_recipe_keeps_every_contract(checkout: Path) -> None:
+    done = ran(checkout, "-m", "pytest", "-q", "test/machines/test_catalogue_contract.py", "-k", MACHINE)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert int(re.search(r"(\d+) passed", done.stdout)[1]) >= 12, done.stdout
+
+
+def test_topics_of_a_machine_made_by_the_recipe_equal_the_engine(checkout: Path, ros_domain: int) -> None:
+    done = ran(checkout, "-m", "pytest", "-q", "test/nodes/test_topics_equal_engine.py", "-k", MACHINE)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "1 passed" in done.stdout
+
+
+def test_the_command_runs_a_machine_made_by_the_recipe(checkout: Path) -> None:
+    done = ran(checkout, "-m", "mech_twin", "simulate", MACHINE, "--duration", "2", "--json")
+    assert done.returncode == 0, done.stderr
+    # 2 N m on 0.5 kg m2: 0.25 s of it are lost while the supply comes on
+    assert json.loads(done.stdout)["summary"]["largest_speed_rad_per_s"] == pytest.approx(4.0 * 1.75, abs=0.02)
+
+
+def test_a_question_the_machine_has_no_answer_to_is_one_line(checkout: Path) -> None:
+    done = ran(checkout, "-m", "mech_twin", "study", MACHINE, "size")
+    assert done.returncode == 2
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert "nothing to size" in done.stderr
+    assert "Traceback" not in done.stderr

@@ -1,0 +1,81 @@
+"""What pip installs: the types' marker, the programs in both places, configuration; tried from a wheel made here."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import stat
+import subprocess
+import sys
+import venv
+from pathlib import Path
+from zipfile import ZipFile
+
+import pytest
+
+from mech_twin import __version__
+
+ROOT = Path(__file__).resolve().parents[2]
+PROGRAMS = {"mech-twin", "motor_node", "linkage_node", "force_node", "body_node", "recorder_node", "viewer_node"}
+pytestmark = pytest.mark.slow
+
+
+def tracked() -> list[str]:
+    listed = subprocess.run(
+        ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"],
+        cwd=ROOT,
+        capture_output=True,
+        check=True,
+    )
+    return [name for name in os.fsdecode(listed.stdout).split("\0") if name and (ROOT / name).is_file()]
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a wheel built from the files git knows of, away from the source tree."""
+    if shutil.which("git") is None or not (ROOT / ".git").exists():
+        pytest.skip("the wheel is made of the files git knows of; this is no clone")
+    place = tmp_path_factory.mktemp("wheel")
+    for name in tracked():
+        (place / "source" / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy2(ROOT / name, place / "source" / name)
+    options = ["--no-deps", "--no-build-isolation", "--no-index", "--quiet", "--wheel-dir", str(place)]
+    command = [sys.executable, "-m", "pip", "wheel", *options, str(place / "source")]
+    subprocess.run(command, check=True, capture_output=True, cwd=place, env={**os.environ, "PYTHONPATH": ""})
+    (found,) = place.glob("*.whl")
+    return found
+
+
+def test_wheel_holds_every_module_and_the_marker_of_its_types(wheel: Path) -> None:
+    names = set(ZipFile(wheel).namelist())
+    assert {name for name in tracked() if name.startswith("mech_twin/") and name.endswith(".py")} <= names
+    assert "mech_twin/py.typed" in names
+    assert not any(name.startswith(("test/", "benchmarks/", "docs/")) for name in names)
+
+
+def test_wheel_is_of_the_version_the_package_says(wheel: Path) -> None:
+    assert wheel.name == f"mech_twin-{__version__}-py3-none-any.whl"
+
+
+def test_programs_are_where_ros2_run_looks_and_start(wheel: Path, tmp_path: Path) -> None:
+    venv.create(tmp_path / "env", with_pip=False, symlinks=True)
+    python = tmp_path / "env" / "bin" / "python"
+    command = [sys.executable, "-m", "pip", "--python", str(python), "install", "--no-deps", "--no-index", "--quiet"]
+    subprocess.run([*command, str(wheel)], check=True, capture_output=True, env={**os.environ, "PYTHONPATH": ""})
+    found = {file.name: file for file in (tmp_path / "env" / "lib" / "mech_twin").iterdir()}
+    assert set(found) == PROGRAMS
+    for file in found.values():
+        assert file.stat().st_mode & stat.S_IXUSR
+        assert (tmp_path / "env" / "bin" / file.name).is_file()
+    site = next(path for path in map(Path, sys.path) if path.name == "site-packages")
+    # the libraries of this environment, the package of the new one
+    environment = {**os.environ, "PYTHONPATH": str(site), "AMENT_PREFIX_PATH": str(tmp_path / "env")}
+    environment.pop("_ROS_WHEELS_BOOTSTRAP_COMPLETE", None)
+    done = subprocess.run(
+        [str(found["mech-twin"]), "simulate", "winding_drum", "--duration", "0.01", "--json"],
+        capture_output=True, text=True, env=environment, cwd=tmp_path, timeout=120, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    share = tmp_path / "env" / "share" / "mech_twin"
+    assert (share / "config" / "winding_drum.yaml").is_file()
+    assert (share / "launch" / "twin.launch.py").is_file()
