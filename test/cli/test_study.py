@@ -45,7 +45,9 @@ def test_a_sweep_is_written_and_told_as_json(tmp_path):
 
 
 def test_sizes_are_written_as_a_configuration_that_runs(tmp_path):
-    done = asked(tmp_path, "vibration_crank", "size", "--limit", "counterweight_mass_kg=45", "--json")
+    done = asked(
+        tmp_path, "vibration_crank", "size", "--limit", "counterweight_mass_kg=45", "--tolerance", "0", "--json"
+    )
     assert done.returncode == 0, done.stderr
     assert "counterweight_mass_kg <= 45" in json.loads(done.stdout)["binding"]
     built = machine("vibration_crank", tmp_path / "vibration_crank-sized.yaml")
@@ -58,7 +60,9 @@ def test_sizes_are_written_as_a_configuration_that_runs(tmp_path):
         (("nothing", "sweep", "--over", "a=1,2"), "no machine 'nothing'"),
         (("winding_drum", "sweep", "--over", "a=1,2"), "no configuration key 'a'"),
         (("winding_drum", "size"), "nothing to size"),
-        (("vibration_crank", "size", "--tolerance", "0.05"), "no sizes with a tolerance"),
+        (("vibration_crank", "size", "--tolerance", "0.6"), "expected 0 to 0.5"),
+        (("compaction_press", "size", "--limit", "non_uniformity=0"), "limit non_uniformity=0: expected"),
+        (("vibration_crank", "size", "--limit", "counterweight_mass_kg=0"), "limit counterweight_mass_kg=0: expected"),
         (("winding_drum", "search"), "no design question; there is one for compaction_press"),
         (("impact_mass", "designs", "--count", "10"), "no design question; there is one for compaction_press"),
         (("compaction_press", "search", "--objective", "weight_kg"), "no objective 'weight_kg'"),

@@ -80,7 +80,7 @@ def capabilities() -> Capabilities:
     return Capabilities(
         published=published.rows,
         pictures=plots.pictures,
-        sizing=SizingQuestion(sizing.LIMITS, sizing.OBJECTIVES, sizing.sizing),
+        sizing=SizingQuestion(sizing.LIMITS, sizing.OBJECTIVES, sizing.sizing, sizing.USUAL_TOLERANCE),
         design=DesignQuestion(
             design_search.BOUNDS,
             design_search.LIMITS,

@@ -4,6 +4,7 @@ from math import pi
 
 import pytest
 
+from mech_twin.configuration_tree import ConfigurationError
 from mech_twin.engine.run import frames
 from mech_twin.machines.winding_drum.wound_package import (
     package_constants,
@@ -98,5 +99,5 @@ def test_repeat_is_identical():
     ("key", "value"), [("core_radius_m", 0.4), ("eccentricity_m", 0.09), ("yarn_acceleration_m_per_s2", 0.0)]
 )
 def test_impossible_drum_is_refused_with_the_inequality(key, value):
-    with pytest.raises(Exception, match=r"fails"):
+    with pytest.raises(ConfigurationError, match=r"fails"):
         machine("winding_drum", overrides={key: value})
