@@ -15,6 +15,7 @@ from mech_twin.quantity import Parameters
 from mech_twin.samples import BodySample, ForceSample, Frame, LinkageSample, MotorSample, Shape
 
 if TYPE_CHECKING:
+    from mech_twin.capabilities.design import DesignQuestion
     from mech_twin.capabilities.plots import Picture
     from mech_twin.capabilities.published import Row
     from mech_twin.capabilities.sizing import SizingQuestion
@@ -204,8 +205,11 @@ class Capabilities:
         ``pictures(parameters)``: the figures of the sources, drawn anew.
     sizing : SizingQuestion
         Sizes of the machine's parts under limits.
+    design : DesignQuestion
+        Choice of the machine's dimensions within bounds, under limits.
     """
 
     published: Callable[[Any], Iterable[Row]] | None = None
     pictures: Callable[[Any], Iterable[Picture]] | None = None
     sizing: SizingQuestion | None = None
+    design: DesignQuestion | None = None
