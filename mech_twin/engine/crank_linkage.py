@@ -42,6 +42,7 @@ class Memory(NamedTuple):
     crank_acceleration_rad_per_s2: float
     friction_torque_nm: float
     turning_sense: float  # +1, -1; 0 at rest
+    stalled_1: float  # 1 where a supply that is on does not turn the crank
     drive_work_j: float
     gear_loss_j: float
     friction_loss_j: float
@@ -130,6 +131,7 @@ class State(NamedTuple):
     friction_loss: float
     load_work: float
     regime: int
+    stalled: float = 0.0
 
 
 class Piece(NamedTuple):
@@ -158,11 +160,12 @@ class CrankLinkage:
     transmission: Transmission | None = None
     friction: ShaftFriction = NO_FRICTION
     coordinates: tuple[str, ...] = ("crank",)
+    size_m: float = 1.0
 
     @property
     def residual_limits(self) -> Mapping[str, float]:
-        """Limits of the residuals: rod lengths (m), energy balance over the energy turned over."""
-        return {"loop_closure_m": 1e-12, "energy_balance": 1e-8}
+        """Limits of the residuals: rod lengths (m, of a linkage beyond 1 m over its size), energy balance."""
+        return {"loop_closure_m": 1e-12 * max(1.0, self.size_m), "energy_balance": 1e-8}
 
     def start(self, step: int = 0) -> LinkageSample:
         """Return the machine at its first angle and speed; at rest it is held until the motor is heard."""
@@ -182,6 +185,7 @@ class CrankLinkage:
             past.turning_sense,
             *books,
             linkage.regime,
+            past.stalled_1,
         )
         adjusted = self.kernels.state(self.constants, now.f, now.w, 0.0, now.regime)[3] - past.energy_j
         events: list[Event] = []
@@ -273,11 +277,14 @@ class CrankLinkage:
     ) -> State:
         """Return the state with the sense in which a crank without speed goes on, 0 where it sticks, and log that."""
         after, _ = self._rest(now, drive, t)
-        if after.sense == now.sense:
+        if after.sense != 0.0:
+            after = after._replace(stalled=0.0)
+        held_for_good = after.sense == now.sense == 0.0 and command != 0.0 and drive.time_slope == 0.0
+        if after.sense == now.sense and (not held_for_good or now.stalled):
             return after
         kind = STARTED if now.sense == 0.0 else STOPPED if after.sense == 0.0 else REVERSED
-        if now.sense != 0.0 and now.sense * command > 0.0:
-            kind = STALLED
+        if held_for_good or now.sense * command > 0.0:
+            kind, after = STALLED, after._replace(stalled=float(after.sense == 0.0))
         smooth = self._grip(drive, t).friction_nm + self.friction.coulomb_nm == 0.0
         if kind == STALLED or not smooth:
             torque = self._load_torque(now)
@@ -332,7 +339,9 @@ class CrankLinkage:
             raise ArithmeticError(f"no step is small enough at crank angle {y[0]} rad and {y[1]} rad/s")
         f, w, drive_work, gear_loss, friction_loss = y.tolist()
         load = now.load_work + self.kernels.load_work(self.constants, now.f, f, now.regime)
-        return Piece(State(f, w, e, now.sense, drive_work, gear_loss, friction_loss, load, now.regime), span, what)
+        return Piece(
+            State(f, w, e, now.sense, drive_work, gear_loss, friction_loss, load, now.regime, now.stalled), span, what
+        )
 
     # ---- both
 
@@ -390,7 +399,7 @@ class CrankLinkage:
             friction = -self.friction.coulomb_nm * at.sense - self.friction.viscous_nms_per_rad * at.w
         initial, booked = (energy, 0.0) if past is None else (past.initial_energy_j, past.adjustment_work_j + adjusted)
         works = (at.drive_work, at.gear_loss, at.friction_loss, at.load_work)
-        memory = Memory(at.e, friction, at.sense, *works, booked, energy, initial)
+        memory = Memory(at.e, friction, at.sense, at.stalled, *works, booked, energy, initial)
         miss = energy - initial - at.drive_work - at.load_work + at.friction_loss - booked
         scale = max(self._turned_over(at), abs(initial), abs(energy), abs(booked))
         return LinkageSample(

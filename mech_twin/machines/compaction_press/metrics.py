@@ -12,11 +12,12 @@ from mech_twin.machines.compaction_press.cycle import (
     angle_range,
     flywheel_figures,
     gains,
+    layer_work_on_the_way,
     mean_torque,
     press_cycle,
     regime_at,
 )
-from mech_twin.machines.compaction_press.dynamics import Press, press_pins, press_reduced
+from mech_twin.machines.compaction_press.dynamics import Press, press_pins, press_reduced, press_weights
 from mech_twin.machines.compaction_press.parameters import CompactionPress, press_constants
 from mech_twin.machines.compaction_press.stroke_load import layer_work
 from mech_twin.parts.four_bar import acute_angles, coefficients, failing_inequality, motion, position
@@ -55,6 +56,9 @@ def position_figures(parameters: CompactionPress, f: float) -> dict[str, Any]:
     now = press_reduced(press, f, regime_at(stroke, f, w))
     pins = press_pins(press, f, w, 0.0, now.force)
     k1, k2, normal, vertical = gains(press, f)
+    start = press_reduced(press, 0.0, regime_at(stroke, 0.0, w))
+    kinetic = 0.5 * now.inertia * w * w
+    gained = kinetic - 0.5 * start.inertia * w * w + press_weights(press, f) - press_weights(press, 0.0)
     return {
         "crank_angle_rad": f,
         "crank_angle_deg": degrees(f),
@@ -77,6 +81,8 @@ def position_figures(parameters: CompactionPress, f: float) -> dict[str, Any]:
         "drive_torque_nm": pins.moment,
         "drive_torque_reduced_nm": 0.5 * w * w * now.slope - now.moment,
         "drive_power_w": pins.moment * w,
+        "drive_work_from_zero_j": gained + layer_work_on_the_way(press, stroke, f, 1.0 if w > 0.0 else -1.0),
+        "kinetic_energy_j": kinetic,
         "i_pr_kg_m2": now.inertia,
         "i_pr_slope_kg_m2_per_rad": now.slope,
         "m_pr_nm": now.moment,
@@ -126,7 +132,7 @@ def cycle_report(parameters: CompactionPress) -> dict[str, float]:
     cycle = press_cycle(press, stroke, speed, POSITIONS, kinks=False)
     torque = cycle.drive_torque_nm
     gamma, least, most = (degrees(angle) for angle in angle_range(press, POSITIONS))
-    gamma_check, alpha_check, _ = conditions(parameters)
+    gamma_check, alpha_check, flywheel_check = conditions(parameters)
     mean = mean_torque(press, stroke, speed)
     return {
         "gamma_max_deg": gamma,
@@ -147,5 +153,7 @@ def cycle_report(parameters: CompactionPress) -> dict[str, float]:
         "gamma_margin_deg": gamma_check.margin,
         "alpha_at_bottom_deg": alpha_check.value,
         "alpha_margin_deg": alpha_check.margin,
+        "flywheel_missing_kg_m2": flywheel_check.value,
+        "conditions_hold_1": 1.0 if gamma_check.holds and alpha_check.holds and flywheel_check.holds else 0.0,
         **working_quarter(press),
     }

@@ -28,9 +28,8 @@ KERNELS = CrankKernels(press_state, press_load_work, press_load_speed, LedPress,
 REGIMES = ("free", "contact", "contact_reversed")
 
 
-def press_boundaries(stroke: Stroke, contact_fraction: float) -> tuple[Boundary, ...]:
-    """Return where the layer is met, left at the bottom, or let go when the crank turns back."""
-    first = "contact" if contact_fraction > 0.0 else "top"
+def press_boundaries(stroke: Stroke, first: str) -> tuple[Boundary, ...]:
+    """Return where the layer is met (``first`` is the event), left at the bottom, let go when the crank turns back."""
     return (
         Boundary(stroke.contact, 1.0, FREE, CONTACT, first),
         Boundary(stroke.bottom, 1.0, CONTACT, FREE, "bottom"),
@@ -48,7 +47,7 @@ def press_linkage(
     speed: float,
     command: float,
     direction: float,
-    contact_fraction: float,
+    first_contact: str,
     transmission: Transmission | None,
     friction: ShaftFriction = NO_FRICTION,
 ) -> CrankLinkage:
@@ -64,7 +63,8 @@ def press_linkage(
         "plate",
         REGIMES,
         regime_at(stroke, 0.0, direction),
-        press_boundaries(stroke, contact_fraction),
+        press_boundaries(stroke, first_contact),
         transmission,
         friction,
+        size_m=press.bar.coupler_m + press.bar.rocker_m,
     )
