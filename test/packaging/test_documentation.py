@@ -16,6 +16,7 @@ import yaml
 from mech_twin.cli.main import app
 from mech_twin.engine import crank_linkage
 from mech_twin.engine.coupling import RESET
+from mech_twin.engine.run import frames
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.machines.impact_mass.states import KIND_NAMES
 from mech_twin.machines.mb10_breaker.pressed_body.collar_contact import CAUSES
@@ -200,3 +201,16 @@ WORDS = {
 @pytest.mark.parametrize(("kind", "word"), [(kind, word) for kind in WORDS for word in sorted(WORDS[kind])])
 def test_glossary_explains_every_name_a_run_shows(kind: str, word: str) -> None:
     assert re.search(rf"^\| [^|]*`{re.escape(word)}`", page("glossary.md"), re.MULTILINE), f"{kind} {word}"
+
+
+@pytest.mark.slow
+def test_quick_start_names_metrics_that_a_run_has() -> None:
+    text = page("quick-start.md")
+    table = text.split("| metric |")[1].split("\n\n")[0]
+    named = set(re.findall(r"^\| `(\w+)`", table, re.MULTILINE)) | set(re.findall(r"--number (\w+)", text))
+    machine = CATALOGUE["mb10_breaker"].build(machine_parameters("mb10_breaker"))
+    observer = machine.observer()
+    for frame in frames(machine, 1.0):
+        observer.observe(frame)
+    assert len(named) > 5
+    assert named <= {*machine.report(), *observer.numbers()}
