@@ -234,7 +234,7 @@ def synthesise(
         Mass, stop, start and restitution are taken from it.
     impact_speed_m_per_s : float
         Wanted speed of the blow.
-    demand : Demand, optional
+    robustness : RobustnessSpec, optional
         Margin, basin, tolerance and bounds asked of the robust cycle.
     periods : int
         How long the endurance runs are.
