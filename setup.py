@@ -82,6 +82,7 @@ setup(
             "ruff", "mypy", "import-linter", "types-PyYAML", "colcon-common-extensions",
         ],
         "bench": ["pytest-benchmark", "pylinkage", "mujoco"],
+        "docs": ["mkdocs<2", "mkdocs-material", "mkdocstrings", "mkdocstrings-python"],
     },
     entry_points={
         "console_scripts": [

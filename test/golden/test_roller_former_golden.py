@@ -13,7 +13,7 @@ from roller_former_cases import machine_for, parameters_for
 from mech_twin.engine.run import frames
 from mech_twin.machines.roller_former.metrics import moment_metrics
 from mech_twin.machines.roller_former.parameters import former_of
-from mech_twin.machines.roller_former.published import table_1_case, table_2_figures
+from mech_twin.machines.roller_former.published import table_1_case, table_2_metrics
 
 STORE = Path(__file__).with_name("roller_former.json")
 
@@ -62,7 +62,7 @@ def test_static_moments_are_those_worked_from_the_formulas(load, mean_nm, larges
 
 @pytest.mark.parametrize(("carts", "damping"), TABLE_2)
 def test_table_2_is_that_worked_from_the_formulas(carts, damping):
-    assert table_2_figures(parameters_for(2), carts, damping) == pytest.approx(TABLE_2[carts, damping], rel=1.5e-3)
+    assert table_2_metrics(parameters_for(2), carts, damping) == pytest.approx(TABLE_2[carts, damping], rel=1.5e-3)
 
 
 if __name__ == "__main__":

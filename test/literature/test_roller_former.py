@@ -10,7 +10,7 @@ from mech_twin.machines.roller_former.cart_statics import load_moments
 from mech_twin.machines.roller_former.metrics import moment_metrics
 from mech_twin.machines.roller_former.motor_choice import catalogue_check
 from mech_twin.machines.roller_former.parameters import former_of
-from mech_twin.machines.roller_former.published import table_1_case, table_2_figures
+from mech_twin.machines.roller_former.published import table_1_case, table_2_metrics
 from mech_twin.parts.induction_motor import motor_torque
 
 CARTS = (1, 2, 3, 4)
@@ -34,7 +34,7 @@ def table_1(carts: int, parameter_set: str = "table") -> dict[str, float]:
 
 @cache
 def table_2(carts: int, damping: float) -> tuple[float, ...]:
-    found = table_2_figures(parameters_for(2), carts, damping)
+    found = table_2_metrics(parameters_for(2), carts, damping)
     assert found is not None
     return found
 

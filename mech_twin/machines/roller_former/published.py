@@ -40,20 +40,20 @@ def table_2_case(parameters: RollerFormer, count: int, damping: float) -> Roller
     return varied(installation(parameters, count), {**changes, "drive.damping_nms_per_rad": damping})
 
 
-def table_2_figures(parameters: RollerFormer, count: int, damping: float) -> tuple[float, float, float, float] | None:
-    """Return the four peak-to-peak figures of a row of Table 2, the moment read as 2 c (phi1 - phi2)."""
+def table_2_metrics(parameters: RollerFormer, count: int, damping: float) -> tuple[float, float, float, float] | None:
+    """Return the four peak-to-peak numbers of a row of Table 2, the moment read as 2 c (phi1 - phi2)."""
     case = table_2_case(parameters, count, damping)
     former = former_of(case)
     turn = steady_turn(former)
     if turn is None:
         return None
-    figures = turn_metrics(turn, former)
-    twist = figures["twist_range_rad"]
+    metrics = turn_metrics(turn, former)
+    twist = metrics["twist_range_rad"]
     return (
         2.0 * case.drive.stiffness_nm_per_rad * twist / count,
         twist,
-        figures["twist_rate_range_rad_per_s"],
-        figures["twist_acceleration_range_rad_per_s2"],
+        metrics["twist_rate_range_rad_per_s"],
+        metrics["twist_acceleration_range_rad_per_s2"],
     )
 
 
@@ -80,7 +80,7 @@ def _printed_loads(parameters: RollerFormer) -> Iterator[Row]:
 
 
 def _doubled(parameters: RollerFormer) -> Iterator[Row]:
-    found = table_2_figures(parameters, 2, 2000.0)
+    found = table_2_metrics(parameters, 2, 2000.0)
     if found is not None:
         paper = Source(PAPER, "Table 2", "2 carts, k 2000 N m s/rad; the moment as c (phi1 - phi2)")
         why = "the printed moments are 2 c (phi1 - phi2): twice what the printed twist and stiffness give"
@@ -103,7 +103,7 @@ def _table_1(parameters: RollerFormer) -> Iterator[Row]:
 
 def _table_2(parameters: RollerFormer) -> Iterator[Row]:
     for (carts, damping), theirs in TABLE_2.items():
-        found = table_2_figures(parameters, carts, damping)
+        found = table_2_metrics(parameters, carts, damping)
         inputs = f"{carts} carts, k {damping:g} N m s/rad; no load, masses over 4.5, expanded kinematics"
         paper = Source(PAPER, "Table 2", inputs)
         if found is None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from random_configurations import broken, built_or_refused, drawn
+from roller_former_random import broken, built_or_refused, drawn
 
 
 @pytest.mark.slow

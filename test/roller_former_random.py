@@ -1,6 +1,6 @@
 """Random legal configurations of the roller former, corners included, and what each must keep.
 
-``python test/machines/roller_former/random_configurations.py 2000`` (with ``test`` on the path) runs the long form.
+``python test/roller_former_random.py 2000`` runs the long form.
 """
 
 from __future__ import annotations
