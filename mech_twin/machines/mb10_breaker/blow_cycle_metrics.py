@@ -53,8 +53,8 @@ class BlowCycle:
         """Return the metrics of the cycle that this blow (or miss) ends."""
         energy = 0.5 * blow.impulse_ns**2 / b.tool_mass
         found = forces.quantities.as_dict()
-        crank, _ = blow.pre
-        crank_after, body_after = blow.post
+        crank = blow.pre[0]
+        crank_after, body_after = blow.post[:2]
         return {
             "blow_rate_hz": 1.0 / (blow.time_s - self.start_s),
             "blow_energy_j": energy,

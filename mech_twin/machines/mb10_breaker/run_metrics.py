@@ -131,11 +131,12 @@ class BreakerObserver:
 
     def _end_blow_cycle(self, event: Event, frame: Frame) -> None:
         """End the cycle at this blow, or miss, and begin the next."""
-        _, body = event.pre
+        body = event.pre[1]
         if self._seen_blow and self._cycle.steps and event.time_s > self._cycle.start_s:
             record = self._cycle.metrics(self._b, self._motor, event, frame.forces)
             if self._stiffness is not None and event.impulse_ns > 0.0:
                 record.update(self._contact(event, self._stiffness))
+            record["feed_per_blow_m"] = frame.linkage.memory.as_dict()["feed_per_blow_m"]  # of the pass before
             self._blows.append(record)
         self._seen_blow = True
         self._cycle = BlowCycle(event.time_s)
@@ -144,7 +145,7 @@ class BreakerObserver:
             self._end_body_cycle(event.time_s, body.position)
 
     def _contact(self, event: Event, stiffness: float) -> Record:
-        b, (crank, body) = self._b, event.pre
+        b, (crank, body) = self._b, event.pre[:2]
         rests = b.held or event.post[1].velocity == body.velocity  # a body that takes no part in the blow
         fades = fading(b, crank.position, crank.velocity, body.position, body.velocity, crank.effort, rests)
         return blow_contact(b, stiffness, event.pre_velocity_m_per_s, event.impulse_ns, fades).metrics
