@@ -28,7 +28,7 @@ class BodyParameters(Parameters):
 
     inertia_kg_m2: float = quantity("kg m^2", "inertia of the body about the crank axis, J", gt=0)
     spring_arm_m: float = quantity("m", "arm of the pressing spring about the crank axis, l", gt=0)
-    spring_rate_n_per_m: float = quantity("N/m", "rate of the pressing spring, c", live=True, gt=0)
+    spring_rate_n_per_m: float = quantity("N/m", "rate of the pressing spring, c", live=True, gt=0, le=1e8)
     preload_deflection_m: float = quantity("m", "spring deflection with the body on the tool, a", live=True, ge=0)
     restitution: float = quantity("1", "restitution of body on tool collar, e", live=True, ge=0, lt=1)
     tool_radius_m: float = quantity("m", "arm of the tool collar about the crank axis, r_tool", gt=0)
