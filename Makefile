@@ -12,21 +12,27 @@ EXTRAS := $(ROS),view,plots,tables
 INSTALL_HASHED = $(BIN)/python -m pip install -q --require-hashes --no-deps -r $(HASHES) && \
   $(BIN)/python -m pip install -q --no-deps --no-build-isolation -e .
 READERS := test/recording/npm
+# rooms whose tests neither talk over topics nor watch the clock: they share the cores, the others run one by one
+QUIET := $(wildcard $(addprefix test/,engine golden literature machines packaging parameters parts studies test_kernel_cache.py))
+SHARED := -n 2 --dist loadfile $(QUIET)
+ALONE := test $(addprefix --ignore=,$(QUIET))
 ARGS ?=
 
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
 .PHONY: run test test-fast test-browser test-ros test-oldest lint coverage bench colcon mutation hooks
-.PHONY: audit sbom licences hashes clean
+.PHONY: audit sbom licences hashes docs clean
 
 run: $(VENV)/.run
 	$(BIN)/mech-twin run $(ARGS)
 
 test: lint
-	$(BIN)/python -m pytest -m "not browser" $(ARGS)
+	$(BIN)/python -m pytest -m "not browser" $(SHARED) $(ARGS)
+	$(BIN)/python -m pytest -m "not browser" $(ALONE) $(ARGS)
 
 test-fast: $(VENV)/.test
-	$(BIN)/python -m pytest -m "not browser and not slow" $(ARGS)
+	$(BIN)/python -m pytest -m "not browser and not slow" $(SHARED) $(ARGS)
+	$(BIN)/python -m pytest -m "not browser and not slow" $(ALONE) $(ARGS)
 
 test-browser: $(VENV)/.test
 	$(BIN)/python -m pytest -m browser $(ARGS)
@@ -86,6 +92,10 @@ $(VENV)/.test: setup.py constraints/python.txt constraints/$(ROS).txt | $(VENV)/
 	touch $@ $(VENV)/.run
 	$(MAKE) -s $(READERS)/node_modules
 
+$(VENV)/.docs: constraints/docs.txt $(VENV)/.run
+	$(BIN)/python -m pip install -q -e ".[$(ROS),docs]" $(PINS) -c constraints/docs.txt
+	touch $@
+
 # the JavaScript readers that recordings are proved against; without npm their test is skipped, and says so
 $(READERS)/node_modules: $(READERS)/package-lock.json
 	@if command -v npm >/dev/null; then npm ci --prefix $(READERS) --silent --no-audit --no-fund --ignore-scripts && touch $@; \
@@ -99,6 +109,9 @@ $(TOOLS)/.tools: constraints/tools.txt | $(VENV)/bin/python
 	$(BIN)/python -m venv $(TOOLS)
 	$(TOOLS)/bin/python -m pip install -q cosmic-ray cyclonedx-bom pip-audit pip-licenses pre-commit uv -c constraints/tools.txt
 	touch $@
+
+docs: $(VENV)/.docs # the site in build/site; a broken link ends it
+	$(BIN)/python -m mkdocs build --strict $(ARGS)
 
 clean:
 	rm -rf $(VENV) $(TOOLS) $(READERS)/node_modules build install log

@@ -25,7 +25,7 @@ Over = Annotated[
 Limits = Annotated[list[str] | None, typer.Option("--limit", metavar="NAME=VALUE", help="a limit other than usual")]
 Bounds = Annotated[
     list[str] | None,
-    typer.Option("--bound", metavar="NAME=LOW:HIGH", help="crank, length, height or pendulum, m"),
+    typer.Option("--bound", metavar="NAME=LOW:HIGH", help="bounds of a variable other than usual, SI units"),
 ]
 
 
@@ -93,7 +93,9 @@ def size(
 @study_app.command()
 def search(
     context: typer.Context,
-    objective: Annotated[list[str] | None, typer.Option(help="peak_torque_nm, ...; several: a Pareto front")] = None,
+    objective: Annotated[
+        list[str] | None, typer.Option(help="of the machine's [its usual one]; several: a Pareto front")
+    ] = None,
     bound: Bounds = None,
     limit: Limits = None,
     seed: Seed = 1,
@@ -104,14 +106,13 @@ def search(
     force: Force = False,
     json: Json = False,
 ) -> None:
-    """Choose the press's dimensions: scan, then optimise; a Pareto front for several objectives."""
-    from mech_twin.cli.study_press import answer_search
+    """Choose a machine's dimensions: scan, then optimise; a Pareto front for several objectives."""
+    from mech_twin.cli.study_design import DesignRequest, answer_search
 
-    file, wanted = out or Path(f"{context.obj}-found.yaml"), tuple(objective or ("peak_torque_nm",))
+    file = out or Path(f"{context.obj}-found.yaml")
     check_output_file(file, force=force)
-    answer_search(
-        context.obj, wanted, bound or [], limit or [], seed, points, file, config, settings or [], as_json=json
-    )
+    request = DesignRequest(context.obj, bound or [], limit or [], seed, config, settings or [])
+    answer_search(request, tuple(objective or ()), points, file, as_json=json)
 
 
 @study_app.command()
@@ -124,15 +125,18 @@ def designs(
     out: Annotated[Path | None, typer.Option(help="Parquet file for the feasible ones")] = None,
     cores: Cores = None,
     scheduler: Scheduler = None,
+    config: Config = None,
+    settings: Settings = None,
     force: Force = False,
     json: Json = False,
 ) -> None:
-    """Evaluate very many random presses at 72 positions each."""
+    """Evaluate very many random designs of a machine."""
     if out is not None:
         check_output_file(out, force=force)
-    from mech_twin.cli.study_press import answer_designs
+    from mech_twin.cli.study_design import DesignRequest, answer_designs
 
-    answer_designs(context.obj, count, bound or [], limit or [], seed, out, cores, scheduler, as_json=json)
+    request = DesignRequest(context.obj, bound or [], limit or [], seed, config, settings or [])
+    answer_designs(request, count, out, cores, scheduler, as_json=json)
 
 
 @study_app.command()
@@ -153,7 +157,7 @@ def synthesise(
     json: Json = False,
 ) -> None:
     """Synthesise a one-impact cycle as published, and a robust one beside it."""
-    from mech_twin.cli.study_impact import SynthesisRequest, answer_synthesise
+    from mech_twin.cli.study_long_run import SynthesisRequest, answer_synthesise
 
     file = out or Path(f"{context.obj}-robust.yaml")
     check_output_file(file, force=force)
@@ -172,8 +176,8 @@ def regimes(
     force: Force = False,
     json: Json = False,
 ) -> None:
-    """Map the long-run regimes of the impact mass over one key, with a bifurcation picture."""
-    from mech_twin.cli.study_impact import answer_regimes
+    """Map the long-run regimes of a machine over one key, with a bifurcation picture."""
+    from mech_twin.cli.study_long_run import answer_regimes
 
     file = out or Path(f"{context.obj}-regimes.png")
     check_output_file(file, force=force)

@@ -8,10 +8,10 @@ are roots of it; with a motor they are found on the integrated motion.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from math import copysign, floor, inf, isfinite, pi, sqrt
-from typing import Any, NamedTuple
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from math import copysign, floor, inf, isfinite, isnan, pi, sqrt
+from typing import Any
 
 import numpy as np
 
@@ -24,9 +24,19 @@ from mech_twin.engine.crank_motion import (
     integrated_work,
     turn_crank,
 )
+from mech_twin.engine.crank_state import (
+    NO_FRICTION,
+    Boundary,
+    CrankKernels,
+    Memory,
+    Piece,
+    Resisting,
+    ShaftFriction,
+    State,
+    Transmission,
+)
 from mech_twin.parts.friction import released
 from mech_twin.parts.gear import GearTorque, gear_split
-from mech_twin.parts.induction_motor import MotorConstants, motor_torque_slope
 from mech_twin.samples import BodySample, Coordinate, Event, LinkageSample, MotorSample, Named
 
 TURN = 2.0 * pi
@@ -34,112 +44,6 @@ MOST_PIECES = 10_000  # of one coupling step
 TOLERANCE = 1e-12  # of a step: angle in rad, speed and works over their size
 RESIDUALS = ("loop_closure_m", "energy_balance")
 STARTED, STOPPED, STALLED, REVERSED = "started", "stopped", "stalled", "reversed"
-
-
-class Memory(NamedTuple):
-    """State that is no joint: how the crank turns, and the energy balance."""
-
-    crank_acceleration_rad_per_s2: float
-    friction_torque_nm: float
-    turning_sense: float  # +1, -1; 0 at rest
-    stalled_1: float  # 1 where a supply that is on does not turn the crank
-    drive_work_j: float
-    gear_loss_j: float
-    friction_loss_j: float
-    load_work_j: float
-    adjustment_work_j: float  # by parameters changed while running
-    energy_j: float
-    initial_energy_j: float
-
-
-class CrankKernels(NamedTuple):
-    """The mechanism: ``constants`` first, then crank angle f (rad), rate w (rad/s), acceleration e (rad/s2).
-
-    ``state(constants, f, w, e, regime)`` -> positions, velocities, crank torque (N m), energy (J), closure error (m)
-    ``load_work(constants, f0, f1, regime)`` -> work (J) of the load on the way from f0 to f1
-    ``load_speed(constants, f, w)`` -> speed (m/s) of the loaded point against the load, for events
-    ``prescribed(constants, f, w, e, regime)`` -> system whose one rate is the power the drive gives the mechanism (W)
-    ``driven(constants, shaft_drive, regime)`` -> system whose rates are `crank_rates`
-    """
-
-    state: Callable[..., Any]
-    load_work: Callable[..., float]
-    load_speed: Callable[..., float]
-    prescribed: Callable[..., Any]
-    driven: Callable[..., Any]
-
-
-class Boundary(NamedTuple):
-    """A crank angle (rad, any turn) where the regime ``before`` becomes ``after``, met in this direction (+1, -1)."""
-
-    angle: float
-    direction: float
-    before: int
-    after: int
-    kind: str
-
-
-class ShaftFriction(NamedTuple):
-    """Friction at the crank shaft: Coulomb torque (N m), viscous coefficient (N m s/rad)."""
-
-    coulomb_nm: float = 0.0
-    viscous_nms_per_rad: float = 0.0
-
-
-NO_FRICTION = ShaftFriction()
-
-
-class Transmission(NamedTuple):
-    """Motor to crank: ratio, efficiency, rotor inertia (kg m2), the motor's curve (None: its torque is constant)."""
-
-    ratio: float
-    efficiency: float
-    rotor_inertia_kg_m2: float
-    motor: MotorConstants | None = None
-
-    def drive(self, before: LinkageSample, motor: MotorSample, step_s: float, friction: ShaftFriction) -> ShaftDrive:
-        """Return what turns the crank in the step after ``before``; no sense of turning is set yet."""
-        slope, ramp, limit = 0.0, 0.0, inf
-        if self.motor is not None:
-            slope = float(motor_torque_slope(self.motor, motor.velocity[0], motor.command))
-            change = (motor.command - before.command) / step_s
-            ramp = -self.motor.synchronous_speed_rad_per_s * slope * change
-            limit = max(self.motor.breakdown_torque_nm, abs(motor.effort[0]))
-        return ShaftDrive(
-            self.ratio**2 * self.rotor_inertia_kg_m2,
-            self.ratio,
-            self.efficiency,
-            motor.effort[0],
-            slope,
-            ramp,
-            before.velocity[0],
-            limit,
-            *friction,
-            0.0,
-        )
-
-
-class State(NamedTuple):
-    """What changes in a step: angle, speed, acceleration, sense of turning, works and losses (J), regime."""
-
-    f: float
-    w: float
-    e: float
-    sense: float
-    drive_work: float
-    gear_loss: float
-    friction_loss: float
-    load_work: float
-    regime: int
-    stalled: float = 0.0
-
-
-class Piece(NamedTuple):
-    """A smooth piece of motion: the state after it, its duration (s), what ended it."""
-
-    after: State
-    span: float
-    what: int
 
 
 @dataclass(frozen=True)
@@ -161,6 +65,7 @@ class CrankLinkage:
     friction: ShaftFriction = NO_FRICTION
     coordinates: tuple[str, ...] = ("crank",)
     size_m: float = 1.0
+    resisting: Mapping[int, Resisting] = field(default_factory=dict)
 
     @property
     def residual_limits(self) -> Mapping[str, float]:
@@ -186,6 +91,8 @@ class CrankLinkage:
             *books,
             linkage.regime,
             past.stalled_1,
+            1.0,
+            past.turned_back_rad,
         )
         adjusted = self.kernels.state(self.constants, now.f, now.w, 0.0, now.regime)[3] - past.energy_j
         events: list[Event] = []
@@ -213,7 +120,7 @@ class CrankLinkage:
             if piece.what == AT_ANGLE and boundary is not None:
                 now = self._crossed(start_s + done, now, boundary, events)
             elif piece.what == AT_REST:
-                now = now._replace(w=0.0)
+                now = self._turned_back(now._replace(w=0.0, sense=_sign(now.e)))
         raise ArithmeticError(f"more than {MOST_PIECES} changes of regime in the step from {start_s} s")
 
     def _led_piece(self, now: State, left: float, aim: float) -> Piece:
@@ -267,7 +174,7 @@ class CrankLinkage:
             done += piece.span
             now = piece.after
             if piece.what == SPAN_ENDED:
-                return (now, self._rest(now, drive, done)[1]) if now.sense == 0.0 else (now, 0.0)
+                return self._rest(now, drive, done) if now.sense == 0.0 else (now, 0.0)
             if piece.what == AT_ANGLE and boundary is not None:
                 now = self._crossed(start_s + done, now, boundary, events)
         raise ArithmeticError(f"more than {MOST_PIECES} changes of regime in the step from {start_s} s")
@@ -278,7 +185,7 @@ class CrankLinkage:
         """Return the state with the sense in which a crank without speed goes on, 0 where it sticks, and log that."""
         after, _ = self._rest(now, drive, t)
         if after.sense != 0.0:
-            after = after._replace(stalled=0.0)
+            after = self._turned_back(after._replace(stalled=0.0))
         held_for_good = after.sense == now.sense == 0.0 and command != 0.0 and drive.time_slope == 0.0
         if after.sense == now.sense and (not held_for_good or now.stalled):
             return after
@@ -302,11 +209,34 @@ class CrankLinkage:
         if now.w != 0.0:
             return now._replace(sense=_sign(now.w)), 0.0
         grip = self._grip(drive, t)
-        driving = grip.mean_nm - self._load_torque(now)
         limit = grip.friction_nm + self.friction.coulomb_nm
+        driving, load_share = self._driving(now, grip.mean_nm, limit)
         sense = released(limit, driving)
         share = self.friction.coulomb_nm / limit if limit > 0.0 else 0.0
-        return now._replace(sense=sense, e=0.0), -driving * share if sense == 0.0 else 0.0
+        after = now._replace(sense=sense, e=0.0, share=load_share if sense == 0.0 else 1.0)
+        return after, -driving * share if sense == 0.0 else 0.0
+
+    def _driving(self, now: State, mean: float, limit: float) -> tuple[float, float]:
+        """Return the torque (N m) that would turn a crank at rest, and the share of the load that acts on it.
+
+        A load that only resists takes of itself what holds the crank, from nothing to the whole.
+        """
+        whole = self._load_torque(now)
+        resists = self.resisting.get(now.regime)
+        if resists is None:
+            return mean - whole, 1.0
+        bare = self._load_torque(now._replace(regime=resists.after))
+        if resists.sense * (mean - whole) > limit:
+            return mean - whole, 1.0
+        share = 0.0 if whole == bare else min(max((mean - bare) / (whole - bare), 0.0), 1.0)
+        return mean - bare - share * (whole - bare), share
+
+    def _turned_back(self, now: State) -> State:
+        """Return the state, out of a load that only resists where the crank sets off against its sense."""
+        resists = self.resisting.get(now.regime)
+        if resists is None or now.sense in (0.0, resists.sense):
+            return now
+        return now._replace(regime=resists.after, mark=now.f)
 
     def _release_time(self, now: State, drive: ShaftDrive, t: float, left: float) -> float:
         """Return how long a crank at rest goes on sticking (s), at most ``left``.
@@ -339,9 +269,10 @@ class CrankLinkage:
             raise ArithmeticError(f"no step is small enough at crank angle {y[0]} rad and {y[1]} rad/s")
         f, w, drive_work, gear_loss, friction_loss = y.tolist()
         load = now.load_work + self.kernels.load_work(self.constants, now.f, f, now.regime)
-        return Piece(
-            State(f, w, e, now.sense, drive_work, gear_loss, friction_loss, load, now.regime, now.stalled), span, what
+        after = now._replace(
+            f=f, w=w, e=e, drive_work=drive_work, gear_loss=gear_loss, friction_loss=friction_loss, load_work=load
         )
+        return Piece(after, span, what)
 
     # ---- both
 
@@ -360,8 +291,10 @@ class CrankLinkage:
             sign = boundary.direction
             if boundary.before != now.regime or sign != now.sense:
                 continue
-            turns = floor(sign * (now.f - boundary.angle) / TURN) + 1.0
-            angle = boundary.angle + sign * turns * TURN
+            angle = now.mark
+            if not isnan(boundary.angle):
+                turns = floor(sign * (now.f - boundary.angle) / TURN) + 1.0
+                angle = boundary.angle + sign * turns * TURN
             if best is None or sign * (angle - aim) < 0.0:
                 best, aim = boundary, angle
         return best, aim
@@ -391,7 +324,8 @@ class CrankLinkage:
         adjusted: float,
         events: tuple[Event, ...],
     ) -> LinkageSample:
-        positions, velocities, torque, energy, closure = self.kernels.state(self.constants, at.f, at.w, at.e, at.regime)
+        constants = self.constants if at.share == 1.0 else self.kernels.shared(self.constants, at.share)
+        positions, velocities, torque, energy, closure = self.kernels.state(constants, at.f, at.w, at.e, at.regime)
         if not isfinite(torque):
             raise ArithmeticError(f"crank torque is not finite at crank angle {at.f} rad, step {step}")
         friction = held
@@ -399,7 +333,7 @@ class CrankLinkage:
             friction = -self.friction.coulomb_nm * at.sense - self.friction.viscous_nms_per_rad * at.w
         initial, booked = (energy, 0.0) if past is None else (past.initial_energy_j, past.adjustment_work_j + adjusted)
         works = (at.drive_work, at.gear_loss, at.friction_loss, at.load_work)
-        memory = Memory(at.e, friction, at.sense, at.stalled, *works, booked, energy, initial)
+        memory = Memory(at.e, friction, at.sense, at.stalled, at.share, at.mark, *works, booked, energy, initial)
         miss = energy - initial - at.drive_work - at.load_work + at.friction_loss - booked
         scale = max(self._turned_over(at), abs(initial), abs(energy), abs(booked))
         return LinkageSample(

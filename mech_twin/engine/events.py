@@ -149,7 +149,8 @@ def crossing(step: Step, watch: Watch, end: Array) -> float:
 
     ``end`` is the state at the end of the step.
 
-    A signal already beyond zero at the start and moving further has its event at once, at span 0.
+    A signal already beyond zero at the start, and moving further if it tells its derivative, has its event at once, at
+    span 0.
     """
     value, rate = signal(step.system, watch.signal, step.start_s, step.state)
     value, rate = -watch.direction * value, -watch.direction * rate
@@ -162,7 +163,8 @@ def crossing(step: Step, watch: Watch, end: Array) -> float:
             return 0.0
         value, last = (rate if rate > 0.0 else 1e-300), (last - shift) / step.span_s
     elif value <= 0.0:
-        return 0.0 if rate < 0.0 or (math.isnan(rate) and last <= value) else -1.0
+        beyond = value < 0.0 or last < 0.0 if math.isnan(rate) else rate == 0.0 and last < value
+        return 0.0 if rate < 0.0 or beyond else -1.0
     span = step.span_s
     if last > 0.0:
         if watch.starts_at_root:

@@ -7,10 +7,11 @@ a machine's report computes in closed form, is something else.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from math import inf, pi, sqrt
+from math import inf, pi
 from typing import NamedTuple
 
-from mech_twin.engine.crank_linkage import Memory
+from mech_twin.engine.crank_state import Memory
+from mech_twin.machines.motor_duty import MotorDuty, MotorState, duty_after, duty_metrics
 from mech_twin.parts.induction_motor import MotorConstants
 from mech_twin.samples import Frame
 
@@ -19,23 +20,20 @@ SETTLED = 1e-3  # relative difference of the mean speeds of two turns that follo
 
 
 class Instant(NamedTuple):
-    """Sums since the start of a run: time (s), crank angle (rad), work (J), motor torque squared and rotor loss."""
+    """Sums since the start of a run: time (s), crank angle (rad), work (J), what the motor has done."""
 
     time_s: float
     angle_rad: float
     drive_work_j: float
-    torque_square_n2m2s: float
-    rotor_loss_j: float
+    duty: MotorDuty
 
 
 class Rates(NamedTuple):
-    """Time derivatives of an `Instant`."""
+    """Crank speed (rad/s), power on the crank (W) and the motor at an instant."""
 
-    time: float
     speed_rad_per_s: float
     power_w: float
-    torque_square_n2m2: float
-    rotor_loss_w: float
+    motor: MotorState
 
 
 @dataclass
@@ -71,7 +69,7 @@ class CrankRun:
         self._whole, self._turn, self._last_turn = Extremes(), Extremes(), Extremes()
         self._first: Instant | None = None
         self._now: Instant | None = None
-        self._rates = Rates(1.0, 0.0, 0.0, 0.0, 0.0)
+        self._rates = Rates(0.0, 0.0, MotorState(0.0, 0.0, 0.0))
         self._turns: list[Instant] = []  # the last three instants at which a turn was complete
         self._memory: Memory | None = None
         self._counts: dict[str, int] = {}
@@ -81,8 +79,7 @@ class CrankRun:
         linkage = frame.linkage
         torque, speed = linkage.effort[0], linkage.velocity[0]
         self._memory = Memory(*linkage.memory.values)
-        motor_torque = frame.motor.effort[0] if self._motor else 0.0
-        rates = Rates(1.0, speed, torque * speed, motor_torque**2, self._rotor_loss(frame))
+        rates = Rates(speed, torque * speed, self._motor_state(frame))
         before, now = self._now, self._sums(linkage.time_s, linkage.position[0], rates)
         if before is not None:
             self._complete_turns(before, self._rates, now, rates)
@@ -97,21 +94,18 @@ class CrankRun:
     def _sums(self, time_s: float, angle: float, rates: Rates) -> Instant:
         work = 0.0 if self._memory is None else self._memory.drive_work_j
         if self._now is None:
-            self._first = Instant(time_s, angle, work, 0.0, 0.0)
+            self._first = Instant(time_s, angle, work, MotorDuty())
             self._turns = [self._first]
             return self._first
-        half = 0.5 * (time_s - self._now.time_s)
-        square = half * (self._rates.torque_square_n2m2 + rates.torque_square_n2m2)
-        loss = half * (self._rates.rotor_loss_w + rates.rotor_loss_w)
-        past = self._now
-        return Instant(time_s, angle, work, past.torque_square_n2m2s + square, past.rotor_loss_j + loss)
+        past, span = self._now, time_s - self._now.time_s
+        return Instant(time_s, angle, work, duty_after(past.duty, self._rates.motor, rates.motor, span))
 
-    def _rotor_loss(self, frame: Frame) -> float:
-        """Return slip times air-gap power (W), which turns to heat in the rotor."""
+    def _motor_state(self, frame: Frame) -> MotorState:
         if self._motor is None:
-            return 0.0
+            return MotorState(0.0, 0.0, 0.0)
+        speed = frame.motor.velocity[0]
         synchronous = frame.motor.command * self._motor.synchronous_speed_rad_per_s
-        return frame.motor.effort[0] * (synchronous - frame.motor.velocity[0])
+        return MotorState(frame.motor.effort[0], speed, synchronous - speed)
 
     def _complete_turns(self, before: Instant, rates_before: Rates, now: Instant, rates: Rates) -> None:
         start = self._turns[-1].angle_rad
@@ -154,11 +148,8 @@ class CrankRun:
         if abs(way) >= TURN * (1.0 - 1e-9):
             out[f"{prefix}drive_torque_mean_nm"] = work / way
         if self._motor is not None:
-            rms = sqrt(max(last.torque_square_n2m2s - first.torque_square_n2m2s, 0.0) / span)
-            rated_loss = self._motor.rated_torque_nm * self._motor.rated_slip * self._motor.synchronous_speed_rad_per_s
-            out[f"{prefix}motor_torque_rms_nm"] = rms
-            out[f"{prefix}motor_torque_rms_over_rated"] = rms / self._motor.rated_torque_nm
-            out[f"{prefix}rotor_loss_over_rated"] = (last.rotor_loss_j - first.rotor_loss_j) / span / rated_loss
+            duty = MotorDuty(*(b - a for a, b in zip(first.duty, last.duty, strict=True)))
+            out.update({prefix + name: value for name, value in duty_metrics(duty, self._motor).items()})
         return out
 
 
@@ -166,14 +157,18 @@ def _at_angle(angle: float, first: Instant, rates: Rates, last: Instant, last_ra
     """Return the instant between two at which the crank is at an angle, on the cubics through both ends and rates."""
     span = last.time_s - first.time_s
 
-    def value(place: int, share: float) -> float:
+    def on_cubic(start: float, end: float, rate: float, last_rate: float, share: float) -> float:
         x, y = share * share * (3.0 - 2.0 * share), share * (1.0 - share)
-        start, end = first[place], last[place]
-        slopes = y * (1.0 - share) * rates[place] - y * share * last_rates[place]
-        return start + x * (end - start) + span * slopes
+        return start + x * (end - start) + span * y * ((1.0 - share) * rate - share * last_rate)
+
+    def angle_at(share: float) -> float:
+        speeds = rates.speed_rad_per_s, last_rates.speed_rad_per_s
+        return on_cubic(first.angle_rad, last.angle_rad, *speeds, share)
 
     low, high, sense = 0.0, 1.0, 1.0 if last.angle_rad >= first.angle_rad else -1.0
     for _ in range(53):
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if sense * (value(1, middle) - angle) < 0.0 else (low, middle)
-    return Instant(value(0, high), angle, value(2, high), value(3, high), value(4, high))
+        low, high = (middle, high) if sense * (angle_at(middle) - angle) < 0.0 else (low, middle)
+    work = on_cubic(first.drive_work_j, last.drive_work_j, rates.power_w, last_rates.power_w, high)
+    duty = MotorDuty(*(a + high * (b - a) for a, b in zip(first.duty, last.duty, strict=True)))
+    return Instant(first.time_s + high * span, angle, work, duty)

@@ -21,7 +21,7 @@ from typing import Literal, Self
 from pydantic import field_validator, model_validator
 
 from mech_twin.engine.coupling import Coupling
-from mech_twin.engine.crank_linkage import ShaftFriction, Transmission
+from mech_twin.engine.crank_state import ShaftFriction, Transmission
 from mech_twin.parts.friction import Friction
 from mech_twin.parts.gear import Gear
 from mech_twin.parts.induction_motor import InductionMotorParameters, MotorConstants, motor_constants, motor_torque

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from mech_twin.engine.crank_linkage import ShaftFriction, Transmission
+from mech_twin.engine.crank_state import ShaftFriction, Transmission
 from mech_twin.engine.run import frames
 from mech_twin.parameters.load import machine
 from mech_twin.samples import MotorSample

@@ -18,7 +18,7 @@ from mech_twin.dependencies import EXTRA_OF, missing_extra, unmet
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = ROOT / "mech_twin"
 ROS_EXTRAS = ("jazzy", "kilted")
-DEVELOPER_EXTRAS = ("test", "bench")
+DEVELOPER_EXTRAS = ("test", "bench", "docs")
 # distribution -> rosdep key; the rest of what is required has none and is named in docs/native.md
 ROSDEP = {
     "numpy": "python3-numpy",

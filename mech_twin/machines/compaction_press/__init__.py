@@ -35,6 +35,7 @@ def build(parameters: Parameters) -> Machine:
         "top" if stroke.contact == stroke.top else "contact",
         transmission,
         p.shaft_friction,
+        p.working_force.gives_back,
     )
     speed, step_s = p.drive.speed_rad_per_s, p.coupling.step_s
     torque = press_cycle(press, stroke, speed, POSITIONS, kinks=False).drive_torque_nm
@@ -59,11 +60,20 @@ def build(parameters: Parameters) -> Machine:
 
 def capabilities() -> Capabilities:
     """Return what the machine answers beside running."""
+    from mech_twin.capabilities.design import DesignQuestion
     from mech_twin.capabilities.sizing import SizingQuestion
-    from mech_twin.machines.compaction_press import plots, published, sizing
+    from mech_twin.machines.compaction_press import design_search, plots, published, sizing
+    from mech_twin.machines.compaction_press.design_problem import SENSES
 
     return Capabilities(
         published=published.rows,
         pictures=plots.pictures,
-        sizing=SizingQuestion(sizing.LIMITS, sizing.OBJECTIVES, sizing.sizing),
+        sizing=SizingQuestion(sizing.LIMITS, sizing.OBJECTIVES, sizing.sizing, sizing.USUAL_TOLERANCE),
+        design=DesignQuestion(
+            design_search.BOUNDS,
+            design_search.LIMITS,
+            SENSES._asdict(),
+            design_search.evaluated,
+            design_search.searched,
+        ),
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import copysign, pi
 from typing import NamedTuple
 
-from mech_twin.engine.crank_linkage import Transmission
+from mech_twin.engine.crank_state import Transmission
 from mech_twin.machines.compaction_press.cycle import (
     WORK_POSITIONS,
     mean_torque,

@@ -8,15 +8,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mech_twin.machines.compaction_press.cycle import (
-    POSITIONS,
-    angle_range,
     flywheel_figures,
     gains,
     layer_work_on_the_way,
     mean_torque,
-    press_cycle,
     regime_at,
+    turn_at,
 )
+from mech_twin.machines.compaction_press.cycle_extremes import cycle_extremes, transmission_range
 from mech_twin.machines.compaction_press.dynamics import Press, press_pins, press_reduced, press_weights
 from mech_twin.machines.compaction_press.parameters import CompactionPress, press_constants
 from mech_twin.machines.compaction_press.stroke_load import layer_work
@@ -114,7 +113,8 @@ def conditions(parameters: CompactionPress) -> tuple[Check, ...]:
     keeps the asked non-uniformity without one (then nothing is missing).
     """
     press, stroke = press_constants(parameters)
-    gamma = degrees(angle_range(press, POSITIONS)[0])
+    turn = turn_at(stroke, parameters.drive.speed_rad_per_s, parameters.flywheel.non_uniformity)
+    gamma = degrees(cycle_extremes(press, turn).gamma_max_rad)
     alpha = degrees(acute_angles(position(press.bar, stroke.bottom))[0])
     figures = flywheel_figures(press, stroke, parameters.drive.speed_rad_per_s, parameters.flywheel.non_uniformity)
     missing = max(0.0, figures["flywheel_inertia_kg_m2"])
@@ -129,18 +129,18 @@ def cycle_report(parameters: CompactionPress) -> dict[str, float]:
     """Return the figures of one cycle at rated constant speed; the flywheel figures are for the bare press."""
     press, stroke = press_constants(parameters, fitted=False)
     speed = parameters.drive.speed_rad_per_s
-    cycle = press_cycle(press, stroke, speed, POSITIONS, kinks=False)
-    torque = cycle.drive_torque_nm
-    gamma, least, most = (degrees(angle) for angle in angle_range(press, POSITIONS))
+    extremes = cycle_extremes(press, turn_at(stroke, speed, parameters.flywheel.non_uniformity))
+    torques = extremes.torque_max_nm, extremes.torque_min_nm
+    least, most = (degrees(angle) for angle in transmission_range(press))
     gamma_check, alpha_check, flywheel_check = conditions(parameters)
     mean = mean_torque(press, stroke, speed)
     return {
-        "gamma_max_deg": gamma,
+        "gamma_max_deg": gamma_check.value,
         "drive_torque_mean_nm": mean,
-        "drive_torque_peak_nm": float(torque.max()),
-        "drive_torque_min_nm": float(torque.min()),
+        "drive_torque_peak_nm": extremes.torque_max_nm,
+        "drive_torque_min_nm": extremes.torque_min_nm,
         "power_mean_w": mean * speed,
-        "power_peak_w": float((torque * speed).max()),
+        "power_peak_w": max(torque * speed for torque in torques),
         "transmission_angle_min_deg": least,
         "transmission_angle_max_deg": most,
         **flywheel_figures(press, stroke, speed, parameters.flywheel.non_uniformity),
@@ -151,6 +151,7 @@ def cycle_report(parameters: CompactionPress) -> dict[str, float]:
         "contact_deg": degrees(stroke.contact),
         "crank_rocker_1": 1.0 if failing_inequality(press.bar, crank_rocker=True) is None else 0.0,
         "gamma_margin_deg": gamma_check.margin,
+        "gamma_at_bottom_deg": degrees(acute_angles(position(press.bar, stroke.bottom))[2]),
         "alpha_at_bottom_deg": alpha_check.value,
         "alpha_margin_deg": alpha_check.margin,
         "flywheel_missing_kg_m2": flywheel_check.value,

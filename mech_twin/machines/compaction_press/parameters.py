@@ -86,6 +86,10 @@ class WorkingForce(Parameters):
     application_across_m: float = quantity("m", "where it acts, across the plate", ge=-100.0, le=100.0)
     contact_fraction: float = quantity("1", "share of the stroke above first contact", ge=0.0, le=0.999)
     exponent: float = quantity("1", "power of depth in the force", ge=0.0, le=20.0)
+    gives_back: bool = choice(
+        "whether the layer springs back along its curve when the plate turns back in it, or stays compacted",
+        default=True,
+    )
     working_quarter: bool = choice(
         "first contact where the crank passes 180 degrees, where the working quarter starts, not by contact_fraction",
         default=False,

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from mech_twin.engine.crank_linkage import CrankKernels, CrankLinkage
+from mech_twin.engine.crank_linkage import CrankLinkage
+from mech_twin.engine.crank_state import CrankKernels
 from mech_twin.machines.vibration_crank.drawing import drawing
 from mech_twin.machines.vibration_crank.dynamics import (
     DrivenCrank,
@@ -12,6 +13,7 @@ from mech_twin.machines.vibration_crank.dynamics import (
     crank_load_speed,
     crank_load_work,
     crank_state,
+    whole_load,
 )
 from mech_twin.machines.vibration_crank.forces import SliderCrankForces
 from mech_twin.machines.vibration_crank.metrics import cycle_report, position_figures
@@ -34,7 +36,7 @@ def build(parameters: Parameters) -> Machine:
     ground = ("boom_pivot", "boom") if s.kind == BOOM else ("guide", "slider")
     linkage: LinkageRole = CrankLinkage(
         s,
-        CrankKernels(crank_state, crank_load_work, crank_load_speed, LedCrank, DrivenCrank),
+        CrankKernels(crank_state, crank_load_work, crank_load_speed, LedCrank, DrivenCrank, whole_load),
         p.coupling.step_s,
         0.0,
         start_speed,
@@ -79,5 +81,5 @@ def capabilities() -> Capabilities:
     return Capabilities(
         published=published.rows,
         pictures=plots.pictures,
-        sizing=SizingQuestion(sizing.LIMITS, sizing.OBJECTIVES, sizing.sizing),
+        sizing=SizingQuestion(sizing.LIMITS, sizing.OBJECTIVES, sizing.sizing, sizing.USUAL_TOLERANCE),
     )

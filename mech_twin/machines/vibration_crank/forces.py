@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from mech_twin.engine.crank_linkage import Memory
+from mech_twin.engine.crank_state import Memory
 from mech_twin.machines.vibration_crank.slider_crank import SliderCrank, drive_moment, pin_forces, reduced
 from mech_twin.samples import ForceSample, LinkageSample, Named, Wrench
 

@@ -5,6 +5,7 @@ from math import atan2, cos, hypot, pi, sin
 import numpy as np
 import pytest
 
+from mech_twin.configuration_tree import ConfigurationError
 from mech_twin.engine.run import frames
 from mech_twin.machines.compaction_press.cycle import WORK_POSITIONS, mean_torque, press_cycle, regime_at
 from mech_twin.machines.compaction_press.dynamics import (
@@ -205,5 +206,5 @@ def test_layer_is_met_on_the_way_down_only():
     ],
 )
 def test_impossible_press_is_refused_with_its_numbers(overrides, words):
-    with pytest.raises(Exception, match=words):
+    with pytest.raises(ConfigurationError, match=words):
         machine("compaction_press", overrides=overrides)

@@ -82,11 +82,11 @@ def test_the_motor_is_loaded_as_its_curve_says():
     """Rotor loss is slip times air-gap power: at a steady torque M over the rated one it is (s M)/(s_n M_n)."""
     _, numbers, _ = numbers_of({**KLOSS, "working_force.peak_n": 0.0, "friction.viscous_nms_per_rad": 1.5}, 6.0)
     speed = numbers["turn_crank_speed_mean_rad_per_s"] * 4.8
-    torque = numbers["turn_motor_torque_rms_nm"]
+    torque = numbers["turn_motor_rms_torque_nm"]
     slip = 1.0 - speed / (50.0 * pi)
     rated = 2200.0 / (1440.0 * pi / 30.0)
-    assert numbers["turn_motor_torque_rms_over_rated"] == pytest.approx(torque / rated, rel=1e-12)
-    assert numbers["turn_rotor_loss_over_rated"] == pytest.approx(torque * slip / (rated * 0.04), rel=0.05)
+    assert numbers["turn_motor_rms_torque_over_rated"] == pytest.approx(torque / rated, rel=1e-12)
+    assert numbers["turn_motor_heating_over_rated"] == pytest.approx(torque * slip / (rated * 0.04), rel=0.05)
     assert torque * 4.8 * 0.95 == pytest.approx(1.5 * numbers["turn_crank_speed_mean_rad_per_s"], rel=0.1)
 
 
@@ -170,3 +170,58 @@ def test_a_press_that_cannot_be_computed_is_refused_with_the_number_that_is_brok
     with pytest.raises(ConfigurationError, match=words) as refused:
         machine("compaction_press", overrides=overrides)
     assert "\n" not in str(refused.value)
+
+
+WEAK = {**KLOSS, "motor.rated_power_w": 800.0, "flywheel.inertia_kg_m2": 0.0, "working_force.peak_n": 4e4}
+
+
+def test_a_layer_that_gives_nothing_back_holds_a_stalled_press_where_it_is():
+    """It takes of its force what balances drive and weights; an elastic one throws the plate back."""
+    press = machine("compaction_press", overrides={**WEAK, "working_force.gives_back": False})
+    frame, kinds = None, []
+    for frame in frames(press, 2.0):
+        kinds += [event.kind for event in frame.linkage.events]
+        assert abs(frame.linkage.residuals["energy_balance"]) < 1e-10
+        assert abs(frame.forces.residuals["drive_torque_routes"]) < 1e-10
+    assert kinds[-1] == "stalled"
+    assert "release" not in kinds
+    assert frame.linkage.velocity[0] == 0.0
+    assert press.linkage.regimes[frame.linkage.regime] == "contact"
+    assert 0.0 < frame.linkage.memory["load_share"] < 1.0
+    assert frame.linkage.effort[0] == pytest.approx(0.95 * 4.8 * frame.motor.effort[0], rel=0.06)
+    elastic = numbers_of(WEAK, 2.0)[1]
+    assert elastic["run_release_events"] >= 1.0
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_compacted_layer_is_met_again_where_the_plate_turned_back(sign):
+    """Turned back by its supply inside the layer, and forward again: the work done so far is not done twice."""
+    from mech_twin.engine.coupling import next_frame
+
+    one_way, other_way = (
+        machine(
+            "compaction_press",
+            overrides={
+                "working_force.gives_back": False,
+                "drive.speed_rpm": turn * sign * 60.0,
+                "supply.rate_per_s": 50.0,
+            },
+        )
+        for turn in (1.0, -1.0)
+    )
+    frame, whole = None, one_way.report()["work_per_cycle_j"]
+    for frame in frames(one_way, 3.0):
+        if frame.linkage.memory["load_work_j"] < -0.3 * whole:
+            break
+    work, kinds = frame.linkage.memory["load_work_j"], []
+    for machine_now, steps in ((other_way, 60), (one_way, 600)):
+        for _ in range(steps):
+            frame = next_frame(machine_now, frame, 1.0)
+            kinds += [(event.kind, event.pre[0].position) for event in frame.linkage.events]
+            assert abs(frame.linkage.residuals["energy_balance"]) < 1e-9
+    again = next(place for kind, place in kinds if kind == "contact")
+    angle = frame.linkage.memory["turned_back_rad"]
+    assert again == pytest.approx(angle, abs=1e-12)
+    assert kinds[-1][0] == "bottom"
+    assert frame.linkage.memory["load_work_j"] == pytest.approx(-whole, rel=1e-9)
+    assert work > frame.linkage.memory["load_work_j"]

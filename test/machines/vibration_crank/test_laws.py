@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from mech_twin.configuration_tree import ConfigurationError
 from mech_twin.engine.run import frames
 from mech_twin.machines.vibration_crank.slider_crank import drive_moment, follower, pin_forces, rod_error
 from mech_twin.parameters.load import machine
@@ -112,7 +113,7 @@ def test_long_boom_is_the_slider():
     ],
 )
 def test_impossible_crank_is_refused_in_words(overrides, words):
-    with pytest.raises(Exception, match=words):
+    with pytest.raises(ConfigurationError, match=words):
         machine("vibration_crank", overrides=overrides)
 
 
