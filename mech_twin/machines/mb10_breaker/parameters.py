@@ -6,7 +6,11 @@ from typing import Literal
 
 from pydantic import model_validator
 
-from mech_twin.machines.mb10_breaker.pressed_body.parameters import BodyParameters, ExcitationParameters
+from mech_twin.machines.mb10_breaker.pressed_body.parameters import (
+    BodyParameters,
+    ExcitationParameters,
+    stiffness_refusal,
+)
 from mech_twin.parts.four_bar import OPEN, FourBar, failing_inequality
 from mech_twin.parts.induction_motor import InductionMotorParameters
 from mech_twin.parts.supply import SupplyParameters
@@ -114,6 +118,13 @@ class BreakerParameters(Parameters):
                 f"excitation.kind from_forces needs body.contact one_sided, got '{self.body.contact}': without a "
                 "collar nothing seats the tool"
             )
+        return self
+
+    @model_validator(mode="after")
+    def _half_sine_can_be_followed(self) -> BreakerParameters:
+        refusal = stiffness_refusal(self.body, self.excitation) if self.excitation.kind == "approximated" else ""
+        if refusal:
+            raise ValueError(refusal)
         return self
 
     @model_validator(mode="after")
