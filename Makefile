@@ -17,7 +17,7 @@ ARGS ?=
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
 .PHONY: run test test-fast test-browser test-ros test-oldest lint coverage bench colcon mutation hooks
-.PHONY: audit sbom licences hashes clean
+.PHONY: audit sbom licences hashes docs clean
 
 run: $(VENV)/.run
 	$(BIN)/mech-twin run $(ARGS)
@@ -43,8 +43,8 @@ lint: $(VENV)/.test
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-coverage: $(VENV)/.test # kernels are counted as Python, not compiled: slower, and the lines inside them are seen
-	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -m "not browser and not slow" --timeout=600 --cov --cov-report=term:skip-covered --cov-report=xml $(ARGS)
+coverage: $(VENV)/.test # of the fast tests; lines inside compiled kernels are not seen, mutation testing looks at those
+	$(BIN)/python -m pytest -m "not browser and not slow" --timeout=600 --cov --cov-report=term:skip-covered --cov-report=xml $(ARGS)
 
 bench: $(VENV)/.bench
 	$(BIN)/python -m pytest benchmarks --benchmark-only $(ARGS)
@@ -52,8 +52,8 @@ bench: $(VENV)/.bench
 colcon: $(VENV)/.test
 	bash test/packaging/colcon_build.sh $(BIN)
 
-mutation: $(VENV)/.test $(TOOLS)/.tools # ARGS: names of configurations in .ci/mutation; all without
-	bash .ci/mutate $(BIN) $(TOOLS)/bin $(ARGS)
+mutation: $(VENV)/.test $(TOOLS)/.tools # ARGS: targets of .ci/mutation.toml; all without
+	$(TOOLS)/bin/python .ci/mutate.py $(BIN) $(TOOLS)/bin $(ARGS)
 
 hooks: $(VENV)/.test $(TOOLS)/.tools
 	$(TOOLS)/bin/pre-commit install
@@ -86,6 +86,10 @@ $(VENV)/.test: setup.py constraints/python.txt constraints/$(ROS).txt | $(VENV)/
 	touch $@ $(VENV)/.run
 	$(MAKE) -s $(READERS)/node_modules
 
+$(VENV)/.docs: constraints/docs.txt $(VENV)/.run
+	$(BIN)/python -m pip install -q -e ".[$(ROS),docs]" $(PINS) -c constraints/docs.txt
+	touch $@
+
 # the JavaScript readers that recordings are proved against; without npm their test is skipped, and says so
 $(READERS)/node_modules: $(READERS)/package-lock.json
 	@if command -v npm >/dev/null; then npm ci --prefix $(READERS) --silent --no-audit --no-fund --ignore-scripts && touch $@; \
@@ -99,6 +103,9 @@ $(TOOLS)/.tools: constraints/tools.txt | $(VENV)/bin/python
 	$(BIN)/python -m venv $(TOOLS)
 	$(TOOLS)/bin/python -m pip install -q cosmic-ray cyclonedx-bom pip-audit pip-licenses pre-commit uv -c constraints/tools.txt
 	touch $@
+
+docs: $(VENV)/.docs # the site in build/site; a broken link ends it
+	$(BIN)/python -m mkdocs build --strict $(ARGS)
 
 clean:
 	rm -rf $(VENV) $(TOOLS) $(READERS)/node_modules build install log

@@ -66,8 +66,9 @@ setup(
     ],
     # lower bounds: the oldest set with which the fast tests pass (docs/releasing.md says how that is tried)
     install_requires=[
-        "numpy>=1.26", "scipy>=1.11.4", "numba>=0.60", "pydantic>=2.7", "PyYAML>=6.0.1",
+        "numpy>=1.26", "scipy>=1.11.4", "numba>=0.68", "pydantic>=2.7", "PyYAML>=6.0.1",
         "typer>=0.26", "rich>=13.7", "mcap>=1.6", "mcap-ros2-support>=0.5.5", "zstandard>=0.22", "lz4>=4.0.2",
+        "rosbags>=0.11", "apsw", "llvmlite",
     ],
     extras_require={
         "jazzy": ["ros-jazzy-rclpy", "ros-jazzy-rmw-fastrtps-cpp", "ros-jazzy-common-interfaces"],
@@ -81,6 +82,7 @@ setup(
             "ruff", "mypy", "import-linter", "types-PyYAML", "colcon-common-extensions",
         ],
         "bench": ["pytest-benchmark", "pylinkage", "mujoco"],
+        "docs": ["mkdocs<2", "mkdocs-material", "mkdocstrings", "mkdocstrings-python"],
     },
     entry_points={
         "console_scripts": [

@@ -23,7 +23,8 @@ from scipy.integrate import solve_ivp
 
 from mech_twin.engine.run import frames
 from mech_twin.machines.roller_former.cart_statics import load_moment, shaft_terms
-from mech_twin.machines.roller_former.dynamics import EVENT_ROWS, SIZE, SPEED, Former, Torque
+from mech_twin.machines.roller_former.dynamics import Former, Modes, Torque, state_array
+from mech_twin.machines.roller_former.events import empty_log
 from mech_twin.machines.roller_former.integration import advance_motion
 from mech_twin.machines.roller_former.parameters import former_of
 from mech_twin.machines.roller_former.steady import steady_turn
@@ -51,20 +52,20 @@ def best_of(times: int, task: Callable[[], object]) -> float:
 
 def ours(former: Former, duration_s: float) -> np.ndarray:
     """Return the state after a run from synchronous speed under full load."""
-    y, modes, events = np.zeros(SIZE), np.array([1.0, 1.0, 1.0, -1.0, 0.0, 0.0]), np.zeros((EVENT_ROWS, 3))
-    y[SPEED] = SYNCHRONOUS
-    advance_motion(former, Torque(True, 1.0, 0.0, 0.0, 0.0), 0.0, duration_s, y, modes, events, np.inf)
+    y, modes = state_array(0.0, SYNCHRONOUS), Modes(1.0, 1.0, 1.0, True, 1.0, -1.0, False, 0.0)
+    advance_motion(former, Torque(True, 1.0, 0.0, 0.0, 0.0), 0.0, duration_s, y, modes, empty_log(), np.inf)
     return y
 
 
 def peer(former: Former, duration_s: float) -> np.ndarray:
     """Return the same from ``solve_ivp``."""
-    sides = np.ones(former.bank.carts.shape[0])
+    sides = np.ones(former.bank.offset_rad.size)
 
     def slope(_: float, y: np.ndarray) -> tuple[float, float, float, float]:
         crank, twist, speed, rate = y
         inertia, half, _moment = shaft_terms(former.bank, crank, sides, 1.0)
-        moment = motor_torque(former.motor, (speed + rate) * former.ratio, 1.0) * former.ratio * former.efficiency
+        shaft = motor_torque(former.motor, (speed + rate) * former.ratio, 1.0)
+        moment = shaft * former.ratio * (former.efficiency if shaft > 0.0 else 1.0 / former.efficiency)
         passed = former.stiffness_nm_per_rad * twist + former.damping_nms_per_rad * rate
         ahead = (passed - load_moment(former.bank, crank, 1.0) - half * speed * speed) / inertia
         return speed, rate, ahead, (moment - passed) / former.motor_inertia_kg_m2 - ahead
@@ -107,20 +108,20 @@ def mujoco_model(former: Former, timestep_s: float, integrator: str) -> mujoco.M
     bank, joined, bodies = former.bank, [], []
     r, length = bank.crank_m, bank.rod_m
     cranks = ""
-    for i in range(bank.carts.shape[0]):
-        psi = bank.carts[i, 0]
+    for i in range(bank.offset_rad.size):
+        psi = bank.offset_rad[i]
         ax, ay = r * np.cos(psi), r * np.sin(psi)
         reach = ax + np.sqrt(length**2 - ay**2)
         lean = np.arctan2(-ay, reach - ax)
         tiny = "mass='1e-6' diaginertia='1e-8 1e-8 1e-8'"
         cranks += (
-            f"<body pos='{ax} {ay} 0'><inertial pos='0 0 0' mass='{bank.rod_half_kg}' diaginertia='1e-8 1e-8 1e-8'/>"
+            f"<body pos='{ax} {ay} 0'><inertial pos='0 0 0' mass='{bank.rod_half_kg[i]}' diaginertia='1e-8 1e-8 1e-8'/>"
             f"<body euler='0 0 {lean}'><joint type='hinge' axis='0 0 1'/><inertial pos='0 0 0' {tiny}/>"
             f"<site name='rod{i}' pos='{length} 0 0'/></body></body>"
         )
         bodies.append(
             f"<body pos='{reach} 0 0'><joint type='slide' axis='1 0 0'/>"
-            f"<inertial pos='0 0 0' mass='{bank.carts[i, 3]}' diaginertia='1 1 1'/><site name='cart{i}'/></body>"
+            f"<inertial pos='0 0 0' mass='{bank.mass_kg[i]}' diaginertia='1 1 1'/><site name='cart{i}'/></body>"
         )
         joined.append(
             f"<connect site1='rod{i}' site2='cart{i}' solref='{2.0 * timestep_s} 1' solimp='.9999 .9999 .001'/>"
@@ -156,14 +157,14 @@ def start_speeds(former: Former, model: mujoco.MjModel, state: mujoco.MjData) ->
     """Give every joint the rate that goes with a shaft at synchronous speed."""
     bank = former.bank
     state.qvel[0] = SYNCHRONOUS
-    for i in range(bank.carts.shape[0]):
-        psi = bank.carts[i, 0]
+    for i in range(bank.offset_rad.size):
+        psi = bank.offset_rad[i]
         rod_sine = bank.ratio * np.sin(psi)
         rod_cosine = np.sqrt(1.0 - rod_sine**2)
         rod_rate = -bank.ratio * np.cos(psi) / rod_cosine * SYNCHRONOUS
         state.qvel[2 + i] = rod_rate - SYNCHRONOUS
         travel = -bank.crank_m * (np.sin(psi) + bank.ratio * np.sin(psi) * np.cos(psi) / rod_cosine)
-        state.qvel[2 + bank.carts.shape[0] + i] = travel * SYNCHRONOUS
+        state.qvel[2 + bank.offset_rad.size + i] = travel * SYNCHRONOUS
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,7 @@ import numba
 import numpy as np
 from numba.core import compiler, config, serialize, types
 
-from mech_twin.kernel_sources import has_known_sources, keep_sources, sources_digest
+from mech_twin.kernel_sources import has_known_sources, is_known_module, keep_sources, sources_digest
 from mech_twin.kernel_store import directories, load, save
 
 COMPILING = "compiling kernels for this machine, once; takes a minute or two"
@@ -111,6 +111,7 @@ class KernelCache:
         key = (
             self._function.__qualname__, code.co_firstlineno, hashlib.sha256(code.co_code).hexdigest(),
             hashlib.sha256(closed_over).hexdigest(), self._options, signature_text(signature), codegen.magic_tuple(),
+            *map(sources_digest, sorted(modules_of(signature))),
         )  # fmt: skip
         return f"{self._function.__name__}-{hashlib.sha256(repr(key).encode()).hexdigest()[:32]}"
 
@@ -143,10 +144,29 @@ def _type_text(kind: Any) -> str:
     return str(kind)
 
 
+def modules_of(signature: Any) -> set[str]:
+    """Return the modules of all named tuples among the argument types: a kernel may be made for what stands there.
+
+    A kernel that calls `mech_twin.engine.integration.rates` has the equation of motion of the tuple's module in line.
+    """
+    found: set[str] = set()
+    waiting = list(getattr(signature, "args", signature))
+    while waiting:
+        kind = waiting.pop()
+        if isinstance(kind, _types.BaseNamedTuple):
+            found.add(kind.instance_class.__module__)
+        waiting += getattr(kind, "types", ()) if isinstance(kind, _types.BaseTuple) else ()
+    return found
+
+
 def _storable(signature: Any) -> bool:
-    """Tell whether a signature means the same in each process: a function given as argument does not."""
+    """Tell whether a signature means the same in each process: a function given as argument does not.
+
+    Nor does a named tuple of a script or a prompt.
+    """
     callables = any(isinstance(kind, _types.Callable) for kind in getattr(signature, "args", signature))
-    return not callables and " at 0x" not in signature_text(signature)
+    known = all(map(is_known_module, modules_of(signature)))
+    return known and not callables and " at 0x" not in signature_text(signature)
 
 
 def _tell_compiling(kernel: str) -> None:

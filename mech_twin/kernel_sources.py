@@ -37,10 +37,13 @@ def keep_sources(module: str) -> None:
 def has_known_sources(function: Callable[..., object]) -> bool:
     """Tell whether a function stands in a file of a package: what a script or a prompt imports is not followed."""
     name = function.__module__
+    return is_known_module(name) and Path(sys.modules[name].__file__ or "") == Path(function.__code__.co_filename)
+
+
+def is_known_module(name: str) -> bool:
+    """Tell whether a module is one of a package and there is a file to read."""
     file = getattr(sys.modules.get(name), "__file__", None)
-    if "." not in name or file is None:
-        return False
-    return Path(file) == Path(function.__code__.co_filename) and Path(file).is_file()
+    return "." in name and file is not None and Path(file).is_file()
 
 
 def source(file: Path) -> bytes:

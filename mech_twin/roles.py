@@ -15,6 +15,7 @@ from mech_twin.quantity import Parameters
 from mech_twin.samples import BodySample, ForceSample, Frame, LinkageSample, MotorSample, Shape
 
 if TYPE_CHECKING:
+    from mech_twin.capabilities.design import DesignQuestion
     from mech_twin.capabilities.plots import Picture
     from mech_twin.capabilities.published import Row
     from mech_twin.capabilities.sizing import SizingQuestion
@@ -34,14 +35,16 @@ RESIDUALS: Mapping[str, Residual] = MappingProxyType(
         "rod_length": Residual("1", "worst miss of a rod's length, over that length"),
         "energy_balance": Residual("1", "energy held less work and losses booked, over the energy turned over"),
         "momentum_balance": Residual("1", "momentum less impulses booked, over the momentum"),
+        "coupling_defect": Residual(
+            "1", "energy by which a follower's own angle changes a step's start, over that held"
+        ),
         "drive_torque_routes": Residual("1", "drive torque by pin forces less by the reduced machine, over its peak"),
-        "shaking_force_routes": Residual("1", "force on the frame by pin forces less by momentum, over its peak"),
         "body_moment_routes": Residual("1", "moment on the body by pin forces less by the coupled motion"),
         "impulse_routes": Residual("1", "impulse of a blow by pin impulses less by the jump of the coupled motion"),
         "angle_difference_rad": Residual("rad", "angle the linkage led the body to, less the body's own"),
         "rate_difference_rad_per_s": Residual("rad/s", "rate the linkage led the body to, less the body's own"),
         "penetration_rad": Residual("rad", "angle by which a body lies beyond its stop"),
-        "rolling_m_per_s": Residual("m/s", "speed of the rim less speed of the yarn"),
+        "area_balance": Residual("1", "area the package lost less area of the yarn run, over that of all its yarn"),
     }
 )
 
@@ -202,8 +205,11 @@ class Capabilities:
         ``pictures(parameters)``: the figures of the sources, drawn anew.
     sizing : SizingQuestion
         Sizes of the machine's parts under limits.
+    design : DesignQuestion
+        Choice of the machine's dimensions within bounds, under limits.
     """
 
     published: Callable[[Any], Iterable[Row]] | None = None
     pictures: Callable[[Any], Iterable[Picture]] | None = None
     sizing: SizingQuestion | None = None
+    design: DesignQuestion | None = None

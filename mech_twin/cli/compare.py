@@ -26,10 +26,10 @@ TOPICS = {
 def compare_bag(bag: Path, mode: Literal["analyse", "resimulate"], *, as_json: bool) -> None:
     """Print the result of the comparison; exit code 1 if anything differs or nothing could be compared."""
     settle_domain()
-    from mech_twin.recording.bag_reader import BagReader
+    from mech_twin.recording.bag_reader import open_bag
     from mech_twin.recording.bag_samples import BagSamples
 
-    with BagReader(bag) as reader:
+    with open_bag(bag) as reader:
         samples = BagSamples(reader)
         history = ConfigurationHistory(samples.descriptions(), str(bag))
         samples = BagSamples(reader, history.machine_at(0).coupling_step_s)

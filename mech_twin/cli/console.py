@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import math
 import sys
@@ -30,8 +31,15 @@ def _finite(value: Any) -> Any:
     return value
 
 
-def print_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
-    """Write a table."""
+def print_csv(columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
+    """Write rows as comma-separated values with a header."""
+    writer = csv.writer(sys.stdout, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows(rows)
+
+
+def print_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[Any]], width: int | None = None) -> None:
+    """Write a table, as wide as the terminal unless a width is given."""
     from rich.console import Console
     from rich.table import Table
 
@@ -40,7 +48,7 @@ def print_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[Any]
         table.add_column(column, justify="left" if i == 0 else "right", overflow="fold")
     for row in rows:
         table.add_row(*(_shown(cell) for cell in row))
-    Console(width=None if sys.stdout.isatty() else 140).print(table)
+    Console(width=width or (None if sys.stdout.isatty() else 140)).print(table)
 
 
 def _shown(cell: Any) -> str:
@@ -50,6 +58,11 @@ def _shown(cell: Any) -> str:
 def print_numbers(title: str, numbers: Mapping[str, Any]) -> None:
     """Write named numbers, one a line."""
     print_table(title, ("quantity", "value"), numbers.items())
+
+
+def say_result(line: str) -> None:
+    """Write a line of the output proper."""
+    sys.stdout.write(line + "\n")
 
 
 def say(line: str) -> None:

@@ -1,14 +1,20 @@
-"""Error reporting: one line on standard error and exit code 2 for errors in the input."""
+"""Error reporting: one line on standard error; exit code 2 for errors in the input, 128 + N after signal N."""
 
 from __future__ import annotations
 
+import signal
 import sys
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from types import FrameType
 
 from mech_twin.dependencies import missing_extra
 
 EXIT_CODE = 2
+INTERRUPTED = 128 + signal.SIGINT
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+RETRY_S = 0.001
 
 
 class CommandError(Exception):
@@ -17,14 +23,45 @@ class CommandError(Exception):
 
 @contextmanager
 def report_cli_errors() -> Iterator[None]:
-    """Report errors in the input in one line with exit code 2; internal errors keep their traceback."""
+    """Report errors in the input and signals in one line; internal errors keep their traceback."""
     try:
-        yield
+        with interruptible():
+            yield
+    except KeyboardInterrupt:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second Ctrl-C must not disturb the clean-up at exit
+        sys.stderr.write("mech-twin: interrupted\n")
+        raise SystemExit(INTERRUPTED) from None
     except Exception as error:
         if not _is_input_error(error):
             raise
         sys.stderr.write(f"mech-twin: {' '.join(_message(error).split())}\n")
         raise SystemExit(EXIT_CODE) from error
+
+
+@contextmanager
+def interruptible() -> Iterator[None]:
+    """Turn SIGINT into KeyboardInterrupt, and SIGTERM and SIGHUP into SystemExit, where that is safe.
+
+    The wrappers of compiled functions construct named tuples and do not expect that to fail: an exception raised by a
+    signal handler there ends in a segmentation fault.  In that case the signal is sent again a little later.
+    """
+    before = {number: signal.signal(number, _raise_when_safe) for number in SIGNALS}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _raise_when_safe(number: int, frame: FrameType | None) -> None:
+    if frame is not None and str(frame.f_globals.get("__name__", "")).startswith("namedtuple_"):
+        again = threading.Timer(RETRY_S, signal.pthread_kill, (threading.main_thread().ident, number))
+        again.daemon = True
+        again.start()
+    elif number == signal.SIGINT:
+        raise KeyboardInterrupt
+    else:
+        raise SystemExit(128 + number)
 
 
 def _message(error: Exception) -> str:
@@ -41,9 +78,10 @@ def _is_input_error(error: Exception) -> bool:
 
     from mech_twin.configuration_tree import ConfigurationError
     from mech_twin.nodes.errors import NodeEndedError
+    from mech_twin.output_file import OutputError
     from mech_twin.recording.errors import BagError
     from mech_twin.view.errors import RerunSceneError
     from mech_twin.view.viewer_process import ViewerError
 
-    kinds = (CommandError, TyperException, NodeEndedError, ConfigurationError, BagError, RerunSceneError, ViewerError)
-    return isinstance(error, kinds)
+    kinds = (CommandError, TyperException, NodeEndedError, ConfigurationError)
+    return isinstance(error, (*kinds, BagError, OutputError, RerunSceneError, ViewerError))

@@ -2,39 +2,87 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import yaml
 
-from mech_twin.cli.console import print_json, print_numbers, print_table, say
+from mech_twin.cli.console import print_csv, print_json, print_table, say, say_result
 
 if TYPE_CHECKING:
     from mech_twin.recording.bag_contents import BagInfo
 
 COUNTERS = ("received", "written", "dropped", "missed", "late")
+LOSSES = ("dropped", "missed", "late")
+CAPTIONS = {
+    "machine": "machine",
+    "version": "version",
+    "finished": "finished",
+    "duration_s": "duration, s",
+    "message_count": "messages",
+}
+WIDE = 400
 
 
-def show_info(bag: Path, *, as_json: bool) -> None:
-    """Print messages per topic, loss counters, files and problems."""
+def show_info(bag: Path, *, as_json: bool, as_csv: bool = False, wide: bool = False) -> None:
+    """Print messages per topic, loss counters, files and problems.
+
+    Parameters
+    ----------
+    bag : Path
+        The recording.
+    as_json, as_csv : bool
+        Print everything as JSON, or the table of topics as CSV, instead of tables.
+    wide : bool
+        All columns, whatever the width of the terminal; else those that fit 80 columns.
+    """
     from mech_twin.recording.bag_reader import bag_info
 
-    info = bag_info(bag)
-    document = info_record(info)
+    document = info_record(bag_info(bag))
     if as_json:
         print_json(document)
         return
-    names = ("machine", "version", "finished", "duration_s", "message_count")
-    print_numbers(str(bag), {name: document[name] for name in names})
-    rows = [
-        (name, topic["type"], topic["messages"], *(topic["counters"].get(key, "-") for key in COUNTERS))
-        for name, topic in document["topics"].items()
-    ]
-    print_table("topics", ("topic", "type", "messages", *COUNTERS), rows)
-    splits = [tuple("-" if value is None else value for value in split.values()) for split in document["splits"]]
-    print_table("files", ("file", "bytes", "start, s", "end, s", "messages"), splits)
+    if as_csv:
+        print_csv(("topic", "type", "messages", *COUNTERS), [_counted(*item) for item in document["topics"].items()])
+        return
+    for name in ("machine", "version", "finished", "duration_s", "message_count"):
+        say_result(f"{CAPTIONS[name]:<12}{_text(document[name])}")
+    _print_topics(document["topics"], wide)
+    rows = [tuple("-" if value is None else value for value in split.values()) for split in document["splits"]]
+    print_table("files", ("file", "bytes", "start, s", "end, s", "messages"), rows)
     for problem in document["problems"]:
         say(problem)
+
+
+def _print_topics(topics: dict[str, Any], wide: bool) -> None:
+    if wide:
+        rows = [_counted(name, topic) for name, topic in topics.items()]
+        print_table("topics", ("topic", "type", "messages", *COUNTERS), rows, width=WIDE)
+        return
+    counted = any(topic["counters"] for topic in topics.values())
+    columns = ("topic", "messages", *(LOSSES if counted else ()))
+    shared = _namespace(list(topics))
+    rows = [
+        (name.removeprefix(shared), topic["messages"], *(topic["counters"].get(key, "-") for key in LOSSES if counted))
+        for name, topic in topics.items()
+    ]
+    print_table(f"topics below {shared}" if shared else "topics", columns, rows)
+
+
+def _counted(name: str, topic: dict[str, Any]) -> tuple[Any, ...]:
+    return (name, topic["type"], topic["messages"], *(topic["counters"].get(key, "-") for key in COUNTERS))
+
+
+def _namespace(names: list[str]) -> str:
+    """Return the namespace that most topics share, ``/machine/``; empty if there is none."""
+    spaces = Counter(name[: name.index("/", 1) + 1] for name in names if "/" in name[1:])
+    space, count = spaces.most_common(1)[0] if spaces else ("", 0)
+    return space if count > len(names) / 2 else ""
+
+
+def _text(value: Any) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else "-" if value is None else str(value)
 
 
 def info_record(info: BagInfo) -> dict[str, Any]:

@@ -8,9 +8,10 @@ from typing import Annotated
 import typer
 
 from mech_twin import __version__
-from mech_twin.cli.failure import CommandError, report_cli_errors
+from mech_twin.cli.failure import INTERRUPTED, CommandError, report_cli_errors
 from mech_twin.cli.many_values import ManyValues
 from mech_twin.cli.study import study_app
+from mech_twin.output_file import check_output_directory
 
 app = typer.Typer(
     name="mech-twin",
@@ -25,7 +26,9 @@ Config = Annotated[Path | None, typer.Option("--config", help="configuration fil
 Settings = Annotated[
     list[str] | None, typer.Option("--set", metavar="KEY.PATH=VALUE", help="override one configuration key")
 ]
+Namespace = Annotated[str | None, typer.Option(help="namespace of the nodes instead of the machine's name")]
 Bag = Annotated[Path, typer.Argument(help="recording: a directory, or one .mcap file")]
+Force = Annotated[bool, typer.Option("--force", help="overwrite existing results")]
 Json = Annotated[bool, typer.Option("--json", help="print JSON to standard output")]
 
 
@@ -65,12 +68,14 @@ def run(
     view: Annotated[str, typer.Option(help="web, none, or a file NAME.rrd to write")] = "web",
     view_port: Annotated[int, typer.Option(help="port of the web view; 0: any free port", min=0, max=65535)] = 0,
     processes: Annotated[bool, typer.Option("--processes", help="run each node in its own process")] = False,
+    namespace: Namespace = None,
     open_to_other_hosts: Annotated[
         bool,
         typer.Option("--open-to-other-hosts", help="expose topics and web view to the network, without authentication"),
     ] = False,
     config: Config = None,
     settings: Settings = None,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Run a machine as ROS 2 nodes, with recorder and viewer."""
@@ -89,6 +94,8 @@ def run(
         settings or [],
         json,
         open_to_other_hosts,
+        namespace,
+        force,
     )
     run_machine(request)
 
@@ -101,12 +108,13 @@ def simulate(
     samples: Annotated[bool, typer.Option("--samples", help="with --json: include every sample, as columns")] = False,
     config: Config = None,
     settings: Settings = None,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Simulate a machine in one process, without ROS communication."""
     from mech_twin.cli.simulate import simulate_machine
 
-    simulate_machine(machine, duration, bag, config, settings or [], as_json=json, with_samples=samples)
+    simulate_machine(machine, duration, bag, config, settings or [], as_json=json, with_samples=samples, force=force)
 
 
 @app.command()
@@ -134,6 +142,7 @@ def replay(
     clock: Annotated[bool, typer.Option("--clock", help="publish /clock from the playback time")] = False,
     topics: Annotated[list[str] | None, typer.Option("--topics", metavar="T...", help="only these topics")] = None,
     listeners: Annotated[int, typer.Option(help="subscribers to wait for on each topic", min=0)] = 0,
+    namespace: Namespace = None,
     analyse: Annotated[
         bool, typer.Option("--analyse", help="recompute the forces from the recorded motion and compare")
     ] = False,
@@ -150,7 +159,7 @@ def replay(
         return
     from mech_twin.cli.replay import ReplayRequest, replay_bag
 
-    replay_bag(ReplayRequest(bag, rate, start, duration, loop, clock, topics or [], listeners))
+    replay_bag(ReplayRequest(bag, rate, start, duration, loop, clock, topics or [], listeners, namespace))
 
 
 @app.command()
@@ -158,29 +167,38 @@ def view(
     bag: Bag,
     save: Annotated[Path | None, typer.Option(help="write a file NAME.rrd instead of opening the view")] = None,
     port: Annotated[int, typer.Option(help="port of the web view; 0: any free port", min=0, max=65535)] = 0,
+    force: Force = False,
 ) -> None:
     """Show a recording in the viewer."""
     from mech_twin.cli.view import view_bag
 
-    view_bag(bag, save, port)
+    view_bag(bag, save, port, force=force)
 
 
 @app.command()
-def info(bag: Bag, json: Json = False) -> None:
+def info(
+    bag: Bag,
+    wide: Annotated[bool, typer.Option("--wide", help="all columns, whatever the width of the terminal")] = False,
+    csv: Annotated[bool, typer.Option("--csv", help="print the table of topics as CSV")] = False,
+    json: Json = False,
+) -> None:
     """Show topics, message counts and losses of a recording."""
     from mech_twin.cli.info import show_info
 
-    show_info(bag, as_json=json)
+    show_info(bag, as_json=json, as_csv=csv, wide=wide)
 
 
 @app.command()
 def recover(
-    bag: Bag, out: Annotated[Path, typer.Argument(help="directory of the new recording")], json: Json = False
+    bag: Bag,
+    out: Annotated[Path, typer.Argument(help="directory of the new recording")],
+    force: Force = False,
+    json: Json = False,
 ) -> None:
     """Salvage a damaged recording."""
     from mech_twin.cli.recover import recover_bag
 
-    recover_bag(bag, out, as_json=json)
+    recover_bag(bag, out, force=force, as_json=json)
 
 
 @app.command()
@@ -189,9 +207,12 @@ def reproduce(
     figures: Annotated[Path | None, typer.Option(help="directory to draw the sources' figures in")] = None,
     config: Config = None,
     settings: Settings = None,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Compare every published number with the computed one; draw the published figures."""
+    if figures is not None:
+        check_output_directory(figures, force=force)
     from mech_twin.cli.reproduce import reproduce_machines
 
     reproduce_machines(machine, figures, config, settings or [], as_json=json)
@@ -204,4 +225,6 @@ def main() -> None:
     """Run the command line."""
     with report_cli_errors():
         code = app(standalone_mode=False)
+        if code == INTERRUPTED:  # the command line library turns KeyboardInterrupt into this code
+            raise KeyboardInterrupt
     raise SystemExit(code if isinstance(code, int) else 0)

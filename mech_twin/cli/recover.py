@@ -7,11 +7,11 @@ from pathlib import Path
 from mech_twin.cli.console import print_json
 
 
-def recover_bag(bag: Path, out: Path, *, as_json: bool) -> None:
+def recover_bag(bag: Path, out: Path, *, force: bool, as_json: bool) -> None:
     """Write the new recording and report what was salvaged."""
     from mech_twin.recording.recovery import recover
 
-    report = recover(bag, out)
+    report = recover(bag, out, force=force)
     if not as_json:
         print("\n".join(report.lines()))  # noqa: T201 - this is the output
         return

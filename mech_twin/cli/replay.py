@@ -30,6 +30,7 @@ class ReplayRequest(NamedTuple):
     clock: bool
     topics: list[str]
     listeners: int
+    namespace: str | None = None
 
 
 def replay_bag(request: ReplayRequest) -> None:
@@ -39,9 +40,9 @@ def replay_bag(request: ReplayRequest) -> None:
     from mech_twin.nodes.replay_node import ReplayOptions
     from mech_twin.nodes.replay_session import replayed
     from mech_twin.nodes.replay_source import ReplaySource
-    from mech_twin.recording.bag_reader import BagReader
+    from mech_twin.recording.bag_reader import open_bag
 
-    with BagReader(request.bag) as reader:
+    with open_bag(request.bag) as reader:
         source = ReplaySource(reader, request.topics, request.start_s, request.duration_s)
         for name, why in source.unknown.items():
             say(f"{name}: not replayed: {why}")
@@ -49,7 +50,7 @@ def replay_bag(request: ReplayRequest) -> None:
             raise CommandError(f"{request.bag}: no topic can be replayed: {'; '.join(source.unknown.values())}")
         options = ReplayOptions(request.rate, request.loop, request.clock, request.listeners)
         with _progress(source) as notice:
-            outcome = replayed(source, options, notice)
+            outcome = replayed(source, options, notice, request.namespace)
     _report(outcome)
 
 

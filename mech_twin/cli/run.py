@@ -17,9 +17,11 @@ from mech_twin.cli.failure import CommandError
 from mech_twin.configuration_tree import configuration_tree
 from mech_twin.dependencies import require_extra
 from mech_twin.nodes.domain import DISCOVERY, OTHER_HOSTS, settle_domain
+from mech_twin.output_file import check_output_file
 from mech_twin.parameters.errors import refusal
 from mech_twin.parameters.load import RUN_GROUP, assignments, machine_parameters, run_group
 from mech_twin.quantity import Parameters
+from mech_twin.recording.output_directory import check_recording_directory, remove_recording
 
 if TYPE_CHECKING:
     from mech_twin.nodes.composition import Outcome
@@ -41,6 +43,8 @@ class RunRequest(NamedTuple):
     settings: list[str]
     as_json: bool
     open_to_other_hosts: bool = False
+    namespace: str | None = None
+    force: bool = False
 
 
 def run_machine(request: RunRequest) -> None:
@@ -48,6 +52,8 @@ def run_machine(request: RunRequest) -> None:
     _check(request)
     parameters = machine_parameters(request.machine, request.config, assignments(request.settings))
     directory = _recording_directory(request)
+    if directory is not None:
+        check_recording_directory(directory, force=request.force)
     with ExitStack() as stack:
         destination = _opened_view(request, stack)
         outcome = _run(request, parameters, directory, destination)
@@ -74,10 +80,11 @@ def _run(request: RunRequest, parameters: Parameters, directory: Path | None, de
     except ValidationError as error:
         raise refusal(f"{RUN_GROUP} group", error) from error
     if directory is not None:
+        remove_recording(directory)
         say(f"recording to {directory}")
     say("starting (the first run compiles the numerical kernels, which takes up to a minute)")
     run_nodes = run_processes if request.processes else run_in_process
-    return run_nodes(request.machine, parameters, options, directory, destination)
+    return run_nodes(request.machine, parameters, options, directory, destination, request.namespace)
 
 
 def _exposure_warning(discovery: str) -> str:
@@ -97,8 +104,8 @@ def _check(request: RunRequest) -> None:
         raise CommandError(f"--duration {request.duration_s}: expected a finite number of seconds")
     if request.view not in ("web", "none") and not request.view.endswith(".rrd"):
         raise CommandError(f"--view {request.view}: expected web, none or a file NAME.rrd")
-    if request.view.endswith(".rrd") and not Path(request.view).absolute().parent.is_dir():
-        raise CommandError(f"--view {request.view}: directory {Path(request.view).absolute().parent} does not exist")
+    if request.view.endswith(".rrd"):
+        check_output_file(Path(request.view), force=request.force)
 
 
 def _recording_directory(request: RunRequest) -> Path | None:

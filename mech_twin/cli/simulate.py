@@ -36,10 +36,15 @@ def simulate_machine(
     *,
     as_json: bool,
     with_samples: bool,
+    force: bool,
 ) -> None:
     """Simulate and write metrics, worst residuals, events, and the samples if asked; exit with 1 if one broke."""
     if not math.isfinite(duration_s):
         raise CommandError(f"--duration {duration_s}: expected a finite number of seconds")
+    if bag is not None:
+        from mech_twin.recording.output_directory import check_recording_directory
+
+        check_recording_directory(bag, force=force)
     machine = built_machine(name, config, assignments(settings))
     simulation = Simulation(machine)
     recording = nullcontext() if bag is None else closing(_recorder(machine, bag))
@@ -99,7 +104,9 @@ def _recorder(machine: Machine, bag: Path) -> FrameRecorder:
 
     settle_domain()
     from mech_twin.recording.frame_recorder import FrameRecorder
+    from mech_twin.recording.output_directory import remove_recording
 
+    remove_recording(bag)
     return FrameRecorder(machine, bag, description_text(machine.name, machine.parameters, revision=1))
 
 

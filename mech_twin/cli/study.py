@@ -7,10 +7,13 @@ from typing import Annotated
 
 import typer
 
+from mech_twin.output_file import check_output_file
+
 study_app = typer.Typer(no_args_is_help=True, help="Ask a machine a designer's question.")
 
 Config = Annotated[Path | None, typer.Option("--config", help="configuration file instead of the installed one")]
 Settings = Annotated[list[str] | None, typer.Option("--set", metavar="KEY.PATH=VALUE", help="override one key")]
+Force = Annotated[bool, typer.Option("--force", help="overwrite existing results")]
 Json = Annotated[bool, typer.Option("--json", help="JSON on standard output")]
 Cores = Annotated[int | None, typer.Option(help="processes to spread over [all cores]", min=1, max=1024)]
 Scheduler = Annotated[str | None, typer.Option(metavar="ADDRESS", help="Dask scheduler, tcp://HOST:PORT")]
@@ -22,7 +25,7 @@ Over = Annotated[
 Limits = Annotated[list[str] | None, typer.Option("--limit", metavar="NAME=VALUE", help="a limit other than usual")]
 Bounds = Annotated[
     list[str] | None,
-    typer.Option("--bound", metavar="NAME=LOW:HIGH", help="crank, length, height or pendulum, m"),
+    typer.Option("--bound", metavar="NAME=LOW:HIGH", help="bounds of a variable other than usual, SI units"),
 ]
 
 
@@ -47,12 +50,16 @@ def sweep(
     scheduler: Scheduler = None,
     config: Config = None,
     settings: Settings = None,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Sweep configuration keys over a grid; goes on where an interrupted sweep stopped."""
     from mech_twin.cli.study_output import SweepRequest, answer_sweep
 
     numbers, table = tuple(number or ()), out or Path(f"{context.obj}-sweep.parquet")
+    check_output_file(table, force=force)
+    if not no_picture:
+        check_output_file(table.with_suffix(".png"), force=force)
     answer_sweep(
         SweepRequest(context.obj, over, table, numbers, duration, not no_picture, cores, scheduler),
         config,
@@ -72,19 +79,23 @@ def size(
     ] = None,
     config: Config = None,
     settings: Settings = None,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Size spring and preload, flywheel, counterweight, or motor and drive; say which constraint binds."""
     from mech_twin.cli.study_output import answer_size
 
     file = out or Path(f"{context.obj}-sized.yaml")
+    check_output_file(file, force=force)
     answer_size(context.obj, file, objective, limit or [], tolerance, config, settings or [], as_json=json)
 
 
 @study_app.command()
 def search(
     context: typer.Context,
-    objective: Annotated[list[str] | None, typer.Option(help="peak_torque_nm, ...; several: a Pareto front")] = None,
+    objective: Annotated[
+        list[str] | None, typer.Option(help="of the machine's [its usual one]; several: a Pareto front")
+    ] = None,
     bound: Bounds = None,
     limit: Limits = None,
     seed: Seed = 1,
@@ -92,15 +103,16 @@ def search(
     out: Annotated[Path | None, typer.Option(help="configuration to write [MACHINE-found.yaml]")] = None,
     config: Config = None,
     settings: Settings = None,
+    force: Force = False,
     json: Json = False,
 ) -> None:
-    """Choose the press's dimensions: scan, then optimise; a Pareto front for several objectives."""
-    from mech_twin.cli.study_press import answer_search
+    """Choose a machine's dimensions: scan, then optimise; a Pareto front for several objectives."""
+    from mech_twin.cli.study_design import DesignRequest, answer_search
 
-    file, wanted = out or Path(f"{context.obj}-found.yaml"), tuple(objective or ("peak_torque_nm",))
-    answer_search(
-        context.obj, wanted, bound or [], limit or [], seed, points, file, config, settings or [], as_json=json
-    )
+    file = out or Path(f"{context.obj}-found.yaml")
+    check_output_file(file, force=force)
+    request = DesignRequest(context.obj, bound or [], limit or [], seed, config, settings or [])
+    answer_search(request, tuple(objective or ()), points, file, as_json=json)
 
 
 @study_app.command()
@@ -113,34 +125,43 @@ def designs(
     out: Annotated[Path | None, typer.Option(help="Parquet file for the feasible ones")] = None,
     cores: Cores = None,
     scheduler: Scheduler = None,
+    config: Config = None,
+    settings: Settings = None,
+    force: Force = False,
     json: Json = False,
 ) -> None:
-    """Evaluate very many random presses at 72 positions each."""
-    from mech_twin.cli.study_press import answer_designs
+    """Evaluate very many random designs of a machine."""
+    if out is not None:
+        check_output_file(out, force=force)
+    from mech_twin.cli.study_design import DesignRequest, answer_designs
 
-    answer_designs(context.obj, count, bound or [], limit or [], seed, out, cores, scheduler, as_json=json)
+    request = DesignRequest(context.obj, bound or [], limit or [], seed, config, settings or [])
+    answer_designs(request, count, out, cores, scheduler, as_json=json)
 
 
 @study_app.command()
 def synthesise(
     context: typer.Context,
     impact_speed: Annotated[float, typer.Option(help="wanted speed of the blow, m/s")] = 20.0,
-    margin: Annotated[float, typer.Option(help="asked 1 - |largest multiplier|")] = 0.2,
+    margin: Annotated[float, typer.Option(help="asked 1 - |largest multiplier|")] = 0.1,
     basin: Annotated[float, typer.Option(help="asked share of random starts that reach the cycle")] = 0.999,
-    reserve: Annotated[float, typer.Option(help="asked freedom of P2, share of the mean force")] = 0.02,
+    tolerance: Annotated[float, typer.Option(help="relative tolerance of P1, P2, t1, T and R it shall stand")] = 0.01,
+    stroke_ratio: Annotated[float, typer.Option(help="largest gap over the asked stroke, at most")] = 2.5,
     starts: Annotated[int, typer.Option(help="random starts of the basin", min=1)] = 1000,
     seed: Seed = 1,
     periods: Annotated[int, typer.Option(help="length of the endurance runs", min=1)] = 1_000_000,
     out: Annotated[Path | None, typer.Option(help="robust configuration to write [MACHINE-robust.yaml]")] = None,
     config: Config = None,
     settings: Settings = None,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Synthesise a one-impact cycle as published, and a robust one beside it."""
     from mech_twin.cli.study_impact import SynthesisRequest, answer_synthesise
 
     file = out or Path(f"{context.obj}-robust.yaml")
-    request = SynthesisRequest(impact_speed, margin, basin, reserve, starts, seed, periods, file)
+    check_output_file(file, force=force)
+    request = SynthesisRequest(impact_speed, margin, basin, tolerance, stroke_ratio, starts, seed, periods, file)
     answer_synthesise(context.obj, request, config, settings or [], as_json=json)
 
 
@@ -152,10 +173,12 @@ def regimes(
     out: Annotated[Path | None, typer.Option(help="bifurcation picture to write [MACHINE-regimes.png]")] = None,
     config: Config = None,
     settings: Settings = None,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Map the long-run regimes of the impact mass over one key, with a bifurcation picture."""
     from mech_twin.cli.study_impact import answer_regimes
 
     file = out or Path(f"{context.obj}-regimes.png")
+    check_output_file(file, force=force)
     answer_regimes(context.obj, over, settling, file, config, settings or [], as_json=json)

@@ -12,6 +12,7 @@ from mech_twin.cli.failure import CommandError
 from mech_twin.configuration_tree import ConfigurationError
 from mech_twin.engine.step_samples import StepSamples
 from mech_twin.nodes.domain import settle_domain
+from mech_twin.output_file import check_output_file, written_file
 
 if TYPE_CHECKING:
     from mech_twin.nodes.run_metrics import RunMetrics
@@ -22,24 +23,27 @@ if TYPE_CHECKING:
 WAIT_S = 0.05
 
 
-def view_bag(bag: Path, save: Path | None, port: int) -> None:
+def view_bag(bag: Path, save: Path | None, port: int, *, force: bool) -> None:
     """Show a recording in the viewer until stopped, or write it to a file."""
     if save is not None and save.suffix != ".rrd":
         raise CommandError(f"--save {save}: expected a file NAME.rrd")
-    if save is not None and not save.absolute().parent.is_dir():
-        raise CommandError(f"--save {save}: directory {save.absolute().parent} does not exist")
+    if save is not None:
+        check_output_file(save, force=force)
     settle_domain()
     from mech_twin.nodes.stop_signal import StopSignal
-    from mech_twin.recording.bag_reader import BagReader
+    from mech_twin.recording.bag_reader import open_bag
     from mech_twin.recording.bag_samples import BagSamples
     from mech_twin.view.rerun_scene import RerunScene
 
     with ExitStack() as stack:
         stop = stack.enter_context(StopSignal())
-        samples = BagSamples(stack.enter_context(BagReader(bag)))
-        scene = stack.enter_context(RerunScene(samples.machine, grpc_url=_viewer(stack, save, port), rrd_path=save))
+        samples = BagSamples(stack.enter_context(open_bag(bag)))
+        file = None if save is None else stack.enter_context(written_file(save, force=force))
+        scene = stack.enter_context(RerunScene(samples.machine, grpc_url=_viewer(stack, save, port), rrd_path=file))
         _show(scene, samples, stop)
         scene.close()
+        if save is not None and stop.asked:
+            raise KeyboardInterrupt  # an incomplete file is not kept
         if save is not None:
             say(f"written to {save}")
             return

@@ -296,11 +296,11 @@ def marked(message: AnyStep, name: str, absent: float) -> float:
     return float(message.position[names.index(name)]) if name in names else absent
 
 
-def mark(message: JointState, name: str, value: float) -> JointState:
-    """Return the message with one more bookkeeping row."""
+def mark(message: JointState, name: str, value: float, second: float = 0.0) -> JointState:
+    """Return the message with one more bookkeeping row, of one or two numbers."""
     message.name.append(name)
     message.position.append(value)
-    message.velocity.append(0.0)
+    message.velocity.append(second)
     message.effort.append(0.0)
     return message
 
@@ -316,9 +316,25 @@ def revision(message: AnyStep) -> int:
     return int(marked(message, REVISION, 0.0))
 
 
-def mark_revision(message: JointState, number: int) -> JointState:
-    """Return the message with the row that says how many parameter changes its sample was computed with."""
-    return mark(message, REVISION, float(number))
+class ConfigurationMark(NamedTuple):
+    """The configuration a sample was computed with: its revision, and the source of the node that described it."""
+
+    revision: int = 0
+    source: float = 0.0
+
+
+def configuration_mark(message: AnyStep) -> ConfigurationMark:
+    """Return which configuration the sample was computed with; revision 0 if the message does not say."""
+    names = message.name
+    if REVISION not in names:
+        return ConfigurationMark()
+    row = names.index(REVISION)
+    return ConfigurationMark(int(message.position[row]), float(message.velocity[row]))
+
+
+def mark_revision(message: JointState, number: int, source: float = 0.0) -> JointState:
+    """Return the message with the row that says which configuration its sample was computed with."""
+    return mark(message, REVISION, float(number), source)
 
 
 def arranged(sample: Any, joints: tuple[str, ...]) -> Any:

@@ -3,28 +3,35 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import rclpy
 from rclpy.signals import SignalHandlerOptions
 
 from mech_twin.engine.assembly import FrameAssembler
+from mech_twin.messages.topics import step_topics
 from mech_twin.nodes.base_node import TwinNode, destroy_nodes, sent_messages
 from mech_twin.nodes.body_node import BodyNode
 from mech_twin.nodes.force_node import ForceNode
 from mech_twin.nodes.linkage_node import LinkageNode
 from mech_twin.nodes.motor_node import MotorNode
+from mech_twin.nodes.name_guard import NameGuard
+from mech_twin.nodes.namespace import ros_arguments, run_namespace
 from mech_twin.nodes.options import RunOptions
 from mech_twin.nodes.recorder_node import RecorderNode
 from mech_twin.nodes.role_node import RoleNode
 from mech_twin.nodes.run_metrics import RunMetrics
 from mech_twin.nodes.spinner import Spinner
 from mech_twin.nodes.stop_signal import StopSignal
-from mech_twin.nodes.viewer_node import ViewerNode
+from mech_twin.parameters.load import catalogue_entry
 from mech_twin.quantity import Parameters
 from mech_twin.samples import Frame, Sample
+
+if TYPE_CHECKING:
+    from mech_twin.nodes.viewer_node import ViewerNode
 
 DRAIN_LIMIT_S = 2.0
 
@@ -37,17 +44,28 @@ class Outcome(NamedTuple):
     recorded: dict[str, int]
 
 
-def role_nodes(machine_name: str, parameters: Parameters | None, options: RunOptions) -> list[RoleNode]:
-    """Return the role nodes of a machine, the linkage last; a machine without a moving body has no body node."""
-    nodes: list[RoleNode] = [MotorNode(machine_name, parameters, options), ForceNode(machine_name, parameters, options)]
-    if nodes[0].machine.body is not None:
-        nodes.append(BodyNode(machine_name, parameters, options))
-    nodes.append(LinkageNode(machine_name, parameters, options))
-    return nodes
+def role_nodes(machine_name: str, parameters: Parameters | None, options: RunOptions) -> Iterator[RoleNode]:
+    """Yield the role nodes of a machine, the linkage last; a machine without a moving body has no body node."""
+    yield MotorNode(machine_name, parameters, options)
+    yield ForceNode(machine_name, parameters, options)
+    if catalogue_entry(machine_name).has_body:
+        yield BodyNode(machine_name, parameters, options)
+    yield LinkageNode(machine_name, parameters, options)
+
+
+def guarded_topics(machine_name: str, namespace: str | None) -> list[str]:
+    """Return the full names of the step topics of a run."""
+    full = run_namespace(machine_name, namespace)
+    return [f"{full}/{topic.name}" for topic in step_topics(catalogue_entry(machine_name).has_body)]
 
 
 def run_in_process(
-    machine_name: str, parameters: Parameters, options: RunOptions, directory: Path | None, place: str | None
+    machine_name: str,
+    parameters: Parameters,
+    options: RunOptions,
+    directory: Path | None,
+    place: str | None,
+    namespace: str | None = None,
 ) -> Outcome:
     """Run all nodes of a machine in this process until it is over or a signal asks to stop.
 
@@ -59,34 +77,45 @@ def run_in_process(
         Recording to make.
     place : str, optional
         Address of a viewer, or an ``.rrd`` file.
+    namespace : str, optional
+        Where the nodes live; ``/MACHINE`` if absent.
 
     Raises
     ------
+    NameInUseError
+        If a run or a replay is alive there.
     BagError
         If the recording cannot be made there.
     """
-    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    rclpy.init(args=ros_arguments(machine_name, namespace), signal_handler_options=SignalHandlerOptions.NO)
     nodes: list[TwinNode] = []
-    try:
-        with StopSignal() as signal:
-            if directory is not None:
-                nodes.append(RecorderNode(machine_name, directory, parameters, options))
-            options = options.model_copy(update={"viewer": False})  # it is handed the frames, and hears the scene only
-            viewer = None
-            if place is not None:
-                viewer = ViewerNode(machine_name, place, parameters, options, on_topics=False)
-                nodes.append(viewer)
-            roles = role_nodes(machine_name, parameters, options)
-            nodes += roles
-            metrics = _observed(roles, viewer)
-            linkage = nodes[-1]
-            with Spinner(nodes) as spinner:
-                spinner.until(lambda: signal.asked or linkage.done)
-                drain(nodes, spinner)
-            return Outcome(metrics, sent_messages(nodes), _recorded(nodes))
-    finally:
-        destroy_nodes(nodes)
-        rclpy.try_shutdown()
+    with StopSignal() as signal, ExitStack() as at_end, ExitStack() as stack:
+        at_end.callback(rclpy.try_shutdown)
+        at_end.callback(destroy_nodes, nodes)
+        stack.enter_context(signal.interrupting())
+        guard = stack.enter_context(NameGuard(guarded_topics(machine_name, namespace)))
+        apart = options.model_copy(update={"viewer": False})  # it is handed the frames, and hears the scene only
+        roles: list[RoleNode] = []
+        for node in role_nodes(machine_name, parameters, apart):
+            roles.append(node)
+            nodes.append(node)
+        if options.exclusive:
+            guard.check(own_publishers=1)
+        stack.close()
+        if directory is not None:
+            nodes.append(RecorderNode(machine_name, directory, parameters, apart))
+        viewer = None
+        if place is not None:
+            from mech_twin.nodes.viewer_node import ViewerNode  # rerun is an extra
+
+            viewer = ViewerNode(machine_name, place, parameters, apart, on_topics=False)
+            nodes.append(viewer)
+        metrics = _observed(roles, viewer)
+        linkage = roles[-1]
+        with Spinner(nodes) as spinner:
+            spinner.until(lambda: signal.asked or linkage.done)
+            drain(nodes, spinner)
+        return Outcome(metrics, sent_messages(nodes), _recorded(nodes))
 
 
 def _observed(roles: Sequence[RoleNode], viewer: ViewerNode | None) -> RunMetrics:

@@ -29,6 +29,8 @@ class CountingPublisher:
         Told when a subscriber asks for a quality of service that is not offered.
     """
 
+    exclusive = False  # whether nobody else may publish on the topic
+
     def __init__(
         self, node: Node, topic: Topic, listeners: int, on_incompatible: Callable[[Any], None] | None = None
     ) -> None:
@@ -54,6 +56,8 @@ class CountingPublisher:
 
 class StepPublisher(CountingPublisher):
     """A topic of step messages."""
+
+    exclusive = True
 
     def send(self, message: JointState) -> None:
         """Publish a step message."""

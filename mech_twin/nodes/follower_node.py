@@ -8,8 +8,9 @@ from typing import Any
 from std_msgs.msg import String
 
 from mech_twin.messages.joint_state_cdr import StepMessage
-from mech_twin.messages.step_message import MessageError, revision, source
-from mech_twin.messages.topics import DESCRIPTION, REJOIN, Topic
+from mech_twin.messages.step_message import ConfigurationMark, MessageError, configuration_mark, source
+from mech_twin.messages.topics import DESCRIPTION, EVERY_LATCHED, REJOIN, Topic
+from mech_twin.nodes.description_store import DescriptionStore
 from mech_twin.nodes.exchange_memory import ExchangeMemory
 from mech_twin.nodes.options import RunOptions
 from mech_twin.nodes.peer_wait import ASK_AGAIN_S
@@ -44,10 +45,12 @@ class FollowerNode(RoleNode):
         self.last_message: StepMessage | None = None
         self._questions, self._asker = questions, asker
         self._lock = SourceLock()
+        self._descriptions = DescriptionStore()
         self._born_s = self._heard_s = time.monotonic()
         self._listening = False
         self._unanswered: tuple[Any, StepMessage] | None = None
-        self.subscribe(DESCRIPTION, self._on_description)
+        # keeps all: with a depth of 1, another publisher's latched description would displace the linkage's
+        self.subscribe(DESCRIPTION, self._on_description, qos=EVERY_LATCHED)
         self.subscribe(REJOIN, self._on_rejoin)
         self._retry_timer = self.every(RETRY_S, self._retry)
 
@@ -86,15 +89,13 @@ class FollowerNode(RoleNode):
 
     def _on_question(self, message: StepMessage) -> None:
         try:
-            question, asked_revision = self.decoded(message), revision(message)
+            question = self.decoded(message)
         except MessageError as error:
             self.statistics.count(self._questions.name, "malformed", str(error))
             return
         if not self._is_followed(question.step, source(message)):
             reason = f"step {question.step} from another publisher than the one that is followed"
             self.statistics.count(self._questions.name, "unknown_source", reason)
-        elif asked_revision > self.revision:  # its description is on its way
-            self._answer_later(question, message)
         else:
             self._answer(question, message)
 
@@ -119,7 +120,8 @@ class FollowerNode(RoleNode):
         self._retry_timer.reset()
 
     def _answer(self, question: Any, message: StepMessage) -> None:
-        if revision(message) > self.revision:
+        if not self._is_configured(configuration_mark(message)):  # its description is on its way
+            self._answer_later(question, message)
             return
         self._unanswered = None
         last = self.exchanges.last_step
@@ -175,7 +177,7 @@ class FollowerNode(RoleNode):
         self.tell_peer(message.data)
 
     def _on_description(self, message: String) -> None:
-        """Take the configuration from the linkage, which owns it."""
+        """Keep a configuration; it is adopted when a question of the linkage that is followed names it."""
         try:
             described = description(message.data)
         except ValueError as error:
@@ -184,8 +186,21 @@ class FollowerNode(RoleNode):
         if described.machine != self.machine.name:
             self.statistics.count(DESCRIPTION.name, "unknown_source", f"machine {described.machine}")
             return
-        self.use(described.parameters)
-        self.revision = described.revision
-        self.description = message.data
+        if self.revision > 0 and described.source != self.described_by:
+            reason = f"revision {described.revision} of another node than the one that is followed"
+            self.statistics.count(DESCRIPTION.name, "unknown_source", reason)
+        self._descriptions.add(described, message.data)
         if self._unanswered is not None:
             self._answer(*self._unanswered)
+
+    def _is_configured(self, wanted: ConfigurationMark) -> bool:
+        """Adopt the configuration a question was computed with; return False while its description is not there."""
+        if wanted.revision == 0 or (wanted.source == self.described_by and wanted.revision <= self.revision):
+            return True
+        found = self._descriptions.find(wanted)
+        if found is None:
+            return False
+        self.use(found.content.parameters)
+        self.revision, self.described_by = found.mark
+        self.description = found.text
+        return True

@@ -51,4 +51,4 @@ class ForceNode(FollowerNode):
     def send(self, answer: ForceSample) -> None:
         """Publish a force sample."""
         message = force_messages.to_message(answer, self._message)
-        self._out.send(self.signed(mark_revision(message, self.revision)))
+        self._out.send(self.signed(mark_revision(message, self.revision, self.described_by)))

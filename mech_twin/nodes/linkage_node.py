@@ -187,7 +187,9 @@ class LinkageNode(RoleNode):
 
     def _describe(self, from_step: int) -> None:
         self.revision = max(1, self.revision)
-        self.description = description_text(self.machine.name, self.machine.parameters, self.revision, from_step)
+        self.described_by = self.source
+        parameters = self.machine.parameters
+        self.description = description_text(self.machine.name, parameters, self.revision, from_step, self.source)
         self._out.describe(self.description)
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:

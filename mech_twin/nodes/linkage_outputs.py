@@ -42,7 +42,7 @@ class LinkageOutputs:
     def send_step(self, sample: LinkageSample) -> None:
         """Publish the step message; a step may be published again."""
         message = linkage_messages.to_message(sample, self._message)
-        self._steps.send(self._node.signed(mark_revision(message, self._node.revision)))
+        self._steps.send(self._node.signed(mark_revision(message, self._node.revision, self._node.described_by)))
 
     def send_views(self, sample: LinkageSample, body: BodySample | None) -> None:
         """Publish what a step means to people and other tools, each at its own rate; once a step."""

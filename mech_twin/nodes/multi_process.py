@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
@@ -15,23 +16,32 @@ import yaml
 from rclpy.signals import SignalHandlerOptions
 
 from mech_twin.configuration_tree import configuration_tree
-from mech_twin.nodes.composition import Outcome
+from mech_twin.nodes.composition import Outcome, guarded_topics
 from mech_twin.nodes.errors import NodeEndedError
+from mech_twin.nodes.name_guard import NameGuard
+from mech_twin.nodes.namespace import ros_arguments
 from mech_twin.nodes.observer_node import ObserverNode
 from mech_twin.nodes.options import RunOptions
 from mech_twin.nodes.spinner import Spinner
-from mech_twin.nodes.stop_signal import StopSignal
+from mech_twin.nodes.stop_signal import EXIT_CODE_BASE, SIGNALS, StopSignal
 from mech_twin.parameters.load import MACHINE_KEY, RUN_GROUP, catalogue_entry
 from mech_twin.quantity import Parameters
 
 STOP_LIMIT_S = 10.0  # a bound for a busy machine; they end within a second
 SETTLE_S = 0.1
+ENDED_BY_SIGNAL = {EXIT_CODE_BASE + number for number in SIGNALS}
+ROS_FILE = ("--ros-args", "--params-file")
 
 Processes = dict[str, "subprocess.Popen[bytes]"]
 
 
 def run_processes(
-    machine_name: str, parameters: Parameters, options: RunOptions, directory: Path | None, place: str | None
+    machine_name: str,
+    parameters: Parameters,
+    options: RunOptions,
+    directory: Path | None,
+    place: str | None,
+    namespace: str | None = None,
 ) -> Outcome:
     """Run every node of a machine in a process of its own; see `composition.run_in_process` for the arguments.
 
@@ -39,27 +49,36 @@ def run_processes(
 
     Raises
     ------
+    NameInUseError
+        If a run or a replay is alive there.
     NodeEndedError
         If a node ends with an error.
     """
-    options = options.model_copy(update={"observer": True})
-    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    asked = options
+    options = options.model_copy(update={"observer": True, "exclusive": False})
+    rules = ros_arguments(machine_name, namespace)
+    rclpy.init(args=rules, signal_handler_options=SignalHandlerOptions.NO)
     processes: Processes = {}
     with tempfile.TemporaryDirectory(prefix="mech_twin-") as folder, StopSignal() as stop:
         file = Path(folder) / "parameters.yaml"
         file.write_text(_parameter_file(machine_name, parameters, options), encoding="utf-8")
-        observer = ObserverNode(machine_name, parameters, options)
         try:
+            with stop.interrupting():
+                if asked.exclusive:
+                    with NameGuard(guarded_topics(machine_name, namespace)) as guard:
+                        guard.check()
+                observer = ObserverNode(machine_name, parameters, options)
             for name, arguments in _roster(catalogue_entry(machine_name).has_body, directory, place):
-                processes[name] = _started(name, file, arguments)
+                processes[name] = _started(name, [*arguments, *rules, *ROS_FILE, str(file)])
             with Spinner([observer]) as spinner:
                 spinner.until(lambda: stop.asked or _any_ended(processes))
                 settled = time.monotonic() + SETTLE_S
                 spinner.until(lambda: stop.asked or time.monotonic() > settled)
         finally:
             codes = _stopped(processes)
-            observer.destroy_node()
             rclpy.try_shutdown()
+    if stop.asked and set(codes.values()) & ENDED_BY_SIGNAL:  # before the run had begun
+        raise SystemExit(max(code for code in codes.values() if code in ENDED_BY_SIGNAL))
     failed = ", ".join(f"{name} (exit code {code})" for name, code in codes.items() if code != 0)
     if failed:
         raise NodeEndedError(f"ended with an error: {failed}")
@@ -79,9 +98,12 @@ def _parameter_file(machine_name: str, parameters: Parameters, options: RunOptio
     return yaml.safe_dump({"/**": {"ros__parameters": tree}}, sort_keys=False)
 
 
-def _started(name: str, file: Path, arguments: Sequence[str]) -> subprocess.Popen[bytes]:
-    code = f"from mech_twin.nodes.executables import {name}; {name}()"
-    command = [sys.executable, "-c", code, *arguments, "--ros-args", "--params-file", str(file)]
+def _started(name: str, arguments: Sequence[str]) -> subprocess.Popen[bytes]:
+    code = (
+        f"from mech_twin.nodes.parent_death import end_with_parent; end_with_parent({os.getpid()}); "
+        f"from mech_twin.nodes.executables import {name}; {name}()"
+    )
+    command = [sys.executable, "-c", code, *arguments]
     return subprocess.Popen(command, stdout=sys.stderr.fileno())
 
 

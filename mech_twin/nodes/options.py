@@ -15,6 +15,7 @@ class RunOptions(Parameters):
     recorder: bool = choice("wait for a recorder before the first step", default=False)
     viewer: bool = choice("wait for a viewer before the first step", default=False)
     observer: bool = choice("wait for an observer of the steps", default=False)
+    exclusive: bool = choice("refuse to start where somebody publishes this node's step messages", default=True)
     stream_decimation: int = quantity("1", "steps per message on decimated topics", ge=1, default=10)
     view_rate_hz: float = quantity("Hz", "drawings per simulated second", gt=0.0, le=1000.0, default=30.0)
     peer_timeout_s: float = quantity("s", "silence after which a peer counts as gone", gt=0.0, default=0.5)

@@ -9,7 +9,10 @@ import rclpy
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
+from sensor_msgs.msg import JointState
 
+from mech_twin.nodes.name_guard import NameGuard
+from mech_twin.nodes.namespace import replay_arguments
 from mech_twin.nodes.replay_limits import FASTEST, SLOWEST
 from mech_twin.nodes.replay_node import ReplayNode, ReplayOptions
 from mech_twin.nodes.replay_source import ReplaySource
@@ -32,7 +35,12 @@ class ReplayOutcome(NamedTuple):
     unknown: dict[str, str]
 
 
-def replayed(source: ReplaySource, options: ReplayOptions, progress: Callable[[ReplayNode], None]) -> ReplayOutcome:
+def replayed(
+    source: ReplaySource,
+    options: ReplayOptions,
+    progress: Callable[[ReplayNode], None],
+    namespace: str | None = None,
+) -> ReplayOutcome:
     """Replay a bag until its end, a signal or the key that quits.
 
     Parameters
@@ -41,12 +49,22 @@ def replayed(source: ReplaySource, options: ReplayOptions, progress: Callable[[R
         What is replayed, and how.
     progress : callable
         Called with the node again and again.
+    namespace : str, optional
+        Where the topics are published instead of their recorded namespace.
+
+    Raises
+    ------
+    NameInUseError
+        If a run or another replay is alive there.
     """
-    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    rclpy.init(args=replay_arguments(source.topics, namespace), signal_handler_options=SignalHandlerOptions.NO)
     node: ReplayNode | None = None
     try:
         with StopSignal() as stop, TerminalKeys() as keys:
             node = ReplayNode(source, options)
+            steps = [node.resolve_topic_name(name) for name, topic in source.topics.items() if topic.kind is JointState]
+            with stop.interrupting(), NameGuard(steps) as guard:
+                guard.check(own_publishers=1)
             if keys.listening:
                 node.get_logger().info(KEYS)
             _spin(node, stop, keys, progress)

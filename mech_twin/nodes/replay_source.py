@@ -9,12 +9,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from rclpy.qos import QoSProfile
 
 from mech_twin.messages.topics import CLOCK, IMPACTS, type_name
-from mech_twin.recording.bag_reader import BagReader
 from mech_twin.recording.errors import BagError, DecodeError, UnknownTypeError
 from mech_twin.recording.message_types import decoded, is_latched, message_class, recorded_qos
 
 if TYPE_CHECKING:
-    from mech_twin.recording.bag_contents import BagMessage
+    from mech_twin.recording.bag_contents import BagMessage, RecordingReader
 
 LARGEST_LATCH = 100
 
@@ -41,7 +40,7 @@ class ReplaySource:
 
     Parameters
     ----------
-    reader : BagReader
+    reader : RecordingReader
         The open bag.
     topics : list of str
         Full names, or names below the machine's; all if empty.
@@ -64,7 +63,11 @@ class ReplaySource:
     """
 
     def __init__(
-        self, reader: BagReader, topics: list[str] | None = None, start_s: float = 0.0, duration_s: float | None = None
+        self,
+        reader: RecordingReader,
+        topics: list[str] | None = None,
+        start_s: float = 0.0,
+        duration_s: float | None = None,
     ) -> None:
         if reader.start_ns is None or reader.end_ns is None:
             raise SelectionError(reader.path, "holds no messages")

@@ -13,7 +13,7 @@ from mech_twin.messages.step_message import SOURCE, mark
 from mech_twin.nodes.base_node import TwinNode
 from mech_twin.nodes.options import RunOptions
 from mech_twin.nodes.parameter_bridge import keys
-from mech_twin.nodes.source_lock import new_source
+from mech_twin.nodes.source_lock import ANONYMOUS, new_source
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.quantity import Parameters
 from mech_twin.roles import Machine
@@ -38,6 +38,7 @@ class RoleNode(TwinNode):
         self.diagnostics.limits(self.residual_limits())
         self.source = new_source()
         self.revision = 0
+        self.described_by = ANONYMOUS
         self.description = ""
         self.on_sample: Callable[[Sample], None] = _unobserved
         self._adopting = False

@@ -15,7 +15,7 @@ from mech_twin.quantity import Parameters
 from mech_twin.samples import Frame
 from mech_twin.view.rerun_scene import RerunScene
 
-FIGURES_EVERY_S = 1.0
+METRICS_EVERY_S = 1.0
 
 
 def opened_stage(machine_name: str, place: str) -> RerunScene:
@@ -60,7 +60,7 @@ class ViewerNode(ObserverNode):
         for event in self.run_metrics.observe(frame):
             self.stage.event(event)
         now = time.monotonic()
-        if now - self._shown > FIGURES_EVERY_S:
+        if now - self._shown > METRICS_EVERY_S:
             self._shown = now
             self.stage.metrics(self.run_metrics.running_numbers())
 

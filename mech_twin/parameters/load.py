@@ -31,9 +31,16 @@ from mech_twin.roles import Machine
 
 SIZE_LIMIT_BYTES = 1_000_000
 DEPTH_LIMIT = 20
+LARGEST_COUNTER = 2**53  # a float64 holds it exactly
 MACHINE_KEY = "machine"
 MOTOR_TABLE = "motors_4a"
+ROS_KEYS = frozenset({"use_sim_time", "qos_overrides", "start_type_description_service"})
 RUN_GROUP = "run"  # how a node is run, not what the machine is
+
+
+def is_of_ros(key: str) -> bool:
+    """Return whether a parameter is every ROS node's, as a dumped parameter file holds it, and not the machine's."""
+    return key.partition(".")[0] in ROS_KEYS
 
 
 def catalogue_entry(name: str) -> Entry:
@@ -226,7 +233,7 @@ def run_group(name: str, path: Path | None = None, overrides: Mapping[str, Any] 
 
 def validated(entry: Entry, tree: Mapping[str, Any], source: str) -> Parameters:
     """Return the parameter model of a tree of values, or one line that says what is wrong with it."""
-    values = dict(tree)
+    values = {key: value for key, value in tree.items() if not is_of_ros(key)}
     values.pop(RUN_GROUP, None)
     meant = values.pop(MACHINE_KEY, entry.name)
     if meant != entry.name:
@@ -244,9 +251,15 @@ def machine(name: str, path: Path | None = None, overrides: Mapping[str, Any] | 
     return catalogue_entry(name).build(machine_parameters(name, path, overrides))
 
 
-def description_text(name: str, parameters: Parameters, revision: int = 0, from_step: int = 0) -> str:
-    """Return the full configuration as a parameter file that says which machine, and from which step it holds."""
+def description_text(
+    name: str, parameters: Parameters, revision: int = 0, from_step: int = 0, source: float | None = None
+) -> str:
+    """Return the full configuration as a parameter file that says which machine, and from which step it holds.
+
+    ``source`` is the number the describing node signs its step messages with, if it does.
+    """
     head = {"machine": name, "version": __version__, "revision": revision, "from_step": from_step}
+    head |= {} if source is None else {"source": int(source)}
     tree = {**head, "/**": {"ros__parameters": {MACHINE_KEY: name, **configuration_tree(parameters)}}}
     return yaml.safe_dump(tree, sort_keys=False, allow_unicode=True)
 
@@ -270,6 +283,7 @@ class Description(NamedTuple):
     revision: int
     from_step: int
     parameters: Parameters
+    source: float = 0.0
 
 
 def description(text: str, source: str = "description") -> Description:
@@ -284,9 +298,15 @@ def description(text: str, source: str = "description") -> Description:
     head = yaml.safe_load(text)
     name = str(tree.get(MACHINE_KEY, head.get("machine")))
     parameters = validated(catalogue_entry(name), tree, source)
-    try:
-        return Description(
-            name, str(head.get("version")), int(head.get("revision", 0)), int(head.get("from_step", 0)), parameters
+    revision, from_step, described_by = (_counter(head, key, source) for key in ("revision", "from_step", "source"))
+    return Description(name, str(head.get("version")), revision, from_step, parameters, float(described_by))
+
+
+def _counter(head: Mapping[str, Any], key: str, source: str) -> int:
+    value = head.get(key, 0)
+    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= LARGEST_COUNTER:
+        shown = str(value) if not isinstance(value, int) or abs(value) < LARGEST_COUNTER**2 else "a huge number"
+        raise ConfigurationError(
+            f"{source}: key '{key}', value {shown}: expected a whole number, 0 to {LARGEST_COUNTER}"
         )
-    except (TypeError, ValueError) as error:
-        raise ConfigurationError(f"{source}: revision or from_step is no whole number") from error
+    return value

@@ -17,7 +17,7 @@ Torque is positive in the sense of the rotating field.  The slip is counted in t
 slip *speed* alone.  At the rated supply (f = 1) this is the ordinary slip; at f < 1 the curve is moved along the
 speed axis, with the same breakdown torque.  f = 0 is the supply switched off.
 
-Source of the curve: M. Kloss 1901, as used in LoveikinRoller2018 eq. (29) and (40).
+Source of the curve: KlossMotor1916, as used in LoveikinRoller2018 eq. (29) and (40).
 """
 
 from __future__ import annotations

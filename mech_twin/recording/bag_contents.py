@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from types import TracebackType
+from typing import NamedTuple, Protocol
 
 
 class BagMessage(NamedTuple):
@@ -68,3 +70,32 @@ class BagInfo:
     splits: tuple[SplitInfo, ...]
     finished: bool
     problems: tuple[str, ...] = ()
+
+
+class RecordingReader(Protocol):
+    """A recording open for reading, whatever its storage."""
+
+    path: Path
+    topics: dict[str, TopicInfo]
+    start_ns: int | None
+    end_ns: int | None
+
+    @property
+    def info(self) -> BagInfo:
+        """Return the summary of the bag."""
+
+    def messages(
+        self, topics: Collection[str] | None = None, start_s: float = 0.0, duration_s: float | None = None
+    ) -> Iterator[BagMessage]:
+        """Yield the messages in order of log time, of these topics and this part of the bag."""
+
+    def close(self) -> None:
+        """Close the files."""
+
+    def __enter__(self) -> RecordingReader:
+        """Return the reader itself."""
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close the files."""

@@ -12,10 +12,13 @@ from typing import Any
 
 import yaml
 
+from mech_twin.output_file import FILE_MODE, NEW_FILE
 from mech_twin.recording.errors import DamagedBagError, ForeignFileError, MissingBagError
 
 FILE_NAME = "metadata.yaml"
 MAX_FILE_BYTES = 1 << 20
+MCAP = "mcap"
+SQLITE = "sqlite3"
 MAX_SPLITS = 10_000
 
 
@@ -38,7 +41,8 @@ class FileStatistics:
     def count(self, topic: str, log_time_ns: int) -> None:
         """Count one message."""
         self.counts[topic] += 1
-        self.start_ns = log_time_ns if self.start_ns is None else min(self.start_ns, log_time_ns)
+        if self.start_ns is None or log_time_ns < self.start_ns:
+            self.start_ns = log_time_ns
         self.end_ns = max(self.end_ns, log_time_ns)
 
 
@@ -57,6 +61,7 @@ class BagMetadata:
     """The fields of `metadata.yaml` that are needed to open a bag."""
 
     files: tuple[str, ...]
+    compression_mode: str
     custom: Mapping[str, str]
 
 
@@ -75,8 +80,9 @@ def write_metadata(
         allow_unicode=True,
     )
     temporary = directory / f".{FILE_NAME}.{os.getpid()}"
+    temporary.unlink(missing_ok=True)
     try:
-        with temporary.open("w", encoding="utf-8") as stream:
+        with os.fdopen(os.open(temporary, NEW_FILE, FILE_MODE), "w", encoding="utf-8") as stream:
             stream.write(text)
             stream.flush()
             os.fsync(stream.fileno())
@@ -85,7 +91,7 @@ def write_metadata(
         temporary.unlink(missing_ok=True)
 
 
-def read_metadata(directory: Path) -> BagMetadata:
+def read_metadata(directory: Path, storage: str = MCAP) -> BagMetadata:
     """Return the contents of `metadata.yaml`.
 
     Raises
@@ -103,24 +109,24 @@ def read_metadata(directory: Path) -> BagMetadata:
         raise DamagedBagError(path, f"larger than {MAX_FILE_BYTES} bytes")
     try:
         information = yaml.safe_load(text)["rosbag2_bagfile_information"]
-        storage = information["storage_identifier"]
+        found = information["storage_identifier"]
         names = tuple(str(name) for name in information["relative_file_paths"])
         compression = str(information.get("compression_mode") or "")
         custom = {str(key): str(value) for key, value in (information.get("custom_data") or {}).items()}
     except (yaml.YAMLError, KeyError, TypeError, AttributeError, ValueError, RecursionError) as error:
         raise DamagedBagError(path, f"is not rosbag2 metadata ({type(error).__name__}: {error})") from error
-    if storage != "mcap":
+    if found != storage:
         raise ForeignFileError(
-            path, f"storage '{storage}' is not read here, only mcap; convert it with `ros2 bag convert`"
+            path, f"storage '{found}' does not match its files or is not supported; convert it with `ros2 bag convert`"
         )
     if compression.lower() == "file":
         raise ForeignFileError(path, "its files are compressed whole; unpack them, or convert with `ros2 bag convert`")
     for name in names:
-        if Path(name).name != name:
+        if Path(name).name != name or name in {"", ".."}:
             raise DamagedBagError(path, f"names a file outside its directory: '{name}'")
     if len(names) > MAX_SPLITS:
         raise DamagedBagError(path, f"names {len(names)} files, more than {MAX_SPLITS}")
-    return BagMetadata(names, custom)
+    return BagMetadata(names, "" if compression.lower() == "none" else compression.lower(), custom)
 
 
 def _span(start_ns: int | None, end_ns: int) -> dict[str, dict[str, int]]:
@@ -139,7 +145,7 @@ def _information(
     starts = [file.start_ns for file in files if file.start_ns is not None]
     return {
         "version": 9,
-        "storage_identifier": "mcap",
+        "storage_identifier": MCAP,
         **_span(min(starts, default=None), max((file.end_ns for file in files), default=0)),
         "message_count": totals.total(),
         "topics_with_message_count": [

@@ -9,9 +9,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
 
-from mech_twin.recording.bag_contents import BagInfo, BagMessage, SplitInfo, TopicInfo
+from mech_twin.recording.bag_contents import BagInfo, BagMessage, RecordingReader, SplitInfo, TopicInfo
+from mech_twin.recording.bag_directory import bag_files, inside, is_sqlite_bag
 from mech_twin.recording.bag_metadata import FILE_NAME, read_metadata
-from mech_twin.recording.errors import BagBeyondLimitsError, DamagedBagError, MissingBagError, UnfinishedBagError
+from mech_twin.recording.errors import BagBeyondLimitsError, DamagedBagError, UnfinishedBagError
 from mech_twin.recording.file_index import Extent, FileIndex
 from mech_twin.recording.file_summary import intact_index, summary_index
 from mech_twin.recording.mcap_records import RawMessage
@@ -213,10 +214,25 @@ class BagReader:
         return table
 
 
+def open_bag(path: Path | str) -> RecordingReader:
+    """Return a reader of a recording in MCAP or sqlite3 storage.
+
+    Raises
+    ------
+    MissingBagError, ForeignFileError, UnfinishedBagError, DamagedBagError
+        One line with the file and the reason.
+    """
+    if is_sqlite_bag(Path(path)):
+        from mech_twin.recording.sqlite_reader import SqliteReader
+
+        return SqliteReader(path)
+    return BagReader(path)
+
+
 def bag_info(path: Path | str) -> BagInfo:
     """Return the summary of a bag; of an unfinished or damaged one, of its intact part, with the problems listed."""
     try:
-        with BagReader(path) as reader:
+        with open_bag(path) as reader:
             return reader.info
     except (UnfinishedBagError, DamagedBagError) as error:
         with BagReader(path, salvage=True) as reader:
@@ -224,24 +240,6 @@ def bag_info(path: Path | str) -> BagInfo:
         if found.problems:
             return found
         return BagInfo(**{**vars(found), "problems": (str(error),)})
-
-
-def bag_files(path: Path) -> list[Path]:
-    """Return the MCAP files of a bag in order of their number, without consulting `metadata.yaml`.
-
-    Raises
-    ------
-    MissingBagError
-        There is no such bag, or it has no MCAP file.
-    """
-    if path.is_file():
-        return [path]
-    if not path.is_dir():
-        raise MissingBagError(path, "there is no such bag")
-    files = sorted(path.glob("*.mcap"), key=_split_order)
-    if not files:
-        raise MissingBagError(path, "holds no .mcap file")
-    return files
 
 
 def _files_of(path: Path, salvage: bool, problems: list[str]) -> tuple[list[Path], bool]:
@@ -252,10 +250,10 @@ def _files_of(path: Path, salvage: bool, problems: list[str]) -> tuple[list[Path
     try:
         if not (path / FILE_NAME).exists():
             raise UnfinishedBagError(path, f"has no {FILE_NAME}: it was never closed, or is still being written")
-        contents = read_metadata(path)
-        if contents.custom.get(FINISHED_KEY, "true") != "true":
+        metadata = read_metadata(path)
+        if metadata.custom.get(FINISHED_KEY, "true") != "true":
             raise UnfinishedBagError(path, "was never closed, or is still being written")
-        listed = [path / name for name in contents.files]
+        listed = [inside(path, path / name) for name in metadata.files]
         for file in listed:
             if not file.is_file():
                 raise DamagedBagError(file, f"is listed in {FILE_NAME} but does not exist")
@@ -265,11 +263,6 @@ def _files_of(path: Path, salvage: bool, problems: list[str]) -> tuple[list[Path
         problems.append(f"{error.file}: {error.reason}")
         return files, False
     return listed, True
-
-
-def _split_order(path: Path) -> tuple[int, str]:
-    number = path.stem.rpartition("_")[2]
-    return (int(number) if number.isascii() and number.isdigit() and len(number) < 10 else -1, path.name)
 
 
 def _split_info(source: _Source) -> SplitInfo:

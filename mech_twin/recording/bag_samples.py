@@ -24,7 +24,8 @@ from mech_twin.messages.topics import (
     full_name,
     type_name,
 )
-from mech_twin.recording.bag_reader import BagReader
+from mech_twin.recording.bag_contents import RecordingReader
+from mech_twin.recording.bag_reader import open_bag
 from mech_twin.recording.errors import BagError, DecodeError, UnknownTypeError
 from mech_twin.recording.message_types import decoded, message_class
 from mech_twin.samples import Drawing, Sample
@@ -56,7 +57,7 @@ class NoSamplesError(BagError):
     """The bag holds no samples of exactly one machine."""
 
 
-def recorded_machine(reader: BagReader) -> str:
+def recorded_machine(reader: RecordingReader) -> str:
     """Return the namespace of the machine whose samples a bag holds.
 
     Raises
@@ -82,7 +83,7 @@ class BagSamples:
 
     Parameters
     ----------
-    reader : BagReader
+    reader : RecordingReader
         The open bag.
     coupling_step_s : float, optional
         Step length for messages without a step number (a measured linkage).
@@ -97,7 +98,7 @@ class BagSamples:
         Messages not used, by reason: ``repeated``, ``contradicting``, ``late``, ``malformed``.
     """
 
-    def __init__(self, reader: BagReader, coupling_step_s: float | None = None) -> None:
+    def __init__(self, reader: RecordingReader, coupling_step_s: float | None = None) -> None:
         self.machine = recorded_machine(reader)
         self.unused: Counter[str] = Counter()
         self._reader = reader
@@ -194,5 +195,5 @@ class BagSamples:
 
 def bag_samples(path: Path) -> Iterator[StepSamples]:
     """Yield the steps of a bag; see `BagSamples.steps`."""
-    with BagReader(path) as reader:
+    with open_bag(path) as reader:
         yield from BagSamples(reader).steps()

@@ -44,6 +44,10 @@ class DamagedBagError(BagError):
         super().__init__(file, f"{reason}; salvage the intact part: mech-twin recover {file} OUT")
 
 
+class OutsideBagError(BagError):
+    """A file of the bag lies outside its directory."""
+
+
 class BagBeyondLimitsError(BagError):
     """Reading the bag would exceed the reader's memory limit."""
 

@@ -14,6 +14,7 @@ from mech_twin.recording.mcap_records import (
     FOOTER_BYTES,
     HEAD_BYTES,
     MAGIC,
+    MAX_CHUNK_BYTES,
     MAX_RECORD_BYTES,
     Record,
     UnreadableRecordError,
@@ -98,6 +99,10 @@ def _from_summary(file: RecordFile, records: list[Record]) -> FileIndex | None:
 def _chunk_extent(file: RecordFile, record: ChunkIndex) -> Extent:
     if record.chunk_start_offset + record.chunk_length > file.size:
         raise DamagedBagError(file.path, "its summary names a chunk beyond its end")
+    if record.uncompressed_size > MAX_CHUNK_BYTES:
+        raise DamagedBagError(
+            file.path, f"its summary names a chunk of {record.uncompressed_size} bytes, more than {MAX_CHUNK_BYTES}"
+        )
     return Extent(
         record.chunk_start_offset,
         record.chunk_length,

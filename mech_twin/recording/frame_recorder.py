@@ -94,11 +94,11 @@ class FrameRecorder:
         self._write_scene(frame)
 
     def close(self) -> None:
-        """Write the last window of the decimated topics and finish the recording."""
+        """Write the last window of the decimated topics and finish the recording; without any frame, delete it."""
         for pin, window in self._wrenches.items():
             self._put_wrench(pin, window.rest())
         self._put_pressing_force(self._pressing.rest())
-        self._writer.close()
+        self._writer.close(discard_empty=True)
 
     def _write_scene(self, frame: Frame) -> None:
         linkage = frame.linkage

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import stat
 import struct
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -32,15 +33,22 @@ class RecordFile:
 
     def __init__(self, path: Path) -> None:
         try:
-            self._stream = path.open("rb", buffering=0)
-            self.size = os.fstat(self._stream.fileno()).st_size
+            # without O_NONBLOCK, opening a named pipe waits for a writer
+            self._descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
         except OSError as error:
             raise MissingBagError(path, f"cannot be read ({error.strerror})") from error
+        status = os.fstat(self._descriptor)
+        if not stat.S_ISREG(status.st_mode):
+            os.close(self._descriptor)
+            raise MissingBagError(path, "is not a regular file")
+        self.size = status.st_size
         self.path = path
 
     def close(self) -> None:
-        """Close the file."""
-        self._stream.close()
+        """Close the file; idempotent."""
+        if self._descriptor >= 0:
+            os.close(self._descriptor)
+            self._descriptor = -1
 
     def bytes_at(self, offset: int, count: int) -> bytes:
         """Return `count` bytes, fewer at the end of the file.
@@ -51,7 +59,7 @@ class RecordFile:
             The operating system reports a read error.
         """
         try:
-            return os.pread(self._stream.fileno(), count, offset)
+            return os.pread(self._descriptor, count, offset)
         except OSError as error:
             raise UnreadableRecordError(f"read error ({error.strerror})") from error
 

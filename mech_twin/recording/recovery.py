@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import secrets
 import shutil
 from collections import Counter
 from collections.abc import Iterator
@@ -12,13 +13,16 @@ from pathlib import Path
 from mcap.records import Channel, Schema
 from mcap.writer import CompressionType, Writer
 
+from mech_twin.output_file import DIRECTORY_MODE
+from mech_twin.recording.bag_directory import bag_files
 from mech_twin.recording.bag_metadata import FileStatistics, TopicMetadata, write_metadata
-from mech_twin.recording.bag_reader import bag_files
 from mech_twin.recording.bag_split import LIBRARY, TOPIC_RECORD
 from mech_twin.recording.errors import BagExistsError, DamagedBagError, UnwritableDirectoryError
 from mech_twin.recording.file_index import Extent, FileIndex
 from mech_twin.recording.file_summary import intact_index
 from mech_twin.recording.mcap_records import RawMessage
+from mech_twin.recording.message_writer import MessageWriter
+from mech_twin.recording.output_directory import check_recording_directory, remove_recording
 from mech_twin.recording.record_file import RecordFile
 from mech_twin.recording.split_file import SplitFile
 from mech_twin.recording.split_series import FINISHED_KEY
@@ -64,7 +68,7 @@ class RecoveryReport:
         ]
 
 
-def recover(bag: Path | str, out: Path | str) -> RecoveryReport:
+def recover(bag: Path | str, out: Path | str, *, force: bool = False) -> RecoveryReport:
     """Write a new bag with every intact record of another, and return what was salvaged.
 
     The contents of the files never make it raise; the source is only read.
@@ -75,6 +79,8 @@ def recover(bag: Path | str, out: Path | str) -> RecoveryReport:
         A rosbag2 directory, or one MCAP file.
     out : Path
         The new rosbag2 directory.
+    force : bool
+        Overwrite a recording that is there already.
 
     Raises
     ------
@@ -85,20 +91,28 @@ def recover(bag: Path | str, out: Path | str) -> RecoveryReport:
     """
     source, target = Path(bag), Path(out).absolute()
     files = bag_files(source)
-    if target.exists():
-        raise BagExistsError(target, "is there already; nothing is overwritten, choose another directory")
+    _check_apart(source, target)
+    check_recording_directory(target, force=force)
     report = RecoveryReport(source, target)
-    partial = target.with_name(f".{target.name}.{os.getpid()}")
+    partial = target.with_name(f".{target.name}.{secrets.token_hex(4)}")
     try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        partial.mkdir()
+        target.parent.mkdir(DIRECTORY_MODE, parents=True, exist_ok=True)
+        partial.mkdir(DIRECTORY_MODE)
         _rebuild(files, partial, report)
+        remove_recording(target)
         partial.rename(target)
     except OSError as error:
         raise UnwritableDirectoryError(target, f"cannot be written ({error.strerror})") from error
     finally:
         shutil.rmtree(partial, ignore_errors=True)
     return report
+
+
+def _check_apart(source: Path, target: Path) -> None:
+    """Refuse to write over, into or around the recording that is read."""
+    one, other = source.resolve(), target.resolve()
+    if one == other or one in other.parents or other in one.parents:
+        raise BagExistsError(target, f"is not separate from {source}; choose another directory")
 
 
 def _rebuild(files: list[Path], directory: Path, report: RecoveryReport) -> None:
@@ -125,10 +139,10 @@ def _rewritten(
     statistics = FileStatistics(path.name)
     file = SplitFile(path, fsync=False)
     try:
-        writer = Writer(
+        writer = MessageWriter(
             file,  # type: ignore[arg-type]
-            chunk_size=_CHUNK_BYTES,
-            compression=CompressionType.ZSTD,
+            _CHUNK_BYTES,
+            CompressionType.ZSTD,
             enable_data_crcs=True,
         )
         writer.start(profile="ros2", library=LIBRARY)

@@ -12,6 +12,10 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+from mech_twin.output_file import FILE_MODE, NEW_FILE
+
+RESERVATION_NAME = ".reserve"
+
 
 class SplitFile:
     """The stream an MCAP writer writes to."""
@@ -22,7 +26,7 @@ class SplitFile:
         self._fsync = fsync
         self._buffered: list[bytes] = []
         self._buffered_bytes = 0
-        self._descriptor = os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY | os.O_CLOEXEC, 0o644)
+        self._descriptor = os.open(path, NEW_FILE, FILE_MODE)
 
     @property
     def pending(self) -> bool:
@@ -76,14 +80,15 @@ class SpaceReservation:
     """Disk space reserved for closing the recording when the disk is full."""
 
     def __init__(self, directory: Path) -> None:
-        self._path = directory / ".reserve"
+        self._path = directory / RESERVATION_NAME
         self._reserved_bytes = 0
 
     def reserve(self, size: int) -> None:
         """Reserve at least `size` bytes; a no-op if they are reserved already."""
         if size <= self._reserved_bytes:
             return
-        descriptor = os.open(self._path, os.O_CREAT | os.O_WRONLY | os.O_CLOEXEC, 0o600)
+        exists = self._reserved_bytes > 0
+        descriptor = os.open(self._path, NEW_FILE & ~(os.O_CREAT | os.O_EXCL) if exists else NEW_FILE, 0o600)
         try:
             os.posix_fallocate(descriptor, 0, size)
         finally:

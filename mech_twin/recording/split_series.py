@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 from mech_twin.recording.bag_metadata import FileStatistics, TopicMetadata, write_metadata
 from mech_twin.recording.bag_split import BagSplit, Storage, TopicCounters
-from mech_twin.recording.errors import BagExistsError, UnwritableDirectoryError
 from mech_twin.recording.schemas import MessageSchema
 from mech_twin.recording.split_file import SpaceReservation
 
@@ -121,41 +120,15 @@ class SplitSeries:
         custom = {FINISHED_KEY: str(finished).lower(), COUNTERS_KEY: counters}
         write_metadata(self._directory, topics, self._finished, custom, self._ros_distro)
 
+    def discard(self) -> None:
+        """Delete the files of the recording, for a run that recorded nothing."""
+        self._reservation.release()
+        if self.current is not None:
+            self.current.file.close()
+            self.current.file.path.unlink(missing_ok=True)
+            self.current = None
+
     def _reserve_space(self) -> None:
         assert self.current is not None
         needed = _RESERVE_BYTES + self._storage.chunk_bytes + len(self._configuration) + self.current.summary_bytes
         self._reservation.reserve(1 << (needed - 1).bit_length())
-
-
-def fresh_directory(wanted: Path, if_exists: str) -> tuple[Path, list[Path]]:
-    """Return an empty directory and the directories created for it, innermost first.
-
-    Raises
-    ------
-    BagExistsError, UnwritableDirectoryError
-        The directory is not empty or cannot be created; nothing is left behind.
-    """
-    directory, number = wanted.absolute(), 1
-    while _occupied(directory):
-        if if_exists != "rename":
-            raise BagExistsError(directory, "is not empty; nothing is overwritten, choose another directory")
-        number += 1
-        directory = wanted.absolute().with_name(f"{wanted.name}_{number}")
-    made: list[Path] = []
-    try:
-        missing = [path for path in (directory, *directory.parents) if not path.exists()]
-        for path in reversed(missing):
-            path.mkdir()
-            made.insert(0, path)
-    except OSError as error:
-        for path in made:
-            path.rmdir()
-        raise UnwritableDirectoryError(directory, f"cannot be created ({error.strerror})") from error
-    return directory, made
-
-
-def _occupied(directory: Path) -> bool:
-    try:
-        return directory.exists() and (not directory.is_dir() or any(directory.iterdir()))
-    except OSError as error:
-        raise UnwritableDirectoryError(directory, f"cannot be read ({error.strerror})") from error

@@ -10,10 +10,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from mech_twin.capabilities.design import Design
     from mech_twin.capabilities.published import Row
     from mech_twin.capabilities.sizing import Sizing
-    from mech_twin.machines.compaction_press.design_problem import Space
-    from mech_twin.machines.compaction_press.design_search import Design
     from mech_twin.machines.impact_mass.parameters import ImpactMass
     from mech_twin.machines.impact_mass.regimes import RegimeMap
     from mech_twin.machines.impact_mass.synthesis import RobustnessSpec, Synthesis
@@ -135,45 +134,66 @@ def size(
 
 
 def search(
-    objectives: Sequence[str] = ("peak_torque_nm",), *, space: Space | None = None, seed: int = 1, points: int = 9
+    machine: str,
+    objectives: Sequence[str] = (),
+    *,
+    parameters: Parameters | None = None,
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+    limits: Mapping[str, float] | None = None,
+    seed: int = 1,
+    points: int = 9,
 ) -> list[Design]:
-    """Return the best press for one objective, or the Pareto front of several; the same for the same seed.
+    """Return a machine's best design for one objective, or the Pareto front of several; the same for the same seed.
 
     Parameters
     ----------
+    machine : str
+        Machine of the catalogue that has a design question.
     objectives : sequence of str
-        Of ``peak_torque_nm``, ``flywheel_inertia_kg_m2``, ``mean_press_force_n`` (the last is made large).
-    space : Space, optional
-        Bounds of crank, length, height and pendulum, and the limits; the reference problem's if absent.
+        Of the machine's; its usual one if empty.
+    parameters : Parameters, optional
+        Configuration that is designed: all but the variables is taken from it; the installed one if absent.
+    bounds, limits : mapping, optional
+        Bounds of variables and limits of constraints that differ from the usual ones, by name.
     seed : int
         Seed of scan and optimiser.
     points : int
         Directions of the front that are refined, besides one per objective.
     """
-    from mech_twin.machines.compaction_press.design_search import best_design, pareto_front
+    from mech_twin.parameters.load import machine_parameters
+    from mech_twin.studies.design_scan import asked_objectives, design_question
 
-    if len(objectives) == 1:
-        return [best_design(objectives[0], space, seed)]
-    return pareto_front(tuple(objectives), space, seed, points)
+    question = design_question(machine)
+    wanted = asked_objectives(question, tuple(objectives))
+    return question.search(
+        parameters or machine_parameters(machine), question.space(bounds, limits), wanted, seed, points
+    )
 
 
 def designs(
+    machine: str,
     count: int,
     *,
-    space: Space | None = None,
+    parameters: Parameters | None = None,
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+    limits: Mapping[str, float] | None = None,
     seed: int = 1,
     cores: int | None = None,
     scheduler: str | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> DesignScan:
-    """Return the feasible presses among ``count`` random designs, each computed at 72 crank positions.
+    """Return the feasible designs of a machine among ``count`` random ones.
 
     Parameters
     ----------
+    machine : str
+        Machine of the catalogue that has a design question.
     count : int
         Designs to draw.
-    space : Space, optional
-        Bounds and limits; the reference problem's if absent.
+    parameters : Parameters, optional
+        Configuration that is designed; the installed one if absent.
+    bounds, limits : mapping, optional
+        Bounds of variables and limits of constraints that differ from the usual ones, by name.
     seed : int
         Seed; who computes a design does not matter to it.
     cores : int, optional
@@ -183,9 +203,20 @@ def designs(
     progress : callable, optional
         ``progress(done, all)``.
     """
-    from mech_twin.studies.design_scan import design_scan
+    from mech_twin.parameters.load import machine_parameters
+    from mech_twin.studies.design_scan import design_question, design_scan
 
-    return design_scan(count, space, seed, cores=cores, scheduler=scheduler, progress=progress)
+    space = design_question(machine).space(bounds, limits)
+    return design_scan(
+        machine,
+        parameters or machine_parameters(machine),
+        count,
+        space,
+        seed,
+        cores=cores,
+        scheduler=scheduler,
+        progress=progress,
+    )
 
 
 def synthesise(
@@ -204,7 +235,7 @@ def synthesise(
     impact_speed_m_per_s : float
         Wanted speed of the blow.
     demand : Demand, optional
-        Margin, basin and reserve asked of the robust cycle.
+        Margin, basin, tolerance and bounds asked of the robust cycle.
     periods : int
         How long the endurance runs are.
     """

@@ -1,8 +1,8 @@
-"""Scan of the press's design space: very many random designs, spread over cores or a cluster."""
+"""Scan of a machine's design space: very many random designs, spread over cores or a cluster."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -12,16 +12,19 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from mech_twin.machines.compaction_press.design_problem import OBJECTIVES, SENSES, Space, evaluation
+from mech_twin.capabilities.design import DesignQuestion, DesignSpace
+from mech_twin.capabilities.errors import StudyError
+from mech_twin.machines.catalog import CATALOGUE
+from mech_twin.parameters.load import catalogue_entry
+from mech_twin.quantity import Parameters
 from mech_twin.studies.spreading import available_cores, spread
 
 Array = NDArray[np.float64]
 BATCH = 20_000
-VARIABLES = ("crank_m", "length_m", "height_m", "pendulum_m")
 
 
 class Scanned(NamedTuple):
-    """A batch: its number, how many designs it drew, and the feasible ones with their objectives, shape (n, 7)."""
+    """A batch: its number, how many designs it drew, and the feasible ones, columns variables then objectives."""
 
     number: int
     designs: int
@@ -32,6 +35,8 @@ class Scanned(NamedTuple):
 class DesignScan:
     """All batches together: designs drawn, and the feasible ones with their objectives, in order of the batches."""
 
+    variables: tuple[str, ...]
+    objectives: Mapping[str, float]
     designs: int
     feasible: Array
 
@@ -42,33 +47,60 @@ class DesignScan:
 
     def best(self, objective: str) -> dict[str, float]:
         """Return the best design for an objective, by name."""
-        column = len(VARIABLES) + OBJECTIVES.index(objective)
-        row = self.feasible[int(np.argmin(SENSES[OBJECTIVES.index(objective)] * self.feasible[:, column]))]
-        return dict(zip((*VARIABLES, *OBJECTIVES), map(float, row), strict=True))
+        names = (*self.variables, *self.objectives)
+        values = self.objectives[objective] * self.feasible[:, names.index(objective)]
+        return dict(zip(names, map(float, self.feasible[int(np.argmin(values))]), strict=True))
 
     def write(self, path: Path) -> None:
         """Write the feasible designs as Parquet."""
         import pyarrow as pa
         from pyarrow import parquet
 
-        columns = dict(zip((*VARIABLES, *OBJECTIVES), self.feasible.T, strict=True))
+        columns = dict(zip((*self.variables, *self.objectives), self.feasible.T, strict=True))
         parquet.write_table(pa.table(columns), path, compression="zstd")
 
 
-def scanned_batch(space: Space, seed: int, threads: int, batch: tuple[int, int]) -> Scanned:
+def design_question(machine: str) -> DesignQuestion:
+    """Return the design question of a machine.
+
+    Raises
+    ------
+    StudyError
+        If it has none.
+    """
+    entry = catalogue_entry(machine)
+    question = entry.capabilities.design
+    if question is None:
+        others = ", ".join(name for name, other in CATALOGUE.items() if other.capabilities.design is not None)
+        raise StudyError(f"{entry.name}: no design question; there is one for {others}")
+    return question
+
+
+def asked_objectives(question: DesignQuestion, objectives: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the objectives asked for, the usual one where none is; refuse a name that is not there."""
+    for name in objectives:
+        if name not in question.objectives:
+            raise StudyError(f"no objective '{name}'; expected one of {', '.join(question.objectives)}")
+    return objectives or (next(iter(question.objectives)),)
+
+
+def scanned_batch(
+    machine: str, parameters: Parameters, space: DesignSpace, seed: int, threads: int, batch: tuple[int, int]
+) -> Scanned:
     """Return one batch (number, size): its designs depend on seed and number alone, not on who computes it."""
     number, size = batch
     numba.set_num_threads(min(threads, available_cores()))
-    lower, upper = np.array(space.lower_m), np.array(space.upper_m)
-    designs = lower + np.random.default_rng([seed, number]).random((size, 4)) * (upper - lower)
-    found = evaluation(designs, space.limits)
+    designs = space.designs(np.random.default_rng([seed, number]).random((size, len(space.lower))))
+    found = design_question(machine).evaluate(parameters, space, designs)
     keep = found.feasible
     return Scanned(number, size, np.hstack((designs[keep], found.objectives[keep])))
 
 
 def design_scan(
+    machine: str,
+    parameters: Parameters,
     count: int,
-    space: Space | None = None,
+    space: DesignSpace,
     seed: int = 1,
     *,
     cores: int | None = None,
@@ -79,13 +111,19 @@ def design_scan(
 
     On one machine the compiled loop uses the cores itself; on a cluster each worker takes batches of its own.
     """
+    question = design_question(machine)
     sizes = [min(BATCH, count - start) for start in range(0, count, BATCH)]
     threads = 1 if scheduler is not None else cores or available_cores()
-    task = partial(scanned_batch, space or Space(), seed, threads)
+    task = partial(scanned_batch, machine, parameters, space, seed, threads)
     done: dict[int, Scanned] = {}
     for found in spread(task, list(enumerate(sizes)), 1, scheduler):
         done.setdefault(found.number, found)
         if progress is not None:
             progress(sum(batch.designs for batch in done.values()), count)
     ordered = [done[number] for number in range(len(sizes))]
-    return DesignScan(sum(batch.designs for batch in ordered), np.vstack([batch.feasible for batch in ordered]))
+    return DesignScan(
+        tuple(question.variables),
+        question.objectives,
+        sum(batch.designs for batch in ordered),
+        np.vstack([batch.feasible for batch in ordered]),
+    )

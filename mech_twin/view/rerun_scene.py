@@ -7,6 +7,7 @@ recordings of machines outside the catalogue can be shown as well.
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
@@ -14,6 +15,7 @@ from types import TracebackType
 import numpy as np
 import rerun as rr
 
+from mech_twin.output_file import FILE_MODE
 from mech_twin.samples import BodySample, Drawing, Event, ForceSample, LinkageSample, MotorSample
 from mech_twin.view.captions import metrics_table
 from mech_twin.view.curves import (
@@ -262,8 +264,18 @@ def event_line(event: Event) -> str:
     return "  ".join([*words, f"cycle {event.period}"])
 
 
+def _create_file(path: Path) -> None:
+    """Create the file, or check that it is a regular one: rerun itself would follow a symbolic link."""
+    try:
+        os.close(os.open(path, os.O_CREAT | os.O_NOFOLLOW | os.O_WRONLY | os.O_CLOEXEC, FILE_MODE))
+    except OSError as reason:
+        raise RerunSceneError(f"view: file {path}: cannot be written: {reason.strerror}") from reason
+
+
 def _opened_stream(application_id: str, grpc_url: str | None, rrd_path: str | Path | None) -> rr.RecordingStream:
     stream = rr.RecordingStream(application_id)
+    if rrd_path is not None:
+        _create_file(Path(rrd_path))
     sinks: list[rr.GrpcSink | rr.FileSink] = []
     if grpc_url is not None:
         sinks.append(rr.GrpcSink(grpc_url))

@@ -55,7 +55,7 @@ def test_list_names_every_machine() -> None:
 
 def test_simulate_gives_summary_events_and_samples() -> None:
     result = document("simulate", "impact_mass", "--duration", "0.2", "--json", "--samples")
-    assert set(result) == {"machine", "config", "summary", "events", "samples"}
+    assert set(result) == {"machine", "config", "summary", "residuals", "events", "samples"}
     assert {"time_s", "kind", "pre_velocity_m_per_s", "post_velocity_m_per_s", "impulse_ns", "period"} <= set(
         result["events"][0]
     )

@@ -225,7 +225,7 @@ def test_a_recording_is_shown_into_a_file(bag: Path, tmp_path: Path) -> None:
     assert (tmp_path / "bag.rrd").stat().st_size > 10_000
 
 
-def test_a_recording_of_an_unknown_machine_is_shown_without_figures(bag: Path, tmp_path: Path) -> None:
+def test_a_recording_of_an_unknown_machine_is_shown_without_metrics(bag: Path, tmp_path: Path) -> None:
     done = mech_twin("view", foreign_machine(bag, tmp_path / "other"), "--save", tmp_path / "other.rrd")
     assert done.returncode == 0, done.stderr
     assert "no metrics" in done.stderr
@@ -238,7 +238,7 @@ def test_the_viewer_stays_on_this_machine_until_it_is_stopped(bag: Path) -> None
     lines = []
     for line in process.stderr:
         lines.append(line)
-        if "shown" in line:
+        if "complete; press Ctrl-C" in line:
             break
     assert any("http://127.0.0.1:" in line for line in lines)
     before = time.monotonic()
@@ -277,7 +277,7 @@ def test_what_was_cut_off_is_recovered(bag: Path, tmp_path: Path) -> None:
     assert 0 < saved <= 201
     assert result["messages"][STATES] == saved
     assert document("replay", tmp_path / "saved", "--resimulate")[1]["identical"] is True
-    assert_refused(mech_twin("recover", cut, tmp_path / "saved"), "nothing is overwritten")
+    assert_refused(mech_twin("recover", cut, tmp_path / "saved"), "use --force to overwrite")
 
 
 # -- refused --------------------------------------------------------------------------------------------------------
@@ -307,7 +307,7 @@ def test_a_missing_bag_is_refused_in_one_line(verb: list[str], tmp_path: Path) -
 def test_a_foreign_file_and_an_empty_bag_are_refused_in_one_line(verb: list[str], tmp_path: Path) -> None:
     foreign = tmp_path / "foreign.mcap"
     foreign.write_bytes(b"SQLite format 3\0" * 40)
-    assert_refused(mech_twin(verb[0], foreign, *verb[1:]), "no MCAP recording")
+    assert_refused(mech_twin(verb[0], foreign, *verb[1:]), "not an MCAP recording")
     assert_refused(mech_twin(verb[0], written_bag(tmp_path / "empty", []), *verb[1:]), "holds no")
 
 

@@ -29,7 +29,7 @@ class Limited:
 
 def simulated(machine: Machine, monkeypatch: pytest.MonkeyPatch, as_json: bool = True) -> None:
     monkeypatch.setattr(simulate, "built_machine", lambda *arguments: machine)
-    simulate_machine(machine.name, 0.1, None, None, [], as_json=as_json, with_samples=False)
+    simulate_machine(machine.name, 0.1, None, None, [], as_json=as_json, with_samples=False, force=False)
 
 
 def test_the_worst_residuals_are_written_with_their_limits(

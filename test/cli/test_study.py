@@ -45,7 +45,9 @@ def test_a_sweep_is_written_and_told_as_json(tmp_path):
 
 
 def test_sizes_are_written_as_a_configuration_that_runs(tmp_path):
-    done = asked(tmp_path, "vibration_crank", "size", "--limit", "counterweight_mass_kg=45", "--json")
+    done = asked(
+        tmp_path, "vibration_crank", "size", "--limit", "counterweight_mass_kg=45", "--tolerance", "0", "--json"
+    )
     assert done.returncode == 0, done.stderr
     assert "counterweight_mass_kg <= 45" in json.loads(done.stdout)["binding"]
     built = machine("vibration_crank", tmp_path / "vibration_crank-sized.yaml")
@@ -58,12 +60,21 @@ def test_sizes_are_written_as_a_configuration_that_runs(tmp_path):
         (("nothing", "sweep", "--over", "a=1,2"), "no machine 'nothing'"),
         (("winding_drum", "sweep", "--over", "a=1,2"), "no configuration key 'a'"),
         (("winding_drum", "size"), "nothing to size"),
-        (("vibration_crank", "size", "--tolerance", "0.05"), "no sizes with a tolerance"),
-        (("winding_drum", "search"), "about compaction_press"),
+        (("vibration_crank", "size", "--tolerance", "0.6"), "expected 0 to 0.5"),
+        (("compaction_press", "size", "--limit", "non_uniformity=0"), "limit non_uniformity=0: expected"),
+        (("vibration_crank", "size", "--limit", "counterweight_mass_kg=0"), "limit counterweight_mass_kg=0: expected"),
+        (("winding_drum", "search"), "no design question; there is one for compaction_press"),
+        (("impact_mass", "designs", "--count", "10"), "no design question; there is one for compaction_press"),
+        (("compaction_press", "search", "--objective", "weight_kg"), "no objective 'weight_kg'"),
+        (("compaction_press", "search", "--limit", "peak_n=1"), "no limit 'peak_n'"),
+        (
+            ("compaction_press", "designs", "--limit", "stroke_m=-1"),
+            "limit stroke_m=-1: expected a number of 0 or more",
+        ),
         (("vibration_crank", "size", "--out", "no/where.yaml"), "cannot be written"),
         (("impact_mass", "synthesise", "--impact-speed", "-1"), "impact_speed_m_per_s > 0"),
         (("impact_mass", "regimes", "--over", "restitution=0.5,1.5"), "restitution"),
-        (("compaction_press", "search", "--bound", "crank=0.2:0.1"), "bounds of r"),
+        (("compaction_press", "search", "--bound", "crank=0.2:0.1"), "bounds of crank"),
     ],
 )
 def test_a_wrong_question_is_one_line_and_exit_code_2(tmp_path, words, told):
@@ -85,9 +96,18 @@ def test_the_robust_cycle_is_written_and_holds(tmp_path):
 
 
 @pytest.mark.slow
-def test_the_search_meets_the_best_known_press_and_its_configuration_builds(tmp_path):
-    done = asked(tmp_path, "compaction_press", "search", "--json")
-    document = json.loads(done.stdout)
-    assert document["designs"][0]["peak_torque_nm"] <= 145.162 * (1.0 + 1e-5)
-    report = machine("compaction_press", tmp_path / "compaction_press-found.yaml").report()
-    assert report["drive_torque_peak_nm"] == pytest.approx(145.16, rel=1e-2)
+def test_the_press_that_is_printed_is_the_one_that_is_written_with_its_speed_and_force(tmp_path):
+    words = ("--set", "drive.speed_rpm=200.0", "--set", "working_force.peak_n=15000.0", "--json")
+    done = asked(tmp_path, "compaction_press", "search", *words)
+    assert done.returncode == 0, done.stderr
+    design = json.loads(done.stdout)["designs"][0]
+    built = machine("compaction_press", tmp_path / "compaction_press-found.yaml")
+    assert built.parameters.drive.speed_rpm == 200.0
+    assert built.parameters.working_force.peak_n == 15000.0
+    report = built.report()
+    assert max(report["drive_torque_peak_nm"], -report["drive_torque_min_nm"]) == pytest.approx(
+        design["peak_torque_nm"], rel=1e-9
+    )
+    assert report["flywheel_inertia_kg_m2"] == pytest.approx(design["flywheel_inertia_kg_m2"], rel=1e-9)
+    assert min(design["margins"].values()) >= 0.0
+    assert report["gamma_margin_deg"] == pytest.approx(design["margins"]["gamma_max_deg"], abs=1e-9)

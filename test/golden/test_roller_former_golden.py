@@ -11,9 +11,9 @@ import pytest
 from roller_former_cases import machine_for, parameters_for
 
 from mech_twin.engine.run import frames
+from mech_twin.machines.roller_former.metrics import moment_metrics
 from mech_twin.machines.roller_former.parameters import former_of
-from mech_twin.machines.roller_former.published import table_1_case, table_2_figures
-from mech_twin.machines.roller_former.steady import moment_figures
+from mech_twin.machines.roller_former.published import table_1_case, table_2_metrics
 
 STORE = Path(__file__).with_name("roller_former.json")
 
@@ -55,14 +55,14 @@ TABLE_2 = {
 )
 def test_static_moments_are_those_worked_from_the_formulas(load, mean_nm, largest_nm, digit_nm):
     for carts, most in enumerate(largest_nm, start=1):
-        found = moment_figures(former_of(table_1_case(parameters_for(2), carts, load)))
+        found = moment_metrics(former_of(table_1_case(parameters_for(2), carts, load)))
         assert found["moment_mean_per_cart_nm"] == pytest.approx(mean_nm, abs=digit_nm)
         assert found["moment_max_nm"] == pytest.approx(most, abs=digit_nm)
 
 
 @pytest.mark.parametrize(("carts", "damping"), TABLE_2)
 def test_table_2_is_that_worked_from_the_formulas(carts, damping):
-    assert table_2_figures(parameters_for(2), carts, damping) == pytest.approx(TABLE_2[carts, damping], rel=1.5e-3)
+    assert table_2_metrics(parameters_for(2), carts, damping) == pytest.approx(TABLE_2[carts, damping], rel=1.5e-3)
 
 
 if __name__ == "__main__":

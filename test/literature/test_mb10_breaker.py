@@ -88,7 +88,7 @@ def test_crank_and_body_together_in_other_units():
 def test_three_hundred_blows_from_standstill():
     found = metrics(30.0)
     assert found["blows"] >= 300.0
-    assert found["missed_blows"] == found["unseated_blows"] == found["jammed"] == 0.0
+    assert found["missed_blows"] == found["unseated_blows"] == found["stalled"] == 0.0
 
 
 def preloaded(force_n, **overrides):

@@ -18,7 +18,7 @@ from mech_twin.dependencies import EXTRA_OF, missing_extra, unmet
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = ROOT / "mech_twin"
 ROS_EXTRAS = ("jazzy", "kilted")
-DEVELOPER_EXTRAS = ("test", "bench")
+DEVELOPER_EXTRAS = ("test", "bench", "docs")
 # distribution -> rosdep key; the rest of what is required has none and is named in docs/native.md
 ROSDEP = {
     "numpy": "python3-numpy",
@@ -154,6 +154,14 @@ def without_extras(*words: str, cwd: Path) -> subprocess.CompletedProcess[str]:
 @pytest.mark.slow
 def test_a_machine_is_simulated_without_any_extra(tmp_path: Path) -> None:
     done = without_extras("simulate", "winding_drum", "--duration", "0.05", "--bag", "bag", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "bag" / "metadata.yaml").is_file()
+
+
+@pytest.mark.slow
+def test_a_machine_is_run_over_topics_without_any_extra(ros_domain: int, tmp_path: Path) -> None:
+    words = ("run", "winding_drum", "--duration", "0.05", "--pace", "max", "--view", "none", "--record", "bag")
+    done = without_extras(*words, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "bag" / "metadata.yaml").is_file()
 

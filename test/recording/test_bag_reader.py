@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import os
 import resource
 import shutil
 import subprocess
 import sys
+import zlib
 from collections.abc import Callable
 from io import BytesIO
 from pathlib import Path
 
 import pytest
+import yaml
 import zstandard
 from bag_cases import CONFIGURATION, DESCRIPTION, FORCES, JOINTS, NOTES, TYPES, counts, written
 from mcap.data_stream import RecordBuilder
@@ -28,6 +31,7 @@ from mech_twin.recording.errors import (
     DecodeError,
     ForeignFileError,
     MissingBagError,
+    OutsideBagError,
     UnfinishedBagError,
 )
 from mech_twin.recording.recovery import recover
@@ -234,6 +238,109 @@ def test_a_chunk_cannot_unpack_to_more_than_it_says(tmp_path: Path) -> None:
             report = recover(path, tmp_path / f"out_{number}")
             assert report.messages.total() == 0
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 700_000
+
+
+HUGE = 100_000_000_000
+LIMITED = """
+import resource, sys
+resource.setrlimit(resource.RLIMIT_AS, (3 << 30, 3 << 30))
+from mech_twin.recording.bag_reader import BagReader
+from mech_twin.recording.errors import BagError
+from mech_twin.recording.recovery import recover
+try:
+    with BagReader(sys.argv[1]) as reader:
+        list(reader.messages())
+except BagError as error:
+    print(error)
+print(recover(sys.argv[1], sys.argv[2]).messages.total())
+"""
+
+
+def with_huge_chunk(bag: Path) -> Path:
+    """Let the first chunk of a file say that it holds 100 GB."""
+    file = bag / "bag_0.mcap"
+    data = bytearray(file.read_bytes())
+    head = data.index(b"zstd") - 4 - 4 - 8  # before the name: its length, the checksum, the size
+    data[head : head + 8] = HUGE.to_bytes(8, "little")
+    file.write_bytes(data)
+    return file
+
+
+def with_huge_index(bag: Path) -> Path:
+    """Let the summary say that every chunk holds 100 GB, its checksum in order."""
+    file = bag / "bag_0.mcap"
+    data = bytearray(file.read_bytes())
+    start = int.from_bytes(data[-8 - 20 : -8 - 12], "little")
+    at = start
+    while (at := data.find(b"\x04\x00\x00\x00zstd", at)) >= 0:
+        data[at + 8 + 8 : at + 8 + 16] = HUGE.to_bytes(8, "little")
+        at += 1
+    data[-12:-8] = zlib.crc32(data[start:-12]).to_bytes(4, "little")
+    file.write_bytes(data)
+    return file
+
+
+def with_huge_record(bag: Path) -> Path:
+    """Let the first record say that it is 100 GB long."""
+    file = bag / "bag_0.mcap"
+    data = bytearray(file.read_bytes())
+    data[9:17] = HUGE.to_bytes(8, "little")
+    file.write_bytes(data)
+    return file
+
+
+@pytest.mark.parametrize("harm", [with_huge_chunk, with_huge_index, with_huge_record])
+def test_a_declared_size_of_100_gb_costs_one_line_and_no_memory(bag: Path, harm: Callable[[Path], Path]) -> None:
+    harm(bag)
+    words = [sys.executable, "-c", LIMITED, str(bag), str(bag.with_name("out"))]
+    run = subprocess.run(words, capture_output=True, text=True, check=False, timeout=60)
+    assert run.returncode == 0, run.stderr
+    *complaints, saved = run.stdout.splitlines()
+    assert len(complaints) <= 1
+    assert int(saved) == sum(counts(100).values()) or harm is with_huge_chunk
+    if harm is not with_huge_record:
+        assert "100000000000 bytes, more than" in complaints[0]
+
+
+@pytest.mark.parametrize(
+    "name", ["/etc/hostname", "../other/other_0.mcap", "sub/../../x.mcap", "", ".", "..", "sub/x.mcap"]
+)
+def test_a_path_in_the_metadata_never_leaves_the_bag(bag: Path, name: str) -> None:
+    written(bag.with_name("other"), 1)
+    page = yaml.safe_load((bag / "metadata.yaml").read_text())
+    page["rosbag2_bagfile_information"]["relative_file_paths"] = [name]
+    (bag / "metadata.yaml").write_text(yaml.safe_dump(page))
+    with pytest.raises(BagError) as caught:
+        BagReader(bag)
+    assert "\n" not in str(caught.value)
+    assert bag_info(bag).problems
+
+
+def test_a_file_of_the_bag_is_not_a_link_out_of_it(bag: Path) -> None:
+    file = bag / "bag_0.mcap"
+    file.rename(bag.with_name("outside.mcap"))
+    file.symlink_to(bag.with_name("outside.mcap"))
+    for read in (BagReader, bag_info, lambda path: recover(path, path.with_name("out"))):
+        with pytest.raises(OutsideBagError, match="leads out of the bag's directory"):
+            read(bag)
+    assert not bag.with_name("out").exists()
+
+
+def test_a_link_to_a_whole_bag_and_a_link_within_it_are_followed(bag: Path) -> None:
+    bag.with_name("link").symlink_to(bag)
+    (bag / "bag_0.mcap").rename(bag / "renamed.mcap")
+    (bag / "bag_0.mcap").symlink_to("renamed.mcap")
+    with BagReader(bag.with_name("link")) as reader:
+        assert sum(1 for _ in reader.messages()) == sum(counts(100).values())
+
+
+@pytest.mark.timeout(20)
+def test_a_pipe_in_place_of_a_file_does_not_wait_for_a_writer(bag: Path) -> None:
+    (bag / "bag_0.mcap").unlink()
+    os.mkfifo(bag / "bag_0.mcap")
+    for salvage in (False, True):
+        with pytest.raises(BagError):
+            BagReader(bag, salvage=salvage)
 
 
 LARGE = """

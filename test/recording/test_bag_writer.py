@@ -227,3 +227,33 @@ def test_storage_options(tmp_path: Path, compression: str, fsync: bool) -> None:
     bag = written(tmp_path / "bag", 50, compression=compression, fsync=fsync, chunk_bytes=4000)
     with BagReader(bag) as reader:
         assert sum(1 for _ in reader.messages()) == sum(counts(50).values())
+
+
+def test_a_recording_of_nothing_but_the_description_is_deleted_on_request(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "a" / "bag", configuration="a: 1", description_topic="/description") as writer:
+        writer.add_topic(NOTES, TYPES[NOTES])
+        writer.close(discard_empty=True)
+        assert writer.state is WriterState.CLOSED
+    assert list(tmp_path.iterdir()) == []
+    (tmp_path / "bag").mkdir()
+    with BagWriter(tmp_path / "bag", configuration="a: 1") as writer:
+        writer.add_topic(NOTES, TYPES[NOTES])
+        writer.close(discard_empty=True)
+    assert list((tmp_path / "bag").iterdir()) == []
+
+
+def test_one_message_is_enough_to_keep_a_recording(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "bag", configuration="a: 1") as writer:
+        writer.add_topic(NOTES, TYPES[NOTES])
+        writer.write(NOTES, string_cdr("x"), 0, 0)
+        writer.close(discard_empty=True)
+    with BagReader(tmp_path / "bag") as reader:
+        assert reader.info.message_count == 1
+
+
+def test_a_recording_is_not_written_through_a_link(tmp_path: Path) -> None:
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "bag").symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(BagExistsError):
+        BagWriter(tmp_path / "bag", configuration="")
+    assert list((tmp_path / "elsewhere").iterdir()) == []

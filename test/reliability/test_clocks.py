@@ -9,13 +9,15 @@ import pytest
 from bench_run import BenchRun
 from builtin_interfaces.msg import Time
 from catalogue import built
+from diagnostic_msgs.msg import DiagnosticArray
 from process_run import ProcessRun
 from rclpy.clock import ClockType
 from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
 
 import mech_twin
 from mech_twin.engine.run import frames
-from mech_twin.messages.topics import CLOCK
+from mech_twin.messages.topics import CLOCK, DIAGNOSTICS, JOINT_STATES, MOTOR_JOINT_STATES, Topic
 from mech_twin.nodes.motor_node import MotorNode
 from mech_twin.nodes.recorder_node import RecorderNode
 from mech_twin.recording.bag_reader import BagReader
@@ -108,3 +110,41 @@ def test_a_foreign_clock_does_not_move_the_time_of_a_recording(tmp_path: Path) -
     with BagReader(tmp_path / "bag") as reader:
         times = [row.log_time_ns for row in reader.messages()]
     assert max(times) <= round(end_s * 1e9)
+
+
+def strangers_on(run: BenchRun, joint_states: Topic) -> None:
+    """Publish what any other node may: wall, negative and absurd stamps, on a step topic and on diagnostics."""
+    steps = run.client.create_publisher(JointState, joint_states.name, joint_states.qos)
+    diagnostics = run.client.create_publisher(DiagnosticArray, DIAGNOSTICS.name, DIAGNOSTICS.qos)
+    run.until(lambda: steps.get_subscription_count() > 0 and diagnostics.get_subscription_count() > 0)
+    for second in (1_790_000_000, -5, 2**31 - 1, -(2**31), 3600):
+        message = JointState(name=["somebody"], position=[0.0], velocity=[0.0], effort=[0.0])
+        message.header.stamp = Time(sec=second)
+        steps.publish(message)
+        diagnostics.publish(DiagnosticArray(header=message.header))
+        run.steps(30)
+
+
+@pytest.mark.usefixtures("ros_domain")
+@pytest.mark.parametrize("topic", [JOINT_STATES, MOTOR_JOINT_STATES], ids=lambda topic: topic.name)
+def test_no_strangers_stamp_rules_time_splits_or_gaps_of_a_recording(topic: Topic, tmp_path: Path) -> None:
+    with BenchRun(DRUM, recorder=True, split_s=1000.0) as run:
+        recorder = run.revive(
+            lambda name, parameters, options: RecorderNode(name, tmp_path / "bag", parameters, options)
+        )
+        run.steps(50)
+        strangers_on(run, topic)
+        run.steps(50)
+        run.spin_for(0.3)
+        total = recorder.statistics.total
+        assert total[topic.name, "unknown_source"] == 5
+        assert total[DIAGNOSTICS.name, "unknown_source"] == 5
+        assert not [key for key in total if key[1] in ("missing", "late", "repeated")]
+        recorder.close()
+        end_s = run.samples[-1].time_s
+    with BagReader(tmp_path / "bag") as reader:
+        times = [row.log_time_ns for row in reader.messages()]
+        counters = reader.info.counters
+    assert 0 <= min(times) <= max(times) <= round(end_s * 1e9)
+    assert all(row["missed"] == 0 for row in counters.values())
+    assert len(list((tmp_path / "bag").glob("*.mcap"))) == 1

@@ -30,7 +30,9 @@ from mech_twin.messages.topics import (
     REJOIN_MOTOR,
     Topic,
 )
+from mech_twin.nodes.force_node import ForceNode
 from mech_twin.nodes.motor_node import MotorNode
+from mech_twin.parameters.load import description_text, machine_parameters
 from mech_twin.samples import MotorSample
 
 pytestmark = pytest.mark.usefixtures("ros_domain")
@@ -242,6 +244,42 @@ def test_garbled_words_end_nothing(topic: Topic) -> None:
             publisher.publish(String(data=text))
             run.steps(30)
         assert_engine(run)
+
+
+def other_descriptions() -> list[str]:
+    """Return what a stranger may say the configuration is: other parameters, absurd revisions, an older bag's."""
+    parameters = machine_parameters(DRUM, overrides={"package_radius_m": 0.4})
+    signed_one = description_text(DRUM, parameters, 1, 0, 17.0)
+    return [
+        description_text(DRUM, parameters),
+        description_text(DRUM, parameters, 1),
+        signed_one,
+        description_text(DRUM, parameters, 2**53, 0, 17.0),
+        description_text(DRUM, parameters, 0, 0, 17.0),
+        signed_one.replace("revision: 1", "revision: .inf"),
+        signed_one.replace("revision: 1", "revision: " + "9" * 400),
+        signed_one.replace("revision: 1", "revision: -1"),
+        signed_one.replace("source: 17", "source: .nan"),
+    ]
+
+
+def test_a_strangers_description_never_reaches_a_running_role() -> None:
+    with BenchRun(DRUM) as run:
+        run.steps(20)
+        publisher = run.client.create_publisher(String, DESCRIPTION.name, DESCRIPTION.qos)
+        run.until(lambda: publisher.get_subscription_count() >= 2)
+        for text in other_descriptions():
+            publisher.publish(String(data=text))
+            run.steps(30)
+        total = run.node("motor").statistics.total
+        run.until(lambda: total[DESCRIPTION.name, "unknown_source"] + total[DESCRIPTION.name, "malformed"] >= 9)
+        assert total[DESCRIPTION.name, "malformed"] == 4
+        run.kill("force_analysis")  # one that comes back while the stranger's is the newest on the topic
+        run.revive(ForceNode)
+        run.steps(100)
+        assert_engine(run)
+        for role in ("motor", "force_analysis", "linkage"):
+            assert run.node(role).machine.parameters == built(DRUM).parameters
 
 
 def test_a_second_linkage_is_not_followed() -> None:

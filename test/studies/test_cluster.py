@@ -87,7 +87,7 @@ def test_a_killed_worker_loses_nothing_and_nothing_counts_twice(cluster, tmp_pat
 
 def test_the_cluster_scans_the_same_designs_as_one_core(cluster):
     address, _ = cluster
-    there, here = designs(90_000, scheduler=address), designs(90_000, cores=1)
+    there, here = designs("compaction_press", 90_000, scheduler=address), designs("compaction_press", 90_000, cores=1)
     assert there.designs == here.designs == 90_000
     assert (there.feasible == here.feasible).all()
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mech_twin.kernel import kernel
+from mech_twin.machines.compaction_press.cycle_extremes import Turn, asked_flywheel, cycle_extremes, one_turn
 from mech_twin.machines.compaction_press.dynamics import (
     CONTACT,
     CONTACT_REVERSED,
@@ -104,14 +105,40 @@ def press_cycle(press: Press, stroke: Stroke, speed: float, count: int, kinks: b
     )
 
 
+def layer_work_on_the_way(press: Press, stroke: Stroke, f: float, direction: float) -> float:
+    """Return the work (J) done on the layer on the way from crank angle 0 to ``f`` (rad), turning in one direction."""
+    entry, bottom = (stroke.contact, stroke.bottom) if direction > 0.0 else (stroke.contact_reversed, stroke.bottom)
+    turns, way = divmod(direction * f, TURN)
+    entry_way, bottom_way = (direction * entry) % TURN, (direction * bottom) % TURN
+    whole = float(layer_work(press.load, stroke.bottom_y_m))
+    at_start = float(layer_work(press.load, loaded_height(press, 0.0)[0])) if bottom_way < entry_way else 0.0
+    so_far = turns * whole - at_start
+    if way >= bottom_way:
+        so_far += whole
+    if regime_at(stroke, f, direction) != FREE:
+        so_far += float(layer_work(press.load, loaded_height(press, f)[0]))
+    return so_far
+
+
 def mean_torque(press: Press, stroke: Stroke, speed: float) -> float:
     """Return the constant drive torque (N m) that carries the cycle: the layer's work over a turn."""
     whole = float(layer_work(press.load, stroke.bottom_y_m)) / TURN
     return whole if speed >= 0.0 else -whole
 
 
+def turn_at(stroke: Stroke, speed: float, delta: float) -> Turn:
+    """Return the turn at constant ``speed`` (rad/s) whose extremes are asked for with non-uniformity ``delta``."""
+    return one_turn(stroke.contact if speed >= 0.0 else stroke.contact_reversed, stroke.bottom, speed, delta)
+
+
+def turn_flywheel(press: Press, stroke: Stroke, speed: float, delta: float) -> float:
+    """Return the flywheel (kg m2) asked for on the continuous curve; negative where none is needed."""
+    turn = turn_at(stroke, speed, delta)
+    return float(asked_flywheel(cycle_extremes(press, turn), turn))
+
+
 def flywheel_figures(press: Press, stroke: Stroke, speed: float, delta: float) -> dict[str, float]:
-    """Return the flywheel by every variant, at 36000 and at the paper's 12 positions, and delta without one."""
+    """Return the flywheel on the continuous curve, its variants at 36000 and 12 positions, and delta without one."""
     w = abs(speed)
     fine = press_cycle(press, stroke, speed, WORK_POSITIONS)
     coarse = press_cycle(press, stroke, speed, 12, kinks=False)
@@ -120,7 +147,7 @@ def flywheel_figures(press: Press, stroke: Stroke, speed: float, delta: float) -
     cuts = wittenbauer(*curve)
     return {
         "non_uniformity_without_flywheel": non_uniformity(fine.work_j, fine.inertia_kg_m2, w),
-        "flywheel_inertia_kg_m2": exact_inertia(*curve),
+        "flywheel_inertia_kg_m2": turn_flywheel(press, stroke, speed, delta),
         "flywheel_inertia_12_positions_kg_m2": exact_inertia(*few),
         "flywheel_inertia_wittenbauer_kg_m2": cuts.inertia_kg_m2,
         "flywheel_inertia_textbook_kg_m2": textbook_inertia(*curve),
@@ -158,18 +185,3 @@ def gains(press: Press, f: float) -> tuple[float, float, float, float]:
     k1, normal, vertical = _gains(press, f)
     k2 = press.bar.coupler_m / max(press.bar.coupler_m - press.along_m, 1e-300)
     return k1, k2, 1.0 / max(normal, 1e-300), 1.0 / max(vertical, 1e-300)
-
-
-@kernel
-def angle_range(press: Press, count: int) -> Array:
-    """Return the largest gamma, smallest and largest transmission angle over ``count`` positions (rad).
-
-    The transmission angle is the angle between plate and pendulum at B, 0 to pi.
-    """
-    found = np.array([0.0, 10.0, 0.0])
-    for i in range(count):
-        at = position(press.bar, TURN * i / count)
-        found[0] = max(found[0], abs(np.arctan2(at.u_y, at.u_x)))
-        mu = np.arctan2(abs(at.det), at.u_x * at.v_x + at.u_y * at.v_y)
-        found[1], found[2] = min(found[1], mu), max(found[2], mu)
-    return found

@@ -1,42 +1,43 @@
 """Design problem of the press: objectives and constraint margins of many designs (r, l, h, R) at once.
 
-A design is sampled at 72 crank positions; the layer's law, the stroke and the energy are those of the samples.  The
-plate is as long as the bearings are apart (R1 = l), masses grow with length, the load acts at mid-plate.
+A design is a configuration's press with other lengths: the plate is as long as the bearings are apart (R1 = l, the
+paper's rule), masses and inertias follow the lengths by the configuration's own mass per metre, and speed, working
+force and asked non-uniformity are the configuration's.
+
+It is evaluated at 72 crank positions, where very many are wanted, or on the continuous curve.  The mean press force
+takes its contact travel from exact angles and heights in both.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
+from mech_twin.capabilities.design import Evaluation
 from mech_twin.kernel import kernel, parallel_kernel
-from mech_twin.machines.compaction_press.dynamics import FREE, Press, press_reduced
+from mech_twin.machines.compaction_press.cycle_extremes import (
+    asked_flywheel,
+    cycle_extremes,
+    one_turn,
+    transmission_range,
+)
+from mech_twin.machines.compaction_press.design_rule import BarRule, Lengths, MassRule, scaled_press
+from mech_twin.machines.compaction_press.dynamics import FREE, Press, loaded_height, press_reduced
 from mech_twin.machines.compaction_press.stroke_load import StrokeLoad
-from mech_twin.parts.four_bar import FourBar, Link, acute_angles, position
+from mech_twin.parts.four_bar import FourBar, acute_angles, position
 
 Array = NDArray[np.float64]
+TURN = 2.0 * math.pi
 POSITIONS = 72
-OBJECTIVES = ("peak_torque_nm", "flywheel_inertia_kg_m2", "mean_press_force_n")
-SENSES = (1.0, 1.0, -1.0)  # to be made small, small, large
-CONSTRAINTS = (
-    "gamma_max_deg",
-    "stroke_m",
-    "transmission_angle_deg",
-    "gamma_at_bottom_deg",
-    "alpha_at_bottom_deg",
-    "crank_plus_ground_m",
-    "ground_minus_crank_m",
-    "crank_shortest_m",
-)
+ROOT_STEPS = 60
 
 
 class Limits(NamedTuple):
-    """Constraints (degrees, m) and what the press does (rpm, N, N m); the reference problem's values."""
+    """What must hold (degrees, m), and the constant torque (N m) of the mean press force; the reference problem's."""
 
     gamma_max_deg: float = 20.0
     stroke_m: float = 0.05
@@ -44,175 +45,323 @@ class Limits(NamedTuple):
     gamma_bottom_deg: float = 1.0
     alpha_bottom_deg: float = 85.0
     spare_m: float = 0.005
-    speed_rad_per_s: float = 10.0 * math.pi
-    non_uniformity: float = 0.05
-    peak_n: float = 10000.0
-    contact_fraction: float = 0.5
-    exponent: float = 1.0
     constant_torque_nm: float = 250.0
 
 
-REFERENCE_LIMITS = Limits()
+class Duty(NamedTuple):
+    """What the press does: speed (rad/s), asked non-uniformity, and the working force (N, 1, 1)."""
+
+    speed_rad_per_s: float
+    non_uniformity: float
+    peak_n: float
+    contact_fraction: float
+    exponent: float
 
 
-@dataclass(frozen=True)
-class Space:
-    """Bounds of (r, l, h, R) in m, and the limits."""
+class Problem(NamedTuple):
+    """The configuration's rule of masses, its duty, and the limits."""
 
-    lower_m: tuple[float, float, float, float] = (0.02, 0.3, 0.1, 0.1)
-    upper_m: tuple[float, float, float, float] = (0.12, 0.8, 0.5, 0.6)
-    limits: Limits = REFERENCE_LIMITS
-
-    def __post_init__(self) -> None:
-        for name, low, high in zip(("r", "l", "h", "R"), self.lower_m, self.upper_m, strict=True):
-            if not 0.0 < low <= high:
-                raise ValueError(f"bounds of {name}: 0 < {low} <= {high} fails")
+    rule: MassRule
+    duty: Duty
+    limits: Limits
 
 
-class Evaluation(NamedTuple):
-    """Objectives, shape (n, 3), and margins of the constraints (negative: violated), shape (n, 8).
+class Objectives(NamedTuple):
+    """Peak of |torque| at constant speed (N m), flywheel (kg m2), mean press force at a constant torque (N)."""
 
-    A design that cannot be assembled at every position has infinite objectives, and margins of minus infinity but
-    for the three of lengths.
-    """
+    peak_torque_nm: float
+    flywheel_inertia_kg_m2: float
+    mean_press_force_n: float
 
-    objectives: Array
-    margins: Array
 
-    @property
-    def feasible(self) -> NDArray[np.bool_]:
-        """Which designs meet every constraint."""
-        return np.asarray((self.margins >= 0.0).all(axis=1))
+class Margins(NamedTuple):
+    """Margin of each constraint (negative: violated), degrees and m."""
+
+    gamma_max_deg: float
+    stroke_m: float
+    transmission_angle_deg: float
+    gamma_at_bottom_deg: float
+    alpha_at_bottom_deg: float
+    crank_plus_ground_m: float
+    ground_minus_crank_m: float
+    crank_shortest_m: float
+
+
+def packed(problem: Problem) -> Array:
+    """Return a problem as one column of numbers, which a loop over all cores can take."""
+    rule = problem.rule
+    shared = [rule.application_share, rule.application_across_m, rule.branch, rule.gravity]
+    crank = [rule.crank_kg, rule.crank_fixed_kg_m2, rule.crank_inertia_kg, rule.crank_along_share, rule.crank_across_m]
+    return np.array([*crank, *rule.plate, *rule.pendulum, *shared, *problem.duty, *problem.limits], dtype=np.float64)
 
 
 @kernel
-def design_press(r: float, l: float, h: float, R: float) -> Press:
-    """Return the press of a design (m): 80 kg/m plate, 16 kg/m pendulum, 5 kg crank, J1O = 0.002 + 5 r^2."""
-    plate, pendulum = 80.0 * l, 16.0 * R
-    return Press(
-        FourBar(r, l, R, l, h, 1.0),
-        Link(5.0, 0.002 + 5.0 * r * r, 0.0, 0.0),
-        Link(plate, plate * l * l / 12.0, 0.5 * l, 0.0),
-        Link(pendulum, pendulum * R * R / 12.0, 0.5 * R, 0.0),
-        0.5 * l,
-        0.0,
-        StrokeLoad(0.0, 1.0, 0.0, 1.0),
-        9.80665,
+def unpacked(flat: Array) -> Problem:
+    """Return the problem that `packed` made a column of."""
+    c, plate, pendulum, s, d, m = flat[:5], flat[5:9], flat[9:13], flat[13:17], flat[17:22], flat[22:]
+    rule = MassRule(
+        c[0],
+        c[1],
+        c[2],
+        c[3],
+        c[4],
+        BarRule(plate[0], plate[1], plate[2], plate[3]),
+        BarRule(pendulum[0], pendulum[1], pendulum[2], pendulum[3]),
+        s[0],
+        s[1],
+        s[2],
+        s[3],
+    )
+    duty = Duty(d[0], d[1], d[2], d[3], d[4])
+    return Problem(rule, duty, Limits(m[0], m[1], m[2], m[3], m[4], m[5], m[6]))
+
+
+OBJECTIVES = Objectives._fields
+SENSES = Objectives(1.0, 1.0, -1.0)  # to be made small, small, large
+CONSTRAINTS = Margins._fields
+
+
+class Samples(NamedTuple):
+    """Columns over the way the crank turns: reduced inertia, its slope, M_pr, height of the loaded point, its slope."""
+
+    inertia: Array
+    slope: Array
+    moment: Array
+    y: Array
+    y1: Array
+
+
+class PressStroke(NamedTuple):
+    """Crank angles (rad) of the bottom and of first contact, way between them (rad), and heights (m)."""
+
+    bottom: float
+    contact: float
+    way: float
+    top_y: float
+    contact_y: float
+    bottom_y: float
+
+
+@kernel
+def turning_margins(lengths: Lengths, spare_m: float) -> tuple[float, float, float]:
+    """Return the margins (m) of r + |OC| <= R1 + R, ||OC| - r| >= |R1 - R| and of the crank as the shortest link."""
+    r, l, R = lengths.crank_m, lengths.length_m, lengths.pendulum_m
+    ground = math.hypot(l, lengths.height_m)
+    return (
+        l + R - r - ground - spare_m,
+        abs(ground - r) - abs(l - R) - spare_m,
+        min(l, R, ground) - r - spare_m,
     )
 
 
 @kernel
-def _rotation_margins(r: float, l: float, h: float, R: float, spare: float, margins: Array) -> None:
-    ground = math.hypot(l, h)
-    margins[5] = l + R - r - ground - spare
-    margins[6] = abs(ground - r) - abs(l - R) - spare
-    margins[7] = min(l, R, ground) - r - spare
+def _miss(press: Press, f: float, height: float, rate: bool) -> float:
+    y, y1 = loaded_height(press, f)
+    return y1 if rate else y - height
 
 
 @kernel
-def _bottom_angle(before: float, at: float, after: float) -> float:
-    """Return how far the lowest point of a parabola through three samples lies from the middle one (steps)."""
-    curve = before - 2.0 * at + after
-    return 0.5 * (before - after) / curve if curve > 0.0 else 0.0
+def path_root(press: Press, low: float, high: float, height: float, rate: bool) -> float:
+    """Return where the loaded point passes ``height`` (m), or with ``rate`` where it turns, between two crank angles.
+
+    False position with halved weights (Illinois).  Without a change of sign: the middle.
+    """
+    at_low, at_high = _miss(press, low, height, rate), _miss(press, high, height, rate)
+    if at_low * at_high > 0.0:
+        return 0.5 * (low + high)
+    for _ in range(ROOT_STEPS):
+        if abs(high - low) < 1e-14 or at_high == at_low:
+            break
+        middle = high - at_high * (high - low) / (at_high - at_low)
+        at_middle = _miss(press, middle, height, rate)
+        if at_middle * at_high <= 0.0:
+            low, at_low = high, at_high
+        else:
+            at_low *= 0.5
+        if abs(middle - high) < 1e-15:
+            break
+        high, at_high = middle, at_middle
+    return high
 
 
 @kernel
-def _angles_and_stroke(press: Press, limits: Limits, table: Array, margins: Array) -> tuple[int, int]:
-    """Fill the unloaded columns and the first five margins; return the samples of top and bottom."""
+def exact_stroke(press: Press, duty: Duty, top_way: float, bottom_way: float) -> PressStroke:
+    """Return the stroke with every angle and height exact, from the way of the highest and lowest sample (rad)."""
+    direction = 1.0 if duty.speed_rad_per_s >= 0.0 else -1.0
+    step = TURN / POSITIONS
+    top = path_root(press, direction * top_way - step, direction * top_way + step, 0.0, True)
+    bottom = path_root(press, direction * bottom_way - step, direction * bottom_way + step, 0.0, True)
+    top_y, _ = loaded_height(press, top)
+    bottom_y, _ = loaded_height(press, bottom)
+    contact_y = top_y - duty.contact_fraction * (top_y - bottom_y)
+    down = direction * ((direction * (bottom - top)) % TURN)
+    contact = path_root(press, top, top + down, contact_y, False) if duty.contact_fraction > 0.0 else top
+    return PressStroke(bottom, contact, abs(top + down - contact), top_y, contact_y, bottom_y)
+
+
+@kernel
+def mean_press_force(stroke: PressStroke, constant_torque_nm: float) -> float:
+    """Return the mean force (N) over the contact travel at a constant drive torque: torque times angle over travel.
+
+    What a layer takes at that mean is the work of the drive from first contact to the bottom, both exact.
+    """
+    return constant_torque_nm * stroke.way / (stroke.contact_y - stroke.bottom_y)
+
+
+@kernel
+def bottom_angles(bar: FourBar, bottom: float) -> tuple[float, float]:
+    """Return gamma and alpha at the bottom of the stroke (rad)."""
+    alpha, _, gamma = acute_angles(position(bar, bottom))
+    return gamma, alpha
+
+
+@kernel
+def _sampled_press(press: Press, direction: float) -> tuple[Samples, float, float, int, int]:
+    """Return the unloaded samples, largest gamma and smallest transmission angle (rad), places of top and bottom."""
     n = POSITIONS
+    at = Samples(np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n))
     gamma_max, beta_min, top, bottom = 0.0, 10.0, 0, 0
     for k in range(n):
-        f = 2.0 * math.pi * k / n
-        at = position(press.bar, f)
-        _, beta, gamma = acute_angles(at)
+        f = direction * TURN * k / n
+        _, beta, gamma = acute_angles(position(press.bar, f))
         gamma_max, beta_min = max(gamma_max, gamma), min(beta_min, beta)
         now = press_reduced(press, f, FREE)
-        table[0, k], table[1, k], table[2, k] = now.inertia, now.slope, now.moment
-        table[3, k], table[4, k] = now.y, now.y1
-        if now.y > table[3, top]:
+        at.inertia[k], at.slope[k], at.moment[k], at.y[k], at.y1[k] = now.inertia, now.slope, now.moment, now.y, now.y1
+        if at.y[k] > at.y[top]:
             top = k
-        if now.y < table[3, bottom]:
+        if at.y[k] < at.y[bottom]:
             bottom = k
-    alpha, _, gamma = acute_angles(position(press.bar, 2.0 * math.pi * bottom / n))
-    margins[0] = limits.gamma_max_deg - math.degrees(gamma_max)
-    margins[1] = table[3, top] - table[3, bottom] - limits.stroke_m
-    margins[2] = math.degrees(beta_min) - limits.transmission_deg
-    margins[3] = limits.gamma_bottom_deg - math.degrees(gamma)
-    margins[4] = math.degrees(alpha) - limits.alpha_bottom_deg
-    return top, bottom
+    return at, gamma_max, beta_min, top, bottom
 
 
 @kernel
-def _loaded_objectives(limits: Limits, table: Array, top: int, bottom: int, found: Array) -> None:
-    n = POSITIONS
-    y_t, y_b = table[3, top], table[3, bottom]
-    y_c = y_t - limits.contact_fraction * (y_t - y_b)
-    down = (bottom - top) % n
-    first = -1.0
-    for i in range(down + 1):
-        k = (top + i) % n
-        y = table[3, k]
-        if y < y_c:
-            if first < 0.0:
-                above = table[3, (top + i - 1) % n]
-                first = i - 1 + (above - y_c) / (above - y)
-            table[2, k] += limits.peak_n * ((y_c - y) / (y_c - y_b)) ** limits.exponent * table[4, k]
-    mean = 0.0
-    for k in range(n):
-        mean += table[2, k] / n
-    w, delta = limits.speed_rad_per_s, limits.non_uniformity
+def _load_samples(at: Samples, duty: Duty, top: int, bottom: int) -> None:
+    """Add the layer's moment to the samples on the way down; the stroke is that of the samples."""
+    y_t, y_b = at.y[top], at.y[bottom]
+    y_c = y_t - duty.contact_fraction * (y_t - y_b)
+    for i in range((bottom - top) % POSITIONS + 1):
+        k = (top + i) % POSITIONS
+        if at.y[k] < y_c:
+            at.moment[k] += duty.peak_n * ((y_c - at.y[k]) / (y_c - y_b)) ** duty.exponent * at.y1[k]
+
+
+@kernel
+def _sampled_objectives(at: Samples, duty: Duty) -> tuple[float, float]:
+    """Return the peak of |torque| (N m) and the flywheel (kg m2), work by trapezoid on the samples."""
+    n, w, delta = POSITIONS, abs(duty.speed_rad_per_s), duty.non_uniformity
+    direction = 1.0 if duty.speed_rad_per_s >= 0.0 else -1.0
     fast, slow = 0.5 * (w * (1.0 + 0.5 * delta)) ** 2, 0.5 * (w * (1.0 - 0.5 * delta)) ** 2
-    work, peak = 0.0, 0.0
-    high, low = -1e300, 1e300
+    mean = at.moment.sum() / n
+    work, peak, high, low = 0.0, 0.0, -1e300, 1e300
     for k in range(n):
         if k > 0:
-            work += (0.5 * (table[2, k] + table[2, k - 1]) - mean) * 2.0 * math.pi / n
-        high, low = max(high, work - fast * table[0, k]), min(low, work - slow * table[0, k])
-        peak = max(peak, abs(0.5 * w * w * table[1, k] - table[2, k]))
-    last = down + _bottom_angle(table[3, (bottom - 1) % n], y_b, table[3, (bottom + 1) % n])
-    found[0], found[1] = peak, (high - low) / (delta * w * w)
-    found[2] = limits.constant_torque_nm * (last - first) * 2.0 * math.pi / n / (y_c - y_b)
+            work += direction * (0.5 * (at.moment[k] + at.moment[k - 1]) - mean) * TURN / n
+        high, low = max(high, work - fast * at.inertia[k]), min(low, work - slow * at.inertia[k])
+        peak = max(peak, abs(0.5 * w * w * at.slope[k] - at.moment[k]))
+    return peak, (high - low) / (delta * w * w)
+
+
+@kernel
+def sampled_design(lengths: Lengths, problem: Problem) -> tuple[Objectives, Margins]:
+    """Return objectives and margins at 72 crank positions; the mean press force with exact angles and heights."""
+    duty, limits = problem.duty, problem.limits
+    direction = 1.0 if duty.speed_rad_per_s >= 0.0 else -1.0
+    press = scaled_press(problem.rule, lengths)
+    at, gamma_max, beta_min, top, bottom = _sampled_press(press, direction)
+    stroke = exact_stroke(press, duty, TURN * top / POSITIONS, TURN * bottom / POSITIONS)
+    gamma, alpha = bottom_angles(press.bar, direction * TURN * bottom / POSITIONS)
+    height = at.y[top] - at.y[bottom]
+    _load_samples(at, duty, top, bottom)
+    peak, flywheel = _sampled_objectives(at, duty)
+    return (
+        Objectives(peak, flywheel, mean_press_force(stroke, limits.constant_torque_nm)),
+        Margins(
+            limits.gamma_max_deg - math.degrees(gamma_max),
+            height - limits.stroke_m,
+            math.degrees(beta_min) - limits.transmission_deg,
+            limits.gamma_bottom_deg - math.degrees(gamma),
+            math.degrees(alpha) - limits.alpha_bottom_deg,
+            *turning_margins(lengths, limits.spare_m),
+        ),
+    )
+
+
+@kernel
+def continuous_press(
+    press: Press, lengths: Lengths, stroke: PressStroke, duty: Duty, limits: Limits
+) -> tuple[Objectives, Margins]:
+    """Return objectives and margins of a loaded press on the continuous curve, its stroke given."""
+    turn = one_turn(stroke.contact, stroke.bottom, duty.speed_rad_per_s, duty.non_uniformity)
+    found = cycle_extremes(press, turn)
+    least, most = transmission_range(press)
+    gamma, alpha = bottom_angles(press.bar, stroke.bottom)
+    return (
+        Objectives(
+            max(found.torque_max_nm, -found.torque_min_nm),
+            asked_flywheel(found, turn),
+            mean_press_force(stroke, limits.constant_torque_nm),
+        ),
+        Margins(
+            limits.gamma_max_deg - math.degrees(found.gamma_max_rad),
+            stroke.top_y - stroke.bottom_y - limits.stroke_m,
+            math.degrees(min(least, math.pi - most)) - limits.transmission_deg,
+            limits.gamma_bottom_deg - math.degrees(gamma),
+            math.degrees(alpha) - limits.alpha_bottom_deg,
+            *turning_margins(lengths, limits.spare_m),
+        ),
+    )
+
+
+@kernel
+def continuous_design(lengths: Lengths, problem: Problem) -> tuple[Objectives, Margins]:
+    """Return objectives and margins on the continuous curve."""
+    duty = problem.duty
+    direction = 1.0 if duty.speed_rad_per_s >= 0.0 else -1.0
+    bare = scaled_press(problem.rule, lengths)
+    heights = np.empty(POSITIONS)
+    for k in range(POSITIONS):
+        heights[k], _ = loaded_height(bare, direction * TURN * k / POSITIONS)
+    step = TURN / POSITIONS
+    stroke = exact_stroke(bare, duty, heights.argmax() * step, heights.argmin() * step)
+    load = StrokeLoad(duty.peak_n, stroke.contact_y, stroke.bottom_y, duty.exponent)
+    press = Press(bare.bar, bare.crank, bare.plate, bare.pendulum, bare.along_m, bare.across_m, load, bare.gravity)
+    return continuous_press(press, lengths, stroke, duty, problem.limits)
 
 
 @parallel_kernel
-def _evaluated(designs: Array, limits: Array) -> tuple[Array, Array]:
-    objectives = np.full((designs.shape[0], 3), np.inf)
-    margins = np.full((designs.shape[0], 8), -np.inf)
+def _evaluated(designs: Array, flat: Array, continuous: bool) -> tuple[Array, Array]:
+    objectives = np.full((designs.shape[0], len(OBJECTIVES)), np.inf)
+    margins = np.full((designs.shape[0], len(CONSTRAINTS)), -np.inf)
     for i in prange(designs.shape[0]):
-        set_ = Limits(
-            limits[0],
-            limits[1],
-            limits[2],
-            limits[3],
-            limits[4],
-            limits[5],
-            limits[6],
-            limits[7],
-            limits[8],
-            limits[9],
-            limits[10],
-            limits[11],
-        )
-        r, l, h, R = designs[i, 0], designs[i, 1], designs[i, 2], designs[i, 3]
-        _rotation_margins(r, l, h, R, set_.spare_m, margins[i])
-        if min(margins[i, 5], margins[i, 6]) > -set_.spare_m:
-            table = np.empty((5, POSITIONS))
-            top, bottom = _angles_and_stroke(design_press(r, l, h, R), set_, table, margins[i])
-            _loaded_objectives(set_, table, top, bottom, objectives[i])
+        d, problem = designs[i], unpacked(flat)
+        lengths = Lengths(d[0], d[1], d[2], d[3])
+        turning = turning_margins(lengths, 0.0)
+        for k in range(len(turning)):
+            margins[i, len(CONSTRAINTS) - len(turning) + k] = turning[k] - problem.limits.spare_m
+        if turning[0] > 0.0 and turning[1] > 0.0:
+            found = continuous_design(lengths, problem) if continuous else sampled_design(lengths, problem)
+            reached, held = found
+            for k in range(len(OBJECTIVES)):
+                objectives[i, k] = reached[k]
+            for k in range(len(CONSTRAINTS)):
+                margins[i, k] = held[k]
     return objectives, margins
 
 
-def evaluation(designs: Array, limits: Limits) -> Evaluation:
-    """Return objectives and constraint margins of designs (r, l, h, R), m, shape (n, 4).
+def evaluation(designs: Array, problem: Problem, *, continuous: bool = False) -> Evaluation:
+    """Return objectives, shape (n, 3), and constraint margins, shape (n, 8), of designs (r, l, h, R), m, shape (n, 4).
 
-    Peak of |torque| at constant speed (N m); flywheel (kg m2) from W by trapezoid on the samples, exact formula;
-    mean press force (N) over the contact travel at a constant drive torque, torque times crank angle over travel.
-    First contact is interpolated between samples, the bottom's angle by a parabola through three; heights are the
-    samples'.  How the contact travel is read off the samples is our choice, the one under which the best-known mean
-    force is reproduced: with every angle and height exact that design's comes out 3e-5 smaller, with the bottom taken
-    at its sample 1.4e-4 smaller.
+    A design that cannot turn fully has infinite objectives, and margins of minus infinity but for the three of
+    lengths.
+
+    Parameters
+    ----------
+    designs : ndarray
+        Crank, length, height and pendulum (m), shape (n, 4).
+    problem : Problem
+        Rule of masses, duty and limits.
+    continuous : bool
+        On the continuous curve; else at 72 crank positions, work by trapezoid, heights and angles of the stroke those
+        of the samples but in the mean press force.
     """
-    objectives, margins = _evaluated(
-        np.ascontiguousarray(designs, dtype=np.float64), np.array(limits, dtype=np.float64)
-    )
-    return Evaluation(objectives, margins)
+    return Evaluation(*_evaluated(np.ascontiguousarray(designs, dtype=np.float64), packed(problem), continuous))

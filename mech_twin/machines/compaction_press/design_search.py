@@ -1,11 +1,13 @@
 """Search for a press: the best design for one objective, the Pareto front of several, or why there is none.
 
-A compiled scan of a Sobol sequence finds where the space is feasible; differential evolution (scipy) starts from the
-scan's best and is sharpened by simplex restarts.  The same seed gives the same answer.
+A compiled scan of a Sobol sequence at 72 crank positions finds where the space is feasible; differential evolution
+(scipy) starts from the scan's best; the winner is polished on the continuous curve, where it must hold every limit.
+The same seed gives the same answer.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,45 +15,96 @@ from numpy.typing import NDArray
 from scipy.optimize import Bounds, differential_evolution, minimize
 from scipy.stats import qmc
 
+from mech_twin.capabilities.design import Design, DesignSpace, Evaluation
+from mech_twin.capabilities.errors import StudyError
+from mech_twin.machines.compaction_press.design_configuration import described, design_problem
 from mech_twin.machines.compaction_press.design_problem import (
     CONSTRAINTS,
     OBJECTIVES,
     SENSES,
-    Evaluation,
-    Space,
+    Limits,
+    Margins,
+    Problem,
     evaluation,
 )
+from mech_twin.machines.compaction_press.design_rule import Lengths
+from mech_twin.machines.compaction_press.parameters import CompactionPress
 
 Array = NDArray[np.float64]
-SCALES = np.array([20.0, 0.05, 50.0, 1.0, 85.0, 0.1, 0.1, 0.1])  # to add up violations of different units
+Evaluate = Callable[[Array], Evaluation]
+LOWER, UPPER = Lengths(0.02, 0.3, 0.1, 0.1), Lengths(0.12, 0.8, 0.5, 0.6)
+BOUNDS: dict[str, tuple[float, float]] = dict(zip(Lengths._fields, zip(LOWER, UPPER, strict=True), strict=True))
+LIMITS: dict[str, float] = Limits()._asdict()
+SCALES = np.array(Margins(20.0, 0.05, 50.0, 1.0, 85.0, 0.1, 0.1, 0.1))  # to add up violations of different units
 INFEASIBLE = 1e6
-SCAN_POWER = 16
-POPULATION = 60
-GENERATIONS = 500
-RESTARTS = 4
+VARIABLES = len(Lengths._fields)
+SIMPLEX_SIZES = (1e-3, 1e-4, 1e-5, 1e-6)
 
 
-class Design(NamedTuple):
-    """A design (m), its objectives and the margins of its constraints, by name."""
+class Effort(NamedTuple):
+    """How much is computed: scan (power of 2), population, generations at samples and on the curve, simplex steps."""
 
-    crank_m: float
-    length_m: float
-    height_m: float
-    pendulum_m: float
-    objectives: dict[str, float]
-    margins: dict[str, float]
+    scan_power: int = 16
+    population: int = 60
+    generations: int = 500
+    polish_population: int = 24
+    polish_generations: int = 60
+    simplex_evaluations: int = 400
 
 
-class InfeasibleSpaceError(ValueError):
+USUAL_EFFORT = Effort()
+
+
+class Goal(NamedTuple):
+    """What is made small: the largest weighted objective over its ideal, in its spread, each shape (objectives,)."""
+
+    weights: Array
+    ideal: Array
+    spread: Array
+
+
+NO_GOAL = Goal(np.zeros(len(OBJECTIVES)), np.zeros(len(OBJECTIVES)), np.ones(len(OBJECTIVES)))
+
+
+class InfeasibleSpaceError(StudyError):
     """No design of the space meets every constraint; the message says which constraint kills them."""
 
 
-def scan(space: Space, seed: int, power: int = SCAN_POWER) -> tuple[Array, Evaluation]:
-    """Return 2^power designs spread over the space (scrambled Sobol sequence), shape (n, 4), and their evaluation."""
-    unit = qmc.Sobol(4, scramble=True, rng=np.random.default_rng(seed)).random_base2(power)
-    lower, upper = np.array(space.lower_m), np.array(space.upper_m)
-    designs = np.asarray(lower + unit * (upper - lower), dtype=np.float64)
-    return designs, evaluation(designs, space.limits)
+class PressSearch(NamedTuple):
+    """A configuration with its design problem, the space searched, seed and effort."""
+
+    parameters: CompactionPress
+    problem: Problem
+    space: DesignSpace
+    seed: int
+    effort: Effort
+
+    def sampled(self, designs: Array) -> Evaluation:
+        """Evaluate designs at 72 crank positions."""
+        return evaluation(designs, self.problem)
+
+    def continuous(self, designs: Array) -> Evaluation:
+        """Evaluate designs on the continuous curve."""
+        return evaluation(designs, self.problem, continuous=True)
+
+
+def press_search(
+    parameters: CompactionPress, space: DesignSpace, seed: int = 1, effort: Effort = USUAL_EFFORT
+) -> PressSearch:
+    """Return the search for a press that does what the configuration's does."""
+    return PressSearch(parameters, design_problem(parameters, space.limits), space, seed, effort)
+
+
+def evaluated(parameters: CompactionPress, space: DesignSpace, designs: Array) -> Evaluation:
+    """Return objectives and margins of many designs at 72 crank positions."""
+    return evaluation(designs, design_problem(parameters, space.limits))
+
+
+def scan(asked: PressSearch) -> tuple[Array, Evaluation]:
+    """Return designs spread over the space (scrambled Sobol sequence), shape (n, 4), and their evaluation."""
+    sequence = qmc.Sobol(VARIABLES, scramble=True, rng=np.random.default_rng(asked.seed))
+    designs = asked.space.designs(sequence.random_base2(asked.effort.scan_power))
+    return designs, asked.sampled(designs)
 
 
 def infeasibility(found: Evaluation) -> str:
@@ -84,118 +137,149 @@ def infeasibility(found: Evaluation) -> str:
     )
 
 
-def _feasible_scan(space: Space, seed: int) -> tuple[Array, Evaluation]:
-    designs, found = scan(space, seed)
+def feasible_scan(asked: PressSearch) -> tuple[Array, Evaluation]:
+    """Return the feasible designs of a scan, or the one that evolution finds where the scan has none.
+
+    Raises
+    ------
+    InfeasibleSpaceError
+        If there is none at all.
+    """
+    designs, found = scan(asked)
     if not found.feasible.any():
         # the scan may have missed a sliver: let the evolution look for it, violation alone counting
-        none = np.zeros(3)
-        least = np.argsort(_ranked(found, none, none, np.ones(3)), kind="stable")[:POPULATION]
-        sliver = np.atleast_2d(_refined(space, designs[least], seed, none, none, np.ones(3)))
-        reached = evaluation(sliver, space.limits)
+        least = np.argsort(_ranked(found, NO_GOAL), kind="stable")[: asked.effort.population]
+        sliver = np.atleast_2d(_evolved(asked, asked.sampled, designs[least], NO_GOAL, asked.effort.generations))
+        reached = asked.sampled(sliver)
         if not reached.feasible.any():
-            raise InfeasibleSpaceError(infeasibility(found))
+            raise InfeasibleSpaceError(f"infeasible: {infeasibility(found)}")
         return sliver, reached
     return designs[found.feasible], Evaluation(found.objectives[found.feasible], found.margins[found.feasible])
 
 
-def _ranked(found: Evaluation, weights: Array, ideal: Array, spread: Array) -> Array:
+def _ranked(found: Evaluation, goal: Goal) -> Array:
     """Return what is made small: the largest weighted objective over the ideal; violations rank behind all of them."""
     known = np.where(np.isfinite(found.objectives), found.objectives, INFEASIBLE)
-    scaled = weights * (known * np.array(SENSES) - ideal) / spread
+    scaled = goal.weights * (known * np.array(SENSES) - goal.ideal) / goal.spread
     violation = np.minimum(np.maximum(-found.margins / SCALES, 0.0), 10.0).sum(axis=1)
     # the small sum keeps the front's points from being merely weakly best
     value = scaled.max(axis=1) + 1e-6 * scaled.sum(axis=1)
     return np.asarray(np.where(violation > 0.0, INFEASIBLE * (1.0 + violation), value))
 
 
-def _refined(space: Space, start: Array, seed: int, weights: Array, ideal: Array, spread: Array) -> Array:
-    lower, upper = np.array(space.lower_m), np.array(space.upper_m)
+def _units(space: DesignSpace, designs: Array) -> Array:
+    lower, upper = np.array(space.lower), np.array(space.upper)
     width = np.where(upper > lower, upper - lower, 1.0)
+    return np.asarray(np.clip((designs - lower) / width, 0.0, 1.0))
+
+
+def _evolved(asked: PressSearch, evaluate: Evaluate, start: Array, goal: Goal, generations: int) -> Array:
+    """Return the best of a differential evolution from a first population, sharpened by simplex restarts."""
 
     def value(columns: Any, /) -> Any:
-        designs = lower + np.atleast_2d(columns.T) * (upper - lower)
-        return _ranked(evaluation(designs, space.limits), weights, ideal, spread)
+        return _ranked(evaluate(asked.space.designs(np.atleast_2d(columns.T))), goal)
+
+    evolution = differential_evolution(
+        value,
+        Bounds(np.zeros(VARIABLES), np.ones(VARIABLES)),
+        init=_units(asked.space, start),
+        maxiter=generations,
+        tol=0.0,
+        atol=1e-13,
+        mutation=(0.4, 0.9),
+        recombination=0.9,
+        rng=np.random.default_rng(asked.seed),
+        polish=False,
+        vectorized=True,
+        updating="deferred",
+    )
+    return asked.space.designs(_sharpened(value, np.asarray(evolution.x), asked.effort.simplex_evaluations))
+
+
+def _sharpened(value: Callable[[Array], Array], best: Array, evaluations: int) -> Array:
+    """Return the best of simplex searches of shrinking size around a point of the unit cube."""
 
     def single(x: Array) -> float:
         outside = float(np.maximum(-x, 0.0).sum() + np.maximum(x - 1.0, 0.0).sum())
         return float(value(np.clip(x, 0.0, 1.0))[0]) + INFEASIBLE * outside
 
-    evolved = differential_evolution(
-        value,
-        Bounds(np.zeros(4), np.ones(4)),
-        init=np.clip((start - lower) / width, 0.0, 1.0),
-        maxiter=GENERATIONS,
-        tol=0.0,
-        atol=1e-13,
-        mutation=(0.4, 0.9),
-        recombination=0.9,
-        rng=np.random.default_rng(seed),
-        polish=False,
-        vectorized=True,
-        updating="deferred",
-    )
-    best = np.asarray(evolved.x)
-    for size in (1e-3, 1e-4, 1e-5, 1e-6)[:RESTARTS]:
-        simplex = np.vstack((best, best + size * np.where(best + np.eye(4) * size > 1.0, -1.0, 1.0) * np.eye(4)))
-        tried = minimize(
-            single,
-            best,
-            method="Nelder-Mead",
-            options={"initial_simplex": simplex, "maxfev": 2000, "xatol": 1e-12, "fatol": 1e-13},
-        )
+    for size in SIMPLEX_SIZES:
+        ahead = np.where(best + size > 1.0, -size, size)
+        simplex = np.vstack((best, best + np.diag(ahead)))
+        options = {"initial_simplex": simplex, "maxfev": evaluations, "xatol": 1e-12, "fatol": 1e-13}
+        tried = minimize(single, best, method="Nelder-Mead", options=options)
         if tried.fun < single(best):
             best = np.clip(tried.x, 0.0, 1.0)
-    return np.asarray(lower + best * (upper - lower), dtype=np.float64)
+    return best
 
 
-def _described(designs: Array, space: Space) -> list[Design]:
-    found = evaluation(designs, space.limits)
-    return [
-        Design(
-            float(design[0]),
-            float(design[1]),
-            float(design[2]),
-            float(design[3]),
-            dict(zip(OBJECTIVES, map(float, objectives), strict=True)),
-            dict(zip(CONSTRAINTS, map(float, margins), strict=True)),
-        )
-        for design, objectives, margins in zip(designs, found.objectives, found.margins, strict=True)
-    ]
+def _first_population(designs: Array, found: Evaluation, goal: Goal, size: int) -> Array:
+    """Return the best designs of a scan, repeated where there are fewer than asked."""
+    order = np.argsort(_ranked(found, goal), kind="stable")
+    return np.asarray(designs[order[np.arange(size) % len(order)]])
 
 
-def _column(objective: str) -> int:
-    if objective not in OBJECTIVES:
-        raise ValueError(f"no objective '{objective}'; expected one of {', '.join(OBJECTIVES)}")
-    return OBJECTIVES.index(objective)
+def sampled_best(asked: PressSearch, goal: Goal, designs: Array, found: Evaluation) -> Array:
+    """Return the best design at 72 crank positions, from the feasible designs of a scan."""
+    start = _first_population(designs, found, goal, asked.effort.population)
+    return _evolved(asked, asked.sampled, start, goal, asked.effort.generations)
 
 
-def best_design(objective: str, space: Space | None = None, seed: int = 1) -> Design:
-    """Return the best design found for one objective.
+def polished(asked: PressSearch, goal: Goal, winner: Array, designs: Array, found: Evaluation) -> Array:
+    """Return the best design on the continuous curve, from the winner at 72 positions and the best of the scan."""
+    size = asked.effort.polish_population
+    units = _units(asked.space, np.atleast_2d(winner))
+    spread = np.geomspace(1e-5, 1e-2, size // 2)[:, None]
+    around = units + spread * np.random.default_rng(asked.seed).uniform(-1.0, 1.0, (size // 2, VARIABLES))
+    near = asked.space.designs(np.clip(np.vstack((units, around)), 0.0, 1.0))
+    rest = _first_population(designs, found, goal, size - len(near))
+    return _evolved(asked, asked.continuous, np.vstack((near, rest)), goal, asked.effort.polish_generations)
 
-    Parameters
-    ----------
-    objective : str
-        ``peak_torque_nm`` or ``flywheel_inertia_kg_m2`` (made small), ``mean_press_force_n`` (made large).
-    space : Space, optional
-        Bounds and limits; those of the reference problem if absent.
-    seed : int
-        The same seed gives the same answer.
+
+def _described(asked: PressSearch, designs: Array) -> list[Design]:
+    rows = [Lengths(*(float(length) for length in row)) for row in designs]
+    return [described(asked.parameters, lengths, asked.problem.limits) for lengths in rows]
+
+
+def _held(found: list[Design]) -> list[Design]:
+    """Return the designs that hold every limit as they are written.
 
     Raises
     ------
     InfeasibleSpaceError
-        If no design of the scan meets every constraint, naming the one that kills them.
+        If none does.
     """
-    column, space = _column(objective), space or Space()
-    designs, found = _feasible_scan(space, seed)
-    values = found.objectives[:, column] * SENSES[column]
-    order = np.argsort(values, kind="stable")
-    start = designs[order[np.arange(POPULATION) % len(order)]]
-    weights = np.zeros(3)
+    held = [design for design in found if min(design.margins.values()) >= 0.0]
+    if not held:
+        worst = {name: margin for name, margin in found[0].margins.items() if margin < 0.0}
+        broken = ", ".join(f"{name} by {-margin:.3g}" for name, margin in worst.items())
+        raise InfeasibleSpaceError(
+            f"infeasible: feasible at 72 positions, but on the continuous curve it misses {broken}"
+        )
+    return held
+
+
+def single_goal(objective: str, found: Evaluation) -> Goal:
+    """Return the goal of one objective, in units of the best a scan has found."""
+    column = OBJECTIVES.index(objective)
+    weights, spread = np.zeros(len(OBJECTIVES)), np.ones(len(OBJECTIVES))
     weights[column] = 1.0
-    ideal, spread = np.zeros(3), np.ones(3)
-    spread[column] = abs(float(values[order[0]]))
-    return _described(np.atleast_2d(_refined(space, start, seed, weights, ideal, spread)), space)[0]
+    spread[column] = abs(float((found.objectives[:, column] * SENSES[column]).min()))
+    return Goal(weights, np.zeros(len(OBJECTIVES)), spread)
+
+
+def best_design(asked: PressSearch, objective: str) -> Design:
+    """Return the best design found for one objective; it holds every limit on the continuous curve.
+
+    Raises
+    ------
+    InfeasibleSpaceError
+        If no design meets every constraint, naming the one that kills them.
+    """
+    designs, found = feasible_scan(asked)
+    goal = single_goal(objective, found)
+    winner = sampled_best(asked, goal, designs, found)
+    return _held(_described(asked, np.atleast_2d(polished(asked, goal, winner, designs, found))))[0]
 
 
 def non_dominated(values: Array) -> NDArray[np.bool_]:
@@ -208,27 +292,43 @@ def non_dominated(values: Array) -> NDArray[np.bool_]:
     return keep
 
 
-def pareto_front(
-    objectives: tuple[str, ...] = OBJECTIVES, space: Space | None = None, seed: int = 1, points: int = 9
-) -> list[Design]:
+def pareto_front(asked: PressSearch, objectives: tuple[str, ...] = OBJECTIVES, points: int = 9) -> list[Design]:
     """Return designs of which none beats another in every objective, sorted by the first objective.
 
-    The scan's non-dominated designs, with one refined design per objective and one per direction between them
-    (weighted largest distance from the ideal).
+    The scan's non-dominated designs that hold on the continuous curve, with one polished design per objective and one
+    per direction between them (weighted largest distance from the ideal).
     """
-    columns, space = [_column(name) for name in objectives], space or Space()
-    designs, found = _feasible_scan(space, seed)
+    columns = [OBJECTIVES.index(name) for name in objectives]
+    designs, found = feasible_scan(asked)
     values = found.objectives * np.array(SENSES)
     ideal, spread = values.min(axis=0), np.ptp(values, axis=0) + 1e-12
-    directions = np.random.default_rng(seed).dirichlet(np.ones(len(columns)), points)
+    directions = np.random.default_rng(asked.seed).dirichlet(np.ones(len(columns)), points)
     front = [designs[non_dominated(values[:, columns])]]
     for i, direction in enumerate([*np.eye(len(columns)), *directions]):
-        weights = np.zeros(3)
+        weights = np.zeros(len(OBJECTIVES))
         weights[columns] = np.maximum(direction, 1e-3)
-        rank = _ranked(found, weights, ideal, spread)
-        start = designs[np.argsort(rank, kind="stable")[np.arange(POPULATION) % len(rank)]]
-        front.append(np.atleast_2d(_refined(space, start, seed + i, weights, ideal, spread)))
-    together = np.vstack(front)
-    scored = evaluation(together, space.limits).objectives * np.array(SENSES)
-    kept = together[non_dominated(scored[:, columns])]
-    return sorted(_described(kept, space), key=lambda design: design.objectives[objectives[0]])
+        goal, turned = Goal(weights, ideal, spread), asked._replace(seed=asked.seed + i)
+        winner = sampled_best(turned, goal, designs, found)
+        front.append(np.atleast_2d(polished(turned, goal, winner, designs, found)))
+    together = _held(_described(asked, np.vstack(front)))
+    scored = np.array([[design.objectives[name] for name in objectives] for design in together])
+    kept = non_dominated(scored * np.array(SENSES)[columns])
+    return sorted(
+        (design for design, keep in zip(together, kept, strict=True) if keep),
+        key=lambda design: design.objectives[objectives[0]],
+    )
+
+
+def searched(
+    parameters: CompactionPress,
+    space: DesignSpace,
+    objectives: tuple[str, ...],
+    seed: int,
+    points: int,
+    effort: Effort = USUAL_EFFORT,
+) -> list[Design]:
+    """Return the best design for one objective, or the Pareto front of several with so many refined directions."""
+    asked = press_search(parameters, space, seed, effort)
+    if len(objectives) == 1:
+        return [best_design(asked, objectives[0])]
+    return pareto_front(asked, objectives, points)

@@ -1,10 +1,15 @@
-"""Motion of the press: reduced quantities, one step at prescribed speed, one step under a driving torque."""
+"""Motion of the press: reduced quantities, equations of motion at a prescribed speed and behind a motor."""
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
+from mech_twin.engine.crank_motion import ShaftDrive, crank_rates
+from mech_twin.engine.integration import rates_of
+from mech_twin.engine.tableaus import DORMAND_PRINCE_8
 from mech_twin.kernel import kernel
 from mech_twin.machines.compaction_press.stroke_load import StrokeLoad, layer_force, layer_work
 from mech_twin.parts.four_bar import (
@@ -21,9 +26,8 @@ from mech_twin.parts.four_bar import (
     reduced_inertia,
 )
 
-FREE, CONTACT, CONTACT_REVERSED = 0, 1, 2
-NODE = 0.5 * math.sqrt(0.6)
-MIDDLE, OUTER = 4.0 / 9.0, 5.0 / 18.0
+FREE, CONTACT, CONTACT_REVERSED, COMPACTED, COMPACTED_REVERSED = 0, 1, 2, 3, 4
+Array = NDArray[np.float64]
 
 
 class Press(NamedTuple):
@@ -51,6 +55,12 @@ class Reduced(NamedTuple):
 
 
 @kernel
+def is_pressed(regime: int) -> bool:
+    """Tell whether the layer resists in a regime."""
+    return regime in (CONTACT, CONTACT_REVERSED)
+
+
+@kernel
 def loaded_height(press: Press, f: float) -> tuple[float, float]:
     """Return the height of the loaded point (m) and its derivative in the crank angle (m)."""
     at = position(press.bar, f)
@@ -74,7 +84,7 @@ def press_reduced(press: Press, f: float, regime: int) -> Reduced:
     x = (press.along_m * at.u_x - press.across_m * at.u_y) / r1
     y = (press.along_m * at.u_y + press.across_m * at.u_x) / r1
     height, rate = at.a_y + y, at.a_x + by.g2 * x
-    force = layer_force(press.load, height) if regime != FREE else 0.0
+    force = layer_force(press.load, height) if is_pressed(regime) else 0.0
     s1_x, _ = offset(press.crank, at.a_x, at.a_y, press.bar.crank_m)
     s2_x, _ = offset(press.plate, at.u_x, at.u_y, press.bar.coupler_m)
     s3_x, _ = offset(press.pendulum, at.v_x, at.v_y, press.bar.rocker_m)
@@ -134,8 +144,9 @@ def press_state(
 
 
 @kernel
-def _layer_share(press: Press, before: float, after: float, regime: int) -> float:
-    if regime == FREE:
+def press_load_work(press: Press, before: float, after: float, regime: int) -> float:
+    """Return the work (J) of the layer on the plate from one crank angle (rad) to another, in closed form."""
+    if not is_pressed(regime):
         return 0.0
     y0, _ = loaded_height(press, before)
     y1, _ = loaded_height(press, after)
@@ -143,63 +154,47 @@ def _layer_share(press: Press, before: float, after: float, regime: int) -> floa
 
 
 @kernel
-def prescribed_step(
-    press: Press, f: float, w: float, e: float, h: float, regime: int
-) -> tuple[float, float, float, float]:
-    """Return angle and speed after ``h`` seconds at constant acceleration, drive work, work of the layer (J).
+def press_load_speed(press: Press, f: float, w: float) -> float:
+    """Return the downward speed of the loaded point (m/s)."""
+    return -loaded_height(press, f)[1] * w
 
-    The drive's work is integrated from the moment that the pin forces give, the layer's is in closed form, so the
-    energy book is a proof of its own.
+
+class LedPress(NamedTuple):
+    """The press at a prescribed speed: angle (rad), speed (rad/s) at time 0, acceleration (rad/s2), regime."""
+
+    press: Press
+    f: float
+    w: float
+    e: float
+    regime: int
+
+
+@rates_of(LedPress, DORMAND_PRINCE_8)
+def led_press_power(led: LedPress, t: float, y: Array, out: Array) -> None:
+    """Fill in the power of the drive (W), from the moment that the pin forces give.
+
+    The layer's work is in closed form and the energy from the reduced inertia, so the balance compares three routes.
     """
-    work = 0.0
-    for i in range(3):
-        t = h * (0.5 + (i - 1) * NODE)
-        speed, angle = w + e * t, f + (w + 0.5 * e * t) * t
-        force = press_reduced(press, angle, regime).force
-        work += (MIDDLE if i == 1 else OUTER) * h * speed * press_pins(press, angle, speed, e, force).moment
-    end = f + (w + 0.5 * e * h) * h
-    return end, w + e * h, work, _layer_share(press, f, end, regime)
+    w, f = led.w + led.e * t, led.f + (led.w + 0.5 * led.e * t) * t
+    force = press_reduced(led.press, f, led.regime).force
+    out[0] = press_pins(led.press, f, w, led.e, force).moment * w
 
 
-@kernel
-def _acceleration(press: Press, shaft: float, f: float, w: float, torque: float, regime: int) -> float:
-    now = press_reduced(press, f, regime)
-    return (torque + now.moment - 0.5 * w * w * now.slope) / (now.inertia + shaft)
+class DrivenPress(NamedTuple):
+    """The press behind a motor, and the regime of its layer."""
+
+    press: Press
+    drive: ShaftDrive
+    regime: int
 
 
-@kernel
-def driven_step(
-    press: Press, shaft: float, f: float, w: float, torque: float, slope: float, h: float, regime: int
-) -> tuple[float, float, float, float, float]:
-    """Return angle, speed, acceleration after ``h`` seconds under torque + slope t, drive work, work of the layer.
+@rates_of(DrivenPress, DORMAND_PRINCE_8)
+def driven_press_rates(driven: DrivenPress, t: float, y: Array, out: Array) -> None:
+    """Fill in the rates of crank angle, speed, drive work, gear loss and friction loss."""
+    now = press_reduced(driven.press, y[0], driven.regime)
+    crank_rates(driven.drive, t, y, now.inertia, now.slope, now.moment, out)
 
-    (I_pr + shaft) w' + w^2/2 dI_pr/df = M_pr + torque; Dormand and Prince's fifth-order weights, two halves.
-    """
-    g, work, start = 0.5 * h, 0.0, f
-    for half in range(2):
-        now = torque + slope * half * g
-        k1 = _acceleration(press, shaft, f, w, now, regime)
-        w2 = w + g * k1 / 5.0
-        k2 = _acceleration(press, shaft, f + g * w / 5.0, w2, now + slope * g / 5.0, regime)
-        w3 = w + g * (3.0 * k1 + 9.0 * k2) / 40.0
-        k3 = _acceleration(press, shaft, f + g * (3.0 * w + 9.0 * w2) / 40.0, w3, now + 0.3 * slope * g, regime)
-        w4 = w + g * (44.0 / 45.0 * k1 - 56.0 / 15.0 * k2 + 32.0 / 9.0 * k3)
-        f4 = f + g * (44.0 / 45.0 * w - 56.0 / 15.0 * w2 + 32.0 / 9.0 * w3)
-        k4 = _acceleration(press, shaft, f4, w4, now + 0.8 * slope * g, regime)
-        a1, a2, a3, a4 = 19372.0 / 6561.0, -25360.0 / 2187.0, 64448.0 / 6561.0, -212.0 / 729.0
-        w5 = w + g * (a1 * k1 + a2 * k2 + a3 * k3 + a4 * k4)
-        f5 = f + g * (a1 * w + a2 * w2 + a3 * w3 + a4 * w4)
-        k5 = _acceleration(press, shaft, f5, w5, now + 8.0 / 9.0 * slope * g, regime)
-        a1, a2, a3, a4, a5 = 9017.0 / 3168.0, -355.0 / 33.0, 46732.0 / 5247.0, 49.0 / 176.0, -5103.0 / 18656.0
-        w6 = w + g * (a1 * k1 + a2 * k2 + a3 * k3 + a4 * k4 + a5 * k5)
-        f6 = f + g * (a1 * w + a2 * w2 + a3 * w3 + a4 * w4 + a5 * w5)
-        k6 = _acceleration(press, shaft, f6, w6, now + slope * g, regime)
-        b1, b3, b4, b5, b6 = 35.0 / 384.0, 500.0 / 1113.0, 125.0 / 192.0, -2187.0 / 6784.0, 11.0 / 84.0
-        power = b1 * (now - shaft * k1) * w + b3 * (now + 0.3 * slope * g - shaft * k3) * w3
-        power += b4 * (now + 0.8 * slope * g - shaft * k4) * w4
-        power += b5 * (now + 8.0 / 9.0 * slope * g - shaft * k5) * w5 + b6 * (now + slope * g - shaft * k6) * w6
-        work += g * power
-        f += g * (b1 * w + b3 * w3 + b4 * w4 + b5 * w5 + b6 * w6)
-        w += g * (b1 * k1 + b3 * k3 + b4 * k4 + b5 * k5 + b6 * k6)
-    e = _acceleration(press, shaft, f, w, torque + slope * h, regime)
-    return f, w, e, work, _layer_share(press, start, f, regime)
+
+def with_load_share(press: Press, share: float) -> Press:
+    """Return the press under this share of the layer's force."""
+    return press if share == 1.0 else press._replace(load=press.load._replace(peak_n=share * press.load.peak_n))

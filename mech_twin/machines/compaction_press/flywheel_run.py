@@ -5,14 +5,14 @@ from __future__ import annotations
 from math import copysign, pi
 from typing import NamedTuple
 
-from mech_twin.engine.crank_linkage import Transmission
-from mech_twin.machines.compaction_press import press_linkage
+from mech_twin.engine.crank_state import Transmission
 from mech_twin.machines.compaction_press.cycle import (
     WORK_POSITIONS,
     mean_torque,
     press_cycle,
 )
 from mech_twin.machines.compaction_press.parameters import CompactionPress, press_constants
+from mech_twin.machines.compaction_press.roles import press_linkage
 from mech_twin.parts.flywheel import start_speed
 from mech_twin.samples import MotorSample
 
@@ -43,7 +43,7 @@ def flywheel_run(parameters: CompactionPress, inertia_kg_m2: float, step_s: floa
         copysign(first, speed),
         1.0,
         speed,
-        parameters.working_force.contact_fraction,
+        "contact",
         Transmission(1.0, 1.0, inertia_kg_m2),
     )
     torque = mean_torque(press, stroke, speed)

@@ -1,4 +1,4 @@
-"""Figures of the press: one position, one cycle, the paper's closing conditions, the observer of a run."""
+"""Numbers of the press: one position, one cycle, the paper's closing conditions."""
 
 from __future__ import annotations
 
@@ -8,19 +8,18 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mech_twin.machines.compaction_press.cycle import (
-    POSITIONS,
-    angle_range,
     flywheel_figures,
     gains,
+    layer_work_on_the_way,
     mean_torque,
-    press_cycle,
     regime_at,
+    turn_at,
 )
-from mech_twin.machines.compaction_press.dynamics import Press, loaded_height, press_pins, press_reduced
+from mech_twin.machines.compaction_press.cycle_extremes import cycle_extremes, transmission_range
+from mech_twin.machines.compaction_press.dynamics import Press, press_pins, press_reduced, press_weights
 from mech_twin.machines.compaction_press.parameters import CompactionPress, press_constants
 from mech_twin.machines.compaction_press.stroke_load import layer_work
 from mech_twin.parts.four_bar import acute_angles, coefficients, failing_inequality, motion, position
-from mech_twin.samples import Frame
 
 GAMMA_LIMIT_DEG = 20.0  # published
 ALPHA_TOLERANCE_DEG = 5.0  # the design search's reading of "near 90"
@@ -56,6 +55,9 @@ def position_figures(parameters: CompactionPress, f: float) -> dict[str, Any]:
     now = press_reduced(press, f, regime_at(stroke, f, w))
     pins = press_pins(press, f, w, 0.0, now.force)
     k1, k2, normal, vertical = gains(press, f)
+    start = press_reduced(press, 0.0, regime_at(stroke, 0.0, w))
+    kinetic = 0.5 * now.inertia * w * w
+    gained = kinetic - 0.5 * start.inertia * w * w + press_weights(press, f) - press_weights(press, 0.0)
     return {
         "crank_angle_rad": f,
         "crank_angle_deg": degrees(f),
@@ -78,6 +80,8 @@ def position_figures(parameters: CompactionPress, f: float) -> dict[str, Any]:
         "drive_torque_nm": pins.moment,
         "drive_torque_reduced_nm": 0.5 * w * w * now.slope - now.moment,
         "drive_power_w": pins.moment * w,
+        "drive_work_from_zero_j": gained + layer_work_on_the_way(press, stroke, f, 1.0 if w > 0.0 else -1.0),
+        "kinetic_energy_j": kinetic,
         "i_pr_kg_m2": now.inertia,
         "i_pr_slope_kg_m2_per_rad": now.slope,
         "m_pr_nm": now.moment,
@@ -109,7 +113,8 @@ def conditions(parameters: CompactionPress) -> tuple[Check, ...]:
     keeps the asked non-uniformity without one (then nothing is missing).
     """
     press, stroke = press_constants(parameters)
-    gamma = degrees(angle_range(press, POSITIONS)[0])
+    turn = turn_at(stroke, parameters.drive.speed_rad_per_s, parameters.flywheel.non_uniformity)
+    gamma = degrees(cycle_extremes(press, turn).gamma_max_rad)
     alpha = degrees(acute_angles(position(press.bar, stroke.bottom))[0])
     figures = flywheel_figures(press, stroke, parameters.drive.speed_rad_per_s, parameters.flywheel.non_uniformity)
     missing = max(0.0, figures["flywheel_inertia_kg_m2"])
@@ -124,18 +129,18 @@ def cycle_report(parameters: CompactionPress) -> dict[str, float]:
     """Return the figures of one cycle at rated constant speed; the flywheel figures are for the bare press."""
     press, stroke = press_constants(parameters, fitted=False)
     speed = parameters.drive.speed_rad_per_s
-    cycle = press_cycle(press, stroke, speed, POSITIONS, kinks=False)
-    torque = cycle.drive_torque_nm
-    gamma, least, most = (degrees(angle) for angle in angle_range(press, POSITIONS))
-    gamma_check, alpha_check, _ = conditions(parameters)
+    extremes = cycle_extremes(press, turn_at(stroke, speed, parameters.flywheel.non_uniformity))
+    torques = extremes.torque_max_nm, extremes.torque_min_nm
+    least, most = (degrees(angle) for angle in transmission_range(press))
+    gamma_check, alpha_check, flywheel_check = conditions(parameters)
     mean = mean_torque(press, stroke, speed)
     return {
-        "gamma_max_deg": gamma,
+        "gamma_max_deg": gamma_check.value,
         "drive_torque_mean_nm": mean,
-        "drive_torque_peak_nm": float(torque.max()),
-        "drive_torque_min_nm": float(torque.min()),
+        "drive_torque_peak_nm": extremes.torque_max_nm,
+        "drive_torque_min_nm": extremes.torque_min_nm,
         "power_mean_w": mean * speed,
-        "power_peak_w": float((torque * speed).max()),
+        "power_peak_w": max(torque * speed for torque in torques),
         "transmission_angle_min_deg": least,
         "transmission_angle_max_deg": most,
         **flywheel_figures(press, stroke, speed, parameters.flywheel.non_uniformity),
@@ -146,50 +151,10 @@ def cycle_report(parameters: CompactionPress) -> dict[str, float]:
         "contact_deg": degrees(stroke.contact),
         "crank_rocker_1": 1.0 if failing_inequality(press.bar, crank_rocker=True) is None else 0.0,
         "gamma_margin_deg": gamma_check.margin,
+        "gamma_at_bottom_deg": degrees(acute_angles(position(press.bar, stroke.bottom))[2]),
         "alpha_at_bottom_deg": alpha_check.value,
         "alpha_margin_deg": alpha_check.margin,
+        "flywheel_missing_kg_m2": flywheel_check.value,
+        "conditions_hold_1": 1.0 if gamma_check.holds and alpha_check.holds and flywheel_check.holds else 0.0,
         **working_quarter(press),
     }
-
-
-class PressObserver:
-    """Running figures of a run."""
-
-    def __init__(self) -> None:
-        self._range: dict[str, list[float]] = {}
-        self._turns, self._work, self._layer = 0.0, 0.0, 0.0
-        self._counts: dict[str, int] = {}
-
-    def observe(self, frame: Frame) -> None:
-        """Take one frame into account."""
-        linkage = frame.linkage
-        torque, speed = linkage.effort[0], linkage.velocity[0]
-        pins = [(w.force_x_n**2 + w.force_y_n**2) ** 0.5 for w in frame.forces.wrenches]
-        for name, value in (
-            ("drive_torque_{}_nm", torque),
-            ("power_{}_w", torque * speed),
-            ("crank_speed_{}_rad_per_s", speed),
-            ("pin_force_{}_n", max(pins)),
-        ):
-            seen = self._range.setdefault(name, [value, value])
-            seen[0], seen[1] = min(seen[0], value), max(seen[1], value)
-        self._turns = linkage.position[0] / (2.0 * pi)
-        self._work, self._layer = linkage.memory.values[3:5]
-        for event in linkage.events:
-            self._counts[event.kind] = self._counts.get(event.kind, 0) + 1
-
-    def numbers(self) -> dict[str, float]:
-        """Return the figures so far."""
-        out: dict[str, float] = {}
-        for name, (least, most) in self._range.items():
-            out[name.format("min")], out[name.format("max")] = least, most
-        out["crank_turns"], out["drive_work_j"], out["layer_work_j"] = self._turns, self._work, self._layer
-        out.update({f"{kind}_events": float(count) for kind, count in self._counts.items()})
-        return out
-
-
-def loaded_point(press: Press, f: float) -> tuple[float, float]:
-    """Return where the layer's force acts (m)."""
-    at = position(press.bar, f)
-    x = (press.along_m * at.u_x - press.across_m * at.u_y) / press.bar.coupler_m
-    return at.a_x + x, loaded_height(press, f)[0]

@@ -12,6 +12,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 from mech_twin.kernel import kernel
@@ -28,9 +29,12 @@ class StrokeLoad(NamedTuple):
 
 @kernel
 def layer_force(load: StrokeLoad, y: float) -> float:
-    """Return the force (N) at height ``y`` (m) while the layer is in contact."""
-    share = (load.contact_y_m - y) / (load.contact_y_m - load.bottom_y_m)
-    return load.peak_n * share**load.exponent if share > 0.0 else 0.0
+    """Return the force (N) at height ``y`` (m) while the layer is in contact.
+
+    Whether it is in contact is for the regime to say: with exponent 0 the force is the whole peak on first contact.
+    """
+    share = max((load.contact_y_m - y) / (load.contact_y_m - load.bottom_y_m), 0.0)
+    return load.peak_n * math.pow(share, load.exponent)
 
 
 @kernel

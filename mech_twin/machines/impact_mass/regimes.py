@@ -6,6 +6,8 @@ How regimes are told apart (every rule but the last two is exact):
 - *escape*: <A> <= 0 and a period without contact that ends no nearer and no faster than it began.
 - *periodic*, by release: a mass released from rest always goes on the same way, so two releases close an exact
   period; its length is the number of periods between them.
+- *not resolved*: periodic by release, but a small difference grows by so much from one release to the next that
+  rounding (1e-16) is no longer small there: the number of periods would be an accident of the arithmetic.
 - *periodic*, by return: gap and velocity at the period starts repeat after k periods, throughout a window of
   `WINDOW` periods, within 1e-9 of the largest gap and speed in it; k at most half the window.
 - Neither: the run is doubled, `DOUBLINGS` times, for it may be a long transient.  Then *chaotic* if the largest
@@ -19,7 +21,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,27 +32,39 @@ from mech_twin.machines.impact_mass.batch import leaves_for_good
 from mech_twin.machines.impact_mass.dynamics import (
     ImpactSystem,
     MassMotion,
-    acceleration,
     initial_motion,
     next_event,
-    phase_end,
     rests_for_good,
 )
 from mech_twin.machines.impact_mass.parameters import ImpactMass
-from mech_twin.machines.impact_mass.states import (
-    CHATTER_END,
-    IMPACT,
-    PHASE_CHANGE,
-    RELEASE,
-)
+from mech_twin.machines.impact_mass.states import CHATTER_END, RELEASE
+from mech_twin.machines.impact_mass.tangent import exponent, release_growth
 
 WINDOW = 512
+LARGEST_LOG = 700.0  # of a growth that is still a double
 DOUBLINGS = 4
 RETURN_TOLERANCE = 1e-9
 CHAOS_EXPONENT = 0.01
 EXPONENT_PERIODS = 4000
-ROW = 6  # of a period: gap, velocity at its start, impacts, chatter ends, hardest blow, releases
+ROUNDING = 1e-16
+RESOLVED = 1e-3  # growth of a small difference times rounding up to which the number of periods is told
 REST, ESCAPE, GOING = 1, 2, 0
+NOT_RESOLVED = "not resolved"
+
+
+class PeriodTable(NamedTuple):
+    """What happened in each period: one row a period, gap (m) and velocity (m/s) at its start."""
+
+    gap_m: NDArray[np.float64]
+    velocity_m_per_s: NDArray[np.float64]
+    impacts: NDArray[np.float64]
+    chatter_ends: NDArray[np.float64]
+    hardest_m_per_s: NDArray[np.float64]
+    releases: NDArray[np.float64]
+
+    def last(self, periods: int) -> PeriodTable:
+        """Return the last rows."""
+        return PeriodTable(*(column[-periods:] for column in self))
 
 
 @dataclass(frozen=True)
@@ -59,6 +73,7 @@ class LongRunRegime:
 
     ``impacts_per_period`` lists one period of the motion (a completed series counts as -1 in its period: endless);
     ``blows_m_per_s`` are the hardest blows of these periods (of the last window where there is no period).
+    ``growth`` is how much a small difference grows from release to release, where the motion is periodic by release.
     """
 
     kind: str
@@ -68,6 +83,12 @@ class LongRunRegime:
     blows_m_per_s: tuple[float, ...]
     exponent_per_period: float | None
     walked_periods: int
+    growth: float | None = None
+
+    @property
+    def note(self) -> str:
+        """Why there is no number where one would be expected; empty otherwise."""
+        return f"period not resolved, growth {self.growth:.0e}" if self.kind == NOT_RESOLVED else ""
 
 
 @dataclass(frozen=True)
@@ -80,84 +101,66 @@ class RegimeMap:
 
 
 @kernel
-def recorded(motion: MassMotion, system: ImpactSystem, periods: int) -> tuple[MassMotion, int, NDArray[np.float64]]:
-    """Return the motion after so many periods, how it ended (going, rest, escape), and a row for each period."""
-    rows = np.zeros((periods, ROW))
+def recorded(motion: MassMotion, system: ImpactSystem, periods: int) -> tuple[MassMotion, int, int, PeriodTable]:
+    """Return the motion after so many periods, how it ended (going, rest, escape), how many were walked, and a table.
+
+    Rows of the table beyond the walked ones are zero.
+    """
+    table = PeriodTable(
+        np.zeros(periods), np.zeros(periods), np.zeros(periods), np.zeros(periods), np.zeros(periods), np.zeros(periods)
+    )
     for i in range(periods):
-        row, start = rows[i], motion
-        row[0], row[1] = motion.gap_m, motion.velocity_m_per_s
+        start = motion
+        table.gap_m[i], table.velocity_m_per_s[i] = motion.gap_m, motion.velocity_m_per_s
         if rests_for_good(motion, system):
-            return motion, REST, rows[:i]
+            return motion, REST, i, table
         while motion.period == start.period:
             event, motion = next_event(motion, system)
             if event.impacts > 0.0:
-                row[2] += event.impacts
-                row[4] = max(row[4], event.pre_m_per_s)
+                table.impacts[i] += event.impacts
+                table.hardest_m_per_s[i] = max(table.hardest_m_per_s[i], event.pre_m_per_s)
             elif event.kind == RELEASE:
-                row[5] += 1.0
+                table.releases[i] += 1.0
             elif event.kind == CHATTER_END:
-                row[3] += 1.0
-        if leaves_for_good(start, motion, row[2], system):
-            return motion, ESCAPE, rows[: i + 1]
-    return motion, GOING, rows
+                table.chatter_ends[i] += 1.0
+        if leaves_for_good(start, motion, table.impacts[i], system):
+            return motion, ESCAPE, i + 1, table
+    return motion, GOING, periods, table
 
 
-@kernel
-def flown_tangent(dx: float, dv: float, duration_s: float) -> tuple[float, float]:
-    """Return a small difference of two motions after a flight: dx + dv t, dv."""
-    return dx + dv * duration_s, dv
-
-
-@kernel
-def exponent(motion: MassMotion, system: ImpactSystem, periods: int) -> tuple[MassMotion, float]:
-    """Return the motion after so many periods and the mean growth of a small difference per period (natural log).
-
-    Flight: (1 t; 0 1).  Blow with speed v- under A: (-R 0; (1 + R) A/v- -R).  Lengths are scaled by the period, so
-    that both components are speeds.  A completed series forgets every difference: the growth is -inf.
-    """
-    dx, dv, growth = 1.0, 0.7, 0.0
-    last = motion.period + periods
-    while motion.period < last:
-        a, end = acceleration(motion, system), phase_end(motion, system)
-        event, after = next_event(motion, system)
-        if event.kind == IMPACT:
-            dx, dv = flown_tangent(dx, dv, (event.tau_s - motion.tau_s) / system.period_s)
-            turn = (1.0 + system.restitution) * a * system.period_s / event.pre_m_per_s
-            dx, dv = -system.restitution * dx, turn * dx - system.restitution * dv
-        elif event.kind != PHASE_CHANGE:
-            return after, -math.inf
-        else:
-            dx, dv = flown_tangent(dx, dv, (end - motion.tau_s) / system.period_s)
-        size = math.hypot(dx, dv)
-        growth += math.log(size)
-        dx, dv, motion = dx / size, dv / size, after
-    return motion, growth / periods
-
-
-def return_period(rows: NDArray[np.float64]) -> int:
-    """Return the least k after which gap and velocity repeat throughout the rows, or 0."""
-    state = rows[:, :2]
+def return_period(table: PeriodTable) -> int:
+    """Return the least k after which gap and velocity repeat throughout the table, or 0."""
+    state = np.column_stack([table.gap_m, table.velocity_m_per_s])
     scale = np.abs(state).max(axis=0)
-    for k in range(1, len(rows) // 2 + 1):
+    for k in range(1, len(state) // 2 + 1):
         if np.all(np.abs(state[k:] - state[:-k]) <= RETURN_TOLERANCE * scale):
             return k
     return 0
 
 
-def release_period(rows: NDArray[np.float64]) -> int:
+def release_period(table: PeriodTable) -> int:
     """Return the number of periods between the last two releases, or 0 if there are not two."""
-    released = np.flatnonzero(rows[:, 5])
-    return int(released[-1] - released[-2]) if len(released) > 1 else 0
+    *_, before, last = (-1, -1, *np.flatnonzero(table.releases))
+    return int(last - before) if before >= 0 else 0
 
 
-def _counts(rows: NDArray[np.float64]) -> tuple[int, ...]:
-    return tuple(-1 if row[3] > 0.0 else int(row[2]) for row in rows)
+def _periodic(table: PeriodTable, k: int, walked: int, growth: float | None) -> LongRunRegime:
+    last = table.last(k)
+    impacts = tuple(-1 if ends > 0.0 else int(n) for ends, n in zip(last.chatter_ends, last.impacts, strict=True))
+    blows = tuple(float(v) for v in last.hardest_m_per_s[last.impacts > 0.0])
+    completed = bool(np.any(last.chatter_ends > 0.0))
+    return LongRunRegime("periodic", k, impacts, completed, blows, None, walked, growth)
 
 
-def _periodic(rows: NDArray[np.float64], k: int, walked: int) -> LongRunRegime:
-    last = rows[-k:]
-    blows = tuple(float(v) for v in last[last[:, 2] > 0.0, 4])
-    return LongRunRegime("periodic", k, _counts(last), bool(np.any(last[:, 3] > 0.0)), blows, None, walked)
+def _released(system: ImpactSystem, table: PeriodTable, k: int, walked: int) -> LongRunRegime:
+    """Return the regime of a motion with releases k periods apart: the number, or its refusal."""
+    _, exponent_log = release_growth(system, float(k))
+    growth = math.exp(min(exponent_log, LARGEST_LOG))
+    if growth * ROUNDING <= RESOLVED:
+        return _periodic(table, k, walked, growth)
+    window = table.last(WINDOW)
+    blows = tuple(float(v) for v in window.hardest_m_per_s[window.impacts > 0.0])
+    return LongRunRegime(NOT_RESOLVED, 0, (), True, blows, None, walked, growth)
 
 
 def regime(system: ImpactSystem, motion: MassMotion, settling_periods: int = 1000) -> LongRunRegime:
@@ -174,21 +177,27 @@ def regime(system: ImpactSystem, motion: MassMotion, settling_periods: int = 100
     """
     walked, settling = 0, settling_periods
     for _ in range(DOUBLINGS + 1):
-        motion, ended, rows = recorded(motion, system, settling + WINDOW)
-        walked += len(rows)
+        motion, ended, count, table = recorded(motion, system, settling + WINDOW)
+        walked += count
         if ended != GOING:
             return LongRunRegime("rest" if ended == REST else "escape", 0, (), False, (), None, walked)
-        k = release_period(rows) or return_period(rows[-WINDOW:])
-        if k:
-            return _periodic(rows, k, walked)
+        released = release_period(table)
+        if released:
+            return _released(system, table, released, walked)
+        returned = return_period(table.last(WINDOW))
+        if returned:
+            return _periodic(table, returned, walked, None)
         settling *= 2
+    return _without_period(motion, system, table.last(WINDOW), walked)
+
+
+def _without_period(motion: MassMotion, system: ImpactSystem, window: PeriodTable, walked: int) -> LongRunRegime:
     motion, first = exponent(motion, system, EXPONENT_PERIODS)
     motion, second = exponent(motion, system, EXPONENT_PERIODS)
     kind = "chaotic" if min(first, second) > CHAOS_EXPONENT else "undecided"
-    window = rows[-WINDOW:]
-    blows = tuple(float(v) for v in window[window[:, 2] > 0.0, 4])
+    blows = tuple(float(v) for v in window.hardest_m_per_s[window.impacts > 0.0])
     mean = 0.5 * (first + second)
-    completed = bool(np.any(window[:, 3] > 0.0))
+    completed = bool(np.any(window.chatter_ends > 0.0))
     shown = mean if math.isfinite(mean) else None
     return LongRunRegime(kind, 0, (), completed, blows, shown, walked + 2 * EXPONENT_PERIODS)
 
@@ -246,13 +255,20 @@ def write_bifurcation_picture(regimes: RegimeMap, path: Path) -> None:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    colours = {"periodic": "#3c5ab4", "chatter": "#c83c28", "chaotic": "#5a5a5a", "undecided": "#b0b0b0"}
+    colours = {
+        "periodic": "#3c5ab4",
+        "chatter": "#c83c28",
+        NOT_RESOLVED: "#e0a030",
+        "chaotic": "#5a5a5a",
+        "undecided": "#b0b0b0",
+    }
     marks: dict[str, tuple[list[float], list[float]]] = {name: ([], []) for name in (*colours, "rest", "escape")}
     for value, found in zip(regimes.values, regimes.regimes, strict=True):
         name = "chatter" if found.kind == "periodic" and found.completed_chatter else found.kind
         blows = found.blows_m_per_s or (0.0,)
-        marks[name][0].extend([value] * len(blows))
-        marks[name][1].extend(blows)
+        x, y = marks[name]
+        x.extend([value] * len(blows))
+        y.extend(blows)
     figure = Figure(figsize=(9.0, 5.0), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()

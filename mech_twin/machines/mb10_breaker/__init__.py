@@ -6,11 +6,11 @@ import math
 
 from mech_twin.machines.mb10_breaker.constants import breaker
 from mech_twin.machines.mb10_breaker.drawing import drawing
-from mech_twin.machines.mb10_breaker.driven_body import FollowingBody
+from mech_twin.machines.mb10_breaker.driven_body import DrivenBody
 from mech_twin.machines.mb10_breaker.half_sine_body import HalfSineBody
 from mech_twin.machines.mb10_breaker.metrics import position_metrics, static_report
 from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
-from mech_twin.machines.mb10_breaker.roles import KlossDrive, Percussion, PinAnalysis
+from mech_twin.machines.mb10_breaker.roles import BreakerForces, BreakerLinkage, KlossDrive
 from mech_twin.machines.mb10_breaker.run_metrics import BreakerObserver
 from mech_twin.parts.induction_motor import motor_constants
 from mech_twin.quantity import Parameters
@@ -25,7 +25,7 @@ def build(parameters: Parameters) -> Machine:
         raise TypeError(f"expected BreakerParameters, got {type(parameters).__name__}")
     p = parameters
     constants, step_s = breaker(p), p.coupling.step_s
-    body: BodyRole = FollowingBody(constants)
+    body: BodyRole = DrivenBody(constants)
     if constants.held:
         body = HalfSineBody(p.body, p.excitation, step_s)
     return Machine(
@@ -33,14 +33,14 @@ def build(parameters: Parameters) -> Machine:
         parameters=p,
         coupling_step_s=step_s,
         motor=KlossDrive(motor_constants(p.motor), constants, p.supply.rate_per_s, step_s),
-        linkage=Percussion(
+        linkage=BreakerLinkage(
             constants,
             math.radians(p.linkage.initial_crank_deg),
             p.supply.initial_fraction,
             step_s,
             p.coupling.extrapolation_order,
         ),
-        forces=PinAnalysis(constants),
+        forces=BreakerForces(constants),
         body=body,
         draw=drawing(constants, p.linkage.striker_angle_deg),
         report=lambda: static_report(p, constants),

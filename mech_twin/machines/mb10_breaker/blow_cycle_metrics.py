@@ -5,17 +5,17 @@ from __future__ import annotations
 import math
 
 from mech_twin.machines.mb10_breaker.dynamics import Breaker
-from mech_twin.machines.mb10_breaker.roles import PinAnalysis
+from mech_twin.machines.mb10_breaker.roles import BreakerForces
+from mech_twin.machines.motor_duty import MotorDuty, duty_metrics
 from mech_twin.parts.induction_motor import MotorConstants
-from mech_twin.parts.motor_duty import MotorDuty, duty_metrics
 from mech_twin.samples import Coordinate, Event, ForceSample
 
-PEAKS = tuple(f"{pin}_peak_n" for pin in PinAnalysis.pins)
+PEAKS = tuple(f"{pin}_peak_n" for pin in BreakerForces.pins)
 
 
 def absolute_crank_speed(side: tuple[Coordinate, ...]) -> float:
     """Return the crank's absolute speed u - phi' on one side of an event (rad/s)."""
-    crank, body = side
+    crank, body = side[:2]
     return crank.velocity - body.velocity
 
 
@@ -53,8 +53,8 @@ class BlowCycle:
         """Return the metrics of the cycle that this blow (or miss) ends."""
         energy = 0.5 * blow.impulse_ns**2 / b.tool_mass
         found = forces.quantities.as_dict()
-        crank, _ = blow.pre
-        crank_after, body_after = blow.post
+        crank, *_ = blow.pre
+        crank_after, body_after, *_ = blow.post
         return {
             "blow_rate_hz": 1.0 / (blow.time_s - self.start_s),
             "blow_energy_j": energy,

@@ -15,7 +15,8 @@ from mech_twin.machines.mb10_breaker.dynamics import Breaker
 from mech_twin.machines.mb10_breaker.forces import QUANTITIES
 from mech_twin.samples import BodySample, ForceSample, Load, Named
 
-CONTACT, FLYING, STOPPED = 0, 1, 2
+CONTACT, FLYING = 0, 1
+STRIKES = frozenset(("blow", "catch_up", "push_begins"))
 LED_ANGLE, LED_RATE, BEGIN_MOMENT = (
     QUANTITIES.index(name) for name in ("body_angle_rad", "body_rate_rad_per_s", "step_begin_moment_nm")
 )
@@ -54,7 +55,7 @@ def swung(
     return angle, rate
 
 
-class FollowingBody:
+class DrivenBody:
     """The body role for the excitation ``from_forces``.
 
     Parameters
@@ -64,7 +65,7 @@ class FollowingBody:
     """
 
     joints = ("body",)
-    regimes = ("rest", "flight", "stopped")
+    regimes = ("rest", "flight")
     residual_limits = RESIDUAL_LIMITS
 
     def __init__(self, breaker: Breaker) -> None:
@@ -107,7 +108,7 @@ class FollowingBody:
         )
 
     def _after(self, phi: float, p: float, regime: int, load: Load) -> tuple[float, float, int]:
-        if load.kind == "blow":
+        if load.kind in STRIKES:
             p += load.impulse_nms / self._b.inertia
             return phi, p, (FLYING if regime == FLYING or p > 0.0 else regime)
         if load.kind == "touchdown":
@@ -116,8 +117,6 @@ class FollowingBody:
             return 0.0, 0.0, CONTACT
         if load.kind == "lift_off":
             return 0.0, 0.0, FLYING
-        if load.kind == "jammed":
-            return phi, 0.0, STOPPED
         return phi, p, regime
 
     def _sample(self, forces: ForceSample, phi: float, p: float, regime: int, found: float) -> BodySample:

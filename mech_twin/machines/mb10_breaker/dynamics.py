@@ -30,11 +30,14 @@ from numpy.typing import NDArray
 from mech_twin.kernel import kernel
 from mech_twin.parts.four_bar import Coefficients, FourBar, Link, Position, coefficients, offset, position
 
-# crank angle and speed, body angle and speed, work of the drive, damping loss, angular impulse on all, and a constant
-# torque on the crank that makes good what the step before missed
-Q, U, PHI, P, WORK, DAMPED, TURNED, EXTRA = 0, 1, 2, 3, 4, 5, 6, 7
-STATES = 8
-REST, FLIGHT, HELD, JAMMED = 0, 1, 2, 3
+# state: crank angle and speed (against the body), body angle and speed, tool's travel into the wall and speed, then
+# what is integrated along: work of the drive, damping loss, angular impulse on all, work on the wall
+Q, U, PHI, P, TOOL, TOOL_SPEED, WORK, DAMPED, TURNED, WALL_WORK = range(10)
+STATES = 10
+TURN = 2.0 * math.pi
+REST, FLIGHT, HELD = 0, 1, 2  # regimes of the body
+# what the tool does: stands in the wall, moves into it, is pushed by the striker, is pressed by it and does not move
+STANDING, MOVING, PUSHED, BLOCKED = 0, 1, 2, 3
 
 
 class Breaker(NamedTuple):
@@ -142,19 +145,110 @@ def crank_torque(b: Breaker, torque: float, u: float, p: float) -> float:
     return efficiency * b.ratio * torque
 
 
+class Accelerations(NamedTuple):
+    """u' and p' (rad/s2), the collar's moment R (N m), the force N of the striker on the tool (N)."""
+
+    crank: float
+    body: float
+    collar_nm: float
+    tool_force_n: float
+
+
+@kernel
+def generalised_forces(b: Breaker, m: Masses, u: float, phi: float, p: float, drive: float) -> tuple[float, float]:
+    """Return the right-hand sides of both equations without collar and tool (N m)."""
+    first = drive + m.g_q - 0.5 * m.m11_q * u * u + 0.5 * m.m22_q * p * p
+    second = -b.frame_drive * drive - spring_moment(b, phi) - b.damping * p + m.g_phi
+    second -= m.m12_q * u * u + m.m22_q * u * p
+    return first, second
+
+
 @kernel
 def accelerations(
     b: Breaker, m: Masses, u: float, phi: float, p: float, drive: float, rests: bool
 ) -> tuple[float, float, float]:
-    """Return u', p' (rad/s^2) and R (N m), the collar's moment that holds a resting body (0 in flight)."""
-    first = drive + m.g_q - 0.5 * m.m11_q * u * u + 0.5 * m.m22_q * p * p
-    second = -b.frame_drive * drive - spring_moment(b, phi) - b.damping * p + m.g_phi
-    second -= m.m12_q * u * u + m.m22_q * u * p
+    """Return u', p' (rad/s2) and the collar's moment R (N m), the striker off the tool.
+
+    R is 0 unless the body rests (or is held).
+    """
+    first, second = generalised_forces(b, m, u, phi, p, drive)
     if rests:
         du = first / m.m11
         return du, 0.0, m.m12 * du - second
     det = m.m11 * m.m22 - m.m12 * m.m12
     return (first * m.m22 - second * m.m12) / det, (second * m.m11 - first * m.m12) / det, 0.0
+
+
+@kernel
+def loaded_accelerations(
+    b: Breaker, m: Masses, q: float, u: float, phi: float, p: float, drive: float, rests: bool, thrust: float
+) -> Accelerations:
+    """Return the accelerations under a known force of the striker on the tool (N)."""
+    first, second = generalised_forces(b, m, u, phi, p, drive)
+    if thrust != 0.0:
+        first, second = first - striker(b, q)[1] * thrust, second + b.radius * thrust
+    if rests:
+        du = first / m.m11
+        return Accelerations(du, 0.0, m.m12 * du - second, thrust)
+    det = m.m11 * m.m22 - m.m12 * m.m12
+    return Accelerations((first * m.m22 - second * m.m12) / det, (second * m.m11 - first * m.m12) / det, 0.0, thrust)
+
+
+@kernel
+def pushing(
+    b: Breaker, m: Masses, q: float, u: float, phi: float, p: float, drive: float, rests: bool
+) -> Accelerations:
+    """Return the accelerations with the striker pushing the tool into the wall.
+
+    g = 0 holds: (M + m_t j j')(u', p') = rhs - j (F + m_t j'.(u, p)), N = F + m_t (j.(u', p') + j'.(u, p)).
+    """
+    _, slope, bend = striker(b, q)
+    load = b.wall_force + b.tool_mass * bend * u * u
+    first, second = generalised_forces(b, m, u, phi, p, drive)
+    first, second = first - slope * load, second + b.radius * load
+    m11 = m.m11 + b.tool_mass * slope * slope
+    m12 = m.m12 - b.tool_mass * slope * b.radius
+    m22 = m.m22 + b.tool_mass * b.radius * b.radius
+    if rests:
+        du, dp = first / m11, 0.0
+        collar = m12 * du - second
+    else:
+        det = m11 * m22 - m12 * m12
+        du, dp, collar = (first * m22 - second * m12) / det, (second * m11 - first * m12) / det, 0.0
+    return Accelerations(du, dp, collar, load + b.tool_mass * (slope * du - b.radius * dp))
+
+
+@kernel
+def blocked(
+    b: Breaker, m: Masses, q: float, u: float, phi: float, p: float, drive: float, rests: bool
+) -> Accelerations:
+    """Return the accelerations with the striker on a tool that the wall holds fast: j.(u', p') + j'.(u, p) = 0.
+
+    With the body at rest too the crank stands; else it lifts the body as it turns.
+    """
+    _, slope, bend = striker(b, q)
+    first, second = generalised_forces(b, m, u, phi, p, drive)
+    if rests:
+        force = first / max(slope, 1e-12)
+        return Accelerations(0.0, 0.0, -second - b.radius * force, force)
+    det = m.m11 * m.m22 - m.m12 * m.m12
+    x, y = (m.m22 * slope + m.m12 * b.radius) / det, (-m.m12 * slope - m.m11 * b.radius) / det
+    du, dp = (first * m.m22 - second * m.m12) / det, (second * m.m11 - first * m.m12) / det
+    force = (slope * du - b.radius * dp + bend * u * u) / (slope * x - b.radius * y)
+    return Accelerations(du - x * force, dp - y * force, 0.0, force)
+
+
+@kernel
+def contact_accelerations(
+    b: Breaker, m: Masses, q: float, u: float, phi: float, p: float, drive: float, rests: bool, tool: int
+) -> Accelerations:
+    """Return accelerations, collar moment and force on the tool for what the tool does."""
+    if tool == PUSHED:
+        return pushing(b, m, q, u, phi, p, drive, rests)
+    if tool == BLOCKED:
+        return blocked(b, m, q, u, phi, p, drive, rests)
+    du, dp, collar = accelerations(b, m, u, phi, p, drive, rests)
+    return Accelerations(du, dp, collar, 0.0)
 
 
 @kernel
@@ -165,18 +259,21 @@ def masses_at(b: Breaker, q: float, phi: float) -> Masses:
 
 
 @kernel
-def derivatives(b: Breaker, state: NDArray[np.float64], torque: float, rests: bool, out: NDArray[np.float64]) -> float:
-    """Fill the derivatives of the state under a motor torque (N m) and return the collar's moment R (N m)."""
+def derivatives(
+    b: Breaker, state: NDArray[np.float64], drive: float, rests: bool, tool: int, out: NDArray[np.float64]
+) -> None:
+    """Fill the derivatives of the state under a torque on the crank (N m)."""
     u, phi, p = state[U], state[PHI], state[P]
     m = masses_at(b, state[Q], phi)
-    drive = crank_torque(b, torque, u, p) + state[EXTRA]
-    du, dp, collar = accelerations(b, m, u, phi, p, drive, rests)
-    out[Q], out[U], out[PHI], out[P] = u, du, p, dp
+    now = contact_accelerations(b, m, state[Q], u, phi, p, drive, rests, tool)
+    out[Q], out[U], out[PHI], out[P] = u, now.crank, p, now.body
+    out[TOOL] = state[TOOL_SPEED] if tool in (MOVING, PUSHED) else 0.0
+    out[TOOL_SPEED] = (now.tool_force_n - b.wall_force) / b.tool_mass if tool in (MOVING, PUSHED) else 0.0
+    out[WALL_WORK] = b.wall_force * out[TOOL]
     out[WORK] = drive * (u - b.frame_drive * p)
     out[DAMPED] = b.damping * p * p
-    out[EXTRA] = 0.0
-    out[TURNED] = -b.frame_drive * drive - spring_moment(b, phi) - b.damping * p + collar + m.g_phi
-    return collar
+    moment = -b.frame_drive * drive - spring_moment(b, phi) - b.damping * p + now.collar_nm + m.g_phi
+    out[TURNED] = moment + b.radius * now.tool_force_n
 
 
 @kernel
@@ -216,35 +313,51 @@ def gap(b: Breaker, q: float, u: float, phi: float, p: float) -> tuple[float, fl
 
 
 class Blow(NamedTuple):
-    """A blow: speeds after it, impulse, the tool's energy and the energy lost in it (SI)."""
+    """An impact of the striker on the tool: speeds after it, impulse, the tool's energy from it, the energy lost (SI).
+
+    ``collar_nms`` is the collar's angular impulse on a resting body that the impact presses on it.
+    """
 
     u: float
     p: float
     impulse: float
     tool_energy: float
     loss: float
+    collar_nms: float
+
+
+@kernel
+def strike(
+    b: Breaker, q: float, u: float, phi: float, p: float, tool_speed: float, rests: bool, restitution: float
+) -> Blow:
+    """Return the impact of the striker on a tool that moves into the wall with a speed (m/s), crank and body together.
+
+    j = (dy/dq, -r_tool), 1/m_e = j' M^-1 j, v = j.(u, p) - w, P = (1 + e_t) v m_e m_t/(m_e + m_t), jump = -M^-1 j P; a
+    body that is held, or that the impact would press onto its collar, does not take part: m_e = M11/(dy/dq)^2.
+    """
+    m = masses_at(b, q, phi)
+    _, slope, _ = striker(b, q)
+    v = slope * u - b.radius * p - tool_speed
+    det = m.m11 * m.m22 - m.m12 * m.m12
+    x = (m.m22 * slope + m.m12 * b.radius) / det
+    y = (-m.m12 * slope - m.m11 * b.radius) / det
+    pressed = rests and y > 0.0
+    if b.held or pressed:
+        x, y = slope / m.m11, 0.0
+    effective = 1.0 / (slope * x - b.radius * y)
+    both = effective * b.tool_mass / (effective + b.tool_mass)
+    impulse = (1.0 + restitution) * v * both
+    loss = 0.5 * (1.0 - restitution * restitution) * both * v * v
+    after = tool_speed + impulse / b.tool_mass
+    gained = 0.5 * b.tool_mass * (after - tool_speed) * (after + tool_speed)
+    collar = -m.m12 * x * impulse - b.radius * impulse if pressed and not b.held else 0.0
+    return Blow(u - x * impulse, p - y * impulse, impulse, gained, loss, collar)
 
 
 @kernel
 def blow(b: Breaker, q: float, u: float, phi: float, p: float, rests: bool) -> Blow:
-    """Return the blow of the striker on the free tool, crank and body together.
-
-    j = (dy/dq, -r_tool), 1/m_e = j' M^-1 j, P = (1 + e_t) v m_e m_t/(m_e + m_t), jump = -M^-1 j P; a body that is
-    held, or that the blow would press onto its collar, does not take part: m_e = M11/(dy/dq)^2.
-    """
-    m = masses_at(b, q, phi)
-    _, slope, _ = striker(b, q)
-    v = slope * u - b.radius * p
-    det = m.m11 * m.m22 - m.m12 * m.m12
-    x = (m.m22 * slope + m.m12 * b.radius) / det
-    y = (-m.m12 * slope - m.m11 * b.radius) / det
-    if b.held or (rests and y > 0.0):
-        x, y = slope / m.m11, 0.0
-    effective = 1.0 / (slope * x - b.radius * y)
-    both = effective * b.tool_mass / (effective + b.tool_mass)
-    impulse = (1.0 + b.tool_restitution) * v * both
-    loss = 0.5 * (1.0 - b.tool_restitution * b.tool_restitution) * both * v * v
-    return Blow(u - x * impulse, p - y * impulse, impulse, 0.5 * impulse * impulse / b.tool_mass, loss)
+    """Return the blow of the striker on the seated tool."""
+    return strike(b, q, u, phi, p, 0.0, rests, b.tool_restitution)
 
 
 @kernel

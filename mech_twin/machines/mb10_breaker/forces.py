@@ -13,9 +13,10 @@ from typing import NamedTuple
 from mech_twin.kernel import kernel
 from mech_twin.machines.mb10_breaker.dynamics import (
     HELD,
-    JAMMED,
+    Accelerations,
     Breaker,
-    accelerations,
+    Masses,
+    loaded_accelerations,
     masses,
     spring_moment,
 )
@@ -37,6 +38,8 @@ QUANTITIES = (
     "crank_bearing_impulse_ns",
     "rocker_bearing_impulse_ns",
     "step_begin_moment_nm",
+    "tool_force_n",
+    "collar_impulse_nms",
 )
 
 
@@ -62,6 +65,7 @@ class PinForces(NamedTuple):
     collar_moment: float
     drive_error: float
     body_error: float
+    tool_force: float
 
 
 @kernel
@@ -84,20 +88,29 @@ def in_frame(phi: float, x: float, y: float) -> tuple[float, float]:
 
 
 @kernel
-def pin_forces(b: Breaker, q: float, u: float, phi: float, p: float, drive: float, regime: int) -> PinForces:
-    """Return every reaction in one state under a torque on the crank (N m).
+def motion_in_state(
+    b: Breaker, m: Masses, q: float, u: float, phi: float, p: float, drive: float, regime: int, thrust: float
+) -> Accelerations:
+    """Return accelerations, collar moment and force on the tool in one state.
 
     A body at phi = 0 with no rate rests if its collar has to push it (R >= 0), else it is leaving.
     """
+    still = regime == HELD or (phi == 0.0 and p == 0.0)
+    now = loaded_accelerations(b, m, q, u, phi, p, drive, still, thrust)
+    if still and regime != HELD and now.collar_nm < 0.0:
+        now = loaded_accelerations(b, m, q, u, phi, p, drive, False, thrust)
+    return now
+
+
+@kernel
+def pin_forces(
+    b: Breaker, q: float, u: float, phi: float, p: float, drive: float, regime: int, thrust: float = 0.0
+) -> PinForces:
+    """Return every reaction in one state under a torque on the crank (N m) and the tool's force on the striker (N)."""
     at = position(b.bar, q)
     by = coefficients(at)
     m = masses(b, at, by, phi)
-    still = regime == HELD or (phi == 0.0 and p == 0.0)
-    du, dp, collar = accelerations(b, m, u, phi, p, drive, still)
-    if still and regime != HELD and collar < 0.0:
-        du, dp, collar = accelerations(b, m, u, phi, p, drive, False)
-    if regime == JAMMED:
-        du, dp = 0.0, 0.0
+    du, dp, collar, _ = motion_in_state(b, m, q, u, phi, p, drive, regime, thrust)
     g_x, g_y = b.gravity * math.sin(phi), -b.gravity * math.cos(phi)
     # coupler: relative to the body its centroid is carried by A and by its own turning
     x, y = offset(b.coupler, at.u_x, at.u_y, b.bar.coupler_m)
@@ -114,6 +127,7 @@ def pin_forces(b: Breaker, q: float, u: float, phi: float, p: float, drive: floa
     a_x, a_y = absolute(b.bar.pivot_x_m + x, b.bar.pivot_y_m + y, -y * w, x * w, s_x, s_y, -p, -dp)
     f3_x, f3_y = b.rocker.mass_kg * (g_x - a_x), b.rocker.mass_kg * (g_y - a_y)
     moment3 = x * f3_y - y * f3_x - b.rocker.inertia_kg_m2 * (e - dp)
+    f3_x, f3_y, moment3 = f3_x - thrust * b.n_x, f3_y - thrust * b.n_y, moment3 - thrust * b.striker
     a_x, a_y, b_x, b_y, c_x, c_y = dyad_reactions(at, f2_x, f2_y, moment2, f3_x, f3_y, moment3)
     # crank
     x, y = offset(b.crank, at.a_x, at.a_y, b.bar.crank_m)
@@ -124,15 +138,28 @@ def pin_forces(b: Breaker, q: float, u: float, phi: float, p: float, drive: floa
     moment = b.bar.pivot_x_m * c_y - b.bar.pivot_y_m * c_x
     moment += (1.0 - b.frame_drive) * (torque - b.rotor12 * du - b.rotor22 * dp)
     held = b.inertia * dp + spring_moment(b, phi) + b.damping * p
-    if regime == JAMMED:
-        collar = held - moment
     o_x, o_y = in_frame(phi, o_x, o_y)
     a_x, a_y = in_frame(phi, a_x, a_y)
     b_x, b_y = in_frame(phi, b_x, b_y)
     c_x, c_y = in_frame(phi, c_x, c_y)
-    drive_error = 0.0 if regime == JAMMED else needed - drive
+    drive_error = needed - drive
     return PinForces(
-        o_x, o_y, a_x, a_y, b_x, b_y, c_x, c_y, needed, moment, du, dp, collar, drive_error, held - collar - moment
+        o_x,
+        o_y,
+        a_x,
+        a_y,
+        b_x,
+        b_y,
+        c_x,
+        c_y,
+        needed,
+        moment,
+        du,
+        dp,
+        collar,
+        drive_error,
+        held - collar - moment,
+        thrust,
     )
 
 
@@ -174,4 +201,4 @@ def pin_impulses(b: Breaker, q: float, phi: float, du: float, dp: float, blow: f
     b_x, b_y = in_frame(phi, b_x, b_y)
     c_x, c_y = in_frame(phi, c_x, c_y)
     error = b.inertia * dp - moment
-    return PinForces(o_x, o_y, a_x, a_y, b_x, b_y, c_x, c_y, needed, moment, du, dp, -error, needed, error)
+    return PinForces(o_x, o_y, a_x, a_y, b_x, b_y, c_x, c_y, needed, moment, du, dp, -error, needed, error, blow)

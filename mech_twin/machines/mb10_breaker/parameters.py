@@ -24,7 +24,7 @@ class GearParameters(Parameters):
     efficiency: float = quantity("1", "power passed on by the gear", gt=0.0, le=1.0, live=True)
 
 
-class PercussionParameters(Parameters):
+class LinkageParameters(Parameters):
     """The crank-rocker MO-10: lengths, masses and the arm that strikes."""
 
     crank_m: float = quantity("m", "crank length", gt=0.0)
@@ -53,7 +53,7 @@ class PercussionParameters(Parameters):
         return FourBar(self.crank_m, self.coupler_m, self.rocker_m, self.ground_m, 0.0, OPEN)
 
     @model_validator(mode="after")
-    def _turns_fully(self) -> PercussionParameters:
+    def _turns_fully(self) -> LinkageParameters:
         failing = failing_inequality(self.four_bar, crank_rocker=True)
         if failing:
             raise ValueError(failing)
@@ -98,7 +98,7 @@ class BreakerParameters(Parameters):
 
     motor: InductionMotorParameters = choice("the induction motor")
     gear: GearParameters = choice("the gear pair")
-    linkage: PercussionParameters = choice("the percussion mechanism")
+    linkage: LinkageParameters = choice("the percussion mechanism")
     tool: ToolParameters = choice("the tool")
     drive_mount: Literal["frame", "body"] = choice(
         "what carries motor and gear; on the body the gear torque and the rotor's reaction act on it too"

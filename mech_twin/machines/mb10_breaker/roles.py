@@ -11,9 +11,10 @@ import numpy as np
 from mech_twin.machines.mb10_breaker.dynamics import (
     FLIGHT,
     HELD,
-    JAMMED,
     REST,
     STATES,
+    TOOL,
+    TOOL_SPEED,
     Breaker,
     P,
     Q,
@@ -24,24 +25,18 @@ from mech_twin.machines.mb10_breaker.dynamics import (
 )
 from mech_twin.machines.mb10_breaker.dynamics import PHI as BODY
 from mech_twin.machines.mb10_breaker.forces import QUANTITIES, PinForces, pin_forces, pin_impulses
-from mech_twin.machines.mb10_breaker.integration import Array
-from mech_twin.machines.mb10_breaker.step import (
-    AFTER,
-    BEFORE,
-    BEGIN,
-    CYCLE_OF,
+from mech_twin.machines.mb10_breaker.state import (
+    EVENT,
     EVENT_ROWS,
-    IMPULSE,
-    KIND,
     KINDS,
-    MEMORY,
-    POST,
-    PRE,
-    ROW,
-    TIME,
-    advanced,
-    taken_over,
+    BreakerMemory,
+    Side,
+    packed,
+    post_side,
+    pre_side,
+    unpacked,
 )
+from mech_twin.machines.mb10_breaker.step import Array, advance_step, take_body
 from mech_twin.parts.four_bar import closure_error, coefficients, link_angles, position
 from mech_twin.parts.induction_motor import MotorConstants, motor_torque
 from mech_twin.parts.supply import limited_command
@@ -57,9 +52,11 @@ from mech_twin.samples import (
     Wrench,
 )
 
-CONTACTS = {"blow": "tool", "missed": "tool", "unseated": "tool", "jammed": "tool"}
-LOADING = frozenset(("blow", "touchdown", "settled", "lift_off", "jammed"))
-RESIDUALS = ("loop_closure_m", "energy_balance", "momentum_balance")
+ON_COLLAR = frozenset(("touchdown", "settled", "lift_off"))
+STRIKES = frozenset(("blow", "catch_up", "push_begins"))
+LOADING = STRIKES | ON_COLLAR | {"pushing", "released"}
+RESIDUALS = ("loop_closure_m", "energy_balance", "momentum_balance", "coupling_defect")
+COUPLING_DEFECT_AT_1_MS = 1e-5  # ten times the largest of the running machine
 FORCE_RESIDUALS = ("drive_torque_routes", "body_moment_routes", "impulse_routes")
 
 
@@ -91,13 +88,13 @@ class KlossDrive:
         """Return rotor angle, speed and shaft torque at the linkage's step."""
         command = limited_command(linkage.command, target, self._rate_per_s, self._step_s)
         speed = self._ratio * (linkage.velocity[0] - self._carried * linkage.velocity[3])
-        turned = 2.0 * math.pi * linkage.memory.values[0] + linkage.position[0]
+        turned = 2.0 * math.pi * BreakerMemory(*linkage.memory.values).turns + linkage.position[0]
         angle = self._ratio * (turned - self._carried * linkage.position[3])
         torque = motor_torque(self._motor, speed, command)
         return MotorSample(linkage.step, linkage.time_s, self.joints, (angle,), (speed,), (torque,), command)
 
 
-class Percussion:
+class BreakerLinkage:
     """The crank-rocker, its drive and, where the body is led, the body with it.
 
     Parameters
@@ -115,11 +112,8 @@ class Percussion:
     """
 
     joints = ("crank", "coupler", "rocker", "body")
-    coordinates = ("crank", "body")
-    regimes = ("rest", "flight", "held", "jammed")
-    residual_limits: Mapping[str, float] = MappingProxyType(
-        {"loop_closure_m": 1e-12, "energy_balance": 1e-9, "momentum_balance": 1e-9}
-    )
+    coordinates = ("crank", "body", "tool")
+    regimes = ("rest", "flight", "held")
 
     def __init__(
         self, breaker: Breaker, initial_crank_rad: float, initial_command: float, step_s: float, order: int
@@ -129,50 +123,55 @@ class Percussion:
         self._command = initial_command
         self._step_s = step_s
         self._order = order
+        defect = COUPLING_DEFECT_AT_1_MS * max(1.0, (step_s / 1e-3) ** 2)  # the scheme is of second order
+        self.residual_limits: Mapping[str, float] = MappingProxyType(
+            {"loop_closure_m": 1e-12, "energy_balance": 1e-9, "momentum_balance": 1e-9, "coupling_defect": defect}
+        )
 
     def start(self, step: int = 0) -> LinkageSample:
         """Return the machine at rest, the body on its collar."""
         state = np.zeros(STATES)
         state[Q] = self._initial % (2.0 * math.pi)
-        memory = np.zeros(len(MEMORY))
         kinetic, potential, _ = energies(self._b, state[Q], 0.0, 0.0, 0.0)
-        memory[MEMORY.index("takeover_energy_j")] = kinetic + potential
-        memory[MEMORY.index("torque_history")] = -1.0
-        memory[BEGIN] = state[Q]
-        return self._sample(step, state, memory, HELD if self._b.held else REST, 0.0, self._command, ())
+        memory = BreakerMemory(energy_j=kinetic + potential, begin_crank_rad=float(state[Q]))
+        return self._sample(step, state, memory, HELD if self._b.held else REST, 0.0, self._command, 0.0)
 
     def advance(self, linkage: LinkageSample, motor: MotorSample, body: BodySample | None) -> LinkageSample:
         """Return the linkage one coupling step later; angle and rate of the body are taken from its own sample."""
+        b, old = self._b, BreakerMemory(*linkage.memory.values)
         state = np.zeros(STATES)
         state[Q], state[U] = linkage.position[0], linkage.velocity[0]
         state[BODY], state[P] = linkage.position[3], linkage.velocity[3]
-        memory = np.array(linkage.memory.values)
-        regime = linkage.regime
-        if body is not None and not self._b.held:
-            regime = taken_over(self._b, state, memory, regime, body.position[0], body.velocity[0], body.regime == REST)
-        log = np.empty((EVENT_ROWS, ROW))
-        regime, count, drive = advanced(self._b, state, memory, regime, motor.effort[0], self._step_s, self._order, log)
+        state[TOOL], state[TOOL_SPEED] = old.tool_travel_m, old.tool_speed_m_per_s
+        record, regime = packed(old), linkage.regime
+        phi, p, rests = float(state[BODY]), float(state[P]), regime != FLIGHT
+        if body is not None and not b.held:
+            phi, p, rests = body.position[0], body.velocity[0], body.regime == REST
+        regime = take_body(b, state, record, regime, phi, p, rests)
+        log = np.empty(EVENT_ROWS, dtype=EVENT)
+        regime, count, drive = advance_step(b, state, record, regime, motor.effort[0], self._step_s, self._order, log)
+        memory = unpacked(record)
         events = tuple(self._event(linkage.time_s, log[i]) for i in range(count))
-        return self._sample(linkage.step + 1, state, memory, regime, drive, motor.command, events)
+        defect = memory.coupling_defect_j - old.coupling_defect_j
+        return self._sample(linkage.step + 1, state, memory, regime, drive, motor.command, defect, events)
 
     def _sample(
         self,
         step: int,
         state: Array,
-        memory: Array,
+        memory: BreakerMemory,
         regime: int,
         drive: float,
         command: float,
-        events: tuple[Event, ...],
+        defect_j: float,
+        events: tuple[Event, ...] = (),
     ) -> LinkageSample:
         b = self._b
         q, u, phi, p = float(state[Q]), float(state[U]), float(state[BODY]), float(state[P])
         at = position(b.bar, q)
         by = coefficients(at)
         coupler, rocker = link_angles(at)
-        values = tuple(memory.tolist())
-        if regime == JAMMED:
-            drive = pin_forces(b, q, u, phi, p, 0.0, regime).drive
+        residuals = (closure_error(b.bar, at), *self._balances(q, u, phi, p, memory, defect_j))
         return LinkageSample(
             step,
             step * self._step_s,
@@ -182,39 +181,46 @@ class Percussion:
             (drive, 0.0, 0.0, -spring_moment(b, phi)),
             regime,
             command,
-            Named(MEMORY, values),
-            Named(RESIDUALS, (closure_error(b.bar, at), *self._books(q, u, phi, p, values))),
+            Named(BreakerMemory._fields, tuple(memory)),
+            Named(RESIDUALS, residuals),
             events,
         )
 
-    def _books(self, q: float, u: float, phi: float, p: float, memory: tuple[float, ...]) -> tuple[float, float]:
-        """Return the relative errors of the energy book and of the book of the body's angular momentum."""
+    def _balances(
+        self, q: float, u: float, phi: float, p: float, memory: BreakerMemory, defect_j: float
+    ) -> tuple[float, float, float]:
+        """Return what the balances of energy and of the body's angular momentum leave open, and the coupling defect."""
         kinetic, potential, momentum = energies(self._b, q, u, phi, p)
-        work, damped, turned, blow, tool, collar, jam, takeover, impacts, shifted = memory[3:13]
-        energy = kinetic + potential - (takeover + work - damped - blow - tool - collar - jam)
-        angular = 0.0 if self._b.held else momentum - (shifted + turned + impacts)
-        return abs(energy) / max(kinetic + abs(potential), 1.0), abs(angular) / max(abs(momentum), 1.0)
+        held, turning = max(kinetic + abs(potential), 1.0), max(abs(momentum), 1.0)
+        angular = 0.0 if self._b.held else abs(memory.momentum_error_nms) / turning
+        return abs(memory.energy_error_j) / held, angular, abs(defect_j) / held
 
-    def _event(self, start_s: float, row: Array) -> Event:
-        kind = KINDS[int(row[KIND])]
+    def _event(self, start_s: float, row: np.void) -> Event:
+        kind = KINDS[int(row["kind"])]
         return Event(
-            start_s + float(row[TIME]),
+            start_s + float(row["time_s"]),
             kind,
-            CONTACTS.get(kind, "collar"),
-            float(row[BEFORE]),
-            float(row[AFTER]),
-            float(row[IMPULSE]),
-            int(row[CYCLE_OF]),
-            self._coordinates(row[PRE : PRE + 5]),
-            self._coordinates(row[POST : POST + 5]),
+            "collar" if kind in ON_COLLAR else "tool",
+            float(row["before_m_per_s"]),
+            float(row["after_m_per_s"]),
+            float(row["impulse_ns"]),
+            int(row["cycle"]),
+            self._coordinates(pre_side(row)),
+            self._coordinates(post_side(row)),
         )
 
-    def _coordinates(self, side: Array) -> tuple[Coordinate, Coordinate]:
-        q, u, phi, p, drive = side.tolist()
-        return Coordinate(q, u, drive), Coordinate(phi, p, -spring_moment(self._b, phi))
+    def _coordinates(self, side: Side) -> tuple[Coordinate, Coordinate, Coordinate]:
+        return (
+            Coordinate(side.crank_rad, side.crank_rad_per_s, side.drive_torque_nm),
+            Coordinate(side.body_rad, side.body_rad_per_s, -spring_moment(self._b, side.body_rad)),
+            Coordinate(side.tool_m, side.tool_m_per_s, side.tool_force_n),
+        )
 
 
-class PinAnalysis:
+NO_IMPULSE = PinForces(*(0.0,) * len(PinForces._fields))
+
+
+class BreakerForces:
     """Every pin, the moment on the body and its impulses, from the joint states alone.
 
     Parameters
@@ -232,18 +238,20 @@ class PinAnalysis:
 
     def analyse(self, linkage: LinkageSample) -> ForceSample:
         """Return the forces at the step, and the loads on the body at each event of the step."""
-        b = self._b
+        b, memory = self._b, BreakerMemory(*linkage.memory.values)
         q, u, phi, p = linkage.position[0], linkage.velocity[0], linkage.position[3], linkage.velocity[3]
-        found = pin_forces(b, q, u, phi, p, linkage.effort[0], linkage.regime)
-        loads, impulses = [], [PinForces(*(0.0,) * len(PinForces._fields))]
+        found = pin_forces(b, q, u, phi, p, linkage.effort[0], linkage.regime, memory.tool_force_n)
+        loads, impulses, collar = [], [NO_IMPULSE], 0.0
         for event in linkage.events:
             if event.pre and event.kind in LOADING:
                 jump = self._across(event)
-                if event.kind != "jammed":  # what stops a jammed linkage is not known
-                    impulses.append(jump)
-                loads.append(self._load(event, jump.moment, linkage.regime))
+                impulses.append(jump)
+                pressed = self._collar_impulse(event, jump)
+                loads.append(self._load(event, jump.moment + pressed))
+                collar += pressed
             elif not event.pre:
                 loads.append(Load(event.time_s, event.kind, event.contact, found.moment, found.moment, 0.0))
+        quantities = self._quantities(q, u, phi, p, found, impulses)
         return ForceSample(
             linkage.step,
             linkage.time_s,
@@ -254,40 +262,52 @@ class PinAnalysis:
                 Wrench(found.b_x, found.b_y, 0.0),
                 Wrench(found.c_x, found.c_y, 0.0),
             ),
-            Named(QUANTITIES, (*self._quantities(q, u, phi, p, found, impulses), self._moment_at_begin(linkage))),
+            Named(QUANTITIES, (*quantities, self._moment_at_begin(linkage, memory), found.tool_force, collar)),
             found.moment,
             Named(FORCE_RESIDUALS, self._errors(u, found, impulses)),
             tuple(loads),
         )
 
-    def _moment_at_begin(self, linkage: LinkageSample) -> float:
+    def _moment_at_begin(self, linkage: LinkageSample, memory: BreakerMemory) -> float:
         """Return the moment on the body as the step began, the torque just extrapolated anew."""
-        q, u, phi, p, drive = linkage.memory.values[BEGIN : BEGIN + 5]
-        return pin_forces(self._b, q, u, phi, p, drive, FLIGHT if linkage.regime == JAMMED else linkage.regime).moment
+        return pin_forces(
+            self._b,
+            memory.begin_crank_rad,
+            memory.begin_crank_rad_per_s,
+            memory.begin_body_rad,
+            memory.begin_body_rad_per_s,
+            memory.begin_drive_torque_nm,
+            linkage.regime,
+            memory.begin_tool_force_n,
+        ).moment
 
     def _across(self, event: Event) -> PinForces:
-        crank, body = event.pre
-        crank_after, body_after = event.post
-        blow = event.impulse_ns if event.kind == "blow" else 0.0
+        crank, body, _ = event.pre
+        crank_after, body_after, _ = event.post
         return pin_impulses(
             self._b,
             crank.position,
             body.position,
             crank_after.velocity - crank.velocity,
             body_after.velocity - body.velocity,
-            blow,
+            event.impulse_ns if event.kind in STRIKES else 0.0,
         )
 
-    def _load(self, event: Event, impulse: float, regime: int) -> Load:
-        sides = []
-        for index, (crank, body) in enumerate((event.pre, event.post)):
-            state = HELD if self._b.held else JAMMED if index and event.kind == "jammed" else FLIGHT
-            sides.append(
-                pin_forces(
-                    self._b, crank.position, crank.velocity, body.position, body.velocity, crank.effort, state
-                ).moment
-            )
-        return Load(event.time_s, event.kind, event.contact, sides[0], sides[1], impulse)
+    def _collar_impulse(self, event: Event, jump: PinForces) -> float:
+        """Return the collar's angular impulse on a resting body that a blow presses on it (N m s)."""
+        body, after = event.pre[1], event.post[1]
+        rests = body.position == body.velocity == after.velocity == 0.0
+        return max(-jump.moment, 0.0) if rests and event.kind in STRIKES and not self._b.held else 0.0
+
+    def _load(self, event: Event, impulse: float) -> Load:
+        regime = HELD if self._b.held else FLIGHT
+        before, after = (
+            pin_forces(
+                self._b, crank.position, crank.velocity, body.position, body.velocity, crank.effort, regime, tool.effort
+            ).moment
+            for crank, body, tool in (event.pre, event.post)
+        )
+        return Load(event.time_s, event.kind, event.contact, before, after, impulse)
 
     def _quantities(
         self, q: float, u: float, phi: float, p: float, found: PinForces, impulses: list[PinForces]

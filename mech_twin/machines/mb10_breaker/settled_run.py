@@ -51,7 +51,7 @@ def seating(parameters: BreakerParameters, duration_s: float = SETTLED_S) -> Sea
         for event in linkage.events:
             if event.contact == "tool":
                 blows += event.kind == "blow"
-                missed += event.kind in {"missed", "jammed"}
+                missed += event.kind in {"missed", "stalled"}
                 if event.kind == "blow":
                     gap = max(gap, radius * event.pre[1].position)
             elif steady and event.kind in {"touchdown", "settled"}:

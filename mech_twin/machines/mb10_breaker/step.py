@@ -12,318 +12,249 @@ error of order h^2, so the scheme keeps second order across impacts.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from mech_twin.engine.events import FALLING, NONE, Step, first_event
+from mech_twin.engine.integration import start_step, take_step
 from mech_twin.kernel import kernel
+from mech_twin.machines.mb10_breaker.contact import apply_event, log_knot, project_contact, tool_force
 from mech_twin.machines.mb10_breaker.dynamics import (
-    EXTRA,
+    BLOCKED,
+    DAMPED,
     FLIGHT,
     HELD,
-    JAMMED,
+    MOVING,
     PHI,
+    PUSHED,
     REST,
     STATES,
+    TOOL,
+    TOOL_SPEED,
+    TURN,
     TURNED,
+    WALL_WORK,
     WORK,
     Breaker,
     P,
     Q,
     U,
-    accelerations,
-    blow,
     crank_torque,
     energies,
-    gap,
-    masses_at,
-    touchdown,
 )
-from mech_twin.machines.mb10_breaker.integration import (
-    ANGLE,
-    CLOSING,
+from mech_twin.machines.mb10_breaker.motion import (
+    COLLAR,
+    CRANK_MOTION,
+    DEAD_CENTRE,
     GAP,
     LIFT,
     LONGEST_SUBSTEP_S,
-    SINGLE_STEP_RAD,
-    SINKING,
-    STAGES,
-    Array,
-    crossing,
-    integrated,
-    release,
-    root,
+    PUSHING_SUBSTEP_S,
+    THRUST,
+    TOOL_MOTION,
+    WALL,
+    Motion,
+    motion_signals,
+    substep,
+    workspace_of_motion,
 )
 
-TURN = 2.0 * math.pi
-SETTLED_WITHIN_S = 1e-10  # the rest of a chatter series that is cut off as one plastic impact
-EVENT_ROWS = 512
-
-BLOW, MISSED, TOUCHDOWN, SETTLED, LIFT_OFF, JAM, UNSEATED = 0, 1, 2, 3, 4, 5, 6
-KINDS = ("blow", "missed", "touchdown", "settled", "lift_off", "jammed", "unseated")
-# a row of the event log: time into the step, kind, speeds, impulse, cycle; q, u, phi, p and torque Q before and after
-TIME, KIND, BEFORE, AFTER, IMPULSE, CYCLE_OF, PRE, POST, ROW = 0, 1, 2, 3, 4, 5, 6, 11, 16
-
-MEMORY = (
-    "turns",
-    "cycle",
-    "pass_done",
-    "drive_work_j",
-    "damping_loss_j",
-    "angular_impulse_nms",
-    "blow_loss_j",
-    "tool_energy_j",
-    "collar_loss_j",
-    "jam_loss_j",
-    "takeover_energy_j",
-    "impact_impulse_nms",
-    "takeover_momentum_nms",
-    "previous_torque_nm",
-    "line_crank_torque_nm",
-    "torque_lag_s",
-    "torque_history",
-    "begin_crank_rad",  # crank, body and torque on the crank as this step began with them
-    "begin_crank_rad_per_s",
-    "begin_body_rad",
-    "begin_body_rad_per_s",
-    "begin_drive_torque_nm",
-)
-TURNS, CYCLE, PASS_DONE, BOOKS = 0, 1, 2, 3
-BLOW_LOSS, TOOL_ENERGY, COLLAR_LOSS, JAM_LOSS, TAKEOVER, IMPACTS, TAKEOVER_MOMENTUM = 6, 7, 8, 9, 10, 11, 12
-PREVIOUS, LINE, LAG, HISTORY, BEGIN = 13, 14, 15, 16, 17
+Array = NDArray[np.float64]
+PARTED = 1e-9  # m and m/s
+SUBSTEP_BUDGET = 20000  # of one coupling step
 
 
 @kernel
-def taken_over(b: Breaker, state: Array, memory: Array, regime: int, phi: float, p: float, rests: bool) -> int:
+def total_energy(b: Breaker, state: Array) -> float:
+    """Return kinetic and potential energy of machine and tool (J)."""
+    kinetic, potential, _ = energies(b, state[Q], state[U], state[PHI], state[P])
+    return float(kinetic + potential + 0.5 * b.tool_mass * state[TOOL_SPEED] * state[TOOL_SPEED])
+
+
+@kernel
+def total_momentum(b: Breaker, state: Array) -> float:
+    """Return the angular momentum M12 u + M22 p (N m s)."""
+    return float(energies(b, state[Q], state[U], state[PHI], state[P])[2])
+
+
+@kernel
+def take_body(b: Breaker, state: Array, record: Any, regime: int, phi: float, p: float, rests: bool) -> int:
     """Put the body's own angle and rate in the state, book what that changes, and return the regime."""
-    if regime in (HELD, JAMMED):
+    memory, before = record[0], total_energy(b, state)
+    memory.parameter_work_j += before - memory.energy_j
+    if regime == HELD:
         return regime
-    kinetic, potential, momentum = energies(b, state[Q], state[U], state[PHI], state[P])
+    momentum = total_momentum(b, state)
     state[PHI] = 0.0 if rests or (phi < 0.0 <= p) else phi
     state[P] = 0.0 if rests else p
-    kinetic_2, potential_2, momentum_2 = energies(b, state[Q], state[U], state[PHI], state[P])
-    memory[TAKEOVER] += kinetic_2 + potential_2 - kinetic - potential
-    memory[TAKEOVER_MOMENTUM] += momentum_2 - momentum
+    project_contact(b, state, int(memory.tool_regime), rests)
+    memory.coupling_defect_j += total_energy(b, state) - before
+    memory.coupling_defect_nms += total_momentum(b, state) - momentum
     return REST if rests else FLIGHT
 
 
 @kernel
-def torque_line(
-    b: Breaker, state: Array, memory: Array, torque: float, step_s: float, order: int
-) -> tuple[float, float]:
+def torque_line(b: Breaker, state: Array, memory: Any, torque: float, step_s: float, order: int) -> tuple[float, float]:
     """Return slope of the motor torque (N m/s) and the crank torque (N m) that makes good the step before."""
-    if order == 0 or memory[HISTORY] < 0.0:
+    if order == 0 or memory.torque_history < 0.0:
         return 0.0, 0.0
-    missed = (crank_torque(b, torque, state[U], state[P]) - memory[LINE]) * memory[LAG] / step_s
-    slope = (torque - memory[PREVIOUS]) / step_s if memory[HISTORY] > 0.0 else 0.0
-    return slope, missed
+    missed = crank_torque(b, torque, state[U], state[P]) - memory.line_crank_torque_nm
+    slope = (torque - memory.previous_torque_nm) / step_s if memory.torque_history > 0.0 else 0.0
+    return slope, missed * memory.torque_lag_s / step_s
 
 
 @kernel
-def ahead(b: Breaker, q: float) -> float:
-    """Return how far the crank has to turn to the rocker's striking extreme, 0 to 2 pi (rad)."""
-    rest = (b.extreme - q) % TURN
-    return rest if rest > 0.0 else TURN
+def remember_torque_line(motion: Motion, state: Array, memory: Any, step_s: float, left: float, weighed: float) -> None:
+    """Keep what the next step needs to make good what this extrapolation misses."""
+    b = motion.breaker
+    final = motion.torque_nm + motion.slope_nm_per_s * step_s
+    memory.previous_torque_nm = motion.torque_nm
+    memory.line_crank_torque_nm = crank_torque(b, final, state[U], state[P])
+    memory.torque_lag_s = left / weighed if weighed > 0.0 else 0.5 * step_s
+    memory.torque_history = 0.0 if weighed > 0.0 else 1.0
 
 
 @kernel
-def first_event(
-    b: Breaker,
-    state: Array,
-    end: Array,
-    memory: Array,
-    regime: int,
-    torque: float,
-    slope: float,
-    span: float,
-    slopes: Array,
-    out: Array,
-) -> tuple[int, float]:
-    """Return kind and span of the first event within the substep, or (-1, span)."""
-    kind, when = -1, span
-    rests = regime != FLIGHT
-    approach = (b.extreme - b.retreat) % TURN
-    rest = ahead(b, state[Q])
-    if memory[PASS_DONE] == 0.0 and rest <= approach:
-        found = crossing(b, GAP, CLOSING, state, torque, slope, rests, span, end, slopes, out)
-        if 0.0 <= found <= when:
-            kind, when = BLOW, found
-        aim = state[Q] + rest
-        if end[Q] >= aim:
-            found = root(
-                b, ANGLE, state, torque, slope, rests, aim, 0.0, -rest, span, end[Q] - aim + 1e-300, slopes, out
-            )
-            if found < when:
-                kind, when = MISSED, found
+def to_dead_centre(b: Breaker, q: float) -> float:
+    """Return how far the crank has to turn to the rocker's next extreme, above 0 (rad)."""
+    striking, retreating = (b.extreme - q) % TURN, (b.retreat - q) % TURN
+    striking = striking if striking > 1e-12 else TURN
+    retreating = retreating if retreating > 1e-12 else TURN
+    return min(striking, retreating)
+
+
+@kernel
+def leaves_tool(motion: Motion, state: Array, last: int) -> bool:
+    """Return whether the event that began this substep let the striker part from the tool, which rounding may hide."""
+    gap, opening = motion_signals(motion, GAP, 0.0, state)
+    turned_back = last == TOOL_MOTION and abs(gap) < PARTED and abs(opening) < PARTED
+    return last == THRUST or turned_back
+
+
+@kernel
+def watched(motion: Motion, state: Array, end: Array, regime: int, last: int, watches: NDArray[np.int64]) -> int:
+    """Fill the rows of ``watches`` with what can happen within a substep; return their number.
+
+    ``last`` is the signal whose event began this substep, `NONE` without: it may start at its root.
+    """
+    count, tool = 0, motion.tool
+    watches[:, 1] = FALLING
+    watches[:, 2] = 0
+    if tool in (PUSHED, BLOCKED):
+        watches[0, 0], watches[1, 0], count = THRUST, CRANK_MOTION, 2
+        if state[U] <= 0.0:
+            count = 1
+        if tool == BLOCKED:
+            watches[count, 0] = WALL
+            count += 1
+    elif not leaves_tool(motion, state, last):
+        watches[0, 0], count = GAP, 1
+        watches[0, 2] = 1 if last == GAP else 0
+    if tool in (MOVING, PUSHED) and (state[TOOL_SPEED] > 0.0 or last != WALL):
+        watches[count, 0] = TOOL_MOTION
+        watches[count, 2] = 1 if state[TOOL_SPEED] == 0.0 else 0
+        count += 1
+    if end[Q] >= motion.dead_centre_rad:
+        watches[count, 0] = DEAD_CENTRE
+        count += 1
     if regime == FLIGHT:
-        found = crossing(b, LIFT, SINKING, state, torque, slope, rests, span, end, slopes, out)
-        if found >= 0.0 and (found < when or kind < 0):
-            kind, when = TOUCHDOWN, found
+        watches[count, 0] = LIFT
+        watches[count, 2] = 1 if state[PHI] == 0.0 else 0
+        count += 1
     elif regime == REST:
-        found = release(b, state, torque, slope, span, end, slopes, out)
-        if found >= 0.0 and (found < when or kind < 0):
-            kind, when = LIFT_OFF, found
-    return kind, when
-
-
-@kernel
-def settles(b: Breaker, state: Array, torque: float) -> bool:
-    """Return whether the bounces still to come after this touchdown last too short to be told one by one."""
-    u, p, _, _ = touchdown(b, state[Q], state[U], 0.0, state[P], b.restitution)
-    m = masses_at(b, state[Q], 0.0)
-    _, sink, _ = accelerations(b, m, u, 0.0, p, crank_torque(b, torque, u, p) + state[EXTRA], False)
-    return sink < 0.0 and 2.0 * p <= -sink * (1.0 - b.restitution) * SETTLED_WITHIN_S
-
-
-@kernel
-def noted(b: Breaker, row: Array, place: int, state: Array, torque: float) -> None:
-    """Write crank and body coordinates and the crank's torque in an event's row."""
-    row[place] = state[Q]
-    row[place + 1] = state[U]
-    row[place + 2] = state[PHI]
-    row[place + 3] = state[P]
-    row[place + 4] = crank_torque(b, torque, state[U], state[P]) + state[EXTRA]
-
-
-@kernel
-def struck(b: Breaker, state: Array, memory: Array, regime: int, row: Array) -> int:
-    """Apply a blow to the state, book it, and return the regime after it."""
-    rests = regime != FLIGHT
-    _, speed = gap(b, state[Q], state[U], state[PHI], state[P])
-    hit = blow(b, state[Q], state[U], state[PHI], state[P], rests)
-    row[BEFORE], row[AFTER], row[IMPULSE] = speed, -b.tool_restitution * speed, hit.impulse
-    state[U], state[P] = hit.u, hit.p
-    memory[BLOW_LOSS] += hit.loss
-    memory[TOOL_ENERGY] += hit.tool_energy
-    memory[IMPACTS] += b.radius * hit.impulse
-    memory[PASS_DONE] = 1.0
-    memory[CYCLE] += 1.0
-    if hit.tool_energy < b.wall_force * b.overtravel:
-        return JAMMED
-    return FLIGHT if regime == REST and hit.p > 0.0 else regime
-
-
-@kernel
-def landed(b: Breaker, state: Array, memory: Array, row: Array, torque: float, last: bool) -> int:
-    """Apply a touchdown on the collar to the state, book it, and return the regime after it."""
-    final = last or settles(b, state, torque)
-    before = energies(b, state[Q], state[U], state[PHI], state[P])
-    state[PHI] = 0.0
-    after = energies(b, state[Q], state[U], 0.0, state[P])
-    memory[TAKEOVER] += after[0] + after[1] - before[0] - before[1]
-    u, p, impulse, loss = touchdown(b, state[Q], state[U], 0.0, state[P], 0.0 if final else b.restitution)
-    row[BEFORE], row[AFTER], row[IMPULSE] = b.radius * state[P], b.radius * p, impulse / b.radius
-    state[U], state[P] = u, p
-    memory[COLLAR_LOSS] += loss
-    memory[IMPACTS] += impulse
-    if final:
-        row[KIND] = SETTLED
-        return REST
-    return FLIGHT
-
-
-@kernel
-def jammed(b: Breaker, state: Array, memory: Array) -> None:
-    """Stop everything where it is; the energy and momentum it had go in the books."""
-    kinetic, _, momentum = energies(b, state[Q], state[U], state[PHI], state[P])
-    memory[JAM_LOSS] += kinetic
-    memory[IMPACTS] -= momentum
-    state[U] = state[P] = 0.0
-
-
-@kernel
-def happened(
-    b: Breaker, state: Array, memory: Array, regime: int, kind: int, time: float, torque: float, log: Array, count: int
-) -> tuple[int, int]:
-    """Apply an event to state, memory and log; return the regime after it and the number of events."""
-    if count + 3 > len(log) and kind != TOUCHDOWN:
-        raise RuntimeError("more events in one coupling step than the log holds")
-    row = log[count]
-    row[TIME], row[KIND], row[CYCLE_OF] = time, kind, memory[CYCLE]
-    row[BEFORE] = row[AFTER] = row[IMPULSE] = 0.0
-    noted(b, row, PRE, state, torque)
-    noted(b, row, POST, state, torque)
-    if kind == BLOW and regime == FLIGHT:  # the body is off its collar: the tool is not pressed on the wall
-        log[count + 1] = row
-        row[KIND] = UNSEATED
+        watches[count, 0] = COLLAR
         count += 1
-        row = log[count]
-    if kind == BLOW:
-        regime = struck(b, state, memory, regime, row)
-    elif kind == TOUCHDOWN:
-        regime = landed(b, state, memory, row, torque, count + 3 > len(log))
-    elif kind == LIFT_OFF:
-        regime = FLIGHT
-    else:
-        memory[PASS_DONE] = 1.0
-        memory[CYCLE] += 1.0
-    noted(b, row, POST, state, torque)
-    count += 1
-    if regime == JAMMED:
-        row = log[count]
-        row[TIME], row[KIND], row[CYCLE_OF] = time, JAM, log[count - 1, CYCLE_OF]
-        row[BEFORE] = row[AFTER] = row[IMPULSE] = 0.0
-        noted(b, row, PRE, state, torque)
-        jammed(b, state, memory)
-        noted(b, row, POST, state, torque)
-        count += 1
-    return regime, count
+    return count
 
 
 @kernel
-def substep(b: Breaker, u: float, remaining: float) -> float:
-    """Return the length of the next substep (s): equal pieces of what remains, short in time and in crank angle."""
-    longest = min(LONGEST_SUBSTEP_S, SINGLE_STEP_RAD / (abs(u) + 1e-9))
-    return remaining / max(math.ceil(remaining / longest - 1e-9), 1)
+def close_balances(motion: Motion, state: Array, memory: Any, before: Array, impacts: float) -> None:
+    """Book the step's works and impulses, and what the balances of energy and momentum leave open."""
+    b = motion.breaker
+    memory.wall_work_j += state[WALL_WORK]
+    memory.tool_travel_m, memory.tool_speed_m_per_s = state[TOOL], state[TOOL_SPEED]
+    memory.drive_work_j += state[WORK]
+    memory.damping_loss_j += state[DAMPED]
+    memory.angular_impulse_nms += state[TURNED]
+    lost = memory.blow_loss_j + memory.collar_loss_j + memory.reseating_loss_j + memory.wall_work_j
+    memory.energy_j = total_energy(b, state)
+    memory.energy_error_j += memory.energy_j - before[0] - state[WORK] + state[DAMPED] + (lost - before[1])
+    turned = state[TURNED] + memory.impact_impulse_nms - impacts
+    memory.momentum_error_nms += total_momentum(b, state) - before[2] - turned
+    state[WORK] = state[DAMPED] = state[TURNED] = state[WALL_WORK] = 0.0
+    full = math.floor(state[Q] / TURN)
+    memory.turns += full
+    state[Q] -= full * TURN
 
 
 @kernel
-def advanced(
-    b: Breaker, state: Array, memory: Array, regime: int, torque: float, step_s: float, order: int, log: Array
+def begin_step(b: Breaker, state: Array, memory: Any, drive: float) -> tuple[float, float, float]:
+    """Remember the state the step begins with; return its energy, the losses booked so far and its momentum."""
+    memory.begin_crank_rad, memory.begin_crank_rad_per_s = state[Q], state[U]
+    memory.begin_body_rad, memory.begin_body_rad_per_s = state[PHI], state[P]
+    memory.begin_drive_torque_nm = drive
+    lost = memory.blow_loss_j + memory.collar_loss_j + memory.reseating_loss_j + memory.wall_work_j
+    return total_energy(b, state), lost, total_momentum(b, state)
+
+
+@kernel
+def advance_step(
+    b: Breaker, state: Array, record: Any, regime: int, torque: float, step_s: float, order: int, log: Any
 ) -> tuple[int, int, float]:
     """Advance state and memory by one coupling step; return regime, number of events, crank torque at the end.
 
     Parameters
     ----------
-    state : (8,) array
-        q, u, phi, p, work of the drive, damping loss, angular impulse, constant torque; changed in place.
-    memory : (22,) array
-        As `MEMORY` names it; changed in place.
+    state : (10,) array
+        As `dynamics` numbers it; changed in place.
+    record : (1,) array of `state.MEMORY`
+        Changed in place.
     torque : float
         Motor torque at the start of the step (N m).
-    log : (EVENT_ROWS, ROW) array
+    log : (EVENT_ROWS,) array of `state.EVENT`
         Receives one row per event.
     """
-    slope, state[EXTRA] = torque_line(b, state, memory, torque, step_s, order)
-    slopes, end, out = np.empty((STAGES + 1, STATES)), np.empty(STATES), np.empty(STATES)
-    count, time, left, weighed = 0, 0.0, 0.0, 0.0
-    noted(b, memory, BEGIN, state, torque)
-    while regime != JAMMED and step_s - time > 1e-16:
-        span = substep(b, state[U], step_s - time)
-        now = torque + slope * time
-        if memory[PASS_DONE] != 0.0 and ahead(b, state[Q]) > (b.extreme - b.retreat) % TURN:
-            memory[PASS_DONE] = 0.0
-        integrated(b, state, now, slope, regime != FLIGHT, span, slopes, end)
-        kind, when = first_event(b, state, end, memory, regime, now, slope, span, slopes, out)
-        if kind < 0:
+    memory = record[0]
+    slope, missed = torque_line(b, state, memory, torque, step_s, order)
+    memory.compensation_torque_nm = missed
+    work, end, watches, before = workspace_of_motion(), np.empty(STATES), np.empty((6, 3), dtype=np.int64), np.empty(3)
+    before[0], before[1], before[2] = begin_step(b, state, memory, crank_torque(b, torque, state[U], state[P]) + missed)
+    impacts, count, time, left, weighed, last, turns = memory.impact_impulse_nms, 0, 0.0, 0.0, 0.0, NONE, 0
+    motion = Motion(b, torque, slope, missed, regime != FLIGHT, int(memory.tool_regime), 0.0)
+    memory.begin_tool_force_n = tool_force(motion, 0.0, state, motion.tool, motion.rests)
+    while step_s - time > 1e-16:
+        turns += 1
+        if turns > SUBSTEP_BUDGET:
+            raise RuntimeError("the breaker has more events in one coupling step than can be followed")
+        tool = int(memory.tool_regime)
+        contact = tool in (PUSHED, BLOCKED) and regime == FLIGHT
+        span = substep(state[U], step_s - time, PUSHING_SUBSTEP_S if contact else LONGEST_SUBSTEP_S)
+        motion = Motion(b, torque, slope, missed, regime != FLIGHT, tool, state[Q] + to_dead_centre(b, state[Q]))
+        start_step(motion, time, state, work)
+        take_step(motion, time, state, span, work)
+        end[:] = work.end
+        number = watched(motion, state, end, regime, last, watches)
+        which, when = first_event(Step(motion, time, state, span, work), watches, number, end)
+        if which == NONE:
             state[:] = end
-            time += span
+        elif when > 0.0:
+            take_step(motion, time, state, when, work)
+            state[:] = work.end
+        time += when
+        project_contact(b, state, tool, motion.rests)
+        last = NONE
+        if which == NONE:
+            count = log_knot(motion, state, memory, regime, time, log, count) if contact else count
             continue
-        if when > 0.0:
-            integrated(b, state, now, slope, regime != FLIGHT, when, slopes, out)
-            state[:] = out
-            time += when
+        last = watches[which, 0]
         u, p = state[U], state[P]
-        regime, count = happened(b, state, memory, regime, kind, time, now + slope * when, log, count)
+        regime, count = apply_event(motion, state, memory, regime, last, time, log, count)
         jump = abs(state[U] - u - b.frame_drive * (state[P] - p))
         left += jump * (step_s - time)
         weighed += jump
-    final = crank_torque(b, torque + slope * step_s, state[U], state[P])
-    memory[PREVIOUS], memory[LINE] = torque, final
-    memory[LAG] = left / weighed if weighed > 0.0 else 0.5 * step_s
-    memory[HISTORY] = 0.0 if weighed > 0.0 else 1.0
-    turned = math.floor(state[Q] / TURN)
-    memory[TURNS] += turned
-    state[Q] -= turned * TURN
-    memory[BOOKS : BOOKS + 3] += state[WORK : TURNED + 1]
-    state[WORK : TURNED + 1] = 0.0
-    return regime, count, final + state[EXTRA]
+    memory.tool_force_n = tool_force(motion, step_s, state, int(memory.tool_regime), regime != FLIGHT)
+    remember_torque_line(motion, state, memory, step_s, left, weighed)
+    close_balances(motion, state, memory, before, impacts)
+    return regime, count, memory.line_crank_torque_nm + missed

@@ -5,12 +5,12 @@ from __future__ import annotations
 from math import radians
 from typing import Any
 
+from mech_twin.machines.drives import KlossDrive
 from mech_twin.machines.roller_former.drawing import former_drawing
-from mech_twin.machines.roller_former.forces import QUANTITIES, FormerForces, loaded_bodies, pin_names
-from mech_twin.machines.roller_former.metrics import FormerObserver, position_metrics
+from mech_twin.machines.roller_former.forces import FormerForces, FormerQuantities, loaded_bodies, pin_names
+from mech_twin.machines.roller_former.metrics import FormerObserver, former_report, position_metrics
 from mech_twin.machines.roller_former.parameters import RollerFormer, former_of
-from mech_twin.machines.roller_former.roles import FormerLinkage, FormerMotor, joint_names
-from mech_twin.machines.roller_former.steady import former_report
+from mech_twin.machines.roller_former.roles import FormerLinkage, joint_names
 from mech_twin.quantity import Parameters
 from mech_twin.roles import Capabilities, Machine
 
@@ -32,7 +32,7 @@ def build(parameters: Parameters) -> Machine:
         joint_names(count),
     )
     rod_forces = tuple(f"rod_force_{i}_n" for i in range(1, count + 1))
-    forces = FormerForces(former, pin_names(count), loaded_bodies(count), (*QUANTITIES, *rod_forces))
+    forces = FormerForces(former, pin_names(count), loaded_bodies(count), (*FormerQuantities._fields, *rod_forces))
 
     def analyse(crank_rad: float) -> dict[str, Any]:
         return position_metrics(former, crank_rad)
@@ -44,7 +44,7 @@ def build(parameters: Parameters) -> Machine:
         "roller_former",
         p,
         step_s,
-        FormerMotor(former, p.supply.rate_per_s, step_s),
+        KlossDrive(former.motor, former.ratio, p.supply.rate_per_s, step_s),
         linkage,
         forces,
         None,
@@ -63,5 +63,5 @@ def capabilities() -> Capabilities:
     return Capabilities(
         published=published.rows,
         pictures=plots.pictures,
-        sizing=SizingQuestion(sizing.LIMITS, sizing.OBJECTIVES, sizing.sizing),
+        sizing=SizingQuestion(sizing.LIMITS, sizing.OBJECTIVES, sizing.sizing, sizing.USUAL_TOLERANCE),
     )

@@ -28,20 +28,11 @@ from numpy.typing import NDArray
 
 from mech_twin.kernel import kernel
 from mech_twin.machines.roller_former.cart_parameters import (
-    ABSOLUTE,
-    COSINE,
-    FORCE_X,
-    FORCE_Y,
-    MASS,
     NONE,
-    OFFSET,
     PRINTED,
-    PULL,
     RECTIFIED,
     RESIST,
     REVERSING,
-    SINE,
-    WEIGHT,
     CartBank,
 )
 
@@ -69,10 +60,7 @@ class CartLoad(NamedTuple):
 
 @kernel
 def cart_motion(bank: CartBank, sine: float, cosine: float) -> CartMotion:
-    """Return a cart's position and transfer functions at ``sin psi``, ``cos psi``.
-
-    in both.
-    """
+    """Return a cart's position and transfer functions at ``sin psi``, ``cos psi``."""
     r, ratio = bank.crank_m, bank.ratio
     rod_sine = ratio * sine
     rod_cosine = sqrt(1.0 - rod_sine * rod_sine)
@@ -92,19 +80,22 @@ def cart_motion(bank: CartBank, sine: float, cosine: float) -> CartMotion:
 
 @kernel
 def guide_reactions(
-    bank: CartBank, cart: int, rod_sine: float, rod_force_n: float, sense: float, share: float
+    bank: CartBank, cart: int, rod_sine: float, rod_force_n: float, sense: float, share: float, static_force_n: float
 ) -> tuple[float, float]:
     """Return N1 and N2 (N) of a cart whose rod pulls with ``rod_force_n``.
 
-    ``sense`` is +1 or -1 with the travel, ``share`` the part of the roller forces that is on.
+    ``sense`` is +1 or -1 with the travel, ``share`` the part of process force and guide friction that is on,
+    ``static_force_n`` the rod force without inertia under the whole of them, on whose reactions friction is taken.
 
     From the moments about B and the vertical forces of (10), with ``sense f`` for f and ``sense F0`` for F0.
     """
-    row = bank.carts[cart]
-    lift = share * row[FORCE_Y] - row[WEIGHT]
+    lift = bank.force_y_n[cart] - bank.weight_n[cart]
+    rubbing = sense * share * bank.friction * (static_force_n * rod_sine + lift)
+    lift = share * bank.force_y_n[cart] - bank.weight_n[cart]
     total = rod_force_n * rod_sine + lift
-    arm = bank.b_m - bank.p_m - sense * bank.friction * bank.roller_radius_m
-    rear = (total * arm + sense * share * row[FORCE_X] * bank.e_m + lift * bank.p_m) / (2.0 * bank.b_m)
+    process = sense * share * bank.force_x_n[cart] * bank.e_m
+    arm = bank.b_m - bank.p_m
+    rear = (total * arm - rubbing * bank.roller_radius_m + process + lift * bank.p_m) / (2.0 * bank.b_m)
     return total - rear, rear
 
 
@@ -116,18 +107,17 @@ def rod_force(bank: CartBank, cart: int, rod_sine: float, rod_cosine: float, sen
     each reaction: the signs of N1 and N2 for which the solution agrees with itself (the moment about B keeps f N d/2:
     on the other rail force and arm both change sign).
     """
-    row = bank.carts[cart]
     f = bank.friction
-    if row[ABSOLUTE] == 0.0:
-        return float(sense * row[PULL] / (rod_cosine - sense * f * rod_sine))
-    front_0, rear_0 = guide_reactions(bank, cart, rod_sine, 0.0, sense, 1.0)
-    front_1, rear_1 = guide_reactions(bank, cart, rod_sine, 1.0, sense, 1.0)
+    if not bank.on_either_rail[cart]:
+        return float(sense * bank.pull_n[cart] / (rod_cosine - sense * f * rod_sine))
+    front_0, rear_0 = guide_reactions(bank, cart, rod_sine, 0.0, sense, 1.0, 0.0)
+    front_1, rear_1 = guide_reactions(bank, cart, rod_sine, 1.0, sense, 1.0, 1.0)
     front_1, rear_1 = front_1 - front_0, rear_1 - rear_0
     force = 0.0
     for signs in range(4):
         front_sign = 1.0 - 2.0 * (signs & 1)
         rear_sign = 1.0 - (signs & 2)
-        pull = f * (front_sign * front_0 + rear_sign * rear_0) + row[FORCE_X]
+        pull = f * (front_sign * front_0 + rear_sign * rear_0) + bank.force_x_n[cart]
         slope = f * (front_sign * front_1 + rear_sign * rear_1)
         force = sense * pull / (rod_cosine - sense * slope)
         if front_sign * (front_0 + front_1 * force) >= 0.0 and rear_sign * (rear_0 + rear_1 * force) >= 0.0:
@@ -155,16 +145,16 @@ def cart_load(bank: CartBank, cart: int, crank_rad: float, direction: float) -> 
     ``direction`` is the sign of the shaft's speed.  Reversing: process force and friction go with the travel,
     ``s = sign(sin(psi + beta)) direction``; the other kinds keep s = +1 as (12) does.
     """
-    psi = crank_rad + bank.carts[cart, OFFSET]
+    psi = crank_rad + bank.offset_rad[cart]
     sine, cosine = sin(psi), cos(psi)
     motion = cart_motion(bank, sine, cosine)
     if bank.load == NONE:
-        front, rear = guide_reactions(bank, cart, motion.rod_sine, 0.0, 1.0, 0.0)
+        front, rear = guide_reactions(bank, cart, motion.rod_sine, 0.0, 1.0, 0.0, 0.0)
         return CartLoad(0.0, front, rear, 0.0)
     side = 1.0 if sin(psi + direction * LOOK_AHEAD_RAD) >= 0.0 else -1.0
     sense = side * direction if bank.load == REVERSING else 1.0
     force = rod_force(bank, cart, motion.rod_sine, motion.rod_cosine, sense)
-    front, rear = guide_reactions(bank, cart, motion.rod_sine, force, sense, 1.0)
+    front, rear = guide_reactions(bank, cart, motion.rod_sine, force, sense, 1.0, force)
     return CartLoad(force, front, rear, cart_moment(bank, force, motion, sine, cosine, side, direction))
 
 
@@ -175,8 +165,8 @@ def sides_of_travel(bank: CartBank, crank_rad: float, sides: NDArray[np.float64]
     At these dead centres the moment of every load but ``printed`` has a kink.
     """
     low, high = -1e300, 1e300
-    for cart in range(bank.carts.shape[0]):
-        offset = bank.carts[cart, OFFSET]
+    for cart in range(bank.offset_rad.size):
+        offset = bank.offset_rad[cart]
         half = np.floor((crank_rad + offset) / pi)
         sides[cart] = 1.0 if half % 2.0 == 0.0 else -1.0
         low = max(low, half * pi - offset)
@@ -186,38 +176,33 @@ def sides_of_travel(bank: CartBank, crank_rad: float, sides: NDArray[np.float64]
 
 @kernel
 def plain_terms(
-    carts: NDArray[np.float64],
-    crank_m: float,
-    ratio: float,
-    friction: float,
-    load: int,
-    crank_rad: float,
-    sides: NDArray[np.float64],
-    direction: float,
+    bank: CartBank, crank_rad: float, sides: NDArray[np.float64], direction: float
 ) -> tuple[float, float, float]:
-    """Return sum m_B x'^2, sum m_B x' x'' and M_p2 for exact kinematics and signed friction.
+    """Return what `shaft_terms` does, for exact kinematics and signed friction.
 
-    The same as `shaft_terms`, without a branch in the loop that the compiler could not lift out: twice as fast.
+    Without a branch in the loop that the compiler could not lift out: twice as fast.
     """
-    inertia, slope, moment = 0.0, 0.0, 0.0
+    inertia, slope, moment = bank.crank_inertia_kg_m2, 0.0, 0.0
+    crank_m, ratio, friction, load = bank.crank_m, bank.ratio, bank.friction, bank.load
+    offset_cosine, offset_sine, mass, pull = bank.offset_cosine, bank.offset_sine, bank.mass_kg, bank.pull_n
     shaft_sine, shaft_cosine = sin(crank_rad), cos(crank_rad)
     reverses = 1.0 if load == REVERSING else 0.0
     one_way = 1.0 if load in (RECTIFIED, RESIST) else 0.0
-    for cart in range(carts.shape[0]):
-        sine = shaft_sine * carts[cart, COSINE] + shaft_cosine * carts[cart, SINE]
-        cosine = shaft_cosine * carts[cart, COSINE] - shaft_sine * carts[cart, SINE]
+    for cart in range(offset_cosine.size):
+        sine = shaft_sine * offset_cosine[cart] + shaft_cosine * offset_sine[cart]
+        cosine = shaft_cosine * offset_cosine[cart] - shaft_sine * offset_sine[cart]
         rod_cosine = sqrt(1.0 - ratio * ratio * sine * sine)
         secant = 1.0 / rod_cosine
         turn = sine * cosine * secant
         x1 = -crank_m * (sine + ratio * turn)
         x2 = -crank_m * (cosine + ratio * secant * (cosine * cosine - sine * sine + ratio * ratio * turn * turn))
-        inertia += carts[cart, MASS] * x1 * x1
-        slope += carts[cart, MASS] * x1 * x2
+        inertia += mass[cart] * x1 * x1
+        slope += mass[cart] * x1 * x2
         if load != NONE:
             sense = 1.0 + reverses * (sides[cart] * direction - 1.0)
-            factor = 1.0 + one_way * (copysign(sides[cart], sides[cart] * carts[cart, PULL]) - 1.0)
+            factor = 1.0 + one_way * (copysign(sides[cart], sides[cart] * pull[cart]) - 1.0)
             arm = crank_m * sine * (rod_cosine + ratio * cosine)
-            moment += factor * sense * carts[cart, PULL] * arm / (rod_cosine - sense * friction * ratio * sine)
+            moment += factor * sense * pull[cart] * arm / (rod_cosine - sense * friction * ratio * sine)
     return inertia, slope, direction * moment if load == RESIST else moment
 
 
@@ -228,20 +213,17 @@ def branching_terms(
     """Return what `shaft_terms` does, for every kinematics and friction."""
     inertia, slope, moment = bank.crank_inertia_kg_m2, 0.0, 0.0
     shaft_sine, shaft_cosine = sin(crank_rad), cos(crank_rad)
-    carts, r, ratio = bank.carts, bank.crank_m, bank.ratio
+    r, ratio = bank.crank_m, bank.ratio
     reversing, one_way = bank.load == REVERSING, bank.load in (RECTIFIED, RESIST)
-    for cart in range(carts.shape[0]):
-        sine = shaft_sine * carts[cart, COSINE] + shaft_cosine * carts[cart, SINE]
-        cosine = shaft_cosine * carts[cart, COSINE] - shaft_sine * carts[cart, SINE]
+    for cart in range(bank.offset_rad.size):
+        sine = shaft_sine * bank.offset_cosine[cart] + shaft_cosine * bank.offset_sine[cart]
+        cosine = shaft_cosine * bank.offset_cosine[cart] - shaft_sine * bank.offset_sine[cart]
         motion = cart_motion(bank, sine, cosine)
-        inertia += carts[cart, MASS] * motion.x1 * motion.x1
-        slope += carts[cart, MASS] * motion.x1 * motion.x2
+        inertia += bank.mass_kg[cart] * motion.x1 * motion.x1
+        slope += bank.mass_kg[cart] * motion.x1 * motion.x2
         if bank.load != NONE:
             sense = sides[cart] * direction if reversing else 1.0
-            if carts[cart, ABSOLUTE] == 0.0:
-                force = sense * carts[cart, PULL] / (motion.rod_cosine - sense * bank.friction * motion.rod_sine)
-            else:
-                force = rod_force(bank, cart, motion.rod_sine, motion.rod_cosine, sense)
+            force = rod_force(bank, cart, motion.rod_sine, motion.rod_cosine, sense)
             part = force * r * sine * (motion.rod_cosine + ratio * cosine)
             if one_way:
                 part = part * sides[cart] if force >= 0.0 else -part * sides[cart]
@@ -261,10 +243,7 @@ def shaft_terms(
     continued smoothly beyond it.
     """
     if bank.plain:
-        inertia, slope, moment = plain_terms(
-            bank.carts, bank.crank_m, bank.ratio, bank.friction, bank.load, crank_rad, sides, direction
-        )
-        return inertia + bank.crank_inertia_kg_m2, slope, moment
+        return plain_terms(bank, crank_rad, sides, direction)
     return branching_terms(bank, crank_rad, sides, direction)
 
 
@@ -272,7 +251,7 @@ def shaft_terms(
 def load_moment(bank: CartBank, crank_rad: float, direction: float) -> float:
     """Return the load moment M_p2 of all carts (N m) at a crank angle, turning in ``direction``."""
     total = 0.0
-    for cart in range(bank.carts.shape[0]):
+    for cart in range(bank.offset_rad.size):
         total += cart_load(bank, cart, crank_rad, direction).moment_nm
     return total
 
@@ -293,6 +272,12 @@ def has_kinks(bank: CartBank) -> bool:
 
 
 @kernel
-def holds_at_rest(bank: CartBank) -> bool:
-    """Return whether the load is one that opposes the motion, and so holds the shaft at rest."""
-    return bank.load in (REVERSING, RESIST)
+def rod_weight_moment(bank: CartBank, crank_rad: float) -> float:
+    """Return the moment (N m) against forward rotation of the weight of the rods' halves at the crank pins."""
+    return bank.rod_weight_cosine_nm * cos(crank_rad) - bank.rod_weight_sine_nm * sin(crank_rad)
+
+
+@kernel
+def rod_weight_energy(bank: CartBank, crank_rad: float) -> float:
+    """Return the potential energy (J) of the rods' halves at the crank pins, 0 at the height of the shaft."""
+    return bank.rod_weight_cosine_nm * sin(crank_rad) + bank.rod_weight_sine_nm * cos(crank_rad)

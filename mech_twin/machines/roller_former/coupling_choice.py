@@ -9,8 +9,9 @@ from math import nan
 import numpy as np
 
 from mech_twin.capabilities.variation import varied
+from mech_twin.machines.roller_former.metrics import turn_metrics
 from mech_twin.machines.roller_former.parameters import RollerFormer, former_of
-from mech_twin.machines.roller_former.steady import SteadyTurn, steady_turn, turn_figures
+from mech_twin.machines.roller_former.steady import SteadyTurn, steady_turn
 
 OFFSETS_DEG = {1: 0.0, 2: 90.0, 3: 120.0, 4: 90.0}
 PUBLISHED_STIFFNESS = {2: 110000.0, 3: 150000.0, 4: 200000.0}
@@ -84,7 +85,7 @@ def coupling_point(parameters: RollerFormer, stiffness: float, damping: float) -
     turn: SteadyTurn | None = steady_turn(former)
     if turn is None:
         return CouplingPoint(stiffness, damping, nan, nan, nan, nan, nan, nan, nan, nan)
-    f = turn_figures(turn, former)
+    f = turn_metrics(turn, former)
     at_motor = f["coupling_moment_at_motor_max_nm"]
     return CouplingPoint(
         stiffness,

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from math import cos, sin
 
-from mech_twin.machines.roller_former.cart_parameters import OFFSET
 from mech_twin.machines.roller_former.dynamics import Former
-from mech_twin.machines.roller_former.roles import CART_JOINTS, CRANK_JOINT
+from mech_twin.machines.roller_former.roles import joints_of
 from mech_twin.samples import LinkageSample, Shape
 
 BODY_HALF_HEIGHT_M = 0.09
@@ -25,10 +24,9 @@ def former_drawing(former: Former, sample: LinkageSample) -> tuple[Shape, ...]:
             for name, y in (("upper_rail", BODY_HALF_HEIGHT_M), ("lower_rail", -BODY_HALF_HEIGHT_M))
         ),
     ]
-    crank = sample.position[CRANK_JOINT]
-    for index in range(bank.carts.shape[0]):
-        psi = crank + bank.carts[index, OFFSET]
-        shapes += _cart_shapes(former, index, psi, sample.position[CART_JOINTS + 2 * index])
+    joints = joints_of(sample.position)
+    for index, (offset, x) in enumerate(zip(bank.offset_rad.tolist(), joints.carts, strict=True)):
+        shapes += _cart_shapes(former, index, joints.crank + offset, x)
     return tuple(shapes)
 
 

@@ -1,15 +1,16 @@
-r"""Motion of the roller former: two masses and all carts, and the rates of their state.
+r"""State of the roller former, its constants, and the moments and energies that follow from both.
 
 ::
 
-    M_p1 --> (J_p1, phi1) ==[ c, k ]== (J_p2(phi2), phi2) <-- M_p2(phi2)
+    M_p1 --> (J_p1, phi1) ==[ c, k ]== (J_p2(phi2), phi2) <-- M_p2(phi2), friction of the shaft, weight of the rods
 
-    J_p1 phi1'' = M_p1 - T,   J_p2 phi2'' + phi2'^2 sum m_B x' x'' = T - M_p2,   T = c (phi1 - phi2) + k (phi1' - phi2')
+    J_p1 phi1'' = M_p1 - T,   T = c (phi1 - phi2) + k (phi1' - phi2')
+    J_p2 phi2'' + phi2'^2 sum m_B x' x'' = T - M_p2 - M_friction - M_weight
 
-State: crank angle phi2, twist phi1 - phi2, crank speed, twist rate, and three works (motor, damping, load) that make
-the energy book.  Twist instead of phi1, so that a twist of 1e-4 rad keeps its digits after many turns.
+Twist instead of phi1, so that a twist of 1e-4 rad keeps its digits after many turns.  M_p1 is the motor's torque behind
+the gear: u eta M while it drives, u M/eta while driven (by the sign of power), or u eta M always, as printed.
 
-Source: LoveikinRoller2018 eq. (40).
+Source: LoveikinRoller2018 eq. (40); the friction of the shaft and the rule of the gear are ours.
 """
 
 from __future__ import annotations
@@ -20,23 +21,40 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mech_twin.kernel import kernel
-from mech_twin.machines.roller_former.cart_parameters import CartBank
+from mech_twin.machines.roller_former.cart_parameters import RESIST, REVERSING, CartBank
 from mech_twin.machines.roller_former.cart_statics import (
-    branching_terms,
-    plain_terms,
+    load_moment,
+    rod_weight_energy,
+    rod_weight_moment,
     shaft_terms,
 )
+from mech_twin.parts.gear import gear_torque
 from mech_twin.parts.induction_motor import MotorConstants, motor_torque
 
-CRANK, TWIST, SPEED, TWIST_RATE, MOTOR_WORK, DAMPING_WORK, LOAD_WORK = range(7)
-SIZE = 7
-DIRECTION, ENGAGED, SHARE, SLOW, STALLED, TRIAL_STEP = range(6)
-MODES = 6
-EVENT_ROWS = 64
+Array = NDArray[np.float64]
+
+
+class State(NamedTuple):
+    """State of the motion: angles and rates, and the works since the state was laid down."""
+
+    crank_rad: float
+    twist_rad: float
+    crank_speed_rad_per_s: float
+    twist_rate_rad_per_s: float
+    motor_work_j: float
+    damping_work_j: float
+    load_work_j: float
+    friction_work_j: float
+
+
+SIZE = len(State._fields)
+CRANK, SPEED, TWIST_RATE = (
+    State._fields.index(name) for name in ("crank_rad", "crank_speed_rad_per_s", "twist_rate_rad_per_s")
+)
 
 
 class Former(NamedTuple):
-    """All the kernels need: carts, motor, drive, start and stall thresholds, tolerance and scales of the state."""
+    """All the kernels need: carts, motor, drive, friction, start and stall thresholds, scales and tolerances."""
 
     bank: CartBank
     motor: MotorConstants
@@ -45,16 +63,37 @@ class Former(NamedTuple):
     damping_nms_per_rad: float
     ratio: float
     efficiency: float
+    loss_by_power: bool
+    coulomb_nm: float
+    viscous_nms_per_rad: float
     engage_speed_rad_per_s: float
     load_rise_s: float
     slow_speed_rad_per_s: float
     stall_time_s: float
-    tolerance: float
-    scales: tuple[float, float, float, float, float, float, float]
+    scales: State
+    tolerances: Array
+
+
+class Modes(NamedTuple):
+    """What is no coordinate: senses in which crank and drive turn (0: stuck), the load, the time below stall speed.
+
+    ``shaft_sense`` is the sign of the motor's torque, at which the loss of the gear has a kink.  ``load_share`` rises
+    from 0 to 1 after the load has come on; ``slow_s`` is -1 above the stall threshold; ``trial_step_s`` is the next
+    step to try, 0 for the whole interval.
+    """
+
+    direction: float
+    drive_direction: float
+    shaft_sense: float
+    load_on: bool
+    load_share: float
+    slow_s: float
+    stalled: bool
+    trial_step_s: float
 
 
 class Torque(NamedTuple):
-    """Motor torque during a stretch: from the speed itself (``coupled``), or a straight line in time (N m, N m/s)."""
+    """Motor torque during an interval: from the speed itself (``coupled``), or a line in time (N m, N m/s)."""
 
     coupled: bool
     command: float
@@ -64,10 +103,15 @@ class Torque(NamedTuple):
 
 
 class Stretch(NamedTuple):
-    """What stays as it is until the next event: travel direction, load share and its rate, the dead centres ahead."""
+    """What stays as it is until the next event: senses, load share and its rate, the dead centres ahead.
+
+    ``forward_nm`` and ``backward_nm`` are the load moments of a crank that is stuck, in either sense.
+    """
 
     start_s: float
     direction: float
+    drive_direction: float
+    shaft_sense: float
     share: float
     share_rate: float
     low_rad: float
@@ -77,64 +121,92 @@ class Stretch(NamedTuple):
 
 
 @kernel
-def motor_moment(former: Former, torque: Torque, t: float, speed: float) -> float:
-    """Return the motor's moment at the crank, ``M u eta`` (N m), at a time and a speed of the first mass."""
+def state_of(y: Array) -> State:
+    """Return the state by its names."""
+    return State(y[0], y[1], y[2], y[3], y[4], y[5], y[6], y[7])
+
+
+def state_array(crank_rad: float, crank_speed_rad_per_s: float) -> Array:
+    """Return the state of an untwisted machine, all works zero."""
+    return np.array(State(crank_rad, 0.0, crank_speed_rad_per_s, 0.0, 0.0, 0.0, 0.0, 0.0))
+
+
+@kernel
+def holds_at_rest(bank: CartBank) -> bool:
+    """Return whether the load is one that opposes the motion, and so holds the shaft at rest."""
+    return bank.load in (REVERSING, RESIST)
+
+
+@kernel
+def may_stick(former: Former, modes: Modes) -> bool:
+    """Return whether the crank may be held at rest: by the load, or by friction of the shaft."""
+    return former.coulomb_nm > 0.0 or (modes.load_on and holds_at_rest(former.bank))
+
+
+@kernel
+def gear_may_stick(former: Former) -> bool:
+    """Return whether the gear may hold the drive at rest."""
+    return former.loss_by_power and former.efficiency < 1.0
+
+
+@kernel
+def shaft_torque(former: Former, torque: Torque, t: float, speed: float) -> float:
+    """Return the torque on the motor's shaft (N m) at a time and a speed of the first mass (rad/s, at the crank)."""
     if torque.coupled:
-        shaft = motor_torque(former.motor, speed * former.ratio, torque.command)
-    else:
-        shaft = torque.value_nm + torque.slope_nm_per_s * (t - torque.origin_s)
-    return shaft * former.ratio * former.efficiency
+        return motor_torque(former.motor, speed * former.ratio, torque.command)
+    return torque.value_nm + torque.slope_nm_per_s * (t - torque.origin_s)
 
 
 @kernel
-def coupling_moment(former: Former, y: NDArray[np.float64]) -> float:
+def geared(former: Former, shaft_nm: float, direction: float) -> float:
+    """Return the moment at the crank (N m) of a torque on the motor's shaft, the drive turning in ``direction``."""
+    if former.loss_by_power:
+        return gear_torque(former.ratio, former.efficiency, shaft_nm, direction)
+    return shaft_nm * former.ratio * former.efficiency
+
+
+@kernel
+def at_motor(former: Former, moment_nm: float, direction: float) -> float:
+    """Return the torque in the coupling on the motor's side (N m) of a moment behind the gear: `geared`, turned round.
+
+    ``T/(u eta)`` while the motor drives, ``T eta/u`` while it is driven.
+    """
+    if former.loss_by_power and moment_nm * direction < 0.0:
+        return moment_nm * former.efficiency / former.ratio
+    return moment_nm / (former.ratio * former.efficiency)
+
+
+@kernel
+def coupling_moment(former: Former, now: State) -> float:
     """Return ``T = c (phi1 - phi2) + k (phi1' - phi2')`` (N m)."""
-    return float(former.stiffness_nm_per_rad * y[TWIST] + former.damping_nms_per_rad * y[TWIST_RATE])
+    return former.stiffness_nm_per_rad * now.twist_rad + former.damping_nms_per_rad * now.twist_rate_rad_per_s
 
 
 @kernel
-def kinetic_and_elastic(former: Former, y: NDArray[np.float64], sides: NDArray[np.float64]) -> float:
-    """Return the kinetic and elastic energy of the state (J)."""
-    inertia, _, _ = shaft_terms(former.bank, y[CRANK], sides, 1.0)
-    first = y[SPEED] + y[TWIST_RATE]
-    return float(
+def crank_band(former: Former, crank_rad: float, share: float) -> tuple[float, float]:
+    """Return the coupling moments (N m) between which a crank at rest stays there: backward and forward limit."""
+    forward = load_moment(former.bank, crank_rad, 1.0) * share
+    backward = load_moment(former.bank, crank_rad, -1.0) * share
+    weight = rod_weight_moment(former.bank, crank_rad)
+    return backward + weight - former.coulomb_nm, forward + weight + former.coulomb_nm
+
+
+@kernel
+def drive_band(former: Former, torque: Torque, t: float) -> tuple[float, float]:
+    """Return the coupling moments (N m) between which a drive at rest is held by its gear."""
+    shaft = shaft_torque(former, torque, t, 0.0)
+    ahead, back = geared(former, shaft, 1.0), geared(former, shaft, -1.0)
+    return min(ahead, back), max(ahead, back)
+
+
+@kernel
+def stored_energy(former: Former, now: State, sides: Array) -> float:
+    """Return the kinetic, elastic and potential energy of the state (J)."""
+    inertia, _, _ = shaft_terms(former.bank, now.crank_rad, sides, 1.0)
+    first = now.crank_speed_rad_per_s + now.twist_rate_rad_per_s
+    return (
         0.5 * former.motor_inertia_kg_m2 * first * first
-        + 0.5 * inertia * y[SPEED] * y[SPEED]
-        + 0.5 * former.stiffness_nm_per_rad * y[TWIST] * y[TWIST]
+        + 0.5 * inertia * now.crank_speed_rad_per_s * now.crank_speed_rad_per_s
+        + 0.5 * former.stiffness_nm_per_rad * now.twist_rad * now.twist_rad
+        + rod_weight_energy(former.bank, now.crank_rad)
     )
-
-
-@kernel
-def rates(
-    former: Former,
-    torque: Torque,
-    stretch: Stretch,
-    sides: NDArray[np.float64],
-    t: float,
-    y: NDArray[np.float64],
-    out: NDArray[np.float64],
-    row: int,
-) -> None:
-    """Fill a row of ``out`` with the time derivative of the state; direction 0 is a crank held by its load."""
-    speed, rate = y[SPEED], y[TWIST_RATE]
-    moment = motor_moment(former, torque, t, speed + rate)
-    transmitted = coupling_moment(former, y)
-    load, acceleration = transmitted, 0.0
-    if stretch.direction != 0.0:
-        bank = former.bank
-        if bank.plain:  # called here and not through shaft_terms, so that the compiler puts it in line
-            inertia, slope, full = plain_terms(
-                bank.carts, bank.crank_m, bank.ratio, bank.friction, bank.load, y[CRANK], sides, stretch.direction
-            )
-            inertia += bank.crank_inertia_kg_m2
-        else:
-            inertia, slope, full = branching_terms(bank, y[CRANK], sides, stretch.direction)
-        load = full * (stretch.share + stretch.share_rate * (t - stretch.start_s))
-        acceleration = (transmitted - load - speed * speed * slope) / inertia
-    out[row, CRANK] = speed
-    out[row, TWIST] = rate
-    out[row, SPEED] = acceleration
-    out[row, TWIST_RATE] = (moment - transmitted) / former.motor_inertia_kg_m2 - acceleration
-    out[row, MOTOR_WORK] = moment * (speed + rate)
-    out[row, DAMPING_WORK] = former.damping_nms_per_rad * rate * rate
-    out[row, LOAD_WORK] = load * speed

@@ -1,10 +1,12 @@
-"""What may happen to the roller former within a step, and what it changes.
+"""What happens to the roller former at its events, and the log of those a user is told of.
 
-Dead centres (kinks of the load), reversals of the crank, the load coming on, a held crank let go, and the stall
-threshold are signals: numbers that turn positive, which the integrator brackets and lands on.
+Events are dead centres (kinks of the load), reversals of crank and drive, the load coming on, a stuck crank or drive
+let go, and the stall threshold; their signals are in `motion`.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,206 +15,245 @@ from mech_twin.kernel import kernel
 from mech_twin.machines.roller_former.cart_statics import (
     LOOK_AHEAD_RAD,
     has_kinks,
-    holds_at_rest,
     load_moment,
     sides_of_travel,
 )
 from mech_twin.machines.roller_former.dynamics import (
     CRANK,
-    DIRECTION,
-    ENGAGED,
-    EVENT_ROWS,
-    SHARE,
-    SLOW,
     SPEED,
-    STALLED,
     TWIST_RATE,
+    Array,
     Former,
+    Modes,
     Stretch,
     Torque,
     coupling_moment,
+    crank_band,
+    drive_band,
+    gear_may_stick,
+    may_stick,
+    shaft_torque,
+    state_of,
+)
+from mech_twin.machines.roller_former.motion import (
+    CRANK_AHEAD,
+    CRANK_TURNS,
+    DRIVE_AHEAD,
+    DRIVE_BACK,
+    DRIVE_TURNS,
+    HIGH,
+    LOAD_ENGAGES,
+    LOW,
+    QUICKENS,
+    SHAFT_TURNS,
+    SLACKENS,
+    Motion,
 )
 
-HELD_EVENT, RELEASED_EVENT, ENGAGED_EVENT, STALL_EVENT, RECOVERED_EVENT = range(5)
-EVENT_KINDS = ("held", "released", "load_engaged", "stall", "recovered")
-HIGH, LOW, TURN, ENGAGE, QUICKEN, SLACKEN, RELEASE_AHEAD, RELEASE_BACK = range(8)
-SIGNALS = 8
-RELEASE_MARGIN = 1e-9
+EVENT_KINDS = ("held", "released", "load_engaged", "stall", "recovered", "events_cut")
+HELD_EVENT, RELEASED_EVENT, ENGAGED_EVENT, STALL_EVENT, RECOVERED_EVENT, CUT_EVENT = range(len(EVENT_KINDS))
+EVENT_ROWS = 64
+TURN = 2.0 * np.pi
+
+
+class EventLog(NamedTuple):
+    """What happened in an interval, ``EVENT_ROWS`` entries: time (s), kind, turn of the crank."""
+
+    time_s: NDArray[np.float64]
+    kind: NDArray[np.int64]
+    turn: NDArray[np.int64]
 
 
 @kernel
-def signal(
-    former: Former,
-    torque: Torque,
-    stretch: Stretch,
-    modes: NDArray[np.float64],
-    code: int,
-    t: float,
-    y: NDArray[np.float64],
-) -> float:
-    """Return a number that is positive once event ``code`` has happened, and -1 where it cannot."""
-    value = -1.0
-    if stretch.direction == 0.0:
-        transmitted = coupling_moment(former, y)
-        share = (stretch.share + stretch.share_rate * (t - stretch.start_s)) * (1.0 + RELEASE_MARGIN)
-        if code == RELEASE_AHEAD:
-            value = transmitted - stretch.forward_nm * share
-        elif code == RELEASE_BACK:
-            value = stretch.backward_nm * share - transmitted
-    elif code == HIGH:
-        value = y[CRANK] - stretch.high_rad
-    elif code == LOW:
-        value = stretch.low_rad - y[CRANK]
-    elif code == TURN and modes[ENGAGED] > 0.0 and holds_at_rest(former.bank):
-        value = -stretch.direction * y[SPEED]
-    elif code == ENGAGE and modes[ENGAGED] == 0.0:
-        value = y[SPEED] - former.engage_speed_rad_per_s
-    if torque.command > 0.0:
-        spare = y[SPEED] + y[TWIST_RATE] - former.slow_speed_rad_per_s * torque.command
-        if code == QUICKEN and modes[SLOW] >= 0.0:
-            value = spare
-        elif code == SLACKEN and modes[SLOW] < 0.0:
-            value = -spare
-    return float(value)
+def empty_log() -> EventLog:
+    """Return a log without entries."""
+    return EventLog(np.zeros(EVENT_ROWS), np.zeros(EVENT_ROWS, np.int64), np.zeros(EVENT_ROWS, np.int64))
 
 
 @kernel
-def something_happened(
-    former: Former,
-    torque: Torque,
-    stretch: Stretch,
-    modes: NDArray[np.float64],
-    t: float,
-    y: NDArray[np.float64],
-) -> bool:
-    """Return whether any signal may be positive; most steps end here."""
-    fast = y[SPEED] + y[TWIST_RATE] >= former.slow_speed_rad_per_s * torque.command
-    return (
-        stretch.direction == 0.0
-        or y[CRANK] > stretch.high_rad
-        or y[CRANK] < stretch.low_rad
-        or stretch.direction * y[SPEED] < 0.0
-        or modes[ENGAGED] == 0.0
-        or fast == (modes[SLOW] >= 0.0)
-    )
-
-
-@kernel
-def stretch_from(
-    former: Former,
-    t: float,
-    y: NDArray[np.float64],
-    modes: NDArray[np.float64],
-    sides: NDArray[np.float64],
-    stop_rad: float,
-) -> Stretch:
-    """Return the stretch that begins at this state, filling ``sides``; it ends at ``stop_rad`` at the latest."""
-    bank = former.bank
-    direction = modes[DIRECTION]
-    ahead = direction if holds_at_rest(bank) and direction != 0.0 else (1.0 if y[SPEED] >= 0.0 else -1.0)
-    low, high = sides_of_travel(bank, y[CRANK] + ahead * LOOK_AHEAD_RAD, sides)
-    if not has_kinks(bank):
-        low, high = -1e300, 1e300
-    share, rate = modes[SHARE], 0.0
-    if modes[ENGAGED] > 0.0 and share < 1.0:
-        rate = 1.0 / former.load_rise_s
-    forward, backward = 0.0, 0.0
-    if direction == 0.0:
-        forward = load_moment(bank, y[CRANK], 1.0)
-        backward = load_moment(bank, y[CRANK], -1.0)
-    return Stretch(t, direction, share, rate, low, min(high, stop_rad), forward, backward)
-
-
-@kernel
-def settle_direction(former: Former, y: NDArray[np.float64], modes: NDArray[np.float64]) -> None:
-    """Set the direction of a crank that stands still: held, or the way the coupling overcomes the load."""
-    transmitted = coupling_moment(former, y)
-    y[SPEED] = 0.0
-    if transmitted > load_moment(former.bank, y[CRANK], 1.0) * modes[SHARE]:
-        modes[DIRECTION] = 1.0
-    elif transmitted < load_moment(former.bank, y[CRANK], -1.0) * modes[SHARE]:
-        modes[DIRECTION] = -1.0
-    else:
-        modes[DIRECTION] = 0.0
-
-
-@kernel
-def normalise_modes(former: Former, torque: Torque, y: NDArray[np.float64], modes: NDArray[np.float64]) -> None:
-    """Bring the modes in line with the present parameters and command, which may have changed since the last step."""
-    if not holds_at_rest(former.bank):
-        modes[DIRECTION] = 1.0
-    slow = y[SPEED] + y[TWIST_RATE] < former.slow_speed_rad_per_s * torque.command
-    if torque.command <= 0.0 or not slow:
-        modes[SLOW] = -1.0
-        modes[STALLED] = 0.0
-    elif modes[SLOW] < 0.0:
-        modes[SLOW] = 0.0
-    if modes[ENGAGED] > 0.0 and modes[SHARE] < 1.0 and former.load_rise_s == 0.0:
-        modes[SHARE] = 1.0
-
-
-@kernel
-def note(events: NDArray[np.float64], count: int, t: float, kind: int, y: NDArray[np.float64]) -> int:
-    """Write an event's time, kind and turn; return the new count (the last row is overwritten when full)."""
+def log_event(log: EventLog, count: int, t: float, kind: int, crank_rad: float) -> int:
+    """Write an event; return the new count.  The last entry says that the events after it are left out."""
     row = min(count, EVENT_ROWS - 1)
-    events[row, 0] = t
-    events[row, 1] = kind
-    events[row, 2] = np.floor(y[CRANK] / (2.0 * np.pi))
+    if count < EVENT_ROWS:
+        log.time_s[row] = t
+        log.kind[row] = kind if row < EVENT_ROWS - 1 else CUT_EVENT
+        log.turn[row] = int(np.floor(crank_rad / TURN))
     return row + 1
 
 
 @kernel
-def count_slow(
-    former: Former,
-    t: float,
-    h: float,
-    y: NDArray[np.float64],
-    modes: NDArray[np.float64],
-    events: NDArray[np.float64],
-    count: int,
-) -> int:
-    """Add a step to the time spent below the stall threshold; note the stall at its exact time."""
-    if modes[SLOW] >= 0.0:
-        if modes[STALLED] == 0.0 and modes[SLOW] + h >= former.stall_time_s:
-            count = note(events, count, t + max(0.0, former.stall_time_s - modes[SLOW]), STALL_EVENT, y)
-            modes[STALLED] = 1.0
-        modes[SLOW] += h
-    return count
+def stretch_from(former: Former, t: float, y: Array, modes: Modes, sides: Array, stop_rad: float) -> Stretch:
+    """Return the stretch that begins at this state, filling ``sides``; it ends at ``stop_rad`` at the latest."""
+    bank, now = former.bank, state_of(y)
+    direction = modes.direction
+    known = may_stick(former, modes) and direction != 0.0
+    ahead = direction if known else (1.0 if now.crank_speed_rad_per_s >= 0.0 else -1.0)
+    low, high = sides_of_travel(bank, now.crank_rad + ahead * LOOK_AHEAD_RAD, sides)
+    if not has_kinks(bank):
+        low, high = -1e300, 1e300
+    share, rate = modes.load_share, 0.0
+    if modes.load_on and share < 1.0:
+        rate = 1.0 / former.load_rise_s
+    forward, backward = 0.0, 0.0
+    if direction == 0.0:
+        forward = load_moment(bank, now.crank_rad, 1.0)
+        backward = load_moment(bank, now.crank_rad, -1.0)
+    return Stretch(
+        t, direction, modes.drive_direction, modes.shaft_sense, share, rate, low, min(high, stop_rad), forward, backward
+    )
+
+
+@kernel
+def crank_sense(former: Former, y: Array, modes: Modes) -> float:
+    """Return the sense of a crank: that of its speed; at rest the way the coupling overcomes what holds it, or 0."""
+    if not may_stick(former, modes):
+        return 1.0
+    now = state_of(y)
+    if now.crank_speed_rad_per_s != 0.0:
+        return 1.0 if now.crank_speed_rad_per_s > 0.0 else -1.0
+    backward, forward = crank_band(former, now.crank_rad, modes.load_share)
+    transmitted = coupling_moment(former, now)
+    return 1.0 if transmitted > forward else (-1.0 if transmitted < backward else 0.0)
+
+
+@kernel
+def drive_sense(former: Former, torque: Torque, t: float, y: Array) -> float:
+    """Return the sense of the drive: that of its speed, and at rest the way its gear lets it go, or 0."""
+    if not gear_may_stick(former):
+        return 1.0
+    now = state_of(y)
+    first = now.crank_speed_rad_per_s + now.twist_rate_rad_per_s
+    if first != 0.0:
+        return 1.0 if first > 0.0 else -1.0
+    low, high = drive_band(former, torque, t)
+    transmitted = coupling_moment(former, now)
+    return 1.0 if transmitted < low else (-1.0 if transmitted > high else 0.0)
+
+
+@kernel
+def normalised_modes(former: Former, torque: Torque, t: float, y: Array, modes: Modes) -> Modes:
+    """Return the modes in line with the present parameters and command, which may have changed since the last step."""
+    now = state_of(y)
+    first = now.crank_speed_rad_per_s + now.twist_rate_rad_per_s
+    slow_s, stalled = modes.slow_s, modes.stalled
+    if torque.command <= 0.0 or first >= former.slow_speed_rad_per_s * torque.command:
+        slow_s, stalled = -1.0, False
+    elif slow_s < 0.0:
+        slow_s = 0.0
+    share = 1.0 if modes.load_on and former.load_rise_s == 0.0 else modes.load_share
+    sense = 1.0 if shaft_torque(former, torque, t, first) >= 0.0 else -1.0
+    modes = Modes(1.0, 1.0, sense, modes.load_on, share, slow_s, stalled, modes.trial_step_s)
+    return with_senses(modes, crank_sense(former, y, modes), drive_sense(former, torque, t, y))
+
+
+@kernel
+def with_senses(modes: Modes, direction: float, drive_direction: float) -> Modes:
+    """Return the modes with other senses of crank and drive."""
+    return Modes(
+        direction,
+        drive_direction,
+        modes.shaft_sense,
+        modes.load_on,
+        modes.load_share,
+        modes.slow_s,
+        modes.stalled,
+        modes.trial_step_s,
+    )
+
+
+@kernel
+def with_shaft_sense(modes: Modes, shaft_sense: float) -> Modes:
+    """Return the modes with another sign of the motor's torque."""
+    return Modes(
+        modes.direction,
+        modes.drive_direction,
+        shaft_sense,
+        modes.load_on,
+        modes.load_share,
+        modes.slow_s,
+        modes.stalled,
+        modes.trial_step_s,
+    )
+
+
+@kernel
+def with_load(modes: Modes, on: bool, share: float) -> Modes:
+    """Return the modes with another state of the load."""
+    return Modes(
+        modes.direction,
+        modes.drive_direction,
+        modes.shaft_sense,
+        on,
+        share,
+        modes.slow_s,
+        modes.stalled,
+        modes.trial_step_s,
+    )
+
+
+@kernel
+def with_slow_time(modes: Modes, slow_s: float, stalled: bool) -> Modes:
+    """Return the modes with another time below the stall threshold."""
+    return Modes(
+        modes.direction,
+        modes.drive_direction,
+        modes.shaft_sense,
+        modes.load_on,
+        modes.load_share,
+        slow_s,
+        stalled,
+        modes.trial_step_s,
+    )
+
+
+@kernel
+def count_slow_time(
+    former: Former, t: float, h: float, crank_rad: float, modes: Modes, log: EventLog, count: int
+) -> tuple[Modes, int]:
+    """Add a step to the time spent below the stall threshold; log the stall at its exact time."""
+    if modes.slow_s < 0.0:
+        return modes, count
+    stalled = modes.stalled
+    if not stalled and modes.slow_s + h >= former.stall_time_s:
+        count = log_event(log, count, t + max(0.0, former.stall_time_s - modes.slow_s), STALL_EVENT, crank_rad)
+        stalled = True
+    return with_slow_time(modes, modes.slow_s + h, stalled), count
 
 
 @kernel
 def apply_event(
-    former: Former,
-    stretch: Stretch,
-    code: int,
-    t: float,
-    y: NDArray[np.float64],
-    modes: NDArray[np.float64],
-    events: NDArray[np.float64],
-    count: int,
-) -> int:
-    """Change state and modes as event ``code`` does; return the count of noted events."""
+    motion: Motion, code: int, t: float, y: Array, modes: Modes, log: EventLog, count: int
+) -> tuple[Modes, int]:
+    """Change the state as event ``code`` does; return the modes after it and the count of logged events."""
+    former, stretch = motion.former, motion.stretch
     if code == HIGH:
         y[CRANK] = stretch.high_rad
     elif code == LOW:
         y[CRANK] = stretch.low_rad
-    elif code == TURN:
-        settle_direction(former, y, modes)
-        if modes[DIRECTION] == 0.0:
-            count = note(events, count, t, HELD_EVENT, y)
-    elif code == ENGAGE:
-        modes[ENGAGED] = 1.0
-        modes[DIRECTION] = 1.0
-        modes[SHARE] = 1.0 if former.load_rise_s == 0.0 else 0.0
-        count = note(events, count, t, ENGAGED_EVENT, y)
-    elif code == QUICKEN:
-        modes[SLOW] = -1.0
-        if modes[STALLED] > 0.0:
-            modes[STALLED] = 0.0
-            count = note(events, count, t, RECOVERED_EVENT, y)
-    elif code == SLACKEN:
-        modes[SLOW] = 0.0
+    elif code == CRANK_TURNS:
+        y[TWIST_RATE] += y[SPEED]
+        y[SPEED] = 0.0
+        modes = with_senses(modes, crank_sense(former, y, modes), modes.drive_direction)
+        if modes.direction == 0.0:
+            count = log_event(log, count, t, HELD_EVENT, y[CRANK])
+    elif code == LOAD_ENGAGES:
+        modes = with_load(modes, True, 1.0 if former.load_rise_s == 0.0 else 0.0)
+        modes = with_senses(modes, crank_sense(former, y, modes), modes.drive_direction)
+        count = log_event(log, count, t, ENGAGED_EVENT, y[CRANK])
+    elif code == QUICKENS:
+        if modes.stalled:
+            count = log_event(log, count, t, RECOVERED_EVENT, y[CRANK])
+        modes = with_slow_time(modes, -1.0, False)
+    elif code == SLACKENS:
+        modes = with_slow_time(modes, 0.0, modes.stalled)
+    elif code == DRIVE_TURNS:
+        y[TWIST_RATE] = -y[SPEED]
+        modes = with_senses(modes, modes.direction, drive_sense(former, motion.torque, t, y))
+    elif code == SHAFT_TURNS:
+        modes = with_shaft_sense(modes, -modes.shaft_sense)
+    elif code in (DRIVE_AHEAD, DRIVE_BACK):
+        modes = with_senses(modes, modes.direction, 1.0 if code == DRIVE_AHEAD else -1.0)
     else:
-        modes[DIRECTION] = 1.0 if code == RELEASE_AHEAD else -1.0
-        count = note(events, count, t, RELEASED_EVENT, y)
-    return count
+        modes = with_senses(modes, 1.0 if code == CRANK_AHEAD else -1.0, modes.drive_direction)
+        count = log_event(log, count, t, RELEASED_EVENT, y[CRANK])
+    return modes, count

@@ -8,33 +8,56 @@ the guide reactions is shown in them and its friction neglected, as in (40).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mech_twin.kernel import kernel
-from mech_twin.machines.roller_former.cart_parameters import MASS, OFFSET, REVERSING
-from mech_twin.machines.roller_former.cart_statics import cart_motion, guide_reactions, rod_force
-from mech_twin.machines.roller_former.dynamics import Former
-from mech_twin.machines.roller_former.roles import CART_JOINTS, CRANK_JOINT, DRIVE_JOINT, TWIST_JOINT
+from mech_twin.machines.roller_former.cart_parameters import REVERSING
+from mech_twin.machines.roller_former.cart_statics import cart_motion, guide_reactions, rod_force, rod_weight_moment
+from mech_twin.machines.roller_former.dynamics import Array, Former, at_motor
+from mech_twin.machines.roller_former.roles import joints_of
 from mech_twin.samples import ForceSample, LinkageSample, Named, Wrench
 
-QUANTITIES = (
-    "motor_moment_nm",
-    "coupling_moment_nm",
-    "elastic_moment_nm",
-    "coupling_moment_at_motor_nm",
-    "load_moment_nm",
-    "inertia_moment_nm",
-    "reduced_inertia_kg_m2",
-    "crank_acceleration_rad_per_s2",
-    "twist_acceleration_rad_per_s2",
-    "shaking_force_x_n",
-    "shaking_force_y_n",
-    "drive_power_w",
-    "load_power_w",
-)
-ROD_FORCE, FRONT, REAR, PIN_X, PIN_Y = range(5)
+
+class FormerQuantities(NamedTuple):
+    """Moments, inertia, accelerations, shaking force and powers that follow from the joints."""
+
+    motor_moment_nm: float
+    coupling_moment_nm: float
+    elastic_moment_nm: float
+    coupling_moment_at_motor_nm: float
+    load_moment_nm: float
+    friction_moment_nm: float
+    rod_weight_moment_nm: float
+    inertia_moment_nm: float
+    reduced_inertia_kg_m2: float
+    crank_acceleration_rad_per_s2: float
+    twist_acceleration_rad_per_s2: float
+    shaking_force_x_n: float
+    shaking_force_y_n: float
+    drive_power_w: float
+    load_power_w: float
+
+
+class CartForces(NamedTuple):
+    """Forces of each cart (N), (carts,) each: along the rod, on the guides, of the rod on its crank pin."""
+
+    rod: Array
+    front: Array
+    rear: Array
+    crank_pin_x: Array
+    crank_pin_y: Array
+
+
+class ShaftForces(NamedTuple):
+    """Moment about the shaft by the crank pins (N m), force on the shaft and shaking force (N)."""
+
+    moment_nm: float
+    x_n: float
+    y_n: float
+    shaking_x_n: float
+    shaking_y_n: float
 
 
 def pin_names(count: int) -> tuple[str, ...]:
@@ -49,49 +72,53 @@ def loaded_bodies(count: int) -> tuple[str, ...]:
 
 
 @kernel
-def load_sums(former: Former, crank: float, pulls: NDArray[np.float64]) -> tuple[float, float, float]:
+def load_sums(former: Former, crank: float, pulls: Array) -> tuple[float, float, float]:
     """Return J_p2, half its derivative, and the load moment of the forces on the carts (N, along x)."""
     bank = former.bank
     inertia, slope, load = bank.crank_inertia_kg_m2, 0.0, 0.0
     for cart in range(pulls.size):
-        sine, cosine = np.sin(crank + bank.carts[cart, OFFSET]), np.cos(crank + bank.carts[cart, OFFSET])
+        sine, cosine = np.sin(crank + bank.offset_rad[cart]), np.cos(crank + bank.offset_rad[cart])
         motion = cart_motion(bank, sine, cosine)
-        inertia += bank.carts[cart, MASS] * motion.x1 * motion.x1
-        slope += bank.carts[cart, MASS] * motion.x1 * motion.x2
+        inertia += bank.mass_kg[cart] * motion.x1 * motion.x1
+        slope += bank.mass_kg[cart] * motion.x1 * motion.x2
         load += pulls[cart] / motion.rod_cosine * bank.crank_m * sine * (motion.rod_cosine + bank.ratio * cosine)
     return inertia, slope, load
 
 
 @kernel
-def cart_forces(
-    former: Former,
-    crank: float,
-    speed: float,
-    acceleration: float,
-    pulls: NDArray[np.float64],
-    rows: NDArray[np.float64],
-) -> tuple[float, float, float, float, float]:
-    """Fill ``rows`` with rod force, guide reactions and rod pull on the crank pin (N) of each cart.
+def friction_moment(former: Former, speed: float, driving: float) -> float:
+    """Return the friction of the shaft against its motion (N m); at rest as much as holds it, up to Coulomb's."""
+    if speed == 0.0:
+        return min(max(driving, -former.coulomb_nm), former.coulomb_nm)
+    return former.viscous_nms_per_rad * speed + (former.coulomb_nm if speed > 0.0 else -former.coulomb_nm)
 
-    Returns the moment about the shaft by the crank pins (N m), the force on the shaft and the shaking force (N).
+
+@kernel
+def fill_cart_forces(
+    former: Former, crank: float, speed: float, acceleration: float, pulls: Array, forces: CartForces
+) -> ShaftForces:
+    """Fill ``forces`` with those of each cart; return what they make on shaft and frame.
+
+    The weight of a rod's half at the crank pin counts to the force on that pin.
     """
     bank = former.bank
     moment, shaft_x, shaft_y, shake_x, shake_y = 0.0, 0.0, 0.0, 0.0, 0.0
     for cart in range(pulls.size):
-        mass = bank.carts[cart, MASS]
-        half = bank.rod_half_kg if mass > 0.0 else 0.0
-        psi = crank + bank.carts[cart, OFFSET]
+        mass, half = bank.mass_kg[cart], bank.rod_half_kg[cart]
+        psi = crank + bank.offset_rad[cart]
         sine, cosine = np.sin(psi), np.cos(psi)
         motion = cart_motion(bank, sine, cosine)
         inertia_x = mass * (motion.x1 * acceleration + motion.x2 * speed * speed)
         force = (pulls[cart] - inertia_x) / motion.rod_cosine
         sense = -1.0 if bank.load == REVERSING and pulls[cart] < 0.0 else 1.0
-        static = rod_force(bank, cart, motion.rod_sine, motion.rod_cosine, sense) * motion.rod_cosine
-        share = min(abs(pulls[cart] / static), 1.0) if static != 0.0 else 0.0
-        rows[cart, ROD_FORCE] = force
-        rows[cart, FRONT], rows[cart, REAR] = guide_reactions(bank, cart, motion.rod_sine, force, sense, share)
-        pin_x, pin_y = force * motion.rod_cosine, -force * motion.rod_sine
-        rows[cart, PIN_X], rows[cart, PIN_Y] = pin_x, pin_y
+        static = rod_force(bank, cart, motion.rod_sine, motion.rod_cosine, sense)
+        share = min(abs(pulls[cart] / (static * motion.rod_cosine)), 1.0) if static != 0.0 else 0.0
+        forces.rod[cart] = force
+        forces.front[cart], forces.rear[cart] = guide_reactions(
+            bank, cart, motion.rod_sine, force, sense, share, static
+        )
+        pin_x, pin_y = force * motion.rod_cosine, -force * motion.rod_sine - half * bank.gravity_m_per_s2
+        forces.crank_pin_x[cart], forces.crank_pin_y[cart] = pin_x, pin_y
         moment += bank.crank_m * (cosine * pin_y - sine * pin_x)
         end_x = half * bank.crank_m * (-sine * acceleration - cosine * speed * speed)
         end_y = half * bank.crank_m * (cosine * acceleration - sine * speed * speed)
@@ -99,41 +126,47 @@ def cart_forces(
         shaft_y += pin_y - end_y
         shake_x -= inertia_x + end_x
         shake_y -= end_y
-    return moment, shaft_x, shaft_y, shake_x, shake_y
+    return ShaftForces(moment, shaft_x, shaft_y, shake_x, shake_y)
 
 
 @kernel
-def force_rows(
-    former: Former, joints: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], tuple[float, float, float]]:
-    """Return per-cart rows, the quantities, and shaft force and residual, from joints (3, n): angle, rate, effort."""
-    crank, speed = joints[0, CRANK_JOINT], joints[1, CRANK_JOINT]
-    motor, transmitted, elastic = joints[2, DRIVE_JOINT], joints[2, CRANK_JOINT], joints[2, TWIST_JOINT]
-    pulls = joints[2, CART_JOINTS::2].copy()
+def former_forces(
+    former: Former, crank: float, speed: float, drive_speed: float, efforts: tuple[float, float, float], pulls: Array
+) -> tuple[CartForces, ShaftForces, FormerQuantities, float]:
+    """Return forces of carts and shaft, the quantities, and how far two routes to the moment in the coupling differ.
+
+    ``efforts`` are the motor's moment at the crank, the moment in the coupling and its elastic part (N m).
+    """
+    motor, transmitted, elastic = efforts
     inertia, slope, load = load_sums(former, crank, pulls)
-    acceleration = (transmitted - load - speed * speed * slope) / inertia
-    rows = np.empty((pulls.size, 5))
-    moment, shaft_x, shaft_y, shake_x, shake_y = cart_forces(former, crank, speed, acceleration, pulls, rows)
-    residual = transmitted + moment - former.bank.crank_inertia_kg_m2 * acceleration
+    weight = rod_weight_moment(former.bank, crank)
+    driving = transmitted - load - weight - speed * speed * slope
+    friction = friction_moment(former, speed, driving)
+    acceleration = (driving - friction) / inertia
+    n = pulls.size
+    forces = CartForces(np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n))
+    shaft = fill_cart_forces(former, crank, speed, acceleration, pulls, forces)
+    residual = transmitted - friction + shaft.moment_nm - former.bank.crank_inertia_kg_m2 * acceleration
     scale = former.motor.breakdown_torque_nm * former.ratio + abs(transmitted) + abs(load)
-    quantities = np.array(
-        [
-            motor,
-            transmitted,
-            elastic,
-            transmitted / former.ratio,
-            load,
-            inertia * acceleration + speed * speed * slope,
-            inertia,
-            acceleration,
-            (motor - transmitted) / former.motor_inertia_kg_m2 - acceleration,
-            shake_x,
-            shake_y,
-            motor * joints[1, DRIVE_JOINT],
-            load * speed,
-        ]
+    drive_acceleration = (motor - transmitted) / former.motor_inertia_kg_m2
+    quantities = FormerQuantities(
+        motor,
+        transmitted,
+        elastic,
+        at_motor(former, transmitted, 1.0 if drive_speed >= 0.0 else -1.0),
+        load,
+        friction,
+        weight,
+        inertia * acceleration + speed * speed * slope,
+        inertia,
+        acceleration,
+        drive_acceleration - acceleration,
+        shaft.shaking_x_n,
+        shaft.shaking_y_n,
+        motor * drive_speed,
+        load * speed,
     )
-    return rows, quantities, (shaft_x, shaft_y, residual / scale)
+    return forces, shaft, quantities, residual / scale
 
 
 @dataclass(frozen=True)
@@ -156,21 +189,25 @@ class FormerForces:
 
         The two routes to the moment in the coupling: the reduced equation of motion, and the crank-pin forces' moments.
         """
-        joints = np.array([linkage.position, linkage.velocity, linkage.effort])
-        rows, quantities, (shaft_x, shaft_y, residual) = force_rows(self.former, joints)
-        wrenches = [Wrench(-shaft_x, -shaft_y, float(quantities[1]))]
-        for _, front, rear, pin_x, pin_y in rows.tolist():
+        position, velocity, effort = (joints_of(v) for v in (linkage.position, linkage.velocity, linkage.effort))
+        efforts, pulls = (effort.drive, effort.crank, effort.twist), np.array(effort.carts)
+        carts, shaft, quantities, residual = former_forces(
+            self.former, position.crank, velocity.crank, velocity.drive, efforts, pulls
+        )
+        half_weights = self.former.bank.rod_half_kg * self.former.bank.gravity_m_per_s2
+        wrenches = [Wrench(-shaft.x_n, -shaft.y_n, quantities.coupling_moment_nm)]
+        rows = zip(*(column.tolist() for column in carts), half_weights.tolist(), strict=True)
+        for _, front, rear, pin_x, pin_y, weight in rows:
             wrenches.append(Wrench(pin_x, pin_y, 0.0))
-            wrenches.append(Wrench(-pin_x, -pin_y, 0.0))
+            wrenches.append(Wrench(-pin_x, -(pin_y + weight), 0.0))
             wrenches.append(Wrench(0.0, -front, 0.0))
             wrenches.append(Wrench(0.0, -rear, 0.0))
-        values = (*quantities.tolist(), *rows[:, ROD_FORCE].tolist())
         return ForceSample(
             linkage.step,
             linkage.time_s,
             self.pins,
             tuple(wrenches),
-            Named(self.names, values),
+            Named(self.names, (*quantities, *carts.rod.tolist())),
             0.0,
             Named(("drive_torque_routes",), (residual,)),
         )

@@ -1,33 +1,42 @@
-"""Metrics of the roller former: one position, and those of a run as it goes."""
+"""Metrics of the roller former: one position, static moments, the steady turn, and those of a run as it goes."""
 
 from __future__ import annotations
 
-from math import cos, floor, inf, pi, sin, sqrt
+from math import cos, floor, inf, isfinite, pi, sin, sqrt
 from typing import Any
 
 import numpy as np
 
-from mech_twin.machines.roller_former.cart_parameters import OFFSET
-from mech_twin.machines.roller_former.cart_statics import cart_load, cart_motion, shaft_terms, sides_of_travel
-from mech_twin.machines.roller_former.dynamics import Former
-from mech_twin.machines.roller_former.forces import QUANTITIES
-from mech_twin.machines.roller_former.roles import CRANK_JOINT, TWIST_JOINT
+from mech_twin.machines.roller_former.cart_statics import (
+    LOOK_AHEAD_RAD,
+    cart_load,
+    cart_motion,
+    load_moments,
+    shaft_terms,
+    sides_of_travel,
+)
+from mech_twin.machines.roller_former.dynamics import Former, at_motor
+from mech_twin.machines.roller_former.forces import FormerQuantities
+from mech_twin.machines.roller_former.parameters import RollerFormer, longest_step_s
+from mech_twin.machines.roller_former.roles import FormerMemory, joints_of
+from mech_twin.machines.roller_former.start_up import start_up
+from mech_twin.machines.roller_former.steady import TURN, SteadyTurn, closed_extremes, steady_turn
 from mech_twin.samples import Frame
 
-TWIST_ACCELERATION = QUANTITIES.index("twist_acceleration_rad_per_s2")
+GRID = 7200
 
 
 def position_metrics(former: Former, crank_rad: float) -> dict[str, Any]:
     """Return each cart's angles, transfer functions, static forces and moment at a crank angle, and the totals."""
     bank = former.bank
     carts = []
-    for index in range(bank.carts.shape[0]):
-        psi = crank_rad + bank.carts[index, OFFSET]
+    for index, offset in enumerate(bank.offset_rad.tolist()):
+        psi = crank_rad + offset
         motion = cart_motion(bank, sin(psi), cos(psi))
         load = cart_load(bank, index, crank_rad, 1.0)
         carts.append(
             {
-                "psi_rad": float(psi),
+                "psi_rad": psi,
                 "beta_rad": float(np.arcsin(motion.rod_sine)),
                 "x_m": motion.x,
                 "x1_m_per_rad": motion.x1,
@@ -39,7 +48,7 @@ def position_metrics(former: Former, crank_rad: float) -> dict[str, Any]:
             }
         )
     sides = np.empty(len(carts))
-    sides_of_travel(bank, crank_rad + 1e-9, sides)
+    sides_of_travel(bank, crank_rad + LOOK_AHEAD_RAD, sides)
     inertia, slope, _ = shaft_terms(bank, crank_rad, sides, 1.0)
     return {
         "crank_rad": crank_rad,
@@ -51,74 +60,193 @@ def position_metrics(former: Former, crank_rad: float) -> dict[str, Any]:
     }
 
 
+def moment_metrics(former: Former) -> dict[str, float]:
+    """Return mean and largest load moment over a turn, in all and per cart of the shaft (N m)."""
+    angles = np.linspace(0.0, TURN, GRID, endpoint=False)
+    moments = load_moments(former.bank, angles, 1.0)
+    mean, count = float(np.mean(moments)), former.bank.offset_rad.size
+    most = closed_extremes(moments)[1]
+    return {
+        "moment_mean_nm": mean,
+        "moment_max_nm": most,
+        "moment_mean_per_cart_nm": mean / count,
+        "moment_max_per_cart_nm": most / count,
+    }
+
+
+def largest_at_motor_nm(former: Former, low_nm: float, high_nm: float) -> float:
+    """Return the largest torque in the coupling on the motor's side (N m), from the extremes of T, turning forward."""
+    return float(max(abs(at_motor(former, low_nm, 1.0)), abs(at_motor(former, high_nm, 1.0))))
+
+
+def turn_metrics(turn: SteadyTurn, former: Former) -> dict[str, float]:
+    """Return the dynamic metrics of a steady turn; means from the works, which are integrated with the motion."""
+    columns = turn.columns
+    elastic = [former.stiffness_nm_per_rad * twist for twist in closed_extremes(columns.twist_rad)]
+    twist, rate, bend = (
+        float(np.ptp(closed_extremes(column)))
+        for column in (columns.twist_rad, columns.twist_rate_rad_per_s, columns.twist_acceleration_rad_per_s2)
+    )
+    coupling = columns.coupling_nm
+    low, high = closed_extremes(coupling)
+    return {
+        "elastic_moment_min_nm": elastic[0],
+        "elastic_moment_max_nm": elastic[1],
+        "elastic_moment_rms_nm": float(np.sqrt(np.mean(turn.elastic_nm**2))),
+        "coupling_moment_min_nm": low,
+        "coupling_moment_max_nm": high,
+        "coupling_moment_mean_nm": (turn.works.load_work_j + turn.works.friction_work_j) / TURN,
+        "coupling_moment_rms_nm": float(np.sqrt(np.mean(coupling**2))),
+        "coupling_moment_rms_about_mean_nm": float(np.std(coupling)),
+        "coupling_moment_at_motor_max_nm": largest_at_motor_nm(former, low, high),
+        "twist_range_rad": twist,
+        "twist_rate_range_rad_per_s": rate,
+        "twist_acceleration_range_rad_per_s2": bend,
+        "steady_speed_rad_per_s": turn.mean_speed_rad_per_s,
+        "steady_turns_taken": float(turn.turns_taken),
+        "drive_power_mean_w": turn.works.motor_work_j / turn.turn_time_s,
+        **motor_metrics(turn, former),
+    }
+
+
+def motor_metrics(turn: SteadyTurn, former: Former) -> dict[str, float]:
+    """Return the root mean square of the motor's torque over a steady turn, and its heating, against rated.
+
+    Heating: the copper loss of the rotor is the slip power ``M s w_0``; its mean over the rated ``M_n s_n w_0``.
+    """
+    motor, columns = former.motor, turn.columns
+    torque = columns.motor_nm
+    speed = (columns.crank_speed_rad_per_s + columns.twist_rate_rad_per_s) * former.ratio
+    slip = 1.0 - speed / motor.synchronous_speed_rad_per_s
+    rms = float(np.sqrt(np.mean(torque**2)))
+    return {
+        "motor_torque_rms_nm": rms,
+        "motor_torque_rms_of_rated_1": rms / motor.rated_torque_nm,
+        "motor_heating_of_rated_1": float(np.mean(torque * slip)) / (motor.rated_torque_nm * motor.rated_slip),
+    }
+
+
+def former_report(parameters: RollerFormer, former: Former) -> dict[str, float]:
+    """Return the summary: static moments, power, and, where the motor keeps the load up, the steady turn and the start.
+
+    ``steady_1``, ``start_stalls_1`` and ``start_steady_1`` are 1 for yes; metrics that do not exist are left out.
+    """
+    metrics = moment_metrics(former)
+    metrics["power_required_w"] = (
+        metrics["moment_mean_nm"] * parameters.rated_crank_speed_rad_per_s / parameters.drive.efficiency
+    )
+    metrics["longest_coupling_step_s"] = longest_step_s(parameters)
+    turn = steady_turn(former)
+    metrics["steady_1"] = float(turn is not None)
+    if turn is not None:
+        metrics.update(turn_metrics(turn, former))
+        rated = parameters.drive.coupling_rated_moment_nm
+        metrics["coupling_load_of_rated_1"] = metrics["coupling_moment_at_motor_max_nm"] / rated
+    goal = turn.mean_speed_rad_per_s if turn is not None else parameters.rated_crank_speed_rad_per_s
+    start = start_up(parameters, former, goal)
+    metrics["start_stalls_1"] = float(start.stalled)
+    metrics["start_steady_1"] = float(start.steady)
+    for name, time_s in (
+        ("startup_time_s", start.time_s),
+        ("start_steady_after_s", start.steady_time_s),
+        ("start_stall_at_s", start.stall_time_s),
+    ):
+        if isfinite(time_s):
+            metrics[name] = time_s
+    return metrics
+
+
+QUANTITIES = len(FormerQuantities._fields)
+WHOLE_TURN = 0.95 * TURN  # what is less was begun within a turn, or went to and fro
+EXTREMES = (
+    "elastic_moment_nm",
+    "coupling_moment_nm",
+    "twist_rad",
+    "twist_rate_rad_per_s",
+    "twist_acceleration_rad_per_s2",
+)
+
+
 class FormerObserver:
-    """Running metrics: those of the last whole turn, and extremes and events of the whole run."""
+    """Metrics of a run: those of its last whole turn (``last_turn_``), extremes and events of the whole.
+
+    The means of a turn are its works over its time and angle, from the first sample after each passage of the starting
+    angle to the next.
+    """
 
     def __init__(self) -> None:
         self._turn: int | None = None
-        self._open = _empty_turn()
+        self._first: Frame | None = None
+        self._low = dict.fromkeys(EXTREMES, inf)
+        self._high = dict.fromkeys(EXTREMES, -inf)
+        self._squares, self._count = 0.0, 0
         self._closed: dict[str, float] = {}
         self._run = {"turns": 0.0, "stalls": 0.0, "coupling_moment_max_of_run_nm": -inf, "motor_torque_max_nm": -inf}
 
     def observe(self, frame: Frame) -> None:
         """Take one frame into account."""
         linkage, run = frame.linkage, self._run
-        crank = linkage.position[CRANK_JOINT]
+        crank = joints_of(linkage.position).crank
         turn = floor(crank / (2.0 * pi))
-        if self._turn is not None and turn != self._turn:
-            self._close(linkage.time_s)
+        if turn != self._turn:
+            self._begin_turn(frame)
         self._turn = turn
         self._add(frame)
         run["turns"] = crank / (2.0 * pi)
         run["stalls"] += sum(event.kind == "stall" for event in linkage.events)
-        run["coupling_moment_max_of_run_nm"] = max(run["coupling_moment_max_of_run_nm"], linkage.effort[CRANK_JOINT])
-        run["motor_torque_max_nm"] = max(run["motor_torque_max_nm"], frame.motor.effort[0])
+        coupling = joints_of(linkage.effort).crank
+        run["coupling_moment_max_of_run_nm"] = max(run["coupling_moment_max_of_run_nm"], coupling)
+        run["motor_torque_max_nm"] = max(run["motor_torque_max_nm"], *frame.motor.effort)
         for event in linkage.events:
             if event.contact == "crank":
                 run[f"{event.kind}_at_s"] = event.time_s
 
     def _add(self, frame: Frame) -> None:
-        now, linkage = self._open, frame.linkage
-        coupling = linkage.effort[CRANK_JOINT]
-        for name, value in (
-            ("elastic_moment_nm", linkage.effort[TWIST_JOINT]),
-            ("coupling_moment_nm", coupling),
-            ("twist_rad", linkage.position[TWIST_JOINT]),
-            ("twist_rate_rad_per_s", linkage.velocity[TWIST_JOINT]),
-            ("twist_acceleration_rad_per_s2", frame.forces.quantities.values[TWIST_ACCELERATION]),
-        ):
-            low, high = now[name]
-            now[name] = (min(low, value), max(high, value))
-        first, count = now["samples"]
-        now["samples"] = (min(first, frame.linkage.time_s), count + 1.0)
-        total, square = now["sums"]
-        now["sums"] = (total + coupling, square + coupling * coupling)
+        linkage = frame.linkage
+        effort, quantities = joints_of(linkage.effort), FormerQuantities(*frame.forces.quantities.values[:QUANTITIES])
+        values = (
+            effort.twist,
+            effort.crank,
+            joints_of(linkage.position).twist,
+            joints_of(linkage.velocity).twist,
+            quantities.twist_acceleration_rad_per_s2,
+        )
+        for name, value in zip(EXTREMES, values, strict=True):
+            self._low[name], self._high[name] = min(self._low[name], value), max(self._high[name], value)
+        self._squares += effort.crank * effort.crank
+        self._count += 1
 
-    def _close(self, time_s: float) -> None:
-        now = self._open
-        first, count = now["samples"]
-        figures = {}
-        for name in ("elastic_moment", "coupling_moment"):
-            figures[f"{name}_min_nm"], figures[f"{name}_max_nm"] = now[f"{name}_nm"]
-        for name, unit in (("twist", "rad"), ("twist_rate", "rad_per_s"), ("twist_acceleration", "rad_per_s2")):
-            low, high = now[f"{name}_{unit}"]
-            figures[f"{name}_range_{unit}"] = high - low
-        figures["coupling_moment_rms_nm"] = sqrt(now["sums"][1] / count)
-        figures["turn_speed_rad_per_s"] = 2.0 * pi / (time_s - first) if time_s > first else 0.0
-        self._closed = figures
-        self._open = _empty_turn()
+    def _begin_turn(self, frame: Frame) -> None:
+        """Close the turn that ends, if it was a whole one, and begin the next."""
+        if self._first is not None and turned_rad(self._first, frame) > WHOLE_TURN:
+            self._closed = self._metrics_of_turn(self._first, frame)
+        self._first = frame
+        self._low, self._high = dict.fromkeys(EXTREMES, inf), dict.fromkeys(EXTREMES, -inf)
+        self._squares, self._count = 0.0, 0
+
+    def _metrics_of_turn(self, first: Frame, last: Frame) -> dict[str, float]:
+        before, after = (FormerMemory(*frame.linkage.memory.values) for frame in (first, last))
+        time_s = last.linkage.time_s - first.linkage.time_s
+        angle = turned_rad(first, last)
+        elastic, coupling, *ranges = EXTREMES
+        metrics = {}
+        for name in (elastic, coupling):
+            stem = name.removesuffix("_nm")
+            metrics[f"{stem}_min_nm"], metrics[f"{stem}_max_nm"] = self._low[name], self._high[name]
+        for name in ranges:
+            stem, unit = name.split("_rad", 1)
+            metrics[f"{stem}_range_rad{unit}"] = self._high[name] - self._low[name]
+        metrics["coupling_moment_rms_nm"] = sqrt(self._squares / self._count)
+        metrics["speed_rad_per_s"] = angle / time_s
+        metrics["drive_power_mean_w"] = (after.motor_work_j - before.motor_work_j) / time_s
+        metrics["load_moment_mean_nm"] = (after.load_work_j - before.load_work_j) / angle
+        return {f"last_turn_{name}": value for name, value in metrics.items()}
 
     def numbers(self) -> dict[str, float]:
         """Return the metrics so far; those of a turn are missing until the first is complete."""
         return {**self._run, **self._closed}
 
 
-def _empty_turn() -> dict[str, tuple[float, float]]:
-    names = (
-        "elastic_moment_nm",
-        "coupling_moment_nm",
-        "twist_rad",
-        "twist_rate_rad_per_s",
-        "twist_acceleration_rad_per_s2",
-    )
-    return {**dict.fromkeys(names, (inf, -inf)), "samples": (inf, 0.0), "sums": (0.0, 0.0)}
+def turned_rad(first: Frame, last: Frame) -> float:
+    """Return the angle the crank has turned from one frame to another (rad)."""
+    return joints_of(last.linkage.position).crank - joints_of(first.linkage.position).crank

@@ -10,8 +10,10 @@ import numpy as np
 
 from mech_twin.capabilities.variation import varied
 from mech_twin.machines.roller_former.cart_statics import load_moments
+from mech_twin.machines.roller_former.metrics import moment_metrics
 from mech_twin.machines.roller_former.parameters import RollerFormer, former_of
-from mech_twin.machines.roller_former.steady import moment_figures, start_up, steady_turn
+from mech_twin.machines.roller_former.start_up import start_up
+from mech_twin.machines.roller_former.steady import steady_turn
 from mech_twin.parts.induction_motor import (
     InductionMotorParameters,
     breakdown_slip,
@@ -21,12 +23,10 @@ from mech_twin.parts.induction_motor import (
     slip_at_torque,
 )
 
-SPEED_REACHED = 0.95
-
 
 @dataclass(frozen=True)
-class CatalogueFigure:
-    """A figure of the catalogue or the print beside the one that follows from the others."""
+class CatalogueValue:
+    """A value of the catalogue or the print beside the one that follows from the others."""
 
     quantity: str
     printed: float
@@ -34,7 +34,7 @@ class CatalogueFigure:
 
     @property
     def error(self) -> float:
-        """Relative error of the derived figure."""
+        """Relative error of the derived value."""
         return self.derived / self.printed - 1.0
 
 
@@ -87,8 +87,8 @@ class MotorVerdict:
         )
 
 
-def catalogue_check(motor: InductionMotorParameters) -> tuple[CatalogueFigure, ...]:
-    """Return the printed figures of the published motor beside those that follow from its other data and Kloss."""
+def catalogue_check(motor: InductionMotorParameters) -> tuple[CatalogueValue, ...]:
+    """Return the printed values of the published motor beside those that follow from its other data and Kloss."""
     rated_slip = 1.0 - motor.rated_speed_rpm / motor.synchronous_speed_rpm
     constants = motor_constants(motor)
     slip = breakdown_slip(rated_slip, motor.breakdown_torque_ratio)
@@ -99,12 +99,12 @@ def catalogue_check(motor: InductionMotorParameters) -> tuple[CatalogueFigure, .
         "starting torque, N m": motor.starting_torque_ratio * motor.rated_power_w / constants.rated_speed_rad_per_s,
         "rated torque, N m": motor.rated_power_w / constants.rated_speed_rad_per_s,
     }
-    return tuple(CatalogueFigure(name, printed, derived[name]) for name, printed in PUBLISHED_MOTOR.items())
+    return tuple(CatalogueValue(name, printed, derived[name]) for name, printed in PUBLISHED_MOTOR.items())
 
 
 def power_required_w(parameters: RollerFormer) -> float:
     """Return the rated power the mean moment asks for: mean moment times rated crank speed over efficiency (W)."""
-    mean = moment_figures(former_of(parameters))["moment_mean_nm"]
+    mean = moment_metrics(former_of(parameters))["moment_mean_nm"]
     return mean * parameters.rated_crank_speed_rad_per_s / parameters.drive.efficiency
 
 
@@ -112,7 +112,7 @@ def motor_verdict(parameters: RollerFormer, name: str | None = None) -> MotorVer
     """Return the verdict on the motor of a configuration; ``name`` is what to call it."""
     p = parameters
     former = former_of(p)
-    constants, figures = former.motor, moment_figures(former)
+    constants, moments = former.motor, moment_metrics(former)
     to_shaft = 1.0 / (former.ratio * former.efficiency)
     turn, required = steady_turn(former), power_required_w(p)
     return MotorVerdict(
@@ -122,8 +122,8 @@ def motor_verdict(parameters: RollerFormer, name: str | None = None) -> MotorVer
         rated_enough=p.motor.rated_power_w >= required,
         kloss_standstill_nm=kloss_torque(constants, 1.0),
         catalogue_start_nm=constants.starting_torque_nm,
-        load_mean_nm=figures["moment_mean_nm"] * to_shaft,
-        load_peak_nm=figures["moment_max_nm"] * to_shaft,
+        load_mean_nm=moments["moment_mean_nm"] * to_shaft,
+        load_peak_nm=moments["moment_max_nm"] * to_shaft,
         breakdown_nm=constants.breakdown_torque_nm,
         runs=turn is not None,
         steady_speed_rad_per_s=None if turn is None else turn.mean_speed_rad_per_s,
@@ -146,9 +146,7 @@ def _loaded(parameters: RollerFormer, curve: str) -> RollerFormer:
 
 
 def _starts(parameters: RollerFormer) -> bool:
-    goal = SPEED_REACHED * parameters.rated_crank_speed_rad_per_s
-    start = start_up(parameters, former_of(parameters), goal)
-    return not start.stalled and bool(np.isfinite(start.time_s))
+    return start_up(parameters, former_of(parameters), parameters.rated_crank_speed_rad_per_s).steady
 
 
 def motor_selection(parameters: RollerFormer, table: Mapping[str, Mapping[str, float]]) -> tuple[MotorVerdict, ...]:
@@ -164,7 +162,7 @@ def motor_selection(parameters: RollerFormer, table: Mapping[str, Mapping[str, f
 def speed_under_mean_load(parameters: RollerFormer) -> float:
     """Return the motor speed (rad/s) at which Kloss gives the mean moment; nan where it is beyond breakdown."""
     former = former_of(parameters)
-    torque = moment_figures(former)["moment_mean_nm"] / (former.ratio * former.efficiency)
+    torque = moment_metrics(former)["moment_mean_nm"] / (former.ratio * former.efficiency)
     return former.motor.synchronous_speed_rad_per_s * (1.0 - slip_at_torque(former.motor, torque))
 
 

@@ -5,8 +5,10 @@ from __future__ import annotations
 from math import inf, sqrt
 from typing import Any, Literal
 
-from pydantic import model_validator
+import numpy as np
+from pydantic import field_validator, model_validator
 
+from mech_twin.engine.coupling import Coupling
 from mech_twin.machines.roller_former.cart_parameters import (
     CartBank,
     CartParameters,
@@ -14,14 +16,22 @@ from mech_twin.machines.roller_former.cart_parameters import (
     Kinematics,
     LoadKind,
     cart_bank,
+    check_guides,
+    least_inertia_kg_m2,
 )
-from mech_twin.machines.roller_former.dynamics import Former
+from mech_twin.machines.roller_former.dynamics import Former, State
 from mech_twin.machines.roller_former.elastic_drive import DriveParameters, reduced_inertia
+from mech_twin.parts.friction import Friction
 from mech_twin.parts.induction_motor import InductionMotorParameters, motor_constants
 from mech_twin.parts.supply import SupplyParameters
 from mech_twin.quantity import Parameters, choice, quantity
 
 SET_KEYS = ("mass_kg", "roller_force_x_n", "roller_force_y_n", "weight_n")
+LARGEST_EXPANDED_RATIO = 0.5  # of crank to rod
+LONGEST_STEP_S = 0.01
+SHORTEST_RISE_S = 1e-3  # of the load: a faster one is a load that is there at once
+SMALLEST_INERTIA = 1e-6  # of crank shaft and carts over that of the motor's side
+LARGEST_RATE_PER_S = 1e6  # of anything that decays or swings: the integration is explicit
 
 
 class LoadSet(Parameters):
@@ -43,31 +53,32 @@ class LoadSets(Parameters):
 class StartParameters(Parameters):
     """How the machine starts, and when the load comes on."""
 
-    crank_deg: float = quantity("deg", "crank angle at the start")
+    crank_deg: float = quantity("deg", "crank angle at the start", ge=-3600.0, le=3600.0)
     speed_fraction: float = quantity("1", "crank speed at the start over synchronous speed", ge=0.0, le=1.0)
     load_from_fraction: float = quantity(
         "1", "crank speed over synchronous speed at which the load comes on; 0 starts under load", ge=0.0, lt=1.0
     )
-    load_rise_s: float = quantity("s", "time in which the load then rises to its full size", ge=0.0)
+    load_rise_s: float = quantity("s", "time in which the load then rises to its full size", ge=0.0, le=3600.0)
+
+    @field_validator("load_rise_s")
+    @classmethod
+    def _long_enough(cls, value: float) -> float:
+        if 0.0 < value < SHORTEST_RISE_S:
+            raise ValueError(f"0 (at once) or at least {SHORTEST_RISE_S:g} s needed, got {value:g}")
+        return value
 
 
 class StallParameters(Parameters):
     """When a motor that is supplied counts as stalled."""
 
-    speed_fraction: float = quantity("1", "motor speed over commanded synchronous speed", gt=0.0, lt=1.0)
-    time_s: float = quantity("s", "time below that speed", gt=0.0)
+    speed_fraction: float = quantity("1", "motor speed over commanded synchronous speed", ge=1e-6, lt=1.0)
+    time_s: float = quantity("s", "time below that speed", ge=1e-6, le=3600.0)
 
 
 class IntegratorParameters(Parameters):
     """Error control of the integration."""
 
-    tolerance: float = quantity("1", "error per step over the scale of each coordinate", gt=1e-14, le=1e-4)
-
-
-class FormerCoupling(Parameters):
-    """How the roles exchange samples."""
-
-    step_s: float = quantity("s", "coupling step: the roles exchange samples once per step", gt=0.0, le=0.01)
+    tolerance: float = quantity("1", "error per step over the scale of each coordinate", ge=1e-13, le=1e-7)
 
 
 class RollerFormer(Parameters):
@@ -85,7 +96,8 @@ class RollerFormer(Parameters):
     start: StartParameters = choice("start")
     stall: StallParameters = choice("stall")
     integrator: IntegratorParameters = choice("integration")
-    coupling: FormerCoupling = choice("coupling of the roles")
+    coupling: Coupling = choice("coupling of the roles")
+    friction: Friction = choice("friction of the crank shaft", default=Friction())
 
     @model_validator(mode="before")
     @classmethod
@@ -102,6 +114,42 @@ class RollerFormer(Parameters):
         carts = {**carts, **values} if left_over else {**values, **carts}
         return {**tree, "carts": carts}
 
+    @model_validator(mode="after")
+    def _can_be_integrated(self) -> RollerFormer:
+        """Refuse guides that lock, a shaft without inertia, a drive too stiff, a step the motor makes unstable."""
+        check_guides(self.carts, self.load, self.guide_friction)
+        ratio = self.carts.crank_m / self.carts.rod_m
+        if self.kinematics == "expanded" and ratio > LARGEST_EXPANDED_RATIO:
+            raise ValueError(
+                f"kinematics: expanded needs crank_m <= {LARGEST_EXPANDED_RATIO} rod_m, got {ratio:.4g}: the expansion "
+                "leaves the third power of the ratio out; exact has no such limit"
+            )
+        first = reduced_inertia(self.drive, self.motor.rotor_inertia_kg_m2)
+        least = least_inertia_kg_m2(bank_of(self))
+        if least < SMALLEST_INERTIA * first:
+            raise ValueError(
+                f"carts: crank shaft and carts have a reduced inertia of {least:.3g} kg m^2 at a dead centre, at "
+                f"least {SMALLEST_INERTIA * first:.3g} is needed: rod_mass_kg or crank_inertia_kg_m2 must be larger"
+            )
+        both = 1.0 / first + 1.0 / least
+        for key, rate in (
+            ("damping_nms_per_rad", self.drive.damping_nms_per_rad * both),
+            ("stiffness_nm_per_rad", sqrt(self.drive.stiffness_nm_per_rad * both)),
+            ("friction.viscous_nms_per_rad", self.friction.viscous_nms_per_rad / least),
+        ):
+            if rate > LARGEST_RATE_PER_S:
+                raise ValueError(
+                    f"{key}: with the least inertia of the shaft, {least:.3g} kg m^2, it makes a rate of "
+                    f"{rate:.3g} 1/s; at most {LARGEST_RATE_PER_S:g} is needed"
+                )
+        longest = longest_step_s(self)
+        if self.coupling.step_s > longest:
+            raise ValueError(
+                f"coupling.step_s <= {longest:.3g} s needed, got {self.coupling.step_s:g}: motor and drive exchange "
+                "torque and speed once a step, stable up to the time constant of the motor's inertia and torque curve"
+            )
+        return self
+
     @property
     def rated_crank_speed_rad_per_s(self) -> float:
         """Crank speed at the motor's rated point (rad/s)."""
@@ -111,6 +159,20 @@ class RollerFormer(Parameters):
     def synchronous_crank_speed_rad_per_s(self) -> float:
         """Crank speed at the motor's synchronous speed (rad/s)."""
         return motor_constants(self.motor).synchronous_speed_rad_per_s / self.drive.ratio
+
+
+def longest_step_s(parameters: RollerFormer) -> float:
+    """Return the longest coupling step (s): half of ``J_p1/(u^2 max|dM/dw|)``, eta at its worst, and at most 10 ms.
+
+    The torque of a step is the line through the last two samples, which for the motor's inertia alone is the method of
+    Adams and Bashforth of second order: stable up to the whole of it.  The steepest place of the curve is at slip 0,
+    ``2 M_kr/(s_kr w_0)``; the correction for starting is flatter.
+    """
+    p, motor = parameters, motor_constants(parameters.motor)
+    steepest = 2.0 * motor.breakdown_torque_nm / (motor.breakdown_slip * motor.synchronous_speed_rad_per_s)
+    worst = 1.0 / p.drive.efficiency if p.drive.gear_loss == "power" else p.drive.efficiency
+    inertia = (p.motor.rotor_inertia_kg_m2 + p.drive.coupling_inertia_kg_m2) * p.drive.inertia_factor
+    return min(LONGEST_STEP_S, 0.5 * inertia / (steepest * worst))
 
 
 def bank_of(parameters: RollerFormer) -> CartBank:
@@ -131,6 +193,7 @@ def former_of(parameters: RollerFormer) -> Former:
     twist = motor.rated_torque_nm * p.drive.ratio / p.drive.stiffness_nm_per_rad
     twist_rate = 3.0 * twist * sqrt(p.drive.stiffness_nm_per_rad / inertia)
     energy = inertia * speed * speed
+    scales = State(1.0, twist, speed, twist_rate, energy, energy, energy, energy)
     return Former(
         bank=bank_of(p),
         motor=motor,
@@ -139,10 +202,13 @@ def former_of(parameters: RollerFormer) -> Former:
         damping_nms_per_rad=p.drive.damping_nms_per_rad,
         ratio=p.drive.ratio,
         efficiency=p.drive.efficiency,
+        loss_by_power=p.drive.gear_loss == "power",
+        coulomb_nm=p.friction.coulomb_nm,
+        viscous_nms_per_rad=p.friction.viscous_nms_per_rad,
         engage_speed_rad_per_s=p.start.load_from_fraction * speed if p.start.load_from_fraction > 0.0 else -inf,
         load_rise_s=p.start.load_rise_s,
         slow_speed_rad_per_s=p.stall.speed_fraction * speed,
         stall_time_s=p.stall.time_s,
-        tolerance=p.integrator.tolerance,
-        scales=(1.0, twist, speed, twist_rate, energy, energy, energy),
+        scales=scales,
+        tolerances=p.integrator.tolerance * np.array(scales),
     )

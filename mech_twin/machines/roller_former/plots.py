@@ -1,4 +1,4 @@
-"""Figures of the roller former: reactions, rod forces, moments, coupling moment against damping, phase pictures."""
+"""Plots of the roller former: reactions, rod forces, moments, coupling moment against damping, phase pictures."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from mech_twin.machines.roller_former.published import (
     TABLE_2,
     table_1_case,
     table_2_case,
-    table_2_figures,
+    table_2_metrics,
 )
 from mech_twin.machines.roller_former.steady import steady_turn
 
@@ -29,7 +29,7 @@ CARTS = (2, 3, 4)
 
 
 def pictures(parameters: RollerFormer) -> Iterator[Picture]:
-    """Yield the figures."""
+    """Yield the plots."""
     yield _reactions(parameters)
     yield _rods(parameters)
     yield _moments(parameters)
@@ -134,7 +134,11 @@ def _phases(parameters: RollerFormer) -> Picture:
             turn = steady_turn(former_of(table_2_case(parameters, count, damping)))
             if turn is None:
                 continue
-            columns = (1000.0 * turn.columns[:, 3], turn.columns[:, 4], turn.columns[:, 5])
+            columns = (
+                1000.0 * turn.columns.twist_rad,
+                turn.columns.twist_rate_rad_per_s,
+                turn.columns.twist_acceleration_rad_per_s2,
+            )
             for place, (x, y) in enumerate(pairs):
                 axes = panels[3 * row + place]
                 axes.plot(
@@ -153,8 +157,8 @@ def _deviations(parameters: RollerFormer) -> Picture:
     for place, (axes, name) in enumerate(zip(panels, COLUMNS, strict=True)):
         for damping, colour, shift in zip(STUDIED_DAMPING, (BLUE, RED), (-0.19, 0.19), strict=True):
             spots = [count + shift for count in CARTS]
-            found = [table_2_figures(parameters, count, damping) for count in CARTS]
-            values = [0.0 if figures is None else figures[place] for figures in found]
+            found = [table_2_metrics(parameters, count, damping) for count in CARTS]
+            values = [0.0 if numbers is None else numbers[place] for numbers in found]
             axes.bar(spots, values, width=0.34, color=colour, alpha=0.85, label=f"k = {damping:g}")
             theirs = [TABLE_2[count, damping][place] for count in CARTS]
             published(axes, spots, theirs, "published" if damping == STUDIED_DAMPING[0] else "")

@@ -1,59 +1,96 @@
-"""Roles of the roller former: motor, linkage (both masses and all carts)."""
+"""Linkage of the roller former: both masses, the elastic drive and all carts.  The motor is the shared `KlossDrive`."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import IntEnum
+from math import floor
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mech_twin.kernel import kernel
-from mech_twin.machines.roller_former.cart_parameters import LOADS, OFFSET
-from mech_twin.machines.roller_former.cart_statics import cart_load, cart_motion, load_moment
+from mech_twin.machines.roller_former.cart_statics import cart_load, cart_motion, load_moment, rod_weight_moment
 from mech_twin.machines.roller_former.dynamics import (
-    CRANK,
-    DAMPING_WORK,
-    DIRECTION,
-    ENGAGED,
-    EVENT_ROWS,
-    LOAD_WORK,
-    MODES,
-    MOTOR_WORK,
-    SHARE,
-    SLOW,
-    SPEED,
-    TWIST,
-    TWIST_RATE,
+    Array,
     Former,
+    Modes,
+    State,
     Torque,
     coupling_moment,
-    kinetic_and_elastic,
+    geared,
+    holds_at_rest,
+    may_stick,
+    state_array,
+    state_of,
+    stored_energy,
 )
-from mech_twin.machines.roller_former.events import EVENT_KINDS
-from mech_twin.machines.roller_former.integration import FAILED, advance_motion
-from mech_twin.parts.induction_motor import motor_torque
-from mech_twin.parts.supply import limited_command
+from mech_twin.machines.roller_former.events import EVENT_KINDS, EventLog, empty_log
+from mech_twin.machines.roller_former.integration import DONE, Advance, advance_motion, ending
 from mech_twin.samples import BodySample, Event, LinkageSample, MotorSample, Named
 
-DRIVE_JOINT, CRANK_JOINT, TWIST_JOINT, CART_JOINTS = range(4)
-RUNNING, HELD, STALLED_REGIME = range(3)
-REGIMES = ("running", "held", "stalled")
-MEMORY = (
-    "motor_torque_nm",
-    "torque_known_1",
-    "command_change_1",
-    "direction_1",
-    "load_engaged_1",
-    "load_share_1",
-    "slow_s",
-    "stalled_1",
-    "motor_work_j",
-    "damping_work_j",
-    "load_work_j",
-    "book_error_j",
-)
 RESIDUALS = ("energy_balance", "rod_length")
 KINK = 1e-9  # a second difference of the command above this is a corner: the torque before it tells nothing of after
+TURN = 2.0 * np.pi
+
+
+class Regime(IntEnum):
+    """What the machine does; a sample holds the number."""
+
+    running = 0
+    held = 1
+    stalled = 2
+
+
+class FormerMemory(NamedTuple):
+    """State that is no joint.
+
+    Works are those since the start; ``stored_energy_j`` is the energy at the sample; ``change_work_j`` what parameters
+    changed while running put in.  The balance error and the turnover (sum of the sizes of all works) begin anew with
+    every turn of the crank, so that neither hours nor a large sum hide an error.
+    """
+
+    motor_torque_nm: float = 0.0
+    torque_known_1: float = 0.0
+    command_change_1: float = 0.0
+    direction_1: float = 1.0
+    drive_direction_1: float = 1.0
+    load_on_1: float = 0.0
+    load_share_1: float = 0.0
+    slow_s: float = -1.0
+    stalled_1: float = 0.0
+    motor_work_j: float = 0.0
+    damping_work_j: float = 0.0
+    load_work_j: float = 0.0
+    friction_work_j: float = 0.0
+    change_work_j: float = 0.0
+    stored_energy_j: float = 0.0
+    turn_balance_error_j: float = 0.0
+    turn_turnover_j: float = 0.0
+
+    @property
+    def modes(self) -> Modes:
+        """Modes of the motion; sense of the torque and first step to try are found anew in each step."""
+        return Modes(
+            self.direction_1,
+            self.drive_direction_1,
+            1.0,
+            self.load_on_1 > 0.0,
+            self.load_share_1,
+            self.slow_s,
+            self.stalled_1 > 0.0,
+            0.0,
+        )
+
+
+class FormerJoints(NamedTuple):
+    """Positions, velocities or efforts of the joints by name: motor side at the crank, crank, twist, carts, rods."""
+
+    drive: float
+    crank: float
+    twist: float
+    carts: tuple[float, ...]
+    rods: tuple[float, ...]
 
 
 def joint_names(count: int) -> tuple[str, ...]:
@@ -62,74 +99,110 @@ def joint_names(count: int) -> tuple[str, ...]:
     return ("drive", "crank", "twist", *carts)
 
 
-@dataclass(frozen=True)
-class FormerMotor:
-    """Induction motor on the shaft: torque of speed and supply fraction, no state of its own."""
+def joints_of(values: tuple[float, ...]) -> FormerJoints:
+    """Return the values of a sample's joints by name."""
+    drive, crank, twist, *carts_and_rods = values
+    return FormerJoints(drive, crank, twist, tuple(carts_and_rods[::2]), tuple(carts_and_rods[1::2]))
 
-    former: Former
-    rate_per_s: float
-    step_s: float
-    joints: tuple[str, ...] = ("rotor",)
 
-    def respond(self, linkage: LinkageSample, target: float) -> MotorSample:
-        """Return the motor at the linkage's speed, the supply moved towards the target."""
-        command = limited_command(linkage.command, target, self.rate_per_s, self.step_s)
-        ratio = self.former.ratio
-        speed = linkage.velocity[DRIVE_JOINT] * ratio
-        torque = motor_torque(self.former.motor, speed, command)
-        place = (linkage.position[DRIVE_JOINT] * ratio,)
-        return MotorSample(linkage.step, linkage.time_s, self.joints, place, (speed,), (torque,), command)
+class CartJoints(NamedTuple):
+    """Joints of carts and rods, cart 1, rod 1, cart 2, ...: (2 carts,) each; the worst miss of a rod's length."""
+
+    position: Array
+    velocity: Array
+    effort: Array
+    rod_length: float
 
 
 @kernel
-def joint_rows(
-    former: Former, y: NDArray[np.float64], modes: NDArray[np.float64], moment: float
-) -> NDArray[np.float64]:
-    """Return position, velocity and effort of every joint, shape (3, 3 + 2 carts); the rod closure in a last column.
+def load_in_force(former: Former, now: State, modes: Modes) -> tuple[float, float]:
+    """Return the sense and the share of the load that acts: where the crank is held, as much as holds it."""
+    if modes.direction != 0.0:
+        return modes.direction, modes.load_share
+    rest = coupling_moment(former, now) - rod_weight_moment(former.bank, now.crank_rad)
+    rest -= min(max(rest, -former.coulomb_nm), former.coulomb_nm)  # friction of the shaft carries first
+    direction = 1.0 if rest >= 0.0 else -1.0
+    if not holds_at_rest(former.bank):
+        return direction, modes.load_share
+    limit = load_moment(former.bank, now.crank_rad, direction)
+    return direction, min(rest / limit, modes.load_share) if limit != 0.0 else 0.0
 
-    Efforts: motor moment at the crank, moment in the coupling, its elastic part, and on each cart the force of
-    process and guide friction along x (N).
+
+@kernel
+def cart_joints(former: Former, y: Array, modes: Modes) -> CartJoints:
+    """Return position, velocity and effort of carts and rods.
+
+    The effort of a cart is the force of process and guide friction along x (N).
     """
-    bank = former.bank
-    count = bank.carts.shape[0]
-    rows = np.zeros((3, CART_JOINTS + 2 * count + 1))
-    transmitted = coupling_moment(former, y)
-    rows[:, DRIVE_JOINT] = y[CRANK] + y[TWIST], y[SPEED] + y[TWIST_RATE], moment
-    rows[:, CRANK_JOINT] = y[CRANK], y[SPEED], transmitted
-    rows[:, TWIST_JOINT] = y[TWIST], y[TWIST_RATE], former.stiffness_nm_per_rad * y[TWIST]
-    direction, share = modes[DIRECTION], modes[SHARE]
-    if direction == 0.0:
-        direction = 1.0 if transmitted >= 0.0 else -1.0
-        limit = load_moment(bank, y[CRANK], direction)
-        share = min(transmitted / limit, share) if limit != 0.0 else 0.0
+    bank, now = former.bank, state_of(y)
+    count = bank.offset_rad.size
+    position, velocity, effort = np.zeros(2 * count), np.zeros(2 * count), np.zeros(2 * count)
+    direction, share = load_in_force(former, now, modes)
+    worst = 0.0
     for cart in range(count):
-        sine, cosine = np.sin(y[CRANK] + bank.carts[cart, OFFSET]), np.cos(y[CRANK] + bank.carts[cart, OFFSET])
+        psi = now.crank_rad + bank.offset_rad[cart]
+        sine, cosine = np.sin(psi), np.cos(psi)
         motion = cart_motion(bank, sine, cosine)
-        load = cart_load(bank, cart, y[CRANK], direction)
+        load = cart_load(bank, cart, now.crank_rad, direction)
         arm = bank.crank_m * sine * (motion.rod_cosine + bank.ratio * cosine)
         pull = load.rod_force_n if load.moment_nm * arm * load.rod_force_n >= 0.0 else -load.rod_force_n
-        column = CART_JOINTS + 2 * cart
-        rows[:, column] = motion.x, motion.x1 * y[SPEED], pull * motion.rod_cosine * share
-        rows[0, column + 1] = np.arcsin(motion.rod_sine)
-        rows[1, column + 1] = bank.ratio * cosine / motion.rod_cosine * y[SPEED]
-        closure = np.hypot(motion.x - bank.crank_m * cosine, bank.crank_m * sine) / bank.rod_m - 1.0
-        rows[0, -1] = max(rows[0, -1], abs(closure))
-    return rows
+        position[2 * cart], position[2 * cart + 1] = motion.x, np.arcsin(motion.rod_sine)
+        velocity[2 * cart] = motion.x1 * now.crank_speed_rad_per_s
+        velocity[2 * cart + 1] = bank.ratio * cosine / motion.rod_cosine * now.crank_speed_rad_per_s
+        effort[2 * cart] = pull * motion.rod_cosine * share
+        length = np.hypot(motion.x - bank.crank_m * cosine, bank.crank_m * sine)
+        worst = max(worst, abs(length / bank.rod_m - 1.0))
+    return CartJoints(position, velocity, effort, worst)
 
 
 @kernel
 def coupled_step(
-    former: Former, torque: Torque, t: float, end_s: float, y: NDArray[np.float64], modes: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], int, float]:
-    """Advance one coupling step in place; return joints, events, their number, and the error of the energy book (J)."""
-    events = np.zeros((EVENT_ROWS, 3))
-    sides = np.ones(former.bank.carts.shape[0])
-    before = kinetic_and_elastic(former, y, sides)
-    _, count = advance_motion(former, torque, t, end_s, y, modes, events, np.inf)
-    after = kinetic_and_elastic(former, y, sides)
-    book = after - before - y[MOTOR_WORK] + y[DAMPING_WORK] + y[LOAD_WORK]
-    last = (torque.value_nm + torque.slope_nm_per_s * (end_s - torque.origin_s)) * former.ratio * former.efficiency
-    return joint_rows(former, y, modes, last), events, count, book
+    former: Former, torque: Torque, t: float, end_s: float, y: Array, modes: Modes, log: EventLog
+) -> tuple[Advance, float, float]:
+    """Advance one coupling step in place; return how, and the stored energy before and after it (J)."""
+    sides = np.ones(former.bank.offset_rad.size)
+    before = stored_energy(former, state_of(y), sides)
+    advance = advance_motion(former, torque, t, end_s, y, modes, log, np.inf)
+    return advance, before, stored_energy(former, state_of(y), sides)
+
+
+def next_memory(
+    past: FormerMemory,
+    torque: tuple[float, float],
+    modes: Modes,
+    works: State,
+    energy: tuple[float, float],
+    turned: bool,
+) -> FormerMemory:
+    """Return the memory after a step: torque (N m) and change of the command, modes, works and energies of the step.
+
+    ``energy`` is what is stored before and after it (J) with the parameters of the step: what its start differs from
+    the end of the step before is the work of a change of parameters.  ``turned`` begins the balance anew.
+    """
+    before, after = energy
+    put_in, losses = works.motor_work_j, (works.damping_work_j, works.load_work_j, works.friction_work_j)
+    change = before - past.stored_energy_j
+    error = after - past.stored_energy_j - put_in + sum(losses) - change
+    turnover = abs(put_in) + sum(abs(loss) for loss in losses) + abs(change)
+    return FormerMemory(
+        motor_torque_nm=torque[0],
+        torque_known_1=1.0,
+        command_change_1=torque[1],
+        direction_1=modes.direction,
+        drive_direction_1=modes.drive_direction,
+        load_on_1=float(modes.load_on),
+        load_share_1=modes.load_share,
+        slow_s=modes.slow_s,
+        stalled_1=float(modes.stalled),
+        motor_work_j=past.motor_work_j + put_in,
+        damping_work_j=past.damping_work_j + works.damping_work_j,
+        load_work_j=past.load_work_j + works.load_work_j,
+        friction_work_j=past.friction_work_j + works.friction_work_j,
+        change_work_j=past.change_work_j + change,
+        stored_energy_j=after,
+        turn_balance_error_j=error + (0.0 if turned else past.turn_balance_error_j),
+        turn_turnover_j=turnover + (0.0 if turned else past.turn_turnover_j),
+    )
 
 
 @dataclass(frozen=True)
@@ -147,70 +220,89 @@ class FormerLinkage:
     start_command: float
     joints: tuple[str, ...]
     coordinates: tuple[str, ...] = ("crank", "twist")
-    regimes: tuple[str, ...] = REGIMES
+    regimes: tuple[str, ...] = tuple(regime.name for regime in Regime)
 
     @property
     def residual_limits(self) -> dict[str, float]:
-        """Limits of the running proofs; the expansion leaves (r/l)^4/8 of the rod's length open."""
+        """Limits of the invariants; the expansion leaves (r/l)^4/8 of the rod's length open."""
         open_rod = 0.2 * self.former.bank.ratio**4 if self.former.bank.expanded else 1e-12
         return {"energy_balance": 1e-8, "rod_length": open_rod}
 
     def start(self, step: int = 0) -> LinkageSample:
         """Return the machine in its initial state: untwisted, the load on or still off as configured."""
-        y = np.array([self.start_crank_rad, 0.0, self.start_speed_rad_per_s, 0.0, 0.0, 0.0, 0.0])
-        modes = np.zeros(MODES)
-        loaded = self.former.engage_speed_rad_per_s <= self.start_speed_rad_per_s
-        holding = (
-            loaded and LOADS[self.former.bank.load] in {"reversing", "resist"} and self.start_speed_rad_per_s == 0.0
+        y = state_array(self.start_crank_rad, self.start_speed_rad_per_s)
+        modes = start_modes(self.former, self.start_speed_rad_per_s)
+        energy = stored_energy(self.former, state_of(y), np.ones(len(self.joints)))
+        memory = FormerMemory(
+            direction_1=modes.direction,
+            load_on_1=float(modes.load_on),
+            load_share_1=modes.load_share,
+            stored_energy_j=energy,
         )
-        modes[[DIRECTION, ENGAGED, SHARE, SLOW]] = 0.0 if holding else 1.0, loaded, loaded, -1.0
-        memory = (0.0, 0.0, 0.0, *modes[:5].tolist(), 0.0, 0.0, 0.0, 0.0)
-        return self._sample(step, joint_rows(self.former, y, modes, 0.0), self.start_command, memory, ())
+        return self._sample(step, y, modes, 0.0, self.start_command, memory, ())
 
     def advance(self, linkage: LinkageSample, motor: MotorSample, body: BodySample | None) -> LinkageSample:
         """Return the linkage one coupling step later."""
-        position, velocity, past = linkage.position, linkage.velocity, linkage.memory.values
-        y = np.array(
-            [position[CRANK_JOINT], position[TWIST_JOINT], velocity[CRANK_JOINT], velocity[TWIST_JOINT], 0.0, 0.0, 0.0]
-        )
-        modes = np.array([*past[3:8], 0.0])
-        step, shaft = linkage.step + 1, motor.effort[0]
+        position, velocity = joints_of(linkage.position), joints_of(linkage.velocity)
+        past = FormerMemory(*linkage.memory.values)
+        y = np.array([position.crank, position.twist, velocity.crank, velocity.twist, 0.0, 0.0, 0.0, 0.0])
+        (shaft,) = motor.effort
         change = motor.command - linkage.command
-        smooth = past[1] and abs(change - past[2]) <= KINK and min(motor.command, linkage.command) > 0.0
-        slope = (shaft - past[0]) / self.step_s if smooth else 0.0
+        smooth = past.torque_known_1 and abs(change - past.command_change_1) <= KINK
+        smooth = smooth and min(motor.command, linkage.command) > 0.0
+        slope = (shaft - past.motor_torque_nm) / self.step_s if smooth else 0.0
         torque = Torque(False, motor.command, shaft, slope, linkage.time_s)
-        rows, noted, count, book = coupled_step(self.former, torque, linkage.time_s, step * self.step_s, y, modes)
-        if count == FAILED:
-            raise ArithmeticError(f"no integration step is small enough at {linkage.time_s} s: {y.tolist()}")
-        works = (past[8] + y[MOTOR_WORK], past[9] + y[DAMPING_WORK], past[10] + y[LOAD_WORK], past[11] + book)
-        memory = (shaft, 1.0, change, *modes[:5].tolist(), *(float(work) for work in works))
+        log, step = empty_log(), linkage.step + 1
+        done, *energy = coupled_step(self.former, torque, linkage.time_s, step * self.step_s, y, past.modes, log)
+        if done.status != DONE:
+            raise ArithmeticError(f"roller_former: {ending(done)}")
+        now = State(*y.tolist())
+        turned = floor(now.crank_rad / TURN) != floor(position.crank / TURN)
+        memory = next_memory(past, (shaft, change), done.modes, now, (energy[0], energy[1]), turned)
         events = tuple(
-            Event(float(noted[i, 0]), EVENT_KINDS[int(noted[i, 1])], "crank", period=int(noted[i, 2]))
-            for i in range(count)
+            Event(float(log.time_s[i]), EVENT_KINDS[log.kind[i]], "crank", period=int(log.turn[i]))
+            for i in range(done.events)
         )
-        return self._sample(step, rows, motor.command, memory, events)
+        at_end = shaft + slope * self.step_s
+        return self._sample(step, y, done.modes, at_end, motor.command, memory, events)
 
     def _sample(
         self,
         step: int,
-        rows: NDArray[np.float64],
+        y: Array,
+        modes: Modes,
+        shaft_nm: float,
         command: float,
-        memory: tuple[float, ...],
+        memory: FormerMemory,
         events: tuple[Event, ...],
     ) -> LinkageSample:
-        position, velocity, effort = rows[:, :-1].tolist()
-        scale = self.former.scales[MOTOR_WORK] + abs(memory[8]) + abs(memory[10])
-        regime = STALLED_REGIME if memory[7] else HELD if memory[3] == 0.0 else RUNNING
+        former, now = self.former, State(*y.tolist())
+        carts = cart_joints(former, y, modes)
+        transmitted = coupling_moment(former, now)
+        held = modes.drive_direction == 0.0
+        moment = transmitted if held else geared(former, shaft_nm, modes.drive_direction)
+        first = now.crank_speed_rad_per_s + now.twist_rate_rad_per_s
+        elastic = former.stiffness_nm_per_rad * now.twist_rad
+        scale = former.scales.motor_work_j + memory.turn_turnover_j
+        regime = Regime.stalled if modes.stalled else Regime.held if modes.direction == 0.0 else Regime.running
         return LinkageSample(
             step,
             step * self.step_s,
             self.joints,
-            tuple(position),
-            tuple(velocity),
-            tuple(effort),
-            regime,
+            (now.crank_rad + now.twist_rad, now.crank_rad, now.twist_rad, *carts.position.tolist()),
+            (first, now.crank_speed_rad_per_s, now.twist_rate_rad_per_s, *carts.velocity.tolist()),
+            (moment, transmitted, elastic, *carts.effort.tolist()),
+            int(regime),
             command,
-            Named(MEMORY, memory),
-            Named(RESIDUALS, (memory[11] / scale, float(rows[0, -1]))),
+            Named(FormerMemory._fields, tuple(memory)),
+            Named(RESIDUALS, (memory.turn_balance_error_j / scale, float(carts.rod_length))),
             events,
         )
+
+
+def start_modes(former: Former, speed_rad_per_s: float) -> Modes:
+    """Return the modes at the start: the load on or still off, the crank held where it rests under load or friction."""
+    loaded = former.engage_speed_rad_per_s <= speed_rad_per_s
+    modes = Modes(1.0, 1.0, 1.0, loaded, float(loaded), -1.0, False, 0.0)
+    held = speed_rad_per_s == 0.0 and may_stick(former, modes)
+    return modes._replace(direction=0.0) if held else modes

@@ -1,21 +1,34 @@
-"""Motion of the vibration crank over one step: prescribed speed, or driven by a torque."""
+"""Motion of the vibration crank: its state, equations of motion at a prescribed speed and behind a motor."""
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
+from mech_twin.engine.crank_motion import ShaftDrive, crank_rates
+from mech_twin.engine.integration import rates_of
+from mech_twin.engine.tableaus import DORMAND_PRINCE_8
 from mech_twin.kernel import kernel
-from mech_twin.parts.slider_crank import FINITE_ROD, Shaker, drive_moment, follower, reduced, rod_error, shaker_forces
-from mech_twin.parts.slider_crank import stored_energy as energy
+from mech_twin.machines.vibration_crank.slider_crank import (
+    FINITE_ROD,
+    SliderCrank,
+    drive_moment,
+    follower,
+    pin_forces,
+    reduced,
+    rod_error,
+)
+from mech_twin.machines.vibration_crank.slider_crank import stored_energy as energy
 
-# Gauss, three points on (0, 1)
-NODE = 0.5 * math.sqrt(0.6)
-MIDDLE, OUTER = 4.0 / 9.0, 5.0 / 18.0
+Array = NDArray[np.float64]
 
 
 @kernel
 def crank_state(
-    s: Shaker, f: float, w: float, e: float, regime: int
+    s: SliderCrank, f: float, w: float, e: float, regime: int
 ) -> tuple[tuple[float, float, float], tuple[float, float, float], float, float, float]:
     """Return positions and rates of crank, rod, follower; crank torque (N m), energy (J), miss of the rod (m)."""
     at = follower(s, f)
@@ -34,60 +47,49 @@ def crank_state(
 
 
 @kernel
-def prescribed_step(
-    s: Shaker, f: float, w: float, e: float, h: float, regime: int
-) -> tuple[float, float, float, float]:
-    """Return angle and speed after ``h`` seconds at constant acceleration, drive work, load work (J, always 0).
-
-    The work is integrated from the moment that the pin forces give, so the energy book is a proof of its own.
-    """
-    work = 0.0
-    for i in range(3):
-        t = h * (0.5 + (i - 1) * NODE)
-        speed = w + e * t
-        weight = MIDDLE if i == 1 else OUTER
-        work += weight * h * speed * shaker_forces(s, f + (w + 0.5 * e * t) * t, speed, e).moment
-    return f + (w + 0.5 * e * h) * h, w + e * h, work, 0.0
+def crank_load_work(s: SliderCrank, before: float, after: float, regime: int) -> float:
+    """Return 0: weights and working force have a potential."""
+    return 0.0
 
 
 @kernel
-def _acceleration(s: Shaker, shaft: float, f: float, w: float, torque: float) -> float:
-    inertia, slope, load = reduced(s, f)
-    return (torque + load - 0.5 * w * w * slope) / (inertia + shaft)
+def crank_load_speed(s: SliderCrank, f: float, w: float) -> float:
+    """Return the speed of the follower (m/s, or rad/s of a boom)."""
+    return follower(s, f).z1 * w
 
 
-@kernel
-def driven_step(
-    s: Shaker, shaft: float, f: float, w: float, torque: float, slope: float, h: float, regime: int
-) -> tuple[float, float, float, float, float]:
-    """Return angle, speed, acceleration after ``h`` seconds under torque + slope t, drive work, load work (always 0).
+class LedCrank(NamedTuple):
+    """The mechanism at a prescribed speed: angle (rad), speed (rad/s) at time 0, acceleration (rad/s2)."""
 
-    (I_pr + shaft) w' + w^2/2 dI_pr/df = M_pr + torque; Dormand and Prince's fifth-order weights, two halves.
-    """
-    g, work = 0.5 * h, 0.0
-    for half in range(2):
-        now = torque + slope * half * g
-        k1 = _acceleration(s, shaft, f, w, now)
-        w2 = w + g * k1 / 5.0
-        k2 = _acceleration(s, shaft, f + g * w / 5.0, w2, now + slope * g / 5.0)
-        w3 = w + g * (3.0 * k1 + 9.0 * k2) / 40.0
-        k3 = _acceleration(s, shaft, f + g * (3.0 * w + 9.0 * w2) / 40.0, w3, now + 0.3 * slope * g)
-        w4 = w + g * (44.0 / 45.0 * k1 - 56.0 / 15.0 * k2 + 32.0 / 9.0 * k3)
-        f4 = f + g * (44.0 / 45.0 * w - 56.0 / 15.0 * w2 + 32.0 / 9.0 * w3)
-        k4 = _acceleration(s, shaft, f4, w4, now + 0.8 * slope * g)
-        a1, a2, a3, a4 = 19372.0 / 6561.0, -25360.0 / 2187.0, 64448.0 / 6561.0, -212.0 / 729.0
-        w5 = w + g * (a1 * k1 + a2 * k2 + a3 * k3 + a4 * k4)
-        f5 = f + g * (a1 * w + a2 * w2 + a3 * w3 + a4 * w4)
-        k5 = _acceleration(s, shaft, f5, w5, now + 8.0 / 9.0 * slope * g)
-        a1, a2, a3, a4, a5 = 9017.0 / 3168.0, -355.0 / 33.0, 46732.0 / 5247.0, 49.0 / 176.0, -5103.0 / 18656.0
-        w6 = w + g * (a1 * k1 + a2 * k2 + a3 * k3 + a4 * k4 + a5 * k5)
-        f6 = f + g * (a1 * w + a2 * w2 + a3 * w3 + a4 * w4 + a5 * w5)
-        k6 = _acceleration(s, shaft, f6, w6, now + slope * g)
-        b1, b3, b4, b5, b6 = 35.0 / 384.0, 500.0 / 1113.0, 125.0 / 192.0, -2187.0 / 6784.0, 11.0 / 84.0
-        power = b1 * (now - shaft * k1) * w + b3 * (now + 0.3 * slope * g - shaft * k3) * w3
-        power += b4 * (now + 0.8 * slope * g - shaft * k4) * w4
-        power += b5 * (now + 8.0 / 9.0 * slope * g - shaft * k5) * w5 + b6 * (now + slope * g - shaft * k6) * w6
-        work += g * power
-        f += g * (b1 * w + b3 * w3 + b4 * w4 + b5 * w5 + b6 * w6)
-        w += g * (b1 * k1 + b3 * k3 + b4 * k4 + b5 * k5 + b6 * k6)
-    return f, w, _acceleration(s, shaft, f, w, torque + slope * h), work, 0.0
+    mechanism: SliderCrank
+    f: float
+    w: float
+    e: float
+    regime: int
+
+
+@rates_of(LedCrank, DORMAND_PRINCE_8)
+def led_crank_power(led: LedCrank, t: float, y: Array, out: Array) -> None:
+    """Fill in the power of the drive (W), from the moment that the pin forces give."""
+    w = led.w + led.e * t
+    out[0] = pin_forces(led.mechanism, led.f + (led.w + 0.5 * led.e * t) * t, w, led.e).moment * w
+
+
+class DrivenCrank(NamedTuple):
+    """The mechanism behind a motor."""
+
+    mechanism: SliderCrank
+    drive: ShaftDrive
+    regime: int
+
+
+@rates_of(DrivenCrank, DORMAND_PRINCE_8)
+def driven_crank_rates(driven: DrivenCrank, t: float, y: Array, out: Array) -> None:
+    """Fill in the rates of crank angle, speed, drive work, gear loss and friction loss."""
+    inertia, slope, load = reduced(driven.mechanism, y[0])
+    crank_rates(driven.drive, t, y, inertia, slope, load, out)
+
+
+def whole_load(s: SliderCrank, share: float) -> SliderCrank:
+    """Return the mechanism: no load of it only resists, so the share is always 1."""
+    return s

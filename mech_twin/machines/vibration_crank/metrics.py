@@ -1,4 +1,4 @@
-"""Figures of the vibration crank: one position, one cycle, the balance, and the influence of speed."""
+"""Numbers of the vibration crank: one position, one cycle, the balance, and the influence of speed."""
 
 from __future__ import annotations
 
@@ -11,10 +11,17 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from mech_twin.kernel import kernel
-from mech_twin.machines.vibration_crank.counterweight import derived_counterweight
-from mech_twin.machines.vibration_crank.parameters import VibrationCrank, shaker_constants
-from mech_twin.parts.slider_crank import BOOM, Shaker, drive_moment, follower, reduced, shaker_forces
-from mech_twin.samples import Frame
+from mech_twin.machines.vibration_crank.counterweight import balanced_mass, derived_counterweight
+from mech_twin.machines.vibration_crank.parameters import VibrationCrank, slider_crank_constants
+from mech_twin.machines.vibration_crank.slider_crank import (
+    BOOM,
+    SliderCrank,
+    drive_moment,
+    follower,
+    pin_forces,
+    reduced,
+    stored_energy,
+)
 
 Array = NDArray[np.float64]
 GRID = 3600
@@ -25,16 +32,16 @@ PUBLISHED_PEAK_WITH_NM = 331.931
 
 
 @kernel
-def _size(s: Shaker, th: float, w: float, what: int) -> float:
+def _size(s: SliderCrank, th: float, w: float, what: int) -> float:
     if what == MOMENT:
         return abs(drive_moment(s, th, w, 0.0))
-    at = shaker_forces(s, th, w, 0.0)
+    at = pin_forces(s, th, w, 0.0)
     size = math.hypot(at.frame_x, at.frame_y)
     return size if what == FORCE else -size
 
 
 @kernel
-def extreme(s: Shaker, w: float, what: int) -> float:
+def extreme(s: SliderCrank, w: float, what: int) -> float:
     """Return the largest |M| (N m), largest force on the frame (N) or minus the smallest, over a turn at speed w.
 
     The best of 3600 positions, refined by golden sections between its neighbours.
@@ -60,11 +67,11 @@ def extreme(s: Shaker, w: float, what: int) -> float:
 
 
 @kernel
-def frame_forces(s: Shaker, angles: Array, w: float) -> Array:
+def frame_forces(s: SliderCrank, angles: Array, w: float) -> Array:
     """Return the force on the frame (N) and the drive moment (N m), rows (x, y, moment), at crank angles (rad)."""
     table = np.empty((3, angles.size))
     for i in range(angles.size):
-        at = shaker_forces(s, angles[i], w, 0.0)
+        at = pin_forces(s, angles[i], w, 0.0)
         table[0, i], table[1, i], table[2, i] = at.frame_x, at.frame_y, at.moment
     return table
 
@@ -85,14 +92,16 @@ def polar_diagram(
     return {fraction: frame_forces(balanced(parameters, fraction), turn(count), speed) for fraction in fractions}
 
 
-def balanced(parameters: VibrationCrank, fraction: float) -> Shaker:
+def balanced(parameters: VibrationCrank, fraction: float) -> SliderCrank:
     """Return the constants with the counterweight derived for a balancing fraction."""
     masses, radius = parameters.masses, parameters.counterweight.radius_m
-    mass = derived_counterweight(masses.rotating, masses.reciprocating, fraction, parameters.crank_m, radius)
-    return shaker_constants(parameters)._replace(counter_mass=mass)
+    mass = derived_counterweight(
+        masses.rotating, balanced_mass(masses, parameters.load_ratio), fraction, parameters.crank_m, radius
+    )
+    return slider_crank_constants(parameters)._replace(counter_mass=mass)
 
 
-def lanchester_figures(s: Shaker, speed: float) -> dict[str, float]:
+def lanchester_figures(s: SliderCrank, speed: float) -> dict[str, float]:
     """Return what one counter-rotating mass at w and a pair at 2w would cancel of the force on the frame.
 
     Fx + i Fy = sum of c_n exp(i n th): c_-1 turns against the crank and is what one counter-rotating mass cancels; a
@@ -116,17 +125,17 @@ def lanchester_figures(s: Shaker, speed: float) -> dict[str, float]:
     }
 
 
-def peak_change(s: Shaker, speed: float) -> float:
+def peak_change(s: SliderCrank, speed: float) -> float:
     """Return the relative change of the largest |M| that the counterweight brings (negative: a benefit)."""
     return extreme(s, speed, MOMENT) / extreme(s._replace(counter_mass=0.0), speed, MOMENT) - 1.0
 
 
-def benefit_against_speed(s: Shaker, speeds_rpm: tuple[float, ...]) -> dict[float, float]:
+def benefit_against_speed(s: SliderCrank, speeds_rpm: tuple[float, ...]) -> dict[float, float]:
     """Return the relative change of the peak moment at crank speeds in rpm."""
     return {rpm: peak_change(s, rpm * pi / 30.0) for rpm in speeds_rpm}
 
 
-def peaks(s: Shaker, speed: float) -> tuple[float, float]:
+def peaks(s: SliderCrank, speed: float) -> tuple[float, float]:
     """Return the largest |M| without and with the counterweight (N m)."""
     return extreme(s._replace(counter_mass=0.0), speed, MOMENT), extreme(s, speed, MOMENT)
 
@@ -136,7 +145,7 @@ def compromise_rod(parameters: VibrationCrank) -> tuple[float, float, float, flo
 
     A question about the print, not a setting: no rod makes both fit (`cycle_report`).
     """
-    s, speed = shaker_constants(parameters), parameters.drive.speed_rad_per_s
+    s, speed = slider_crank_constants(parameters), parameters.drive.speed_rad_per_s
 
     def error(rod: float) -> float:
         without, with_it = peaks(s._replace(kind=1, rod_m=rod), speed)
@@ -150,7 +159,7 @@ def compromise_rod(parameters: VibrationCrank) -> tuple[float, float, float, flo
     return (rod, *peaks(s._replace(kind=1, rod_m=rod), speed), float(found.fun))
 
 
-def cycle_report(parameters: VibrationCrank, s: Shaker) -> dict[str, float]:
+def cycle_report(parameters: VibrationCrank, s: SliderCrank) -> dict[str, float]:
     """Return the figures of one cycle at rated speed."""
     speed = parameters.drive.speed_rad_per_s
     without, with_it = peaks(s, speed)
@@ -169,7 +178,7 @@ def cycle_report(parameters: VibrationCrank, s: Shaker) -> dict[str, float]:
         "drive_torque_max_nm": float(moments.max()),
         "drive_torque_min_nm": float(moments.min()),
         "drive_torque_mean_nm": float(moments.mean()),
-        "peak_change_with_counterweight_1": with_it / without - 1.0,
+        "peak_change_with_counterweight_1": (with_it / without - 1.0) if without > 0.0 else 0.0,
         "peak_difference_bound_nm": bound,
         "peak_difference_nm": without - with_it,
         "peak_difference_published_nm": published,
@@ -182,11 +191,11 @@ def cycle_report(parameters: VibrationCrank, s: Shaker) -> dict[str, float]:
     }
 
 
-def position_figures(s: Shaker, speed: float, th: float) -> dict[str, Any]:
+def position_figures(s: SliderCrank, speed: float, th: float) -> dict[str, Any]:
     """Return coordinates, forces and moments at crank angle ``th`` (rad) and rated speed."""
     at = follower(s, th)
     inertia, slope, load = reduced(s, th)
-    forces = shaker_forces(s, th, speed, 0.0)
+    forces = pin_forces(s, th, speed, 0.0)
     unit = "rad" if s.kind == BOOM else "m"
     return {
         "crank_angle_rad": th,
@@ -201,45 +210,10 @@ def position_figures(s: Shaker, speed: float, th: float) -> dict[str, Any]:
         "shaking_force_n": (forces.frame_x, forces.frame_y),
         "drive_torque_nm": drive_moment(s, th, speed, 0.0),
         "drive_torque_from_pins_nm": forces.moment,
+        "drive_work_from_zero_j": stored_energy(s, th, speed) - stored_energy(s, 0.0, speed),
+        "kinetic_energy_j": 0.5 * inertia * speed * speed,
         "drive_torque_without_counterweight_nm": drive_moment(s._replace(counter_mass=0.0), th, speed, 0.0),
         "reduced_inertia_kg_m2": inertia,
         "reduced_inertia_slope_kg_m2_per_rad": slope,
         "reduced_moment_nm": load,
     }
-
-
-class ShakerObserver:
-    """Running figures of a run."""
-
-    def __init__(self) -> None:
-        self._torque = [float("inf"), float("-inf")]
-        self._force = [float("inf"), float("-inf")]
-        self._speed = [float("inf"), float("-inf")]
-        self._turns, self._work = 0.0, 0.0
-
-    def observe(self, frame: Frame) -> None:
-        """Take one frame into account."""
-        linkage = frame.linkage
-        force = frame.forces.quantities.values[-1]
-        for store, value in (
-            (self._torque, linkage.effort[0]),
-            (self._force, force),
-            (self._speed, linkage.velocity[0]),
-        ):
-            store[0], store[1] = min(store[0], value), max(store[1], value)
-        self._turns = linkage.position[0] / (2.0 * pi)
-        self._work = linkage.memory.values[3]
-
-    def numbers(self) -> dict[str, float]:
-        """Return the figures so far."""
-        return {
-            "drive_torque_max_nm": self._torque[1],
-            "drive_torque_min_nm": self._torque[0],
-            "drive_torque_peak_nm": max(abs(self._torque[0]), abs(self._torque[1])),
-            "shaking_force_max_n": self._force[1],
-            "shaking_force_min_n": self._force[0],
-            "crank_speed_max_rad_per_s": self._speed[1],
-            "crank_speed_min_rad_per_s": self._speed[0],
-            "crank_turns": self._turns,
-            "drive_work_j": self._work,
-        }

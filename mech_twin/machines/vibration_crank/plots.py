@@ -17,7 +17,7 @@ from mech_twin.machines.vibration_crank.metrics import (
     polar_diagram,
     turn,
 )
-from mech_twin.machines.vibration_crank.parameters import VibrationCrank, shaker_constants
+from mech_twin.machines.vibration_crank.parameters import VibrationCrank, slider_crank_constants
 
 POSITIONS = 720
 
@@ -30,12 +30,12 @@ def pictures(parameters: VibrationCrank) -> Iterator[Picture]:
 
 
 def _moments(parameters: VibrationCrank) -> Picture:
-    shaker, speed = shaker_constants(parameters), parameters.drive.speed_rad_per_s
+    mechanism, speed = slider_crank_constants(parameters), parameters.drive.speed_rad_per_s
     angles = turn(POSITIONS)
     figure, (axes,) = sheet()
     for name, constants, colour, peak in (
-        ("without counterweight", shaker._replace(counter_mass=0.0), RED, PUBLISHED_PEAK_WITHOUT_NM),
-        ("with counterweight", shaker, BLUE, PUBLISHED_PEAK_WITH_NM),
+        ("without counterweight", mechanism._replace(counter_mass=0.0), RED, PUBLISHED_PEAK_WITHOUT_NM),
+        ("with counterweight", mechanism, BLUE, PUBLISHED_PEAK_WITH_NM),
     ):
         moment = frame_forces(constants, angles, speed)[2]
         axes.plot(np.degrees(angles), moment, color=colour, label=f"{name}, peak {np.abs(moment).max():.1f}")
@@ -84,7 +84,7 @@ def _speed(parameters: VibrationCrank) -> Picture:
         (varied(parameters, {"rod_m": inf}), "infinite rod", BLUE),
         (parameters, f"rod {parameters.rod_m:g} m", RED),
     ):
-        change = benefit_against_speed(shaker_constants(p), speeds)
+        change = benefit_against_speed(slider_crank_constants(p), speeds)
         axes.plot(list(change), [100.0 * value for value in change.values()], color=colour, label=name)
     axes.axhline(0.0, color=GREY, linewidth=0.9)
     axes.set_xlabel("crank speed, rpm")

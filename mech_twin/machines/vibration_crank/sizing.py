@@ -1,8 +1,15 @@
-"""Counterweight and balancing fraction of the vibration crank."""
+"""Counterweight and balancing fraction of the vibration crank, for the worst machine within a tolerance.
+
+The counterweight is built from the configured masses; what turns out otherwise are the masses it balances, the working
+force and the speed.  Force on the frame and drive moment are affine in each of them (in the square of the speed), so
+the largest size over the box is that of a corner; they are affine in the counterweight too, so the worst case is convex
+in the balancing fraction.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import product
 from math import inf
 from typing import NamedTuple
 
@@ -12,11 +19,23 @@ from mech_twin.capabilities.errors import StudyError
 from mech_twin.capabilities.sizing import Constraint, Sizing, Table, binding_of
 from mech_twin.capabilities.variation import varied
 from mech_twin.machines.vibration_crank.metrics import FORCE, MOMENT, balanced, extreme
-from mech_twin.machines.vibration_crank.parameters import VibrationCrank
+from mech_twin.machines.vibration_crank.parameters import VibrationCrank, slider_crank_constants
+from mech_twin.machines.vibration_crank.slider_crank import SliderCrank
 
 LIMITS: dict[str, float] = {"counterweight_mass_kg": inf, "drive_torque_peak_nm": inf, "shaking_force_max_n": inf}
 OBJECTIVES = ("shaking_force_max_n", "drive_torque_peak_nm", "counterweight_mass_kg")
+USUAL_TOLERANCE = 0.05
 GRID = 100
+WORST_GRID = 10  # the worst case is convex, a grid only brackets it; every place costs all corners
+# masses that only add up move together: their sums are largest where all are
+GROUPS = (
+    ("masses.tree_kg", "masses.stand_kg"),
+    ("masses.boom_kg", "masses.extra_kg"),
+    ("masses.rod_kg",),
+    ("masses.crank_kg", "masses.pin_kg", "masses.bearing_kg", "masses.lever_kg", "masses.rotating_kg"),
+    ("working_force_n",),
+    ("drive.speed_rpm",),
+)
 
 
 class Balance(NamedTuple):
@@ -31,47 +50,110 @@ class Balance(NamedTuple):
         return float(sum(max(0.0, value / limits[name] - 1.0) for name, value in self._asdict().items()))
 
 
-def balance_at(parameters: VibrationCrank, fraction: float) -> Balance:
-    """Return mass, peak moment and largest force on the frame with the counterweight derived for a fraction."""
-    shaker, speed = balanced(parameters, fraction), parameters.drive.speed_rad_per_s
-    return Balance(shaker.counter_mass, float(extreme(shaker, speed, MOMENT)), float(extreme(shaker, speed, FORCE)))
+class Corner(NamedTuple):
+    """A machine of the box: its mechanism, the counterweight still to be hung on, and its speed (rad/s)."""
+
+    mechanism: SliderCrank
+    speed: float
+
+
+def balance_at(parameters: VibrationCrank, fraction: float, corners: tuple[Corner, ...] | None = None) -> Balance:
+    """Return mass, peak moment and largest force on the frame, the worst of the corners (the configured one alone).
+
+    The counterweight is the one derived for the fraction from the configured masses.
+    """
+    mass = balanced(parameters, fraction).counter_mass
+    hung = [(c.mechanism._replace(counter_mass=mass), c.speed) for c in corners or box_corners(parameters, 0.0)]
+    return Balance(
+        mass,
+        max(float(extreme(mechanism, speed, MOMENT)) for mechanism, speed in hung),
+        max(float(extreme(mechanism, speed, FORCE)) for mechanism, speed in hung),
+    )
+
+
+def box_corners(parameters: VibrationCrank, tolerance: float) -> tuple[Corner, ...]:
+    """Return the corners of the box that the assumed masses, force and speed span; one where there is no tolerance."""
+    values = {key: _value(parameters, key) for group in GROUPS for key in group}
+    groups = [[key for key in group if values[key] != 0.0] for group in GROUPS]
+    groups = [group for group in groups if group]
+    corners = []
+    for signs in product((1.0 - tolerance, 1.0 + tolerance), repeat=len(groups)) if tolerance > 0.0 else [()]:
+        factors = {key: sign for group, sign in zip(groups, signs, strict=False) for key in group}
+        moved = varied(parameters, {key: values[key] * factor for key, factor in factors.items()})
+        corners.append(Corner(slider_crank_constants(moved), moved.drive.speed_rad_per_s))
+    return tuple(corners)
+
+
+def _value(parameters: VibrationCrank, key: str) -> float:
+    """Return a number of the configuration, 0 where it is absent."""
+    found: object = parameters
+    for name in key.split("."):
+        found = getattr(found, name)
+    return float(found) if isinstance(found, int | float) else 0.0
+
+
+def _best_fraction(
+    parameters: VibrationCrank, limits: Mapping[str, float], objective: str, corners: tuple[Corner, ...]
+) -> tuple[float, Balance]:
+    """Return the fraction with the smallest worst objective within the limits, or the one that breaks them least."""
+    known: dict[float, Balance] = {}
+
+    def cost(fraction: float) -> float:
+        if fraction not in known:
+            known[fraction] = balance_at(parameters, fraction, corners)
+        size: float = getattr(known[fraction], objective)
+        broken = known[fraction].violation(limits)
+        return size if broken == 0.0 else 1e9 * (1.0 + broken)
+
+    grid = GRID if len(corners) == 1 else WORST_GRID
+    best = min((i / grid for i in range(grid + 1)), key=cost)
+    low, high = max(0.0, best - 1.0 / grid), min(1.0, best + 1.0 / grid)
+    options = {"xatol": 1e-9 if len(corners) == 1 else 1e-6}
+    finer = float(minimize_scalar(cost, bounds=(low, high), method="bounded", options=options).x)
+    fraction = min((best, finer), key=cost)
+    return fraction, known[fraction]
 
 
 def sizing(
     parameters: VibrationCrank, limits: Mapping[str, float], objective: str, table: Table, tolerance: float = 0.0
 ) -> Sizing:
-    """Return the fraction with the smallest objective within the limits, and its counterweight."""
+    """Return the fraction with the smallest objective within the limits on the worst machine, and its counterweight.
 
-    def cost(fraction: float) -> float:
-        found = balance_at(parameters, fraction)
-        size: float = getattr(found, objective)
-        return size if found.violation(limits) == 0.0 else 1e9 * (1.0 + found.violation(limits))
-
-    places = [i / GRID for i in range(GRID + 1)]
-    best = min(places, key=cost)
-    low, high = max(0.0, best - 1.0 / GRID), min(1.0, best + 1.0 / GRID)
-    finer = float(minimize_scalar(cost, bounds=(low, high), method="bounded", options={"xatol": 1e-9}).x)
-    fraction = min((best, finer), key=cost)
-    found = balance_at(parameters, fraction)
+    Raises
+    ------
+    StudyError
+        For a limit of 0 or less, or limits that no fraction meets.
+    """
+    for name, limit in limits.items():
+        if not limit > 0.0:
+            raise StudyError(f"limit {name}={limit:g}: expected a number above 0")
+    corners = box_corners(parameters, tolerance)
+    fraction, worst = _best_fraction(parameters, limits, objective, corners)
     constraints = (
         Constraint("balancing_fraction", fraction, 1.0),
         Constraint("balancing_fraction", fraction, 0.0, "above"),
-        *(Constraint(name, value, limits[name]) for name, value in found._asdict().items() if limits[name] < inf),
+        *(Constraint(name, value, limits[name]) for name, value in worst._asdict().items() if limits[name] < inf),
     )
-    if found.violation(limits) > 0.0:
+    if worst.violation(limits) > 0.0:
         raise StudyError("no balancing fraction meets the limits: " + binding_of(constraints, ""))
-    changes = {"counterweight.mass_kg": None, "counterweight.balancing_fraction": fraction}
-    chosen = varied(parameters, changes)
-    without = float(
-        extreme(balanced(parameters, 0.0)._replace(counter_mass=0.0), parameters.drive.speed_rad_per_s, MOMENT)
-    )
+    single = box_corners(parameters, 0.0)
+    edge = fraction if tolerance == 0.0 else _best_fraction(parameters, limits, objective, single)[0]
+    bare = single[0].mechanism._replace(counter_mass=0.0)
     return Sizing(
         "vibration_crank",
         objective,
         {"counterweight.balancing_fraction": fraction},
-        chosen,
-        {**found._asdict(), "drive_torque_peak_without_counterweight_nm": without},
+        varied(parameters, {"counterweight.mass_kg": None, "counterweight.balancing_fraction": fraction}),
+        {
+            **balance_at(parameters, fraction)._asdict(),
+            "worst_drive_torque_peak_nm": worst.drive_torque_peak_nm,
+            "worst_shaking_force_max_n": worst.shaking_force_max_n,
+            "nominal_balancing_fraction": edge,
+            "machines_tried": float(len(corners)),
+            "drive_torque_peak_without_counterweight_nm": float(extreme(bare, single[0].speed, MOMENT)),
+        },
         constraints,
         binding_of(constraints, f"none: {objective} has its minimum inside the range"),
         tuple({"balancing_fraction": i / 10.0, **balance_at(parameters, i / 10.0)._asdict()} for i in range(11)),
+        tolerance,
     )

@@ -4,48 +4,88 @@ import numpy as np
 import pytest
 
 from mech_twin.machines.compaction_press.cycle import flywheel_figures
-from mech_twin.machines.compaction_press.design_problem import REFERENCE_LIMITS, SENSES, Space, design_press, evaluation
+from mech_twin.machines.compaction_press.design_problem import SENSES, evaluation
+from mech_twin.machines.compaction_press.design_rule import Lengths, scaled_press
 from mech_twin.machines.compaction_press.design_search import (
     OBJECTIVES,
+    Effort,
     InfeasibleSpaceError,
     best_design,
+    feasible_scan,
     non_dominated,
     pareto_front,
+    press_search,
+    sampled_best,
     scan,
+    single_goal,
 )
 from mech_twin.machines.compaction_press.dynamics import CONTACT, FREE, loaded_height, press_reduced
 from mech_twin.machines.compaction_press.parameters import press_stroke
 from mech_twin.machines.compaction_press.stroke_load import StrokeLoad
+from mech_twin.parameters.load import machine_parameters
 from mech_twin.parts.flywheel import exact_inertia
+from mech_twin.studies.design_scan import design_question
 
 pytestmark = pytest.mark.slow
 
+# pendulum of the reference problem, 16 kg per metre; all else of it is the installed configuration
+REFERENCE = {"links.pendulum.mass_kg": 4.8, "links.pendulum.inertia_kg_m2": 4.8 * 0.3**2 / 12.0}
 BEST_KNOWN = {"peak_torque_nm": 145.162, "flywheel_inertia_kg_m2": 2.156745, "mean_press_force_n": 15234.5}
+BEST_KNOWN_FORCE_AT = (0.049990, 0.8, 0.5, 0.53603)
+FORCE_ERROR = -3.35e-5  # of the best-known mean force: its contact travel is not that of exact angles and heights
+SMALL = Effort(10, 20, 30, 12, 10, 60)
+
+
+def reference(seed=1, effort=None, **limits):
+    parameters = machine_parameters("compaction_press", None, REFERENCE)
+    space = design_question("compaction_press").space(None, limits)
+    return press_search(parameters, space, seed, effort or Effort())
 
 
 @pytest.mark.parametrize("objective", OBJECTIVES)
-def test_search_meets_the_best_known_design(objective):
-    design = best_design(objective)
-    sense = SENSES[OBJECTIVES.index(objective)]
-    known = BEST_KNOWN[objective]
-    assert sense * design.objectives[objective] <= sense * known + 1e-5 * known
-    assert min(design.margins.values()) >= 0.0
+def test_search_at_72_positions_meets_the_best_known_design(objective):
+    asked = reference()
+    designs, found = feasible_scan(asked)
+    best = sampled_best(asked, single_goal(objective, found), designs, found)
+    reached = asked.sampled(np.atleast_2d(best))
+    column = OBJECTIVES.index(objective)
+    known = BEST_KNOWN[objective] * (1.0 + FORCE_ERROR if objective == "mean_press_force_n" else 1.0)
+    assert SENSES[column] * reached.objectives[0, column] <= SENSES[column] * known + 1e-5 * known
+    assert reached.margins.min() >= 0.0
+
+
+def test_the_best_known_mean_force_is_off_by_its_contact_travel():
+    found = evaluation(np.array([BEST_KNOWN_FORCE_AT]), reference().problem)
+    column = OBJECTIVES.index("mean_press_force_n")
+    assert found.objectives[0, column] / BEST_KNOWN["mean_press_force_n"] - 1.0 == pytest.approx(FORCE_ERROR, abs=5e-7)
+
+
+@pytest.mark.parametrize(("objective", "least_loss"), [("peak_torque_nm", 1e-3), ("flywheel_inertia_kg_m2", 1e-3)])
+def test_the_winner_at_72_positions_is_worse_on_the_curve_and_the_polished_one_holds_there(objective, least_loss):
+    asked, column = reference(effort=Effort(12, 40, 200, 24, 40, 200)), OBJECTIVES.index(objective)
+    designs, found = feasible_scan(asked)
+    winner = np.atleast_2d(sampled_best(asked, single_goal(objective, found), designs, found))
+    promised, true = asked.sampled(winner).objectives[0, column], asked.continuous(winner).objectives[0, column]
+    assert true > promised * (1.0 + least_loss)
+    chosen = best_design(asked, objective)
+    assert min(chosen.margins.values()) >= 0.0
+    assert chosen.objectives[objective] <= true * (1.0 + 1e-3)
 
 
 def test_same_seed_gives_the_same_design():
-    assert best_design("flywheel_inertia_kg_m2", seed=5) == best_design("flywheel_inertia_kg_m2", seed=5)
+    one, two = (best_design(reference(5, SMALL), "flywheel_inertia_kg_m2") for _ in range(2))
+    assert one == two
 
 
 def test_share_of_feasible_designs():
-    space = Space()
-    random = np.random.default_rng(3)
-    designs = random.uniform(space.lower_m, space.upper_m, (100_000, 4))
-    assert evaluation(designs, space.limits).feasible.mean() == pytest.approx(0.019, abs=1e-3)
+    asked = reference()
+    designs = asked.space.designs(np.random.default_rng(3).random((100_000, 4)))
+    assert asked.sampled(designs).feasible.mean() == pytest.approx(0.019, abs=1e-3)
 
 
 def test_objectives_are_the_trapezoid_on_72_positions():
     design, n, w = (0.055, 0.5, 0.24, 0.295), 72, 10.0 * np.pi
-    press = design_press(*design)
+    press = scaled_press(reference().problem.rule, Lengths(*design))
     angles = np.arange(n) * 2.0 * np.pi / n
     y = np.array([loaded_height(press, f)[0] for f in angles])
     top, bottom = int(y.argmax()), int(y.argmin())
@@ -55,7 +95,7 @@ def test_objectives_are_the_trapezoid_on_72_positions():
     moment, inertia = np.array([row.moment for row in rows]), np.array([row.inertia for row in rows])
     surplus = moment - moment.mean()
     work = np.concatenate(([0.0], np.cumsum(0.5 * (surplus[1:] + surplus[:-1])))) * 2.0 * np.pi / n
-    found = evaluation(np.array([design]), REFERENCE_LIMITS).objectives[0]
+    found = evaluation(np.array([design]), reference().problem).objectives[0]
     peak = max(abs(0.5 * w * w * row.slope - row.moment) for row in rows)
     assert found[0] == pytest.approx(peak, rel=1e-12)
     assert found[1] == pytest.approx(exact_inertia(work, inertia, 0.05, w), rel=1e-11)
@@ -63,16 +103,16 @@ def test_objectives_are_the_trapezoid_on_72_positions():
 
 def test_samples_agree_with_the_exact_press():
     design = (0.055, 0.5, 0.24, 0.295)
-    press = design_press(*design)
+    press = scaled_press(reference().problem.rule, Lengths(*design))
     stroke = press_stroke(press, 0.5)
     y_c = 0.5 * (stroke.top_y_m + stroke.bottom_y_m)
     press = press._replace(load=StrokeLoad(10000.0, y_c, stroke.bottom_y_m, 1.0))
-    found = evaluation(np.array([design]), REFERENCE_LIMITS).objectives[0]
+    found = evaluation(np.array([design]), reference().problem).objectives[0]
     exact = flywheel_figures(press, stroke, 10.0 * np.pi, 0.05)
     # what 72 samples of a stroke with kinks are worth
     assert found[1] == pytest.approx(exact["flywheel_inertia_kg_m2"], rel=1e-2)
     travel = y_c - stroke.bottom_y_m
-    assert found[2] == pytest.approx(250.0 * ((stroke.bottom - stroke.contact) % (2 * np.pi)) / travel, rel=1e-3)
+    assert found[2] == pytest.approx(250.0 * ((stroke.bottom - stroke.contact) % (2 * np.pi)) / travel, rel=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -81,24 +121,20 @@ def test_samples_agree_with_the_exact_press():
 )
 def test_infeasible_space_names_the_constraint_that_kills_it(limits, word):
     with pytest.raises(InfeasibleSpaceError, match=word):
-        best_design("peak_torque_nm", Space(limits=REFERENCE_LIMITS._replace(**limits)))
+        best_design(reference(effort=SMALL, **limits), "peak_torque_nm")
 
 
 def test_front_holds_no_dominated_design_and_reaches_both_ends():
     names = ("peak_torque_nm", "mean_press_force_n")
-    front = pareto_front(names, points=3)
+    front = pareto_front(reference(effort=Effort(13, 40, 200, 24, 40, 150)), names, points=2)
     values = np.array([[design.objectives[names[0]], -design.objectives[names[1]]] for design in front])
     assert non_dominated(values).all()
-    assert values[:, 0].min() == pytest.approx(BEST_KNOWN[names[0]], rel=1e-3)
+    assert min(min(design.margins.values()) for design in front) >= 0.0
+    assert values[:, 0].min() == pytest.approx(BEST_KNOWN[names[0]], rel=4e-3)  # what 72 samples are worth
     assert -values[:, 1].min() == pytest.approx(BEST_KNOWN[names[1]], rel=1e-3)
 
 
 def test_scan_repeats():
-    one, two = scan(Space(), 4, 8), scan(Space(), 4, 8)
+    one, two = scan(reference(4, SMALL)), scan(reference(4, SMALL))
     assert (one[0] == two[0]).all()
     assert (one[1].margins == two[1].margins).all()
-
-
-def test_unknown_objective_is_refused():
-    with pytest.raises(ValueError, match="expected one of"):
-        best_design("weight_kg")

@@ -18,14 +18,17 @@ from mech_twin.engine.run import frames
 from mech_twin.machines.impact_mass import PARAMETERS, build
 from mech_twin.machines.impact_mass.batch import empty_tally, event_batch
 from mech_twin.machines.impact_mass.dynamics import (
+    LISTED_MOST,
     MassMotion,
     elapsed,
     impact_system,
     initial_motion,
     next_event,
+    next_event_until,
     rests_for_good,
 )
 from mech_twin.machines.impact_mass.states import (
+    IMPACTS_SUMMED,
     KIND_NAMES,
     STUCK,
 )
@@ -275,3 +278,48 @@ def test_rest_for_good_needs_both_forces_towards_the_stop():
 def test_bad_input_is_refused_with_inequality_and_numbers(changes, words):
     with pytest.raises(ConfigurationError, match=words):
         machine_parameters("impact_mass", overrides=changes)
+
+
+@pytest.mark.parametrize(("r", "step_s"), [(0.99999, 0.001), (0.999999, 1e-4), (0.98, 0.001), (0.999, 0.0007)])
+def test_millions_of_impacts_near_r_1_are_few_events_and_close_both_balances(r, step_s):
+    m = machine("impact_mass", overrides={"restitution": r, "initial_position_m": -1e-9, "coupling.step_s": step_s})
+    run = list(frames(m, 0.2))
+    assert max(len(f.linkage.events) for f in run) <= 1003
+    assert max(abs(v) for f in run for v in f.linkage.residuals.values) < 1e-12
+    assert any(e.kind == "impacts_summed" for f in run for e in f.linkage.events)
+
+
+def test_summed_impacts_are_the_series_impact_by_impact():
+    """A series of 1500 impacts, listed one by one by hand: time, speed and impulse of the sum agree."""
+    r, a, speed = 0.99, 100.0, 1.0
+    until = 2.0 * r * speed / (a * (1.0 - r)) * (1.0 - r**1500.5)  # between two impacts
+    system = impact_system((100.0, 50.0), (a, -1.0), r, 0.0)
+    motion, event = initial_motion(0.0, speed, system), None
+    summed = None
+    while summed is None:
+        event, motion = next_event_until(motion, system, until, LISTED_MOST)
+        summed = event if event.kind == IMPACTS_SUMMED else None
+    t, v, impulse, count = 0.0, speed, 0.0, 1
+    while t + 2.0 * r * v / a <= until and count < 3000:
+        t, v, count = t + 2.0 * r * v / a, r * v, count + 1
+        impulse += (1.0 + r) * v if count > 1000 else 0.0
+    assert count == motion.series_number
+    assert summed.impacts == count - 1000
+    assert summed.tau_s == pytest.approx(t, rel=1e-12)
+    assert -summed.post_m_per_s == pytest.approx(r * v, rel=1e-10)
+    assert summed.impulse_per_mass == pytest.approx(impulse, rel=1e-10)
+
+
+def test_the_motion_after_a_sum_does_not_depend_on_the_coupling_step():
+    ends = []
+    for step_s in (0.001, 0.0001, 0.0003125):
+        changes = {"restitution": 0.995, "initial_position_m": -1e-6, "coupling.step_s": step_s}
+        ends.append(list(frames(machine("impact_mass", overrides=changes), 0.1))[-1].linkage)
+    for end in ends[1:]:
+        assert end.position[0] == pytest.approx(ends[0].position[0], rel=1e-11)
+        assert end.velocity[0] == pytest.approx(ends[0].velocity[0], rel=1e-11)
+
+
+def test_more_than_a_hundred_periods_in_a_step_are_refused():
+    with pytest.raises(ConfigurationError, match=r"coupling.step_s <= 100 period_s.*0\.001"):
+        machine_parameters("impact_mass", overrides={"period_s": 1e-6, "phase1_duration_s": 5e-7})

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from machines.impact_mass.release_reference import periods_between_releases
 from pydantic import ValidationError
 
 from mech_twin.machines.impact_mass.regimes import regime_map, regime_of, with_value, write_bifurcation_picture
@@ -73,7 +74,7 @@ def test_a_map_sweeps_any_key_tells_progress_and_is_drawn(tmp_path):
     )
     assert steps[-1] == (9, 9)
     assert len(swept.regimes) == 9
-    assert {r.kind for r in swept.regimes} <= {"periodic", "rest", "escape", "chaotic", "undecided"}
+    assert {r.kind for r in swept.regimes} <= {"periodic", "not resolved", "rest", "escape", "chaotic", "undecided"}
     picture = tmp_path / "map.png"
     write_bifurcation_picture(swept, picture)
     assert picture.stat().st_size > 5_000
@@ -83,3 +84,50 @@ def test_a_value_that_makes_no_configuration_is_refused():
     with pytest.raises(ValidationError, match="0 < phase1_duration_s < period_s"):
         regime_map(BASE, [0.03, 0.06])
     assert with_value(BASE, "coupling.step_s", 0.002).coupling.step_s == 0.002
+
+
+# value, period in 200 digits; the refused ones come out of doubles as 88, 42, 107, 58, 52, 45, 41, 48, 45, 98, 37
+LENGTHS = [
+    ("phase1_duration_s", 0.03, 5),
+    ("phase1_duration_s", 0.025, 2),
+    ("phase1_duration_s", 0.0205, 22),
+    ("phase1_duration_s", 0.0226, 22),
+    ("phase1_duration_s", 0.0229, 34),
+    ("phase1_duration_s", 0.0219, 80),
+    ("phase1_duration_s", 0.0235, 41),
+    ("phase1_duration_s", 0.0202, 62),
+    ("phase1_duration_s", 0.0218, 51),
+    ("phase1_duration_s", 0.02295, 63),
+    ("phase1_duration_s", 0.02115, 51),
+    ("phase1_duration_s", 0.0313, 36),
+    ("phase1_duration_s", 0.0315, 28),
+    ("restitution", 0.36, 15),
+    ("restitution", 0.62, 11),
+    ("restitution", 0.65, 32),
+    ("restitution", 0.78, 51),
+    ("restitution", 0.63, 49),
+    ("phase2_force_n", -770.0, 17),
+    ("phase2_force_n", -625.0, 14),
+]
+
+
+@pytest.mark.parametrize(("key", "value", "length"), LENGTHS)
+def test_a_period_is_that_of_200_digits_or_it_is_refused_with_its_growth(key, value, length):
+    parameters = with_value(BASE, key, value)
+    system = parameters.system
+    case = {"T": system.period_s, "t1": system.phase1_s, "R": system.restitution}
+    case |= {"A1": system.acceleration1, "A2": system.acceleration2}
+    assert periods_between_releases(case, 200) == length
+    found = regime_of(parameters)
+    if found.note:
+        assert found.kind == "not resolved"
+        assert found.period == 0
+        assert found.note == f"period not resolved, growth {found.growth:.0e}"
+        assert found.growth > 1e13
+    else:
+        assert (found.kind, found.period) == ("periodic", length)
+
+
+def test_of_the_twenty_lengths_those_that_are_rounding_are_refused_and_no_other():
+    refused = {(key, value) for key, value, _ in LENGTHS if regime_of(with_value(BASE, key, value)).note}
+    assert refused == {(key, value) for key, value, _ in LENGTHS[5:13] + LENGTHS[15:18]}

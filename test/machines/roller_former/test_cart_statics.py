@@ -168,8 +168,8 @@ def test_an_empty_cart_asks_for_the_friction_of_its_weight_alone():
 
 def test_mass_and_weight_of_each_cart_of_its_own():
     pair = bank(count=2, offset_deg=90.0, masses_kg=[197.3333, 2.0 * 197.3333 + 32.0])
-    assert pair.carts[1, 3] == pytest.approx(2.0 * pair.carts[0, 3], rel=1e-12)
-    assert pair.carts[1, 6] == pytest.approx(2.0 * pair.carts[0, 6], rel=1e-12)
+    for one, other in (pair.mass_kg, pair.weight_n):
+        assert other == pytest.approx(2.0 * one, rel=1e-12)
 
 
 def test_changing_the_rail_costs_a_little_more():

@@ -213,8 +213,11 @@ def first_root(body: PressedBody, stretch: Stretch, order: int, start: float, ro
             return s
         root = math.sqrt(rise * rise + 2.0 * bend * height)
         # the two forms of the positive root of height + rise h = bend h^2/2, each without cancellation
-        up = (rise + root) / bend if bend > 0.0 else math.inf
-        step = 2.0 * height / (root - rise) if rise < 0.0 else up
+        step = math.inf
+        if rise < 0.0:
+            step = 2.0 * height / (root - rise)
+        elif bend > 0.0:
+            step = (rise + root) / bend
         if not step > 4e-16 * s:
             return s
         s += step

@@ -26,7 +26,7 @@ from mech_twin.kernel import kernel
 INFINITE_ROD, FINITE_ROD, BOOM = 0, 1, 2
 
 
-class Shaker(NamedTuple):
+class SliderCrank(NamedTuple):
     """Constants (SI): ``joint_mass`` and ``load_mass`` at b and kb b of a boom; their sum is a slider's mass."""
 
     kind: int
@@ -58,7 +58,7 @@ class Follower(NamedTuple):
     y: float
 
 
-class ShakerForces(NamedTuple):
+class PinForces(NamedTuple):
     """Pin forces (N), the guide's moment about the slider (N m), force on the frame (N), drive moment (N m)."""
 
     bearing_x: float
@@ -76,7 +76,7 @@ class ShakerForces(NamedTuple):
 
 
 @kernel
-def follower(s: Shaker, th: float) -> Follower:
+def follower(s: SliderCrank, th: float) -> Follower:
     """Return the follower at crank angle ``th`` (rad)."""
     a_x, a_y = s.crank_m * math.cos(th), s.crank_m * math.sin(th)
     if s.kind == INFINITE_ROD:
@@ -104,7 +104,7 @@ def follower(s: Shaker, th: float) -> Follower:
 
 
 @kernel
-def rod_error(s: Shaker, th: float) -> float:
+def rod_error(s: SliderCrank, th: float) -> float:
     """Return the miss of the rod's length (m); 0 for an infinite rod."""
     if s.kind == INFINITE_ROD:
         return 0.0
@@ -113,7 +113,7 @@ def rod_error(s: Shaker, th: float) -> float:
 
 
 @kernel
-def follower_inertia(s: Shaker) -> float:
+def follower_inertia(s: SliderCrank) -> float:
     """Return the follower's inertia in its own coordinate (kg or kg m2)."""
     if s.kind == BOOM:
         return (s.joint_mass + s.load_mass * s.load_ratio * s.load_ratio) * s.boom_m * s.boom_m
@@ -121,7 +121,7 @@ def follower_inertia(s: Shaker) -> float:
 
 
 @kernel
-def follower_load(s: Shaker, z: float) -> float:
+def follower_load(s: SliderCrank, z: float) -> float:
     """Return weight and working force against the follower's coordinate (N or N m)."""
     if s.kind == BOOM:
         arm = s.joint_mass * s.gravity + (s.load_mass * s.gravity + s.working_force) * s.load_ratio
@@ -130,7 +130,7 @@ def follower_load(s: Shaker, z: float) -> float:
 
 
 @kernel
-def reduced(s: Shaker, th: float) -> tuple[float, float, float]:
+def reduced(s: SliderCrank, th: float) -> tuple[float, float, float]:
     """Return I_pr (kg m2), dI_pr/dth (kg m2) and M_pr (N m) of the crank.
 
     I_pr = m_r r^2 + m_p r_p^2 + m_f z'^2; M_pr = -[weight and working force] z' - (m_r r - m_p r_p) g cos th.
@@ -143,7 +143,7 @@ def reduced(s: Shaker, th: float) -> tuple[float, float, float]:
 
 
 @kernel
-def drive_moment(s: Shaker, th: float, w: float, e: float) -> float:
+def drive_moment(s: SliderCrank, th: float, w: float, e: float) -> float:
     """Return M = I_pr e + w^2/2 dI_pr/dth - M_pr (N m).
 
     At uniform speed M = m_s (w^2 y' y'' + g y') + (m_r r - m_p r_p) g cos th, [vibration_crank].
@@ -153,7 +153,7 @@ def drive_moment(s: Shaker, th: float, w: float, e: float) -> float:
 
 
 @kernel
-def stored_energy(s: Shaker, th: float, w: float) -> float:
+def stored_energy(s: SliderCrank, th: float, w: float) -> float:
     """Return kinetic energy and the potential of weights and working force (J)."""
     at = follower(s, th)
     inertia, _, _ = reduced(s, th)
@@ -166,7 +166,7 @@ def stored_energy(s: Shaker, th: float, w: float) -> float:
 
 
 @kernel
-def shaker_forces(s: Shaker, th: float, w: float, e: float) -> ShakerForces:
+def pin_forces(s: SliderCrank, th: float, w: float, e: float) -> PinForces:
     """Return every pin force from equilibrium, follower first, then the crank; independent of `reduced`."""
     a_x, a_y = s.crank_m * math.cos(th), s.crank_m * math.sin(th)
     at = follower(s, th)
@@ -199,7 +199,7 @@ def shaker_forces(s: Shaker, th: float, w: float, e: float) -> ShakerForces:
     bearing_y = turn_y + pin_y + (s.rotating_mass + s.counter_mass) * s.gravity
     first = s.rotating_mass * s.crank_m**2 + s.counter_mass * s.counter_m**2
     moment = first * e + a_x * pin_y - a_y * pin_x + arm * s.gravity * a_x
-    return ShakerForces(
+    return PinForces(
         bearing_x,
         bearing_y,
         pin_x,

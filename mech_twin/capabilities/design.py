@@ -1,0 +1,103 @@
+"""A machine's design question: what may be chosen, what must hold, what is to be made small or large."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mech_twin.capabilities.errors import StudyError
+from mech_twin.quantity import Parameters
+
+Array = NDArray[np.float64]
+
+
+class Evaluation(NamedTuple):
+    """Objectives, shape (n, k), and margins of the constraints (negative: violated), shape (n, m), of n designs."""
+
+    objectives: Array
+    margins: Array
+
+    @property
+    def feasible(self) -> NDArray[np.bool_]:
+        """Which designs meet every constraint."""
+        return np.asarray((self.margins >= 0.0).all(axis=1))
+
+
+@dataclass(frozen=True)
+class DesignSpace:
+    """Bounds of the variables, SI units, and the limits of the constraints by name."""
+
+    lower: tuple[float, ...]
+    upper: tuple[float, ...]
+    limits: Mapping[str, float]
+
+    def designs(self, unit: Array) -> Array:
+        """Return designs, rows of the variables, from numbers between 0 and 1, shape (n, variables)."""
+        low, high = np.array(self.lower), np.array(self.upper)
+        return np.asarray(low + unit * (high - low), dtype=np.float64)
+
+
+@dataclass(frozen=True)
+class Design:
+    """A design by name: its variables, objectives and margins, and the configuration they were computed from."""
+
+    variables: dict[str, float]
+    objectives: dict[str, float]
+    margins: dict[str, float]
+    parameters: Parameters
+
+
+class DesignQuestion(NamedTuple):
+    """How a machine is designed.
+
+    Attributes
+    ----------
+    variables : mapping
+        Usual bounds of each variable, unit in its name.
+    limits : mapping
+        Usual limit of each constraint, unit in its name.
+    objectives : mapping
+        Sense of each: 1 to be made small, -1 large; the first is usual.
+    evaluate : callable
+        ``evaluate(parameters, space, designs)``: many designs at once, rows of the variables.
+    search : callable
+        ``search(parameters, space, objectives, seed, points)``: the best design for one objective, or the Pareto front
+        of several with so many refined directions; the same for the same seed.
+    """
+
+    variables: Mapping[str, tuple[float, float]]
+    limits: Mapping[str, float]
+    objectives: Mapping[str, float]
+    evaluate: Callable[[Any, DesignSpace, Array], Evaluation]
+    search: Callable[[Any, DesignSpace, tuple[str, ...], int, int], list[Design]]
+
+    def space(
+        self, bounds: Mapping[str, tuple[float, float]] | None = None, limits: Mapping[str, float] | None = None
+    ) -> DesignSpace:
+        """Return the usual space with these bounds and limits changed; a variable may be named without its unit.
+
+        Raises
+        ------
+        StudyError
+            For a name that is not there, bounds that are not ``0 < low <= high``, a limit that is not a number >= 0.
+        """
+        names = {name.rsplit("_", 1)[0]: name for name in self.variables} | {name: name for name in self.variables}
+        asked = dict(self.variables)
+        for name, (low, high) in (bounds or {}).items():
+            if name not in names:
+                raise StudyError(f"no variable '{name}' to bound; expected one of {', '.join(self.variables)}")
+            if not 0.0 < low <= high < math.inf:
+                raise StudyError(f"bounds of {name}: 0 < {low:g} <= {high:g} fails")
+            asked[names[name]] = (low, high)
+        for name, value in (limits or {}).items():
+            if name not in self.limits:
+                raise StudyError(f"no limit '{name}'; expected one of {', '.join(self.limits)}")
+            if not 0.0 <= value < math.inf:
+                raise StudyError(f"limit {name}={value:g}: expected a number of 0 or more")
+        lower, upper = tuple(low for low, _ in asked.values()), tuple(high for _, high in asked.values())
+        return DesignSpace(lower, upper, {**self.limits, **(limits or {})})

@@ -1,0 +1,111 @@
+"""Answers of ``mech-twin study MACHINE search`` and ``designs``, of any machine that has a design question."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from mech_twin.cli.console import print_json, print_numbers, print_table, say
+from mech_twin.cli.failure import CommandError
+from mech_twin.cli.study_options import counted, limits_of, study_errors
+from mech_twin.dependencies import require_extra
+from mech_twin.parameters.load import assignments, machine_parameters, write_configuration
+from mech_twin.studies import designs, search
+
+
+@dataclass(frozen=True)
+class DesignRequest:
+    """What is asked of a machine's design, as it stands on the command line."""
+
+    machine: str
+    bounds: list[str]
+    limits: list[str]
+    seed: int
+    config: Path | None
+    settings: list[str]
+
+
+def bounds_of(texts: list[str]) -> dict[str, tuple[float, float]]:
+    """Return names and bounds of ``NAME=LOW:HIGH``, or of ``NAME=VALUE`` for a variable that is held."""
+    bounds = {}
+    for text in texts:
+        name, equals, values = text.partition("=")
+        low, _, high = values.partition(":")
+        try:
+            bounds[name.strip()] = (float(low), float(high or low))
+        except ValueError as error:
+            raise CommandError(f"--bound {text}: expected NAME=LOW:HIGH") from error
+        if not equals or not name.strip():
+            raise CommandError(f"--bound {text}: expected NAME=LOW:HIGH")
+    return bounds
+
+
+def answer_search(
+    request: DesignRequest, objectives: tuple[str, ...], points: int, out: Path, *, as_json: bool
+) -> None:
+    """Search, write the configuration of the first design found, and show all."""
+    parameters = machine_parameters(request.machine, request.config, assignments(request.settings))
+    with study_errors():
+        found = search(
+            request.machine,
+            objectives,
+            parameters=parameters,
+            bounds=bounds_of(request.bounds),
+            limits=limits_of(request.limits),
+            seed=request.seed,
+            points=points,
+        )
+        write_configuration(request.machine, found[0].parameters, out)
+    rows = [{**design.variables, **design.objectives} for design in found]
+    if as_json:
+        front = [{**row, "margins": design.margins} for row, design in zip(rows, found, strict=True)]
+        document: dict[str, Any] = {"machine": request.machine, "objectives": objectives, "seed": request.seed}
+        print_json({**document, "designs": front, "configuration": str(out)})
+        return
+    title = f"Pareto front of {', '.join(objectives)}" if len(objectives) > 1 else "best design"
+    print_table(title, tuple(rows[0]), [tuple(row.values()) for row in rows])
+    near = sorted(found[0].margins.items(), key=lambda item: item[1])
+    print_numbers("margins of the constraints (least first; 0 binds)", dict(near))
+    say(f"wrote {out}" + (" (the first of the front)" if len(found) > 1 else ""))
+
+
+def answer_designs(
+    request: DesignRequest, count: int, out: Path | None, cores: int | None, scheduler: str | None, *, as_json: bool
+) -> None:
+    """Scan the space, and say how fast and what the best are."""
+    if out is not None:
+        require_extra("tables")
+    parameters = machine_parameters(request.machine, request.config, assignments(request.settings))
+    with study_errors(), counted("designs") as progress:
+        begun = time.monotonic()
+        found = designs(
+            request.machine,
+            count,
+            parameters=parameters,
+            bounds=bounds_of(request.bounds),
+            limits=limits_of(request.limits),
+            seed=request.seed,
+            cores=cores,
+            scheduler=scheduler,
+            progress=progress,
+        )
+        taken = time.monotonic() - begun
+        if out is not None:
+            found.write(out)
+    best = {name: found.best(name) for name in found.objectives} if len(found.feasible) else {}
+    document: dict[str, Any] = {
+        "machine": request.machine,
+        "designs": found.designs,
+        "feasible": len(found.feasible),
+        "feasible_share": found.share,
+        "best": best,
+        "table": None if out is None else str(out),
+    }
+    if as_json:
+        print_json(document)
+        return
+    numbers = {key: document[key] for key in ("designs", "feasible", "feasible_share")}
+    print_numbers("designs", {**numbers, **{f"best {name}": row[name] for name, row in best.items()}})
+    say(f"{found.designs / taken:.0f} designs a second" + (f"; wrote {out}" if out else ""))

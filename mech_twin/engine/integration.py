@@ -1,0 +1,237 @@
+r"""Time integration of ordinary differential equations, once for every machine: tableaus as data, one compiled step.
+
+A machine declares the constants of its motion as a `NamedTuple`, and with `rates_of` the equation and the method::
+
+    class Pendulum(NamedTuple):
+        length_m: float
+
+    @rates_of(Pendulum, DORMAND_PRINCE_5)
+    def pendulum_rates(system, t, y, out):
+        out[0], out[1] = y[1], -9.81 / system.length_m * math.sin(y[0])
+
+Every kernel here is then compiled for that type of constants, with the equation in line, and kept on disk
+(docs/decisions/0009-time-integration-and-events-once.md).  A Runge and Kutta method is its tableau:
+``Y_i = y + h sum_j a_ij k_j``, ``k_i = f(t + c_i h, Y_i)``, ``y(t + h) = y + h sum_i b_i k_i``.
+Row ``s`` (after the last of ``s`` stages) is the rate at the end of the step; further rows serve the dense output only.
+
+Sources: E. Hairer, S. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 2nd ed., Springer 1993,
+II.5, II.6, II.10.
+G. J. Cooper, J. H. Verner, Some explicit Runge-Kutta methods of high order, SIAM J. Numer. Anal. 9 (1972) 389.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+from numba.extending import overload
+from numpy.typing import NDArray
+
+from mech_twin.kernel import kernel
+
+Array = NDArray[np.float64]
+Function = TypeVar("Function", bound=Callable[..., Any])
+SHORTEST_S = 1e-13  # a step that would have to be shorter than this is given up
+
+
+class Tableau(NamedTuple):
+    """An explicit Runge and Kutta method of ``s`` stages.
+
+    ``stages`` (S, S) and ``nodes`` (S,) hold the stages, from row ``s`` on those of the dense output; ``weights`` (s,);
+    ``errors`` (m, s + 1): weights of the m = 0, 1 or 2 embedded error estimates; ``interpolant`` (S, p): y at the
+    share x of the step is ``y + h sum_i k_i sum_j interpolant[i, j] x^(j + 1)``; ``error_order`` p of the estimate,
+    which falls as h^(p + 1).
+    """
+
+    nodes: Array
+    stages: Array
+    weights: Array
+    errors: Array
+    interpolant: Array
+    order: int
+    error_order: int
+
+
+class Workspace(NamedTuple):
+    """What the kernels write in: rates of all stages (S, n), the state of a stage (n,), the state at the end (n,)."""
+
+    rates: Array
+    stage: Array
+    end: Array
+
+
+def rates(system: Any, t: float, y: Array, out: Array) -> None:
+    """Fill ``out`` with dy/dt of the system at time t (s); compiled code gets the function declared for its type."""
+    _declared[type(system)](system, t, y, out)
+
+
+_declared: dict[type, Callable[..., Any]] = {}
+
+
+def method_of(system: Any) -> Tableau:
+    """Return the method with which a system is integrated; in compiled code a constant, which the compiler unrolls."""
+    return _methods[type(system)]
+
+
+_methods: dict[type, Tableau] = {}
+
+
+def rates_of(system_type: type, tableau: Tableau) -> Callable[[Function], Function]:
+    """Declare ``f(system, t, y, out)``, which fills ``out`` with dy/dt, as the equation of motion of a type of system.
+
+    Parameters
+    ----------
+    system_type : type
+        The `NamedTuple` of the constants, of the same module as the function.
+    tableau : Tableau
+        The method with which these systems are integrated.
+    """
+    _methods[system_type] = tableau
+
+    def declare(function: Function) -> Function:
+        compiled = _declared[system_type] = declared_kernel(system_type, function)
+
+        def call(system: Any, t: Any, y: Any, out: Any) -> None:
+            compiled(system, t, y, out)
+
+        def method(system: Any) -> Any:
+            return tableau
+
+        @overload(method_of)
+        def chosen_method(system: Any) -> Any:
+            return method if getattr(system, "instance_class", None) is system_type else None
+
+        @overload(rates)
+        def chosen(system: Any, t: Any, y: Any, out: Any) -> Any:  # numba asks with types
+            return call if getattr(system, "instance_class", None) is system_type else None
+
+        return compiled
+
+    return declare
+
+
+def declared_kernel(system_type: type, function: Function) -> Function:
+    """Return the function compiled, to be called for one type of constants.
+
+    Compiled code is kept by the contents of the modules of the types it was compiled for, so a function in another
+    module than its type could be edited unseen.
+
+    Raises
+    ------
+    TypeError
+        If the function does not stand in the module of the type.
+    """
+    if function.__module__ != system_type.__module__:
+        raise TypeError(
+            f"{function.__qualname__} belongs in {system_type.__module__}, beside {system_type.__qualname__}"
+        )
+    return kernel(function)
+
+
+def workspace(tableau: Tableau, size: int) -> Workspace:
+    """Return room for the steps of a system of ``size`` equations."""
+    return Workspace(np.empty((len(tableau.nodes), size)), np.empty(size), np.empty(size))
+
+
+@kernel
+def start_step(system: Any, t: float, y: Array, work: Workspace) -> None:
+    """Evaluate the rates at the start of a step, which trials of any length then share."""
+    rates(system, t, y, work.rates[0])
+
+
+@kernel
+def combine(y: Array, h: float, weights: Array, count: int, slopes: Array, out: Array) -> None:
+    """Fill ``out`` with y + h times the weighted sum of the first ``count`` rates."""
+    for i in range(len(y)):
+        out[i] = y[i]
+    for j in range(count):
+        weight = h * weights[j]
+        if weight != 0.0:
+            for i in range(len(y)):
+                out[i] += weight * slopes[j, i]
+
+
+@kernel
+def take_step(system: Any, t: float, y: Array, h: float, work: Workspace) -> None:
+    """Fill ``work.end`` with the state a step of h (s) after ``y``; `start_step` has been there for this t and y."""
+    tableau = method_of(system)
+    count = len(tableau.weights)
+    for row in range(1, count):
+        combine(y, h, tableau.stages[row], row, work.rates, work.stage)
+        rates(system, t + tableau.nodes[row] * h, work.stage, work.rates[row])
+    combine(y, h, tableau.weights, count, work.rates, work.end)
+
+
+@kernel
+def finish_step(system: Any, t: float, h: float, work: Workspace) -> None:
+    """Evaluate the rates at the end of the step taken: for the error estimate, the next step, the dense output."""
+    rates(system, t + h, work.end, work.rates[len(method_of(system).weights)])
+
+
+@kernel
+def step_error(system: Any, h: float, tolerance: Array, work: Workspace) -> float:
+    """Return the root mean square of the estimated error of a finished step over the tolerances (n,): good up to 1.
+
+    Of two estimates, the better divided by the root of its own and a tenth of the other's square (Hairer II.10).
+    """
+    tableau = method_of(system)
+    count, size = tableau.errors.shape
+    first, second = 0.0, 0.0
+    for i in range(len(tolerance)):
+        for m in range(count):
+            total = 0.0
+            for j in range(size):
+                total += tableau.errors[m, j] * work.rates[j, i]
+            if m == 0:
+                first += (total / tolerance[i]) ** 2
+            else:
+                second += (total / tolerance[i]) ** 2
+    if count == 0 or first == 0.0:
+        return 0.0
+    if count == 1:
+        return abs(h) * math.sqrt(first / len(tolerance))
+    return abs(h) * first / math.sqrt((first + 0.01 * second) * len(tolerance))
+
+
+@kernel
+def controlled_step(
+    system: Any, t: float, y: Array, wanted: float, tolerance: Array, work: Workspace
+) -> tuple[float, float]:
+    """Take a step of at most ``wanted`` whose error is within the tolerances; return it and the next to try (s).
+
+    The step is 0 if none above `SHORTEST_S` is good.  A tableau without error estimate takes every step.
+    """
+    h, exponent = wanted, -1.0 / (method_of(system).error_order + 1.0)
+    while h > SHORTEST_S:
+        take_step(system, t, y, h, work)
+        finish_step(system, t, h, work)
+        error = step_error(system, h, tolerance, work)
+        if error <= 1.0:
+            return h, h * (5.0 if error < 1e-7 else min(5.0, max(0.3, 0.9 * error**exponent)))
+        h *= max(0.2, 0.9 * error**exponent) if np.isfinite(error) else 0.2
+    return 0.0, 0.0
+
+
+@kernel
+def prepare_dense_output(system: Any, t: float, y: Array, h: float, work: Workspace) -> None:
+    """Evaluate the further stages that the interpolant of a finished step needs."""
+    tableau = method_of(system)
+    for row in range(len(tableau.weights) + 1, len(tableau.nodes)):
+        combine(y, h, tableau.stages[row], row, work.rates, work.stage)
+        rates(system, t + tableau.nodes[row] * h, work.stage, work.rates[row])
+
+
+@kernel
+def interpolate(system: Any, y: Array, h: float, share: float, work: Workspace, out: Array) -> None:
+    """Fill ``out`` with the state at a share (0 to 1) of the finished step that began at ``y``."""
+    tableau = method_of(system)
+    out[:] = y
+    rows, powers = tableau.interpolant.shape
+    for j in range(rows):
+        weight = 0.0
+        for power in range(powers - 1, -1, -1):
+            weight = (weight + tableau.interpolant[j, power]) * share
+        for i in range(len(y)):
+            out[i] += h * weight * work.rates[j, i]

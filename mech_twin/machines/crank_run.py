@@ -1,0 +1,174 @@
+"""Numbers of a run of a crank machine: extremes, means from the energy balance, the last whole turn, the motor's load.
+
+Numbers of a run start with ``run_`` and those of its last whole turn with ``turn_``: a cycle at constant speed, which
+a machine's report computes in closed form, is something else.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from math import inf, pi
+from typing import NamedTuple
+
+from mech_twin.engine.crank_state import Memory
+from mech_twin.machines.motor_duty import MotorDuty, MotorState, duty_after, duty_metrics
+from mech_twin.parts.induction_motor import MotorConstants
+from mech_twin.samples import Frame
+
+TURN = 2.0 * pi
+SETTLED = 1e-3  # relative difference of the mean speeds of two turns that follow each other
+
+
+class Instant(NamedTuple):
+    """Sums since the start of a run: time (s), crank angle (rad), work (J), what the motor has done."""
+
+    time_s: float
+    angle_rad: float
+    drive_work_j: float
+    duty: MotorDuty
+
+
+class Rates(NamedTuple):
+    """Crank speed (rad/s), power on the crank (W) and the motor at an instant."""
+
+    speed_rad_per_s: float
+    power_w: float
+    motor: MotorState
+
+
+@dataclass
+class Extremes:
+    """Least and greatest of some numbers, by name; the braces of a name take min and max."""
+
+    found: dict[str, tuple[float, float]] = field(default_factory=dict)
+
+    def take(self, name: str, value: float) -> None:
+        """Take one value into account."""
+        least, most = self.found.get(name, (inf, -inf))
+        self.found[name] = min(least, value), max(most, value)
+
+    def numbers(self, prefix: str) -> dict[str, float]:
+        """Return them with their names completed."""
+        out: dict[str, float] = {}
+        for name, (least, most) in self.found.items():
+            out[prefix + name.format("min")], out[prefix + name.format("max")] = least, most
+        return out
+
+
+class CrankRun:
+    """Running numbers of a run.
+
+    Parameters
+    ----------
+    motor : MotorConstants or None
+        The motor, if there is one: its load is then told over its rated one.
+    """
+
+    def __init__(self, motor: MotorConstants | None) -> None:
+        self._motor = motor
+        self._whole, self._turn, self._last_turn = Extremes(), Extremes(), Extremes()
+        self._first: Instant | None = None
+        self._now: Instant | None = None
+        self._rates = Rates(0.0, 0.0, MotorState(0.0, 0.0, 0.0))
+        self._turns: list[Instant] = []  # the last three instants at which a turn was complete
+        self._memory: Memory | None = None
+        self._counts: dict[str, int] = {}
+
+    def observe(self, frame: Frame, **more: float) -> None:
+        """Take one frame into account, and further numbers whose least and greatest are wanted."""
+        linkage = frame.linkage
+        torque, speed = linkage.effort[0], linkage.velocity[0]
+        self._memory = Memory(*linkage.memory.values)
+        rates = Rates(speed, torque * speed, self._motor_state(frame))
+        before, now = self._now, self._sums(linkage.time_s, linkage.position[0], rates)
+        if before is not None:
+            self._complete_turns(before, self._rates, now, rates)
+        self._now, self._rates = now, rates
+        values = {"drive_torque_{}_nm": torque, "power_{}_w": torque * speed, "crank_speed_{}_rad_per_s": speed, **more}
+        for name, value in values.items():
+            self._whole.take(name, value)
+            self._turn.take(name, value)
+        for event in linkage.events:
+            self._counts[event.kind] = self._counts.get(event.kind, 0) + 1
+
+    def _sums(self, time_s: float, angle: float, rates: Rates) -> Instant:
+        work = 0.0 if self._memory is None else self._memory.drive_work_j
+        if self._now is None:
+            self._first = Instant(time_s, angle, work, MotorDuty())
+            self._turns = [self._first]
+            return self._first
+        past, span = self._now, time_s - self._now.time_s
+        return Instant(time_s, angle, work, duty_after(past.duty, self._rates.motor, rates.motor, span))
+
+    def _motor_state(self, frame: Frame) -> MotorState:
+        if self._motor is None:
+            return MotorState(0.0, 0.0, 0.0)
+        speed = frame.motor.velocity[0]
+        synchronous = frame.motor.command * self._motor.synchronous_speed_rad_per_s
+        return MotorState(frame.motor.effort[0], speed, synchronous - speed)
+
+    def _complete_turns(self, before: Instant, rates_before: Rates, now: Instant, rates: Rates) -> None:
+        start = self._turns[-1].angle_rad
+        way = now.angle_rad - start
+        while abs(way) >= TURN:
+            start += TURN if way > 0.0 else -TURN
+            self._turns = [*self._turns[-2:], _at_angle(start, before, rates_before, now, rates)]
+            self._last_turn, self._turn = self._turn, Extremes()
+            way = now.angle_rad - start
+
+    def numbers(self) -> dict[str, float]:
+        """Return the numbers so far."""
+        if self._first is None or self._now is None or self._memory is None:
+            return {}
+        out = {
+            **self._whole.numbers("run_"),
+            "run_crank_turns": self._now.angle_rad / TURN,
+            "run_drive_work_j": self._memory.drive_work_j,
+            "run_friction_loss_j": self._memory.friction_loss_j,
+            "run_gear_loss_j": self._memory.gear_loss_j,
+            **self._means("run_", self._first, self._now),
+            **{f"run_{kind}_events": float(count) for kind, count in self._counts.items()},
+        }
+        if len(self._turns) > 1:
+            out.update(self._last_turn.numbers("turn_"))
+            out.update(self._means("turn_", *self._turns[-2:]))
+            least, most = self._last_turn.found["crank_speed_{}_rad_per_s"]
+            out["turn_non_uniformity"] = 2.0 * abs(most - least) / max(abs(most + least), 1e-300)
+        if len(self._turns) > 2:
+            one, two = (TURN / (self._turns[i].time_s - self._turns[i - 1].time_s) for i in (-2, -1))
+            out["turn_is_settled"] = 1.0 if abs(two - one) <= SETTLED * abs(two) else 0.0
+        return out
+
+    def _means(self, prefix: str, first: Instant, last: Instant) -> dict[str, float]:
+        span, way = last.time_s - first.time_s, last.angle_rad - first.angle_rad
+        if span <= 0.0:
+            return {}
+        work = last.drive_work_j - first.drive_work_j
+        out = {f"{prefix}power_mean_w": work / span, f"{prefix}crank_speed_mean_rad_per_s": way / span}
+        if abs(way) >= TURN * (1.0 - 1e-9):
+            out[f"{prefix}drive_torque_mean_nm"] = work / way
+        if self._motor is not None:
+            duty = MotorDuty(*(b - a for a, b in zip(first.duty, last.duty, strict=True)))
+            out.update({prefix + name: value for name, value in duty_metrics(duty, self._motor).items()})
+        return out
+
+
+def _at_angle(angle: float, first: Instant, rates: Rates, last: Instant, last_rates: Rates) -> Instant:
+    """Return the instant between two at which the crank is at an angle, on the cubics through both ends and rates."""
+    span = last.time_s - first.time_s
+
+    def on_cubic(start: float, end: float, rate: float, last_rate: float, share: float) -> float:
+        x, y = share * share * (3.0 - 2.0 * share), share * (1.0 - share)
+        return start + x * (end - start) + span * y * ((1.0 - share) * rate - share * last_rate)
+
+    def angle_at(share: float) -> float:
+        speeds = rates.speed_rad_per_s, last_rates.speed_rad_per_s
+        return on_cubic(first.angle_rad, last.angle_rad, *speeds, share)
+
+    low, high, sense = 0.0, 1.0, 1.0 if last.angle_rad >= first.angle_rad else -1.0
+    for _ in range(53):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if sense * (angle_at(middle) - angle) < 0.0 else (low, middle)
+    work = on_cubic(first.drive_work_j, last.drive_work_j, rates.power_w, last_rates.power_w, high)
+    duty = MotorDuty(*(a + high * (b - a) for a, b in zip(first.duty, last.duty, strict=True)))
+    return Instant(first.time_s + high * span, angle, work, duty)

@@ -1,0 +1,113 @@
+"""The breaker's state beyond its joints, by name: what a linkage sample carries, and a row of the log of events."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+EVENT_ROWS = 512  # of one coupling step; one more is an error in one line
+
+# kinds of events, by the order of their names
+BLOW, MISSED, TOUCHDOWN, SETTLED, LIFT_OFF, UNSEATED, CATCH_UP, PUSH_BEGINS, PUSHING, RELEASED, STALLED = range(11)
+KINDS = (
+    "blow",
+    "missed",
+    "touchdown",
+    "settled",
+    "lift_off",
+    "unseated",
+    "catch_up",
+    "push_begins",
+    "pushing",
+    "released",
+    "stalled",
+)
+
+
+class BreakerMemory(NamedTuple):
+    """What the linkage has to know of the steps before; fields of the balances are sums since the start."""
+
+    turns: float = 0.0
+    cycle: float = 0.0
+    pass_done: float = 0.0  # 1 from the blow (or the missed one) to the rocker's return
+    drive_work_j: float = 0.0
+    damping_loss_j: float = 0.0
+    angular_impulse_nms: float = 0.0
+    blow_loss_j: float = 0.0
+    collar_loss_j: float = 0.0
+    reseating_loss_j: float = 0.0  # what a tool that is still moving when it is reseated takes with it
+    wall_work_j: float = 0.0
+    coupling_defect_j: float = 0.0  # by the body's own angle in place of the one the linkage led it to
+    parameter_work_j: float = 0.0  # by changes of spring, preload and gravity while running
+    impact_impulse_nms: float = 0.0
+    coupling_defect_nms: float = 0.0
+    energy_j: float = 0.0
+    energy_error_j: float = 0.0  # sum over the steps of what each left open: does not grow with the sums above
+    momentum_error_nms: float = 0.0
+    previous_torque_nm: float = 0.0
+    line_crank_torque_nm: float = 0.0
+    torque_lag_s: float = 0.0
+    torque_history: float = -1.0  # -1 none, 0 the step had an impact, 1 the step had none
+    compensation_torque_nm: float = 0.0
+    tool_regime: float = 0.0
+    tool_travel_m: float = 0.0
+    tool_speed_m_per_s: float = 0.0
+    tool_force_n: float = 0.0  # of the striker
+    feed_per_blow_m: float = 0.0  # the tool's travel in the last pass, taken when it was reseated
+    stalled: float = 0.0  # 1 from a stall to the next extreme of the rocker
+    begin_crank_rad: float = 0.0  # crank, body and torque on the crank as this step began with them
+    begin_crank_rad_per_s: float = 0.0
+    begin_body_rad: float = 0.0
+    begin_body_rad_per_s: float = 0.0
+    begin_drive_torque_nm: float = 0.0
+    begin_tool_force_n: float = 0.0
+
+
+class Side(NamedTuple):
+    """Crank, body, torque on the crank, tool and force of the striker on it, on one side of an event."""
+
+    crank_rad: float
+    crank_rad_per_s: float
+    body_rad: float
+    body_rad_per_s: float
+    drive_torque_nm: float
+    tool_m: float
+    tool_m_per_s: float
+    tool_force_n: float
+
+
+MEMORY = np.dtype([(name, np.float64) for name in BreakerMemory._fields])
+SIDE = np.dtype([(name, np.float64) for name in Side._fields])
+EVENT = np.dtype(
+    [
+        ("time_s", np.float64),  # into the step
+        ("kind", np.float64),
+        ("before_m_per_s", np.float64),
+        ("after_m_per_s", np.float64),
+        ("impulse_ns", np.float64),
+        ("cycle", np.float64),
+        *((f"{side}_{name}", np.float64) for side in ("pre", "post") for name in Side._fields),
+    ]
+)
+
+
+def pre_side(row: np.void) -> Side:
+    """Return the state before an event."""
+    return Side(*(float(row[f"pre_{name}"]) for name in Side._fields))
+
+
+def post_side(row: np.void) -> Side:
+    """Return the state after an event."""
+    return Side(*(float(row[f"post_{name}"]) for name in Side._fields))
+
+
+def packed(memory: BreakerMemory) -> NDArray[np.void]:
+    """Return the memory as the kernels take it: one record, changed in place."""
+    return np.array([tuple(memory)], dtype=MEMORY)
+
+
+def unpacked(record: NDArray[np.void]) -> BreakerMemory:
+    """Return the memory a kernel has left."""
+    return BreakerMemory(*record[0].item())

@@ -1,0 +1,101 @@
+"""Start of the roller former: run until load and speed are steady, or the motor has stalled."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import inf, isnan, nan
+
+from mech_twin.kernel import kernel
+from mech_twin.machines.roller_former.dynamics import CRANK, SPEED, Array, Former, Modes, Torque, state_array
+from mech_twin.machines.roller_former.events import empty_log
+from mech_twin.machines.roller_former.integration import DONE, Advance, advance_motion, ending
+from mech_twin.machines.roller_former.parameters import RollerFormer
+from mech_twin.machines.roller_former.roles import start_modes
+from mech_twin.machines.roller_former.steady import TURN
+from mech_twin.parts.supply import limited_command
+
+STEADY = 1e-4  # change of the mean crank speed from turn to turn, relative
+LONGEST_START_S = 60.0  # after the supply has reached its rated frequency
+LONGEST_RAMP_S = 600.0
+CHUNK_S = 0.001
+
+
+@dataclass(frozen=True)
+class StartUp:
+    """How a start ends.
+
+    ``stalled`` and ``steady`` are both false where neither has happened within a minute of full supply: the load has
+    not come on, or the speed still changes.  ``time_s`` is when crank speed first reached the speed asked for,
+    ``steady_time_s`` when load and speed were steady, ``stall_time_s`` when the motor counted as stalled (nan: never).
+    """
+
+    stalled: bool
+    steady: bool
+    load_on: bool
+    time_s: float
+    steady_time_s: float
+    stall_time_s: float
+
+
+@kernel
+def start_motion(
+    former: Former, supply: tuple[float, float], goal_rad_per_s: float, longest_s: float, y: Array, modes: Modes
+) -> tuple[Advance, float, bool]:
+    """Carry the state on until load and speed are steady or the motor has stalled, at most ``longest_s``.
+
+    ``supply`` is the fraction in force at the start and its rate (1/s).  Returns how the integration ended, when crank
+    speed first reached the goal (nan: never), and whether it is steady: the whole load on, the supply at rated
+    frequency, and three turns in a row that took the same time.
+    """
+    command, rate = supply
+    reached = 0.0 if y[SPEED] >= goal_rad_per_s else nan
+    passed, last_turn_s, alike, t = y[CRANK], nan, 0, 0.0
+    section_s, log = nan, empty_log()
+    done = Advance(t, DONE, 0, modes)
+    for chunk in range(round(longest_s / CHUNK_S)):
+        command = limited_command(command, 1.0, rate, CHUNK_S)
+        t, before, angle = chunk * CHUNK_S, y[SPEED], y[CRANK]
+        torque = Torque(True, command, 0.0, 0.0, 0.0)
+        done = advance_motion(former, torque, t, t + CHUNK_S, y, done.modes, log, inf)
+        if done.status != DONE or done.modes.stalled:
+            return done, reached, False
+        if isnan(reached) and y[SPEED] >= goal_rad_per_s > before:
+            reached = t + (goal_rad_per_s - before) / (y[SPEED] - before) * CHUNK_S
+        if command < 1.0 or not done.modes.load_on or done.modes.load_share < 1.0:
+            passed, section_s, last_turn_s, alike = y[CRANK], nan, nan, 0
+        elif y[CRANK] >= passed + TURN:
+            now = t + (passed + TURN - angle) / (y[CRANK] - angle) * CHUNK_S
+            turn_s = now - section_s
+            alike = alike + 1 if abs(turn_s / last_turn_s - 1.0) < STEADY else 0
+            passed, section_s, last_turn_s = passed + TURN, now, turn_s
+            if alike >= 2:
+                return done, reached, True
+    return done, reached, False
+
+
+def start_up(parameters: RollerFormer, former: Former, goal_rad_per_s: float) -> StartUp:
+    """Return how the configured start goes; ``goal_rad_per_s`` is the crank speed whose first passage is told.
+
+    Raises
+    ------
+    ArithmeticError
+        If the integration cannot go on.
+    """
+    p = parameters
+    at = p.start.speed_fraction * p.synchronous_crank_speed_rad_per_s
+    y, modes = state_array(p.start.crank_deg * TURN / 360.0, at), start_modes(former, at)
+    ramp_s = min((1.0 - p.supply.initial_fraction) / p.supply.rate_per_s, LONGEST_RAMP_S)
+    supply = (p.supply.initial_fraction, p.supply.rate_per_s)
+    done, reached, steady = start_motion(former, supply, goal_rad_per_s, LONGEST_START_S + ramp_s, y, modes)
+    if done.status != DONE:
+        raise ArithmeticError(f"roller_former: {ending(done)}")
+    stalled = bool(done.modes.stalled)
+    below = done.modes.slow_s - former.stall_time_s
+    return StartUp(
+        stalled,
+        bool(steady),
+        bool(done.modes.load_on),
+        float(reached),
+        float(done.time_s) if steady else nan,
+        float(done.time_s - below) if stalled else nan,
+    )

@@ -1,0 +1,177 @@
+"""Reads rosbag2 recordings in sqlite3 storage (`.db3`), by means of rosbags."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import apsw
+from rosbags.interfaces import Connection, ConnectionExtRosbag2
+from rosbags.rosbag2 import Reader, ReaderError
+
+from mech_twin.recording.bag_contents import BagInfo, BagMessage, SplitInfo, TopicInfo
+from mech_twin.recording.bag_directory import SQLITE_SUFFIX, inside, split_order
+from mech_twin.recording.bag_metadata import FILE_NAME, SQLITE, read_metadata
+from mech_twin.recording.errors import DamagedBagError, ForeignFileError, MissingBagError
+from mech_twin.recording.mcap_records import MAX_RECORD_BYTES
+from mech_twin.recording.schemas import offered_qos
+
+_FAILURES = (ReaderError, apsw.Error, ValueError, TypeError, LookupError, MemoryError)
+
+
+class SqliteReader:
+    """A sqlite3 bag open for reading: a rosbag2 directory, or one `.db3` file.
+
+    Parameters
+    ----------
+    path : Path
+        The bag.
+
+    Raises
+    ------
+    MissingBagError, ForeignFileError, DamagedBagError
+        One line with the file and the reason.
+    """
+
+    def __init__(self, path: Path | str) -> None:
+        self.path = Path(path)
+        self._files = _files_of(self.path)
+        self._readers: list[Reader] = []
+        self._stack = ExitStack()
+        with ExitStack() as undo:
+            undo.callback(self.close)
+            for file in self._files:
+                self._open(file)
+            undo.pop_all()
+        filled = [reader for reader in self._readers if reader.message_count]
+        self.start_ns: int | None = min((reader.start_time for reader in filled), default=None)
+        self.end_ns: int | None = max((reader.end_time - 1 for reader in filled), default=None)
+        self.topics = self._topic_table()
+
+    def close(self) -> None:
+        """Close the files."""
+        self._stack.close()
+
+    def __enter__(self) -> SqliteReader:
+        """Return the reader itself."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close the files."""
+        self.close()
+
+    @property
+    def info(self) -> BagInfo:
+        """Return the summary of the bag."""
+        start, end = self.start_ns, self.end_ns
+        finished = self.path.is_file() or (self.path / FILE_NAME).is_file()
+        return BagInfo(
+            path=self.path,
+            topics=self.topics,
+            message_count=sum(topic.message_count for topic in self.topics.values()),
+            start_ns=start,
+            duration_s=0.0 if start is None or end is None else (end - start) * 1e-9,
+            counters={},
+            configuration=None,
+            splits=tuple(_split_info(*pair) for pair in zip(self._files, self._readers, strict=True)),
+            finished=finished,
+            problems=() if finished else (f"{self.path}: has no {FILE_NAME}",),
+        )
+
+    def messages(
+        self, topics: Collection[str] | None = None, start_s: float = 0.0, duration_s: float | None = None
+    ) -> Iterator[BagMessage]:
+        """Yield the messages in order of their time, file by file; see `BagReader.messages`.
+
+        Raises
+        ------
+        DamagedBagError
+            The database is corrupt.
+        """
+        if self.start_ns is None or self.end_ns is None:
+            return
+        first = self.start_ns + round(start_s * 1e9)
+        last = self.end_ns if duration_s is None else min(self.end_ns, first + round(duration_s * 1e9))
+        for file, reader in zip(self._files, self._readers, strict=True):
+            wanted = [item for item in reader.connections if topics is None or item.topic in topics]
+            with _reported(file):
+                for item, time_ns, raw in reader.messages(wanted, first, last + 1) if wanted else ():
+                    yield BagMessage(item.topic, item.msgtype, time_ns, time_ns, bytes(raw))
+
+    def _open(self, file: Path) -> None:
+        with _reported(file):
+            reader = Reader(file)
+            reader.open()
+            self._stack.callback(reader.close)
+            storage: Any = reader.storage
+            storage.dbconn.limit(apsw.SQLITE_LIMIT_LENGTH, MAX_RECORD_BYTES)
+            self._readers.append(reader)
+
+    def _topic_table(self) -> dict[str, TopicInfo]:
+        table: dict[str, TopicInfo] = {}
+        for reader in self._readers:
+            for item in reader.connections:
+                before = table[item.topic].message_count if item.topic in table else 0
+                table[item.topic] = _topic_info(item, before)
+        return table
+
+
+def _files_of(path: Path) -> list[Path]:
+    if not path.exists():
+        raise MissingBagError(path, "there is no such bag")
+    if path.is_file():
+        return [path]
+    if not (path / FILE_NAME).is_file():
+        return sorted((inside(path, file) for file in path.glob(f"*{SQLITE_SUFFIX}")), key=split_order)
+    metadata = read_metadata(path, storage=SQLITE)
+    if metadata.compression_mode:
+        raise ForeignFileError(path, "compressed sqlite3 bags are not supported; convert it with `ros2 bag convert`")
+    files = [inside(path, path / name) for name in metadata.files]
+    for file in files:
+        if not file.is_file():
+            raise MissingBagError(file, f"is listed in {FILE_NAME} but does not exist")
+    return files
+
+
+@contextmanager
+def _reported(file: Path) -> Iterator[None]:
+    """Report the various errors of rosbags and sqlite as a damaged bag."""
+    try:
+        yield
+    except _FAILURES as error:
+        raise DamagedBagError(file, f"cannot be read as a sqlite3 bag ({error})") from error
+
+
+def _topic_info(item: Connection, messages_before: int) -> TopicInfo:
+    extension = item.ext
+    assert isinstance(extension, ConnectionExtRosbag2)
+    qos = "".join(
+        offered_qos(
+            profile.reliability.name.lower(),
+            profile.durability.name.lower(),
+            profile.depth,
+            profile.history.name.lower(),
+        )
+        for profile in extension.offered_qos_profiles
+    )
+    return TopicInfo(
+        item.topic,
+        item.msgtype,
+        messages_before + item.msgcount,
+        qos,
+        item.digest,
+        item.msgdef.data,
+        "ros2msg",
+        extension.serialization_format,
+    )
+
+
+def _split_info(file: Path, reader: Reader) -> SplitInfo:
+    count = reader.message_count
+    start, end = (reader.start_time, reader.end_time - 1) if count else (None, None)
+    return SplitInfo(file, file.stat().st_size, start, end, count)

@@ -1,0 +1,272 @@
+"""The breaker solved as one by other means: judge of the coupled run, sharing no code with the machine.
+
+Kinematics by complex numbers and implicit differentiation, equations of motion by virtual work of every link's mass
+and moment of inertia (no derivatives of generalised masses), the motor's torque at the speed of the instant (Kloss),
+scipy's DOP853 with a relative tolerance of 1e-12, events by Brent's method on its dense output of order 7.
+No samples, no coupling step.
+
+Valid where the wall lets the tool go: the striker does not catch up with the tool it has struck.
+"""
+
+from __future__ import annotations
+
+import cmath
+import itertools
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import DOP853
+from scipy.optimize import brentq
+
+from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
+
+Array = NDArray[np.float64]
+TOLERANCE = 1e-12
+LONGEST_S = 1e-3
+PLASTIC_BELOW = 1e-7  # rad/s: a bounce slower than this ends its series
+
+
+class Link(NamedTuple):
+    """Centroid r (m, complex, axes of the body) and angle of a link, with two derivatives in the crank angle each."""
+
+    mass_kg: float
+    inertia_kg_m2: float
+    r: complex
+    r1: complex
+    r2: complex
+    turn1: float
+    turn2: float
+
+
+class ReferenceMotion(NamedTuple):
+    """Samples (n, 4) of q (unwrapped), u, phi, p at the asked times, and blows (m, 2): time (s), impulse (N s)."""
+
+    samples: Array
+    blows: Array
+
+
+class BreakerReference:
+    """The machine of these parameters, crank and body free, supply at rated frequency from the start."""
+
+    def __init__(self, parameters: BreakerParameters) -> None:
+        self._p = p = parameters
+        link = p.linkage
+        self._on_frame = p.drive_mount == "frame"
+        self._own = link.rocker_mass_kg * (link.rocker_centroid_along_m**2 + link.rocker_centroid_across_m**2)
+        angles = np.linspace(0.0, 2.0 * math.pi, 721)
+        rates = [self._rocker(q)[1] for q in angles]
+        turns = [
+            (brentq(lambda q: self._rocker(q)[1], a, b, xtol=1e-15), before)
+            for a, b, before, after in zip(angles, angles[1:], rates, rates[1:], strict=False)
+            if before * after < 0.0
+        ]
+        self._extreme = next(q for q, before in turns if before > 0.0)
+        self._return = next(q for q, before in turns if before < 0.0)
+        self._furthest = self._rocker(self._extreme)[0]
+
+    def _rocker(self, q: float) -> tuple[float, float, float]:
+        """Return the rocker's angle (rad) and its derivatives in the crank angle."""
+        _, _, theta = self._loop(q)
+        return theta
+
+    def _loop(self, q: float) -> tuple[complex, tuple[float, float, float], tuple[float, float, float]]:
+        """Return the crank pin, and angle with two derivatives of coupler and rocker.
+
+        a e^{i q} + b e^{i beta} = d + c e^{i gamma}, the joint below the line of the bearings.
+        """
+        k = self._p.linkage
+        pin, ground = k.crank_m * cmath.exp(1j * q), complex(k.ground_m)
+        span = ground - pin
+        cosine = (k.coupler_m**2 + abs(span) ** 2 - k.rocker_m**2) / (2.0 * k.coupler_m * abs(span))
+        candidates = []
+        for side in (1.0, -1.0):
+            beta = cmath.phase(span) + side * math.acos(cosine)
+            candidates.append((beta, pin + k.coupler_m * cmath.exp(1j * beta)))
+        beta, joint = min(candidates, key=lambda c: c[1].imag)
+        gamma = cmath.phase(joint - ground)
+        b, c = k.coupler_m * cmath.exp(1j * beta), k.rocker_m * cmath.exp(1j * gamma)
+        matrix = np.array([[(1j * b).real, -(1j * c).real], [(1j * b).imag, -(1j * c).imag]])
+        first = -1j * pin
+        b1, c1 = np.linalg.solve(matrix, [first.real, first.imag])
+        second = pin + b * b1**2 - c * c1**2
+        b2, c2 = np.linalg.solve(matrix, [second.real, second.imag])
+        return pin, (beta, float(b1), float(b2)), (gamma, float(c1), float(c2))
+
+    def links(self, q: float) -> tuple[Link, Link, Link]:
+        """Return crank, coupler and rocker at a crank angle."""
+        k = self._p.linkage
+        pin, (beta, b1, b2), (gamma, c1, c2) = self._loop(q)
+        s1 = complex(k.crank_centroid_along_m, k.crank_centroid_across_m) * cmath.exp(1j * q)
+        s2 = complex(k.coupler_centroid_along_m, k.coupler_centroid_across_m) * cmath.exp(1j * beta)
+        s3 = complex(k.rocker_centroid_along_m, k.rocker_centroid_across_m) * cmath.exp(1j * gamma)
+        own = k.crank_mass_kg * abs(s1) ** 2
+        return (
+            Link(k.crank_mass_kg, k.crank_inertia_kg_m2 - own, s1, 1j * s1, -s1, 1.0, 0.0),
+            Link(
+                k.coupler_mass_kg, k.coupler_inertia_kg_m2, pin + s2, 1j * pin + 1j * b1 * s2,
+                -pin + (1j * b2 - b1**2) * s2, b1, b2,
+            ),
+            Link(
+                k.rocker_mass_kg, k.rocker_inertia_kg_m2 - self._own, k.ground_m + s3, 1j * c1 * s3,
+                (1j * c2 - c1**2) * s3, c1, c2,
+            ),
+        )  # fmt: skip
+
+    def mass_and_bias(self, q: float, u: float, phi: float, p: float) -> tuple[Array, Array]:
+        """Return the mass matrix, and what inertia and weights ask of both coordinates at no acceleration (N m)."""
+        mass, bias = np.zeros((2, 2)), np.zeros(2)
+        down = -1j * self._p.gravity_m_per_s2 * cmath.exp(1j * phi)
+        for k in self.links(q):
+            by = (k.r1, -1j * k.r)
+            turn = (k.turn1, -1.0)
+            drift = k.r2 * u * u - 2j * k.r1 * u * p - k.r * p * p
+            spin = k.turn2 * u * u
+            for i in range(2):
+                for j in range(2):
+                    mass[i, j] += k.mass_kg * (by[i].conjugate() * by[j]).real + k.inertia_kg_m2 * turn[i] * turn[j]
+                bias[i] += k.mass_kg * (by[i].conjugate() * (drift - down)).real + k.inertia_kg_m2 * spin * turn[i]
+        ratio, rotor = self._p.gear.ratio, self._p.motor.rotor_inertia_kg_m2
+        by_rotor = np.array([ratio, -ratio]) if self._on_frame else np.array([ratio, 1.0])
+        mass += rotor * np.outer(by_rotor, by_rotor)
+        mass[1, 1] += self._p.body.inertia_kg_m2
+        return mass, bias
+
+    def motor_torque(self, rotor: float) -> float:
+        """Return Kloss' torque at a rotor speed (rad/s), supply at rated frequency."""
+        m = self._p.motor
+        synchronous, rated = m.synchronous_speed_rpm * math.pi / 30.0, m.rated_speed_rpm * math.pi / 30.0
+        slip = (synchronous - rated) / synchronous
+        largest = m.breakdown_torque_ratio
+        critical = slip * (largest + math.sqrt(largest**2 - 1.0))
+        now = (synchronous - rotor) / synchronous
+        return 2.0 * largest * m.rated_power_w / rated / (now / critical + critical / now) if now else 0.0
+
+    def forces(self, q: float, u: float, phi: float, p: float) -> Array:
+        """Return what drive and spring do on both coordinates (N m)."""
+        b, gear = self._p.body, self._p.gear
+        torque = self.motor_torque(gear.ratio * (u - p if self._on_frame else u))
+        forward = torque * (u - self._on_frame * p) >= 0.0
+        drive = torque * gear.ratio * (gear.efficiency if forward else 1.0 / gear.efficiency)
+        damping = 2.0 * b.damping_ratio * b.spring_arm_m * math.sqrt(b.spring_rate_n_per_m * b.inertia_kg_m2)
+        spring = b.spring_rate_n_per_m * (b.spring_arm_m * phi + b.preload_deflection_m) * b.spring_arm_m
+        return np.array([drive, -self._on_frame * drive - spring - damping * p])
+
+    def accelerations(self, state: Array, rests: bool) -> tuple[float, float, float]:
+        """Return u', p' and the collar's moment."""
+        mass, bias = self.mass_and_bias(*state)
+        right = self.forces(*state) - bias
+        if rests:
+            du = right[0] / mass[0, 0]
+            return float(du), 0.0, float(mass[1, 0] * du - right[1])
+        du, dp = np.linalg.solve(mass, right)
+        return float(du), float(dp), 0.0
+
+    def gap(self, q: float, phi: float) -> float:
+        """Return the gap between striker and seated tool (m)."""
+        travel = self._p.tool.overtravel_m + self._p.linkage.striker_arm_m * math.remainder(
+            self._rocker(q)[0] - self._furthest, 2.0 * math.pi
+        )
+        return self._p.body.tool_radius_m * phi - travel
+
+    def blow(self, state: Array) -> tuple[Array, float]:
+        """Return the state after a blow on the seated tool, and the impulse (N s); a resting body is free to leave."""
+        mass, _ = self.mass_and_bias(*state)
+        direction = np.array([self._p.linkage.striker_arm_m * self._rocker(state[0])[1], -self._p.body.tool_radius_m])
+        answer = np.linalg.solve(mass, direction)
+        if state[2] == 0.0 and state[3] == 0.0 and answer[1] > 0.0:
+            answer = np.array([direction[0] / mass[0, 0], 0.0])
+        seen = 1.0 / (direction @ answer)
+        m_t = self._p.tool.mass_kg
+        impulse = (1.0 + self._p.tool.restitution) * (direction @ state[[1, 3]]) * seen * m_t / (seen + m_t)
+        after = state.copy()
+        after[[1, 3]] -= answer * impulse
+        return after, float(impulse)
+
+    def run(self, times_s: Array) -> ReferenceMotion:
+        """Return the motion from standstill, the body on its collar, at ascending times (s, the first 0)."""
+        state = np.array([math.radians(self._p.linkage.initial_crank_deg) % (2.0 * math.pi), 0.0, 0.0, 0.0])
+        samples, blows = np.empty((len(times_s), 4)), []
+        samples[0], index, time = state, 1, 0.0
+        rests, waiting, hold = True, True, -1.0
+        while index < len(times_s):
+            here = self._stepper(time, state, rests, float(times_s[-1]))
+            while True:
+                here.step()
+                dense, low, high = here.dense_output(), float(here.t_old), float(here.t)
+                which, when = self._first(dense, low, high, rests, waiting, hold)
+                while index < len(times_s) and times_s[index] <= when:
+                    samples[index] = dense(times_s[index])
+                    index += 1
+                if not waiting and self._passed(dense(low)[0], dense(when)[0], self._return):
+                    waiting = True
+                if which is not None or here.status != "running":
+                    break
+            state, time, hold = np.array(dense(when)), when, -1.0
+            if which == "blow":
+                state, impulse = self.blow(state)
+                blows.append((when, impulse))
+                rests, waiting = rests and state[3] <= 0.0, False
+                hold = when
+            elif which == "missed":
+                waiting = False
+            elif which == "touchdown":
+                state, rests = self._touchdown(state)
+                hold = when
+            elif which == "lift":
+                rests, hold = False, when
+        return ReferenceMotion(samples, np.array(blows).reshape(-1, 2))
+
+    def _stepper(self, time: float, state: Array, rests: bool, end: float) -> Any:
+        def rates(_: float, y: Array) -> list[float]:
+            du, dp, _collar = self.accelerations(y, rests)
+            return [y[1], du, y[3], dp]
+
+        start, first = state.copy(), 1e-6
+        if rests:
+            start[2:] = 0.0
+        elif state[2] == 0.0:  # a bounce must not end within the first step
+            first = min(first, max(-0.1 * state[3] / min(self.accelerations(state, False)[1], -1e-9), 1e-13))
+        return DOP853(rates, time, start, end, max_step=LONGEST_S, rtol=TOLERANCE, atol=1e-13, first_step=first)
+
+    def _passed(self, before: float, after: float, angle: float) -> bool:
+        return math.floor((after - angle) / (2.0 * math.pi)) > math.floor((before - angle) / (2.0 * math.pi))
+
+    def _first(
+        self, dense: Callable[[float], Array], low: float, high: float, rests: bool, waiting: bool, hold: float
+    ) -> tuple[str | None, float]:
+        """Return the first event of a step and its time; ``hold``: time of an event whose signal may still be zero."""
+        found: list[tuple[float, str]] = []
+
+        def look(name: str, value: Callable[[float], float]) -> None:
+            places = [t for t in np.linspace(low, high, 5) if t > hold + 1e-12]
+            for a, b in itertools.pairwise(places):
+                if value(a) > 0.0 >= value(b):
+                    found.append((float(brentq(value, a, b, xtol=1e-15, rtol=1e-15)), name))
+                    return
+            if places and hold >= low and value(places[0]) <= 0.0:
+                found.append((float(places[0]), name))
+
+        if waiting:
+            look("blow", lambda t: self.gap(*np.asarray(dense(t))[[0, 2]]))
+            if self._passed(dense(low)[0], dense(high)[0], self._extreme):
+                turns = math.floor((dense(high)[0] - self._extreme) / (2.0 * math.pi))
+                aim = self._extreme + 2.0 * math.pi * turns
+                look("missed", lambda t: aim - float(dense(t)[0]))
+        if rests:
+            look("lift", lambda t: self.accelerations(np.array(dense(t)), True)[2])
+        else:
+            look("touchdown", lambda t: float(dense(t)[2]))
+        if not found:
+            return None, high
+        when, which = min(found)
+        return which, when
+
+    def _touchdown(self, state: Array) -> tuple[Array, bool]:
+        mass, _ = self.mass_and_bias(state[0], state[1], 0.0, state[3])
+        slow = -state[3] * self._p.body.restitution < PLASTIC_BELOW
+        jump = -(1.0 + (0.0 if slow else self._p.body.restitution)) * state[3]
+        after = np.array([state[0], state[1] - mass[0, 1] / mass[0, 0] * jump, 0.0, state[3] + jump])
+        return after, slow

@@ -1,0 +1,212 @@
+"""Verbs that write files check them before they compute, keep existing results, and leave nothing half-written."""
+
+from __future__ import annotations
+
+import csv
+import fcntl
+import io
+import os
+import pty
+import re
+import signal
+import stat
+import struct
+import subprocess
+import sys
+import termios
+import time
+from pathlib import Path
+
+import pytest
+from recordings import simulated_bag
+
+from mech_twin.cli.main import main
+from mech_twin.recording.bag_reader import BagReader
+
+pytestmark = pytest.mark.usefixtures("ros_domain")
+COMMAND = [sys.executable, "-c", "from mech_twin.cli.main import main; main()"]
+DRUM = "winding_drum"
+FILE_VERBS = {
+    "run --view": ["run", DRUM, "--no-record", "--view", "OUT.rrd"],
+    "view --save": ["view", "BAG", "--save", "OUT.rrd"],
+    "study sweep": ["study", DRUM, "sweep", "--over", "package.traverse_m=0.2,0.3", "--out", "OUT.csv"],
+    "study size": ["study", "vibration_crank", "size", "--out", "OUT.yaml"],
+    "study search": ["study", "compaction_press", "search", "--out", "OUT.yaml"],
+    "study designs": ["study", "compaction_press", "designs", "--out", "OUT.parquet"],
+    "study synthesise": ["study", "impact_mass", "synthesise", "--out", "OUT.yaml"],
+    "study regimes": ["study", "impact_mass", "regimes", "--over", "period_s=0.1,0.2", "--out", "OUT.png"],
+}
+DIRECTORY_VERBS = {
+    "run --record": ["run", DRUM, "--view", "none", "--duration", "0.1", "--pace", "max", "--record", "OUT"],
+    "simulate --bag": ["simulate", DRUM, "--duration", "0.1", "--bag", "OUT"],
+    "recover": ["recover", "BAG", "OUT"],
+    "reproduce --figures": ["reproduce", DRUM, "--figures", "OUT"],
+}
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    directory = tmp_path_factory.mktemp("outputs") / "bag"
+    simulated_bag(DRUM, 0.05, directory)
+    return directory
+
+
+def refusal(words: list[str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> str:
+    """Return the one line with which the command is refused, in a time in which nothing can have been computed."""
+    monkeypatch.setattr(sys, "argv", ["mech-twin", *words])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    lines = capsys.readouterr().err.splitlines()
+    assert ended.value.code == 2
+    assert len(lines) == 1
+    assert lines[0].startswith("mech-twin: ")
+    return lines[0]
+
+
+def aimed(words: list[str], out: str, bag: Path) -> list[str]:
+    return [str(bag) if word == "BAG" else word.replace("OUT", out) for word in words]
+
+
+@pytest.mark.parametrize("verb", [*FILE_VERBS, *DIRECTORY_VERBS])
+def test_an_output_that_cannot_be_written_is_refused_first(verb, bag, capsys, monkeypatch):
+    words = aimed((FILE_VERBS | DIRECTORY_VERBS)[verb], "/proc/x", bag)
+    assert "/proc/x" in refusal(words, capsys, monkeypatch)
+
+
+@pytest.mark.parametrize("verb", FILE_VERBS)
+def test_an_existing_file_is_kept_without_force(verb, bag, tmp_path, capsys, monkeypatch):
+    words = aimed(FILE_VERBS[verb], str(tmp_path / "out"), bag)
+    (there,) = [Path(word) for word in words if str(tmp_path) in word]
+    there.write_text("kept")
+    assert f"{there}: exists already; use --force" in refusal(words, capsys, monkeypatch)
+    assert there.read_text() == "kept"
+    assert list(tmp_path.iterdir()) == [there]
+
+
+@pytest.mark.parametrize("verb", FILE_VERBS)
+def test_a_file_is_not_written_through_a_link_even_with_force(verb, bag, tmp_path, capsys, monkeypatch):
+    words = [*aimed(FILE_VERBS[verb], str(tmp_path / "out"), bag), "--force"]
+    (link,) = [Path(word) for word in words if str(tmp_path) in word]
+    link.symlink_to(tmp_path / "elsewhere")
+    assert "not a regular file" in refusal(words, capsys, monkeypatch)
+    assert not (tmp_path / "elsewhere").exists()
+
+
+@pytest.mark.parametrize("verb", DIRECTORY_VERBS)
+def test_an_existing_directory_is_kept_without_force(verb, bag, tmp_path, capsys, monkeypatch):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "out_0.mcap").write_text("kept")
+    assert "--force" in refusal(aimed(DIRECTORY_VERBS[verb], str(tmp_path / "out"), bag), capsys, monkeypatch)
+    assert (tmp_path / "out" / "out_0.mcap").read_text() == "kept"
+
+
+@pytest.mark.parametrize("verb", ["run --record", "simulate --bag", "recover"])
+def test_force_replaces_a_recording_but_no_other_files(verb, bag, tmp_path, capsys, monkeypatch):
+    words = [*aimed(DIRECTORY_VERBS[verb], str(tmp_path / "out"), bag), "--force"]
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "thesis.txt").write_text("kept")
+    assert "thesis.txt" in refusal(words, capsys, monkeypatch)
+    assert (tmp_path / "out" / "thesis.txt").read_text() == "kept"
+
+
+@pytest.mark.parametrize("verb", ["simulate --bag", "recover"])
+def test_force_replaces_a_recording(verb, bag, tmp_path, capsys, monkeypatch):
+    words = aimed(DIRECTORY_VERBS[verb], str(tmp_path / "out"), bag)
+    for more in ([], ["--force"]):
+        monkeypatch.setattr(sys, "argv", ["mech-twin", *words, *more])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        assert not ended.value.code, capsys.readouterr().err
+    monkeypatch.setattr(sys, "argv", ["mech-twin", "info", str(tmp_path / "out"), "--json"])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert not ended.value.code
+
+
+def test_a_recording_is_not_recovered_onto_itself(bag, capsys, monkeypatch):
+    before = (bag / "bag_0.mcap").read_bytes()
+    for out in (bag, bag / "inside", bag / ".." / "bag"):
+        assert "not separate" in refusal(["recover", str(bag), str(out), "--force"], capsys, monkeypatch)
+    assert (bag / "bag_0.mcap").read_bytes() == before
+
+
+def test_a_run_that_fails_at_its_start_leaves_no_recording(tmp_path, capsys, monkeypatch):
+    words = ["simulate", DRUM, "--duration", "0.1", "--bag", str(tmp_path / "a" / "bag"), "--set", "no.such_key=1"]
+    refusal(words, capsys, monkeypatch)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_outputs_follow_the_umask_and_are_never_writable_for_everyone(tmp_path):
+    before = os.umask(0)
+    try:
+        simulated_bag(DRUM, 0.02, tmp_path / "bag")
+    finally:
+        os.umask(before)
+    for path in (tmp_path / "bag", *(tmp_path / "bag").iterdir()):
+        assert not stat.S_IMODE(path.stat().st_mode) & stat.S_IWOTH
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["simulate", DRUM, "--duration", "1e6"],
+        ["analyse", DRUM, "--cycle", "1000000"],
+        ["view", "BAG", "--save", "OUT.rrd"],
+    ],
+)
+def test_ctrl_c_is_one_line_and_leaves_no_file(words, tmp_path):
+    directory = tmp_path / "long"
+    if "BAG" in words:
+        simulated_bag(DRUM, 20.0, directory)
+    process = subprocess.Popen(
+        [*COMMAND, *aimed(words, str(tmp_path / "out"), directory)], stderr=subprocess.PIPE, stdout=subprocess.DEVNULL
+    )
+    time.sleep(4.0)  # it computes by now; the moment does not matter
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=20)
+    assert process.returncode == 130, errors
+    assert errors.decode().splitlines() == ["mech-twin: interrupted"]
+    assert [path for path in tmp_path.iterdir() if path != directory] == []
+
+
+def in_a_terminal(words: list[str], columns: int) -> list[str]:
+    """Return the lines that a command writes to a terminal of this width."""
+    ours, theirs = pty.openpty()
+    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 24, columns, 0, 0))
+    environment = {key: value for key, value in os.environ.items() if key not in {"COLUMNS", "LINES"}}
+    process = subprocess.Popen([*COMMAND, *words], stdout=theirs, stderr=theirs, env=environment | {"TERM": "xterm"})
+    os.close(theirs)
+    text = b""
+    try:
+        while piece := os.read(ours, 65536):
+            text += piece
+    except OSError:  # the terminal is closed at the other end
+        pass
+    assert process.wait(10) == 0
+    os.close(ours)
+    return re.sub(r"\x1b\[[0-9;]*m", "", text.decode()).splitlines()
+
+
+@pytest.mark.slow
+def test_info_fits_80_columns_with_every_topic_in_one_piece(tmp_path: Path) -> None:
+    simulated_bag("mb10_breaker", 0.02, tmp_path / "bag")
+    with BagReader(tmp_path / "bag") as reader:
+        names = [name.removeprefix("/mb10_breaker/") for name in reader.topics]
+    lines = in_a_terminal(["info", str(tmp_path / "bag")], 80)
+    assert max(map(len, lines)) <= 80
+    for name in names:
+        assert sum(f" {name} " in line for line in lines) == 1
+    wide = in_a_terminal(["info", str(tmp_path / "bag"), "--wide"], 80)
+    assert sum("sensor_msgs/msg/JointState" in line for line in wide) == 4
+
+
+def test_the_topics_of_a_recording_as_csv(bag, capsys, monkeypatch):
+    monkeypatch.setattr(sys, "argv", ["mech-twin", "info", str(bag), "--csv"])
+    with pytest.raises(SystemExit):
+        main()
+    rows = list(csv.DictReader(io.StringIO(capsys.readouterr().out)))
+    with BagReader(bag) as reader:
+        assert {row["topic"]: int(row["messages"]) for row in rows} == {
+            name: topic.message_count for name, topic in reader.topics.items()
+        }

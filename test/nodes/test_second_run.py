@@ -1,0 +1,137 @@
+"""A second run under a living name is refused; in a namespace of its own it runs beside the first."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.nodes.namespace import replay_arguments, ros_arguments, run_namespace
+from mech_twin.recording.bag_reader import BagReader
+
+COMMAND = [sys.executable, "-c", "from mech_twin.cli.main import main; main()"]
+NODE = "from mech_twin.nodes.executables import {0}; {0}()"
+DRUM = ["run", "winding_drum", "--view", "none"]
+LIMIT_S = 60.0
+
+
+def started(*words: str) -> subprocess.Popen[str]:
+    nowhere = subprocess.DEVNULL
+    return subprocess.Popen([*COMMAND, *words], stdout=nowhere, stderr=nowhere, text=True, env=os.environ.copy())
+
+
+def finished(*command: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(command, capture_output=True, text=True, timeout=LIMIT_S, env=os.environ.copy(), check=False)
+
+
+def recorded(bag: Path) -> bool:
+    file = bag / f"{bag.name}_0.mcap"
+    return file.exists() and file.stat().st_size > 20_000
+
+
+@pytest.fixture
+def living_run(ros_domain: int, tmp_path: Path):
+    """A run of the drum in real time that is under way."""
+    run = started(*DRUM, "--record", str(tmp_path / "first"))
+    end = time.monotonic() + LIMIT_S
+    while not recorded(tmp_path / "first") and time.monotonic() < end and run.poll() is None:
+        time.sleep(0.05)
+    assert recorded(tmp_path / "first")
+    yield tmp_path / "first"
+    assert run.poll() is None, "the first run ended"
+    run.terminate()
+    assert run.wait(10.0) == 0
+    with BagReader(tmp_path / "first") as reader:
+        assert all(counters["missed"] == 0 for counters in reader.info.counters.values())
+
+
+def assert_refused(run: subprocess.CompletedProcess[str]) -> None:
+    assert run.returncode == 2, run.stderr
+    told = [line for line in run.stderr.splitlines() if "ROS_DOMAIN_ID" in line]
+    assert len(told) == 1
+    assert "--namespace" in told[0]
+    assert "winding_drum" in told[0]
+    assert "Traceback" not in run.stderr
+
+
+@pytest.mark.slow
+def test_a_second_run_and_a_lone_node_are_refused_and_the_first_goes_on(living_run: Path, tmp_path: Path) -> None:
+    second = tmp_path / "second"
+    assert_refused(finished(*COMMAND, *DRUM, "--record", str(second), "--duration", "1"))
+    assert not second.exists()
+    assert_refused(finished(*COMMAND, *DRUM, "--no-record", "--duration", "1", "--processes"))
+    for name in ("motor_node", "linkage_node"):
+        ros = ["--ros-args", "-p", "machine:=winding_drum"]
+        assert_refused(finished(sys.executable, "-c", NODE.format(name), *ros))
+
+
+@pytest.mark.slow
+def test_in_a_namespace_of_its_own_the_same_machine_runs_beside_the_first(living_run: Path, tmp_path: Path) -> None:
+    second = tmp_path / "second"
+    run = finished(*COMMAND, *DRUM, "--record", str(second), "--duration", "1", "--namespace", "hall/drum_2")
+    assert run.returncode == 0, run.stderr
+    with BagReader(second) as reader:
+        names = set(reader.topics)
+        steps = list(reader.messages(["/hall/drum_2/joint_states"]))
+        clock = list(reader.messages(["/hall/drum_2/clock"]))
+        assert all(counters["missed"] == 0 for counters in reader.info.counters.values())
+    assert len(steps) == 1001
+    assert clock
+    assert names - {"/diagnostics"} == {name for name in names if name.startswith("/hall/drum_2/")}
+
+
+@pytest.mark.slow
+def test_a_replay_beside_a_run_is_refused_unless_in_a_namespace_of_its_own(living_run: Path, tmp_path: Path) -> None:
+    bag = tmp_path / "bag"
+    made = finished(*COMMAND, "simulate", "winding_drum", "--duration", "0.2", "--bag", str(bag))
+    assert made.returncode == 0, made.stderr
+    assert_refused(finished(*COMMAND, "replay", str(bag)))
+    beside = finished(*COMMAND, "replay", str(bag), "--namespace", "again", "--rate", "10")
+    assert beside.returncode == 0, beside.stderr
+
+
+@pytest.mark.slow
+def test_a_run_beside_a_paused_replay_is_refused(ros_domain: int, tmp_path: Path) -> None:
+    bag = tmp_path / "bag"
+    assert finished(*COMMAND, "simulate", "winding_drum", "--duration", "0.2", "--bag", str(bag)).returncode == 0
+    replay = started("replay", str(bag), "--rate", "0.001")  # 200 s for 0.2 s: a step each second
+    try:
+        time.sleep(8.0)  # its start, and a step
+        assert_refused(finished(*COMMAND, *DRUM, "--no-record", "--duration", "1"))
+    finally:
+        replay.terminate()
+        replay.wait(10.0)
+
+
+@pytest.mark.slow
+def test_a_run_after_one_that_was_killed_starts(ros_domain: int, tmp_path: Path) -> None:
+    """What a killed run leaves on the graph, for as long as its lease lasts, is not alive."""
+    run = started(*DRUM, "--record", str(tmp_path / "first"))
+    end = time.monotonic() + LIMIT_S
+    while not recorded(tmp_path / "first") and time.monotonic() < end:
+        time.sleep(0.05)
+    run.kill()
+    run.wait()
+    after = finished(*COMMAND, *DRUM, "--no-record", "--duration", "0.2", "--pace", "max")
+    assert after.returncode == 0, after.stderr
+
+
+@pytest.mark.parametrize("bad", ["", "/", "2nd", "a b", "a//b", "a/", "__hidden", "a__b", "ü", "a;b"])
+def test_what_is_no_name_of_ros_is_refused_in_words(bad: str) -> None:
+    with pytest.raises(ConfigurationError, match="--namespace"):
+        run_namespace("winding_drum", bad)
+
+
+def test_the_clock_moves_with_the_namespace() -> None:
+    assert ros_arguments("winding_drum", None) == []
+    assert ros_arguments("winding_drum", "b")[-1] == "/clock:=/b/clock"
+    moved = replay_arguments(["/drum/motor/joint_states", "/clock", "/diagnostics"], "b")
+    assert moved[4::2] == [
+        "/drum/motor/joint_states:=/b/motor/joint_states",
+        "/clock:=/b/clock",
+    ]
