@@ -8,13 +8,18 @@ from typing import Literal
 
 from pydantic import model_validator
 
-from mech_twin.machines.mb10_breaker.pressed_body.parameters import BodyParameters, ExcitationParameters
+from mech_twin.machines.mb10_breaker.pressed_body.parameters import (
+    BodyParameters,
+    ExcitationParameters,
+    stiffness_refusal,
+)
 from mech_twin.parts.four_bar import OPEN, FourBar, failing_inequality
 from mech_twin.parts.induction_motor import InductionMotorParameters
 from mech_twin.parts.supply import SupplyParameters
 from mech_twin.quantity import Parameters, choice, quantity
 
 LEAST_TRANSMISSION_DEG = 5.0
+STIFFEST_N_PER_M = 1e8  # of the springs, where the body follows the forces of the linkage
 LARGEST_OVERTRAVEL = 0.5  # of the striker's stroke: the tool stands in its way in the first half of its way back
 
 
@@ -172,6 +177,18 @@ class BreakerParameters(Parameters):
                 f"excitation.kind from_forces needs body.contact one_sided, got '{self.body.contact}': without a "
                 "collar nothing seats the tool"
             )
+        if self.excitation.kind == "from_forces" and self.body.spring_rate_n_per_m > STIFFEST_N_PER_M:
+            raise ValueError(
+                f"body.spring_rate_n_per_m must be at most {STIFFEST_N_PER_M:g} N/m under excitation.kind from_forces: "
+                f"the body would bounce too often in a step; got {self.body.spring_rate_n_per_m:g}"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _half_sine_can_be_followed(self) -> BreakerParameters:
+        refusal = stiffness_refusal(self.body, self.excitation) if self.excitation.kind == "approximated" else ""
+        if refusal:
+            raise ValueError(refusal)
         return self
 
     @model_validator(mode="after")
