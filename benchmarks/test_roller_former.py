@@ -52,7 +52,7 @@ def best_of(times: int, task: Callable[[], object]) -> float:
 
 def ours(former: Former, duration_s: float) -> np.ndarray:
     """Return the state after a run from synchronous speed under full load."""
-    y, modes = state_array(0.0, SYNCHRONOUS), Modes(1.0, 1.0, True, 1.0, -1.0, False, 0.0)
+    y, modes = state_array(0.0, SYNCHRONOUS), Modes(1.0, 1.0, 1.0, True, 1.0, -1.0, False, 0.0)
     advance_motion(former, Torque(True, 1.0, 0.0, 0.0, 0.0), 0.0, duration_s, y, modes, empty_log(), np.inf)
     return y
 

@@ -41,7 +41,7 @@ RESIDUALS: Mapping[str, Residual] = MappingProxyType(
         "angle_difference_rad": Residual("rad", "angle the linkage led the body to, less the body's own"),
         "rate_difference_rad_per_s": Residual("rad/s", "rate the linkage led the body to, less the body's own"),
         "penetration_rad": Residual("rad", "angle by which a body lies beyond its stop"),
-        "rolling_m_per_s": Residual("m/s", "speed of the rim less speed of the yarn"),
+        "area_balance": Residual("1", "area the package lost less area of the yarn run, over that of all its yarn"),
     }
 )
 

@@ -143,9 +143,10 @@ def designs(
 def synthesise(
     context: typer.Context,
     impact_speed: Annotated[float, typer.Option(help="wanted speed of the blow, m/s")] = 20.0,
-    margin: Annotated[float, typer.Option(help="asked 1 - |largest multiplier|")] = 0.2,
+    margin: Annotated[float, typer.Option(help="asked 1 - |largest multiplier|")] = 0.1,
     basin: Annotated[float, typer.Option(help="asked share of random starts that reach the cycle")] = 0.999,
-    reserve: Annotated[float, typer.Option(help="asked freedom of P2, share of the mean force")] = 0.02,
+    tolerance: Annotated[float, typer.Option(help="relative tolerance of P1, P2, t1, T and R it shall stand")] = 0.01,
+    stroke_ratio: Annotated[float, typer.Option(help="largest gap over the asked stroke, at most")] = 2.5,
     starts: Annotated[int, typer.Option(help="random starts of the basin", min=1)] = 1000,
     seed: Seed = 1,
     periods: Annotated[int, typer.Option(help="length of the endurance runs", min=1)] = 1_000_000,
@@ -160,7 +161,7 @@ def synthesise(
 
     file = out or Path(f"{context.obj}-robust.yaml")
     check_output_file(file, force=force)
-    request = SynthesisRequest(impact_speed, margin, basin, reserve, starts, seed, periods, file)
+    request = SynthesisRequest(impact_speed, margin, basin, tolerance, stroke_ratio, starts, seed, periods, file)
     answer_synthesise(context.obj, request, config, settings or [], as_json=json)
 
 

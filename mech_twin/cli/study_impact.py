@@ -14,6 +14,7 @@ from mech_twin.dependencies import require_extra
 from mech_twin.machines.impact_mass.parameters import ImpactMass
 from mech_twin.machines.impact_mass.regimes import write_bifurcation_picture
 from mech_twin.machines.impact_mass.synthesis import CycleDesign, RobustnessSpec
+from mech_twin.machines.impact_mass.tolerance_box import Certificate
 from mech_twin.parameters.load import assignments, machine_parameters, write_configuration
 from mech_twin.studies import regimes, synthesise
 
@@ -27,7 +28,8 @@ class SynthesisRequest:
     impact_speed_m_per_s: float
     margin: float
     basin_fraction: float
-    force_reserve: float
+    tolerance: float
+    stroke_ratio: float
     starts: int
     seed: int
     periods: int
@@ -46,7 +48,14 @@ def answer_synthesise(
     """Show both cycles side by side; write the robust one's configuration."""
     require_machine(machine, MACHINE, "synthesise")
     r = request
-    robustness = RobustnessSpec(r.margin, r.basin_fraction, r.force_reserve, r.starts, r.seed)
+    robustness = RobustnessSpec(
+        margin=r.margin,
+        basin_fraction=r.basin_fraction,
+        tolerance=r.tolerance,
+        stroke_ratio=r.stroke_ratio,
+        starts=r.starts,
+        seed=r.seed,
+    )
     parameters = _parameters(config, settings)
     with study_errors():
         try:
@@ -73,8 +82,31 @@ def _record(design: CycleDesign) -> dict[str, Any]:
         "config": configuration_tree(design.parameters),
         "impact_speed_m_per_s": design.impact_speed_m_per_s,
         "impact_tau_s": design.impact_tau_s,
+        "stroke_m": design.stroke_m,
         "verdict": judged,
         "endurance": [asdict(lasting) for lasting in design.endurance],
+        "certificate": design.certificate and _certificate_record(design.certificate),
+    }
+
+
+def _certificate_record(certificate: Certificate) -> dict[str, Any]:
+    return {
+        **asdict(certificate),
+        "tried": certificate.tried,
+        "worst_deviation": certificate.worst_deviation._asdict(),
+    }
+
+
+def _certificate_lines(certificate: Certificate) -> dict[str, Any]:
+    c = certificate
+    off = ", ".join(f"{name} {100.0 * value:+.2g} %" for name, value in c.worst_deviation._asdict().items())
+    return {
+        "tolerance of P1, P2, t1, T, R": c.tolerance,
+        "points of the box tried": f"{c.corners} corners, {c.faces} faces, {c.inside} inside, {c.climbed} climbed",
+        "worst share that reaches it": c.worst_fraction,
+        "worst margin": c.worst_margin,
+        "slowest start, periods": c.slowest_periods,
+        "worst point": off,
     }
 
 
@@ -87,6 +119,7 @@ def _lines(design: CycleDesign) -> dict[str, Any]:
         "P2, N": p.phase2_force_n,
         "start x0, m": p.initial_position_m,
         "start v0, m/s": p.initial_velocity_m_per_s,
+        "stroke (largest gap), m": design.stroke_m,
         "blow, m/s": design.impact_speed_m_per_s,
         "verdict": judged.reason,
         "margin 1 - |multiplier|": judged.margin,
@@ -95,6 +128,8 @@ def _lines(design: CycleDesign) -> dict[str, Any]:
         lines["basin: share that reaches it"] = judged.basin.fraction
         lines["basin: share that ends at rest"] = judged.basin.at_rest / judged.basin.box.starts
         lines["basin: starts, seed"] = f"{judged.basin.box.starts}, {judged.basin.box.seed}"
+    if design.certificate is not None:
+        lines.update(_certificate_lines(design.certificate))
     for name, lasting in zip(("T in full", "T to 4 decimals", "T cut to 3"), design.endurance, strict=False):
         rest = f", at rest in period {lasting.rests_in_period}" if lasting.rests_in_period else ""
         lines[name] = f"{lasting.period_s:.7g} s: holds {lasting.held_periods} of {lasting.periods} periods{rest}"

@@ -23,7 +23,7 @@ RESET = "reset"
 
 def coupling_step(longest_s: float = 1.0) -> Any:
     """Return the field of a coupling step (s), for a machine whose longest step is this."""
-    return quantity("s", "coupling step: the roles exchange samples once per step", gt=0.0, le=longest_s)
+    return quantity("s", "coupling step: the roles exchange samples once per step", ge=1e-6, le=longest_s)
 
 
 class Coupling(Parameters):

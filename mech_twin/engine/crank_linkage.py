@@ -9,8 +9,8 @@ are roots of it; with a motor they are found on the integrated motion.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from math import copysign, floor, inf, isfinite, pi, sqrt
+from dataclasses import dataclass, field
+from math import copysign, floor, inf, isfinite, isnan, pi, sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -42,6 +42,9 @@ class Memory(NamedTuple):
     crank_acceleration_rad_per_s2: float
     friction_torque_nm: float
     turning_sense: float  # +1, -1; 0 at rest
+    stalled_1: float  # 1 where a supply that is on does not turn the crank
+    load_share: float  # of the load that acts: less than 1 at rest against a load that only resists
+    turned_back_rad: float  # crank angle at which it last turned back under such a load
     drive_work_j: float
     gear_loss_j: float
     friction_loss_j: float
@@ -59,6 +62,7 @@ class CrankKernels(NamedTuple):
     ``load_speed(constants, f, w)`` -> speed (m/s) of the loaded point against the load, for events
     ``prescribed(constants, f, w, e, regime)`` -> system whose one rate is the power the drive gives the mechanism (W)
     ``driven(constants, shaft_drive, regime)`` -> system whose rates are `crank_rates`
+    ``shared(constants, share)`` -> the constants with this share of the load
     """
 
     state: Callable[..., Any]
@@ -66,10 +70,14 @@ class CrankKernels(NamedTuple):
     load_speed: Callable[..., float]
     prescribed: Callable[..., Any]
     driven: Callable[..., Any]
+    shared: Callable[..., Any]
 
 
 class Boundary(NamedTuple):
-    """A crank angle (rad, any turn) where the regime ``before`` becomes ``after``, met in this direction (+1, -1)."""
+    """A crank angle (rad, any turn) where the regime ``before`` becomes ``after``, met in this direction (+1, -1).
+
+    The angle is nan where it is that at which the crank last turned back.
+    """
 
     angle: float
     direction: float
@@ -86,6 +94,13 @@ class ShaftFriction(NamedTuple):
 
 
 NO_FRICTION = ShaftFriction()
+
+
+class Resisting(NamedTuple):
+    """A regime whose load resists one sense of turning (+1, -1) and gives nothing back; ``after`` turning back."""
+
+    sense: float
+    after: int
 
 
 class Transmission(NamedTuple):
@@ -130,6 +145,9 @@ class State(NamedTuple):
     friction_loss: float
     load_work: float
     regime: int
+    stalled: float = 0.0
+    share: float = 1.0
+    mark: float = 0.0
 
 
 class Piece(NamedTuple):
@@ -158,11 +176,13 @@ class CrankLinkage:
     transmission: Transmission | None = None
     friction: ShaftFriction = NO_FRICTION
     coordinates: tuple[str, ...] = ("crank",)
+    size_m: float = 1.0
+    resisting: Mapping[int, Resisting] = field(default_factory=dict)
 
     @property
     def residual_limits(self) -> Mapping[str, float]:
-        """Limits of the residuals: rod lengths (m), energy balance over the energy turned over."""
-        return {"loop_closure_m": 1e-12, "energy_balance": 1e-8}
+        """Limits of the residuals: rod lengths (m, of a linkage beyond 1 m over its size), energy balance."""
+        return {"loop_closure_m": 1e-12 * max(1.0, self.size_m), "energy_balance": 1e-8}
 
     def start(self, step: int = 0) -> LinkageSample:
         """Return the machine at its first angle and speed; at rest it is held until the motor is heard."""
@@ -182,6 +202,9 @@ class CrankLinkage:
             past.turning_sense,
             *books,
             linkage.regime,
+            past.stalled_1,
+            1.0,
+            past.turned_back_rad,
         )
         adjusted = self.kernels.state(self.constants, now.f, now.w, 0.0, now.regime)[3] - past.energy_j
         events: list[Event] = []
@@ -209,7 +232,7 @@ class CrankLinkage:
             if piece.what == AT_ANGLE and boundary is not None:
                 now = self._crossed(start_s + done, now, boundary, events)
             elif piece.what == AT_REST:
-                now = now._replace(w=0.0)
+                now = self._turned_back(now._replace(w=0.0, sense=_sign(now.e)))
         raise ArithmeticError(f"more than {MOST_PIECES} changes of regime in the step from {start_s} s")
 
     def _led_piece(self, now: State, left: float, aim: float) -> Piece:
@@ -263,7 +286,7 @@ class CrankLinkage:
             done += piece.span
             now = piece.after
             if piece.what == SPAN_ENDED:
-                return (now, self._rest(now, drive, done)[1]) if now.sense == 0.0 else (now, 0.0)
+                return self._rest(now, drive, done) if now.sense == 0.0 else (now, 0.0)
             if piece.what == AT_ANGLE and boundary is not None:
                 now = self._crossed(start_s + done, now, boundary, events)
         raise ArithmeticError(f"more than {MOST_PIECES} changes of regime in the step from {start_s} s")
@@ -273,11 +296,14 @@ class CrankLinkage:
     ) -> State:
         """Return the state with the sense in which a crank without speed goes on, 0 where it sticks, and log that."""
         after, _ = self._rest(now, drive, t)
-        if after.sense == now.sense:
+        if after.sense != 0.0:
+            after = self._turned_back(after._replace(stalled=0.0))
+        held_for_good = after.sense == now.sense == 0.0 and command != 0.0 and drive.time_slope == 0.0
+        if after.sense == now.sense and (not held_for_good or now.stalled):
             return after
         kind = STARTED if now.sense == 0.0 else STOPPED if after.sense == 0.0 else REVERSED
-        if now.sense != 0.0 and now.sense * command > 0.0:
-            kind = STALLED
+        if held_for_good or now.sense * command > 0.0:
+            kind, after = STALLED, after._replace(stalled=float(after.sense == 0.0))
         smooth = self._grip(drive, t).friction_nm + self.friction.coulomb_nm == 0.0
         if kind == STALLED or not smooth:
             torque = self._load_torque(now)
@@ -295,11 +321,34 @@ class CrankLinkage:
         if now.w != 0.0:
             return now._replace(sense=_sign(now.w)), 0.0
         grip = self._grip(drive, t)
-        driving = grip.mean_nm - self._load_torque(now)
         limit = grip.friction_nm + self.friction.coulomb_nm
+        driving, load_share = self._driving(now, grip.mean_nm, limit)
         sense = released(limit, driving)
         share = self.friction.coulomb_nm / limit if limit > 0.0 else 0.0
-        return now._replace(sense=sense, e=0.0), -driving * share if sense == 0.0 else 0.0
+        after = now._replace(sense=sense, e=0.0, share=load_share if sense == 0.0 else 1.0)
+        return after, -driving * share if sense == 0.0 else 0.0
+
+    def _driving(self, now: State, mean: float, limit: float) -> tuple[float, float]:
+        """Return the torque (N m) that would turn a crank at rest, and the share of the load that acts on it.
+
+        A load that only resists takes of itself what holds the crank, from nothing to the whole.
+        """
+        whole = self._load_torque(now)
+        resists = self.resisting.get(now.regime)
+        if resists is None:
+            return mean - whole, 1.0
+        bare = self._load_torque(now._replace(regime=resists.after))
+        if resists.sense * (mean - whole) > limit:
+            return mean - whole, 1.0
+        share = 0.0 if whole == bare else min(max((mean - bare) / (whole - bare), 0.0), 1.0)
+        return mean - bare - share * (whole - bare), share
+
+    def _turned_back(self, now: State) -> State:
+        """Return the state, out of a load that only resists where the crank sets off against its sense."""
+        resists = self.resisting.get(now.regime)
+        if resists is None or now.sense in (0.0, resists.sense):
+            return now
+        return now._replace(regime=resists.after, mark=now.f)
 
     def _release_time(self, now: State, drive: ShaftDrive, t: float, left: float) -> float:
         """Return how long a crank at rest goes on sticking (s), at most ``left``.
@@ -332,7 +381,10 @@ class CrankLinkage:
             raise ArithmeticError(f"no step is small enough at crank angle {y[0]} rad and {y[1]} rad/s")
         f, w, drive_work, gear_loss, friction_loss = y.tolist()
         load = now.load_work + self.kernels.load_work(self.constants, now.f, f, now.regime)
-        return Piece(State(f, w, e, now.sense, drive_work, gear_loss, friction_loss, load, now.regime), span, what)
+        after = now._replace(
+            f=f, w=w, e=e, drive_work=drive_work, gear_loss=gear_loss, friction_loss=friction_loss, load_work=load
+        )
+        return Piece(after, span, what)
 
     # ---- both
 
@@ -351,8 +403,10 @@ class CrankLinkage:
             sign = boundary.direction
             if boundary.before != now.regime or sign != now.sense:
                 continue
-            turns = floor(sign * (now.f - boundary.angle) / TURN) + 1.0
-            angle = boundary.angle + sign * turns * TURN
+            angle = now.mark
+            if not isnan(boundary.angle):
+                turns = floor(sign * (now.f - boundary.angle) / TURN) + 1.0
+                angle = boundary.angle + sign * turns * TURN
             if best is None or sign * (angle - aim) < 0.0:
                 best, aim = boundary, angle
         return best, aim
@@ -382,7 +436,8 @@ class CrankLinkage:
         adjusted: float,
         events: tuple[Event, ...],
     ) -> LinkageSample:
-        positions, velocities, torque, energy, closure = self.kernels.state(self.constants, at.f, at.w, at.e, at.regime)
+        constants = self.constants if at.share == 1.0 else self.kernels.shared(self.constants, at.share)
+        positions, velocities, torque, energy, closure = self.kernels.state(constants, at.f, at.w, at.e, at.regime)
         if not isfinite(torque):
             raise ArithmeticError(f"crank torque is not finite at crank angle {at.f} rad, step {step}")
         friction = held
@@ -390,7 +445,7 @@ class CrankLinkage:
             friction = -self.friction.coulomb_nm * at.sense - self.friction.viscous_nms_per_rad * at.w
         initial, booked = (energy, 0.0) if past is None else (past.initial_energy_j, past.adjustment_work_j + adjusted)
         works = (at.drive_work, at.gear_loss, at.friction_loss, at.load_work)
-        memory = Memory(at.e, friction, at.sense, *works, booked, energy, initial)
+        memory = Memory(at.e, friction, at.sense, at.stalled, at.share, at.mark, *works, booked, energy, initial)
         miss = energy - initial - at.drive_work - at.load_work + at.friction_loss - booked
         scale = max(self._turned_over(at), abs(initial), abs(energy), abs(booked))
         return LinkageSample(

@@ -16,19 +16,27 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import pi
-from typing import Literal
+from typing import Literal, Self
 
-from pydantic import field_validator
+from pydantic import field_validator, model_validator
 
-from mech_twin.engine.crank_linkage import ShaftFriction
+from mech_twin.engine.coupling import Coupling
+from mech_twin.engine.crank_linkage import ShaftFriction, Transmission
 from mech_twin.parts.friction import Friction
-from mech_twin.parts.induction_motor import MotorConstants, motor_torque
-from mech_twin.parts.supply import limited_change, limited_command
+from mech_twin.parts.gear import Gear
+from mech_twin.parts.induction_motor import InductionMotorParameters, MotorConstants, motor_constants, motor_torque
+from mech_twin.parts.supply import SupplyParameters, limited_change, limited_command
 from mech_twin.quantity import Parameters, choice, quantity
+from mech_twin.roles import MotorRole
 from mech_twin.samples import LinkageSample, MotorSample
 
 # steps of the speed at a prescribed rate are sums of rounded terms: what rounding leaves must not cost a step
 ROUNDING = 1.0 + 1e-9
+SLOWEST_RPM, FASTEST_RPM = 0.01, 1e4
+LONGEST_TURN = 0.25  # of a turn, that a coupling step may take at prescribed speed
+LONGEST_MOTOR_TURN = 0.05  # of a turn at the motor's synchronous speed
+LONGEST_MOTOR_STEP_S = 0.01
+MOST_STIFFNESS = 1e3  # step over the shortest time constant of the shaft
 
 
 class Drive(Parameters):
@@ -40,14 +48,90 @@ class Drive(Parameters):
     @field_validator("speed_rpm")
     @classmethod
     def _turning(cls, value: float) -> float:
-        if value == 0.0:
-            raise ValueError("speed_rpm must not be 0: every figure of a cycle is taken at this speed")
+        if not SLOWEST_RPM <= abs(value) <= FASTEST_RPM:
+            raise ValueError(
+                f"speed_rpm must be {SLOWEST_RPM:g} to {FASTEST_RPM:g} either way round, and so must not be 0: every "
+                "figure of a cycle is taken at this speed"
+            )
         return value
 
     @property
     def speed_rad_per_s(self) -> float:
         """Rated crank speed in rad/s."""
         return self.speed_rpm * pi / 30.0
+
+
+class DrivenCrank(Parameters):
+    """What every machine has whose crank is turned at a prescribed speed, or by an induction motor behind a gear."""
+
+    drive: Drive = choice("drive of the crank")
+    motor: InductionMotorParameters | None = choice("motor of a kloss drive", default=None)
+    gear: Gear | None = choice("gear of a kloss drive", default=None)
+    supply: SupplyParameters = choice("supply of the drive")
+    friction: Friction = choice("friction at the crank shaft", default=Friction())
+    coupling: Coupling = choice("coupling of the roles")
+
+    @model_validator(mode="after")
+    def _drive_complete(self) -> Self:
+        if self.drive.kind == "kloss" and (self.motor is None or self.gear is None):
+            raise ValueError("a kloss drive needs both groups motor and gear")
+        return self
+
+    @model_validator(mode="after")
+    def _step_is_short_enough(self) -> Self:
+        step_s = self.coupling.step_s
+        longest, why = LONGEST_TURN * 60.0 / abs(self.drive.speed_rpm), f"{LONGEST_TURN:g} turn at drive.speed_rpm"
+        if self.drive.kind == "kloss" and self.motor is not None and self.gear is not None:
+            turn_s = 60.0 * self.gear.ratio / self.motor.synchronous_speed_rpm
+            longest, why = min(
+                (LONGEST_MOTOR_STEP_S, "the motor's slope is taken anew at each step"),
+                (LONGEST_MOTOR_TURN * turn_s, f"{LONGEST_MOTOR_TURN:g} turn of the crank at synchronous speed"),
+                (
+                    MOST_STIFFNESS * _shaft_time_s(self.motor, self.gear, self.friction),
+                    f"{MOST_STIFFNESS:g} times rotor inertia over the steepest slope of motor and viscous friction",
+                ),
+            )
+        if step_s > longest:
+            raise ValueError(f"coupling.step_s = {step_s:g} s must be at most {longest:.4g} s: {why}")
+        return self
+
+    @property
+    def motor_curve(self) -> MotorConstants | None:
+        """Torque curve of the motor, None with a prescribed speed."""
+        return None if self.drive.kind != "kloss" or self.motor is None else motor_constants(self.motor)
+
+    @property
+    def direction(self) -> float:
+        """Sense in which the drive turns the crank: +1, or -1."""
+        return 1.0 if self.drive.speed_rpm > 0.0 else -1.0
+
+    def drive_roles(self) -> tuple[MotorRole, Transmission | None]:
+        """Return the motor role, and how it is connected to the crank (None: its speed is prescribed)."""
+        step_s, rate = self.coupling.step_s, self.supply.rate_per_s
+        curve = self.motor_curve
+        if curve is None or self.motor is None or self.gear is None:
+            return PrescribedSpeed(self.drive.speed_rad_per_s, rate, step_s), None
+        role = KlossDrive(curve, self.gear.ratio, rate, step_s, direction=self.direction)
+        return role, Transmission(self.gear.ratio, self.gear.efficiency, self.motor.rotor_inertia_kg_m2, curve)
+
+    def start_speed_and_command(self) -> tuple[float, float]:
+        """Return crank speed (rad/s) and command at the start: with a motor the machine starts from rest."""
+        fraction = self.supply.initial_fraction
+        if self.motor_curve is None:
+            return fraction * self.drive.speed_rad_per_s, fraction
+        return 0.0, self.direction * fraction
+
+    @property
+    def shaft_friction(self) -> ShaftFriction:
+        """The constants of the crank shaft's friction."""
+        return ShaftFriction(self.friction.coulomb_nm, self.friction.viscous_nms_per_rad)
+
+
+def _shaft_time_s(motor: InductionMotorParameters, gear: Gear, friction: Friction) -> float:
+    """Return rotor inertia over the steepest slope of motor torque and friction, both at the rotor (s)."""
+    curve = motor_constants(motor)
+    slope = 2.0 * curve.breakdown_torque_nm / (curve.breakdown_slip * curve.synchronous_speed_rad_per_s)
+    return motor.rotor_inertia_kg_m2 / (slope + friction.viscous_nms_per_rad / gear.ratio**2)
 
 
 @dataclass(frozen=True)
@@ -91,11 +175,6 @@ class PrescribedSpeed:
             (linkage.effort[self.driven],),
             command,
         )
-
-
-def shaft_friction(friction: Friction) -> ShaftFriction:
-    """Return the constants of a crank shaft's friction."""
-    return ShaftFriction(friction.coulomb_nm, friction.viscous_nms_per_rad)
 
 
 def first_joint(linkage: LinkageSample) -> tuple[float, float]:

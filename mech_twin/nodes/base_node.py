@@ -23,7 +23,7 @@ from mech_twin.messages.topics import DIAGNOSTICS, Topic
 from mech_twin.nodes.counting_publisher import CountingPublisher, PeakHoldPublisher, StepPublisher
 from mech_twin.nodes.diagnostics import NodeDiagnostics, array_message
 from mech_twin.nodes.options import RunOptions
-from mech_twin.nodes.parameter_bridge import declared_tree
+from mech_twin.nodes.parameter_bridge import declare_machine, declared_tree
 from mech_twin.nodes.topic_statistics import TopicStatistics
 from mech_twin.parameters.errors import refusal
 from mech_twin.parameters.load import RUN_GROUP, catalogue_entry, machine_parameters, validated
@@ -59,6 +59,7 @@ class TwinNode(Node):
     ) -> None:
         super().__init__(name, namespace=f"/{machine_name}")
         source = f"parameters of node {name}"
+        declare_machine(self, machine_name)
         defaults = parameters or machine_parameters(machine_name)
         tree = declared_tree(self, ("", defaults), (f"{RUN_GROUP}.", options or RunOptions()))
         self.machine_name = machine_name

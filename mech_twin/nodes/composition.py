@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -44,13 +44,13 @@ class Outcome(NamedTuple):
     recorded: dict[str, int]
 
 
-def role_nodes(machine_name: str, parameters: Parameters | None, options: RunOptions) -> list[RoleNode]:
-    """Return the role nodes of a machine, the linkage last; a machine without a moving body has no body node."""
-    nodes: list[RoleNode] = [MotorNode(machine_name, parameters, options), ForceNode(machine_name, parameters, options)]
-    if nodes[0].machine.body is not None:
-        nodes.append(BodyNode(machine_name, parameters, options))
-    nodes.append(LinkageNode(machine_name, parameters, options))
-    return nodes
+def role_nodes(machine_name: str, parameters: Parameters | None, options: RunOptions) -> Iterator[RoleNode]:
+    """Yield the role nodes of a machine, the linkage last; a machine without a moving body has no body node."""
+    yield MotorNode(machine_name, parameters, options)
+    yield ForceNode(machine_name, parameters, options)
+    if catalogue_entry(machine_name).has_body:
+        yield BodyNode(machine_name, parameters, options)
+    yield LinkageNode(machine_name, parameters, options)
 
 
 def guarded_topics(machine_name: str, namespace: str | None) -> list[str]:
@@ -89,31 +89,33 @@ def run_in_process(
     """
     rclpy.init(args=ros_arguments(machine_name, namespace), signal_handler_options=SignalHandlerOptions.NO)
     nodes: list[TwinNode] = []
-    try:
-        with StopSignal() as signal, ExitStack() as stack:
-            guard = stack.enter_context(NameGuard(guarded_topics(machine_name, namespace)))
-            apart = options.model_copy(update={"viewer": False})  # it is handed the frames, and hears the scene only
-            roles = role_nodes(machine_name, parameters, apart)
-            nodes += roles
+    with StopSignal() as signal, ExitStack() as at_end, ExitStack() as stack:
+        at_end.callback(rclpy.try_shutdown)
+        at_end.callback(destroy_nodes, nodes)
+        stack.enter_context(signal.interrupting())
+        guard = stack.enter_context(NameGuard(guarded_topics(machine_name, namespace)))
+        apart = options.model_copy(update={"viewer": False})  # it is handed the frames, and hears the scene only
+        roles: list[RoleNode] = []
+        for node in role_nodes(machine_name, parameters, apart):
+            roles.append(node)
+            nodes.append(node)
+        if options.exclusive:
             guard.check(own_publishers=1)
-            stack.close()
-            if directory is not None:
-                nodes.append(RecorderNode(machine_name, directory, parameters, apart))
-            viewer = None
-            if place is not None:
-                from mech_twin.nodes.viewer_node import ViewerNode  # rerun is an extra
+        stack.close()
+        if directory is not None:
+            nodes.append(RecorderNode(machine_name, directory, parameters, apart))
+        viewer = None
+        if place is not None:
+            from mech_twin.nodes.viewer_node import ViewerNode  # rerun is an extra
 
-                viewer = ViewerNode(machine_name, place, parameters, apart, on_topics=False)
-                nodes.append(viewer)
-            metrics = _observed(roles, viewer)
-            linkage = roles[-1]
-            with Spinner(nodes) as spinner:
-                spinner.until(lambda: signal.asked or linkage.done)
-                drain(nodes, spinner)
-            return Outcome(metrics, sent_messages(nodes), _recorded(nodes))
-    finally:
-        destroy_nodes(nodes)
-        rclpy.try_shutdown()
+            viewer = ViewerNode(machine_name, place, parameters, apart, on_topics=False)
+            nodes.append(viewer)
+        metrics = _observed(roles, viewer)
+        linkage = roles[-1]
+        with Spinner(nodes) as spinner:
+            spinner.until(lambda: signal.asked or linkage.done)
+            drain(nodes, spinner)
+        return Outcome(metrics, sent_messages(nodes), _recorded(nodes))
 
 
 def _observed(roles: Sequence[RoleNode], viewer: ViewerNode | None) -> RunMetrics:

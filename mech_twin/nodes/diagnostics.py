@@ -11,6 +11,7 @@ from mech_twin.messages.step_message import set_stamp
 from mech_twin.nodes.topic_statistics import Report, TopicStatistics
 from mech_twin.samples import Named
 
+HARMLESS = {"repeated"}  # a run that waits repeats its step: counted, and no reason to warn
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
 
@@ -39,7 +40,7 @@ class NodeDiagnostics:
 
     def close_window(self, extra: Mapping[str, str]) -> tuple[DiagnosticStatus, list[str]]:
         """Return the status of the window that ends now, and one line for the log per topic that lost something."""
-        reports = self._statistics.close_window()
+        reports = [report for report in self._statistics.close_window() if set(report.counts) - HARMLESS]
         residuals = self._window.close()
         lines = [_line(report) for report in reports]
         broken = broken_lines(residuals)

@@ -7,45 +7,58 @@ import os
 import sys
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from datetime import datetime
-from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mech_twin.configuration_tree import ConfigurationError
 from mech_twin.dependencies import missing_extra
+from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.nodes.domain import settle_domain
 from mech_twin.nodes.errors import NameInUseError
-from mech_twin.parameters.load import MACHINE_KEY, file_tree
+from mech_twin.parameters.load import MACHINE_KEY, catalogue_entry
 
 if TYPE_CHECKING:
     from mech_twin.nodes.base_node import TwinNode
 
-DEFAULT_MACHINE = "mb10_breaker"
 QUIET_S = 0.15
 QUIET_LIMIT_S = 0.6
 EXIT_CODE = 2
 
 
-def machine_of(arguments: list[str]) -> str:
-    """Return the machine that ROS arguments speak of: the parameter ``machine``, else that of a parameter file.
+def machine_of(node_name: str) -> str:
+    """Return the machine a node of this name is told to be of: its parameter ``machine``, as rcl resolves it.
+
+    A file may name the node with its namespace, which is the machine's name unless it was remapped: then the machine is
+    looked for under each name of the catalogue.
 
     Raises
     ------
     ConfigurationError
-        If a parameter file cannot be read.
+        If no parameter says it, or it is none of the catalogue.
     """
-    name = DEFAULT_MACHINE
-    for flag, value in pairwise(arguments):
-        if flag == "--params-file":
-            name = str(file_tree(Path(value)).get(MACHINE_KEY, name))
-    for flag, value in pairwise(arguments):
-        if flag in ("-p", "--param") and value.startswith(f"{MACHINE_KEY}:="):
-            name = value.partition(":=")[2]
-    return name
+    import rclpy
+
+    from mech_twin.nodes.parameter_bridge import machine_override
+
+    for namespace in ("", *CATALOGUE):
+        node = rclpy.create_node(node_name, namespace=namespace, enable_rosout=False, start_parameter_services=False)
+        try:
+            told = machine_override(node)
+        finally:
+            node.destroy_node()
+        if told is not None and namespace in ("", told):
+            return catalogue_entry(told).name
+    raise ConfigurationError(
+        f"parameters of node {node_name}: key '{MACHINE_KEY}' is not set; expected one of {', '.join(CATALOGUE)} "
+        f"(-p {MACHINE_KEY}:=NAME, or a parameter file)"
+    )
 
 
-def _program(make: Callable[[str, argparse.Namespace], TwinNode], description: str, *options: str) -> None:
+def _program(
+    make: Callable[[str, argparse.Namespace], TwinNode], node_name: str, description: str, *options: str
+) -> None:
     settle_domain()
     parser = argparse.ArgumentParser(description=description)
     for option in options:
@@ -56,7 +69,7 @@ def _program(make: Callable[[str, argparse.Namespace], TwinNode], description: s
     from mech_twin.recording.errors import BagError
 
     try:
-        _serve(lambda: make(machine_of(ros), own), ros)
+        _serve(lambda: make(machine_of(node_name), own), ros)
     except (ConfigurationError, BagError, NameInUseError, ModuleNotFoundError) as error:
         line = missing_extra(error) if isinstance(error, ModuleNotFoundError) else " ".join(str(error).split())
         if line is None:
@@ -84,23 +97,22 @@ def _serve(make: Callable[[], TwinNode], ros: list[str]) -> None:
     except (RCLError, rclpy.exceptions.ROSInterruptException) as error:
         raise ConfigurationError(str(error)) from error
     nodes: list[TwinNode] = []
-    try:
-        with StopSignal() as stop:
+    with StopSignal() as stop, ExitStack() as at_end:
+        at_end.callback(rclpy.try_shutdown)
+        at_end.callback(destroy_nodes, nodes)
+        with stop.interrupting():
             node = make()
             nodes.append(node)
             exclusive = [node.resolve_topic_name(output.name) for output in node.outputs if output.exclusive]
             if exclusive and node.options.exclusive:
                 with NameGuard(exclusive) as guard:
                     guard.check(own_publishers=1)
-            with Spinner(nodes) as spinner:
-                spinner.until(lambda: stop.asked or node.done)
-                node.flush()
-                node.report()
-                end = time.monotonic() + QUIET_LIMIT_S
-                spinner.until(lambda: node.quiet_s() > QUIET_S or time.monotonic() > end)
-    finally:
-        destroy_nodes(nodes)
-        rclpy.try_shutdown()
+        with Spinner(nodes) as spinner:
+            spinner.until(lambda: stop.asked or node.done)
+            node.flush()
+            node.report()
+            end = time.monotonic() + QUIET_LIMIT_S
+            spinner.until(lambda: node.quiet_s() > QUIET_S or time.monotonic() > end)
 
 
 def motor_node() -> None:
@@ -111,7 +123,7 @@ def motor_node() -> None:
 
         return MotorNode(machine)
 
-    _program(make, "motor of a machine")
+    _program(make, "motor", "motor of a machine")
 
 
 def linkage_node() -> None:
@@ -122,7 +134,7 @@ def linkage_node() -> None:
 
         return LinkageNode(machine)
 
-    _program(make, "linkage of a machine, and time authority of its run")
+    _program(make, "linkage", "linkage of a machine, and time authority of its run")
 
 
 def force_node() -> None:
@@ -133,7 +145,7 @@ def force_node() -> None:
 
         return ForceNode(machine)
 
-    _program(make, "force analysis of a machine")
+    _program(make, "force_analysis", "force analysis of a machine")
 
 
 def body_node() -> None:
@@ -144,7 +156,7 @@ def body_node() -> None:
 
         return BodyNode(machine)
 
-    _program(make, "body of a machine")
+    _program(make, "body", "body of a machine")
 
 
 def recorder_node() -> None:
@@ -156,7 +168,7 @@ def recorder_node() -> None:
         directory = own.directory or f"recordings/{machine}-{datetime.now():%Y%m%d-%H%M%S}"
         return RecorderNode(machine, Path(directory))
 
-    _program(make, "recorder of a machine", "--directory")
+    _program(make, "recorder", "recorder of a machine", "--directory")
 
 
 def viewer_node() -> None:
@@ -167,4 +179,4 @@ def viewer_node() -> None:
 
         return ViewerNode(machine, own.place or f"{machine}.rrd")
 
-    _program(make, "viewer of a machine", "--place")
+    _program(make, "viewer", "viewer of a machine", "--place")

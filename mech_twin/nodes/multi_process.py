@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
@@ -22,12 +23,13 @@ from mech_twin.nodes.namespace import ros_arguments
 from mech_twin.nodes.observer_node import ObserverNode
 from mech_twin.nodes.options import RunOptions
 from mech_twin.nodes.spinner import Spinner
-from mech_twin.nodes.stop_signal import StopSignal
+from mech_twin.nodes.stop_signal import EXIT_CODE_BASE, SIGNALS, StopSignal
 from mech_twin.parameters.load import MACHINE_KEY, RUN_GROUP, catalogue_entry
 from mech_twin.quantity import Parameters
 
 STOP_LIMIT_S = 10.0  # a bound for a busy machine; they end within a second
 SETTLE_S = 0.1
+ENDED_BY_SIGNAL = {EXIT_CODE_BASE + number for number in SIGNALS}
 ROS_FILE = ("--ros-args", "--params-file")
 
 Processes = dict[str, "subprocess.Popen[bytes]"]
@@ -52,6 +54,7 @@ def run_processes(
     NodeEndedError
         If a node ends with an error.
     """
+    asked = options
     options = options.model_copy(update={"observer": True, "exclusive": False})
     rules = ros_arguments(machine_name, namespace)
     rclpy.init(args=rules, signal_handler_options=SignalHandlerOptions.NO)
@@ -60,9 +63,11 @@ def run_processes(
         file = Path(folder) / "parameters.yaml"
         file.write_text(_parameter_file(machine_name, parameters, options), encoding="utf-8")
         try:
-            with NameGuard(guarded_topics(machine_name, namespace)) as guard:
-                guard.check()
-            observer = ObserverNode(machine_name, parameters, options)
+            with stop.interrupting():
+                if asked.exclusive:
+                    with NameGuard(guarded_topics(machine_name, namespace)) as guard:
+                        guard.check()
+                observer = ObserverNode(machine_name, parameters, options)
             for name, arguments in _roster(catalogue_entry(machine_name).has_body, directory, place):
                 processes[name] = _started(name, [*arguments, *rules, *ROS_FILE, str(file)])
             with Spinner([observer]) as spinner:
@@ -72,6 +77,8 @@ def run_processes(
         finally:
             codes = _stopped(processes)
             rclpy.try_shutdown()
+    if stop.asked and set(codes.values()) & ENDED_BY_SIGNAL:  # before the run had begun
+        raise SystemExit(max(code for code in codes.values() if code in ENDED_BY_SIGNAL))
     failed = ", ".join(f"{name} (exit code {code})" for name, code in codes.items() if code != 0)
     if failed:
         raise NodeEndedError(f"ended with an error: {failed}")
@@ -92,7 +99,10 @@ def _parameter_file(machine_name: str, parameters: Parameters, options: RunOptio
 
 
 def _started(name: str, arguments: Sequence[str]) -> subprocess.Popen[bytes]:
-    code = f"from mech_twin.nodes.executables import {name}; {name}()"
+    code = (
+        f"from mech_twin.nodes.parent_death import end_with_parent; end_with_parent({os.getpid()}); "
+        f"from mech_twin.nodes.executables import {name}; {name}()"
+    )
     command = [sys.executable, "-c", code, *arguments]
     return subprocess.Popen(command, stdout=sys.stderr.fileno())
 

@@ -20,7 +20,7 @@ from sensor_msgs.msg import JointState
 from mech_twin.messages.topics import DATA, DIAGNOSTICS
 from mech_twin.nodes.errors import NameInUseError
 
-DISCOVERY_S = 1.0
+DISCOVERY_S = 3.0  # usually a tenth of a second, sometimes 2.6 s
 PROOF_S = 1.5  # more than the window of the diagnostics
 TURN_S = 0.02
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import types
 import typing
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from pydantic.fields import FieldInfo
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
@@ -13,7 +13,8 @@ from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValu
 from rclpy.node import Node
 
 from mech_twin.configuration_tree import ConfigurationError, tree_from_flat
-from mech_twin.parameters.load import MACHINE_KEY
+from mech_twin.machines.catalog import CATALOGUE
+from mech_twin.parameters.load import MACHINE_KEY, is_of_ros
 from mech_twin.quantity import Parameters
 
 UNBOUNDED = 1.7e308
@@ -48,6 +49,12 @@ def _is_group(annotation: Any) -> bool:
     return any(isinstance(option, type) and issubclass(option, Parameters) for option in options)
 
 
+def _choices(annotation: Any) -> list[str]:
+    """Return the words a key may have; none if any, or if it is no word."""
+    options = typing.get_args(annotation) if isinstance(annotation, types.UnionType) else (annotation,)
+    return [str(word) for option in options if typing.get_origin(option) is Literal for word in typing.get_args(option)]
+
+
 def _is_float(annotation: Any) -> bool:
     return annotation is float or float in typing.get_args(annotation)
 
@@ -58,7 +65,11 @@ def descriptor(key: Key) -> ParameterDescriptor:
     unit = extra.get("unit") if isinstance(extra, dict) else None
     text = f"{key.field.description or key.name} [{unit}]" if unit else key.field.description or key.name
     described = ParameterDescriptor(name=key.name, description=text, read_only=not key.live)
-    described.additional_constraints = ", ".join(str(bound) for bound in key.field.metadata)
+    choices = _choices(key.field.annotation)
+    bounds = [str(bound) for bound in key.field.metadata]
+    described.additional_constraints = ", ".join([*([f"one of {', '.join(choices)}"] if choices else []), *bounds])
+    if choices:
+        described.description += f" ({', '.join(choices)})"
     low, high = _bounds(key.field)
     if low is None and high is None:
         return described
@@ -83,6 +94,29 @@ def _bounds(field: FieldInfo) -> tuple[float | None, float | None]:
     return low, high
 
 
+def machine_override(node: Node) -> str | None:
+    """Return the machine a node is told to be of, as rcl resolves it for the node's name and namespace."""
+    given = node._parameter_overrides.get(MACHINE_KEY)
+    return None if given is None else str(given.value)
+
+
+def declare_machine(node: Node, machine_name: str) -> None:
+    """Declare the machine as a parameter that can be read only.
+
+    Raises
+    ------
+    ConfigurationError
+        If the node is told to be of another machine.
+    """
+    told = machine_override(node)
+    if told is not None and told != machine_name:
+        where = f"parameters of node {node.get_name()}"
+        raise ConfigurationError(f"{where}: key '{MACHINE_KEY}', value {told!r}: expected '{machine_name}'")
+    described = ParameterDescriptor(name=MACHINE_KEY, description="machine of the catalogue", read_only=True)
+    described.additional_constraints = f"one of {', '.join(CATALOGUE)}"
+    node.declare_parameter(MACHINE_KEY, machine_name, described)
+
+
 def declared_tree(node: Node, *groups: tuple[str, Parameters]) -> dict[str, Any]:
     """Declare every key on the node and return the values in force, the node's overrides laid over the defaults.
 
@@ -102,7 +136,7 @@ def declared_tree(node: Node, *groups: tuple[str, Parameters]) -> dict[str, Any]
     overrides = dict(node._parameter_overrides)  # rclpy has no public reader of them
     own = {name for name in overrides if node.has_parameter(name)}
     for name in overrides:
-        if name not in known and name not in own and name != MACHINE_KEY:
+        if name not in known and name not in own and not is_of_ros(name):
             raise ConfigurationError(f"parameters of node {node.get_name()}: unknown key '{name}'")
     flat = {}
     for name, key in known.items():

@@ -81,9 +81,13 @@ class RecorderNode(TwinNode):
         self._steps = {topic.name: StepInput() for topic in step_topics(has_body)}
         self._recorded: set[str] = set()
         self._wrench_prefix = self.resolve_topic_name(WRENCHES) + "/"
-        for topic in recorded_topics((), has_body):
-            self._record(topic)
-        self.every(min(TICK_S, TICKS_PER_LOSS * self.options.max_loss_s), self._tick)
+        try:
+            for topic in recorded_topics((), has_body):
+                self._record(topic)
+            self.every(min(TICK_S, TICKS_PER_LOSS * self.options.max_loss_s), self._tick)
+        except BaseException:  # a signal, too: what is on the disk is closed
+            self.writer.close()
+            raise
 
     @property
     def received(self) -> dict[str, int]:

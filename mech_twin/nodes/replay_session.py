@@ -63,7 +63,7 @@ def replayed(
         with StopSignal() as stop, TerminalKeys() as keys:
             node = ReplayNode(source, options)
             steps = [node.resolve_topic_name(name) for name, topic in source.topics.items() if topic.kind is JointState]
-            with NameGuard(steps) as guard:
+            with stop.interrupting(), NameGuard(steps) as guard:
                 guard.check(own_publishers=1)
             if keys.listening:
                 node.get_logger().info(KEYS)

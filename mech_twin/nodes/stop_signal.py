@@ -1,23 +1,38 @@
-"""SIGINT and SIGTERM as a request to stop, so that what is under way is finished and closed."""
+"""SIGINT, SIGTERM and SIGHUP as a request to stop, so that what is under way is finished and closed."""
 
 from __future__ import annotations
 
 import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from types import FrameType, TracebackType
 from typing import Any
 
-SIGNALS = (signal.SIGINT, signal.SIGTERM)
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+EXIT_CODE_BASE = 128
+RETRY_S = 0.001
 
 
 class StopSignal:
-    """While this context is open, a signal sets ``asked`` and interrupts nothing."""
+    """While this context is open, a signal sets ``asked``; it interrupts only what is marked `interrupting`."""
 
     def __init__(self) -> None:
         self.asked = False
+        self._interrupts = False
         self._before: dict[signal.Signals, Any] = {}
 
+    @contextmanager
+    def interrupting(self) -> Iterator[None]:
+        """Let a signal end what is done here at once, such as compiling: SystemExit, code 128 + signal number."""
+        self._interrupts = True
+        try:
+            yield
+        finally:
+            self._interrupts = False
+
     def __enter__(self) -> StopSignal:
-        self._before = {number: signal.signal(number, self._note) for number in SIGNALS}
+        self._before = {number: signal.signal(number, self._on_signal) for number in SIGNALS}
         return self
 
     def __exit__(
@@ -26,5 +41,18 @@ class StopSignal:
         for number, handler in self._before.items():
             signal.signal(number, handler)
 
-    def _note(self, number: int, frame: FrameType | None) -> None:
+    def _on_signal(self, number: int, frame: FrameType | None) -> None:
         self.asked = True
+        if not self._interrupts:
+            return
+        if frame is not None and str(frame.f_globals.get("__name__", "")).startswith("namedtuple_"):
+            _send_again(number)  # an exception in the wrapper of a compiled function ends in a segmentation fault
+        else:
+            self._interrupts = False  # a second one must not interrupt the clearing up
+            raise SystemExit(EXIT_CODE_BASE + number)
+
+
+def _send_again(number: int) -> None:
+    again = threading.Timer(RETRY_S, signal.pthread_kill, (threading.main_thread().ident, number))
+    again.daemon = True
+    again.start()

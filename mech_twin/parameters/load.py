@@ -34,7 +34,13 @@ DEPTH_LIMIT = 20
 LARGEST_COUNTER = 2**53  # a float64 holds it exactly
 MACHINE_KEY = "machine"
 MOTOR_TABLE = "motors_4a"
+ROS_KEYS = frozenset({"use_sim_time", "qos_overrides", "start_type_description_service"})
 RUN_GROUP = "run"  # how a node is run, not what the machine is
+
+
+def is_of_ros(key: str) -> bool:
+    """Return whether a parameter is every ROS node's, as a dumped parameter file holds it, and not the machine's."""
+    return key.partition(".")[0] in ROS_KEYS
 
 
 def catalogue_entry(name: str) -> Entry:
@@ -227,7 +233,7 @@ def run_group(name: str, path: Path | None = None, overrides: Mapping[str, Any] 
 
 def validated(entry: Entry, tree: Mapping[str, Any], source: str) -> Parameters:
     """Return the parameter model of a tree of values, or one line that says what is wrong with it."""
-    values = dict(tree)
+    values = {key: value for key, value in tree.items() if not is_of_ros(key)}
     values.pop(RUN_GROUP, None)
     meant = values.pop(MACHINE_KEY, entry.name)
     if meant != entry.name:

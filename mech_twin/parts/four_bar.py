@@ -300,6 +300,21 @@ def reduced_inertia(
     return inertia, 2.0 * (half + third * by.g3 * by.g3_1)
 
 
+def smallest_transmission_angle(bar: FourBar) -> float:
+    """Return the smallest angle between the lines of coupler and rocker over a turn of the crank (rad, 0 to pi/2).
+
+    cos mu = (R1^2 + R^2 - d^2)/(2 R1 R) with d = |AC|, whose extremes over a full turn are |ground - crank| and
+    ground + crank.  At 0 the linkage is at a change point: the next position is not determined, pin forces are not
+    bounded.
+    """
+    ground = math.hypot(bar.pivot_x_m, bar.pivot_y_m)
+    found = []
+    for d in (abs(ground - bar.crank_m), ground + bar.crank_m):
+        cosine = (bar.coupler_m**2 + bar.rocker_m**2 - d * d) / (2.0 * bar.coupler_m * bar.rocker_m)
+        found.append(math.acos(min(1.0, abs(cosine))))
+    return min(found)
+
+
 def failing_inequality(bar: FourBar, crank_rocker: bool = False) -> str | None:
     """Return the first rotation inequality that fails, with its numbers, or None for a crank that turns fully.
 

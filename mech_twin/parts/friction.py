@@ -19,9 +19,11 @@ class Friction(Parameters):
     """Friction of a turning joint; none where both numbers are 0."""
 
     coulomb_nm: float = quantity(
-        "N m", "Coulomb friction torque, also the largest that sticks", default=0.0, ge=0.0, live=True
+        "N m", "Coulomb friction torque, also the largest that sticks", default=0.0, ge=0.0, le=1e9, live=True
     )
-    viscous_nms_per_rad: float = quantity("N m s/rad", "friction torque per speed", default=0.0, ge=0.0, live=True)
+    viscous_nms_per_rad: float = quantity(
+        "N m s/rad", "friction torque per speed", default=0.0, ge=0.0, le=1e9, live=True
+    )
 
 
 @kernel

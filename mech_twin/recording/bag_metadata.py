@@ -41,7 +41,8 @@ class FileStatistics:
     def count(self, topic: str, log_time_ns: int) -> None:
         """Count one message."""
         self.counts[topic] += 1
-        self.start_ns = log_time_ns if self.start_ns is None else min(self.start_ns, log_time_ns)
+        if self.start_ns is None or log_time_ns < self.start_ns:
+            self.start_ns = log_time_ns
         self.end_ns = max(self.end_ns, log_time_ns)
 
 

@@ -21,9 +21,10 @@ from pathlib import Path
 from mcap.data_stream import RecordBuilder
 from mcap.records import Metadata
 from mcap.well_known import MessageEncoding, SchemaEncoding
-from mcap.writer import CompressionType, Writer
+from mcap.writer import CompressionType
 
 from mech_twin.recording.bag_metadata import FileStatistics
+from mech_twin.recording.message_writer import MessageWriter
 from mech_twin.recording.schemas import MessageSchema
 from mech_twin.recording.split_file import SplitFile
 
@@ -105,16 +106,20 @@ class BagSplit:
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
         self._finished = False
-        self.uncommitted: Counter[str] = Counter()
-        self._writer = Writer(
+        self._committed: Counter[str] = Counter()
+        self._writer = MessageWriter(
             self.file,  # type: ignore[arg-type]
-            chunk_size=storage.chunk_bytes,
-            compression=COMPRESSIONS[storage.compression],
-            enable_crcs=True,
+            storage.chunk_bytes,
+            COMPRESSIONS[storage.compression],
         )
         self._writer.start(profile="ros2", library=LIBRARY)
         self._writer.add_attachment(0, 0, CONFIGURATION_NAME, "application/yaml", configuration.encode())
         self._writer.add_metadata(SPLIT_RECORD, {"index": str(index), "repeated": json.dumps(repeated)})
+
+    @property
+    def uncommitted(self) -> Counter[str]:
+        """Messages by topic that are not yet in the file."""
+        return self.statistics.counts - self._committed
 
     @property
     def size_bytes(self) -> int:
@@ -142,11 +147,8 @@ class BagSplit:
 
     def add_message(self, topic: str, raw: bytes, log_time_ns: int, publish_time_ns: int, sequence: int) -> bool:
         """Add a message; return whether it completed a chunk, which then waits for `commit`."""
-        self._writer.add_message(
-            self._channels[topic], log_time_ns, raw, publish_time=publish_time_ns, sequence=sequence & 0xFFFFFFFF
-        )
+        self._writer.add_message(self._channels[topic], log_time_ns, raw, publish_time_ns, sequence & 0xFFFFFFFF)
         self.statistics.count(topic, log_time_ns)
-        self.uncommitted[topic] += 1
         return self.file.pending
 
     def commit(self, counters: Mapping[str, TopicCounters]) -> None:
@@ -156,7 +158,7 @@ class BagSplit:
             self._append(COUNTERS_RECORD, _rows(counters))
             self.chunks += 1
         self.file.commit()
-        self.uncommitted.clear()
+        self._committed = self.statistics.counts.copy()
 
     def finish(self, counters: Mapping[str, TopicCounters]) -> None:
         """Write the summary and close the file; may be called again after an OSError."""
@@ -166,7 +168,7 @@ class BagSplit:
             self._writer.finish()
             self._finished = True
         self.file.commit()
-        self.uncommitted.clear()
+        self._committed = self.statistics.counts.copy()
         self.file.close()
 
     def _append(self, name: str, data: dict[str, str]) -> None:

@@ -12,7 +12,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Literal
 
-from mech_twin.recording.bag_split import SplitRule, Storage, TopicCounters
+from mech_twin.recording.bag_split import BagSplit, SplitRule, Storage, TopicCounters
 from mech_twin.recording.errors import UnwritableDirectoryError
 from mech_twin.recording.output_directory import new_directory
 from mech_twin.recording.schemas import MessageSchema, message_schema, offered_qos, string_cdr
@@ -181,7 +181,6 @@ class BagWriter:
                 raise ValueError(f"{self.directory}: the recording is closed")
             now = self._clock()
             entry.counters.received += 1
-            message = Latched(raw, publish_time_ns, entry.counters.received)
             if self._state is WriterState.RECORDING and self._split_rule.due(self._series.current, log_time_ns):
                 try:
                     self._next_split()
@@ -190,11 +189,11 @@ class BagWriter:
             if self._state is WriterState.ERROR:
                 self._attempt(now)
             if self._state is WriterState.RECORDING:
-                self._add(topic, message, log_time_ns, now)
+                self._add(topic, entry, raw, log_time_ns, publish_time_ns, now)
             else:
                 entry.counters.dropped += 1
             if latched:
-                entry.latched = message
+                entry.latched = Latched(raw, publish_time_ns, entry.counters.received)
 
     def count_missed(self, topic: str, n: int = 1) -> None:
         """Count messages of a topic that were published but never received."""
@@ -250,22 +249,27 @@ class BagWriter:
         """Finish the bag."""
         self.close()
 
-    def _add(self, topic: str, message: Latched, log_time_ns: int, now: float) -> None:
+    def _add(
+        self, topic: str, entry: RecordedTopic, raw: bytes, log_time_ns: int, publish_time_ns: int, now: float
+    ) -> None:
         split = self._series.current
         assert split is not None
         if self._repeat_due:
-            self._repeat_due = False
-            for name, entry in self._topics.items():
-                if (last := entry.latched) is not None:
-                    if entry.counters.received == 0:  # the configuration, added by this writer itself
-                        entry.counters.received = entry.counters.written = 1
-                    split.add_message(name, last.raw, log_time_ns, last.publish_time_ns, last.sequence)
+            self._repeat_latched(split, log_time_ns)
         if self._chunk_opened is None:
             self._chunk_opened = now
-        self._topics[topic].counters.written += 1
-        full = split.add_message(topic, message.raw, log_time_ns, message.publish_time_ns, message.sequence)
+        entry.counters.written += 1
+        full = split.add_message(topic, raw, log_time_ns, publish_time_ns, entry.counters.received)
         if full or self._old(now):
             self._commit(now)
+
+    def _repeat_latched(self, split: BagSplit, log_time_ns: int) -> None:
+        self._repeat_due = False
+        for name, entry in self._topics.items():
+            if (last := entry.latched) is not None:
+                if entry.counters.received == 0:  # the configuration, added by this writer itself
+                    entry.counters.received = entry.counters.written = 1
+                split.add_message(name, last.raw, log_time_ns, last.publish_time_ns, last.sequence)
 
     def _is_empty(self) -> bool:
         return all(entry.latched is not None or entry.counters.received == 0 for entry in self._topics.values())

@@ -21,6 +21,7 @@ from mech_twin.recording.errors import BagExistsError, DamagedBagError, Unwritab
 from mech_twin.recording.file_index import Extent, FileIndex
 from mech_twin.recording.file_summary import intact_index
 from mech_twin.recording.mcap_records import RawMessage
+from mech_twin.recording.message_writer import MessageWriter
 from mech_twin.recording.output_directory import check_recording_directory, remove_recording
 from mech_twin.recording.record_file import RecordFile
 from mech_twin.recording.split_file import SplitFile
@@ -138,10 +139,10 @@ def _rewritten(
     statistics = FileStatistics(path.name)
     file = SplitFile(path, fsync=False)
     try:
-        writer = Writer(
+        writer = MessageWriter(
             file,  # type: ignore[arg-type]
-            chunk_size=_CHUNK_BYTES,
-            compression=CompressionType.ZSTD,
+            _CHUNK_BYTES,
+            CompressionType.ZSTD,
             enable_data_crcs=True,
         )
         writer.start(profile="ros2", library=LIBRARY)

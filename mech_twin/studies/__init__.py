@@ -235,7 +235,7 @@ def synthesise(
     impact_speed_m_per_s : float
         Wanted speed of the blow.
     demand : Demand, optional
-        Margin, basin and reserve asked of the robust cycle.
+        Margin, basin, tolerance and bounds asked of the robust cycle.
     periods : int
         How long the endurance runs are.
     """

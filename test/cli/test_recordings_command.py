@@ -307,7 +307,7 @@ def test_a_missing_bag_is_refused_in_one_line(verb: list[str], tmp_path: Path) -
 def test_a_foreign_file_and_an_empty_bag_are_refused_in_one_line(verb: list[str], tmp_path: Path) -> None:
     foreign = tmp_path / "foreign.mcap"
     foreign.write_bytes(b"SQLite format 3\0" * 40)
-    assert_refused(mech_twin(verb[0], foreign, *verb[1:]), "no MCAP recording")
+    assert_refused(mech_twin(verb[0], foreign, *verb[1:]), "not an MCAP recording")
     assert_refused(mech_twin(verb[0], written_bag(tmp_path / "empty", []), *verb[1:]), "holds no")
 
 

@@ -1,6 +1,6 @@
 """Samples arriving one by one become steps: each once, in order, whole unless a sample of it was lost."""
 
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mech_twin.engine.assembly import FIELDS, OPEN_STEPS, FrameAssembler, StepAssembler
@@ -34,6 +34,7 @@ def role_of(sample):
 
 
 @given(arrivals())
+@settings(deadline=None)
 def test_each_step_comes_once_in_order_with_every_sample_that_arrived(run):
     samples, lost, steps = run
     assembler = StepAssembler(frozenset(ROLES))
@@ -48,6 +49,7 @@ def test_each_step_comes_once_in_order_with_every_sample_that_arrived(run):
 
 
 @given(arrivals(), st.data())
+@settings(deadline=None)
 def test_a_sample_sent_again_is_counted_and_changes_nothing(run, data):
     samples, _, _ = run
     assembler, repeating = StepAssembler(frozenset(ROLES)), StepAssembler(frozenset(ROLES))
@@ -64,6 +66,7 @@ def test_a_sample_sent_again_is_counted_and_changes_nothing(run, data):
 
 
 @given(arrivals())
+@settings(deadline=None)
 def test_frames_are_the_whole_steps(run):
     samples, lost, steps = run
     assembler = FrameAssembler(has_body=True)

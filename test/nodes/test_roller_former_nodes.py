@@ -33,7 +33,7 @@ def recorded(bag: Path) -> dict[str, list[Any]]:
 
 
 def over_topics(carts: int, overrides: dict[str, Any], duration_s: float, bag: Path) -> dict[str, list[Any]]:
-    options = RunOptions(pace="max", duration_s=duration_s, recorder=True)
+    options = RunOptions(pace="max", duration_s=duration_s, recorder=True, exclusive=False)
     run_in_process(NAME, parameters_for(carts, overrides), options, bag, None)
     return recorded(bag)
 

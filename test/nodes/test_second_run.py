@@ -101,7 +101,7 @@ def test_a_run_beside_a_paused_replay_is_refused(ros_domain: int, tmp_path: Path
     assert finished(*COMMAND, "simulate", "winding_drum", "--duration", "0.2", "--bag", str(bag)).returncode == 0
     replay = started("replay", str(bag), "--rate", "0.001")  # 200 s for 0.2 s: a step each second
     try:
-        time.sleep(3.0)
+        time.sleep(8.0)  # its start, and a step
         assert_refused(finished(*COMMAND, *DRUM, "--no-record", "--duration", "1"))
     finally:
         replay.terminate()

@@ -48,7 +48,7 @@ def assert_equal_engine(name: str, bag: Path, duration_s: float) -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_topics_equal_engine_to_the_bit(name: str, ros_domain: int, tmp_path: Path) -> None:
-    options = RunOptions(pace="max", duration_s=RUN_S, recorder=True)
+    options = RunOptions(pace="max", duration_s=RUN_S, recorder=True, exclusive=False)
     outcome = run_in_process(name, built(name).parameters, options, tmp_path / "bag", None)
     assert_equal_engine(name, tmp_path / "bag", RUN_S)
     assert_every_message_recorded(outcome)
@@ -62,6 +62,6 @@ def assert_every_message_recorded(outcome: Outcome) -> None:
 @pytest.mark.parametrize("name", ["mb10_breaker", "winding_drum"])
 @pytest.mark.slow
 def test_nodes_in_processes_of_their_own_equal_engine_to_the_bit(name: str, ros_domain: int, tmp_path: Path) -> None:
-    options = RunOptions(pace="max", duration_s=RUN_S, recorder=True)
+    options = RunOptions(pace="max", duration_s=RUN_S, recorder=True, exclusive=False)
     run_processes(name, built(name).parameters, options, tmp_path / "bag", None)
     assert_equal_engine(name, tmp_path / "bag", RUN_S)

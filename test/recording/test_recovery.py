@@ -180,8 +180,10 @@ def test_a_recording_that_still_runs_can_be_looked_into(tmp_path: Path) -> None:
 def test_what_cannot_be_written_is_said_and_leaves_nothing(sound: Sound, tmp_path: Path) -> None:
     with pytest.raises(MissingBagError):
         recover(tmp_path / "none", tmp_path / "out")
+    (tmp_path / "there").mkdir()
+    (tmp_path / "there" / "there_0.mcap").write_text("kept")
     with pytest.raises(BagExistsError, match="use --force to overwrite"):
-        recover(sound.bag, tmp_path)
+        recover(sound.bag, tmp_path / "there")
     with pytest.raises(UnwritableDirectoryError, match="/proc/out"):
         recover(sound.bag, "/proc/out")
-    assert list(tmp_path.iterdir()) == []
+    assert [path.name for path in tmp_path.rglob("*")] == ["there", "there_0.mcap"]

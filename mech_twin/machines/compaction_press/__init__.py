@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-from mech_twin.engine.crank_linkage import Transmission
 from mech_twin.machines.compaction_press.cycle import POSITIONS, press_cycle
 from mech_twin.machines.compaction_press.drawing import drawing
 from mech_twin.machines.compaction_press.forces import PressForces
@@ -12,10 +11,8 @@ from mech_twin.machines.compaction_press.metrics import cycle_report, position_f
 from mech_twin.machines.compaction_press.parameters import CompactionPress, press_constants
 from mech_twin.machines.compaction_press.roles import press_linkage
 from mech_twin.machines.compaction_press.run_metrics import PressObserver
-from mech_twin.machines.drives import KlossDrive, PrescribedSpeed, shaft_friction
-from mech_twin.parts.induction_motor import motor_constants
 from mech_twin.quantity import Parameters
-from mech_twin.roles import Capabilities, Machine, MotorRole
+from mech_twin.roles import Capabilities, Machine
 
 PARAMETERS = CompactionPress
 
@@ -26,30 +23,21 @@ def build(parameters: Parameters) -> Machine:
         raise TypeError(f"expected CompactionPress parameters, got {type(parameters).__name__}")
     p = parameters
     press, stroke = press_constants(p)
-    speed, fraction, step_s = p.drive.speed_rad_per_s, p.supply.initial_fraction, p.coupling.step_s
-    motor: MotorRole = PrescribedSpeed(speed, p.supply.rate_per_s, step_s)
-    direction = 1.0 if speed > 0.0 else -1.0
-    transmission = None
-    if p.drive.kind == "kloss" and p.motor is not None and p.gear is not None:
-        curve = motor_constants(p.motor)
-        motor = KlossDrive(curve, p.gear.ratio, p.supply.rate_per_s, step_s, direction=direction)
-        transmission = Transmission(
-            p.gear.ratio, p.gear.efficiency, p.motor.rotor_inertia_kg_m2, motor_constants(p.motor)
-        )
-    first = 0.0 if transmission is not None else fraction * speed
-    if transmission is not None:
-        fraction *= direction
+    motor, transmission = p.drive_roles()
+    start_speed, command = p.start_speed_and_command()
     linkage = press_linkage(
         press,
         stroke,
-        step_s,
-        first,
-        fraction,
-        direction,
-        p.working_force.contact_fraction,
+        p.coupling.step_s,
+        start_speed,
+        command,
+        p.direction,
+        "top" if stroke.contact == stroke.top else "contact",
         transmission,
-        shaft_friction(p.friction),
+        p.shaft_friction,
+        p.working_force.gives_back,
     )
+    speed, step_s = p.drive.speed_rad_per_s, p.coupling.step_s
     torque = press_cycle(press, stroke, speed, POSITIONS, kinks=False).drive_torque_nm
 
     def analyse(crank_rad: float) -> dict[str, Any]:
@@ -66,7 +54,7 @@ def build(parameters: Parameters) -> Machine:
         lambda sample, _: drawing(press, sample),
         lambda: cycle_report(p),
         analyse,
-        lambda: PressObserver(None if transmission is None else transmission.motor),
+        lambda: PressObserver(p.motor_curve),
     )
 
 

@@ -105,6 +105,21 @@ def press_cycle(press: Press, stroke: Stroke, speed: float, count: int, kinks: b
     )
 
 
+def layer_work_on_the_way(press: Press, stroke: Stroke, f: float, direction: float) -> float:
+    """Return the work (J) done on the layer on the way from crank angle 0 to ``f`` (rad), turning in one direction."""
+    entry, bottom = (stroke.contact, stroke.bottom) if direction > 0.0 else (stroke.contact_reversed, stroke.bottom)
+    turns, way = divmod(direction * f, TURN)
+    entry_way, bottom_way = (direction * entry) % TURN, (direction * bottom) % TURN
+    whole = float(layer_work(press.load, stroke.bottom_y_m))
+    at_start = float(layer_work(press.load, loaded_height(press, 0.0)[0])) if bottom_way < entry_way else 0.0
+    so_far = turns * whole - at_start
+    if way >= bottom_way:
+        so_far += whole
+    if regime_at(stroke, f, direction) != FREE:
+        so_far += float(layer_work(press.load, loaded_height(press, f)[0]))
+    return so_far
+
+
 def mean_torque(press: Press, stroke: Stroke, speed: float) -> float:
     """Return the constant drive torque (N m) that carries the cycle: the layer's work over a turn."""
     whole = float(layer_work(press.load, stroke.bottom_y_m)) / TURN

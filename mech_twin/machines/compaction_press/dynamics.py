@@ -26,7 +26,7 @@ from mech_twin.parts.four_bar import (
     reduced_inertia,
 )
 
-FREE, CONTACT, CONTACT_REVERSED = 0, 1, 2
+FREE, CONTACT, CONTACT_REVERSED, COMPACTED, COMPACTED_REVERSED = 0, 1, 2, 3, 4
 Array = NDArray[np.float64]
 
 
@@ -55,6 +55,12 @@ class Reduced(NamedTuple):
 
 
 @kernel
+def is_pressed(regime: int) -> bool:
+    """Tell whether the layer resists in a regime."""
+    return regime in (CONTACT, CONTACT_REVERSED)
+
+
+@kernel
 def loaded_height(press: Press, f: float) -> tuple[float, float]:
     """Return the height of the loaded point (m) and its derivative in the crank angle (m)."""
     at = position(press.bar, f)
@@ -78,7 +84,7 @@ def press_reduced(press: Press, f: float, regime: int) -> Reduced:
     x = (press.along_m * at.u_x - press.across_m * at.u_y) / r1
     y = (press.along_m * at.u_y + press.across_m * at.u_x) / r1
     height, rate = at.a_y + y, at.a_x + by.g2 * x
-    force = layer_force(press.load, height) if regime != FREE else 0.0
+    force = layer_force(press.load, height) if is_pressed(regime) else 0.0
     s1_x, _ = offset(press.crank, at.a_x, at.a_y, press.bar.crank_m)
     s2_x, _ = offset(press.plate, at.u_x, at.u_y, press.bar.coupler_m)
     s3_x, _ = offset(press.pendulum, at.v_x, at.v_y, press.bar.rocker_m)
@@ -140,7 +146,7 @@ def press_state(
 @kernel
 def press_load_work(press: Press, before: float, after: float, regime: int) -> float:
     """Return the work (J) of the layer on the plate from one crank angle (rad) to another, in closed form."""
-    if regime == FREE:
+    if not is_pressed(regime):
         return 0.0
     y0, _ = loaded_height(press, before)
     y1, _ = loaded_height(press, after)
@@ -187,3 +193,8 @@ def driven_press_rates(driven: DrivenPress, t: float, y: Array, out: Array) -> N
     """Fill in the rates of crank angle, speed, drive work, gear loss and friction loss."""
     now = press_reduced(driven.press, y[0], driven.regime)
     crank_rates(driven.drive, t, y, now.inertia, now.slope, now.moment, out)
+
+
+def with_load_share(press: Press, share: float) -> Press:
+    """Return the press under this share of the layer's force."""
+    return press if share == 1.0 else press._replace(load=press.load._replace(peak_n=share * press.load.peak_n))

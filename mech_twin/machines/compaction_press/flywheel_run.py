@@ -43,7 +43,7 @@ def flywheel_run(parameters: CompactionPress, inertia_kg_m2: float, step_s: floa
         copysign(first, speed),
         1.0,
         speed,
-        parameters.working_force.contact_fraction,
+        "contact",
         Transmission(1.0, 1.0, inertia_kg_m2),
     )
     torque = mean_torque(press, stroke, speed)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from mech_twin.engine.crank_linkage import Memory
 from mech_twin.machines.compaction_press.cycle import gains
-from mech_twin.machines.compaction_press.dynamics import Press, press_pins, press_reduced
+from mech_twin.machines.compaction_press.dynamics import Press, press_pins, press_reduced, with_load_share
 from mech_twin.parts.four_bar import acute_angles, coefficients, motion, position
 from mech_twin.samples import ForceSample, LinkageSample, Named, Wrench
 
@@ -52,10 +52,10 @@ class PressForces:
 
     def analyse(self, linkage: LinkageSample) -> ForceSample:
         """Return the pin forces at the angle, rate and acceleration of the crank, and its torque by both routes."""
-        press = self.press
+        memory = Memory(*linkage.memory.values)
+        press = with_load_share(self.press, memory.load_share)
         f, w, torque = linkage.position[0], linkage.velocity[0], linkage.effort[0]
         now = press_reduced(press, f, linkage.regime)
-        memory = Memory(*linkage.memory.values)
         e = memory.crank_acceleration_rad_per_s2
         at = position(press.bar, f)
         by = motion(press.bar, press.crank, press.plate, press.pendulum, at, coefficients(at), w, e)

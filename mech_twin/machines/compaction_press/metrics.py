@@ -10,12 +10,13 @@ import numpy as np
 from mech_twin.machines.compaction_press.cycle import (
     flywheel_figures,
     gains,
+    layer_work_on_the_way,
     mean_torque,
     regime_at,
     turn_at,
 )
 from mech_twin.machines.compaction_press.cycle_extremes import cycle_extremes, transmission_range
-from mech_twin.machines.compaction_press.dynamics import Press, press_pins, press_reduced
+from mech_twin.machines.compaction_press.dynamics import Press, press_pins, press_reduced, press_weights
 from mech_twin.machines.compaction_press.parameters import CompactionPress, press_constants
 from mech_twin.machines.compaction_press.stroke_load import layer_work
 from mech_twin.parts.four_bar import acute_angles, coefficients, failing_inequality, motion, position
@@ -54,6 +55,9 @@ def position_figures(parameters: CompactionPress, f: float) -> dict[str, Any]:
     now = press_reduced(press, f, regime_at(stroke, f, w))
     pins = press_pins(press, f, w, 0.0, now.force)
     k1, k2, normal, vertical = gains(press, f)
+    start = press_reduced(press, 0.0, regime_at(stroke, 0.0, w))
+    kinetic = 0.5 * now.inertia * w * w
+    gained = kinetic - 0.5 * start.inertia * w * w + press_weights(press, f) - press_weights(press, 0.0)
     return {
         "crank_angle_rad": f,
         "crank_angle_deg": degrees(f),
@@ -76,6 +80,8 @@ def position_figures(parameters: CompactionPress, f: float) -> dict[str, Any]:
         "drive_torque_nm": pins.moment,
         "drive_torque_reduced_nm": 0.5 * w * w * now.slope - now.moment,
         "drive_power_w": pins.moment * w,
+        "drive_work_from_zero_j": gained + layer_work_on_the_way(press, stroke, f, 1.0 if w > 0.0 else -1.0),
+        "kinetic_energy_j": kinetic,
         "i_pr_kg_m2": now.inertia,
         "i_pr_slope_kg_m2_per_rad": now.slope,
         "m_pr_nm": now.moment,
@@ -126,7 +132,7 @@ def cycle_report(parameters: CompactionPress) -> dict[str, float]:
     extremes = cycle_extremes(press, turn_at(stroke, speed, parameters.flywheel.non_uniformity))
     torques = extremes.torque_max_nm, extremes.torque_min_nm
     least, most = (degrees(angle) for angle in transmission_range(press))
-    gamma_check, alpha_check, _ = conditions(parameters)
+    gamma_check, alpha_check, flywheel_check = conditions(parameters)
     mean = mean_torque(press, stroke, speed)
     return {
         "gamma_max_deg": gamma_check.value,
@@ -148,5 +154,7 @@ def cycle_report(parameters: CompactionPress) -> dict[str, float]:
         "gamma_at_bottom_deg": degrees(acute_angles(position(press.bar, stroke.bottom))[2]),
         "alpha_at_bottom_deg": alpha_check.value,
         "alpha_margin_deg": alpha_check.margin,
+        "flywheel_missing_kg_m2": flywheel_check.value,
+        "conditions_hold_1": 1.0 if gamma_check.holds and alpha_check.holds and flywheel_check.holds else 0.0,
         **working_quarter(press),
     }

@@ -2,36 +2,35 @@
 
 from __future__ import annotations
 
-from math import pi
+from math import degrees, pi
 from typing import Literal, NamedTuple
 
 import numpy as np
 from pydantic import model_validator
 from scipy.optimize import brentq
 
-from mech_twin.engine.coupling import Coupling
 from mech_twin.machines.compaction_press.dynamics import Press, loaded_height
 from mech_twin.machines.compaction_press.stroke_load import StrokeLoad
-from mech_twin.machines.drives import Drive
-from mech_twin.parts.four_bar import CROSSED, OPEN, FourBar, Link, failing_inequality
-from mech_twin.parts.friction import Friction
-from mech_twin.parts.gear import Gear
-from mech_twin.parts.induction_motor import InductionMotorParameters
-from mech_twin.parts.supply import SupplyParameters
+from mech_twin.machines.drives import DrivenCrank
+from mech_twin.parts.four_bar import CROSSED, OPEN, FourBar, Link, failing_inequality, smallest_transmission_angle
 from mech_twin.quantity import Parameters, choice, quantity
 
 GRAVITY = 9.80665
 TURN = 2.0 * pi
+LEAST_TRANSMISSION_DEG = 1.0
+LEAST_STROKE_M = 1e-5
+LEAST_INERTIA = 1e-9  # kg m2
+LEAST_DEPTH = 9e-4  # of the stroke
 
 
 class PressLinkage(Parameters):
     """Lengths of the four-bar and its branch."""
 
-    crank_m: float = quantity("m", "crank OA", gt=0.0)
-    coupler_m: float = quantity("m", "plate AB", gt=0.0)
-    pendulum_m: float = quantity("m", "pendulum CB", gt=0.0)
-    pivot_x_m: float = quantity("m", "pendulum bearing C, to the right of the crank bearing O")
-    pivot_y_m: float = quantity("m", "pendulum bearing C, above the crank bearing O")
+    crank_m: float = quantity("m", "crank OA", ge=1e-3, le=10.0)
+    coupler_m: float = quantity("m", "plate AB", ge=1e-3, le=100.0)
+    pendulum_m: float = quantity("m", "pendulum CB", ge=1e-3, le=100.0)
+    pivot_x_m: float = quantity("m", "pendulum bearing C, to the right of the crank bearing O", ge=-100.0, le=100.0)
+    pivot_y_m: float = quantity("m", "pendulum bearing C, above the crank bearing O", ge=-100.0, le=100.0)
     branch: Literal["open", "crossed"] = choice("hanging (open) or its mirror (crossed)")
 
     @property
@@ -45,16 +44,25 @@ class PressLinkage(Parameters):
         failing = failing_inequality(self.four_bar)
         if failing is not None:
             raise ValueError(failing)
+        least = degrees(smallest_transmission_angle(self.four_bar))
+        if least < LEAST_TRANSMISSION_DEG:
+            raise ValueError(
+                f"transmission angle >= {LEAST_TRANSMISSION_DEG:g} degree fails: {least:.3g} degrees, near a change "
+                f"point (crank {self.crank_m:g}, coupler {self.coupler_m:g}, rocker {self.pendulum_m:g}, pivot "
+                f"{self.pivot_x_m:g}, {self.pivot_y_m:g} m)"
+            )
         return self
 
 
 class PressLink(Parameters):
     """One link; the crank's inertia is about O, the others' about their centroids."""
 
-    mass_kg: float = quantity("kg", "mass", ge=0.0)
-    inertia_kg_m2: float = quantity("kg m2", "moment of inertia: crank about O, others about their centroid", ge=0.0)
-    centroid_along_m: float = quantity("m", "centroid along the link, from O, A or C")
-    centroid_across_m: float = quantity("m", "centroid across the link, along turned +90 degrees")
+    mass_kg: float = quantity("kg", "mass", ge=0.0, le=1e6)
+    inertia_kg_m2: float = quantity(
+        "kg m2", "moment of inertia: crank about O, others about their centroid", ge=0.0, le=1e6
+    )
+    centroid_along_m: float = quantity("m", "centroid along the link, from O, A or C", ge=-100.0, le=100.0)
+    centroid_across_m: float = quantity("m", "centroid across the link, along turned +90 degrees", ge=-100.0, le=100.0)
 
     @property
     def link(self) -> Link:
@@ -73,43 +81,49 @@ class PressLinks(Parameters):
 class WorkingForce(Parameters):
     """Force of the layer on the plate, vertically up."""
 
-    peak_n: float = quantity("N", "force at the bottom of the stroke", ge=0.0)
-    application_from_a_m: float = quantity("m", "where it acts, along the plate from A")
-    application_across_m: float = quantity("m", "where it acts, across the plate")
-    contact_fraction: float = quantity("1", "share of the stroke above first contact", ge=0.0, lt=1.0)
-    exponent: float = quantity("1", "power of depth in the force", ge=0.0)
+    peak_n: float = quantity("N", "force at the bottom of the stroke", ge=0.0, le=1e9, live=True)
+    application_from_a_m: float = quantity("m", "where it acts, along the plate from A", ge=-100.0, le=100.0)
+    application_across_m: float = quantity("m", "where it acts, across the plate", ge=-100.0, le=100.0)
+    contact_fraction: float = quantity("1", "share of the stroke above first contact", ge=0.0, le=0.999)
+    exponent: float = quantity("1", "power of depth in the force", ge=0.0, le=20.0)
+    gives_back: bool = choice(
+        "whether the layer springs back along its curve when the plate turns back in it, or stays compacted",
+        default=True,
+    )
+    working_quarter: bool = choice(
+        "first contact where the crank passes 180 degrees, where the working quarter starts, not by contact_fraction",
+        default=False,
+    )
 
 
 class PressFlywheel(Parameters):
     """Flywheel on the crank shaft."""
 
-    non_uniformity: float = quantity("1", "asked non-uniformity delta of the crank speed", gt=0.0, lt=2.0)
-    inertia_kg_m2: float = quantity("kg m2", "inertia of the flywheel fitted in a run", default=0.0, ge=0.0)
+    non_uniformity: float = quantity("1", "asked non-uniformity delta of the crank speed", ge=1e-4, lt=2.0)
+    inertia_kg_m2: float = quantity("kg m2", "inertia of the flywheel fitted in a run", default=0.0, ge=0.0, le=1e6)
 
 
-class CompactionPress(Parameters):
+class CompactionPress(DrivenCrank):
     """Parameters of the compaction press."""
 
     linkage: PressLinkage = choice("four-bar")
     links: PressLinks = choice("masses")
     working_force: WorkingForce = choice("force of the layer")
     flywheel: PressFlywheel = choice("flywheel")
-    drive: Drive = choice("drive of the crank")
-    motor: InductionMotorParameters | None = choice("motor of a kloss drive", default=None)
-    gear: Gear | None = choice("gear of a kloss drive", default=None)
-    supply: SupplyParameters = choice("supply of the drive")
-    friction: Friction = choice("friction at the crank shaft", default=Friction())
-    coupling: Coupling = choice("coupling of the roles")
 
     @model_validator(mode="after")
-    def _drive_complete(self) -> CompactionPress:
-        if self.drive.kind == "kloss" and (self.motor is None or self.gear is None):
-            raise ValueError("a kloss drive needs both groups motor and gear")
+    def _plate_strokes(self) -> CompactionPress:
+        if self.links.crank.inertia_kg_m2 < LEAST_INERTIA:
+            raise ValueError(
+                f"links.crank.inertia_kg_m2 >= {LEAST_INERTIA:g} fails, got {self.links.crank.inertia_kg_m2:g}: "
+                "a shaft without inertia has no speed of its own"
+            )
+        press_constants(self)
         return self
 
 
 class Stroke(NamedTuple):
-    """Crank angles (rad, 0 to 2 pi) of top, bottom, and first contact turning forward and backward; heights (m)."""
+    """Crank angles (rad, 0 to 2 pi) of top, bottom, first contact turning forward and backward; heights (m)."""
 
     top: float
     bottom: float
@@ -117,6 +131,7 @@ class Stroke(NamedTuple):
     contact_reversed: float
     top_y_m: float
     bottom_y_m: float
+    contact_y_m: float
 
 
 def _dead_centre(press: Press, guess: float, step: float) -> float:
@@ -127,14 +142,21 @@ def _dead_centre(press: Press, guess: float, step: float) -> float:
     return float(brentq(rate, low, high, xtol=1e-15)) if rate(low) * rate(high) < 0.0 else guess
 
 
-def press_stroke(press: Press, contact_fraction: float) -> Stroke:
-    """Return where the loaded point's path has its top and bottom, and where the layer is met on the way down."""
+def press_stroke(press: Press, contact_fraction: float | None) -> Stroke:
+    """Return where the loaded point's path has its top and bottom, and where the layer is met on the way down.
+
+    Without a ``contact_fraction`` it is met at the height of the loaded point at 180 degrees of the crank.
+    """
     count = 720
     step = TURN / count
     heights = np.array([loaded_height(press, i * step)[0] for i in range(count)])
     top = _dead_centre(press, int(np.argmax(heights)) * step, step) % TURN
     bottom = _dead_centre(press, int(np.argmin(heights)) * step, step) % TURN
     y_t, y_b = loaded_height(press, top)[0], loaded_height(press, bottom)[0]
+    if y_t - y_b < LEAST_STROKE_M:
+        raise ValueError(f"stroke of the loaded point >= {LEAST_STROKE_M:g} m fails: {y_t - y_b:.3g} m")
+    if contact_fraction is None:
+        contact_fraction = (y_t - loaded_height(press, pi)[0]) / (y_t - y_b)
     y_c = y_t - contact_fraction * (y_t - y_b)
 
     def below(f: float) -> float:
@@ -147,7 +169,7 @@ def press_stroke(press: Press, contact_fraction: float) -> Stroke:
             float(brentq(below, top, top + forward, xtol=1e-15)),
             float(brentq(below, top - backward, top, xtol=1e-15)),
         )
-    return Stroke(top, bottom, met[0] % TURN, met[1] % TURN, y_t, y_b)
+    return Stroke(top, bottom, met[0] % TURN, met[1] % TURN, y_t, y_b, y_c)
 
 
 def press_constants(parameters: CompactionPress, fitted: bool = True) -> tuple[Press, Stroke]:
@@ -166,6 +188,8 @@ def press_constants(parameters: CompactionPress, fitted: bool = True) -> tuple[P
         StrokeLoad(0.0, 1.0, 0.0, 1.0),
         GRAVITY,
     )
-    stroke = press_stroke(press, force.contact_fraction)
-    y_c = stroke.top_y_m - force.contact_fraction * (stroke.top_y_m - stroke.bottom_y_m)
-    return press._replace(load=StrokeLoad(force.peak_n, y_c, stroke.bottom_y_m, force.exponent)), stroke
+    stroke = press_stroke(press, None if force.working_quarter else force.contact_fraction)
+    depth = stroke.contact_y_m - stroke.bottom_y_m
+    if depth < LEAST_DEPTH * (stroke.top_y_m - stroke.bottom_y_m):
+        raise ValueError(f"working_force: the layer has no depth: first contact {depth:.3g} m above the bottom")
+    return press._replace(load=StrokeLoad(force.peak_n, stroke.contact_y_m, stroke.bottom_y_m, force.exponent)), stroke

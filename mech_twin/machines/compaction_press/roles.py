@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from math import nan
+
 from mech_twin.engine.crank_linkage import (
     NO_FRICTION,
     Boundary,
     CrankKernels,
     CrankLinkage,
+    Resisting,
     ShaftFriction,
     Transmission,
 )
 from mech_twin.machines.compaction_press.cycle import regime_at
 from mech_twin.machines.compaction_press.dynamics import (
+    COMPACTED,
+    COMPACTED_REVERSED,
     CONTACT,
     CONTACT_REVERSED,
     FREE,
@@ -21,23 +26,38 @@ from mech_twin.machines.compaction_press.dynamics import (
     press_load_speed,
     press_load_work,
     press_state,
+    with_load_share,
 )
 from mech_twin.machines.compaction_press.parameters import Stroke
 
-KERNELS = CrankKernels(press_state, press_load_work, press_load_speed, LedPress, DrivenPress)
-REGIMES = ("free", "contact", "contact_reversed")
+KERNELS = CrankKernels(press_state, press_load_work, press_load_speed, LedPress, DrivenPress, with_load_share)
+REGIMES = ("free", "contact", "contact_reversed", "compacted", "compacted_reversed")
+SET_LAYER = {CONTACT: Resisting(1.0, COMPACTED), CONTACT_REVERSED: Resisting(-1.0, COMPACTED_REVERSED)}
 
 
-def press_boundaries(stroke: Stroke, contact_fraction: float) -> tuple[Boundary, ...]:
-    """Return where the layer is met, left at the bottom, or let go when the crank turns back."""
-    first = "contact" if contact_fraction > 0.0 else "top"
-    return (
+def press_boundaries(stroke: Stroke, first: str, gives_back: bool = True) -> tuple[Boundary, ...]:
+    """Return where the layer is met (``first`` is the event), left at the bottom, let go or met again.
+
+    A layer that gives nothing back is met again where the crank turned back, and is a new one after the top.
+    """
+    pressed = (
         Boundary(stroke.contact, 1.0, FREE, CONTACT, first),
         Boundary(stroke.bottom, 1.0, CONTACT, FREE, "bottom"),
-        Boundary(stroke.contact, -1.0, CONTACT, FREE, "release"),
         Boundary(stroke.contact_reversed, -1.0, FREE, CONTACT_REVERSED, first),
         Boundary(stroke.bottom, -1.0, CONTACT_REVERSED, FREE, "bottom"),
-        Boundary(stroke.contact_reversed, 1.0, CONTACT_REVERSED, FREE, "release"),
+    )
+    if gives_back:
+        return (
+            *pressed,
+            Boundary(stroke.contact, -1.0, CONTACT, FREE, "release"),
+            Boundary(stroke.contact_reversed, 1.0, CONTACT_REVERSED, FREE, "release"),
+        )
+    return (
+        *pressed,
+        Boundary(nan, 1.0, COMPACTED, CONTACT, first),
+        Boundary(stroke.top, -1.0, COMPACTED, FREE, "top"),
+        Boundary(nan, -1.0, COMPACTED_REVERSED, CONTACT_REVERSED, first),
+        Boundary(stroke.top, 1.0, COMPACTED_REVERSED, FREE, "top"),
     )
 
 
@@ -48,9 +68,10 @@ def press_linkage(
     speed: float,
     command: float,
     direction: float,
-    contact_fraction: float,
+    first_contact: str,
     transmission: Transmission | None,
     friction: ShaftFriction = NO_FRICTION,
+    gives_back: bool = True,
 ) -> CrankLinkage:
     """Return the linkage role: crank at angle 0 and this speed (rad/s), the layer's boundaries along its turn."""
     return CrankLinkage(
@@ -64,7 +85,9 @@ def press_linkage(
         "plate",
         REGIMES,
         regime_at(stroke, 0.0, direction),
-        press_boundaries(stroke, contact_fraction),
+        press_boundaries(stroke, first_contact, gives_back),
         transmission,
         friction,
+        size_m=press.bar.coupler_m + press.bar.rocker_m,
+        resisting={} if gives_back else SET_LAYER,
     )

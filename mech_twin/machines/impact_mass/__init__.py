@@ -7,7 +7,7 @@ from typing import Any
 
 from mech_twin.machines.impact_mass.drawing import mass_drawing
 from mech_twin.machines.impact_mass.forces import StopReaction
-from mech_twin.machines.impact_mass.metrics import cycle_report, position_figures
+from mech_twin.machines.impact_mass.metrics import contact_report, cycle_report, position_figures
 from mech_twin.machines.impact_mass.observer import MassObserver
 from mech_twin.machines.impact_mass.parameters import ImpactMass
 from mech_twin.machines.impact_mass.roles import ForceGenerator, MassOnStop
@@ -48,7 +48,10 @@ def build(parameters: Parameters) -> Machine:
         )
 
     def report() -> dict[str, float]:
-        return cycle_report(p.system, p.mass_kg, p.initial_gap_m, p.initial_velocity_m_per_s)
+        figures = cycle_report(p.system, p.mass_kg, p.initial_gap_m, p.initial_velocity_m_per_s)
+        if p.contact_stiffness_n_per_m is None:
+            return figures
+        return figures | contact_report(p.system, p.mass_kg, p.contact_stiffness_n_per_m)
 
     return Machine(
         "impact_mass",
@@ -56,7 +59,7 @@ def build(parameters: Parameters) -> Machine:
         step_s,
         motor,
         linkage,
-        StopReaction(p.mass_kg, p.period_s),
+        StopReaction(p.times_s, step_s, p.contact_stiffness_n_per_m),
         None,
         lambda sample, _: mass_drawing(p.stop_position_m, sample),
         report,

@@ -10,6 +10,8 @@ from typing import NamedTuple
 
 from mech_twin.kernel import kernel
 
+LEAST_MOMENTUM, LEAST_ENERGY = 1e-280, 1e-280  # m/s, m2/s2: below, doubles hold no digits to compare
+
 
 class StepBalance(NamedTuple):
     """Sums of a step per unit of mass: impulses in m/s, work and loss in m2/s2, and the sizes of what was summed."""
@@ -74,5 +76,6 @@ def residuals(balance: StepBalance, begin_m_per_s: float, end_m_per_s: float) ->
     momentum_size = balance.momentum_size_m_per_s + abs(begin_m_per_s) + abs(end_m_per_s)
     energy_size = balance.energy_size_m2_per_s2 + 0.5 * (begin_m_per_s**2 + end_m_per_s**2)
     return BalanceResiduals(
-        momentum / momentum_size if momentum_size > 0.0 else 0.0, energy / energy_size if energy_size > 0.0 else 0.0
+        momentum / momentum_size if momentum_size > LEAST_MOMENTUM else 0.0,
+        energy / energy_size if energy_size > LEAST_ENERGY else 0.0,
     )

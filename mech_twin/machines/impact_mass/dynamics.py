@@ -223,12 +223,17 @@ def last_impact_by(motion: MassMotion, system: ImpactSystem, until_s: float, com
 @kernel
 def next_event(motion: MassMotion, system: ImpactSystem) -> tuple[MotionEvent, MassMotion]:
     """Return the next event and the motion right after it."""
-    return next_event_until(motion, system, math.inf)
+    return next_event_until(motion, system, math.inf, LISTED_MOST)
 
 
 @kernel
-def next_event_until(motion: MassMotion, system: ImpactSystem, until_s: float) -> tuple[MotionEvent, MassMotion]:
-    """Return the next event and the motion right after it; a sum of impacts ends at ``until_s`` within the period."""
+def next_event_until(
+    motion: MassMotion, system: ImpactSystem, until_s: float, listed_most: float
+) -> tuple[MotionEvent, MassMotion]:
+    """Return the next event and the motion right after it.
+
+    Impacts of a series after the first ``listed_most`` are summed up to ``until_s`` within the period.
+    """
     a = acceleration(motion, system)
     end = phase_end(motion, system)
     if motion.mode == SERIES:
@@ -241,7 +246,7 @@ def next_event_until(motion: MassMotion, system: ImpactSystem, until_s: float) -
             tau = min(tau, limit)  # rounding may put a late impact behind the end of its series
         if number > system.listed and limit <= end:
             return after_series(motion, system, limit)
-        if number > LISTED_MOST:
+        if number > listed_most:
             last = last_impact_by(motion, system, min(end, until_s), limit <= end)
             if last >= number:
                 return after_summed_impacts(motion, system, last)

@@ -43,6 +43,12 @@ class StopParameters(Parameters):
     restitution: float = quantity(
         "1", "speed after a blow over the speed before it, R", live=True, ge=LEAST_RESTITUTION, le=LARGEST_RESTITUTION
     )
+    contact_stiffness_n_per_m: float | None = quantity(
+        "N/m",
+        "stiffness of the stop, for peak force and contact time (rigid if absent)",
+        default=None,
+        gt=0,
+    )
     chatter_cutoff: float = quantity(
         "1", "relative speed below which a chatter series is cut off; 0: its exact limit", default=0.0, ge=0, lt=1
     )

@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 from mech_twin.machines.impact_mass.batch import next_period, strikes_once_a_period
+from mech_twin.machines.impact_mass.contact_estimate import contact_estimate, merging_speed
 from mech_twin.machines.impact_mass.dynamics import (
     ImpactSystem,
     MassMotion,
@@ -82,6 +83,23 @@ def cycle_report(system: ImpactSystem, mass_kg: float, gap_m: float, velocity_m_
             figures["first_impact_time_s"] = event.period * system.period_s + event.tau_s
             figures["first_impact_speed_m_per_s"] = event.pre_m_per_s
             break
+    return figures
+
+
+def contact_report(system: ImpactSystem, mass_kg: float, stiffness_n_per_m: float) -> dict[str, float]:
+    """Return peak force, contact time and loss of the one-impact motions, and below which speed contacts merge."""
+    forces_n = (system.acceleration1 * mass_kg, system.acceleration2 * mass_kg)
+    figures = {}
+    for cycle in one_impact_cycles(system):
+        name, speed = f"one_impact_phase{cycle.phase + 1}", cycle.impact_speed_m_per_s
+        found = contact_estimate(mass_kg, speed, system.restitution, stiffness_n_per_m, forces_n[cycle.phase])
+        figures[f"{name}_peak_force_n"] = found.peak_force_n
+        figures[f"{name}_contact_time_s"] = found.contact_time_s
+        figures[f"{name}_penetration_m"] = found.penetration_m
+        figures[f"{name}_contact_loss_j"] = found.loss_j
+    for number, force_n in enumerate(forces_n, 1):
+        merging = merging_speed(mass_kg, system.restitution, stiffness_n_per_m, force_n)
+        figures[f"phase{number}_merging_speed_m_per_s"] = merging
     return figures
 
 

@@ -120,6 +120,8 @@ class MassObserver:
             "stop_impulse_ns": 0.0,
             "mean_stop_force_n": 0.0,
             "rests_for_good": 0.0,
+            "peak_contact_force_n": 0.0,
+            "longest_contact_time_s": 0.0,
         }
 
     def observe(self, frame: Frame) -> None:
@@ -139,6 +141,9 @@ class MassObserver:
         now["last_period_impacts"] = memory.last_period_impacts_1
         if linkage.time_s > 0.0:
             now["mean_stop_force_n"] = now["stop_impulse_ns"] / linkage.time_s
+        shown = frame.forces.quantities.as_dict()
+        now["peak_contact_force_n"] = max(now["peak_contact_force_n"], shown["peak_contact_force_n"])
+        now["longest_contact_time_s"] = max(now["longest_contact_time_s"], shown["contact_time_s"])
         self._energy.observe(frame, memory)
         self._take_rest(linkage.regime, linkage.time_s, memory)
 

@@ -119,14 +119,15 @@ class MassOnStop:
         before = memory.acted(system)
         if before != system:
             motion = reanchored(motion, before, system, steps, self.step_s)
-        done = mass_step(motion, system, memory.counts, steps + 1.0, self.step_s)
+        counts = memory.counts.rescaled(memory.mass_kg / self.mass_kg)
+        done = mass_step(motion, system, counts, steps + 1.0, self.step_s)
         (begin_velocity,) = linkage.velocity
         added_kg = self.mass_kg - memory.mass_kg
         energies = StepEnergies(
             done.balance.drive_work_m2_per_s2 * self.mass_kg,
             done.balance.stop_loss_m2_per_s2 * self.mass_kg,
             0.5 * added_kg * begin_velocity**2,
-            added_kg * begin_velocity,
+            added_kg * begin_velocity if added_kg else 0.0,
         )
         after = packed(done.motion, done.counts, system, memory.origin_step_1, self.mass_kg, energies)
         step = linkage.step + 1

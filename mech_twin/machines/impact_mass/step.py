@@ -60,6 +60,15 @@ class RunningCounts(NamedTuple):
     last_period_impulse_m_per_s: float
     step_impulse_m_per_s: float
 
+    def rescaled(self, ratio: float) -> RunningCounts:
+        """Return the counts with impulses times the mass before over the mass after, so that they stay the same N s."""
+        if ratio == 1.0:
+            return self
+        return self._replace(
+            period_impulse_m_per_s=self.period_impulse_m_per_s * ratio,
+            last_period_impulse_m_per_s=self.last_period_impulse_m_per_s * ratio,
+        )
+
 
 class MassStep(NamedTuple):
     """The mass one coupling step later.
@@ -152,14 +161,16 @@ def balance_after_event(
 
 
 @kernel
-def lies_in_step(coming: MotionEvent, motion: MassMotion, system: ImpactSystem, end_s: float) -> bool:
+def lies_in_step(
+    coming: MotionEvent, motion: MassMotion, system: ImpactSystem, end_s: float, listed_most: float
+) -> bool:
     """Return whether an event belongs to the step that ends at ``end_s``, s since the origin.
 
     A sum of impacts was cut at the end of the step, so it does; the impact after it was found to lie behind.
     """
     if coming.kind == IMPACTS_SUMMED:
         return True
-    if coming.kind == IMPACT and motion.mode == SERIES and motion.series_number >= LISTED_MOST:
+    if coming.kind == IMPACT and motion.mode == SERIES and motion.series_number >= listed_most:
         return False
     return coming.period * system.period_s + coming.tau_s <= end_s
 
@@ -186,8 +197,9 @@ def mass_step(motion: MassMotion, system: ImpactSystem, counts: RunningCounts, s
     balance = empty_balance()
     passed = elapsed(motion, system, steps - 1.0, step_s)
     gap, first = gap_after(motion, system, passed)
-    coming, after = next_event_until(motion, system, tau_at(motion.period, system, steps, step_s))
-    while lies_in_step(coming, motion, system, steps * step_s):
+    most = LISTED_MOST
+    coming, after = next_event_until(motion, system, tau_at(motion.period, system, steps, step_s), most)
+    while lies_in_step(coming, motion, system, steps * step_s, most):
         balance, rest = balance_after_event(balance, motion, system, coming, gap, passed)
         counts = counts_after_event(counts, coming, rest)
         struck = struck or coming.impacts > 0.0
@@ -196,7 +208,8 @@ def mass_step(motion: MassMotion, system: ImpactSystem, counts: RunningCounts, s
         write_event(rows[found], coming)
         found += 1
         motion, passed, gap = after, 0.0, after.gap_m
-        coming, after = next_event_until(motion, system, tau_at(motion.period, system, steps, step_s))
+        most = LISTED_MOST if found < LISTED_MOST else 1.0  # a step full of events sums each series from its second on
+        coming, after = next_event_until(motion, system, tau_at(motion.period, system, steps, step_s), most)
     now = elapsed(motion, system, steps, step_s)
     end_gap, end_velocity = gap_after(motion, system, now)
     a, duration = acceleration(motion, system), max(now - passed, 0.0)

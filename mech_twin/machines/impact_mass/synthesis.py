@@ -2,9 +2,9 @@
 
 The published synthesis with v0 = 0 always lands on P2 = R^2 P1, where the blow falls on the change of the force: the
 border of existence.  The robust synthesis keeps v-, T and t1 and so <A> = v- (1 + R)/T; that leaves P2 free, with
-P1 = (m <A> T - P2 (T - t1))/t1.  P2 is scanned over its stable range; a candidate passes if its cycle exists, is
-admissible, has the asked margin 1 - |multiplier| and the asked basin.  The chosen one has the largest margin among
-those whose neighbours within the reserve pass too, so no small error of the forces ends it.
+P1 = (m <A> T - P2 (T - t1))/t1.  P2 is searched over its stable range for a cycle with the asked margin
+1 - |multiplier| and stroke whose basin holds in the worst case over a box of tolerances of P1, P2, t1, T and R; of
+those that hold, the one that holds over the widest box is chosen, and certified (see `tolerance_box`).
 """
 
 from __future__ import annotations
@@ -12,26 +12,37 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from mech_twin.engine.coupling import Coupling
 from mech_twin.machines.impact_mass.cycle_verdict import (
     CycleVerdict,
     Endurance,
     StartBox,
-    basin,
     default_box,
     endurance,
     phase2_cycle,
     verdict,
 )
+from mech_twin.machines.impact_mass.dynamics import acceleration, gap_after, next_event, phase_end
+from mech_twin.machines.impact_mass.metrics import after_blow
 from mech_twin.machines.impact_mass.one_impact_cycle import least_stability_number, synthesised_cycle
 from mech_twin.machines.impact_mass.parameters import ImpactMass
+from mech_twin.machines.impact_mass.tolerance_box import (
+    NOMINAL,
+    Certificate,
+    certified,
+    corners,
+    faces,
+    first_failure,
+    inside,
+    outcome,
+)
 from mech_twin.parts.supply import SupplyParameters
 
-CANDIDATES = 240
+CANDIDATES = 120
 STEPS_PER_PERIOD = 50.0
-SCREEN = 40  # starts tried first; a candidate whose failures among them are too many already is not tried further
+SCREEN_STARTS, SCREEN_INSIDE = 40, 24  # random starts and random points of the box in a first look
+TOLERANCE_MULTIPLES = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0)  # of the asked tolerance, over which a candidate may hold too
+CERTIFIED_MOST = 8  # candidates tried in full before the search gives up
 
 
 @dataclass(frozen=True)
@@ -53,28 +64,39 @@ class CycleSpec:
 
 @dataclass(frozen=True)
 class RobustnessSpec:
-    """What a robust cycle shall stand: margin 1 - |multiplier|, share of the starts that reach it, reserve of P2.
+    """What a robust cycle shall stand.
 
-    ``force_reserve`` is a share of the mean force m <A>: P2 may move by so much, with v- kept, and all still holds.
+    ``margin`` is 1 - |multiplier| of the nominal cycle; ``basin_fraction`` the share of the random starts that reach
+    the cycle, everywhere in the box P1, P2, t1, T, R each within the relative ``tolerance``.  ``stroke_ratio`` bounds
+    the largest gap of the cycle over the asked stroke, ``start_speed_ratio`` its speed at the start of a period over
+    the asked impact speed.  ``inside`` is the number of random points of the box in the certificate.
     """
 
-    margin: float = 0.2
+    margin: float = 0.1
     basin_fraction: float = 0.999
-    force_reserve: float = 0.02
+    tolerance: float = 0.01
+    stroke_ratio: float = 2.5
+    start_speed_ratio: float = 1.0
     starts: int = 1000
     seed: int = 1
+    inside: int = 300
 
 
 @dataclass(frozen=True)
 class CycleDesign:
-    """A cycle: the configuration that runs it, its verdict, and its endurance at T in full and at T as printed."""
+    """A cycle: the configuration that runs it, its verdict, and its endurance at T in full and at T as printed.
+
+    ``stroke_m`` is the largest gap of the cycle; ``certificate`` is None where no box was tried.
+    """
 
     name: str
     parameters: ImpactMass
     impact_speed_m_per_s: float
     impact_tau_s: float
+    stroke_m: float
     verdict: CycleVerdict
     endurance: tuple[Endurance, ...]
+    certificate: Certificate | None
 
 
 @dataclass(frozen=True)
@@ -136,81 +158,126 @@ def with_phase2_force(published: ImpactMass, impact_speed_m_per_s: float, phase2
 
 @dataclass(frozen=True)
 class _Candidate:
+    """A choice of P2, with the widest multiple of the tolerance over which it holds by a first look."""
+
     parameters: ImpactMass
-    stability_number: float
     margin: float
-    fraction: float
+    widest: float
 
 
-def _screened_fraction(parameters: ImpactMass, box: StartBox, robustness: RobustnessSpec) -> float:
-    """Return the share of the starts that reach the cycle; of the first few alone where these already fail it."""
-    cycle = phase2_cycle(parameters)
-    few = basin(parameters.system, cycle, replace(box, starts=min(SCREEN, box.starts)))
-    if few.box.starts - few.reached > (1.0 - robustness.basin_fraction) * box.starts:
-        return few.fraction
-    return basin(parameters.system, cycle, box).fraction
-
-
-def _candidates(spec: CycleSpec, published: ImpactMass, box: StartBox, robustness: RobustnessSpec) -> list[_Candidate]:
-    """Return the candidates over the stable range of q = A2/<A>; no basin where the margin is not met."""
+def _nominal_candidates(spec: CycleSpec, published: ImpactMass, robustness: RobustnessSpec) -> list[ImpactMass]:
+    """Return the candidates over the stable range of q = A2/<A> that keep margin, stroke and start speed."""
     mean_n = spec.mass_kg * spec.impact_speed_m_per_s * (1.0 + spec.restitution) / published.period_s
     low = least_stability_number(spec.restitution)
-    found = []
-    for i in range(1, CANDIDATES):
-        q = low + (1.0 - low) * i / CANDIDATES
-        parameters = with_phase2_force(published, spec.impact_speed_m_per_s, q * mean_n)
-        judged = verdict(parameters, None)
-        margin = judged.margin if judged.stable else -math.inf
-        fraction = _screened_fraction(parameters, box, robustness) if margin >= robustness.margin else 0.0
-        found.append(_Candidate(parameters, q, margin, fraction))
-    return found
+    numbers = [low + (1.0 - low) * i / CANDIDATES for i in range(1, CANDIDATES)]
+    made = [with_phase2_force(published, spec.impact_speed_m_per_s, q * mean_n) for q in numbers]
+    judged = [(parameters, verdict(parameters, None)) for parameters in made]
+    steady = [(parameters, found) for parameters, found in judged if found.stable]
+    keeping = [parameters for parameters, found in steady if found.margin >= robustness.margin]
+    if not keeping:
+        largest = max((found.margin for _, found in steady), default=-math.inf)
+        raise ValueError(
+            f"no robust cycle: margin >= {robustness.margin!r} does not hold: largest margin of an admissible "
+            f"stable cycle {largest!r}"
+        )
+    return _short_enough(keeping, spec, robustness)
 
 
-def robust_parameters(spec: CycleSpec, robustness: RobustnessSpec) -> ImpactMass:
-    """Return the configuration of the robust cycle with the spec's v- and the published T and t1.
+def _short_enough(keeping: list[ImpactMass], spec: CycleSpec, robustness: RobustnessSpec) -> list[ImpactMass]:
+    """Return those within the bounds of stroke and start speed."""
+    bounded = [
+        parameters
+        for parameters in keeping
+        if cycle_stroke(parameters) <= robustness.stroke_ratio * spec.stroke_m
+        and abs(parameters.initial_velocity_m_per_s) <= robustness.start_speed_ratio * spec.impact_speed_m_per_s
+    ]
+    if not bounded:
+        stroke = min(cycle_stroke(parameters) for parameters in keeping) / spec.stroke_m
+        speed = min(abs(parameters.initial_velocity_m_per_s) for parameters in keeping) / spec.impact_speed_m_per_s
+        raise ValueError(
+            f"no robust cycle: stroke_ratio <= {robustness.stroke_ratio!r} and start_speed_ratio <= "
+            f"{robustness.start_speed_ratio!r} do not both hold: smallest that were found {stroke!r}, {speed!r}"
+        )
+    return bounded
+
+
+def _screened(parameters: ImpactMass, box: StartBox, robustness: RobustnessSpec) -> _Candidate:
+    """Return a candidate with the widest box over which a first look finds no failure (0: it fails nominally).
+
+    A first look has few starts and fails only where their failures alone are more than the whole number may have.
+    """
+    few = replace(box, starts=min(SCREEN_STARTS, box.starts))
+    least = 1.0 - (1.0 - robustness.basin_fraction) * box.starts / few.starts
+    nominal = outcome(parameters, NOMINAL, few)
+    if nominal.fraction < least:
+        return _Candidate(parameters, nominal.margin, -1.0)
+    widest = 0.0
+    for multiple in TOLERANCE_MULTIPLES:
+        tolerance = multiple * robustness.tolerance
+        points = [*corners(tolerance), *faces(tolerance), *inside(tolerance, SCREEN_INSIDE, box.seed)]
+        if first_failure(parameters, points, few, least) is not None:
+            break
+        widest = multiple
+    return _Candidate(parameters, nominal.margin, widest)
+
+
+def robust_parameters(spec: CycleSpec, robustness: RobustnessSpec) -> tuple[ImpactMass, Certificate]:
+    """Return the configuration of the robust cycle with the asked v- and the published T and t1, and its certificate.
 
     Raises
     ------
     ValueError
-        If no forces meet the robustness, naming the inequality that fails and the best that was found.
+        If no forces meet the demand, naming the inequality that fails and the best that was found.
     """
+    _require_demand(spec, robustness)
+    published = published_parameters(spec)
+    box = default_box(spec.stroke_m, spec.impact_speed_m_per_s, robustness.starts, robustness.seed)
+    screened = [_screened(p, box, robustness) for p in _nominal_candidates(spec, published, robustness)]
+    if all(candidate.widest < 0.0 for candidate in screened):
+        raise ValueError(
+            f"no robust cycle: basin_fraction >= {robustness.basin_fraction!r} does not hold with margin >= "
+            f"{robustness.margin!r} even without any deviation"
+        )
+    tried: list[Certificate] = []
+    least = TOLERANCE_MULTIPLES[0] if robustness.tolerance > 0.0 else 0.0
+    holding = [candidate for candidate in screened if candidate.widest >= least]
+    for candidate in sorted(holding, key=lambda c: (c.widest, c.margin), reverse=True)[:CERTIFIED_MOST]:
+        found = certified(candidate.parameters, robustness.tolerance, box, robustness.inside)
+        if found.worst_fraction >= robustness.basin_fraction:
+            return candidate.parameters, found
+        tried.append(found)
+    best = max((found.worst_fraction for found in tried), default=0.0)
+    raise ValueError(
+        f"no robust cycle: tolerance = {robustness.tolerance!r} does not hold: of {len(screened)} candidates "
+        f"{len(holding)} keep basin_fraction >= {robustness.basin_fraction!r} at the points of a first look and none "
+        f"at all points tried; best worst case {best!r}"
+    )
+
+
+def _require_demand(spec: CycleSpec, robustness: RobustnessSpec) -> None:
     if robustness.margin > 1.0 - spec.restitution:
         raise ValueError(
             "no robust cycle: margin <= 1 - restitution does not hold (the product of the multipliers is R^2): "
             f"{robustness.margin!r}, {1.0 - spec.restitution!r}"
         )
-    published = published_parameters(spec)
-    box = default_box(spec.stroke_m, spec.impact_speed_m_per_s, robustness.starts, robustness.seed)
-    found = _candidates(spec, published, box, robustness)
-    passing = [c for c in found if c.margin >= robustness.margin and c.fraction >= robustness.basin_fraction]
-    numbers = np.array([c.stability_number for c in found])
-    safe = [c for c in passing if _neighbours_pass(c, passing, numbers, robustness.force_reserve)]
-    if not safe:
-        raise ValueError(_refusal(found, passing, robustness))
-    return max(safe, key=lambda c: c.margin).parameters
+    if not 0.0 <= robustness.tolerance < 1.0:
+        raise ValueError(f"no robust cycle: 0 <= tolerance < 1 does not hold: {robustness.tolerance!r}")
 
 
-def _neighbours_pass(
-    one: _Candidate, passing: list[_Candidate], numbers: np.ndarray[tuple[int], np.dtype[np.float64]], reserve: float
-) -> bool:
-    asked = numbers[np.abs(numbers - one.stability_number) <= reserve + 1e-12]
-    good = {c.stability_number for c in passing}
-    outside = one.stability_number - reserve <= numbers[0] or one.stability_number + reserve >= numbers[-1]
-    return not outside and all(float(number) in good for number in asked)
-
-
-def _refusal(found: list[_Candidate], passing: list[_Candidate], robustness: RobustnessSpec) -> str:
-    if passing:
-        return (
-            f"no robust cycle: force_reserve = {robustness.force_reserve!r} does not hold: no candidate passes with "
-            f"all its neighbours; {len(passing)} of {len(found)} pass alone"
-        )
-    margin = max(c.margin for c in found)
-    fraction = max((c.fraction for c in found if c.margin >= robustness.margin), default=0.0)
-    return (
-        f"no robust cycle: margin >= {robustness.margin!r} and basin_fraction >= {robustness.basin_fraction!r} do not "
-        f"both hold: largest margin {margin!r}; largest basin fraction at the asked margin {fraction!r}"
-    )
+def cycle_stroke(parameters: ImpactMass) -> float:
+    """Return the largest gap of the one-impact cycle with its blow in phase 2, m."""
+    system = parameters.system
+    motion = after_blow(phase2_cycle(parameters), system)
+    largest = 0.0
+    for _ in range(3):  # what is left of phase 2, phase 1, and phase 2 up to the next impact
+        a, end = acceleration(motion, system), phase_end(motion, system)
+        turning_s = -motion.velocity_m_per_s / a if a != 0.0 else -1.0
+        ends_s = (end - motion.tau_s, turning_s if 0.0 < turning_s < end - motion.tau_s else 0.0)
+        largest = max(largest, *(gap_after(motion, system, duration)[0] for duration in ends_s))
+        event, motion = next_event(motion, system)
+        if event.impacts > 0.0:
+            break
+    return largest
 
 
 def printed_periods(period_s: float) -> tuple[float, ...]:
@@ -218,7 +285,9 @@ def printed_periods(period_s: float) -> tuple[float, ...]:
     return round(period_s, 4), math.floor(period_s * 1000.0) / 1000.0
 
 
-def design(name: str, parameters: ImpactMass, box: StartBox, periods: int) -> CycleDesign:
+def design(
+    name: str, parameters: ImpactMass, box: StartBox, periods: int, certificate: Certificate | None
+) -> CycleDesign:
     """Return a cycle with its verdict and its endurance at T in full precision and at T as printed."""
     cycle = phase2_cycle(parameters)
     lasting = tuple(
@@ -227,7 +296,8 @@ def design(name: str, parameters: ImpactMass, box: StartBox, periods: int) -> Cy
         if period_s > parameters.phase1_duration_s
     )
     judged = verdict(parameters, box)
-    return CycleDesign(name, parameters, cycle.impact_speed_m_per_s, cycle.impact_tau_s, judged, lasting)
+    speed, tau = cycle.impact_speed_m_per_s, cycle.impact_tau_s
+    return CycleDesign(name, parameters, speed, tau, cycle_stroke(parameters), judged, lasting, certificate)
 
 
 def synthesise(spec: CycleSpec, robustness: RobustnessSpec | None = None, periods: int = 1_000_000) -> Synthesis:
@@ -238,7 +308,7 @@ def synthesise(spec: CycleSpec, robustness: RobustnessSpec | None = None, period
     spec : CycleSpec
         The cycle that is wanted.
     robustness : RobustnessSpec, optional
-        What the robust cycle shall stand, and the box and seed of the basin.
+        What the robust cycle shall stand, its tolerance, and the seed of the basin.
     periods : int
         How long the endurance runs are.
 
@@ -249,6 +319,7 @@ def synthesise(spec: CycleSpec, robustness: RobustnessSpec | None = None, period
     """
     robustness = robustness or RobustnessSpec()
     box = default_box(spec.stroke_m, spec.impact_speed_m_per_s, robustness.starts, robustness.seed)
-    published = design("published", published_parameters(spec), box, periods)
-    robust = design("robust", robust_parameters(spec, robustness), box, periods)
+    published = design("published", published_parameters(spec), box, periods, None)
+    found, certificate = robust_parameters(spec, robustness)
+    robust = design("robust", found, box, periods, certificate)
     return Synthesis(spec, robustness, published, robust)

@@ -45,7 +45,7 @@ def build(parameters: Parameters) -> Machine:
         draw=drawing(constants, p.linkage.striker_angle_deg),
         report=lambda: static_report(p, constants),
         analyse=lambda crank_rad: position_metrics(p, constants, crank_rad),
-        observer=lambda: BreakerObserver(constants),
+        observer=lambda: BreakerObserver(p, constants),
     )
 
 
@@ -57,5 +57,5 @@ def capabilities() -> Capabilities:
     return Capabilities(
         published=published.rows,
         pictures=plots.pictures,
-        sizing=SizingQuestion(sizing.LIMITS, sizing.OBJECTIVES, sizing.sizing),
+        sizing=SizingQuestion(sizing.LIMITS, sizing.OBJECTIVES, sizing.sizing, sizing.USUAL_TOLERANCE),
     )

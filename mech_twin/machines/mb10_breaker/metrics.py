@@ -7,6 +7,7 @@ from typing import Any
 
 from scipy.optimize import brentq
 
+from mech_twin.machines.mb10_breaker.blow_contact import blow_contact, fading
 from mech_twin.machines.mb10_breaker.dynamics import FLIGHT, HELD, Breaker, blow, gap, masses_at, striker
 from mech_twin.machines.mb10_breaker.dynamics import crank_torque as geared
 from mech_twin.machines.mb10_breaker.forces import pin_forces, pin_impulses
@@ -40,6 +41,11 @@ def static_report(p: BreakerParameters, b: Breaker) -> dict[str, float]:
     k = b.arm * math.sqrt(b.rate / b.inertia)
     inertias = [masses_at(b, TURN * i / 360, 0.0) for i in range(360)]
     arm_angle = link_angles(position(b.bar, q))[1] + math.radians(p.linkage.striker_angle_deg)
+    contact: dict[str, float] = {}
+    if p.tool.contact_stiffness_n_per_m is not None:
+        fades = fading(b, q, u, 0.0, 0.0, 0.0, b.held)
+        struck = held if b.held else free
+        contact = blow_contact(b, p.tool.contact_stiffness_n_per_m, slope * u, struck.impulse, fades).metrics
     return {
         "rated_torque_nm": motor.rated_torque_nm,
         "rated_slip": motor.rated_slip,
@@ -77,6 +83,7 @@ def static_report(p: BreakerParameters, b: Breaker) -> dict[str, float]:
         "rest_force_on_tool_n": b.rate * b.deflection * b.arm / b.radius,
         "body_frequency_rad_per_s": k,
         "body_frequency_over_blow_frequency": k / u,
+        **contact,
     }
 
 

@@ -69,6 +69,13 @@ class ToolParameters(Parameters):
     restitution: float = quantity("1", "restitution of striker on tool, e_t", ge=0.0, le=1.0, live=True)
     overtravel_m: float = quantity("m", "travel of the striker past the seated tool, h", gt=0.0)
     wall_force_n: float = quantity("N", "mean force of the wall on the advancing tool", ge=0.0, live=True)
+    contact_stiffness_n_per_m: float | None = quantity(
+        "N/m",
+        "stiffness of the contact of striker and tool, for each blow's peak force and contact time",
+        ge=1e4,
+        le=1e12,
+        default=None,
+    )
 
 
 class CouplingParameters(Parameters):

@@ -1,193 +1,193 @@
-"""The metrics of a running breaker: the whole run, and its last blows, in memory that does not grow."""
+"""Running metrics of the breaker: the whole run, and its last cycles, in memory that does not grow.
+
+Mechanism and drive are cut into cycles at the blows on the tool.  The body is cut at the same blows where it is driven
+by the linkage; under the half sine it has a clock of its own and is cut at its own blows.
+"""
 
 from __future__ import annotations
 
-import math
 from collections import deque
 
+from mech_twin.machines.mb10_breaker.blow_contact import blow_contact, fading
+from mech_twin.machines.mb10_breaker.blow_cycle_metrics import PEAKS, BlowCycle, absolute_crank_speed
+from mech_twin.machines.mb10_breaker.body_cycle_metrics import BodyCycle
 from mech_twin.machines.mb10_breaker.dynamics import Breaker
-from mech_twin.machines.mb10_breaker.roles import PinAnalysis
+from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
+from mech_twin.parts.induction_motor import motor_constants, motor_torque
+from mech_twin.parts.motor_duty import MotorState, duty_after, shaft_work_j
 from mech_twin.samples import Coordinate, Event, Frame
 
 STEADY_BLOWS = 20
-COUNTED_ABOVE_M_PER_S = 1e-3  # impacts on the collar slower than this are the tail of a chatter series and not counted
-PEAKS = tuple(f"{pin}_peak_n" for pin in PinAnalysis.pins)
-
-
-def _absolute(side: tuple[Coordinate, ...]) -> float:
-    """Return the crank's absolute speed, u - phi'."""
-    return side[0].velocity - side[1].velocity
-
-
-class Cycle:
-    """What is gathered from one blow to the next.
-
-    Parameters
-    ----------
-    start_s : float
-        Time of the blow that begins it.
-    """
-
-    def __init__(self, start_s: float) -> None:
-        self.start_s = start_s
-        self.fastest = self.slowest = math.nan
-        self.lift = self.spring = 0.0
-        self.settled_s = math.nan
-        self.contact_s = 0.0
-        self.return_speed = 0.0
-        self.impacts = 0
-        self.torque = self.power = 0.0
-        self.samples = 0
-        self.peaks = [0.0] * len(PEAKS)
-        self.moments = [0.0, 0.0]
-
-    def sees_speed(self, u: float) -> None:
-        """Take an absolute crank speed into account."""
-        self.fastest = u if math.isnan(self.fastest) else max(self.fastest, u)
-        self.slowest = u if math.isnan(self.slowest) else min(self.slowest, u)
+COUNTED = {"blow": "blows", "missed": "missed_blows", "unseated": "unseated_blows", "jammed": "jammed"}
+Record = dict[str, float]
 
 
 class BreakerObserver:
-    """Running figures of a run of the breaker.
+    """Running metrics of a run of the breaker.
 
     Parameters
     ----------
+    parameters : BreakerParameters
+        Configuration.
     breaker : Breaker
-        Constants.
+        Its constants.
     """
 
-    def __init__(self, breaker: Breaker) -> None:
+    def __init__(self, parameters: BreakerParameters, breaker: Breaker) -> None:
         self._b = breaker
-        self._counts = dict.fromkeys(("blow", "missed", "unseated", "jammed"), 0)
-        self._cycle = Cycle(0.0)
-        self._resting_since: float | None = 0.0
-        self._records: deque[dict[str, float]] = deque(maxlen=STEADY_BLOWS)
-        self._worst: dict[str, float] = {}
-        self._spring = self._lift = 0.0
-        self._peaks = [0.0] * len(PEAKS)
-        self._time_s = 0.0
-        self._seen_blow = False
+        self._motor = motor_constants(parameters.motor)
+        self._stiffness = parameters.tool.contact_stiffness_n_per_m
+        self._counts = dict.fromkeys(COUNTED.values(), 0.0)
+        self._cycle = BlowCycle(0.0)
+        self._body = BodyCycle(0.0, 0.0 if parameters.body.contact == "one_sided" else None)
+        self._blows: deque[Record] = deque(maxlen=STEADY_BLOWS)
+        self._body_cycles: deque[Record] = deque(maxlen=STEADY_BLOWS)
+        self._worst: Record = {}
+        self._run: Record = dict.fromkeys(
+            ("largest_spring_force_n", "largest_lift_at_tool_m", "largest_gap_at_blow_m", *PEAKS), 0.0
+        )
+        self._time_s = self._work_j = 0.0
+        self._state: MotorState | None = None
+        self._seen_blow = self._seen_body_blow = False
 
     def observe(self, frame: Frame) -> None:
         """Take one frame into account: its events in their order, then the step's end."""
-        body = () if frame.body is None else frame.body.events
-        for event in sorted((*frame.linkage.events, *body), key=lambda event: event.time_s):
-            self._happened(event, frame)
-        self._sampled(frame)
+        own = () if frame.body is None else frame.body.events
+        events = sorted((*frame.linkage.events, *own), key=lambda event: event.time_s)
+        missed = self._missed_work(frame)
+        for event in events:
+            self._run_motor_to(event, frame, missed)
+            self._take_event(event, frame)
+        self._take_step(frame, missed)
         for sample in (frame.linkage, frame.forces, frame.body):
             if sample is not None:
                 for name, value in zip(sample.residuals.names, sample.residuals.values, strict=True):
                     self._worst[name] = max(self._worst.get(name, 0.0), abs(value))
 
     def numbers(self) -> dict[str, float]:
-        """Return the figures of the run, and the means and peaks of its last blows."""
-        run = {
-            "time_s": self._time_s,
-            "blows": float(self._counts["blow"]),
-            "missed_blows": float(self._counts["missed"]),
-            "unseated_blows": float(self._counts["unseated"]),
-            "jammed": float(self._counts["jammed"]),
-            "largest_spring_force_n": self._spring,
-            "largest_lift_at_tool_m": self._lift,
-            "rest_force_n": self._b.rate * self._b.deflection,
-        }
-        run.update(zip(PEAKS, self._peaks, strict=True))
-        run.update({f"worst_{name}": value for name, value in self._worst.items()})
-        if self._records:
-            run["steady_blows"] = float(len(self._records))
-            run.update({f"steady_{name}": self._over_last(name) for name in self._records[-1] if self._always(name)})
-        return run
+        """Return the metrics of the run (``run_...``), and means and peaks of its last cycles (``steady_...``)."""
+        found = {"time_s": self._time_s, **self._counts}
+        found["rest_force_n"] = self._b.rate * self._b.deflection
+        found.update({f"run_{name}": value for name, value in self._run.items()})
+        found.update({f"worst_{name}": value for name, value in self._worst.items()})
+        for count, records in (("steady_blows", self._blows), ("steady_body_cycles", self._body_cycles)):
+            if records:
+                found[count] = float(len(records))
+                found.update(_over_last(records))
+        return found
 
-    def _always(self, name: str) -> bool:
-        return all(name in record for record in self._records)
+    def _motor_state(self, crank_speed: float, body_speed: float, command: float) -> MotorState:
+        speed = self._b.ratio * (crank_speed - self._b.frame_drive * body_speed)
+        field = command * self._motor.synchronous_speed_rad_per_s
+        return MotorState(motor_torque(self._motor, speed, command), speed, field - speed)
 
-    def _over_last(self, name: str) -> float:
-        values = [record[name] for record in self._records]
-        if "smallest" in name:
-            return min(values)
-        return max(values) if "largest" in name or "peak" in name else sum(values) / len(values)
+    def _at_step(self, frame: Frame) -> MotorState:
+        speeds = dict(zip(frame.linkage.joints, frame.linkage.velocity, strict=True))
+        return self._motor_state(speeds["crank"], speeds["body"], frame.motor.command)
 
-    def _happened(self, event: Event, frame: Frame) -> None:
-        own = event.contact == "tool"
-        if event.kind in self._counts and (own or event.kind != "blow"):
-            self._counts[event.kind] += 1
+    def _missed_work(self, frame: Frame) -> float:
+        """Return by how much the motor's mean power by the energy balance exceeds that of its linear course (W)."""
+        work, span = frame.linkage.memory.as_dict()["drive_work_j"], frame.linkage.time_s - self._time_s
+        done, self._work_j = work - self._work_j, work
+        if self._state is None or span <= 0.0:
+            return 0.0
+        shaft = done / self._b.efficiency if done > 0.0 else done * self._b.efficiency
+        last, time_s, linear = self._state, self._time_s, 0.0
+        for event in frame.linkage.events:
+            if event.pre:
+                before, after = (self._across(side, frame) for side in (event.pre, event.post))
+                linear += shaft_work_j(last, before, event.time_s - time_s)
+                last, time_s = after, event.time_s
+        linear += shaft_work_j(last, self._at_step(frame), frame.linkage.time_s - time_s)
+        return (shaft - linear) / span
+
+    def _across(self, side: tuple[Coordinate, ...], frame: Frame) -> MotorState:
+        crank, body = side
+        return self._motor_state(crank.velocity, body.velocity, frame.motor.command)
+
+    def _run_motor_to(self, event: Event, frame: Frame, missed_w: float) -> None:
+        """Add the motor's duty up to an event of the linkage."""
+        if event.pre and self._state is not None:
+            span = event.time_s - self._time_s
+            before = self._across(event.pre, frame)
+            self._cycle.duty = duty_after(self._cycle.duty, self._state, before, span, missed_w * span)
+            self._state, self._time_s = self._across(event.post, frame), event.time_s
+
+    def _take_event(self, event: Event, frame: Frame) -> None:
+        tool = event.contact == "tool"
+        if event.kind in COUNTED and (tool or event.kind != "blow"):
+            self._counts[COUNTED[event.kind]] += 1.0
         for side in (event.pre, event.post):
             if side:
-                self._cycle.sees_speed(_absolute(side))
-        if event.kind in ("touchdown", "settled", "impact") and event.contact != "tool":
-            self._touched(event)
-        leaves = event.kind in ("blow", "lift_off")
-        if leaves and self._resting_since is not None and not self._b.held:
-            self._cycle.contact_s += event.time_s - max(self._resting_since, self._cycle.start_s)
-            self._resting_since = None
-        if event.kind in ("blow", "missed") and own:
-            self._closed(event, frame)
+                self._cycle.take_speed(absolute_crank_speed(side))
+        if not tool:
+            self._body.take_event(event)
+        if event.kind == "lift_off" or (event.kind == "blow" and tool and not self._b.held):
+            self._body.leave(event.time_s)
+        if event.kind in {"blow", "missed"} and tool:
+            self._end_blow_cycle(event, frame)
+        elif event.kind == "blow" and frame.body is not None:
+            self._end_body_cycle(event.time_s, frame.body.memory.as_dict()["blow_angle_rad"])
 
-    def _touched(self, event: Event) -> None:
-        speed = abs(event.pre_velocity_m_per_s)
-        self._cycle.return_speed = max(self._cycle.return_speed, speed)
-        self._cycle.impacts += speed > COUNTED_ABOVE_M_PER_S
-        if event.kind == "settled":
-            self._cycle.settled_s = event.time_s
-            self._resting_since = event.time_s
-
-    def _closed(self, event: Event, frame: Frame) -> None:
-        """End the cycle at this blow and begin the next."""
-        c, b = self._cycle, self._b
-        duration = event.time_s - c.start_s
-        found = frame.forces.quantities.as_dict()
-        if self._seen_blow and c.samples and duration > 0.0:
-            energy = 0.5 * event.impulse_ns**2 / b.tool_mass
-            record: dict[str, float] = {
-                "blow_rate_hz": 1.0 / duration,
-                "blow_energy_j": energy,
-                "blow_impulse_ns": event.impulse_ns,
-                "blow_energy_over_overtravel_n": energy / b.overtravel,
-                "striking_speed_m_per_s": event.pre_velocity_m_per_s,
-                "crank_before_blow_rad_per_s": event.pre[0].velocity,
-                "crank_after_blow_rad_per_s": event.post[0].velocity,
-                "body_leaves_at_rad_per_s": event.post[1].velocity,
-                "largest_absolute_crank_speed_rad_per_s": c.fastest,
-                "smallest_absolute_crank_speed_rad_per_s": c.slowest,
-                "fluctuation": 2.0 * (c.fastest - c.slowest) / (c.fastest + c.slowest),
-                "largest_lift_at_tool_m": c.lift,
-                "settled_at_fraction": (c.settled_s - c.start_s) / duration,
-                "gap_at_blow_m": b.radius * event.pre[1].position,
-                "largest_return_speed_m_per_s": c.return_speed,
-                "largest_spring_force_n": c.spring,
-                "contact_share": c.contact_s / duration,
-                "impacts_above_1_mm_per_s": float(c.impacts),
-                "motor_torque_nm": c.torque / c.samples,
-                "motor_power_w": c.power / c.samples,
-                "largest_body_moment_nm": c.moments[1],
-                "smallest_body_moment_nm": c.moments[0],
-                "blow_impulse_on_body_nms": found["blow_impulse_on_body_nms"],
-                "crank_bearing_impulse_peak_ns": found["crank_bearing_impulse_ns"],
-                "rocker_bearing_impulse_peak_ns": found["rocker_bearing_impulse_ns"],
-            }
-            record.update(zip(PEAKS, c.peaks, strict=True))
-            if math.isnan(c.settled_s):
-                del record["settled_at_fraction"]
-            self._records.append(record)
+    def _end_blow_cycle(self, event: Event, frame: Frame) -> None:
+        """End the cycle at this blow, or miss, and begin the next."""
+        _, body = event.pre
+        if self._seen_blow and self._cycle.steps and event.time_s > self._cycle.start_s:
+            record = self._cycle.metrics(self._b, self._motor, event, frame.forces)
+            if self._stiffness is not None and event.impulse_ns > 0.0:
+                record.update(self._contact(event, self._stiffness))
+            self._blows.append(record)
         self._seen_blow = True
-        self._cycle = Cycle(event.time_s)
-        if event.post:
-            self._cycle.sees_speed(_absolute(event.post))
+        self._cycle = BlowCycle(event.time_s)
+        self._cycle.take_speed(absolute_crank_speed(event.post))
+        if not self._b.held:
+            self._end_body_cycle(event.time_s, body.position)
 
-    def _sampled(self, frame: Frame) -> None:
-        c, b = self._cycle, self._b
-        self._time_s = frame.linkage.time_s
-        c.sees_speed(frame.linkage.velocity[0] - frame.linkage.velocity[3])
-        phi = frame.linkage.position[3] if frame.body is None else frame.body.position[0]
+    def _contact(self, event: Event, stiffness: float) -> Record:
+        b, (crank, body) = self._b, event.pre
+        rests = b.held or event.post[1].velocity == body.velocity  # a body that takes no part in the blow
+        fades = fading(b, crank.position, crank.velocity, body.position, body.velocity, crank.effort, rests)
+        return blow_contact(b, stiffness, event.pre_velocity_m_per_s, event.impulse_ns, fades).metrics
+
+    def _end_body_cycle(self, time_s: float, angle: float) -> None:
+        gap = self._b.radius * angle
+        self._run["largest_gap_at_blow_m"] = max(self._run["largest_gap_at_blow_m"], gap)
+        if self._seen_body_blow and time_s > self._body.start_s:
+            self._body_cycles.append(self._body.metrics(time_s, gap))
+        self._seen_body_blow = True
+        self._body = BodyCycle(time_s, self._body.resting_since_s)
+
+    def _take_step(self, frame: Frame, missed_w: float) -> None:
+        b, state = self._b, self._at_step(frame)
+        if self._state is not None:
+            span = frame.linkage.time_s - self._time_s
+            self._cycle.duty = duty_after(self._cycle.duty, self._state, state, span, missed_w * span)
+        self._state, self._time_s = state, frame.linkage.time_s
+        joints = dict(zip(frame.linkage.joints, frame.linkage.position, strict=True))
+        speeds = dict(zip(frame.linkage.joints, frame.linkage.velocity, strict=True))
+        self._cycle.take_speed(speeds["crank"] - speeds["body"])
+        self._cycle.take_forces(frame.forces)
+        phi = joints["body"] if frame.body is None else frame.body.position[0]
         force = b.rate * (b.arm * phi + b.deflection)
-        c.lift, self._lift = max(c.lift, b.radius * phi), max(self._lift, b.radius * phi)
-        c.spring, self._spring = max(c.spring, force), max(self._spring, force)
-        c.torque += frame.motor.effort[0]
-        c.power += frame.motor.effort[0] * frame.motor.velocity[0]
-        c.samples += 1
-        c.moments[0] = min(c.moments[0], frame.forces.body_moment_nm)
-        c.moments[1] = max(c.moments[1], frame.forces.body_moment_nm)
-        for i, wrench in enumerate(frame.forces.wrenches):
-            size = math.hypot(wrench.force_x_n, wrench.force_y_n)
-            c.peaks[i] = max(c.peaks[i], size)
-            self._peaks[i] = max(self._peaks[i], size)
+        self._body.take_position(b.radius * phi, force)
+        run = self._run
+        run["largest_lift_at_tool_m"] = max(run["largest_lift_at_tool_m"], b.radius * phi)
+        run["largest_spring_force_n"] = max(run["largest_spring_force_n"], force)
+        for name, peak in zip(PEAKS, self._cycle.peaks, strict=True):
+            run[name] = max(run[name], peak)
+
+
+def _over_last(records: deque[Record]) -> Record:
+    """Return each metric that all records have: its extreme if its name says so, else its mean."""
+    found = {}
+    for name in records[-1]:
+        values = [record[name] for record in records if name in record]
+        if len(values) < len(records):
+            continue
+        if "smallest" in name:
+            found[f"steady_{name}"] = min(values)
+        elif "largest" in name or "peak" in name:
+            found[f"steady_{name}"] = max(values)
+        else:
+            found[f"steady_{name}"] = sum(values) / len(values)
+    return found

@@ -12,6 +12,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from mech_twin.machines.mb10_breaker.pressed_body.metrics import (
+    SEATED_GAP_M,
     CycleMetrics,
     PreloadRange,
     SteadyMetrics,
@@ -54,7 +55,12 @@ class CollarPoint:
     frequency_ratio: float
     preload_ratio: float
     steady: SteadyMetrics
-    seated: bool  # settled before the next load begins, every cycle alike
+    settles: bool  # before the next load begins, every cycle alike
+
+    @property
+    def seated(self) -> bool:
+        """Whether the tool is seated at the blow."""
+        return self.metrics.gap_at_blow_m <= SEATED_GAP_M
 
     @property
     def metrics(self) -> CycleMetrics:
@@ -135,7 +141,7 @@ def collar_point(constants: PressedBody) -> CollarPoint:
         frequency_ratio=_ratio(constants),
         preload_ratio=constants.preload_ratio,
         steady=steady,
-        seated=never_off or settles,
+        settles=never_off or settles,
     )
 
 

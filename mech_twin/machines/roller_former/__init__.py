@@ -63,5 +63,5 @@ def capabilities() -> Capabilities:
     return Capabilities(
         published=published.rows,
         pictures=plots.pictures,
-        sizing=SizingQuestion(sizing.LIMITS, sizing.OBJECTIVES, sizing.sizing),
+        sizing=SizingQuestion(sizing.LIMITS, sizing.OBJECTIVES, sizing.sizing, sizing.USUAL_TOLERANCE),
     )

@@ -1,4 +1,4 @@
-r"""Motion of the roller former: two masses and all carts, and the rates of their state.
+r"""State of the roller former, its constants, and the moments and energies that follow from both.
 
 ::
 
@@ -23,14 +23,11 @@ from numpy.typing import NDArray
 from mech_twin.kernel import kernel
 from mech_twin.machines.roller_former.cart_parameters import RESIST, REVERSING, CartBank
 from mech_twin.machines.roller_former.cart_statics import (
-    branching_terms,
     load_moment,
-    plain_terms,
     rod_weight_energy,
     rod_weight_moment,
     shaft_terms,
 )
-from mech_twin.parts.friction import sliding_torque
 from mech_twin.parts.gear import gear_torque
 from mech_twin.parts.induction_motor import MotorConstants, motor_torque
 
@@ -80,12 +77,14 @@ class Former(NamedTuple):
 class Modes(NamedTuple):
     """What is no coordinate: senses in which crank and drive turn (0: stuck), the load, the time below stall speed.
 
-    ``load_share`` rises from 0 to 1 after the load has come on; ``slow_s`` is -1 above the stall threshold;
-    ``trial_step_s`` is the next step to try, 0 for the whole interval.
+    ``shaft_sense`` is the sign of the motor's torque, at which the loss of the gear has a kink.  ``load_share`` rises
+    from 0 to 1 after the load has come on; ``slow_s`` is -1 above the stall threshold; ``trial_step_s`` is the next
+    step to try, 0 for the whole interval.
     """
 
     direction: float
     drive_direction: float
+    shaft_sense: float
     load_on: bool
     load_share: float
     slow_s: float
@@ -112,21 +111,13 @@ class Stretch(NamedTuple):
     start_s: float
     direction: float
     drive_direction: float
+    shaft_sense: float
     share: float
     share_rate: float
     low_rad: float
     high_rad: float
     forward_nm: float
     backward_nm: float
-
-
-class Motion(NamedTuple):
-    """The system that is integrated during a stretch; ``sides`` are the half turns of the carts."""
-
-    former: Former
-    torque: Torque
-    stretch: Stretch
-    sides: Array
 
 
 @kernel
@@ -219,37 +210,3 @@ def stored_energy(former: Former, now: State, sides: Array) -> float:
         + 0.5 * former.stiffness_nm_per_rad * now.twist_rad * now.twist_rad
         + rod_weight_energy(former.bank, now.crank_rad)
     )
-
-
-@kernel
-def rates(motion: Motion, t: float, y: Array, out: Array) -> None:
-    """Fill ``out`` with the time derivative of the state; a sense of 0 is a mass that is stuck."""
-    former, stretch, now = motion.former, motion.stretch, state_of(y)
-    speed, rate = now.crank_speed_rad_per_s, now.twist_rate_rad_per_s
-    transmitted = coupling_moment(former, now)
-    load, friction, acceleration = 0.0, 0.0, 0.0
-    if stretch.direction != 0.0:
-        bank = former.bank
-        if bank.plain:  # called here and not through shaft_terms, so that the compiler puts it in line
-            inertia, slope, full = plain_terms(bank, now.crank_rad, motion.sides, stretch.direction)
-        else:
-            inertia, slope, full = branching_terms(bank, now.crank_rad, motion.sides, stretch.direction)
-        load = full * (stretch.share + stretch.share_rate * (t - stretch.start_s))
-        friction = -sliding_torque(former.coulomb_nm, former.viscous_nms_per_rad, speed, stretch.direction)
-        opposing = load + friction + speed * speed * slope
-        if bank.gravity_m_per_s2 > 0.0:
-            opposing += rod_weight_moment(bank, now.crank_rad)
-        acceleration = (transmitted - opposing) / inertia
-    moment, drive_acceleration = transmitted, 0.0
-    if stretch.drive_direction != 0.0:
-        shaft = shaft_torque(former, motion.torque, t, speed + rate)
-        moment = geared(former, shaft, stretch.drive_direction)
-        drive_acceleration = (moment - transmitted) / former.motor_inertia_kg_m2
-    out[0] = speed
-    out[1] = rate
-    out[2] = acceleration
-    out[3] = drive_acceleration - acceleration
-    out[4] = moment * (speed + rate)
-    out[5] = former.damping_nms_per_rad * rate * rate
-    out[6] = load * speed
-    out[7] = friction * speed

@@ -1,7 +1,7 @@
-"""What may happen to the roller former within a step, and what it changes.
+"""What happens to the roller former at its events, and the log of those a user is told of.
 
-Dead centres (kinks of the load), reversals of crank and drive, the load coming on, a stuck crank or drive let go, and
-the stall threshold are signals: numbers that turn positive, which the integrator brackets and lands on.
+Events are dead centres (kinks of the load), reversals of crank and drive, the load coming on, a stuck crank or drive
+let go, and the stall threshold; their signals are in `motion`.
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ from mech_twin.machines.roller_former.cart_statics import (
     LOOK_AHEAD_RAD,
     has_kinks,
     load_moment,
-    rod_weight_moment,
     sides_of_travel,
 )
 from mech_twin.machines.roller_former.dynamics import (
@@ -26,7 +25,6 @@ from mech_twin.machines.roller_former.dynamics import (
     Array,
     Former,
     Modes,
-    Motion,
     Stretch,
     Torque,
     coupling_moment,
@@ -34,26 +32,27 @@ from mech_twin.machines.roller_former.dynamics import (
     drive_band,
     gear_may_stick,
     may_stick,
+    shaft_torque,
     state_of,
+)
+from mech_twin.machines.roller_former.motion import (
+    CRANK_AHEAD,
+    CRANK_TURNS,
+    DRIVE_AHEAD,
+    DRIVE_BACK,
+    DRIVE_TURNS,
+    HIGH,
+    LOAD_ENGAGES,
+    LOW,
+    QUICKENS,
+    SHAFT_TURNS,
+    SLACKENS,
+    Motion,
 )
 
 EVENT_KINDS = ("held", "released", "load_engaged", "stall", "recovered", "events_cut")
 HELD_EVENT, RELEASED_EVENT, ENGAGED_EVENT, STALL_EVENT, RECOVERED_EVENT, CUT_EVENT = range(len(EVENT_KINDS))
-(
-    HIGH,
-    LOW,
-    CRANK_TURNS,
-    LOAD_ENGAGES,
-    QUICKENS,
-    SLACKENS,
-    CRANK_AHEAD,
-    CRANK_BACK,
-    DRIVE_TURNS,
-    DRIVE_AHEAD,
-    DRIVE_BACK,
-) = SIGNALS = tuple(range(11))
 EVENT_ROWS = 64
-RELEASE_MARGIN = 1e-9
 TURN = 2.0 * np.pi
 
 
@@ -83,87 +82,6 @@ def log_event(log: EventLog, count: int, t: float, kind: int, crank_rad: float) 
 
 
 @kernel
-def crank_signal(motion: Motion, modes: Modes, code: int, y: Array) -> float:
-    """Return the signal of a crank that turns: a dead centre either side, and the reversal of one that may stick."""
-    former, stretch, now = motion.former, motion.stretch, state_of(y)
-    if code == HIGH:
-        return now.crank_rad - stretch.high_rad
-    if code == LOW:
-        return stretch.low_rad - now.crank_rad
-    return -stretch.direction * now.crank_speed_rad_per_s if may_stick(former, modes) else -1.0
-
-
-@kernel
-def release_signal(motion: Motion, code: int, t: float, y: Array) -> float:
-    """Return the signal of a crank that is stuck: how far the moment in the coupling is beyond what holds it."""
-    former, stretch, now = motion.former, motion.stretch, state_of(y)
-    share = (stretch.share + stretch.share_rate * (t - stretch.start_s)) * (1.0 + RELEASE_MARGIN)
-    friction = former.coulomb_nm * (1.0 + RELEASE_MARGIN)
-    rest = coupling_moment(former, now) - rod_weight_moment(former.bank, now.crank_rad)
-    if code == CRANK_AHEAD:
-        return rest - stretch.forward_nm * share - friction
-    return stretch.backward_nm * share - friction - rest
-
-
-@kernel
-def drive_signal(motion: Motion, code: int, t: float, y: Array) -> float:
-    """Return the signal of a drive whose gear may hold it: its reversal, and where it is stuck its release."""
-    former, direction, now = motion.former, motion.stretch.drive_direction, state_of(y)
-    if (direction == 0.0) == (code == DRIVE_TURNS) or not gear_may_stick(former):
-        return -1.0
-    if code == DRIVE_TURNS:
-        return -direction * (now.crank_speed_rad_per_s + now.twist_rate_rad_per_s)
-    low, high = drive_band(former, motion.torque, t)
-    transmitted = coupling_moment(former, now)
-    if code == DRIVE_AHEAD:
-        return low - abs(low) * RELEASE_MARGIN - transmitted
-    return transmitted - high - abs(high) * RELEASE_MARGIN
-
-
-@kernel
-def stall_signal(motion: Motion, modes: Modes, code: int, y: Array) -> float:
-    """Return the signal of the speed at which a supplied motor begins or ends to count as stalling."""
-    if motion.torque.command <= 0.0 or (modes.slow_s >= 0.0) != (code == QUICKENS):
-        return -1.0
-    now = state_of(y)
-    threshold = motion.former.slow_speed_rad_per_s * motion.torque.command
-    spare = now.crank_speed_rad_per_s + now.twist_rate_rad_per_s - threshold
-    return spare if code == QUICKENS else -spare
-
-
-@kernel
-def signal(motion: Motion, modes: Modes, code: int, t: float, y: Array) -> float:
-    """Return a number that is positive once event ``code`` has happened, and -1 where it cannot."""
-    if code in (HIGH, LOW, CRANK_TURNS):
-        return crank_signal(motion, modes, code, y) if motion.stretch.direction != 0.0 else -1.0
-    if code in (CRANK_AHEAD, CRANK_BACK):
-        return release_signal(motion, code, t, y) if motion.stretch.direction == 0.0 else -1.0
-    if code == LOAD_ENGAGES:
-        return -1.0 if modes.load_on else state_of(y).crank_speed_rad_per_s - motion.former.engage_speed_rad_per_s
-    if code in (QUICKENS, SLACKENS):
-        return stall_signal(motion, modes, code, y)
-    return drive_signal(motion, code, t, y)
-
-
-@kernel
-def something_happened(motion: Motion, modes: Modes, y: Array) -> bool:
-    """Return whether any signal may be positive; most steps end here."""
-    former, stretch, now = motion.former, motion.stretch, state_of(y)
-    first = now.crank_speed_rad_per_s + now.twist_rate_rad_per_s
-    fast = first >= former.slow_speed_rad_per_s * motion.torque.command
-    return (
-        stretch.direction == 0.0
-        or stretch.drive_direction == 0.0
-        or now.crank_rad > stretch.high_rad
-        or now.crank_rad < stretch.low_rad
-        or stretch.direction * now.crank_speed_rad_per_s < 0.0
-        or stretch.drive_direction * first < 0.0
-        or not modes.load_on
-        or fast == (modes.slow_s >= 0.0)
-    )
-
-
-@kernel
 def stretch_from(former: Former, t: float, y: Array, modes: Modes, sides: Array, stop_rad: float) -> Stretch:
     """Return the stretch that begins at this state, filling ``sides``; it ends at ``stop_rad`` at the latest."""
     bank, now = former.bank, state_of(y)
@@ -180,7 +98,9 @@ def stretch_from(former: Former, t: float, y: Array, modes: Modes, sides: Array,
     if direction == 0.0:
         forward = load_moment(bank, now.crank_rad, 1.0)
         backward = load_moment(bank, now.crank_rad, -1.0)
-    return Stretch(t, direction, modes.drive_direction, share, rate, low, min(high, stop_rad), forward, backward)
+    return Stretch(
+        t, direction, modes.drive_direction, modes.shaft_sense, share, rate, low, min(high, stop_rad), forward, backward
+    )
 
 
 @kernel
@@ -221,7 +141,8 @@ def normalised_modes(former: Former, torque: Torque, t: float, y: Array, modes: 
     elif slow_s < 0.0:
         slow_s = 0.0
     share = 1.0 if modes.load_on and former.load_rise_s == 0.0 else modes.load_share
-    modes = Modes(1.0, 1.0, modes.load_on, share, slow_s, stalled, modes.trial_step_s)
+    sense = 1.0 if shaft_torque(former, torque, t, first) >= 0.0 else -1.0
+    modes = Modes(1.0, 1.0, sense, modes.load_on, share, slow_s, stalled, modes.trial_step_s)
     return with_senses(modes, crank_sense(former, y, modes), drive_sense(former, torque, t, y))
 
 
@@ -231,6 +152,22 @@ def with_senses(modes: Modes, direction: float, drive_direction: float) -> Modes
     return Modes(
         direction,
         drive_direction,
+        modes.shaft_sense,
+        modes.load_on,
+        modes.load_share,
+        modes.slow_s,
+        modes.stalled,
+        modes.trial_step_s,
+    )
+
+
+@kernel
+def with_shaft_sense(modes: Modes, shaft_sense: float) -> Modes:
+    """Return the modes with another sign of the motor's torque."""
+    return Modes(
+        modes.direction,
+        modes.drive_direction,
+        shaft_sense,
         modes.load_on,
         modes.load_share,
         modes.slow_s,
@@ -242,7 +179,16 @@ def with_senses(modes: Modes, direction: float, drive_direction: float) -> Modes
 @kernel
 def with_load(modes: Modes, on: bool, share: float) -> Modes:
     """Return the modes with another state of the load."""
-    return Modes(modes.direction, modes.drive_direction, on, share, modes.slow_s, modes.stalled, modes.trial_step_s)
+    return Modes(
+        modes.direction,
+        modes.drive_direction,
+        modes.shaft_sense,
+        on,
+        share,
+        modes.slow_s,
+        modes.stalled,
+        modes.trial_step_s,
+    )
 
 
 @kernel
@@ -251,6 +197,7 @@ def with_slow_time(modes: Modes, slow_s: float, stalled: bool) -> Modes:
     return Modes(
         modes.direction,
         modes.drive_direction,
+        modes.shaft_sense,
         modes.load_on,
         modes.load_share,
         slow_s,
@@ -302,6 +249,8 @@ def apply_event(
     elif code == DRIVE_TURNS:
         y[TWIST_RATE] = -y[SPEED]
         modes = with_senses(modes, modes.direction, drive_sense(former, motion.torque, t, y))
+    elif code == SHAFT_TURNS:
+        modes = with_shaft_sense(modes, -modes.shaft_sense)
     elif code in (DRIVE_AHEAD, DRIVE_BACK):
         modes = with_senses(modes, modes.direction, 1.0 if code == DRIVE_AHEAD else -1.0)
     else:

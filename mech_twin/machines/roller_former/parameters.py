@@ -27,6 +27,7 @@ from mech_twin.parts.supply import SupplyParameters
 from mech_twin.quantity import Parameters, choice, quantity
 
 SET_KEYS = ("mass_kg", "roller_force_x_n", "roller_force_y_n", "weight_n")
+LARGEST_EXPANDED_RATIO = 0.5  # of crank to rod
 LONGEST_STEP_S = 0.01
 SHORTEST_RISE_S = 1e-3  # of the load: a faster one is a load that is there at once
 SMALLEST_INERTIA = 1e-6  # of crank shaft and carts over that of the motor's side
@@ -77,7 +78,7 @@ class StallParameters(Parameters):
 class IntegratorParameters(Parameters):
     """Error control of the integration."""
 
-    tolerance: float = quantity("1", "error per step over the scale of each coordinate", ge=1e-13, le=1e-4)
+    tolerance: float = quantity("1", "error per step over the scale of each coordinate", ge=1e-13, le=1e-7)
 
 
 class RollerFormer(Parameters):
@@ -117,6 +118,12 @@ class RollerFormer(Parameters):
     def _can_be_integrated(self) -> RollerFormer:
         """Refuse guides that lock, a shaft without inertia, a drive too stiff, a step the motor makes unstable."""
         check_guides(self.carts, self.load, self.guide_friction)
+        ratio = self.carts.crank_m / self.carts.rod_m
+        if self.kinematics == "expanded" and ratio > LARGEST_EXPANDED_RATIO:
+            raise ValueError(
+                f"kinematics: expanded needs crank_m <= {LARGEST_EXPANDED_RATIO} rod_m, got {ratio:.4g}: the expansion "
+                "leaves the third power of the ratio out; exact has no such limit"
+            )
         first = reduced_inertia(self.drive, self.motor.rotor_inertia_kg_m2)
         least = least_inertia_kg_m2(bank_of(self))
         if least < SMALLEST_INERTIA * first:

@@ -70,10 +70,11 @@ class FormerMemory(NamedTuple):
 
     @property
     def modes(self) -> Modes:
-        """Modes of the motion; the first step to try is the whole interval."""
+        """Modes of the motion; sense of the torque and first step to try are found anew in each step."""
         return Modes(
             self.direction_1,
             self.drive_direction_1,
+            1.0,
             self.load_on_1 > 0.0,
             self.load_share_1,
             self.slow_s,
@@ -302,6 +303,6 @@ class FormerLinkage:
 def start_modes(former: Former, speed_rad_per_s: float) -> Modes:
     """Return the modes at the start: the load on or still off, the crank held where it rests under load or friction."""
     loaded = former.engage_speed_rad_per_s <= speed_rad_per_s
-    modes = Modes(1.0, 1.0, loaded, float(loaded), -1.0, False, 0.0)
+    modes = Modes(1.0, 1.0, 1.0, loaded, float(loaded), -1.0, False, 0.0)
     held = speed_rad_per_s == 0.0 and may_stick(former, modes)
     return modes._replace(direction=0.0) if held else modes

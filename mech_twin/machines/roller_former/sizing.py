@@ -1,8 +1,9 @@
-"""Motor, stiffness and damping of the roller former."""
+"""Motor, stiffness and damping of the roller former, in the worst case over a box of tolerances."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from math import isnan
 from typing import Any
 
 from mech_twin.capabilities.errors import StudyError
@@ -15,25 +16,51 @@ from mech_twin.machines.roller_former.coupling_choice import (
     CouplingPoint,
     coupling_point,
 )
-from mech_twin.machines.roller_former.motor_choice import MotorVerdict, motor_selection
-from mech_twin.machines.roller_former.parameters import RollerFormer
+from mech_twin.machines.roller_former.motor_choice import MotorVerdict, motor_selection, power_required_w
+from mech_twin.machines.roller_former.parameters import RollerFormer, former_of
+from mech_twin.machines.roller_former.steady import steady_turn
+from mech_twin.machines.roller_former.tolerance_box import corners, inside
 
 # share of the coupling's rated moment; twist peak to peak (published: 0.003 to 0.008); what more damping may gain
 LIMITS: dict[str, float] = {"share_of_rated": 1.0, "twist_range_rad": 0.005, "damping_gain": 0.02}
 MOTOR_TABLE = "motors_4a"
 OBJECTIVES = ("coupling_max_nm",)
+USUAL_TOLERANCE = 0.05
 
 
-def motor_of(parameters: RollerFormer, table: Mapping[str, Any]) -> tuple[RollerFormer, MotorVerdict]:
+def with_motor(parameters: RollerFormer, name: str, row: Mapping[str, Any]) -> RollerFormer:
+    """Return the configuration with another motor of the table, the torque curve kept."""
+    motor = {"catalogue_name": name, "torque_curve": parameters.motor.torque_curve, **row}
+    return type(parameters).model_validate({**configuration_tree(parameters), "motor": motor})
+
+
+def carries(parameters: RollerFormer, tolerance: float) -> bool:
+    """Return whether the motor has the power and runs steadily at every corner of the box."""
+    return all(
+        corner.motor.rated_power_w >= power_required_w(corner) and steady_turn(former_of(corner)) is not None
+        for corner in corners(parameters, tolerance)
+    )
+
+
+def motor_of(parameters: RollerFormer, table: Mapping[str, Any], tolerance: float) -> tuple[RollerFormer, MotorVerdict]:
     """Return the configuration with the weakest motor of the table that carries the mean load and runs steadily."""
     verdicts = motor_selection(parameters, table)
     for found in verdicts:
         if found.rated_enough and found.runs:
-            motor = {"catalogue_name": found.name, "torque_curve": parameters.motor.torque_curve, **table[found.name]}
-            tree = {**configuration_tree(parameters), "motor": motor}
-            return type(parameters).model_validate(tree), found
-    need = verdicts[-1].power_required_w / 1000.0
+            fitted = with_motor(parameters, found.name, table[found.name])
+            if carries(fitted, tolerance):
+                return fitted, found
+    need = max(power_required_w(corner) for corner in corners(parameters, tolerance)) / 1000.0
     raise StudyError(f"no motor of the table suits: {need:.1f} kW needed, the strongest has {verdicts[-1].text}")
+
+
+def worst_point(configurations: Iterable[RollerFormer], stiffness: float, damping: float) -> CouplingPoint:
+    """Return the largest of each number of the coupling over configurations; nan where one has no steady turn."""
+    points = [coupling_point(configuration, stiffness, damping) for configuration in configurations]
+    for point in points:
+        if isnan(point.coupling_max_nm):
+            return point
+    return CouplingPoint(*(max(values) for values in zip(*(vars(point).values() for point in points), strict=True)))
 
 
 def within(point: CouplingPoint, limits: Mapping[str, float]) -> bool:
@@ -56,12 +83,22 @@ def damped(p: RollerFormer, stiffness: float, gain: float) -> CouplingPoint:
     return high
 
 
-def stiffness_and_damping(p: RollerFormer, limits: Mapping[str, float]) -> tuple[CouplingPoint, list[CouplingPoint]]:
+def worst_damped(box: tuple[RollerFormer, ...], stiffness: float, gain: float) -> CouplingPoint:
+    """Return the worst case of the coupling over a box, its damping chosen for the configuration itself (the first)."""
+    chosen = damped(box[0], stiffness, gain)
+    return chosen if len(box) == 1 else worst_point(box, stiffness, chosen.damping_nms_per_rad)
+
+
+def stiffness_and_damping(
+    box: tuple[RollerFormer, ...], limits: Mapping[str, float]
+) -> tuple[CouplingPoint, list[CouplingPoint]]:
     """Return the coupling with the least largest moment within the limits, and the sweep it was found in.
 
-    Between the best stiffness of the sweep and a neighbour that breaks a limit, the limit itself is looked for.
+    All in the worst case over the box.  Between the best stiffness of the sweep and a neighbour that breaks a limit,
+    the limit itself is looked for.
     """
-    sweep = [damped(p, stiffness, limits["damping_gain"]) for stiffness in SWEEP_STIFFNESS[::2]]
+    gain = limits["damping_gain"]
+    sweep = [worst_damped(box, stiffness, gain) for stiffness in SWEEP_STIFFNESS[::2]]
     allowed = [i for i, point in enumerate(sweep) if within(point, limits)]
     if not allowed:
         least = min(sweep, key=lambda point: point.twist_range_rad)
@@ -74,50 +111,75 @@ def stiffness_and_damping(p: RollerFormer, limits: Mapping[str, float]) -> tuple
     best = sweep[place]
     for side in (place - 1, place + 1):
         if 0 <= side < len(sweep) and not within(sweep[side], limits):
-            inside, outside = sweep[place].stiffness_nm_per_rad, sweep[side].stiffness_nm_per_rad
-            while abs(outside - inside) > 1e-3 * inside:
-                middle = damped(p, 0.5 * (inside + outside), limits["damping_gain"])
+            within_limit, beyond = sweep[place].stiffness_nm_per_rad, sweep[side].stiffness_nm_per_rad
+            while abs(beyond - within_limit) > 1e-3 * within_limit:
+                middle = worst_damped(box, 0.5 * (within_limit + beyond), gain)
                 if within(middle, limits):
-                    inside = middle.stiffness_nm_per_rad
+                    within_limit = middle.stiffness_nm_per_rad
                     best = min(best, middle, key=lambda point: point.coupling_max_nm)
                 else:
-                    outside = middle.stiffness_nm_per_rad
+                    beyond = middle.stiffness_nm_per_rad
     return best, sweep
 
 
+def nominal_edge(
+    parameters: RollerFormer, limits: Mapping[str, float], objective: str, table: Table
+) -> dict[str, float]:
+    """Return what the sizes would be without tolerances."""
+    edge = sizing(parameters, limits, objective, table, 0.0)
+    sizes = {f"nominal_{key.split('.')[1]}": value for key, value in edge.sizes.items() if not isinstance(value, str)}
+    motor = edge.parameters.motor  # type: ignore[attr-defined]
+    return {"nominal_motor_rated_power_w": motor.rated_power_w, **sizes}
+
+
 def sizing(
-    parameters: RollerFormer, limits: Mapping[str, float], objective: str, table: Table, tolerance: float = 0.0
+    parameters: RollerFormer,
+    limits: Mapping[str, float],
+    objective: str,
+    table: Table,
+    tolerance: float = USUAL_TOLERANCE,
 ) -> Sizing:
-    """Return motor (the weakest of the table that carries the load), stiffness and damping of the coupling."""
-    p, motor = motor_of(parameters, table(MOTOR_TABLE))
-    best, sweep = stiffness_and_damping(p, limits)
+    """Return motor (the weakest of the table that carries the load), stiffness and damping of the coupling.
+
+    With a tolerance the limits hold at the corners of the box of `tolerance_box` and at random points inside it, and
+    the sizes without tolerance stand beside (``nominal_``).
+    """
+    p, motor = motor_of(parameters, table(MOTOR_TABLE), tolerance)
+    box = corners(p, tolerance)
+    best, sweep = stiffness_and_damping(box, limits)
     stiffness, damping = best.stiffness_nm_per_rad, best.damping_nms_per_rad
+    here = coupling_point(p, stiffness, damping)
     reached = coupling_point(p, stiffness, SWEEP_DAMPING[-1]).coupling_rms_about_mean_nm
+    tried = (*box, *inside(p, tolerance))
+    worst = worst_point(tried, stiffness, damping)
+    required = max(power_required_w(configuration) for configuration in tried)
     constraints = (
-        Constraint("share_of_rated", best.share_of_rated, limits["share_of_rated"]),
-        Constraint("twist_range_rad", best.twist_range_rad, limits["twist_range_rad"]),
-        Constraint("damping_gain", best.coupling_rms_about_mean_nm / reached - 1.0, limits["damping_gain"]),
-        Constraint("motor_power_w", motor.rated_power_w, motor.power_required_w, "above"),
+        Constraint("share_of_rated", worst.share_of_rated, limits["share_of_rated"]),
+        Constraint("twist_range_rad", worst.twist_range_rad, limits["twist_range_rad"]),
+        Constraint("damping_gain", here.coupling_rms_about_mean_nm / reached - 1.0, limits["damping_gain"]),
+        Constraint("motor_power_w", motor.rated_power_w, required, "above"),
     )
     shown = ("stiffness_nm_per_rad", "damping_nms_per_rad", "coupling_max_nm", "twist_range_rad", "share_of_rated")
     binding = binding_of(constraints, "none: the least moment of the sweep; its minima over stiffness are flat")
+    sizes = {"drive.stiffness_nm_per_rad": stiffness, "drive.damping_nms_per_rad": damping}
+    figures = {
+        "coupling_max_nm": worst.coupling_max_nm,
+        "coupling_rms_nm": worst.coupling_rms_nm,
+        "twist_range_rad": worst.twist_range_rad,
+        "share_of_rated": worst.share_of_rated,
+        "motor_power_required_w": required,
+        "configurations_tried": float(len(tried)),
+    }
+    if tolerance > 0.0:
+        figures.update(nominal_edge(parameters, limits, objective, table))
     return Sizing(
         "roller_former",
         objective,
-        {
-            "motor.catalogue_name": motor.name,
-            "drive.stiffness_nm_per_rad": stiffness,
-            "drive.damping_nms_per_rad": damping,
-        },
-        varied(p, {"drive.stiffness_nm_per_rad": stiffness, "drive.damping_nms_per_rad": damping}),
-        {
-            "coupling_max_nm": best.coupling_max_nm,
-            "coupling_rms_nm": best.coupling_rms_nm,
-            "twist_range_rad": best.twist_range_rad,
-            "share_of_rated": best.share_of_rated,
-            "motor_power_required_w": motor.power_required_w,
-        },
+        {"motor.catalogue_name": motor.name, **sizes},
+        varied(p, sizes),
+        figures,
         constraints,
         f"{binding}; {motor.text}",
         tuple({name: getattr(point, name) for name in shown} for point in sweep[::2]),
+        tolerance,
     )

@@ -16,19 +16,18 @@ from mech_twin.machines.roller_former.dynamics import (
     Array,
     Former,
     Modes,
-    Motion,
     State,
     Stretch,
     Torque,
     coupling_moment,
     geared,
-    rates,
     shaft_torque,
     state_array,
     state_of,
 )
 from mech_twin.machines.roller_former.events import empty_log
 from mech_twin.machines.roller_former.integration import DONE, Advance, advance_motion, ending
+from mech_twin.machines.roller_former.motion import Motion, motion_rates
 
 TURN = 2.0 * pi
 CRITERION = 1e-11
@@ -111,13 +110,14 @@ def turn_columns(former: Former, command: float, turn_time_s: float, nodes: int,
     for node in range(nodes):
         now, t = state_of(y), turn_time_s * node / nodes
         low, high = sides_of_travel(former.bank, now.crank_rad, sides)
-        stretch = Stretch(t, modes.direction, modes.drive_direction, 1.0, 0.0, low, high, 0.0, 0.0)
-        rates(Motion(former, torque, stretch, sides), t, y, out)
+        shaft = shaft_torque(former, torque, t, now.crank_speed_rad_per_s + now.twist_rate_rad_per_s)
+        sense = 1.0 if shaft >= 0.0 else -1.0
+        stretch = Stretch(t, modes.direction, modes.drive_direction, sense, 1.0, 0.0, low, high, 0.0, 0.0)
+        motion_rates(Motion(former, torque, stretch, sides), t, y, out)
         found[0, node], found[1, node], found[2, node] = t, now.crank_rad, now.crank_speed_rad_per_s
         found[3, node], found[4, node] = now.twist_rad, now.twist_rate_rad_per_s
         found[5, node] = state_of(out).twist_rate_rad_per_s
         found[6, node] = coupling_moment(former, now)
-        shaft = shaft_torque(former, torque, t, now.crank_speed_rad_per_s + now.twist_rate_rad_per_s)
         found[7, node], found[8, node] = geared(former, shaft, modes.drive_direction), shaft
         until = turn_time_s * (node + 1) / nodes
         modes = advance_motion(former, torque, t, until, y, modes, log, np.inf).modes
@@ -139,7 +139,7 @@ def steady_turn(
         If the integration cannot go on.
     """
     speed = former.motor.synchronous_speed_rad_per_s / former.ratio
-    y, modes, t = state_array(crank_rad, speed), Modes(1.0, 1.0, True, 1.0, -1.0, False, 0.0), 0.0
+    y, modes, t = state_array(crank_rad, speed), Modes(1.0, 1.0, 1.0, True, 1.0, -1.0, False, 0.0), 0.0
     for turns in range(1, most_turns + 1):
         before = State(*y.tolist())
         done = next_section(former, 1.0, t, y, modes, LONGEST_TURN * TURN / speed)

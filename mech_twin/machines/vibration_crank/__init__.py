@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from mech_twin.engine.crank_linkage import CrankKernels, CrankLinkage, Transmission
-from mech_twin.machines.drives import KlossDrive, PrescribedSpeed, shaft_friction
+from mech_twin.engine.crank_linkage import CrankKernels, CrankLinkage
 from mech_twin.machines.vibration_crank.drawing import drawing
 from mech_twin.machines.vibration_crank.dynamics import (
     DrivenCrank,
@@ -13,26 +12,17 @@ from mech_twin.machines.vibration_crank.dynamics import (
     crank_load_speed,
     crank_load_work,
     crank_state,
+    whole_load,
 )
 from mech_twin.machines.vibration_crank.forces import SliderCrankForces
 from mech_twin.machines.vibration_crank.metrics import cycle_report, position_figures
 from mech_twin.machines.vibration_crank.parameters import VibrationCrank, slider_crank_constants
 from mech_twin.machines.vibration_crank.run_metrics import VibrationCrankObserver
 from mech_twin.machines.vibration_crank.slider_crank import BOOM
-from mech_twin.parts.induction_motor import motor_constants
 from mech_twin.quantity import Parameters
-from mech_twin.roles import Capabilities, LinkageRole, Machine, MotorRole
+from mech_twin.roles import Capabilities, LinkageRole, Machine
 
 PARAMETERS = VibrationCrank
-
-
-def _drive(p: VibrationCrank) -> tuple[MotorRole, Transmission | None]:
-    step_s, rate = p.coupling.step_s, p.supply.rate_per_s
-    if p.drive.kind == "constant_speed" or p.motor is None or p.gear is None:
-        return PrescribedSpeed(p.drive.speed_rad_per_s, rate, step_s), None
-    curve, direction = motor_constants(p.motor), 1.0 if p.drive.speed_rpm > 0.0 else -1.0
-    motor = KlossDrive(curve, p.gear.ratio, rate, step_s, direction=direction)
-    return motor, Transmission(p.gear.ratio, p.gear.efficiency, p.motor.rotor_inertia_kg_m2, curve)
 
 
 def build(parameters: Parameters) -> Machine:
@@ -40,20 +30,21 @@ def build(parameters: Parameters) -> Machine:
     if not isinstance(parameters, VibrationCrank):
         raise TypeError(f"expected VibrationCrank parameters, got {type(parameters).__name__}")
     p, s = parameters, slider_crank_constants(parameters)
-    speed, fraction = p.drive.speed_rad_per_s, p.supply.initial_fraction
-    motor, transmission = _drive(p)
+    speed, (motor, transmission) = p.drive.speed_rad_per_s, p.drive_roles()
+    start_speed, command = p.start_speed_and_command()
     ground = ("boom_pivot", "boom") if s.kind == BOOM else ("guide", "slider")
     linkage: LinkageRole = CrankLinkage(
         s,
-        CrankKernels(crank_state, crank_load_work, crank_load_speed, LedCrank, DrivenCrank),
+        CrankKernels(crank_state, crank_load_work, crank_load_speed, LedCrank, DrivenCrank, whole_load),
         p.coupling.step_s,
         0.0,
-        0.0 if transmission else fraction * speed,
-        -fraction if transmission and speed < 0.0 else fraction,
+        start_speed,
+        command,
         ("crank", "rod", ground[1]),
         ground[1],
         transmission=transmission,
-        friction=shaft_friction(p.friction),
+        friction=p.shaft_friction,
+        size_m=s.rod_m + s.boom_m,
     )
     figures = cycle_report(p, s)
     forces = SliderCrankForces(
@@ -77,7 +68,7 @@ def build(parameters: Parameters) -> Machine:
         lambda sample, _: drawing(s, sample),
         lambda: cycle_report(p, s),
         analyse,
-        lambda: VibrationCrankObserver(None if transmission is None else transmission.motor),
+        lambda: VibrationCrankObserver(p.motor_curve),
     )
 
 

@@ -23,16 +23,18 @@ from mech_twin.quantity import Parameters, quantity
 class Masses(Parameters):
     """Masses of the parts; ``rotating_kg`` overrides the sum of the rotating ones."""
 
-    tree_kg: float = quantity("kg", "held tree", ge=0.0)
-    stand_kg: float = quantity("kg", "stand of the gripping-cutting device", ge=0.0)
-    boom_kg: float = quantity("kg", "boom; half of it reciprocates", ge=0.0)
-    rod_kg: float = quantity("kg", "connecting rod; half of it reciprocates, half of it turns", ge=0.0)
-    extra_kg: float = quantity("kg", "further reciprocating mass", ge=0.0)
-    crank_kg: float = quantity("kg", "crank", ge=0.0)
-    pin_kg: float = quantity("kg", "crank pin", ge=0.0)
-    bearing_kg: float = quantity("kg", "bearing", ge=0.0)
-    lever_kg: float = quantity("kg", "lever", ge=0.0)
-    rotating_kg: float | None = quantity("kg", "rotating mass at the crank pin (derived if absent)", default=None, ge=0)
+    tree_kg: float = quantity("kg", "held tree", ge=0.0, le=1e6)
+    stand_kg: float = quantity("kg", "stand of the gripping-cutting device", ge=0.0, le=1e6)
+    boom_kg: float = quantity("kg", "boom; half of it reciprocates", ge=0.0, le=1e6)
+    rod_kg: float = quantity("kg", "connecting rod; half of it reciprocates, half of it turns", ge=0.0, le=1e6)
+    extra_kg: float = quantity("kg", "further reciprocating mass", ge=0.0, le=1e6)
+    crank_kg: float = quantity("kg", "crank", ge=0.0, le=1e6)
+    pin_kg: float = quantity("kg", "crank pin", ge=0.0, le=1e6)
+    bearing_kg: float = quantity("kg", "bearing", ge=0.0, le=1e6)
+    lever_kg: float = quantity("kg", "lever", ge=0.0, le=1e6)
+    rotating_kg: float | None = quantity(
+        "kg", "rotating mass at the crank pin (derived if absent)", default=None, ge=0.0, le=1e6
+    )
 
     @property
     def reciprocating(self) -> float:
@@ -63,10 +65,10 @@ class Masses(Parameters):
 class Counterweight(Parameters):
     """Counterweight on the crank, opposite to the crank pin; ``mass_kg`` overrides the derived mass."""
 
-    radius_m: float = quantity("m", "radius r_p of its centroid", gt=0.0)
+    radius_m: float = quantity("m", "radius r_p of its centroid", ge=1e-3, le=10.0)
     balancing_fraction: float = quantity("1", "share kappa of the reciprocating mass it balances", ge=0.0, le=1.0)
-    mass_kg: float | None = quantity("kg", "mass m_p (derived if absent)", default=None, ge=0.0)
-    density_kg_per_m3: float = quantity("kg/m3", "density", gt=0.0)
+    mass_kg: float | None = quantity("kg", "mass m_p (derived if absent)", default=None, ge=0.0, le=1e6)
+    density_kg_per_m3: float = quantity("kg/m3", "density", ge=1.0, le=1e5)
 
 
 class Balance(NamedTuple):
@@ -83,11 +85,20 @@ def derived_counterweight(rotating: float, reciprocating: float, fraction: float
     return (rotating + fraction * reciprocating) * crank / radius
 
 
-def balance(masses: Masses, counterweight: Counterweight, crank_m: float) -> Balance:
-    """Return the masses in force."""
+def balanced_mass(masses: Masses, load_ratio: float | None) -> float:
+    """Return the mass (kg) whose force at the crank pin the counterweight balances in part: m_s, or m_j + kb m_t.
+
+    The load of a boom moves by ``load_ratio`` kb times the travel of the rod's joint, and so does its inertia force.
+    """
+    if load_ratio is None:
+        return masses.reciprocating
+    return masses.at_rod_joint + load_ratio * masses.carried
+
+
+def balance(masses: Masses, counterweight: Counterweight, crank_m: float, load_ratio: float | None = None) -> Balance:
+    """Return the masses in force; ``load_ratio`` is that of a boom."""
     mass = counterweight.mass_kg
     if mass is None:
-        mass = derived_counterweight(
-            masses.rotating, masses.reciprocating, counterweight.balancing_fraction, crank_m, counterweight.radius_m
-        )
+        swinging, fraction = balanced_mass(masses, load_ratio), counterweight.balancing_fraction
+        mass = derived_counterweight(masses.rotating, swinging, fraction, crank_m, counterweight.radius_m)
     return Balance(masses.reciprocating, masses.rotating, mass, mass / counterweight.density_kg_per_m3)

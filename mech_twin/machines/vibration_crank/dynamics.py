@@ -88,3 +88,8 @@ def driven_crank_rates(driven: DrivenCrank, t: float, y: Array, out: Array) -> N
     """Fill in the rates of crank angle, speed, drive work, gear loss and friction loss."""
     inertia, slope, load = reduced(driven.mechanism, y[0])
     crank_rates(driven.drive, t, y, inertia, slope, load, out)
+
+
+def whole_load(s: SliderCrank, share: float) -> SliderCrank:
+    """Return the mechanism: no load of it only resists, so the share is always 1."""
+    return s

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from mech_twin.kernel import kernel
-from mech_twin.machines.vibration_crank.counterweight import derived_counterweight
+from mech_twin.machines.vibration_crank.counterweight import balanced_mass, derived_counterweight
 from mech_twin.machines.vibration_crank.parameters import VibrationCrank, slider_crank_constants
 from mech_twin.machines.vibration_crank.slider_crank import (
     BOOM,
@@ -20,6 +20,7 @@ from mech_twin.machines.vibration_crank.slider_crank import (
     follower,
     pin_forces,
     reduced,
+    stored_energy,
 )
 
 Array = NDArray[np.float64]
@@ -94,7 +95,9 @@ def polar_diagram(
 def balanced(parameters: VibrationCrank, fraction: float) -> SliderCrank:
     """Return the constants with the counterweight derived for a balancing fraction."""
     masses, radius = parameters.masses, parameters.counterweight.radius_m
-    mass = derived_counterweight(masses.rotating, masses.reciprocating, fraction, parameters.crank_m, radius)
+    mass = derived_counterweight(
+        masses.rotating, balanced_mass(masses, parameters.load_ratio), fraction, parameters.crank_m, radius
+    )
     return slider_crank_constants(parameters)._replace(counter_mass=mass)
 
 
@@ -175,7 +178,7 @@ def cycle_report(parameters: VibrationCrank, s: SliderCrank) -> dict[str, float]
         "drive_torque_max_nm": float(moments.max()),
         "drive_torque_min_nm": float(moments.min()),
         "drive_torque_mean_nm": float(moments.mean()),
-        "peak_change_with_counterweight_1": with_it / without - 1.0,
+        "peak_change_with_counterweight_1": (with_it / without - 1.0) if without > 0.0 else 0.0,
         "peak_difference_bound_nm": bound,
         "peak_difference_nm": without - with_it,
         "peak_difference_published_nm": published,
@@ -207,6 +210,8 @@ def position_figures(s: SliderCrank, speed: float, th: float) -> dict[str, Any]:
         "shaking_force_n": (forces.frame_x, forces.frame_y),
         "drive_torque_nm": drive_moment(s, th, speed, 0.0),
         "drive_torque_from_pins_nm": forces.moment,
+        "drive_work_from_zero_j": stored_energy(s, th, speed) - stored_energy(s, 0.0, speed),
+        "kinetic_energy_j": 0.5 * inertia * speed * speed,
         "drive_torque_without_counterweight_nm": drive_moment(s._replace(counter_mass=0.0), th, speed, 0.0),
         "reduced_inertia_kg_m2": inertia,
         "reduced_inertia_slope_kg_m2_per_rad": slope,

@@ -2,60 +2,61 @@
 
 from __future__ import annotations
 
-from math import hypot, isinf
+from math import acos, degrees, hypot, inf, isinf
 from typing import Literal
 
 from pydantic import model_validator
 
-from mech_twin.engine.coupling import Coupling
-from mech_twin.machines.drives import Drive
-from mech_twin.machines.vibration_crank.counterweight import Counterweight, Masses, balance
+from mech_twin.machines.drives import DrivenCrank
+from mech_twin.machines.vibration_crank.counterweight import Balance, Counterweight, Masses, balance
 from mech_twin.machines.vibration_crank.slider_crank import BOOM, FINITE_ROD, INFINITE_ROD, SliderCrank
-from mech_twin.parts.friction import Friction
-from mech_twin.parts.gear import Gear
-from mech_twin.parts.induction_motor import InductionMotorParameters
-from mech_twin.parts.supply import SupplyParameters
+from mech_twin.parts.four_bar import OPEN, FourBar, smallest_transmission_angle
 from mech_twin.quantity import Parameters, choice, quantity
 
 GRAVITY = 9.80665
+LEAST_TRANSMISSION_DEG = 1.0
 
 
 class Boom(Parameters):
     """Boom as a rocker: it carries the load beyond the joint of the rod."""
 
-    pivot_x_m: float = quantity("m", "boom pivot, to the right of the crank bearing")
-    pivot_y_m: float = quantity("m", "boom pivot, above the crank bearing")
-    length_m: float = quantity("m", "boom from its pivot to the joint of the rod", gt=0.0)
-    load_ratio: float = quantity("1", "arm of the load over the length to the joint", gt=0.0)
+    pivot_x_m: float = quantity("m", "boom pivot, to the right of the crank bearing", ge=-1e4, le=1e4)
+    pivot_y_m: float = quantity("m", "boom pivot, above the crank bearing", ge=-1e4, le=1e4)
+    length_m: float = quantity("m", "boom from its pivot to the joint of the rod", ge=1e-3, le=1e4)
+    load_ratio: float = quantity("1", "arm of the load over the length to the joint", gt=0.0, le=100.0)
     side: Literal["left", "right"] = choice("on which side of the line from pivot to crank pin the joint lies")
 
 
-class VibrationCrank(Parameters):
+class VibrationCrank(DrivenCrank):
     """Parameters of the vibration crank."""
 
     masses: Masses = choice("masses of the parts")
-    crank_m: float = quantity("m", "crank radius r", gt=0.0)
-    rod_m: float = quantity("m", "rod length; infinite for pure harmonic motion", gt=0.0, allow_inf_nan=True)
-    offset_m: float = quantity("m", "offset e of the slider's line from the crank bearing")
+    crank_m: float = quantity("m", "crank radius r", ge=1e-3, le=10.0)
+    rod_m: float = quantity(
+        "m", "rod length (up to 1e4 m); infinite for pure harmonic motion", ge=1e-3, allow_inf_nan=True
+    )
+    offset_m: float = quantity("m", "offset e of the slider's line from the crank bearing", ge=-10.0, le=10.0)
     slider: Literal["above", "below"] = choice("slider above or below the crank")
-    working_force_n: float = quantity("N", "working force down on the follower")
+    working_force_n: float = quantity("N", "working force down on the follower", ge=-1e8, le=1e8, live=True)
     boom: Boom | None = choice("boom as a rocker; a slider where absent", default=None)
     counterweight: Counterweight = choice("counterweight on the crank")
-    drive: Drive = choice("drive of the crank")
-    motor: InductionMotorParameters | None = choice("motor of a kloss drive", default=None)
-    gear: Gear | None = choice("gear of a kloss drive", default=None)
-    supply: SupplyParameters = choice("supply of the drive")
-    friction: Friction = choice("friction at the crank shaft", default=Friction())
-    coupling: Coupling = choice("coupling of the roles")
 
     @model_validator(mode="after")
     def _crank_turns(self) -> VibrationCrank:
         if self.rod_m != self.rod_m:
             raise ValueError("rod_m must be a length or infinite, got nan")
+        if 1e4 < self.rod_m < inf:
+            raise ValueError(f"rod_m must be at most 1e4 m, or infinite, got {self.rod_m:g}")
         if self.boom is None:
             if self.rod_m <= self.crank_m + abs(self.offset_m):
                 raise ValueError(
                     f"rod > crank + |offset| fails: {self.rod_m:g} m > {self.crank_m + abs(self.offset_m):g} m"
+                )
+            steepest = degrees(acos((self.crank_m + abs(self.offset_m)) / self.rod_m))
+            if steepest < LEAST_TRANSMISSION_DEG:
+                raise ValueError(
+                    f"rod at least {LEAST_TRANSMISSION_DEG:g} degree off the square to the slider's line fails: "
+                    f"{steepest:.3g} degrees (crank {self.crank_m:g}, rod {self.rod_m:g}, offset {self.offset_m:g} m)"
                 )
             return self
         if isinf(self.rod_m):
@@ -68,19 +69,35 @@ class VibrationCrank(Parameters):
             raise ValueError(
                 f"|pivot - crank| > |boom - rod| fails: {near:g} m > {abs(self.boom.length_m - self.rod_m):g} m"
             )
+        rocker = FourBar(self.crank_m, self.rod_m, self.boom.length_m, self.boom.pivot_x_m, self.boom.pivot_y_m, OPEN)
+        least = degrees(smallest_transmission_angle(rocker))
+        if least < LEAST_TRANSMISSION_DEG:
+            raise ValueError(
+                f"transmission angle of rod and boom >= {LEAST_TRANSMISSION_DEG:g} degree fails: {least:.3g} degrees"
+            )
         return self
 
     @model_validator(mode="after")
-    def _drive_complete(self) -> VibrationCrank:
-        if self.drive.kind == "kloss" and (self.motor is None or self.gear is None):
-            raise ValueError("a kloss drive needs both groups motor and gear")
+    def _something_swings(self) -> VibrationCrank:
+        if self.masses.reciprocating <= 0.0:
+            raise ValueError("masses: the reciprocating mass (tree, stand, half boom, half rod, extra) must not be 0")
         return self
+
+    @property
+    def balance(self) -> Balance:
+        """Masses in force: at the load, a boom's load counts with its arm."""
+        return balance(self.masses, self.counterweight, self.crank_m, self.load_ratio)
+
+    @property
+    def load_ratio(self) -> float | None:
+        """Arm of a boom's load over that of its joint; None for a slider."""
+        return None if self.boom is None else self.boom.load_ratio
 
 
 def slider_crank_constants(parameters: VibrationCrank) -> SliderCrank:
     """Return the constants of the kernels."""
     p = parameters
-    masses = balance(p.masses, p.counterweight, p.crank_m)
+    masses = p.balance
     kind = INFINITE_ROD if isinf(p.rod_m) else FINITE_ROD
     joint, load, arm = masses.reciprocating_kg, 0.0, (0.0, 0.0, 1.0, 1.0, 1.0)
     if p.boom is not None:

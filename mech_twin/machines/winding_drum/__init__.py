@@ -5,15 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 from mech_twin.machines.drives import PrescribedSpeed
-from mech_twin.machines.winding_drum.metrics import (
-    DrumObserver,
-    cycle_report,
-    package_drawing,
-    position_figures,
-)
-from mech_twin.machines.winding_drum.parameters import WindingDrum
+from mech_twin.machines.winding_drum.drawing import package_drawing
+from mech_twin.machines.winding_drum.metrics import DrumObserver, package_metrics, position_metrics
+from mech_twin.machines.winding_drum.parameters import WindingDrum, package_constants
 from mech_twin.machines.winding_drum.roles import ENDED, JOINTS, DrumForces, DrumLinkage
-from mech_twin.machines.winding_drum.wound_package import package_constants
 from mech_twin.quantity import Parameters
 from mech_twin.roles import Capabilities, Machine
 
@@ -41,10 +36,10 @@ def build(parameters: Parameters) -> Machine:
     )
 
     def analyse(phi: float) -> dict[str, Any]:
-        return position_figures(parameters, constants, phi)
+        return position_metrics(parameters, constants, phi)
 
     def report() -> dict[str, float]:
-        return cycle_report(parameters, constants, first, last)
+        return package_metrics(parameters, constants, first, last)
 
     return Machine(
         "winding_drum",

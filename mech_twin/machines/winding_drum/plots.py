@@ -8,8 +8,8 @@ from math import pi
 import numpy as np
 
 from mech_twin.capabilities.plots import BLUE, GREEN, ORANGE, RED, Picture, sheet, turn_axis
-from mech_twin.machines.winding_drum.parameters import WindingDrum
-from mech_twin.machines.winding_drum.wound_package import package_constants, torque_terms
+from mech_twin.machines.winding_drum.parameters import WindingDrum, package_constants
+from mech_twin.machines.winding_drum.wound_package import torque_terms
 
 
 def pictures(parameters: WindingDrum) -> Iterator[Picture]:

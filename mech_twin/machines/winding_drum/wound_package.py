@@ -1,16 +1,16 @@
-"""Yarn package on a drum: its radius, its speed and the torque that its changing mass asks for.
+r"""Yarn package on a drum: its radius, its speed and the torque that its changing mass asks for.
 
 ::
 
               yarn, speed theta
         <-----------------------+
                          , - ~ ~| ,
-                     , '        |   ' ,        R    radius of the package
-                   ,        rho |       ,      e    offset of its centre from the axis
-                  ,             |        ,     phi  drum angle, counter-clockwise
-                  ,     c <--e--O        ,     rho = R + e cos(phi), arm of the tangent yarn
-                   ,                    ,      omega = theta / rho
-                     ,                , '
+                     , '   c    |   ' ,        R    radius of the package
+                   ,        \   | rho   ,      e    offset Oc of its centre from the axis
+                  ,        e \phi        ,     phi  drum angle, counter-clockwise from the upright
+                  ,           \|        ,     rho = R + e cos(phi), arm of the yarn that leaves at the top
+                   ,            O       ,      omega = theta / rho
+                     ,                , '      c = (-e sin(phi), e cos(phi)), weight acts downwards there
                        ' - , _ _ , - '
 
 Unwinding (L = layer / (2 pi) > 0) by conservation of area R' = -L theta / R; winding is the same with L negative.
@@ -21,36 +21,7 @@ from __future__ import annotations
 from math import cos, pi, sin, sqrt
 from typing import NamedTuple
 
-from pydantic import model_validator
-
 from mech_twin.kernel import kernel
-from mech_twin.quantity import Parameters, quantity
-
-
-class WoundPackage(Parameters):
-    """A yarn package, its drum and the yarn that runs off or onto it."""
-
-    package_radius_m: float = quantity("m", "radius of the full package", gt=0.0)
-    core_radius_m: float = quantity("m", "radius of the bare drum, where the package is empty", gt=0.0)
-    package_width_m: float = quantity("m", "width of the package along the axis", gt=0.0)
-    eccentricity_m: float = quantity(
-        "m", "offset of the package's centre from the axis; 0 is the ideal package", ge=0.0
-    )
-    layer_thickness_m: float = quantity("m", "thickness of one layer of yarn", gt=0.0)
-    yarn_speed_m_per_s: float = quantity("m/s", "rated yarn speed", gt=0.0, live=True)
-    yarn_acceleration_m_per_s2: float = quantity("m/s2", "acceleration of the yarn while its speed changes", ge=0.0)
-    package_density_kg_per_m3: float = quantity("kg/m3", "density of the package, its specific weight over g", gt=0.0)
-    drum_inertia_kg_m2: float = quantity("kg m2", "moment of inertia of the bare drum", ge=0.0)
-
-    @model_validator(mode="after")
-    def _sizes_fit(self) -> WoundPackage:
-        if self.package_radius_m <= self.core_radius_m:
-            raise ValueError(
-                f"package_radius_m > core_radius_m fails: {self.package_radius_m} m > {self.core_radius_m} m"
-            )
-        if self.eccentricity_m >= self.core_radius_m:
-            raise ValueError(f"eccentricity_m < core_radius_m fails: {self.eccentricity_m} m < {self.core_radius_m} m")
-        return self
 
 
 class Package(NamedTuple):
@@ -62,6 +33,9 @@ class Package(NamedTuple):
     layer_m: float
     density: float
     drum_inertia: float
+    gravity: float = 9.80665
+    coulomb_nm: float = 0.0
+    viscous_nms_per_rad: float = 0.0
 
 
 class Torque(NamedTuple):
@@ -72,19 +46,6 @@ class Torque(NamedTuple):
     eccentric: float
     mass: float
     total: float
-
-
-def package_constants(parameters: WoundPackage, winding: bool) -> Package:
-    """Return the constants of the kernels; winding turns the sign of L."""
-    layer = parameters.layer_thickness_m / (2.0 * pi)
-    return Package(
-        parameters.core_radius_m,
-        parameters.package_width_m,
-        parameters.eccentricity_m,
-        -layer if winding else layer,
-        parameters.package_density_kg_per_m3,
-        parameters.drum_inertia_kg_m2,
-    )
 
 
 @kernel
@@ -166,39 +127,6 @@ def time_of_length(theta: float, a: float, length: float) -> float:
 
 
 @kernel
-def _rates(p: Package, radius: float, phi: float, theta: float, a: float, t: float) -> tuple[float, float]:
-    speed = theta + a * t
-    now = radius_after(p, radius, (theta + 0.5 * a * t) * t)
-    omega = speed / tangent_arm(p, now, phi)
-    return omega, torque_terms(p, now, phi, speed, a).total * omega
-
-
-@kernel
-def turned(p: Package, radius: float, phi: float, theta: float, a: float, h: float) -> tuple[float, float]:
-    """Return the drum angle after h seconds (rad) and the work of the torque meanwhile (J).
-
-    The radius is known in closed form, so only phi' = theta/rho is integrated: Dormand and Prince's fifth-order
-    weights, in two halves of the step.
-    """
-    work = 0.0
-    g = 0.5 * h
-    for i in range(2):
-        t = i * g
-        k1, w1 = _rates(p, radius, phi, theta, a, t)
-        k2, _ = _rates(p, radius, phi + g * k1 / 5.0, theta, a, t + g / 5.0)
-        k3, w3 = _rates(p, radius, phi + g * (3.0 * k1 + 9.0 * k2) / 40.0, theta, a, t + 0.3 * g)
-        k4, w4 = _rates(
-            p, radius, phi + g * (44.0 / 45.0 * k1 - 56.0 / 15.0 * k2 + 32.0 / 9.0 * k3), theta, a, t + 0.8 * g
-        )
-        x5 = 19372.0 / 6561.0 * k1 - 25360.0 / 2187.0 * k2 + 64448.0 / 6561.0 * k3 - 212.0 / 729.0 * k4
-        k5, w5 = _rates(p, radius, phi + g * x5, theta, a, t + 8.0 / 9.0 * g)
-        x6 = 9017.0 / 3168.0 * k1 - 355.0 / 33.0 * k2 + 46732.0 / 5247.0 * k3 + 49.0 / 176.0 * k4
-        x6 -= 5103.0 / 18656.0 * k5
-        k6, w6 = _rates(p, radius, phi + g * x6, theta, a, t + g)
-        phi += g * (
-            35.0 / 384.0 * k1 + 500.0 / 1113.0 * k3 + 125.0 / 192.0 * k4 - 2187.0 / 6784.0 * k5 + 11.0 / 84.0 * k6
-        )
-        work += g * (
-            35.0 / 384.0 * w1 + 500.0 / 1113.0 * w3 + 125.0 / 192.0 * w4 - 2187.0 / 6784.0 * w5 + 11.0 / 84.0 * w6
-        )
-    return phi, work
+def gravity_moment(p: Package, radius: float, phi: float) -> float:
+    """Return the moment of the offset package's weight about the axis, m g e sin(phi), counter-clockwise (N m)."""
+    return package_mass(p, radius) * p.gravity * p.eccentricity_m * sin(phi)

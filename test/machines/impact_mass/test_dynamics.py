@@ -18,6 +18,7 @@ from mech_twin.engine.run import frames
 from mech_twin.machines.impact_mass import PARAMETERS, build
 from mech_twin.machines.impact_mass.batch import empty_tally, event_batch
 from mech_twin.machines.impact_mass.dynamics import (
+    LISTED_MOST,
     MassMotion,
     elapsed,
     impact_system,
@@ -296,7 +297,7 @@ def test_summed_impacts_are_the_series_impact_by_impact():
     motion, event = initial_motion(0.0, speed, system), None
     summed = None
     while summed is None:
-        event, motion = next_event_until(motion, system, until)
+        event, motion = next_event_until(motion, system, until, LISTED_MOST)
         summed = event if event.kind == IMPACTS_SUMMED else None
     t, v, impulse, count = 0.0, speed, 0.0, 1
     while t + 2.0 * r * v / a <= until and count < 3000:

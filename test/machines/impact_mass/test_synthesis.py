@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import product
 
+import numpy as np
 import pytest
 
 from mech_twin.engine.run import frames
-from mech_twin.machines.impact_mass import build
+from mech_twin.machines.impact_mass import PARAMETERS, build
 from mech_twin.machines.impact_mass.cycle_verdict import default_box, endurance, verdict
 from mech_twin.machines.impact_mass.synthesis import (
     CycleSpec,
@@ -17,6 +19,7 @@ from mech_twin.machines.impact_mass.synthesis import (
     synthesise,
     with_phase2_force,
 )
+from mech_twin.machines.impact_mass.tolerance_box import Deviation, certified, deviated, outcome
 from mech_twin.parameters.load import machine_parameters, write_configuration
 
 pytestmark = pytest.mark.slow
@@ -95,8 +98,11 @@ def test_the_written_configuration_runs_with_one_impact_a_period(both, tmp_path)
     [
         (replace(PAPER, initial_velocity_m_per_s=7.0), RobustnessSpec(), "initial_velocity_m_per_s < restitution"),
         (PAPER, RobustnessSpec(margin=0.75), "margin <= 1 - restitution"),
-        (PAPER, RobustnessSpec(margin=0.69, starts=50), "margin >= 0.69 and basin_fraction"),
-        (PAPER, RobustnessSpec(force_reserve=0.2, starts=50), "force_reserve = 0.2"),
+        (PAPER, RobustnessSpec(margin=0.69, starts=50), "basin_fraction >= 0.999 does not hold with margin >= 0.69"),
+        (PAPER, RobustnessSpec(tolerance=0.2, starts=50, inside=10), "tolerance = 0.2 does not hold"),
+        (PAPER, RobustnessSpec(tolerance=1.0), "0 <= tolerance < 1"),
+        (PAPER, RobustnessSpec(stroke_ratio=0.9), "stroke_ratio <= 0.9 and start_speed_ratio <= 1.0 do not both hold"),
+        (PAPER, RobustnessSpec(start_speed_ratio=0.001), "start_speed_ratio <= 0.001 do not both hold"),
     ],
 )
 def test_a_synthesis_without_solution_says_which_inequality_fails(spec, robustness, words):
@@ -104,8 +110,59 @@ def test_a_synthesis_without_solution_says_which_inequality_fails(spec, robustne
         robust_parameters(spec, robustness)
 
 
-def test_another_wish_is_served_too():
+def test_another_cycle_is_served_too():
     spec = CycleSpec(3.0, 0.2, -0.1, 0.0, 12.0, 0.2)
-    found = robust_parameters(spec, RobustnessSpec(starts=100))
+    found, certificate = robust_parameters(spec, RobustnessSpec(starts=100, inside=40))
     assert verdict(found, None).stable
     assert endurance(found, 20_000).held_periods == 20_000
+    assert certificate.worst_fraction >= 0.999
+
+
+KEYS = ("phase1_force_n", "phase2_force_n", "phase1_duration_s", "period_s", "restitution")
+
+
+def share(parameters, factors, starts=1000):
+    """Return the share of fresh random starts that reach the cycle of a machine off by these factors."""
+    off = {key: getattr(parameters, key) * factor for key, factor in zip(KEYS, factors, strict=True)}
+    changed = PARAMETERS.model_validate({**parameters.model_dump(), **off})
+    judged = verdict(changed, replace(BOX, starts=starts, seed=77))
+    return judged.basin.fraction if judged.stable else 0.0
+
+
+@pytest.mark.parametrize("factors", [(1.0,) * i + (f,) + (1.0,) * (4 - i) for i in range(5) for f in (0.99, 1.01)])
+def test_one_percent_off_in_any_one_quantity_every_start_still_reaches_the_cycle(both, factors):
+    assert share(both.robust.parameters, factors) == 1.0
+
+
+def test_the_box_of_one_percent_holds_at_fresh_random_points_and_at_every_corner(both):
+    random = np.random.default_rng(2026)
+    points = [*product((0.99, 1.01), repeat=5), *random.uniform(0.99, 1.01, (100, 5)).tolist()]
+    assert min(share(both.robust.parameters, factors) for factors in points) >= 0.999
+
+
+@pytest.mark.parametrize("p2", [-14.799, -20.0])
+def test_forces_that_are_stable_but_not_robust_have_no_certificate(p2):
+    found = certified(with_phase2_force(published_parameters(PAPER), 20.0, p2), 0.01, BOX, 100)
+    assert found.worst_fraction < 0.9
+
+
+def test_the_certificate_says_what_was_tried_and_the_design_what_it_takes(both):
+    certificate = both.robust.certificate
+    assert (certificate.corners, certificate.faces, certificate.inside) == (32, 10, 300)
+    assert certificate.tried == 1 + 32 + 10 + 300 + certificate.climbed
+    assert certificate.climbed > 0
+    assert certificate.starts == 1000
+    assert certificate.worst_fraction >= 0.999
+    assert 0.0 < certificate.worst_margin < both.robust.verdict.margin
+    p = both.robust.parameters
+    assert p.initial_gap_m < both.robust.stroke_m <= 2.5 * 0.5
+    turning = p.initial_velocity_m_per_s**2 / (2.0 * p.phase1_force_n)
+    assert both.robust.stroke_m == pytest.approx(p.initial_gap_m + turning, rel=1e-12)
+
+
+def test_a_box_that_leaves_the_range_of_a_quantity_does_not_hold():
+    parameters = published_parameters(PAPER).model_copy(update={"restitution": 0.9999})
+    assert deviated(parameters, Deviation(0.0, 0.0, 0.0, 0.0, 0.01)) is None
+    late = parameters.model_copy(update={"phase1_duration_s": parameters.period_s * 0.999})
+    assert deviated(late, Deviation(0.0, 0.0, 0.01, 0.0, 0.0)) is None
+    assert outcome(late, Deviation(0.0, 0.0, 0.01, 0.0, 0.0), BOX).fraction == 0.0

@@ -33,7 +33,7 @@ def test_more_preload_trades_gap_and_return_speed_for_force():
     rate = rate_at(0.3)
     unit = 60.0 / (rate * 0.2)
     points = collar_grid(*parameters(), [rate], [p * unit for p in (0.1, 0.2, 0.4, 0.6, 0.8, 1.0)])
-    assert [point.seated for point in points] == [False, True, True, True, True, True]
+    assert [point.settles for point in points] == [False, True, True, True, True, True]
     for weaker, stronger in pairwise(points[1:]):
         assert stronger.metrics.gap_at_blow_m < weaker.metrics.gap_at_blow_m
         assert stronger.metrics.return_speed_m_per_s < weaker.metrics.return_speed_m_per_s

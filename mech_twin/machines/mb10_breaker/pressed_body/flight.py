@@ -143,43 +143,69 @@ def _value_and_slope(body: PressedBody, stretch: Stretch, s: float, order: int) 
 
 
 @kernel
-def first_root(body: PressedBody, stretch: Stretch, order: int, start: float, room: float, bend: float) -> float:
+def _window(body: PressedBody, stretch: Stretch, s: float, room: float, order: int) -> tuple[float, float]:
+    """Return the end of a window that begins at ``s``, and a bound of the searched function's second derivative in it.
+
+    A window is a radian of the faster of swing and load: beyond that the bounds grow without need.
+    """
+    fastest = max(body.k, body.mu) if stretch.load > 0.0 else body.k
+    length = min(room - s, 1.0 / fastest)
+    angle, rate = motion(body, stretch, s)
+    second, third, _ = bounds(body, Stretch(angle, rate, stretch.load, stretch.theta + body.mu * s), length)
+    return s + length, (second if order == 0 else third)
+
+
+@kernel
+def first_root(body: PressedBody, stretch: Stretch, order: int, start: float, room: float) -> float:
     """Return the first zero of phi (order 0) or phi' (order 1) in (start, room], or inf.
 
     Marches from the left by the largest step over which value + slope h - bend h^2/2 keeps its sign, ``bend`` being a
-    bound of the second derivative of the searched function.  No root can lie within such a step, so none is stepped
-    over, and near a root the steps are Newton's, from one side.
+    bound of the second derivative of the searched function within the present window.  No root can lie within such a
+    step, so none is stepped over, and near a root the steps are Newton's, from one side.
+
+    Raises
+    ------
+    RuntimeError
+        If the march does not come to an end; the bounds of the parameters keep it from that.
     """
     s = start
     value, slope = _value_and_slope(body, stretch, s, order)
     sign = 1.0 if value > 0.0 or (value == 0.0 and slope > 0.0) else -1.0
     if order == 0:
         sign = 1.0
+    end, bend = _window(body, stretch, s, room, order)
     for _ in range(LONGEST_SEARCH):
         height, rise = sign * value, sign * slope
         if height < 0.0:
             return s
         root = math.sqrt(rise * rise + 2.0 * bend * height)
         # the two forms of the positive root of height + rise h = bend h^2/2, each without cancellation
-        step = (rise + root) / bend if rise >= 0.0 else 2.0 * height / (root - rise)
+        if rise < 0.0:
+            step = 2.0 * height / (root - rise)
+        else:
+            step = (rise + root) / bend if bend > 0.0 else math.inf
         if not step > 4e-16 * s:
             return s
         s += step
-        if s > room:
-            return math.inf
+        if s > end:
+            if end >= room:
+                return math.inf
+            s = end
+            end, bend = _window(body, stretch, s, room, order)
         value, slope = _value_and_slope(body, stretch, s, order)
-    return s
+    raise RuntimeError("the search for the body's next event takes too many steps")
 
 
 @kernel
 def _clear_of_collar(body: PressedBody, stretch: Stretch, room: float) -> float:
     """Return a time at which a body that leaves the collar without speed is surely off it, having been so since."""
-    _, third, fourth = bounds(body, stretch, room)
+    length = min(room, 1.0 / max(body.k, body.mu))
+    _, third, fourth = bounds(body, stretch, length)
     net = net_acceleration(body, stretch)
     push = stretch.load / body.inertia
     if net > ROUNDING * push:
-        return 1.5 * net / third
-    return 2.0 * push * body.mu * max(math.cos(stretch.theta), 0.0) / fourth
+        return min(1.5 * net / third, length)
+    return min(2.0 * push * body.mu * max(math.cos(stretch.theta), 0.0) / fourth, length)
 
 
 @kernel
@@ -197,8 +223,7 @@ def touchdown(body: PressedBody, stretch: Stretch, room: float) -> tuple[float, 
     start = _clear_of_collar(body, stretch, room) if stretch.angle == 0.0 and stretch.rate == 0.0 else 0.0
     if start > room:
         return math.inf, 0.0
-    second, _, _ = bounds(body, stretch, room)
-    s = first_root(body, stretch, 0, start, room, second)
+    s = first_root(body, stretch, 0, start, room)
     if s == math.inf:
         return math.inf, 0.0
     return s, max(-motion(body, stretch, s)[1], 0.0)
@@ -214,12 +239,9 @@ def highest(body: PressedBody, stretch: Stretch, duration: float) -> tuple[float
     end = motion(body, stretch, duration)[0]
     if end > best:
         best_at, best = duration, end
-    _, third, _ = bounds(body, stretch, duration)
-    if third == 0.0:
-        return best_at, best
     s = 0.0
     for _ in range(LONGEST_SEARCH):
-        s = first_root(body, stretch, 1, s, duration, third)
+        s = first_root(body, stretch, 1, s, duration)
         if s == math.inf:
             break
         angle = motion(body, stretch, s)[0]
@@ -227,7 +249,8 @@ def highest(body: PressedBody, stretch: Stretch, duration: float) -> tuple[float
             best_at, best = s, angle
         # beyond the turning point the rate keeps its new sign at least this long
         curvature = abs(_value_and_slope(body, stretch, s, 1)[1])
-        s += max(curvature / third, 1e-9 * duration)
+        third = _window(body, stretch, s, duration, 1)[1]
+        s += max(curvature / third if third > 0.0 else 0.0, 1e-9 * duration)
         if s >= duration:
             break
     return best_at, best

@@ -1,0 +1,53 @@
+"""The box of tolerances round a configuration: each assumed number off by up to a part of its value."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import product
+from typing import TypeVar
+
+import numpy as np
+
+from mech_twin.capabilities.variation import varied
+from mech_twin.configuration_tree import configuration_tree
+from mech_twin.quantity import Parameters
+
+Model = TypeVar("Model", bound=Parameters)
+Factors = dict[str, float]  # by dotted key: what the configured value is multiplied with
+
+
+def scaled(parameters: Model, factors: Mapping[str, float]) -> Model:
+    """Return the configuration with these numbers multiplied.
+
+    Raises
+    ------
+    pydantic.ValidationError
+        If a scaled number is refused.
+    """
+    tree = configuration_tree(parameters)
+    changes = {}
+    for key, factor in factors.items():
+        value = tree
+        for name in key.split("."):
+            value = value[name]
+        changes[key] = float(value) * factor  # type: ignore[arg-type]
+    return varied(parameters, changes)
+
+
+def corners(keys: Sequence[str], tolerance: float) -> Iterator[Factors]:
+    """Yield the 2^n corners of the box."""
+    for signs in product((-1.0, 1.0), repeat=len(keys)):
+        yield {key: 1.0 + sign * tolerance for key, sign in zip(keys, signs, strict=True)}
+
+
+def inner_points(keys: Sequence[str], tolerance: float, count: int, seed: int = 1) -> Iterator[Factors]:
+    """Yield random points of the box, the same for the same seed."""
+    drawn = np.random.default_rng(seed).uniform(-tolerance, tolerance, (count, len(keys)))
+    for row in drawn:
+        yield {key: 1.0 + float(part) for key, part in zip(keys, row, strict=True)}
+
+
+def neighbours(corner: Mapping[str, float], tolerance: float) -> Iterator[Factors]:
+    """Yield the corners that differ from this one in one number."""
+    for key, factor in corner.items():
+        yield {**corner, key: 1.0 - tolerance if factor > 1.0 else 1.0 + tolerance}

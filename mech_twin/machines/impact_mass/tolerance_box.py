@@ -1,0 +1,179 @@
+"""The worst case of a one-impact cycle over a box of tolerances of P1, P2, t1, T and R.
+
+Every point of the box is a machine of its own: its cycle must exist, be admissible and stable, and the asked share of
+the random starts must reach it.  Tried are the corners and the middles of the faces, random points inside, and points
+climbed to from the slowest of all these, for a start that takes long to settle is near one that never does.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from mech_twin.machines.impact_mass.cycle_verdict import BORDER, StartBox, basin
+from mech_twin.machines.impact_mass.dynamics import ImpactSystem, impact_system
+from mech_twin.machines.impact_mass.impact_stop import LARGEST_RESTITUTION
+from mech_twin.machines.impact_mass.metrics import admissible
+from mech_twin.machines.impact_mass.one_impact_cycle import OneImpactCycle, one_impact_cycle
+from mech_twin.machines.impact_mass.parameters import ImpactMass
+from mech_twin.machines.impact_mass.states import PHASE_2
+
+CLIMBS, CLIMB_STEPS = 6, 8  # points climbed from, steps of each
+FIRST_REACH = 0.5  # of the box: the first step of a climb; it shrinks to nothing
+
+
+class Deviation(NamedTuple):
+    """Relative deviations of the box's quantities from their nominal values."""
+
+    phase1_force: float
+    phase2_force: float
+    phase1_duration: float
+    period: float
+    restitution: float
+
+
+NOMINAL = Deviation(0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+class PointOutcome(NamedTuple):
+    """What one point of the box gives: margin, share of the starts that reach the cycle, periods of the slowest."""
+
+    deviation: Deviation
+    margin: float
+    fraction: float
+    slowest_periods: int
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """What was tried over the box, and the worst that was found.
+
+    ``tolerance`` is relative, of P1, P2, t1, T and R alike; every point was tried with ``starts`` random starts.
+    """
+
+    tolerance: float
+    corners: int
+    faces: int
+    inside: int
+    climbed: int
+    starts: int
+    seed: int
+    worst_fraction: float
+    worst_margin: float
+    worst_deviation: Deviation
+    slowest_periods: int
+
+    @property
+    def tried(self) -> int:
+        """Number of points tried, the nominal one included."""
+        return 1 + self.corners + self.faces + self.inside + self.climbed
+
+
+def deviated(parameters: ImpactMass, deviation: Deviation) -> ImpactSystem | None:
+    """Return what acts on the mass at a point of the box, or None where t1 >= T or R leaves its range."""
+    p, d = parameters, deviation
+    times_s = (p.period_s * (1.0 + d.period), p.phase1_duration_s * (1.0 + d.phase1_duration))
+    restitution = p.restitution * (1.0 + d.restitution)
+    if times_s[1] >= times_s[0] or restitution > LARGEST_RESTITUTION:
+        return None
+    a1, a2 = p.accelerations_m_per_s2
+    accelerations = (a1 * (1.0 + d.phase1_force), a2 * (1.0 + d.phase2_force))
+    return impact_system(times_s, accelerations, restitution, p.chatter_cutoff)
+
+
+def stable_cycle(system: ImpactSystem) -> OneImpactCycle | None:
+    """Return the cycle with its impact in phase 2 if it exists, off the border, is admissible and stable."""
+    accelerations = (system.acceleration1, system.acceleration2)
+    cycle = one_impact_cycle(system.period_s, system.phase1_s, accelerations, system.restitution, int(PHASE_2))
+    if cycle is None or not BORDER < cycle.position_share < 1.0 - BORDER:
+        return None
+    largest, _ = cycle.multipliers
+    return cycle if abs(largest) < 1.0 and admissible(cycle, system) else None
+
+
+def outcome(parameters: ImpactMass, deviation: Deviation, starts: StartBox) -> PointOutcome:
+    """Return what a point of the box gives; margin and share are 0 where it has no stable cycle."""
+    system = deviated(parameters, deviation)
+    cycle = None if system is None else stable_cycle(system)
+    if system is None or cycle is None:
+        return PointOutcome(deviation, 0.0, 0.0, 0)
+    largest, _ = cycle.multipliers
+    found = basin(system, cycle, starts)
+    return PointOutcome(deviation, 1.0 - abs(largest), found.fraction, found.slowest_periods)
+
+
+def corners(tolerance: float) -> list[Deviation]:
+    """Return the 32 corners of the box."""
+    return [Deviation(*signs) for signs in itertools.product((-tolerance, tolerance), repeat=len(NOMINAL))]
+
+
+def faces(tolerance: float) -> list[Deviation]:
+    """Return the middles of the 10 faces: one quantity off, the others nominal."""
+    return [NOMINAL._replace(**{name: side}) for name in Deviation._fields for side in (-tolerance, tolerance)]
+
+
+def inside(tolerance: float, count: int, seed: int) -> list[Deviation]:
+    """Return random points of the box, even, seeded."""
+    random = np.random.default_rng(seed)
+    return [Deviation(*row) for row in random.uniform(-tolerance, tolerance, (count, len(NOMINAL))).tolist()]
+
+
+def worst_of(outcomes: Iterable[PointOutcome]) -> PointOutcome:
+    """Return the point with the smallest share, of equal ones that with the smallest margin."""
+    return min(outcomes, key=lambda point: (point.fraction, point.margin))
+
+
+def first_failure(
+    parameters: ImpactMass, points: Iterable[Deviation], starts: StartBox, fraction: float
+) -> PointOutcome | None:
+    """Return the first point whose share is below ``fraction``, or None if all hold."""
+    return next(
+        (found for found in (outcome(parameters, d, starts) for d in points) if found.fraction < fraction), None
+    )
+
+
+def climbed(
+    parameters: ImpactMass, tolerance: float, tried: Sequence[PointOutcome], starts: StartBox
+) -> list[PointOutcome]:
+    """Return the points met when climbing from the slowest towards slower ones (or a smaller share), within the box."""
+    random = np.random.default_rng(starts.seed + 1)
+    met = []
+    for begin in sorted(tried, key=_hardness, reverse=True)[:CLIMBS]:
+        best = begin
+        for step in range(CLIMB_STEPS):
+            reach = FIRST_REACH * tolerance * (1.0 - step / CLIMB_STEPS)
+            move = np.array(best.deviation) + random.uniform(-reach, reach, len(NOMINAL))
+            found = outcome(parameters, Deviation(*np.clip(move, -tolerance, tolerance).tolist()), starts)
+            met.append(found)
+            best = max(best, found, key=_hardness)
+    return met
+
+
+def _hardness(point: PointOutcome) -> tuple[float, float]:
+    return 1.0 - point.fraction, float(point.slowest_periods)
+
+
+def certified(parameters: ImpactMass, tolerance: float, starts: StartBox, count: int) -> Certificate:
+    """Return what the box gives: nominal point, corners, faces, ``count`` random points inside, and climbs."""
+    points = corners(tolerance), faces(tolerance), inside(tolerance, count, starts.seed)
+    at_corners, at_faces, at_inside = points if tolerance > 0.0 else ([], [], [])
+    tried = [outcome(parameters, d, starts) for d in (NOMINAL, *at_corners, *at_faces, *at_inside)]
+    met = climbed(parameters, tolerance, tried, starts) if tolerance > 0.0 else []
+    worst = worst_of([*tried, *met])
+    return Certificate(
+        tolerance,
+        len(at_corners),
+        len(at_faces),
+        len(at_inside),
+        len(met),
+        starts.starts,
+        starts.seed,
+        worst.fraction,
+        min(point.margin for point in (*tried, *met)),
+        worst.deviation,
+        max(point.slowest_periods for point in (*tried, *met)),
+    )

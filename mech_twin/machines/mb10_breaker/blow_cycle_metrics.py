@@ -1,0 +1,77 @@
+"""What is gathered of drive and mechanism from one blow on the tool to the next."""
+
+from __future__ import annotations
+
+import math
+
+from mech_twin.machines.mb10_breaker.dynamics import Breaker
+from mech_twin.machines.mb10_breaker.roles import PinAnalysis
+from mech_twin.parts.induction_motor import MotorConstants
+from mech_twin.parts.motor_duty import MotorDuty, duty_metrics
+from mech_twin.samples import Coordinate, Event, ForceSample
+
+PEAKS = tuple(f"{pin}_peak_n" for pin in PinAnalysis.pins)
+
+
+def absolute_crank_speed(side: tuple[Coordinate, ...]) -> float:
+    """Return the crank's absolute speed u - phi' on one side of an event (rad/s)."""
+    crank, body = side
+    return crank.velocity - body.velocity
+
+
+class BlowCycle:
+    """Drive and mechanism from one blow to the next.
+
+    Parameters
+    ----------
+    start_s : float
+        Time of the blow that begins it.
+    """
+
+    def __init__(self, start_s: float) -> None:
+        self.start_s = start_s
+        self.fastest = self.slowest = math.nan
+        self.duty = MotorDuty()
+        self.steps = 0
+        self.peaks = [0.0] * len(PEAKS)
+        self.least_moment = self.greatest_moment = 0.0
+
+    def take_speed(self, u: float) -> None:
+        """Take an absolute crank speed into account."""
+        self.fastest = u if math.isnan(self.fastest) else max(self.fastest, u)
+        self.slowest = u if math.isnan(self.slowest) else min(self.slowest, u)
+
+    def take_forces(self, forces: ForceSample) -> None:
+        """Take the forces at one step into account."""
+        self.steps += 1
+        self.least_moment = min(self.least_moment, forces.body_moment_nm)
+        self.greatest_moment = max(self.greatest_moment, forces.body_moment_nm)
+        for i, wrench in enumerate(forces.wrenches):
+            self.peaks[i] = max(self.peaks[i], math.hypot(wrench.force_x_n, wrench.force_y_n))
+
+    def metrics(self, b: Breaker, motor: MotorConstants, blow: Event, forces: ForceSample) -> dict[str, float]:
+        """Return the metrics of the cycle that this blow (or miss) ends."""
+        energy = 0.5 * blow.impulse_ns**2 / b.tool_mass
+        found = forces.quantities.as_dict()
+        crank, _ = blow.pre
+        crank_after, body_after = blow.post
+        return {
+            "blow_rate_hz": 1.0 / (blow.time_s - self.start_s),
+            "blow_energy_j": energy,
+            "blow_impulse_ns": blow.impulse_ns,
+            "blow_energy_over_overtravel_n": energy / b.overtravel,
+            "striking_speed_m_per_s": blow.pre_velocity_m_per_s,
+            "crank_before_blow_rad_per_s": crank.velocity,
+            "crank_after_blow_rad_per_s": crank_after.velocity,
+            "body_leaves_at_rad_per_s": body_after.velocity,
+            "largest_absolute_crank_speed_rad_per_s": self.fastest,
+            "smallest_absolute_crank_speed_rad_per_s": self.slowest,
+            "fluctuation": 2.0 * (self.fastest - self.slowest) / (self.fastest + self.slowest),
+            **duty_metrics(self.duty, motor),
+            "largest_body_moment_nm": self.greatest_moment,
+            "smallest_body_moment_nm": self.least_moment,
+            "blow_impulse_on_body_nms": found["blow_impulse_on_body_nms"],
+            "crank_bearing_impulse_peak_ns": found["crank_bearing_impulse_ns"],
+            "rocker_bearing_impulse_peak_ns": found["rocker_bearing_impulse_ns"],
+            **dict(zip(PEAKS, self.peaks, strict=True)),
+        }

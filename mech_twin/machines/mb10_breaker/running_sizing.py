@@ -1,0 +1,162 @@
+"""Preload of the running breaker: the tool seated before every blow, in the worst case over the tolerances.
+
+The worst corner is looked for one number at a time, by the gap that a preload below the edge leaves, and then proved:
+the preload chosen is run at the corners next to it and at random points within the box.  A point that breaks a limit
+there becomes the new worst one, until none is found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from math import inf
+
+from mech_twin.capabilities.errors import StudyError
+from mech_twin.capabilities.sizing import Constraint, Sizing, binding_of
+from mech_twin.capabilities.tolerance_box import Factors, inner_points, neighbours, scaled
+from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
+from mech_twin.machines.mb10_breaker.settled_run import Seating, seating, with_rest_force
+
+# what the configuration calls assumed and the seating depends on
+ASSUMED = (
+    "body.inertia_kg_m2",
+    "body.restitution",
+    "tool.mass_kg",
+    "tool.restitution",
+    "tool.overtravel_m",
+    "linkage.crank_inertia_kg_m2",
+)
+FORCES_N = (300.0, 400.0, 500.0, 600.0, 700.0, 850.0, 1000.0, 1300.0, 1700.0, 2300.0, 3000.0)
+INNER = 6
+MOST_ROUNDS = 5
+NAMES = ("gap_at_blow_m", "return_speed_m_per_s", "largest_force_n")
+Run = Callable[[float, Mapping[str, float]], Seating]
+
+
+def seats(found: Seating, gap_m: float) -> bool:
+    """Return whether a run had blows, none of them missed, and every one with at most this gap."""
+    return found.blows > 0 and found.missed == 0 and found.gap_at_blow_m <= gap_m
+
+
+def running_sizing(soft: BreakerParameters, limits: Mapping[str, float], objective: str, tolerance: float) -> Sizing:
+    """Return the preload with the smallest objective among those that keep the limits over the whole box."""
+    runs: dict[tuple[float, tuple[tuple[str, float], ...]], Seating] = {}
+
+    def at(force: float, factors: Mapping[str, float]) -> Seating:
+        key = (force, tuple(sorted(factors.items())))
+        if key not in runs:
+            # the spring is made as it is chosen: its preload does not follow the assumed numbers
+            runs[key] = seating(scaled(with_rest_force(soft, force), factors))
+        return runs[key]
+
+    gap = limits["gap_at_blow_m"]
+    below, nominal = _least_seating(at, {}, gap)
+    worst = _worst_corner(at, nominal, tolerance)
+    chosen, proved = nominal, 1
+    for _ in range(MOST_ROUNDS):
+        low, bound = (below, nominal) if not worst else _least_seating(at, worst, gap)
+        chosen = _least_objective(at, worst, bound, limits, objective)
+        broken, proved = _broken_at(at, chosen, worst, limits, tolerance)
+        if broken is None:
+            break
+        worst = broken
+    else:
+        raise StudyError(
+            f"no preload found that keeps the limits within {100.0 * tolerance:g} % in {MOST_ROUNDS} rounds"
+        )
+    metrics = _metrics(at(chosen, worst))
+    constraints = (
+        Constraint("rest_force_n", chosen, bound, "above"),
+        *(Constraint(name, metrics[name], limit) for name, limit in limits.items() if limit < inf),
+    )
+    binding = binding_of(constraints, f"none: {objective} is least here")
+    if chosen == bound:
+        where = "in the worst case" if worst else "as configured"
+        binding = f"every blow on a seated tool: {where} not at {low:.0f} N at rest, but at {bound:.0f} N"
+    sized = with_rest_force(soft, chosen)
+    return Sizing(
+        "mb10_breaker",
+        objective,
+        {
+            "body.spring_rate_n_per_m": soft.body.spring_rate_n_per_m,
+            "body.preload_deflection_m": sized.body.preload_deflection_m,
+        },
+        sized,
+        {
+            "rest_force_n": chosen,
+            "rational_from_rest_force_n": bound,
+            "nominal_edge_rest_force_n": nominal,
+            "points_tried_in_the_box": float(proved),
+            **metrics,
+            **{f"worst_{key.replace('.', '_')}_factor": factor for key, factor in worst.items()},
+        },
+        constraints,
+        binding,
+        tuple(
+            {"rest_force_n": force, "seated": "yes" if seats(found, gap) else "no", **_metrics(found)}
+            for (force, factors), found in sorted(runs.items())
+            if factors == tuple(sorted(worst.items()))
+        ),
+        tolerance,
+    )
+
+
+def _metrics(found: Seating) -> dict[str, float]:
+    return {name: float(getattr(found, name)) for name in NAMES}
+
+
+def _kept(found: Seating, limits: Mapping[str, float]) -> bool:
+    return seats(found, limits["gap_at_blow_m"]) and all(
+        float(getattr(found, name)) <= limit for name, limit in limits.items()
+    )
+
+
+def _least_seating(at: Run, factors: Mapping[str, float], gap_m: float) -> tuple[float, float]:
+    """Return two rest forces (N) a newton or two apart: blows are unseated at the first, at the second none."""
+    place = next((i for i, force in enumerate(FORCES_N) if seats(at(force, factors), gap_m)), None)
+    if place is None:
+        raise StudyError(f"no preload between {FORCES_N[0]:g} and {FORCES_N[-1]:g} N seats the tool before every blow")
+    if place == 0:
+        return 0.0, FORCES_N[0]
+    low, high = FORCES_N[place - 1], FORCES_N[place]
+    while high - low > 2.0:
+        middle = float(round(0.5 * (low + high)))
+        low, high = (low, middle) if seats(at(middle, factors), gap_m) else (middle, high)
+    return low, high
+
+
+def _worst_corner(at: Run, edge_n: float, tolerance: float) -> Factors:
+    """Return the corner whose numbers each, alone, leave the larger gap a little below the nominal edge."""
+    if tolerance == 0.0:
+        return {}
+    force = 0.97 * edge_n
+    return {
+        key: max((1.0 - tolerance, 1.0 + tolerance), key=lambda factor: at(force, {key: factor}).gap_at_blow_m)
+        for key in ASSUMED
+    }
+
+
+def _least_objective(
+    at: Run, worst: Mapping[str, float], bound_n: float, limits: Mapping[str, float], objective: str
+) -> float:
+    """Return the rest force from the bound on that keeps the limits and has the smallest objective, the least first."""
+    forces = [bound_n, *(force for force in FORCES_N if force > bound_n)]
+    good = [force for force in forces if _kept(at(force, worst), limits)]
+    if not good:
+        tried = [at(force, worst) for force in forces]
+        best = {name: min(float(getattr(found, name)) for found in tried) for name in limits}
+        text = "; ".join(f"{name} <= {limit:.4g} (has {best[name]:.4g})" for name, limit in limits.items())
+        raise StudyError(f"no preload that seats the tool meets the limits: {text}")
+    return min(good, key=lambda force: (float(getattr(at(force, worst), objective)), force))
+
+
+def _broken_at(
+    at: Run, force: float, worst: Factors, limits: Mapping[str, float], tolerance: float
+) -> tuple[Factors | None, int]:
+    """Return a point of the box at which this preload breaks a limit (None: none found), and how many were tried."""
+    if not worst:
+        return None, 1
+    points: list[Factors] = [{}, *neighbours(worst, tolerance), *inner_points(ASSUMED, tolerance, INNER)]
+    for tried, point in enumerate(points, start=2):
+        if not _kept(at(force, point), limits):
+            return point, tried
+    return None, len(points) + 1

@@ -1,0 +1,236 @@
+"""Motion of the drum within a step: driven by the yarn's prescribed speed, or coasting once yarn and drive let go."""
+
+from __future__ import annotations
+
+from math import copysign, exp, expm1, inf, log1p
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mech_twin.engine.events import FALLING, RISING, Step, Watch, crossing, signals_of
+from mech_twin.engine.integration import (
+    Workspace,
+    controlled_step,
+    method_of,
+    rates_of,
+    start_step,
+    take_step,
+)
+from mech_twin.engine.tableaus import DORMAND_PRINCE_8
+from mech_twin.kernel import kernel
+from mech_twin.machines.winding_drum.wound_package import (
+    Package,
+    gravity_moment,
+    package_inertia,
+    package_mass,
+    radius_after,
+    tangent_arm,
+    torque_terms,
+)
+from mech_twin.parts.friction import released, sliding_torque
+
+Array = NDArray[np.float64]
+MOST_STEPS = 100_000
+RELATIVE = 1e-13  # error of a step over the size of what it integrates
+
+
+class NotIntegratedError(ArithmeticError):
+    """A motion that no step is small enough for."""
+
+
+class Driven(NamedTuple):
+    """Drum under yarn of speed theta + a t; state: angle (rad), work of the drive, of gravity, friction loss (J)."""
+
+    package: Package
+    radius_m: float
+    theta_m_per_s: float
+    acceleration_m_per_s2: float
+
+
+class Coasting(NamedTuple):
+    """Drum without yarn and drive; state: angle (rad), speed (rad/s), work of gravity, friction loss (J).
+
+    ``direction`` is the sense of turning, +1 or -1.
+    """
+
+    package: Package
+    radius_m: float
+    direction: float
+
+
+@kernel
+def drive_torque(p: Package, radius: float, phi: float, theta: float, a: float) -> float:
+    """Return the torque the drive gives (N m): the dynamic torque, less gravity's moment, and friction overcome.
+
+    At rest friction takes what it can hold of it.
+    """
+    wanted = torque_terms(p, radius, phi, theta, a).total - gravity_moment(p, radius, phi)
+    omega = theta / tangent_arm(p, radius, phi)
+    if omega > 0.0 or a > 0.0:
+        return wanted - sliding_torque(p.coulomb_nm, p.viscous_nms_per_rad, omega, 1.0)
+    return wanted - min(max(wanted, -p.coulomb_nm), p.coulomb_nm)
+
+
+@rates_of(Driven, DORMAND_PRINCE_8)
+def driven_rates(system: Driven, t: float, y: Array, out: Array) -> None:
+    """Fill the rates of angle (rad/s), work of the drive, work of gravity and friction loss (W)."""
+    p, theta, a = system.package, system.theta_m_per_s, system.acceleration_m_per_s2
+    radius, speed = radius_after(p, system.radius_m, (theta + 0.5 * a * t) * t), theta + a * t
+    omega = speed / tangent_arm(p, radius, y[0])
+    out[0] = omega
+    out[1] = drive_torque(p, radius, y[0], speed, a) * omega
+    out[2] = gravity_moment(p, radius, y[0]) * omega
+    out[3] = -sliding_torque(p.coulomb_nm, p.viscous_nms_per_rad, omega, 1.0) * omega
+
+
+@rates_of(Coasting, DORMAND_PRINCE_8)
+def coasting_rates(system: Coasting, t: float, y: Array, out: Array) -> None:
+    """Fill the rates of angle, speed, work of gravity and friction loss."""
+    p = system.package
+    gravity = gravity_moment(p, system.radius_m, y[0])
+    friction = sliding_torque(p.coulomb_nm, p.viscous_nms_per_rad, y[1], system.direction)
+    out[0], out[1] = y[1], (gravity + friction) / package_inertia(p, system.radius_m)
+    out[2], out[3] = gravity * y[1], -friction * y[1]
+
+
+@signals_of(Coasting)
+def coasting_signal(system: Coasting, index: int, t: float, y: Array) -> tuple[float, float]:
+    """Return the speed and its derivative: it comes to rest where the speed is zero."""
+    p = system.package
+    friction = sliding_torque(p.coulomb_nm, p.viscous_nms_per_rad, y[1], system.direction)
+    return y[1], (gravity_moment(p, system.radius_m, y[0]) + friction) / package_inertia(p, system.radius_m)
+
+
+@kernel
+def drive_drum(system: Driven, y: Array, span: float, tolerance: Array) -> bool:
+    """Advance ``y`` by ``span`` (s); return whether a step was found that is small enough."""
+    work = Workspace(np.empty((len(method_of(system).nodes), 4)), np.empty(4), np.empty(4))
+    t, wanted = 0.0, span
+    for _ in range(MOST_STEPS):
+        if span - t <= 1e-15 * span:
+            return True
+        start_step(system, t, y, work)
+        h, wanted = controlled_step(system, t, y, min(wanted, span - t), tolerance, work)
+        if h == 0.0 or not np.isfinite(work.end[1]):
+            return False
+        y[:] = work.end
+        t += h
+    return False
+
+
+@kernel
+def coast_drum(system: Coasting, y: Array, span: float, tolerance: Array) -> tuple[float, bool]:
+    """Advance ``y`` until ``span`` (s) is over or the drum comes to rest; return the time (s) and whether it went well.
+
+    At rest the speed is exactly 0.
+    """
+    work = Workspace(np.empty((len(method_of(system).nodes), 4)), np.empty(4), np.empty(4))
+    end = np.empty(4)
+    t, wanted = 0.0, span
+    for _ in range(MOST_STEPS):
+        if span - t <= 1e-15 * span:
+            return span, True
+        start_step(system, t, y, work)
+        h, wanted = controlled_step(system, t, y, min(wanted, span - t), tolerance, work)
+        if h == 0.0 or not np.isfinite(work.end[1]):
+            return t, False
+        end[:] = work.end
+        watch = Watch(0, FALLING if system.direction > 0.0 else RISING, y[1] == 0.0)
+        rest = crossing(Step(system, t, y, h, work), watch, end)
+        if rest >= 0.0 and (rest > 0.0 or y[1] != 0.0):
+            take_step(system, t, y, rest, work)
+            y[:] = work.end
+            y[1] = 0.0
+            return t + rest, True
+        y[:] = end
+        t += h
+    return t, False
+
+
+def driven(package: Package, radius: float, phi: float, theta: float, a: float, h: float) -> tuple[float, ...]:
+    """Return after h seconds: drum angle (rad), and meanwhile work of the drive, of gravity, and friction loss (J).
+
+    Parameters
+    ----------
+    package : Package
+        Constants.
+    radius, phi : float
+        Package radius (m) and drum angle (rad) at the start.
+    theta, a : float
+        Yarn speed at the start (m/s) and its acceleration (m/s2).
+    h : float
+        Time (s).
+
+    Raises
+    ------
+    NotIntegratedError
+        If no step is small enough.
+    """
+    y = np.array([phi, 0.0, 0.0, 0.0])
+    if not drive_drum(Driven(package, radius, theta, a), y, h, _tolerance(package, radius, theta + max(a, 0.0) * h)):
+        raise NotIntegratedError(f"no step is small enough for the drum at yarn speed {theta:g} m/s over {h:g} s")
+    return tuple(y.tolist())
+
+
+class Coasted(NamedTuple):
+    """How a coasting piece ended: its time, the state, and the work meanwhile; at rest the speed is exactly 0."""
+
+    time_s: float
+    phi_rad: float
+    omega_rad_per_s: float
+    gravity_work_j: float
+    friction_loss_j: float
+
+
+def coasted(package: Package, radius: float, phi: float, omega: float, h: float) -> Coasted:
+    """Return the drum after ``h`` seconds without yarn and drive, or where it comes to rest before."""
+    direction = 1.0 if omega > 0.0 else -1.0 if omega < 0.0 else start_sense(package, radius, phi)
+    if direction == 0.0:
+        return Coasted(h, phi, 0.0, 0.0, 0.0)
+    inertia = float(package_inertia(package, radius))
+    if float(package_mass(package, radius)) * package.gravity * package.eccentricity_m == 0.0:
+        return _run_down(package, inertia, phi, omega, h)
+    y = np.array([phi, omega, 0.0, 0.0])
+    swing = (2.0 * float(package_mass(package, radius)) * package.gravity * package.eccentricity_m / inertia) ** 0.5
+    tolerance = np.array([1e-13, RELATIVE * (abs(omega) + swing + 1e-6), *(2 * [_energy_error(inertia, omega)])])
+    time, good = coast_drum(Coasting(package, radius, direction), y, h, tolerance)
+    if not good:
+        raise NotIntegratedError(f"no step is small enough for the drum coasting at {omega:g} rad/s over {h:g} s")
+    return Coasted(time, *y.tolist())
+
+
+def _run_down(package: Package, inertia: float, phi: float, omega: float, h: float) -> Coasted:
+    """Return a balanced drum after ``h`` seconds, or at rest before: J u' = -c - v u in closed form, u = |omega|.
+
+    With x = v t/J and f1(x) = (1 - exp(-x))/x, f2(x) = (1 - f1(x))/x: u = u0 exp(-x) - (c/J) t f1, and the way is
+    u0 t f1 - (c/J) t^2 f2.  It rests at t = (J/v) ln(1 + v u0/c).
+    """
+    c, v, u = package.coulomb_nm, package.viscous_nms_per_rad, abs(omega)
+    rest = inf
+    if c > 0.0:
+        ratio = v * u / c
+        rest = inertia * u / c * (log1p(ratio) / ratio if ratio > 0.0 else 1.0)
+    t = min(h, rest)
+    x = v * t / inertia
+    f1 = -expm1(-x) / x if x > 0.0 else 1.0
+    f2 = (1.0 - f1) / x if x > 1e-3 else 0.5 - x / 6.0 + x * x / 24.0
+    after = 0.0 if rest <= h else u * exp(-x) - c / inertia * t * f1
+    way = u * t * f1 - c / inertia * t * t * f2
+    loss = 0.5 * inertia * (u - after) * (u + after)
+    return Coasted(t, phi + copysign(way, omega), copysign(after, omega) if after else 0.0, 0.0, loss)
+
+
+def start_sense(package: Package, radius: float, phi: float) -> float:
+    """Return the sense (+1, -1) in which a drum at rest starts under the weight of its package, 0 where it sticks."""
+    return float(released(package.coulomb_nm, gravity_moment(package, radius, phi)))
+
+
+def _tolerance(package: Package, radius: float, theta: float) -> Any:
+    speed = theta / (radius - package.eccentricity_m)
+    error = _energy_error(float(package_inertia(package, radius)), speed)
+    return np.array([1e-13, error, error, error])
+
+
+def _energy_error(inertia: float, omega: float) -> float:
+    return RELATIVE * max(1.0, 0.5 * inertia * omega * omega)

@@ -1,0 +1,53 @@
+"""No legal configuration ends in a trace, a number that is not finite, or a balance over its limit."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from machines.impact_mass.legal_configurations import broken_by, drawn
+
+from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.parameters.load import machine_parameters
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_a_random_legal_configuration_is_finite_and_balanced_or_refused_in_one_line(seed):
+    random = np.random.default_rng(seed)
+    assert broken_by(drawn(random)) == ""
+
+
+EDGES = [
+    {"restitution": 0.999999, "initial_position_m": -1e-12},
+    {"restitution": 1e-6, "initial_position_m": 0.0},
+    {"mass_kg": 1e-9, "phase1_force_n": 1e9, "phase2_force_n": -1e9},
+    {"mass_kg": 1e7, "phase1_force_n": 1e-300, "phase2_force_n": 1e9, "initial_position_m": -1e-12},
+    {"phase1_force_n": 0.0, "phase2_force_n": 0.0, "initial_velocity_m_per_s": 0.0},
+    {"phase1_force_n": 0.0, "phase2_force_n": 0.0, "initial_position_m": 0.0, "initial_velocity_m_per_s": 1e4},
+    {"period_s": 1e-5, "phase1_duration_s": 9.9e-6, "restitution": 0.995, "initial_position_m": -1e-12},
+    {"period_s": 1e6, "phase1_duration_s": 1e-9, "initial_velocity_m_per_s": -1e4},
+    {"chatter_cutoff": 1e-300, "restitution": 0.99999, "initial_position_m": -1e-9},
+    {"stop_position_m": 1e4, "initial_position_m": -1e4, "contact_stiffness_n_per_m": 1e-9},
+    {"supply.initial_fraction": 0.0, "initial_position_m": 0.0},
+]
+
+
+@pytest.mark.parametrize("overrides", EDGES, ids=lambda overrides: ",".join(f"{k}={v}" for k, v in overrides.items()))
+def test_the_edges_of_the_ranges_are_finite_and_balanced(overrides):
+    assert broken_by(overrides) == ""
+
+
+@pytest.mark.parametrize(
+    ("overrides", "words"),
+    [
+        ({"restitution": 0.9999999}, "restitution"),
+        ({"restitution": 1e-7}, "restitution"),
+        ({"mass_kg": 1e-10}, "mass_kg"),
+        ({"phase1_force_n": 2e9}, "phase1_force_n"),
+        ({"contact_stiffness_n_per_m": 0.0}, "contact_stiffness_n_per_m"),
+        ({"period_s": 1e-6, "phase1_duration_s": 5e-7}, "coupling.step_s <= 100 period_s"),
+    ],
+)
+def test_what_lies_outside_a_range_is_refused_by_its_key(overrides, words):
+    with pytest.raises(ConfigurationError, match=words) as told:
+        machine_parameters("impact_mass", overrides=overrides)
+    assert "\n" not in str(told.value)

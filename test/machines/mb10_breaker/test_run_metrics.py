@@ -1,0 +1,113 @@
+"""Running metrics: means from the work done, cycles cut where they belong, a run's numbers under a run's names."""
+
+import math
+
+import pytest
+
+from mech_twin.engine.run import frames
+from mech_twin.machines.mb10_breaker.pressed_body.metrics import steady_metrics
+from mech_twin.machines.mb10_breaker.pressed_body.parameters import pressed_body
+from mech_twin.parameters.load import machine
+
+HALF_SINE = {
+    "excitation.kind": "approximated",
+    "body.inertia_kg_m2": 0.35,
+    "body.spring_rate_n_per_m": 3108.0,
+    "body.preload_deflection_m": 0.0483,
+}
+
+
+def observed(duration_s, **overrides):
+    twin = machine("mb10_breaker", overrides=overrides)
+    observer, taken = twin.observer(), []
+    for frame in frames(twin, duration_s):
+        observer.observe(frame)
+        taken.append(frame)
+    return twin, taken, observer.numbers()
+
+
+@pytest.fixture(scope="module")
+def together():
+    return observed(5.0)
+
+
+@pytest.mark.parametrize("preload_m", [0.0483, 0.0193, 0.0868])
+def test_under_the_half_sine_the_body_is_cut_into_its_own_cycles(preload_m):
+    """The observer sees steps and events; the chain of pieces, walked without a run, has the same cycle."""
+    twin, _, found = observed(5.0, **HALF_SINE | {"body.preload_deflection_m": preload_m})
+    p = twin.parameters
+    expected = steady_metrics(pressed_body(p.body, p.excitation)).metrics
+    assert found["steady_body_cycle_rate_hz"] == pytest.approx(10.0, rel=1e-12)
+    assert found["steady_gap_at_blow_m"] == pytest.approx(expected.gap_at_blow_m, rel=1e-9)
+    assert found["steady_contact_share"] == pytest.approx(expected.contact_share, rel=1e-6)
+    assert found["steady_largest_return_speed_m_per_s"] == pytest.approx(expected.return_speed_m_per_s, rel=1e-9)
+    assert found["steady_settled_at_fraction"] == pytest.approx(expected.settled_s * 10.0, rel=1e-6)
+    assert found["steady_largest_spring_force_n"] == pytest.approx(expected.largest_force_n, rel=1e-4)
+
+
+def test_the_reported_case_has_its_gap_and_contact():
+    _, _, found = observed(5.0, **HALF_SINE)
+    assert found["steady_gap_at_blow_m"] == pytest.approx(0.456e-3, abs=0.5e-6)
+    assert found["steady_contact_share"] == pytest.approx(0.709, abs=5e-4)
+    assert found["steady_blow_rate_hz"] == pytest.approx(10.44, abs=0.005)  # the linkage's own
+
+
+def test_without_a_collar_there_is_no_contact():
+    _, _, found = observed(2.0, **HALF_SINE | {"body.contact": "none"})
+    assert found["steady_contact_share"] == 0.0
+
+
+def test_mean_power_is_what_the_blows_and_the_losses_take(together):
+    """Over a cycle that repeats the motor's work is that of tool, blow and collar, and of the gear."""
+    _, taken, found = together
+    blows = [f.linkage for f in taken if any(e.kind == "blow" for e in f.linkage.events)]
+    names = ("blow_loss_j", "tool_energy_j", "collar_loss_j")
+    first, last = (sum(sample.memory.as_dict()[name] for name in names) for sample in (blows[-21], blows[-1]))
+    at_crank = (last - first) / 20.0 * found["steady_blow_rate_hz"]
+    assert at_crank < 0.97 * found["steady_motor_power_w"] * 1.001
+    assert found["steady_motor_power_w"] == pytest.approx(at_crank / 0.97, rel=0.02)
+
+
+def test_means_do_not_depend_on_the_samples(together):
+    """Integrals cut at the blows differ between steps by the scheme's error, not by how the samples fall."""
+    _, _, fine = together
+    _, _, coarse = observed(5.0, **{"coupling.step_s": 0.002})
+    for name in ("motor_torque_nm", "motor_power_w"):
+        assert coarse[f"steady_{name}"] == pytest.approx(fine[f"steady_{name}"], rel=5e-4)
+    assert coarse["steady_motor_rms_torque_nm"] == pytest.approx(fine["steady_motor_rms_torque_nm"], rel=5e-3)
+
+
+def test_effective_torque_and_heat_are_shares_of_the_rating(together):
+    twin, _, found = together
+    motor = twin.parameters.motor
+    rated = motor.rated_power_w / (motor.rated_speed_rpm * math.pi / 30.0)
+    rms = found["steady_motor_rms_torque_nm"]
+    assert rms >= found["steady_motor_torque_nm"]
+    assert found["steady_motor_rms_torque_over_rated"] == pytest.approx(rms / rated)
+    # at small slip the Kloss torque is proportional to slip: heat goes as the square of the torque, at a fifth of the
+    # slope of the rated point's chord
+    share = (rms / rated) ** 2
+    assert share * 0.9 < found["steady_motor_heating_over_rated"] < share * 1.1
+
+
+def test_a_run_has_its_extremes_under_names_of_its_own(together):
+    _, _, found = together
+    assert found["run_largest_spring_force_n"] >= found["steady_largest_spring_force_n"]
+    assert found["run_crank_bearing_peak_n"] >= found["steady_crank_bearing_peak_n"]
+    assert not any(name.startswith(("largest_", "crank_", "rocker_")) for name in found)
+
+
+def test_contact_of_finite_stiffness_is_given_only_where_a_stiffness_is(together):
+    _, _, found = together
+    assert not any("contact_peak" in name for name in found)
+    _, _, stiff = observed(3.0, **{"tool.contact_stiffness_n_per_m": 2e8})
+    assert stiff["steady_contact_peak_force_n"] == pytest.approx(53e3, abs=500.0)
+    assert stiff["steady_contact_time_s"] == pytest.approx(0.5e-3, abs=0.5e-4)
+
+
+def test_long_runs_hold_no_more_than_short_ones():
+    twin = machine("mb10_breaker")
+    observer = twin.observer()
+    for frame in frames(twin, 4.0):
+        observer.observe(frame)
+    assert observer.numbers()["steady_blows"] == 20.0

@@ -1,0 +1,32 @@
+"""What a node says of a window: OK, WARN for what was lost, ERROR for what must not be."""
+
+from __future__ import annotations
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
+
+from mech_twin.nodes.diagnostics import NodeDiagnostics
+from mech_twin.nodes.topic_statistics import KINDS, TopicStatistics
+from mech_twin.samples import Named
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_is_counted_is_a_warning_but_for_the_runs_own_repeats(kind: str) -> None:
+    statistics = TopicStatistics()
+    diagnostics = NodeDiagnostics("/drum/motor", statistics)
+    statistics.count("joint_states", kind, "why")
+    status, lines = diagnostics.close_window({})
+    assert status.level == (DiagnosticStatus.OK if kind == "repeated" else DiagnosticStatus.WARN)
+    assert len(lines) == (0 if kind == "repeated" else 1)
+    assert f"joint_states: {kind}" in [pair.key for pair in status.values]
+
+
+@pytest.mark.parametrize("value", [1.1, -1.1, float("nan"), float("inf")])
+def test_a_broken_residual_is_an_error_of_its_window_alone(value: float) -> None:
+    diagnostics = NodeDiagnostics("/drum/linkage", TopicStatistics())
+    diagnostics.limits({"closure_m": 1.0})
+    diagnostics.observe(Named(("closure_m",), (value,)))
+    assert diagnostics.close_window({})[0].level == DiagnosticStatus.ERROR
+    assert diagnostics.breaches == 1
+    diagnostics.observe(Named(("closure_m",), (1.0,)))
+    assert diagnostics.close_window({})[0].level == DiagnosticStatus.OK
