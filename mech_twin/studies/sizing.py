@@ -29,13 +29,13 @@ def sized(
     wanted = objective or question.objectives[0]
     if wanted not in question.objectives:
         raise StudyError(f"no objective '{wanted}'; expected one of {', '.join(question.objectives)}")
-    allowed = _tolerance(machine, question, tolerance)
+    allowed = allowed_tolerance(machine, question, tolerance)
     return question.answer(
         parameters or machine_parameters(machine), {**question.limits, **given}, wanted, table, allowed
     )
 
 
-def _tolerance(machine: str, question: SizingQuestion, tolerance: float | None) -> float:
+def allowed_tolerance(machine: str, question: SizingQuestion, tolerance: float | None) -> float:
     """Return the tolerance to size with; refuse one that the machine has no answer for."""
     if tolerance is None:
         return question.usual_tolerance or 0.0
