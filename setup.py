@@ -78,7 +78,7 @@ setup(
         "tables": ["pyarrow>=18"],
         "cluster": ["distributed>=2026.8"],
         "test": [
-            "pytest", "pytest-timeout", "pytest-cov", "hypothesis", "mpmath", "playwright", "psutil", "rosbags",
+            "pytest", "pytest-timeout", "pytest-cov", "pytest-xdist", "hypothesis", "mpmath", "playwright", "psutil", "rosbags",
             "ruff", "mypy", "import-linter", "types-PyYAML", "colcon-common-extensions",
         ],
         "bench": ["pytest-benchmark", "pylinkage", "mujoco"],
