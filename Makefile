@@ -12,6 +12,10 @@ EXTRAS := $(ROS),view,plots,tables
 INSTALL_HASHED = $(BIN)/python -m pip install -q --require-hashes --no-deps -r $(HASHES) && \
   $(BIN)/python -m pip install -q --no-deps --no-build-isolation -e .
 READERS := test/recording/npm
+# rooms whose tests neither talk over topics nor watch the clock: they share the cores, the others run one by one
+QUIET := $(wildcard $(addprefix test/,engine golden literature machines packaging parameters parts studies test_kernel_cache.py))
+SHARED := -n 2 --dist loadfile $(QUIET)
+ALONE := test $(addprefix --ignore=,$(QUIET))
 ARGS ?=
 
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
@@ -23,10 +27,12 @@ run: $(VENV)/.run
 	$(BIN)/mech-twin run $(ARGS)
 
 test: lint
-	$(BIN)/python -m pytest -m "not browser" $(ARGS)
+	$(BIN)/python -m pytest -m "not browser" $(SHARED) $(ARGS)
+	$(BIN)/python -m pytest -m "not browser" $(ALONE) $(ARGS)
 
 test-fast: $(VENV)/.test
-	$(BIN)/python -m pytest -m "not browser and not slow" $(ARGS)
+	$(BIN)/python -m pytest -m "not browser and not slow" $(SHARED) $(ARGS)
+	$(BIN)/python -m pytest -m "not browser and not slow" $(ALONE) $(ARGS)
 
 test-browser: $(VENV)/.test
 	$(BIN)/python -m pytest -m browser $(ARGS)

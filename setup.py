@@ -78,8 +78,8 @@ setup(
         "tables": ["pyarrow>=18"],
         "cluster": ["distributed>=2026.8"],
         "test": [
-            "pytest", "pytest-timeout", "pytest-cov", "hypothesis", "mpmath", "playwright", "psutil", "rosbags",
-            "ruff", "mypy", "import-linter", "types-PyYAML", "colcon-common-extensions",
+            "pytest", "pytest-timeout", "pytest-cov", "pytest-xdist", "hypothesis", "mpmath", "playwright", "psutil",
+            "rosbags", "ruff", "mypy", "import-linter", "types-PyYAML", "colcon-common-extensions",
         ],
         "bench": ["pytest-benchmark", "pylinkage", "mujoco"],
         "docs": ["mkdocs<2", "mkdocs-material", "mkdocstrings", "mkdocstrings-python"],

@@ -16,6 +16,7 @@ from mech_twin.samples import BodySample, ForceSample, Frame, LinkageSample, Mot
 
 if TYPE_CHECKING:
     from mech_twin.capabilities.design import DesignQuestion
+    from mech_twin.capabilities.long_run import RegimeQuestion, SynthesisQuestion
     from mech_twin.capabilities.plots import Picture
     from mech_twin.capabilities.published import Row
     from mech_twin.capabilities.sizing import SizingQuestion
@@ -207,9 +208,15 @@ class Capabilities:
         Sizes of the machine's parts under limits.
     design : DesignQuestion
         Choice of the machine's dimensions within bounds, under limits.
+    synthesis : SynthesisQuestion
+        A cycle made for a wanted blow.
+    regimes : RegimeQuestion
+        Long-run regimes over the values of a key.
     """
 
     published: Callable[[Any], Iterable[Row]] | None = None
     pictures: Callable[[Any], Iterable[Picture]] | None = None
     sizing: SizingQuestion | None = None
     design: DesignQuestion | None = None
+    synthesis: SynthesisQuestion | None = None
+    regimes: RegimeQuestion | None = None

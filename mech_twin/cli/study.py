@@ -157,7 +157,7 @@ def synthesise(
     json: Json = False,
 ) -> None:
     """Synthesise a one-impact cycle as published, and a robust one beside it."""
-    from mech_twin.cli.study_impact import SynthesisRequest, answer_synthesise
+    from mech_twin.cli.study_long_run import SynthesisRequest, answer_synthesise
 
     file = out or Path(f"{context.obj}-robust.yaml")
     check_output_file(file, force=force)
@@ -176,8 +176,8 @@ def regimes(
     force: Force = False,
     json: Json = False,
 ) -> None:
-    """Map the long-run regimes of the impact mass over one key, with a bifurcation picture."""
-    from mech_twin.cli.study_impact import answer_regimes
+    """Map the long-run regimes of a machine over one key, with a bifurcation picture."""
+    from mech_twin.cli.study_long_run import answer_regimes
 
     file = out or Path(f"{context.obj}-regimes.png")
     check_output_file(file, force=force)

@@ -107,11 +107,3 @@ def counted(title: str) -> Iterator[Callable[[int, int], None] | None]:
     with Progress(*parts, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(title, total=None)
         yield lambda done, total: bar.update(task, completed=done, total=total)
-
-
-def require_machine(machine: str, wanted: str, question: str) -> None:
-    """Fail unless the question is asked of the machine it is about."""
-    from mech_twin.parameters.load import catalogue_entry
-
-    if catalogue_entry(machine).name != wanted:
-        raise CommandError(f"study {machine} {question}: this question is about {wanted}")

@@ -8,7 +8,7 @@ r"""Flywheel that keeps a cyclic machine's speed within bounds, from its work an
       | b __\__.--'__/
       +------------------- I    w_max,min = w_m (1 +- delta/2), delta = (w_max - w_min)/w_m
 
-W(f) is the work of drive and loads from the start of the cycle; it comes back to nought.
+W(f) is the work of drive and loads from the start of the cycle; it comes back to zero.
 """
 
 from __future__ import annotations

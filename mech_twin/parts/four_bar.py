@@ -319,7 +319,7 @@ def failing_inequality(bar: FourBar, crank_rocker: bool = False) -> str | None:
     """Return the first rotation inequality that fails, with its numbers, or None for a crank that turns fully.
 
     r + |OC| <= R1 + R and ||OC| - r| >= |R1 - R|; for a crank-rocker also: crank shortest, and shortest + longest at
-    most the sum of the other two.  Where both sides of the second are nought the crank pin falls on the pivot, and the
+    most the sum of the other two.  Where both sides of the second are zero the crank pin falls on the pivot, and the
     position is not determined: that is refused too.
     """
     r, r1, r3 = bar.crank_m, bar.coupler_m, bar.rocker_m

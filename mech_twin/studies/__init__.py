@@ -11,11 +11,9 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from mech_twin.capabilities.design import Design
+    from mech_twin.capabilities.long_run import RegimeAnswer, RegimeQuestion, SynthesisAnswer, SynthesisQuestion
     from mech_twin.capabilities.published import Row
     from mech_twin.capabilities.sizing import Sizing
-    from mech_twin.machines.impact_mass.parameters import ImpactMass
-    from mech_twin.machines.impact_mass.regimes import RegimeMap
-    from mech_twin.machines.impact_mass.synthesis import RobustnessSpec, Synthesis
     from mech_twin.quantity import Parameters
     from mech_twin.studies.design_scan import DesignScan
     from mech_twin.studies.parameter_sweep import Sweep
@@ -220,63 +218,64 @@ def designs(
 
 
 def synthesise(
-    parameters: ImpactMass,
+    machine: str,
     impact_speed_m_per_s: float,
     *,
-    robustness: RobustnessSpec | None = None,
+    parameters: Parameters | None = None,
+    options: Mapping[str, float | int] | None = None,
     periods: int = 1_000_000,
-) -> Synthesis:
-    """Return the published one-impact cycle of the impact mass and a robust one for the same asked cycle, side by side.
+) -> SynthesisAnswer:
+    """Return the published cycle of a machine and a robust one for the same asked cycle, side by side.
 
     Parameters
     ----------
-    parameters : ImpactMass
-        Mass, stop, start and restitution are taken from it.
+    machine : str
+        Machine of the catalogue whose cycle can be synthesised.
     impact_speed_m_per_s : float
         Wanted speed of the blow.
-    demand : Demand, optional
-        Margin, basin, tolerance and bounds asked of the robust cycle.
+    parameters : Parameters, optional
+        What the cycle does not choose; the installed configuration if absent.
+    options : mapping, optional
+        What is asked of the robust cycle, where it differs from the usual.
     periods : int
         How long the endurance runs are.
     """
-    from mech_twin.machines.impact_mass.synthesis import CycleSpec
-    from mech_twin.machines.impact_mass.synthesis import synthesise as both_cycles
+    from mech_twin.parameters.load import machine_parameters
+    from mech_twin.studies.asking import asked_of
 
-    p = parameters
-    spec = CycleSpec(
-        p.mass_kg,
-        p.stop_position_m,
-        p.initial_position_m,
-        p.initial_velocity_m_per_s,
-        impact_speed_m_per_s,
-        p.restitution,
-    )
-    return both_cycles(spec, robustness, periods)
+    question: SynthesisQuestion = asked_of(machine, "synthesis", "no cycle to synthesise")
+    return question.answer(parameters or machine_parameters(machine), impact_speed_m_per_s, options or {}, periods)
 
 
 def regimes(
-    parameters: ImpactMass,
+    machine: str,
     values: Sequence[float],
-    key: str = "phase1_duration_s",
+    key: str | None = None,
     *,
+    parameters: Parameters | None = None,
     settling_periods: int = 1000,
     progress: Callable[[int, int], None] | None = None,
-) -> RegimeMap:
-    """Return the long-run regimes of the impact mass over the values of one configuration key.
+) -> RegimeAnswer:
+    """Return the long-run regimes of a machine over the values of one configuration key.
 
     Parameters
     ----------
-    parameters : ImpactMass
-        The rest of the configuration.
+    machine : str
+        Machine of the catalogue whose regimes can be mapped.
     values : sequence of float
         Values of the key.
-    key : str
-        Configuration key.
+    key : str, optional
+        Configuration key; the machine's usual one if absent.
+    parameters : Parameters, optional
+        The rest of the configuration; the installed one if absent.
     settling_periods : int
         Periods left out before a regime is looked for.
     progress : callable, optional
         ``progress(done, all)``.
     """
-    from mech_twin.machines.impact_mass.regimes import regime_map
+    from mech_twin.parameters.load import machine_parameters
+    from mech_twin.studies.asking import asked_of
 
-    return regime_map(parameters, values, key, settling_periods, progress)
+    question: RegimeQuestion = asked_of(machine, "regimes", "no regimes to map")
+    known = parameters or machine_parameters(machine)
+    return question.answer(known, values, key or question.usual_key, settling_periods, progress)

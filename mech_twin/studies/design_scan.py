@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 
 from mech_twin.capabilities.design import DesignQuestion, DesignSpace
 from mech_twin.capabilities.errors import StudyError
-from mech_twin.machines.catalog import CATALOGUE
-from mech_twin.parameters.load import catalogue_entry
 from mech_twin.quantity import Parameters
+from mech_twin.studies.asking import asked_of
 from mech_twin.studies.spreading import available_cores, spread
 
 Array = NDArray[np.float64]
@@ -68,11 +67,7 @@ def design_question(machine: str) -> DesignQuestion:
     StudyError
         If it has none.
     """
-    entry = catalogue_entry(machine)
-    question = entry.capabilities.design
-    if question is None:
-        others = ", ".join(name for name, other in CATALOGUE.items() if other.capabilities.design is not None)
-        raise StudyError(f"{entry.name}: no design question; there is one for {others}")
+    question: DesignQuestion = asked_of(machine, "design", "no design question")
     return question
 
 

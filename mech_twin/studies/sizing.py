@@ -6,9 +6,9 @@ from collections.abc import Mapping
 
 from mech_twin.capabilities.errors import StudyError
 from mech_twin.capabilities.sizing import Sizing, SizingQuestion
-from mech_twin.machines.catalog import CATALOGUE
-from mech_twin.parameters.load import catalogue_entry, machine_parameters, table
+from mech_twin.parameters.load import machine_parameters, table
 from mech_twin.quantity import Parameters
+from mech_twin.studies.asking import asked_of
 
 MOST_TOLERANCE = 0.5  # beyond it a box of tolerances is no longer one machine
 
@@ -21,11 +21,7 @@ def sized(
     tolerance: float | None = None,
 ) -> Sizing:
     """Return the sizes of a machine's parts; see `mech_twin.studies.size`."""
-    entry = catalogue_entry(machine)
-    question = entry.capabilities.sizing
-    if question is None:
-        others = ", ".join(name for name, other in CATALOGUE.items() if other.capabilities.sizing is not None)
-        raise StudyError(f"{entry.name}: nothing to size; there is an answer for {others}")
+    question: SizingQuestion = asked_of(machine, "sizing", "nothing to size")
     given = dict(limits or {})
     for limit in given:
         if limit not in question.limits:
@@ -33,13 +29,13 @@ def sized(
     wanted = objective or question.objectives[0]
     if wanted not in question.objectives:
         raise StudyError(f"no objective '{wanted}'; expected one of {', '.join(question.objectives)}")
-    allowed = _tolerance(entry.name, question, tolerance)
+    allowed = allowed_tolerance(machine, question, tolerance)
     return question.answer(
-        parameters or machine_parameters(entry.name), {**question.limits, **given}, wanted, table, allowed
+        parameters or machine_parameters(machine), {**question.limits, **given}, wanted, table, allowed
     )
 
 
-def _tolerance(machine: str, question: SizingQuestion, tolerance: float | None) -> float:
+def allowed_tolerance(machine: str, question: SizingQuestion, tolerance: float | None) -> float:
     """Return the tolerance to size with; refuse one that the machine has no answer for."""
     if tolerance is None:
         return question.usual_tolerance or 0.0

@@ -55,7 +55,8 @@ def test_moments_and_powers(report):
 
 def test_flywheel_variants(report):
     assert report["flywheel_inertia_kg_m2"] == pytest.approx(2.963918, rel=1e-6)
-    assert report["flywheel_inertia_wittenbauer_kg_m2"] == pytest.approx(report["flywheel_inertia_kg_m2"], rel=1e-12)
+    # tangents to 36000 points of the diagram against extremes of the continuous curve
+    assert report["flywheel_inertia_wittenbauer_kg_m2"] == pytest.approx(report["flywheel_inertia_kg_m2"], rel=1e-8)
     assert report["flywheel_inertia_textbook_kg_m2"] == pytest.approx(2.963325, rel=1e-6)
     assert report["flywheel_inertia_mertsalov_kg_m2"] == pytest.approx(3.085584, rel=1e-6)
     assert report["flywheel_inertia_12_positions_kg_m2"] == pytest.approx(2.9035, abs=5e-5)

@@ -21,7 +21,7 @@ from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.machines.impact_mass.states import KIND_NAMES
 from mech_twin.machines.mb10_breaker.pressed_body.collar_contact import CAUSES
 from mech_twin.machines.mb10_breaker.pressed_body.collar_contact import REGIMES as HALF_SINE_REGIMES
-from mech_twin.machines.mb10_breaker.step import KINDS as BREAKER_KINDS
+from mech_twin.machines.mb10_breaker.state import KINDS as BREAKER_KINDS
 from mech_twin.machines.roller_former.events import EVENT_KINDS
 from mech_twin.messages import topics
 from mech_twin.nodes.parameter_bridge import keys

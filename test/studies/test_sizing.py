@@ -5,15 +5,17 @@ import pytest
 from scipy.integrate import cumulative_simpson
 
 from mech_twin.capabilities.errors import StudyError
+from mech_twin.capabilities.sizing import SizingQuestion
 from mech_twin.machines.compaction_press.cycle import regime_at
 from mech_twin.machines.compaction_press.dynamics import press_reduced
 from mech_twin.machines.compaction_press.flywheel_run import flywheel_run
 from mech_twin.machines.compaction_press.parameters import press_constants
 from mech_twin.machines.compaction_press.tolerance_box import ASSUMED, moved
-from mech_twin.machines.vibration_crank.sizing import balance_at, box_corners
+from mech_twin.machines.vibration_crank.sizing import balance_at, box_corners, sizing
 from mech_twin.parameters.load import machine, machine_parameters, write_configuration
 from mech_twin.parts.flywheel import exact_inertia
 from mech_twin.studies import size
+from mech_twin.studies.sizing import allowed_tolerance
 
 HUNG = {"counterweight.mass_kg": None}
 
@@ -133,8 +135,10 @@ def test_limits_that_cannot_be_met_name_themselves():
 
 
 def test_a_tolerance_is_refused_where_there_is_no_answer_with_one():
-    with pytest.raises(StudyError, match="mb10_breaker: no sizes with a tolerance"):
-        size("mb10_breaker", tolerance=0.05)
+    without = SizingQuestion({}, ("mass_kg",), sizing)
+    with pytest.raises(StudyError, match="new_machine: no sizes with a tolerance"):
+        allowed_tolerance("new_machine", without, 0.05)
+    assert allowed_tolerance("new_machine", without, None) == 0.0
     for wrong in (-0.01, 0.6, float("nan")):
         with pytest.raises(StudyError, match=r"expected 0 to 0\.5"):
             size("vibration_crank", tolerance=wrong)

@@ -30,5 +30,5 @@ def test_scaled_numbers_are_validated():
     found = scaled(parameters, {"tool.mass_kg": 1.05})
     assert found.tool.mass_kg == pytest.approx(10.5)
     assert found.body == parameters.body
-    with pytest.raises(ValidationError, match="less than 1"):
+    with pytest.raises(ValidationError, match="less than or equal to 0"):
         scaled(parameters, {"body.restitution": 2.6})

@@ -18,6 +18,21 @@ from mech_twin.machines.compaction_press.dynamics import FREE, DrivenPress, Pres
 from mech_twin.parts.four_bar import FourBar, Link, coefficients, motion, pin_forces, position
 
 Array = NDArray[np.float64]
+A_X, A_Y, B_X, B_Y, W2, W3, E2, E3 = range(8)  # rows of positions and motions
+O_X, O_Y, PIN_A_X, PIN_A_Y, PIN_B_X, PIN_B_Y, C_X, C_Y, MOMENT = range(9)  # rows of forces
+CRANK, PLATE, PENDULUM = range(3)  # rows of the links
+
+
+@kernel
+def four_bar_of(row: Array) -> FourBar:
+    """Return the four-bar of one row of ``designs``."""
+    return FourBar(row[0], row[1], row[2], row[3], row[4], row[5])
+
+
+@kernel
+def link_of(row: Array) -> Link:
+    """Return the link of one row of masses, inertias and centroids."""
+    return Link(row[0], row[1], row[2], row[3])
 
 
 @parallel_kernel
@@ -32,16 +47,15 @@ def batch_positions(designs: Array, angles: Array) -> Array:
         Crank angles (rad), shape (k,).
     """
     many, count = designs.shape[0], angles.size
-    out = np.empty((many, 4, count))
+    out = np.empty((many, B_Y + 1, count))
     block = 512
     pieces = (count + block - 1) // block
     for job in prange(many * pieces):
         i, start = job // pieces, (job % pieces) * block
-        d = designs[i]
-        bar = FourBar(d[0], d[1], d[2], d[3], d[4], d[5])
+        bar = four_bar_of(designs[i])
         for k in range(start, min(count, start + block)):
             at = position(bar, angles[k])
-            out[i, 0, k], out[i, 1, k], out[i, 2, k], out[i, 3, k] = at.a_x, at.a_y, at.b_x, at.b_y
+            out[i, A_X, k], out[i, A_Y, k], out[i, B_X, k], out[i, B_Y, k] = at.a_x, at.a_y, at.b_x, at.b_y
     return out
 
 
@@ -52,20 +66,19 @@ def batch_motions(designs: Array, angles: Array, w: float, e: float) -> Array:
     Rows (a_x, a_y, b_x, b_y in m, w2, w3 in rad/s, e2, e3 in rad/s^2) at crank rate ``w`` and acceleration ``e``.
     """
     many, count = designs.shape[0], angles.size
-    out = np.empty((many, 8, count))
+    out = np.empty((many, E3 + 1, count))
     block = 512
     pieces = (count + block - 1) // block
     square = w * w
     for job in prange(many * pieces):
         i, start = job // pieces, (job % pieces) * block
-        d = designs[i]
-        bar = FourBar(d[0], d[1], d[2], d[3], d[4], d[5])
+        bar = four_bar_of(designs[i])
         for k in range(start, min(count, start + block)):
             at = position(bar, angles[k])
             by = coefficients(at)
-            out[i, 0, k], out[i, 1, k], out[i, 2, k], out[i, 3, k] = at.a_x, at.a_y, at.b_x, at.b_y
-            out[i, 4, k], out[i, 5, k] = by.g2 * w, by.g3 * w
-            out[i, 6, k], out[i, 7, k] = by.g2 * e + by.g2_1 * square, by.g3 * e + by.g3_1 * square
+            out[i, A_X, k], out[i, A_Y, k], out[i, B_X, k], out[i, B_Y, k] = at.a_x, at.a_y, at.b_x, at.b_y
+            out[i, W2, k], out[i, W3, k] = by.g2 * w, by.g3 * w
+            out[i, E2, k], out[i, E3, k] = by.g2 * e + by.g2_1 * square, by.g3 * e + by.g3_1 * square
     return out
 
 
@@ -82,25 +95,32 @@ def _forces(
     force: Array,
 ) -> Array:
     many, count = designs.shape[0], angles.size
-    out = np.empty((many, 9, count))
+    out = np.empty((many, MOMENT + 1, count))
     block = 512
     pieces = (count + block - 1) // block
     for job in prange(many * pieces):
         i, start = job // pieces, (job % pieces) * block
-        d = designs[i]
-        bar = FourBar(d[0], d[1], d[2], d[3], d[4], d[5])
-        crank = Link(links[0, 0], links[0, 1], links[0, 2], links[0, 3])
-        plate = Link(links[1, 0], links[1, 1], links[1, 2], links[1, 3])
-        pendulum = Link(links[2, 0], links[2, 1], links[2, 2], links[2, 3])
+        bar = four_bar_of(designs[i])
+        crank, plate, pendulum = link_of(links[CRANK]), link_of(links[PLATE]), link_of(links[PENDULUM])
         for k in range(start, min(count, start + block)):
             at = position(bar, angles[k])
             by = motion(bar, crank, plate, pendulum, at, coefficients(at), w, e)
             x = at.a_x + (along * at.u_x - across * at.u_y) / bar.coupler_m
             y = at.a_y + (along * at.u_y + across * at.u_x) / bar.coupler_m
             pins = pin_forces(bar, crank, plate, pendulum, at, by, e, 0.0, -gravity, 0.0, force[k], x, y)
-            out[i, 0, k], out[i, 1, k], out[i, 2, k], out[i, 3, k] = pins.o_x, pins.o_y, pins.a_x, pins.a_y
-            out[i, 4, k], out[i, 5, k], out[i, 6, k], out[i, 7, k] = pins.b_x, pins.b_y, pins.c_x, pins.c_y
-            out[i, 8, k] = pins.moment
+            out[i, O_X, k], out[i, O_Y, k], out[i, PIN_A_X, k], out[i, PIN_A_Y, k] = (
+                pins.o_x,
+                pins.o_y,
+                pins.a_x,
+                pins.a_y,
+            )
+            out[i, PIN_B_X, k], out[i, PIN_B_Y, k], out[i, C_X, k], out[i, C_Y, k] = (
+                pins.b_x,
+                pins.b_y,
+                pins.c_x,
+                pins.c_y,
+            )
+            out[i, MOMENT, k] = pins.moment
     return out
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from math import pi
+from math import nan, pi
 
 from mech_twin.capabilities.design import Design
 from mech_twin.capabilities.variation import varied
@@ -27,7 +27,7 @@ def press_duty(parameters: CompactionPress) -> Duty:
         parameters.drive.speed_rad_per_s,
         parameters.flywheel.non_uniformity,
         force.peak_n,
-        force.contact_fraction,
+        nan if force.working_quarter else force.contact_fraction,
         force.exponent,
     )
 

@@ -49,7 +49,10 @@ class Limits(NamedTuple):
 
 
 class Duty(NamedTuple):
-    """What the press does: speed (rad/s), asked non-uniformity, and the working force (N, 1, 1)."""
+    """What the press does: speed (rad/s), asked non-uniformity, and the working force (N, 1, 1).
+
+    ``contact_fraction`` is not a number where the layer is met at 180 degrees of the crank (``working_quarter``).
+    """
 
     speed_rad_per_s: float
     non_uniformity: float
@@ -194,8 +197,10 @@ def exact_stroke(press: Press, duty: Duty, top_way: float, bottom_way: float) ->
     top_y, _ = loaded_height(press, top)
     bottom_y, _ = loaded_height(press, bottom)
     contact_y = top_y - duty.contact_fraction * (top_y - bottom_y)
+    if math.isnan(duty.contact_fraction):
+        contact_y, _ = loaded_height(press, math.pi)
     down = direction * ((direction * (bottom - top)) % TURN)
-    contact = path_root(press, top, top + down, contact_y, False) if duty.contact_fraction > 0.0 else top
+    contact = path_root(press, top, top + down, contact_y, False) if contact_y < top_y else top
     return PressStroke(bottom, contact, abs(top + down - contact), top_y, contact_y, bottom_y)
 
 
@@ -239,6 +244,8 @@ def _load_samples(at: Samples, duty: Duty, top: int, bottom: int) -> None:
     """Add the layer's moment to the samples on the way down; the stroke is that of the samples."""
     y_t, y_b = at.y[top], at.y[bottom]
     y_c = y_t - duty.contact_fraction * (y_t - y_b)
+    if math.isnan(duty.contact_fraction):
+        y_c = at.y[POSITIONS // 2]
     for i in range((bottom - top) % POSITIONS + 1):
         k = (top + i) % POSITIONS
         if at.y[k] < y_c:

@@ -59,10 +59,12 @@ def _value(parameters: CompactionPress, key: str) -> float:
 
 
 def _active(parameters: CompactionPress, keys: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the keys that change something: not 0, and no mass of a crank whose centroid lies in its axis."""
+    """Return the keys that change something: not 0, no mass of a crank whose centroid lies in its axis."""
     crank = parameters.links.crank
     balanced = crank.centroid_along_m == 0.0 and crank.centroid_across_m == 0.0
     idle = {"links.crank.mass_kg"} if balanced else set()
+    if parameters.working_force.working_quarter:
+        idle.add("working_force.contact_fraction")
     return tuple(key for key in keys if key not in idle and _value(parameters, key) != 0.0)
 
 

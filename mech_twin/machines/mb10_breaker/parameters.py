@@ -2,15 +2,25 @@
 
 from __future__ import annotations
 
+import cmath
+import math
 from typing import Literal
 
 from pydantic import model_validator
 
-from mech_twin.machines.mb10_breaker.pressed_body.parameters import BodyParameters, ExcitationParameters
+from mech_twin.machines.mb10_breaker.pressed_body.parameters import (
+    BodyParameters,
+    ExcitationParameters,
+    stiffness_refusal,
+)
 from mech_twin.parts.four_bar import OPEN, FourBar, failing_inequality
 from mech_twin.parts.induction_motor import InductionMotorParameters
 from mech_twin.parts.supply import SupplyParameters
 from mech_twin.quantity import Parameters, choice, quantity
+
+LEAST_TRANSMISSION_DEG = 5.0
+STIFFEST_N_PER_M = 1e8  # of the springs, where the body follows the forces of the linkage
+LARGEST_OVERTRAVEL = 0.5  # of the striker's stroke: the tool stands in its way in the first half of its way back
 
 
 class GearParameters(Parameters):
@@ -53,6 +63,14 @@ class LinkageParameters(Parameters):
         failing = failing_inequality(self.four_bar, crank_rocker=True)
         if failing:
             raise ValueError(failing)
+        sharpest = min(
+            transmission_deg(self, self.ground_m - self.crank_m), transmission_deg(self, self.ground_m + self.crank_m)
+        )
+        if sharpest < LEAST_TRANSMISSION_DEG:
+            raise ValueError(
+                f"the transmission angle between coupler_m and rocker_m falls to {sharpest:.3g} deg with ground_m "
+                f"{self.ground_m:g}: at least {LEAST_TRANSMISSION_DEG:g} deg keep the linkage from a change point"
+            )
         own = self.rocker_mass_kg * (self.rocker_centroid_along_m**2 + self.rocker_centroid_across_m**2)
         if self.rocker_inertia_kg_m2 <= own:
             raise ValueError(
@@ -62,13 +80,40 @@ class LinkageParameters(Parameters):
         return self
 
 
+def _angle_between(first_m: float, second_m: float, across_m: float) -> float:
+    """Return the angle (rad) between two sides of a triangle from the length of the third."""
+    cosine = (first_m**2 + second_m**2 - across_m**2) / (2.0 * first_m * second_m)
+    return math.acos(min(max(cosine, -1.0), 1.0))
+
+
+def transmission_deg(link: LinkageParameters, across_m: float) -> float:
+    """Return the acute angle (deg) of coupler and rocker, the crank pin this far (m) from the rocker bearing."""
+    angle = math.degrees(_angle_between(link.coupler_m, link.rocker_m, across_m))
+    return min(angle, 180.0 - angle)
+
+
+def rocker_angle(link: LinkageParameters, reach_m: float) -> float:
+    """Return the angle (rad) between rocker and ground link, the rocker pin this far (m) from the crank axis."""
+    return _angle_between(link.rocker_m, link.ground_m, reach_m)
+
+
+def start_angle(link: LinkageParameters) -> float:
+    """Return the angle (rad) between rocker and ground link at the start."""
+    pin = cmath.rect(link.crank_m, math.radians(link.initial_crank_deg))
+    span = link.ground_m - pin
+    joint = pin + cmath.rect(
+        link.coupler_m, cmath.phase(span) - _angle_between(abs(span), link.coupler_m, link.rocker_m)
+    )
+    return rocker_angle(link, abs(joint))
+
+
 class ToolParameters(Parameters):
     """The free tool the striker meets, seated in the collar of the body."""
 
     mass_kg: float = quantity("kg", "mass of the tool", gt=0.0)
     restitution: float = quantity("1", "restitution of striker on tool, e_t", ge=0.0, le=1.0, live=True)
     overtravel_m: float = quantity("m", "travel of the striker past the seated tool, h", gt=0.0)
-    wall_force_n: float = quantity("N", "mean force of the wall on the advancing tool", ge=0.0, live=True)
+    wall_force_n: float = quantity("N", "mean force of the wall on the advancing tool", ge=0.0, le=1e7, live=True)
     contact_stiffness_n_per_m: float | None = quantity(
         "N/m",
         "stiffness of the contact of striker and tool, for each blow's peak force and contact time",
@@ -108,12 +153,42 @@ class BreakerParameters(Parameters):
     supply: SupplyParameters = choice("the supply of the motor")
 
     @model_validator(mode="after")
+    def _striker_meets_the_tool(self) -> BreakerParameters:
+        link, h = self.linkage, self.tool.overtravel_m
+        swing = rocker_angle(link, link.coupler_m + link.crank_m) - rocker_angle(link, link.coupler_m - link.crank_m)
+        stroke = link.striker_arm_m * swing
+        if not h < LARGEST_OVERTRAVEL * stroke:
+            raise ValueError(
+                f"tool.overtravel_m must be less than {LARGEST_OVERTRAVEL:g} of the striker's stroke, "
+                f"{LARGEST_OVERTRAVEL * stroke:.4g} m with this linkage; got {h:g}"
+            )
+        short = link.striker_arm_m * (swing + rocker_angle(link, link.coupler_m - link.crank_m) - start_angle(link))
+        if short < h:
+            raise ValueError(
+                f"linkage.initial_crank_deg {link.initial_crank_deg:g} starts the striker {h - short:.4g} m inside the "
+                f"tool: start where it is at least tool.overtravel_m = {h:g} m from its extreme, as at 0 or 180 deg"
+            )
+        return self
+
+    @model_validator(mode="after")
     def _collar_is_there(self) -> BreakerParameters:
         if self.excitation.kind == "from_forces" and self.body.contact != "one_sided":
             raise ValueError(
                 f"excitation.kind from_forces needs body.contact one_sided, got '{self.body.contact}': without a "
                 "collar nothing seats the tool"
             )
+        if self.excitation.kind == "from_forces" and self.body.spring_rate_n_per_m > STIFFEST_N_PER_M:
+            raise ValueError(
+                f"body.spring_rate_n_per_m must be at most {STIFFEST_N_PER_M:g} N/m under excitation.kind from_forces: "
+                f"the body would bounce too often in a step; got {self.body.spring_rate_n_per_m:g}"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _half_sine_can_be_followed(self) -> BreakerParameters:
+        refusal = stiffness_refusal(self.body, self.excitation) if self.excitation.kind == "approximated" else ""
+        if refusal:
+            raise ValueError(refusal)
         return self
 
     @model_validator(mode="after")

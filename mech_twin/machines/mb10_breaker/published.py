@@ -9,10 +9,7 @@ from mech_twin.capabilities.published import CHANGED, CONTRADICTS, REPRODUCED, R
 from mech_twin.capabilities.variation import varied
 from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
 from mech_twin.machines.mb10_breaker.pressed_body.free_swing import (
-    cycle_map,
     growth_per_cycle,
-    published_fixed_point,
-    published_growth,
     resonance_rate,
 )
 from mech_twin.machines.mb10_breaker.pressed_body.metrics import preload_range, steady_metrics, with_preload
@@ -91,7 +88,6 @@ def _load(body: PressedBody) -> Iterator[Row]:
     omega = 2.0 * pi / body.period
     paper = Source(PAPER, "eq. (3)", "t1 = 0.9 T")
     yield paper.gated("mu over omega", 5.0, body.mu / omega, "half a period fills T - t1", relative=1e-12)
-    yield paper.gated("(T - t1) over T", 0.1, 1.0 - body.onset / body.period, "published", relative=1e-12)
     turns = body.mu * body.onset / pi
     yield paper.gated(
         "mu t1 over pi",
@@ -115,27 +111,6 @@ def _swing(body: PressedBody) -> Iterator[Row]:
         yield worked.at(f"k = {order} omega").gated(
             "growth per cycle over |H|/(J mu^2)", 0.0, silent / scale, "the load adds nothing", absolute=1e-12
         )
-    coincident = with_preload(body, 0.0, body.mu)
-    yield worked.at("k = mu").gated(
-        "growth per cycle, rad",
-        pi * body.amplitude / (2.0 * body.inertia * body.mu**2),
-        growth_per_cycle(coincident),
-        "removable point of the closed form",
-        relative=1e-10,
-    )
-    stiff = with_preload(body, 0.0, 3.0 * omega)
-    yield worked.at("k = 3 omega").gated(
-        "growth per cycle, rad",
-        published_growth(stiff),
-        growth_per_cycle(stiff),
-        "2 |G cos(k (T - t1)/2)|",
-        relative=1e-10,
-    )
-    soft = with_preload(body, 0.5, 0.3 * omega)
-    closed, mapped = published_fixed_point(soft)[0], cycle_map(soft).fixed_point
-    yield worked.at("fixed point", f"{_inputs(body)}, k = 0.3 omega").gated(
-        "|Z*|, rad", abs(closed), abs(mapped), "closed form against the linear cycle map", relative=1e-10
-    )
 
 
 def _collar(body: PressedBody) -> Iterator[Row]:
@@ -174,7 +149,7 @@ def _motor(parameters: BreakerParameters) -> Iterator[Row]:
     yield derived.gated("torque at standstill over M_n", 0.93, start, "the Kloss curve alone", absolute=5e-3)
     yield derived.reported(
         "catalogue torque at standstill over M_n",
-        parameters.motor.starting_torque_ratio,
+        2.0,
         start,
         CHANGED,
         "the Kloss curve starts with less; torque_curve: starting_corrected gives the catalogue's",

@@ -136,6 +136,7 @@ class BreakerObserver:
             record = self._cycle.metrics(self._b, self._motor, event, frame.forces)
             if self._stiffness is not None and event.impulse_ns > 0.0:
                 record.update(self._contact(event, self._stiffness))
+            record["feed_per_blow_m"] = frame.linkage.memory.as_dict()["feed_per_blow_m"]  # of the pass before
             self._blows.append(record)
         self._seen_blow = True
         self._cycle = BlowCycle(event.time_s)

@@ -12,7 +12,7 @@ error of order h^2, so the scheme keeps second order across impacts.
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -169,34 +169,56 @@ def watched(motion: Motion, state: Array, end: Array, regime: int, last: int, wa
     return count
 
 
+class Before(NamedTuple):
+    """Energy and momentum a step begins with, and the sums of losses and impulses up to it."""
+
+    energy_j: float
+    momentum_nms: float
+    blow_loss_j: float
+    collar_loss_j: float
+    reseating_loss_j: float
+    impact_impulse_nms: float
+
+
 @kernel
-def close_balances(motion: Motion, state: Array, memory: Any, before: Array, impacts: float) -> None:
+def begin_step(b: Breaker, state: Array, memory: Any, drive: float) -> Before:
+    """Remember the state the step begins with, and set the sums its events add to to zero: they keep their digits."""
+    memory.begin_crank_rad, memory.begin_crank_rad_per_s = state[Q], state[U]
+    memory.begin_body_rad, memory.begin_body_rad_per_s = state[PHI], state[P]
+    memory.begin_drive_torque_nm = drive
+    before = Before(
+        total_energy(b, state),
+        total_momentum(b, state),
+        memory.blow_loss_j,
+        memory.collar_loss_j,
+        memory.reseating_loss_j,
+        memory.impact_impulse_nms,
+    )
+    memory.blow_loss_j = memory.collar_loss_j = memory.reseating_loss_j = memory.impact_impulse_nms = 0.0
+    return before
+
+
+@kernel
+def close_balances(b: Breaker, state: Array, memory: Any, before: Before) -> None:
     """Book the step's works and impulses, and what the balances of energy and momentum leave open."""
-    b = motion.breaker
+    lost = memory.blow_loss_j + memory.collar_loss_j + memory.reseating_loss_j + state[WALL_WORK] + state[DAMPED]
+    memory.energy_j = total_energy(b, state)
+    memory.energy_error_j += memory.energy_j - before.energy_j - state[WORK] + lost
+    turned = state[TURNED] + memory.impact_impulse_nms
+    memory.momentum_error_nms += total_momentum(b, state) - before.momentum_nms - turned
+    memory.blow_loss_j += before.blow_loss_j
+    memory.collar_loss_j += before.collar_loss_j
+    memory.reseating_loss_j += before.reseating_loss_j
+    memory.impact_impulse_nms += before.impact_impulse_nms
     memory.wall_work_j += state[WALL_WORK]
-    memory.tool_travel_m, memory.tool_speed_m_per_s = state[TOOL], state[TOOL_SPEED]
     memory.drive_work_j += state[WORK]
     memory.damping_loss_j += state[DAMPED]
     memory.angular_impulse_nms += state[TURNED]
-    lost = memory.blow_loss_j + memory.collar_loss_j + memory.reseating_loss_j + memory.wall_work_j
-    memory.energy_j = total_energy(b, state)
-    memory.energy_error_j += memory.energy_j - before[0] - state[WORK] + state[DAMPED] + (lost - before[1])
-    turned = state[TURNED] + memory.impact_impulse_nms - impacts
-    memory.momentum_error_nms += total_momentum(b, state) - before[2] - turned
+    memory.tool_travel_m, memory.tool_speed_m_per_s = state[TOOL], state[TOOL_SPEED]
     state[WORK] = state[DAMPED] = state[TURNED] = state[WALL_WORK] = 0.0
     full = math.floor(state[Q] / TURN)
     memory.turns += full
     state[Q] -= full * TURN
-
-
-@kernel
-def begin_step(b: Breaker, state: Array, memory: Any, drive: float) -> tuple[float, float, float]:
-    """Remember the state the step begins with; return its energy, the losses booked so far and its momentum."""
-    memory.begin_crank_rad, memory.begin_crank_rad_per_s = state[Q], state[U]
-    memory.begin_body_rad, memory.begin_body_rad_per_s = state[PHI], state[P]
-    memory.begin_drive_torque_nm = drive
-    lost = memory.blow_loss_j + memory.collar_loss_j + memory.reseating_loss_j + memory.wall_work_j
-    return total_energy(b, state), lost, total_momentum(b, state)
 
 
 @kernel
@@ -219,9 +241,9 @@ def advance_step(
     memory = record[0]
     slope, missed = torque_line(b, state, memory, torque, step_s, order)
     memory.compensation_torque_nm = missed
-    work, end, watches, before = workspace_of_motion(), np.empty(STATES), np.empty((6, 3), dtype=np.int64), np.empty(3)
-    before[0], before[1], before[2] = begin_step(b, state, memory, crank_torque(b, torque, state[U], state[P]) + missed)
-    impacts, count, time, left, weighed, last, turns = memory.impact_impulse_nms, 0, 0.0, 0.0, 0.0, NONE, 0
+    work, end, watches = workspace_of_motion(), np.empty(STATES), np.empty((6, 3), dtype=np.int64)
+    before = begin_step(b, state, memory, crank_torque(b, torque, state[U], state[P]) + missed)
+    count, time, left, weighed, last, turns = 0, 0.0, 0.0, 0.0, NONE, 0
     motion = Motion(b, torque, slope, missed, regime != FLIGHT, int(memory.tool_regime), 0.0)
     memory.begin_tool_force_n = tool_force(motion, 0.0, state, motion.tool, motion.rests)
     while step_s - time > 1e-16:
@@ -256,5 +278,5 @@ def advance_step(
         weighed += jump
     memory.tool_force_n = tool_force(motion, step_s, state, int(memory.tool_regime), regime != FLIGHT)
     remember_torque_line(motion, state, memory, step_s, left, weighed)
-    close_balances(motion, state, memory, before, impacts)
+    close_balances(b, state, memory, before)
     return regime, count, memory.line_crank_torque_nm + missed

@@ -17,8 +17,9 @@ from mech_twin.machines.roller_former.cart_statics import (
 )
 from mech_twin.machines.roller_former.dynamics import Former, at_motor
 from mech_twin.machines.roller_former.forces import FormerQuantities
+from mech_twin.machines.roller_former.memory import FormerMemory
 from mech_twin.machines.roller_former.parameters import RollerFormer, longest_step_s
-from mech_twin.machines.roller_former.roles import FormerMemory, joints_of
+from mech_twin.machines.roller_former.roles import joints_of
 from mech_twin.machines.roller_former.start_up import start_up
 from mech_twin.machines.roller_former.steady import TURN, SteadyTurn, closed_extremes, steady_turn
 from mech_twin.samples import Frame

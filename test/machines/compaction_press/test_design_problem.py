@@ -219,6 +219,17 @@ def test_the_curve_evaluated_in_bulk_is_the_one_of_the_written_configuration():
         assert tuple(design.margins.values()) == pytest.approx(found.margins[place], rel=1e-9, abs=1e-9)
 
 
+def test_a_layer_met_in_the_working_quarter_is_the_same_in_bulk_and_as_written():
+    parameters = machine_parameters("compaction_press", None, {"working_force.working_quarter": True})
+    row = np.array([[0.055, 0.5, 0.24, 0.295]])
+    problem = design_problem(parameters, Limits()._asdict())
+    design = described(parameters, Lengths(*row[0]), Limits())
+    assert design.parameters.working_force.working_quarter
+    found = evaluation(row, problem, continuous=True).objectives[0]
+    assert tuple(design.objectives.values()) == pytest.approx(found, rel=1e-9)
+    assert tuple(evaluation(row, problem).objectives[0]) == pytest.approx(found, rel=2e-2)
+
+
 def test_speed_and_force_of_the_configuration_enter_the_search():
     design = np.array([[0.055, 0.5, 0.24, 0.295]])
     reached = []

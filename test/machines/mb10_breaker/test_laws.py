@@ -194,9 +194,47 @@ def test_coupling_is_of_second_order():
         ({"linkage.crank_m": 0.09}, "fails"),
         ({"body.tool_radius_m": 0.45}, "tool_radius_m - striker_arm_m"),
         ({"body.contact": "none"}, "one_sided"),
+        ({"linkage.ground_m": 0.25}, "transmission angle"),
+        ({"tool.overtravel_m": 0.16}, "overtravel_m must be less"),
+        ({"linkage.crank_m": 0.0001}, "overtravel_m must be less"),
+        ({"linkage.initial_crank_deg": 330.0}, "inside the tool"),
+        ({"body.spring_rate_n_per_m": 1e12}, "spring_rate_n_per_m"),
+        ({"tool.wall_force_n": 1e9}, "wall_force_n"),
         ({"linkage.rocker_inertia_kg_m2": 0.02}, "rocker_inertia_kg_m2"),
     ],
 )
 def test_impossible_machine_is_refused(overrides, words):
     with pytest.raises(ConfigurationError, match=words):
         machine_parameters("mb10_breaker", overrides=overrides)
+
+
+def test_live_change_of_spring_preload_and_gravity_is_booked_as_work():
+    """The energy of the springs jumps with the change; what it takes is the difference of c (a + l phi)^2/2."""
+    _, taken = run(0.9)
+    frame = taken[-1]
+    changed = {"body.spring_rate_n_per_m": 60000.0, "body.preload_deflection_m": 0.012, "gravity_m_per_s2": 9.80665}
+    other = build(machine_parameters("mb10_breaker", overrides=changed))
+    after = other.linkage.advance(frame.linkage, frame.motor, frame.body)
+    phi = frame.linkage.position[3]
+    springs = 0.5 * 60000.0 * (0.012 + 0.2 * phi) ** 2 - 0.5 * 53300.0 * (0.0139 + 0.2 * phi) ** 2
+    work = after.memory["parameter_work_j"] - frame.linkage.memory["parameter_work_j"]
+    weights = (
+        energies(breaker(other.parameters), *frame.linkage.position[:1], 0.0, phi, 0.0)[1]
+        - 0.5 * 60000.0 * (0.012 + 0.2 * phi) ** 2
+    )
+    assert work == pytest.approx(springs + weights, abs=1e-9)
+    assert after.residuals["energy_balance"] <= 1e-12
+
+
+def test_balance_of_a_step_does_not_know_how_long_the_machine_has_run():
+    """A day's work in the sums leaves the same error as none: what each step leaves open is summed, not the books."""
+    twin, taken = run(1.0)
+    frame = taken[-1]
+    memory = frame.linkage.memory.as_dict()
+    day = {**memory, "drive_work_j": 3e7, "wall_work_j": 2e7, "blow_loss_j": 8e6, "angular_impulse_nms": -1e7}
+    old = frame.linkage._replace(memory=frame.linkage.memory._replace(values=tuple(day.values())))
+    later = old
+    for _ in range(200):
+        later = twin.linkage.advance(later, frame.motor, None)
+    assert later.residuals["energy_balance"] <= 1e-13
+    assert later.residuals["momentum_balance"] <= 1e-13

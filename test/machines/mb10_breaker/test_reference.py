@@ -44,7 +44,7 @@ def drawn(seed):
         "tool.wall_force_n": 50.0,
         "gravity_m_per_s2": float(rng.choice([0.0, 9.80665])),
         "drive_mount": str(rng.choice(["frame", "body"])),
-        "coupling.step_s": 0.0005,
+        "coupling.step_s": 0.00025,
     }
 
 

@@ -58,10 +58,10 @@ def test_without_a_collar_there_is_no_contact():
 
 
 def test_mean_power_is_what_the_blows_and_the_losses_take(together):
-    """Over a cycle that repeats the motor's work is that of tool, blow and collar, and of the gear."""
+    """Over a cycle that repeats the motor's work is that of wall, blow and collar, and of the gear."""
     _, taken, found = together
     blows = [f.linkage for f in taken if any(e.kind == "blow" for e in f.linkage.events)]
-    names = ("blow_loss_j", "tool_energy_j", "collar_loss_j")
+    names = ("blow_loss_j", "wall_work_j", "reseating_loss_j", "collar_loss_j")
     first, last = (sum(sample.memory.as_dict()[name] for name in names) for sample in (blows[-21], blows[-1]))
     at_crank = (last - first) / 20.0 * found["steady_blow_rate_hz"]
     assert at_crank < 0.97 * found["steady_motor_power_w"] * 1.001

@@ -11,9 +11,10 @@ from roller_former_cases import machine_for, parameters_for
 
 from mech_twin.engine.coupling import next_frame
 from mech_twin.engine.run import frames
+from mech_twin.machines.roller_former.memory import FormerMemory
 from mech_twin.machines.roller_former.motor_choice import motor_verdict
 from mech_twin.machines.roller_former.parameters import former_of, longest_step_s
-from mech_twin.machines.roller_former.roles import FormerMemory, joints_of
+from mech_twin.machines.roller_former.roles import joints_of
 from mech_twin.samples import Frame
 
 AT_SPEED = {"start.speed_fraction": 1.0, "start.load_from_fraction": 0.0}

@@ -17,9 +17,10 @@ from mech_twin.machines.roller_former.cart_statics import load_moment, shaft_ter
 from mech_twin.machines.roller_former.dynamics import Torque, state_array
 from mech_twin.machines.roller_former.events import empty_log
 from mech_twin.machines.roller_former.integration import DONE, advance_motion
+from mech_twin.machines.roller_former.memory import FormerMemory
 from mech_twin.machines.roller_former.metrics import former_report, turn_metrics
 from mech_twin.machines.roller_former.parameters import former_of
-from mech_twin.machines.roller_former.roles import FormerMemory, joints_of
+from mech_twin.machines.roller_former.roles import joints_of
 from mech_twin.machines.roller_former.steady import steady_turn
 from mech_twin.parts.induction_motor import motor_torque
 from mech_twin.roles import Machine

@@ -79,13 +79,13 @@ def _leaves(body: PressedBody, stretch: Stretch) -> bool:
 def lift_off(body: PressedBody, start: float) -> float:
     """Return the time in the cycle at which a body resting from ``start`` under the load leaves the collar, or inf.
 
-    In the shifted form t1 + asin(p)/mu with p = c a l/|H|; a body with p >= 1 never leaves.
+    In the shifted form t1 + asin(p)/mu with p = c a l/|H|; a body with p >= 1, up to rounding, never leaves.
     """
     stretch = stretch_from(body, start, 0.0, 0.0, 1)
     if _leaves(body, stretch):
         return start
     needed = body.k * body.k * body.rest_angle * body.inertia
-    if needed >= body.amplitude:
+    if needed >= (1.0 - ROUNDING) * body.amplitude:
         return math.inf
     return start + (math.asin(needed / body.amplitude) - stretch.theta) % (2.0 * math.pi) / body.mu
 

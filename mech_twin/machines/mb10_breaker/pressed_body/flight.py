@@ -73,6 +73,15 @@ def _mean_exponential(z: complex, s: float) -> complex:
 
 
 @kernel
+def _between(root: complex, drive: complex, s: float) -> complex:
+    """Return (e^(drive s) - e^(root s))/(drive - root), the response of one root; s e^(root s) where they meet."""
+    apart = drive - root
+    if abs(apart.real) * s > 1.0:  # a strong decay: its inverse would overflow, and nothing cancels
+        return (cmath.exp(drive * s) - cmath.exp(root * s)) / apart
+    return cmath.exp(root * s) * _mean_exponential(apart, s)
+
+
+@kernel
 def load_response(body: PressedBody, s: float) -> tuple[complex, complex]:
     """Return displacement and rate, from rest, under the unit acceleration e^(i mu s).
 
@@ -82,8 +91,7 @@ def load_response(body: PressedBody, s: float) -> tuple[complex, complex]:
     root = complex(-body.damping * body.k, ring)
     mate = root.conjugate()
     drive = complex(0.0, body.mu)
-    first = cmath.exp(root * s) * _mean_exponential(drive - root, s)
-    second = cmath.exp(mate * s) * _mean_exponential(drive - mate, s)
+    first, second = _between(root, drive, s), _between(mate, drive, s)
     scale = complex(0.0, -0.5 / ring)
     return scale * (first - second), scale * (root * first - mate * second)
 
@@ -118,6 +126,30 @@ def net_acceleration(body: PressedBody, stretch: Stretch) -> float:
 
 
 @kernel
+def _steady_bounds(body: PressedBody, stretch: Stretch) -> tuple[float, float, float]:
+    """Return bounds of |phi''|, |phi'''|, |phi''''| from the steady response to the load and the free swing about it.
+
+    Steady X e^(i (mu s + theta)), X = (load/J)/(k^2 - mu^2 + 2 i zeta k mu), free C e^(lambda s), |lambda| = k: sharp
+    where a stiff body follows the load, without bound at k = mu undamped.
+    """
+    answer = complex(body.k * body.k - body.mu * body.mu, 2.0 * body.damping * body.k * body.mu)
+    steady = complex(0.0, 0.0)
+    if stretch.load > 0.0:
+        if abs(answer) < 1e-6 * body.k * body.k:
+            return math.inf, math.inf, math.inf
+        steady = stretch.load / body.inertia * cmath.exp(complex(0.0, stretch.theta)) / answer
+    ring = body.k * math.sqrt((1.0 - body.damping) * (1.0 + body.damping))
+    a = stretch.angle + body.rest_angle - steady.imag
+    b = (stretch.rate - body.mu * steady.real + body.damping * body.k * a) / ring
+    free, forced = math.hypot(a, b), abs(steady)
+    return (
+        free * body.k**2 + forced * body.mu**2,
+        free * body.k**3 + forced * body.mu**3,
+        free * body.k**4 + forced * body.mu**4,
+    )
+
+
+@kernel
 def bounds(body: PressedBody, stretch: Stretch, room: float) -> tuple[float, float, float]:
     """Return numbers that |phi''|, |phi'''|, |phi''''| cannot exceed within ``room`` (s) of the stretch's start."""
     ring = body.k * math.sqrt((1.0 - body.damping) * (1.0 + body.damping))
@@ -129,7 +161,8 @@ def bounds(body: PressedBody, stretch: Stretch, room: float) -> tuple[float, flo
     second = stiffness * math.hypot(a, b) + push * (1.0 + 1.4 * drag * room + 0.5 * stiffness * room * room)
     third = push * body.mu + stiffness * (abs(stretch.rate) + second * room) + drag * second
     fourth = push * body.mu * body.mu + stiffness * second + drag * third
-    return second, third, fourth
+    sharp = _steady_bounds(body, stretch)
+    return min(second, sharp[0]), min(third, sharp[1]), min(fourth, sharp[2])
 
 
 @kernel

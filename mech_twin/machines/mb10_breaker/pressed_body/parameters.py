@@ -20,21 +20,24 @@ from pydantic import model_validator
 
 from mech_twin.quantity import Parameters, choice, quantity
 
+STIFFEST = 1000.0  # k over the cycle frequency up to which the half sine's chain of events is followed
 MATCH = 1e-9  # how far a stated frequency ratio may lie from the one that follows from the onset
 
 
 class BodyParameters(Parameters):
     """The body that turns about the crank axis, its pressing spring and the collar of the tool."""
 
-    inertia_kg_m2: float = quantity("kg m^2", "inertia of the body about the crank axis, J", gt=0)
-    spring_arm_m: float = quantity("m", "arm of the pressing spring about the crank axis, l", gt=0)
-    spring_rate_n_per_m: float = quantity("N/m", "rate of the pressing spring, c", live=True, gt=0)
-    preload_deflection_m: float = quantity("m", "spring deflection with the body on the tool, a", live=True, ge=0)
-    restitution: float = quantity("1", "restitution of body on tool collar, e", live=True, ge=0, lt=1)
-    tool_radius_m: float = quantity("m", "arm of the tool collar about the crank axis, r_tool", gt=0)
-    damping_ratio: float = quantity("1", "damping of the body on its spring, zeta", live=True, ge=0, lt=1)
+    inertia_kg_m2: float = quantity("kg m^2", "inertia of the body about the crank axis, J", ge=1e-3, le=1e6)
+    spring_arm_m: float = quantity("m", "arm of the pressing spring about the crank axis, l", ge=1e-3, le=10.0)
+    spring_rate_n_per_m: float = quantity("N/m", "rate of the pressing spring, c", live=True, ge=1.0, le=1e10)
+    preload_deflection_m: float = quantity(
+        "m", "spring deflection with the body on the tool, a", live=True, ge=0, le=10.0
+    )
+    restitution: float = quantity("1", "restitution of body on tool collar, e", live=True, ge=0, le=0.99)
+    tool_radius_m: float = quantity("m", "arm of the tool collar about the crank axis, r_tool", ge=1e-3, le=10.0)
+    damping_ratio: float = quantity("1", "damping of the body on its spring, zeta", live=True, ge=0, le=0.99)
     blow_impulse_nms: float = quantity(
-        "N m s", "angular impulse of the blow on the body, S, lifting positive", ge=0, default=0.0
+        "N m s", "angular impulse of the blow on the body, S, lifting positive", ge=0, le=1e6, default=0.0
     )
     contact: Literal["one_sided", "none"] = choice(
         "one_sided: the collar only pushes (phi >= 0); none: the body swings freely through it, as published",
@@ -51,12 +54,14 @@ class ExcitationParameters(Parameters):
     form: Literal["shifted", "printed"] = choice(
         "shifted: +|H| sin(mu (t - t1)), lifting; printed: H sin(mu t) to the letter", default="shifted"
     )
-    amplitude_nm: float = quantity("N m", "amplitude of the half sine, H (shifted takes its magnitude)", live=True)
+    amplitude_nm: float = quantity(
+        "N m", "amplitude of the half sine, H (shifted takes its magnitude)", live=True, ge=-1e6, le=1e6
+    )
     frequency_ratio: float | None = quantity(
         "1", "mu over the cycle frequency; half a period fills the stretch after the onset", gt=0, default=None
     )
-    onset_fraction: float = quantity("1", "part of the cycle before the half sine begins, t1/T", gt=0, lt=1)
-    blow_rate_hz: float = quantity("Hz", "blows per second of the approximated excitation", gt=0)
+    onset_fraction: float = quantity("1", "part of the cycle before the half sine begins, t1/T", ge=0.01, le=0.999)
+    blow_rate_hz: float = quantity("Hz", "blows per second of the approximated excitation", ge=0.1, le=100.0)
 
     @model_validator(mode="after")
     def _half_a_period_fills_the_stretch(self) -> ExcitationParameters:
@@ -67,6 +72,22 @@ class ExcitationParameters(Parameters):
                 f"rest of the cycle, or be left out; got {self.frequency_ratio:.9g}"
             )
         return self
+
+
+def stiffness_refusal(body: BodyParameters, excitation: ExcitationParameters) -> str:
+    """Return why the half sine's chain is not followed for this spring, or nothing.
+
+    A cycle of a stiff body holds some k/omega swings, each with its returns.
+    """
+    omega = 2.0 * pi * excitation.blow_rate_hz
+    k = body.spring_arm_m * sqrt(body.spring_rate_n_per_m / body.inertia_kg_m2)
+    if k <= STIFFEST * omega:
+        return ""
+    most = body.inertia_kg_m2 * (STIFFEST * omega / body.spring_arm_m) ** 2
+    return (
+        f"body.spring_rate_n_per_m must be at most {most:.6g} under the half sine, so that the body swings at most "
+        f"{STIFFEST:g} times a cycle; got {body.spring_rate_n_per_m:g}"
+    )
 
 
 class PressedBody(NamedTuple):

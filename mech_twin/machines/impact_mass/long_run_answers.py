@@ -1,0 +1,163 @@
+"""Answers of the impact mass to questions on its long run: synthesis of a cycle, map of its regimes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict
+from functools import partial
+from typing import Any
+
+from mech_twin.capabilities.errors import StudyError
+from mech_twin.capabilities.long_run import CycleAnswer, RegimeAnswer, SynthesisAnswer
+from mech_twin.configuration_tree import configuration_tree
+from mech_twin.machines.impact_mass.parameters import ImpactMass
+from mech_twin.machines.impact_mass.regimes import regime_map, write_bifurcation_picture
+from mech_twin.machines.impact_mass.synthesis import CycleDesign, CycleSpec, RobustnessSpec, synthesise
+from mech_twin.machines.impact_mass.tolerance_box import Certificate
+
+USUAL_ROBUSTNESS = asdict(RobustnessSpec())
+USUAL_KEY = "phase1_duration_s"
+COLUMNS = ("regime", "period", "impacts per period", "hardest blow, m/s")
+
+
+def synthesis_answer(
+    parameters: ImpactMass, impact_speed_m_per_s: float, options: Mapping[str, float | int], periods: int
+) -> SynthesisAnswer:
+    """Return the published one-impact cycle and a robust one for the same asked cycle, side by side.
+
+    Parameters
+    ----------
+    parameters : ImpactMass
+        Mass, stop, start and restitution are taken from it.
+    impact_speed_m_per_s : float
+        Wanted speed of the blow.
+    options : mapping
+        Fields of `RobustnessSpec` that differ from the usual ones.
+    periods : int
+        How long the endurance runs are.
+
+    Raises
+    ------
+    StudyError
+        If one of the cycles has no solution, naming the inequality that fails.
+    """
+    p = parameters
+    spec = CycleSpec(
+        p.mass_kg,
+        p.stop_position_m,
+        p.initial_position_m,
+        p.initial_velocity_m_per_s,
+        impact_speed_m_per_s,
+        p.restitution,
+    )
+    try:
+        found = synthesise(spec, RobustnessSpec(**{**USUAL_ROBUSTNESS, **options}), periods)
+    except ValueError as error:
+        raise StudyError(str(error)) from error
+    cycles = tuple(
+        CycleAnswer(design.name, design.parameters, cycle_record(design), cycle_lines(design))
+        for design in (found.published, found.robust)
+    )
+    asked = {"spec": asdict(found.spec), "robustness": asdict(found.robustness)}
+    return SynthesisAnswer(asked, cycles, found.robust.name)
+
+
+def regime_answer(
+    parameters: ImpactMass,
+    values: Sequence[float],
+    key: str,
+    settling_periods: int,
+    progress: Callable[[int, int], None] | None = None,
+) -> RegimeAnswer:
+    """Return the long-run regimes over the values of one configuration key.
+
+    Raises
+    ------
+    StudyError
+        If a value of the key is no number.
+    """
+    try:
+        found = regime_map(parameters, values, key, settling_periods, progress)
+    except TypeError as error:
+        raise StudyError(str(error)) from error
+    records = tuple(
+        {key: value, **asdict(regime), "note": regime.note}
+        for value, regime in zip(found.values, found.regimes, strict=True)
+    )
+    rows = tuple(
+        (
+            record[key],
+            record["note"] or record["kind"],
+            record["period"] or "-",
+            " ".join("inf" if count < 0 else str(count) for count in record["impacts_per_period"]) or "-",
+            max(record["blows_m_per_s"], default=0.0),
+        )
+        for record in records
+    )
+    return RegimeAnswer(key, records, (key, *COLUMNS), rows, partial(write_bifurcation_picture, found))
+
+
+def cycle_record(design: CycleDesign) -> dict[str, Any]:
+    """Return all that is known of a cycle as plain values."""
+    judged = asdict(design.verdict)
+    pairs = ("multipliers", "other_side_multipliers")
+    judged.update({name: judged[name] and [[m.real, m.imag] for m in judged[name]] for name in pairs})
+    return {
+        "config": configuration_tree(design.parameters),
+        "impact_speed_m_per_s": design.impact_speed_m_per_s,
+        "impact_tau_s": design.impact_tau_s,
+        "stroke_m": design.stroke_m,
+        "verdict": judged,
+        "endurance": [asdict(lasting) for lasting in design.endurance],
+        "certificate": design.certificate and certificate_record(design.certificate),
+    }
+
+
+def certificate_record(certificate: Certificate) -> dict[str, Any]:
+    """Return what was tried of the box of tolerances, and its worst."""
+    return {
+        **asdict(certificate),
+        "tried": certificate.tried,
+        "worst_deviation": certificate.worst_deviation._asdict(),
+    }
+
+
+def certificate_lines(certificate: Certificate) -> dict[str, Any]:
+    """Return the certificate for people, by title."""
+    c = certificate
+    off = ", ".join(f"{name} {100.0 * value:+.2g} %" for name, value in c.worst_deviation._asdict().items())
+    return {
+        "tolerance of P1, P2, t1, T, R": c.tolerance,
+        "points of the box tried": f"{c.corners} corners, {c.faces} faces, {c.inside} inside, {c.climbed} climbed",
+        "worst share that reaches it": c.worst_fraction,
+        "worst margin": c.worst_margin,
+        "slowest start, periods": c.slowest_periods,
+        "worst point": off,
+    }
+
+
+def cycle_lines(design: CycleDesign) -> dict[str, Any]:
+    """Return a cycle for people, by title."""
+    p, judged = design.parameters, design.verdict
+    lines: dict[str, Any] = {
+        "T, s": p.period_s,
+        "t1, s": p.phase1_duration_s,
+        "P1, N": p.phase1_force_n,
+        "P2, N": p.phase2_force_n,
+        "start x0, m": p.initial_position_m,
+        "start v0, m/s": p.initial_velocity_m_per_s,
+        "stroke (largest gap), m": design.stroke_m,
+        "blow, m/s": design.impact_speed_m_per_s,
+        "verdict": judged.reason,
+        "margin 1 - |multiplier|": judged.margin,
+    }
+    if judged.basin is not None:
+        lines["basin: share that reaches it"] = judged.basin.fraction
+        lines["basin: share that ends at rest"] = judged.basin.at_rest / judged.basin.box.starts
+        lines["basin: starts, seed"] = f"{judged.basin.box.starts}, {judged.basin.box.seed}"
+    if design.certificate is not None:
+        lines.update(certificate_lines(design.certificate))
+    for name, lasting in zip(("T in full", "T to 4 decimals", "T cut to 3"), design.endurance, strict=False):
+        rest = f", at rest in period {lasting.rests_in_period}" if lasting.rests_in_period else ""
+        lines[name] = f"{lasting.period_s:.7g} s: holds {lasting.held_periods} of {lasting.periods} periods{rest}"
+    return lines

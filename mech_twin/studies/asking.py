@@ -1,0 +1,34 @@
+"""A question put to a machine through its declared capabilities."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from mech_twin.capabilities.errors import StudyError
+from mech_twin.machines.catalog import CATALOGUE
+from mech_twin.parameters.load import catalogue_entry
+
+
+def asked_of(machine: str, capability: str, lack: str) -> Any:
+    """Return a capability of a machine.
+
+    Parameters
+    ----------
+    machine : str
+        Machine of the catalogue.
+    capability : str
+        Field of `mech_twin.roles.Capabilities`.
+    lack : str
+        What is said of a machine without it.
+
+    Raises
+    ------
+    StudyError
+        If the machine has no answer; the line names those that have.
+    """
+    entry = catalogue_entry(machine)
+    found = getattr(entry.capabilities, capability)
+    if found is None:
+        others = [name for name, other in CATALOGUE.items() if getattr(other.capabilities, capability) is not None]
+        raise StudyError(f"{entry.name}: {lack}; there is an answer for {', '.join(others)}")
+    return found
