@@ -155,7 +155,7 @@ def flywheel_figures(press: Press, stroke: Stroke, speed: float, delta: float) -
         "wittenbauer_upper_cut_j": cuts.upper_j,
         "wittenbauer_lower_cut_j": cuts.lower_j,
         "energy_range_j": float(np.ptp(fine.work_j)),
-        "start_speed_with_flywheel_rad_per_s": start_speed(*curve, cuts.inertia_kg_m2),
+        "start_speed_with_flywheel_rad_per_s": start_speed(*curve, max(0.0, cuts.inertia_kg_m2)),
     }
 
 
