@@ -16,6 +16,7 @@ from mech_twin.machines.roller_former.cart_statics import (
     LOOK_AHEAD_RAD,
     has_kinks,
     load_moment,
+    rod_weight_moment,
     sides_of_travel,
 )
 from mech_twin.machines.roller_former.dynamics import (
@@ -87,7 +88,10 @@ def stretch_from(former: Former, t: float, y: Array, modes: Modes, sides: Array,
     bank, now = former.bank, state_of(y)
     direction = modes.direction
     known = may_stick(former, modes) and direction != 0.0
-    ahead = direction if known else (1.0 if now.crank_speed_rad_per_s >= 0.0 else -1.0)
+    sense = now.crank_speed_rad_per_s
+    if sense == 0.0:  # at rest on a dead centre: the side it is driven to
+        sense = coupling_moment(former, now) - rod_weight_moment(bank, now.crank_rad)
+    ahead = direction if known else (1.0 if sense >= 0.0 else -1.0)
     low, high = sides_of_travel(bank, now.crank_rad + ahead * LOOK_AHEAD_RAD, sides)
     if not has_kinks(bank):
         low, high = -1e300, 1e300

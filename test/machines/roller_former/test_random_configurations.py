@@ -8,9 +8,9 @@ from roller_former_random import broken, built_or_refused, drawn
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("number", range(24))
-def test_a_legal_configuration_runs_or_is_refused_in_one_line(number: int) -> None:
-    rng = np.random.default_rng([7, number])
+@pytest.mark.parametrize(("seed", "number"), [*((7, number) for number in range(24)), (11, 11)])
+def test_a_legal_configuration_runs_or_is_refused_in_one_line(seed: int, number: int) -> None:
+    rng = np.random.default_rng([seed, number])
     carts, over = drawn(rng)
     over.pop("coupling.step_s", None)  # short steps are left to the long form
     twin = built_or_refused(carts, over)
