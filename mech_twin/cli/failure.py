@@ -77,11 +77,12 @@ def _is_input_error(error: Exception) -> bool:
     from typer.exceptions import TyperException
 
     from mech_twin.configuration_tree import ConfigurationError
+    from mech_twin.engine.errors import MotionError
     from mech_twin.nodes.errors import NodeEndedError
     from mech_twin.output_file import OutputError
     from mech_twin.recording.errors import BagError
     from mech_twin.view.errors import RerunSceneError
     from mech_twin.view.viewer_process import ViewerError
 
-    kinds = (CommandError, TyperException, NodeEndedError, ConfigurationError)
+    kinds = (CommandError, TyperException, NodeEndedError, ConfigurationError, MotionError)
     return isinstance(error, (*kinds, BagError, OutputError, RerunSceneError, ViewerError))

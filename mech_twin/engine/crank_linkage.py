@@ -35,6 +35,7 @@ from mech_twin.engine.crank_state import (
     State,
     Transmission,
 )
+from mech_twin.engine.errors import MotionError
 from mech_twin.parts.friction import released
 from mech_twin.parts.gear import GearTorque, gear_split
 from mech_twin.samples import BodySample, Coordinate, Event, LinkageSample, MotorSample, Named
@@ -121,7 +122,7 @@ class CrankLinkage:
                 now = self._crossed(start_s + done, now, boundary, events)
             elif piece.what == AT_REST:
                 now = self._turned_back(now._replace(w=0.0, sense=_sign(now.e)))
-        raise ArithmeticError(f"more than {MOST_PIECES} changes of regime in the step from {start_s} s")
+        raise MotionError(f"more than {MOST_PIECES} changes of regime in the step from {start_s} s")
 
     def _led_piece(self, now: State, left: float, aim: float) -> Piece:
         span, what = left, SPAN_ENDED
@@ -143,7 +144,7 @@ class CrankLinkage:
         system = self.kernels.prescribed(self.constants, now.f, w, e, now.regime)
         work = integrated_work(system, h, TOLERANCE * self._turned_over(now)) if h > 0.0 else 0.0
         if not isfinite(work):
-            raise ArithmeticError(f"the drive's work has no integral from crank angle {now.f} rad at {w} rad/s")
+            raise MotionError(f"the drive's work has no integral from crank angle {now.f} rad at {w} rad/s")
         return now._replace(
             f=end,
             w=w + e * h,
@@ -177,7 +178,7 @@ class CrankLinkage:
                 return self._rest(now, drive, done) if now.sense == 0.0 else (now, 0.0)
             if piece.what == AT_ANGLE and boundary is not None:
                 now = self._crossed(start_s + done, now, boundary, events)
-        raise ArithmeticError(f"more than {MOST_PIECES} changes of regime in the step from {start_s} s")
+        raise MotionError(f"more than {MOST_PIECES} changes of regime in the step from {start_s} s")
 
     def _set_off(
         self, now: State, time_s: float, drive: ShaftDrive, t: float, command: float, events: list[Event]
@@ -266,7 +267,7 @@ class CrankLinkage:
         system = self.kernels.driven(self.constants, drive._replace(direction=now.sense), now.regime)
         span, what, e = turn_crank(system, t, y, left, now.sense, aim, tolerance)
         if what == NOT_INTEGRATED:
-            raise ArithmeticError(f"no step is small enough at crank angle {y[0]} rad and {y[1]} rad/s")
+            raise MotionError(f"no step is small enough at crank angle {y[0]} rad and {y[1]} rad/s")
         f, w, drive_work, gear_loss, friction_loss = y.tolist()
         load = now.load_work + self.kernels.load_work(self.constants, now.f, f, now.regime)
         after = now._replace(
@@ -327,7 +328,7 @@ class CrankLinkage:
         constants = self.constants if at.share == 1.0 else self.kernels.shared(self.constants, at.share)
         positions, velocities, torque, energy, closure = self.kernels.state(constants, at.f, at.w, at.e, at.regime)
         if not isfinite(torque):
-            raise ArithmeticError(f"crank torque is not finite at crank angle {at.f} rad, step {step}")
+            raise MotionError(f"crank torque is not finite at crank angle {at.f} rad, step {step}")
         friction = held
         if at.sense != 0.0:
             friction = -self.friction.coulomb_nm * at.sense - self.friction.viscous_nms_per_rad * at.w

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 from mech_twin.configuration_tree import ConfigurationError
 from mech_twin.dependencies import missing_extra
+from mech_twin.engine.errors import MotionError
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.nodes.domain import settle_domain
 from mech_twin.nodes.errors import NameInUseError
@@ -70,7 +71,7 @@ def _program(
 
     try:
         _serve(lambda: make(machine_of(node_name), own), ros)
-    except (ConfigurationError, BagError, NameInUseError, ModuleNotFoundError) as error:
+    except (ConfigurationError, MotionError, BagError, NameInUseError, ModuleNotFoundError) as error:
         line = missing_extra(error) if isinstance(error, ModuleNotFoundError) else " ".join(str(error).split())
         if line is None:
             raise

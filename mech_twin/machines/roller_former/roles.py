@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mech_twin.engine.errors import MotionError
 from mech_twin.kernel import kernel
 from mech_twin.machines.roller_former.cart_statics import cart_load, cart_motion, load_moment, rod_weight_moment
 from mech_twin.machines.roller_former.dynamics import (
@@ -176,7 +177,7 @@ class FormerLinkage:
         log, step = empty_log(), linkage.step + 1
         done, *energy = coupled_step(self.former, torque, linkage.time_s, step * self.step_s, y, past.modes, log)
         if done.status != DONE:
-            raise ArithmeticError(f"roller_former: {ending(done)}")
+            raise MotionError(f"roller_former: {ending(done)}")
         now = State(*y.tolist())
         turned = floor(now.crank_rad / TURN) != floor(position.crank / TURN)
         memory = next_memory(past, (shaft, change), done.modes, now, (energy[0], energy[1]), turned)

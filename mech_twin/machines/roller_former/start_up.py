@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import inf, isnan, nan
 
+from mech_twin.engine.errors import MotionError
 from mech_twin.kernel import kernel
 from mech_twin.machines.roller_former.dynamics import CRANK, SPEED, Array, Former, Modes, Torque, state_array
 from mech_twin.machines.roller_former.events import empty_log
@@ -78,7 +79,7 @@ def start_up(parameters: RollerFormer, former: Former, goal_rad_per_s: float) ->
 
     Raises
     ------
-    ArithmeticError
+    MotionError
         If the integration cannot go on.
     """
     p = parameters
@@ -88,7 +89,7 @@ def start_up(parameters: RollerFormer, former: Former, goal_rad_per_s: float) ->
     supply = (p.supply.initial_fraction, p.supply.rate_per_s)
     done, reached, steady = start_motion(former, supply, goal_rad_per_s, LONGEST_START_S + ramp_s, y, modes)
     if done.status != DONE:
-        raise ArithmeticError(f"roller_former: {ending(done)}")
+        raise MotionError(f"roller_former: {ending(done)}")
     stalled = bool(done.modes.stalled)
     below = done.modes.slow_s - former.stall_time_s
     return StartUp(

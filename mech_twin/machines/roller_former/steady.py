@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mech_twin.engine.errors import MotionError
 from mech_twin.kernel import kernel
 from mech_twin.machines.roller_former.cart_statics import sides_of_travel
 from mech_twin.machines.roller_former.dynamics import (
@@ -135,7 +136,7 @@ def steady_turn(
 
     Raises
     ------
-    ArithmeticError
+    MotionError
         If the integration cannot go on.
     """
     speed = former.motor.synchronous_speed_rad_per_s / former.ratio
@@ -144,7 +145,7 @@ def steady_turn(
         before = State(*y.tolist())
         done = next_section(former, 1.0, t, y, modes, LONGEST_TURN * TURN / speed)
         if done.status != DONE:
-            raise ArithmeticError(f"roller_former: {ending(done)}")
+            raise MotionError(f"roller_former: {ending(done)}")
         if not isfinite(done.time_s) or done.modes.stalled:
             return None
         change = section_change(before, State(*y.tolist()), former.scales)

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mech_twin.engine.errors import MotionError
 from mech_twin.engine.events import FALLING, RISING, Step, Watch, crossing, signals_of
 from mech_twin.engine.integration import (
     Workspace,
@@ -33,10 +34,6 @@ from mech_twin.parts.friction import released, sliding_torque
 Array = NDArray[np.float64]
 MOST_STEPS = 100_000
 RELATIVE = 1e-13  # error of a step over the size of what it integrates
-
-
-class NotIntegratedError(ArithmeticError):
-    """A motion that no step is small enough for."""
 
 
 class Driven(NamedTuple):
@@ -164,12 +161,12 @@ def driven(package: Package, radius: float, phi: float, theta: float, a: float, 
 
     Raises
     ------
-    NotIntegratedError
+    MotionError
         If no step is small enough.
     """
     y = np.array([phi, 0.0, 0.0, 0.0])
     if not drive_drum(Driven(package, radius, theta, a), y, h, _tolerance(package, radius, theta + max(a, 0.0) * h)):
-        raise NotIntegratedError(f"no step is small enough for the drum at yarn speed {theta:g} m/s over {h:g} s")
+        raise MotionError(f"no step is small enough for the drum at yarn speed {theta:g} m/s over {h:g} s")
     return tuple(y.tolist())
 
 
@@ -196,7 +193,7 @@ def coasted(package: Package, radius: float, phi: float, omega: float, h: float)
     tolerance = np.array([1e-13, RELATIVE * (abs(omega) + swing + 1e-6), *(2 * [_energy_error(inertia, omega)])])
     time, good = coast_drum(Coasting(package, radius, direction), y, h, tolerance)
     if not good:
-        raise NotIntegratedError(f"no step is small enough for the drum coasting at {omega:g} rad/s over {h:g} s")
+        raise MotionError(f"no step is small enough for the drum coasting at {omega:g} rad/s over {h:g} s")
     return Coasted(time, *y.tolist())
 
 

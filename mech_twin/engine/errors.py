@@ -1,0 +1,7 @@
+"""A motion that cannot be computed."""
+
+from __future__ import annotations
+
+
+class MotionError(ArithmeticError):
+    """A step that no integration is short enough for, or with more events than are followed; one line for the user."""
