@@ -23,7 +23,7 @@ from scipy.integrate import solve_ivp
 
 from mech_twin.engine.run import frames
 from mech_twin.machines.roller_former.cart_statics import load_moment, shaft_terms
-from mech_twin.machines.roller_former.dynamics import Former, Modes, Torque, state_array
+from mech_twin.machines.roller_former.dynamics import DriveLine, Former, Modes, state_array
 from mech_twin.machines.roller_former.events import empty_log
 from mech_twin.machines.roller_former.integration import advance_motion
 from mech_twin.machines.roller_former.parameters import former_of
@@ -53,7 +53,7 @@ def best_of(times: int, task: Callable[[], object]) -> float:
 def ours(former: Former, duration_s: float) -> np.ndarray:
     """Return the state after a run from synchronous speed under full load."""
     y, modes = state_array(0.0, SYNCHRONOUS), Modes(1.0, 1.0, 1.0, True, 1.0, -1.0, False, 0.0)
-    advance_motion(former, Torque(True, 1.0, 0.0, 0.0, 0.0), 0.0, duration_s, y, modes, empty_log(), np.inf)
+    advance_motion(former, DriveLine(True, 1.0, 0.0, 0.0, 0.0), 0.0, duration_s, y, modes, empty_log(), np.inf)
     return y
 
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from mech_twin.capabilities.sizing import SizingQuestion
 
 
-class Residual(NamedTuple):
+class Invariant(NamedTuple):
     """A number that is 0 but for rounding while the twin is right: its unit, and what it compares."""
 
     unit: str
@@ -30,22 +30,22 @@ class Residual(NamedTuple):
 
 
 # every name under which a sample may carry a residual; a relative one has the unit 1
-RESIDUALS: Mapping[str, Residual] = MappingProxyType(
+RESIDUALS: Mapping[str, Invariant] = MappingProxyType(
     {
-        "loop_closure_m": Residual("m", "worst miss of a link's length by the joints solved for"),
-        "rod_length": Residual("1", "worst miss of a rod's length, over that length"),
-        "energy_balance": Residual("1", "energy held less work and losses booked, over the energy turned over"),
-        "momentum_balance": Residual("1", "momentum less impulses booked, over the momentum"),
-        "coupling_defect": Residual(
+        "loop_closure_m": Invariant("m", "worst miss of a link's length by the joints solved for"),
+        "rod_length": Invariant("1", "worst miss of a rod's length, over that length"),
+        "energy_balance": Invariant("1", "energy held less work and losses booked, over the energy turned over"),
+        "momentum_balance": Invariant("1", "momentum less impulses booked, over the momentum"),
+        "coupling_defect": Invariant(
             "1", "energy by which a follower's own angle changes a step's start, over that held"
         ),
-        "drive_torque_routes": Residual("1", "drive torque by pin forces less by the reduced machine, over its peak"),
-        "body_moment_routes": Residual("1", "moment on the body by pin forces less by the coupled motion"),
-        "impulse_routes": Residual("1", "impulse of a blow by pin impulses less by the jump of the coupled motion"),
-        "angle_difference_rad": Residual("rad", "angle the linkage led the body to, less the body's own"),
-        "rate_difference_rad_per_s": Residual("rad/s", "rate the linkage led the body to, less the body's own"),
-        "penetration_rad": Residual("rad", "angle by which a body lies beyond its stop"),
-        "area_balance": Residual("1", "area the package lost less area of the yarn run, over that of all its yarn"),
+        "drive_torque_routes": Invariant("1", "drive torque by pin forces less by the reduced machine, over its peak"),
+        "body_moment_routes": Invariant("1", "moment on the body by pin forces less by the coupled motion"),
+        "impulse_routes": Invariant("1", "impulse of a blow by pin impulses less by the jump of the coupled motion"),
+        "angle_difference_rad": Invariant("rad", "angle the linkage led the body to, less the body's own"),
+        "rate_difference_rad_per_s": Invariant("rad/s", "rate the linkage led the body to, less the body's own"),
+        "penetration_rad": Invariant("rad", "angle by which a body lies beyond its stop"),
+        "area_balance": Invariant("1", "area the package lost less area of the yarn run, over that of all its yarn"),
     }
 )
 

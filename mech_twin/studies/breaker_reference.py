@@ -29,7 +29,7 @@ LONGEST_S = 1e-3
 PLASTIC_BELOW = 1e-7  # rad/s: a bounce slower than this ends its series
 
 
-class Link(NamedTuple):
+class ReferenceLink(NamedTuple):
     """Centroid r (m, complex, axes of the body) and angle of a link, with two derivatives in the crank angle each."""
 
     mass_kg: float
@@ -95,7 +95,7 @@ class BreakerReference:
         b2, c2 = np.linalg.solve(matrix, [second.real, second.imag])
         return pin, (beta, float(b1), float(b2)), (gamma, float(c1), float(c2))
 
-    def links(self, q: float) -> tuple[Link, Link, Link]:
+    def links(self, q: float) -> tuple[ReferenceLink, ReferenceLink, ReferenceLink]:
         """Return crank, coupler and rocker at a crank angle."""
         k = self._p.linkage
         pin, (beta, b1, b2), (gamma, c1, c2) = self._loop(q)
@@ -104,12 +104,12 @@ class BreakerReference:
         s3 = complex(k.rocker_centroid_along_m, k.rocker_centroid_across_m) * cmath.exp(1j * gamma)
         own = k.crank_mass_kg * abs(s1) ** 2
         return (
-            Link(k.crank_mass_kg, k.crank_inertia_kg_m2 - own, s1, 1j * s1, -s1, 1.0, 0.0),
-            Link(
+            ReferenceLink(k.crank_mass_kg, k.crank_inertia_kg_m2 - own, s1, 1j * s1, -s1, 1.0, 0.0),
+            ReferenceLink(
                 k.coupler_mass_kg, k.coupler_inertia_kg_m2, pin + s2, 1j * pin + 1j * b1 * s2,
                 -pin + (1j * b2 - b1**2) * s2, b1, b2,
             ),
-            Link(
+            ReferenceLink(
                 k.rocker_mass_kg, k.rocker_inertia_kg_m2 - self._own, k.ground_m + s3, 1j * c1 * s3,
                 (1j * c2 - c1**2) * s3, c1, c2,
             ),

@@ -20,7 +20,7 @@ from mech_twin.machines.mb10_breaker.pressed_body.collar_contact import (
     FREE,
     ONSET,
     REGIMES,
-    Piece,
+    ContactPiece,
     PieceEnd,
     next_piece,
     planned_piece,
@@ -63,9 +63,9 @@ class HalfSineMemory(NamedTuple):
     constants_key: float
 
     @property
-    def piece(self) -> Piece:
+    def piece(self) -> ContactPiece:
         """The running piece."""
-        return Piece(
+        return ContactPiece(
             cycle=int(self.cycle),
             start=self.piece_start_s,
             angle=self.piece_angle_rad,
@@ -78,7 +78,7 @@ class HalfSineMemory(NamedTuple):
         )
 
 
-def packed_memory(origin_s: float, piece: Piece, blow_angle_rad: float, constants_key: float) -> HalfSineMemory:
+def packed_memory(origin_s: float, piece: ContactPiece, blow_angle_rad: float, constants_key: float) -> HalfSineMemory:
     """Return the memory of a body on this piece of the chain."""
     return HalfSineMemory(
         origin_s=origin_s,
@@ -139,14 +139,14 @@ class HalfSineBody:
                 _append_event(events, origin + ended.cycle * constants.period + ended.end, ended, piece, ending)
         return self._sample(forces.step, time_s, origin, piece, blow_angle, tuple(events))
 
-    def _resumed(self, memory: HalfSineMemory, body: BodySample) -> Piece:
+    def _resumed(self, memory: HalfSineMemory, body: BodySample) -> ContactPiece:
         """Return the running piece; found anew from the last sample if the constants have changed."""
         if memory.constants_key == self._key:
             return memory.piece
         return _replanned(self._constants, memory.piece, body, body.time_s - memory.origin_s)
 
     def _sample(
-        self, step: int, time_s: float, origin: float, piece: Piece, blow_angle: float, events: tuple[Event, ...]
+        self, step: int, time_s: float, origin: float, piece: ContactPiece, blow_angle: float, events: tuple[Event, ...]
     ) -> BodySample:
         constants = self._constants
         local = time_s - origin - piece.cycle * constants.period
@@ -168,7 +168,7 @@ class HalfSineBody:
         )
 
 
-def _replanned(constants: PressedBody, piece: Piece, body: BodySample, elapsed: float) -> Piece:
+def _replanned(constants: PressedBody, piece: ContactPiece, body: BodySample, elapsed: float) -> ContactPiece:
     """Return the piece that goes on from a sample under constants other than those its own piece was found with."""
     now = min(max(elapsed - piece.cycle * constants.period, 0.0), constants.period)
     angle, rate = body.position[0], body.velocity[0]
@@ -178,7 +178,9 @@ def _replanned(constants: PressedBody, piece: Piece, body: BodySample, elapsed: 
     return planned_piece(constants, piece.cycle, now, angle, rate, regime, loaded, piece.series)
 
 
-def _append_event(events: list[Event], time_s: float, ended: Piece, piece: Piece, ending: PieceEnd) -> None:
+def _append_event(
+    events: list[Event], time_s: float, ended: ContactPiece, piece: ContactPiece, ending: PieceEnd
+) -> None:
     """Append the event that ended a piece, and the lift-off if a blow has thrown up a body at rest."""
     cause, pre, post, impulse = ending
     events.append(Event(time_s, CAUSES[cause], CONTACT_NAME, pre, post, impulse, ended.cycle))

@@ -34,7 +34,7 @@ from mech_twin.parts.induction_motor import MotorConstants, motor_torque
 Array = NDArray[np.float64]
 
 
-class State(NamedTuple):
+class FormerState(NamedTuple):
     """State of the motion: angles and rates, and the works since the state was laid down."""
 
     crank_rad: float
@@ -47,9 +47,9 @@ class State(NamedTuple):
     friction_work_j: float
 
 
-SIZE = len(State._fields)
+SIZE = len(FormerState._fields)
 CRANK, SPEED, TWIST_RATE = (
-    State._fields.index(name) for name in ("crank_rad", "crank_speed_rad_per_s", "twist_rate_rad_per_s")
+    FormerState._fields.index(name) for name in ("crank_rad", "crank_speed_rad_per_s", "twist_rate_rad_per_s")
 )
 
 
@@ -70,7 +70,7 @@ class Former(NamedTuple):
     load_rise_s: float
     slow_speed_rad_per_s: float
     stall_time_s: float
-    scales: State
+    scales: FormerState
     tolerances: Array
 
 
@@ -92,7 +92,7 @@ class Modes(NamedTuple):
     trial_step_s: float
 
 
-class Torque(NamedTuple):
+class DriveLine(NamedTuple):
     """Motor torque during an interval: from the speed itself (``coupled``), or a line in time (N m, N m/s)."""
 
     coupled: bool
@@ -102,7 +102,7 @@ class Torque(NamedTuple):
     origin_s: float
 
 
-class Stretch(NamedTuple):
+class TravelStretch(NamedTuple):
     """What stays as it is until the next event: senses, load share and its rate, the dead centres ahead.
 
     ``forward_nm`` and ``backward_nm`` are the load moments of a crank that is stuck, in either sense.
@@ -121,14 +121,14 @@ class Stretch(NamedTuple):
 
 
 @kernel
-def state_of(y: Array) -> State:
+def state_of(y: Array) -> FormerState:
     """Return the state by its names."""
-    return State(y[0], y[1], y[2], y[3], y[4], y[5], y[6], y[7])
+    return FormerState(y[0], y[1], y[2], y[3], y[4], y[5], y[6], y[7])
 
 
 def state_array(crank_rad: float, crank_speed_rad_per_s: float) -> Array:
     """Return the state of an untwisted machine, all works zero."""
-    return np.array(State(crank_rad, 0.0, crank_speed_rad_per_s, 0.0, 0.0, 0.0, 0.0, 0.0))
+    return np.array(FormerState(crank_rad, 0.0, crank_speed_rad_per_s, 0.0, 0.0, 0.0, 0.0, 0.0))
 
 
 @kernel
@@ -150,7 +150,7 @@ def gear_may_stick(former: Former) -> bool:
 
 
 @kernel
-def shaft_torque(former: Former, torque: Torque, t: float, speed: float) -> float:
+def shaft_torque(former: Former, torque: DriveLine, t: float, speed: float) -> float:
     """Return the torque on the motor's shaft (N m) at a time and a speed of the first mass (rad/s, at the crank)."""
     if torque.coupled:
         return motor_torque(former.motor, speed * former.ratio, torque.command)
@@ -177,7 +177,7 @@ def at_motor(former: Former, moment_nm: float, direction: float) -> float:
 
 
 @kernel
-def coupling_moment(former: Former, now: State) -> float:
+def coupling_moment(former: Former, now: FormerState) -> float:
     """Return ``T = c (phi1 - phi2) + k (phi1' - phi2')`` (N m)."""
     return former.stiffness_nm_per_rad * now.twist_rad + former.damping_nms_per_rad * now.twist_rate_rad_per_s
 
@@ -192,7 +192,7 @@ def crank_band(former: Former, crank_rad: float, share: float) -> tuple[float, f
 
 
 @kernel
-def drive_band(former: Former, torque: Torque, t: float) -> tuple[float, float]:
+def drive_band(former: Former, torque: DriveLine, t: float) -> tuple[float, float]:
     """Return the coupling moments (N m) between which a drive at rest is held by its gear."""
     shaft = shaft_torque(former, torque, t, 0.0)
     ahead, back = geared(former, shaft, 1.0), geared(former, shaft, -1.0)
@@ -200,7 +200,7 @@ def drive_band(former: Former, torque: Torque, t: float) -> tuple[float, float]:
 
 
 @kernel
-def stored_energy(former: Former, now: State, sides: Array) -> float:
+def stored_energy(former: Former, now: FormerState, sides: Array) -> float:
     """Return the kinetic, elastic and potential energy of the state (J)."""
     inertia, _, _ = shaft_terms(former.bank, now.crank_rad, sides, 1.0)
     first = now.crank_speed_rad_per_s + now.twist_rate_rad_per_s

@@ -24,10 +24,10 @@ from mech_twin.machines.roller_former.dynamics import (
     SPEED,
     TWIST_RATE,
     Array,
+    DriveLine,
     Former,
     Modes,
-    Stretch,
-    Torque,
+    TravelStretch,
     coupling_moment,
     crank_band,
     drive_band,
@@ -48,7 +48,7 @@ from mech_twin.machines.roller_former.motion import (
     QUICKENS,
     SHAFT_TURNS,
     SLACKENS,
-    Motion,
+    FormerMotion,
 )
 
 EVENT_KINDS = ("held", "released", "load_engaged", "stall", "recovered", "events_cut")
@@ -83,7 +83,7 @@ def log_event(log: EventLog, count: int, t: float, kind: int, crank_rad: float) 
 
 
 @kernel
-def stretch_from(former: Former, t: float, y: Array, modes: Modes, sides: Array, stop_rad: float) -> Stretch:
+def stretch_from(former: Former, t: float, y: Array, modes: Modes, sides: Array, stop_rad: float) -> TravelStretch:
     """Return the stretch that begins at this state, filling ``sides``; it ends at ``stop_rad`` at the latest."""
     bank, now = former.bank, state_of(y)
     direction = modes.direction
@@ -102,7 +102,7 @@ def stretch_from(former: Former, t: float, y: Array, modes: Modes, sides: Array,
     if direction == 0.0:
         forward = load_moment(bank, now.crank_rad, 1.0)
         backward = load_moment(bank, now.crank_rad, -1.0)
-    return Stretch(
+    return TravelStretch(
         t, direction, modes.drive_direction, modes.shaft_sense, share, rate, low, min(high, stop_rad), forward, backward
     )
 
@@ -121,7 +121,7 @@ def crank_sense(former: Former, y: Array, modes: Modes) -> float:
 
 
 @kernel
-def drive_sense(former: Former, torque: Torque, t: float, y: Array) -> float:
+def drive_sense(former: Former, torque: DriveLine, t: float, y: Array) -> float:
     """Return the sense of the drive: that of its speed, and at rest the way its gear lets it go, or 0."""
     if not gear_may_stick(former):
         return 1.0
@@ -135,7 +135,7 @@ def drive_sense(former: Former, torque: Torque, t: float, y: Array) -> float:
 
 
 @kernel
-def normalised_modes(former: Former, torque: Torque, t: float, y: Array, modes: Modes) -> Modes:
+def normalised_modes(former: Former, torque: DriveLine, t: float, y: Array, modes: Modes) -> Modes:
     """Return the modes in line with the present parameters and command, which may have changed since the last step."""
     now = state_of(y)
     first = now.crank_speed_rad_per_s + now.twist_rate_rad_per_s
@@ -226,7 +226,7 @@ def count_slow_time(
 
 @kernel
 def apply_event(
-    motion: Motion, code: int, t: float, y: Array, modes: Modes, log: EventLog, count: int
+    motion: FormerMotion, code: int, t: float, y: Array, modes: Modes, log: EventLog, count: int
 ) -> tuple[Modes, int]:
     """Change the state as event ``code`` does; return the modes after it and the count of logged events."""
     former, stretch = motion.former, motion.stretch

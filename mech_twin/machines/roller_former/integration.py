@@ -22,7 +22,7 @@ from mech_twin.engine.integration import (
 )
 from mech_twin.engine.tableaus import DORMAND_PRINCE_8
 from mech_twin.kernel import kernel
-from mech_twin.machines.roller_former.dynamics import SIZE, Array, Former, Modes, Stretch, Torque, state_of
+from mech_twin.machines.roller_former.dynamics import SIZE, Array, DriveLine, Former, Modes, TravelStretch, state_of
 from mech_twin.machines.roller_former.events import (
     EventLog,
     apply_event,
@@ -33,7 +33,7 @@ from mech_twin.machines.roller_former.events import (
 )
 from mech_twin.machines.roller_former.motion import (
     MOST_WATCHES,
-    Motion,
+    FormerMotion,
     fill_watches,
     motion_signals,
     something_happened,
@@ -64,7 +64,7 @@ def ending(advance: Advance) -> str:
 
 
 @kernel
-def happened_already(motion: Motion, modes: Modes, watches: NDArray[np.int64], t: float, y: Array) -> int:
+def happened_already(motion: FormerMotion, modes: Modes, watches: NDArray[np.int64], t: float, y: Array) -> int:
     """Return the first watched event whose signal is past its root when a stretch begins, or `NONE`."""
     for i in range(fill_watches(motion, modes, y, watches)):
         value, _ = motion_signals(motion, watches[i, 0], t, y)
@@ -75,7 +75,14 @@ def happened_already(motion: Motion, modes: Modes, watches: NDArray[np.int64], t
 
 @kernel
 def locate_event(
-    motion: Motion, modes: Modes, watches: NDArray[np.int64], t: float, y: Array, h: float, end: Array, work: Workspace
+    motion: FormerMotion,
+    modes: Modes,
+    watches: NDArray[np.int64],
+    t: float,
+    y: Array,
+    h: float,
+    end: Array,
+    work: Workspace,
 ) -> tuple[int, float]:
     """Return the event that ends a step of ``h``, or `NONE`, and the step up to it; ``end`` becomes the state there."""
     end[:] = work.end
@@ -92,7 +99,7 @@ def locate_event(
 
 
 @kernel
-def longest_step(stretch: Stretch, modes: Modes, left_s: float) -> float:
+def longest_step(stretch: TravelStretch, modes: Modes, left_s: float) -> float:
     """Return the longest step (s): up to the end, or to where the load has risen to its full size."""
     if stretch.share_rate <= 0.0:
         return left_s
@@ -101,7 +108,7 @@ def longest_step(stretch: Stretch, modes: Modes, left_s: float) -> float:
 
 @kernel
 def advance_motion(
-    former: Former, torque: Torque, t: float, end_s: float, y: Array, modes: Modes, log: EventLog, stop_rad: float
+    former: Former, torque: DriveLine, t: float, end_s: float, y: Array, modes: Modes, log: EventLog, stop_rad: float
 ) -> Advance:
     """Carry the state on to ``end_s``, or to the crank angle ``stop_rad`` if that is reached first.
 
@@ -131,13 +138,13 @@ def advance_motion(
     modes = normalised_modes(former, torque, t, y, modes)
     wanted = modes.trial_step_s if modes.trial_step_s > 0.0 else end_s - t
     count, steps, fresh = 0, 0, True
-    motion = Motion(former, torque, stretch_from(former, t, y, modes, sides, stop_rad), sides)
+    motion = FormerMotion(former, torque, stretch_from(former, t, y, modes, sides, stop_rad), sides)
     while end_s - t > SHORTEST_S and state_of(y).crank_rad < stop_rad:
         steps += 1
         if steps > MOST_STEPS:
             return Advance(t, TOO_MANY, count, modes)
         if fresh:
-            motion = Motion(former, torque, stretch_from(former, t, y, modes, sides, stop_rad), sides)
+            motion = FormerMotion(former, torque, stretch_from(former, t, y, modes, sides, stop_rad), sides)
             code = happened_already(motion, modes, watches, t, y)
             if code != NONE:
                 modes, count = apply_event(motion, code, t, y, modes, log, count)

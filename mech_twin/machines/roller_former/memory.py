@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from mech_twin.machines.roller_former.dynamics import Modes, State
+from mech_twin.machines.roller_former.dynamics import FormerState, Modes
 
 
 class FormerMemory(NamedTuple):
@@ -52,7 +52,7 @@ def next_memory(
     past: FormerMemory,
     torque: tuple[float, float],
     modes: Modes,
-    works: State,
+    works: FormerState,
     energy: tuple[float, float],
     turned: bool,
 ) -> FormerMemory:

@@ -19,10 +19,10 @@ from mech_twin.machines.roller_former.cart_statics import branching_terms, plain
 from mech_twin.machines.roller_former.dynamics import (
     SIZE,
     Array,
+    DriveLine,
     Former,
     Modes,
-    Stretch,
-    Torque,
+    TravelStretch,
     coupling_moment,
     drive_band,
     gear_may_stick,
@@ -50,17 +50,17 @@ MOST_WATCHES = 12
 RELEASE_MARGIN = 1e-9  # of what holds: a mass let go must not be held again by rounding
 
 
-class Motion(NamedTuple):
+class FormerMotion(NamedTuple):
     """The system during a stretch; ``sides`` are the half turns of the carts."""
 
     former: Former
-    torque: Torque
-    stretch: Stretch
+    torque: DriveLine
+    stretch: TravelStretch
     sides: Array
 
 
-@rates_of(Motion, DORMAND_PRINCE_8)
-def motion_rates(motion: Motion, t: float, y: Array, out: Array) -> None:
+@rates_of(FormerMotion, DORMAND_PRINCE_8)
+def motion_rates(motion: FormerMotion, t: float, y: Array, out: Array) -> None:
     """Fill ``out`` with the time derivative of the state; a sense of 0 is a mass that is stuck."""
     former, stretch, now = motion.former, motion.stretch, state_of(y)
     speed, rate = now.crank_speed_rad_per_s, now.twist_rate_rad_per_s
@@ -108,7 +108,7 @@ def least_moment(former: Former) -> float:
 
 
 @kernel
-def release_signal(motion: Motion, index: int, t: float, y: Array) -> float:
+def release_signal(motion: FormerMotion, index: int, t: float, y: Array) -> float:
     """Return how far the moment in the coupling is beyond what holds a stuck crank (N m)."""
     former, stretch, now = motion.former, motion.stretch, state_of(y)
     share = (stretch.share + stretch.share_rate * (t - stretch.start_s)) * (1.0 + RELEASE_MARGIN)
@@ -121,7 +121,7 @@ def release_signal(motion: Motion, index: int, t: float, y: Array) -> float:
 
 
 @kernel
-def drive_release_signal(motion: Motion, index: int, t: float, y: Array) -> float:
+def drive_release_signal(motion: FormerMotion, index: int, t: float, y: Array) -> float:
     """Return how far the moment in the coupling is beyond what the gear of a stuck drive holds (N m)."""
     low, high = drive_band(motion.former, motion.torque, t)
     transmitted = coupling_moment(motion.former, state_of(y))
@@ -132,7 +132,7 @@ def drive_release_signal(motion: Motion, index: int, t: float, y: Array) -> floa
 
 
 @kernel
-def turn_signal(motion: Motion, index: int, t: float, y: Array) -> tuple[float, float]:
+def turn_signal(motion: FormerMotion, index: int, t: float, y: Array) -> tuple[float, float]:
     """Return speed and acceleration of crank or drive against the sense of the stretch."""
     out = np.empty(SIZE)
     motion_rates(motion, t, y, out)
@@ -148,7 +148,7 @@ def turn_signal(motion: Motion, index: int, t: float, y: Array) -> tuple[float, 
 
 
 @kernel
-def plain_signal(motion: Motion, index: int, t: float, y: Array) -> float:
+def plain_signal(motion: FormerMotion, index: int, t: float, y: Array) -> float:
     """Return the signal of an event that cannot be missed between two steps: releases, and speeds that are reached."""
     former, now = motion.former, state_of(y)
     if index in (CRANK_AHEAD, CRANK_BACK):
@@ -164,8 +164,8 @@ def plain_signal(motion: Motion, index: int, t: float, y: Array) -> float:
     return spare if index == QUICKENS else -spare
 
 
-@signals_of(Motion)
-def motion_signals(motion: Motion, index: int, t: float, y: Array) -> tuple[float, float]:
+@signals_of(FormerMotion)
+def motion_signals(motion: FormerMotion, index: int, t: float, y: Array) -> tuple[float, float]:
     """Return a number that turns positive when event ``index`` has happened, and its time derivative where needed."""
     now = state_of(y)
     if index in (CRANK_TURNS, DRIVE_TURNS):
@@ -185,7 +185,7 @@ def watch_signal(watches: NDArray[np.int64], count: int, index: int, at_root: bo
 
 
 @kernel
-def fill_watches(motion: Motion, modes: Modes, y: Array, watches: NDArray[np.int64]) -> int:
+def fill_watches(motion: FormerMotion, modes: Modes, y: Array, watches: NDArray[np.int64]) -> int:
     """Fill ``watches`` (12, 3) with the events that may end the stretch; return their number."""
     former, stretch, now = motion.former, motion.stretch, state_of(y)
     count = 0
@@ -219,7 +219,7 @@ def returned(sense: float, before: float, after: float, rate_before: float, rate
 
 
 @kernel
-def something_happened(motion: Motion, modes: Modes, y: Array, end_s: float, end: Array, rates: Array) -> bool:
+def something_happened(motion: FormerMotion, modes: Modes, y: Array, end_s: float, end: Array, rates: Array) -> bool:
     """Return whether anything watched may have happened in a step from ``y`` to ``end``; most steps end here.
 
     ``end_s`` is the time at the end, ``rates`` holds the rates of the stages, after the last of them those at the end.

@@ -19,7 +19,7 @@ from mech_twin.machines.roller_former.cart_parameters import (
     check_guides,
     least_inertia_kg_m2,
 )
-from mech_twin.machines.roller_former.dynamics import Former, State
+from mech_twin.machines.roller_former.dynamics import Former, FormerState
 from mech_twin.machines.roller_former.elastic_drive import DriveParameters, reduced_inertia
 from mech_twin.parts.friction import Friction
 from mech_twin.parts.induction_motor import InductionMotorParameters, motor_constants
@@ -193,7 +193,7 @@ def former_of(parameters: RollerFormer) -> Former:
     twist = motor.rated_torque_nm * p.drive.ratio / p.drive.stiffness_nm_per_rad
     twist_rate = 3.0 * twist * sqrt(p.drive.stiffness_nm_per_rad / inertia)
     energy = inertia * speed * speed
-    scales = State(1.0, twist, speed, twist_rate, energy, energy, energy, energy)
+    scales = FormerState(1.0, twist, speed, twist_rate, energy, energy, energy, energy)
     return Former(
         bank=bank_of(p),
         motor=motor,

@@ -14,10 +14,10 @@ from mech_twin.kernel import kernel
 from mech_twin.machines.roller_former.cart_statics import cart_load, cart_motion, load_moment, rod_weight_moment
 from mech_twin.machines.roller_former.dynamics import (
     Array,
+    DriveLine,
     Former,
+    FormerState,
     Modes,
-    State,
-    Torque,
     coupling_moment,
     geared,
     holds_at_rest,
@@ -76,7 +76,7 @@ class CartJoints(NamedTuple):
 
 
 @kernel
-def load_in_force(former: Former, now: State, modes: Modes) -> tuple[float, float]:
+def load_in_force(former: Former, now: FormerState, modes: Modes) -> tuple[float, float]:
     """Return the sense and the share of the load that acts: where the crank is held, as much as holds it."""
     if modes.direction != 0.0:
         return modes.direction, modes.load_share
@@ -118,7 +118,7 @@ def cart_joints(former: Former, y: Array, modes: Modes) -> CartJoints:
 
 @kernel
 def coupled_step(
-    former: Former, torque: Torque, t: float, end_s: float, y: Array, modes: Modes, log: EventLog
+    former: Former, torque: DriveLine, t: float, end_s: float, y: Array, modes: Modes, log: EventLog
 ) -> tuple[Advance, float, float]:
     """Advance one coupling step in place; return how, and the stored energy before and after it (J)."""
     sides = np.ones(former.bank.offset_rad.size)
@@ -173,12 +173,12 @@ class FormerLinkage:
         smooth = past.torque_known_1 and abs(change - past.command_change_1) <= KINK
         smooth = smooth and min(motor.command, linkage.command) > 0.0
         slope = (shaft - past.motor_torque_nm) / self.step_s if smooth else 0.0
-        torque = Torque(False, motor.command, shaft, slope, linkage.time_s)
+        torque = DriveLine(False, motor.command, shaft, slope, linkage.time_s)
         log, step = empty_log(), linkage.step + 1
         done, *energy = coupled_step(self.former, torque, linkage.time_s, step * self.step_s, y, past.modes, log)
         if done.status != DONE:
             raise MotionError(f"roller_former: {ending(done)}")
-        now = State(*y.tolist())
+        now = FormerState(*y.tolist())
         turned = floor(now.crank_rad / TURN) != floor(position.crank / TURN)
         memory = next_memory(past, (shaft, change), done.modes, now, (energy[0], energy[1]), turned)
         events = tuple(
@@ -198,7 +198,7 @@ class FormerLinkage:
         memory: FormerMemory,
         events: tuple[Event, ...],
     ) -> LinkageSample:
-        former, now = self.former, State(*y.tolist())
+        former, now = self.former, FormerState(*y.tolist())
         carts = cart_joints(former, y, modes)
         transmitted = coupling_moment(former, now)
         held = modes.drive_direction == 0.0

@@ -7,7 +7,7 @@ from math import inf, isnan, nan
 
 from mech_twin.engine.errors import MotionError
 from mech_twin.kernel import kernel
-from mech_twin.machines.roller_former.dynamics import CRANK, SPEED, Array, Former, Modes, Torque, state_array
+from mech_twin.machines.roller_former.dynamics import CRANK, SPEED, Array, DriveLine, Former, Modes, state_array
 from mech_twin.machines.roller_former.events import empty_log
 from mech_twin.machines.roller_former.integration import DONE, Advance, advance_motion, ending
 from mech_twin.machines.roller_former.parameters import RollerFormer
@@ -56,7 +56,7 @@ def start_motion(
     for chunk in range(round(longest_s / CHUNK_S)):
         command = limited_command(command, 1.0, rate, CHUNK_S)
         t, before, angle = chunk * CHUNK_S, y[SPEED], y[CRANK]
-        torque = Torque(True, command, 0.0, 0.0, 0.0)
+        torque = DriveLine(True, command, 0.0, 0.0, 0.0)
         done = advance_motion(former, torque, t, t + CHUNK_S, y, done.modes, log, inf)
         if done.status != DONE or done.modes.stalled:
             return done, reached, False

@@ -15,11 +15,11 @@ from mech_twin.machines.roller_former.dynamics import (
     CRANK,
     SIZE,
     Array,
+    DriveLine,
     Former,
+    FormerState,
     Modes,
-    State,
-    Stretch,
-    Torque,
+    TravelStretch,
     coupling_moment,
     geared,
     shaft_torque,
@@ -28,7 +28,7 @@ from mech_twin.machines.roller_former.dynamics import (
 )
 from mech_twin.machines.roller_former.events import empty_log
 from mech_twin.machines.roller_former.integration import DONE, Advance, advance_motion, ending
-from mech_twin.machines.roller_former.motion import Motion, motion_rates
+from mech_twin.machines.roller_former.motion import FormerMotion, motion_rates
 
 TURN = 2.0 * pi
 CRITERION = 1e-11
@@ -63,7 +63,7 @@ class SteadyTurn:
     turns_taken: int
     change: float
     columns: TurnColumns
-    works: State
+    works: FormerState
     stiffness_nm_per_rad: float
 
     @property
@@ -94,7 +94,7 @@ def closed_extremes(values: Array) -> tuple[float, float]:
 def next_section(former: Former, command: float, t: float, y: Array, modes: Modes, longest_s: float) -> Advance:
     """Carry the state on by one whole turn; the time reached is nan if the turn does not end in time."""
     stop = y[CRANK] + TURN
-    torque = Torque(True, command, 0.0, 0.0, 0.0)
+    torque = DriveLine(True, command, 0.0, 0.0, 0.0)
     done = advance_motion(former, torque, t, t + longest_s, y, modes, empty_log(), stop)
     if y[CRANK] < stop:
         return Advance(np.nan, done.status, done.events, done.modes)
@@ -107,14 +107,14 @@ def turn_columns(former: Former, command: float, turn_time_s: float, nodes: int,
     """Carry the state through one turn, and return the nodes passed."""
     found, out = np.empty((9, nodes)), np.empty(SIZE)
     sides, log = np.empty(former.bank.offset_rad.size), empty_log()
-    torque = Torque(True, command, 0.0, 0.0, 0.0)
+    torque = DriveLine(True, command, 0.0, 0.0, 0.0)
     for node in range(nodes):
         now, t = state_of(y), turn_time_s * node / nodes
         low, high = sides_of_travel(former.bank, now.crank_rad, sides)
         shaft = shaft_torque(former, torque, t, now.crank_speed_rad_per_s + now.twist_rate_rad_per_s)
         sense = 1.0 if shaft >= 0.0 else -1.0
-        stretch = Stretch(t, modes.direction, modes.drive_direction, sense, 1.0, 0.0, low, high, 0.0, 0.0)
-        motion_rates(Motion(former, torque, stretch, sides), t, y, out)
+        stretch = TravelStretch(t, modes.direction, modes.drive_direction, sense, 1.0, 0.0, low, high, 0.0, 0.0)
+        motion_rates(FormerMotion(former, torque, stretch, sides), t, y, out)
         found[0, node], found[1, node], found[2, node] = t, now.crank_rad, now.crank_speed_rad_per_s
         found[3, node], found[4, node] = now.twist_rad, now.twist_rate_rad_per_s
         found[5, node] = state_of(out).twist_rate_rad_per_s
@@ -142,19 +142,19 @@ def steady_turn(
     speed = former.motor.synchronous_speed_rad_per_s / former.ratio
     y, modes, t = state_array(crank_rad, speed), Modes(1.0, 1.0, 1.0, True, 1.0, -1.0, False, 0.0), 0.0
     for turns in range(1, most_turns + 1):
-        before = State(*y.tolist())
+        before = FormerState(*y.tolist())
         done = next_section(former, 1.0, t, y, modes, LONGEST_TURN * TURN / speed)
         if done.status != DONE:
             raise MotionError(f"roller_former: {ending(done)}")
         if not isfinite(done.time_s) or done.modes.stalled:
             return None
-        change = section_change(before, State(*y.tolist()), former.scales)
+        change = section_change(before, FormerState(*y.tolist()), former.scales)
         works, y = y, state_array(0.0, 0.0) + y * KEPT
         modes = done.modes
         if change < CRITERION:
             columns = turn_columns(former, 1.0, done.time_s - t, nodes, y, modes)
             return SteadyTurn(
-                done.time_s - t, turns, change, columns, State(*works.tolist()), former.stiffness_nm_per_rad
+                done.time_s - t, turns, change, columns, FormerState(*works.tolist()), former.stiffness_nm_per_rad
             )
         t = done.time_s
     return None
@@ -163,7 +163,7 @@ def steady_turn(
 KEPT = np.array([1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0])  # coordinates go on, works begin anew with each turn
 
 
-def section_change(before: State, after: State, scales: State) -> float:
+def section_change(before: FormerState, after: FormerState, scales: FormerState) -> float:
     """Return the largest change of twist, crank speed and twist rate between two passages, over their scales."""
     return max(
         abs(after.twist_rad - before.twist_rad) / scales.twist_rad,

@@ -8,7 +8,7 @@ from mech_twin.engine.crank_linkage import CrankLinkage
 from mech_twin.engine.crank_state import CrankKernels
 from mech_twin.machines.vibration_crank.drawing import drawing
 from mech_twin.machines.vibration_crank.dynamics import (
-    DrivenCrank,
+    DrivenSliderCrank,
     LedCrank,
     crank_load_speed,
     crank_load_work,
@@ -36,7 +36,7 @@ def build(parameters: Parameters) -> Machine:
     ground = ("boom_pivot", "boom") if s.kind == BOOM else ("guide", "slider")
     linkage: LinkageRole = CrankLinkage(
         s,
-        CrankKernels(crank_state, crank_load_work, crank_load_speed, LedCrank, DrivenCrank, whole_load),
+        CrankKernels(crank_state, crank_load_work, crank_load_speed, LedCrank, DrivenSliderCrank, whole_load),
         p.coupling.step_s,
         0.0,
         start_speed,

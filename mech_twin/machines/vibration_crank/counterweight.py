@@ -20,7 +20,7 @@ from typing import NamedTuple
 from mech_twin.quantity import Parameters, quantity
 
 
-class Masses(Parameters):
+class MovingMasses(Parameters):
     """Masses of the parts; ``rotating_kg`` overrides the sum of the rotating ones."""
 
     tree_kg: float = quantity("kg", "held tree", ge=0.0, le=1e6)
@@ -85,7 +85,7 @@ def derived_counterweight(rotating: float, reciprocating: float, fraction: float
     return (rotating + fraction * reciprocating) * crank / radius
 
 
-def balanced_mass(masses: Masses, load_ratio: float | None) -> float:
+def balanced_mass(masses: MovingMasses, load_ratio: float | None) -> float:
     """Return the mass (kg) whose force at the crank pin the counterweight balances in part: m_s, or m_j + kb m_t.
 
     The load of a boom moves by ``load_ratio`` kb times the travel of the rod's joint, and so does its inertia force.
@@ -95,7 +95,9 @@ def balanced_mass(masses: Masses, load_ratio: float | None) -> float:
     return masses.at_rod_joint + load_ratio * masses.carried
 
 
-def balance(masses: Masses, counterweight: Counterweight, crank_m: float, load_ratio: float | None = None) -> Balance:
+def balance(
+    masses: MovingMasses, counterweight: Counterweight, crank_m: float, load_ratio: float | None = None
+) -> Balance:
     """Return the masses in force; ``load_ratio`` is that of a boom."""
     mass = counterweight.mass_kg
     if mass is None:

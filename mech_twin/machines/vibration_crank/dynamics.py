@@ -75,7 +75,7 @@ def led_crank_power(led: LedCrank, t: float, y: Array, out: Array) -> None:
     out[0] = pin_forces(led.mechanism, led.f + (led.w + 0.5 * led.e * t) * t, w, led.e).moment * w
 
 
-class DrivenCrank(NamedTuple):
+class DrivenSliderCrank(NamedTuple):
     """The mechanism behind a motor."""
 
     mechanism: SliderCrank
@@ -83,8 +83,8 @@ class DrivenCrank(NamedTuple):
     regime: int
 
 
-@rates_of(DrivenCrank, DORMAND_PRINCE_8)
-def driven_crank_rates(driven: DrivenCrank, t: float, y: Array, out: Array) -> None:
+@rates_of(DrivenSliderCrank, DORMAND_PRINCE_8)
+def driven_crank_rates(driven: DrivenSliderCrank, t: float, y: Array, out: Array) -> None:
     """Fill in the rates of crank angle, speed, drive work, gear loss and friction loss."""
     inertia, slope, load = reduced(driven.mechanism, y[0])
     crank_rates(driven.drive, t, y, inertia, slope, load, out)

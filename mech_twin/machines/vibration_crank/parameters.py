@@ -8,7 +8,7 @@ from typing import Literal
 from pydantic import model_validator
 
 from mech_twin.machines.drives import DrivenCrank
-from mech_twin.machines.vibration_crank.counterweight import Balance, Counterweight, Masses, balance
+from mech_twin.machines.vibration_crank.counterweight import Balance, Counterweight, MovingMasses, balance
 from mech_twin.machines.vibration_crank.slider_crank import BOOM, FINITE_ROD, INFINITE_ROD, SliderCrank
 from mech_twin.parts.four_bar import OPEN, FourBar, smallest_transmission_angle
 from mech_twin.quantity import Parameters, choice, quantity
@@ -30,7 +30,7 @@ class Boom(Parameters):
 class VibrationCrank(DrivenCrank):
     """Parameters of the vibration crank."""
 
-    masses: Masses = choice("masses of the parts")
+    masses: MovingMasses = choice("masses of the parts")
     crank_m: float = quantity("m", "crank radius r", ge=1e-3, le=10.0)
     rod_m: float = quantity(
         "m", "rod length (up to 1e4 m); infinite for pure harmonic motion", ge=1e-3, allow_inf_nan=True

@@ -38,7 +38,7 @@ GROUPS = (
 )
 
 
-class Balance(NamedTuple):
+class BalanceEffect(NamedTuple):
     """What a balancing fraction brings."""
 
     counterweight_mass_kg: float
@@ -57,14 +57,14 @@ class Corner(NamedTuple):
     speed: float
 
 
-def balance_at(parameters: VibrationCrank, fraction: float, corners: tuple[Corner, ...] | None = None) -> Balance:
+def balance_at(parameters: VibrationCrank, fraction: float, corners: tuple[Corner, ...] | None = None) -> BalanceEffect:
     """Return mass, peak moment and largest force on the frame, the worst of the corners (the configured one alone).
 
     The counterweight is the one derived for the fraction from the configured masses.
     """
     mass = balanced(parameters, fraction).counter_mass
     hung = [(c.mechanism._replace(counter_mass=mass), c.speed) for c in corners or box_corners(parameters, 0.0)]
-    return Balance(
+    return BalanceEffect(
         mass,
         max(float(extreme(mechanism, speed, MOMENT)) for mechanism, speed in hung),
         max(float(extreme(mechanism, speed, FORCE)) for mechanism, speed in hung),
@@ -94,9 +94,9 @@ def _value(parameters: VibrationCrank, key: str) -> float:
 
 def _best_fraction(
     parameters: VibrationCrank, limits: Mapping[str, float], objective: str, corners: tuple[Corner, ...]
-) -> tuple[float, Balance]:
+) -> tuple[float, BalanceEffect]:
     """Return the fraction with the smallest worst objective within the limits, or the one that breaks them least."""
-    known: dict[float, Balance] = {}
+    known: dict[float, BalanceEffect] = {}
 
     def cost(fraction: float) -> float:
         if fraction not in known:

@@ -38,7 +38,7 @@ class Package(NamedTuple):
     viscous_nms_per_rad: float = 0.0
 
 
-class Torque(NamedTuple):
+class PackageTorque(NamedTuple):
     """Torque on a package (N m), term by term; ``total`` is their sum."""
 
     acceleration: float
@@ -75,7 +75,7 @@ def speed_terms(p: Package, radius: float, phi: float, theta: float, a: float) -
 
 
 @kernel
-def torque_terms(p: Package, radius: float, phi: float, theta: float, a: float) -> Torque:
+def torque_terms(p: Package, radius: float, phi: float, theta: float, a: float) -> PackageTorque:
     """Return the torque on drum and package, each term by itself.
 
     M = J0 [a/rho + theta^2 L/(rho^2 R) + theta^2 e sin(phi)/rho^3] - pi H gamma0/g theta^2 L R^2/rho.
@@ -100,7 +100,7 @@ def torque_terms(p: Package, radius: float, phi: float, theta: float, a: float) 
     rho = tangent_arm(p, radius, phi)
     mass = -pi * p.width_m * p.density * theta * theta * p.layer_m * radius * radius / rho
     first, second, third = inertia * first, inertia * second, inertia * third
-    return Torque(first, second, third, mass, first + second + third + mass)
+    return PackageTorque(first, second, third, mass, first + second + third + mass)
 
 
 @kernel

@@ -22,7 +22,7 @@ from mech_twin.machines.mb10_breaker.pressed_body.collar_contact import (
     series_limit,
     state_at,
 )
-from mech_twin.machines.mb10_breaker.pressed_body.flight import Stretch, touchdown
+from mech_twin.machines.mb10_breaker.pressed_body.flight import SwingStretch, touchdown
 from mech_twin.machines.mb10_breaker.pressed_body.metrics import cycle_metrics, steady_metrics
 
 
@@ -84,7 +84,7 @@ def test_body_never_lifts_at_preload_ratio_one_and_above(preload):
 @settings(max_examples=80, deadline=None)
 def test_unloaded_bounce_has_its_closed_form(ratio, preload, speed):
     body = body_at(ratio, preload)
-    duration, approach = touchdown(body, Stretch(0.0, speed, 0.0, 0.0), math.inf)
+    duration, approach = touchdown(body, SwingStretch(0.0, speed, 0.0, 0.0), math.inf)
     assert duration == pytest.approx(2.0 / body.k * math.atan(speed / (body.k * body.rest_angle)), rel=1e-13)
     assert approach == pytest.approx(speed, rel=1e-14)
 
@@ -94,8 +94,8 @@ def test_unloaded_bounce_has_its_closed_form(ratio, preload, speed):
 def test_search_finds_what_the_closed_form_gives(ratio, speed, preload):
     body = body_at(ratio, preload)
     # a load of next to nothing sends the same bounce through the search
-    searched = touchdown(body, Stretch(0.0, speed, 1e-300, 0.0), 1.0)
-    closed = touchdown(body, Stretch(0.0, speed, 0.0, 0.0), 1.0)
+    searched = touchdown(body, SwingStretch(0.0, speed, 1e-300, 0.0), 1.0)
+    closed = touchdown(body, SwingStretch(0.0, speed, 0.0, 0.0), 1.0)
     assert searched[0] == pytest.approx(closed[0], rel=1e-10)
     assert searched[1] == pytest.approx(closed[1], rel=1e-9)
 
@@ -105,7 +105,7 @@ def test_search_finds_what_the_closed_form_gives(ratio, speed, preload):
 def test_chatter_limit_of_small_bounces_is_the_geometric_series(ratio, preload, restitution):
     body = body_at(ratio, preload, restitution=restitution)
     speed = 1e-6 * body.k * body.rest_angle
-    limit, moment = series_limit(body, Stretch(0.0, speed, 0.0, 0.0), speed, math.inf)
+    limit, moment = series_limit(body, SwingStretch(0.0, speed, 0.0, 0.0), speed, math.inf)
     pressing = body.k**2 * body.rest_angle
     assert limit == pytest.approx(2.0 * speed / (pressing * (1.0 - restitution)), rel=1e-9)
     assert moment == pytest.approx(body.inertia * speed * (1.0 + restitution) / (1.0 - restitution), rel=1e-9)
@@ -115,7 +115,7 @@ def test_chatter_limit_is_the_sum_of_the_bounces():
     body = body_at(0.3, 0.5)
     speed = 0.7
     direct = sum(2.0 / body.k * math.atan(speed * 0.4**n / (body.k * body.rest_angle)) for n in range(80))
-    assert series_limit(body, Stretch(0.0, speed, 0.0, 0.0), speed, 1.0)[0] == pytest.approx(direct, rel=1e-12)
+    assert series_limit(body, SwingStretch(0.0, speed, 0.0, 0.0), speed, 1.0)[0] == pytest.approx(direct, rel=1e-12)
 
 
 def test_without_preload_every_bounce_lasts_half_a_period_and_the_body_never_settles():
@@ -213,7 +213,7 @@ def test_tail_of_a_series_settles_at_the_same_time_followed_one_by_one():
     first = max(-ending.pre for piece, ending in found if ending.cause == TOUCHDOWN)
     assert body.radius * start.rate < TAIL_CUT * first
     middle = 0.5 * (start.start + start.end)
-    bounce, _ = touchdown(body, Stretch(0.0, start.rate, 0.0, 0.0), 1.0)
+    bounce, _ = touchdown(body, SwingStretch(0.0, start.rate, 0.0, 0.0), 1.0)
     alone = planned_piece(body, 1, start.start, 0.0, start.rate, 1, 0, 0.0)
     assert state_at(body, start, start.start + 0.3 * bounce) == state_at(body, alone, start.start + 0.3 * bounce)
     assert state_at(body, start, middle)[0] >= 0.0

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from machines.mb10_breaker.pressed_body_cases import OMEGA, body_at, cycle_integrated, integrated, parameters, rate_at
 from pydantic import ValidationError
 
-from mech_twin.machines.mb10_breaker.pressed_body.flight import Stretch, highest, motion
+from mech_twin.machines.mb10_breaker.pressed_body.flight import SwingStretch, highest, motion
 from mech_twin.machines.mb10_breaker.pressed_body.free_swing import (
     amplitudes,
     amplitudes_of_cycle,
@@ -182,7 +182,7 @@ def test_damped_motion_settles_to_the_fixed_point():
 @settings(max_examples=60, deadline=None)
 def test_unloaded_undamped_swing_keeps_its_energy(ratio, angle, rate, duration):
     body = body_at(ratio)
-    stretch = Stretch(angle, rate, 0.0, 0.0)
+    stretch = SwingStretch(angle, rate, 0.0, 0.0)
     later = motion(body, stretch, duration)
     energy = [v**2 + (body.k * (x + body.rest_angle)) ** 2 for x, v in ((angle, rate), later)]
     assert energy[1] == pytest.approx(energy[0], rel=1e-12)
@@ -192,7 +192,7 @@ def test_unloaded_undamped_swing_keeps_its_energy(ratio, angle, rate, duration):
 
 def test_series_and_closed_form_meet():
     body = body_at(2.2, damping_ratio=0.1)
-    stretch = Stretch(0.001, 0.3, 60.0, 0.4)
+    stretch = SwingStretch(0.001, 0.3, 60.0, 0.4)
     seam = 0.25 / body.mu
     below, above = motion(body, stretch, seam * (1.0 - 1e-12)), motion(body, stretch, seam * (1.0 + 1e-12))
     assert below == pytest.approx(above, rel=1e-11)

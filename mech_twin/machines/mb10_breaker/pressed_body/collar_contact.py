@@ -19,7 +19,13 @@ import math
 from typing import NamedTuple
 
 from mech_twin.kernel import kernel
-from mech_twin.machines.mb10_breaker.pressed_body.flight import ROUNDING, Stretch, motion, net_acceleration, touchdown
+from mech_twin.machines.mb10_breaker.pressed_body.flight import (
+    ROUNDING,
+    SwingStretch,
+    motion,
+    net_acceleration,
+    touchdown,
+)
 from mech_twin.machines.mb10_breaker.pressed_body.parameters import PressedBody
 
 CONTACT, FREE, SETTLING = 0, 1, 2
@@ -32,7 +38,7 @@ SERIES_END = 1e-12  # speed, as part of its first, at which a series is taken to
 LONGEST_SERIES = 1_000_000
 
 
-class Piece(NamedTuple):
+class ContactPiece(NamedTuple):
     """A piece of the chain: its start, the state there, and the event that ends it.
 
     Times in s from the start of the cycle; ``loaded`` is 1 after the onset; ``series`` is the fastest approach (rad/s)
@@ -60,16 +66,16 @@ class PieceEnd(NamedTuple):
 
 
 @kernel
-def stretch_from(body: PressedBody, start: float, angle: float, rate: float, loaded: int) -> Stretch:
+def stretch_from(body: PressedBody, start: float, angle: float, rate: float, loaded: int) -> SwingStretch:
     """Return the free stretch that begins at a time of the cycle."""
     if loaded == 0:
-        return Stretch(angle, rate, 0.0, 0.0)
+        return SwingStretch(angle, rate, 0.0, 0.0)
     at_onset = body.mu * body.onset + body.phase  # exactly 0 in the shifted form
-    return Stretch(angle, rate, body.amplitude, body.mu * (start - body.onset) + at_onset)
+    return SwingStretch(angle, rate, body.amplitude, body.mu * (start - body.onset) + at_onset)
 
 
 @kernel
-def _leaves(body: PressedBody, stretch: Stretch) -> bool:
+def _leaves(body: PressedBody, stretch: SwingStretch) -> bool:
     """Return whether the load carries a body resting on the collar away at once."""
     net, push = net_acceleration(body, stretch), stretch.load / body.inertia
     return net > ROUNDING * push or (net >= 0.0 and push > 0.0 and math.cos(stretch.theta) > 0.0)
@@ -91,7 +97,7 @@ def lift_off(body: PressedBody, start: float) -> float:
 
 
 @kernel
-def series_limit(body: PressedBody, stretch: Stretch, first: float, room: float) -> tuple[float, float]:
+def series_limit(body: PressedBody, stretch: SwingStretch, first: float, room: float) -> tuple[float, float]:
     """Return duration (s) and summed impulse (N m s) of the returns that remain, or (inf, 0).
 
     ``stretch`` starts on the collar with the speed after a return.  Durations are summed until the speed is below
@@ -101,7 +107,7 @@ def series_limit(body: PressedBody, stretch: Stretch, first: float, room: float)
     elapsed, moment, speed = 0.0, 0.0, stretch.rate
     theta = stretch.theta
     for _ in range(LONGEST_SERIES):
-        current = Stretch(0.0, speed, stretch.load, theta)
+        current = SwingStretch(0.0, speed, stretch.load, theta)
         pressing = -net_acceleration(body, current)
         if pressing <= 0.0:
             return math.inf, 0.0
@@ -121,11 +127,11 @@ def series_limit(body: PressedBody, stretch: Stretch, first: float, room: float)
 
 
 @kernel
-def _settling_motion(body: PressedBody, stretch: Stretch, s: float) -> tuple[float, float]:
+def _settling_motion(body: PressedBody, stretch: SwingStretch, s: float) -> tuple[float, float]:
     """Return angle and rate within a series that is known to end; beyond the last distinct bounce the body rests."""
     first, speed, theta, left = stretch.rate, stretch.rate, stretch.theta, s
     while speed > SERIES_END * first:
-        current = Stretch(0.0, speed, stretch.load, theta)
+        current = SwingStretch(0.0, speed, stretch.load, theta)
         duration, approach = touchdown(body, current, body.period)
         if left < duration:
             return motion(body, current, left)
@@ -138,7 +144,7 @@ def _settling_motion(body: PressedBody, stretch: Stretch, s: float) -> tuple[flo
 @kernel
 def planned_piece(
     body: PressedBody, cycle: int, start: float, angle: float, rate: float, regime: int, loaded: int, series: float
-) -> Piece:
+) -> ContactPiece:
     """Return the piece that begins with this state, its end found."""
     stage_end, cause = (body.period, BLOW) if loaded == 1 else (body.onset, ONSET)
     end = stage_end
@@ -157,11 +163,11 @@ def planned_piece(
             duration, _ = touchdown(body, stretch, room)
             if duration < math.inf:
                 end, cause = start + duration, TOUCHDOWN
-    return Piece(cycle, start, angle, rate, regime, loaded, series, end, cause)
+    return ContactPiece(cycle, start, angle, rate, regime, loaded, series, end, cause)
 
 
 @kernel
-def state_at(body: PressedBody, piece: Piece, time: float) -> tuple[float, float]:
+def state_at(body: PressedBody, piece: ContactPiece, time: float) -> tuple[float, float]:
     """Return angle and rate (rad, rad/s) at a time of the cycle within the piece."""
     if piece.regime == CONTACT:
         return 0.0, 0.0
@@ -172,7 +178,7 @@ def state_at(body: PressedBody, piece: Piece, time: float) -> tuple[float, float
 
 
 @kernel
-def residuals_at(body: PressedBody, piece: Piece, time: float) -> tuple[float, float]:
+def residuals_at(body: PressedBody, piece: ContactPiece, time: float) -> tuple[float, float]:
     """Return two residuals, zero but for rounding: penetration of the collar (rad), and relative gain of energy.
 
     The energy phi'^2 + k^2 (phi + phi0)^2 is compared with the start of the piece where neither load nor damping acts.
@@ -190,7 +196,7 @@ def residuals_at(body: PressedBody, piece: Piece, time: float) -> tuple[float, f
 
 
 @kernel
-def _after_return(body: PressedBody, piece: Piece) -> tuple[Piece, PieceEnd]:
+def _after_return(body: PressedBody, piece: ContactPiece) -> tuple[ContactPiece, PieceEnd]:
     """Return what follows a touchdown: another flight, a series that ends, or rest."""
     stretch = stretch_from(body, piece.start, piece.angle, piece.rate, piece.loaded)
     stage_end = body.period if piece.loaded == 1 else body.onset
@@ -215,7 +221,7 @@ def _after_return(body: PressedBody, piece: Piece) -> tuple[Piece, PieceEnd]:
 
 
 @kernel
-def _after_blow(body: PressedBody, piece: Piece) -> tuple[Piece, PieceEnd]:
+def _after_blow(body: PressedBody, piece: ContactPiece) -> tuple[ContactPiece, PieceEnd]:
     """Return what follows the end of the cycle: the blow throws the body up by S/J."""
     angle, before = state_at(body, piece, piece.end)
     after = before + body.impulse / body.inertia
@@ -226,7 +232,7 @@ def _after_blow(body: PressedBody, piece: Piece) -> tuple[Piece, PieceEnd]:
 
 
 @kernel
-def next_piece(body: PressedBody, piece: Piece) -> tuple[Piece, PieceEnd]:
+def next_piece(body: PressedBody, piece: ContactPiece) -> tuple[ContactPiece, PieceEnd]:
     """Return the piece that follows, and what happened between the two."""
     if piece.cause == TOUCHDOWN:
         return _after_return(body, piece)
@@ -252,6 +258,6 @@ def next_piece(body: PressedBody, piece: Piece) -> tuple[Piece, PieceEnd]:
 
 
 @kernel
-def resting_piece(body: PressedBody, cycle: int) -> Piece:
+def resting_piece(body: PressedBody, cycle: int) -> ContactPiece:
     """Return the first piece of a body that rests on the tool at the start of a cycle."""
     return planned_piece(body, cycle, 0.0, 0.0, 0.0, CONTACT if body.one_sided else FREE, 0, 0.0)

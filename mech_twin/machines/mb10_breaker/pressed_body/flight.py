@@ -28,7 +28,7 @@ ROUNDING = 1e-9  # a net moment below this part of the load's peak is taken as b
 LONGEST_SEARCH = 100_000
 
 
-class Stretch(NamedTuple):
+class SwingStretch(NamedTuple):
     """A stretch of free swing: state at its start, the load's amplitude (0 before the onset) and phase there."""
 
     angle: float
@@ -38,7 +38,7 @@ class Stretch(NamedTuple):
 
 
 @kernel
-def _series(body: PressedBody, stretch: Stretch, s: float) -> tuple[float, float]:
+def _series(body: PressedBody, stretch: SwingStretch, s: float) -> tuple[float, float]:
     push = stretch.load / body.inertia
     sine, cosine = math.sin(stretch.theta), math.cos(stretch.theta)
     stiffness, drag = body.k * body.k, 2.0 * body.damping * body.k
@@ -97,7 +97,7 @@ def load_response(body: PressedBody, s: float) -> tuple[complex, complex]:
 
 
 @kernel
-def motion(body: PressedBody, stretch: Stretch, s: float) -> tuple[float, float]:
+def motion(body: PressedBody, stretch: SwingStretch, s: float) -> tuple[float, float]:
     """Return angle and rate (rad, rad/s) a time ``s`` (s) into the stretch.
 
     The free part is e^(-zeta k s) [A cos(w s) + B sin(w s)] - phi0 with w = k sqrt(1 - zeta^2).
@@ -120,13 +120,13 @@ def motion(body: PressedBody, stretch: Stretch, s: float) -> tuple[float, float]
 
 
 @kernel
-def net_acceleration(body: PressedBody, stretch: Stretch) -> float:
+def net_acceleration(body: PressedBody, stretch: SwingStretch) -> float:
     """Return the angular acceleration a body resting on the collar would have if it were free to leave it."""
     return stretch.load / body.inertia * math.sin(stretch.theta) - body.k * body.k * body.rest_angle
 
 
 @kernel
-def _steady_bounds(body: PressedBody, stretch: Stretch) -> tuple[float, float, float]:
+def _steady_bounds(body: PressedBody, stretch: SwingStretch) -> tuple[float, float, float]:
     """Return bounds of |phi''|, |phi'''|, |phi''''| from the steady response to the load and the free swing about it.
 
     Steady X e^(i (mu s + theta)), X = (load/J)/(k^2 - mu^2 + 2 i zeta k mu), free C e^(lambda s), |lambda| = k: sharp
@@ -150,7 +150,7 @@ def _steady_bounds(body: PressedBody, stretch: Stretch) -> tuple[float, float, f
 
 
 @kernel
-def bounds(body: PressedBody, stretch: Stretch, room: float) -> tuple[float, float, float]:
+def bounds(body: PressedBody, stretch: SwingStretch, room: float) -> tuple[float, float, float]:
     """Return numbers that |phi''|, |phi'''|, |phi''''| cannot exceed within ``room`` (s) of the stretch's start."""
     ring = body.k * math.sqrt((1.0 - body.damping) * (1.0 + body.damping))
     stiffness, drag = body.k * body.k, 2.0 * body.damping * body.k
@@ -166,7 +166,7 @@ def bounds(body: PressedBody, stretch: Stretch, room: float) -> tuple[float, flo
 
 
 @kernel
-def _value_and_slope(body: PressedBody, stretch: Stretch, s: float, order: int) -> tuple[float, float]:
+def _value_and_slope(body: PressedBody, stretch: SwingStretch, s: float, order: int) -> tuple[float, float]:
     angle, rate = motion(body, stretch, s)
     if order == 0:
         return angle, rate
@@ -176,7 +176,7 @@ def _value_and_slope(body: PressedBody, stretch: Stretch, s: float, order: int) 
 
 
 @kernel
-def _window(body: PressedBody, stretch: Stretch, s: float, room: float, order: int) -> tuple[float, float]:
+def _window(body: PressedBody, stretch: SwingStretch, s: float, room: float, order: int) -> tuple[float, float]:
     """Return the end of a window that begins at ``s``, and a bound of the searched function's second derivative in it.
 
     A window is a radian of the faster of swing and load: beyond that the bounds grow without need.
@@ -184,12 +184,12 @@ def _window(body: PressedBody, stretch: Stretch, s: float, room: float, order: i
     fastest = max(body.k, body.mu) if stretch.load > 0.0 else body.k
     length = min(room - s, 1.0 / fastest)
     angle, rate = motion(body, stretch, s)
-    second, third, _ = bounds(body, Stretch(angle, rate, stretch.load, stretch.theta + body.mu * s), length)
+    second, third, _ = bounds(body, SwingStretch(angle, rate, stretch.load, stretch.theta + body.mu * s), length)
     return s + length, (second if order == 0 else third)
 
 
 @kernel
-def first_root(body: PressedBody, stretch: Stretch, order: int, start: float, room: float) -> float:
+def first_root(body: PressedBody, stretch: SwingStretch, order: int, start: float, room: float) -> float:
     """Return the first zero of phi (order 0) or phi' (order 1) in (start, room], or inf.
 
     Marches from the left by the largest step over which value + slope h - bend h^2/2 keeps its sign, ``bend`` being a
@@ -231,7 +231,7 @@ def first_root(body: PressedBody, stretch: Stretch, order: int, start: float, ro
 
 
 @kernel
-def _clear_of_collar(body: PressedBody, stretch: Stretch, room: float) -> float:
+def _clear_of_collar(body: PressedBody, stretch: SwingStretch, room: float) -> float:
     """Return a time at which a body that leaves the collar without speed is surely off it, having been so since."""
     length = min(room, 1.0 / max(body.k, body.mu))
     _, third, fourth = bounds(body, stretch, length)
@@ -243,7 +243,7 @@ def _clear_of_collar(body: PressedBody, stretch: Stretch, room: float) -> float:
 
 
 @kernel
-def touchdown(body: PressedBody, stretch: Stretch, room: float) -> tuple[float, float]:
+def touchdown(body: PressedBody, stretch: SwingStretch, room: float) -> tuple[float, float]:
     """Return time (s) and approach speed (rad/s) of the first return to the collar within ``room``; (inf, 0) if none.
 
     Without load and damping k s = atan2(B, A) + atan2(sqrt(A^2 + B^2 - phi0^2), phi0), A = phi + phi0, B = phi'/k,
@@ -264,7 +264,7 @@ def touchdown(body: PressedBody, stretch: Stretch, room: float) -> tuple[float, 
 
 
 @kernel
-def highest(body: PressedBody, stretch: Stretch, duration: float) -> tuple[float, float]:
+def highest(body: PressedBody, stretch: SwingStretch, duration: float) -> tuple[float, float]:
     """Return time and angle (s, rad) of the largest angle within the stretch, its ends included.
 
     Every turning point is located (zeros of phi', none stepped over); the smallest angle is left to the collar.

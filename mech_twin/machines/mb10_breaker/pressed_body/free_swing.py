@@ -19,7 +19,7 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from mech_twin.machines.mb10_breaker.pressed_body.flight import Stretch, highest, motion
+from mech_twin.machines.mb10_breaker.pressed_body.flight import SwingStretch, highest, motion
 from mech_twin.machines.mb10_breaker.pressed_body.parameters import PressedBody
 
 COINCIDENCE = 1e-12  # relative distance of k from mu, undamped, below which B and C are written in their secular form
@@ -90,9 +90,9 @@ def start_state(body: PressedBody, z: complex) -> tuple[float, float]:
     return z.imag - body.rest_angle, ring_frequency(body) * z.real - body.damping * body.k * z.imag
 
 
-def load_stretch(body: PressedBody, angle: float = 0.0, rate: float = 0.0) -> Stretch:
+def load_stretch(body: PressedBody, angle: float = 0.0, rate: float = 0.0) -> SwingStretch:
     """Return the loaded part of the cycle from a state at t1."""
-    return Stretch(angle, rate, body.amplitude, body.mu * body.onset + body.phase)
+    return SwingStretch(angle, rate, body.amplitude, body.mu * body.onset + body.phase)
 
 
 def cycle_map(body: PressedBody) -> CycleMap:
@@ -172,8 +172,8 @@ def swing(body: PressedBody, z: complex, time: float) -> tuple[float, float]:
     """Return angle and rate (rad, rad/s) at a time (s) of a cycle with amplitudes Z."""
     angle, rate = start_state(body, z)
     if time <= body.onset:
-        return motion(body, Stretch(angle, rate, 0.0, 0.0), time)
-    angle, rate = motion(body, Stretch(angle, rate, 0.0, 0.0), body.onset)
+        return motion(body, SwingStretch(angle, rate, 0.0, 0.0), time)
+    angle, rate = motion(body, SwingStretch(angle, rate, 0.0, 0.0), body.onset)
     return motion(body, load_stretch(body, angle, rate), time - body.onset)
 
 
@@ -225,7 +225,7 @@ def growth_per_cycle(body: PressedBody) -> float:
 def largest_angle(body: PressedBody, z: complex) -> tuple[float, float]:
     """Return time in the cycle (s) and value (rad) of the largest angle of a cycle, the load phase searched too."""
     angle, rate = start_state(body, z)
-    free = Stretch(angle, rate, 0.0, 0.0)
+    free = SwingStretch(angle, rate, 0.0, 0.0)
     at, best = highest(body, free, body.onset)
     angle, rate = motion(body, free, body.onset)
     later, peak = highest(body, load_stretch(body, angle, rate), body.period - body.onset)

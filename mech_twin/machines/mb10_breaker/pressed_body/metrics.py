@@ -16,13 +16,13 @@ from mech_twin.machines.mb10_breaker.pressed_body.collar_contact import (
     SETTLED,
     SETTLING,
     TOUCHDOWN,
-    Piece,
+    ContactPiece,
     next_piece,
     planned_piece,
     resting_piece,
     stretch_from,
 )
-from mech_twin.machines.mb10_breaker.pressed_body.flight import Stretch, highest, motion, touchdown
+from mech_twin.machines.mb10_breaker.pressed_body.flight import SwingStretch, highest, motion, touchdown
 from mech_twin.machines.mb10_breaker.pressed_body.parameters import PressedBody
 
 SEATED_GAP_M = 2e-5  # gap at the blow up to which the tool counts as seated
@@ -53,7 +53,7 @@ class CycleMetrics(NamedTuple):
 
 
 @kernel
-def cycle_metrics(body: PressedBody, piece: Piece) -> tuple[Piece, CycleMetrics]:
+def cycle_metrics(body: PressedBody, piece: ContactPiece) -> tuple[ContactPiece, CycleMetrics]:
     """Return the first piece of the next cycle and the metrics of the cycle that begins with ``piece``."""
     top, fastest, rested, returned, settled = piece.angle, 0.0, 0.0, math.nan, math.nan
     counted, slow, gap = 0, 0, 0.0
@@ -162,7 +162,7 @@ def with_preload(body: PressedBody, ratio: float, k: float | None = None) -> Pre
     return body._replace(k=k, rate=rate, deflection=deflection, rest_angle=deflection / body.arm)
 
 
-def _first_cycle(body: PressedBody) -> Piece:
+def _first_cycle(body: PressedBody) -> ContactPiece:
     piece = resting_piece(body, 0)
     while piece.cycle == 0 and piece.cause not in {TOUCHDOWN, BLOW}:
         piece, _ = next_piece(body, piece)
@@ -177,7 +177,7 @@ def first_return_after_blow(body: PressedBody) -> float:
     after, _ = next_piece(body, piece)
     if after.regime == CONTACT:
         return -body.period
-    return touchdown(body, Stretch(after.angle, after.rate, 0.0, 0.0), math.inf if body.damping == 0.0 else 1e3)[0]
+    return touchdown(body, SwingStretch(after.angle, after.rate, 0.0, 0.0), math.inf if body.damping == 0.0 else 1e3)[0]
 
 
 def settled_after_blow(body: PressedBody) -> float:
