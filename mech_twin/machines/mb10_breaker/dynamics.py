@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 
 from mech_twin.kernel import kernel
 from mech_twin.parts.four_bar import Coefficients, FourBar, Link, Position, coefficients, offset, position
+from mech_twin.parts.gear import gear_torque
 
 # state: crank angle and speed (against the body), body angle and speed, tool's travel into the wall and speed, then
 # what is integrated along: work of the drive, damping loss, angular impulse on all, work on the wall
@@ -140,9 +141,7 @@ def spring_moment(b: Breaker, phi: float) -> float:
 @kernel
 def crank_torque(b: Breaker, torque: float, u: float, p: float) -> float:
     """Return the torque behind the gear, Q = eta i M_m; eta becomes 1/eta when the motor generates (N m)."""
-    speed = u - p if b.frame_drive > 0.0 else u
-    efficiency = b.efficiency if torque * speed >= 0.0 else 1.0 / b.efficiency
-    return efficiency * b.ratio * torque
+    return gear_torque(b.ratio, b.efficiency, torque, u - b.frame_drive * p)
 
 
 class Accelerations(NamedTuple):

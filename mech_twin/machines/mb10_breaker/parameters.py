@@ -8,26 +8,22 @@ from typing import Literal
 
 from pydantic import model_validator
 
+from mech_twin.engine.coupling import ExtrapolatedCoupling, coupling_step
 from mech_twin.machines.mb10_breaker.pressed_body.parameters import (
     BodyParameters,
     ExcitationParameters,
     stiffness_refusal,
 )
 from mech_twin.parts.four_bar import OPEN, FourBar, failing_inequality
+from mech_twin.parts.gear import Gear
 from mech_twin.parts.induction_motor import InductionMotorParameters
 from mech_twin.parts.supply import SupplyParameters
 from mech_twin.quantity import Parameters, choice, quantity
 
 LEAST_TRANSMISSION_DEG = 5.0
 STIFFEST_N_PER_M = 1e8  # of the springs, where the body follows the forces of the linkage
+LONGEST_STEP_S = 0.005
 LARGEST_OVERTRAVEL = 0.5  # of the striker's stroke: the tool stands in its way in the first half of its way back
-
-
-class GearParameters(Parameters):
-    """The gear pair between motor and crank."""
-
-    ratio: float = quantity("1", "rotor turns per crank turn, i", gt=0.0)
-    efficiency: float = quantity("1", "power passed on by the gear", gt=0.0, le=1.0, live=True)
 
 
 class LinkageParameters(Parameters):
@@ -123,22 +119,17 @@ class ToolParameters(Parameters):
     )
 
 
-class CouplingParameters(Parameters):
+class BreakerCoupling(ExtrapolatedCoupling):
     """The coupling of the roles through time."""
 
-    step_s: float = quantity("s", "coupling step", gt=0.0, le=0.005)
-    extrapolation_order: Literal[0, 1] = choice(
-        "motor torque within a step: 0 held, 1 linear from the last two samples, restarted at impacts, with the "
-        "impulse that turned out missing made good in the next step",
-        default=1,
-    )
+    step_s: float = coupling_step(LONGEST_STEP_S)
 
 
 class BreakerParameters(Parameters):
     """MB-10 breaker."""
 
     motor: InductionMotorParameters = choice("the induction motor")
-    gear: GearParameters = choice("the gear pair")
+    gear: Gear = choice("the gear pair")
     linkage: LinkageParameters = choice("the percussion mechanism")
     tool: ToolParameters = choice("the tool")
     drive_mount: Literal["frame", "body"] = choice(
@@ -149,7 +140,7 @@ class BreakerParameters(Parameters):
     )
     body: BodyParameters = choice("the body, its spring and collar")
     excitation: ExcitationParameters = choice("what moves the body")
-    coupling: CouplingParameters = choice("the coupling of the roles")
+    coupling: BreakerCoupling = choice("the coupling of the roles")
     supply: SupplyParameters = choice("the supply of the motor")
 
     @model_validator(mode="after")
