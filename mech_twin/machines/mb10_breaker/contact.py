@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mech_twin.engine.errors import MotionError
 from mech_twin.kernel import kernel
 from mech_twin.machines.mb10_breaker.dynamics import (
     BLOCKED,
@@ -332,7 +333,7 @@ def apply_event(
 ) -> tuple[int, int]:
     """Apply the event of a signal to state, memory and log; return the regime of the body and the number of events."""
     if count + 3 > len(log):
-        raise RuntimeError("the breaker has more events in one coupling step than its log holds")
+        raise MotionError("mb10_breaker: the log of events of one step is full; shorten coupling.step_s")
     if which == GAP:
         return apply_gap_closed(motion, state, memory, regime, time, log, count)
     if which == DEAD_CENTRE:

@@ -16,13 +16,15 @@ from mech_twin.machines.mb10_breaker.pressed_body.parameters import (
 )
 from mech_twin.parts.four_bar import OPEN, FourBar, failing_inequality
 from mech_twin.parts.gear import Gear
-from mech_twin.parts.induction_motor import InductionMotorParameters
+from mech_twin.parts.induction_motor import InductionMotorParameters, motor_constants
 from mech_twin.parts.supply import SupplyParameters
 from mech_twin.quantity import Parameters, choice, quantity
 
 LEAST_TRANSMISSION_DEG = 5.0
 STIFFEST_N_PER_M = 1e8  # of the springs, where the body follows the forces of the linkage
 LONGEST_STEP_S = 0.005
+LONGEST_TURN_RAD = 0.15  # of the crank in a step: the moment on the body is a line between the ends of the step
+MOST_DECAYS = 0.5  # of the shaft in a step; the extrapolated torque is stable below it
 LARGEST_OVERTRAVEL = 0.5  # of the striker's stroke: the tool stands in its way in the first half of its way back
 
 
@@ -162,6 +164,20 @@ class BreakerParameters(Parameters):
         return self
 
     @model_validator(mode="after")
+    def _step_is_short_enough(self) -> BreakerParameters:
+        speed = self.motor.synchronous_speed_rpm * math.pi / 30.0 / self.gear.ratio
+        longest, why = min(
+            (LONGEST_TURN_RAD / speed, f"{LONGEST_TURN_RAD:g} rad of the crank at synchronous speed"),
+            (
+                MOST_DECAYS * shaft_time_s(self),
+                f"{MOST_DECAYS:g} times inertia of rotor and crank over the steepest slope of the motor",
+            ),
+        )
+        if self.coupling.step_s > longest:
+            raise ValueError(f"coupling.step_s = {self.coupling.step_s:g} s must be at most {longest:.4g} s: {why}")
+        return self
+
+    @model_validator(mode="after")
     def _collar_is_there(self) -> BreakerParameters:
         if self.excitation.kind == "from_forces" and self.body.contact != "one_sided":
             raise ValueError(
@@ -192,3 +208,20 @@ class BreakerParameters(Parameters):
                 f"{self.linkage.ground_m:g} m apart"
             )
         return self
+
+
+def shaft_time_s(p: BreakerParameters) -> float:
+    """Return the shortest time in which the motor's working branch evens out a difference of speed (s).
+
+    tau = eta J/(i^2 dM/dw), dM/dw = 2 M_max/(s_kr w_0); J is what the gear's output carries at least: crank and
+    i^2 J_rotor, and with the drive on the body less what the body gives way.  Torque held over h is stable up to
+    h = 2 tau; a line through two samples with what it missed made good has z^3 = z^2 - (h/tau) (2 z^2 - 3 z/2 + 1/2),
+    which reaches z = -1 at h = tau/2.
+    """
+    i, rotor, crank = p.gear.ratio, p.motor.rotor_inertia_kg_m2, p.linkage.crank_inertia_kg_m2
+    inertia = crank + i * i * rotor
+    if p.drive_mount == "body":
+        inertia -= (i * rotor - crank) ** 2 / (p.body.inertia_kg_m2 + crank + rotor)
+    motor = motor_constants(p.motor)
+    slope = 2.0 * motor.breakdown_torque_nm / (motor.breakdown_slip * motor.synchronous_speed_rad_per_s)
+    return p.gear.efficiency * inertia / (i * i * slope)
