@@ -147,6 +147,9 @@ def apply_strike(motion: Motion, state: Array, memory: Any, regime: int, row: An
     _, slope, _ = striker(b, state[Q])
     speed = slope * state[U] - b.radius * state[P] - state[TOOL_SPEED]
     hit = strike(b, state[Q], state[U], state[PHI], state[P], state[TOOL_SPEED], rests, e)
+    if rests and e == 0.0 and 0.0 < b.radius * hit.p <= SLOWEST_REBOUND_M_PER_S:
+        # body and striker would meet collar and tool by turns, ever slower: the limit of that series has both at rest
+        hit = strike(b, state[Q], state[U], state[PHI], state[P], state[TOOL_SPEED], rests, e, True)
     row.before_m_per_s, row.after_m_per_s, row.impulse_ns = speed, -e * speed, hit.impulse
     state[U], state[P] = hit.u, hit.p
     state[TOOL_SPEED] += hit.impulse / b.tool_mass

@@ -12,6 +12,7 @@ from mech_twin.engine.coupling import ExtrapolatedCoupling, coupling_step
 from mech_twin.machines.mb10_breaker.pressed_body.parameters import (
     BodyParameters,
     ExcitationParameters,
+    ViscousFriction,
     stiffness_refusal,
 )
 from mech_twin.parts.four_bar import OPEN, FourBar, failing_inequality
@@ -24,6 +25,7 @@ LEAST_TRANSMISSION_DEG = 5.0
 STIFFEST_N_PER_M = 1e8  # of the springs, where the body follows the forces of the linkage
 LONGEST_STEP_S = 0.005
 LONGEST_TURN_RAD = 0.15  # of the crank in a step: the moment on the body is a line between the ends of the step
+FASTEST_DECAY_PER_S = 100.0  # of the crank by the friction of its bearing: slow against the integrator's step
 MOST_DECAYS = 0.5  # of the shaft in a step; the extrapolated torque is stable below it
 LARGEST_OVERTRAVEL = 0.5  # of the striker's stroke: the tool stands in its way in the first half of its way back
 
@@ -144,6 +146,7 @@ class BreakerParameters(Parameters):
     excitation: ExcitationParameters = choice("what moves the body")
     coupling: BreakerCoupling = choice("the coupling of the roles")
     supply: SupplyParameters = choice("the supply of the motor")
+    friction: ViscousFriction = choice("friction of the crank's bearing in the body", default=ViscousFriction())
 
     @model_validator(mode="after")
     def _striker_meets_the_tool(self) -> BreakerParameters:
@@ -175,6 +178,16 @@ class BreakerParameters(Parameters):
         )
         if self.coupling.step_s > longest:
             raise ValueError(f"coupling.step_s = {self.coupling.step_s:g} s must be at most {longest:.4g} s: {why}")
+        return self
+
+    @model_validator(mode="after")
+    def _friction_can_be_followed(self) -> BreakerParameters:
+        most = FASTEST_DECAY_PER_S * self.linkage.crank_inertia_kg_m2
+        if self.friction.viscous_nms_per_rad > most:
+            raise ValueError(
+                f"friction.viscous_nms_per_rad must be at most {most:.4g}, {FASTEST_DECAY_PER_S:g}/s times "
+                f"linkage.crank_inertia_kg_m2; got {self.friction.viscous_nms_per_rad:g}"
+            )
         return self
 
     @model_validator(mode="after")

@@ -265,10 +265,10 @@ class BreakerForces:
         )
 
     def _collar_impulse(self, event: Event, jump: PinForces) -> float:
-        """Return the collar's angular impulse on a resting body that a blow presses on it (N m s)."""
+        """Return the collar's angular impulse on a resting body that stays on it through a blow (N m s)."""
         body, after = event.pre[1], event.post[1]
         rests = body.position == body.velocity == after.velocity == 0.0
-        return max(-jump.moment, 0.0) if rests and event.kind in STRIKES and not self._b.held else 0.0
+        return -jump.moment if rests and event.kind in STRIKES and not self._b.held else 0.0
 
     def _load(self, event: Event, impulse: float) -> Load:
         regime = HELD if self._b.held else FLIGHT
