@@ -1,1 +1,1 @@
-"""One file per machine, and the catalogue."""
+"""One package a machine, what several share, and the catalogue."""

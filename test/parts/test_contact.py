@@ -3,7 +3,7 @@
 import math
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import Phase, example, given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
@@ -17,7 +17,10 @@ fading = st.floats(-0.2, 5.0)  # of v w
 
 
 def integrated(m, k, zeta, v, a):
-    """DOP853 of the compression until the force ends: peak force, duration, impulse, parting speed."""
+    """DOP853 of the compression until the force ends: peak force, duration, impulse, parting speed.
+
+    A force that has not ended after twenty times its slowest time never does: the bodies stay pressed together.
+    """
     c = 2.0 * zeta * math.sqrt(k * m)
     span, scale = math.sqrt(m / k), v * math.sqrt(k * m)
 
@@ -34,7 +37,7 @@ def integrated(m, k, zeta, v, a):
         return k * state[1] - c * (force(state) / m + a)
 
     ended.terminal, ended.direction, topped.direction = True, -1.0, -1.0
-    step = 0.02 * span / (1.0 + 2.0 * zeta + abs(a) * span / v)
+    step = 0.1 * span / (1.0 + 2.0 * zeta + abs(a) * span / v)
     done = solve_ivp(
         slope,
         (0.0, 20.0 * span * (1.0 + 2.0 * zeta)),
@@ -45,13 +48,15 @@ def integrated(m, k, zeta, v, a):
         max_step=step,
         events=(ended, topped),
     )
-    assert done.status == 1
     peaks = [force(state) for state in done.y_events[1]] if len(done.t_events[1]) else []
+    if done.status == 0:
+        return max([c * v, *peaks]), math.inf, math.inf, 0.0
     return max([c * v, *peaks]), done.t[-1], done.y[2, -1], -done.y[1, -1]
 
 
 @given(m=mass, k=stiffness, zeta=damping, v=speed, share=fading)
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, phases=[Phase.explicit, Phase.reuse, Phase.generate])
+@example(m=423.0, k=1000.0, zeta=1.0, v=1.0, share=-0.125)
 def test_the_pulse_equals_an_independent_integration(m, k, zeta, v, share):
     a = share * v * math.sqrt(k / m)
     found, expected = contact_pulse(m, k, zeta, v, a), integrated(m, k, zeta, v, a)

@@ -54,11 +54,11 @@ def test_the_contradictions_of_the_sources_come_first():
         dict.fromkeys(row.source for row, first in zip(rows, verdicts, strict=True) if first and not row.gated)
     )
     assert [name.split()[0].strip(",") for name in sources] == [
-        "Loveikin",
-        "Lastochkin",
-        "Asfandiyarov",
-        "Manzhosov",
         "Alisher",
+        "Asfandiyarov",
+        "Lastochkin",
+        "Manzhosov",
+        "Loveikin",
         "winding",
     ]
 

@@ -258,5 +258,5 @@ def test_a_space_that_makes_no_sense_is_refused_by_name(bounds, limits, word):
 
 
 def test_a_machine_without_a_design_question_says_so():
-    with pytest.raises(StudyError, match="winding_drum: no design question; there is one for compaction_press"):
+    with pytest.raises(StudyError, match="winding_drum: no design question; there is an answer for compaction_press"):
         design_question("winding_drum")

@@ -40,7 +40,7 @@ class BodyParameters(Parameters):
     spring_arm_m: float = quantity("m", "arm of the pressing spring about the crank axis, l", ge=1e-3, le=10.0)
     spring_rate_n_per_m: float = quantity("N/m", "rate of the pressing spring, c", live=True, ge=1.0, le=1e10)
     preload_deflection_m: float = quantity(
-        "m", "spring deflection with the body on the tool, a", live=True, ge=0, le=10.0
+        "m", "spring deflection with the body on the tool, a", live=True, ge=0, le=1000.0
     )
     restitution: float = quantity("1", "restitution of body on tool collar, e", live=True, ge=0, le=0.99)
     tool_radius_m: float = quantity("m", "arm of the tool collar about the crank axis, r_tool", ge=1e-3, le=10.0)
