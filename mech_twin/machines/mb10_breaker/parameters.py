@@ -24,7 +24,7 @@ from mech_twin.quantity import Parameters, choice, quantity
 LEAST_TRANSMISSION_DEG = 5.0
 STIFFEST_N_PER_M = 1e8  # of the springs, where the body follows the forces of the linkage
 LONGEST_STEP_S = 0.005
-LONGEST_TURN_RAD = 0.15  # of the crank in a step: the moment on the body is a line between the ends of the step
+LONGEST_TURN_RAD = 0.135  # of the crank in a step: the moment on the body is a line between the ends of the step
 FASTEST_DECAY_PER_S = 100.0  # of the crank by the friction of its bearing: slow against the integrator's step
 MOST_DECAYS = 0.5  # of the shaft in a step; the extrapolated torque is stable below it
 LARGEST_OVERTRAVEL = 0.5  # of the striker's stroke: the tool stands in its way in the first half of its way back

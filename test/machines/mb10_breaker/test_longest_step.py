@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from machines.mb10_breaker.test_reference import drawn
 
 from mech_twin.configuration_tree import ConfigurationError
 from mech_twin.engine.errors import MotionError
@@ -49,6 +50,12 @@ def test_residuals_hold_at_the_longest_step(overrides):
     with pytest.raises(ConfigurationError, match=r"coupling.step_s = .* s must be at most .* s: ") as refused:
         machine("mb10_breaker", overrides={**overrides, "coupling.step_s": 1.0001 * longest})
     assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_residuals_of_random_machines_hold_at_the_longest_step(seed):
+    overrides = drawn(seed)
+    assert broken({**overrides, "coupling.step_s": 0.9999 * longest_s(overrides)}, 0.8) == {}
 
 
 def largest_root(share):
