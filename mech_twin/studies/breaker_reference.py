@@ -145,14 +145,15 @@ class BreakerReference:
         return 2.0 * largest * m.rated_power_w / rated / (now / critical + critical / now) if now else 0.0
 
     def forces(self, q: float, u: float, phi: float, p: float) -> Array:
-        """Return what drive and spring do on both coordinates (N m)."""
+        """Return what drive, spring and friction do on both coordinates (N m)."""
         b, gear = self._p.body, self._p.gear
         torque = self.motor_torque(gear.ratio * (u - p if self._on_frame else u))
         forward = torque * (u - self._on_frame * p) >= 0.0
         drive = torque * gear.ratio * (gear.efficiency if forward else 1.0 / gear.efficiency)
-        damping = 2.0 * b.damping_ratio * b.spring_arm_m * math.sqrt(b.spring_rate_n_per_m * b.inertia_kg_m2)
+        bearing, pivot = self._p.friction.viscous_nms_per_rad * u, b.friction.viscous_nms_per_rad
+        damping = pivot + 2.0 * b.damping_ratio * b.spring_arm_m * math.sqrt(b.spring_rate_n_per_m * b.inertia_kg_m2)
         spring = b.spring_rate_n_per_m * (b.spring_arm_m * phi + b.preload_deflection_m) * b.spring_arm_m
-        return np.array([drive, -self._on_frame * drive - spring - damping * p])
+        return np.array([drive - bearing, -self._on_frame * drive - spring - damping * p])
 
     def accelerations(self, state: Array, rests: bool) -> tuple[float, float, float]:
         """Return u', p' and the collar's moment."""

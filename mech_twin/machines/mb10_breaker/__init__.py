@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 
+from mech_twin.machines.drives import KlossDrive
 from mech_twin.machines.mb10_breaker.constants import breaker
 from mech_twin.machines.mb10_breaker.drawing import drawing
 from mech_twin.machines.mb10_breaker.driven_body import DrivenBody
 from mech_twin.machines.mb10_breaker.half_sine_body import HalfSineBody
 from mech_twin.machines.mb10_breaker.metrics import position_metrics, static_report
 from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
-from mech_twin.machines.mb10_breaker.roles import BreakerForces, BreakerLinkage, KlossDrive
+from mech_twin.machines.mb10_breaker.roles import BreakerForces, BreakerLinkage, geared_shaft
 from mech_twin.machines.mb10_breaker.run_metrics import BreakerObserver
 from mech_twin.parts.induction_motor import motor_constants
 from mech_twin.quantity import Parameters
@@ -32,7 +34,9 @@ def build(parameters: Parameters) -> Machine:
         name="mb10_breaker",
         parameters=p,
         coupling_step_s=step_s,
-        motor=KlossDrive(motor_constants(p.motor), constants, p.supply.rate_per_s, step_s),
+        motor=KlossDrive(
+            motor_constants(p.motor), p.gear.ratio, p.supply.rate_per_s, step_s, partial(geared_shaft, constants)
+        ),
         linkage=BreakerLinkage(
             constants,
             math.radians(p.linkage.initial_crank_deg),

@@ -72,7 +72,7 @@ def breaker(p: BreakerParameters) -> Breaker:
         rate=p.body.spring_rate_n_per_m,
         arm=p.body.spring_arm_m,
         deflection=p.body.preload_deflection_m,
-        damping=2.0 * p.body.damping_ratio * k * p.body.inertia_kg_m2,
+        damping=2.0 * p.body.damping_ratio * k * p.body.inertia_kg_m2 + p.body.friction.viscous_nms_per_rad,
         restitution=p.body.restitution,
         radius=p.body.tool_radius_m,
         striker=link.striker_arm_m,
@@ -88,4 +88,5 @@ def breaker(p: BreakerParameters) -> Breaker:
         extreme_y=at.v_y / link.rocker_m,
         gravity=p.gravity_m_per_s2,
         held=p.excitation.kind == "approximated",
+        crank_viscous=p.friction.viscous_nms_per_rad,
     )

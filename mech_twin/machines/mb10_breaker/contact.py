@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mech_twin.engine.errors import MotionError
 from mech_twin.kernel import kernel
 from mech_twin.machines.mb10_breaker.dynamics import (
     BLOCKED,
@@ -146,6 +147,9 @@ def apply_strike(motion: Motion, state: Array, memory: Any, regime: int, row: An
     _, slope, _ = striker(b, state[Q])
     speed = slope * state[U] - b.radius * state[P] - state[TOOL_SPEED]
     hit = strike(b, state[Q], state[U], state[PHI], state[P], state[TOOL_SPEED], rests, e)
+    if rests and e == 0.0 and 0.0 < b.radius * hit.p <= SLOWEST_REBOUND_M_PER_S:
+        # body and striker would meet collar and tool by turns, ever slower: the limit of that series has both at rest
+        hit = strike(b, state[Q], state[U], state[PHI], state[P], state[TOOL_SPEED], rests, e, True)
     row.before_m_per_s, row.after_m_per_s, row.impulse_ns = speed, -e * speed, hit.impulse
     state[U], state[P] = hit.u, hit.p
     state[TOOL_SPEED] += hit.impulse / b.tool_mass
@@ -332,7 +336,7 @@ def apply_event(
 ) -> tuple[int, int]:
     """Apply the event of a signal to state, memory and log; return the regime of the body and the number of events."""
     if count + 3 > len(log):
-        raise RuntimeError("the breaker has more events in one coupling step than its log holds")
+        raise MotionError("mb10_breaker: the log of events of one step is full; shorten coupling.step_s")
     if which == GAP:
         return apply_gap_closed(motion, state, memory, regime, time, log, count)
     if which == DEAD_CENTRE:

@@ -12,11 +12,11 @@ r"""Crank and body of the breaker, solved together: masses, forces, impacts, ene
                        \                             R  collar force times its arm, >= 0 while the body rests
                         \  S|===> n   tool | wall
 
-    M11 u' + M12 p' + M11,q u^2/2 - M22,q p^2/2       = Q + G_q
+    M11 u' + M12 p' + M11,q u^2/2 - M22,q p^2/2       = Q - v u + G_q
     M12 u' + M22 p' + M12,q u^2 + M22,q u p           = -Q (frame drive) - c (l phi + a) l - d p + R + G_phi
 
-with u = q', p = phi', Q the torque on the crank behind the gear, G gravity.  An absolute angular velocity is
-counter-clockwise: crank u - p, link i  g_i u - p, body -p.
+with u = q', p = phi', Q the torque on the crank behind the gear, v its bearing's friction, G gravity.
+An absolute angular velocity is counter-clockwise: crank u - p, link i  g_i u - p, body -p.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 
 from mech_twin.kernel import kernel
 from mech_twin.parts.four_bar import Coefficients, FourBar, Link, Position, coefficients, offset, position
+from mech_twin.parts.gear import gear_torque
 
 # state: crank angle and speed (against the body), body angle and speed, tool's travel into the wall and speed, then
 # what is integrated along: work of the drive, damping loss, angular impulse on all, work on the wall
@@ -73,6 +74,7 @@ class Breaker(NamedTuple):
     extreme_y: float
     gravity: float
     held: bool
+    crank_viscous: float
 
 
 class Masses(NamedTuple):
@@ -140,9 +142,7 @@ def spring_moment(b: Breaker, phi: float) -> float:
 @kernel
 def crank_torque(b: Breaker, torque: float, u: float, p: float) -> float:
     """Return the torque behind the gear, Q = eta i M_m; eta becomes 1/eta when the motor generates (N m)."""
-    speed = u - p if b.frame_drive > 0.0 else u
-    efficiency = b.efficiency if torque * speed >= 0.0 else 1.0 / b.efficiency
-    return efficiency * b.ratio * torque
+    return gear_torque(b.ratio, b.efficiency, torque, u - b.frame_drive * p)
 
 
 class Accelerations(NamedTuple):
@@ -157,7 +157,7 @@ class Accelerations(NamedTuple):
 @kernel
 def generalised_forces(b: Breaker, m: Masses, u: float, phi: float, p: float, drive: float) -> tuple[float, float]:
     """Return the right-hand sides of both equations without collar and tool (N m)."""
-    first = drive + m.g_q - 0.5 * m.m11_q * u * u + 0.5 * m.m22_q * p * p
+    first = drive - b.crank_viscous * u + m.g_q - 0.5 * m.m11_q * u * u + 0.5 * m.m22_q * p * p
     second = -b.frame_drive * drive - spring_moment(b, phi) - b.damping * p + m.g_phi
     second -= m.m12_q * u * u + m.m22_q * u * p
     return first, second
@@ -271,7 +271,7 @@ def derivatives(
     out[TOOL_SPEED] = (now.tool_force_n - b.wall_force) / b.tool_mass if tool in (MOVING, PUSHED) else 0.0
     out[WALL_WORK] = b.wall_force * out[TOOL]
     out[WORK] = drive * (u - b.frame_drive * p)
-    out[DAMPED] = b.damping * p * p
+    out[DAMPED] = b.damping * p * p + b.crank_viscous * u * u
     moment = -b.frame_drive * drive - spring_moment(b, phi) - b.damping * p + now.collar_nm + m.g_phi
     out[TURNED] = moment + b.radius * now.tool_force_n
 
@@ -328,12 +328,21 @@ class Blow(NamedTuple):
 
 @kernel
 def strike(
-    b: Breaker, q: float, u: float, phi: float, p: float, tool_speed: float, rests: bool, restitution: float
+    b: Breaker,
+    q: float,
+    u: float,
+    phi: float,
+    p: float,
+    tool_speed: float,
+    rests: bool,
+    restitution: float,
+    stays: bool = False,
 ) -> Blow:
     """Return the impact of the striker on a tool that moves into the wall with a speed (m/s), crank and body together.
 
     j = (dy/dq, -r_tool), 1/m_e = j' M^-1 j, v = j.(u, p) - w, P = (1 + e_t) v m_e m_t/(m_e + m_t), jump = -M^-1 j P; a
     body that is held, or that the impact would press onto its collar, does not take part: m_e = M11/(dy/dq)^2.
+    ``stays``: nor does a resting body, whichever way the impact throws it.
     """
     m = masses_at(b, q, phi)
     _, slope, _ = striker(b, q)
@@ -341,7 +350,7 @@ def strike(
     det = m.m11 * m.m22 - m.m12 * m.m12
     x = (m.m22 * slope + m.m12 * b.radius) / det
     y = (-m.m12 * slope - m.m11 * b.radius) / det
-    pressed = rests and y > 0.0
+    pressed = rests and (stays or y > 0.0)
     if b.held or pressed:
         x, y = slope / m.m11, 0.0
     effective = 1.0 / (slope * x - b.radius * y)

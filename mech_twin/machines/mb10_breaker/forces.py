@@ -142,7 +142,8 @@ def pin_forces(
     a_x, a_y = in_frame(phi, a_x, a_y)
     b_x, b_y = in_frame(phi, b_x, b_y)
     c_x, c_y = in_frame(phi, c_x, c_y)
-    drive_error = needed - drive
+    moment -= b.frame_drive * b.crank_viscous * u  # of the crank's bearing; on the body it is in the torque above
+    drive_error = needed - drive + b.crank_viscous * u
     return PinForces(
         o_x,
         o_y,

@@ -163,7 +163,7 @@ class HalfSineBody:
             regime=piece.regime,
             pressing_force_n=force,
             memory=Named(HalfSineMemory._fields, tuple(memory)),
-            residuals=Named(RESIDUALS, residuals_at(constants, piece, local)),
+            residuals=Named(RESIDUALS, residuals_at(constants, piece, local, self._step_s)),
             events=events,
         )
 

@@ -8,26 +8,26 @@ from typing import Literal
 
 from pydantic import model_validator
 
+from mech_twin.engine.coupling import ExtrapolatedCoupling, coupling_step
 from mech_twin.machines.mb10_breaker.pressed_body.parameters import (
     BodyParameters,
     ExcitationParameters,
+    ViscousFriction,
     stiffness_refusal,
 )
 from mech_twin.parts.four_bar import OPEN, FourBar, failing_inequality
-from mech_twin.parts.induction_motor import InductionMotorParameters
+from mech_twin.parts.gear import Gear
+from mech_twin.parts.induction_motor import InductionMotorParameters, motor_constants
 from mech_twin.parts.supply import SupplyParameters
 from mech_twin.quantity import Parameters, choice, quantity
 
 LEAST_TRANSMISSION_DEG = 5.0
 STIFFEST_N_PER_M = 1e8  # of the springs, where the body follows the forces of the linkage
+LONGEST_STEP_S = 0.005
+LONGEST_TURN_RAD = 0.135  # of the crank in a step: the moment on the body is a line between the ends of the step
+FASTEST_DECAY_PER_S = 100.0  # of the crank by the friction of its bearing: slow against the integrator's step
+MOST_DECAYS = 0.5  # of the shaft in a step; the extrapolated torque is stable below it
 LARGEST_OVERTRAVEL = 0.5  # of the striker's stroke: the tool stands in its way in the first half of its way back
-
-
-class GearParameters(Parameters):
-    """The gear pair between motor and crank."""
-
-    ratio: float = quantity("1", "rotor turns per crank turn, i", gt=0.0)
-    efficiency: float = quantity("1", "power passed on by the gear", gt=0.0, le=1.0, live=True)
 
 
 class LinkageParameters(Parameters):
@@ -123,22 +123,17 @@ class ToolParameters(Parameters):
     )
 
 
-class CouplingParameters(Parameters):
+class BreakerCoupling(ExtrapolatedCoupling):
     """The coupling of the roles through time."""
 
-    step_s: float = quantity("s", "coupling step", gt=0.0, le=0.005)
-    extrapolation_order: Literal[0, 1] = choice(
-        "motor torque within a step: 0 held, 1 linear from the last two samples, restarted at impacts, with the "
-        "impulse that turned out missing made good in the next step",
-        default=1,
-    )
+    step_s: float = coupling_step(LONGEST_STEP_S)
 
 
 class BreakerParameters(Parameters):
     """MB-10 breaker."""
 
     motor: InductionMotorParameters = choice("the induction motor")
-    gear: GearParameters = choice("the gear pair")
+    gear: Gear = choice("the gear pair")
     linkage: LinkageParameters = choice("the percussion mechanism")
     tool: ToolParameters = choice("the tool")
     drive_mount: Literal["frame", "body"] = choice(
@@ -149,8 +144,9 @@ class BreakerParameters(Parameters):
     )
     body: BodyParameters = choice("the body, its spring and collar")
     excitation: ExcitationParameters = choice("what moves the body")
-    coupling: CouplingParameters = choice("the coupling of the roles")
+    coupling: BreakerCoupling = choice("the coupling of the roles")
     supply: SupplyParameters = choice("the supply of the motor")
+    friction: ViscousFriction = choice("friction of the crank's bearing in the body", default=ViscousFriction())
 
     @model_validator(mode="after")
     def _striker_meets_the_tool(self) -> BreakerParameters:
@@ -167,6 +163,30 @@ class BreakerParameters(Parameters):
             raise ValueError(
                 f"linkage.initial_crank_deg {link.initial_crank_deg:g} starts the striker {h - short:.4g} m inside the "
                 f"tool: start where it is at least tool.overtravel_m = {h:g} m from its extreme, as at 0 or 180 deg"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _step_is_short_enough(self) -> BreakerParameters:
+        speed = self.motor.synchronous_speed_rpm * math.pi / 30.0 / self.gear.ratio
+        longest, why = min(
+            (LONGEST_TURN_RAD / speed, f"{LONGEST_TURN_RAD:g} rad of the crank at synchronous speed"),
+            (
+                MOST_DECAYS * shaft_time_s(self),
+                f"{MOST_DECAYS:g} times inertia of rotor and crank over the steepest slope of the motor",
+            ),
+        )
+        if self.coupling.step_s > longest:
+            raise ValueError(f"coupling.step_s = {self.coupling.step_s:g} s must be at most {longest:.4g} s: {why}")
+        return self
+
+    @model_validator(mode="after")
+    def _friction_can_be_followed(self) -> BreakerParameters:
+        most = FASTEST_DECAY_PER_S * self.linkage.crank_inertia_kg_m2
+        if self.friction.viscous_nms_per_rad > most:
+            raise ValueError(
+                f"friction.viscous_nms_per_rad must be at most {most:.4g}, {FASTEST_DECAY_PER_S:g}/s times "
+                f"linkage.crank_inertia_kg_m2; got {self.friction.viscous_nms_per_rad:g}"
             )
         return self
 
@@ -201,3 +221,20 @@ class BreakerParameters(Parameters):
                 f"{self.linkage.ground_m:g} m apart"
             )
         return self
+
+
+def shaft_time_s(p: BreakerParameters) -> float:
+    """Return the shortest time in which the motor's working branch evens out a difference of speed (s).
+
+    tau = eta J/(i^2 dM/dw), dM/dw = 2 M_max/(s_kr w_0); J is what the gear's output carries at least: crank and
+    i^2 J_rotor, and with the drive on the body less what the body gives way.  Torque held over h is stable up to
+    h = 2 tau; a line through two samples with what it missed made good has z^3 = z^2 - (h/tau) (2 z^2 - 3 z/2 + 1/2),
+    which reaches z = -1 at h = tau/2.
+    """
+    i, rotor, crank = p.gear.ratio, p.motor.rotor_inertia_kg_m2, p.linkage.crank_inertia_kg_m2
+    inertia = crank + i * i * rotor
+    if p.drive_mount == "body":
+        inertia -= (i * rotor - crank) ** 2 / (p.body.inertia_kg_m2 + crank + rotor)
+    motor = motor_constants(p.motor)
+    slope = 2.0 * motor.breakdown_torque_nm / (motor.breakdown_slip * motor.synchronous_speed_rad_per_s)
+    return p.gear.efficiency * inertia / (i * i * slope)

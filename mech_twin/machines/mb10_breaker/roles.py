@@ -1,4 +1,4 @@
-"""The breaker's motor, linkage and force analysis as pure maps between samples."""
+"""The breaker's linkage and force analysis as pure maps between samples, and the shaft its motor turns."""
 
 from __future__ import annotations
 
@@ -38,8 +38,6 @@ from mech_twin.machines.mb10_breaker.state import (
 )
 from mech_twin.machines.mb10_breaker.step import Array, advance_step, take_body
 from mech_twin.parts.four_bar import closure_error, coefficients, link_angles, position
-from mech_twin.parts.induction_motor import MotorConstants, motor_torque
-from mech_twin.parts.supply import limited_command
 from mech_twin.samples import (
     BodySample,
     Coordinate,
@@ -60,38 +58,11 @@ COUPLING_DEFECT_AT_1_MS = 1e-5  # ten times the largest of the running machine
 FORCE_RESIDUALS = ("drive_torque_routes", "body_moment_routes", "impulse_routes")
 
 
-class KlossDrive:
-    """The induction motor at the speed its rotor has: i (u - phi') on the frame, i u on the body.
-
-    Parameters
-    ----------
-    constants : MotorConstants
-        Kloss curve.
-    breaker : Breaker
-        Constants of the machine, for the gear.
-    rate_per_s : float
-        Largest change of the supply fraction per second.
-    step_s : float
-        Coupling step.
-    """
-
-    joints = ("rotor",)
-
-    def __init__(self, constants: MotorConstants, breaker: Breaker, rate_per_s: float, step_s: float) -> None:
-        self._motor = constants
-        self._ratio = breaker.ratio
-        self._carried = breaker.frame_drive
-        self._rate_per_s = rate_per_s
-        self._step_s = step_s
-
-    def respond(self, linkage: LinkageSample, target: float) -> MotorSample:
-        """Return rotor angle, speed and shaft torque at the linkage's step."""
-        command = limited_command(linkage.command, target, self._rate_per_s, self._step_s)
-        speed = self._ratio * (linkage.velocity[0] - self._carried * linkage.velocity[3])
-        turned = 2.0 * math.pi * BreakerMemory(*linkage.memory.values).turns + linkage.position[0]
-        angle = self._ratio * (turned - self._carried * linkage.position[3])
-        torque = motor_torque(self._motor, speed, command)
-        return MotorSample(linkage.step, linkage.time_s, self.joints, (angle,), (speed,), (torque,), command)
+def geared_shaft(breaker: Breaker, linkage: LinkageSample) -> tuple[float, float]:
+    """Return angle (rad) and speed (rad/s) of the gear's output, seen from the motor: q - phi on the frame, else q."""
+    carried = breaker.frame_drive
+    turned = 2.0 * math.pi * BreakerMemory(*linkage.memory.values).turns + linkage.position[0]
+    return turned - carried * linkage.position[3], linkage.velocity[0] - carried * linkage.velocity[3]
 
 
 class BreakerLinkage:
@@ -294,10 +265,10 @@ class BreakerForces:
         )
 
     def _collar_impulse(self, event: Event, jump: PinForces) -> float:
-        """Return the collar's angular impulse on a resting body that a blow presses on it (N m s)."""
+        """Return the collar's angular impulse on a resting body that stays on it through a blow (N m s)."""
         body, after = event.pre[1], event.post[1]
         rests = body.position == body.velocity == after.velocity == 0.0
-        return max(-jump.moment, 0.0) if rests and event.kind in STRIKES and not self._b.held else 0.0
+        return -jump.moment if rests and event.kind in STRIKES and not self._b.held else 0.0
 
     def _load(self, event: Event, impulse: float) -> Load:
         regime = HELD if self._b.held else FLIGHT

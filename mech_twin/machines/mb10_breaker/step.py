@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mech_twin.engine.errors import MotionError
 from mech_twin.engine.events import FALLING, NONE, Step, first_event
 from mech_twin.engine.integration import start_step, take_step
 from mech_twin.kernel import kernel
@@ -249,7 +250,7 @@ def advance_step(
     while step_s - time > 1e-16:
         turns += 1
         if turns > SUBSTEP_BUDGET:
-            raise RuntimeError("the breaker has more events in one coupling step than can be followed")
+            raise MotionError("mb10_breaker: more events in one step than are followed; shorten coupling.step_s")
         tool = int(memory.tool_regime)
         contact = tool in (PUSHED, BLOCKED) and regime == FLIGHT
         span = substep(state[U], step_s - time, PUSHING_SUBSTEP_S if contact else LONGEST_SUBSTEP_S)

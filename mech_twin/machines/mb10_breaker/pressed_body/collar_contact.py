@@ -19,6 +19,7 @@ import math
 from typing import NamedTuple
 
 from mech_twin.kernel import kernel
+from mech_twin.machines.mb10_breaker.pressed_body.energy_balance import energy_left_open
 from mech_twin.machines.mb10_breaker.pressed_body.flight import (
     ROUNDING,
     SwingStretch,
@@ -178,21 +179,17 @@ def state_at(body: PressedBody, piece: ContactPiece, time: float) -> tuple[float
 
 
 @kernel
-def residuals_at(body: PressedBody, piece: ContactPiece, time: float) -> tuple[float, float]:
-    """Return two residuals, zero but for rounding: penetration of the collar (rad), and relative gain of energy.
+def residuals_at(body: PressedBody, piece: ContactPiece, time: float, span: float) -> tuple[float, float]:
+    """Return two residuals, zero but for rounding: penetration of the collar (rad), and what the energy leaves open.
 
-    The energy phi'^2 + k^2 (phi + phi0)^2 is compared with the start of the piece where neither load nor damping acts.
+    The energy is balanced over the last ``span`` (s) of free swing before ``time``, within the piece.
     """
     if piece.regime != FREE:
         return 0.0, 0.0
     stretch = stretch_from(body, piece.start, piece.angle, piece.rate, piece.loaded)
-    angle, rate = motion(body, stretch, max(time - piece.start, 0.0))
-    depth = max(-angle, 0.0) if body.one_sided else 0.0
-    if stretch.load > 0.0 or body.damping > 0.0:
-        return depth, 0.0
-    before = piece.rate**2 + (body.k * (piece.angle + body.rest_angle)) ** 2
-    after = rate**2 + (body.k * (angle + body.rest_angle)) ** 2
-    return depth, (after - before) / before if before > 0.0 else after
+    end = max(time - piece.start, 0.0)
+    depth = max(-motion(body, stretch, end)[0], 0.0) if body.one_sided else 0.0
+    return depth, energy_left_open(body, stretch, max(end - span, 0.0), end)
 
 
 @kernel

@@ -19,6 +19,7 @@ import cmath
 import math
 from typing import NamedTuple
 
+from mech_twin.engine.errors import MotionError
 from mech_twin.kernel import kernel
 from mech_twin.machines.mb10_breaker.pressed_body.parameters import PressedBody
 
@@ -198,7 +199,7 @@ def first_root(body: PressedBody, stretch: SwingStretch, order: int, start: floa
 
     Raises
     ------
-    RuntimeError
+    MotionError
         If the march does not come to an end; the bounds of the parameters keep it from that.
     """
     s = start
@@ -227,7 +228,7 @@ def first_root(body: PressedBody, stretch: SwingStretch, order: int, start: floa
             s = end
             end, bend = _window(body, stretch, s, room, order)
         value, slope = _value_and_slope(body, stretch, s, order)
-    raise RuntimeError("the search for the body's next event takes too many steps")
+    raise MotionError("mb10_breaker: no end to the search for the body's next event; lower body.spring_rate_n_per_m")
 
 
 @kernel

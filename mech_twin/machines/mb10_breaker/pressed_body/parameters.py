@@ -21,7 +21,16 @@ from pydantic import model_validator
 from mech_twin.quantity import Parameters, choice, quantity
 
 STIFFEST = 1000.0  # k over the cycle frequency up to which the half sine's chain of events is followed
+MOST_DAMPING = 0.99
 MATCH = 1e-9  # how far a stated frequency ratio may lie from the one that follows from the onset
+
+
+class ViscousFriction(Parameters):
+    """Friction of a bearing that grows with its speed."""
+
+    viscous_nms_per_rad: float = quantity(
+        "N m s/rad", "friction torque per speed", default=0.0, ge=0.0, le=1e9, live=True
+    )
 
 
 class BodyParameters(Parameters):
@@ -43,6 +52,24 @@ class BodyParameters(Parameters):
         "one_sided: the collar only pushes (phi >= 0); none: the body swings freely through it, as published",
         default="one_sided",
     )
+    friction: ViscousFriction = choice("friction of the body's pivot", default=ViscousFriction())
+
+    @property
+    def damping(self) -> float:
+        """Damping ratio with the friction of the pivot, zeta + v/(2 k J)."""
+        k = self.spring_arm_m * sqrt(self.spring_rate_n_per_m / self.inertia_kg_m2)
+        return self.damping_ratio + self.friction.viscous_nms_per_rad / (2.0 * k * self.inertia_kg_m2)
+
+    @model_validator(mode="after")
+    def _swings(self) -> BodyParameters:
+        if self.damping > MOST_DAMPING:
+            most = (MOST_DAMPING - self.damping_ratio) * self.friction.viscous_nms_per_rad
+            most /= self.damping - self.damping_ratio
+            raise ValueError(
+                f"friction.viscous_nms_per_rad must be at most {most:.6g}, so that with damping_ratio the body still "
+                f"swings (zeta at most {MOST_DAMPING:g}); got {self.friction.viscous_nms_per_rad:g}"
+            )
+        return self
 
 
 class ExcitationParameters(Parameters):
@@ -136,7 +163,7 @@ def pressed_body(body: BodyParameters, excitation: ExcitationParameters) -> Pres
         rate=body.spring_rate_n_per_m,
         deflection=body.preload_deflection_m,
         restitution=body.restitution,
-        damping=body.damping_ratio,
+        damping=body.damping,
         radius=body.tool_radius_m,
         impulse=body.blow_impulse_nms,
         one_sided=body.contact == "one_sided",
