@@ -100,7 +100,8 @@ def test_a_series_sums_its_intervals_and_ends_at_its_limit(r, v1, a):
 def test_the_number_of_impacts_within_a_time_is_that_of_the_series(r, i):
     here, there = series_delay(float(i), 1.0, 1.0, r), series_delay(float(i + 1), 1.0, 1.0, r)
     assert impacts_within(0.5 * (here + there), 1.0, 1.0, r) == i or there - here < 1e-9 * here
-    assert impacts_within(series_length(1.0, 1.0, r), 1.0, 1.0, r) == math.inf
+    for beyond in (1.0, 1.5, 100.0):
+        assert impacts_within(beyond * series_length(1.0, 1.0, r), 1.0, 1.0, r) == math.inf
 
 
 def test_a_cut_off_equal_to_a_power_keeps_that_impact():
