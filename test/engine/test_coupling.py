@@ -58,7 +58,9 @@ def forces_at(step: int, *kinds: str) -> ForceSample:
 
 def test_a_body_follows_until_a_reset_and_then_begins_anew():
     body, counts = None, []
-    for step, kinds in enumerate([(), (), ("impact",), ("impact", RESET, "impact"), (), (RESET,), ("impact",)]):
+    for step, kinds in enumerate(
+        [(), (), ("impact", "separation"), ("impact", RESET, "impact"), (), (RESET,), ("impact",)]
+    ):
         body = next_body(FollowedSteps(), body, forces_at(step, *kinds))
         counts.append(body.position[0])
         assert body.step == step
