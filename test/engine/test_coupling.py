@@ -52,7 +52,10 @@ class FollowedSteps:
 
 
 def forces_at(step: int, *kinds: str) -> ForceSample:
-    loads = tuple(Load(0.01 * step, kind, "linkage", 0.0, 0.0, 0.0) for kind in kinds)
+    received = [
+        kind.encode().decode() for kind in kinds
+    ]  # equal to the word of the code, as from a topic, not the same
+    loads = tuple(Load(0.01 * step, kind, "linkage", 0.0, 0.0, 0.0) for kind in received)
     return ForceSample(step, 0.01 * step, (), (), NONE, 0.0, NONE, loads)
 
 

@@ -141,3 +141,18 @@ def test_of_equal_times_the_one_watched_first_is_told():
 def test_state_at_the_root_has_the_event_behind_it():
     _, _, end = first(Ball(0.0, 1.0), (1.0, 2.0, 0.0), 1.0, (HEIGHT, FALLING, False))
     assert -1e-14 <= end[0] <= 0.0
+
+
+def test_apex_above_a_height_is_found_without_a_derivative_wherever_in_the_step_it_is():
+    """Below at both ends, above between: the parabola through three points is the ball's own."""
+    speed, level = 5.0, 1.27
+    rise = (speed - math.sqrt(speed * speed - 2.0 * GRAVITY * level)) / GRAVITY
+    for span in (0.6, 0.7, 0.9):
+        which, when, _ = first(Ball(level, 1.0), (0.0, speed, 0.0), span, (BARE_HEIGHT, RISING, False))
+        assert which == 0
+        assert when == pytest.approx(rise, rel=1e-12)
+
+
+def test_at_rest_on_the_root_only_the_side_it_leaves_to_is_an_event():
+    assert first(Ball(0.0, 1.0), (0.0, 0.0, 0.0), 1.0, (HEIGHT, FALLING, False))[:2] == (0, 0.0)
+    assert first(Ball(0.0, 1.0), (0.0, 0.0, 0.0), 1.0, (HEIGHT, RISING, False))[0] == NONE
