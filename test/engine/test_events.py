@@ -177,3 +177,8 @@ def test_next_root_after_a_start_off_the_root_is_the_return_to_where_it_started(
     for miss in (-1e-4, 1e-4):
         which, when, _ = first(Ball(0.0, 1.0), (miss, 5.0, 0.0), 2.0, (HEIGHT, FALLING, True))
         assert (which, when) == (0, pytest.approx(2.0 * 5.0 / GRAVITY, rel=1e-13))
+
+
+def test_root_at_the_very_end_of_a_step_belongs_to_the_step_that_ends():
+    seen = first(Ball(3.5, 1.0), (0.0, 0.0, 0.0), 0.5, (COUNTDOWN, FALLING, False), start=3.0)
+    assert seen[:2] == (0, 0.5)
