@@ -7,10 +7,12 @@ from collections.abc import Iterator
 from itertools import count
 
 import pytest
-from hypothesis import settings
+from hypothesis import Phase, settings
 
 # the first example of a test may compile kernels: a limit on the time of one example would fail with an empty cache
 settings.register_profile("compiled", deadline=None)
+# mutation testing asks whether a test fails, not for the simplest input
+settings.register_profile("mutation", deadline=None, database=None, phases=(Phase.explicit, Phase.generate))
 settings.load_profile("compiled")
 
 FIRST_DOMAIN = 60  # below are those people use by hand

@@ -16,7 +16,7 @@ from mech_twin.engine.integration import rates_of, start_step, take_step, worksp
 from mech_twin.engine.tableaus import COOPER_VERNER_8
 
 GRAVITY = 9.81
-HEIGHT, SPEED, BARE_HEIGHT, SINE = range(4)
+HEIGHT, SPEED, BARE_HEIGHT, SINE, COUNTDOWN = range(5)
 
 
 class Ball(NamedTuple):
@@ -39,6 +39,8 @@ def ball_signals(system, index, t, y):
         return y[1], -GRAVITY
     if index == BARE_HEIGHT:
         return y[0] - system.floor_m, UNKNOWN
+    if index == COUNTDOWN:
+        return system.floor_m - t, -1.0
     return math.sin(y[2]), system.frequency_rad_per_s * math.cos(y[2])
 
 
@@ -141,3 +143,42 @@ def test_of_equal_times_the_one_watched_first_is_told():
 def test_state_at_the_root_has_the_event_behind_it():
     _, _, end = first(Ball(0.0, 1.0), (1.0, 2.0, 0.0), 1.0, (HEIGHT, FALLING, False))
     assert -1e-14 <= end[0] <= 0.0
+
+
+def test_apex_above_a_height_is_found_without_a_derivative_wherever_in_the_step_it_is():
+    """Below at both ends, above between: the parabola through three points is the ball's own."""
+    speed, level = 5.0, 1.27
+    rise = (speed - math.sqrt(speed * speed - 2.0 * GRAVITY * level)) / GRAVITY
+    for span in (0.6, 0.7, 0.9):
+        which, when, _ = first(Ball(level, 1.0), (0.0, speed, 0.0), span, (BARE_HEIGHT, RISING, False))
+        assert which == 0
+        assert when == pytest.approx(rise, rel=1e-12)
+
+
+def test_at_rest_on_the_root_only_the_side_it_leaves_to_is_an_event():
+    assert first(Ball(0.0, 1.0), (0.0, 0.0, 0.0), 1.0, (HEIGHT, FALLING, False))[:2] == (0, 0.0)
+    assert first(Ball(0.0, 1.0), (0.0, 0.0, 0.0), 1.0, (HEIGHT, RISING, False))[0] == NONE
+
+
+def test_signal_of_time_is_asked_at_the_time_of_the_run():
+    assert first(Ball(3.4, 1.0), (0.0, 0.0, 0.0), 1.0, (COUNTDOWN, FALLING, False), start=3.0)[:2] == (
+        0,
+        pytest.approx(0.4),
+    )
+    assert first(Ball(4.1, 1.0), (0.0, 0.0, 0.0), 1.0, (COUNTDOWN, FALLING, False), start=3.0)[0] == NONE
+
+
+def test_landing_after_the_step_is_no_event_of_it_with_or_without_a_derivative():
+    for seen in (HEIGHT, BARE_HEIGHT):
+        assert first(Ball(0.0, 1.0), (3.0, 0.0, 0.0), 0.5, (seen, FALLING, False))[0] == NONE
+
+
+def test_next_root_after_a_start_off_the_root_is_the_return_to_where_it_started():
+    for miss in (-1e-4, 1e-4):
+        which, when, _ = first(Ball(0.0, 1.0), (miss, 5.0, 0.0), 2.0, (HEIGHT, FALLING, True))
+        assert (which, when) == (0, pytest.approx(2.0 * 5.0 / GRAVITY, rel=1e-13))
+
+
+def test_root_at_the_very_end_of_a_step_belongs_to_the_step_that_ends():
+    seen = first(Ball(3.5, 1.0), (0.0, 0.0, 0.0), 0.5, (COUNTDOWN, FALLING, False), start=3.0)
+    assert seen[:2] == (0, 0.5)

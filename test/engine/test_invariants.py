@@ -9,9 +9,18 @@ from catalogue import NAMES, built
 
 from mech_twin.engine.invariants import Residual, ResidualWindow, RunInvariants, broken_lines
 from mech_twin.engine.run import frames
-from mech_twin.samples import Named
+from mech_twin.samples import BodySample, ForceSample, Frame, LinkageSample, MotorSample, Named
 
 NAN = float("nan")
+NONE = Named()
+
+
+def carrying(residuals: dict[str, Named]) -> Frame:
+    """Return a frame in which only the residuals of these roles are shown."""
+    linkage = LinkageSample(0, 0.0, (), (), (), (), 0, 1.0, NONE, residuals.get("linkage", NONE))
+    forces = ForceSample(0, 0.0, (), (), NONE, 0.0, residuals.get("forces", NONE))
+    body = BodySample(0, 0.0, (), (), (), (), 0, 0.0, NONE, residuals.get("body", NONE))
+    return Frame(linkage, MotorSample(0, 0.0, (), (), (), (), 1.0), forces, body)
 
 
 @pytest.mark.parametrize(
@@ -74,3 +83,44 @@ def test_every_residual_of_every_role_has_its_limit_and_can_be_seen_to_break(nam
                 judged = RunInvariants(machine)
                 judged.observe(run[-1]._replace(**{role: spoilt}))
                 assert len(broken_lines(judged.residuals())) == 1, (role, residual, bad)
+
+
+def test_each_role_is_judged_by_its_own_limits_and_a_name_of_two_roles_is_told_with_its_role() -> None:
+    machine = built("mb10_breaker")
+    limits = {role: getattr(machine, role).residual_limits for role in ("linkage", "forces", "body")}
+    assert all(limits.values())
+    for role, of_role in limits.items():
+        for name, limit in of_role.items():
+            for value, broken in ((limit, []), (2.0 * limit, [name])):
+                judged = RunInvariants(machine)
+                judged.observe(carrying({role: Named((name,), (value,))}))
+                assert judged.residuals() == {name: Residual(value, limit)}
+                assert [line.split()[0] for line in broken_lines(judged.residuals())] == broken
+    judged = RunInvariants(machine)
+    judged.observe(carrying({"linkage": Named(("drift",), (1.0,)), "body": Named(("drift", "own"), (2.0, 3.0))}))
+    judged.observe(carrying({"body": Named(("drift", "own"), (-5.0, 0.0))}))
+    assert {name: r.worst for name, r in judged.residuals().items()} == {
+        "linkage.drift": 1.0,
+        "body.drift": 5.0,
+        "own": 3.0,
+    }
+
+
+def test_the_residuals_so_far_do_not_end_a_window_and_a_window_keeps_the_limits_it_was_given() -> None:
+    limits = {"closure_m": 1.0}
+    window = ResidualWindow(limits)
+    limits["closure_m"] = 9.0
+    window.observe(Named(("closure_m",), (2.0,)))
+    assert window.residuals() == window.residuals() == {"closure_m": Residual(2.0, 1.0)}
+    assert window.close() == {"closure_m": Residual(2.0, 1.0)}
+    assert window.residuals() == {}
+
+
+def test_names_and_values_of_unequal_number_are_refused() -> None:
+    with pytest.raises(ValueError, match="shorter"):
+        ResidualWindow({}).observe(Named(("one", "two"), (1.0,)))
+
+
+def test_a_run_that_keeps_its_limits_has_no_line() -> None:
+    assert broken_lines({"closure_m": Residual(1.0, 1.0), "drift": Residual(0.0, 1.0)}) == []
+    assert broken_lines({"closure_m": Residual(2.0, 1.0), "drift": Residual(0.0, 1.0)}) == ["closure_m 2 exceeds 1"]

@@ -3,7 +3,7 @@
 import math
 
 import pytest
-from hypothesis import Phase, example, given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
@@ -17,9 +17,9 @@ fading = st.floats(-0.2, 5.0)  # of v w
 
 
 def integrated(m, k, zeta, v, a):
-    """DOP853 of the compression until the force ends: peak force, duration, impulse, parting speed.
+    """DOP853 until the force ends: peak force, duration, impulse, parting speed; None if it never does.
 
-    A force that has not ended after twenty times its slowest time never does: the bodies stay pressed together.
+    The force of an approach that grows tends to what keeps the growth up, which damping can hold above zero for ever.
     """
     c = 2.0 * zeta * math.sqrt(k * m)
     span, scale = math.sqrt(m / k), v * math.sqrt(k * m)
@@ -37,7 +37,7 @@ def integrated(m, k, zeta, v, a):
         return k * state[1] - c * (force(state) / m + a)
 
     ended.terminal, ended.direction, topped.direction = True, -1.0, -1.0
-    step = 0.1 * span / (1.0 + 2.0 * zeta + abs(a) * span / v)
+    step = 0.02 * span / (1.0 + 2.0 * zeta + abs(a) * span / v)
     done = solve_ivp(
         slope,
         (0.0, 20.0 * span * (1.0 + 2.0 * zeta)),
@@ -48,18 +48,22 @@ def integrated(m, k, zeta, v, a):
         max_step=step,
         events=(ended, topped),
     )
-    peaks = [force(state) for state in done.y_events[1]] if len(done.t_events[1]) else []
     if done.status == 0:
-        return max([c * v, *peaks]), math.inf, math.inf, 0.0
+        return None
+    peaks = [force(state) for state in done.y_events[1]] if len(done.t_events[1]) else []
     return max([c * v, *peaks]), done.t[-1], done.y[2, -1], -done.y[1, -1]
 
 
 @given(m=mass, k=stiffness, zeta=damping, v=speed, share=fading)
-@settings(max_examples=20, phases=[Phase.explicit, Phase.reuse, Phase.generate])
-@example(m=423.0, k=1000.0, zeta=1.0, v=1.0, share=-0.125)
+@example(m=1.0, k=1e3, zeta=1.0, v=1.0, share=-0.125)
+@settings(max_examples=40, deadline=None)
 def test_the_pulse_equals_an_independent_integration(m, k, zeta, v, share):
     a = share * v * math.sqrt(k / m)
     found, expected = contact_pulse(m, k, zeta, v, a), integrated(m, k, zeta, v, a)
+    if expected is None:
+        assert a < 0.0
+        assert found.duration_s == found.impulse_ns == math.inf
+        return
     assert found.peak_force_n == pytest.approx(expected[0], rel=1e-8)
     assert found.duration_s == pytest.approx(expected[1], rel=1e-8)
     assert found.impulse_ns == pytest.approx(expected[2], rel=1e-8)
@@ -115,3 +119,45 @@ def test_a_plastic_contact_is_critically_damped_in_the_textbook_s_terms():
 
 def test_an_approach_that_never_fades_has_no_end():
     assert contact_pulse(1.0, 1.0, 0.5, 1e-3, -1.0).duration_s == math.inf
+
+
+@given(first=mass, second=mass)
+def test_the_reduced_mass_is_that_of_the_approach(first, second):
+    """A shared impulse changes the approach by its share in either body."""
+    assert 1.0 / reduced_mass(first, second) == pytest.approx(1.0 / first + 1.0 / second, rel=1e-14)
+
+
+@given(e=st.floats(1e-6, 1.0))
+def test_the_textbook_s_damping_loses_its_share_in_half_a_swing(e):
+    zeta = damping_ratio(e)
+    assert math.exp(-math.pi * zeta / math.sqrt(1.0 - zeta * zeta)) == pytest.approx(e, rel=1e-11)
+
+
+@pytest.mark.parametrize("e", [-0.1, -1e-12])
+def test_no_restitution_below_zero_is_softer_than_a_plastic_contact(e):
+    assert damping_ratio(e) == 1.0
+
+
+@pytest.mark.parametrize("miss", [s * 10.0**-n for n in range(7, 16) for s in (1.0, -1.0)])
+def test_next_to_critical_damping_the_closed_form_holds_to_the_last_digits(miss):
+    """Force ends at tan(w_d t/2) = w_d/zeta, with tanh above critical damping."""
+    zeta = 1.0 + miss
+    root = math.sqrt(abs(1.0 - zeta) * (1.0 + zeta))
+    end = 2.0 * (math.atan2(root, zeta) if zeta < 1.0 else math.atanh(root / zeta)) / root
+    found = contact_pulse(1.0, 1.0, zeta, 1.0)
+    assert found.duration_s == pytest.approx(end, rel=1e-12)
+    assert found.parting_speed_m_per_s == pytest.approx(math.exp(-zeta * end), rel=1e-12)
+
+
+@given(m=mass, k=stiffness, v=speed, share=st.floats(-20.0, 20.0))
+@settings(max_examples=60, deadline=None)
+@example(m=1.0, k=1e3, v=1.0, share=-20.0)
+@example(m=1.0, k=1e3, v=1.0, share=20.0)
+def test_without_damping_bodies_part_as_fast_as_they_met_however_the_approach_is_driven(m, k, v, share):
+    """No energy is lost; tan(w t/2) = v w/a, which a fast growing approach meets for an instant only."""
+    a = share * v * math.sqrt(k / m)
+    found = contact_pulse(m, k, 0.0, v, a)
+    end = 2.0 * math.atan2(1.0, share) * math.sqrt(m / k)
+    assert found.duration_s == pytest.approx(end, rel=1e-10)
+    assert found.parting_speed_m_per_s == pytest.approx(v, rel=1e-8)
+    assert found.impulse_ns == pytest.approx(m * (2.0 * v - a * end), rel=1e-8, abs=1e-8 * m * v)

@@ -21,6 +21,7 @@ from mech_twin.parts.four_bar import (
     pin_forces,
     position,
     reduced_inertia,
+    smallest_transmission_angle,
 )
 
 CRANK, COUPLER, ROCKER = Link(5.0, 0.02, 0.01, 0.003), Link(4.0, 0.08, 0.2, 0.01), Link(5.0, 0.03, 0.15, -0.02)
@@ -132,3 +133,45 @@ def test_a_crank_pin_that_meets_the_pivot_is_refused():
     """Equal crank and ground, equal coupler and rocker: there the rods may lie anywhere."""
     bar = FourBar(0.05, 0.3, 0.3, 0.05, 0.0, OPEN)
     assert "must not meet" in failing_inequality(bar)
+
+
+@given(bars)
+@settings(max_examples=60, deadline=None)
+def test_no_position_of_a_turn_has_a_smaller_transmission_angle_and_one_has_this(bar):
+    """It is met where the crank lies in line with the frame; turned so that the frame lies along x, at 0 or pi."""
+    ground = math.hypot(turning(bar).pivot_x_m, bar.pivot_y_m)
+    level = bar._replace(pivot_x_m=ground, pivot_y_m=0.0)
+    assume(failing_inequality(level) is None)
+    smallest = smallest_transmission_angle(bar)
+    assume(smallest > 0.01)
+    around = [acute_angles(position(level, 0.02 * i))[1] for i in range(315)]
+    assert min(around) >= smallest - 1e-9
+    in_line = [acute_angles(position(level, f))[1] for f in (0.0, math.pi)]
+    assert min(in_line) == pytest.approx(smallest, abs=1e-9)
+
+
+@given(st.floats(0.01, 0.2), st.floats(0.3, 1.0), st.floats(0.3, 0.7), angle)
+@settings(deadline=None)
+def test_a_linkage_stretched_or_folded_at_one_position_is_assembled_there(crank, ground, share, turned):
+    """The rods lie in line on the far side: the square of B's distance from AC is 0, or less by rounding."""
+    coupler = share * (crank + ground)
+    bar = FourBar(crank, coupler, crank + ground - coupler, ground * math.cos(turned), ground * math.sin(turned), OPEN)
+    assert closure_error(bar, position(bar, turned + math.pi)) <= 1e-12
+
+
+def test_a_linkage_at_its_limit_turns():
+    """Parallelogram-like lengths that are exact numbers: crank + ground = coupler + rocker."""
+    for crank_rocker in (False, True):
+        assert failing_inequality(FourBar(0.25, 0.5, 0.25, 0.5, 0.0, OPEN), crank_rocker) is None
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
+def test_how_near_crank_pin_and_pivot_may_come_is_a_share_of_the_lengths(scale):
+    def bar(ground_miss, rocker_miss):
+        rocker = 0.3 * (1.0 + rocker_miss)
+        return FourBar(0.05 * scale, 0.3 * scale, rocker * scale, 0.05 * (1.0 + ground_miss) * scale, 0.0, OPEN)
+
+    assert "must not meet" in (failing_inequality(bar(4e-10, 0.0)) or "")
+    assert "must not meet" in (failing_inequality(bar(1e-9, 1e-11)) or "")
+    assert failing_inequality(bar(1e-8, 0.0)) is None
+    assert failing_inequality(bar(1e-7, 5e-9)) is None

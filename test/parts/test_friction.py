@@ -5,8 +5,9 @@ import math
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from parameter_bounds import has_range, live_names
 
-from mech_twin.parts.friction import release_margin, released, sliding_torque, sticking_torque
+from mech_twin.parts.friction import Friction, release_margin, released, sliding_torque, sticking_torque
 
 torques = st.floats(0.0, 1e4)
 speeds = st.floats(-1e3, 1e3)
@@ -40,3 +41,10 @@ def test_a_flywheel_slows_at_the_constant_rate_of_coulomb_friction():
         w += h * sliding_torque(coulomb, 0.0, w, 1.0) / inertia
     assert w == pytest.approx(0.0, abs=1e-12)
     assert released(coulomb, 0.0) == 0.0
+
+
+def test_friction_never_drives_and_is_absent_unless_given():
+    assert (Friction().coulomb_nm, Friction().viscous_nms_per_rad) == (0.0, 0.0)
+    for key in ("coulomb_nm", "viscous_nms_per_rad"):
+        assert has_range(Friction, {}, key, 0.0, 1e9)
+    assert live_names(Friction) == {"coulomb_nm", "viscous_nms_per_rad"}

@@ -3,8 +3,9 @@
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from parameter_bounds import has_range, live_names
 
-from mech_twin.parts.gear import gear_split, gear_torque
+from mech_twin.parts.gear import Gear, gear_split, gear_torque
 
 ratios = st.floats(0.01, 100.0)
 efficiencies = st.floats(0.05, 1.0)
@@ -41,3 +42,15 @@ def test_mean_and_friction_are_the_rule(ratio, efficiency, torque, speed):
 def test_a_gear_without_loss_passes_on_the_torque():
     assert gear_split(5.0, 1.0, -3.0) == (-15.0, 0.0)
     assert gear_torque(5.0, 1.0, -3.0, 7.0) == -15.0
+
+
+@pytest.mark.parametrize("torque", [10.0, -10.0])
+def test_at_rest_the_torque_passed_on_is_that_of_a_motor_that_begins_to_drive(torque):
+    assert gear_torque(2.0, 0.9, torque, 0.0) == pytest.approx(0.9 * 2.0 * torque, rel=1e-15)
+
+
+def test_a_gear_neither_creates_energy_nor_keeps_all_and_its_ratio_is_fixed_while_it_runs():
+    valid = {"ratio": 2.0, "efficiency": 0.9}
+    assert has_range(Gear, valid, "ratio", 1e-9, 1e6)
+    assert has_range(Gear, valid, "efficiency", 1e-3, 1.0)
+    assert live_names(Gear) == {"efficiency"}

@@ -5,6 +5,7 @@ import math
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from parameter_bounds import accepts, live_names
 from pydantic import ValidationError
 
 from mech_twin.parts.induction_motor import (
@@ -142,3 +143,84 @@ def test_the_slope_is_the_derivative_of_the_torque(speed, command, sign):
 def test_swapped_phases_turn_the_curve_round(speed, command):
     for curve in (KLOSS, CORRECTED):
         assert motor_torque(curve, speed, -command) == -motor_torque(curve, -speed, command)
+
+
+def test_the_torque_has_one_sign_on_either_side_of_synchronous_speed():
+    synchronous = KLOSS.synchronous_speed_rad_per_s
+    for curve in (KLOSS, CORRECTED):
+        for share in (-0.5, 0.0, 0.3, 0.9):
+            assert motor_torque(curve, share * synchronous, 1.0) > 0.0
+        assert motor_torque(curve, 1.1 * synchronous, 1.0) < 0.0
+
+
+def test_between_breakdown_and_standstill_the_correction_grows_from_none_to_all_and_stays():
+    """Beyond standstill (turning against the field) the correction is the whole of what misses at standstill."""
+    synchronous, s_kr = CORRECTED.synchronous_speed_rad_per_s, CORRECTED.breakdown_slip
+
+    def added(slip):
+        speed = (1.0 - slip) * synchronous
+        return motor_torque(CORRECTED, speed, 1.0) - motor_torque(KLOSS, speed, 1.0)
+
+    whole = added(1.0)
+    assert whole == pytest.approx(2.0 * CORRECTED.rated_torque_nm - kloss_torque(KLOSS, 1.0), rel=1e-12)
+    assert added(s_kr) == pytest.approx(0.0, abs=1e-12)
+    assert added(0.5 * (1.0 + s_kr)) == pytest.approx(0.5 * whole, rel=1e-12)
+    assert added(1.5) == pytest.approx(whole, rel=1e-12)
+    shares = [added(s_kr + share * (1.0 - s_kr)) for share in (0.1, 0.3, 0.6, 0.9)]
+    assert shares == sorted(shares)
+
+
+def test_at_breakdown_the_slip_of_the_largest_torque_is_told_and_of_more_is_not():
+    largest = KLOSS.breakdown_torque_nm
+    assert slip_at_torque(KLOSS, largest) == KLOSS.breakdown_slip
+    assert slip_at_torque(KLOSS, -largest) == -KLOSS.breakdown_slip
+    assert math.isnan(slip_at_torque(KLOSS, math.nextafter(largest, math.inf)))
+    assert math.isnan(slip_at_torque(KLOSS, -23.0))
+
+
+def test_supply_off_has_no_slope():
+    assert motor_torque_slope(KLOSS, 100.0, 0.0) == 0.0
+
+
+def test_a_name_plate_has_sizes_above_zero():
+    for key, smallest in (
+        ("rated_power_w", 1e-6),
+        ("starting_torque_ratio", 1e-9),
+        ("rotor_inertia_kg_m2", 1e-12),
+        ("rated_torque_nm", 1e-9),
+        ("breakdown_torque_nm", 1e-9),
+    ):
+        assert accepts(InductionMotorParameters, BREAKER, key, 0.5)
+        assert not accepts(InductionMotorParameters, BREAKER, key, math.nextafter(smallest, 0.0))
+    for key in ("rated_speed_rpm", "synchronous_speed_rpm"):
+        assert not accepts(InductionMotorParameters, BREAKER, key, 0.0)
+    slow = InductionMotorParameters(**{**BREAKER, "rated_speed_rpm": 0.95, "synchronous_speed_rpm": 0.995})
+    assert motor_constants(slow).rated_slip == pytest.approx(0.045 / 0.995, rel=1e-12)
+    assert not accepts(InductionMotorParameters, BREAKER, "breakdown_torque_ratio", 1.0)
+    assert accepts(InductionMotorParameters, BREAKER, "breakdown_torque_ratio", 1.001)
+    assert not accepts(InductionMotorParameters, BREAKER, "breakdown_slip", 0.0)
+    assert not accepts(InductionMotorParameters, BREAKER, "breakdown_slip", 1.0)
+    assert accepts(InductionMotorParameters, BREAKER, "breakdown_slip", 0.999)
+    assert live_names(InductionMotorParameters) == set()
+    assert InductionMotorParameters(**BREAKER).torque_curve == "kloss"
+
+
+def test_a_synchronous_rated_speed_is_refused():
+    with pytest.raises(ValidationError, match=r"rated_speed_rpm < synchronous_speed_rpm needed, got 1500.0 and 1500.0"):
+        InductionMotorParameters(**{**BREAKER, "rated_speed_rpm": 1500.0})
+
+
+@pytest.mark.parametrize("slip", [0.05, 80.0 / 1500.0])
+def test_a_breakdown_slip_at_or_below_the_rated_one_is_refused(slip):
+    with pytest.raises(ValidationError, match="rated slip < breakdown slip < 1 needed"):
+        InductionMotorParameters(**BREAKER, breakdown_slip=slip)
+
+
+def test_a_derived_breakdown_slip_of_1_or_more_is_refused():
+    with pytest.raises(ValidationError, match=r"rated slip < breakdown slip < 1 needed, got 0.3 and 1.248"):
+        InductionMotorParameters(**{**BREAKER, "rated_speed_rpm": 1050.0})
+
+
+def test_a_starting_torque_equal_to_the_breakdown_torque_is_allowed():
+    equal = {**BREAKER, "starting_torque_ratio": BREAKER["breakdown_torque_ratio"]}
+    assert motor_constants(InductionMotorParameters(**equal, torque_curve="starting_corrected")).corrected

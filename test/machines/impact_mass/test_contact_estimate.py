@@ -82,10 +82,12 @@ def test_a_stiff_stop_has_the_peak_and_time_of_a_free_impact():
 
 
 def test_at_the_merging_speed_flight_and_contact_last_as_long():
-    v = merging_speed(1.0, 0.3, 1e8, 1000.0)
-    flight = 2.0 * 0.3 * v / 1000.0
-    assert flight == pytest.approx(contact_estimate(1.0, v, 0.3, 1e8, 0.0).contact_time_s, rel=1e-12)
-    assert merging_speed(1.0, 0.3, 1e8, -500.0) == 0.0
+    for mass in (0.4, 1.0, 2.5):
+        v = merging_speed(mass, 0.3, 1e8, 1000.0)
+        flight = 2.0 * 0.3 * v / (1000.0 / mass)
+        assert flight == pytest.approx(contact_estimate(mass, v, 0.3, 1e8, 0.0).contact_time_s, rel=1e-12)
+    for force in (0.0, -500.0):
+        assert merging_speed(1.0, 0.3, 1e8, force) == 0.0
 
 
 def test_a_run_shows_peak_force_time_and_loss_of_its_impacts_and_moves_as_before():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from parameter_bounds import accepts, live_names
 
 from mech_twin.engine.run import frames
 from mech_twin.machines.impact_mass.force_generator import GeneratorParameters, mean_level
@@ -52,3 +53,13 @@ def test_the_command_multiplies_both_levels():
     twin = machine("impact_mass", overrides={"supply.rate_per_s": 1e6})
     run = list(frames(twin, 0.1, lambda step: 0.25))
     assert {frame.motor.effort[1:] for frame in run[1:]} == {(250.0, -125.0)}
+
+
+def test_the_levels_alone_may_change_while_the_force_is_generated():
+    assert live_names(GeneratorParameters) == {"phase1_force_n", "phase2_force_n"}
+
+
+def test_a_period_is_longer_than_zero():
+    valid = {"period_s": 0.05, "phase1_duration_s": 1e-10, "phase1_force_n": 1.0, "phase2_force_n": 0.0}
+    assert accepts(GeneratorParameters, valid, "period_s", 1e-9)
+    assert not accepts(GeneratorParameters, valid, "period_s", 0.0)

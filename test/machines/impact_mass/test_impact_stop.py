@@ -8,16 +8,20 @@ from fractions import Fraction
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
+from parameter_bounds import has_range, live_names
 
 from mech_twin.machines.impact_mass.impact_stop import (
     StopParameters,
     arrival,
     discriminant,
     exact_product,
+    exact_sum,
+    flown_gap,
     impacts_kept,
     impacts_within,
     series_delay,
     series_length,
+    series_sum,
 )
 
 sizes = st.floats(1e-6, 1e6)
@@ -96,7 +100,8 @@ def test_a_series_sums_its_intervals_and_ends_at_its_limit(r, v1, a):
 def test_the_number_of_impacts_within_a_time_is_that_of_the_series(r, i):
     here, there = series_delay(float(i), 1.0, 1.0, r), series_delay(float(i + 1), 1.0, 1.0, r)
     assert impacts_within(0.5 * (here + there), 1.0, 1.0, r) == i or there - here < 1e-9 * here
-    assert impacts_within(series_length(1.0, 1.0, r), 1.0, 1.0, r) == math.inf
+    for beyond in (1.0, 1.5, 100.0):
+        assert impacts_within(beyond * series_length(1.0, 1.0, r), 1.0, 1.0, r) == math.inf
 
 
 def test_a_cut_off_equal_to_a_power_keeps_that_impact():
@@ -111,3 +116,51 @@ def test_a_cut_off_equal_to_a_power_keeps_that_impact():
 def test_restitution_outside_0_and_1_is_refused(value):
     with pytest.raises(ValueError, match="restitution"):
         StopParameters(mass_kg=1.0, stop_position_m=0.0, restitution=value)
+
+
+def test_mass_and_restitution_may_change_while_it_runs_and_are_within_what_the_series_can_be_summed_for():
+    valid = {"mass_kg": 1.0, "stop_position_m": 0.0, "restitution": 0.3}
+    assert has_range(StopParameters, valid, "restitution", 1e-6, 0.999999)
+    assert has_range(StopParameters, valid, "mass_kg", 1e-9, 1e7)
+    assert has_range(StopParameters, valid, "contact_stiffness_n_per_m", 1e-9, 1e13)
+    assert has_range(StopParameters, valid, "chatter_cutoff", 0.0, math.nextafter(1.0, 0.0))
+    assert live_names(StopParameters) == {"mass_kg", "restitution"}
+    assert StopParameters(**valid).chatter_cutoff == 0.0
+
+
+@given(st.floats(1e-3, 1e3), st.floats(-50.0, 50.0), st.floats(-1e3, 1e3), st.floats(0.0, 10.0))
+def test_a_flight_is_the_parabola_up_to_the_stop_and_never_beyond(gap, v, a, t):
+    exact = Fraction(gap) - Fraction(v) * Fraction(t) - Fraction(a) * Fraction(t) ** 2 / 2
+    size = gap + abs(v) * t + abs(a) * t * t
+    assert flown_gap(gap, v, a, t) == pytest.approx(max(float(exact), 0.0), abs=1e-14 * size)
+
+
+def test_the_gap_of_a_flight_that_ends_beyond_the_stop_by_rounding_is_zero():
+    assert flown_gap(1.0, 1.0, 0.0, 1.0000001) == 0.0
+
+
+@given(st.floats(0.01, 0.95), st.floats(0.01, 50.0), st.integers(1, 12))
+def test_the_speeds_before_the_impacts_of_a_series_are_summed(r, v1, n):
+    assert series_sum(float(n), v1, r) == pytest.approx(sum(v1 * r**i for i in range(n)), rel=1e-12)
+
+
+@given(signed, signed)
+def test_a_sum_and_its_error_are_exact(a, b):
+    high, low = exact_sum(a, b)
+    assert high == a + b
+    assert Fraction(high) + Fraction(low) == Fraction(a) + Fraction(b)
+
+
+@given(sizes, sizes)
+def test_a_blow_at_no_gap_is_at_once_and_one_after_leaving_comes_with_the_speed_of_leaving(v, a):
+    assert arrival(0.0, v, a) == (True, 0.0, v)
+    assert arrival(0.0, v, -a) == (True, 0.0, v)
+    assert arrival(0.0, -v, a) == (True, pytest.approx(2.0 * v / a, rel=1e-15), v)
+    tiny = 1e-200  # its square vanishes
+    assert arrival(0.0, tiny, a) == (True, 0.0, tiny)
+
+
+def test_what_never_arrives_has_no_time_and_no_speed():
+    assert arrival(1.0, -1.0, -1.0) == (False, math.inf, 0.0)
+    assert arrival(0.15625, 12.5, -500.0) == (False, math.inf, 0.0)
+    assert arrival(0.0, 0.0, 5.0) == (False, math.inf, 0.0)
