@@ -38,8 +38,9 @@ class StopSignal:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        """Give the signals back; once a stop was asked for, a further Ctrl-C no longer disturbs what it set going."""
         for number, handler in self._before.items():
-            signal.signal(number, handler)
+            signal.signal(number, signal.SIG_IGN if self.asked and number == signal.SIGINT else handler)
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
         self.asked = True
