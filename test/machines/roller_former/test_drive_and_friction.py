@@ -9,6 +9,7 @@ import pytest
 from pydantic import ValidationError
 from roller_former_cases import machine_for, parameters_for
 
+from mech_twin.configuration_tree import ConfigurationError
 from mech_twin.engine.coupling import next_frame
 from mech_twin.engine.run import frames
 from mech_twin.machines.roller_former.memory import FormerMemory
@@ -175,10 +176,10 @@ def test_means_of_a_turn_come_from_the_works():
 def test_a_step_longer_than_the_motor_bears_is_refused_with_its_bound():
     bound = longest_step_s(parameters_for(2))
     assert bound == pytest.approx(0.5 * 0.458 * 1.1 * 0.0933 * 104.7198 * 0.9 / (2.0 * 215.4), rel=1e-5)
-    with pytest.raises(Exception, match=r"coupling.step_s <= 0.00514 s needed, got 0.0055"):
+    with pytest.raises(ConfigurationError, match=r"coupling.step_s <= 0.00514 s needed, got 0.0055"):
         parameters_for(2, {"coupling.step_s": 0.0055})
     light = {"drive.coupling_inertia_kg_m2": 0.0, "drive.inertia_factor": 1.0}
-    with pytest.raises(Exception, match=r"coupling.step_s <= 0.00141 s needed"):
+    with pytest.raises(ConfigurationError, match=r"coupling.step_s <= 0.00141 s needed"):
         parameters_for(2, {**light, "coupling.step_s": 0.002})
 
 
