@@ -43,7 +43,7 @@ def fading(b: Breaker, q: float, u: float, phi: float, p: float, drive: float, r
     """Return the rate (m/s^2) at which the closing speed falls before the tool answers."""
     _, slope, bend = striker(b, q)
     du, dp, _ = accelerations(b, masses_at(b, q, phi), u, phi, p, drive, rests)
-    return -(slope * du + bend * u * u - b.radius * dp)
+    return -(slope * du + bend * u * u - b.tool_radius_m * dp)
 
 
 def blow_contact(

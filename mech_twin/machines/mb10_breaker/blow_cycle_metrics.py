@@ -51,7 +51,7 @@ class BlowCycle:
 
     def metrics(self, b: Breaker, motor: MotorConstants, blow: Event, forces: ForceSample) -> dict[str, float]:
         """Return the metrics of the cycle that this blow (or miss) ends."""
-        energy = 0.5 * blow.impulse_ns**2 / b.tool_mass
+        energy = 0.5 * blow.impulse_ns**2 / b.tool_mass_kg
         found = forces.quantities.as_dict()
         crank, *_ = blow.pre
         crank_after, body_after, *_ = blow.post
@@ -59,7 +59,7 @@ class BlowCycle:
             "blow_rate_hz": 1.0 / (blow.time_s - self.start_s),
             "blow_energy_j": energy,
             "blow_impulse_ns": blow.impulse_ns,
-            "blow_energy_over_overtravel_n": energy / b.overtravel,
+            "blow_energy_over_overtravel_n": energy / b.overtravel_m,
             "striking_speed_m_per_s": blow.pre_velocity_m_per_s,
             "crank_before_blow_rad_per_s": crank.velocity,
             "crank_after_blow_rad_per_s": crank_after.velocity,

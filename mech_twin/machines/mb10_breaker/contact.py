@@ -100,21 +100,21 @@ def project_contact(b: Breaker, state: Array, tool: int, rests: bool) -> None:
     if tool not in (PUSHED, BLOCKED):
         return
     travel, slope, _ = striker(b, state[Q])
-    state[TOOL] = travel - b.radius * state[PHI]
+    state[TOOL] = travel - b.tool_radius_m * state[PHI]
     if tool == PUSHED:
-        state[TOOL_SPEED] = slope * state[U] - b.radius * state[P]
+        state[TOOL_SPEED] = slope * state[U] - b.tool_radius_m * state[P]
     elif not rests:
-        state[P] = slope * state[U] / b.radius
+        state[P] = slope * state[U] / b.tool_radius_m
 
 
 @kernel
 def body_settles(motion: Motion, state: Array, time: float) -> bool:
     """Return whether the bounces still to come after this touchdown last too short to be told one by one."""
     b = motion.breaker
-    u, p, _, _ = touchdown(b, state[Q], state[U], 0.0, state[P], b.restitution)
+    u, p, _, _ = touchdown(b, state[Q], state[U], 0.0, state[P], b.collar_restitution)
     m = masses_at(b, state[Q], 0.0)
     _, sink, _ = accelerations(b, m, u, 0.0, p, drive_torque(motion, time, u, p), False)
-    return sink < 0.0 and 2.0 * p <= -sink * (1.0 - b.restitution) * SETTLED_WITHIN_S
+    return sink < 0.0 and 2.0 * p <= -sink * (1.0 - b.collar_restitution) * SETTLED_WITHIN_S
 
 
 @kernel
@@ -124,7 +124,7 @@ def approach(motion: Motion, state: Array, time: float, u: float, p: float, rest
     m = masses_at(b, state[Q], state[PHI])
     du, dp, _ = accelerations(b, m, u, state[PHI], p, drive_torque(motion, time, u, p), rests)
     _, slope, bend = striker(b, state[Q])
-    return slope * du - b.radius * dp + bend * u * u + b.wall_force / b.tool_mass
+    return slope * du - b.tool_radius_m * dp + bend * u * u + b.wall_force_n / b.tool_mass_kg
 
 
 @kernel
@@ -132,7 +132,7 @@ def tool_restitution(motion: Motion, state: Array, time: float, rests: bool, ful
     """Return e_t, or 0 for an impact whose sequels are too slow or short to be told one by one (or the log is full)."""
     b, e = motion.breaker, motion.breaker.tool_restitution
     _, slope, _ = striker(b, state[Q])
-    parting = e * (slope * state[U] - b.radius * state[P] - state[TOOL_SPEED])
+    parting = e * (slope * state[U] - b.tool_radius_m * state[P] - state[TOOL_SPEED])
     hit = strike(b, state[Q], state[U], state[PHI], state[P], state[TOOL_SPEED], rests, e)
     towards = approach(motion, state, time, hit.u, hit.p, rests and hit.p <= 0.0)
     short = towards > 0.0 and 2.0 * parting <= towards * (1.0 - e) * SETTLED_WITHIN_S
@@ -145,16 +145,16 @@ def apply_strike(motion: Motion, state: Array, memory: Any, regime: int, row: An
     b, rests = motion.breaker, regime != FLIGHT
     e = tool_restitution(motion, state, time, rests, full)
     _, slope, _ = striker(b, state[Q])
-    speed = slope * state[U] - b.radius * state[P] - state[TOOL_SPEED]
+    speed = slope * state[U] - b.tool_radius_m * state[P] - state[TOOL_SPEED]
     hit = strike(b, state[Q], state[U], state[PHI], state[P], state[TOOL_SPEED], rests, e)
-    if rests and e == 0.0 and 0.0 < b.radius * hit.p <= SLOWEST_REBOUND_M_PER_S:
+    if rests and e == 0.0 and 0.0 < b.tool_radius_m * hit.p <= SLOWEST_REBOUND_M_PER_S:
         # body and striker would meet collar and tool by turns, ever slower: the limit of that series has both at rest
         hit = strike(b, state[Q], state[U], state[PHI], state[P], state[TOOL_SPEED], rests, e, True)
     row.before_m_per_s, row.after_m_per_s, row.impulse_ns = speed, -e * speed, hit.impulse
     state[U], state[P] = hit.u, hit.p
-    state[TOOL_SPEED] += hit.impulse / b.tool_mass
+    state[TOOL_SPEED] += hit.impulse / b.tool_mass_kg
     memory.blow_loss_j += hit.loss
-    memory.impact_impulse_nms += b.radius * hit.impulse + hit.collar_nms
+    memory.impact_impulse_nms += b.tool_radius_m * hit.impulse + hit.collar_nms
     regime = FLIGHT if regime == REST and hit.p > 0.0 else regime
     memory.tool_regime = MOVING
     if e == 0.0:
@@ -178,13 +178,17 @@ def apply_touchdown(motion: Motion, state: Array, memory: Any, row: Any, time: f
     final = full or body_settles(motion, state, time)
     if memory.tool_regime in (PUSHED, BLOCKED):
         memory.tool_regime = MOVING if state[TOOL_SPEED] > 0.0 else STANDING
-        final = final or -b.restitution * b.radius * state[P] <= SLOWEST_REBOUND_M_PER_S
+        final = final or -b.collar_restitution * b.tool_radius_m * state[P] <= SLOWEST_REBOUND_M_PER_S
     before = energies(b, state[Q], state[U], state[PHI], state[P])
     state[PHI] = 0.0
     after = energies(b, state[Q], state[U], 0.0, state[P])
     memory.collar_loss_j -= after[0] + after[1] - before[0] - before[1]
-    u, p, impulse, loss = touchdown(b, state[Q], state[U], 0.0, state[P], 0.0 if final else b.restitution)
-    row.before_m_per_s, row.after_m_per_s, row.impulse_ns = b.radius * state[P], b.radius * p, impulse / b.radius
+    u, p, impulse, loss = touchdown(b, state[Q], state[U], 0.0, state[P], 0.0 if final else b.collar_restitution)
+    row.before_m_per_s, row.after_m_per_s, row.impulse_ns = (
+        b.tool_radius_m * state[P],
+        b.tool_radius_m * p,
+        impulse / b.tool_radius_m,
+    )
     state[U], state[P] = u, p
     memory.collar_loss_j += loss
     memory.impact_impulse_nms += impulse
@@ -197,7 +201,7 @@ def apply_touchdown(motion: Motion, state: Array, memory: Any, row: Any, time: f
 @kernel
 def reseat_tool(b: Breaker, state: Array, memory: Any) -> None:
     """Take the tool back to its seat for the next pass; its travel is the feed."""
-    memory.reseating_loss_j += 0.5 * b.tool_mass * state[TOOL_SPEED] * state[TOOL_SPEED]
+    memory.reseating_loss_j += 0.5 * b.tool_mass_kg * state[TOOL_SPEED] * state[TOOL_SPEED]
     memory.feed_per_blow_m = state[TOOL]
     state[TOOL] = state[TOOL_SPEED] = 0.0
     memory.tool_regime, memory.pass_done = STANDING, 0.0
@@ -206,7 +210,7 @@ def reseat_tool(b: Breaker, state: Array, memory: Any) -> None:
 @kernel
 def at_striking_extreme(b: Breaker, q: float) -> bool:
     """Return whether of both dead centres the striking one is the nearer."""
-    striking, retreating = (b.extreme - q) % TURN, (b.retreat - q) % TURN
+    striking, retreating = (b.striking_crank_rad - q) % TURN, (b.retreating_crank_rad - q) % TURN
     return min(striking, TURN - striking) < min(retreating, TURN - retreating)
 
 
@@ -235,7 +239,7 @@ def apply_gap_closed(
     """Apply the blow of a pass, or a later impact on the tool; return regime and number of events."""
     first = memory.pass_done == 0.0
     _, slope, _ = striker(motion.breaker, state[Q])
-    if slope * state[U] - motion.breaker.radius * state[P] - state[TOOL_SPEED] < 0.0:
+    if slope * state[U] - motion.breaker.tool_radius_m * state[P] - state[TOOL_SPEED] < 0.0:
         return regime, count  # a touch within rounding that already opens
     if first and regime == FLIGHT:  # the body is off its collar: the tool is not pressed on the wall
         begin_row(motion, state, memory, UNSEATED, time, log[count])

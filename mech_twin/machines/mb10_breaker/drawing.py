@@ -15,7 +15,7 @@ STEEL, DARK, BRASS, RED, GREY = (70, 130, 180), (40, 40, 40), (205, 133, 63), (2
 def drawing(b: Breaker, striker_angle_deg: float) -> Callable[[LinkageSample, BodySample | None], tuple[Shape, ...]]:
     """Return the function that draws the mechanism in the machine's frame, the body turned by its own angle."""
     swing = math.radians(striker_angle_deg)
-    face = (b.bar.pivot_x_m + b.n_y * b.striker, -b.n_x * b.striker)  # the struck face, the tool seated
+    face = (b.bar.pivot_x_m + b.n_y * b.striker_arm_m, -b.n_x * b.striker_arm_m)  # the struck face, the tool seated
 
     def shapes(linkage: LinkageSample, body: BodySample | None) -> tuple[Shape, ...]:
         joints = dict(zip(linkage.joints, linkage.position, strict=True))
@@ -28,7 +28,7 @@ def drawing(b: Breaker, striker_angle_deg: float) -> Callable[[LinkageSample, Bo
 
         at = position(b.bar, q)
         d = (b.bar.pivot_x_m, b.bar.pivot_y_m)
-        tip = (d[0] + b.striker * math.cos(rocker + swing), d[1] + b.striker * math.sin(rocker + swing))
+        tip = (d[0] + b.striker_arm_m * math.cos(rocker + swing), d[1] + b.striker_arm_m * math.sin(rocker + swing))
         far = (face[0] + 0.12 * b.n_x, face[1] + 0.12 * b.n_y)
         across = (-0.15 * b.n_y, 0.15 * b.n_x)
         collar = tuple(
@@ -37,7 +37,13 @@ def drawing(b: Breaker, striker_angle_deg: float) -> Callable[[LinkageSample, Bo
         a, pin, bearing = seen(at.a_x, at.a_y), seen(at.b_x, at.b_y), seen(*d)
         return (
             Shape("body", "line", ((0.0, 0.0), bearing, collar[0], collar[1], (0.0, 0.0)), GREY, 0.006),
-            Shape("spring", "line", _coil(seen(b.arm * b.n_y, -b.arm * b.n_x), (b.n_x, b.n_y)), BRASS, 0.002),
+            Shape(
+                "spring",
+                "line",
+                _coil(seen(b.spring_arm_m * b.n_y, -b.spring_arm_m * b.n_x), (b.n_x, b.n_y)),
+                BRASS,
+                0.002,
+            ),
             Shape("crank", "line", ((0.0, 0.0), a), RED, 0.010),
             Shape("coupler", "line", (a, pin), STEEL, 0.008),
             Shape("rocker", "line", (pin, bearing, seen(*tip)), DARK, 0.012),

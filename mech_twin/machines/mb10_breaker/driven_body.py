@@ -96,10 +96,10 @@ class DrivenBody:
             return phi, p
         b = self._b
         return swung(
-            b.inertia,
-            b.rate * b.arm * b.arm,
-            b.damping,
-            b.rate * b.deflection * b.arm,
+            b.body_inertia_kg_m2,
+            b.spring_rate_n_per_m * b.spring_arm_m * b.spring_arm_m,
+            b.body_damping_nms_per_rad,
+            b.spring_rate_n_per_m * b.preload_m * b.spring_arm_m,
             phi,
             p,
             moment,
@@ -109,10 +109,10 @@ class DrivenBody:
 
     def _after(self, phi: float, p: float, regime: int, load: Load) -> tuple[float, float, int]:
         if load.kind in STRIKES:
-            p += load.impulse_nms / self._b.inertia
+            p += load.impulse_nms / self._b.body_inertia_kg_m2
             return phi, p, (FLYING if regime == FLYING or p > 0.0 else regime)
         if load.kind == "touchdown":
-            return 0.0, -self._b.restitution * p, FLYING
+            return 0.0, -self._b.collar_restitution * p, FLYING
         if load.kind == "settled":
             return 0.0, 0.0, CONTACT
         if load.kind == "lift_off":
@@ -121,7 +121,7 @@ class DrivenBody:
 
     def _sample(self, forces: ForceSample, phi: float, p: float, regime: int, found: float) -> BodySample:
         b = self._b
-        force = b.rate * (b.arm * phi + b.deflection)
+        force = b.spring_rate_n_per_m * (b.spring_arm_m * phi + b.preload_m)
         led_phi, led_p = forces.quantities.values[LED_ANGLE], forces.quantities.values[LED_RATE]
         return BodySample(
             forces.step,
@@ -129,7 +129,7 @@ class DrivenBody:
             self.joints,
             (phi,),
             (p,),
-            (-force * b.arm,),
+            (-force * b.spring_arm_m,),
             regime,
             force,
             Named(),

@@ -48,33 +48,33 @@ class Breaker(NamedTuple):
     crank: Link
     coupler: Link
     rocker: Link
-    rotor11: float
-    rotor12: float
-    rotor22: float
+    rotor_11_kg_m2: float
+    rotor_12_kg_m2: float
+    rotor_22_kg_m2: float
     frame_drive: float
     ratio: float
     efficiency: float
-    inertia: float
-    rate: float
-    arm: float
-    deflection: float
-    damping: float
-    restitution: float
-    radius: float
-    striker: float
-    tool_mass: float
+    body_inertia_kg_m2: float
+    spring_rate_n_per_m: float
+    spring_arm_m: float
+    preload_m: float
+    body_damping_nms_per_rad: float
+    collar_restitution: float
+    tool_radius_m: float
+    striker_arm_m: float
+    tool_mass_kg: float
     tool_restitution: float
-    overtravel: float
-    wall_force: float
+    overtravel_m: float
+    wall_force_n: float
     n_x: float
     n_y: float
-    extreme: float
-    retreat: float
+    striking_crank_rad: float
+    retreating_crank_rad: float
     extreme_x: float
     extreme_y: float
-    gravity: float
+    gravity_m_per_s2: float
     held: bool
-    crank_viscous: float
+    crank_viscous_nms_per_rad: float
 
 
 class Masses(NamedTuple):
@@ -96,7 +96,7 @@ def masses(b: Breaker, at: Position, by: Coefficients, phi: float) -> Masses:
 
     M11 = sum m a.a + I g^2, M12 = sum m a.b - I g, M22 = J + sum m r.r + I, rotor and crank added.
     """
-    down_x, down_y = b.gravity * math.sin(phi), -b.gravity * math.cos(phi)
+    down_x, down_y = b.gravity_m_per_s2 * math.sin(phi), -b.gravity_m_per_s2 * math.cos(phi)
     crank = b.crank.inertia_kg_m2
     x, y = offset(b.crank, at.a_x, at.a_y, b.bar.crank_m)
     g_q = b.crank.mass_kg * (-y * down_x + x * down_y)
@@ -108,11 +108,11 @@ def masses(b: Breaker, at: Position, by: Coefficients, phi: float) -> Masses:
     a_x, a_y = -at.a_y - by.g2 * y, at.a_x + by.g2 * x
     d_x = -at.a_x - by.g2_1 * y - by.g2 * by.g2 * x
     d_y = -at.a_y + by.g2_1 * x - by.g2 * by.g2 * y
-    m11 = crank + b.rotor11 + m * (a_x * a_x + a_y * a_y) + inertia * by.g2 * by.g2
+    m11 = crank + b.rotor_11_kg_m2 + m * (a_x * a_x + a_y * a_y) + inertia * by.g2 * by.g2
     m11_q = 2.0 * (m * (a_x * d_x + a_y * d_y) + inertia * by.g2 * by.g2_1)
-    m12 = -crank + b.rotor12 + m * (a_x * r_y - a_y * r_x) - inertia * by.g2
+    m12 = -crank + b.rotor_12_kg_m2 + m * (a_x * r_y - a_y * r_x) - inertia * by.g2
     m12_q = m * (d_x * r_y - d_y * r_x) - inertia * by.g2_1
-    m22 = b.inertia + crank + b.rotor22 + m * (r_x * r_x + r_y * r_y) + inertia
+    m22 = b.body_inertia_kg_m2 + crank + b.rotor_22_kg_m2 + m * (r_x * r_x + r_y * r_y) + inertia
     m22_q = 2.0 * m * (r_x * a_x + r_y * a_y)
     g_q += m * (a_x * down_x + a_y * down_y)
     g_phi += m * (r_y * down_x - r_x * down_y)
@@ -136,7 +136,7 @@ def masses(b: Breaker, at: Position, by: Coefficients, phi: float) -> Masses:
 @kernel
 def spring_moment(b: Breaker, phi: float) -> float:
     """Return c (l phi + a) l, the moment with which the springs press the body down (N m)."""
-    return b.rate * (b.arm * phi + b.deflection) * b.arm
+    return b.spring_rate_n_per_m * (b.spring_arm_m * phi + b.preload_m) * b.spring_arm_m
 
 
 @kernel
@@ -157,8 +157,8 @@ class Accelerations(NamedTuple):
 @kernel
 def generalised_forces(b: Breaker, m: Masses, u: float, phi: float, p: float, drive: float) -> tuple[float, float]:
     """Return the right-hand sides of both equations without collar and tool (N m)."""
-    first = drive - b.crank_viscous * u + m.g_q - 0.5 * m.m11_q * u * u + 0.5 * m.m22_q * p * p
-    second = -b.frame_drive * drive - spring_moment(b, phi) - b.damping * p + m.g_phi
+    first = drive - b.crank_viscous_nms_per_rad * u + m.g_q - 0.5 * m.m11_q * u * u + 0.5 * m.m22_q * p * p
+    second = -b.frame_drive * drive - spring_moment(b, phi) - b.body_damping_nms_per_rad * p + m.g_phi
     second -= m.m12_q * u * u + m.m22_q * u * p
     return first, second
 
@@ -186,7 +186,7 @@ def loaded_accelerations(
     """Return the accelerations under a known force of the striker on the tool (N)."""
     first, second = generalised_forces(b, m, u, phi, p, drive)
     if thrust != 0.0:
-        first, second = first - striker(b, q)[1] * thrust, second + b.radius * thrust
+        first, second = first - striker(b, q)[1] * thrust, second + b.tool_radius_m * thrust
     if rests:
         du = first / m.m11
         return Accelerations(du, 0.0, m.m12 * du - second, thrust)
@@ -203,19 +203,19 @@ def pushing(
     g = 0 holds: (M + m_t j j')(u', p') = rhs - j (F + m_t j'.(u, p)), N = F + m_t (j.(u', p') + j'.(u, p)).
     """
     _, slope, bend = striker(b, q)
-    load = b.wall_force + b.tool_mass * bend * u * u
+    load = b.wall_force_n + b.tool_mass_kg * bend * u * u
     first, second = generalised_forces(b, m, u, phi, p, drive)
-    first, second = first - slope * load, second + b.radius * load
-    m11 = m.m11 + b.tool_mass * slope * slope
-    m12 = m.m12 - b.tool_mass * slope * b.radius
-    m22 = m.m22 + b.tool_mass * b.radius * b.radius
+    first, second = first - slope * load, second + b.tool_radius_m * load
+    m11 = m.m11 + b.tool_mass_kg * slope * slope
+    m12 = m.m12 - b.tool_mass_kg * slope * b.tool_radius_m
+    m22 = m.m22 + b.tool_mass_kg * b.tool_radius_m * b.tool_radius_m
     if rests:
         du, dp = first / m11, 0.0
         collar = m12 * du - second
     else:
         det = m11 * m22 - m12 * m12
         du, dp, collar = (first * m22 - second * m12) / det, (second * m11 - first * m12) / det, 0.0
-    return Accelerations(du, dp, collar, load + b.tool_mass * (slope * du - b.radius * dp))
+    return Accelerations(du, dp, collar, load + b.tool_mass_kg * (slope * du - b.tool_radius_m * dp))
 
 
 @kernel
@@ -230,11 +230,11 @@ def blocked(
     first, second = generalised_forces(b, m, u, phi, p, drive)
     if rests:
         force = first / max(slope, 1e-12)
-        return Accelerations(0.0, 0.0, -second - b.radius * force, force)
+        return Accelerations(0.0, 0.0, -second - b.tool_radius_m * force, force)
     det = m.m11 * m.m22 - m.m12 * m.m12
-    x, y = (m.m22 * slope + m.m12 * b.radius) / det, (-m.m12 * slope - m.m11 * b.radius) / det
+    x, y = (m.m22 * slope + m.m12 * b.tool_radius_m) / det, (-m.m12 * slope - m.m11 * b.tool_radius_m) / det
     du, dp = (first * m.m22 - second * m.m12) / det, (second * m.m11 - first * m.m12) / det
-    force = (slope * du - b.radius * dp + bend * u * u) / (slope * x - b.radius * y)
+    force = (slope * du - b.tool_radius_m * dp + bend * u * u) / (slope * x - b.tool_radius_m * y)
     return Accelerations(du - x * force, dp - y * force, 0.0, force)
 
 
@@ -268,12 +268,12 @@ def derivatives(
     now = contact_accelerations(b, m, state[Q], u, phi, p, drive, rests, tool)
     out[Q], out[U], out[PHI], out[P] = u, now.crank, p, now.body
     out[TOOL] = state[TOOL_SPEED] if tool in (MOVING, PUSHED) else 0.0
-    out[TOOL_SPEED] = (now.tool_force_n - b.wall_force) / b.tool_mass if tool in (MOVING, PUSHED) else 0.0
-    out[WALL_WORK] = b.wall_force * out[TOOL]
+    out[TOOL_SPEED] = (now.tool_force_n - b.wall_force_n) / b.tool_mass_kg if tool in (MOVING, PUSHED) else 0.0
+    out[WALL_WORK] = b.wall_force_n * out[TOOL]
     out[WORK] = drive * (u - b.frame_drive * p)
-    out[DAMPED] = b.damping * p * p + b.crank_viscous * u * u
-    moment = -b.frame_drive * drive - spring_moment(b, phi) - b.damping * p + now.collar_nm + m.g_phi
-    out[TURNED] = moment + b.radius * now.tool_force_n
+    out[DAMPED] = b.body_damping_nms_per_rad * p * p + b.crank_viscous_nms_per_rad * u * u
+    moment = -b.frame_drive * drive - spring_moment(b, phi) - b.body_damping_nms_per_rad * p + now.collar_nm + m.g_phi
+    out[TURNED] = moment + b.tool_radius_m * now.tool_force_n
 
 
 @kernel
@@ -282,14 +282,14 @@ def energies(b: Breaker, q: float, u: float, phi: float, p: float) -> tuple[floa
     at = position(b.bar, q)
     m = masses(b, at, coefficients(at), phi)
     kinetic = 0.5 * m.m11 * u * u + m.m12 * u * p + 0.5 * m.m22 * p * p
-    stretch = b.arm * phi + b.deflection
+    stretch = b.spring_arm_m * phi + b.preload_m
     x1, y1 = offset(b.crank, at.a_x, at.a_y, b.bar.crank_m)
     x2, y2 = offset(b.coupler, at.u_x, at.u_y, b.bar.coupler_m)
     x3, y3 = offset(b.rocker, at.v_x, at.v_y, b.bar.rocker_m)
     x = b.crank.mass_kg * x1 + b.coupler.mass_kg * (at.a_x + x2) + b.rocker.mass_kg * (b.bar.pivot_x_m + x3)
     y = b.crank.mass_kg * y1 + b.coupler.mass_kg * (at.a_y + y2) + b.rocker.mass_kg * (b.bar.pivot_y_m + y3)
     height = y * math.cos(phi) - x * math.sin(phi)
-    return kinetic, 0.5 * b.rate * stretch * stretch + b.gravity * height, m.m12 * u + m.m22 * p
+    return kinetic, 0.5 * b.spring_rate_n_per_m * stretch * stretch + b.gravity_m_per_s2 * height, m.m12 * u + m.m22 * p
 
 
 @kernel
@@ -302,14 +302,14 @@ def striker(b: Breaker, q: float) -> tuple[float, float, float]:
     by = coefficients(at)
     cross = b.extreme_x * at.v_y - b.extreme_y * at.v_x
     dot = b.extreme_x * at.v_x + b.extreme_y * at.v_y
-    return b.overtravel + b.striker * math.atan2(cross, dot), b.striker * by.g3, b.striker * by.g3_1
+    return b.overtravel_m + b.striker_arm_m * math.atan2(cross, dot), b.striker_arm_m * by.g3, b.striker_arm_m * by.g3_1
 
 
 @kernel
 def gap(b: Breaker, q: float, u: float, phi: float, p: float) -> tuple[float, float]:
     """Return the gap between striker and tool (m) and the closing speed v = (dy/dq) u - r_tool p (m/s)."""
     travel, slope, _ = striker(b, q)
-    return b.radius * phi - travel, slope * u - b.radius * p
+    return b.tool_radius_m * phi - travel, slope * u - b.tool_radius_m * p
 
 
 class Blow(NamedTuple):
@@ -346,20 +346,20 @@ def strike(
     """
     m = masses_at(b, q, phi)
     _, slope, _ = striker(b, q)
-    v = slope * u - b.radius * p - tool_speed
+    v = slope * u - b.tool_radius_m * p - tool_speed
     det = m.m11 * m.m22 - m.m12 * m.m12
-    x = (m.m22 * slope + m.m12 * b.radius) / det
-    y = (-m.m12 * slope - m.m11 * b.radius) / det
+    x = (m.m22 * slope + m.m12 * b.tool_radius_m) / det
+    y = (-m.m12 * slope - m.m11 * b.tool_radius_m) / det
     pressed = rests and (stays or y > 0.0)
     if b.held or pressed:
         x, y = slope / m.m11, 0.0
-    effective = 1.0 / (slope * x - b.radius * y)
-    both = effective * b.tool_mass / (effective + b.tool_mass)
+    effective = 1.0 / (slope * x - b.tool_radius_m * y)
+    both = effective * b.tool_mass_kg / (effective + b.tool_mass_kg)
     impulse = (1.0 + restitution) * v * both
     loss = 0.5 * (1.0 - restitution * restitution) * both * v * v
-    after = tool_speed + impulse / b.tool_mass
-    gained = 0.5 * b.tool_mass * (after - tool_speed) * (after + tool_speed)
-    collar = -m.m12 * x * impulse - b.radius * impulse if pressed and not b.held else 0.0
+    after = tool_speed + impulse / b.tool_mass_kg
+    gained = 0.5 * b.tool_mass_kg * (after - tool_speed) * (after + tool_speed)
+    collar = -m.m12 * x * impulse - b.tool_radius_m * impulse if pressed and not b.held else 0.0
     return Blow(u - x * impulse, p - y * impulse, impulse, gained, loss, collar)
 
 

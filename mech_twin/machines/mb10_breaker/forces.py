@@ -111,7 +111,7 @@ def pin_forces(
     by = coefficients(at)
     m = masses(b, at, by, phi)
     du, dp, collar, _ = motion_in_state(b, m, q, u, phi, p, drive, regime, thrust)
-    g_x, g_y = b.gravity * math.sin(phi), -b.gravity * math.cos(phi)
+    g_x, g_y = b.gravity_m_per_s2 * math.sin(phi), -b.gravity_m_per_s2 * math.cos(phi)
     # coupler: relative to the body its centroid is carried by A and by its own turning
     x, y = offset(b.coupler, at.u_x, at.u_y, b.bar.coupler_m)
     w, e = by.g2 * u, by.g2 * du + by.g2_1 * u * u
@@ -127,23 +127,25 @@ def pin_forces(
     a_x, a_y = absolute(b.bar.pivot_x_m + x, b.bar.pivot_y_m + y, -y * w, x * w, s_x, s_y, -p, -dp)
     f3_x, f3_y = b.rocker.mass_kg * (g_x - a_x), b.rocker.mass_kg * (g_y - a_y)
     moment3 = x * f3_y - y * f3_x - b.rocker.inertia_kg_m2 * (e - dp)
-    f3_x, f3_y, moment3 = f3_x - thrust * b.n_x, f3_y - thrust * b.n_y, moment3 - thrust * b.striker
+    f3_x, f3_y, moment3 = f3_x - thrust * b.n_x, f3_y - thrust * b.n_y, moment3 - thrust * b.striker_arm_m
     a_x, a_y, b_x, b_y, c_x, c_y = dyad_reactions(at, f2_x, f2_y, moment2, f3_x, f3_y, moment3)
     # crank
     x, y = offset(b.crank, at.a_x, at.a_y, b.bar.crank_m)
     s_x, s_y = point_acceleration(x, y, u - p, du - dp)
     o_x, o_y = a_x - b.crank.mass_kg * (g_x - s_x), a_y - b.crank.mass_kg * (g_y - s_y)
     torque = b.crank.inertia_kg_m2 * (du - dp) + at.a_x * a_y - at.a_y * a_x - b.crank.mass_kg * (x * g_y - y * g_x)
-    needed = torque + b.rotor11 * du + b.rotor12 * dp
+    needed = torque + b.rotor_11_kg_m2 * du + b.rotor_12_kg_m2 * dp
     moment = b.bar.pivot_x_m * c_y - b.bar.pivot_y_m * c_x
-    moment += (1.0 - b.frame_drive) * (torque - b.rotor12 * du - b.rotor22 * dp)
-    held = b.inertia * dp + spring_moment(b, phi) + b.damping * p
+    moment += (1.0 - b.frame_drive) * (torque - b.rotor_12_kg_m2 * du - b.rotor_22_kg_m2 * dp)
+    held = b.body_inertia_kg_m2 * dp + spring_moment(b, phi) + b.body_damping_nms_per_rad * p
     o_x, o_y = in_frame(phi, o_x, o_y)
     a_x, a_y = in_frame(phi, a_x, a_y)
     b_x, b_y = in_frame(phi, b_x, b_y)
     c_x, c_y = in_frame(phi, c_x, c_y)
-    moment -= b.frame_drive * b.crank_viscous * u  # of the crank's bearing; on the body it is in the torque above
-    drive_error = needed - drive + b.crank_viscous * u
+    moment -= (
+        b.frame_drive * b.crank_viscous_nms_per_rad * u
+    )  # of the crank's bearing; on the body it is in the torque above
+    drive_error = needed - drive + b.crank_viscous_nms_per_rad * u
     return PinForces(
         o_x,
         o_y,
@@ -189,17 +191,17 @@ def pin_impulses(b: Breaker, q: float, phi: float, du: float, dp: float, blow: f
     w = by.g3 * du
     r_x, r_y = b.bar.pivot_x_m + x, b.bar.pivot_y_m + y
     f3_x, f3_y, moment3 = impulsive(b.rocker, -y * w + r_y * dp, x * w - r_x * dp, x, y, w - dp)
-    f3_x, f3_y, moment3 = f3_x - blow * b.n_x, f3_y - blow * b.n_y, moment3 - blow * b.striker
+    f3_x, f3_y, moment3 = f3_x - blow * b.n_x, f3_y - blow * b.n_y, moment3 - blow * b.striker_arm_m
     a_x, a_y, b_x, b_y, c_x, c_y = dyad_reactions(at, f2_x, f2_y, moment2, f3_x, f3_y, moment3)
     x, y = offset(b.crank, at.a_x, at.a_y, b.bar.crank_m)
     o_x, o_y = a_x - b.crank.mass_kg * y * (du - dp), a_y + b.crank.mass_kg * x * (du - dp)
     torque = b.crank.inertia_kg_m2 * (du - dp) + at.a_x * a_y - at.a_y * a_x
-    needed = torque + b.rotor11 * du + b.rotor12 * dp
+    needed = torque + b.rotor_11_kg_m2 * du + b.rotor_12_kg_m2 * dp
     moment = b.bar.pivot_x_m * c_y - b.bar.pivot_y_m * c_x
-    moment += (1.0 - b.frame_drive) * (torque - b.rotor12 * du - b.rotor22 * dp)
+    moment += (1.0 - b.frame_drive) * (torque - b.rotor_12_kg_m2 * du - b.rotor_22_kg_m2 * dp)
     o_x, o_y = in_frame(phi, o_x, o_y)
     a_x, a_y = in_frame(phi, a_x, a_y)
     b_x, b_y = in_frame(phi, b_x, b_y)
     c_x, c_y = in_frame(phi, c_x, c_y)
-    error = b.inertia * dp - moment
+    error = b.body_inertia_kg_m2 * dp - moment
     return PinForces(o_x, o_y, a_x, a_y, b_x, b_y, c_x, c_y, needed, moment, du, dp, -error, needed, error, blow)

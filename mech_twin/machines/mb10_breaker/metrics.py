@@ -20,8 +20,8 @@ TURN = 2.0 * math.pi
 
 def striking_angle(b: Breaker) -> float:
     """Return the crank angle (rad, 0 to 2 pi) at which the striker meets the seated tool, the body at rest."""
-    start = b.extreme - (b.extreme - b.retreat) % TURN
-    return float(brentq(lambda q: striker(b, q)[0], start, b.extreme, xtol=1e-14)) % TURN
+    start = b.striking_crank_rad - (b.striking_crank_rad - b.retreating_crank_rad) % TURN
+    return float(brentq(lambda q: striker(b, q)[0], start, b.striking_crank_rad, xtol=1e-14)) % TURN
 
 
 def rated_crank_speed(p: BreakerParameters) -> float:
@@ -38,7 +38,7 @@ def static_report(p: BreakerParameters, b: Breaker) -> dict[str, float]:
     free = blow(b._replace(held=False), q, u, 0.0, 0.0, True)
     jump = pin_impulses(b, q, 0.0, free.u - u, free.p, free.impulse)
     held_jump = pin_impulses(b, q, 0.0, held.u - u, 0.0, held.impulse)
-    k = b.arm * math.sqrt(b.rate / b.inertia)
+    k = b.spring_arm_m * math.sqrt(b.spring_rate_n_per_m / b.body_inertia_kg_m2)
     inertias = [masses_at(b, TURN * i / 360, 0.0) for i in range(360)]
     arm_angle = link_angles(position(b.bar, q))[1] + math.radians(p.linkage.striker_angle_deg)
     contact: dict[str, float] = {}
@@ -53,15 +53,15 @@ def static_report(p: BreakerParameters, b: Breaker) -> dict[str, float]:
         "breakdown_torque_nm": motor.breakdown_torque_nm,
         "rated_crank_speed_rad_per_s": u,
         "rated_blow_rate_hz": u / TURN,
-        "striking_extreme_deg": math.degrees(b.extreme),
-        "retreating_extreme_deg": math.degrees(b.retreat),
+        "striking_extreme_deg": math.degrees(b.striking_crank_rad),
+        "retreating_extreme_deg": math.degrees(b.retreating_crank_rad),
         "striking_angle_deg": math.degrees(q),
-        "before_extreme_deg": math.degrees(b.extreme - q),
+        "before_extreme_deg": math.degrees(b.striking_crank_rad - q),
         "rocker_stroke_deg": _stroke_deg(b),
         "smallest_transmission_deg": min(
             math.degrees(acute_angles(position(b.bar, TURN * i / 360))[1]) for i in range(360)
         ),
-        "tool_line_miss_m": b.striker + b.bar.pivot_x_m * math.cos(arm_angle) - b.radius,
+        "tool_line_miss_m": b.striker_arm_m + b.bar.pivot_x_m * math.cos(arm_angle) - b.tool_radius_m,
         "striker_speed_m_per_s": slope * u,
         "striker_curvature_m_per_rad2": bend,
         "crank_inertia_smallest_kg_m2": min(m.m11 for m in inertias),
@@ -71,7 +71,7 @@ def static_report(p: BreakerParameters, b: Breaker) -> dict[str, float]:
         "blow_impulse_ns": free.impulse,
         "blow_energy_j": free.tool_energy,
         "blow_loss_j": free.loss,
-        "blow_energy_over_overtravel_n": free.tool_energy / b.overtravel,
+        "blow_energy_over_overtravel_n": free.tool_energy / b.overtravel_m,
         "body_leaves_at_rad_per_s": free.p,
         "blow_impulse_on_body_nms": jump.moment,
         "blow_impulse_body_held_ns": held.impulse,
@@ -79,8 +79,8 @@ def static_report(p: BreakerParameters, b: Breaker) -> dict[str, float]:
         "blow_impulse_on_body_held_nms": held_jump.moment,
         "rocker_bearing_impulse_body_held_ns": math.hypot(held_jump.c_x, held_jump.c_y),
         "crank_bearing_impulse_body_held_ns": math.hypot(held_jump.o_x, held_jump.o_y),
-        "rest_force_n": b.rate * b.deflection,
-        "rest_force_on_tool_n": b.rate * b.deflection * b.arm / b.radius,
+        "rest_force_n": b.spring_rate_n_per_m * b.preload_m,
+        "rest_force_on_tool_n": b.spring_rate_n_per_m * b.preload_m * b.spring_arm_m / b.tool_radius_m,
         "body_frequency_rad_per_s": k,
         "body_frequency_over_blow_frequency": k / u,
         **contact,
@@ -88,7 +88,7 @@ def static_report(p: BreakerParameters, b: Breaker) -> dict[str, float]:
 
 
 def _stroke_deg(b: Breaker) -> float:
-    here, there = (link_angles(position(b.bar, q))[1] for q in (b.extreme, b.retreat))
+    here, there = (link_angles(position(b.bar, q))[1] for q in (b.striking_crank_rad, b.retreating_crank_rad))
     return math.degrees(abs(math.remainder(here - there, TURN)))
 
 
@@ -146,6 +146,6 @@ def position_metrics(p: BreakerParameters, b: Breaker, crank_rad: float) -> dict
         "rocker_bearing_x_n": found.c_x,
         "rocker_bearing_y_n": found.c_y,
         "body_moment_nm": found.moment,
-        "collar_force_n": found.collar_moment / b.radius,
-        "spring_force_n": b.rate * b.deflection,
+        "collar_force_n": found.collar_moment / b.tool_radius_m,
+        "spring_force_n": b.spring_rate_n_per_m * b.preload_m,
     }

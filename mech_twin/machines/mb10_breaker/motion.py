@@ -77,7 +77,7 @@ def motion_signals(system: Motion, index: int, t: float, y: NDArray[np.float64])
     b = system.breaker
     if index == GAP:
         travel, slope, _ = striker(b, y[Q])
-        return b.radius * y[PHI] + y[TOOL] - travel, b.radius * y[P] + y[TOOL_SPEED] - slope * y[U]
+        return b.tool_radius_m * y[PHI] + y[TOOL] - travel, b.tool_radius_m * y[P] + y[TOOL_SPEED] - slope * y[U]
     if index == LIFT:
         return float(y[PHI]), float(y[P])
     if index == DEAD_CENTRE:
@@ -88,10 +88,10 @@ def motion_signals(system: Motion, index: int, t: float, y: NDArray[np.float64])
 @kernel
 def force_signals(system: Motion, index: int, t: float, y: NDArray[np.float64]) -> tuple[float, float]:
     """Return value and derivative of the signals that need the forces."""
-    now, wall = forces_now(system, t, y), system.breaker.wall_force
+    now, wall = forces_now(system, t, y), system.breaker.wall_force_n
     value, rate = now.collar_nm, UNKNOWN
     if index == TOOL_MOTION:
-        value, rate = float(y[TOOL_SPEED]), (now.tool_force_n - wall) / system.breaker.tool_mass
+        value, rate = float(y[TOOL_SPEED]), (now.tool_force_n - wall) / system.breaker.tool_mass_kg
     elif index == CRANK_MOTION:
         value, rate = float(y[U]), now.crank
     elif index == THRUST:

@@ -67,7 +67,7 @@ class BreakerObserver:
     def numbers(self) -> dict[str, float]:
         """Return the metrics of the run (``run_...``), and means and peaks of its last cycles (``steady_...``)."""
         found = {"time_s": self._time_s, **self._counts}
-        found["rest_force_n"] = self._b.rate * self._b.deflection
+        found["rest_force_n"] = self._b.spring_rate_n_per_m * self._b.preload_m
         found.update({f"run_{name}": value for name, value in self._run.items()})
         found.update({f"worst_{name}": value for name, value in self._worst.items()})
         for count, records in (("steady_blows", self._blows), ("steady_body_cycles", self._body_cycles)):
@@ -151,7 +151,7 @@ class BreakerObserver:
         return blow_contact(b, stiffness, event.pre_velocity_m_per_s, event.impulse_ns, fades).metrics
 
     def _end_body_cycle(self, time_s: float, angle: float) -> None:
-        gap = self._b.radius * angle
+        gap = self._b.tool_radius_m * angle
         self._run["largest_gap_at_blow_m"] = max(self._run["largest_gap_at_blow_m"], gap)
         if self._seen_body_blow and time_s > self._body.start_s:
             self._body_cycles.append(self._body.metrics(time_s, gap))
@@ -169,10 +169,10 @@ class BreakerObserver:
         self._cycle.take_speed(speeds["crank"] - speeds["body"])
         self._cycle.take_forces(frame.forces)
         phi = joints["body"] if frame.body is None else frame.body.position[0]
-        force = b.rate * (b.arm * phi + b.deflection)
-        self._body.take_position(b.radius * phi, force)
+        force = b.spring_rate_n_per_m * (b.spring_arm_m * phi + b.preload_m)
+        self._body.take_position(b.tool_radius_m * phi, force)
         run = self._run
-        run["largest_lift_at_tool_m"] = max(run["largest_lift_at_tool_m"], b.radius * phi)
+        run["largest_lift_at_tool_m"] = max(run["largest_lift_at_tool_m"], b.tool_radius_m * phi)
         run["largest_spring_force_n"] = max(run["largest_spring_force_n"], force)
         for name, peak in zip(PEAKS, self._cycle.peaks, strict=True):
             run[name] = max(run[name], peak)

@@ -71,7 +71,7 @@ SUBSTEP_BUDGET = 20000  # of one coupling step
 def total_energy(b: Breaker, state: Array) -> float:
     """Return kinetic and potential energy of machine and tool (J)."""
     kinetic, potential, _ = energies(b, state[Q], state[U], state[PHI], state[P])
-    return float(kinetic + potential + 0.5 * b.tool_mass * state[TOOL_SPEED] * state[TOOL_SPEED])
+    return float(kinetic + potential + 0.5 * b.tool_mass_kg * state[TOOL_SPEED] * state[TOOL_SPEED])
 
 
 @kernel
@@ -120,7 +120,7 @@ def remember_torque_line(motion: Motion, state: Array, memory: Any, step_s: floa
 @kernel
 def to_dead_centre(b: Breaker, q: float) -> float:
     """Return how far the crank has to turn to the rocker's next extreme, above 0 (rad)."""
-    striking, retreating = (b.extreme - q) % TURN, (b.retreat - q) % TURN
+    striking, retreating = (b.striking_crank_rad - q) % TURN, (b.retreating_crank_rad - q) % TURN
     striking = striking if striking > 1e-12 else TURN
     retreating = retreating if retreating > 1e-12 else TURN
     return min(striking, retreating)

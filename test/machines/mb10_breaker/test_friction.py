@@ -91,7 +91,7 @@ def test_machine_without_supply_comes_to_rest(mount):
 def test_friction_of_the_crank_s_bearing_acts_back_on_the_body(mount):
     p = machine_parameters("mb10_breaker", overrides={**RUBBING, "drive_mount": mount})
     b, v = breaker(p), p.friction.viscous_nms_per_rad
-    smooth = b._replace(crank_viscous=0.0)
+    smooth = b._replace(crank_viscous_nms_per_rad=0.0)
     with_friction = pin_forces(b, 1.0, 50.0, 1e-3, 0.2, 12.0, FLIGHT)
     # the same accelerations need the drive less the friction; frame: its reaction is on the frame, friction's is not
     without = pin_forces(smooth, 1.0, 50.0, 1e-3, 0.2, 12.0 - v * 50.0, FLIGHT)

@@ -126,11 +126,13 @@ def test_second_impact_in_a_pass_obeys_the_law_of_impact():
     q, u, p, w = striking_angle(b), 60.0, 0.1, 0.4
     m, slope = masses_at(b, q, 1e-4), striker(b, q)[1]
     hit = strike(b, q, u, 1e-4, p, w, False, 0.35)
-    after = w + hit.impulse / b.tool_mass
-    assert slope * hit.u - b.radius * hit.p - after == pytest.approx(-0.35 * (slope * u - b.radius * p - w), abs=1e-12)
+    after = w + hit.impulse / b.tool_mass_kg
+    assert slope * hit.u - b.tool_radius_m * hit.p - after == pytest.approx(
+        -0.35 * (slope * u - b.tool_radius_m * p - w), abs=1e-12
+    )
     assert m.m11 * (hit.u - u) + m.m12 * (hit.p - p) == pytest.approx(-slope * hit.impulse, abs=1e-10)
-    before = 0.5 * (m.m11 * u * u + 2.0 * m.m12 * u * p + m.m22 * p * p + b.tool_mass * w * w)
-    end = 0.5 * (m.m11 * hit.u**2 + 2.0 * m.m12 * hit.u * hit.p + m.m22 * hit.p**2 + b.tool_mass * after**2)
+    before = 0.5 * (m.m11 * u * u + 2.0 * m.m12 * u * p + m.m22 * p * p + b.tool_mass_kg * w * w)
+    end = 0.5 * (m.m11 * hit.u**2 + 2.0 * m.m12 * hit.u * hit.p + m.m22 * hit.p**2 + b.tool_mass_kg * after**2)
     assert before - end == pytest.approx(hit.loss, abs=1e-10)
 
 
