@@ -85,6 +85,11 @@ class LinkageSample(NamedTuple):
     residuals: Named
     events: tuple[Event, ...] = ()
 
+    def joint(self, name: str) -> Coordinate:
+        """Return position, velocity and effort of a joint by its name."""
+        place = self.joints.index(name)
+        return Coordinate(self.position[place], self.velocity[place], self.effort[place])
+
 
 class Wrench(NamedTuple):
     """A planar pin reaction in the frame of the machine: N, N, N m."""

@@ -7,10 +7,16 @@ from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
 Verdict = Literal[
-    "reproduced", "reproduced with a stated change", "contradicts itself", "not enough data", "not reproduced"
+    "reproduced",
+    "reproduced with a stated change",
+    "differs, explained",
+    "contradicts itself",
+    "not enough data",
+    "not reproduced",
 ]
 REPRODUCED: Verdict = "reproduced"
 CHANGED: Verdict = "reproduced with a stated change"
+DIFFERS: Verdict = "differs, explained"  # shown with its error, for the reason named; gates nothing
 CONTRADICTS: Verdict = "contradicts itself"
 NO_DATA: Verdict = "not enough data"
 FAILED: Verdict = "not reproduced"  # a gated row out of its tolerance: never the state of a sound build
@@ -96,7 +102,9 @@ class Source:
     def reported(
         self, quantity: str, published: float, computed: float, verdict: Verdict, reason: str, *, absolute: bool = False
     ) -> Row:
-        """Return a row that shows its real error and gates nothing."""
+        """Return a row that shows its real error and gates nothing; it cannot claim to be reproduced."""
+        if verdict in (REPRODUCED, CHANGED):
+            raise ValueError(f"{quantity}: a row without a tolerance is not '{verdict}'")
         measure: Measure = "absolute" if absolute else "relative"
         return self._row(quantity, published, computed, measure, None, verdict, reason, gated=False)
 

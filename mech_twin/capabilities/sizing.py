@@ -57,7 +57,7 @@ class Sizing:
     figures: dict[str, float]
     constraints: tuple[Constraint, ...]
     binding: str
-    trade: tuple[dict[str, float | str], ...] = ()
+    trade_off: tuple[dict[str, float | str], ...] = ()
     tolerance: float = 0.0
 
 

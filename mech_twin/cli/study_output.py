@@ -121,7 +121,7 @@ def answer_size(
                     }
                     for c in answer.constraints
                 ],
-                "trade": answer.trade,
+                "trade_off": answer.trade_off,
                 "configuration": str(out),
             }
         )
@@ -129,8 +129,8 @@ def answer_size(
     print_numbers(f"{machine}: sizes", {**answer.sizes, **answer.figures})
     rows = [(c.text, c.margin, "binds" if c.binds else "holds" if c.holds else "not met") for c in answer.constraints]
     print_table("constraints", ("constraint", "margin", "state"), rows)
-    if answer.trade:
-        print_table("trade", tuple(answer.trade[0]), [tuple(row.values()) for row in answer.trade])
+    if answer.trade_off:
+        print_table("trade-off", tuple(answer.trade_off[0]), [tuple(row.values()) for row in answer.trade_off])
     say(f"binding: {answer.binding}")
     if answer.tolerance > 0.0:
         say(f"holds with every assumed value off by up to {100.0 * answer.tolerance:g} %")

@@ -77,10 +77,10 @@ class CrankRun:
     def observe(self, frame: Frame, **more: float) -> None:
         """Take one frame into account, and further numbers whose least and greatest are wanted."""
         linkage = frame.linkage
-        torque, speed = linkage.effort[0], linkage.velocity[0]
+        angle, speed, torque = linkage.joint("crank")
         self._memory = Memory(*linkage.memory.values)
         rates = Rates(speed, torque * speed, self._motor_state(frame))
-        before, now = self._now, self._sums(linkage.time_s, linkage.position[0], rates)
+        before, now = self._now, self._sums(linkage.time_s, angle, rates)
         if before is not None:
             self._complete_turns(before, self._rates, now, rates)
         self._now, self._rates = now, rates
@@ -103,9 +103,9 @@ class CrankRun:
     def _motor_state(self, frame: Frame) -> MotorState:
         if self._motor is None:
             return MotorState(0.0, 0.0, 0.0)
-        speed = frame.motor.velocity[0]
+        (speed,), (torque,) = frame.motor.velocity, frame.motor.effort
         synchronous = frame.motor.command * self._motor.synchronous_speed_rad_per_s
-        return MotorState(frame.motor.effort[0], speed, synchronous - speed)
+        return MotorState(torque, speed, synchronous - speed)
 
     def _complete_turns(self, before: Instant, rates_before: Rates, now: Instant, rates: Rates) -> None:
         start = self._turns[-1].angle_rad

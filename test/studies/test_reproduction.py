@@ -72,3 +72,16 @@ def test_errors_mean_what_the_measure_says():
     assert at.limit("x", 20.0, 13.0, "why", "above").verdict == FAILED
     assert not at.gated("x", 1.0, math.nan, "why", absolute=1.0).holds
     assert at.reported("x", 1.0, 5.0, "contradicts itself", "why").holds
+
+
+@pytest.mark.parametrize("machine", machines_with_published_values())
+def test_only_a_row_with_a_tolerance_is_called_reproduced(machine):
+    for row in rows_of(machine):
+        claimed = row.verdict in ("reproduced", "reproduced with a stated change")
+        assert claimed == row.gated, row.quantity
+        assert row.gated == (row.tolerance is not None)
+
+
+def test_a_row_without_a_tolerance_cannot_claim_to_be_reproduced():
+    with pytest.raises(ValueError, match="without a tolerance"):
+        Source("a", "b", "c").reported("x", 2.0, 2.1, "reproduced", "why")

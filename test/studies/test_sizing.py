@@ -108,7 +108,7 @@ def test_a_limit_that_makes_no_sense_is_refused_by_name(machine_name, name, valu
 @pytest.mark.parametrize("objective", ["shaking_force_max_n", "drive_torque_peak_nm"])
 def test_no_other_fraction_of_the_trade_is_better(objective):
     answer = size("vibration_crank", objective=objective, tolerance=0.0)
-    assert answer.figures[objective] <= min(row[objective] for row in answer.trade)
+    assert answer.figures[objective] <= min(row[objective] for row in answer.trade_off)
     built = machine("vibration_crank", overrides=dict.fromkeys(["counterweight.mass_kg"]) | answer.sizes)
     assert built.report()[objective] == pytest.approx(answer.figures[objective], rel=1e-9)
 

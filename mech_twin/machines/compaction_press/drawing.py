@@ -9,8 +9,9 @@ from mech_twin.samples import LinkageSample, Shape
 
 def drawing(press: Press, linkage: LinkageSample) -> tuple[Shape, ...]:
     """Return crank, plate, pendulum, pins, and the force of the layer where it acts."""
-    at = position(press.bar, linkage.position[0])
-    load = loaded_point(press, linkage.position[0])
+    angle = linkage.joint("crank").position
+    at = position(press.bar, angle)
+    load = loaded_point(press, angle)
     o, a, b = (0.0, 0.0), (at.a_x, at.a_y), (at.b_x, at.b_y)
     c = (press.bar.pivot_x_m, press.bar.pivot_y_m)
     shapes = [
@@ -19,7 +20,7 @@ def drawing(press: Press, linkage: LinkageSample) -> tuple[Shape, ...]:
         Shape("pendulum", "line", (c, b), (90, 140, 60), 0.015),
         Shape("pins", "points", (o, a, b, c), (0, 0, 0), 0.012),
     ]
-    force = press_reduced(press, linkage.position[0], linkage.regime).force
+    force = press_reduced(press, angle, linkage.regime).force
     if force > 0.0:
         length = 0.2 * force / press.load.peak_n
         shapes.append(Shape("working_force", "arrow", ((load[0], load[1] - length), load), (220, 120, 0), 0.01))

@@ -54,7 +54,7 @@ class PressForces:
         """Return the pin forces at the angle, rate and acceleration of the crank, and its torque by both routes."""
         memory = Memory(*linkage.memory.values)
         press = with_load_share(self.press, memory.load_share)
-        f, w, torque = linkage.position[0], linkage.velocity[0], linkage.effort[0]
+        f, w, torque = linkage.joint("crank")
         now = press_reduced(press, f, linkage.regime)
         e = memory.crank_acceleration_rad_per_s2
         at = position(press.bar, f)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from math import radians
 
-from mech_twin.capabilities.published import CHANGED, CONTRADICTS, Row, Source
+from mech_twin.capabilities.published import CONTRADICTS, DIFFERS, Row, Source
 from mech_twin.machines.compaction_press.flywheel_run import flywheel_run
 from mech_twin.machines.compaction_press.metrics import cycle_report, position_figures
 from mech_twin.machines.compaction_press.parameters import CompactionPress
@@ -43,7 +43,7 @@ def _gain(parameters: CompactionPress, report: dict[str, float]) -> Iterator[Row
     )
     for kind, least, share in (("vertical", 1.9273, 73.3), ("normal", 1.9891, 91.0)):
         yield twofold.reported(
-            f"least {kind} gain", 2.0, report[f"{kind}_gain_min_in_quarter"], CHANGED, "two-fold on a part of it only"
+            f"least {kind} gain", 2.0, report[f"{kind}_gain_min_in_quarter"], DIFFERS, "two-fold on a part of it only"
         )
         quarter = Source(WORKED, "two-fold gain", "180 to 270 degrees")
         yield quarter.gated(

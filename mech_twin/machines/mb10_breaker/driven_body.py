@@ -77,7 +77,7 @@ class DrivenBody:
 
     def follow(self, body: BodySample, forces: ForceSample) -> BodySample:
         """Return the body at the step of these forces, its moment linear between the knots."""
-        phi, p, regime = body.position[0], body.velocity[0], body.regime
+        (phi,), (p,), regime = body.position, body.velocity, body.regime
         time, found = body.time_s, 0.0
         moment = forces.quantities.values[BEGIN_MOMENT]
         for load in forces.loads:

@@ -171,7 +171,7 @@ class HalfSineBody:
 def _replanned(constants: PressedBody, piece: ContactPiece, body: BodySample, elapsed: float) -> ContactPiece:
     """Return the piece that goes on from a sample under constants other than those its own piece was found with."""
     now = min(max(elapsed - piece.cycle * constants.period, 0.0), constants.period)
-    angle, rate = body.position[0], body.velocity[0]
+    (angle,), (rate,) = body.position, body.velocity
     resting = constants.one_sided and piece.regime == CONTACT
     loaded = int(now >= constants.onset)
     regime = CONTACT if resting else FREE

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from math import nan, pi
 
-from mech_twin.capabilities.published import CHANGED, CONTRADICTS, REPRODUCED, Row, Source
+from mech_twin.capabilities.published import CHANGED, CONTRADICTS, DIFFERS, REPRODUCED, Row, Source
 from mech_twin.capabilities.variation import varied
 from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
 from mech_twin.machines.mb10_breaker.pressed_body.free_swing import (
@@ -151,7 +151,7 @@ def _motor(parameters: BreakerParameters) -> Iterator[Row]:
         "catalogue torque at standstill over M_n",
         2.0,
         start,
-        CHANGED,
+        DIFFERS,
         "the Kloss curve starts with less; torque_curve: starting_corrected gives the catalogue's",
     )
 
@@ -192,7 +192,7 @@ def _preload_trade_off(parameters: BreakerParameters) -> Iterator[Row]:
         "share of blows missed (reference: most)",
         0.5,
         below["missed_blows"] / all_blows,
-        CHANGED,
+        DIFFERS,
         "most miss below some 120 N; from there to 200 N most meet a tool that is not seated",
         absolute=True,
     )

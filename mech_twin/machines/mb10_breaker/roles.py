@@ -61,8 +61,9 @@ FORCE_RESIDUALS = ("drive_torque_routes", "body_moment_routes", "impulse_routes"
 def geared_shaft(breaker: Breaker, linkage: LinkageSample) -> tuple[float, float]:
     """Return angle (rad) and speed (rad/s) of the gear's output, seen from the motor: q - phi on the frame, else q."""
     carried = breaker.frame_drive
-    turned = 2.0 * math.pi * BreakerMemory(*linkage.memory.values).turns + linkage.position[0]
-    return turned - carried * linkage.position[3], linkage.velocity[0] - carried * linkage.velocity[3]
+    crank, body = linkage.joint("crank"), linkage.joint("body")
+    turned = 2.0 * math.pi * BreakerMemory(*linkage.memory.values).turns + crank.position
+    return turned - carried * body.position, crank.velocity - carried * body.velocity
 
 
 class BreakerLinkage:
@@ -111,13 +112,13 @@ class BreakerLinkage:
         """Return the linkage one coupling step later; angle and rate of the body are taken from its own sample."""
         b, old = self._b, BreakerMemory(*linkage.memory.values)
         state = np.zeros(STATES)
-        state[Q], state[U] = linkage.position[0], linkage.velocity[0]
-        state[BODY], state[P] = linkage.position[3], linkage.velocity[3]
+        state[Q], state[U], _ = linkage.joint("crank")
+        state[BODY], state[P], _ = linkage.joint("body")
         state[TOOL], state[TOOL_SPEED] = old.tool_travel_m, old.tool_speed_m_per_s
         record, regime = packed(old), linkage.regime
         phi, p, rests = float(state[BODY]), float(state[P]), regime != FLIGHT
         if body is not None and not b.held:
-            phi, p, rests = body.position[0], body.velocity[0], body.regime == REST
+            (phi,), (p,), rests = body.position, body.velocity, body.regime == REST
         regime = take_body(b, state, record, regime, phi, p, rests)
         log = np.empty(EVENT_ROWS, dtype=EVENT)
         regime, count, drive = advance_step(b, state, record, regime, motor.effort[0], self._step_s, self._order, log)
@@ -210,8 +211,8 @@ class BreakerForces:
     def analyse(self, linkage: LinkageSample) -> ForceSample:
         """Return the forces at the step, and the loads on the body at each event of the step."""
         b, memory = self._b, BreakerMemory(*linkage.memory.values)
-        q, u, phi, p = linkage.position[0], linkage.velocity[0], linkage.position[3], linkage.velocity[3]
-        found = pin_forces(b, q, u, phi, p, linkage.effort[0], linkage.regime, memory.tool_force_n)
+        (q, u, torque), (phi, p, _) = linkage.joint("crank"), linkage.joint("body")
+        found = pin_forces(b, q, u, phi, p, torque, linkage.regime, memory.tool_force_n)
         loads, impulses, collar = [], [NO_IMPULSE], 0.0
         for event in linkage.events:
             if event.pre and event.kind in LOADING:

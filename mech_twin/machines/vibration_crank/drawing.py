@@ -10,7 +10,7 @@ from mech_twin.samples import LinkageSample, Shape
 
 def drawing(s: SliderCrank, linkage: LinkageSample) -> tuple[Shape, ...]:
     """Return crank with counterweight, rod, and slider or boom with its load."""
-    th = linkage.position[0]
+    th = linkage.joint("crank").position
     at = follower(s, th)
     crank = (s.crank_m * cos(th), s.crank_m * sin(th))
     weight = (-s.counter_m * cos(th), -s.counter_m * sin(th))

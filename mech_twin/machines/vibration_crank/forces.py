@@ -40,7 +40,7 @@ class SliderCrankForces:
     def analyse(self, linkage: LinkageSample) -> ForceSample:
         """Return the pin forces at the angle, rate and acceleration of the crank, and its torque by both routes."""
         s = self.mechanism
-        th, w, torque = linkage.position[0], linkage.velocity[0], linkage.effort[0]
+        th, w, torque = linkage.joint("crank")
         inertia, slope, load = reduced(s, th)
         memory = Memory(*linkage.memory.values)
         e = memory.crank_acceleration_rad_per_s2

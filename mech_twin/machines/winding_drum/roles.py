@@ -234,19 +234,19 @@ class DrumForces:
 
         The drive torque of the linkage is a sum of terms; the second route is the chain rule on J0 omega.
         """
-        p, at = self.package, place_of(linkage)
+        p, at, torque = self.package, place_of(linkage), linkage.joint("drum").effort
         phi, radius, omega = at.drum_rad, at.package_radius_m, at.drum_rad_per_s
         a = DrumMemory(*linkage.memory.values).yarn_acceleration_m_per_s2
         gravity, inertia = float(gravity_moment(p, radius, phi)), float(package_inertia(p, radius))
         terms = torque_terms(p, radius, phi, at.yarn_m_per_s, a)
         alpha, friction, difference = float(sum(speed_terms(p, radius, phi, at.yarn_m_per_s, a))), 0.0, 0.0
         if linkage.regime == RUNNING:
-            friction = linkage.effort[0] - terms.total + gravity
+            friction = torque - terms.total + gravity
             if omega > 0.0 or a > 0.0:
                 friction = -float(sliding_torque(p.coulomb_nm, p.viscous_nms_per_rad, omega, 1.0))
                 route = float(rate_of_momentum(p, radius, phi, at.yarn_m_per_s, a)) - gravity + friction
                 scale = max(*(abs(term) for term in terms[:4]), abs(gravity), abs(friction), 1e-9)
-                difference = (linkage.effort[0] - route) / scale
+                difference = (torque - route) / scale
         elif omega != 0.0:
             sense = 1.0 if omega > 0.0 else -1.0
             friction = -float(sliding_torque(p.coulomb_nm, p.viscous_nms_per_rad, omega, sense))
@@ -263,13 +263,13 @@ class DrumForces:
             float(tangent_arm(p, radius, phi)),
             alpha,
             a,
-            linkage.effort[0] * omega,
+            torque * omega,
         )
         return ForceSample(
             step=linkage.step,
             time_s=linkage.time_s,
             pins=self.pins,
-            wrenches=(self._shaft(radius, phi, omega, alpha, linkage.effort[0] - friction),),
+            wrenches=(self._shaft(radius, phi, omega, alpha, torque - friction),),
             quantities=Named(QUANTITIES, values),
             body_moment_nm=0.0,
             residuals=Named(("drive_torque_routes",), (difference,)),

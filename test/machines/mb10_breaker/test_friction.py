@@ -12,9 +12,9 @@ from mech_twin.machines.mb10_breaker import build
 from mech_twin.machines.mb10_breaker.constants import breaker
 from mech_twin.machines.mb10_breaker.dynamics import FLIGHT
 from mech_twin.machines.mb10_breaker.forces import pin_forces
+from mech_twin.machines.mb10_breaker.reference import BreakerReference
 from mech_twin.machines.mb10_breaker.state import BreakerMemory
 from mech_twin.parameters.load import machine, machine_parameters
-from mech_twin.studies.breaker_reference import BreakerReference
 
 RUBBING = {"friction.viscous_nms_per_rad": 0.05, "body.friction.viscous_nms_per_rad": 30.0}
 mounts = pytest.mark.parametrize("mount", ["frame", "body"])

@@ -10,12 +10,12 @@ from mech_twin.configuration_tree import ConfigurationError
 from mech_twin.engine.run import frames
 from mech_twin.machines.mb10_breaker import build
 from mech_twin.machines.mb10_breaker.constants import breaker
+from mech_twin.machines.mb10_breaker.coupling_error import coupling_error
 from mech_twin.machines.mb10_breaker.driven_body import swung
 from mech_twin.machines.mb10_breaker.dynamics import FLIGHT, blow, crank_torque, energies, masses_at, striker, touchdown
 from mech_twin.machines.mb10_breaker.forces import pin_forces, pin_impulses
 from mech_twin.machines.mb10_breaker.metrics import striking_angle
 from mech_twin.parameters.load import machine, machine_parameters
-from mech_twin.studies.coupling_error import coupling_error
 
 PARAMETERS = machine_parameters("mb10_breaker")
 B = breaker(PARAMETERS)

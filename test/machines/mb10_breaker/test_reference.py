@@ -7,9 +7,9 @@ import pytest
 
 from mech_twin.engine.run import frames
 from mech_twin.machines.mb10_breaker import build
+from mech_twin.machines.mb10_breaker.reference import BreakerReference
 from mech_twin.machines.mb10_breaker.state import BreakerMemory
 from mech_twin.parameters.load import machine_parameters
-from mech_twin.studies.breaker_reference import BreakerReference
 
 DURATION_S = 0.8
 DRAWN = 20

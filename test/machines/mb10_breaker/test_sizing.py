@@ -100,4 +100,4 @@ def test_the_running_breaker_is_seated_over_the_whole_box():
     assert "in the worst case" in found.binding
     for factors in inner_points(running_sizing.ASSUMED, TOLERANCE, 12, seed=99):
         assert seats(seating(scaled(found.parameters, factors)), SEATED_GAP_M)
-    assert next(row for row in found.trade if row["rest_force_n"] == 500.0)["seated"] == "no"
+    assert next(row for row in found.trade_off if row["rest_force_n"] == 500.0)["seated"] == "no"

@@ -1,6 +1,6 @@
 """The breaker's two excitations on one picture, from its installed configuration.
 
-python -m mech_twin.studies.breaker_excitations docs/images
+python benchmarks/breaker_excitations.py docs/images
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def main() -> None:
         if file.suffix == ".svg":
             file.unlink()
     for line in (picture.caption, pulse_summary("assumed", assumed), pulse_summary("computed", computed)):
-        print(line)  # noqa: T201
+        print(line)
 
 
 if __name__ == "__main__":
