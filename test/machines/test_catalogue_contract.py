@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator
 from itertools import islice, pairwise
 
@@ -185,3 +186,17 @@ def test_drawing_is_finite_and_named(name: str) -> None:
     for shape in shapes:
         assert shape.kind in {"line", "points", "arrow"}
         assert all(math.isfinite(x) and math.isfinite(y) for x, y in shape.points_m)
+
+
+# a scaled unit in a name would be a second dialect beside SI; deg and rpm are the two that engineers read
+SCALED = re.compile(r"_(mm|cm|km|um|g|t|kn|kj|kw|mpa|kpa|bar|ms|us|min|h|mrad)(_per_\w+)?$")
+
+
+@machines
+def test_no_number_has_a_scaled_unit_in_its_name(name: str) -> None:
+    machine, frame = built(name), run(name, 0.05)[-1]
+    observer = machine.observer()
+    observer.observe(frame)
+    named = {*machine.report(), *observer.numbers(), *frame.linkage.memory.names, *frame.forces.quantities.names}
+    assert named
+    assert not [word for word in named if SCALED.search(word)]
