@@ -20,11 +20,11 @@ from mech_twin.machines.mb10_breaker.dynamics import (
     Q,
     U,
     energies,
-    gap,
     spring_moment,
 )
 from mech_twin.machines.mb10_breaker.dynamics import PHI as BODY
 from mech_twin.machines.mb10_breaker.forces import QUANTITIES, PinForces, pin_forces, pin_impulses
+from mech_twin.machines.mb10_breaker.impacts import gap
 from mech_twin.machines.mb10_breaker.state import (
     EVENT,
     EVENT_ROWS,
