@@ -226,15 +226,18 @@ def reproduce(
     figures: Annotated[Path | None, typer.Option(help="directory to draw the sources' figures in")] = None,
     config: Config = None,
     settings: Settings = None,
+    wide: Annotated[bool, typer.Option("--wide", help="every column, whatever the width of the terminal")] = False,
+    csv: Annotated[bool, typer.Option("--csv", help="every column as CSV")] = False,
     force: Force = False,
     json: Json = False,
 ) -> None:
     """Compare every published number with the computed one; draw the published figures."""
     if figures is not None:
         check_output_directory(figures, force=force)
-    from mech_twin.cli.reproduce import reproduce_machines
+    from mech_twin.cli.reproduce import Shape, reproduce_machines
 
-    reproduce_machines(machine, figures, config, settings or [], as_json=json)
+    shape: Shape = "json" if json else "csv" if csv else "wide" if wide else "narrow"
+    reproduce_machines(machine, figures, config, settings or [], shape=shape)
 
 
 app.add_typer(study_app, name="study")
