@@ -12,7 +12,7 @@ import rclpy
 from rclpy.signals import SignalHandlerOptions
 
 from mech_twin.engine.assembly import FrameAssembler
-from mech_twin.messages.topics import step_topics
+from mech_twin.messages.topics import run_topics
 from mech_twin.nodes.base_node import TwinNode, destroy_nodes, sent_messages
 from mech_twin.nodes.body_node import BodyNode
 from mech_twin.nodes.force_node import ForceNode
@@ -54,9 +54,9 @@ def role_nodes(machine_name: str, parameters: Parameters | None, options: RunOpt
 
 
 def guarded_topics(machine_name: str, namespace: str | None) -> list[str]:
-    """Return the full names of the step topics of a run."""
+    """Return the full names of the topics of a run that nobody else may publish."""
     full = run_namespace(machine_name, namespace)
-    return [f"{full}/{topic.name}" for topic in step_topics(catalogue_entry(machine_name).has_body)]
+    return [f"{full}/{topic.name}" for topic in run_topics(catalogue_entry(machine_name).has_body)]
 
 
 def run_in_process(
