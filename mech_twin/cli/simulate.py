@@ -13,7 +13,7 @@ from mech_twin.cli.event_record import event_record
 from mech_twin.cli.failure import CommandError
 from mech_twin.configuration_tree import configuration_tree
 from mech_twin.engine.invariants import Residual, RunInvariants, broken_lines
-from mech_twin.engine.run import frames, steps_for
+from mech_twin.engine.run import frames, steps_for, warm_up
 from mech_twin.engine.trajectory import Trajectory, frame_events
 from mech_twin.parameters.load import assignments, description_text
 from mech_twin.parameters.load import machine as built_machine
@@ -46,6 +46,7 @@ def simulate_machine(
 
         check_recording_directory(bag, force=force)
     machine = built_machine(name, config, assignments(settings))
+    warm_up(machine)  # a signal while kernels are compiled ends the process: no recording may be open then
     simulation = Simulation(machine)
     recording = nullcontext() if bag is None else closing(_recorder(machine, bag))
     with recording as recorder, progress(frames(machine, duration_s), steps_for(machine, duration_s) + 1, name) as run:
