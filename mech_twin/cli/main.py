@@ -8,9 +8,10 @@ from typing import Annotated
 import typer
 
 from mech_twin import __version__
-from mech_twin.cli.failure import INTERRUPTED, CommandError, report_cli_errors
+from mech_twin.cli.failure import INTERRUPTED, SIGNAL_BASE, CommandError, report_cli_errors
 from mech_twin.cli.many_values import ManyValues
 from mech_twin.cli.study import study_app
+from mech_twin.interruption import end_at_once
 from mech_twin.output_file import check_output_directory
 
 app = typer.Typer(
@@ -245,8 +246,13 @@ app.add_typer(study_app, name="study")
 
 def main() -> None:
     """Run the command line."""
-    with report_cli_errors():
-        code = app(standalone_mode=False)
-        if code == INTERRUPTED:  # the command line library turns KeyboardInterrupt into this code
-            raise KeyboardInterrupt
+    try:
+        with report_cli_errors():
+            code = app(standalone_mode=False)
+            if code == INTERRUPTED:  # the command line library turns KeyboardInterrupt into this code
+                raise KeyboardInterrupt
+    except SystemExit as end:
+        if isinstance(end.code, int) and end.code > SIGNAL_BASE:
+            end_at_once(end.code)
+        raise
     raise SystemExit(code if isinstance(code, int) else 0)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from mech_twin.cli.console import print_json, print_numbers, print_table, progress, say
 from mech_twin.cli.failure import CommandError
 from mech_twin.engine.invariants import broken_lines
-from mech_twin.engine.run import frames, steps_for
+from mech_twin.engine.run import frames, steps_for, warm_up
 from mech_twin.parameters.load import assignments, description_text
 from mech_twin.parameters.load import machine as built_machine
 from mech_twin.roles import Machine
@@ -44,6 +44,7 @@ def simulate_machine(
 
         check_recording_directory(bag, force=force)
     machine = built_machine(name, config, assignments(settings))
+    warm_up(machine)  # a signal while kernels are compiled ends the process: no recording may be open then
     simulation = Simulation(machine)
     recording = nullcontext() if bag is None else closing(_recorder(machine, bag))
     with recording as recorder, progress(frames(machine, duration_s), steps_for(machine, duration_s) + 1, name) as run:
