@@ -73,15 +73,22 @@ class FrameRecorder:
         self._wrenches = {pin: PeakHoldWindow[Any](DECIMATION) for pin in machine.forces.pins}
         self._pressing = PeakHoldWindow[Any](DECIMATION)
         self._steps_per_drawing = max(1, round(1.0 / (VIEW_RATE_HZ * machine.coupling_step_s)))
+        self._revision = REVISION
+        self._put(DESCRIPTION, String(data=description))
+
+    def change(self, machine: Machine, description: str) -> None:
+        """Record that another configuration of the machine holds from the next frame on."""
+        self._machine = machine
+        self._revision += 1
         self._put(DESCRIPTION, String(data=description))
 
     def write(self, frame: Frame) -> None:
         """Record one frame."""
         linkage, forces, body = frame.linkage, frame.forces, frame.body
         self._now_ns = round(linkage.time_s * 1e9)
-        self._put(JOINT_STATES, step_message.mark_revision(linkage_messages.to_message(linkage), REVISION))
+        self._put(JOINT_STATES, step_message.mark_revision(linkage_messages.to_message(linkage), self._revision))
         self._put(MOTOR_JOINT_STATES, motor.to_message(frame.motor))
-        self._put(FORCE_JOINT_STATES, step_message.mark_revision(force_messages.to_message(forces), REVISION))
+        self._put(FORCE_JOINT_STATES, step_message.mark_revision(force_messages.to_message(forces), self._revision))
         if body is not None:
             self._put(BODY_JOINT_STATES, body_messages.to_message(body))
             kept = self._pressing.offer(abs(body.pressing_force_n), (body.time_s, body.pressing_force_n))
