@@ -81,6 +81,7 @@ def _is_input_error(error: Exception) -> bool:
     from mech_twin.capabilities.errors import StudyError
     from mech_twin.configuration_tree import ConfigurationError
     from mech_twin.engine.errors import MotionError
+    from mech_twin.measurements.errors import MeasurementError
     from mech_twin.nodes.errors import NodeEndedError
     from mech_twin.output_file import OutputError
     from mech_twin.recording.errors import BagError
@@ -88,4 +89,4 @@ def _is_input_error(error: Exception) -> bool:
     from mech_twin.view.viewer_process import ViewerError
 
     kinds = (CommandError, TyperException, NodeEndedError, ConfigurationError, MotionError, StudyError)
-    return isinstance(error, (*kinds, BagError, OutputError, RerunSceneError, ViewerError))
+    return isinstance(error, (*kinds, MeasurementError, BagError, OutputError, RerunSceneError, ViewerError))
