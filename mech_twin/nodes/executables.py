@@ -91,7 +91,7 @@ def _serve(make: Callable[[], TwinNode], ros: list[str]) -> None:
     from mech_twin.nodes.base_node import destroy_nodes
     from mech_twin.nodes.name_guard import NameGuard
     from mech_twin.nodes.spinner import Spinner
-    from mech_twin.nodes.stop_signal import StopSignal
+    from mech_twin.stop_signal import StopSignal
 
     try:
         rclpy.init(args=[sys.argv[0], *ros], signal_handler_options=SignalHandlerOptions.NO)
