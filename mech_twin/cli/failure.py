@@ -47,6 +47,7 @@ def _is_input_error(error: Exception) -> bool:
         return missing_extra(error) is not None
     from typer.exceptions import TyperException
 
+    from mech_twin.capabilities.errors import StudyError
     from mech_twin.configuration_tree import ConfigurationError
     from mech_twin.engine.errors import MotionError
     from mech_twin.nodes.errors import NodeEndedError
@@ -55,5 +56,5 @@ def _is_input_error(error: Exception) -> bool:
     from mech_twin.view.errors import RerunSceneError
     from mech_twin.view.viewer_process import ViewerError
 
-    kinds = (CommandError, TyperException, NodeEndedError, ConfigurationError, MotionError)
+    kinds = (CommandError, TyperException, NodeEndedError, ConfigurationError, MotionError, StudyError)
     return isinstance(error, (*kinds, BagError, OutputError, RerunSceneError, ViewerError))

@@ -153,9 +153,9 @@ def replay(
     if analyse and resimulate:
         raise CommandError("--analyse and --resimulate exclude each other: forces alone, or the whole run")
     if analyse or resimulate:
-        from mech_twin.cli.compare import compare_bag
+        from mech_twin.cli.recompute import recompute_bag
 
-        compare_bag(bag, "analyse" if analyse else "resimulate", as_json=json)
+        recompute_bag(bag, "analyse" if analyse else "resimulate", as_json=json)
         return
     from mech_twin.cli.replay import ReplayRequest, replay_bag
 
@@ -186,6 +186,25 @@ def info(
     from mech_twin.cli.info import show_info
 
     show_info(bag, as_json=json, as_csv=csv, wide=wide)
+
+
+@app.command()
+def compare(
+    first: Annotated[str, typer.Argument(metavar="A", help="recording, configuration file (.yaml) or machine")],
+    second: Annotated[str, typer.Argument(metavar="B", help="what to compare it with, of the same machine")],
+    tolerance: Annotated[float, typer.Option(help="relative difference that is allowed", min=0.0, max=1.0)] = 0.0,
+    duration: Annotated[
+        float | None, typer.Option(help="time to simulate a configuration in s [the recording's, else 3]", min=0.0)
+    ] = None,
+    picture: Annotated[Path | None, typer.Option(help="file (.png or .svg) to draw what differs in")] = None,
+    all_numbers: Annotated[bool, typer.Option("--all", help="all numbers, not only those that differ")] = False,
+    force: Force = False,
+    json: Json = False,
+) -> None:
+    """Compare two recordings or configurations (exit code 1: a number differs by more than the tolerance)."""
+    from mech_twin.cli.compare import compare_sides
+
+    compare_sides(first, second, tolerance, duration, picture, all_numbers=all_numbers, force=force, as_json=json)
 
 
 @app.command()
