@@ -6,12 +6,14 @@ import signal
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from types import FrameType
 
 from mech_twin.dependencies import missing_extra
-from mech_twin.stop_signal import EXIT_CODE_BASE, interruptible
+from mech_twin.interruption import EXIT_CODE_BASE, SIGNALS, end_at_once, is_in_compiler, is_in_wrapper, send_again
 
 EXIT_CODE = 2
 INTERRUPTED = EXIT_CODE_BASE + signal.SIGINT
+INTERRUPTED_LINE = "mech-twin: interrupted\n"
 
 
 class CommandError(Exception):
@@ -26,13 +28,40 @@ def report_cli_errors() -> Iterator[None]:
             yield
     except KeyboardInterrupt:
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second Ctrl-C must not disturb the clean-up at exit
-        sys.stderr.write("mech-twin: interrupted\n")
+        sys.stderr.write(INTERRUPTED_LINE)
         raise SystemExit(INTERRUPTED) from None
     except Exception as error:
         if not _is_input_error(error):
             raise
         sys.stderr.write(f"mech-twin: {' '.join(_message(error).split())}\n")
         raise SystemExit(EXIT_CODE) from error
+
+
+@contextmanager
+def interruptible() -> Iterator[None]:
+    """Turn SIGINT into KeyboardInterrupt, and SIGTERM and SIGHUP into SystemExit, where that is safe.
+
+    While a kernel is compiled the process ends at once instead.
+    """
+    before = {number: signal.signal(number, _raise_when_safe) for number in SIGNALS}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _raise_when_safe(number: int, frame: FrameType | None) -> None:
+    if is_in_wrapper(frame):
+        send_again(number)
+    elif is_in_compiler(frame):
+        if number == signal.SIGINT:
+            sys.stderr.write(INTERRUPTED_LINE)
+        end_at_once(EXIT_CODE_BASE + number)
+    elif number == signal.SIGINT:
+        raise KeyboardInterrupt
+    else:
+        raise SystemExit(EXIT_CODE_BASE + number)
 
 
 def _message(error: Exception) -> str:
@@ -50,6 +79,7 @@ def _is_input_error(error: Exception) -> bool:
     from mech_twin.capabilities.errors import StudyError
     from mech_twin.configuration_tree import ConfigurationError
     from mech_twin.engine.errors import MotionError
+    from mech_twin.measurements.errors import MeasurementError
     from mech_twin.nodes.errors import NodeEndedError
     from mech_twin.output_file import OutputError
     from mech_twin.recording.errors import BagError
@@ -57,4 +87,4 @@ def _is_input_error(error: Exception) -> bool:
     from mech_twin.view.viewer_process import ViewerError
 
     kinds = (CommandError, TyperException, NodeEndedError, ConfigurationError, MotionError, StudyError)
-    return isinstance(error, (*kinds, BagError, OutputError, RerunSceneError, ViewerError))
+    return isinstance(error, (*kinds, MeasurementError, BagError, OutputError, RerunSceneError, ViewerError))
