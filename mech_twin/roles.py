@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from mech_twin.capabilities.design import DesignQuestion
     from mech_twin.capabilities.long_run import RegimeQuestion, SynthesisQuestion
     from mech_twin.capabilities.plots import Picture
-    from mech_twin.capabilities.published import Row
+    from mech_twin.capabilities.published import PublishedRow
     from mech_twin.capabilities.sizing import SizingQuestion
 
 
@@ -214,7 +214,7 @@ class Capabilities:
         Long-run regimes over the values of a key.
     """
 
-    published: Callable[[Any], Iterable[Row]] | None = None
+    published: Callable[[Any], Iterable[PublishedRow]] | None = None
     pictures: Callable[[Any], Iterable[Picture]] | None = None
     sizing: SizingQuestion | None = None
     design: DesignQuestion | None = None
