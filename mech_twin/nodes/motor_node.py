@@ -8,6 +8,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, String
 from std_srvs.srv import Trigger
 
+from mech_twin.engine.start_forecast import LOOK_AHEAD_S, start_forecast
 from mech_twin.messages import linkage as linkage_messages
 from mech_twin.messages import motor as motor_messages
 from mech_twin.messages.joint_state_cdr import StepMessage
@@ -104,8 +105,18 @@ class MotorNode(FollowerNode):
             self._asked_target = fraction
 
     def _on_start(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self.target = self._asked_target
-        response.success, response.message = True, f"supply on at {self.target:g} of rated frequency"
+        """Switch the supply on, if the machine turns then; the run waits while that is computed."""
+        linkage, asked = self.last_question, self._asked_target
+        forecast = None if linkage is None else start_forecast(self.machine, linkage, asked)
+        response.success = forecast is None or forecast.turns
+        if forecast is None or forecast.turns:
+            self.target = asked
+            response.message = f"supply on at {asked:g} of rated frequency"
+            return response
+        why = f"drive at {forecast.position:.6g} would stand still {LOOK_AHEAD_S:g} s after switching on"
+        self.get_logger().warning(f"start: {why}")
+        self.diagnostics.warn(f"start: {why}")
+        response.message = f"supply left as it is: {why}"
         return response
 
     def _on_stop(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
