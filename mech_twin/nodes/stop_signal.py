@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import signal
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType, TracebackType
 from typing import Any
 
+from mech_twin.interruption import end_at_once, is_in_compiler, is_in_wrapper, send_again
+
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 EXIT_CODE_BASE = 128
-RETRY_S = 0.001
 
 
 class StopSignal:
@@ -24,7 +24,10 @@ class StopSignal:
 
     @contextmanager
     def interrupting(self) -> Iterator[None]:
-        """Let a signal end what is done here at once, such as compiling: SystemExit, code 128 + signal number."""
+        """Let a signal end what is done here, code 128 + signal number: the process at once while it compiles.
+
+        So nothing may be open here that needs closing; elsewhere than in the compiler it is SystemExit.
+        """
         self._interrupts = True
         try:
             yield
@@ -46,14 +49,10 @@ class StopSignal:
         self.asked = True
         if not self._interrupts:
             return
-        if frame is not None and str(frame.f_globals.get("__name__", "")).startswith("namedtuple_"):
-            _send_again(number)  # an exception in the wrapper of a compiled function ends in a segmentation fault
+        if is_in_wrapper(frame):
+            send_again(number)
+        elif is_in_compiler(frame):
+            end_at_once(EXIT_CODE_BASE + number)
         else:
             self._interrupts = False  # a second one must not interrupt the clearing up
             raise SystemExit(EXIT_CODE_BASE + number)
-
-
-def _send_again(number: int) -> None:
-    again = threading.Timer(RETRY_S, signal.pthread_kill, (threading.main_thread().ident, number))
-    again.daemon = True
-    again.start()

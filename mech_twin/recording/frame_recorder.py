@@ -81,13 +81,20 @@ class FrameRecorder:
         self._joints = {topic.name: StreamWindow[Any](self._window) for topic in joint_state_topics(True)}
         self._forces = StreamWindow[ForceSample](self._window)
         self._steps_per_drawing = max(1, round(1.0 / (VIEW_RATE_HZ * machine.coupling_step_s)))
+        self._revision = REVISION
+        self._put(DESCRIPTION, String(data=description))
+
+    def change(self, machine: Machine, description: str) -> None:
+        """Record that another configuration of the machine holds from the next frame on."""
+        self._machine = machine
+        self._revision += 1
         self._put(DESCRIPTION, String(data=description))
 
     def write(self, frame: Frame) -> None:
         """Record one frame."""
         linkage, forces, body = frame.linkage, frame.forces, frame.body
         self._now_ns = round(linkage.time_s * 1e9)
-        marks = (step_message.revision_row(REVISION),)
+        marks = (step_message.revision_row(self._revision),)
         self._put(STEP_LINKAGE, linkage_messages.to_step(linkage, marks))
         self._put(STEP_MOTOR, motor.to_step(frame.motor))
         self._put(STEP_FORCES, force_messages.to_step(forces, marks))

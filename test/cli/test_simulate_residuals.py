@@ -10,7 +10,7 @@ import pytest
 from catalogue import built
 
 from mech_twin.cli import simulate
-from mech_twin.cli.simulate import simulate_machine
+from mech_twin.cli.simulate import SimulateRequest, simulate_machine
 from mech_twin.roles import Machine
 
 DRUM = "winding_drum"
@@ -29,7 +29,7 @@ class Limited:
 
 def simulated(machine: Machine, monkeypatch: pytest.MonkeyPatch, as_json: bool = True) -> None:
     monkeypatch.setattr(simulate, "built_machine", lambda *arguments: machine)
-    simulate_machine(machine.name, 0.1, None, None, [], as_json=as_json, with_samples=False, force=False)
+    simulate_machine(SimulateRequest(machine.name, 0.1, as_json=as_json))
 
 
 def test_the_worst_residuals_are_written_with_their_limits(
