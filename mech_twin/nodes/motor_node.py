@@ -13,7 +13,7 @@ from mech_twin.messages import linkage as linkage_messages
 from mech_twin.messages import motor as motor_messages
 from mech_twin.messages.joint_state_cdr import StepMessage
 from mech_twin.messages.joint_states import has_impact, joints_message
-from mech_twin.messages.step_message import TARGET, MessageError, Row, arranged, marked
+from mech_twin.messages.step_message import TARGET, MessageError, Row, marked
 from mech_twin.messages.topics import (
     MOTOR_JOINT_STATES,
     REJOIN,
@@ -54,9 +54,7 @@ class MotorNode(FollowerNode):
 
     def decoded(self, message: StepMessage) -> LinkageSample:
         """Return the linkage sample of a message."""
-        sample = linkage_messages.from_message(message, self.machine.coupling_step_s)
-        arranged_sample: LinkageSample = arranged(sample, self.machine.linkage.joints)
-        return arranged_sample
+        return linkage_messages.received(message.raw, self.machine.coupling_step_s, self.machine.linkage.joints)
 
     def answer(self, question: LinkageSample, previous: MotorSample | None) -> MotorSample | None:
         """Return the drive at the linkage's step; a motor that comes back asks first what it was told to do."""
