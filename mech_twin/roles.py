@@ -179,6 +179,8 @@ class Machine:
         ``analyse(crank_rad)``: every angle, speed, force and constant at one position.
     observer : callable
         A fresh observer for one run.
+    rests_when_supplied : bool
+        Whether the drive stands still now and then in ordinary running, so that standing is no sign of a stall.
     """
 
     name: str
@@ -192,6 +194,7 @@ class Machine:
     report: Callable[[], dict[str, float]]
     analyse: Callable[[float], dict[str, Any]]
     observer: Callable[[], Observer]
+    rests_when_supplied: bool = False
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,6 @@ from mech_twin.messages import force as force_messages
 from mech_twin.messages import linkage as linkage_messages
 from mech_twin.messages.joint_state_cdr import StepMessage
 from mech_twin.messages.joint_states import efforts_message, has_impact
-from mech_twin.messages.step_message import arranged
 from mech_twin.messages.topics import FORCE_JOINT_STATES, STEP_FORCES, STEP_LINKAGE, pin_wrench
 from mech_twin.nodes.follower_node import FollowerNode
 from mech_twin.nodes.options import RunOptions
@@ -34,9 +33,7 @@ class ForceNode(FollowerNode):
 
     def decoded(self, message: StepMessage) -> LinkageSample:
         """Return the linkage sample of a message."""
-        sample = linkage_messages.from_message(message, self.machine.coupling_step_s)
-        arranged_sample: LinkageSample = arranged(sample, self.machine.linkage.joints)
-        return arranged_sample
+        return linkage_messages.received(message.raw, self.machine.coupling_step_s, self.machine.linkage.joints)
 
     def answer(self, question: LinkageSample, previous: ForceSample | None) -> ForceSample:
         """Return the forces of the linkage's step."""

@@ -20,7 +20,7 @@ from mech_twin.nodes.options import RunOptions
 from mech_twin.nodes.peer_wait import PeerWait
 from mech_twin.nodes.role_node import RETRY_S, RoleNode
 from mech_twin.nodes.step_pacer import StepPacer
-from mech_twin.parameters.load import catalogue_entry, description_text
+from mech_twin.parameters.load import catalogue_entry, description_text, is_of_ros
 from mech_twin.quantity import Parameters
 from mech_twin.samples import LinkageSample
 
@@ -172,9 +172,10 @@ class LinkageNode(RoleNode):
     def _tried(
         self, changes: list[Parameter], call: Callable[[Parameters, dict[str, object]], object]
     ) -> SetParametersResult:
-        if not self._adopting:
+        values = {change.name: change.value for change in changes if not is_of_ros(change.name)}
+        if values and not self._adopting:
             try:
-                call(self.machine.parameters, {change.name: change.value for change in changes})
+                call(self.machine.parameters, values)
             except ConfigurationError as error:
                 return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)

@@ -65,6 +65,7 @@ def build(parameters: Parameters) -> Machine:
         report,
         analyse,
         lambda: MassObserver(p.stop_position_m),
+        rests_when_supplied=True,
     )
 
 
