@@ -20,7 +20,7 @@ ARGS ?=
 
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
-.PHONY: run test test-fast test-browser test-ros test-oldest lint coverage bench colcon mutation hooks
+.PHONY: run test test-fast explore test-browser test-ros test-oldest lint coverage bench colcon mutation hooks
 .PHONY: audit sbom licences hashes docs clean
 
 run: $(VENV)/.run
@@ -33,6 +33,9 @@ test: lint
 test-fast: $(VENV)/.test
 	$(BIN)/python -m pytest -m "not browser and not slow" $(SHARED) $(ARGS)
 	$(BIN)/python -m pytest -m "not browser and not slow" $(ALONE) $(ARGS)
+
+explore: $(VENV)/.test # the property tests with examples of their own each time
+	$(BIN)/python -m pytest -m "not browser" $(SHARED) --hypothesis-profile=explore $(ARGS)
 
 test-browser: $(VENV)/.test
 	$(BIN)/python -m pytest -m browser $(ARGS)

@@ -76,6 +76,7 @@ def _is_input_error(error: Exception) -> bool:
         return missing_extra(error) is not None
     from typer.exceptions import TyperException
 
+    from mech_twin.capabilities.errors import StudyError
     from mech_twin.configuration_tree import ConfigurationError
     from mech_twin.engine.errors import MotionError
     from mech_twin.measurements.errors import MeasurementError
@@ -85,5 +86,5 @@ def _is_input_error(error: Exception) -> bool:
     from mech_twin.view.errors import RerunSceneError
     from mech_twin.view.viewer_process import ViewerError
 
-    kinds = (CommandError, TyperException, NodeEndedError, ConfigurationError, MotionError)
+    kinds = (CommandError, TyperException, NodeEndedError, ConfigurationError, MotionError, StudyError)
     return isinstance(error, (*kinds, MeasurementError, BagError, OutputError, RerunSceneError, ViewerError))

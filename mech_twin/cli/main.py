@@ -168,9 +168,9 @@ def replay(
     if analyse and resimulate:
         raise CommandError("--analyse and --resimulate exclude each other: forces alone, or the whole run")
     if analyse or resimulate:
-        from mech_twin.cli.compare import compare_bag
+        from mech_twin.cli.recompute import recompute_bag
 
-        compare_bag(bag, "analyse" if analyse else "resimulate", as_json=json)
+        recompute_bag(bag, "analyse" if analyse else "resimulate", as_json=json)
         return
     from mech_twin.cli.replay import ReplayRequest, replay_bag
 
@@ -221,6 +221,25 @@ def propose(
     from mech_twin.cli.map import propose_map
 
     propose_map(measurement, machine, out, force=force, as_json=json)
+
+
+@app.command()
+def compare(
+    first: Annotated[str, typer.Argument(metavar="A", help="recording, configuration file (.yaml) or machine")],
+    second: Annotated[str, typer.Argument(metavar="B", help="what to compare it with, of the same machine")],
+    tolerance: Annotated[float, typer.Option(help="relative difference that is allowed", min=0.0, max=1.0)] = 0.0,
+    duration: Annotated[
+        float | None, typer.Option(help="time to simulate a configuration in s [the recording's, else 3]", min=0.0)
+    ] = None,
+    picture: Annotated[Path | None, typer.Option(help="file (.png or .svg) to draw what differs in")] = None,
+    all_numbers: Annotated[bool, typer.Option("--all", help="all numbers, not only those that differ")] = False,
+    force: Force = False,
+    json: Json = False,
+) -> None:
+    """Compare two recordings or configurations (exit code 1: a number differs by more than the tolerance)."""
+    from mech_twin.cli.compare import compare_sides
+
+    compare_sides(first, second, tolerance, duration, picture, all_numbers=all_numbers, force=force, as_json=json)
 
 
 @app.command()

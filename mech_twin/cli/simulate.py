@@ -9,18 +9,15 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from mech_twin.cli.console import print_json, print_numbers, print_table, progress, say
-from mech_twin.cli.event_record import event_record
 from mech_twin.cli.failure import CommandError
 from mech_twin.cli.simulate_outputs import check_outputs, opened_outputs
-from mech_twin.configuration_tree import configuration_tree
-from mech_twin.engine.invariants import Residual, RunInvariants, broken_lines
+from mech_twin.engine.invariants import broken_lines
 from mech_twin.engine.run import frames, steps_for
-from mech_twin.engine.trajectory import Trajectory, frame_events
 from mech_twin.parameters.live_change import ChangingMachine, live_changes
 from mech_twin.parameters.load import assignments
 from mech_twin.parameters.load import machine as built_machine
-from mech_twin.roles import Machine
-from mech_twin.samples import Event, Frame
+from mech_twin.samples import Event
+from mech_twin.studies.simulation import Simulation, event_record
 
 SHOWN_EVENTS = 12
 BROKEN_EXIT_CODE = 1
@@ -73,37 +70,6 @@ def simulate_machine(asked: SimulateRequest) -> None:
     if broken:
         say(f"{name}: {'; '.join(broken)}")
         raise SystemExit(BROKEN_EXIT_CODE)
-
-
-class Simulation:
-    """What is gathered of a run, frame by frame."""
-
-    def __init__(self, machine: Machine) -> None:
-        self.events: list[Event] = []
-        self.trajectory = Trajectory()
-        self._machine = machine
-        self._observer = machine.observer()
-        self._invariants = RunInvariants(machine)
-
-    def observe(self, frame: Frame) -> None:
-        """Take one frame into account."""
-        self._observer.observe(frame)
-        self._invariants.observe(frame)
-        self.events.extend(frame_events(frame))
-
-    def residuals(self) -> dict[str, Residual]:
-        """Return the worst of each residual, with its limit."""
-        return self._invariants.residuals()
-
-    def document(self) -> dict[str, Any]:
-        """Return everything but the samples, as it is written with ``--json``."""
-        return {
-            "machine": self._machine.name,
-            "config": configuration_tree(self._machine.parameters),
-            "summary": {**self._machine.report(), **self._observer.numbers()},
-            "residuals": {name: residual._asdict() for name, residual in self.residuals().items()},
-            "events": [event_record(event) for event in self.events],
-        }
 
 
 def _show(title: str, document: Mapping[str, Any], events: list[Event]) -> None:

@@ -8,9 +8,10 @@ from typing import Any
 from scipy.optimize import brentq
 
 from mech_twin.machines.mb10_breaker.blow_contact import blow_contact, fading
-from mech_twin.machines.mb10_breaker.dynamics import FLIGHT, HELD, Breaker, blow, gap, masses_at, striker
+from mech_twin.machines.mb10_breaker.dynamics import FLIGHT, HELD, Breaker, masses_at, striker
 from mech_twin.machines.mb10_breaker.dynamics import crank_torque as geared
 from mech_twin.machines.mb10_breaker.forces import pin_forces, pin_impulses
+from mech_twin.machines.mb10_breaker.impacts import blow, gap
 from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
 from mech_twin.parts.four_bar import acute_angles, coefficients, link_angles, position
 from mech_twin.parts.induction_motor import motor_constants, motor_torque

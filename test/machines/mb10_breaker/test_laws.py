@@ -12,8 +12,9 @@ from mech_twin.machines.mb10_breaker import build
 from mech_twin.machines.mb10_breaker.constants import breaker
 from mech_twin.machines.mb10_breaker.coupling_error import coupling_error
 from mech_twin.machines.mb10_breaker.driven_body import swung
-from mech_twin.machines.mb10_breaker.dynamics import FLIGHT, blow, crank_torque, energies, masses_at, striker, touchdown
+from mech_twin.machines.mb10_breaker.dynamics import FLIGHT, crank_torque, energies, masses_at, striker
 from mech_twin.machines.mb10_breaker.forces import pin_forces, pin_impulses
+from mech_twin.machines.mb10_breaker.impacts import blow, touchdown
 from mech_twin.machines.mb10_breaker.metrics import striking_angle
 from mech_twin.parameters.load import machine, machine_parameters
 
