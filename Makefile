@@ -13,7 +13,7 @@ INSTALL_HASHED = $(BIN)/python -m pip install -q --require-hashes --no-deps -r $
   $(BIN)/python -m pip install -q --no-deps --no-build-isolation -e .
 READERS := test/recording/npm
 # rooms whose tests neither talk over topics nor watch the clock: they share the cores, the others run one by one
-QUIET := $(wildcard $(addprefix test/,engine golden literature machines packaging parameters parts studies test_kernel_cache.py))
+QUIET := $(wildcard $(addprefix test/,engine golden literature machines measurements packaging parameters parts studies test_captions.py test_kernel_cache.py))
 SHARED := -n 2 --dist loadfile $(QUIET)
 ALONE := test $(addprefix --ignore=,$(QUIET))
 ARGS ?=

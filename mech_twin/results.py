@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mech_twin.captions import caption, titled
+from mech_twin.captions import titled, unit_of
 from mech_twin.dependencies import require_extra
 from mech_twin.engine.invariants import Residual
 from mech_twin.quantity import Parameters
@@ -22,11 +22,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MOST_PANELS = 8
-
-
-def unit_of(name: str) -> str:
-    """Return the unit in which a stored name ends, such as N m of ``drive_torque_nm``; empty for a pure number."""
-    return caption(name.rpartition(".")[2])[1]
 
 
 class Numbers(Mapping[str, Any]):

@@ -13,12 +13,13 @@ from hypothesis import strategies as st
 
 import mech_twin as mt
 from mech_twin.capabilities.errors import StudyError
+from mech_twin.captions import unit_of
 from mech_twin.configuration_tree import ConfigurationError
 from mech_twin.engine.run import frames
 from mech_twin.engine.trajectory import Trajectory
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.parameters.load import machine as built_machine
-from mech_twin.results import Columns, unit_of
+from mech_twin.results import Columns
 
 
 def test_importing_the_package_loads_neither_machines_nor_ros():

@@ -11,7 +11,9 @@ from mech_twin import __version__
 from mech_twin.cli.failure import INTERRUPTED, CommandError, report_cli_errors
 from mech_twin.cli.many_values import ManyValues
 from mech_twin.cli.study import study_app
+from mech_twin.interruption import end_at_once
 from mech_twin.output_file import check_output_directory
+from mech_twin.stop_signal import EXIT_CODE_BASE
 
 app = typer.Typer(
     name="mech-twin",
@@ -279,15 +281,18 @@ def reproduce(
     figures: Annotated[Path | None, typer.Option(help="directory to draw the sources' figures in")] = None,
     config: Config = None,
     settings: Settings = None,
+    wide: Annotated[bool, typer.Option("--wide", help="every column, whatever the width of the terminal")] = False,
+    csv: Annotated[bool, typer.Option("--csv", help="every column as CSV")] = False,
     force: Force = False,
     json: Json = False,
 ) -> None:
     """Compare every published number with the computed one; draw the published figures."""
     if figures is not None:
         check_output_directory(figures, force=force)
-    from mech_twin.cli.reproduce import reproduce_machines
+    from mech_twin.cli.reproduce import Shape, reproduce_machines
 
-    reproduce_machines(machine, figures, config, settings or [], as_json=json)
+    shape: Shape = "json" if json else "csv" if csv else "wide" if wide else "narrow"
+    reproduce_machines(machine, figures, config, settings or [], shape=shape)
 
 
 app.add_typer(study_app, name="study")
@@ -295,8 +300,13 @@ app.add_typer(study_app, name="study")
 
 def main() -> None:
     """Run the command line."""
-    with report_cli_errors():
-        code = app(standalone_mode=False)
-        if code == INTERRUPTED:  # the command line library turns KeyboardInterrupt into this code
-            raise KeyboardInterrupt
+    try:
+        with report_cli_errors():
+            code = app(standalone_mode=False)
+            if code == INTERRUPTED:  # the command line library turns KeyboardInterrupt into this code
+                raise KeyboardInterrupt
+    except SystemExit as end:
+        if isinstance(end.code, int) and end.code > EXIT_CODE_BASE:
+            end_at_once(end.code)
+        raise
     raise SystemExit(code if isinstance(code, int) else 0)

@@ -19,7 +19,7 @@ from mech_twin.samples import Drawing, ForceSample, LinkageSample
 from mech_twin.studies.measured_forces import guided_samples, measured_forces
 
 if TYPE_CHECKING:
-    from mech_twin.nodes.stop_signal import StopSignal
+    from mech_twin.stop_signal import StopSignal
     from mech_twin.view.rerun_scene import RerunScene
 
 OUTSIDE_TOLERANCE = 1

@@ -15,12 +15,6 @@ if TYPE_CHECKING:
     from mech_twin.recording.bag_samples import BagSamples
 
 DIFFERENT = 1
-TOPICS = {
-    "linkage": "joint_states",
-    "motor": "motor/joint_states",
-    "forces": "forces/joint_states",
-    "body": "body/joint_states",
-}
 
 
 def recompute_bag(bag: Path, mode: Literal["analyse", "resimulate"], *, as_json: bool) -> None:
@@ -56,7 +50,7 @@ def _write(
     }
     if mode == "resimulate":
         numbers |= {"resets": verdict.resets}
-    first = _first(samples.machine, verdict)
+    first = _first(samples.topics, verdict)
     if as_json:
         more = {"resumed_at_steps": verdict.taken_up, "unused_samples": dict(samples.unused), "first_difference": first}
         print_json(
@@ -77,8 +71,8 @@ def _write(
         say("nothing could be compared")
 
 
-def _first(machine: str, verdict: Verdict) -> dict[str, Any] | None:
+def _first(topics: dict[str, str], verdict: Verdict) -> dict[str, Any] | None:
     if verdict.first is None:
         return None
     row = verdict.first._asdict()
-    return {"topic": f"/{machine}/{TOPICS[row.pop('role')]}", **row}
+    return {"topic": topics[row.pop("role")], **row}

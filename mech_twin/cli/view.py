@@ -17,8 +17,8 @@ from mech_twin.output_file import check_output_file, written_file
 
 if TYPE_CHECKING:
     from mech_twin.nodes.run_metrics import RunMetrics
-    from mech_twin.nodes.stop_signal import StopSignal
     from mech_twin.recording.bag_samples import BagSamples
+    from mech_twin.stop_signal import StopSignal
     from mech_twin.view.rerun_scene import RerunScene
 
 WAIT_S = 0.05
@@ -39,7 +39,7 @@ def view_bag(
     if save is not None:
         check_output_file(save, force=force)
     settle_domain()
-    from mech_twin.nodes.stop_signal import StopSignal
+    from mech_twin.stop_signal import StopSignal
     from mech_twin.view.rerun_scene import RerunScene
 
     with ExitStack() as stack:

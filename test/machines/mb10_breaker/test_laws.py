@@ -123,7 +123,7 @@ def test_body_swings_as_its_equation_says(phi, p, moment, slope, damping, span):
     assert j * bent + damping * rate_at + kappa * angle_at + preload == pytest.approx(moment + slope * span, abs=1e-4)
 
 
-def test_books_close_over_many_blows():
+def test_balances_close_over_many_blows():
     _, taken = run(4.0)
     assert sum(e.kind == "blow" for f in taken for e in f.linkage.events) > 35
     for frame in taken:
@@ -228,7 +228,7 @@ def test_live_change_of_spring_preload_and_gravity_is_booked_as_work():
 
 
 def test_balance_of_a_step_does_not_know_how_long_the_machine_has_run():
-    """A day's work in the sums leaves the same error as none: what each step leaves open is summed, not the books."""
+    """A day's work in the sums leaves the same error as none: what each step leaves open is summed, not the sums."""
     twin, taken = run(1.0)
     frame = taken[-1]
     memory = frame.linkage.memory.as_dict()
