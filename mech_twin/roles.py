@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, runtime_checkable
 
 from mech_twin.quantity import Parameters
 from mech_twin.samples import BodySample, ForceSample, Frame, LinkageSample, MotorSample, Shape
@@ -92,6 +92,25 @@ class LinkageRole(Protocol):
 
     def advance(self, linkage: LinkageSample, motor: MotorSample, body: BodySample | None) -> LinkageSample:
         """Return the linkage one coupling step later, its own events located inside the step."""
+        ...
+
+
+class CrankState(NamedTuple):
+    """A measured crank: angle (rad), speed (rad/s), acceleration (rad/s2); and the body's, where it is measured."""
+
+    crank_rad: float
+    crank_rad_per_s: float
+    crank_rad_per_s2: float
+    body_rad: float | None = None
+    body_rad_per_s: float = 0.0
+
+
+@runtime_checkable
+class GuidedLinkage(Protocol):
+    """A linkage whose whole state follows from the motion of its crank (inverse dynamics)."""
+
+    def guided(self, step: int, time_s: float, motion: CrankState) -> LinkageSample:
+        """Return the linkage in this motion, with the torque at the crank that the motion needs."""
         ...
 
 
