@@ -18,7 +18,7 @@ from mech_twin.studies.cycle_analysis import analysed_columns, cycle_positions
 def analyse_machine(
     name: str, crank_deg: float | None, cycle: int | None, config: Path | None, settings: list[str], *, as_json: bool
 ) -> None:
-    """Write one position, or one cycle in so many positions, and the machine's closed-form figures."""
+    """Write one position, or one cycle in so many positions, and the machine's closed-form metrics."""
     if crank_deg is not None and cycle is not None:
         raise CommandError("--crank-deg and --cycle exclude each other: one position or one cycle")
     if crank_deg is not None and not math.isfinite(crank_deg):

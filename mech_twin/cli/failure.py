@@ -6,16 +6,14 @@ import signal
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from types import FrameType
 
 from mech_twin.dependencies import missing_extra
-from mech_twin.interruption import end_at_once, is_in_compiler, is_in_wrapper, send_again
+from mech_twin.interruption import EXIT_CODE_BASE
+from mech_twin.stop_signal import INTERRUPTED_LINE, interruptible
+from mech_twin.surroundings import lacking
 
 EXIT_CODE = 2
-SIGNAL_BASE = 128
-INTERRUPTED = SIGNAL_BASE + signal.SIGINT
-INTERRUPTED_LINE = "mech-twin: interrupted\n"
-SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+INTERRUPTED = EXIT_CODE_BASE + signal.SIGINT
 
 
 class CommandError(Exception):
@@ -33,37 +31,14 @@ def report_cli_errors() -> Iterator[None]:
         sys.stderr.write(INTERRUPTED_LINE)
         raise SystemExit(INTERRUPTED) from None
     except Exception as error:
+        lack = lacking(error)
+        if lack is not None:
+            sys.stderr.write(f"mech-twin: {lack}\n")
+            raise SystemExit(EXIT_CODE) from error
         if not _is_input_error(error):
             raise
         sys.stderr.write(f"mech-twin: {' '.join(_message(error).split())}\n")
         raise SystemExit(EXIT_CODE) from error
-
-
-@contextmanager
-def interruptible() -> Iterator[None]:
-    """Turn SIGINT into KeyboardInterrupt, and SIGTERM and SIGHUP into SystemExit, where that is safe.
-
-    While a kernel is compiled the process ends at once instead.
-    """
-    before = {number: signal.signal(number, _raise_when_safe) for number in SIGNALS}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-
-
-def _raise_when_safe(number: int, frame: FrameType | None) -> None:
-    if is_in_wrapper(frame):
-        send_again(number)
-    elif is_in_compiler(frame):
-        if number == signal.SIGINT:
-            sys.stderr.write(INTERRUPTED_LINE)
-        end_at_once(SIGNAL_BASE + number)
-    elif number == signal.SIGINT:
-        raise KeyboardInterrupt
-    else:
-        raise SystemExit(SIGNAL_BASE + number)
 
 
 def _message(error: Exception) -> str:

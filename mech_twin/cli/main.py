@@ -8,10 +8,10 @@ from typing import Annotated
 import typer
 
 from mech_twin import __version__
-from mech_twin.cli.failure import INTERRUPTED, SIGNAL_BASE, CommandError, report_cli_errors
+from mech_twin.cli.failure import INTERRUPTED, CommandError, report_cli_errors
 from mech_twin.cli.many_values import ManyValues
 from mech_twin.cli.study import study_app
-from mech_twin.interruption import end_at_once
+from mech_twin.interruption import EXIT_CODE_BASE, end_at_once
 from mech_twin.output_file import check_output_directory
 
 app = typer.Typer(
@@ -287,7 +287,7 @@ def main() -> None:
             if code == INTERRUPTED:  # the command line library turns KeyboardInterrupt into this code
                 raise KeyboardInterrupt
     except SystemExit as end:
-        if isinstance(end.code, int) and end.code > SIGNAL_BASE:
+        if isinstance(end.code, int) and end.code > EXIT_CODE_BASE:
             end_at_once(end.code)
         raise
     raise SystemExit(code if isinstance(code, int) else 0)

@@ -25,10 +25,10 @@ from mech_twin.nodes.recorder_node import RecorderNode
 from mech_twin.nodes.role_node import RoleNode
 from mech_twin.nodes.run_metrics import RunMetrics
 from mech_twin.nodes.spinner import Spinner
-from mech_twin.nodes.stop_signal import StopSignal
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.quantity import Parameters
 from mech_twin.samples import Frame, Sample
+from mech_twin.stop_signal import StopSignal
 
 if TYPE_CHECKING:
     from mech_twin.nodes.viewer_node import ViewerNode

@@ -19,8 +19,9 @@ from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.nodes.domain import settle_domain
 from mech_twin.nodes.errors import NameInUseError
 from mech_twin.nodes.parent_death import end_with_launch
-from mech_twin.nodes.stop_signal import StopSignal
 from mech_twin.parameters.load import MACHINE_KEY, catalogue_entry
+from mech_twin.stop_signal import StopSignal
+from mech_twin.surroundings import lacking
 
 if TYPE_CHECKING:
     from mech_twin.nodes.base_node import TwinNode
@@ -85,6 +86,9 @@ def _program(
 
 def _told_line(error: Exception) -> str | None:
     """Return the line that tells of an error in what the program was given; None if the error is its own."""
+    lack = lacking(error)
+    if lack is not None:
+        return lack
     from mech_twin.recording.errors import BagError
 
     if isinstance(error, ModuleNotFoundError):

@@ -24,6 +24,7 @@ from pydantic import ValidationError
 from mech_twin import __version__
 from mech_twin.configuration_tree import ConfigurationError, configuration_tree, merged_tree, tree_from_flat
 from mech_twin.machines.catalog import CATALOGUE, Entry
+from mech_twin.output_file import written_file
 from mech_twin.parameters.errors import refusal
 from mech_twin.parameters.motors import NAME_KEY, with_catalogue_motor
 from mech_twin.quantity import Parameters
@@ -283,8 +284,9 @@ def description_text(
 
 
 def write_configuration(name: str, parameters: Parameters, path: Path) -> None:
-    """Write the parameter file of a machine, which ``run`` and ``simulate`` take."""
-    path.write_text(description_text(name, parameters), encoding="utf-8")
+    """Write the parameter file of a machine, which ``run`` and ``simulate`` take, over what is there."""
+    with written_file(path, force=True) as unfinished:
+        unfinished.write_text(description_text(name, parameters), encoding="utf-8")
 
 
 def table(name: str) -> dict[str, Any]:

@@ -76,7 +76,7 @@ class Coefficients(NamedTuple):
     g3_2: float
 
 
-class Motion(NamedTuple):
+class FourBarRates(NamedTuple):
     """Rates (rad/s) and accelerations (rad/s^2) of links 2 and 3; accelerations of the centroids (m/s^2)."""
 
     w2: float
@@ -200,7 +200,7 @@ def point_acceleration(x: float, y: float, w: float, e: float) -> tuple[float, f
 @kernel
 def motion(
     bar: FourBar, crank: Link, coupler: Link, rocker: Link, at: Position, by: Coefficients, w1: float, e1: float
-) -> Motion:
+) -> FourBarRates:
     """Return rates, angular accelerations and centroid accelerations at crank rate w1 (rad/s) and e1 (rad/s^2)."""
     w2 = by.g2 * w1
     w3 = by.g3 * w1
@@ -213,7 +213,7 @@ def motion(
     b_ax, b_ay = point_acceleration(x, y, w2, e2)
     x, y = offset(rocker, at.v_x, at.v_y, bar.rocker_m)
     s3_ax, s3_ay = point_acceleration(x, y, w3, e3)
-    return Motion(w2, w3, e2, e3, s1_ax, s1_ay, a_ax + b_ax, a_ay + b_ay, s3_ax, s3_ay)
+    return FourBarRates(w2, w3, e2, e3, s1_ax, s1_ay, a_ax + b_ax, a_ay + b_ay, s3_ax, s3_ay)
 
 
 @kernel
@@ -243,7 +243,7 @@ def pin_forces(
     coupler: Link,
     rocker: Link,
     at: Position,
-    by: Motion,
+    by: FourBarRates,
     e1: float,
     g_x: float,
     g_y: float,
@@ -318,13 +318,13 @@ def smallest_transmission_angle(bar: FourBar) -> float:
 def failing_inequality(bar: FourBar, crank_rocker: bool = False) -> str | None:
     """Return the first rotation inequality that fails, with its numbers, or None for a crank that turns fully.
 
-    r + |OC| <= R1 + R and ||OC| - r| >= |R1 - R|; for a crank-rocker also: crank shortest, and shortest + longest at
-    most the sum of the other two.  Where both sides of the second are zero the crank pin falls on the pivot, and the
-    position is not determined: that is refused too.
+    r + |OC| <= R1 + R and ||OC| - r| >= |R1 - R|; for a crank-rocker the crank is the shortest link besides, and these
+    two are Grashof's inequality then.  Where both sides of the second are zero the crank pin falls on the pivot, and
+    the position is not determined: that is refused too.
     """
     r, r1, r3 = bar.crank_m, bar.coupler_m, bar.rocker_m
     ground = math.hypot(bar.pivot_x_m, bar.pivot_y_m)
-    others = sorted((r1, r3, ground))
+    shortest = min(r1, r3, ground)
     meets = abs(ground - r) <= SINGULAR * (ground + r) and abs(r1 - r3) <= SINGULAR * (r1 + r3)
     failures = [
         (r + ground > r1 + r3, f"crank + ground <= coupler + rocker fails: {r + ground:g} > {r1 + r3:g}"),
@@ -333,11 +333,7 @@ def failing_inequality(bar: FourBar, crank_rocker: bool = False) -> str | None:
             f"|ground - crank| >= |coupler - rocker| fails: {abs(ground - r):g} < {abs(r1 - r3):g}",
         ),
         (meets, "crank pin and pivot must not meet: crank = ground and coupler = rocker"),
-        (crank_rocker and r > others[0], f"crank <= every other link fails: {r:g} > {others[0]:g}"),
-        (
-            crank_rocker and r + others[2] > others[0] + others[1],
-            f"shortest + longest <= the other two fails: {r + others[2]:g} > {others[0] + others[1]:g}",
-        ),
+        (crank_rocker and r > shortest, f"crank <= every other link fails: {r:g} > {shortest:g}"),
     ]
     numbers = f"crank {r:g} m, coupler {r1:g} m, rocker {r3:g} m, ground {ground:g} m"
     return next((f"{text} ({numbers})" for fails, text in failures if fails), None)

@@ -12,14 +12,14 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from mech_twin.capabilities.design import Design
     from mech_twin.capabilities.long_run import RegimeAnswer, RegimeQuestion, SynthesisAnswer, SynthesisQuestion
-    from mech_twin.capabilities.published import Row
+    from mech_twin.capabilities.published import PublishedRow
     from mech_twin.capabilities.sizing import Sizing
     from mech_twin.quantity import Parameters
     from mech_twin.studies.design_scan import DesignScan
     from mech_twin.studies.parameter_sweep import Sweep
 
 
-def reproduce(machine: str | None = None, parameters: Parameters | None = None) -> tuple[Row, ...]:
+def reproduce(machine: str | None = None, parameters: Parameters | None = None) -> tuple[PublishedRow, ...]:
     """Return every published number beside the computed one.
 
     Parameters
@@ -81,7 +81,7 @@ def sweep(
     outputs : sequence of str
         Names of the summary numbers wanted; all if empty.
     duration_s : float
-        Seconds to simulate at each point, whose figures join the summary; 0 for the report alone.
+        Seconds to simulate at each point, whose metrics join the summary; 0 for the report alone.
     cores : int, optional
         Processes to spread over; all cores if absent.
     scheduler : str, optional

@@ -76,6 +76,11 @@ def test_a_trajectory_grows_by_one_number_a_column_and_frame():
     assert columns["linkage.rod.effort"] == [6.0, 6.0, 6.0]
 
 
+def test_a_wrench_without_a_pin_is_refused():
+    with pytest.raises(ValueError, match="longer"):
+        list(frame_numbers(Frame(LINKAGE, MOTOR, FORCES._replace(pins=("left",)), None)))
+
+
 def test_a_frame_of_another_shape_is_refused():
     trajectory = Trajectory()
     trajectory.append(Frame(LINKAGE, MOTOR, FORCES, BODY))

@@ -90,4 +90,6 @@ def breaker(p: BreakerParameters) -> Breaker:
         gravity_m_per_s2=p.gravity_m_per_s2,
         held=p.excitation.kind == "approximated",
         crank_viscous_nms_per_rad=p.friction.viscous_nms_per_rad,
+        crank_coulomb_nm=p.friction.coulomb_nm,
+        body_coulomb_nm=p.body.friction.coulomb_nm,
     )

@@ -30,7 +30,7 @@ def rated_crank_speed(p: BreakerParameters) -> float:
     return motor_constants(p.motor).rated_speed_rad_per_s / p.gear.ratio
 
 
-def static_report(p: BreakerParameters, b: Breaker) -> dict[str, float]:
+def static_metrics(p: BreakerParameters, b: Breaker) -> dict[str, float]:
     """Return the closed-form metrics of one cycle at rated speed, the body on its collar."""
     motor, u = motor_constants(p.motor), rated_crank_speed(p)
     q = striking_angle(b)

@@ -12,10 +12,10 @@ from mech_twin.engine.coupling import ExtrapolatedCoupling, coupling_step
 from mech_twin.machines.mb10_breaker.pressed_body.parameters import (
     BodyParameters,
     ExcitationParameters,
-    ViscousFriction,
     stiffness_refusal,
 )
 from mech_twin.parts.four_bar import OPEN, FourBar, failing_inequality
+from mech_twin.parts.friction import Friction
 from mech_twin.parts.gear import Gear
 from mech_twin.parts.induction_motor import InductionMotorParameters, motor_constants
 from mech_twin.parts.supply import SupplyParameters
@@ -146,7 +146,7 @@ class BreakerParameters(Parameters):
     excitation: ExcitationParameters = choice("what moves the body")
     coupling: BreakerCoupling = choice("the coupling of the roles")
     supply: SupplyParameters = choice("the supply of the motor")
-    friction: ViscousFriction = choice("friction of the crank's bearing in the body", default=ViscousFriction())
+    friction: Friction = choice("friction of the crank's bearing in the body", default=Friction())
 
     @model_validator(mode="after")
     def _striker_meets_the_tool(self) -> BreakerParameters:
@@ -201,6 +201,11 @@ class BreakerParameters(Parameters):
             raise ValueError(
                 f"body.spring_rate_n_per_m must be at most {STIFFEST_N_PER_M:g} N/m under excitation.kind from_forces: "
                 f"the body would bounce too often in a step; got {self.body.spring_rate_n_per_m:g}"
+            )
+        if self.excitation.kind == "approximated" and self.body.friction.coulomb_nm > 0.0:
+            raise ValueError(
+                "body.friction.coulomb_nm must be 0 under excitation.kind approximated: its closed form knows viscous "
+                f"friction only; got {self.body.friction.coulomb_nm:g}"
             )
         return self
 

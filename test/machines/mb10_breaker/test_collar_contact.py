@@ -182,7 +182,7 @@ def test_energy_never_grows_in_contact_without_load(ratio, preload, restitution)
         energy = now
 
 
-def test_momentum_books_close_over_a_cycle():
+def test_momentum_balance_closes_over_a_cycle():
     body = body_at(0.3, 0.4)
     found = [(piece, ending) for piece, ending in chain(body, 3) if piece.cycle == 2]
     impulse = body.radius * sum(ending.impulse for _, ending in found)

@@ -123,7 +123,7 @@ def test_body_swings_as_its_equation_says(phi, p, moment, slope, damping, span):
     assert j * bent + damping * rate_at + kappa * angle_at + preload == pytest.approx(moment + slope * span, abs=1e-4)
 
 
-def test_books_close_over_many_blows():
+def test_balances_close_over_many_blows():
     _, taken = run(4.0)
     assert sum(e.kind == "blow" for f in taken for e in f.linkage.events) > 35
     for frame in taken:
@@ -155,7 +155,7 @@ def test_impacts_are_applied_once_wherever_they_fall_in_a_step():
 def test_events_carry_the_state_of_their_instant():
     _, taken = run(1.2)
     for event in (e for f in taken for e in f.linkage.events):
-        (crank, body, _), (_, body_after, _) = event.pre, event.post
+        (crank, body, *_), body_after = event.pre, event.post[1]
         if event.kind == "blow":
             assert striker(B, crank.position)[0] == pytest.approx(B.tool_radius_m * body.position, abs=1e-13)
         elif event.kind in ("touchdown", "settled"):
@@ -228,7 +228,7 @@ def test_live_change_of_spring_preload_and_gravity_is_booked_as_work():
 
 
 def test_balance_of_a_step_does_not_know_how_long_the_machine_has_run():
-    """A day's work in the sums leaves the same error as none: what each step leaves open is summed, not the books."""
+    """A day's work in the sums leaves the same error as none: what each step leaves open is summed, not the sums."""
     twin, taken = run(1.0)
     frame = taken[-1]
     memory = frame.linkage.memory.as_dict()
