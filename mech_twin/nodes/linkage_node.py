@@ -17,6 +17,7 @@ from mech_twin.nodes.linkage_outputs import LinkageOutputs
 from mech_twin.nodes.linkage_rejoin import LinkageRejoin
 from mech_twin.nodes.live_parameters import LiveParameters
 from mech_twin.nodes.options import RunOptions
+from mech_twin.nodes.other_clocks import other_clocks
 from mech_twin.nodes.peer_wait import PeerWait
 from mech_twin.nodes.role_node import RETRY_S, RoleNode
 from mech_twin.nodes.step_pacer import StepPacer
@@ -88,9 +89,16 @@ class LinkageNode(RoleNode):
         self.sample = last or self.machine.linkage.start()
         if last is not None:
             self.get_logger().info(f"going on at step {last.step}")
+        self._warn_of_other_clocks()
         self._describe(self.sample.step)
         self._publish(self.sample, repeated=last is not None)
         self._wait.stepped(time.monotonic())
+
+    def _warn_of_other_clocks(self) -> None:
+        line = other_clocks(self)
+        if line:
+            self.get_logger().warning(line)
+            self.diagnostics.warn(line)
 
     # -- stepping ---------------------------------------------------------------------------------------------------
 

@@ -9,7 +9,7 @@ import pytest
 from bench_run import BenchRun
 from builtin_interfaces.msg import Time
 from catalogue import built
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from process_run import ProcessRun
 from rclpy.clock import ClockType
 from rosgraph_msgs.msg import Clock
@@ -110,6 +110,17 @@ def test_a_foreign_clock_does_not_move_the_time_of_a_recording(tmp_path: Path) -
     with BagReader(tmp_path / "bag") as reader:
         times = [row.log_time_ns for row in reader.messages()]
     assert max(times) <= round(end_s * 1e9)
+
+
+@pytest.mark.usefixtures("ros_domain")
+def test_a_second_clock_on_the_topic_is_named_with_the_remedy() -> None:
+    with BenchRun(DRUM) as run:
+        run.client.create_publisher(CLOCK.type, CLOCK.name, CLOCK.qos)
+        heard: list[DiagnosticStatus] = []
+        run.client.create_subscription(DiagnosticArray, DIAGNOSTICS.name, lambda m: heard.extend(m.status), 100)
+        run.steps(5)
+        words = f"/clock is published by /{DRUM}/client as well"
+        run.until(lambda: any(words in status.message and status.level == DiagnosticStatus.WARN for status in heard))
 
 
 def strangers_on(run: BenchRun, joint_states: Topic) -> None:
