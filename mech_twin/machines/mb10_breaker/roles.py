@@ -57,7 +57,6 @@ OF_BEARINGS = {"crank": "crank_bearing", "body": "body_pivot"}
 BEARING_KINDS = frozenset(f"{joint}_{kind}" for joint in OF_BEARINGS for kind in ("stopped", "started", "reversed"))
 LOADING = STRIKES | ON_COLLAR | BEARING_KINDS | {"pushing", "released"}
 RESIDUALS = ("loop_closure_m", "energy_balance", "momentum_balance", "coupling_defect")
-COUPLING_DEFECT_AT_1_MS = 1e-5  # ten times the largest of the running machine
 FORCE_RESIDUALS = ("drive_torque_routes", "body_moment_routes", "impulse_routes")
 
 
@@ -84,6 +83,8 @@ class BreakerLinkage:
         Coupling step.
     order : int
         Order of the torque's extrapolation.
+    coupling_defect : float
+        Limit of the share of the energy held that a step may change by taking the body's own angle.
     """
 
     joints = ("crank", "coupler", "rocker", "body")
@@ -91,16 +92,26 @@ class BreakerLinkage:
     regimes = ("rest", "flight", "held")
 
     def __init__(
-        self, breaker: Breaker, initial_crank_rad: float, initial_command: float, step_s: float, order: int
+        self,
+        breaker: Breaker,
+        initial_crank_rad: float,
+        initial_command: float,
+        step_s: float,
+        order: int,
+        coupling_defect: float,
     ) -> None:
         self._b = breaker
         self._initial = initial_crank_rad
         self._command = initial_command
         self._step_s = step_s
         self._order = order
-        defect = COUPLING_DEFECT_AT_1_MS * max(1.0, (step_s / 1e-3) ** 2)  # the scheme is of second order
         self.residual_limits: Mapping[str, float] = MappingProxyType(
-            {"loop_closure_m": 1e-12, "energy_balance": 1e-9, "momentum_balance": 1e-9, "coupling_defect": defect}
+            {
+                "loop_closure_m": 1e-12,
+                "energy_balance": 1e-9,
+                "momentum_balance": 1e-9,
+                "coupling_defect": coupling_defect,
+            }
         )
 
     def start(self, step: int = 0) -> LinkageSample:
