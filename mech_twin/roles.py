@@ -17,6 +17,7 @@ from mech_twin.samples import BodySample, ForceSample, Frame, LinkageSample, Mot
 if TYPE_CHECKING:
     from mech_twin.capabilities.design import DesignQuestion
     from mech_twin.capabilities.long_run import RegimeQuestion, SynthesisQuestion
+    from mech_twin.capabilities.mechanism import Mechanism
     from mech_twin.capabilities.plots import Picture
     from mech_twin.capabilities.published import Row
     from mech_twin.capabilities.sizing import SizingQuestion
@@ -179,6 +180,8 @@ class Machine:
         ``analyse(crank_rad)``: every angle, speed, force and constant at one position.
     observer : callable
         A fresh observer for one run.
+    mechanism : Mechanism
+        Frames of the links and pins, for TF and for the robot description; None where there are none.
     """
 
     name: str
@@ -192,6 +195,7 @@ class Machine:
     report: Callable[[], dict[str, float]]
     analyse: Callable[[float], dict[str, Any]]
     observer: Callable[[], Observer]
+    mechanism: Mechanism | None = None
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from mech_twin.engine.coupling import next_body
 from mech_twin.messages import body as body_messages
 from mech_twin.messages import force as force_messages
 from mech_twin.messages import impact
+from mech_twin.messages.frames import frame_id
 from mech_twin.messages.joint_state_cdr import StepMessage
 from mech_twin.messages.step_message import MessageError
 from mech_twin.messages.topics import (
@@ -39,6 +40,7 @@ class BodyNode(FollowerNode):
         self._out = self.step_output(BODY_JOINT_STATES, 1)
         self._impacts = self.output(IMPACTS)
         self._pressing = self.peak_hold_output(PRESSING_FORCE)
+        self._tool = frame_id(self.get_namespace(), body_messages.TOOL_FRAME)
         self._rejoining = False
         self._rejoin = self.output(REJOIN, recorded=False)
         self.subscribe(REJOIN_BODY, self._on_last_sample)
@@ -70,7 +72,7 @@ class BodyNode(FollowerNode):
             self._impacts.send(impact.to_message(event))
         self._pressing.offer(
             abs(sample.pressing_force_n),
-            partial(body_messages.pressing_force_message, sample.time_s, sample.pressing_force_n),
+            partial(body_messages.pressing_force_message, sample.time_s, self._tool, sample.pressing_force_n),
         )
         return sample
 

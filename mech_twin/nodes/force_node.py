@@ -8,6 +8,7 @@ from sensor_msgs.msg import JointState
 
 from mech_twin.messages import force as force_messages
 from mech_twin.messages import linkage as linkage_messages
+from mech_twin.messages.frames import frame_id
 from mech_twin.messages.joint_state_cdr import StepMessage
 from mech_twin.messages.step_message import arranged, mark_revision
 from mech_twin.messages.topics import FORCE_JOINT_STATES, JOINT_STATES, pin_wrench
@@ -27,7 +28,8 @@ class ForceNode(FollowerNode):
         self._message = JointState()
         self._out = self.step_output(FORCE_JOINT_STATES, 1)
         topics = {pin: pin_wrench(pin) for pin in self.machine.forces.pins}
-        self._wrenches = [(pin, self.peak_hold_output(topic)) for pin, topic in topics.items()]
+        space = self.get_namespace()
+        self._wrenches = [(frame_id(space, pin), self.peak_hold_output(topic)) for pin, topic in topics.items()]
 
     def residual_limits(self) -> dict[str, float]:
         """Return the limits of the power balance and its like."""
@@ -43,8 +45,8 @@ class ForceNode(FollowerNode):
         """Return the forces of the linkage's step, and offer each pin's to its decimated topic."""
         sample = self.machine.forces.analyse(question)
         self.diagnostics.observe(sample.residuals)
-        for (pin, output), wrench in zip(self._wrenches, sample.wrenches, strict=True):
-            build = partial(force_messages.wrench_message, sample.time_s, pin, wrench)
+        for (frame, output), wrench in zip(self._wrenches, sample.wrenches, strict=True):
+            build = partial(force_messages.wrench_message, sample.time_s, frame, wrench)
             output.offer(force_messages.wrench_size(wrench), build)
         return sample
 

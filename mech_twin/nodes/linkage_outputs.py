@@ -8,6 +8,7 @@ from std_msgs.msg import String
 
 from mech_twin.messages import impact, scene
 from mech_twin.messages import linkage as linkage_messages
+from mech_twin.messages.frames import frame_id
 from mech_twin.messages.step_message import mark_revision, set_stamp
 from mech_twin.messages.topics import CLOCK, DESCRIPTION, IMPACTS, JOINT_STATES, SCENE
 from mech_twin.nodes.role_node import RoleNode
@@ -28,6 +29,7 @@ class LinkageOutputs:
     def __init__(self, node: RoleNode) -> None:
         self._node = node
         self._message = JointState()
+        self._frame = frame_id(node.get_namespace(), scene.FRAME)
         self._steps = node.step_output(JOINT_STATES, PEERS_THAT_STEP)
         self._clock = node.output(CLOCK)
         self._impacts = node.output(IMPACTS)
@@ -54,4 +56,4 @@ class LinkageOutputs:
             self._clock.send(Clock(clock=stamp.header.stamp))
         if sample.step % self._steps_per_drawing == 0:
             shapes = self._node.machine.draw(sample, body)
-            self._scene.send(scene.to_message(Drawing(sample.step, sample.time_s, shapes)))
+            self._scene.send(scene.to_message(Drawing(sample.step, sample.time_s, shapes), self._frame))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 from catalogue import NAMES, built
 from rclpy.serialization import deserialize_message, serialize_message
@@ -37,6 +39,15 @@ def test_every_drawing_survives_the_wire(name: str) -> None:
     assert [shape.name for shape in again.shapes] == [shape.name for shape in drawing.shapes]
     assert [shape.points_m for shape in again.shapes] == [shape.points_m for shape in drawing.shapes]
     assert [shape.colour for shape in again.shapes] == [shape.colour for shape in drawing.shapes]
+
+
+@pytest.mark.parametrize("share", [math.nan, math.inf, -0.1, 1.1])
+def test_a_marker_of_no_colour_is_refused(share: float) -> None:
+    machine = built("winding_drum")
+    message = scene.to_message(Drawing(0, 0.0, machine.draw(machine.linkage.start(), None)))
+    message.markers[0].color.g = share
+    with pytest.raises(step_message.MessageError, match="colour"):
+        scene.from_message(message)
 
 
 def sample() -> LinkageSample:
