@@ -17,7 +17,7 @@ from mech_twin.samples import BodySample, ForceSample, Frame, LinkageSample, Mot
 if TYPE_CHECKING:
     from mech_twin.capabilities.design import DesignQuestion
     from mech_twin.capabilities.long_run import RegimeQuestion, SynthesisQuestion
-    from mech_twin.capabilities.mechanism import Mechanism
+    from mech_twin.capabilities.mechanism import FrameTree
     from mech_twin.capabilities.plots import Picture
     from mech_twin.capabilities.published import Row
     from mech_twin.capabilities.sizing import SizingQuestion
@@ -147,14 +147,14 @@ class BodyRole(Protocol):
 
 
 class Observer(Protocol):
-    """Running figures of a run, in memory that does not grow with it."""
+    """Running metrics of a run, in memory that does not grow with it."""
 
     def observe(self, frame: Frame) -> None:
         """Take one frame into account."""
         ...
 
     def numbers(self) -> dict[str, float]:
-        """Return the figures so far, units in the names."""
+        """Return the metrics so far, units in the names."""
         ...
 
 
@@ -175,12 +175,12 @@ class Machine:
     draw : callable
         Drawing of the mechanism in the machine's frame.
     report : callable
-        Closed-form figures of one cycle, units in the names (the ``summary`` of a static analysis).
+        Closed-form metrics of one cycle, units in the names (the ``summary`` of a static analysis).
     analyse : callable
         ``analyse(crank_rad)``: every angle, speed, force and constant at one position.
     observer : callable
         A fresh observer for one run.
-    mechanism : Mechanism
+    mechanism : FrameTree
         Frames of the links and pins, for TF and for the robot description; None where there are none.
     """
 
@@ -195,7 +195,7 @@ class Machine:
     report: Callable[[], dict[str, float]]
     analyse: Callable[[float], dict[str, Any]]
     observer: Callable[[], Observer]
-    mechanism: Mechanism | None = None
+    mechanism: FrameTree | None = None
 
 
 @dataclass(frozen=True)

@@ -78,7 +78,7 @@ class Pose(NamedTuple):
     angle_rad: float
 
 
-class Mechanism(NamedTuple):
+class FrameTree(NamedTuple):
     """The tree, parents before children; where it was opened; what its links look like."""
 
     joints: tuple[Joint, ...]
@@ -141,7 +141,7 @@ def composed(outer: Pose, inner: Pose) -> Pose:
     return Pose(x, outer.y_m + s * inner.x_m + c * inner.y_m, outer.angle_rad + inner.angle_rad)
 
 
-def poses(mechanism: Mechanism, positions: Mapping[str, float]) -> dict[str, Pose]:
+def poses(mechanism: FrameTree, positions: Mapping[str, float]) -> dict[str, Pose]:
     """Return the pose of every frame in the root's; see `moved`."""
     found = {ROOT: Pose(0.0, 0.0, 0.0)}
     for joint in mechanism.joints:

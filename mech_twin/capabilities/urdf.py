@@ -10,20 +10,20 @@ import math
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
-from mech_twin.capabilities.mechanism import Bar, Joint, Mechanism
+from mech_twin.capabilities.mechanism import Bar, FrameTree, Joint
 
 UNLIMITED = "1e6"  # effort and speed: the machine's own limits are not the description's
 SHORTEST_M = 1e-6  # a box of a link without extent
 
 
-def urdf(name: str, mechanism: Mechanism) -> str:
+def urdf(name: str, mechanism: FrameTree) -> str:
     """Return the description of a machine.
 
     Parameters
     ----------
     name : str
         Of the machine.
-    mechanism : Mechanism
+    mechanism : FrameTree
         Its frames; each is a link.
     """
     robot = Element("robot", name=name)

@@ -6,16 +6,12 @@ import signal
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from types import FrameType
 
 from mech_twin.dependencies import missing_extra
-from mech_twin.interruption import end_at_once, is_in_compiler, is_in_wrapper, send_again
+from mech_twin.stop_signal import EXIT_CODE_BASE, INTERRUPTED_LINE, interruptible
 
 EXIT_CODE = 2
-SIGNAL_BASE = 128
-INTERRUPTED = SIGNAL_BASE + signal.SIGINT
-INTERRUPTED_LINE = "mech-twin: interrupted\n"
-SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+INTERRUPTED = EXIT_CODE_BASE + signal.SIGINT
 
 
 class CommandError(Exception):
@@ -39,33 +35,6 @@ def report_cli_errors() -> Iterator[None]:
         raise SystemExit(EXIT_CODE) from error
 
 
-@contextmanager
-def interruptible() -> Iterator[None]:
-    """Turn SIGINT into KeyboardInterrupt, and SIGTERM and SIGHUP into SystemExit, where that is safe.
-
-    While a kernel is compiled the process ends at once instead.
-    """
-    before = {number: signal.signal(number, _raise_when_safe) for number in SIGNALS}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-
-
-def _raise_when_safe(number: int, frame: FrameType | None) -> None:
-    if is_in_wrapper(frame):
-        send_again(number)
-    elif is_in_compiler(frame):
-        if number == signal.SIGINT:
-            sys.stderr.write(INTERRUPTED_LINE)
-        end_at_once(SIGNAL_BASE + number)
-    elif number == signal.SIGINT:
-        raise KeyboardInterrupt
-    else:
-        raise SystemExit(SIGNAL_BASE + number)
-
-
 def _message(error: Exception) -> str:
     if isinstance(error, ImportError):
         return missing_extra(error) or str(error)
@@ -78,13 +47,15 @@ def _is_input_error(error: Exception) -> bool:
         return missing_extra(error) is not None
     from typer.exceptions import TyperException
 
+    from mech_twin.capabilities.errors import StudyError
     from mech_twin.configuration_tree import ConfigurationError
     from mech_twin.engine.errors import MotionError
+    from mech_twin.measurements.errors import MeasurementError
     from mech_twin.nodes.errors import NodeEndedError
     from mech_twin.output_file import OutputError
     from mech_twin.recording.errors import BagError
     from mech_twin.view.errors import RerunSceneError
     from mech_twin.view.viewer_process import ViewerError
 
-    kinds = (CommandError, TyperException, NodeEndedError, ConfigurationError, MotionError)
-    return isinstance(error, (*kinds, BagError, OutputError, RerunSceneError, ViewerError))
+    kinds = (CommandError, TyperException, NodeEndedError, ConfigurationError, MotionError, StudyError)
+    return isinstance(error, (*kinds, MeasurementError, BagError, OutputError, RerunSceneError, ViewerError))

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 
 from geometry_msgs.msg import Quaternion, Transform, TransformStamped, Vector3
 
-from mech_twin.capabilities.mechanism import Mechanism, Pose, moved
+from mech_twin.capabilities.mechanism import FrameTree, Pose, moved
 from mech_twin.messages.step_message import set_stamp
 
 
@@ -28,13 +28,13 @@ def frame_id(namespace: str, frame: str) -> str:
 
 
 def transforms(
-    mechanism: Mechanism, positions: Mapping[str, float], time_s: float, namespace: str
+    mechanism: FrameTree, positions: Mapping[str, float], time_s: float, namespace: str
 ) -> list[TransformStamped]:
     """Return the pose of each frame in its parent, parents first.
 
     Parameters
     ----------
-    mechanism : Mechanism
+    mechanism : FrameTree
         The frames.
     positions : mapping
         Positions of the machine's joints by name (rad or m).

@@ -8,14 +8,11 @@ as the float64 it is: nothing is rounded on the way.
 from __future__ import annotations
 
 import math
-from array import array
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple
 
-from sensor_msgs.msg import JointState
-
-from mech_twin.messages.joint_state_cdr import StepMessage
+from mech_twin.messages.joint_state_cdr import AnyStep, Header, StepMessage, stamp_of
 from mech_twin.samples import Coordinate, Event, Named
 
 MARK = "~"
@@ -29,10 +26,9 @@ MEMORY = "~memory/"
 RESIDUAL = "~residual/"
 EVENT = "~event/"
 
-
 LARGEST_STEP = 2.0**53
-
-AnyStep: TypeAlias = JointState | StepMessage
+COLUMNS = ("position", "velocity", "effort")
+SHOWN_NAMES = 6
 
 
 class MessageError(ValueError):
@@ -41,8 +37,7 @@ class MessageError(ValueError):
 
 def set_stamp(header: Any, time_s: float) -> None:
     """Write a time into a header, rounded to the nanosecond a stamp can hold."""
-    nanoseconds = round(time_s * 1e9)
-    header.stamp.sec, header.stamp.nanosec = divmod(nanoseconds, 1_000_000_000)
+    header.stamp.sec, header.stamp.nanosec = stamp_of(time_s)
 
 
 def stamp_s(header: Any) -> float:
@@ -50,60 +45,77 @@ def stamp_s(header: Any) -> float:
     return float(header.stamp.sec + header.stamp.nanosec * 1e-9)
 
 
-class Rows(NamedTuple):
-    """Rows of a step message: names, and the three columns."""
+class Row(NamedTuple):
+    """One bookkeeping row of a step message: its name and its entry in each column."""
 
-    names: tuple[str, ...]
-    position: tuple[float, ...]
-    velocity: tuple[float, ...]
-    effort: tuple[float, ...]
+    name: str
+    position: float
+    velocity: float = 0.0
+    effort: float = 0.0
 
 
-@lru_cache(maxsize=256)
+@lru_cache(maxsize=1024)
 def _row_names(
-    joints: tuple[str, ...], scalars: tuple[str, ...], memory: tuple[str, ...], residuals: tuple[str, ...]
+    joints: tuple[str, ...],
+    scalars: tuple[str, ...],
+    memory: tuple[str, ...],
+    residuals: tuple[str, ...],
+    more: tuple[str, ...],
 ) -> tuple[str, ...]:
-    return (*joints, *scalars, *(MEMORY + name for name in memory), *(RESIDUAL + name for name in residuals))
+    """Return the names of all rows, the same tuple each time."""
+    return (*joints, *scalars, *(MEMORY + name for name in memory), *(RESIDUAL + name for name in residuals), *more)
 
 
 NOTHING = Named()
 
 
 def packed(
-    message: JointState,
     sample: Any,
-    scalars: Sequence[tuple[str, float, float, float]],
+    scalars: Sequence[Row],
     memory: Named = NOTHING,
     residuals: Named = NOTHING,
     events: tuple[Event, ...] = (),
-) -> JointState:
-    """Return the message filled with a sample; ``scalars`` are further rows (name, position, velocity, effort)."""
-    set_stamp(message.header, sample.time_s)
-    names = _row_names(sample.joints, tuple(row[0] for row in scalars), memory.names, residuals.names)
+    marks: tuple[Row, ...] = (),
+) -> StepMessage:
+    """Return a sample as a step message.
+
+    Parameters
+    ----------
+    sample : LinkageSample, MotorSample or BodySample
+        Its joints come first.
+    scalars : sequence of Row
+        Further numbers of the sample.
+    memory, residuals, events
+        Of the sample.
+    marks : tuple of Row
+        What the publishing node adds; last.
+    """
+    more = (*(row for i, e in enumerate(events) for row in _event_rows(i, e)), *marks) if events else marks
+    names = _row_names(
+        sample.joints,
+        tuple([row[0] for row in scalars]),
+        memory.names,
+        residuals.names,
+        tuple([row[0] for row in more]),
+    )
     padding = (0.0,) * (len(memory.values) + len(residuals.values))
-    position = [*sample.position, *(row[1] for row in scalars), *memory.values, *residuals.values]
-    velocity = [*sample.velocity, *(row[2] for row in scalars), *padding]
-    effort = [*sample.effort, *(row[3] for row in scalars), *padding]
-    if events:
-        event_names, *columns = zip(*(row for i, e in enumerate(events) for row in _event_rows(i, e)), strict=True)
-        names = (*names, *event_names)
-        for column, extra in zip((position, velocity, effort), columns, strict=True):
-            column.extend(extra)
-    message.name = list(names)
-    message.position = array("d", position)
-    message.velocity = array("d", velocity)
-    message.effort = array("d", effort)
-    return message
+    return StepMessage(
+        Header(stamp_of(sample.time_s)),
+        names,
+        (*sample.position, *[r[1] for r in scalars], *memory.values, *residuals.values, *[r[1] for r in more]),
+        (*sample.velocity, *[r[2] for r in scalars], *padding, *[r[2] for r in more]),
+        (*sample.effort, *[r[3] for r in scalars], *padding, *[r[3] for r in more]),
+    )
 
 
-def _event_rows(index: int, event: Event) -> list[tuple[str, float, float, float]]:
+def _event_rows(index: int, event: Event) -> list[Row]:
     head = f"{EVENT}{index}/"
     rows = [
-        (f"{head}{event.kind}/{event.contact}", event.time_s, event.pre_velocity_m_per_s, event.impulse_ns),
-        (f"{head}after", float(event.period), event.post_velocity_m_per_s, 0.0),
+        Row(f"{head}{event.kind}/{event.contact}", event.time_s, event.pre_velocity_m_per_s, event.impulse_ns),
+        Row(f"{head}after", float(event.period), event.post_velocity_m_per_s),
     ]
-    rows += [(f"{head}pre/{k}", *coordinate) for k, coordinate in enumerate(event.pre)]
-    rows += [(f"{head}post/{k}", *coordinate) for k, coordinate in enumerate(event.post)]
+    rows += [Row(f"{head}pre/{k}", *coordinate) for k, coordinate in enumerate(event.pre)]
+    rows += [Row(f"{head}post/{k}", *coordinate) for k, coordinate in enumerate(event.post)]
     return rows
 
 
@@ -141,7 +153,8 @@ def layout(names: tuple[str, ...]) -> Layout:
         If a name stands twice or an event is incomplete.
     """
     if len(set(names)) != len(names):
-        raise MessageError("a row name stands twice")
+        double = next(name for i, name in enumerate(names) if name in names[:i])
+        raise MessageError(f"row name '{double}' stands twice")
     rows = {name: i for i, name in enumerate(names)}
     joints = {n: i for n, i in rows.items() if not n.startswith(MARK)}
     memory = {n.removeprefix(MEMORY): i for n, i in rows.items() if n.startswith(MEMORY)}
@@ -241,12 +254,21 @@ def table(message: AnyStep) -> Table:
     """
     names = tuple(message.name)
     columns = _columns(message)
-    if not names or any(len(column) != len(names) for column in columns):
-        raise MessageError(f"{len(names)} rows, but columns of {', '.join(str(len(c)) for c in columns)}")
-    for title, column in zip(("position", "velocity", "effort"), columns, strict=True):
+    if not names:
+        raise MessageError("no rows: 'name' is empty")
+    for title, column in zip(COLUMNS, columns, strict=True):
+        if len(column) != len(names):
+            raise MessageError(_wrong_length(title, len(column), names))
         if not math.isfinite(sum(column)) and not all(map(math.isfinite, column)):
-            raise MessageError(f"a {title} is not finite")
+            row = next(i for i, number in enumerate(column) if not math.isfinite(number))
+            raise MessageError(f"{title} of '{names[row]}' is {column[row]}, not finite")
     return Table(layout(names), *columns)
+
+
+def _wrong_length(column: str, length: int, names: tuple[str, ...]) -> str:
+    found = "is empty" if length == 0 else f"has {length} number{'' if length == 1 else 's'}"
+    shown = ", ".join(names[:SHOWN_NAMES]) + (", ..." if len(names) > SHOWN_NAMES else "")
+    return f"column {column} {found}, expected {len(names)}: one for each of {shown}"
 
 
 def step_and_time(message: AnyStep, content: Table, step_s: float | None) -> tuple[int, float]:
@@ -267,6 +289,10 @@ def step_and_time(message: AnyStep, content: Table, step_s: float | None) -> tup
     else:
         raise MessageError("no step row, and the coupling step is not known")
     if abs(stamp - time_s) > 2e-9 + 1e-12 * time_s:
+        if row is None:
+            raise MessageError(
+                f"stamp {stamp:.9f} s lies between steps of {step_s:g} s; expected that of the step answered"
+            )
         raise MessageError(f"stamp {stamp:.9f} s is not the time {time_s:.9f} s of its step")
     return step, time_s
 
@@ -284,7 +310,17 @@ def step_index(message: AnyStep) -> int | None:
         raise MessageError(f"{len(names)} rows, but {len(position)} positions")
     if STEP not in names:
         return None
-    step = float(position[names.index(STEP)])
+    return checked_step(float(position[names.index(STEP)]))
+
+
+def checked_step(step: float) -> int:
+    """Return a step index.
+
+    Raises
+    ------
+    MessageError
+        If it is no whole number a float64 holds exactly.
+    """
     if not abs(step) < LARGEST_STEP or step != int(step):
         raise MessageError(f"step {step} is no step index")
     return int(step)
@@ -294,15 +330,6 @@ def marked(message: AnyStep, name: str, absent: float) -> float:
     """Return a number a node has added to a step message, or ``absent`` if it has not."""
     names = message.name
     return float(message.position[names.index(name)]) if name in names else absent
-
-
-def mark(message: JointState, name: str, value: float, second: float = 0.0) -> JointState:
-    """Return the message with one more bookkeeping row, of one or two numbers."""
-    message.name.append(name)
-    message.position.append(value)
-    message.velocity.append(second)
-    message.effort.append(0.0)
-    return message
 
 
 def source(message: AnyStep) -> float:
@@ -332,9 +359,9 @@ def configuration_mark(message: AnyStep) -> ConfigurationMark:
     return ConfigurationMark(int(message.position[row]), float(message.velocity[row]))
 
 
-def mark_revision(message: JointState, number: int, source: float = 0.0) -> JointState:
-    """Return the message with the row that says which configuration its sample was computed with."""
-    return mark(message, REVISION, float(number), source)
+def revision_row(number: int, source: float = 0.0) -> Row:
+    """Return the row that says which configuration a sample was computed with."""
+    return Row(REVISION, float(number), source)
 
 
 def arranged(sample: Any, joints: tuple[str, ...]) -> Any:

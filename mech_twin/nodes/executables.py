@@ -19,8 +19,8 @@ from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.nodes.domain import settle_domain
 from mech_twin.nodes.errors import NameInUseError
 from mech_twin.nodes.parent_death import end_with_launch
-from mech_twin.nodes.stop_signal import StopSignal
 from mech_twin.parameters.load import MACHINE_KEY, catalogue_entry
+from mech_twin.stop_signal import StopSignal
 
 if TYPE_CHECKING:
     from mech_twin.nodes.base_node import TwinNode

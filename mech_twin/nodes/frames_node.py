@@ -10,12 +10,13 @@ from typing import Any
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
 
-from mech_twin.capabilities.mechanism import Mechanism
+from mech_twin.capabilities.mechanism import FrameTree
 from mech_twin.capabilities.urdf import urdf
 from mech_twin.configuration_tree import ConfigurationError
 from mech_twin.messages.frames import transforms
 from mech_twin.messages.joint_state_cdr import CdrError, Decoder
 from mech_twin.messages.step_message import stamp_s
+from mech_twin.messages.stream_window import steps_per_window
 from mech_twin.messages.topics import (
     DESCRIPTION,
     EVERY_LATCHED,
@@ -37,7 +38,7 @@ NEWEST = QoSProfile(depth=10, history=HistoryPolicy.KEEP_LAST, reliability=Relia
 EARLY = 0.999  # of a period: stamps are rounded to nanoseconds
 
 
-def mechanism_of(machine: Machine) -> Mechanism:
+def mechanism_of(machine: Machine) -> FrameTree:
     """Return the frames of a machine.
 
     Raises
@@ -66,7 +67,8 @@ class FramesNode(TwinNode):
         self._described = self.initial_parameters
         machine = catalogue_entry(machine_name).build(self._described)
         self._mechanism = mechanism_of(machine)
-        self._period_ns = round(self.options.stream_decimation * machine.coupling_step_s * 1e9)
+        window = steps_per_window(self.options.stream_rate_hz, machine.coupling_step_s)
+        self._period_ns = round(window * machine.coupling_step_s * 1e9)
         self._decode = Decoder()
         self._last_ns: int | None = None
         self._describe()

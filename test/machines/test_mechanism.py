@@ -12,7 +12,7 @@ from catalogue import NAMES, built
 from numpy.typing import NDArray
 from urdf_parser_py.urdf import URDF
 
-from mech_twin.capabilities.mechanism import ROOT, Mechanism, Pose, poses
+from mech_twin.capabilities.mechanism import ROOT, FrameTree, Pose, poses
 from mech_twin.capabilities.urdf import urdf
 from mech_twin.engine.run import frames
 from mech_twin.machines.catalog import CATALOGUE
@@ -41,7 +41,7 @@ DRAWN: dict[str, Mapping[str, tuple[str | None, ...]]] = {
 }
 
 
-def mechanism_of(machine: Machine) -> Mechanism:
+def mechanism_of(machine: Machine) -> FrameTree:
     assert machine.mechanism is not None
     return machine.mechanism
 

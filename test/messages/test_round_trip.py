@@ -83,7 +83,7 @@ def test_a_number_that_is_not_finite_is_refused(bad: float) -> None:
 def test_columns_of_unequal_length_are_refused() -> None:
     message = linkage.to_message(sample())
     message.effort = message.effort[:-1]
-    with pytest.raises(step_message.MessageError, match="rows"):
+    with pytest.raises(step_message.MessageError, match=r"column effort has \d+ numbers, expected \d+"):
         linkage.from_message(message)
 
 

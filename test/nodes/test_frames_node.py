@@ -15,7 +15,7 @@ from geometry_msgs.msg import TransformStamped, WrenchStamped
 from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
 
-from mech_twin.capabilities.mechanism import Mechanism, moved
+from mech_twin.capabilities.mechanism import FrameTree, moved
 from mech_twin.capabilities.urdf import urdf
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.messages.frames import frame_id, pose
@@ -75,7 +75,7 @@ def running(name: str, **options: Any) -> Iterator[tuple[BenchRun, Heard]]:
         yield run, heard
 
 
-def mechanism_of(name: str) -> Mechanism:
+def mechanism_of(name: str) -> FrameTree:
     found = built(name).mechanism
     assert found is not None
     return found
@@ -126,7 +126,7 @@ def test_the_description_is_latched_and_follows_the_machine_that_runs() -> None:
 
 def test_frames_come_at_the_streams_rate_and_not_at_every_step() -> None:
     name = "winding_drum"
-    with running(name, stream_decimation=10) as (run, heard):
+    with running(name, stream_rate_hz=100.0) as (run, heard):
         run.steps(400)
         times = sorted(heard.instants())
         step_s = built(name).coupling_step_s

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from mech_twin.capabilities.mechanism import Bar, Mechanism, fixed, four_bar_chain
+from mech_twin.capabilities.mechanism import Bar, FrameTree, fixed, four_bar_chain
 from mech_twin.machines.compaction_press.dynamics import Press
 
 
-def mechanism(press: Press) -> Mechanism:
+def mechanism(press: Press) -> FrameTree:
     """Return crank, plate and pendulum; ``loaded_point`` is where the layer's force acts on the plate."""
     bar = press.bar
     lengths = (bar.crank_m, bar.coupler_m, bar.rocker_m)
     joints, loop = four_bar_chain(("crank", "plate", "pendulum"), lengths, (bar.pivot_x_m, bar.pivot_y_m))
-    return Mechanism(
+    return FrameTree(
         (*joints, fixed("plate", "loaded_point", (press.along_m, press.across_m))),
         (loop,),
         (

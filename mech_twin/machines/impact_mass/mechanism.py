@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from mech_twin.capabilities.mechanism import ROOT, Bar, Mechanism, fixed, sliding
+from mech_twin.capabilities.mechanism import ROOT, Bar, FrameTree, fixed, sliding
 from mech_twin.machines.impact_mass.drawing import MASS_M
 
 TRAVEL_M = 100.0  # a viewer's slider needs an end; the mass has none but the stop
 
 
-def mechanism(stop_m: float) -> Mechanism:
+def mechanism(stop_m: float) -> FrameTree:
     """Return the face of the mass, which slides along x, and the stop."""
-    return Mechanism(
+    return FrameTree(
         (sliding("mass", ROOT, "mass", (1.0, 0.0), TRAVEL_M), fixed(ROOT, "stop", (stop_m, 0.0))),
         (),
         (

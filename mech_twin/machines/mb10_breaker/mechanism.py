@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 
-from mech_twin.capabilities.mechanism import ROOT, Bar, Mechanism, fixed, four_bar_chain, turning
+from mech_twin.capabilities.mechanism import ROOT, Bar, FrameTree, fixed, four_bar_chain, turning
 from mech_twin.machines.mb10_breaker.dynamics import Breaker
 
 PINS = ("crank_bearing", "crank_pin", "rocker_pin", "rocker_bearing")
 TOOL_LENGTH_M = 0.12  # drawn
 
 
-def mechanism(b: Breaker, striker_angle_deg: float) -> Mechanism:
+def mechanism(b: Breaker, striker_angle_deg: float) -> FrameTree:
     """Return body, crank, coupler and rocker, the struck face (`tool`, x along the blow) and the striker's tip.
 
     A pin's reaction is given in the machine's axes, the linkage's angles in the body's: each pin has a frame of
@@ -23,7 +23,7 @@ def mechanism(b: Breaker, striker_angle_deg: float) -> Mechanism:
     arm = b.striker_arm_m
     face = (bar.pivot_x_m + b.n_y * arm, -b.n_x * arm)
     tip = (arm * math.cos(swing), arm * math.sin(swing))
-    return Mechanism(
+    return FrameTree(
         (
             turning("body", ROOT, "body", ratio=-1.0),
             *joints,

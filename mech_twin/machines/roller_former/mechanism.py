@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from math import cos, sin
 
-from mech_twin.capabilities.mechanism import ROOT, Bar, Joint, Loop, Mechanism, fixed, sliding, turning
+from mech_twin.capabilities.mechanism import ROOT, Bar, FrameTree, Joint, Loop, fixed, sliding, turning
 from mech_twin.machines.roller_former.drawing import BODY_HALF_HEIGHT_M, COLOURS
 from mech_twin.machines.roller_former.dynamics import Former
 
 
-def mechanism(former: Former) -> Mechanism:
+def mechanism(former: Former) -> FrameTree:
     """Return the frames; each cart's chain is opened at its pin."""
     offsets = former.bank.offset_rad.tolist()
     carts = [_cart(former, number, offset) for number, offset in enumerate(offsets, 1)]
-    return Mechanism(
+    return FrameTree(
         (
             fixed(ROOT, "shaft"),
             turning("drive", "shaft", "drive"),

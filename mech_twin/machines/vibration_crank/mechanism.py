@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from mech_twin.capabilities.mechanism import ROOT, Bar, Joint, Loop, Mechanism, fixed, sliding, turning
+from mech_twin.capabilities.mechanism import ROOT, Bar, FrameTree, Joint, Loop, fixed, sliding, turning
 from mech_twin.machines.vibration_crank.slider_crank import BOOM, INFINITE_ROD, SliderCrank
 
 RED, BLUE, GREEN, GREY = (200, 60, 40), (60, 90, 180), (90, 140, 60), (60, 60, 60)
 
 
-def mechanism(s: SliderCrank) -> Mechanism:
+def mechanism(s: SliderCrank) -> FrameTree:
     """Return the frames; an infinite rod has no end, so that chain is not closed."""
     joints = (
         fixed(ROOT, "crank_bearing"),
@@ -25,9 +25,9 @@ def mechanism(s: SliderCrank) -> Mechanism:
     )
     bars = (*crank, *_follower_bars(s))
     if s.kind == INFINITE_ROD:
-        return Mechanism(joints, (), bars)
+        return FrameTree(joints, (), bars)
     rod = Bar("rod", (0.0, 0.0), (s.rod_m, 0.0), 0.012, BLUE)
-    return Mechanism(
+    return FrameTree(
         (*joints, fixed("rod", "rod_end", (s.rod_m, 0.0))), (Loop("rod_end", "follower_pin"),), (*bars, rod)
     )
 

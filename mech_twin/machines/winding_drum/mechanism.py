@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from mech_twin.capabilities.mechanism import ROOT, Bar, Mechanism, fixed, sliding, turning
+from mech_twin.capabilities.mechanism import ROOT, Bar, FrameTree, fixed, sliding, turning
 from mech_twin.machines.winding_drum.wound_package import Package
 
 
-def mechanism(package: Package, largest_radius_m: float) -> Mechanism:
+def mechanism(package: Package, largest_radius_m: float) -> FrameTree:
     """Return the frames; ``package`` is turned back to the machine's axes, `yarn_exit` lies a radius above it."""
     middle = (0.0, package.eccentricity_m)
-    return Mechanism(
+    return FrameTree(
         (
             fixed(ROOT, "shaft"),
             turning("drum", "shaft", "drum"),
