@@ -29,6 +29,7 @@ def test_manifest_is_format_3_ament_python_and_of_this_version() -> None:
     package = ElementTree.parse(ROOT / "package.xml").getroot()
     assert package.get("format") == "3"
     assert package.findtext("export/build_type") == "ament_python"
+    assert (ROOT / str(package.findtext("export/rosdoc2"))).is_file()
     assert package.findtext("version") == __version__
     assert {"rclpy", "sensor_msgs", "diagnostic_msgs"} <= {item.text for item in package.findall("exec_depend")}
 
