@@ -17,8 +17,9 @@ from mech_twin.samples import BodySample, ForceSample, Frame, LinkageSample, Mot
 if TYPE_CHECKING:
     from mech_twin.capabilities.design import DesignQuestion
     from mech_twin.capabilities.long_run import RegimeQuestion, SynthesisQuestion
+    from mech_twin.capabilities.mechanism import FrameTree
     from mech_twin.capabilities.plots import Picture
-    from mech_twin.capabilities.published import Row
+    from mech_twin.capabilities.published import PublishedRow
     from mech_twin.capabilities.sizing import SizingQuestion
 
 
@@ -198,6 +199,10 @@ class Machine:
         ``analyse(crank_rad)``: every angle, speed, force and constant at one position.
     observer : callable
         A fresh observer for one run.
+    mechanism : FrameTree
+        Frames of the links and pins, for TF and for the robot description; None where there are none.
+    rests_when_supplied : bool
+        Whether the drive stands still now and then in ordinary running, so that standing is no sign of a stall.
     """
 
     name: str
@@ -211,6 +216,8 @@ class Machine:
     report: Callable[[], dict[str, float]]
     analyse: Callable[[float], dict[str, Any]]
     observer: Callable[[], Observer]
+    mechanism: FrameTree | None = None
+    rests_when_supplied: bool = False
 
 
 @dataclass(frozen=True)
@@ -233,7 +240,7 @@ class Capabilities:
         Long-run regimes over the values of a key.
     """
 
-    published: Callable[[Any], Iterable[Row]] | None = None
+    published: Callable[[Any], Iterable[PublishedRow]] | None = None
     pictures: Callable[[Any], Iterable[Picture]] | None = None
     sizing: SizingQuestion | None = None
     design: DesignQuestion | None = None

@@ -11,9 +11,8 @@ from mech_twin import __version__
 from mech_twin.cli.failure import INTERRUPTED, CommandError, report_cli_errors
 from mech_twin.cli.many_values import ManyValues
 from mech_twin.cli.study import study_app
-from mech_twin.interruption import end_at_once
+from mech_twin.interruption import EXIT_CODE_BASE, end_at_once
 from mech_twin.output_file import check_output_directory
-from mech_twin.stop_signal import EXIT_CODE_BASE
 
 app = typer.Typer(
     name="mech-twin",

@@ -53,9 +53,10 @@ from mech_twin.samples import (
 
 ON_COLLAR = frozenset(("touchdown", "settled", "lift_off"))
 STRIKES = frozenset(("blow", "catch_up", "push_begins"))
-LOADING = STRIKES | ON_COLLAR | {"pushing", "released"}
+OF_BEARINGS = {"crank": "crank_bearing", "body": "body_pivot"}
+BEARING_KINDS = frozenset(f"{joint}_{kind}" for joint in OF_BEARINGS for kind in ("stopped", "started", "reversed"))
+LOADING = STRIKES | ON_COLLAR | BEARING_KINDS | {"pushing", "released"}
 RESIDUALS = ("loop_closure_m", "energy_balance", "momentum_balance", "coupling_defect")
-COUPLING_DEFECT_AT_1_MS = 1e-5  # ten times the largest of the running machine
 FORCE_RESIDUALS = ("drive_torque_routes", "body_moment_routes", "impulse_routes")
 
 
@@ -82,23 +83,35 @@ class BreakerLinkage:
         Coupling step.
     order : int
         Order of the torque's extrapolation.
+    coupling_defect : float
+        Limit of the share of the energy held that a step may change by taking the body's own angle.
     """
 
     joints = ("crank", "coupler", "rocker", "body")
-    coordinates = ("crank", "body", "tool")
+    coordinates = ("crank", "body", "tool", "crank_bearing", "body_pivot")
     regimes = ("rest", "flight", "held")
 
     def __init__(
-        self, breaker: Breaker, initial_crank_rad: float, initial_command: float, step_s: float, order: int
+        self,
+        breaker: Breaker,
+        initial_crank_rad: float,
+        initial_command: float,
+        step_s: float,
+        order: int,
+        coupling_defect: float,
     ) -> None:
         self._b = breaker
         self._initial = initial_crank_rad
         self._command = initial_command
         self._step_s = step_s
         self._order = order
-        defect = COUPLING_DEFECT_AT_1_MS * max(1.0, (step_s / 1e-3) ** 2)  # the scheme is of second order
         self.residual_limits: Mapping[str, float] = MappingProxyType(
-            {"loop_closure_m": 1e-12, "energy_balance": 1e-9, "momentum_balance": 1e-9, "coupling_defect": defect}
+            {
+                "loop_closure_m": 1e-12,
+                "energy_balance": 1e-9,
+                "momentum_balance": 1e-9,
+                "coupling_defect": coupling_defect,
+            }
         )
 
     def start(self, step: int = 0) -> LinkageSample:
@@ -189,7 +202,7 @@ class BreakerLinkage:
         return Event(
             start_s + float(row["time_s"]),
             kind,
-            "collar" if kind in ON_COLLAR else "tool",
+            _contact_of(kind),
             float(row["before_m_per_s"]),
             float(row["after_m_per_s"]),
             float(row["impulse_ns"]),
@@ -198,12 +211,21 @@ class BreakerLinkage:
             self._coordinates(post_side(row)),
         )
 
-    def _coordinates(self, side: Side) -> tuple[Coordinate, Coordinate, Coordinate]:
+    def _coordinates(self, side: Side) -> tuple[Coordinate, ...]:
         return (
             Coordinate(side.crank_rad, side.crank_rad_per_s, side.drive_torque_nm),
             Coordinate(side.body_rad, side.body_rad_per_s, -spring_moment(self._b, side.body_rad)),
             Coordinate(side.tool_m, side.tool_m_per_s, side.tool_force_n),
+            Coordinate(side.crank_rad, side.crank_rad_per_s, side.crank_friction_nm),
+            Coordinate(side.body_rad, side.body_rad_per_s, side.body_friction_nm),
         )
+
+
+def _contact_of(kind: str) -> str:
+    """Return what an event of this kind takes place at."""
+    if kind in BEARING_KINDS:
+        return OF_BEARINGS[kind.split("_", maxsplit=1)[0]]
+    return "collar" if kind in ON_COLLAR else "tool"
 
 
 NO_IMPULSE = PinForces(*(0.0,) * len(PinForces._fields))
@@ -229,7 +251,8 @@ class BreakerForces:
         """Return the forces at the step, and the loads on the body at each event of the step."""
         b, memory = self._b, BreakerMemory(*linkage.memory.values)
         (q, u, torque), (phi, p, _) = linkage.joint("crank"), linkage.joint("body")
-        found = pin_forces(b, q, u, phi, p, torque, linkage.regime, memory.tool_force_n)
+        rubbing = memory.crank_friction_nm, memory.body_friction_nm
+        found = pin_forces(b, q, u, phi, p, torque, linkage.regime, memory.tool_force_n, *rubbing)
         loads, impulses, collar = [], [NO_IMPULSE], 0.0
         for event in linkage.events:
             if event.pre and event.kind in LOADING:
@@ -268,11 +291,13 @@ class BreakerForces:
             memory.begin_drive_torque_nm,
             linkage.regime,
             memory.begin_tool_force_n,
+            memory.begin_crank_friction_nm,
+            memory.begin_body_friction_nm,
         ).moment
 
     def _across(self, event: Event) -> PinForces:
-        crank, body, _ = event.pre
-        crank_after, body_after, _ = event.post
+        crank, body = event.pre[:2]
+        crank_after, body_after = event.post[:2]
         return pin_impulses(
             self._b,
             crank.position,
@@ -284,19 +309,29 @@ class BreakerForces:
 
     def _collar_impulse(self, event: Event, jump: PinForces) -> float:
         """Return the collar's angular impulse on a resting body that stays on it through a blow (N m s)."""
-        (_, body, _), (_, after, _) = event.pre, event.post
+        body, after = event.pre[1], event.post[1]
         rests = body.position == body.velocity == after.velocity == 0.0
         return -jump.moment if rests and event.kind in STRIKES and not self._b.held else 0.0
 
     def _load(self, event: Event, impulse: float) -> Load:
         regime = HELD if self._b.held else FLIGHT
-        before, after = (
-            pin_forces(
-                self._b, crank.position, crank.velocity, body.position, body.velocity, crank.effort, regime, tool.effort
-            ).moment
-            for crank, body, tool in (event.pre, event.post)
-        )
+        before, after = (self._moment(side, regime) for side in (event.pre, event.post))
         return Load(event.time_s, event.kind, event.contact, before, after, impulse)
+
+    def _moment(self, side: tuple[Coordinate, ...], regime: int) -> float:
+        crank, body, tool, bearing, pivot = side
+        return pin_forces(
+            self._b,
+            crank.position,
+            crank.velocity,
+            body.position,
+            body.velocity,
+            crank.effort,
+            regime,
+            tool.effort,
+            bearing.effort,
+            pivot.effort,
+        ).moment
 
     def _quantities(
         self, q: float, u: float, phi: float, p: float, found: PinForces, impulses: list[PinForces]
