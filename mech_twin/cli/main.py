@@ -264,6 +264,26 @@ def compare(
 
 
 @app.command()
+def identify(
+    machine: MachineName,
+    runs: Annotated[list[Path], typer.Argument(help="runs: bags or tables")],
+    given_map: Annotated[Path, typer.Option("--map", help="map of the runs (see `mech-twin map`)")],
+    free: Annotated[list[str] | None, typer.Option(metavar="KEY", help="length to be found; several times")] = None,
+    hold_out: Annotated[Path | None, typer.Option(help="run that scores the fit [the last of three or more]")] = None,
+    out: Annotated[Path | None, typer.Option(help="file of the configuration found")] = None,
+    config: Config = None,
+    settings: Settings = None,
+    force: Force = False,
+    json: Json = False,
+) -> None:
+    """Find lengths of a crank mechanism from measured positions, with intervals and a held-out score."""
+    from mech_twin.cli.identify import IdentifyRequest, identify_machine
+
+    asked = IdentifyRequest(machine, runs, given_map, free or [], hold_out, config, settings or [], out, force, json)
+    identify_machine(asked)
+
+
+@app.command()
 def recover(
     bag: Bag,
     out: Annotated[Path, typer.Argument(help="directory of the new recording")],
