@@ -11,6 +11,7 @@ from mech_twin.machines.mb10_breaker.coupling_limits import coupling_limits
 from mech_twin.machines.mb10_breaker.drawing import drawing
 from mech_twin.machines.mb10_breaker.driven_body import DrivenBody
 from mech_twin.machines.mb10_breaker.half_sine_body import HalfSineBody
+from mech_twin.machines.mb10_breaker.mechanism import mechanism
 from mech_twin.machines.mb10_breaker.metrics import position_metrics, static_metrics
 from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
 from mech_twin.machines.mb10_breaker.roles import BreakerForces, BreakerLinkage, geared_shaft
@@ -53,6 +54,7 @@ def build(parameters: Parameters) -> Machine:
         report=lambda: static_metrics(p, constants),
         analyse=lambda crank_rad: position_metrics(p, constants, crank_rad),
         observer=lambda: BreakerObserver(p, constants),
+        mechanism=mechanism(constants, p.linkage.striker_angle_deg),
     )
 
 

@@ -38,6 +38,7 @@ from mech_twin.machines.mb10_breaker.state import (
 )
 from mech_twin.machines.mb10_breaker.step import Array, advance_step, take_body
 from mech_twin.parts.four_bar import closure_error, coefficients, link_angles, position
+from mech_twin.roles import CrankState
 from mech_twin.samples import (
     BodySample,
     Coordinate,
@@ -139,6 +140,22 @@ class BreakerLinkage:
         events = tuple(self._event(linkage.time_s, log[i]) for i in range(count))
         defect = memory.coupling_defect_j - old.coupling_defect_j
         return self._sample(linkage.step + 1, state, memory, regime, drive, motor.command, defect, events)
+
+    def guided(self, step: int, time_s: float, motion: CrankState) -> LinkageSample:
+        """Return the breaker in a measured motion between blows; a body that is not measured rests on its collar.
+
+        The acceleration of the crank is a straight line in the torque, so two torques tell the one that it needs.
+        """
+        q, u, acceleration, phi, p = motion
+        off = phi is not None and phi > 0.0 and not self._b.held
+        regime = HELD if self._b.held else FLIGHT if off else REST
+        body, rate = (phi, p) if off and phi is not None else (0.0, 0.0)
+        idle, loaded = (pin_forces(self._b, q, u, body, rate, t, regime, 0.0).crank_acceleration for t in (0.0, 1.0))
+        state = np.zeros(STATES)
+        state[Q], state[U], state[BODY], state[P] = q % (2.0 * math.pi), u, body, rate
+        memory = BreakerMemory(begin_crank_rad=q, begin_crank_rad_per_s=u, begin_body_rad=body)
+        torque = (acceleration - idle) / (loaded - idle)
+        return self._sample(step, state, memory, regime, torque, self._command, 0.0)._replace(time_s=time_s)
 
     def _sample(
         self,
