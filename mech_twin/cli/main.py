@@ -65,8 +65,10 @@ def list_machines(json: Json = False) -> None:
 @app.command()
 def run(
     machine: MachineName = "mb10_breaker",
-    pace: Annotated[str, typer.Option(help="realtime or max")] = "realtime",
-    duration: Annotated[float, typer.Option(help="simulated time in s; 0: until stopped", min=0.0)] = 0.0,
+    pace: Annotated[str | None, typer.Option(help="realtime or max [run.pace, else realtime]")] = None,
+    duration: Annotated[
+        float | None, typer.Option(help="simulated time in s; 0: until stopped [run.duration_s, else 0]", min=0.0)
+    ] = None,
     record: Annotated[Path | None, typer.Option(help="recording directory [recordings/MACHINE-DATE]")] = None,
     no_record: Annotated[bool, typer.Option("--no-record", help="do not record")] = False,
     view: Annotated[str, typer.Option(help="web, none, or a file NAME.rrd to write")] = "web",

@@ -138,8 +138,8 @@ def borne_out(b: Breaker, m: Masses, at: Instant, senses: Senses) -> bool:
     """Return whether joints at rest go on as these senses say."""
     now = acting(b, m, at, driven(at, senses.crank), senses)
     held = bearing_torques(b, m, at, senses)
-    crank = held.crank_margin_nm >= 0.0 if senses.crank == 0.0 else senses.crank * now.crank > 0.0
-    body = held.body_margin_nm >= 0.0 if senses.body == 0.0 else senses.body * now.body > 0.0
+    crank = held.crank_margin_nm > 0.0 if senses.crank == 0.0 else senses.crank * now.crank > 0.0
+    body = held.body_margin_nm > 0.0 if senses.body == 0.0 else senses.body * now.body > 0.0
     return (crank_goes_on(b, at) or crank) and (body_goes_on(b, at) or body)
 
 
@@ -179,7 +179,7 @@ def senses_on_blocked_tool(b: Breaker, m: Masses, at: Instant) -> Senses:
     if at.u != 0.0:
         return Senses(sign(at.u), sign(at.u * lean))
     still = Senses(0.0, 0.0)
-    if rubs(b) and bearing_torques(b, m, at, still).crank_margin_nm >= 0.0:
+    if rubs(b) and bearing_torques(b, m, at, still).crank_margin_nm > 0.0:
         return still
     first, second = generalised_forces(b, m, at.u, at.phi, at.p, at.drive_nm, 0.0, 0.0)
     along = 1.0 if first + lean * second >= 0.0 else -1.0

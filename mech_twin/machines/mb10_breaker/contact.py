@@ -63,6 +63,7 @@ from mech_twin.machines.mb10_breaker.state import (
 Array = NDArray[np.float64]
 SETTLED_WITHIN_S = 1e-10  # the rest of a chatter series that is cut off as one plastic impact
 TURNING_RAD_PER_S = 1e-6  # a crank slower than this stands
+ROUNDED = 1e-15  # of two speeds: what their difference may be off by
 SLOWEST_REBOUND_M_PER_S = 1e-6  # so is an impact that would part striker and tool, or a pushing body and collar, slower
 
 
@@ -168,6 +169,8 @@ def apply_strike(motion: Motion, state: Array, memory: Any, regime: int, row: An
         if now.tool_force_n > 0.0:
             memory.tool_regime = PUSHED
             row.kind = PUSH_BEGINS if row.kind == CATCH_UP else row.kind
+        else:  # they part from a common speed: rounding must not make them close again
+            state[TOOL_SPEED] += ROUNDED * (abs(slope * hit.u) + abs(b.tool_radius_m * hit.p))
     return regime
 
 

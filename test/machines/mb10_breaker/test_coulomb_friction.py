@@ -243,6 +243,45 @@ def test_run_goes_on_from_its_samples_alone_and_through_messages():
             assert next_frame(fresh, before._replace(linkage=passed), 1.0) == after
 
 
+AT_THE_EDGE = [
+    # the motor's torque passes the bearing's within rounding as the step's torque line does
+    {
+        "body.inertia_kg_m2": 45.27336729001822,
+        "body.spring_rate_n_per_m": 280.6672328032179,
+        "body.preload_deflection_m": 0.011992856046144857,
+        "body.restitution": 0.04591000215647843,
+        "tool.wall_force_n": 0.0,
+        "tool.restitution": 1.0,
+        "friction.coulomb_nm": 23.382087619240345,
+        "body.friction.coulomb_nm": 194.0134888582077,
+        "coupling.step_s": 0.002,
+        "tool.mass_kg": 2.6797843571358935,
+        "linkage.crank_inertia_kg_m2": 0.01600018164843193,
+    },
+    # striker and tool part from a common speed, without a wall
+    {
+        "body.inertia_kg_m2": 0.0031824410540347435,
+        "body.spring_rate_n_per_m": 2654.223068860511,
+        "body.preload_deflection_m": 0.24753674581378962,
+        "body.restitution": 0.031264764210175815,
+        "tool.wall_force_n": 0.0,
+        "tool.restitution": 0.0,
+        "body.friction.coulomb_nm": 1.3841164580820511e-05,
+        "coupling.step_s": 0.0001,
+        "tool.mass_kg": 6.787455634203529,
+        "linkage.crank_inertia_kg_m2": 0.027022550488835312,
+    },
+]
+
+
+@pytest.mark.parametrize("overrides", AT_THE_EDGE)
+def test_event_at_the_edge_of_rounding_happens_once(overrides):
+    step_s = overrides["coupling.step_s"]
+    supply = lambda step: 1.0 if step * step_s < 0.48 else 0.0  # noqa: E731
+    taken = frames(machine("mb10_breaker", overrides=overrides), 0.6, supply)
+    assert sum(1 for _ in taken) == round(0.6 / step_s) + 1
+
+
 def test_default_machine_has_no_friction_and_no_event_of_it():
     taken = list(frames(machine("mb10_breaker"), 0.8))
     assert not [e for f in taken for e in f.linkage.events if e.contact in ("crank_bearing", "body_pivot")]
@@ -253,3 +292,12 @@ def test_dry_friction_of_the_pivot_is_refused_under_the_half_sine_in_one_line():
     with pytest.raises(ConfigurationError, match=r"body.friction.coulomb_nm must be 0") as refused:
         machine("mb10_breaker", overrides={"excitation.kind": "approximated", "body.friction.coulomb_nm": 1.0})
     assert "\n" not in str(refused.value)
+
+
+def test_energy_balance_holds_where_a_stiff_wall_stops_the_crank_within_half_a_millisecond():
+    wall = {"tool.wall_force_n": 1e6, "excitation.kind": "approximated", "friction.coulomb_nm": 5.0}
+    taken = list(frames(machine("mb10_breaker", overrides=wall), 0.5))
+    (stalled,), (push,) = events(taken, "stalled"), events(taken, "push_begins")
+    assert push.pre[0].velocity > 20.0
+    assert 2e-4 < stalled.time_s - push.time_s < 5e-4
+    assert max(frame.linkage.residuals["energy_balance"] for frame in taken) <= 1e-10
