@@ -165,11 +165,27 @@ def replay(
         bool, typer.Option("--analyse", help="recompute the forces from the recorded motion and compare")
     ] = False,
     resimulate: Annotated[bool, typer.Option("--resimulate", help="recompute the whole run and compare")] = False,
+    given_map: MapFile = None,
+    config: Config = None,
+    tolerance: Annotated[
+        float | None, typer.Option(help="with --map: share by which a channel may be off the model", min=0.0)
+    ] = None,
     json: Json = False,
 ) -> None:
     """Replay a recording on its topics, or recompute it and compare bit for bit (exit code 1: different)."""
     if analyse and resimulate:
         raise CommandError("--analyse and --resimulate exclude each other: forces alone, or the whole run")
+    if given_map is not None:
+        if not analyse:
+            raise CommandError(
+                f"--map {given_map}: a measured run has no topics of the twin; expected --analyse beside it"
+            )
+        from mech_twin.cli.measured_run import analyse_measured
+
+        analyse_measured(bag, given_map, config, tolerance, as_json=json)
+        return
+    if config is not None or tolerance is not None:
+        raise CommandError("--config and --tolerance go with --analyse --map: a recording of the twin holds its own")
     if analyse or resimulate:
         from mech_twin.cli.recompute import recompute_bag
 
@@ -183,14 +199,16 @@ def replay(
 @app.command()
 def view(
     bag: Bag,
+    given_map: MapFile = None,
+    config: Config = None,
     save: Annotated[Path | None, typer.Option(help="write a file NAME.rrd instead of opening the view")] = None,
     port: Annotated[int, typer.Option(help="port of the web view; 0: any free port", min=0, max=65535)] = 0,
     force: Force = False,
 ) -> None:
-    """Show a recording in the viewer."""
+    """Show a recording in the viewer; with a map, the mechanism in a measured motion."""
     from mech_twin.cli.view import view_bag
 
-    view_bag(bag, save, port, force=force)
+    view_bag(bag, save, port, given_map, config, force=force)
 
 
 @app.command()

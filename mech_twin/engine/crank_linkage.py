@@ -38,6 +38,7 @@ from mech_twin.engine.crank_state import (
 from mech_twin.engine.errors import MotionError
 from mech_twin.parts.friction import released
 from mech_twin.parts.gear import GearTorque, gear_split
+from mech_twin.roles import CrankState
 from mech_twin.samples import BodySample, Coordinate, Event, LinkageSample, MotorSample, Named
 
 TURN = 2.0 * pi
@@ -105,6 +106,22 @@ class CrankLinkage:
             drive = self.transmission.drive(linkage, motor, self.step_s, self.friction)
             now, held = self._driven(now, linkage.time_s, drive, motor.command, events)
         return self._sample(linkage.step + 1, now, motor.command, held, past, adjusted, tuple(events))
+
+    def guided(self, step: int, time_s: float, motion: CrankState) -> LinkageSample:
+        """Return the linkage in a measured motion of its crank, with the torque at the crank that it needs."""
+        f, w, e = motion[:3]
+        sense = _sign(w)
+        state = State(f, w, e, sense, 0.0, 0.0, 0.0, 0.0, self._regime_at(f, sense))
+        return self._sample(step, state, self.start_command, 0.0, None, 0.0, ())._replace(time_s=time_s)
+
+    def _regime_at(self, f: float, sense: float) -> int:
+        """Return the regime of a crank that came to an angle in this sense: the one after the last boundary it met."""
+        passed = [
+            (TURN * ((sense * (f - boundary.angle) / TURN) % 1.0), boundary.after)
+            for boundary in self.boundaries
+            if boundary.direction == sense and not isnan(boundary.angle)
+        ]
+        return min(passed)[1] if passed else self.start_regime
 
     # ---- prescribed speed
 

@@ -179,6 +179,17 @@ def body_node() -> None:
     _program(make, "body", "body of a machine")
 
 
+def frames_node() -> None:
+    """Run the frames node."""
+
+    def make(machine: str, own: argparse.Namespace) -> TwinNode:
+        from mech_twin.nodes.frames_node import FramesNode
+
+        return FramesNode(machine)
+
+    _program(make, "frames", "frames of a machine for TF, and its robot description")
+
+
 def recorder_node() -> None:
     """Run the recorder node."""
 

@@ -7,9 +7,11 @@ from functools import partial
 
 from mech_twin.machines.drives import KlossDrive
 from mech_twin.machines.mb10_breaker.constants import breaker
+from mech_twin.machines.mb10_breaker.coupling_limits import coupling_limits
 from mech_twin.machines.mb10_breaker.drawing import drawing
 from mech_twin.machines.mb10_breaker.driven_body import DrivenBody
 from mech_twin.machines.mb10_breaker.half_sine_body import HalfSineBody
+from mech_twin.machines.mb10_breaker.mechanism import mechanism
 from mech_twin.machines.mb10_breaker.metrics import position_metrics, static_metrics
 from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
 from mech_twin.machines.mb10_breaker.roles import BreakerForces, BreakerLinkage, geared_shaft
@@ -27,7 +29,8 @@ def build(parameters: Parameters) -> Machine:
         raise TypeError(f"expected BreakerParameters, got {type(parameters).__name__}")
     p = parameters
     constants, step_s = breaker(p), p.coupling.step_s
-    body: BodyRole = DrivenBody(constants)
+    limits = coupling_limits(constants, p.synchronous_crank_rad_per_s, step_s)
+    body: BodyRole = DrivenBody(constants, limits)
     if constants.held:
         body = HalfSineBody(p.body, p.excitation, step_s)
     return Machine(
@@ -43,6 +46,7 @@ def build(parameters: Parameters) -> Machine:
             p.supply.initial_fraction,
             step_s,
             p.coupling.extrapolation_order,
+            limits.coupling_defect,
         ),
         forces=BreakerForces(constants),
         body=body,
@@ -50,6 +54,7 @@ def build(parameters: Parameters) -> Machine:
         report=lambda: static_metrics(p, constants),
         analyse=lambda crank_rad: position_metrics(p, constants, crank_rad),
         observer=lambda: BreakerObserver(p, constants),
+        mechanism=mechanism(constants, p.linkage.striker_angle_deg),
     )
 
 

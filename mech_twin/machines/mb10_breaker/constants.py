@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 from scipy.optimize import brentq
 
 from mech_twin.machines.mb10_breaker.dynamics import Breaker
-from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
 from mech_twin.parts.four_bar import FourBar, Link, coefficients, link_angles, position
+
+if TYPE_CHECKING:
+    from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
 
 
 def extremes(bar: FourBar) -> tuple[float, float]:

@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from mech_twin.kernel import kernel
+from mech_twin.machines.mb10_breaker.coupling_limits import CouplingLimits
 from mech_twin.machines.mb10_breaker.dynamics import Breaker, spring_moment
 from mech_twin.machines.mb10_breaker.forces import QUANTITIES
 from mech_twin.samples import BodySample, ForceSample, Load, Named
@@ -24,9 +25,6 @@ LED_ANGLE, LED_RATE, BEGIN_MOMENT = (
     QUANTITIES.index(name) for name in ("body_angle_rad", "body_rate_rad_per_s", "step_begin_moment_nm")
 )
 RESIDUALS = ("angle_difference_rad", "rate_difference_rad_per_s", "penetration_rad")
-RESIDUAL_LIMITS: Mapping[str, float] = MappingProxyType(
-    {"angle_difference_rad": 1e-6, "rate_difference_rad_per_s": 1e-3, "penetration_rad": 1e-6}
-)
 
 
 @kernel
@@ -65,14 +63,17 @@ class DrivenBody:
     ----------
     breaker : Breaker
         Constants.
+    limits : CouplingLimits
+        How far the body's own motion may lie from the one the linkage led it to.
     """
 
     joints = ("body",)
     regimes = ("rest", "flight", "hanging")
-    residual_limits = RESIDUAL_LIMITS
 
-    def __init__(self, breaker: Breaker) -> None:
+    def __init__(self, breaker: Breaker, limits: CouplingLimits) -> None:
         self._b = breaker
+        allowed = (limits.angle_rad, limits.rate_rad_per_s, limits.angle_rad)
+        self.residual_limits: Mapping[str, float] = MappingProxyType(dict(zip(RESIDUALS, allowed, strict=True)))
 
     def start(self, forces: ForceSample) -> BodySample:
         """Return the body at rest on its collar."""

@@ -38,6 +38,7 @@ from mech_twin.machines.mb10_breaker.state import (
 )
 from mech_twin.machines.mb10_breaker.step import Array, advance_step, take_body
 from mech_twin.parts.four_bar import closure_error, coefficients, link_angles, position
+from mech_twin.roles import CrankState
 from mech_twin.samples import (
     BodySample,
     Coordinate,
@@ -56,7 +57,6 @@ OF_BEARINGS = {"crank": "crank_bearing", "body": "body_pivot"}
 BEARING_KINDS = frozenset(f"{joint}_{kind}" for joint in OF_BEARINGS for kind in ("stopped", "started", "reversed"))
 LOADING = STRIKES | ON_COLLAR | BEARING_KINDS | {"pushing", "released"}
 RESIDUALS = ("loop_closure_m", "energy_balance", "momentum_balance", "coupling_defect")
-COUPLING_DEFECT_AT_1_MS = 1e-5  # ten times the largest of the running machine
 FORCE_RESIDUALS = ("drive_torque_routes", "body_moment_routes", "impulse_routes")
 
 
@@ -83,6 +83,8 @@ class BreakerLinkage:
         Coupling step.
     order : int
         Order of the torque's extrapolation.
+    coupling_defect : float
+        Limit of the share of the energy held that a step may change by taking the body's own angle.
     """
 
     joints = ("crank", "coupler", "rocker", "body")
@@ -90,16 +92,26 @@ class BreakerLinkage:
     regimes = ("rest", "flight", "held")
 
     def __init__(
-        self, breaker: Breaker, initial_crank_rad: float, initial_command: float, step_s: float, order: int
+        self,
+        breaker: Breaker,
+        initial_crank_rad: float,
+        initial_command: float,
+        step_s: float,
+        order: int,
+        coupling_defect: float,
     ) -> None:
         self._b = breaker
         self._initial = initial_crank_rad
         self._command = initial_command
         self._step_s = step_s
         self._order = order
-        defect = COUPLING_DEFECT_AT_1_MS * max(1.0, (step_s / 1e-3) ** 2)  # the scheme is of second order
         self.residual_limits: Mapping[str, float] = MappingProxyType(
-            {"loop_closure_m": 1e-12, "energy_balance": 1e-9, "momentum_balance": 1e-9, "coupling_defect": defect}
+            {
+                "loop_closure_m": 1e-12,
+                "energy_balance": 1e-9,
+                "momentum_balance": 1e-9,
+                "coupling_defect": coupling_defect,
+            }
         )
 
     def start(self, step: int = 0) -> LinkageSample:
@@ -128,6 +140,22 @@ class BreakerLinkage:
         events = tuple(self._event(linkage.time_s, log[i]) for i in range(count))
         defect = memory.coupling_defect_j - old.coupling_defect_j
         return self._sample(linkage.step + 1, state, memory, regime, drive, motor.command, defect, events)
+
+    def guided(self, step: int, time_s: float, motion: CrankState) -> LinkageSample:
+        """Return the breaker in a measured motion between blows; a body that is not measured rests on its collar.
+
+        The acceleration of the crank is a straight line in the torque, so two torques tell the one that it needs.
+        """
+        q, u, acceleration, phi, p = motion
+        off = phi is not None and phi > 0.0 and not self._b.held
+        regime = HELD if self._b.held else FLIGHT if off else REST
+        body, rate = (phi, p) if off and phi is not None else (0.0, 0.0)
+        idle, loaded = (pin_forces(self._b, q, u, body, rate, t, regime, 0.0).crank_acceleration for t in (0.0, 1.0))
+        state = np.zeros(STATES)
+        state[Q], state[U], state[BODY], state[P] = q % (2.0 * math.pi), u, body, rate
+        memory = BreakerMemory(begin_crank_rad=q, begin_crank_rad_per_s=u, begin_body_rad=body)
+        torque = (acceleration - idle) / (loaded - idle)
+        return self._sample(step, state, memory, regime, torque, self._command, 0.0)._replace(time_s=time_s)
 
     def _sample(
         self,

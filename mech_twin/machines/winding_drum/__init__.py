@@ -6,6 +6,7 @@ from typing import Any
 
 from mech_twin.machines.drives import PrescribedSpeed
 from mech_twin.machines.winding_drum.drawing import package_drawing
+from mech_twin.machines.winding_drum.mechanism import mechanism
 from mech_twin.machines.winding_drum.metrics import DrumObserver, package_metrics, position_metrics
 from mech_twin.machines.winding_drum.parameters import WindingDrum, package_constants
 from mech_twin.machines.winding_drum.roles import ENDED, DrumForces, DrumLinkage
@@ -53,6 +54,7 @@ def build(parameters: Parameters) -> Machine:
         report,
         analyse,
         DrumObserver,
+        mechanism(constants, max(first, last)),
     )
 
 
