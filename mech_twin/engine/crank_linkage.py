@@ -9,7 +9,7 @@ are roots of it; with a motor they are found on the integrated motion.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import copysign, floor, inf, isfinite, isnan, pi, sqrt
 from typing import Any
 
@@ -43,6 +43,8 @@ from mech_twin.samples import BodySample, Coordinate, Event, LinkageSample, Moto
 TURN = 2.0 * pi
 MOST_PIECES = 10_000  # of one coupling step
 TOLERANCE = 1e-12  # of a step: angle in rad, speed and works over their size
+SCALE_ANGLES = 72
+HELD_SHARE = 0.01  # of the energy held and moved: no error of work is asked to be below its rounding
 RESIDUALS = ("loop_closure_m", "energy_balance")
 STARTED, STOPPED, STALLED, REVERSED = "started", "stopped", "stalled", "reversed"
 
@@ -67,11 +69,22 @@ class CrankLinkage:
     coordinates: tuple[str, ...] = ("crank",)
     size_m: float = 1.0
     resisting: Mapping[int, Resisting] = field(default_factory=dict)
+    energy_scale_j: float = 0.0
 
     @property
     def residual_limits(self) -> Mapping[str, float]:
         """Limits of the residuals: rod lengths (m, of a linkage beyond 1 m over its size), energy balance."""
         return {"loop_closure_m": 1e-12 * max(1.0, self.size_m), "energy_balance": 1e-8}
+
+    def at_rated_speed(self, speed_rad_per_s: float) -> CrankLinkage:
+        """Return this linkage with the largest energy of a turn at a speed as the least scale of its energy balance.
+
+        A mechanism holds little where its masses stand still, and a stop gives back what the drive gave: what was
+        turned over is not told by the energy held or by the work so far.
+        """
+        angles = (TURN * i / SCALE_ANGLES for i in range(SCALE_ANGLES))
+        energies = [self.kernels.state(self.constants, f, speed_rad_per_s, 0.0, self.start_regime)[3] for f in angles]
+        return replace(self, energy_scale_j=max(map(abs, energies)))
 
     def start(self, step: int = 0) -> LinkageSample:
         """Return the machine at its first angle and speed; at rest it is held until the motor is heard."""
@@ -142,7 +155,7 @@ class CrankLinkage:
         lost = self.friction.coulomb_nm * abs(end - now.f)
         lost += self.friction.viscous_nms_per_rad * h * (w * w + w * e * h + e * e * h * h / 3.0)
         system = self.kernels.prescribed(self.constants, now.f, w, e, now.regime)
-        work = integrated_work(system, h, TOLERANCE * self._turned_over(now)) if h > 0.0 else 0.0
+        work = integrated_work(system, h, TOLERANCE * self._work_scale(now, h)) if h > 0.0 else 0.0
         if not isfinite(work):
             raise MotionError(f"the drive's work has no integral from crank angle {now.f} rad at {w} rad/s")
         return now._replace(
@@ -261,7 +274,7 @@ class CrankLinkage:
         if now.sense == 0.0:
             span = self._release_time(now, drive, t, left)
             return Piece(now._replace(e=0.0), span, SPAN_ENDED if span == left else AT_REST)
-        size = self._turned_over(now)
+        size = self._work_scale(now, left)
         y = np.array([now.f, now.w, now.drive_work, now.gear_loss, now.friction_loss])
         tolerance = TOLERANCE * np.array([1.0, 1.0 + abs(now.w), size, size, size])
         system = self.kernels.driven(self.constants, drive._replace(direction=now.sense), now.regime)
@@ -283,6 +296,17 @@ class CrankLinkage:
 
     def _turned_over(self, at: State) -> float:
         return max(1.0, abs(at.drive_work), abs(at.load_work), at.friction_loss)
+
+    def _work_scale(self, at: State, h: float) -> float:
+        """Return the size (J) an error of work is measured by: what was turned over, or is held and moved in ``h``.
+
+        A heavy machine that starts at speed holds far more energy than it has turned over, and rounding of that is no
+        error of the integration.
+        """
+        _, _, torque, energy, _ = self.kernels.state(self.constants, at.f, at.w, at.e, at.regime)
+        friction = self.friction.coulomb_nm + self.friction.viscous_nms_per_rad * abs(at.w)
+        moved = (abs(torque) + friction) * (abs(at.w) + abs(at.e) * h) * h
+        return max(self._turned_over(at), HELD_SHARE * float(abs(energy) + moved))
 
     def _next_boundary(self, now: State) -> tuple[Boundary | None, float]:
         """Return the next boundary in the sense of turning, and its angle in this turn (rad)."""
@@ -336,7 +360,7 @@ class CrankLinkage:
         works = (at.drive_work, at.gear_loss, at.friction_loss, at.load_work)
         memory = Memory(at.e, friction, at.sense, at.stalled, at.share, at.mark, *works, booked, energy, initial)
         miss = energy - initial - at.drive_work - at.load_work + at.friction_loss - booked
-        scale = max(self._turned_over(at), abs(initial), abs(energy), abs(booked))
+        scale = max(self._turned_over(at), abs(initial), abs(energy), abs(booked), self.energy_scale_j)
         return LinkageSample(
             step,
             step * self.step_s,

@@ -37,7 +37,7 @@ from mech_twin.parts.gear import gear_split
 
 Array = NDArray[np.float64]
 SPAN_ENDED, AT_REST, AT_ANGLE, NOT_INTEGRATED = 0, 1, 2, 3
-MOST_STEPS = 100_000
+MOST_STEPS = 20_000  # of one piece: a fraction of a second
 ANGLE, SPEED, DRIVE_WORK, GEAR_LOSS, FRICTION_LOSS = 0, 1, 2, 3, 4  # of the state that is integrated
 STATE_SIZE = 5
 

@@ -75,6 +75,7 @@ class Breaker(NamedTuple):
     gravity_m_per_s2: float
     held: bool
     crank_viscous_nms_per_rad: float
+    longest_substep_s: float = 5e-4
 
 
 class Masses(NamedTuple):

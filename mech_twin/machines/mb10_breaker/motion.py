@@ -30,10 +30,10 @@ from mech_twin.machines.mb10_breaker.dynamics import (
 )
 
 # signals, each falling through zero at its event: striker from tool, body from collar, collar's moment, way to the
-# rocker's next dead centre, speed of the tool, force of the striker on it, what more the wall can hold, crank speed
-GAP, LIFT, COLLAR, DEAD_CENTRE, TOOL_MOTION, THRUST, WALL, CRANK_MOTION = range(8)
+# rocker's next dead centre, speed of the tool, force of the striker on it, what more the wall can hold, crank speed,
+# speed of the gear (of either sign)
+GAP, LIFT, COLLAR, DEAD_CENTRE, TOOL_MOTION, THRUST, WALL, CRANK_MOTION, GEAR_TURNS = range(9)
 SINGLE_STEP_RAD = 0.04  # longest turn of the crank in one substep: truncation below 1e-13
-LONGEST_SUBSTEP_S = 5e-4
 PUSHING_SUBSTEP_S = 1e-4  # the moment on the body is a line between knots of this distance while the tool is pushed
 ADHESION_N = 1e-9  # a striker that touches the tool without force has not left it
 
@@ -82,7 +82,15 @@ def motion_signals(system: Motion, index: int, t: float, y: NDArray[np.float64])
         return float(y[PHI]), float(y[P])
     if index == DEAD_CENTRE:
         return float(system.dead_centre_rad - y[Q]), -float(y[U])
+    if index == GEAR_TURNS:
+        return gear_speed(b, y), UNKNOWN
     return force_signals(system, index, t, y)
+
+
+@kernel
+def gear_speed(b: Breaker, y: NDArray[np.float64]) -> float:
+    """Return the speed of the crank against what carries the gear (rad/s): with its sign the gear's loss jumps."""
+    return float(y[U] - b.frame_drive * y[P])
 
 
 @kernel

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mech_twin.engine.errors import MotionError
-from mech_twin.engine.events import FALLING, NONE, Step, first_event
+from mech_twin.engine.events import FALLING, NONE, RISING, Step, first_event
 from mech_twin.engine.integration import start_step, take_step
 from mech_twin.kernel import kernel
 from mech_twin.machines.mb10_breaker.contact import apply_event, log_knot, project_contact, tool_force
@@ -50,13 +50,14 @@ from mech_twin.machines.mb10_breaker.motion import (
     CRANK_MOTION,
     DEAD_CENTRE,
     GAP,
+    GEAR_TURNS,
     LIFT,
-    LONGEST_SUBSTEP_S,
     PUSHING_SUBSTEP_S,
     THRUST,
     TOOL_MOTION,
     WALL,
     Motion,
+    gear_speed,
     motion_signals,
     substep,
     workspace_of_motion,
@@ -65,6 +66,7 @@ from mech_twin.machines.mb10_breaker.motion import (
 Array = NDArray[np.float64]
 PARTED = 1e-9  # m and m/s
 SUBSTEP_BUDGET = 20000  # of one coupling step
+MOST_REVERSALS = 16  # of the gear in one coupling step that are landed on; a gear on the edge of sticking has no end
 
 
 @kernel
@@ -170,6 +172,16 @@ def watched(motion: Motion, state: Array, end: Array, regime: int, last: int, wa
     return count
 
 
+@kernel
+def watch_gear(motion: Motion, state: Array, end: Array, watches: NDArray[np.int64], count: int) -> int:
+    """Add the gear to what is watched, where its speed has changed sign; return the number of watches."""
+    before, after = gear_speed(motion.breaker, state), gear_speed(motion.breaker, end)
+    if motion.breaker.efficiency < 1.0 and before * after < 0.0:
+        watches[count, 0], watches[count, 1], watches[count, 2] = GEAR_TURNS, FALLING if before > 0.0 else RISING, 0
+        return count + 1
+    return count
+
+
 class Before(NamedTuple):
     """Energy and momentum a step begins with, and the sums of losses and impulses up to it."""
 
@@ -242,9 +254,9 @@ def advance_step(
     memory = record[0]
     slope, missed = torque_line(b, state, memory, torque, step_s, order)
     memory.compensation_torque_nm = missed
-    work, end, watches = workspace_of_motion(), np.empty(STATES), np.empty((6, 3), dtype=np.int64)
+    work, end, watches = workspace_of_motion(), np.empty(STATES), np.empty((7, 3), dtype=np.int64)
     before = begin_step(b, state, memory, crank_torque(b, torque, state[U], state[P]) + missed)
-    count, time, left, weighed, last, turns = 0, 0.0, 0.0, 0.0, NONE, 0
+    count, time, left, weighed, last, turns, reversals = 0, 0.0, 0.0, 0.0, NONE, 0, 0
     motion = Motion(b, torque, slope, missed, regime != FLIGHT, int(memory.tool_regime), 0.0)
     memory.begin_tool_force_n = tool_force(motion, 0.0, state, motion.tool, motion.rests)
     while step_s - time > 1e-16:
@@ -253,12 +265,14 @@ def advance_step(
             raise MotionError("mb10_breaker: more events in one step than are followed; shorten coupling.step_s")
         tool = int(memory.tool_regime)
         contact = tool in (PUSHED, BLOCKED) and regime == FLIGHT
-        span = substep(state[U], step_s - time, PUSHING_SUBSTEP_S if contact else LONGEST_SUBSTEP_S)
+        span = substep(state[U], step_s - time, min(b.longest_substep_s, PUSHING_SUBSTEP_S if contact else 1.0))
         motion = Motion(b, torque, slope, missed, regime != FLIGHT, tool, state[Q] + to_dead_centre(b, state[Q]))
         start_step(motion, time, state, work)
         take_step(motion, time, state, span, work)
         end[:] = work.end
         number = watched(motion, state, end, regime, last, watches)
+        if reversals < MOST_REVERSALS:
+            number = watch_gear(motion, state, end, watches, number)
         which, when = first_event(Step(motion, time, state, span, work), watches, number, end)
         if which == NONE:
             state[:] = end
@@ -272,6 +286,9 @@ def advance_step(
             count = log_knot(motion, state, memory, regime, time, log, count) if contact else count
             continue
         last = watches[which, 0]
+        if last == GEAR_TURNS:
+            reversals += 1
+            continue
         u, p = state[U], state[P]
         regime, count = apply_event(motion, state, memory, regime, last, time, log, count)
         jump = abs(state[U] - u - b.frame_drive * (state[P] - p))
