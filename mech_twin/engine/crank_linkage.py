@@ -41,6 +41,7 @@ from mech_twin.parts.gear import GearTorque, gear_split
 from mech_twin.samples import BodySample, Coordinate, Event, LinkageSample, MotorSample, Named
 
 TURN = 2.0 * pi
+CRANK = "crank"  # the joint whose angle the motion is integrated in
 MOST_PIECES = 10_000  # of one coupling step
 TOLERANCE = 1e-12  # of a step: angle in rad, speed and works over their size
 SCALE_ANGLES = 72
@@ -66,7 +67,7 @@ class CrankLinkage:
     boundaries: tuple[Boundary, ...] = ()
     transmission: Transmission | None = None
     friction: ShaftFriction = NO_FRICTION
-    coordinates: tuple[str, ...] = ("crank",)
+    coordinates: tuple[str, ...] = (CRANK,)
     size_m: float = 1.0
     resisting: Mapping[int, Resisting] = field(default_factory=dict)
     energy_scale_j: float = 0.0
@@ -96,13 +97,14 @@ class CrankLinkage:
     def advance(self, linkage: LinkageSample, motor: MotorSample, body: BodySample | None) -> LinkageSample:
         """Return the linkage one step later, its changes of regime and instants of rest located inside the step."""
         past = Memory(*linkage.memory.values)
-        books = (past.drive_work_j, past.gear_loss_j, past.friction_loss_j, past.load_work_j)
+        works = (past.drive_work_j, past.gear_loss_j, past.friction_loss_j, past.load_work_j)
+        crank = linkage.joint(CRANK)
         now = State(
-            linkage.position[0],
-            linkage.velocity[0],
+            crank.position,
+            crank.velocity,
             past.crank_acceleration_rad_per_s2,
             past.turning_sense,
-            *books,
+            *works,
             linkage.regime,
             past.stalled_1,
             1.0,
@@ -121,7 +123,8 @@ class CrankLinkage:
 
     def _led(self, now: State, start_s: float, motor: MotorSample, events: list[Event]) -> tuple[State, float]:
         """Return the state at the end of the step, and the friction torque (N m) where the crank is at rest."""
-        e, done = (motor.velocity[0] - now.w) / self.step_s, 0.0
+        (asked,) = motor.velocity
+        e, done = (asked - now.w) / self.step_s, 0.0
         for _ in range(MOST_PIECES):
             now = now._replace(e=e, sense=_sign(now.w) or _sign(e))
             boundary, aim = self._next_boundary(now)
@@ -129,7 +132,7 @@ class CrankLinkage:
             done += piece.span
             now = piece.after
             if piece.what == SPAN_ENDED:
-                now = now._replace(w=motor.velocity[0])
+                now = now._replace(w=asked)
                 return now, self._holding(now) if now.sense == 0.0 else 0.0
             if piece.what == AT_ANGLE and boundary is not None:
                 now = self._crossed(start_s + done, now, boundary, events)

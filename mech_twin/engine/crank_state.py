@@ -89,19 +89,20 @@ class Transmission(NamedTuple):
     def drive(self, before: LinkageSample, motor: MotorSample, step_s: float, friction: ShaftFriction) -> ShaftDrive:
         """Return what turns the crank in the step after ``before``; no sense of turning is set yet."""
         slope, ramp, limit = 0.0, 0.0, inf
+        (torque,), (rotor_speed,) = motor.effort, motor.velocity
         if self.motor is not None:
-            slope = float(motor_torque_slope(self.motor, motor.velocity[0], motor.command))
+            slope = float(motor_torque_slope(self.motor, rotor_speed, motor.command))
             change = (motor.command - before.command) / step_s
             ramp = -self.motor.synchronous_speed_rad_per_s * slope * change
-            limit = max(self.motor.breakdown_torque_nm, abs(motor.effort[0]))
+            limit = max(self.motor.breakdown_torque_nm, abs(torque))
         return ShaftDrive(
             self.ratio**2 * self.rotor_inertia_kg_m2,
             self.ratio,
             self.efficiency,
-            motor.effort[0],
+            torque,
             slope,
             ramp,
-            before.velocity[0],
+            before.joint("crank").velocity,
             limit,
             *friction,
             0.0,

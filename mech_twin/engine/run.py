@@ -19,7 +19,12 @@ def rated(step: int) -> float:
     return 1.0
 
 
-def frames(machine: Machine, duration_s: float, target: Callable[[int], float] = rated) -> Iterator[Frame]:
+def frames(
+    machine: Machine,
+    duration_s: float,
+    target: Callable[[int], float] = rated,
+    machine_at: Callable[[int], Machine] | None = None,
+) -> Iterator[Frame]:
     """Yield the frames of a run from step 0 to the last within ``duration_s``.
 
     Parameters
@@ -30,11 +35,13 @@ def frames(machine: Machine, duration_s: float, target: Callable[[int], float] =
         Simulated time.
     target : callable
         ``target(step)``: asked fraction of rated supply frequency at a step.
+    machine_at : callable, optional
+        ``machine_at(step)``: the machine with the parameters in force at a step, where they change during the run.
     """
     frame = complete_frame(machine, machine.linkage.start(), None, target(0))
     yield frame
     for step in range(1, steps_for(machine, duration_s) + 1):
-        frame = next_frame(machine, frame, target(step))
+        frame = next_frame(machine if machine_at is None else machine_at(step), frame, target(step))
         yield frame
 
 

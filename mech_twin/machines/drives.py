@@ -154,8 +154,8 @@ class PrescribedSpeed:
         Largest change of the command in a second (1/s); times ``speed`` that of the speed.
     step_s : float
         Coupling step (s).
-    driven : int
-        Place of the driven joint in the linkage sample.
+    driven : str
+        Joint of the linkage that it drives.
     let_go : int or None
         Regime in which the linkage no longer follows the drive: the drive then runs on at its command.
     """
@@ -163,31 +163,39 @@ class PrescribedSpeed:
     speed: float
     rate_per_s: float
     step_s: float
-    driven: int = 0
+    driven: str = "crank"
     let_go: int | None = None
     joints: tuple[str, ...] = ("motor",)
 
     def respond(self, linkage: LinkageSample, target: float) -> MotorSample:
         """Return the speed asked of the linkage at the end of the step, and the effort it takes now."""
         command = limited_command(linkage.command, target, self.rate_per_s, self.step_s)
-        speed = command * self.speed
+        speed, joint = command * self.speed, linkage.joint(self.driven)
         if linkage.regime != self.let_go:
             reach = abs(self.speed) * self.rate_per_s * self.step_s * ROUNDING
-            speed = limited_change(linkage.velocity[self.driven], speed, reach)
+            speed = limited_change(joint.velocity, speed, reach)
         return MotorSample(
             linkage.step,
             linkage.time_s,
             self.joints,
-            (linkage.position[self.driven],),
+            (joint.position,),
             (speed,),
-            (linkage.effort[self.driven],),
+            (joint.effort,),
             command,
         )
 
 
-def first_joint(linkage: LinkageSample) -> tuple[float, float]:
-    """Return angle (rad) and speed (rad/s) of the linkage's first joint."""
-    return linkage.position[0], linkage.velocity[0]
+def shaft_of(joint: str) -> Callable[[LinkageSample], tuple[float, float]]:
+    """Return the function that gives angle (rad) and speed (rad/s) of a joint, seen from the frame."""
+
+    def shaft(linkage: LinkageSample) -> tuple[float, float]:
+        angle, speed, _ = linkage.joint(joint)
+        return angle, speed
+
+    return shaft
+
+
+CRANK_SHAFT = shaft_of("crank")
 
 
 @dataclass(frozen=True)
@@ -214,7 +222,7 @@ class KlossDrive:
     ratio: float
     rate_per_s: float
     step_s: float
-    shaft: Callable[[LinkageSample], tuple[float, float]] = first_joint
+    shaft: Callable[[LinkageSample], tuple[float, float]] = CRANK_SHAFT
     direction: float = 1.0
     joints: tuple[str, ...] = ("rotor",)
 

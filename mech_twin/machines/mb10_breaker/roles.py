@@ -20,11 +20,11 @@ from mech_twin.machines.mb10_breaker.dynamics import (
     Q,
     U,
     energies,
-    gap,
     spring_moment,
 )
 from mech_twin.machines.mb10_breaker.dynamics import PHI as BODY
 from mech_twin.machines.mb10_breaker.forces import QUANTITIES, PinForces, pin_forces, pin_impulses
+from mech_twin.machines.mb10_breaker.impacts import gap
 from mech_twin.machines.mb10_breaker.state import (
     EVENT,
     EVENT_ROWS,
@@ -110,7 +110,7 @@ class BreakerLinkage:
 
     def advance(self, linkage: LinkageSample, motor: MotorSample, body: BodySample | None) -> LinkageSample:
         """Return the linkage one coupling step later; angle and rate of the body are taken from its own sample."""
-        b, old = self._b, BreakerMemory(*linkage.memory.values)
+        b, old, (torque,) = self._b, BreakerMemory(*linkage.memory.values), motor.effort
         state = np.zeros(STATES)
         state[Q], state[U], _ = linkage.joint("crank")
         state[BODY], state[P], _ = linkage.joint("body")
@@ -121,7 +121,7 @@ class BreakerLinkage:
             (phi,), (p,), rests = body.position, body.velocity, body.regime == REST
         regime = take_body(b, state, record, regime, phi, p, rests)
         log = np.empty(EVENT_ROWS, dtype=EVENT)
-        regime, count, drive = advance_step(b, state, record, regime, motor.effort[0], self._step_s, self._order, log)
+        regime, count, drive = advance_step(b, state, record, regime, torque, self._step_s, self._order, log)
         memory = unpacked(record)
         events = tuple(self._event(linkage.time_s, log[i]) for i in range(count))
         defect = memory.coupling_defect_j - old.coupling_defect_j
@@ -267,7 +267,7 @@ class BreakerForces:
 
     def _collar_impulse(self, event: Event, jump: PinForces) -> float:
         """Return the collar's angular impulse on a resting body that stays on it through a blow (N m s)."""
-        body, after = event.pre[1], event.post[1]
+        (_, body, _), (_, after, _) = event.pre, event.post
         rests = body.position == body.velocity == after.velocity == 0.0
         return -jump.moment if rests and event.kind in STRIKES and not self._b.held else 0.0
 

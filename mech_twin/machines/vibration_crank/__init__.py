@@ -16,7 +16,7 @@ from mech_twin.machines.vibration_crank.dynamics import (
     whole_load,
 )
 from mech_twin.machines.vibration_crank.forces import SliderCrankForces
-from mech_twin.machines.vibration_crank.metrics import cycle_report, position_figures
+from mech_twin.machines.vibration_crank.metrics import cycle_metrics, position_metrics
 from mech_twin.machines.vibration_crank.parameters import VibrationCrank, slider_crank_constants
 from mech_twin.machines.vibration_crank.run_metrics import VibrationCrankObserver
 from mech_twin.machines.vibration_crank.slider_crank import BOOM
@@ -47,17 +47,17 @@ def build(parameters: Parameters) -> Machine:
         friction=p.shaft_friction,
         size_m=s.rod_m + s.boom_m,
     ).at_rated_speed(p.full_speed_rad_per_s)
-    figures = cycle_report(p, s)
+    metrics = cycle_metrics(p, s)
     weights = s.gravity * (s.rotating_mass * s.crank_m + s.counter_mass * s.counter_m)
     forces = SliderCrankForces(
         s,
-        max(figures["drive_torque_peak_nm"], weights),
+        max(metrics["drive_torque_peak_nm"], weights),
         ("crank_bearing", "crank_pin", "follower_pin", ground[0]),
         ("crank", "rod", ground[1], ground[1]),
     )
 
     def analyse(crank_rad: float) -> dict[str, Any]:
-        return position_figures(s, speed, crank_rad)
+        return position_metrics(s, speed, crank_rad)
 
     return Machine(
         "vibration_crank",
@@ -68,7 +68,7 @@ def build(parameters: Parameters) -> Machine:
         forces,
         None,
         lambda sample, _: drawing(s, sample),
-        lambda: cycle_report(p, s),
+        lambda: cycle_metrics(p, s),
         analyse,
         lambda: VibrationCrankObserver(p.motor_curve),
     )

@@ -8,7 +8,7 @@ from mech_twin.machines.drives import PrescribedSpeed
 from mech_twin.machines.winding_drum.drawing import package_drawing
 from mech_twin.machines.winding_drum.metrics import DrumObserver, package_metrics, position_metrics
 from mech_twin.machines.winding_drum.parameters import WindingDrum, package_constants
-from mech_twin.machines.winding_drum.roles import ENDED, JOINTS, DrumForces, DrumLinkage
+from mech_twin.machines.winding_drum.roles import ENDED, DrumForces, DrumLinkage
 from mech_twin.quantity import Parameters
 from mech_twin.roles import Capabilities, Machine
 
@@ -32,7 +32,7 @@ def build(parameters: Parameters) -> Machine:
         "full" if parameters.direction == "winding" else "empty",
     )
     motor = PrescribedSpeed(
-        parameters.yarn_speed_m_per_s, parameters.rate_per_s, parameters.coupling.step_s, JOINTS.index("yarn"), ENDED
+        parameters.yarn_speed_m_per_s, parameters.rate_per_s, parameters.coupling.step_s, "yarn", ENDED
     )
 
     def analyse(phi: float) -> dict[str, Any]:

@@ -149,14 +149,14 @@ class DrumLinkage:
         events: tuple[Event, ...],
     ) -> LinkageSample:
         """Return the drum at the end of the step, having coasted from ``done`` (s) of it on."""
-        begin, noted = (step - 1) * self.step_s, list(events)
+        begin, logged = (step - 1) * self.step_s, list(events)
         radius = place.package_radius_m
         while self.step_s - done > 1e-15 * self.step_s:
             if place.drum_rad_per_s == 0.0:
                 sense = start_sense(self.package, radius, place.drum_rad)
                 if (regime == STUCK) == (sense != 0.0):
                     regime = ENDED if sense else STUCK
-                    noted.append(self._rest_event(begin + done, place, "release" if sense else "stick"))
+                    logged.append(self._rest_event(begin + done, place, "release" if sense else "stick"))
                 if sense == 0.0:
                     break
             piece = coasted(self.package, radius, place.drum_rad, place.drum_rad_per_s, self.step_s - done)
@@ -166,7 +166,7 @@ class DrumLinkage:
                 gravity_work_j=memory.gravity_work_j + piece.gravity_work_j,
                 friction_loss_j=memory.friction_loss_j + piece.friction_loss_j,
             )
-        return self._sample(step, place, regime, command, memory, tuple(noted))
+        return self._sample(step, place, regime, command, memory, tuple(logged))
 
     def _end_event(self, time_s: float, at: Place, a: float) -> Event:
         torque = drive_torque(self.package, at.package_radius_m, at.drum_rad, at.yarn_m_per_s, a)
