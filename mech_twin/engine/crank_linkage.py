@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from math import copysign, floor, inf, isfinite, isnan, pi, sqrt
+from math import copysign, floor, fmod, inf, isfinite, isnan, pi, sqrt
 from typing import Any
 
 import numpy as np
@@ -18,6 +18,7 @@ import numpy as np
 from mech_twin.engine.crank_motion import (
     AT_ANGLE,
     AT_REST,
+    LONGEST_TURN_RAD,
     NOT_INTEGRATED,
     SPAN_ENDED,
     ShaftDrive,
@@ -45,6 +46,7 @@ CRANK = "crank"  # the joint whose angle the motion is integrated in
 MOST_PIECES = 10_000  # of one coupling step
 TOLERANCE = 1e-12  # of a step: angle in rad, speed and works over their size
 SCALE_ANGLES = 72
+LARGE_ANGLE = 1e3  # rad: of a larger one, rounding in every step adds up
 HELD_SHARE = 0.01  # of the energy held and moved: no error of work is asked to be below its rounding
 RESIDUALS = ("loop_closure_m", "energy_balance")
 STARTED, STOPPED, STALLED, REVERSED = "started", "stopped", "stalled", "reversed"
@@ -157,10 +159,13 @@ class CrankLinkage:
         w, e = now.w, now.e
         lost = self.friction.coulomb_nm * abs(end - now.f)
         lost += self.friction.viscous_nms_per_rad * h * (w * w + w * e * h + e * e * h * h / 3.0)
-        system = self.kernels.prescribed(self.constants, now.f, w, e, now.regime)
-        work = integrated_work(system, h, TOLERANCE * self._work_scale(now, h)) if h > 0.0 else 0.0
+        system = self.kernels.prescribed(self.constants, within_a_turn(now.f), w, e, now.regime)
+        fastest = max(abs(w), abs(w + e * h), 1e-9)
+        tolerance = TOLERANCE * self._work_scale(now, h)
+        work = integrated_work(system, h, tolerance, LONGEST_TURN_RAD / fastest) if h > 0.0 else 0.0
         if not isfinite(work):
             raise MotionError(f"the drive's work has no integral from crank angle {now.f} rad at {w} rad/s")
+        work += self._rounding_work(now, h, end)
         return now._replace(
             f=end,
             w=w + e * h,
@@ -168,6 +173,21 @@ class CrankLinkage:
             friction_loss=now.friction_loss + lost,
             load_work=now.load_work + self.kernels.load_work(self.constants, now.f, end, now.regime),
         )
+
+    def _rounding_work(self, now: State, h: float, end: float) -> float:
+        """Return the work (J) on the way by which the angle of the end misses the motion's, as it was rounded.
+
+        After many turns an angle has few digits left behind the point; steps of equal length round the same way, and
+        the energy held at the rounded angle would drift away from the work.
+        """
+        if abs(end) < LARGE_ANGLE:
+            return 0.0
+        after = now._replace(f=end, w=now.w + now.e * h)
+        return self._torque(after) * ((end - now.f) - (now.w + 0.5 * now.e * h) * h)
+
+    def _torque(self, at: State) -> float:
+        """Return the torque (N m) on the mechanism that gives it its acceleration."""
+        return float(self.kernels.state(self.constants, at.f, at.w, at.e, at.regime)[2])
 
     def _holding(self, at: State) -> float:
         """Return the friction torque (N m) at rest: all it can carry of the load, the drive holds what is left."""
@@ -278,13 +298,17 @@ class CrankLinkage:
             span = self._release_time(now, drive, t, left)
             return Piece(now._replace(e=0.0), span, SPAN_ENDED if span == left else AT_REST)
         size = self._work_scale(now, left)
-        y = np.array([now.f, now.w, now.drive_work, now.gear_loss, now.friction_loss])
+        near = within_a_turn(now.f)
+        y = np.array([near, now.w, now.drive_work, now.gear_loss, now.friction_loss])
         tolerance = TOLERANCE * np.array([1.0, 1.0 + abs(now.w), size, size, size])
         system = self.kernels.driven(self.constants, drive._replace(direction=now.sense), now.regime)
-        span, what, e = turn_crank(system, t, y, left, now.sense, aim, tolerance)
+        span, what, e = turn_crank(system, t, y, left, now.sense, aim - (now.f - near), tolerance)
         if what == NOT_INTEGRATED:
             raise MotionError(f"no step is small enough at crank angle {y[0]} rad and {y[1]} rad/s")
-        f, w, drive_work, gear_loss, friction_loss = y.tolist()
+        turned, w, drive_work, gear_loss, friction_loss = y.tolist()
+        f = aim if what == AT_ANGLE else now.f + (turned - near) if near != now.f else turned
+        if near != now.f:
+            drive_work += self._torque(now._replace(f=f, w=w, e=e)) * ((f - now.f) - (turned - near))
         load = now.load_work + self.kernels.load_work(self.constants, now.f, f, now.regime)
         after = now._replace(
             f=f, w=w, e=e, drive_work=drive_work, gear_loss=gear_loss, friction_loss=friction_loss, load_work=load
@@ -377,6 +401,11 @@ class CrankLinkage:
             Named(RESIDUALS, (closure, miss / scale)),
             events,
         )
+
+
+def within_a_turn(angle: float) -> float:
+    """Return a large angle (rad) less whole turns, so that sums with it keep their digits; a small one as it is."""
+    return angle if abs(angle) < LARGE_ANGLE else fmod(angle, TURN)
 
 
 def _sign(value: float) -> float:

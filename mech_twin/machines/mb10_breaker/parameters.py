@@ -27,6 +27,7 @@ LONGEST_STEP_S = 0.005
 LONGEST_TURN_RAD = 0.135  # of the crank in a step: the moment on the body is a line between the ends of the step
 FASTEST_DECAY_PER_S = 100.0  # of the crank by the friction of its bearing: slow against the integrator's step
 MOST_DECAYS = 0.5  # of the shaft in a step; the extrapolated torque is stable below it
+MOST_MOVED = 100.0  # masses of coupler and rocker at the crank pin over the inertia of crank and rotor
 LEAST_BODY = 4.0  # inertia of the body over that of what it carries
 MOST_SWING_RAD = 500.0  # of the body on its spring in one coupling step
 MOST_REACH = 10.0  # of centroids and striker, in lengths of the longest link
@@ -207,6 +208,19 @@ class BreakerParameters(Parameters):
         )
         if self.coupling.step_s > longest:
             raise ValueError(f"coupling.step_s = {self.coupling.step_s:g} s must be at most {longest:.4g} s: {why}")
+        return self
+
+    @model_validator(mode="after")
+    def _crank_turns_the_linkage(self) -> BreakerParameters:
+        shaft = self.linkage.crank_inertia_kg_m2 + self.gear.ratio**2 * self.motor.rotor_inertia_kg_m2
+        most = MOST_MOVED * shaft / self.linkage.crank_m**2
+        moved = self.linkage.coupler_mass_kg + self.linkage.rocker_mass_kg
+        if moved > most:
+            raise ValueError(
+                f"linkage.coupler_mass_kg + linkage.rocker_mass_kg must be at most {most:.6g} kg, {MOST_MOVED:g} times "
+                "the inertia of crank and rotor over crank_m squared: the crank's speed would jump at the dead "
+                f"centres; got {moved:g}"
+            )
         return self
 
     @model_validator(mode="after")
