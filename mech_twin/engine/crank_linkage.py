@@ -9,8 +9,8 @@ are roots of it; with a motor they are found on the integrated motion.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from math import copysign, floor, inf, isfinite, isnan, pi, sqrt
+from dataclasses import dataclass, field, replace
+from math import copysign, floor, fmod, inf, isfinite, isnan, pi, sqrt
 from typing import Any
 
 import numpy as np
@@ -18,6 +18,7 @@ import numpy as np
 from mech_twin.engine.crank_motion import (
     AT_ANGLE,
     AT_REST,
+    LONGEST_TURN_RAD,
     NOT_INTEGRATED,
     SPAN_ENDED,
     ShaftDrive,
@@ -45,6 +46,9 @@ TURN = 2.0 * pi
 CRANK = "crank"  # the joint whose angle the motion is integrated in
 MOST_PIECES = 10_000  # of one coupling step
 TOLERANCE = 1e-12  # of a step: angle in rad, speed and works over their size
+SCALE_ANGLES = 72
+LARGE_ANGLE = 1e3  # rad: of a larger one, rounding in every step adds up
+HELD_SHARE = 0.01  # of the energy held and moved: no error of work is asked to be below its rounding
 RESIDUALS = ("loop_closure_m", "energy_balance")
 STARTED, STOPPED, STALLED, REVERSED = "started", "stopped", "stalled", "reversed"
 
@@ -69,11 +73,22 @@ class CrankLinkage:
     coordinates: tuple[str, ...] = (CRANK,)
     size_m: float = 1.0
     resisting: Mapping[int, Resisting] = field(default_factory=dict)
+    energy_scale_j: float = 0.0
 
     @property
     def residual_limits(self) -> Mapping[str, float]:
         """Limits of the residuals: rod lengths (m, of a linkage beyond 1 m over its size), energy balance."""
         return {"loop_closure_m": 1e-12 * max(1.0, self.size_m), "energy_balance": 1e-8}
+
+    def at_rated_speed(self, speed_rad_per_s: float) -> CrankLinkage:
+        """Return this linkage with the largest energy of a turn at a speed as the least scale of its energy balance.
+
+        A mechanism holds little where its masses stand still, and a stop gives back what the drive gave: what was
+        turned over is not told by the energy held or by the work so far.
+        """
+        angles = (TURN * i / SCALE_ANGLES for i in range(SCALE_ANGLES))
+        energies = [self.kernels.state(self.constants, f, speed_rad_per_s, 0.0, self.start_regime)[3] for f in angles]
+        return replace(self, energy_scale_j=max(map(abs, energies)))
 
     def start(self, step: int = 0) -> LinkageSample:
         """Return the machine at its first angle and speed; at rest it is held until the motor is heard."""
@@ -161,10 +176,13 @@ class CrankLinkage:
         w, e = now.w, now.e
         lost = self.friction.coulomb_nm * abs(end - now.f)
         lost += self.friction.viscous_nms_per_rad * h * (w * w + w * e * h + e * e * h * h / 3.0)
-        system = self.kernels.prescribed(self.constants, now.f, w, e, now.regime)
-        work = integrated_work(system, h, TOLERANCE * self._turned_over(now)) if h > 0.0 else 0.0
+        system = self.kernels.prescribed(self.constants, within_a_turn(now.f), w, e, now.regime)
+        fastest = max(abs(w), abs(w + e * h), 1e-9)
+        tolerance = TOLERANCE * self._work_scale(now, h)
+        work = integrated_work(system, h, tolerance, LONGEST_TURN_RAD / fastest) if h > 0.0 else 0.0
         if not isfinite(work):
             raise MotionError(f"the drive's work has no integral from crank angle {now.f} rad at {w} rad/s")
+        work += self._rounding_work(now, h, end)
         return now._replace(
             f=end,
             w=w + e * h,
@@ -172,6 +190,21 @@ class CrankLinkage:
             friction_loss=now.friction_loss + lost,
             load_work=now.load_work + self.kernels.load_work(self.constants, now.f, end, now.regime),
         )
+
+    def _rounding_work(self, now: State, h: float, end: float) -> float:
+        """Return the work (J) on the way by which the angle of the end misses the motion's, as it was rounded.
+
+        After many turns an angle has few digits left behind the point; steps of equal length round the same way, and
+        the energy held at the rounded angle would drift away from the work.
+        """
+        if abs(end) < LARGE_ANGLE:
+            return 0.0
+        after = now._replace(f=end, w=now.w + now.e * h)
+        return self._torque(after) * ((end - now.f) - (now.w + 0.5 * now.e * h) * h)
+
+    def _torque(self, at: State) -> float:
+        """Return the torque (N m) on the mechanism that gives it its acceleration."""
+        return float(self.kernels.state(self.constants, at.f, at.w, at.e, at.regime)[2])
 
     def _holding(self, at: State) -> float:
         """Return the friction torque (N m) at rest: all it can carry of the load, the drive holds what is left."""
@@ -281,14 +314,18 @@ class CrankLinkage:
         if now.sense == 0.0:
             span = self._release_time(now, drive, t, left)
             return Piece(now._replace(e=0.0), span, SPAN_ENDED if span == left else AT_REST)
-        size = self._turned_over(now)
-        y = np.array([now.f, now.w, now.drive_work, now.gear_loss, now.friction_loss])
+        size = self._work_scale(now, left)
+        near = within_a_turn(now.f)
+        y = np.array([near, now.w, now.drive_work, now.gear_loss, now.friction_loss])
         tolerance = TOLERANCE * np.array([1.0, 1.0 + abs(now.w), size, size, size])
         system = self.kernels.driven(self.constants, drive._replace(direction=now.sense), now.regime)
-        span, what, e = turn_crank(system, t, y, left, now.sense, aim, tolerance)
+        span, what, e = turn_crank(system, t, y, left, now.sense, aim - (now.f - near), tolerance)
         if what == NOT_INTEGRATED:
             raise MotionError(f"no step is small enough at crank angle {y[0]} rad and {y[1]} rad/s")
-        f, w, drive_work, gear_loss, friction_loss = y.tolist()
+        turned, w, drive_work, gear_loss, friction_loss = y.tolist()
+        f = aim if what == AT_ANGLE else now.f + (turned - near) if near != now.f else turned
+        if near != now.f:
+            drive_work += self._torque(now._replace(f=f, w=w, e=e)) * ((f - now.f) - (turned - near))
         load = now.load_work + self.kernels.load_work(self.constants, now.f, f, now.regime)
         after = now._replace(
             f=f, w=w, e=e, drive_work=drive_work, gear_loss=gear_loss, friction_loss=friction_loss, load_work=load
@@ -303,6 +340,17 @@ class CrankLinkage:
 
     def _turned_over(self, at: State) -> float:
         return max(1.0, abs(at.drive_work), abs(at.load_work), at.friction_loss)
+
+    def _work_scale(self, at: State, h: float) -> float:
+        """Return the size (J) an error of work is measured by: what was turned over, or is held and moved in ``h``.
+
+        A heavy machine that starts at speed holds far more energy than it has turned over, and rounding of that is no
+        error of the integration.
+        """
+        _, _, torque, energy, _ = self.kernels.state(self.constants, at.f, at.w, at.e, at.regime)
+        friction = self.friction.coulomb_nm + self.friction.viscous_nms_per_rad * abs(at.w)
+        moved = (abs(torque) + friction) * (abs(at.w) + abs(at.e) * h) * h
+        return max(self._turned_over(at), HELD_SHARE * float(abs(energy) + moved))
 
     def _next_boundary(self, now: State) -> tuple[Boundary | None, float]:
         """Return the next boundary in the sense of turning, and its angle in this turn (rad)."""
@@ -356,7 +404,7 @@ class CrankLinkage:
         works = (at.drive_work, at.gear_loss, at.friction_loss, at.load_work)
         memory = Memory(at.e, friction, at.sense, at.stalled, at.share, at.mark, *works, booked, energy, initial)
         miss = energy - initial - at.drive_work - at.load_work + at.friction_loss - booked
-        scale = max(self._turned_over(at), abs(initial), abs(energy), abs(booked))
+        scale = max(self._turned_over(at), abs(initial), abs(energy), abs(booked), self.energy_scale_j)
         return LinkageSample(
             step,
             step * self.step_s,
@@ -370,6 +418,11 @@ class CrankLinkage:
             Named(RESIDUALS, (closure, miss / scale)),
             events,
         )
+
+
+def within_a_turn(angle: float) -> float:
+    """Return a large angle (rad) less whole turns, so that sums with it keep their digits; a small one as it is."""
+    return angle if abs(angle) < LARGE_ANGLE else fmod(angle, TURN)
 
 
 def _sign(value: float) -> float:

@@ -37,9 +37,10 @@ from mech_twin.parts.gear import gear_split
 
 Array = NDArray[np.float64]
 SPAN_ENDED, AT_REST, AT_ANGLE, NOT_INTEGRATED = 0, 1, 2, 3
-MOST_STEPS = 100_000
+MOST_STEPS = 20_000  # of one piece: a fraction of a second
 ANGLE, SPEED, DRIVE_WORK, GEAR_LOSS, FRICTION_LOSS = 0, 1, 2, 3, 4  # of the state that is integrated
 STATE_SIZE = 5
+LONGEST_TURN_RAD = 0.2  # of the crank in one step of the integration, whatever its estimated error
 DRIVE_POWER = 0  # the one rate of a crank at a prescribed speed
 
 
@@ -213,8 +214,11 @@ def turn_crank(
 
 
 @kernel
-def integrated_work(system: Any, span: float, tolerance: float) -> float:
-    """Return the integral (J) of a power over ``span`` (s) from time 0, or nan; its one rate is the power (W)."""
+def integrated_work(system: Any, span: float, tolerance: float, longest: float) -> float:
+    """Return the integral (J) of a power over ``span`` (s) from time 0, or nan; its one rate is the power (W).
+
+    No step is longer than ``longest`` (s): the estimate of a long step's error may vanish by chance.
+    """
     rows = len(method_of(system).nodes)
     work, y, limit = Workspace(np.empty((rows, 1)), np.empty(1), np.empty(1)), np.zeros(1), np.full(1, tolerance)
     done, wanted = 0.0, span
@@ -222,7 +226,7 @@ def integrated_work(system: Any, span: float, tolerance: float) -> float:
         if span - done <= 1e-15 * span:
             return float(y[DRIVE_POWER])
         start_step(system, done, y, work)
-        h, wanted = _good_step(system, done, y, min(wanted, span - done), limit, work)
+        h, wanted = _good_step(system, done, y, min(wanted, span - done, longest), limit, work)
         y[:] = work.end
         done += h
     return math.nan

@@ -74,7 +74,7 @@ class DrivenCrank(Parameters):
     @model_validator(mode="after")
     def _drive_complete(self) -> Self:
         if self.drive.kind == "kloss" and (self.motor is None or self.gear is None):
-            raise ValueError("a kloss drive needs both groups motor and gear")
+            raise ValueError("drive.kind kloss needs both groups motor and gear")
         return self
 
     @model_validator(mode="after")
@@ -120,6 +120,14 @@ class DrivenCrank(Parameters):
         if self.motor_curve is None:
             return fraction * self.drive.speed_rad_per_s, fraction
         return 0.0, self.direction * fraction
+
+    @property
+    def full_speed_rad_per_s(self) -> float:
+        """Crank speed at full supply (rad/s): rated, or that of the motor's field behind the gear."""
+        curve = self.motor_curve
+        if curve is None or self.gear is None:
+            return self.drive.speed_rad_per_s
+        return curve.synchronous_speed_rad_per_s / self.gear.ratio
 
     @property
     def shaft_friction(self) -> ShaftFriction:

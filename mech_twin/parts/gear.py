@@ -24,9 +24,9 @@ from mech_twin.quantity import Parameters, quantity
 class Gear(Parameters):
     """Gear between motor and crank."""
 
-    ratio: float = quantity("1", "motor speed over crank speed", gt=0.0, le=1e6)
+    ratio: float = quantity("1", "motor speed over crank speed", ge=0.01, le=1000.0)
     efficiency: float = quantity(
-        "1", "share of the power that the gear passes on, in either direction", ge=1e-3, le=1.0, live=True
+        "1", "share of the power that the gear passes on, in either direction", ge=0.05, le=1.0, live=True
     )
 
 

@@ -31,6 +31,9 @@ from mech_twin.kernel import kernel
 from mech_twin.quantity import Parameters, choice, quantity
 
 RPM = pi / 30.0
+LEAST_RATED_SLIP, MOST_RATED_SLIP = 1e-4, 0.5
+PRINTED_WITHIN = 1.25  # factor between a printed value and the one that follows from the name plate
+PRINTED_SLIP_WITHIN = 2.0  # the same of the breakdown slip, which is no name plate value
 
 
 class InductionMotorParameters(Parameters):
@@ -42,9 +45,9 @@ class InductionMotorParameters(Parameters):
     catalogue_name: str | None = choice("motor of the table whose data these are", default=None)
     rated_power_w: float = quantity("W", "rated shaft power", gt=0.0)
     rated_speed_rpm: float = quantity("1/min", "speed at rated power", gt=0.0)
-    synchronous_speed_rpm: float = quantity("1/min", "speed of the field at rated frequency", gt=0.0)
-    breakdown_torque_ratio: float = quantity("1", "largest torque over rated torque", gt=1.0)
-    starting_torque_ratio: float = quantity("1", "catalogue torque at standstill over rated torque", gt=0.0)
+    synchronous_speed_rpm: float = quantity("1/min", "speed of the field at rated frequency", ge=1.0, le=1e5)
+    breakdown_torque_ratio: float = quantity("1", "largest torque over rated torque", gt=1.0, le=20.0)
+    starting_torque_ratio: float = quantity("1", "catalogue torque at standstill over rated torque", gt=0.0, le=20.0)
     rotor_inertia_kg_m2: float = quantity("kg m^2", "inertia of the rotor about its axis", gt=0.0)
     torque_curve: Literal["kloss", "starting_corrected"] = choice(
         "kloss: the one-cage curve; starting_corrected: raised below breakdown speed to the catalogue starting torque",
@@ -68,16 +71,39 @@ class InductionMotorParameters(Parameters):
                 f"and {self.synchronous_speed_rpm}"
             )
         constants = motor_constants(self)
+        if not LEAST_RATED_SLIP <= constants.rated_slip <= MOST_RATED_SLIP:
+            raise ValueError(
+                f"rated slip {LEAST_RATED_SLIP:g} to {MOST_RATED_SLIP:g} needed, got {constants.rated_slip:.4g} of "
+                f"rated_speed_rpm {self.rated_speed_rpm:g} and synchronous_speed_rpm {self.synchronous_speed_rpm:g}"
+            )
         if not constants.rated_slip < constants.breakdown_slip < 1.0:
             raise ValueError(
-                f"rated slip < breakdown slip < 1 needed, got {constants.rated_slip:.4g} "
-                f"and {constants.breakdown_slip:.4g}"
+                f"rated slip < breakdown slip < 1 needed, got {constants.rated_slip:.4g} and "
+                f"{constants.breakdown_slip:.4g} (breakdown_slip, or of breakdown_torque_ratio)"
             )
         if constants.corrected and constants.starting_torque_nm > constants.breakdown_torque_nm:
             raise ValueError(
                 f"starting torque <= breakdown torque needed for the corrected curve, got "
                 f"{constants.starting_torque_nm:.4g} and {constants.breakdown_torque_nm:.4g} N m"
             )
+        return self
+
+    @model_validator(mode="after")
+    def _printed_values_are_roundings(self) -> InductionMotorParameters:
+        """Refuse a printed value that is not that of the same motor: it would be two motors in one."""
+        torque = self.rated_power_w / (self.rated_speed_rpm * RPM)
+        largest = self.breakdown_torque_ratio * (self.rated_torque_nm or torque)
+        slip = breakdown_slip(1.0 - self.rated_speed_rpm / self.synchronous_speed_rpm, self.breakdown_torque_ratio)
+        for key, printed, derived, within in (
+            ("rated_torque_nm", self.rated_torque_nm, torque, PRINTED_WITHIN),
+            ("breakdown_torque_nm", self.breakdown_torque_nm, largest, PRINTED_WITHIN),
+            ("breakdown_slip", self.breakdown_slip, slip, PRINTED_SLIP_WITHIN),
+        ):
+            if printed is not None and not derived / within <= printed <= derived * within:
+                raise ValueError(
+                    f"{key} must be within a factor of {within:g} of {derived:.6g}, which follows from power, speeds "
+                    f"and breakdown_torque_ratio; got {printed:g}"
+                )
         return self
 
 

@@ -51,6 +51,6 @@ def test_at_rest_the_torque_passed_on_is_that_of_a_motor_that_begins_to_drive(to
 
 def test_a_gear_neither_creates_energy_nor_keeps_all_and_its_ratio_is_fixed_while_it_runs():
     valid = {"ratio": 2.0, "efficiency": 0.9}
-    assert has_range(Gear, valid, "ratio", 1e-9, 1e6)
-    assert has_range(Gear, valid, "efficiency", 1e-3, 1.0)
+    assert has_range(Gear, valid, "ratio", 0.01, 1e3)
+    assert has_range(Gear, valid, "efficiency", 0.05, 1.0)
     assert live_names(Gear) == {"efficiency"}

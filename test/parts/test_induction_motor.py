@@ -187,20 +187,20 @@ def test_a_name_plate_has_sizes_above_zero():
         ("rated_power_w", 1e-6),
         ("starting_torque_ratio", 1e-9),
         ("rotor_inertia_kg_m2", 1e-12),
-        ("rated_torque_nm", 1e-9),
-        ("breakdown_torque_nm", 1e-9),
     ):
-        assert accepts(InductionMotorParameters, BREAKER, key, 0.5)
+        assert accepts(InductionMotorParameters, BREAKER, key, 1.0)
         assert not accepts(InductionMotorParameters, BREAKER, key, math.nextafter(smallest, 0.0))
     for key in ("rated_speed_rpm", "synchronous_speed_rpm"):
         assert not accepts(InductionMotorParameters, BREAKER, key, 0.0)
-    slow = InductionMotorParameters(**{**BREAKER, "rated_speed_rpm": 0.95, "synchronous_speed_rpm": 0.995})
-    assert motor_constants(slow).rated_slip == pytest.approx(0.045 / 0.995, rel=1e-12)
+    slow = InductionMotorParameters(**{**BREAKER, "rated_speed_rpm": 1.9, "synchronous_speed_rpm": 2.0})
+    assert motor_constants(slow).rated_slip == pytest.approx(0.05, rel=1e-12)
     assert not accepts(InductionMotorParameters, BREAKER, "breakdown_torque_ratio", 1.0)
     assert accepts(InductionMotorParameters, BREAKER, "breakdown_torque_ratio", 1.001)
+    assert not accepts(InductionMotorParameters, BREAKER, "breakdown_torque_ratio", 20.1)
     assert not accepts(InductionMotorParameters, BREAKER, "breakdown_slip", 0.0)
     assert not accepts(InductionMotorParameters, BREAKER, "breakdown_slip", 1.0)
-    assert accepts(InductionMotorParameters, BREAKER, "breakdown_slip", 0.999)
+    steep = {**BREAKER, "rated_speed_rpm": 1125.0, "breakdown_torque_ratio": 2.0}  # 0.933 from the name plate
+    assert accepts(InductionMotorParameters, steep, "breakdown_slip", 0.999)
     assert live_names(InductionMotorParameters) == set()
     assert InductionMotorParameters(**BREAKER).torque_curve == "kloss"
 
@@ -224,3 +224,27 @@ def test_a_derived_breakdown_slip_of_1_or_more_is_refused():
 def test_a_starting_torque_equal_to_the_breakdown_torque_is_allowed():
     equal = {**BREAKER, "starting_torque_ratio": BREAKER["breakdown_torque_ratio"]}
     assert motor_constants(InductionMotorParameters(**equal, torque_curve="starting_corrected")).corrected
+
+
+def test_a_printed_value_is_a_rounding_of_what_follows_from_the_name_plate():
+    """Torque of power and speed, breakdown torque of the ratio, breakdown slip through the rated point."""
+    torque = BREAKER["rated_power_w"] / (BREAKER["rated_speed_rpm"] * math.pi / 30.0)
+    largest = BREAKER["breakdown_torque_ratio"] * torque
+    slip = breakdown_slip(1.0 - BREAKER["rated_speed_rpm"] / BREAKER["synchronous_speed_rpm"], 2.2)
+    for key, value, within in (
+        ("rated_torque_nm", torque, 1.25),
+        ("breakdown_torque_nm", largest, 1.25),
+        ("breakdown_slip", slip, 2.0),
+    ):
+        for factor in (0.999 * within, 1.001 / within):
+            InductionMotorParameters(**{**BREAKER, key: factor * value})
+        for factor in (1.001 * within, 0.999 / within):
+            with pytest.raises(ValidationError, match=f"{key} must be within a factor of {within:g}"):
+                InductionMotorParameters(**{**BREAKER, key: factor * value})
+
+
+def test_a_rated_slip_is_that_of_a_motor():
+    with pytest.raises(ValidationError, match=r"rated slip 0.0001 to 0.5 needed, got 5e-05"):
+        InductionMotorParameters(**{**BREAKER, "rated_speed_rpm": 1499.925})
+    with pytest.raises(ValidationError, match=r"rated slip 0.0001 to 0.5 needed, got 0.6"):
+        InductionMotorParameters(**{**BREAKER, "rated_speed_rpm": 600.0})

@@ -37,7 +37,7 @@ def build(parameters: Parameters) -> Machine:
         transmission,
         p.shaft_friction,
         p.working_force.gives_back,
-    )
+    ).at_rated_speed(p.full_speed_rad_per_s)
     speed, step_s = p.drive.speed_rad_per_s, p.coupling.step_s
     torque = press_cycle(press, stroke, speed, POSITIONS, kinks=False).drive_torque_nm
 

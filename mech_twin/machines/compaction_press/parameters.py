@@ -18,6 +18,7 @@ from mech_twin.quantity import Parameters, choice, quantity
 GRAVITY = 9.80665
 TURN = 2.0 * pi
 LEAST_TRANSMISSION_DEG = 1.0
+MOST_REACH = 10.0  # of centroids and of the loaded point, in lengths of the longest link
 LEAST_STROKE_M = 1e-5
 LEAST_INERTIA = 1e-9  # kg m2
 LEAST_DEPTH = 9e-4  # of the stroke
@@ -118,8 +119,41 @@ class CompactionPress(DrivenCrank):
                 f"links.crank.inertia_kg_m2 >= {LEAST_INERTIA:g} fails, got {self.links.crank.inertia_kg_m2:g}: "
                 "a shaft without inertia has no speed of its own"
             )
+        self._check_reach()
         press_constants(self)
         return self
+
+    def _check_reach(self) -> None:
+        """Refuse a part that lies far from the linkage, and an inertia that no body of these masses and sizes has."""
+        reach = MOST_REACH * max(self.linkage.crank_m, self.linkage.coupler_m, self.linkage.pendulum_m)
+        links = {"crank": self.links.crank, "plate": self.links.plate, "pendulum": self.links.pendulum}
+        places = {
+            "working_force.application_from_a_m": self.working_force.application_from_a_m,
+            "working_force.application_across_m": self.working_force.application_across_m,
+        }
+        for name, link in links.items():
+            places[f"links.{name}.centroid_along_m"] = link.centroid_along_m
+            places[f"links.{name}.centroid_across_m"] = link.centroid_across_m
+        for key, place in places.items():
+            if abs(place) > reach:
+                raise ValueError(
+                    f"{key} must be at most {reach:.6g} m either way, {MOST_REACH:g} times the longest link; "
+                    f"got {place:g}"
+                )
+        most = max(LEAST_INERTIA, max(link.mass_kg for link in links.values()) * reach * reach)
+        for name, link in links.items():
+            if link.inertia_kg_m2 > most:
+                raise ValueError(
+                    f"links.{name}.inertia_kg_m2 must be at most {most:.6g}, the largest mass at {MOST_REACH:g} times "
+                    f"the longest link; got {link.inertia_kg_m2:g}"
+                )
+        crank = links["crank"]
+        own = crank.mass_kg * (crank.centroid_along_m**2 + crank.centroid_across_m**2)
+        if crank.inertia_kg_m2 < own:
+            raise ValueError(
+                f"links.crank.inertia_kg_m2 is about the shaft and must be at least mass x centroid distance squared = "
+                f"{own:.6g}; got {crank.inertia_kg_m2:g}"
+            )
 
 
 class Stroke(NamedTuple):
@@ -154,7 +188,10 @@ def press_stroke(press: Press, contact_fraction: float | None) -> Stroke:
     bottom = _dead_centre(press, int(np.argmin(heights)) * step, step) % TURN
     y_t, y_b = loaded_height(press, top)[0], loaded_height(press, bottom)[0]
     if y_t - y_b < LEAST_STROKE_M:
-        raise ValueError(f"stroke of the loaded point >= {LEAST_STROKE_M:g} m fails: {y_t - y_b:.3g} m")
+        raise ValueError(
+            f"stroke of the loaded point (linkage, working_force.application_from_a_m) >= {LEAST_STROKE_M:g} m fails: "
+            f"{y_t - y_b:.3g} m"
+        )
     if contact_fraction is None:
         contact_fraction = (y_t - loaded_height(press, pi)[0]) / (y_t - y_b)
     y_c = y_t - contact_fraction * (y_t - y_b)

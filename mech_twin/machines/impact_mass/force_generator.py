@@ -25,6 +25,8 @@ from pydantic import model_validator
 from mech_twin.kernel import kernel
 from mech_twin.quantity import Parameters, quantity
 
+LEAST_SHARE = 1e-10  # of the period, of either phase: rounding of a shorter one is of its own size
+
 
 class GeneratorParameters(Parameters):
     """The two-level periodic force."""
@@ -40,6 +42,12 @@ class GeneratorParameters(Parameters):
             raise ValueError(
                 f"0 < phase1_duration_s < period_s does not hold: phase1_duration_s = {self.phase1_duration_s!r}, "
                 f"period_s = {self.period_s!r}"
+            )
+        shortest = LEAST_SHARE * self.period_s
+        if min(self.phase1_duration_s, self.period_s - self.phase1_duration_s) < shortest:
+            raise ValueError(
+                f"phase1_duration_s = {self.phase1_duration_s!r} leaves a phase shorter than {LEAST_SHARE:g} period_s "
+                f"= {shortest!r} s"
             )
         return self
 

@@ -140,7 +140,10 @@ def one_impact_cycle(
     other_s = period_s - own_s
     v = impact_speed(period_s, mean, restitution)
     travel = restitution * v * period_s - 0.5 * a * own_s**2 - a * own_s * other_s - 0.5 * b * other_s**2
-    w = travel / (other_s * (b - a))
+    steepness = other_s * (b - a)
+    if steepness == 0.0:  # levels so close that their difference is lost
+        return None
+    w = travel / steepness
     if phase == 0:
         gap, velocity = v * w - 0.5 * a * w * w, v - a * w
     else:

@@ -8,6 +8,7 @@ the first touch.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 from mech_twin.kernel import kernel
@@ -29,7 +30,9 @@ class BlowContact(NamedTuple):
 
     @property
     def metrics(self) -> dict[str, float]:
-        """The numbers by name."""
+        """The numbers by name; of a blow whose contact does not end by itself the peak force alone."""
+        if not math.isfinite(self.duration_s + self.energy_change + self.energy_change_restitution_kept):
+            return {"contact_peak_force_n": self.peak_force_n}
         return {
             "contact_peak_force_n": self.peak_force_n,
             "contact_time_s": self.duration_s,

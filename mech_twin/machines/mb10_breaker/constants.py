@@ -7,11 +7,32 @@ from typing import TYPE_CHECKING
 
 from scipy.optimize import brentq
 
-from mech_twin.machines.mb10_breaker.dynamics import Breaker
+from mech_twin.machines.mb10_breaker.dynamics import Breaker, masses_at
 from mech_twin.parts.four_bar import FourBar, Link, coefficients, link_angles, position
 
 if TYPE_CHECKING:
     from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
+
+LONGEST_SUBSTEP_S = 5e-4
+SWING_IN_SUBSTEP_RAD = 0.1  # of the fastest free swing: truncation below rounding
+ANGLES = 90  # at which the fastest swing is looked for
+
+
+def fastest_swing_rad_per_s(b: Breaker) -> float:
+    """Return an upper bound of the rates at which body and crank swing by springs and gravity, 1/s.
+
+    Each coordinate's stiffness over the least inertia it can have while the other one gives way, over a turn of the
+    crank; a body that is held has no swing.
+    """
+    found = [masses_at(b, 2.0 * math.pi * i / ANGLES, 0.0) for i in range(ANGLES)]
+    spring = 0.0 if b.held else b.spring_rate_n_per_m * b.spring_arm_m**2
+    fastest = 0.0
+    for m, after in zip(found, found[1:] + found[:1], strict=True):
+        det = m.m11 * m.m22 - m.m12 * m.m12
+        crank, body = (m.m11, math.inf) if b.held else (det / m.m22, det / m.m11)
+        tilting = abs(after.g_q - m.g_q) * ANGLES / (2.0 * math.pi)
+        fastest = max(fastest, tilting / crank + (spring + abs(m.g_phi) + abs(m.g_q)) / body)
+    return math.sqrt(fastest)
 
 
 def extremes(bar: FourBar) -> tuple[float, float]:
@@ -48,7 +69,7 @@ def breaker(p: BreakerParameters) -> Breaker:
     along = math.copysign(math.sqrt(1.0 - lever * lever), math.cos(towards))
     own = link.rocker_mass_kg * (link.rocker_centroid_along_m**2 + link.rocker_centroid_across_m**2)
     k = p.body.spring_arm_m * math.sqrt(p.body.spring_rate_n_per_m / p.body.inertia_kg_m2)
-    return Breaker(
+    found = Breaker(
         bar=bar,
         crank=Link(
             link.crank_mass_kg, link.crank_inertia_kg_m2, link.crank_centroid_along_m, link.crank_centroid_across_m
@@ -96,3 +117,5 @@ def breaker(p: BreakerParameters) -> Breaker:
         crank_coulomb_nm=p.friction.coulomb_nm,
         body_coulomb_nm=p.body.friction.coulomb_nm,
     )
+    swing = max(fastest_swing_rad_per_s(found), found.body_damping_nms_per_rad / found.body_inertia_kg_m2, 1e-9)
+    return found._replace(longest_substep_s=min(LONGEST_SUBSTEP_S, SWING_IN_SUBSTEP_RAD / swing))

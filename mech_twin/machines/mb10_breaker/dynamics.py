@@ -78,6 +78,7 @@ class Breaker(NamedTuple):
     crank_viscous_nms_per_rad: float
     crank_coulomb_nm: float
     body_coulomb_nm: float
+    longest_substep_s: float = 5e-4
 
 
 class Senses(NamedTuple):

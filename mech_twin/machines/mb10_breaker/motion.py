@@ -40,11 +40,11 @@ from mech_twin.parts.gear import gear_torque
 
 # signals, each falling through zero at its event: striker from tool, body from collar, collar's moment, way to the
 # rocker's next dead centre, speed of the tool, force of the striker on it, what more the wall can hold, crank speed;
-# of crank and body their speeds in the sense in which they slide, and what more their friction can hold at rest
+# of crank and body their speeds in the sense in which they slide, and what more their friction can hold at rest;
+# speed of the gear (of either sign)
 GAP, LIFT, COLLAR, DEAD_CENTRE, TOOL_MOTION, THRUST, WALL, CRANK_MOTION = range(8)
-CRANK_TURN, CRANK_GRIP, BODY_TURN, BODY_GRIP = range(8, 12)
+CRANK_TURN, CRANK_GRIP, BODY_TURN, BODY_GRIP, GEAR_TURNS = range(8, 13)
 SINGLE_STEP_RAD = 0.04  # longest turn of the crank in one substep: truncation below 1e-13
-LONGEST_SUBSTEP_S = 5e-4
 # while the tool is pushed: a stiff wall stops the crank within less, and the moment on a free body is a line between
 # knots of this distance
 PUSHING_SUBSTEP_S = 1e-4
@@ -146,7 +146,15 @@ def motion_signals(system: Motion, index: int, t: float, y: NDArray[np.float64])
     if index in (CRANK_GRIP, BODY_GRIP):
         held = torques_now(system, t, y)
         return held.crank_margin_nm if index == CRANK_GRIP else held.body_margin_nm, UNKNOWN
+    if index == GEAR_TURNS:
+        return gear_speed(b, y), UNKNOWN
     return force_signals(system, index, t, y)
+
+
+@kernel
+def gear_speed(b: Breaker, y: NDArray[np.float64]) -> float:
+    """Return the speed of the crank against what carries the gear (rad/s): with its sign the gear's loss jumps."""
+    return float(y[U] - b.frame_drive * y[P])
 
 
 @kernel

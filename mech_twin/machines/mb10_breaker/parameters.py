@@ -29,6 +29,10 @@ LONGEST_STEP_S = 0.005
 LONGEST_TURN_RAD = 0.135  # of the crank in a step: the moment on the body is a line between the ends of the step
 FASTEST_DECAY_PER_S = 100.0  # of the crank by the friction of its bearing: slow against the integrator's step
 MOST_DECAYS = 0.5  # of the shaft in a step; the extrapolated torque is stable below it
+MOST_MOVED = 100.0  # masses of coupler and rocker at the crank pin over the inertia of crank and rotor
+LEAST_BODY = 4.0  # inertia of the body over that of what it carries
+MOST_SWING_RAD = 500.0  # of the body on its spring in one coupling step
+MOST_REACH = 10.0  # of centroids and striker, in lengths of the longest link
 LARGEST_OVERTRAVEL = 0.5  # of the striker's stroke: the tool stands in its way in the first half of its way back
 
 
@@ -72,6 +76,32 @@ class LinkageParameters(Parameters):
             raise ValueError(
                 f"the transmission angle between coupler_m and rocker_m falls to {sharpest:.3g} deg with ground_m "
                 f"{self.ground_m:g}: at least {LEAST_TRANSMISSION_DEG:g} deg keep the linkage from a change point"
+            )
+        reach = MOST_REACH * max(self.ground_m, self.coupler_m, self.rocker_m)
+        for link in ("crank", "coupler", "rocker"):
+            for key in (f"{link}_centroid_along_m", f"{link}_centroid_across_m"):
+                if abs(getattr(self, key)) > reach:
+                    raise ValueError(
+                        f"{key} must be at most {reach:.6g} m either way, {MOST_REACH:g} times the longest link; "
+                        f"got {getattr(self, key):g}"
+                    )
+        for link in ("crank", "coupler", "rocker"):
+            inertia, most = getattr(self, f"{link}_inertia_kg_m2"), getattr(self, f"{link}_mass_kg") * reach * reach
+            if inertia > most:
+                raise ValueError(
+                    f"{link}_inertia_kg_m2 must be at most {most:.6g}, {link}_mass_kg at {MOST_REACH:g} times the "
+                    f"longest link; got {inertia:g}"
+                )
+        if self.striker_arm_m > reach:
+            raise ValueError(
+                f"striker_arm_m must be at most {reach:.6g} m, {MOST_REACH:g} times the longest link; "
+                f"got {self.striker_arm_m:g}"
+            )
+        own = self.crank_mass_kg * (self.crank_centroid_along_m**2 + self.crank_centroid_across_m**2)
+        if self.crank_inertia_kg_m2 < own:
+            raise ValueError(
+                f"crank_inertia_kg_m2 is about the crank axis and must be at least mass x centroid distance squared = "
+                f"{own:.6g} kg m^2; got {self.crank_inertia_kg_m2:g}"
             )
         own = self.rocker_mass_kg * (self.rocker_centroid_along_m**2 + self.rocker_centroid_across_m**2)
         if self.rocker_inertia_kg_m2 <= own:
@@ -142,7 +172,7 @@ class BreakerParameters(Parameters):
         "what carries motor and gear; on the body the gear torque and the rotor's reaction act on it too"
     )
     gravity_m_per_s2: float = quantity(
-        "m/s^2", "gravity on the links, along -y; the body's own weight is in its preload", ge=0.0, live=True
+        "m/s^2", "gravity on the links, along -y; the body's own weight is in its preload", ge=0.0, le=100.0, live=True
     )
     body: BodyParameters = choice("the body, its spring and collar")
     excitation: ExcitationParameters = choice("what moves the body")
@@ -182,6 +212,40 @@ class BreakerParameters(Parameters):
         )
         if self.coupling.step_s > longest:
             raise ValueError(f"coupling.step_s = {self.coupling.step_s:g} s must be at most {longest:.4g} s: {why}")
+        return self
+
+    @model_validator(mode="after")
+    def _crank_turns_the_linkage(self) -> BreakerParameters:
+        shaft = self.linkage.crank_inertia_kg_m2 + self.gear.ratio**2 * self.motor.rotor_inertia_kg_m2
+        most = MOST_MOVED * shaft / self.linkage.crank_m**2
+        moved = self.linkage.coupler_mass_kg + self.linkage.rocker_mass_kg
+        if moved > most:
+            raise ValueError(
+                f"linkage.coupler_mass_kg + linkage.rocker_mass_kg must be at most {most:.6g} kg, {MOST_MOVED:g} times "
+                "the inertia of crank and rotor over crank_m squared: the crank's speed would jump at the dead "
+                f"centres; got {moved:g}"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _body_carries_the_linkage(self) -> BreakerParameters:
+        least = LEAST_BODY * carried_inertia_kg_m2(self)
+        if self.excitation.kind == "from_forces" and self.body.inertia_kg_m2 < least:
+            raise ValueError(
+                f"body.inertia_kg_m2 must be at least {least:.6g} under excitation.kind from_forces, {LEAST_BODY:g} "
+                "times that of the links it carries: it follows their forces step by step; got "
+                f"{self.body.inertia_kg_m2:g}"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _body_can_be_followed(self) -> BreakerParameters:
+        k = self.body.spring_arm_m * math.sqrt(self.body.spring_rate_n_per_m / self.body.inertia_kg_m2)
+        if self.excitation.kind == "from_forces" and k * self.coupling.step_s > MOST_SWING_RAD:
+            raise ValueError(
+                f"coupling.step_s = {self.coupling.step_s:g} s must be at most {MOST_SWING_RAD / k:.4g} s: "
+                f"{MOST_SWING_RAD:g} rad of the body's swing on body.spring_rate_n_per_m"
+            )
         return self
 
     @model_validator(mode="after")
@@ -248,6 +312,17 @@ class BreakerParameters(Parameters):
     def synchronous_crank_rad_per_s(self) -> float:
         """Crank speed (rad/s) at which the motor would turn with its field."""
         return self.motor.synchronous_speed_rpm * math.pi / 30.0 / self.gear.ratio
+
+
+def carried_inertia_kg_m2(p: BreakerParameters) -> float:
+    """Return the largest moment of inertia that crank, coupler, rocker and rotor can have about the crank axis."""
+    link = p.linkage
+    coupler = link.crank_m + math.hypot(link.coupler_centroid_along_m, link.coupler_centroid_across_m)
+    rocker = math.hypot(link.rocker_centroid_along_m, link.rocker_centroid_across_m)
+    around_own = link.rocker_inertia_kg_m2 - link.rocker_mass_kg * rocker**2
+    rotor = p.motor.rotor_inertia_kg_m2 * (p.gear.ratio**2 if p.drive_mount == "frame" else 1.0)
+    links = link.crank_inertia_kg_m2 + link.coupler_mass_kg * coupler**2 + link.coupler_inertia_kg_m2
+    return links + link.rocker_mass_kg * (link.ground_m + rocker) ** 2 + around_own + rotor
 
 
 def shaft_time_s(p: BreakerParameters) -> float:

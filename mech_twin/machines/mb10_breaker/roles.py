@@ -356,8 +356,24 @@ class BreakerForces:
         )
 
     def _errors(self, u: float, found: PinForces, impulses: list[PinForces]) -> tuple[float, float, float]:
-        """Return the misses of the two routes over the torque that turns the flywheel in a radian, at least 1 N m."""
+        """Return the misses of the two routes over the largest moment in them, at least 1 N m."""
         b = self._b
-        scale = max(abs(found.drive), b.crank.inertia_kg_m2 * u * u, 1.0)
+        scale = max(abs(found.drive), b.crank.inertia_kg_m2 * u * u, 1.0, self._moments(found))
         across = max(abs(jump.drive) for jump in impulses)
         return abs(found.drive_error) / scale, abs(found.body_error) / scale, across / scale
+
+    def _moments(self, found: PinForces) -> float:
+        """Return the largest of the moments (N m) that the routes add up: inertia, collar, and pin forces at lengths.
+
+        Where a heavy linkage moves a light body, their sum is far smaller than they are.
+        """
+        b = self._b
+        spin = max(abs(found.crank_acceleration), abs(found.body_acceleration))
+        return max(
+            (b.crank.inertia_kg_m2 + b.rotor_11_kg_m2) * spin,
+            b.body_inertia_kg_m2 * abs(found.body_acceleration),
+            abs(found.collar_moment),
+            b.bar.crank_m * math.hypot(found.a_x, found.a_y),
+            b.bar.rocker_m * math.hypot(found.b_x, found.b_y),
+            math.hypot(b.bar.pivot_x_m, b.bar.pivot_y_m) * math.hypot(found.c_x, found.c_y),
+        )

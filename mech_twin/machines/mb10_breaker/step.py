@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mech_twin.engine.errors import MotionError
-from mech_twin.engine.events import FALLING, NONE, Step, first_event
+from mech_twin.engine.events import FALLING, NONE, RISING, Step, first_event
 from mech_twin.engine.integration import start_step, take_step
 from mech_twin.kernel import kernel
 from mech_twin.machines.mb10_breaker.bearing_events import (
@@ -59,13 +59,14 @@ from mech_twin.machines.mb10_breaker.motion import (
     CRANK_MOTION,
     DEAD_CENTRE,
     GAP,
+    GEAR_TURNS,
     LIFT,
-    LONGEST_SUBSTEP_S,
     PUSHING_SUBSTEP_S,
     THRUST,
     TOOL_MOTION,
     WALL,
     Motion,
+    gear_speed,
     motion_signals,
     substep,
     torques_now,
@@ -75,6 +76,7 @@ from mech_twin.machines.mb10_breaker.motion import (
 Array = NDArray[np.float64]
 PARTED = 1e-9  # m and m/s
 SUBSTEP_BUDGET = 20000  # of one coupling step
+MOST_REVERSALS = 16  # of the gear in one coupling step that are landed on; a gear on the edge of sticking has no end
 
 
 @kernel
@@ -180,6 +182,16 @@ def watched(motion: Motion, state: Array, end: Array, regime: int, last: int, wa
     return watch_bearings(motion, state, last, watches, count) if rubs(motion.breaker) else count
 
 
+@kernel
+def watch_gear(motion: Motion, state: Array, end: Array, watches: NDArray[np.int64], count: int) -> int:
+    """Add the gear to what is watched, where its speed has changed sign; return the number of watches."""
+    before, after = gear_speed(motion.breaker, state), gear_speed(motion.breaker, end)
+    if motion.breaker.efficiency < 1.0 and before * after < 0.0:
+        watches[count, 0], watches[count, 1], watches[count, 2] = GEAR_TURNS, FALLING if before > 0.0 else RISING, 0
+        return count + 1
+    return count
+
+
 class Before(NamedTuple):
     """Energy and momentum a step begins with, and the sums of losses and impulses up to it."""
 
@@ -268,23 +280,25 @@ def advance_step(
     memory = record[0]
     slope, missed = torque_line(b, state, memory, torque, step_s, order)
     memory.compensation_torque_nm = missed
-    work, end, watches = workspace_of_motion(), np.empty(STATES), np.empty((9, 3), dtype=np.int64)
-    tool, rests = int(memory.tool_regime), regime != FLIGHT
-    motion = Motion(b, torque, slope, missed, rests, tool, 0.0, starting(b, state, memory, rests, tool))
+    work, end, watches = workspace_of_motion(), np.empty(STATES), np.empty((10, 3), dtype=np.int64)
+    first = starting(b, state, memory, regime != FLIGHT, int(memory.tool_regime))
+    motion = Motion(b, torque, slope, missed, regime != FLIGHT, int(memory.tool_regime), 0.0, first)
     before = begin_step(b, state, memory, torques_now(motion, 0.0, state))
-    count, time, left, weighed, last, turns = 0, 0.0, 0.0, 0.0, NONE, 0
+    count, time, left, weighed, last, turns, reversals = 0, 0.0, 0.0, 0.0, NONE, 0, 0
     while step_s - time > 1e-16:
         turns += 1
         if turns > SUBSTEP_BUDGET:
             raise MotionError("mb10_breaker: more events in one step than are followed; shorten coupling.step_s")
         motion = next_piece(motion, state, memory, regime)
         knots = motion.tool in (PUSHED, BLOCKED) and not motion.rests
-        longest = PUSHING_SUBSTEP_S if knots or motion.tool == PUSHED else LONGEST_SUBSTEP_S
+        longest = min(b.longest_substep_s, PUSHING_SUBSTEP_S if knots or motion.tool == PUSHED else 1.0)
         span = substep(state[U], step_s - time, longest)
         start_step(motion, time, state, work)
         take_step(motion, time, state, span, work)
         end[:] = work.end
         number = watched(motion, state, end, regime, last, watches)
+        if reversals < MOST_REVERSALS:
+            number = watch_gear(motion, state, end, watches, number)
         which, when = first_event(Step(motion, time, state, span, work), watches, number, end)
         if which == NONE:
             state[:] = end
@@ -298,14 +312,16 @@ def advance_step(
             count = log_knot(motion, state, memory, regime, time, log, count) if knots else count
             continue
         last = watches[which, 0]
+        if last == GEAR_TURNS:
+            reversals += 1
+            continue
         apply_bearing_event(motion, state, last, regime != FLIGHT)
         u, p = state[U], state[P]
         if not is_bearing_event(last):
             regime, count = apply_event(motion, state, memory, regime, last, time, log, count)
         count = log_bearings(motion, state, memory, regime, time, log, count)
         jump = abs(state[U] - u - b.frame_drive * (state[P] - p))
-        left += jump * (step_s - time)
-        weighed += jump
+        left, weighed = left + jump * (step_s - time), weighed + jump
     now = torques_now(next_piece(motion, state, memory, regime), step_s, state)
     memory.tool_force_n, memory.crank_friction_nm, memory.body_friction_nm = now.tool_force_n, now.crank_nm, now.body_nm
     remember_torque_line(motion, state, memory, step_s, left, weighed)

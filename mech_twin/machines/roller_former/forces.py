@@ -148,6 +148,7 @@ def former_forces(
     shaft = fill_cart_forces(former, crank, speed, acceleration, pulls, forces)
     residual = transmitted - friction + shaft.moment_nm - former.bank.crank_inertia_kg_m2 * acceleration
     scale = former.motor.breakdown_torque_nm * former.ratio + abs(transmitted) + abs(load) + abs(friction)
+    scale += abs(weight) + speed * speed * abs(slope) + inertia * abs(acceleration)
     drive_acceleration = (motor - transmitted) / former.motor_inertia_kg_m2
     quantities = FormerQuantities(
         motor,

@@ -45,12 +45,13 @@ STAGES = len(DORMAND_PRINCE_8.weights)
 
 
 class Advance(NamedTuple):
-    """Where an integration got to: time (s), how it ended, number of events logged, modes."""
+    """Where an integration got to: time (s), how it ended, number of events logged, modes, steps tried."""
 
     time_s: float
     status: int
     events: int
     modes: Modes
+    steps: int
 
 
 def ending(advance: Advance) -> str:
@@ -58,8 +59,8 @@ def ending(advance: Advance) -> str:
     if advance.status == TOO_SHORT:
         return f"no integration step is small enough at {advance.time_s:.6g} s: integrator.tolerance is too tight"
     return (
-        f"more than {MOST_STEPS} integration steps in one coupling step at {advance.time_s:.6g} s: drive or carts are "
-        "too stiff for coupling.step_s"
+        f"more than {MOST_STEPS} integration steps at {advance.time_s:.6g} s: drive.stiffness_nm_per_rad, "
+        "drive.damping_nms_per_rad or friction.viscous_nms_per_rad is too large for the inertia"
     )
 
 
@@ -142,7 +143,7 @@ def advance_motion(
     while end_s - t > SHORTEST_S and state_of(y).crank_rad < stop_rad:
         steps += 1
         if steps > MOST_STEPS:
-            return Advance(t, TOO_MANY, count, modes)
+            return Advance(t, TOO_MANY, count, modes, steps)
         if fresh:
             motion = FormerMotion(former, torque, stretch_from(former, t, y, modes, sides, stop_rad), sides)
             code = happened_already(motion, modes, watches, t, y)
@@ -154,7 +155,7 @@ def advance_motion(
         rise, limit = motion.stretch.share_rate, longest_step(motion.stretch, modes, end_s - t)
         h, following = controlled_step(motion, t, y, min(max(wanted, 2.0 * SHORTEST_S), limit), former.tolerances, work)
         if h == 0.0:
-            return Advance(t, TOO_SHORT, count, modes)
+            return Advance(t, TOO_SHORT, count, modes, steps)
         if not (h < wanted and following < wanted and h == limit):
             wanted = following
         code, h = locate_event(motion, modes, watches, t, y, h, end, work)
@@ -171,7 +172,7 @@ def advance_motion(
         elif not fresh:
             work.rates[0] = work.rates[STAGES]
     reached = end_s if state_of(y).crank_rad < stop_rad else t
-    return Advance(reached, DONE, count, with_trial_step(modes, wanted))
+    return Advance(reached, DONE, count, with_trial_step(modes, wanted), steps)
 
 
 @kernel

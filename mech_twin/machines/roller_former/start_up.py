@@ -19,6 +19,7 @@ STEADY = 1e-4  # change of the mean crank speed from turn to turn, relative
 LONGEST_START_S = 60.0  # after the supply has reached its rated frequency
 LONGEST_RAMP_S = 600.0
 CHUNK_S = 0.001
+MOST_START_STEPS = 2_000_000  # of integration: some ten seconds; a drive so stiff has no verdict within them
 
 
 @dataclass(frozen=True)
@@ -26,8 +27,9 @@ class StartUp:
     """How a start ends.
 
     ``stalled`` and ``steady`` are both false where neither has happened within a minute of full supply: the load has
-    not come on, or the speed still changes.  ``time_s`` is when crank speed first reached the speed asked for,
-    ``steady_time_s`` when load and speed were steady, ``stall_time_s`` when the motor counted as stalled (nan: never).
+    not come on, the speed still changes, or the drive is too stiff to be followed so long.  ``time_s`` is when crank
+    speed first reached the speed asked for, ``steady_time_s`` when load and speed were steady, ``stall_time_s`` when
+    the motor counted as stalled (nan: never).
     """
 
     stalled: bool
@@ -52,13 +54,14 @@ def start_motion(
     reached = 0.0 if y[SPEED] >= goal_rad_per_s else nan
     passed, last_turn_s, alike, t = y[CRANK], nan, 0, 0.0
     section_s, log = nan, empty_log()
-    done = Advance(t, DONE, 0, modes)
+    done, steps = Advance(t, DONE, 0, modes, 0), 0
     for chunk in range(round(longest_s / CHUNK_S)):
         command = limited_command(command, 1.0, rate, CHUNK_S)
         t, before, angle = chunk * CHUNK_S, y[SPEED], y[CRANK]
         torque = DriveLine(True, command, 0.0, 0.0, 0.0)
         done = advance_motion(former, torque, t, t + CHUNK_S, y, done.modes, log, inf)
-        if done.status != DONE or done.modes.stalled:
+        steps += done.steps
+        if done.status != DONE or done.modes.stalled or steps > MOST_START_STEPS:
             return done, reached, False
         if isnan(reached) and y[SPEED] >= goal_rad_per_s > before:
             reached = t + (goal_rad_per_s - before) / (y[SPEED] - before) * CHUNK_S

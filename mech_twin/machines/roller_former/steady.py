@@ -27,12 +27,13 @@ from mech_twin.machines.roller_former.dynamics import (
     state_of,
 )
 from mech_twin.machines.roller_former.events import empty_log
-from mech_twin.machines.roller_former.integration import DONE, Advance, advance_motion, ending
+from mech_twin.machines.roller_former.integration import DONE, TOO_MANY, Advance, advance_motion, ending
 from mech_twin.machines.roller_former.motion import FormerMotion, motion_rates
 
 TURN = 2.0 * pi
 CRITERION = 1e-11
 MOST_TURNS = 2000
+MOST_STEADY_STEPS = 5_000_000  # of integration in all those turns: some tens of seconds
 NODES = 1440
 LONGEST_TURN = 20.0  # times that at synchronous speed: slower, the machine does not run
 
@@ -97,7 +98,7 @@ def next_section(former: Former, command: float, t: float, y: Array, modes: Mode
     torque = DriveLine(True, command, 0.0, 0.0, 0.0)
     done = advance_motion(former, torque, t, t + longest_s, y, modes, empty_log(), stop)
     if y[CRANK] < stop:
-        return Advance(np.nan, done.status, done.events, done.modes)
+        return Advance(np.nan, done.status, done.events, done.modes, done.steps)
     y[CRANK] = stop - TURN
     return done
 
@@ -132,7 +133,8 @@ def steady_turn(
 
     Started at synchronous speed, untwisted.  Steady means: from one passage of the starting crank angle to the next,
     twist, crank speed and twist rate change by less than 1e-11 of their scales (twist of the rated moment, synchronous
-    speed).  None as well if that does not happen within ``most_turns``.
+    speed).  None as well if that does not happen within ``most_turns``, or within
+    the budget of integration steps.
 
     Raises
     ------
@@ -141,9 +143,13 @@ def steady_turn(
     """
     speed = former.motor.synchronous_speed_rad_per_s / former.ratio
     y, modes, t = state_array(crank_rad, speed), Modes(1.0, 1.0, 1.0, True, 1.0, -1.0, False, 0.0), 0.0
+    steps = 0
     for turns in range(1, most_turns + 1):
         before = FormerState(*y.tolist())
         done = next_section(former, 1.0, t, y, modes, LONGEST_TURN * TURN / speed)
+        steps += done.steps
+        if done.status == TOO_MANY or steps > MOST_STEADY_STEPS:
+            return None
         if done.status != DONE:
             raise MotionError(f"roller_former: {ending(done)}")
         if not isfinite(done.time_s) or done.modes.stalled:

@@ -47,11 +47,12 @@ def build(parameters: Parameters) -> Machine:
         transmission=transmission,
         friction=p.shaft_friction,
         size_m=s.rod_m + s.boom_m,
-    )
+    ).at_rated_speed(p.full_speed_rad_per_s)
     metrics = cycle_metrics(p, s)
+    weights = s.gravity * (s.rotating_mass * s.crank_m + s.counter_mass * s.counter_m)
     forces = SliderCrankForces(
         s,
-        metrics["drive_torque_peak_nm"],
+        max(metrics["drive_torque_peak_nm"], weights),
         ("crank_bearing", "crank_pin", "follower_pin", ground[0]),
         ("crank", "rod", ground[1], ground[1]),
     )

@@ -50,30 +50,36 @@ class VibrationCrank(DrivenCrank):
         if self.boom is None:
             if self.rod_m <= self.crank_m + abs(self.offset_m):
                 raise ValueError(
-                    f"rod > crank + |offset| fails: {self.rod_m:g} m > {self.crank_m + abs(self.offset_m):g} m"
+                    f"rod_m > crank_m + |offset_m| fails: {self.rod_m:g} m > {self.crank_m + abs(self.offset_m):g} m"
                 )
             steepest = degrees(acos((self.crank_m + abs(self.offset_m)) / self.rod_m))
             if steepest < LEAST_TRANSMISSION_DEG:
                 raise ValueError(
-                    f"rod at least {LEAST_TRANSMISSION_DEG:g} degree off the square to the slider's line fails: "
-                    f"{steepest:.3g} degrees (crank {self.crank_m:g}, rod {self.rod_m:g}, offset {self.offset_m:g} m)"
+                    f"rod_m at least {LEAST_TRANSMISSION_DEG:g} degree off the square to the slider's line fails: "
+                    f"{steepest:.3g} degrees (crank_m {self.crank_m:g}, rod_m {self.rod_m:g}, "
+                    f"offset_m {self.offset_m:g})"
                 )
             return self
         if isinf(self.rod_m):
-            raise ValueError("rod_m must be finite where the boom is a rocker")
+            raise ValueError(f"rod_m must be finite (at most 1e4 m) where the boom is a rocker, got {self.rod_m:g}")
         ground = hypot(self.boom.pivot_x_m, self.boom.pivot_y_m)
         near, far = abs(ground - self.crank_m), ground + self.crank_m
         if far >= self.boom.length_m + self.rod_m:
-            raise ValueError(f"pivot + crank < boom + rod fails: {far:g} m < {self.boom.length_m + self.rod_m:g} m")
+            raise ValueError(
+                "|boom.pivot| + crank_m < boom.length_m + rod_m fails: "
+                f"{far:g} m < {self.boom.length_m + self.rod_m:g} m"
+            )
         if near <= abs(self.boom.length_m - self.rod_m):
             raise ValueError(
-                f"|pivot - crank| > |boom - rod| fails: {near:g} m > {abs(self.boom.length_m - self.rod_m):g} m"
+                f"||boom.pivot| - crank_m| > |boom.length_m - rod_m| fails: "
+                f"{near:g} m > {abs(self.boom.length_m - self.rod_m):g} m"
             )
         rocker = FourBar(self.crank_m, self.rod_m, self.boom.length_m, self.boom.pivot_x_m, self.boom.pivot_y_m, OPEN)
         least = degrees(smallest_transmission_angle(rocker))
         if least < LEAST_TRANSMISSION_DEG:
             raise ValueError(
-                f"transmission angle of rod and boom >= {LEAST_TRANSMISSION_DEG:g} degree fails: {least:.3g} degrees"
+                f"transmission angle of rod_m and boom.length_m >= {LEAST_TRANSMISSION_DEG:g} degree fails: "
+                f"{least:.3g} degrees"
             )
         return self
 

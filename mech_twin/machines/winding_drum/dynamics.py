@@ -171,7 +171,9 @@ def driven(package: Package, radius: float, phi: float, theta: float, a: float, 
         If no step is small enough.
     """
     y = np.array([phi, 0.0, 0.0, 0.0])
-    if not drive_drum(Driven(package, radius, theta, a), y, h, _tolerance(package, radius, theta + max(a, 0.0) * h)):
+    tolerance = _tolerance(package, radius, theta + max(a, 0.0) * h, h)
+    tolerance[0] = max(tolerance[0], 1e-15 * abs(phi))  # an angle keeps no more digits than it has
+    if not drive_drum(Driven(package, radius, theta, a), y, h, tolerance):
         raise MotionError(f"no step is small enough for the drum at yarn speed {theta:g} m/s over {h:g} s")
     return tuple(y.tolist())
 
@@ -229,10 +231,15 @@ def start_sense(package: Package, radius: float, phi: float) -> float:
     return float(released(package.coulomb_nm, gravity_moment(package, radius, phi)))
 
 
-def _tolerance(package: Package, radius: float, theta: float) -> Any:
+def _tolerance(package: Package, radius: float, theta: float, h: float) -> Any:
+    """Return the errors of a step: of the angle, and of works whose size is the energy held or moved in ``h`` (s)."""
     speed = theta / (radius - package.eccentricity_m)
-    error = _energy_error(float(package_inertia(package, radius)), speed)
-    return np.array([1e-13, error, error, error])
+    gravity = float(package_mass(package, radius)) * package.gravity * package.eccentricity_m
+    moved = (gravity + package.coulomb_nm + package.viscous_nms_per_rad * speed) * speed * h
+    end = float(radius_after(package, radius, theta * h)) if package.layer_m < 0.0 else radius  # a full one is heavier
+    inertia = float(package_inertia(package, end))
+    error = max(_energy_error(inertia, speed), RELATIVE * moved)
+    return np.array([1e-13 * max(1.0, speed * h), error, error, error])
 
 
 def _energy_error(inertia: float, omega: float) -> float:

@@ -13,6 +13,7 @@ from mech_twin.parts.friction import Friction
 from mech_twin.quantity import Parameters, choice, quantity
 
 MOST_OFFSET = 0.9  # of the core radius: nearer to it the arm of the yarn vanishes once a turn
+LEAST_WOUND = 1.001  # package over core: of a thinner layer, the yarn is a small difference of two areas
 MOST_TURN_RAD = 2000.0  # of the drum in one coupling step
 MOST_DECAYS = 1e4  # time constants of the full package, slowed by its bearings, in one coupling step
 
@@ -39,6 +40,11 @@ class WoundPackage(Parameters):
         if self.package_radius_m <= self.core_radius_m:
             raise ValueError(
                 f"package_radius_m > core_radius_m fails: {self.package_radius_m} m > {self.core_radius_m} m"
+            )
+        if self.package_radius_m < LEAST_WOUND * self.core_radius_m:
+            raise ValueError(
+                f"package_radius_m >= {LEAST_WOUND:g} core_radius_m fails: "
+                f"{self.package_radius_m!r} m >= {LEAST_WOUND * self.core_radius_m!r} m"
             )
         if self.eccentricity_m > MOST_OFFSET * self.core_radius_m:
             raise ValueError(

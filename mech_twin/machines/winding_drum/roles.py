@@ -52,6 +52,7 @@ class DrumMemory(NamedTuple):
     gravity_work_j: float
     friction_loss_j: float
     initial_energy_j: float
+    largest_energy_j: float
 
 
 class Place(NamedTuple):
@@ -99,7 +100,7 @@ class DrumLinkage:
         theta = self.start_speed_m_per_s
         omega = theta / float(tangent_arm(self.package, self.start_radius_m, 0.0))
         place = Place(0.0, 0.0, self.start_radius_m, omega, theta)
-        memory = DrumMemory(0.0, 0.0, 0.0, 0.0, self._energy(place))
+        memory = DrumMemory(0.0, 0.0, 0.0, 0.0, self._energy(place), 0.0)
         return self._sample(step, place, RUNNING, self.start_command, memory, ())
 
     def advance(self, linkage: LinkageSample, motor: MotorSample, body: BodySample | None) -> LinkageSample:
@@ -134,6 +135,7 @@ class DrumLinkage:
             memory.gravity_work_j + gravity,
             memory.friction_loss_j + loss,
             memory.initial_energy_j,
+            memory.largest_energy_j,
         )
 
     def _coasting(
@@ -183,6 +185,7 @@ class DrumLinkage:
         self, step: int, at: Place, regime: int, command: float, memory: DrumMemory, events: tuple[Event, ...]
     ) -> LinkageSample:
         p, radius, radius_rate, torque = self.package, at.package_radius_m, 0.0, 0.0
+        memory = memory._replace(largest_energy_j=max(memory.largest_energy_j, self._energy(at)))
         if regime == RUNNING:
             radius_rate = -p.layer_m * at.yarn_m_per_s / radius
             a = memory.yarn_acceleration_m_per_s2
@@ -210,6 +213,7 @@ class DrumLinkage:
     def _energy_balance(self, at: Place, memory: DrumMemory) -> float:
         work = memory.drive_work_j + memory.gravity_work_j - memory.friction_loss_j
         turned_over = memory.initial_energy_j + abs(memory.drive_work_j) + memory.friction_loss_j
+        turned_over = max(turned_over, memory.largest_energy_j)  # a stop gives the drive back what it gave
         return (memory.initial_energy_j + work - self._energy(at)) / max(1.0, turned_over)
 
 

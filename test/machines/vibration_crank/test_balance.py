@@ -53,7 +53,7 @@ def test_a_load_beyond_the_joint_is_balanced_with_its_arm():
         ({"rod_m": 0.12601}, "degree off the square"),
         (
             {**BOOM, "rod_m": 1.12, "boom.pivot_x_m": -2.19395, "boom.pivot_y_m": 0.0},
-            "transmission angle of rod and boom",
+            "transmission angle of rod_m and boom.length_m",
         ),
         ({f"masses.{name}_kg": 0.0 for name in ("tree", "stand", "boom", "rod", "extra")}, "reciprocating mass"),
     ],

@@ -89,7 +89,7 @@ def test_long_boom_is_the_slider():
 @pytest.mark.parametrize(
     ("overrides", "words"),
     [
-        ({"rod_m": 0.1}, "rod > crank"),
+        ({"rod_m": 0.1}, "rod_m > crank_m"),
         ({**BOOM, "boom.length_m": 0.3}, "fails"),
         ({**BOOM, "rod_m": inf}, "finite"),
         ({"drive.kind": "kloss"}, "motor and gear"),

@@ -1,0 +1,114 @@
+"""Worst residuals of a machine over hours of simulated time.
+
+python benchmarks/long_balance.py MACHINE [--hours 8] [--step largest]
+python benchmarks/long_balance.py --table      writes the table of docs/random-configurations.md
+
+The machine is its installed configuration, at the configured coupling step or at the largest it accepts.  Every frame
+of the engine is judged.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from datetime import UTC, datetime
+from pathlib import Path
+
+from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.engine.invariants import RunInvariants, broken_lines
+from mech_twin.engine.run import frames
+from mech_twin.machines.catalog import CATALOGUE
+from mech_twin.parameters.load import machine
+from mech_twin.roles import Machine
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGE = ROOT / "docs" / "random-configurations.md"
+KEPT = ROOT / "build" / "long_balance"
+BEGIN, END = "<!-- written by benchmarks/long_balance.py -->", "<!-- end of long runs -->"
+LONGEST_STEP_S = 1.0
+
+
+def largest_step_s(name: str) -> float:
+    """Return the largest coupling step (s) that a machine accepts, to three digits below it."""
+
+    def accepted(step_s: float) -> bool:
+        try:
+            machine(name, overrides={"coupling.step_s": step_s})
+        except ConfigurationError:
+            return False
+        return True
+
+    low, high = machine(name).coupling_step_s, LONGEST_STEP_S
+    if accepted(high):
+        return high
+    while high - low > 1e-3 * low:
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if accepted(middle) else (low, middle)
+    return low
+
+
+def run(twin: Machine, hours: float) -> dict[str, tuple[float, float]]:
+    """Return the worst of each residual with its limit."""
+    invariants = RunInvariants(twin)
+    for frame in frames(twin, 3600.0 * hours):
+        invariants.observe(frame)
+    found = invariants.residuals()
+    for line in broken_lines(found):
+        sys.stdout.write(f"{twin.name}: {line}\n")
+    return {name: (residual.worst, residual.limit) for name, residual in found.items()}
+
+
+def measured(name: str, hours: float, step: str) -> int:
+    """Run, keep and print what was found; return the number of broken residuals."""
+    overrides = {} if step == "configured" else {"coupling.step_s": largest_step_s(name)}
+    twin = machine(name, overrides=overrides)
+    begun = time.perf_counter()
+    found = run(twin, hours)
+    kept = {
+        "machine": name,
+        "hours": hours,
+        "step_s": twin.coupling_step_s,
+        "residuals": found,
+        "seconds": time.perf_counter() - begun,
+        "date": f"{datetime.now(UTC):%Y-%m-%d}",
+    }
+    KEPT.mkdir(parents=True, exist_ok=True)
+    (KEPT / f"{name}_{step}.json").write_text(json.dumps(kept))
+    sys.stdout.write(json.dumps(kept, indent=1) + "\n")
+    return sum(not worst <= limit for worst, limit in found.values())
+
+
+def write_table() -> None:
+    """Write the table into its page."""
+    lines = [
+        "| machine | simulated | coupling step | residual | worst | limit | date |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for name in CATALOGUE:
+        for file in sorted(KEPT.glob(f"{name}_*.json")):
+            kept = json.loads(file.read_text())
+            for residual, (worst, limit) in kept["residuals"].items():
+                run_cells = f"| {name} | {kept['hours']:g} h | {1e3 * kept['step_s']:.4g} ms "
+                lines.append(f"{run_cells}| `{residual}` | {worst:.2g} | {limit:.2g} | {kept['date']} |")
+    head, _, rest = PAGE.read_text().partition(BEGIN)
+    PAGE.write_text(head + BEGIN + "\n" + "\n".join(lines) + "\n" + END + rest.partition(END)[2])
+
+
+def main() -> int:
+    """Run one machine, or write the table."""
+    asked = argparse.ArgumentParser(description="worst residuals over hours of simulated time")
+    asked.add_argument("machine", nargs="?", choices=list(CATALOGUE))
+    asked.add_argument("--hours", type=float, default=8.0)
+    asked.add_argument("--step", choices=["configured", "largest"], default="configured")
+    asked.add_argument("--table", action="store_true")
+    given = asked.parse_args()
+    if given.table:
+        write_table()
+        return 0
+    return int(measured(given.machine, given.hours, given.step) > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

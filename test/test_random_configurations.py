@@ -1,0 +1,73 @@
+"""No legal configuration of any machine ends in a trace, a number that is not finite, or a broken residual.
+
+The short form of `random_configurations.py`, with fixed seeds.
+"""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from catalogue import NAMES
+from configuration_draws import Draw, leaves, value_at
+from random_configurations import bad_refusal, run, worst_margin
+
+from mech_twin.engine.run import frames
+from mech_twin.machines.catalog import CATALOGUE
+from mech_twin.parameters.load import description_text
+
+SEED = 2
+COUNT = 12
+machines = pytest.mark.parametrize("name", NAMES)
+# the other machines' draws have findings that are not mended yet: docs/random-configurations.md counts them
+HELD = ("impact_mass", "vibration_crank", "winding_drum")
+
+
+def drawn(name: str, number: int) -> Draw:
+    """Return a draw; the shortest step, at which half a second takes minutes, is left to the long form."""
+    draw = Draw(name, SEED, number)
+    if draw.floor:
+        pytest.skip("a draw at the shortest step")
+    return draw
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", HELD)
+@pytest.mark.parametrize("number", range(COUNT))
+def test_a_legal_configuration_runs_and_what_is_refused_is_refused_in_one_line(name: str, number: int) -> None:
+    draw = drawn(name, number)
+    assert [bad_refusal(name, refused) for refused in draw.refused if bad_refusal(name, refused)] == []
+    broken, _ = run(CATALOGUE[name].build(draw.parameters), draw.commands)
+    assert broken == "", f"{broken} {draw.commands}\n{description_text(name, draw.parameters)}"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", HELD)
+def test_the_draws_reach_every_key_and_are_refused_at_times(name: str) -> None:
+    """What is optional may stay absent: a printed value has to fit the others closely."""
+    draws = [Draw(name, SEED, number) for number in range(24)]
+    keys = [leaf.path for leaf in leaves(CATALOGUE[name].parameters) if not leaf.optional]
+    values = {".".join(path): {repr(value_at(draw.tree, path)) for draw in draws} for path in keys}
+    assert {key for key, found in values.items() if len(found) < 2} == set()
+    assert sum(len(draw.refused) for draw in draws) > 12
+
+
+@machines
+def test_a_draw_is_the_same_each_time(name: str) -> None:
+    assert Draw(name, SEED, 3).parameters == Draw(name, SEED, 3).parameters
+    assert Draw(name, SEED, 3).parameters != Draw(name, SEED, 4).parameters
+
+
+def test_a_residual_over_its_limit_and_one_that_is_nan_are_seen() -> None:
+    machine = CATALOGUE["winding_drum"].build(Draw("winding_drum", SEED, 0).parameters)
+    frame = next(iter(frames(machine, 0.0)))
+    residuals = frame.linkage.residuals
+
+    def margin(value: float) -> float:
+        values = (value, *residuals.values[1:])
+        linkage = frame.linkage._replace(residuals=residuals._replace(values=values))
+        return worst_margin(machine, frame._replace(linkage=linkage))[0]
+
+    assert margin(0.0) <= 1.0
+    assert margin(2.0 * machine.linkage.residual_limits[residuals.names[0]]) == pytest.approx(2.0)
+    assert margin(math.nan) == math.inf
