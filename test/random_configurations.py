@@ -199,6 +199,8 @@ def table_lines() -> Iterator[str]:
         for file in sorted(KEPT.glob(f"{name}_*.jsonl")):
             seed = file.stem.rpartition("_")[2]
             kept = kept_outcomes(name, int(seed))
+            if not kept:
+                continue
             refused, broken = sum(k["refused"] for k in kept), sum(bool(k["broken"]) for k in kept)
             margin, slowest = max(k["margin"] for k in kept), max(k["seconds"] for k in kept)
             yield f"| {name} | {len(kept)} | {seed} | {refused} | {margin:.2g} | {slowest:.1f} s | {broken} "

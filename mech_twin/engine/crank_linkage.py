@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from math import copysign, floor, fmod, inf, isfinite, isnan, pi, sqrt
+from math import copysign, floor, inf, isfinite, isnan, sqrt
 from typing import Any
 
 import numpy as np
@@ -26,7 +26,9 @@ from mech_twin.engine.crank_motion import (
     turn_crank,
 )
 from mech_twin.engine.crank_state import (
+    LARGE_ANGLE,
     NO_FRICTION,
+    TURN,
     Boundary,
     CrankKernels,
     Memory,
@@ -35,6 +37,7 @@ from mech_twin.engine.crank_state import (
     ShaftFriction,
     State,
     Transmission,
+    within_a_turn,
 )
 from mech_twin.engine.errors import MotionError
 from mech_twin.parts.friction import released
@@ -42,12 +45,10 @@ from mech_twin.parts.gear import GearTorque, gear_split
 from mech_twin.roles import CrankState
 from mech_twin.samples import BodySample, Coordinate, Event, LinkageSample, MotorSample, Named
 
-TURN = 2.0 * pi
 CRANK = "crank"  # the joint whose angle the motion is integrated in
 MOST_PIECES = 10_000  # of one coupling step
 TOLERANCE = 1e-12  # of a step: angle in rad, speed and works over their size
 SCALE_ANGLES = 72
-LARGE_ANGLE = 1e3  # rad: of a larger one, rounding in every step adds up
 HELD_SHARE = 0.01  # of the energy held and moved: no error of work is asked to be below its rounding
 RESIDUALS = ("loop_closure_m", "energy_balance")
 STARTED, STOPPED, STALLED, REVERSED = "started", "stopped", "stalled", "reversed"
@@ -81,10 +82,9 @@ class CrankLinkage:
         return {"loop_closure_m": 1e-12 * max(1.0, self.size_m), "energy_balance": 1e-8}
 
     def at_rated_speed(self, speed_rad_per_s: float) -> CrankLinkage:
-        """Return this linkage with the largest energy of a turn at a speed as the least scale of its energy balance.
+        """Return this linkage, its energy balance over at least the largest energy of a turn at a speed.
 
-        A mechanism holds little where its masses stand still, and a stop gives back what the drive gave: what was
-        turned over is not told by the energy held or by the work so far.
+        Where its masses stand still a mechanism holds little, and a stop gives back what the drive gave.
         """
         angles = (TURN * i / SCALE_ANGLES for i in range(SCALE_ANGLES))
         energies = [self.kernels.state(self.constants, f, speed_rad_per_s, 0.0, self.start_regime)[3] for f in angles]
@@ -192,11 +192,7 @@ class CrankLinkage:
         )
 
     def _rounding_work(self, now: State, h: float, end: float) -> float:
-        """Return the work (J) on the way by which the angle of the end misses the motion's, as it was rounded.
-
-        After many turns an angle has few digits left behind the point; steps of equal length round the same way, and
-        the energy held at the rounded angle would drift away from the work.
-        """
+        """Return the work (J) on the way by which a large angle at the end is rounded: equal steps round alike."""
         if abs(end) < LARGE_ANGLE:
             return 0.0
         after = now._replace(f=end, w=now.w + now.e * h)
@@ -342,11 +338,7 @@ class CrankLinkage:
         return max(1.0, abs(at.drive_work), abs(at.load_work), at.friction_loss)
 
     def _work_scale(self, at: State, h: float) -> float:
-        """Return the size (J) an error of work is measured by: what was turned over, or is held and moved in ``h``.
-
-        A heavy machine that starts at speed holds far more energy than it has turned over, and rounding of that is no
-        error of the integration.
-        """
+        """Return the size (J) an error of work is measured by: what was turned over, or is held and moved in ``h``."""
         _, _, torque, energy, _ = self.kernels.state(self.constants, at.f, at.w, at.e, at.regime)
         friction = self.friction.coulomb_nm + self.friction.viscous_nms_per_rad * abs(at.w)
         moved = (abs(torque) + friction) * (abs(at.w) + abs(at.e) * h) * h
@@ -418,11 +410,6 @@ class CrankLinkage:
             Named(RESIDUALS, (closure, miss / scale)),
             events,
         )
-
-
-def within_a_turn(angle: float) -> float:
-    """Return a large angle (rad) less whole turns, so that sums with it keep their digits; a small one as it is."""
-    return angle if abs(angle) < LARGE_ANGLE else fmod(angle, TURN)
 
 
 def _sign(value: float) -> float:

@@ -3,12 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import inf
+from math import fmod, inf, pi
 from typing import Any, NamedTuple
 
 from mech_twin.engine.crank_motion import ShaftDrive
 from mech_twin.parts.induction_motor import MotorConstants, motor_torque_slope
 from mech_twin.samples import LinkageSample, MotorSample
+
+TURN = 2.0 * pi
+LARGE_ANGLE = 1e3  # rad: of a larger one, rounding in every step adds up
+
+
+def within_a_turn(angle: float) -> float:
+    """Return a large angle (rad) less whole turns, so that sums with it keep their digits; a small one as it is."""
+    return angle if abs(angle) < LARGE_ANGLE else fmod(angle, TURN)
 
 
 class Memory(NamedTuple):
