@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import math
-from functools import partial
 
-from mech_twin.machines.drives import KlossDrive
 from mech_twin.machines.mb10_breaker.constants import breaker
 from mech_twin.machines.mb10_breaker.drawing import drawing
 from mech_twin.machines.mb10_breaker.driven_body import DrivenBody
 from mech_twin.machines.mb10_breaker.half_sine_body import HalfSineBody
 from mech_twin.machines.mb10_breaker.metrics import position_metrics, static_report
 from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
-from mech_twin.machines.mb10_breaker.roles import BreakerForces, BreakerLinkage, geared_shaft
+from mech_twin.machines.mb10_breaker.roles import BreakerForces, BreakerLinkage, BreakerMotor
 from mech_twin.machines.mb10_breaker.run_metrics import BreakerObserver
 from mech_twin.parts.induction_motor import motor_constants
 from mech_twin.quantity import Parameters
@@ -27,16 +25,14 @@ def build(parameters: Parameters) -> Machine:
         raise TypeError(f"expected BreakerParameters, got {type(parameters).__name__}")
     p = parameters
     constants, step_s = breaker(p), p.coupling.step_s
-    body: BodyRole = DrivenBody(constants)
+    body: BodyRole = DrivenBody(constants, step_s)
     if constants.held:
         body = HalfSineBody(p.body, p.excitation, step_s)
     return Machine(
         name="mb10_breaker",
         parameters=p,
         coupling_step_s=step_s,
-        motor=KlossDrive(
-            motor_constants(p.motor), p.gear.ratio, p.supply.rate_per_s, step_s, partial(geared_shaft, constants)
-        ),
+        motor=BreakerMotor(constants, motor_constants(p.motor), p.supply.rate_per_s, step_s),
         linkage=BreakerLinkage(
             constants,
             math.radians(p.linkage.initial_crank_deg),

@@ -9,16 +9,36 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from types import MappingProxyType
+from typing import NamedTuple
 
+import numpy as np
+
+from mech_twin.engine.compiled_roles import CompiledBody
+from mech_twin.engine.compiled_steps import body_step, step_of
+from mech_twin.engine.sample_vectors import (
+    BODY_JOINTS,
+    BODY_MOMENT,
+    LOAD_IMPULSE,
+    LOAD_KIND,
+    LOAD_TIME,
+    MOMENT_AFTER,
+    MOMENT_BEFORE,
+    PRESSING_FORCE,
+    REGIME,
+    Array,
+    BodyLayout,
+)
 from mech_twin.kernel import kernel
 from mech_twin.machines.mb10_breaker.dynamics import Breaker
+from mech_twin.machines.mb10_breaker.force_row import QUANTITIES_AT, STRIKES
 from mech_twin.machines.mb10_breaker.forces import QUANTITIES
-from mech_twin.samples import BodySample, ForceSample, Load, Named
+from mech_twin.machines.mb10_breaker.roles import BreakerForces
+from mech_twin.machines.mb10_breaker.state import LIFT_OFF, SETTLED, TOUCHDOWN
+from mech_twin.samples import BodySample, ForceSample
 
 CONTACT, FLYING = 0, 1
-STRIKES = frozenset(("blow", "catch_up", "push_begins"))
 LED_ANGLE, LED_RATE, BEGIN_MOMENT = (
-    QUANTITIES.index(name) for name in ("body_angle_rad", "body_rate_rad_per_s", "step_begin_moment_nm")
+    QUANTITIES_AT + QUANTITIES.index(name) for name in ("body_angle_rad", "body_rate_rad_per_s", "step_begin_moment_nm")
 )
 RESIDUALS = ("angle_difference_rad", "rate_difference_rad_per_s", "penetration_rad")
 RESIDUAL_LIMITS: Mapping[str, float] = MappingProxyType(
@@ -55,83 +75,102 @@ def swung(
     return angle, rate
 
 
-class DrivenBody:
+class Body(NamedTuple):
+    """Constants of the body role: the breaker's, and the coupling step (s)."""
+
+    breaker: Breaker
+    step_s: float
+
+
+@kernel
+def flown(
+    b: Breaker, phi: float, p: float, regime: int, moment: float, final: float, span: float
+) -> tuple[float, float]:
+    """Return angle and rate after a span (s) under a moment (N m) that goes in a line from one value to another."""
+    if regime != FLYING or span <= 0.0:
+        return phi, p
+    return swung(
+        b.body_inertia_kg_m2,
+        b.spring_rate_n_per_m * b.spring_arm_m * b.spring_arm_m,
+        b.body_damping_nms_per_rad,
+        b.spring_rate_n_per_m * b.preload_m * b.spring_arm_m,
+        phi,
+        p,
+        moment,
+        (final - moment) / span,
+        span,
+    )
+
+
+@kernel
+def after_load(b: Breaker, phi: float, p: float, regime: int, kind: int, impulse: float) -> tuple[float, float, int]:
+    """Return angle, rate and regime after an event of the linkage, which may bring an angular impulse (N m s)."""
+    if kind in STRIKES:
+        p += impulse / b.body_inertia_kg_m2
+        return phi, p, (FLYING if regime == FLYING or p > 0.0 else regime)
+    if kind == TOUCHDOWN:
+        return 0.0, -b.collar_restitution * p, FLYING
+    if kind == SETTLED:
+        return 0.0, 0.0, CONTACT
+    if kind == LIFT_OFF:
+        return 0.0, 0.0, FLYING
+    return phi, p, regime
+
+
+@kernel
+def fill_body(b: Breaker, forces: Array, phi: float, p: float, regime: int, found: float, out: Array) -> None:
+    """Fill the row of the body in a state; ``found`` is the largest angle (rad) at which it met its collar."""
+    force = b.spring_rate_n_per_m * (b.spring_arm_m * phi + b.preload_m)
+    out[REGIME], out[PRESSING_FORCE] = regime, force
+    out[BODY_JOINTS], out[BODY_JOINTS + 1], out[BODY_JOINTS + 2] = phi, p, -force * b.spring_arm_m
+    at = BODY_JOINTS + 3
+    out[at], out[at + 1], out[at + 2] = forces[LED_ANGLE] - phi, forces[LED_RATE] - p, found
+
+
+@step_of(body_step, Body)
+def follow_loads(
+    model: Body, step: int, body: Array, forces: Array, loads: Array, count: int, out: Array, log: Array
+) -> tuple[Array, int]:
+    """Fill in the body one step later, under the moments and impulses of the force analysis."""
+    b, time, found = model.breaker, (step - 1) * model.step_s, 0.0
+    phi, p, regime = body[BODY_JOINTS], body[BODY_JOINTS + 1], int(body[REGIME])
+    moment = forces[BEGIN_MOMENT]
+    for i in range(count):
+        at, kind = loads[i, LOAD_TIME], int(loads[i, LOAD_KIND])
+        phi, p = flown(b, phi, p, regime, moment, loads[i, MOMENT_BEFORE], at - time)
+        if kind in (TOUCHDOWN, SETTLED):
+            found = max(found, abs(phi))
+        phi, p, regime = after_load(b, phi, p, regime, kind, loads[i, LOAD_IMPULSE])
+        time, moment = at, loads[i, MOMENT_AFTER]
+    phi, p = flown(b, phi, p, regime, moment, forces[BODY_MOMENT], step * model.step_s - time)
+    fill_body(b, forces, phi, p, regime, found, out)
+    return log, 0
+
+
+class DrivenBody(CompiledBody):
     """The body role for the excitation ``from_forces``.
 
     Parameters
     ----------
     breaker : Breaker
         Constants.
+    step_s : float
+        Coupling step.
     """
 
     joints = ("body",)
     regimes = ("rest", "flight")
     residual_limits = RESIDUAL_LIMITS
+    model: Body
+    layout = BodyLayout(joints, (), RESIDUALS)
+    force_layout = BreakerForces.layout
 
-    def __init__(self, breaker: Breaker) -> None:
-        self._b = breaker
+    def __init__(self, breaker: Breaker, step_s: float) -> None:
+        self.step_s = step_s
+        self.model = Body(breaker, float(step_s))
 
     def start(self, forces: ForceSample) -> BodySample:
         """Return the body at rest on its collar."""
-        return self._sample(forces, 0.0, 0.0, CONTACT, 0.0)
-
-    def follow(self, body: BodySample, forces: ForceSample) -> BodySample:
-        """Return the body at the step of these forces, its moment linear between the knots."""
-        (phi,), (p,), regime = body.position, body.velocity, body.regime
-        time, found = body.time_s, 0.0
-        moment = forces.quantities.values[BEGIN_MOMENT]
-        for load in forces.loads:
-            phi, p = self._flown(phi, p, regime, moment, load.moment_before_nm, load.time_s - time)
-            if load.kind in {"touchdown", "settled"}:
-                found = max(found, abs(phi))
-            phi, p, regime = self._after(phi, p, regime, load)
-            time, moment = load.time_s, load.moment_after_nm
-        phi, p = self._flown(phi, p, regime, moment, forces.body_moment_nm, forces.time_s - time)
-        return self._sample(forces, phi, p, regime, found)
-
-    def _flown(
-        self, phi: float, p: float, regime: int, moment: float, final: float, span: float
-    ) -> tuple[float, float]:
-        if regime != FLYING or span <= 0.0:
-            return phi, p
-        b = self._b
-        return swung(
-            b.body_inertia_kg_m2,
-            b.spring_rate_n_per_m * b.spring_arm_m * b.spring_arm_m,
-            b.body_damping_nms_per_rad,
-            b.spring_rate_n_per_m * b.preload_m * b.spring_arm_m,
-            phi,
-            p,
-            moment,
-            (final - moment) / span,
-            span,
-        )
-
-    def _after(self, phi: float, p: float, regime: int, load: Load) -> tuple[float, float, int]:
-        if load.kind in STRIKES:
-            p += load.impulse_nms / self._b.body_inertia_kg_m2
-            return phi, p, (FLYING if regime == FLYING or p > 0.0 else regime)
-        if load.kind == "touchdown":
-            return 0.0, -self._b.collar_restitution * p, FLYING
-        if load.kind == "settled":
-            return 0.0, 0.0, CONTACT
-        if load.kind == "lift_off":
-            return 0.0, 0.0, FLYING
-        return phi, p, regime
-
-    def _sample(self, forces: ForceSample, phi: float, p: float, regime: int, found: float) -> BodySample:
-        b = self._b
-        force = b.spring_rate_n_per_m * (b.spring_arm_m * phi + b.preload_m)
-        led_phi, led_p = forces.quantities.values[LED_ANGLE], forces.quantities.values[LED_RATE]
-        return BodySample(
-            forces.step,
-            forces.time_s,
-            self.joints,
-            (phi,),
-            (p,),
-            (-force * b.spring_arm_m,),
-            regime,
-            force,
-            Named(),
-            Named(RESIDUALS, (led_phi - phi, led_p - p, found)),
-        )
+        out = np.empty(self.layout.size)
+        fill_body(self.model.breaker, self.force_layout.row(forces), 0.0, 0.0, CONTACT, 0.0, out)
+        return self.layout.sample(forces.step, forces.time_s, out.tolist(), ())
