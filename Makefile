@@ -13,14 +13,14 @@ INSTALL_HASHED = $(BIN)/python -m pip install -q --require-hashes --no-deps -r $
   $(BIN)/python -m pip install -q --no-deps --no-build-isolation -e .
 READERS := test/recording/npm
 # rooms whose tests neither talk over topics nor watch the clock: they share the cores, the others run one by one
-QUIET := $(wildcard $(addprefix test/,engine golden literature machines packaging parameters parts studies test_kernel_cache.py))
+QUIET := $(wildcard $(addprefix test/,engine golden literature machines measurements packaging parameters parts studies test_captions.py test_kernel_cache.py))
 SHARED := -n 2 --dist loadfile $(QUIET)
 ALONE := test $(addprefix --ignore=,$(QUIET))
 ARGS ?=
 
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
-.PHONY: run test test-fast test-browser test-ros test-oldest lint coverage bench colcon mutation hooks
+.PHONY: run test test-fast explore test-browser test-ros test-oldest lint coverage bench colcon mutation hooks
 .PHONY: audit sbom licences hashes docs clean
 
 run: $(VENV)/.run
@@ -33,6 +33,9 @@ test: lint
 test-fast: $(VENV)/.test
 	$(BIN)/python -m pytest -m "not browser and not slow" $(SHARED) $(ARGS)
 	$(BIN)/python -m pytest -m "not browser and not slow" $(ALONE) $(ARGS)
+
+explore: $(VENV)/.test # the property tests with examples of their own each time
+	$(BIN)/python -m pytest -m "not browser" $(SHARED) --hypothesis-profile=explore $(ARGS)
 
 test-browser: $(VENV)/.test
 	$(BIN)/python -m pytest -m browser $(ARGS)

@@ -57,7 +57,7 @@ setup(
     license="Apache-2.0",
     python_requires=">=3.11",
     packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
-    package_data={PACKAGE: ["py.typed"]},
+    package_data={PACKAGE: ["py.typed", "__init__.pyi"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
@@ -76,10 +76,11 @@ setup(
         "view": ["rerun-sdk>=0.41", "pyarrow>=18"],
         "plots": ["matplotlib>=3.8", "pillow>=10.2"],
         "tables": ["pyarrow>=18"],
+        "pandas": ["pandas>=2.2"],
         "cluster": ["distributed>=2026.8"],
         "test": [
             "pytest", "pytest-timeout", "pytest-cov", "pytest-xdist", "hypothesis", "mpmath", "playwright", "psutil",
-            "rosbags", "ruff", "mypy", "import-linter", "types-PyYAML", "colcon-common-extensions",
+            "rosbags", "pandas", "ruff", "mypy", "import-linter", "types-PyYAML", "colcon-common-extensions",
         ],
         "bench": ["pytest-benchmark", "pylinkage", "mujoco"],
         "docs": ["mkdocs<2", "mkdocs-material", "mkdocstrings", "mkdocstrings-python"],

@@ -13,6 +13,7 @@ import random
 import shutil
 import subprocess
 import sys
+import time
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -21,7 +22,7 @@ from cosmic_ray.work_db import WorkDB, use_db
 from cosmic_ray.work_item import TestOutcome, WorkerOutcome, WorkResult
 
 OUT = Path("build", "mutation")
-TIMEOUT_S = 60.0
+SHORTEST_TIMEOUT_S, TIMEOUT_OVER_BASELINE = 60.0, 5.0  # longer is an endless loop, and counts as noticed
 FILTERED = [
     "core/ReplaceBinaryOperator_BitOr_.*",  # `float | None` in a signature: breaking it breaks nothing
     "core/Replace.*_(BitOr|BitAnd|BitXor|LShift|RShift|Invert)",  # no operators of floats: every test stops at once
@@ -92,8 +93,11 @@ def mutated(python: Path, tools: Path, target: dict[str, Any]) -> bool:
     """Run one target and write its survivors; return whether its tests pass unbroken."""
     name, tree = target["name"], copied_tree(OUT / target["name"])
     command = test_command(python, target)
-    text = CONFIGURATION.format(module=target["module"], timeout=TIMEOUT_S, command=command, filtered=FILTERED)
-    (tree / "mutation.toml").write_text(text, encoding="utf-8")
+
+    def configure(timeout_s: float) -> None:
+        text = CONFIGURATION.format(module=target["module"], timeout=timeout_s, command=command, filtered=FILTERED)
+        (tree / "mutation.toml").write_text(text, encoding="utf-8")
+
     environment = {**os.environ, "PYTHONPATH": str(tree.absolute()), "PYTHONDONTWRITEBYTECODE": "1"}
     environment |= {"PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1", "PYTEST_PLUGINS": PLUGINS}
     environment |= {} if target.get("jit") else {"NUMBA_DISABLE_JIT": "1"}
@@ -103,10 +107,13 @@ def mutated(python: Path, tools: Path, target: dict[str, Any]) -> bool:
             [tools / program, *words], cwd=tree, env=environment, text=True, capture_output=True, check=check
         )
 
+    configure(600.0)
+    began = time.monotonic()
     unbroken = call("cosmic-ray", "baseline", "mutation.toml", check=False)
     if unbroken.returncode:
         sys.stdout.write(f"{name}: its tests fail before anything is broken\n{unbroken.stdout}{unbroken.stderr}\n")
         return False
+    configure(max(SHORTEST_TIMEOUT_S, TIMEOUT_OVER_BASELINE * (time.monotonic() - began)))
     call("cosmic-ray", "init", "mutation.toml", "session.sqlite")
     call("cr-filter-operators", "session.sqlite", "mutation.toml")
     session = tree / "session.sqlite"

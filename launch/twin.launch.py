@@ -3,55 +3,131 @@
 ``ros2 launch mech_twin twin.launch.py machine:=mb10_breaker pace:=realtime record:=DIR view:=NAME.rrd``
 """
 
-from pathlib import Path
+import os
+import signal
 
-from ament_index_python.packages import get_package_share_directory
 from launch.actions import (
     DeclareLaunchArgument,
     EmitEvent,
+    LogInfo,
     OpaqueFunction,
     RegisterEventHandler,
     SetEnvironmentVariable,
 )
-from launch.event_handlers import OnProcessExit
-from launch.events import Shutdown
+from launch.event_handlers import OnProcessExit, OnShutdown
+from launch.events import matches_action
+from launch.events.process import ProcessExited, ShutdownProcess
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from launch import LaunchContext, LaunchDescription
 from mech_twin.machines.catalog import CATALOGUE
+from mech_twin.nodes import launch_plan
+from mech_twin.nodes.domain import DISCOVERY
+from mech_twin.nodes.parent_death import PARENT
 
 PACKAGE = "mech_twin"
-ROLES = {"motor_node": "motor", "force_node": "force_analysis", "body_node": "body", "linkage_node": "linkage"}
 
 
-def machine_nodes(context: LaunchContext) -> list:
-    """Return the nodes of the machine asked for, the linkage last; the launch ends when the linkage does."""
-    machine, pace, record, view = (
-        LaunchConfiguration(name).perform(context) for name in ("machine", "pace", "record", "view")
-    )
-    file = str(Path(get_package_share_directory(PACKAGE)) / "config" / f"{machine}.yaml")
-    options = {"machine": machine, "run.pace": pace, "run.recorder": bool(record), "run.viewer": bool(view)}
-    shared = {"package": PACKAGE, "namespace": machine, "parameters": [file, options], "output": "screen"}
-    executables = [name for name in ROLES if name != "body_node" or CATALOGUE[machine].has_body]
-    nodes = [Node(executable=name, name=ROLES[name], **shared) for name in executables]
-    if record:
-        nodes.insert(0, Node(executable="recorder_node", name="recorder", arguments=["--directory", record], **shared))
-    if view:
-        nodes.insert(0, Node(executable="viewer_node", name="viewer", arguments=["--place", view], **shared))
-    end = RegisterEventHandler(OnProcessExit(target_action=nodes[-1], on_exit=[EmitEvent(event=Shutdown())]))
-    return [*nodes, end]
+def nodes_of(request: launch_plan.LaunchRequest, respawn: bool) -> dict[str, Node]:
+    """Return the nodes of a machine by name, the linkage last."""
+    shared = {
+        "package": PACKAGE,
+        "namespace": launch_plan.namespace(request),
+        "remappings": launch_plan.remappings(request),
+        "parameters": [*launch_plan.parameter_files(request), launch_plan.parameters(request)],
+        "output": "screen",
+        "respawn": respawn,
+        "respawn_delay": launch_plan.RESPAWN_DELAY_S,
+        "additional_env": {PARENT: str(os.getpid())},  # whatever ends the launch ends them
+    }
+    return {
+        program.name: Node(
+            executable=program.executable, name=program.name, arguments=list(program.arguments), **shared
+        )
+        for program in launch_plan.programs(request)
+    }
+
+
+def started(context: LaunchContext) -> list:
+    """Return the nodes of the machine asked for, and what ends them: each other, and the launch."""
+    given = {name: LaunchConfiguration(name).perform(context) for name in launch_plan.LaunchRequest._fields}
+    respawn = LaunchConfiguration("respawn").perform(context) == "true"
+    nodes = nodes_of(launch_plan.LaunchRequest(**given), respawn)
+    value, line = launch_plan.discovery(LaunchConfiguration("discovery").perform(context))
+    return [
+        SetEnvironmentVariable(DISCOVERY, value),
+        *([LogInfo(msg=line)] if line else []),
+        *nodes.values(),
+        *(end_with(name, nodes, respawn) for name in nodes),
+        RegisterEventHandler(OnShutdown(on_shutdown=lambda event, context: interrupt(nodes))),
+    ]
+
+
+def end_with(name: str, nodes: dict[str, Node], respawn: bool) -> RegisterEventHandler:
+    """Return what ends a machine's nodes, and no others, when this one ends for good; the launch ends when all have."""
+
+    def ended(event: ProcessExited, context: LaunchContext) -> list:
+        if context.is_shutdown or not launch_plan.ends_run(name, event.returncode, respawn):
+            return []
+        return [EmitEvent(event=ShutdownProcess(process_matcher=matches_action(node))) for node in nodes.values()]
+
+    return RegisterEventHandler(OnProcessExit(target_action=nodes[name], on_exit=ended))
+
+
+def interrupt(nodes: dict[str, Node]) -> None:
+    """Send each node SIGINT: on Ctrl-C the launch library counts on the terminal to do so, and there may be none."""
+    for node in nodes.values():
+        pid = (node.process_details or {}).get("pid")
+        if pid is not None and node.return_code is None:
+            try:
+                os.kill(pid, signal.SIGINT)
+            except ProcessLookupError:
+                continue
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Return the arguments, the discovery range of the twin (this machine), and the nodes."""
+    """Return the arguments and the nodes."""
     return LaunchDescription(
         [
-            DeclareLaunchArgument("machine", default_value="mb10_breaker", description="machine of the catalogue"),
-            DeclareLaunchArgument("pace", default_value="realtime", description="realtime or max"),
+            DeclareLaunchArgument(
+                "machine", default_value="mb10_breaker", choices=list(CATALOGUE), description="machine of the catalogue"
+            ),
+            DeclareLaunchArgument(
+                "namespace",
+                default_value="",
+                description="where the nodes live, with a clock of their own; empty: /MACHINE and /clock",
+            ),
+            DeclareLaunchArgument(
+                "pace",
+                default_value="realtime",
+                choices=list(launch_plan.PACES),
+                description="follow the wall clock, or run as fast as answers come",
+            ),
+            DeclareLaunchArgument("duration", default_value="0", description="simulated seconds; 0 until stopped"),
+            DeclareLaunchArgument(
+                "params_file", default_value="", description="parameter file laid over that of the machine"
+            ),
+            DeclareLaunchArgument(
+                "use_sim_time",
+                default_value="false",
+                choices=list(launch_plan.SWITCH),
+                description="ROS time of the nodes from the clock topic; a run does not depend on it",
+            ),
+            DeclareLaunchArgument(
+                "discovery",
+                default_value="",
+                choices=list(launch_plan.RANGES),
+                description=f"discovery range where {DISCOVERY} is not set; empty: LOCALHOST",
+            ),
+            DeclareLaunchArgument(
+                "respawn",
+                default_value="false",
+                choices=list(launch_plan.SWITCH),
+                description="start a node that died again; it rejoins the run",
+            ),
             DeclareLaunchArgument("record", default_value="", description="recording directory; empty makes none"),
             DeclareLaunchArgument("view", default_value="", description="viewer address or NAME.rrd; empty shows none"),
-            SetEnvironmentVariable("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST"),
-            OpaqueFunction(function=machine_nodes),
+            OpaqueFunction(function=started),
         ]
     )

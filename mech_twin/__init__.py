@@ -1,6 +1,9 @@
 """mech_twin: the digital twin of percussion and crank-linkage machines.
 
-``mech_twin.rollout`` and ``mech_twin.rollouts`` are those of `mech_twin.studies.rolling_out`, imported when asked for.
+From Python ``import mech_twin as mt`` and `mt.simulate`, `mt.analyse`, `mt.sweep`, `mt.size`, `mt.search`,
+`mt.reproduce`, `mt.machines`: see `mech_twin.api`; `mt.rollout`, `mt.rollouts`: see `mech_twin.studies.rolling_out`.
+They are loaded when first named, so that a node or a tool that needs one room of the package does not pay for the
+others.
 """
 
 from __future__ import annotations
@@ -9,11 +12,18 @@ from importlib import import_module
 from typing import Any
 
 __version__ = "0.1.0"
-
-_ASKED_FOR = {"rollout": "mech_twin.studies.rolling_out", "rollouts": "mech_twin.studies.rolling_out"}
+# what a type checker sees of these stands in __init__.pyi
+__all__ = ["analyse", "machines", "reproduce", "rollout", "rollouts", "search", "simulate", "size", "sweep"]
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _ASKED_FOR:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(_ASKED_FOR[name]), name)
+    """Return a function of the package."""
+    if name not in __all__:
+        raise AttributeError(f"module 'mech_twin' has no attribute '{name}'")
+    room = "mech_twin.studies.rolling_out" if name.startswith("rollout") else "mech_twin.api"
+    return getattr(import_module(room), name)
+
+
+def __dir__() -> list[str]:
+    """Return the names of the package, those not loaded yet included."""
+    return sorted({*globals(), *__all__})

@@ -16,6 +16,7 @@ EXTRA_OF = {
     "matplotlib": "plots",
     "PIL": "plots",
     "pyarrow": "tables",
+    "pandas": "pandas",
     "distributed": "cluster",
 }
 _BOUND = re.compile(r"([A-Za-z0-9._-]+)\s*>=\s*([0-9.]+)$")

@@ -146,14 +146,14 @@ class BodyRole(Protocol):
 
 
 class Observer(Protocol):
-    """Running figures of a run, in memory that does not grow with it."""
+    """Running metrics of a run, in memory that does not grow with it."""
 
     def observe(self, frame: Frame) -> None:
         """Take one frame into account."""
         ...
 
     def numbers(self) -> dict[str, float]:
-        """Return the figures so far, units in the names."""
+        """Return the metrics so far, units in the names."""
         ...
 
 
@@ -174,7 +174,7 @@ class Machine:
     draw : callable
         Drawing of the mechanism in the machine's frame.
     report : callable
-        Closed-form figures of one cycle, units in the names (the ``summary`` of a static analysis).
+        Closed-form metrics of one cycle, units in the names (the ``summary`` of a static analysis).
     analyse : callable
         ``analyse(crank_rad)``: every angle, speed, force and constant at one position.
     observer : callable

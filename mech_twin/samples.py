@@ -87,8 +87,7 @@ class LinkageSample(NamedTuple):
 
     def joint(self, name: str) -> Coordinate:
         """Return position, velocity and effort of a joint by its name."""
-        place = self.joints.index(name)
-        return Coordinate(self.position[place], self.velocity[place], self.effort[place])
+        return _joint(self, name)
 
 
 class Wrench(NamedTuple):
@@ -137,6 +136,15 @@ class BodySample(NamedTuple):
     memory: Named
     residuals: Named
     events: tuple[Event, ...] = ()
+
+    def joint(self, name: str) -> Coordinate:
+        """Return position, velocity and effort of a joint by its name."""
+        return _joint(self, name)
+
+
+def _joint(sample: LinkageSample | BodySample, name: str) -> Coordinate:
+    place = sample.joints.index(name)
+    return Coordinate(sample.position[place], sample.velocity[place], sample.effort[place])
 
 
 Sample = LinkageSample | MotorSample | ForceSample | BodySample

@@ -9,8 +9,11 @@ from itertools import count
 import pytest
 from hypothesis import Phase, settings
 
-# the first example of a test may compile kernels: a limit on the time of one example would fail with an empty cache
-settings.register_profile("compiled", deadline=None)
+# the first example of a test may compile kernels: a limit on the time of one example would fail with an empty cache;
+# the same examples each time, so that a change is judged by what it changes
+settings.register_profile("compiled", deadline=None, derandomize=True)
+# new examples each time: `--hypothesis-profile=explore`, every night and by hand
+settings.register_profile("explore", deadline=None, print_blob=True)
 # mutation testing asks whether a test fails, not for the simplest input
 settings.register_profile("mutation", deadline=None, database=None, phases=(Phase.explicit, Phase.generate))
 settings.load_profile("compiled")

@@ -25,7 +25,7 @@ from mech_twin.configuration_tree import configuration_tree
 from mech_twin.engine.run import frames
 from mech_twin.messages import linkage as linkage_messages
 from mech_twin.messages.joint_state_cdr import Decoder
-from mech_twin.messages.topics import DIAGNOSTICS, EVERY, JOINT_STATES, Topic, full_name
+from mech_twin.messages.topics import DIAGNOSTICS, EVERY, STEP_LINKAGE, Topic, full_name
 from mech_twin.nodes.options import RunOptions
 from mech_twin.roles import Machine
 from mech_twin.samples import LinkageSample
@@ -62,8 +62,8 @@ class ProcessRun:
         self.witness = rclpy.create_node("witness", namespace=f"/{name}")
         # a witness slower than the run would lose what a killed linkage has not delivered yet
         self._decode = Decoder()
-        self.witness.create_subscription(JointState, JOINT_STATES.name, self._on_linkage, EVERY, raw=True)
-        for topic in ("motor/joint_states", "forces/joint_states", "body/joint_states"):
+        self.witness.create_subscription(JointState, STEP_LINKAGE.name, self._on_linkage, EVERY, raw=True)
+        for topic in ("step/motor", "step/forces", "step/body"):
             self.witness.create_subscription(JointState, topic, lambda message: None, 1, raw=True)
         self.witness.create_subscription(DiagnosticArray, DIAGNOSTICS.name, self._on_diagnostics, EVERY)
         self._executor = EventsExecutor()

@@ -67,6 +67,16 @@ def altered_bag(bag: Path, out: Path, alter: Callable[[Entry], Iterable[Entry]])
     return written_bag(out, (new for entry in entries_of(bag) for new in alter(entry)), configuration)
 
 
+def earlier_layout(entry: Entry) -> Iterable[Entry]:
+    """Return the entry as versions without step topics recorded it: the joint states were the step messages."""
+    space, _, below = entry.topic.removeprefix("/").partition("/")
+    if below.endswith("joint_states"):
+        return ()
+    role = below.removeprefix("step/")
+    name = entry.topic if role == below else f"/{space}/{'' if role == 'linkage' else role + '/'}joint_states"
+    return (entry._replace(topic=name),)
+
+
 def edited(entry: Entry, edit: Callable[[Any], None]) -> Entry:
     """Return the entry with its message edited in place."""
     package, _, name = entry.type_name.split("/")

@@ -112,7 +112,7 @@ def events(step: int) -> Iterator[Event]:
 
 
 def metrics(step: int) -> dict[str, float]:
-    """Return an owner's figures."""
+    """Return the metrics of a run."""
     return {
         "blow_rate_hz": 10.0,
         "blow_energy_j": 18.8,

@@ -29,7 +29,7 @@ def main() -> None:
     from mech_twin.engine.run import frames
     from mech_twin.messages import force, linkage, motor
     from mech_twin.messages.step_message import set_stamp
-    from mech_twin.messages.topics import DATA, FORCE_JOINT_STATES, JOINT_STATES, MOTOR_JOINT_STATES
+    from mech_twin.messages.topics import DATA, STEP_FORCES, STEP_LINKAGE, STEP_MOTOR
     from mech_twin.parameters.load import machine
     from mech_twin.recording.bag_reader import bag_info
 
@@ -48,7 +48,7 @@ def main() -> None:
         recorder = subprocess.Popen([sys.executable, "-c", code, *words])
         rclpy.init(args=[])
         node = rclpy.create_node("flood", namespace=f"/{MACHINE}")
-        topics = (JOINT_STATES, MOTOR_JOINT_STATES, FORCE_JOINT_STATES)
+        topics = (STEP_LINKAGE, STEP_MOTOR, STEP_FORCES)
         publishers = [node.create_publisher(topic.type, topic.name, DATA) for topic in topics]
         while not all(publisher.get_subscription_count() for publisher in publishers):
             time.sleep(0.01)

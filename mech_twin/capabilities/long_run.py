@@ -1,4 +1,4 @@
-"""Questions on the long run of a periodically driven machine: a cycle made for a wish, and the regimes over a key."""
+"""Questions on the long run of a periodically driven machine: a cycle to a specification, and regimes over a key."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class CycleAnswer:
 
 @dataclass(frozen=True)
 class SynthesisAnswer:
-    """Cycles for one wish side by side; ``chosen`` names the one to use, ``asked`` what was asked."""
+    """Cycles for one specification side by side; ``chosen`` names the one to use, ``asked`` what was asked."""
 
     asked: Mapping[str, Any]
     cycles: tuple[CycleAnswer, ...]

@@ -14,6 +14,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
 
+from mech_twin.output_file import written_file
+
 # Okabe and Ito's palette, without its yellow
 BLUE, RED, GREEN, ORANGE, PURPLE, SKY, GREY = (
     "#0072b2",
@@ -109,6 +111,8 @@ def written(picture: Picture, directory: Path) -> tuple[Path, Path]:
     """Write a picture as SVG and PNG; return both files."""
     vector, raster = directory / f"{picture.name}.svg", directory / f"{picture.name}.png"
     with house_style():
-        picture.figure.savefig(vector, metadata={"Date": None})
-        _raster(picture.figure).save(raster, optimize=True, dpi=(DPI, DPI))
+        with written_file(vector, force=True) as unfinished:
+            picture.figure.savefig(unfinished, metadata={"Date": None})
+        with written_file(raster, force=True) as unfinished:
+            _raster(picture.figure).save(unfinished, optimize=True, dpi=(DPI, DPI))
     return vector, raster

@@ -54,7 +54,7 @@ class Sizing:
     objective: str
     sizes: dict[str, float | str]
     parameters: Parameters
-    figures: dict[str, float]
+    metrics: dict[str, float]
     constraints: tuple[Constraint, ...]
     binding: str
     trade_off: tuple[dict[str, float | str], ...] = ()

@@ -12,12 +12,13 @@ from mech_twin.configuration_tree import configuration_tree
 from mech_twin.parameters.load import assignments
 from mech_twin.parameters.load import machine as built_machine
 from mech_twin.roles import Machine
+from mech_twin.studies.cycle_analysis import analysed_columns, cycle_positions
 
 
 def analyse_machine(
     name: str, crank_deg: float | None, cycle: int | None, config: Path | None, settings: list[str], *, as_json: bool
 ) -> None:
-    """Write one position, or one cycle in so many positions, and the machine's closed-form figures."""
+    """Write one position, or one cycle in so many positions, and the machine's closed-form metrics."""
     if crank_deg is not None and cycle is not None:
         raise CommandError("--crank-deg and --cycle exclude each other: one position or one cycle")
     if crank_deg is not None and not math.isfinite(crank_deg):
@@ -47,8 +48,6 @@ def _extremes(column: list[Any]) -> str:
 
 
 def cycle_columns(machine: Machine, positions: int) -> dict[str, list[Any]]:
-    """Return every number of the analysis over one turn of the crank, as columns."""
-    angles = [2.0 * math.pi * i / positions for i in range(positions)]
-    with progress(angles, positions, "analysing") as counted:
-        rows = [{"crank_rad": angle, **machine.analyse(angle)} for angle in counted]
-    return {key: [row[key] for row in rows] for key in rows[0]}
+    """Return every number of the analysis over one turn of the crank, as columns; a progress bar runs meanwhile."""
+    with progress(cycle_positions(positions), positions, "analysing") as counted:
+        return analysed_columns(machine, counted)

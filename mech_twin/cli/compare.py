@@ -1,84 +1,162 @@
-"""``mech-twin replay --analyse`` and ``--resimulate``: a recording recomputed and compared bit for bit."""
+"""``mech-twin compare``: two recordings, configurations or machines side by side."""
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any
 
-from mech_twin import __version__
-from mech_twin.cli.console import print_json, print_numbers, progress, say
-from mech_twin.nodes.domain import settle_domain
-from mech_twin.studies.configuration_history import ConfigurationHistory
-from mech_twin.studies.resimulation import Verdict, analysed, resimulated
+from mech_twin.cli.console import print_json, print_table, progress, say, say_result
+from mech_twin.cli.failure import CommandError
+from mech_twin.configuration_tree import configuration_tree
+from mech_twin.dependencies import require_extra
+from mech_twin.engine.invariants import broken_lines
+from mech_twin.engine.run import frames, steps_for
+from mech_twin.machines.catalog import CATALOGUE
+from mech_twin.output_file import check_output_file, written_file
+from mech_twin.parameters.load import file_tree
+from mech_twin.parameters.load import machine as built_machine
+from mech_twin.roles import Machine
+from mech_twin.samples import Frame
+from mech_twin.studies.side_by_side import Comparison, Side, columns_apart, compared, drawn_side_by_side
+from mech_twin.studies.simulation import Simulation
 
-if TYPE_CHECKING:
-    from mech_twin.recording.bag_samples import BagSamples
-
-DIFFERENT = 1
-TOPICS = {
-    "linkage": "joint_states",
-    "motor": "motor/joint_states",
-    "forces": "forces/joint_states",
-    "body": "body/joint_states",
-}
+APART = 1
+USUAL_DURATION_S = 3.0
+PANELS = 6
+CONFIGURATIONS = (".yaml", ".yml")
 
 
-def compare_bag(bag: Path, mode: Literal["analyse", "resimulate"], *, as_json: bool) -> None:
-    """Print the result of the comparison; exit code 1 if anything differs or nothing could be compared."""
+def compare_sides(
+    first: str,
+    second: str,
+    tolerance: float,
+    duration_s: float | None,
+    picture: Path | None,
+    *,
+    all_numbers: bool,
+    force: bool,
+    as_json: bool,
+) -> None:
+    """Print what differs; exit with 1 if a number differs by more than the tolerance, or a residual is broken."""
+    if picture is not None:
+        require_extra("plots")
+        if picture.suffix not in (".png", ".svg"):
+            raise CommandError(f"--picture {picture}: expected a name that ends in .png or .svg")
+        check_output_file(picture, force=force)
+    recorded = [_recorded(Path(name)) if _is_recording(name) else None for name in (first, second)]
+    durations = [side.samples["time_s"][-1] for side in recorded if side is not None]
+    run_for = duration_s if duration_s is not None else min(durations, default=USUAL_DURATION_S)
+    sides = [known or _simulated(name, run_for) for known, name in zip(recorded, (first, second), strict=True)]
+    found = compared(sides[0], sides[1], tolerance)
+    if picture is not None:
+        _draw(sides, picture, force=force)
+    if as_json:
+        print_json(_document(found))
+    else:
+        _show(found, all_numbers)
+    broken = [f"{side.label}: {'; '.join(side.broken)}" for side in sides if side.broken]
+    for line in broken:
+        say(line)
+    if found.beyond or broken:
+        raise SystemExit(APART)
+
+
+def _is_recording(name: str) -> bool:
+    return name not in CATALOGUE and Path(name).suffix not in CONFIGURATIONS
+
+
+def _simulated(name: str, duration_s: float) -> Side:
+    """Return a configuration, or a machine as installed, run from rest."""
+    config = None if name in CATALOGUE else Path(name)
+    kind = name if config is None else str(file_tree(config).get("machine", ""))
+    if not kind:
+        raise CommandError(f"{config}: key 'machine' is missing; expected one of {', '.join(CATALOGUE)}")
+    machine = built_machine(kind, config)
+    simulation = Simulation(machine)
+    with progress(frames(machine, duration_s), steps_for(machine, duration_s) + 1, name) as run:
+        for frame in run:
+            simulation.observe(frame)
+            simulation.trajectory.append(frame)
+    return _side(name, machine, simulation)
+
+
+def _recorded(bag: Path) -> Side:
+    """Return a recording; of an incomplete step nothing is used."""
+    from mech_twin.nodes.domain import settle_domain
+
     settle_domain()
     from mech_twin.recording.bag_reader import open_bag
     from mech_twin.recording.bag_samples import BagSamples
+    from mech_twin.studies.configuration_history import ConfigurationHistory
 
     with open_bag(bag) as reader:
         samples = BagSamples(reader)
         history = ConfigurationHistory(samples.descriptions(), str(bag))
-        samples = BagSamples(reader, history.machine_at(0).coupling_step_s)
-        if set(history.versions) != {__version__}:
-            say(f"recorded with version {', '.join(history.versions)}; this is {__version__}: results may differ")
-        compared = analysed if mode == "analyse" else resimulated
-        with progress(samples.steps(), samples.count, f"{mode[:-1]}ing") as steps:
-            verdict = compared(steps, history.machine_at)
-    _write(bag, mode, samples, history, verdict, as_json)
-    if not verdict.identical:
-        raise SystemExit(DIFFERENT)
+        machine = history.machine_at(0)
+        simulation = Simulation(machine)
+        with progress(BagSamples(reader, machine.coupling_step_s).steps(), samples.count, str(bag)) as steps:
+            incomplete, whole = 0, 0
+            for known in steps:
+                lacks_body = machine.body is not None and known.body is None
+                if known.linkage is None or known.motor is None or known.forces is None or lacks_body:
+                    incomplete += 1
+                    continue
+                frame = Frame(known.linkage, known.motor, known.forces, known.body)
+                simulation.observe(frame)
+                simulation.trajectory.append(frame)
+                whole += 1
+    if not whole:
+        raise CommandError(f"{bag}: holds no whole step")
+    if incomplete:
+        say(f"{bag}: {incomplete} incomplete steps left out")
+    return _side(str(bag), machine, simulation)
 
 
-def _write(
-    bag: Path, mode: str, samples: BagSamples, history: ConfigurationHistory, verdict: Verdict, as_json: bool
-) -> None:
-    numbers = {
-        "machine": history.name,
-        "identical": verdict.identical,
-        "steps_compared": verdict.steps,
-        "samples_compared": verdict.samples,
-        "incomplete_steps": verdict.missing_steps,
-        "parameter_changes": history.changes,
-    }
-    if mode == "resimulate":
-        numbers |= {"resets": verdict.resets}
-    first = _first(samples.machine, verdict)
-    if as_json:
-        more = {"resumed_at_steps": verdict.taken_up, "unused_samples": dict(samples.unused), "first_difference": first}
-        print_json(
-            {"bag": str(bag), "recorded_with": list(history.versions), "version": __version__, **numbers, **more}
-        )
+def _side(label: str, machine: Machine, simulation: Simulation) -> Side:
+    return Side(
+        label,
+        machine.name,
+        configuration_tree(machine.parameters),
+        simulation.summary(),
+        tuple(broken_lines(simulation.residuals())),
+        simulation.trajectory.columns(),
+    )
+
+
+def _draw(sides: list[Side], picture: Path, *, force: bool) -> None:
+    names = columns_apart(sides[0], sides[1], PANELS)
+    if not names:
+        say(f"{picture}: not drawn, no column differs")
         return
-    print_numbers(f"{bag}: {mode}", numbers)
-    for step in verdict.taken_up[:10]:
-        say(f"step {step}: resumed from the recorded state")
-    for reason, number in samples.unused.items():
-        say(f"{number} recorded samples not used: {reason}")
-    if first is not None:
-        say(
-            f"first difference at {first['time_s']:.9g} s (step {first['step']}), topic {first['topic']}, "
-            f"field {first['field']}: recorded {first['recorded']!r}, computed {first['computed']!r}"
-        )
-    elif not verdict.samples:
-        say("nothing could be compared")
+    with written_file(picture, force=force) as path:
+        drawn_side_by_side(sides[0], sides[1], names).savefig(path, dpi=200)
 
 
-def _first(machine: str, verdict: Verdict) -> dict[str, Any] | None:
-    if verdict.first is None:
-        return None
-    row = verdict.first._asdict()
-    return {"topic": f"/{machine}/{TOPICS[row.pop('role')]}", **row}
+def _document(found: Comparison) -> dict[str, Any]:
+    return {
+        "machine": found.machine,
+        "first": found.labels[0],
+        "second": found.labels[1],
+        "tolerance": found.tolerance,
+        "within_tolerance": not found.beyond,
+        "settings": [setting._asdict() for setting in found.settings],
+        "numbers": [number._asdict() for number in found.numbers],
+    }
+
+
+def _show(found: Comparison, all_numbers: bool) -> None:
+    say_result(f"{found.machine}\n  A  {found.labels[0]}\n  B  {found.labels[1]}")
+    if found.settings:
+        print_table("settings that differ", ("key", "A", "B"), [item[:3] for item in found.settings])
+    shown = found.numbers if all_numbers else found.beyond
+    if shown:
+        title = "numbers" if all_numbers else f"numbers that differ by more than {found.tolerance:g}"
+        print_table(title, ("quantity", "A", "B", "apart"), [_row(item) for item in shown])
+    within = len(found.numbers) - len(found.beyond)
+    say_result(f"{within} of {len(found.numbers)} numbers within a tolerance of {found.tolerance:g}")
+
+
+def _row(item: Any) -> tuple[Any, ...]:
+    apart = f"{100.0 * item.relative:.3g} %" if math.isfinite(item.relative) else "-"
+    return item.name, "-" if item.first is None else item.first, "-" if item.second is None else item.second, apart

@@ -45,19 +45,23 @@ def print_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[Any]
 
     table = Table(title=title, title_justify="left", header_style="bold")
     for i, column in enumerate(columns):
-        table.add_column(column, justify="left" if i == 0 else "right", overflow="fold")
+        table.add_column(column, justify="left" if i == 0 or column == "unit" else "right", overflow="fold")
     for row in rows:
         table.add_row(*(_shown(cell) for cell in row))
     Console(width=width or (None if sys.stdout.isatty() else 140)).print(table)
 
 
 def _shown(cell: Any) -> str:
-    return f"{cell:.7g}" if isinstance(cell, float) else str(cell)
+    if isinstance(cell, list | tuple):
+        return " ".join(_shown(item) for item in cell)
+    return f"{cell:.6g}" if isinstance(cell, float) else str(cell)
 
 
 def print_numbers(title: str, numbers: Mapping[str, Any]) -> None:
-    """Write named numbers, one a line."""
-    print_table(title, ("quantity", "value"), numbers.items())
+    """Write named numbers with their units, one a line."""
+    from mech_twin.captions import unit_of
+
+    print_table(title, ("quantity", "value", "unit"), [(name, value, unit_of(name)) for name, value in numbers.items()])
 
 
 def say_result(line: str) -> None:

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import signal
 import sys
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from types import FrameType
 
 from mech_twin.dependencies import missing_extra
+from mech_twin.stop_signal import EXIT_CODE_BASE, INTERRUPTED_LINE, interruptible
 
 EXIT_CODE = 2
-INTERRUPTED = 128 + signal.SIGINT
-SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-RETRY_S = 0.001
+INTERRUPTED = EXIT_CODE_BASE + signal.SIGINT
 
 
 class CommandError(Exception):
@@ -29,39 +26,13 @@ def report_cli_errors() -> Iterator[None]:
             yield
     except KeyboardInterrupt:
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second Ctrl-C must not disturb the clean-up at exit
-        sys.stderr.write("mech-twin: interrupted\n")
+        sys.stderr.write(INTERRUPTED_LINE)
         raise SystemExit(INTERRUPTED) from None
     except Exception as error:
         if not _is_input_error(error):
             raise
         sys.stderr.write(f"mech-twin: {' '.join(_message(error).split())}\n")
         raise SystemExit(EXIT_CODE) from error
-
-
-@contextmanager
-def interruptible() -> Iterator[None]:
-    """Turn SIGINT into KeyboardInterrupt, and SIGTERM and SIGHUP into SystemExit, where that is safe.
-
-    The wrappers of compiled functions construct named tuples and do not expect that to fail: an exception raised by a
-    signal handler there ends in a segmentation fault.  In that case the signal is sent again a little later.
-    """
-    before = {number: signal.signal(number, _raise_when_safe) for number in SIGNALS}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-
-
-def _raise_when_safe(number: int, frame: FrameType | None) -> None:
-    if frame is not None and str(frame.f_globals.get("__name__", "")).startswith("namedtuple_"):
-        again = threading.Timer(RETRY_S, signal.pthread_kill, (threading.main_thread().ident, number))
-        again.daemon = True
-        again.start()
-    elif number == signal.SIGINT:
-        raise KeyboardInterrupt
-    else:
-        raise SystemExit(128 + number)
 
 
 def _message(error: Exception) -> str:
@@ -76,13 +47,15 @@ def _is_input_error(error: Exception) -> bool:
         return missing_extra(error) is not None
     from typer.exceptions import TyperException
 
+    from mech_twin.capabilities.errors import StudyError
     from mech_twin.configuration_tree import ConfigurationError
     from mech_twin.engine.errors import MotionError
+    from mech_twin.measurements.errors import MeasurementError
     from mech_twin.nodes.errors import NodeEndedError
     from mech_twin.output_file import OutputError
     from mech_twin.recording.errors import BagError
     from mech_twin.view.errors import RerunSceneError
     from mech_twin.view.viewer_process import ViewerError
 
-    kinds = (CommandError, TyperException, NodeEndedError, ConfigurationError, MotionError)
-    return isinstance(error, (*kinds, BagError, OutputError, RerunSceneError, ViewerError))
+    kinds = (CommandError, TyperException, NodeEndedError, ConfigurationError, MotionError, StudyError)
+    return isinstance(error, (*kinds, MeasurementError, BagError, OutputError, RerunSceneError, ViewerError))

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 import yaml
 
 from mech_twin.cli.console import print_csv, print_json, print_table, say, say_result
+from mech_twin.cli.failure import CommandError
+from mech_twin.measurements.tables import is_table
 
 if TYPE_CHECKING:
     from mech_twin.recording.bag_contents import BagInfo
@@ -37,6 +39,8 @@ def show_info(bag: Path, *, as_json: bool, as_csv: bool = False, wide: bool = Fa
     wide : bool
         All columns, whatever the width of the terminal; else those that fit 80 columns.
     """
+    if is_table(bag):
+        raise CommandError(f"{bag}: a table says what its columns are with --map FILE; `mech-twin map` proposes one")
     from mech_twin.recording.bag_reader import bag_info
 
     document = info_record(bag_info(bag))

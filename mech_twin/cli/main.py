@@ -11,7 +11,9 @@ from mech_twin import __version__
 from mech_twin.cli.failure import INTERRUPTED, CommandError, report_cli_errors
 from mech_twin.cli.many_values import ManyValues
 from mech_twin.cli.study import study_app
+from mech_twin.interruption import end_at_once
 from mech_twin.output_file import check_output_directory
+from mech_twin.stop_signal import EXIT_CODE_BASE
 
 app = typer.Typer(
     name="mech-twin",
@@ -28,6 +30,9 @@ Settings = Annotated[
 ]
 Namespace = Annotated[str | None, typer.Option(help="namespace of the nodes instead of the machine's name")]
 Bag = Annotated[Path, typer.Argument(help="recording: a directory, or one .mcap file")]
+MapFile = Annotated[
+    Path | None, typer.Option("--map", help="map of a measurement: which channel is what (see `mech-twin map`)")
+]
 Force = Annotated[bool, typer.Option("--force", help="overwrite existing results")]
 Json = Annotated[bool, typer.Option("--json", help="print JSON to standard output")]
 
@@ -105,6 +110,15 @@ def simulate(
     machine: MachineName,
     duration: Annotated[float, typer.Option(help="simulated time in s", min=0.0)],
     bag: Annotated[Path | None, typer.Option(help="record the messages the nodes would publish")] = None,
+    table: Annotated[Path | None, typer.Option(help="write every sample: .parquet, .csv or .tsv")] = None,
+    sensors: Annotated[
+        Path | None, typer.Option(help="write instead what the sensors of this file would show of the run")
+    ] = None,
+    change: Annotated[
+        list[str] | None,
+        typer.Option(metavar="KEY=VALUE@S", help="change a live parameter at a time; a value of -20% is relative"),
+    ] = None,
+    seed: Annotated[int, typer.Option(help="of the sensors' noise, jitter and losses", min=0)] = 0,
     samples: Annotated[bool, typer.Option("--samples", help="with --json: include every sample, as columns")] = False,
     config: Config = None,
     settings: Settings = None,
@@ -112,9 +126,12 @@ def simulate(
     json: Json = False,
 ) -> None:
     """Simulate a machine in one process, without ROS communication."""
-    from mech_twin.cli.simulate import simulate_machine
+    from mech_twin.cli.simulate import SimulateRequest, simulate_machine
 
-    simulate_machine(machine, duration, bag, config, settings or [], as_json=json, with_samples=samples, force=force)
+    asked = SimulateRequest(
+        machine, duration, bag, config, settings or [], json, samples, force, table, sensors, change or [], seed
+    )
+    simulate_machine(asked)
 
 
 @app.command()
@@ -153,9 +170,9 @@ def replay(
     if analyse and resimulate:
         raise CommandError("--analyse and --resimulate exclude each other: forces alone, or the whole run")
     if analyse or resimulate:
-        from mech_twin.cli.compare import compare_bag
+        from mech_twin.cli.recompute import recompute_bag
 
-        compare_bag(bag, "analyse" if analyse else "resimulate", as_json=json)
+        recompute_bag(bag, "analyse" if analyse else "resimulate", as_json=json)
         return
     from mech_twin.cli.replay import ReplayRequest, replay_bag
 
@@ -178,14 +195,53 @@ def view(
 @app.command()
 def info(
     bag: Bag,
+    given_map: MapFile = None,
     wide: Annotated[bool, typer.Option("--wide", help="all columns, whatever the width of the terminal")] = False,
     csv: Annotated[bool, typer.Option("--csv", help="print the table of topics as CSV")] = False,
     json: Json = False,
 ) -> None:
-    """Show topics, message counts and losses of a recording."""
+    """Show topics, message counts and losses of a recording; with a map, the quality of a measurement's channels."""
     from mech_twin.cli.info import show_info
 
+    if given_map is not None:
+        from mech_twin.cli.measurement import examine_by_file
+
+        examine_by_file(bag, given_map, as_json=json)
+        return
     show_info(bag, as_json=json, as_csv=csv, wide=wide)
+
+
+@app.command("map")
+def propose(
+    measurement: Annotated[Path, typer.Argument(help="one run: a bag, or a table (.csv, .tsv, .parquet)")],
+    machine: MachineName,
+    out: Annotated[Path | None, typer.Option(help="file of the map instead of standard output")] = None,
+    force: Force = False,
+    json: Json = False,
+) -> None:
+    """Propose the map of a measurement, and show the quality of its data."""
+    from mech_twin.cli.map import propose_map
+
+    propose_map(measurement, machine, out, force=force, as_json=json)
+
+
+@app.command()
+def compare(
+    first: Annotated[str, typer.Argument(metavar="A", help="recording, configuration file (.yaml) or machine")],
+    second: Annotated[str, typer.Argument(metavar="B", help="what to compare it with, of the same machine")],
+    tolerance: Annotated[float, typer.Option(help="relative difference that is allowed", min=0.0, max=1.0)] = 0.0,
+    duration: Annotated[
+        float | None, typer.Option(help="time to simulate a configuration in s [the recording's, else 3]", min=0.0)
+    ] = None,
+    picture: Annotated[Path | None, typer.Option(help="file (.png or .svg) to draw what differs in")] = None,
+    all_numbers: Annotated[bool, typer.Option("--all", help="all numbers, not only those that differ")] = False,
+    force: Force = False,
+    json: Json = False,
+) -> None:
+    """Compare two recordings or configurations (exit code 1: a number differs by more than the tolerance)."""
+    from mech_twin.cli.compare import compare_sides
+
+    compare_sides(first, second, tolerance, duration, picture, all_numbers=all_numbers, force=force, as_json=json)
 
 
 @app.command()
@@ -207,15 +263,18 @@ def reproduce(
     figures: Annotated[Path | None, typer.Option(help="directory to draw the sources' figures in")] = None,
     config: Config = None,
     settings: Settings = None,
+    wide: Annotated[bool, typer.Option("--wide", help="every column, whatever the width of the terminal")] = False,
+    csv: Annotated[bool, typer.Option("--csv", help="every column as CSV")] = False,
     force: Force = False,
     json: Json = False,
 ) -> None:
     """Compare every published number with the computed one; draw the published figures."""
     if figures is not None:
         check_output_directory(figures, force=force)
-    from mech_twin.cli.reproduce import reproduce_machines
+    from mech_twin.cli.reproduce import Shape, reproduce_machines
 
-    reproduce_machines(machine, figures, config, settings or [], as_json=json)
+    shape: Shape = "json" if json else "csv" if csv else "wide" if wide else "narrow"
+    reproduce_machines(machine, figures, config, settings or [], shape=shape)
 
 
 app.add_typer(study_app, name="study")
@@ -223,8 +282,13 @@ app.add_typer(study_app, name="study")
 
 def main() -> None:
     """Run the command line."""
-    with report_cli_errors():
-        code = app(standalone_mode=False)
-        if code == INTERRUPTED:  # the command line library turns KeyboardInterrupt into this code
-            raise KeyboardInterrupt
+    try:
+        with report_cli_errors():
+            code = app(standalone_mode=False)
+            if code == INTERRUPTED:  # the command line library turns KeyboardInterrupt into this code
+                raise KeyboardInterrupt
+    except SystemExit as end:
+        if isinstance(end.code, int) and end.code > EXIT_CODE_BASE:
+            end_at_once(end.code)
+        raise
     raise SystemExit(code if isinstance(code, int) else 0)

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, NamedTuple
 from pydantic import ValidationError
 
 from mech_twin.cli.console import print_json, print_numbers, say
-from mech_twin.cli.event_record import event_record
 from mech_twin.cli.failure import CommandError
 from mech_twin.configuration_tree import configuration_tree
 from mech_twin.dependencies import require_extra
@@ -22,6 +21,7 @@ from mech_twin.parameters.errors import refusal
 from mech_twin.parameters.load import RUN_GROUP, assignments, machine_parameters, run_group
 from mech_twin.quantity import Parameters
 from mech_twin.recording.output_directory import check_recording_directory, remove_recording
+from mech_twin.studies.simulation import event_record
 
 if TYPE_CHECKING:
     from mech_twin.nodes.composition import Outcome

@@ -3,111 +3,74 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from contextlib import closing, nullcontext
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, NamedTuple
 
 from mech_twin.cli.console import print_json, print_numbers, print_table, progress, say
-from mech_twin.cli.event_record import event_record
 from mech_twin.cli.failure import CommandError
-from mech_twin.configuration_tree import configuration_tree
-from mech_twin.engine.invariants import Residual, RunInvariants, broken_lines
-from mech_twin.engine.run import frames, steps_for
-from mech_twin.engine.trajectory import Trajectory, frame_events
-from mech_twin.parameters.load import assignments, description_text
+from mech_twin.cli.simulate_outputs import check_outputs, opened_outputs
+from mech_twin.engine.invariants import broken_lines
+from mech_twin.engine.run import frames, steps_for, warm_up_run
+from mech_twin.parameters.live_change import ChangingMachine, live_changes
+from mech_twin.parameters.load import assignments
 from mech_twin.parameters.load import machine as built_machine
-from mech_twin.roles import Machine
-from mech_twin.samples import Event, Frame
-
-if TYPE_CHECKING:
-    from mech_twin.recording.frame_recorder import FrameRecorder
+from mech_twin.samples import Event
+from mech_twin.studies.simulation import Simulation, event_record
 
 SHOWN_EVENTS = 12
 BROKEN_EXIT_CODE = 1
 
 
-def simulate_machine(
-    name: str,
-    duration_s: float,
-    bag: Path | None,
-    config: Path | None,
-    settings: list[str],
-    *,
-    as_json: bool,
-    with_samples: bool,
-    force: bool,
-) -> None:
-    """Simulate and write metrics, worst residuals, events, and the samples if asked; exit with 1 if one broke."""
-    if not math.isfinite(duration_s):
-        raise CommandError(f"--duration {duration_s}: expected a finite number of seconds")
-    if bag is not None:
-        from mech_twin.recording.output_directory import check_recording_directory
+class SimulateRequest(NamedTuple):
+    """What `mech-twin simulate` was asked for."""
 
-        check_recording_directory(bag, force=force)
-    machine = built_machine(name, config, assignments(settings))
+    machine: str
+    duration_s: float
+    bag: Path | None = None
+    config: Path | None = None
+    settings: Sequence[str] = ()
+    as_json: bool = False
+    with_samples: bool = False
+    force: bool = False
+    table: Path | None = None
+    sensors: Path | None = None
+    changes: Sequence[str] = ()
+    seed: int = 0
+
+
+def simulate_machine(asked: SimulateRequest) -> None:
+    """Simulate and write metrics, worst residuals, events, and the samples if asked; exit with 1 if one broke."""
+    if not math.isfinite(asked.duration_s):
+        raise CommandError(f"--duration {asked.duration_s}: expected a finite number of seconds")
+    check_outputs(asked.bag, asked.table, asked.sensors, force=asked.force)
+    name = asked.machine
+    machine = built_machine(name, asked.config, assignments(asked.settings))
+    warm_up_run(machine)  # a signal while kernels are compiled ends the process: no recording may be open then
+    changing = ChangingMachine(machine, live_changes(asked.changes))
     simulation = Simulation(machine)
-    recording = nullcontext() if bag is None else closing(_recorder(machine, bag))
-    with recording as recorder, progress(frames(machine, duration_s), steps_for(machine, duration_s) + 1, name) as run:
-        for frame in run:
+    run = frames(machine, asked.duration_s, machine_at=changing.at if asked.changes else None)
+    with ExitStack() as outputs:
+        opened = opened_outputs(outputs, asked, machine, changing)
+        counted = outputs.enter_context(progress(run, steps_for(machine, asked.duration_s) + 1, name))
+        for frame in counted:
             simulation.observe(frame)
-            if with_samples:
+            if asked.with_samples:
                 simulation.trajectory.append(frame)
-            if recorder is not None:
-                recorder.write(frame)
+            for output in opened:
+                output(frame)
     document = simulation.document()
-    if with_samples:
+    if asked.with_samples:
         document["samples"] = simulation.trajectory.columns()
-    if as_json:
+    if asked.as_json:
         print_json(document)
     else:
-        _show(f"{name}: {duration_s:g} s", document, simulation.events)
+        _show(f"{name}: {asked.duration_s:g} s", document, simulation.events)
     broken = broken_lines(simulation.residuals())
     if broken:
         say(f"{name}: {'; '.join(broken)}")
         raise SystemExit(BROKEN_EXIT_CODE)
-
-
-class Simulation:
-    """What is gathered of a run, frame by frame."""
-
-    def __init__(self, machine: Machine) -> None:
-        self.events: list[Event] = []
-        self.trajectory = Trajectory()
-        self._machine = machine
-        self._observer = machine.observer()
-        self._invariants = RunInvariants(machine)
-
-    def observe(self, frame: Frame) -> None:
-        """Take one frame into account."""
-        self._observer.observe(frame)
-        self._invariants.observe(frame)
-        self.events.extend(frame_events(frame))
-
-    def residuals(self) -> dict[str, Residual]:
-        """Return the worst of each residual, with its limit."""
-        return self._invariants.residuals()
-
-    def document(self) -> dict[str, Any]:
-        """Return everything but the samples, as it is written with ``--json``."""
-        return {
-            "machine": self._machine.name,
-            "config": configuration_tree(self._machine.parameters),
-            "summary": {**self._machine.report(), **self._observer.numbers()},
-            "residuals": {name: residual._asdict() for name, residual in self.residuals().items()},
-            "events": [event_record(event) for event in self.events],
-        }
-
-
-def _recorder(machine: Machine, bag: Path) -> FrameRecorder:
-    from mech_twin.nodes.domain import settle_domain
-
-    settle_domain()
-    from mech_twin.recording.frame_recorder import FrameRecorder
-    from mech_twin.recording.output_directory import remove_recording
-
-    remove_recording(bag)
-    return FrameRecorder(machine, bag, description_text(machine.name, machine.parameters, revision=1))
 
 
 def _show(title: str, document: Mapping[str, Any], events: list[Event]) -> None:

@@ -75,10 +75,9 @@ def limits_of(texts: Sequence[str]) -> dict[str, float]:
 
 @contextmanager
 def study_errors() -> Iterator[None]:
-    """Turn what a study says of the question, or a file that cannot be written, into a failed command."""
+    """Turn a configuration that a study refuses, or a file that cannot be written, into a failed command."""
     from pydantic import ValidationError
 
-    from mech_twin.capabilities.errors import StudyError
     from mech_twin.configuration_tree import ConfigurationError
     from mech_twin.parameters.errors import refusal
 
@@ -88,8 +87,6 @@ def study_errors() -> Iterator[None]:
         raise
     except ValidationError as error:
         raise refusal("this study", error) from error
-    except StudyError as error:
-        raise CommandError(str(error)) from error
     except OSError as error:
         raise CommandError(f"{error.filename}: cannot be written: {error.strerror}") from error
 

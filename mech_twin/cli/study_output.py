@@ -108,7 +108,7 @@ def answer_size(
                 "objective": answer.objective,
                 "tolerance": answer.tolerance,
                 "sizes": answer.sizes,
-                "figures": answer.figures,
+                "metrics": answer.metrics,
                 "binding": answer.binding,
                 "constraints": [
                     {
@@ -126,7 +126,7 @@ def answer_size(
             }
         )
         return
-    print_numbers(f"{machine}: sizes", {**answer.sizes, **answer.figures})
+    print_numbers(f"{machine}: sizes", {**answer.sizes, **answer.metrics})
     rows = [(c.text, c.margin, "binds" if c.binds else "holds" if c.holds else "not met") for c in answer.constraints]
     print_table("constraints", ("constraint", "margin", "state"), rows)
     if answer.trade_off:

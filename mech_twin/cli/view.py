@@ -16,8 +16,8 @@ from mech_twin.output_file import check_output_file, written_file
 
 if TYPE_CHECKING:
     from mech_twin.nodes.run_metrics import RunMetrics
-    from mech_twin.nodes.stop_signal import StopSignal
     from mech_twin.recording.bag_samples import BagSamples
+    from mech_twin.stop_signal import StopSignal
     from mech_twin.view.rerun_scene import RerunScene
 
 WAIT_S = 0.05
@@ -30,9 +30,9 @@ def view_bag(bag: Path, save: Path | None, port: int, *, force: bool) -> None:
     if save is not None:
         check_output_file(save, force=force)
     settle_domain()
-    from mech_twin.nodes.stop_signal import StopSignal
     from mech_twin.recording.bag_reader import open_bag
     from mech_twin.recording.bag_samples import BagSamples
+    from mech_twin.stop_signal import StopSignal
     from mech_twin.view.rerun_scene import RerunScene
 
     with ExitStack() as stack:

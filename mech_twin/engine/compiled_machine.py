@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -109,12 +110,35 @@ class CompiledMachine:
         return found
 
     def frame(self, step: int, row: Array, table: Array) -> Frame:
-        """Return the frame of a row; ``table`` holds the events of its step."""
-        events, body_events = self.step_events(table[table[:, STEP] == step])
-        frame = self.layout.frame(step, row.tolist(), events, body_events)
+        """Return the frame of a row; ``table`` holds the events of the run, or of its step."""
+        return self._frame(step, row.tolist(), table[table[:, STEP] == step])
+
+    def _frame(self, step: int, numbers: list[float], table: Array) -> Frame:
+        if not len(table):
+            return self.layout.frame(step, numbers)
+        events, body_events = self.step_events(table)
+        frame = self.layout.frame(step, numbers, events, body_events)
         if events and self.layout.forces.reads_events:
             frame = frame._replace(forces=self.machine.forces.analyse(frame.linkage))  # its loads are in no row
         return frame
+
+    def frames_after(self, start: Frame, targets: Array) -> Iterator[Frame]:
+        """Yield the frame of each step after ``start``, one a target; raise where the motion cannot be followed."""
+        layout, worst = self.layout, np.zeros(len(self.residuals))
+        row, picked = layout.row(start), np.arange(layout.places.end)
+        first = start.linkage.step
+        columns = np.empty((len(targets), len(picked)))
+        end, error = self.run(first, row, targets, picked, columns, worst)
+        table = end.events[: end.told]
+        steps = table[:, STEP].tolist()
+        done = 0
+        for step, numbers in enumerate(columns[: end.steps].tolist(), first + 1):
+            begin = done
+            while done < len(steps) and steps[done] == step:
+                done += 1
+            yield self._frame(step, numbers, table[begin:done])
+        if error is not None:
+            raise error
 
 
 def compiled_machine(machine: Machine) -> CompiledMachine | None:

@@ -29,6 +29,7 @@ from mech_twin.engine.sample_vectors import EventLayout, LinkageLayout
 from mech_twin.samples import LinkageSample
 
 TURN = 2.0 * pi
+CRANK = "crank"  # the joint whose angle the motion is integrated in
 RESIDUALS = ("loop_closure_m", "energy_balance")
 
 
@@ -51,7 +52,7 @@ class CrankLinkage(CompiledLinkage):
     boundaries: tuple[Boundary, ...] = ()
     transmission: Transmission | None = None
     friction: ShaftFriction = NO_FRICTION
-    coordinates: tuple[str, ...] = ("crank",)
+    coordinates: tuple[str, ...] = (CRANK,)
     size_m: float = 1.0
     resisting: Mapping[int, Resisting] = field(default_factory=dict)
     failures: tuple[str, ...] = FAILURES
@@ -82,7 +83,7 @@ class CrankLinkage(CompiledLinkage):
         """Row of the samples."""
         kinds = tuple(dict.fromkeys((*KINDS, *(boundary.kind for boundary in self.boundaries))))
         return LinkageLayout(
-            self.joints, Memory._fields, RESIDUALS, EventLayout(kinds, ("crank", self.contact), len(self.coordinates))
+            self.joints, Memory._fields, RESIDUALS, EventLayout(kinds, (CRANK, self.contact), len(self.coordinates))
         )
 
     def start(self, step: int = 0) -> LinkageSample:

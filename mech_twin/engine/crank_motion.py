@@ -40,6 +40,7 @@ SPAN_ENDED, AT_REST, AT_ANGLE, NOT_INTEGRATED = 0, 1, 2, 3
 MOST_STEPS = 100_000
 ANGLE, SPEED, DRIVE_WORK, GEAR_LOSS, FRICTION_LOSS = 0, 1, 2, 3, 4  # of the state that is integrated
 STATE_SIZE = 5
+DRIVE_POWER = 0  # the one rate of a crank at a prescribed speed
 
 
 class ShaftDrive(NamedTuple):
@@ -219,7 +220,7 @@ def integrated_work(system: Any, span: float, tolerance: float) -> float:
     done, wanted = 0.0, span
     for _ in range(MOST_STEPS):
         if span - done <= 1e-15 * span:
-            return float(y[0])
+            return float(y[DRIVE_POWER])
         start_step(system, done, y, work)
         h, wanted = _good_step(system, done, y, min(wanted, span - done), limit, work)
         y[:] = work.end

@@ -31,7 +31,7 @@ from mech_twin.roles import Machine
 from mech_twin.samples import Event, Frame
 
 Profile = float | Callable[[int], float] | Sequence[tuple[float, float]] | NDArray[np.float64]
-ON_STEP = 1e-6  # of a step: a time this little after a step counts as on it
+ON_STEP = 1e-9  # of a step: a time this little after a step counts as on it
 
 
 @dataclass(frozen=True)

@@ -179,24 +179,28 @@ class PrescribedSpeed(CompiledMotor):
         Largest change of the command in a second (1/s); times ``speed`` that of the speed.
     step_s : float
         Coupling step (s).
-    driven : int
-        Place of the driven joint in the linkage sample.
+    driven : str
+        Joint of the linkage that it drives.
     let_go : int or None
         Regime in which the linkage no longer follows the drive: the drive then runs on at its command.
+    linkage_joints : tuple of str
+        Joints of the linkage, at least up to the driven one.
     """
 
     speed: float
     rate_per_s: float
     step_s: float
-    driven: int = 0
+    driven: str = "crank"
     let_go: int | None = None
     joints: tuple[str, ...] = ("motor",)
+    linkage_joints: tuple[str, ...] = ("crank",)
 
     @cached_property
     def model(self) -> SpeedDrive:
         """Constants of the kernel."""
         let_go = -1 if self.let_go is None else self.let_go
-        return SpeedDrive(float(self.speed), float(self.rate_per_s), float(self.step_s), self.driven, let_go)
+        place = self.linkage_joints.index(self.driven)
+        return SpeedDrive(float(self.speed), float(self.rate_per_s), float(self.step_s), place, let_go)
 
     @cached_property
     def layout(self) -> MotorLayout:

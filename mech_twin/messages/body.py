@@ -1,24 +1,30 @@
-"""BodySample <-> sensor_msgs/JointState on ``body/joint_states``, and the pressing force as a wrench."""
+"""BodySample <-> sensor_msgs/JointState on ``step/body``, and the pressing force as a wrench."""
 
 from __future__ import annotations
 
 from geometry_msgs.msg import WrenchStamped
 from sensor_msgs.msg import JointState
 
-from mech_twin.messages.step_message import REGIME, STEP, AnyStep, joint_columns, packed, set_stamp, table
+from mech_twin.messages.joint_state_cdr import AnyStep, StepMessage, joint_state
+from mech_twin.messages.step_message import REGIME, STEP, Row, joint_columns, packed, set_stamp, table
 from mech_twin.samples import BodySample
 
 PRESSING_FORCE = "~pressing_force_n"
 
 
-def to_message(sample: BodySample, message: JointState | None = None) -> JointState:
-    """Return the sample as a message."""
+def to_step(sample: BodySample, marks: tuple[Row, ...] = ()) -> StepMessage:
+    """Return the sample as a step message, with the rows the publishing node adds."""
     scalars = (
-        (STEP, float(sample.step), sample.time_s, 0.0),
-        (REGIME, float(sample.regime), 0.0, 0.0),
-        (PRESSING_FORCE, sample.pressing_force_n, 0.0, 0.0),
+        Row(STEP, float(sample.step), sample.time_s),
+        Row(REGIME, float(sample.regime)),
+        Row(PRESSING_FORCE, sample.pressing_force_n),
     )
-    return packed(message or JointState(), sample, scalars, sample.memory, sample.residuals, sample.events)
+    return packed(sample, scalars, sample.memory, sample.residuals, sample.events, marks)
+
+
+def to_message(sample: BodySample) -> JointState:
+    """Return the sample as a message of the middleware."""
+    return joint_state(to_step(sample))
 
 
 def from_message(message: AnyStep, step_s: float | None = None) -> BodySample:

@@ -1,4 +1,4 @@
-"""ForceSample <-> sensor_msgs/JointState on ``forces/joint_states``, and each pin reaction as a wrench.
+"""ForceSample <-> sensor_msgs/JointState on ``step/forces``, and each pin reaction as a wrench.
 
 Every row is an effort.  A pin has three rows, ``PIN/force_x_n``, ``PIN/force_y_n`` and ``PIN/moment_nm``.
 """
@@ -6,14 +6,14 @@ Every row is an effort.  A pin has three rows, ``PIN/force_x_n``, ``PIN/force_y_
 from __future__ import annotations
 
 import math
-from array import array
 from functools import lru_cache
 from typing import NamedTuple
 
 from geometry_msgs.msg import WrenchStamped
 from sensor_msgs.msg import JointState
 
-from mech_twin.messages.step_message import MARK, RESIDUAL, STEP, AnyStep, MessageError, set_stamp, step_and_time, table
+from mech_twin.messages.joint_state_cdr import AnyStep, Header, StepMessage, joint_state, stamp_of
+from mech_twin.messages.step_message import MARK, RESIDUAL, STEP, MessageError, Row, set_stamp, step_and_time, table
 from mech_twin.samples import ForceSample, Load, Named, Wrench
 
 BODY_MOMENT = "~body_moment_nm"
@@ -23,35 +23,57 @@ LOAD_COLUMNS = ("time_s", "moment_before_nm", "moment_after_nm", "impulse_nms")
 
 
 @lru_cache(maxsize=64)
-def _row_names(pins: tuple[str, ...], quantities: tuple[str, ...], residuals: tuple[str, ...]) -> tuple[str, ...]:
-    components = (f"{pin}/{component}" for pin in pins for component in COMPONENTS)
-    return (*components, *quantities, STEP, BODY_MOMENT, *(RESIDUAL + name for name in residuals))
+def effort_names(pins: tuple[str, ...], quantities: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the names of the efforts: three components a pin, then the derived quantities."""
+    return (*(f"{pin}/{component}" for pin in pins for component in COMPONENTS), *quantities)
 
 
-def to_message(sample: ForceSample, message: JointState | None = None) -> JointState:
-    """Return the sample as a message."""
-    message = message or JointState()
-    set_stamp(message.header, sample.time_s)
-    names = list(_row_names(sample.pins, sample.quantities.names, sample.residuals.names))
-    effort = [value for wrench in sample.wrenches for value in wrench]
-    effort += (*sample.quantities.values, 0.0, sample.body_moment_nm, *sample.residuals.values)
-    for i, load in enumerate(sample.loads):
-        names += [f"{LOAD}{i}/{load.kind}/{load.contact}/{column}" for column in LOAD_COLUMNS]
-        effort += (load.time_s, load.moment_before_nm, load.moment_after_nm, load.impulse_nms)
-    message.name = names
-    message.effort = array("d", effort)
-    position = array("d", bytes(8 * len(effort)))
-    velocity = array("d", position)
-    step_row = names.index(STEP)
-    position[step_row], velocity[step_row] = float(sample.step), sample.time_s
-    message.position, message.velocity = position, velocity
-    return message
+@lru_cache(maxsize=1024)
+def _row_names(
+    pins: tuple[str, ...], quantities: tuple[str, ...], residuals: tuple[str, ...], more: tuple[str, ...]
+) -> tuple[str, ...]:
+    return (*effort_names(pins, quantities), STEP, BODY_MOMENT, *(RESIDUAL + name for name in residuals), *more)
+
+
+def efforts(sample: ForceSample) -> list[float]:
+    """Return the efforts in the order of their names."""
+    return [*[value for wrench in sample.wrenches for value in wrench], *sample.quantities.values]
+
+
+def to_step(sample: ForceSample, marks: tuple[Row, ...] = ()) -> StepMessage:
+    """Return the sample as a step message, with the rows the publishing node adds."""
+    more = marks
+    if sample.loads:
+        more = (*(row for i, load in enumerate(sample.loads) for row in _load_rows(i, load)), *marks)
+    names = _row_names(sample.pins, sample.quantities.names, sample.residuals.names, tuple([row[0] for row in more]))
+    effort = efforts(sample)
+    before = (0.0,) * len(effort)
+    after = (0.0,) * (1 + len(sample.residuals.values))
+    return StepMessage(
+        Header(stamp_of(sample.time_s)),
+        names,
+        (*before, float(sample.step), *after, *[row[1] for row in more]),
+        (*before, sample.time_s, *after, *[row[2] for row in more]),
+        (*effort, 0.0, sample.body_moment_nm, *sample.residuals.values, *[row[3] for row in more]),
+    )
+
+
+def _load_rows(index: int, load: Load) -> list[Row]:
+    head = f"{LOAD}{index}/{load.kind}/{load.contact}"
+    values = (load.time_s, load.moment_before_nm, load.moment_after_nm, load.impulse_nms)
+    return [Row(f"{head}/{column}", 0.0, 0.0, value) for column, value in zip(LOAD_COLUMNS, values, strict=True)]
+
+
+def to_message(sample: ForceSample) -> JointState:
+    """Return the sample as a message of the middleware."""
+    return joint_state(to_step(sample))
 
 
 class ForceLayout(NamedTuple):
     """Where everything stands in a force message with these row names."""
 
     pins: tuple[str, ...]
+    pin_rows: tuple[tuple[int, ...], ...]
     quantities: tuple[str, ...]
     quantity_rows: tuple[int, ...]
     loads: tuple[tuple[str, str, int], ...]
@@ -66,7 +88,9 @@ def _layout(names: tuple[str, ...]) -> ForceLayout:
         raise MessageError("a pin has not all three components")
     quantities = tuple(name for name in plain if name not in of_pins)
     loads = tuple(_load(names, row) for row, name in enumerate(names) if name.startswith(LOAD) and _is_head(name))
-    return ForceLayout(pins, quantities, tuple(names.index(name) for name in quantities), loads)
+    rows = {name: row for row, name in enumerate(names)}
+    pin_rows = tuple(tuple(rows[f"{pin}/{component}"] for component in COMPONENTS) for pin in pins)
+    return ForceLayout(pins, pin_rows, quantities, tuple(rows[name] for name in quantities), loads)
 
 
 def _is_head(name: str) -> bool:
@@ -95,7 +119,6 @@ def from_message(message: AnyStep, step_s: float | None = None) -> ForceSample:
     names = tuple(message.name)
     where = _layout(names)
     effort = content.effort
-    first = {name: i for i, name in enumerate(names)}
     moment = content.layout.scalars.get(BODY_MOMENT)
     if moment is None:
         raise MessageError(f"row '{BODY_MOMENT}' is missing")
@@ -103,7 +126,7 @@ def from_message(message: AnyStep, step_s: float | None = None) -> ForceSample:
         step,
         time_s,
         where.pins,
-        tuple([Wrench(*(effort[first[f"{pin}/{component}"]] for component in COMPONENTS)) for pin in where.pins]),
+        tuple([Wrench(*[effort[row] for row in rows]) for rows in where.pin_rows]),
         Named(where.quantities, tuple([effort[i] for i in where.quantity_rows])),
         effort[moment],
         Named(content.layout.residuals, tuple([effort[i] for i in content.layout.residual_rows])),

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import struct
 from functools import lru_cache
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
@@ -39,17 +39,36 @@ class Header(NamedTuple):
     """The part of a header that is used."""
 
     stamp: Stamp
+    frame_id: str = ""
+
+
+def stamp_of(time_s: float) -> Stamp:
+    """Return a time as a header holds it, rounded to the nanosecond."""
+    return Stamp(*divmod(round(time_s * 1e9), 1_000_000_000))
 
 
 class StepMessage(NamedTuple):
-    """What a received JointState says, under the names of its fields, and the bytes it came as."""
+    """What a JointState says, under the names of its fields, and the bytes it came as, if it was received."""
 
     header: Header
     name: tuple[str, ...]
     position: tuple[float, ...]
     velocity: tuple[float, ...]
     effort: tuple[float, ...]
-    raw: bytes
+    raw: bytes = b""
+
+
+AnyStep: TypeAlias = JointState | StepMessage
+
+
+def joint_state(message: StepMessage) -> JointState:
+    """Return the message as the middleware's own type."""
+    made = JointState(
+        name=list(message.name), position=message.position, velocity=message.velocity, effort=message.effort
+    )
+    made.header.stamp.sec, made.header.stamp.nanosec = message.header.stamp
+    made.header.frame_id = message.header.frame_id
+    return made
 
 
 class RowLayout(NamedTuple):
@@ -66,6 +85,11 @@ class RowLayout(NamedTuple):
     def start(self) -> int:
         """Where the columns begin."""
         return BLOCK_AT + len(self.block)
+
+    @property
+    def position_at(self) -> int:
+        """Where the first position stands."""
+        return self.start + self.columns.size - 24 * len(self.names) - 16
 
 
 def _block(names: tuple[str, ...], frame: str) -> bytes:
@@ -100,20 +124,27 @@ class Decoder:
         CdrError
             If it is no JointState.
         """
+        layout = self.layout(raw)
+        if layout is not None:
+            rows = len(layout.names)
+            values = layout.columns.unpack_from(raw, layout.start)
+            if values[0] == values[rows + 1] == values[2 * rows + 2] == rows:
+                return StepMessage(
+                    Header(Stamp(*STAMP.unpack_from(raw, STAMP_AT))),
+                    layout.names,
+                    values[1 : rows + 1],
+                    values[rows + 2 : 2 * rows + 2],
+                    values[2 * rows + 3 :],
+                    raw,
+                )
+        return self._converted(raw)
+
+    def layout(self, raw: bytes) -> RowLayout | None:
+        """Return the layout that bytes have up to their columns, if it has been met before."""
         for layout in self._layouts.get(len(raw), ()):
             if raw.startswith(layout.block, BLOCK_AT) and raw.startswith(HEAD):
-                rows = len(layout.names)
-                values = layout.columns.unpack_from(raw, layout.start)
-                if values[0] == values[rows + 1] == values[2 * rows + 2] == rows:
-                    return StepMessage(
-                        Header(Stamp(*STAMP.unpack_from(raw, STAMP_AT))),
-                        layout.names,
-                        values[1 : rows + 1],
-                        values[rows + 2 : 2 * rows + 2],
-                        values[2 * rows + 3 :],
-                        raw,
-                    )
-        return self._converted(raw)
+                return layout
+        return None
 
     def _converted(self, raw: bytes) -> StepMessage:
         try:
@@ -137,12 +168,12 @@ class Decoder:
         self.layout_count += 1
 
 
-def encoded(message: JointState) -> bytes:
+def encoded(message: AnyStep) -> bytes:
     """Return the bytes of a step message, padding zeroed, so that equal messages are equal bytes."""
     layout = _layout(tuple(message.name), message.header.frame_id)
     rows = len(layout.names)
     if not rows or not len(message.position) == len(message.velocity) == len(message.effort) == rows:
-        return bytes(serialize_message(message))
+        return bytes(serialize_message(joint_state(message) if isinstance(message, StepMessage) else message))
     stamp = message.header.stamp
     columns = layout.columns.pack(rows, *message.position, rows, *message.velocity, rows, *message.effort)
     return b"".join((HEAD, STAMP.pack(stamp.sec, stamp.nanosec), layout.block, columns))

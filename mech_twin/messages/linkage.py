@@ -1,21 +1,27 @@
-"""LinkageSample <-> sensor_msgs/JointState on ``joint_states``."""
+"""LinkageSample <-> sensor_msgs/JointState on ``step/linkage``."""
 
 from __future__ import annotations
 
 from sensor_msgs.msg import JointState
 
-from mech_twin.messages.step_message import COMMAND, REGIME, STEP, AnyStep, joint_columns, packed, table
+from mech_twin.messages.joint_state_cdr import AnyStep, StepMessage, joint_state
+from mech_twin.messages.step_message import COMMAND, REGIME, STEP, Row, joint_columns, packed, table
 from mech_twin.samples import LinkageSample
 
 
-def to_message(sample: LinkageSample, message: JointState | None = None) -> JointState:
-    """Return the sample as a message."""
+def to_step(sample: LinkageSample, marks: tuple[Row, ...] = ()) -> StepMessage:
+    """Return the sample as a step message, with the rows the publishing node adds."""
     scalars = (
-        (STEP, float(sample.step), sample.time_s, 0.0),
-        (REGIME, float(sample.regime), 0.0, 0.0),
-        (COMMAND, sample.command, 0.0, 0.0),
+        Row(STEP, float(sample.step), sample.time_s),
+        Row(REGIME, float(sample.regime)),
+        Row(COMMAND, sample.command),
     )
-    return packed(message or JointState(), sample, scalars, sample.memory, sample.residuals, sample.events)
+    return packed(sample, scalars, sample.memory, sample.residuals, sample.events, marks)
+
+
+def to_message(sample: LinkageSample) -> JointState:
+    """Return the sample as a message of the middleware."""
+    return joint_state(to_step(sample))
 
 
 def from_message(message: AnyStep, step_s: float | None = None) -> LinkageSample:

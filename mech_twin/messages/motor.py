@@ -1,17 +1,22 @@
-"""MotorSample <-> sensor_msgs/JointState on ``motor/joint_states``."""
+"""MotorSample <-> sensor_msgs/JointState on ``step/motor``."""
 
 from __future__ import annotations
 
 from sensor_msgs.msg import JointState
 
-from mech_twin.messages.step_message import COMMAND, STEP, AnyStep, joint_columns, packed, table
+from mech_twin.messages.joint_state_cdr import AnyStep, StepMessage, joint_state
+from mech_twin.messages.step_message import COMMAND, STEP, Row, joint_columns, packed, table
 from mech_twin.samples import MotorSample
 
 
-def to_message(sample: MotorSample, message: JointState | None = None) -> JointState:
-    """Return the sample as a message."""
-    scalars = ((STEP, float(sample.step), sample.time_s, 0.0), (COMMAND, sample.command, 0.0, 0.0))
-    return packed(message or JointState(), sample, scalars)
+def to_step(sample: MotorSample, marks: tuple[Row, ...] = ()) -> StepMessage:
+    """Return the sample as a step message, with the rows the publishing node adds."""
+    return packed(sample, (Row(STEP, float(sample.step), sample.time_s), Row(COMMAND, sample.command)), marks=marks)
+
+
+def to_message(sample: MotorSample) -> JointState:
+    """Return the sample as a message of the middleware."""
+    return joint_state(to_step(sample))
 
 
 def from_message(message: AnyStep, step_s: float | None = None) -> MotorSample:

@@ -8,14 +8,11 @@ as the float64 it is: nothing is rounded on the way.
 from __future__ import annotations
 
 import math
-from array import array
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple
 
-from sensor_msgs.msg import JointState
-
-from mech_twin.messages.joint_state_cdr import StepMessage
+from mech_twin.messages.joint_state_cdr import AnyStep, Header, StepMessage, stamp_of
 from mech_twin.samples import Coordinate, Event, Named
 
 MARK = "~"
@@ -29,10 +26,7 @@ MEMORY = "~memory/"
 RESIDUAL = "~residual/"
 EVENT = "~event/"
 
-
 LARGEST_STEP = 2.0**53
-
-AnyStep: TypeAlias = JointState | StepMessage
 
 
 class MessageError(ValueError):
@@ -41,8 +35,7 @@ class MessageError(ValueError):
 
 def set_stamp(header: Any, time_s: float) -> None:
     """Write a time into a header, rounded to the nanosecond a stamp can hold."""
-    nanoseconds = round(time_s * 1e9)
-    header.stamp.sec, header.stamp.nanosec = divmod(nanoseconds, 1_000_000_000)
+    header.stamp.sec, header.stamp.nanosec = stamp_of(time_s)
 
 
 def stamp_s(header: Any) -> float:
@@ -50,60 +43,77 @@ def stamp_s(header: Any) -> float:
     return float(header.stamp.sec + header.stamp.nanosec * 1e-9)
 
 
-class Rows(NamedTuple):
-    """Rows of a step message: names, and the three columns."""
+class Row(NamedTuple):
+    """One bookkeeping row of a step message: its name and its entry in each column."""
 
-    names: tuple[str, ...]
-    position: tuple[float, ...]
-    velocity: tuple[float, ...]
-    effort: tuple[float, ...]
+    name: str
+    position: float
+    velocity: float = 0.0
+    effort: float = 0.0
 
 
-@lru_cache(maxsize=256)
+@lru_cache(maxsize=1024)
 def _row_names(
-    joints: tuple[str, ...], scalars: tuple[str, ...], memory: tuple[str, ...], residuals: tuple[str, ...]
+    joints: tuple[str, ...],
+    scalars: tuple[str, ...],
+    memory: tuple[str, ...],
+    residuals: tuple[str, ...],
+    more: tuple[str, ...],
 ) -> tuple[str, ...]:
-    return (*joints, *scalars, *(MEMORY + name for name in memory), *(RESIDUAL + name for name in residuals))
+    """Return the names of all rows, the same tuple each time."""
+    return (*joints, *scalars, *(MEMORY + name for name in memory), *(RESIDUAL + name for name in residuals), *more)
 
 
 NOTHING = Named()
 
 
 def packed(
-    message: JointState,
     sample: Any,
-    scalars: Sequence[tuple[str, float, float, float]],
+    scalars: Sequence[Row],
     memory: Named = NOTHING,
     residuals: Named = NOTHING,
     events: tuple[Event, ...] = (),
-) -> JointState:
-    """Return the message filled with a sample; ``scalars`` are further rows (name, position, velocity, effort)."""
-    set_stamp(message.header, sample.time_s)
-    names = _row_names(sample.joints, tuple(row[0] for row in scalars), memory.names, residuals.names)
+    marks: tuple[Row, ...] = (),
+) -> StepMessage:
+    """Return a sample as a step message.
+
+    Parameters
+    ----------
+    sample : LinkageSample, MotorSample or BodySample
+        Its joints come first.
+    scalars : sequence of Row
+        Further numbers of the sample.
+    memory, residuals, events
+        Of the sample.
+    marks : tuple of Row
+        What the publishing node adds; last.
+    """
+    more = (*(row for i, e in enumerate(events) for row in _event_rows(i, e)), *marks) if events else marks
+    names = _row_names(
+        sample.joints,
+        tuple([row[0] for row in scalars]),
+        memory.names,
+        residuals.names,
+        tuple([row[0] for row in more]),
+    )
     padding = (0.0,) * (len(memory.values) + len(residuals.values))
-    position = [*sample.position, *(row[1] for row in scalars), *memory.values, *residuals.values]
-    velocity = [*sample.velocity, *(row[2] for row in scalars), *padding]
-    effort = [*sample.effort, *(row[3] for row in scalars), *padding]
-    if events:
-        event_names, *columns = zip(*(row for i, e in enumerate(events) for row in _event_rows(i, e)), strict=True)
-        names = (*names, *event_names)
-        for column, extra in zip((position, velocity, effort), columns, strict=True):
-            column.extend(extra)
-    message.name = list(names)
-    message.position = array("d", position)
-    message.velocity = array("d", velocity)
-    message.effort = array("d", effort)
-    return message
+    return StepMessage(
+        Header(stamp_of(sample.time_s)),
+        names,
+        (*sample.position, *[r[1] for r in scalars], *memory.values, *residuals.values, *[r[1] for r in more]),
+        (*sample.velocity, *[r[2] for r in scalars], *padding, *[r[2] for r in more]),
+        (*sample.effort, *[r[3] for r in scalars], *padding, *[r[3] for r in more]),
+    )
 
 
-def _event_rows(index: int, event: Event) -> list[tuple[str, float, float, float]]:
+def _event_rows(index: int, event: Event) -> list[Row]:
     head = f"{EVENT}{index}/"
     rows = [
-        (f"{head}{event.kind}/{event.contact}", event.time_s, event.pre_velocity_m_per_s, event.impulse_ns),
-        (f"{head}after", float(event.period), event.post_velocity_m_per_s, 0.0),
+        Row(f"{head}{event.kind}/{event.contact}", event.time_s, event.pre_velocity_m_per_s, event.impulse_ns),
+        Row(f"{head}after", float(event.period), event.post_velocity_m_per_s),
     ]
-    rows += [(f"{head}pre/{k}", *coordinate) for k, coordinate in enumerate(event.pre)]
-    rows += [(f"{head}post/{k}", *coordinate) for k, coordinate in enumerate(event.post)]
+    rows += [Row(f"{head}pre/{k}", *coordinate) for k, coordinate in enumerate(event.pre)]
+    rows += [Row(f"{head}post/{k}", *coordinate) for k, coordinate in enumerate(event.post)]
     return rows
 
 
@@ -284,7 +294,17 @@ def step_index(message: AnyStep) -> int | None:
         raise MessageError(f"{len(names)} rows, but {len(position)} positions")
     if STEP not in names:
         return None
-    step = float(position[names.index(STEP)])
+    return checked_step(float(position[names.index(STEP)]))
+
+
+def checked_step(step: float) -> int:
+    """Return a step index.
+
+    Raises
+    ------
+    MessageError
+        If it is no whole number a float64 holds exactly.
+    """
     if not abs(step) < LARGEST_STEP or step != int(step):
         raise MessageError(f"step {step} is no step index")
     return int(step)
@@ -294,15 +314,6 @@ def marked(message: AnyStep, name: str, absent: float) -> float:
     """Return a number a node has added to a step message, or ``absent`` if it has not."""
     names = message.name
     return float(message.position[names.index(name)]) if name in names else absent
-
-
-def mark(message: JointState, name: str, value: float, second: float = 0.0) -> JointState:
-    """Return the message with one more bookkeeping row, of one or two numbers."""
-    message.name.append(name)
-    message.position.append(value)
-    message.velocity.append(second)
-    message.effort.append(0.0)
-    return message
 
 
 def source(message: AnyStep) -> float:
@@ -332,9 +343,9 @@ def configuration_mark(message: AnyStep) -> ConfigurationMark:
     return ConfigurationMark(int(message.position[row]), float(message.velocity[row]))
 
 
-def mark_revision(message: JointState, number: int, source: float = 0.0) -> JointState:
-    """Return the message with the row that says which configuration its sample was computed with."""
-    return mark(message, REVISION, float(number), source)
+def revision_row(number: int, source: float = 0.0) -> Row:
+    """Return the row that says which configuration a sample was computed with."""
+    return Row(REVISION, float(number), source)
 
 
 def arranged(sample: Any, joints: tuple[str, ...]) -> Any:

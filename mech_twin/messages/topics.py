@@ -38,6 +38,12 @@ class Topic(NamedTuple):
     qos: QoSProfile = DATA
 
 
+# what the roles exchange: one whole sample a step, with rows that are no joints
+STEP_LINKAGE = Topic("step/linkage", JointState)
+STEP_MOTOR = Topic("step/motor", JointState)
+STEP_FORCES = Topic("step/forces", JointState)
+STEP_BODY = Topic("step/body", JointState)
+# what people and other tools read: joints and efforts alone, decimated
 JOINT_STATES = Topic("joint_states", JointState)
 MOTOR_JOINT_STATES = Topic("motor/joint_states", JointState)
 FORCE_JOINT_STATES = Topic("forces/joint_states", JointState)
@@ -64,8 +70,19 @@ def pin_wrench(pin: str) -> Topic:
 
 def step_topics(has_body: bool) -> tuple[Topic, ...]:
     """Return the topics that carry one whole sample each step."""
+    always = (STEP_LINKAGE, STEP_MOTOR, STEP_FORCES)
+    return (*always, STEP_BODY) if has_body else always
+
+
+def joint_state_topics(has_body: bool) -> tuple[Topic, ...]:
+    """Return the topics of plain joint states."""
     always = (JOINT_STATES, MOTOR_JOINT_STATES, FORCE_JOINT_STATES)
     return (*always, BODY_JOINT_STATES) if has_body else always
+
+
+def run_topics(has_body: bool) -> tuple[Topic, ...]:
+    """Return the topics of which there is one publisher each: step messages and joint states."""
+    return (*step_topics(has_body), *joint_state_topics(has_body))
 
 
 def recorded_topics(pins: tuple[str, ...], has_body: bool) -> tuple[Topic, ...]:
@@ -73,7 +90,7 @@ def recorded_topics(pins: tuple[str, ...], has_body: bool) -> tuple[Topic, ...]:
     body = (PRESSING_FORCE,) if has_body else ()
     wrenches = tuple(pin_wrench(pin) for pin in pins)
     rest = (SPEED_COMMAND, IMPACTS, SCENE, DESCRIPTION, CLOCK, DIAGNOSTICS)
-    return (*step_topics(has_body), *wrenches, *body, *rest)
+    return (*run_topics(has_body), *wrenches, *body, *rest)
 
 
 def type_name(topic: Topic) -> str:

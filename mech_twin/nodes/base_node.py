@@ -20,7 +20,7 @@ from rclpy.timer import Timer
 
 from mech_twin.messages.joint_state_cdr import CdrError, Decoder, StepMessage
 from mech_twin.messages.topics import DIAGNOSTICS, Topic
-from mech_twin.nodes.counting_publisher import CountingPublisher, PeakHoldPublisher, StepPublisher
+from mech_twin.nodes.counting_publisher import CountingPublisher, JointStatePublisher, PeakHoldPublisher, StepPublisher
 from mech_twin.nodes.diagnostics import NodeDiagnostics, array_message
 from mech_twin.nodes.options import RunOptions
 from mech_twin.nodes.parameter_bridge import declare_machine, declared_tree
@@ -31,7 +31,6 @@ from mech_twin.quantity import Parameters
 
 WINDOW_S = 1.0
 PULSE_S = 0.1
-IDLE_S = 0.1
 
 
 class TwinNode(Node):
@@ -82,10 +81,6 @@ class TwinNode(Node):
     def diagnostic_values(self) -> Mapping[str, str]:
         """Return further values for the diagnostics."""
         return {}
-
-    def tick(self) -> float:
-        """Do what is due; return how long nothing more will be."""
-        return IDLE_S
 
     def close(self) -> None:
         """Let go of what this node holds open beside its topics."""
@@ -158,10 +153,17 @@ class TwinNode(Node):
         self._added(made)
         return made
 
-    def peak_hold_output(self, topic: Topic) -> PeakHoldPublisher:
-        """Return a new decimated publisher that keeps the greatest message of each window."""
-        window = self.options.stream_decimation
+    def peak_hold_output(self, topic: Topic, window: int) -> PeakHoldPublisher:
+        """Return a new publisher that keeps the greatest message of each window of steps."""
         made = PeakHoldPublisher(self, topic, int(self.options.recorder), window, self._told(topic))
+        self._added(made)
+        return made
+
+    def joint_state_output(
+        self, topic: Topic, window: int, message: Callable[[Any], StepMessage]
+    ) -> JointStatePublisher:
+        """Return a new publisher of joint states, one a window of steps and more around impacts."""
+        made = JointStatePublisher(self, topic, int(self.options.recorder), window, message, self._told(topic))
         self._added(made)
         return made
 

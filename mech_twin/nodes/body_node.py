@@ -12,14 +12,16 @@ from mech_twin.messages import body as body_messages
 from mech_twin.messages import force as force_messages
 from mech_twin.messages import impact
 from mech_twin.messages.joint_state_cdr import StepMessage
+from mech_twin.messages.joint_states import has_impact, joints_message
 from mech_twin.messages.step_message import MessageError
 from mech_twin.messages.topics import (
     BODY_JOINT_STATES,
-    FORCE_JOINT_STATES,
     IMPACTS,
     PRESSING_FORCE,
     REJOIN,
     REJOIN_BODY,
+    STEP_BODY,
+    STEP_FORCES,
 )
 from mech_twin.nodes.follower_node import FollowerNode
 from mech_twin.nodes.options import RunOptions
@@ -34,11 +36,11 @@ class BodyNode(FollowerNode):
     def __init__(
         self, machine_name: str, parameters: Parameters | None = None, options: RunOptions | None = None
     ) -> None:
-        super().__init__("body", machine_name, parameters, options, FORCE_JOINT_STATES, "force_analysis")
-        self._message = JointState()
-        self._out = self.step_output(BODY_JOINT_STATES, 1)
+        super().__init__("body", machine_name, parameters, options, STEP_FORCES, "force_analysis")
+        self._out = self.step_output(STEP_BODY, 1)
+        self._states = self.joint_state_output(BODY_JOINT_STATES, self.stream_window, joints_message)
         self._impacts = self.output(IMPACTS)
-        self._pressing = self.peak_hold_output(PRESSING_FORCE)
+        self._pressing = self.peak_hold_output(PRESSING_FORCE, self.stream_window)
         self._rejoining = False
         self._rejoin = self.output(REJOIN, recorded=False)
         self.subscribe(REJOIN_BODY, self._on_last_sample)
@@ -66,17 +68,21 @@ class BodyNode(FollowerNode):
             return None
         sample = next_body(self.role, previous, question)
         self.diagnostics.observe(sample.residuals)
-        for event in sample.events:
-            self._impacts.send(impact.to_message(event))
-        self._pressing.offer(
-            abs(sample.pressing_force_n),
-            partial(body_messages.pressing_force_message, sample.time_s, sample.pressing_force_n),
-        )
         return sample
 
     def send(self, answer: BodySample) -> None:
         """Publish a body sample."""
-        self._out.send(self.signed(body_messages.to_message(answer, self._message)))
+        self._out.send(body_messages.to_step(answer, (self.signature,)))
+
+    def show(self, question: ForceSample, answer: BodySample) -> None:
+        """Publish events, and offer joint states and pressing force to their decimated topics."""
+        for event in answer.events:
+            self._impacts.send(impact.to_message(event))
+        self._states.offer(answer, has_impact(answer.events) or has_impact(question.loads))
+        self._pressing.offer(
+            abs(answer.pressing_force_n),
+            partial(body_messages.pressing_force_message, answer.time_s, answer.pressing_force_n),
+        )
 
     def _on_last_sample(self, message: JointState) -> None:
         if not message.name or not self._rejoining:

@@ -12,7 +12,7 @@ import rclpy
 from rclpy.signals import SignalHandlerOptions
 
 from mech_twin.engine.assembly import FrameAssembler
-from mech_twin.messages.topics import step_topics
+from mech_twin.messages.topics import run_topics
 from mech_twin.nodes.base_node import TwinNode, destroy_nodes, sent_messages
 from mech_twin.nodes.body_node import BodyNode
 from mech_twin.nodes.force_node import ForceNode
@@ -25,10 +25,10 @@ from mech_twin.nodes.recorder_node import RecorderNode
 from mech_twin.nodes.role_node import RoleNode
 from mech_twin.nodes.run_metrics import RunMetrics
 from mech_twin.nodes.spinner import Spinner
-from mech_twin.nodes.stop_signal import StopSignal
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.quantity import Parameters
 from mech_twin.samples import Frame, Sample
+from mech_twin.stop_signal import StopSignal
 
 if TYPE_CHECKING:
     from mech_twin.nodes.viewer_node import ViewerNode
@@ -54,9 +54,9 @@ def role_nodes(machine_name: str, parameters: Parameters | None, options: RunOpt
 
 
 def guarded_topics(machine_name: str, namespace: str | None) -> list[str]:
-    """Return the full names of the step topics of a run."""
+    """Return the full names of the topics of a run that nobody else may publish."""
     full = run_namespace(machine_name, namespace)
-    return [f"{full}/{topic.name}" for topic in step_topics(catalogue_entry(machine_name).has_body)]
+    return [f"{full}/{topic.name}" for topic in run_topics(catalogue_entry(machine_name).has_body)]
 
 
 def run_in_process(

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
-from sensor_msgs.msg import JointState
 
-from mech_twin.messages.joint_state_cdr import encoded
+from mech_twin.messages.joint_state_cdr import AnyStep, StepMessage, encoded
 from mech_twin.messages.peak_hold import PeakHoldWindow
+from mech_twin.messages.stream_window import StreamWindow
 from mech_twin.messages.topics import Topic
+from mech_twin.samples import Sample
 
 
 class CountingPublisher:
@@ -59,9 +60,48 @@ class StepPublisher(CountingPublisher):
 
     exclusive = True
 
-    def send(self, message: JointState) -> None:
+    def send(self, message: AnyStep) -> None:
         """Publish a step message."""
         super().send(encoded(message))
+
+
+class JointStatePublisher(CountingPublisher):
+    """A decimated topic of joint states; see `StreamWindow` for which samples go out.
+
+    Parameters
+    ----------
+    window : int
+        Steps per message where nothing strikes.
+    message : callable
+        Returns the joint state of a sample.
+    """
+
+    exclusive = True
+
+    def __init__(
+        self,
+        node: Node,
+        topic: Topic,
+        listeners: int,
+        window: int,
+        message: Callable[[Any], StepMessage],
+        on_incompatible: Callable[[Any], None] | None = None,
+    ) -> None:
+        super().__init__(node, topic, listeners, on_incompatible)
+        self._window = StreamWindow[Any](window)
+        self._message = message
+
+    def offer(self, sample: Sample, impact: bool, magnitude: float = 0.0) -> None:
+        """Take the sample of a step into account, and publish what goes out."""
+        self._send_all(self._window.offer(sample.step, sample, magnitude, impact))
+
+    def flush(self) -> None:
+        """Publish what the window holds so far."""
+        self._send_all(self._window.rest())
+
+    def _send_all(self, due: Iterable[Any]) -> None:
+        for sample in due:
+            self.send(encoded(self._message(sample)))
 
 
 class PeakHoldPublisher(CountingPublisher):

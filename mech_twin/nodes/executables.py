@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 import time
 from collections.abc import Callable
@@ -15,10 +14,13 @@ from typing import TYPE_CHECKING
 from mech_twin.configuration_tree import ConfigurationError
 from mech_twin.dependencies import missing_extra
 from mech_twin.engine.errors import MotionError
+from mech_twin.interruption import end_at_once
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.nodes.domain import settle_domain
 from mech_twin.nodes.errors import NameInUseError
+from mech_twin.nodes.parent_death import end_with_launch
 from mech_twin.parameters.load import MACHINE_KEY, catalogue_entry
+from mech_twin.stop_signal import StopSignal
 
 if TYPE_CHECKING:
     from mech_twin.nodes.base_node import TwinNode
@@ -60,60 +62,73 @@ def machine_of(node_name: str) -> str:
 def _program(
     make: Callable[[str, argparse.Namespace], TwinNode], node_name: str, description: str, *options: str
 ) -> None:
-    settle_domain()
     parser = argparse.ArgumentParser(description=description)
     for option in options:
         parser.add_argument(option)
     own, ros = parser.parse_known_args()
     if ros and ros[0] != "--ros-args":
         parser.error(f"unknown argument {ros[0]}; ROS arguments come after --ros-args")
-    from mech_twin.recording.errors import BagError
-
     try:
-        _serve(lambda: make(machine_of(node_name), own), ros)
-    except (ConfigurationError, MotionError, BagError, NameInUseError, ModuleNotFoundError) as error:
-        line = missing_extra(error) if isinstance(error, ModuleNotFoundError) else " ".join(str(error).split())
+        with StopSignal() as stop:
+            end_with_launch()
+            _serve(lambda: make(machine_of(node_name), own), ros, stop)
+    except SystemExit as end:
+        end_at_once(end.code if isinstance(end.code, int) else EXIT_CODE)
+    except Exception as error:
+        line = _told_line(error)
         if line is None:
             raise
         sys.stderr.write(f"{Path(sys.argv[0]).name}: {line}\n")
         raise SystemExit(EXIT_CODE) from error
-    sys.stdout.flush()
-    sys.stderr.flush()
-    # all is closed; taking the interpreter and the compiler down would cost half of the second a stop may take
-    os._exit(0)
+    end_at_once(0)
 
 
-def _serve(make: Callable[[], TwinNode], ros: list[str]) -> None:
+def _told_line(error: Exception) -> str | None:
+    """Return the line that tells of an error in what the program was given; None if the error is its own."""
+    from mech_twin.recording.errors import BagError
+
+    if isinstance(error, ModuleNotFoundError):
+        return missing_extra(error)
+    known = (ConfigurationError, MotionError, BagError, NameInUseError)
+    return " ".join(str(error).split()) if isinstance(error, known) else None
+
+
+def _serve(make: Callable[[], TwinNode], ros: list[str], stop: StopSignal) -> None:
+    with ExitStack() as at_end:
+        with stop.interrupting():  # from here on: to load the libraries takes a second
+            node = _made(make, ros, at_end)
+        from mech_twin.nodes.spinner import Spinner
+
+        with Spinner([node]) as spinner:
+            spinner.until(lambda: stop.asked or node.done)
+            node.flush()
+            node.report()
+            end = time.monotonic() + QUIET_LIMIT_S
+            spinner.until(lambda: node.quiet_s() > QUIET_S or time.monotonic() > end)
+
+
+def _made(make: Callable[[], TwinNode], ros: list[str], at_end: ExitStack) -> TwinNode:
+    """Return the node, alone under its name if it must be; what is to be closed is put on the stack."""
+    settle_domain()
     import rclpy
     from rclpy._rclpy_pybind11 import RCLError
     from rclpy.signals import SignalHandlerOptions
 
     from mech_twin.nodes.base_node import destroy_nodes
     from mech_twin.nodes.name_guard import NameGuard
-    from mech_twin.nodes.spinner import Spinner
-    from mech_twin.nodes.stop_signal import StopSignal
 
     try:
         rclpy.init(args=[sys.argv[0], *ros], signal_handler_options=SignalHandlerOptions.NO)
     except (RCLError, rclpy.exceptions.ROSInterruptException) as error:
         raise ConfigurationError(str(error)) from error
-    nodes: list[TwinNode] = []
-    with StopSignal() as stop, ExitStack() as at_end:
-        at_end.callback(rclpy.try_shutdown)
-        at_end.callback(destroy_nodes, nodes)
-        with stop.interrupting():
-            node = make()
-            nodes.append(node)
-            exclusive = [node.resolve_topic_name(output.name) for output in node.outputs if output.exclusive]
-            if exclusive and node.options.exclusive:
-                with NameGuard(exclusive) as guard:
-                    guard.check(own_publishers=1)
-        with Spinner(nodes) as spinner:
-            spinner.until(lambda: stop.asked or node.done)
-            node.flush()
-            node.report()
-            end = time.monotonic() + QUIET_LIMIT_S
-            spinner.until(lambda: node.quiet_s() > QUIET_S or time.monotonic() > end)
+    at_end.callback(rclpy.try_shutdown)
+    node = make()
+    at_end.callback(destroy_nodes, [node])
+    exclusive = [node.resolve_topic_name(output.name) for output in node.outputs if output.exclusive]
+    if exclusive and node.options.exclusive:
+        with NameGuard(exclusive) as guard:
+            guard.check(own_publishers=1)
+    return node
 
 
 def motor_node() -> None:

@@ -68,6 +68,9 @@ class FollowerNode(RoleNode):
         """Publish an answer."""
         raise NotImplementedError
 
+    def show(self, question: Any, answer: Any) -> None:
+        """Publish what a new answer means to people and other tools, each topic at its own rate."""
+
     def tell_peer(self, peer: str) -> None:
         """Tell a peer that came back where it was."""
 
@@ -143,8 +146,9 @@ class FollowerNode(RoleNode):
         self.last_message = message
         self.time_s = question.time_s
         self.diagnostics.state = "running"
-        self.on_sample(answer)
         self.send(answer)
+        self.on_sample(answer)
+        self.show(question, answer)
 
     def _on_old_step(self, question: Any, last: int) -> None:
         known = self.exchanges.get(question.step)

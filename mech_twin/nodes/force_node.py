@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from functools import partial
 
-from sensor_msgs.msg import JointState
-
 from mech_twin.messages import force as force_messages
 from mech_twin.messages import linkage as linkage_messages
 from mech_twin.messages.joint_state_cdr import StepMessage
-from mech_twin.messages.step_message import arranged, mark_revision
-from mech_twin.messages.topics import FORCE_JOINT_STATES, JOINT_STATES, pin_wrench
+from mech_twin.messages.joint_states import efforts_message, has_impact
+from mech_twin.messages.step_message import arranged
+from mech_twin.messages.topics import FORCE_JOINT_STATES, STEP_FORCES, STEP_LINKAGE, pin_wrench
 from mech_twin.nodes.follower_node import FollowerNode
 from mech_twin.nodes.options import RunOptions
 from mech_twin.quantity import Parameters
@@ -23,11 +22,11 @@ class ForceNode(FollowerNode):
     def __init__(
         self, machine_name: str, parameters: Parameters | None = None, options: RunOptions | None = None
     ) -> None:
-        super().__init__("force_analysis", machine_name, parameters, options, JOINT_STATES, "linkage")
-        self._message = JointState()
-        self._out = self.step_output(FORCE_JOINT_STATES, 1)
+        super().__init__("force_analysis", machine_name, parameters, options, STEP_LINKAGE, "linkage")
+        self._out = self.step_output(STEP_FORCES, 1)
+        self._states = self.joint_state_output(FORCE_JOINT_STATES, self.stream_window, efforts_message)
         topics = {pin: pin_wrench(pin) for pin in self.machine.forces.pins}
-        self._wrenches = [(pin, self.peak_hold_output(topic)) for pin, topic in topics.items()]
+        self._wrenches = [(pin, self.peak_hold_output(topic, self.stream_window)) for pin, topic in topics.items()]
 
     def residual_limits(self) -> dict[str, float]:
         """Return the limits of the power balance and its like."""
@@ -40,15 +39,18 @@ class ForceNode(FollowerNode):
         return arranged_sample
 
     def answer(self, question: LinkageSample, previous: ForceSample | None) -> ForceSample:
-        """Return the forces of the linkage's step, and offer each pin's to its decimated topic."""
+        """Return the forces of the linkage's step."""
         sample = self.machine.forces.analyse(question)
         self.diagnostics.observe(sample.residuals)
-        for (pin, output), wrench in zip(self._wrenches, sample.wrenches, strict=True):
-            build = partial(force_messages.wrench_message, sample.time_s, pin, wrench)
-            output.offer(force_messages.wrench_size(wrench), build)
         return sample
 
     def send(self, answer: ForceSample) -> None:
         """Publish a force sample."""
-        message = force_messages.to_message(answer, self._message)
-        self._out.send(self.signed(mark_revision(message, self.revision, self.described_by)))
+        self._out.send(force_messages.to_step(answer, self.marks))
+
+    def show(self, question: LinkageSample, answer: ForceSample) -> None:
+        """Offer the forces to the decimated topics, all of them and pin by pin."""
+        sizes = [force_messages.wrench_size(wrench) for wrench in answer.wrenches]
+        self._states.offer(answer, has_impact(question.events), max(sizes, default=0.0))
+        for (pin, output), wrench, size in zip(self._wrenches, answer.wrenches, sizes, strict=True):
+            output.offer(size, partial(force_messages.wrench_message, answer.time_s, pin, wrench))

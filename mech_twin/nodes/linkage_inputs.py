@@ -11,14 +11,14 @@ from mech_twin.messages import force as force_messages
 from mech_twin.messages import motor as motor_messages
 from mech_twin.messages.joint_state_cdr import StepMessage
 from mech_twin.messages.step_message import MessageError, arranged, source
-from mech_twin.messages.topics import BODY_JOINT_STATES, FORCE_JOINT_STATES, MOTOR_JOINT_STATES, Topic
+from mech_twin.messages.topics import STEP_BODY, STEP_FORCES, STEP_MOTOR, Topic
 from mech_twin.nodes.linkage_rejoin import LinkageRejoin
 from mech_twin.nodes.peer_wait import PeerWait
 from mech_twin.nodes.role_node import RoleNode
 from mech_twin.nodes.source_lock import ANONYMOUS, Admission, SourceLock
 from mech_twin.nodes.stepping_barrier import Answer, SteppingBarrier
 
-TOPICS = {"motor": MOTOR_JOINT_STATES, "body": BODY_JOINT_STATES, "force_analysis": FORCE_JOINT_STATES}
+TOPICS = {"motor": STEP_MOTOR, "body": STEP_BODY, "force_analysis": STEP_FORCES}
 CONVERTERS: dict[str, ModuleType] = {
     "motor": motor_messages,
     "body": body_messages,

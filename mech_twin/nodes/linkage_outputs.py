@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from mech_twin.messages import impact, scene
 from mech_twin.messages import linkage as linkage_messages
-from mech_twin.messages.step_message import mark_revision, set_stamp
-from mech_twin.messages.topics import CLOCK, DESCRIPTION, IMPACTS, JOINT_STATES, SCENE
+from mech_twin.messages.joint_state_cdr import stamp_of
+from mech_twin.messages.joint_states import has_impact, joints_message
+from mech_twin.messages.topics import CLOCK, DESCRIPTION, IMPACTS, JOINT_STATES, SCENE, STEP_LINKAGE
 from mech_twin.nodes.role_node import RoleNode
 from mech_twin.samples import BodySample, Drawing, LinkageSample
 
@@ -27,8 +27,8 @@ class LinkageOutputs:
 
     def __init__(self, node: RoleNode) -> None:
         self._node = node
-        self._message = JointState()
-        self._steps = node.step_output(JOINT_STATES, PEERS_THAT_STEP)
+        self._steps = node.step_output(STEP_LINKAGE, PEERS_THAT_STEP)
+        self._states = node.joint_state_output(JOINT_STATES, node.stream_window, joints_message)
         self._clock = node.output(CLOCK)
         self._impacts = node.output(IMPACTS)
         self._scene = node.output(SCENE, int(node.options.viewer))
@@ -41,17 +41,17 @@ class LinkageOutputs:
 
     def send_step(self, sample: LinkageSample) -> None:
         """Publish the step message; a step may be published again."""
-        message = linkage_messages.to_message(sample, self._message)
-        self._steps.send(self._node.signed(mark_revision(message, self._node.revision, self._node.described_by)))
+        self._steps.send(linkage_messages.to_step(sample, self._node.marks))
 
     def send_views(self, sample: LinkageSample, body: BodySample | None) -> None:
         """Publish what a step means to people and other tools, each at its own rate; once a step."""
         for event in sample.events:
             self._impacts.send(impact.to_message(event))
-        if sample.step % self._node.options.stream_decimation == 0:
-            stamp = JointState()
-            set_stamp(stamp.header, sample.time_s)
-            self._clock.send(Clock(clock=stamp.header.stamp))
+        self._states.offer(sample, has_impact(sample.events))
+        if sample.step % self._node.stream_window == 0:
+            clock = Clock()
+            clock.clock.sec, clock.clock.nanosec = stamp_of(sample.time_s)
+            self._clock.send(clock)
         if sample.step % self._steps_per_drawing == 0:
             shapes = self._node.machine.draw(sample, body)
             self._scene.send(scene.to_message(Drawing(sample.step, sample.time_s, shapes)))

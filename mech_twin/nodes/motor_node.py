@@ -11,15 +11,17 @@ from std_srvs.srv import Trigger
 from mech_twin.messages import linkage as linkage_messages
 from mech_twin.messages import motor as motor_messages
 from mech_twin.messages.joint_state_cdr import StepMessage
-from mech_twin.messages.step_message import TARGET, MessageError, arranged, mark, marked
+from mech_twin.messages.joint_states import has_impact, joints_message
+from mech_twin.messages.step_message import TARGET, MessageError, Row, arranged, marked
 from mech_twin.messages.topics import (
-    JOINT_STATES,
     MOTOR_JOINT_STATES,
     REJOIN,
     REJOIN_DESCRIPTION,
     REJOIN_LINKAGE,
     REJOIN_MOTOR,
     SPEED_COMMAND,
+    STEP_LINKAGE,
+    STEP_MOTOR,
 )
 from mech_twin.nodes.follower_node import FollowerNode
 from mech_twin.nodes.options import RunOptions
@@ -27,7 +29,7 @@ from mech_twin.quantity import Parameters
 from mech_twin.samples import LinkageSample, MotorSample
 
 RATED = 1.0
-HIGHEST_COMMAND = 1.2
+HIGHEST_COMMAND = 1.0
 
 
 class MotorNode(FollowerNode):
@@ -36,11 +38,11 @@ class MotorNode(FollowerNode):
     def __init__(
         self, machine_name: str, parameters: Parameters | None = None, options: RunOptions | None = None
     ) -> None:
-        super().__init__("motor", machine_name, parameters, options, JOINT_STATES, "linkage")
+        super().__init__("motor", machine_name, parameters, options, STEP_LINKAGE, "linkage")
         self.target: float | None = None
         self._asked_target = RATED
-        self._message = JointState()
-        self._out = self.step_output(MOTOR_JOINT_STATES, 1)
+        self._out = self.step_output(STEP_MOTOR, 1)
+        self._states = self.joint_state_output(MOTOR_JOINT_STATES, self.stream_window, joints_message)
         self._rejoin = self.output(REJOIN, recorded=False)
         self._linkage_rejoins = self.output(REJOIN_LINKAGE, recorded=False)
         self._description_rejoins = self.output(REJOIN_DESCRIPTION, recorded=False)
@@ -65,8 +67,12 @@ class MotorNode(FollowerNode):
 
     def send(self, answer: MotorSample) -> None:
         """Publish a motor sample, with the command it is on its way to."""
-        message = motor_messages.to_message(answer, self._message)
-        self._out.send(self.signed(mark(message, TARGET, RATED if self.target is None else self.target)))
+        target = Row(TARGET, RATED if self.target is None else self.target)
+        self._out.send(motor_messages.to_step(answer, (target, self.signature)))
+
+    def show(self, question: LinkageSample, answer: MotorSample) -> None:
+        """Offer the drive to its decimated topic."""
+        self._states.offer(answer, has_impact(question.events))
 
     def _on_last_sample(self, message: JointState) -> None:
         if self.target is not None:

@@ -23,9 +23,9 @@ from mech_twin.nodes.namespace import ros_arguments
 from mech_twin.nodes.observer_node import ObserverNode
 from mech_twin.nodes.options import RunOptions
 from mech_twin.nodes.spinner import Spinner
-from mech_twin.nodes.stop_signal import EXIT_CODE_BASE, SIGNALS, StopSignal
 from mech_twin.parameters.load import MACHINE_KEY, RUN_GROUP, catalogue_entry
 from mech_twin.quantity import Parameters
+from mech_twin.stop_signal import EXIT_CODE_BASE, SIGNALS, StopSignal
 
 STOP_LIMIT_S = 10.0  # a bound for a busy machine; they end within a second
 SETTLE_S = 0.1

@@ -13,11 +13,11 @@ from mech_twin.messages import motor as motor_messages
 from mech_twin.messages.joint_state_cdr import StepMessage
 from mech_twin.messages.step_message import MessageError
 from mech_twin.messages.topics import (
-    BODY_JOINT_STATES,
     EVERY,
-    FORCE_JOINT_STATES,
-    JOINT_STATES,
-    MOTOR_JOINT_STATES,
+    STEP_BODY,
+    STEP_FORCES,
+    STEP_LINKAGE,
+    STEP_MOTOR,
     step_topics,
 )
 from mech_twin.nodes.base_node import TwinNode
@@ -29,10 +29,10 @@ from mech_twin.samples import Frame, Sample
 
 FIRST_STEP_S = 1.0  # for what does not say its step, until the linkage has taken one: at time 0 any length does
 DECODERS: dict[str, Callable[..., Sample]] = {
-    JOINT_STATES.name: linkage_messages.from_message,
-    MOTOR_JOINT_STATES.name: motor_messages.from_message,
-    FORCE_JOINT_STATES.name: force_messages.from_message,
-    BODY_JOINT_STATES.name: body_messages.from_message,
+    STEP_LINKAGE.name: linkage_messages.from_message,
+    STEP_MOTOR.name: motor_messages.from_message,
+    STEP_FORCES.name: force_messages.from_message,
+    STEP_BODY.name: body_messages.from_message,
 }
 
 
@@ -69,7 +69,7 @@ class ObserverNode(TwinNode):
 
     def _decoded(self, name: str, message: StepMessage) -> Sample:
         sample = DECODERS[name](message, self._step_s)
-        if name == JOINT_STATES.name and sample.step > 0:
+        if name == STEP_LINKAGE.name and sample.step > 0:
             self._step_s = sample.time_s / sample.step
         return sample
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
+from mech_twin.messages.stream_window import STREAM_RATE_HZ
 from mech_twin.quantity import Parameters, choice, quantity
 
 
@@ -16,7 +17,12 @@ class RunOptions(Parameters):
     viewer: bool = choice("wait for a viewer before the first step", default=False)
     observer: bool = choice("wait for an observer of the steps", default=False)
     exclusive: bool = choice("refuse to start where somebody publishes this node's step messages", default=True)
-    stream_decimation: int = quantity("1", "steps per message on decimated topics", ge=1, default=10)
+    stream_rate_hz: float = quantity(
+        "Hz",
+        "messages per simulated second on decimated topics, up to one a step; more where something strikes",
+        gt=0.0,
+        default=STREAM_RATE_HZ,
+    )
     view_rate_hz: float = quantity("Hz", "drawings per simulated second", gt=0.0, le=1000.0, default=30.0)
     peer_timeout_s: float = quantity("s", "silence after which a peer counts as gone", gt=0.0, default=0.5)
     discovery_limit_s: float = quantity("s", "longest wait for peers before the first step", gt=0.0, default=10.0)

@@ -6,14 +6,14 @@ import time
 from functools import partial
 from pathlib import Path
 
-from mech_twin.messages.joint_state_cdr import CdrError, Decoder, StepMessage
-from mech_twin.messages.step_message import MessageError, step_index
-from mech_twin.messages.step_message import source as source_of
+from mech_twin.messages.joint_state_cdr import CdrError
+from mech_twin.messages.step_head import StepHeadReader
+from mech_twin.messages.step_message import MessageError
 from mech_twin.messages.topics import (
     EVERY,
     EVERY_LATCHED,
-    JOINT_STATES,
     LATCHED,
+    STEP_LINKAGE,
     WRENCHES,
     Topic,
     pin_wrench,
@@ -38,10 +38,10 @@ MIB = 1024.0 * 1024.0
 
 
 class StepInput:
-    """One topic of step messages: how they are decoded, who is followed, which step was the last."""
+    """One topic of step messages: how they are read, who is followed, which step was the last."""
 
     def __init__(self) -> None:
-        self.decode = Decoder()
+        self.read = StepHeadReader()
         self.lock = SourceLock()
         self.sequence = StepSequence()
         self.heard_s = time.monotonic()
@@ -146,19 +146,18 @@ class RecorderNode(TwinNode):
     def _on_step(self, topic: Topic, name: str, of_topic: StepInput, raw: bytes) -> None:
         self._last_heard_s = time.monotonic()
         try:
-            message = of_topic.decode(raw)
-            step = step_index(message)
+            head = of_topic.read(raw)
         except (CdrError, MessageError) as error:
             self.statistics.count(topic.name, "malformed", str(error))
             self._write(name, raw, self._time.now_ns)
             return
-        if not self._is_followed(topic, of_topic, source_of(message)):
+        if not self._is_followed(topic, of_topic, head.source):
             self.statistics.count(topic.name, "unknown_source", "another publisher than the one that is followed")
             self._write(name, raw, self._time.now_ns)
             return
-        self._write(name, raw, self._time_of(topic, message))
-        if step is not None:
-            self._check_sequence(topic, name, of_topic.sequence, step)
+        self._write(name, raw, self._time_of(topic, head.stamp_ns))
+        if head.step is not None:
+            self._check_sequence(topic, name, of_topic.sequence, head.step)
 
     def _is_followed(self, topic: Topic, of_topic: StepInput, who: float) -> bool:
         """Return whether the run is this publisher's; one that signs comes before one that does not."""
@@ -172,10 +171,9 @@ class RecorderNode(TwinNode):
         of_topic.heard_s = now if followed else of_topic.heard_s
         return followed
 
-    def _time_of(self, topic: Topic, message: StepMessage) -> int:
+    def _time_of(self, topic: Topic, stamp: int) -> int:
         """Return the log time of a step that is followed: its stamp, where it is a time of this run."""
-        stamp = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
-        if self._time.lead(stamp) if topic == JOINT_STATES else self._time.belongs(stamp):
+        if self._time.lead(stamp) if topic == STEP_LINKAGE else self._time.belongs(stamp):
             return stamp
         self._count_stamp(topic, stamp)
         return self._time.now_ns

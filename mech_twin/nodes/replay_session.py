@@ -16,8 +16,8 @@ from mech_twin.nodes.namespace import replay_arguments
 from mech_twin.nodes.replay_limits import FASTEST, SLOWEST
 from mech_twin.nodes.replay_node import ReplayNode, ReplayOptions
 from mech_twin.nodes.replay_source import ReplaySource
-from mech_twin.nodes.stop_signal import StopSignal
 from mech_twin.nodes.terminal_keys import TerminalKeys
+from mech_twin.stop_signal import StopSignal
 
 LONGEST_WAIT_S = 0.05
 SHORTEST_WAIT_S = 1e-4

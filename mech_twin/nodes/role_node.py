@@ -6,10 +6,10 @@ from collections.abc import Callable, Mapping
 
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.parameter import Parameter
-from sensor_msgs.msg import JointState
 
 from mech_twin.engine.run import warm_up
-from mech_twin.messages.step_message import SOURCE, mark
+from mech_twin.messages.step_message import SOURCE, Row, revision_row
+from mech_twin.messages.stream_window import steps_per_window
 from mech_twin.nodes.base_node import TwinNode
 from mech_twin.nodes.options import RunOptions
 from mech_twin.nodes.parameter_bridge import keys
@@ -37,6 +37,8 @@ class RoleNode(TwinNode):
         warm_up(self.machine)
         self.diagnostics.limits(self.residual_limits())
         self.source = new_source()
+        self.signature = Row(SOURCE, self.source)
+        self.stream_window = steps_per_window(self.options.stream_rate_hz, self.machine.coupling_step_s)
         self.revision = 0
         self.described_by = ANONYMOUS
         self.description = ""
@@ -48,9 +50,10 @@ class RoleNode(TwinNode):
         """Return the limit of each residual this node publishes."""
         return {}
 
-    def signed(self, message: JointState) -> JointState:
-        """Return a step message with the row that says which node it comes from."""
-        return mark(message, SOURCE, self.source)
+    @property
+    def marks(self) -> tuple[Row, ...]:
+        """Rows this node adds to its step messages: the configuration they were computed with, and who it is."""
+        return revision_row(self.revision, self.described_by), self.signature
 
     def use(self, parameters: Parameters) -> None:
         """Rebuild the role from new parameters, and show them as this node's own."""

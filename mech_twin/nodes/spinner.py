@@ -50,11 +50,12 @@ class Spinner:
     def until(self, predicate: Callable[[], bool]) -> None:
         """Serve the nodes until the predicate holds or rclpy is shut down."""
         ticking = [node for node in self.nodes if isinstance(node, Ticking)]
-        while rclpy.ok() and not predicate():
+        running, spin_once = rclpy.get_default_context().ok, self._executor.spin_once
+        while running() and not predicate():
             wait_s = LONGEST_WAIT_S
             for node in ticking:
                 wait_s = min(wait_s, node.tick())
-            self._executor.spin_once(timeout_sec=max(wait_s, SHORTEST_WAIT_S))
+            spin_once(timeout_sec=max(wait_s, SHORTEST_WAIT_S))
 
     def __enter__(self) -> Spinner:
         gc.freeze()  # what is loaded by now stays; to search it for garbage again and again halts a run for 0.15 s

@@ -1,4 +1,4 @@
-"""The viewer node: what the topics say, handed to the stage; figures of the run about once a second."""
+"""The viewer node: what the topics say, handed to a rerun scene; metrics of the run about once a second."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from mech_twin.view.rerun_scene import RerunScene
 METRICS_EVERY_S = 1.0
 
 
-def opened_stage(machine_name: str, place: str) -> RerunScene:
-    """Return a stage in a running viewer (its address) or in a file (``NAME.rrd``)."""
+def opened_scene(machine_name: str, place: str) -> RerunScene:
+    """Return a scene in a running viewer (its address) or in a file (``NAME.rrd``)."""
     if place.endswith(".rrd"):
         return RerunScene(machine_name, rrd_path=place)
     return RerunScene(machine_name, grpc_url=place)
 
 
 class ViewerNode(ObserverNode):
-    """Shows a run on a stage.
+    """Shows a run in a rerun scene.
 
     Parameters
     ----------
@@ -43,29 +43,29 @@ class ViewerNode(ObserverNode):
         on_topics: bool = True,
     ) -> None:
         super().__init__(machine_name, parameters, options, name="viewer", on_topics=on_topics)
-        self.stage = opened_stage(machine_name, place)
+        self.rerun_scene = opened_scene(machine_name, place)
         self._shown = time.monotonic()
         self.create_subscription(MarkerArray, SCENE.name, self._on_scene, EVERY)
 
     def close(self) -> None:
-        """Show the last figures and let the stage go."""
-        self.stage.metrics(self.run_metrics.running_numbers())
-        self.stage.close()
+        """Show the last metrics and let the scene go."""
+        self.rerun_scene.metrics(self.run_metrics.running_numbers())
+        self.rerun_scene.close()
 
     def show(self, frame: Frame) -> None:
         """Show one whole frame."""
         self.diagnostics.state = "running"
         self.time_s = frame.linkage.time_s
-        self.stage.frame(motor=frame.motor, linkage=frame.linkage, forces=frame.forces, body=frame.body)
+        self.rerun_scene.frame(motor=frame.motor, linkage=frame.linkage, forces=frame.forces, body=frame.body)
         for event in self.run_metrics.observe(frame):
-            self.stage.event(event)
+            self.rerun_scene.event(event)
         now = time.monotonic()
         if now - self._shown > METRICS_EVERY_S:
             self._shown = now
-            self.stage.metrics(self.run_metrics.running_numbers())
+            self.rerun_scene.metrics(self.run_metrics.running_numbers())
 
     def _on_scene(self, message: MarkerArray) -> None:
         try:
-            self.stage.drawing(scene.from_message(message))
+            self.rerun_scene.drawing(scene.from_message(message))
         except MessageError as error:
             self.statistics.count(SCENE.name, "malformed", str(error))

@@ -24,6 +24,7 @@ from pydantic import ValidationError
 from mech_twin import __version__
 from mech_twin.configuration_tree import ConfigurationError, configuration_tree, merged_tree, tree_from_flat
 from mech_twin.machines.catalog import CATALOGUE, Entry
+from mech_twin.output_file import written_file
 from mech_twin.parameters.errors import refusal
 from mech_twin.parameters.motors import NAME_KEY, with_catalogue_motor
 from mech_twin.quantity import Parameters
@@ -110,12 +111,7 @@ def _file_text(path: Path) -> str:
 
 def text_tree(text: str, source: str) -> dict[str, Any]:
     """Return the parameters of the text of a parameter file; ``source`` names it in errors."""
-    try:
-        _refuse_aliases_and_tags(text)
-        document = yaml.load(text, Loader=_UniqueKeyLoader)
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        line = " ".join(str(error).split())[:300] or type(error).__name__
-        raise ConfigurationError(f"{source}: not a valid YAML file: {line}") from error
+    document = _text_document(text, source)
     sections = document.values() if isinstance(document, dict) else ()
     trees = [
         section["ros__parameters"] for section in sections if isinstance(section, dict) and "ros__parameters" in section
@@ -126,6 +122,29 @@ def text_tree(text: str, source: str) -> dict[str, Any]:
     for tree in reversed(trees):  # the first section is the more specific one and wins
         merged = merged_tree(merged, tree)
     return merged
+
+
+def document_tree(path: Path) -> dict[str, Any]:
+    """Return a YAML file that is no parameter file, such as the map of a measurement, as a nested dictionary.
+
+    Raises
+    ------
+    ConfigurationError
+        If the file cannot be read, is no YAML, or holds no keys.
+    """
+    document = _text_document(_file_text(path), str(path))
+    if not isinstance(document, dict):
+        raise ConfigurationError(f"{path}: expected keys and their values, found {type(document).__name__}")
+    return document
+
+
+def _text_document(text: str, source: str) -> Any:
+    try:
+        _refuse_aliases_and_tags(text)
+        return yaml.load(text, Loader=_UniqueKeyLoader)
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        line = " ".join(str(error).split())[:300] or type(error).__name__
+        raise ConfigurationError(f"{source}: not a valid YAML file: {line}") from error
 
 
 class NumberLoader(yaml.SafeLoader):
@@ -265,8 +284,9 @@ def description_text(
 
 
 def write_configuration(name: str, parameters: Parameters, path: Path) -> None:
-    """Write the parameter file of a machine, which ``run`` and ``simulate`` take."""
-    path.write_text(description_text(name, parameters), encoding="utf-8")
+    """Write the parameter file of a machine, which ``run`` and ``simulate`` take, over what is there."""
+    with written_file(path, force=True) as unfinished:
+        unfinished.write_text(description_text(name, parameters), encoding="utf-8")
 
 
 def table(name: str) -> dict[str, Any]:

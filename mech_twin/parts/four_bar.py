@@ -76,7 +76,7 @@ class Coefficients(NamedTuple):
     g3_2: float
 
 
-class Motion(NamedTuple):
+class FourBarRates(NamedTuple):
     """Rates (rad/s) and accelerations (rad/s^2) of links 2 and 3; accelerations of the centroids (m/s^2)."""
 
     w2: float
@@ -200,7 +200,7 @@ def point_acceleration(x: float, y: float, w: float, e: float) -> tuple[float, f
 @kernel
 def motion(
     bar: FourBar, crank: Link, coupler: Link, rocker: Link, at: Position, by: Coefficients, w1: float, e1: float
-) -> Motion:
+) -> FourBarRates:
     """Return rates, angular accelerations and centroid accelerations at crank rate w1 (rad/s) and e1 (rad/s^2)."""
     w2 = by.g2 * w1
     w3 = by.g3 * w1
@@ -213,7 +213,7 @@ def motion(
     b_ax, b_ay = point_acceleration(x, y, w2, e2)
     x, y = offset(rocker, at.v_x, at.v_y, bar.rocker_m)
     s3_ax, s3_ay = point_acceleration(x, y, w3, e3)
-    return Motion(w2, w3, e2, e3, s1_ax, s1_ay, a_ax + b_ax, a_ay + b_ay, s3_ax, s3_ay)
+    return FourBarRates(w2, w3, e2, e3, s1_ax, s1_ay, a_ax + b_ax, a_ay + b_ay, s3_ax, s3_ay)
 
 
 @kernel
@@ -243,7 +243,7 @@ def pin_forces(
     coupler: Link,
     rocker: Link,
     at: Position,
-    by: Motion,
+    by: FourBarRates,
     e1: float,
     g_x: float,
     g_y: float,

@@ -7,7 +7,6 @@ from collections.abc import Collection, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import TracebackType
 
 from mech_twin.recording.bag_contents import BagInfo, BagMessage, RecordingReader, SplitInfo, TopicInfo
 from mech_twin.recording.bag_directory import bag_files, inside, is_sqlite_bag
@@ -16,6 +15,7 @@ from mech_twin.recording.errors import BagBeyondLimitsError, DamagedBagError, Un
 from mech_twin.recording.file_index import Extent, FileIndex
 from mech_twin.recording.file_summary import intact_index, summary_index
 from mech_twin.recording.mcap_records import RawMessage
+from mech_twin.recording.open_files import OpenBag
 from mech_twin.recording.record_file import RecordFile
 from mech_twin.recording.split_series import FINISHED_KEY
 
@@ -30,7 +30,7 @@ class _Source:
     repeats: dict[int, int] = field(default_factory=dict)  # channel -> sequence
 
 
-class BagReader:
+class BagReader(OpenBag):
     """A bag open for reading: a rosbag2 directory, or one MCAP file.
 
     Parameters
@@ -47,9 +47,8 @@ class BagReader:
     """
 
     def __init__(self, path: Path | str, *, salvage: bool = False) -> None:
-        self.path = Path(path)
+        super().__init__(path)
         self._sources: list[_Source] = []
-        self._stack = ExitStack()
         self._problems: list[str] = []
         with ExitStack() as undo:
             undo.callback(self.close)
@@ -62,20 +61,6 @@ class BagReader:
         ends = [extent.end_ns for source in self._sources for extent in source.index.extents]
         self.start_ns: int | None = min(starts, default=None)
         self.end_ns: int | None = max(ends, default=None)
-
-    def close(self) -> None:
-        """Close the files."""
-        self._stack.close()
-
-    def __enter__(self) -> BagReader:
-        """Return the reader itself."""
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Close the files."""
-        self.close()
 
     @property
     def info(self) -> BagInfo:

@@ -20,6 +20,10 @@ from mech_twin.messages.topics import (
     JOINT_STATES,
     MOTOR_JOINT_STATES,
     SCENE,
+    STEP_BODY,
+    STEP_FORCES,
+    STEP_LINKAGE,
+    STEP_MOTOR,
     Topic,
     full_name,
     type_name,
@@ -45,12 +49,17 @@ class StepTopic(NamedTuple):
     decode: Callable[[Any, float | None], Any]
 
 
-STEP_TOPICS = (
-    StepTopic(JOINT_STATES, "linkage", linkage.from_message),
-    StepTopic(MOTOR_JOINT_STATES, "motor", motor.from_message),
-    StepTopic(FORCE_JOINT_STATES, "forces", force.from_message),
-    StepTopic(BODY_JOINT_STATES, "body", body.from_message),
-)
+FIELDS = ("linkage", "motor", "forces", "body")
+DECODERS = (linkage.from_message, motor.from_message, force.from_message, body.from_message)
+
+
+def _layout(*topics: Topic) -> tuple[StepTopic, ...]:
+    return tuple(map(StepTopic, topics, FIELDS, DECODERS))
+
+
+STEP_TOPICS = _layout(STEP_LINKAGE, STEP_MOTOR, STEP_FORCES, STEP_BODY)
+# without step topics: recordings of versions before 0.2, whose joint states were the step messages, and foreign ones
+JOINT_STATE_TOPICS = _layout(JOINT_STATES, MOTOR_JOINT_STATES, FORCE_JOINT_STATES, BODY_JOINT_STATES)
 
 
 class NoSamplesError(BagError):
@@ -65,17 +74,19 @@ def recorded_machine(reader: RecordingReader) -> str:
     NoSamplesError
         If there is none, or more than one.
     """
-    kind, ending = type_name(JOINT_STATES), f"/{JOINT_STATES.name}"
-    states = {name.removesuffix(ending) for name, topic in reader.topics.items()
-              if name.endswith(ending) and topic.type_name == kind and topic.message_count}  # fmt: skip
-    found = sorted(
-        space.removeprefix("/") for space in states if f"{space}/motor" in states or f"{space}/forces" in states
-    )
+    kind = type_name(STEP_LINKAGE)
+    held = {name for name, topic in reader.topics.items() if topic.type_name == kind and topic.message_count}
+    stepped = {name.removesuffix(f"/{STEP_LINKAGE.name}") for name in held if name.endswith(f"/{STEP_LINKAGE.name}")}
+    plain = {name.removesuffix(f"/{JOINT_STATES.name}") for name in held if name.endswith(f"/{JOINT_STATES.name}")}
+    of_machines = {space for space in plain if {f"{space}/motor", f"{space}/forces"} & plain}
+    found = sorted(space.removeprefix("/") for space in stepped | of_machines)
     if len(found) == 1:
         return found[0]
     if found:
         raise NoSamplesError(reader.path, f"holds samples of more than one machine: {', '.join(found)}")
-    raise NoSamplesError(reader.path, "holds no samples of a machine; expected topics such as NAME/motor/joint_states")
+    raise NoSamplesError(
+        reader.path, f"holds no samples of a machine; expected topics such as NAME/{STEP_LINKAGE.name}"
+    )
 
 
 class BagSamples:
@@ -92,6 +103,8 @@ class BagSamples:
     ----------
     machine : str
         Namespace of the recorded run.
+    topics : dict
+        Full name of the topic of each field of `StepSamples` that was recorded.
     has_body : bool
         Whether body samples were recorded.
     unused : Counter
@@ -103,16 +116,18 @@ class BagSamples:
         self.unused: Counter[str] = Counter()
         self._reader = reader
         self._step_s = coupling_step_s
-        known = {full_name(self.machine, step.topic): step for step in STEP_TOPICS}
+        whole = self._holds(full_name(self.machine, STEP_LINKAGE), STEP_LINKAGE)
+        known = {full_name(self.machine, of.topic): of for of in (STEP_TOPICS if whole else JOINT_STATE_TOPICS)}
         self._steps = {name: step for name, step in known.items() if self._holds(name, step.topic)}
-        self.fields = frozenset(step.field for step in self._steps.values())
+        self.topics = {step.field: name for name, step in self._steps.items()}
+        self.fields = frozenset(self.topics)
         self.has_body = "body" in self.fields
         self._scene = full_name(self.machine, SCENE)
 
     @property
     def count(self) -> int:
         """How many messages of the linkage there are."""
-        return self._reader.topics[full_name(self.machine, JOINT_STATES)].message_count
+        return self._reader.topics[self.topics["linkage"]].message_count
 
     def descriptions(self) -> list[str]:
         """Return the configurations published during the run, in order; without any, the one attached to the bag."""

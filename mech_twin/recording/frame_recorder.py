@@ -7,7 +7,6 @@ from typing import Any
 
 from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from mech_twin.engine.trajectory import frame_events
@@ -15,8 +14,10 @@ from mech_twin.messages import body as body_messages
 from mech_twin.messages import force as force_messages
 from mech_twin.messages import impact, motor, scene, step_message
 from mech_twin.messages import linkage as linkage_messages
-from mech_twin.messages.joint_state_cdr import encoded
+from mech_twin.messages.joint_state_cdr import StepMessage, encoded, stamp_of
+from mech_twin.messages.joint_states import efforts_message, has_impact, joints_message, largest_reaction
 from mech_twin.messages.peak_hold import PeakHoldWindow
+from mech_twin.messages.stream_window import STREAM_RATE_HZ, StreamWindow, steps_per_window
 from mech_twin.messages.topics import (
     BODY_JOINT_STATES,
     CLOCK,
@@ -28,8 +29,13 @@ from mech_twin.messages.topics import (
     MOTOR_JOINT_STATES,
     PRESSING_FORCE,
     SCENE,
+    STEP_BODY,
+    STEP_FORCES,
+    STEP_LINKAGE,
+    STEP_MOTOR,
     Topic,
     full_name,
+    joint_state_topics,
     pin_wrench,
     recorded_topics,
     type_name,
@@ -37,10 +43,9 @@ from mech_twin.messages.topics import (
 from mech_twin.recording.bag_writer import BagWriter
 from mech_twin.recording.schemas import offered_qos
 from mech_twin.roles import Machine
-from mech_twin.samples import Drawing, Frame
+from mech_twin.samples import Drawing, ForceSample, Frame
 
 REVISION = 1
-DECIMATION = 10
 VIEW_RATE_HZ = 30.0
 
 
@@ -70,20 +75,31 @@ class FrameRecorder:
             qos = offered_qos(durability=durability, depth=topic.qos.depth)
             self._writer.add_topic(full_name(machine.name, topic), type_name(topic), qos)
         self._now_ns = 0
-        self._wrenches = {pin: PeakHoldWindow[Any](DECIMATION) for pin in machine.forces.pins}
-        self._pressing = PeakHoldWindow[Any](DECIMATION)
+        self._window = steps_per_window(STREAM_RATE_HZ, machine.coupling_step_s)
+        self._wrenches = {pin: PeakHoldWindow[Any](self._window) for pin in machine.forces.pins}
+        self._pressing = PeakHoldWindow[Any](self._window)
+        self._joints = {topic.name: StreamWindow[Any](self._window) for topic in joint_state_topics(True)}
+        self._forces = StreamWindow[ForceSample](self._window)
         self._steps_per_drawing = max(1, round(1.0 / (VIEW_RATE_HZ * machine.coupling_step_s)))
+        self._revision = REVISION
+        self._put(DESCRIPTION, String(data=description))
+
+    def change(self, machine: Machine, description: str) -> None:
+        """Record that another configuration of the machine holds from the next frame on."""
+        self._machine = machine
+        self._revision += 1
         self._put(DESCRIPTION, String(data=description))
 
     def write(self, frame: Frame) -> None:
         """Record one frame."""
         linkage, forces, body = frame.linkage, frame.forces, frame.body
         self._now_ns = round(linkage.time_s * 1e9)
-        self._put(JOINT_STATES, step_message.mark_revision(linkage_messages.to_message(linkage), REVISION))
-        self._put(MOTOR_JOINT_STATES, motor.to_message(frame.motor))
-        self._put(FORCE_JOINT_STATES, step_message.mark_revision(force_messages.to_message(forces), REVISION))
+        marks = (step_message.revision_row(self._revision),)
+        self._put(STEP_LINKAGE, linkage_messages.to_step(linkage, marks))
+        self._put(STEP_MOTOR, motor.to_step(frame.motor))
+        self._put(STEP_FORCES, force_messages.to_step(forces, marks))
         if body is not None:
-            self._put(BODY_JOINT_STATES, body_messages.to_message(body))
+            self._put(STEP_BODY, body_messages.to_step(body))
             kept = self._pressing.offer(abs(body.pressing_force_n), (body.time_s, body.pressing_force_n))
             self._put_pressing_force(kept)
         for pin, wrench in zip(forces.pins, forces.wrenches, strict=True):
@@ -91,6 +107,7 @@ class FrameRecorder:
             self._put_wrench(pin, kept)
         for event in frame_events(frame):
             self._put(IMPACTS, impact.to_message(event))
+        self._write_joint_states(frame)
         self._write_scene(frame)
 
     def close(self) -> None:
@@ -98,14 +115,29 @@ class FrameRecorder:
         for pin, window in self._wrenches.items():
             self._put_wrench(pin, window.rest())
         self._put_pressing_force(self._pressing.rest())
+        for sample in self._forces.rest():
+            self._put(FORCE_JOINT_STATES, efforts_message(sample))
         self._writer.close(discard_empty=True)
+
+    def _write_joint_states(self, frame: Frame) -> None:
+        struck = has_impact(frame.linkage.events)
+        self._offer(JOINT_STATES, frame.linkage, struck)
+        self._offer(MOTOR_JOINT_STATES, frame.motor, struck)
+        for sample in self._forces.offer(frame.forces.step, frame.forces, largest_reaction(frame.forces), struck):
+            self._put(FORCE_JOINT_STATES, efforts_message(sample))
+        if frame.body is not None:
+            self._offer(BODY_JOINT_STATES, frame.body, has_impact(frame.body.events) or has_impact(frame.forces.loads))
+
+    def _offer(self, topic: Topic, sample: Any, struck: bool) -> None:
+        for due in self._joints[topic.name].offer(sample.step, sample, impact=struck):
+            self._put(topic, joints_message(due))
 
     def _write_scene(self, frame: Frame) -> None:
         linkage = frame.linkage
-        if linkage.step % DECIMATION == 0:
-            stamp = JointState()
-            step_message.set_stamp(stamp.header, linkage.time_s)
-            self._put(CLOCK, Clock(clock=stamp.header.stamp))
+        if linkage.step % self._window == 0:
+            clock = Clock()
+            clock.clock.sec, clock.clock.nanosec = stamp_of(linkage.time_s)
+            self._put(CLOCK, clock)
         if linkage.step % self._steps_per_drawing == 0:
             shapes = self._machine.draw(linkage, frame.body)
             self._put(SCENE, scene.to_message(Drawing(linkage.step, linkage.time_s, shapes)))
@@ -120,5 +152,5 @@ class FrameRecorder:
 
     def _put(self, topic: Topic, message: Any) -> None:
         name = full_name(self._machine.name, topic)
-        raw = encoded(message) if isinstance(message, JointState) else serialize_message(message)
+        raw = encoded(message) if isinstance(message, StepMessage) else serialize_message(message)
         self._writer.write(name, raw, self._now_ns, self._now_ns, latched=topic.qos is LATCHED)

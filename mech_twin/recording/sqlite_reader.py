@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import apsw
@@ -17,12 +16,13 @@ from mech_twin.recording.bag_directory import SQLITE_SUFFIX, inside, split_order
 from mech_twin.recording.bag_metadata import FILE_NAME, SQLITE, read_metadata
 from mech_twin.recording.errors import DamagedBagError, ForeignFileError, MissingBagError
 from mech_twin.recording.mcap_records import MAX_RECORD_BYTES
+from mech_twin.recording.open_files import OpenBag
 from mech_twin.recording.schemas import offered_qos
 
 _FAILURES = (ReaderError, apsw.Error, ValueError, TypeError, LookupError, MemoryError)
 
 
-class SqliteReader:
+class SqliteReader(OpenBag):
     """A sqlite3 bag open for reading: a rosbag2 directory, or one `.db3` file.
 
     Parameters
@@ -37,10 +37,9 @@ class SqliteReader:
     """
 
     def __init__(self, path: Path | str) -> None:
-        self.path = Path(path)
+        super().__init__(path)
         self._files = _files_of(self.path)
         self._readers: list[Reader] = []
-        self._stack = ExitStack()
         with ExitStack() as undo:
             undo.callback(self.close)
             for file in self._files:
@@ -50,20 +49,6 @@ class SqliteReader:
         self.start_ns: int | None = min((reader.start_time for reader in filled), default=None)
         self.end_ns: int | None = max((reader.end_time - 1 for reader in filled), default=None)
         self.topics = self._topic_table()
-
-    def close(self) -> None:
-        """Close the files."""
-        self._stack.close()
-
-    def __enter__(self) -> SqliteReader:
-        """Return the reader itself."""
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Close the files."""
-        self.close()
 
     @property
     def info(self) -> BagInfo:

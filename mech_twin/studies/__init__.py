@@ -81,7 +81,7 @@ def sweep(
     outputs : sequence of str
         Names of the summary numbers wanted; all if empty.
     duration_s : float
-        Seconds to simulate at each point, whose figures join the summary; 0 for the report alone.
+        Seconds to simulate at each point, whose metrics join the summary; 0 for the report alone.
     cores : int, optional
         Processes to spread over; all cores if absent.
     scheduler : str, optional

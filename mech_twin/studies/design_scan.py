@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from mech_twin.capabilities.design import DesignQuestion, DesignSpace
 from mech_twin.capabilities.errors import StudyError
+from mech_twin.output_file import written_file
 from mech_twin.quantity import Parameters
 from mech_twin.studies.asking import asked_of
 from mech_twin.studies.spreading import available_cores, spread
@@ -51,12 +52,13 @@ class DesignScan:
         return dict(zip(names, map(float, self.feasible[int(np.argmin(values))]), strict=True))
 
     def write(self, path: Path) -> None:
-        """Write the feasible designs as Parquet."""
+        """Write the feasible designs as Parquet, over what is there."""
         import pyarrow as pa
         from pyarrow import parquet
 
         columns = dict(zip((*self.variables, *self.objectives), self.feasible.T, strict=True))
-        parquet.write_table(pa.table(columns), path, compression="zstd")
+        with written_file(path, force=True) as unfinished:
+            parquet.write_table(pa.table(columns), unfinished, compression="zstd")
 
 
 def design_question(machine: str) -> DesignQuestion:

@@ -111,7 +111,7 @@ def configuration_keys(model: type[BaseModel], prefix: str = "") -> list[str]:
 
 
 def summary(asked: Question, changes: Mapping[str, Value]) -> dict[str, float]:
-    """Return the machine's report at these changes and, if a duration is asked, the figures of a run."""
+    """Return the machine's report at these changes and, if a duration is asked, the metrics of a run."""
     entry = catalogue_entry(asked.machine)
     machine = entry.build(validated(entry, merged_tree(asked.tree, tree_from_flat(changes)), "this point"))
     numbers = dict(machine.report())

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from mech_twin.output_file import written_file
 from mech_twin.studies.sweep_points import Point, Question, Value
 
 REFUSED = "refused"
@@ -27,14 +28,23 @@ def columns(asked: Question, found: Sequence[Point]) -> dict[str, list[Any]]:
 
 
 def write_table(asked: Question, found: Sequence[Point], path: Path) -> None:
-    """Write the table; Parquet carries machine and configuration with it."""
+    """Write the table over what is there; Parquet carries machine and configuration with it."""
     table = columns(asked, found)
-    if path.suffix == ".csv":
-        with path.open("w", newline="", encoding="utf-8") as stream:
-            writer = csv.writer(stream)
-            writer.writerow(table)
-            writer.writerows(zip(*table.values(), strict=True))
-        return
+    with written_file(path, force=True) as unfinished:
+        if path.suffix == ".csv":
+            _write_csv(table, unfinished)
+        else:
+            _write_parquet(asked, table, unfinished)
+
+
+def _write_csv(table: dict[str, list[Any]], path: Path) -> None:
+    with path.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.writer(stream)
+        writer.writerow(table)
+        writer.writerows(zip(*table.values(), strict=True))
+
+
+def _write_parquet(asked: Question, table: dict[str, list[Any]], path: Path) -> None:
     import pyarrow as pa
     from pyarrow import parquet
 
@@ -72,7 +82,8 @@ def _draw(asked: Question, table: dict[str, list[Any]], names: Sequence[str], pa
     for axes in panels[len(names) :]:
         axes.set_axis_off()
     figure.suptitle(f"{asked.machine}: {asked.count} points", x=0.01, ha="left", fontweight="bold")
-    figure.savefig(path, dpi=DPI)
+    with written_file(path, force=True) as unfinished:
+        figure.savefig(unfinished, dpi=DPI)
 
 
 def _varies(values: Sequence[float]) -> bool:

@@ -14,8 +14,8 @@ import numpy.typing as npt
 import pyarrow as pa
 import rerun as rr
 
+from mech_twin.captions import caption, titled
 from mech_twin.samples import BodySample, ForceSample, LinkageSample, MotorSample
-from mech_twin.view.captions import caption, titled
 from mech_twin.view.decimation import extreme_rows, worst_values
 
 SIM_TIME = "sim_time"

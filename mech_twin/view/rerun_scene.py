@@ -15,9 +15,9 @@ from types import TracebackType
 import numpy as np
 import rerun as rr
 
+from mech_twin.captions import metrics_table
 from mech_twin.output_file import FILE_MODE
 from mech_twin.samples import BodySample, Drawing, Event, ForceSample, LinkageSample, MotorSample
-from mech_twin.view.captions import metrics_table
 from mech_twin.view.curves import (
     PALETTE,
     SIM_TIME,

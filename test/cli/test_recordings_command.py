@@ -19,7 +19,7 @@ from typing import Any
 import pytest
 from mcap.records import Chunk
 from mcap.stream_reader import StreamReader
-from recordings import Entry, altered_bag, decoded_messages, edited, simulated_bag, written_bag
+from recordings import Entry, altered_bag, decoded_messages, earlier_layout, edited, simulated_bag, written_bag
 
 from mech_twin.cli.main import main
 from mech_twin.cli.many_values import expanded
@@ -27,9 +27,9 @@ from mech_twin.cli.many_values import expanded
 pytestmark = [pytest.mark.usefixtures("ros_domain"), pytest.mark.slow]
 COMMAND = [sys.executable, "-c", "from mech_twin.cli.main import main; main()"]
 DRUM = "winding_drum"
-STATES = f"/{DRUM}/joint_states"
-MOTOR = f"/{DRUM}/motor/joint_states"
-FORCES = f"/{DRUM}/forces/joint_states"
+STATES = f"/{DRUM}/step/linkage"
+MOTOR = f"/{DRUM}/step/motor"
+FORCES = f"/{DRUM}/step/forces"
 END_LIMIT_S = 1.0
 
 
@@ -80,11 +80,24 @@ def tampered(bag: Path, out: Path, topic: str, step: int, column: str) -> Path:
     return altered_bag(bag, out, alter)
 
 
+@pytest.mark.parametrize("mode", ["--analyse", "--resimulate"])
+def test_a_recording_of_before_the_step_topics_is_compared_like_any_other(bag: Path, tmp_path: Path, mode: str) -> None:
+    earlier = altered_bag(bag, tmp_path / "earlier", earlier_layout)
+    code, now = document("replay", bag, mode)
+    assert (code, now["identical"]) == (0, True)
+    code, before = document("replay", earlier, mode)
+    assert code == 0
+    assert before | {"bag": ""} == now | {"bag": ""}
+    assert mech_twin("view", earlier, "--save", tmp_path / "earlier.rrd").returncode == 0
+    told = tampered(earlier, tmp_path / "told", f"/{DRUM}/forces/joint_states", 7, "effort")
+    assert document("replay", told, mode)[1]["first_difference"]["topic"] == f"/{DRUM}/forces/joint_states"
+
+
 # -- replay ---------------------------------------------------------------------------------------------------------
 
 
 def test_a_replay_ends_by_itself_and_counts(bag: Path) -> None:
-    done = in_a_process("replay", bag, "--rate", "2", "--topics", "joint_states", "description")
+    done = in_a_process("replay", bag, "--rate", "2", "--topics", "step/linkage", "description")
     assert done.returncode == 0, done.stderr
     assert "published 202 messages on 2 topics" in done.stderr
 

@@ -7,10 +7,10 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from catalogue import built
+from catalogue import NAMES, built
 
 from mech_twin.cli import simulate
-from mech_twin.cli.simulate import simulate_machine
+from mech_twin.cli.simulate import SimulateRequest, simulate_machine
 from mech_twin.roles import Machine
 
 DRUM = "winding_drum"
@@ -27,9 +27,9 @@ class Limited:
         return getattr(self._role, name)
 
 
-def simulated(machine: Machine, monkeypatch: pytest.MonkeyPatch, as_json: bool = True) -> None:
+def simulated(machine: Machine, monkeypatch: pytest.MonkeyPatch, duration_s: float = 0.1, as_json: bool = True) -> None:
     monkeypatch.setattr(simulate, "built_machine", lambda *arguments: machine)
-    simulate_machine(machine.name, 0.1, None, None, [], as_json=as_json, with_samples=False, force=False)
+    simulate_machine(SimulateRequest(machine.name, duration_s, as_json=as_json))
 
 
 def test_the_worst_residuals_are_written_with_their_limits(
@@ -44,17 +44,28 @@ def test_the_worst_residuals_are_written_with_their_limits(
 
 
 @pytest.mark.parametrize("limit", [-1.0, float("nan")])
-@pytest.mark.parametrize("role", ["linkage", "forces"])
-def test_a_broken_residual_is_named_and_the_exit_code_is_1(
-    role: str, limit: float, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize("name", NAMES)
+def test_every_residual_over_its_limit_is_named_and_the_exit_code_is_1(
+    name: str, limit: float, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    machine = built(DRUM)
-    for residual in getattr(machine, role).residual_limits:
-        spoilt = replace(machine, **{role: Limited(getattr(machine, role), residual, limit)})
-        with pytest.raises(SystemExit) as ended:
-            simulated(spoilt, monkeypatch)
-        assert ended.value.code == 1
-        assert residual in capsys.readouterr().err
+    machine = built(name)
+    roles = ("linkage", "forces") if machine.body is None else ("linkage", "forces", "body")
+    assert any(getattr(machine, role).residual_limits for role in roles)
+    for role in roles:
+        for residual in getattr(machine, role).residual_limits:
+            spoilt = replace(machine, **{role: Limited(getattr(machine, role), residual, limit)})
+            with pytest.raises(SystemExit) as ended:
+                simulated(spoilt, monkeypatch, 5.0 * machine.coupling_step_s)
+            assert ended.value.code == 1
+            assert residual in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_machine_within_its_limits_ends_with_0(
+    name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    simulated(built(name), monkeypatch, 5.0 * built(name).coupling_step_s)
+    assert json.loads(capsys.readouterr().out)["residuals"]
 
 
 def test_people_see_them_too(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

@@ -74,6 +74,35 @@ def test_frames_are_the_whole_steps(run):
     assert [frame.linkage.step for frame in frames] == sorted(set(range(steps)) - {step for _, step in lost})
 
 
+def test_a_sample_that_is_not_used_is_counted_under_its_reason():
+    assembler = StepAssembler(frozenset(("linkage", "motor")))
+    first, other = ROLES["linkage"](1), ROLES["linkage"](1)._replace(command=0.5)
+    equal = first._replace()
+    for sample in (first, equal, other, other):
+        assert assembler.add(sample) == []
+    assert assembler.unused == {"repeated": 1, "contradicting": 2}
+    assert [step.linkage for step in assembler.add(ROLES["motor"](1))] == [first]
+    for sample in (equal, other, ROLES["motor"](1), ROLES["linkage"](0)):  # of the step just given back, and earlier
+        assert assembler.add(sample) == []
+    assert assembler.unused == {"repeated": 3, "contradicting": 3, "late": 1}
+
+
+def test_a_sample_nobody_expected_makes_no_step_whole():
+    assembler = StepAssembler(frozenset(("linkage", "motor")))
+    for role in ("body", "linkage", "motor"):
+        assert assembler.add(ROLES[role](1)) == []
+    (step,) = assembler.rest()
+    assert (step.body, assembler.incomplete) == (ROLES["body"](1), 1)
+
+
+def test_frames_left_out_are_counted():
+    frames = FrameAssembler(has_body=False)
+    for number, roles in ((0, ("motor", "forces")), (1, ("linkage", "motor", "forces"))):
+        given_back = [frames.add(ROLES[role](number)) for role in roles]
+    assert [frame is not None for frame in given_back] == [False, False, True]
+    assert frames.incomplete == 1
+
+
 def test_a_role_that_falls_silent_does_not_hold_more_steps_than_the_bound():
     assembler = StepAssembler(frozenset(("linkage", "motor")))
     given_back = [step for number in range(1000) for step in assembler.add(ROLES["linkage"](number))]

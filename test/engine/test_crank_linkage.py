@@ -9,6 +9,7 @@ from math import pi
 
 import numpy as np
 import pytest
+from crank_drives import VIBRATION_CRANK_KLOSS as KLOSS
 from scipy.integrate import solve_ivp
 
 from mech_twin.engine.crank_state import ShaftFriction, Transmission
@@ -18,17 +19,6 @@ from mech_twin.samples import MotorSample
 
 R, L, RP = 0.126, 0.504, 0.175
 M_S, M_R, M_P, G = 126.75, 7.55, 51.11, 9.80665
-KLOSS = {
-    "drive.kind": "kloss",
-    "motor.rated_power_w": 7500.0,
-    "motor.rated_speed_rpm": 1440.0,
-    "motor.synchronous_speed_rpm": 1500.0,
-    "motor.breakdown_torque_ratio": 2.5,
-    "motor.starting_torque_ratio": 2.0,
-    "motor.rotor_inertia_kg_m2": 0.03,
-    "gear.ratio": 9.6,
-    "gear.efficiency": 0.95,
-}
 
 
 def mechanism(th):

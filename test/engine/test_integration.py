@@ -1,6 +1,7 @@
 """Each Runge and Kutta method has the order it is named for, and its dense output and error estimate theirs.
 
-The problem is Kepler's ellipse with its exact position by Kepler's equation, which shares nothing with the engine.
+The problems are Kepler's ellipse with its exact position by Kepler's equation, and a growth whose rate changes with
+time, known in closed form; neither shares anything with the engine.
 """
 
 import math
@@ -55,11 +56,52 @@ def _pull(system, t, y, out):
     out[2], out[3] = -system.pull * y[0] / cube, -system.pull * y[1] / cube
 
 
+class Tide8(NamedTuple):
+    """Growth at a rate that swings with time, y' = a cos(t) y, by Cooper and Verner."""
+
+    swing: float
+
+
+class Tide853(NamedTuple):
+    """The same, by Dormand and Prince, order 8."""
+
+    swing: float
+
+
+class Tide5(NamedTuple):
+    """The same, by Dormand and Prince, order 5."""
+
+    swing: float
+
+
+def _grow(system, t, y, out):
+    out[0] = system.swing * math.cos(t) * y[0]
+
+
+class Ceiling(NamedTuple):
+    """Steady rise that has a rate below the height 1 only, by Dormand and Prince, order 8."""
+
+    speed: float
+
+
+@rates_of(Ceiling, DORMAND_PRINCE_8)
+def _rise(system, t, y, out):
+    out[0] = system.speed if y[0] < 1.0 else math.nan
+
+
 METHODS = {Planet8: COOPER_VERNER_8, Planet853: DORMAND_PRINCE_8, Planet5: DORMAND_PRINCE_5}
-for planet, tableau in METHODS.items():
-    rates_of(planet, tableau)(_pull)
-DENSE_ORDER = {Planet8: 3, Planet853: 7, Planet5: 4}
+TIDES = {Tide8: COOPER_VERNER_8, Tide853: DORMAND_PRINCE_8, Tide5: DORMAND_PRINCE_5}
+for problems, equation in ((METHODS, _pull), (TIDES, _grow)):
+    for problem, tableau in problems.items():
+        rates_of(problem, tableau)(equation)
+DENSE_ORDER = {Planet8: 3, Planet853: 7, Planet5: 4, Tide8: 3, Tide853: 7, Tide5: 4}
 every_method = pytest.mark.parametrize("planet", METHODS, ids=lambda planet: planet.__name__)
+every_tide = pytest.mark.parametrize("problem", TIDES, ids=lambda problem: problem.__name__)
+
+
+def tide(t):
+    """Return the exact state of a growth of swing 1 that is 1 at t = 0."""
+    return np.array([math.exp(math.sin(t))])
 
 
 def ellipse(t):
@@ -106,6 +148,91 @@ def test_dense_output_meets_both_ends_and_falls_with_its_order(planet):
             worst = max(worst, np.abs(out - ellipse(0.7 + share * h)).max())
         errors.append(worst)
     assert math.log2(errors[0] / errors[1]) == pytest.approx(DENSE_ORDER[planet] + 1, abs=0.6)
+
+
+def finished_step(system, method, t, y, h):
+    """Return the workspace after a step with all that its dense output needs."""
+    work = workspace(method, len(y))
+    start_step(system, t, y, work)
+    take_step(system, t, y, h, work)
+    finish_step(system, t, h, work)
+    prepare_dense_output(system, t, y, h, work)
+    return work
+
+
+@every_tide
+def test_an_equation_with_time_in_it_loses_no_order(problem):
+    system, method, errors = problem(1.0), TIDES[problem], []
+    for steps in {5: (20, 40), 8: (5, 10)}[method.order]:
+        y, h = tide(0.3), 2.0 / steps
+        for i in range(steps):
+            y = finished_step(system, method, 0.3 + i * h, y, h).end.copy()
+        errors.append(abs(float(y[0]) - float(tide(2.3)[0])))
+    assert math.log2(errors[0] / errors[1]) > method.order - 0.7
+
+
+@every_tide
+def test_dense_output_of_an_equation_with_time_in_it_falls_with_its_order(problem):
+    system, method, errors, out = problem(1.0), TIDES[problem], [], np.empty(1)
+    for h in {3: (0.2, 0.1), 4: (0.2, 0.1), 7: (0.8, 0.4)}[DENSE_ORDER[problem]]:
+        work, worst = finished_step(system, method, 0.3, tide(0.3), h), 0.0
+        for share in np.linspace(0.05, 0.95, 19):
+            interpolate(system, tide(0.3), h, share, work, out)
+            worst = max(worst, abs(float(out[0]) - float(tide(0.3 + share * h)[0])))
+        errors.append(worst)
+    assert math.log2(errors[0] / errors[1]) == pytest.approx(DENSE_ORDER[problem] + 1, abs=0.8)
+
+
+@every_tide
+def test_last_rate_of_a_step_is_the_rate_at_its_end(problem):
+    """c_i = sum of a_ij: a stage lies at the time its weights add up to; the row after the last is the step's end."""
+    method = TIDES[problem]
+    assert method.nodes == pytest.approx(method.stages.sum(axis=1), abs=1e-14)
+    assert method.errors.shape[1] == len(method.weights) + 1
+    work = finished_step(problem(1.0), method, 0.3, tide(0.3), 0.5)
+    assert work.rates[len(method.weights), 0] == math.cos(0.8) * work.end[0]
+
+
+@pytest.mark.parametrize("planet", [Planet853, Planet5], ids=["853", "5"])
+def test_an_error_is_measured_in_tolerances(planet):
+    method, y = METHODS[planet], ellipse(0.3)
+    work = finished_step(planet(1.0), method, 0.0, y, 0.2)
+    unit = step_error(planet(1.0), 0.2, np.full(4, 1.0), work)
+    for tolerance in (1e-9, 1e-4, 7.0):
+        assert step_error(planet(1.0), 0.2, np.full(4, tolerance), work) == pytest.approx(unit / tolerance, rel=1e-12)
+
+
+def test_a_method_without_estimate_takes_every_step_and_asks_for_five_times_as_much():
+    y, work = ellipse(0.3), workspace(COOPER_VERNER_8, 4)
+    start_step(Planet8(1.0), 0.0, y, work)
+    assert controlled_step(Planet8(1.0), 0.0, y, 3.0, np.full(4, 1e-300), work) == (3.0, 15.0)
+    assert step_error(Planet8(1.0), 3.0, np.full(4, 1e-300), work) == 0.0
+
+
+@pytest.mark.parametrize("planet", [Planet853, Planet5], ids=["853", "5"])
+@pytest.mark.parametrize("wanted", [1e-3, 0.02, 0.1, 0.3, 3.0])
+def test_next_step_is_that_whose_error_would_be_nine_tenths_of_the_tolerance_in_its_order(planet, wanted):
+    """h_next = h (0.9 / err^(1/(p+1))), within 0.2 of a step refused, and 0.3 to 5 times one that is taken."""
+    system, method, y, tolerance = planet(1.0), METHODS[planet], ellipse(0.3), np.full(4, 1e-8)
+    work, h = workspace(method, 4), wanted
+    start_step(system, 0.0, y, work)
+    taken, following = controlled_step(system, 0.0, y, wanted, tolerance, work)
+    for _ in range(20):
+        error = step_error(system, h, tolerance, finished_step(system, method, 0.0, y, h))
+        change = math.inf if error == 0.0 else 0.9 * math.exp(-math.log(error) / (method.error_order + 1))
+        if error <= 1.0:
+            break
+        h *= max(0.2, change)
+    assert taken == pytest.approx(h, rel=1e-12)
+    assert following == pytest.approx(h * min(5.0, max(0.3, change)), rel=1e-12)
+
+
+def test_a_step_whose_error_is_no_number_is_tried_again_at_a_fifth():
+    """The equation is defined up to a height only; a step across it is refused until one stays below."""
+    system, work, y = Ceiling(1.0), workspace(DORMAND_PRINCE_8, 1), np.array([0.0])
+    start_step(system, 0.0, y, work)
+    taken, _ = controlled_step(system, 0.0, y, 30.0, np.array([1.0]), work)
+    assert taken == pytest.approx(30.0 * 0.2**3)
 
 
 @pytest.mark.parametrize("planet", [Planet853, Planet5], ids=["853", "5"])

@@ -30,7 +30,7 @@ def test_figures_are_those_of_before(name):
     for part, numbers in stored.items():
         assert found[part].keys() == numbers.keys()
         for key, value in numbers.items():
-            # figures that are nought but for rounding move with the order of sums
+            # figures that are zero but for rounding move with the order of sums
             assert found[part][key] == pytest.approx(value, rel=1e-9, abs=1e-8), (part, key)
 
 

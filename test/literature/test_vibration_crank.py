@@ -8,7 +8,7 @@ import pytest
 from mech_twin.machines.vibration_crank.metrics import (
     benefit_against_speed,
     compromise_rod,
-    lanchester_figures,
+    lanchester_metrics,
     polar_diagram,
 )
 from mech_twin.parameters.load import machine
@@ -92,7 +92,7 @@ def test_residual_force_of_half_balance_is_a_circle_against_the_crank():
 
 def test_lanchester_masses_cancel_first_and_second_harmonic():
     mechanism = machine("vibration_crank").forces.mechanism
-    figures = lanchester_figures(mechanism, 5.0 * pi)
+    figures = lanchester_metrics(mechanism, 5.0 * pi)
     first = 126.75 * 0.126 * (5.0 * pi) ** 2
     assert figures["counter_rotating_force_n"] == pytest.approx(0.5 * first, rel=2e-3)
     lam = 0.25  # series of the slider: second harmonic lambda + lambda^3/4 + 15 lambda^5/128

@@ -12,6 +12,7 @@ import pytest
 import mech_twin
 from mech_twin.engine.coupling import complete_frame, next_frame
 from mech_twin.engine.rollout import column_names, layout_of, roll_out
+from mech_twin.engine.run import frames
 from mech_twin.engine.trajectory import frame_events
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.parameters.load import machine, machine_parameters
@@ -79,8 +80,10 @@ def assert_same(found, run, first=0):
 def test_roll_out_is_the_engine_to_the_bit_under_any_command(name, overrides):
     built = machine(name, None, overrides)
     targets = random_command(name, 700)
+    run = engine_frames(built, targets.tolist())
     found = mech_twin.rollout(built, duration_s=700 * built.coupling_step_s, command=targets)
-    assert_same(found, engine_frames(built, targets.tolist()))
+    assert_same(found, run)
+    assert list(frames(built, 700 * built.coupling_step_s, lambda step: targets[step])) == run
 
 
 @pytest.mark.parametrize(("name", "overrides"), CASES, ids=IDS)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from catalogue import NAMES, built
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from mech_twin.nodes.diagnostics import NodeDiagnostics
@@ -30,3 +31,19 @@ def test_a_broken_residual_is_an_error_of_its_window_alone(value: float) -> None
     assert diagnostics.breaches == 1
     diagnostics.observe(Named(("closure_m",), (1.0,)))
     assert diagnostics.close_window({})[0].level == DiagnosticStatus.OK
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_each_residual_of_each_machine_just_over_its_limit_is_an_error_that_names_it(name: str) -> None:
+    machine = built(name)
+    roles = [role for role in (machine.linkage, machine.forces, machine.body) if role is not None]
+    for limits in (role.residual_limits for role in roles):
+        diagnostics = NodeDiagnostics(f"/{name}/node", TopicStatistics())
+        diagnostics.limits(limits)
+        for residual in limits:
+            for over, level in ((1.0, DiagnosticStatus.OK), (1.001, DiagnosticStatus.ERROR)):
+                values = tuple(over * limits[other] if other == residual else 0.0 for other in limits)
+                diagnostics.observe(Named(tuple(limits), values))
+                status, _ = diagnostics.close_window({})
+                assert status.level == level
+                assert (f"{residual} {values[list(limits).index(residual)]:.3g}" in status.message) == (over > 1.0)

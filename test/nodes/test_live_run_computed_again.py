@@ -23,7 +23,7 @@ pytestmark = pytest.mark.usefixtures("ros_domain")
 
 def recorded_run(name: str, directory: Path) -> None:
     """Record a run whose supply is turned down, whose parameters change twice, and which is reset."""
-    with BenchRun(name, recorder=True, stream_decimation=50) as run:
+    with BenchRun(name, recorder=True, stream_rate_hz=20.0) as run:
         recorder = RecorderNode(name, directory, built(name).parameters, run.options)
         run.nodes.append(recorder)
         run._spinner.add(recorder)

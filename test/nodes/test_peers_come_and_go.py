@@ -12,7 +12,7 @@ from sensor_msgs.msg import JointState
 from mech_twin.engine.run import frames
 from mech_twin.messages import motor as motor_messages
 from mech_twin.messages.step_message import set_stamp
-from mech_twin.messages.topics import JOINT_STATES, MOTOR_JOINT_STATES
+from mech_twin.messages.topics import STEP_LINKAGE, STEP_MOTOR
 from mech_twin.nodes.body_node import BodyNode
 from mech_twin.nodes.force_node import ForceNode
 from mech_twin.nodes.linkage_node import LinkageNode
@@ -85,9 +85,9 @@ def strange_motor(sample: LinkageSample, **changes: Any) -> JointState:
 def test_a_stranger_on_the_motor_topic_is_counted_and_changes_nothing(changes: dict[str, Any], kind: str) -> None:
     with BenchRun("winding_drum") as run:
         run.steps(50)
-        publisher = run.publisher(MOTOR_JOINT_STATES)
+        publisher = run.publisher(STEP_MOTOR)
         publisher.publish(strange_motor(run.samples[10], **changes))
-        run.until(lambda: run.linkage.statistics.total[MOTOR_JOINT_STATES.name, kind] >= 1)
+        run.until(lambda: run.linkage.statistics.total[STEP_MOTOR.name, kind] >= 1)
         run.steps(50)
         expected = [frame.linkage for frame in frames(built("winding_drum"), run.samples[-1].time_s)]
         assert run.samples == expected[: len(run.samples)]
@@ -97,25 +97,25 @@ def test_a_second_motor_is_noticed() -> None:
     kinds = ("unknown_source", "conflicting", "late")
     with BenchRun("winding_drum") as run:
         run.steps(20)
-        publisher = run.publisher(MOTOR_JOINT_STATES)
+        publisher = run.publisher(STEP_MOTOR)
         run.steps(1)
         role = built("winding_drum").motor
         answer = role.respond(run.samples[-1], 1.0)
         other = answer._replace(effort=tuple(value + 1.0 for value in answer.effort))
         total = run.linkage.statistics.total
-        before = sum(total[MOTOR_JOINT_STATES.name, kind] for kind in kinds)
+        before = sum(total[STEP_MOTOR.name, kind] for kind in kinds)
         publisher.publish(motor_messages.to_message(other._replace(step=run.samples[-1].step)))
-        run.until(lambda: sum(total[MOTOR_JOINT_STATES.name, kind] for kind in kinds) > before)
+        run.until(lambda: sum(total[STEP_MOTOR.name, kind] for kind in kinds) > before)
 
 
 def test_joint_states_that_are_garbled_are_never_answered() -> None:
     with BenchRun("winding_drum") as run:
         run.steps(20)
-        publisher = run.publisher(JOINT_STATES)
+        publisher = run.publisher(STEP_LINKAGE)
         for bad in (JointState(), JointState(name=["crank", "crank"]), JointState(name=["x"], position=[1.0])):
             publisher.publish(bad)
         motor = run.node("motor")
-        run.until(lambda: motor.statistics.total[JOINT_STATES.name, "malformed"] >= 3)
+        run.until(lambda: motor.statistics.total[STEP_LINKAGE.name, "malformed"] >= 3)
         run.steps(20)
         expected = [frame.linkage for frame in frames(built("winding_drum"), run.samples[-1].time_s)]
         assert run.samples == expected[: len(run.samples)]

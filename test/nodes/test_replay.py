@@ -23,7 +23,7 @@ from mech_twin.recording.errors import BagError
 
 pytestmark = pytest.mark.usefixtures("ros_domain")
 DRUM = "winding_drum"
-STATES = f"/{DRUM}/joint_states"
+STATES = f"/{DRUM}/step/linkage"
 DESCRIPTION = f"/{DRUM}/description"
 STRING = "std_msgs/msg/String"
 MS = 1_000_000
@@ -64,7 +64,7 @@ def test_every_message_is_heard_once_and_in_order(name: str, tmp_path: Path) -> 
         recorded = entries_of(tmp_path / "bag")
         for topic in bench.source.topics:
             assert bench.of(topic) == [entry.raw for entry in recorded if entry.topic == topic], topic
-        assert len(bench.of(f"/{name}/joint_states")) == len(frames)
+        assert len(bench.of(f"/{name}/step/linkage")) == len(frames)
 
 
 def test_a_topic_is_offered_as_it_was_recorded(drum_bag: Path) -> None:
@@ -77,7 +77,7 @@ def test_a_topic_is_offered_as_it_was_recorded(drum_bag: Path) -> None:
 
 
 def test_only_the_topics_asked_for_are_replayed(drum_bag: Path) -> None:
-    with ReplayBench(drum_bag, topics=("joint_states", "/clock"), rate=10.0) as bench:
+    with ReplayBench(drum_bag, topics=("step/linkage", "/clock"), rate=10.0) as bench:
         bench.to_the_end()
         assert {heard.topic for heard in bench.heard} == {STATES, "/clock"}
 
@@ -123,7 +123,7 @@ def test_a_loop_leaves_no_stale_latched_message_behind(tmp_path: Path) -> None:
 
 
 def test_time_never_goes_back_unannounced(drum_bag: Path) -> None:
-    with ReplayBench(drum_bag, loop=True, rate=4.0, topics=("joint_states",)) as bench:
+    with ReplayBench(drum_bag, loop=True, rate=4.0, topics=("step/linkage",)) as bench:
         bench.until(lambda: bench.node.loops >= 2 and len(bench.heard) > 1100)
         heard = steps(bench.of(STATES))
         falls = [i for i in range(1, len(heard)) if heard[i] < heard[i - 1]]
@@ -163,7 +163,7 @@ def test_the_clock_told_in_place_of_the_recorded_one_runs_evenly(drum_bag: Path)
 
 
 def test_it_stands_still_while_paused_and_loses_nothing(drum_bag: Path) -> None:
-    with ReplayBench(drum_bag, topics=("joint_states",)) as bench:
+    with ReplayBench(drum_bag, topics=("step/linkage",)) as bench:
         bench.until(lambda: len(bench.heard) > 50)
         assert bench.ask("pause").success
         bench.for_a_while(0.1)
@@ -176,7 +176,7 @@ def test_it_stands_still_while_paused_and_loses_nothing(drum_bag: Path) -> None:
 
 
 def test_it_goes_to_a_time_back_and_forth(drum_bag: Path) -> None:
-    with ReplayBench(drum_bag, topics=("joint_states",)) as bench:
+    with ReplayBench(drum_bag, topics=("step/linkage",)) as bench:
         bench.until(lambda: len(bench.heard) > 20)
         bench.ask("pause")
         bench.for_a_while(0.1)
@@ -216,7 +216,7 @@ def blow(entry: Entry) -> bool:
 
 
 def test_its_rate_changes_while_it_runs(drum_bag: Path) -> None:
-    with ReplayBench(drum_bag, topics=("joint_states",), rate=0.01) as bench:
+    with ReplayBench(drum_bag, topics=("step/linkage",), rate=0.01) as bench:
         bench.until(lambda: len(bench.heard) >= 1)
         assert bench.set_parameter("rate", 50.0).successful
         bench.to_the_end()
@@ -279,7 +279,7 @@ def test_an_empty_part_is_refused(drum_bag: Path, tmp_path: Path) -> None:
 
 def test_the_force_analysis_alone_answers_a_replay_with_the_recorded_forces(tmp_path: Path) -> None:
     frames = simulated_bag(DRUM, 0.1, tmp_path / "bag")
-    with ReplayBench(tmp_path / "bag", topics=("joint_states", "description"), rate=0.5) as bench:
+    with ReplayBench(tmp_path / "bag", topics=("step/linkage", "description"), rate=0.5) as bench:
         options = RunOptions(discovery_limit_s=0.2)
         node = ForceNode(DRUM, built(DRUM).parameters, options)
         answers: list[object] = []

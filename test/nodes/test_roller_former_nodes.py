@@ -18,7 +18,7 @@ from mech_twin.nodes.options import RunOptions
 from mech_twin.recording.bag_reader import BagReader
 
 NAME = "roller_former"
-PARTS = {"joint_states": "linkage", "motor/joint_states": "motor", "forces/joint_states": "forces"}
+PARTS = {"step/linkage": "linkage", "step/motor": "motor", "step/forces": "forces"}
 
 
 def recorded(bag: Path) -> dict[str, list[Any]]:
@@ -51,7 +51,7 @@ def test_topics_equal_engine_to_the_bit(carts: int, ros_domain: int, tmp_path: P
 
 def test_a_stall_is_seen_on_the_topics(ros_domain: int, tmp_path: Path) -> None:
     loaded = {"start.load_from_fraction": 0.0, "stall.time_s": 0.2}
-    samples = over_topics(2, loaded, 0.3, tmp_path / "bag")["joint_states"]
+    samples = over_topics(2, loaded, 0.3, tmp_path / "bag")["step/linkage"]
     seen = [event for sample in samples for event in sample.events if event.kind == "stall"]
     assert [event.time_s for event in seen] == [pytest.approx(0.2, abs=1e-12)]
     assert machine_for(2).linkage.regimes[samples[-1].regime] == "stalled"

@@ -77,7 +77,7 @@ def test_in_a_namespace_of_its_own_the_same_machine_runs_beside_the_first(living
     assert run.returncode == 0, run.stderr
     with BagReader(second) as reader:
         names = set(reader.topics)
-        steps = list(reader.messages(["/hall/drum_2/joint_states"]))
+        steps = list(reader.messages(["/hall/drum_2/step/linkage"]))
         clock = list(reader.messages(["/hall/drum_2/clock"]))
         assert all(counters["missed"] == 0 for counters in reader.info.counters.values())
     assert len(steps) == 1001
@@ -130,8 +130,8 @@ def test_what_is_no_name_of_ros_is_refused_in_words(bad: str) -> None:
 def test_the_clock_moves_with_the_namespace() -> None:
     assert ros_arguments("winding_drum", None) == []
     assert ros_arguments("winding_drum", "b")[-1] == "/clock:=/b/clock"
-    moved = replay_arguments(["/drum/motor/joint_states", "/clock", "/diagnostics"], "b")
+    moved = replay_arguments(["/drum/step/motor", "/clock", "/diagnostics"], "b")
     assert moved[4::2] == [
-        "/drum/motor/joint_states:=/b/motor/joint_states",
+        "/drum/step/motor:=/b/step/motor",
         "/clock:=/b/clock",
     ]

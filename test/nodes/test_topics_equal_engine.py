@@ -20,10 +20,10 @@ from mech_twin.recording.bag_reader import BagReader
 
 RUN_S = 0.4
 PARTS = {
-    "joint_states": "linkage",
-    "motor/joint_states": "motor",
-    "forces/joint_states": "forces",
-    "body/joint_states": "body",
+    "step/linkage": "linkage",
+    "step/motor": "motor",
+    "step/forces": "forces",
+    "step/body": "body",
 }
 
 

@@ -12,6 +12,7 @@ import pytest
 
 from mech_twin import __version__
 from mech_twin.machines.catalog import CATALOGUE
+from mech_twin.nodes.launch_plan import LaunchRequest, programs
 from mech_twin.parameters.load import MACHINE_KEY, file_tree
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -34,13 +35,20 @@ def test_manifest_is_format_3_ament_python_and_of_this_version() -> None:
 
 def test_launch_file_compiles_and_declares_its_arguments() -> None:
     compile(LAUNCH.read_text(encoding="utf-8"), str(LAUNCH), "exec")
-    declared = {call.args[0].value for call in launch_calls("DeclareLaunchArgument")}  # type: ignore[attr-defined]
-    assert declared == {"machine", "pace", "record", "view"}
-    assert launch_calls("SetEnvironmentVariable")[0].args[0].value == "ROS_AUTOMATIC_DISCOVERY_RANGE"  # type: ignore[attr-defined]
+    calls = launch_calls("DeclareLaunchArgument")
+    declared = {call.args[0].value for call in calls}  # type: ignore[attr-defined]
+    chosen = {
+        call.args[0].value  # type: ignore[attr-defined]
+        for call in calls
+        if any(word.arg == "choices" for word in call.keywords)
+    }
+    assert declared == {*LaunchRequest._fields, "discovery", "respawn"}
+    assert chosen == {"machine", "pace", "use_sim_time", "discovery", "respawn"}
 
 
 def test_launch_file_starts_programs_that_are_installed() -> None:
-    named = set(re.findall(r'"(\w+_node)"', LAUNCH.read_text(encoding="utf-8")))
+    request = LaunchRequest("mb10_breaker", record="DIR", view="run.rrd")
+    named = {program.executable for program in programs(request)}
     installed = {entry.name for entry in entry_points(group="console_scripts") if entry.value.startswith("mech_twin.")}
     assert named == NODES
     assert NODES | {"mech-twin"} <= installed

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import pytest
-from recordings import Entry, altered_bag, edited, entries_of, simulated_bag, written_bag
+from recordings import Entry, altered_bag, earlier_layout, edited, entries_of, simulated_bag, written_bag
 
 from mech_twin.engine.step_samples import StepSamples
 from mech_twin.nodes.replay_source import ReplaySource
@@ -17,8 +17,8 @@ from mech_twin.recording.errors import BagError
 from mech_twin.samples import Drawing, Frame
 
 DRUM = "winding_drum"
-STATES = f"/{DRUM}/joint_states"
-MOTOR = f"/{DRUM}/motor/joint_states"
+STATES = f"/{DRUM}/step/linkage"
+MOTOR = f"/{DRUM}/step/motor"
 
 
 @pytest.fixture
@@ -29,6 +29,16 @@ def frames(tmp_path: Path) -> list[Frame]:
 def test_samples_of_a_bag_are_those_of_the_run(frames: list[Frame], tmp_path: Path) -> None:
     steps = list(bag_samples(tmp_path / "bag"))
     assert [step.frame(has_body=False) for step in steps] == frames
+
+
+def test_a_bag_of_before_the_step_topics_gives_the_same_samples(frames: list[Frame], tmp_path: Path) -> None:
+    bag = altered_bag(tmp_path / "bag", tmp_path / "earlier", earlier_layout)
+    with BagReader(bag) as reader:
+        samples = BagSamples(reader)
+        assert "/winding_drum/step/linkage" not in reader.topics
+        assert [step.frame(has_body=False) for step in samples.steps()] == frames
+        assert samples.topics["forces"] == "/winding_drum/forces/joint_states"
+        assert not samples.unused
 
 
 def test_drawings_come_between_the_steps_at_their_time(frames: list[Frame], tmp_path: Path) -> None:

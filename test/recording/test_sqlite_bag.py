@@ -74,7 +74,7 @@ def by_topic(messages: list[BagMessage]) -> dict[str, list[tuple[int, bytes]]]:
 
 
 @pytest.mark.parametrize("version", [8, 9])
-@pytest.mark.parametrize("part", [{}, {"start_s": 0.05, "duration_s": 0.1}, {"topics": [f"/{DRUM}/joint_states"]}])
+@pytest.mark.parametrize("part", [{}, {"start_s": 0.05, "duration_s": 0.1}, {"topics": [f"/{DRUM}/step/linkage"]}])
 def test_the_same_messages_topics_and_times(bags, part, version, tmp_path):
     sqlite = converted(bags[0], tmp_path / "old", version) if version != 9 else bags[1]
     with open_bag(bags[0]) as one, open_bag(sqlite) as other:

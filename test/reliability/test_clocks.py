@@ -17,7 +17,7 @@ from sensor_msgs.msg import JointState
 
 import mech_twin
 from mech_twin.engine.run import frames
-from mech_twin.messages.topics import CLOCK, DIAGNOSTICS, JOINT_STATES, MOTOR_JOINT_STATES, Topic
+from mech_twin.messages.topics import CLOCK, DIAGNOSTICS, STEP_LINKAGE, STEP_MOTOR, Topic
 from mech_twin.nodes.motor_node import MotorNode
 from mech_twin.nodes.recorder_node import RecorderNode
 from mech_twin.recording.bag_reader import BagReader
@@ -126,7 +126,7 @@ def strangers_on(run: BenchRun, joint_states: Topic) -> None:
 
 
 @pytest.mark.usefixtures("ros_domain")
-@pytest.mark.parametrize("topic", [JOINT_STATES, MOTOR_JOINT_STATES], ids=lambda topic: topic.name)
+@pytest.mark.parametrize("topic", [STEP_LINKAGE, STEP_MOTOR], ids=lambda topic: topic.name)
 def test_no_strangers_stamp_rules_time_splits_or_gaps_of_a_recording(topic: Topic, tmp_path: Path) -> None:
     with BenchRun(DRUM, recorder=True, split_s=1000.0) as run:
         recorder = run.revive(

@@ -17,7 +17,7 @@ from sensor_msgs.msg import JointState
 
 from mech_twin.engine.run import frames
 from mech_twin.messages import linkage as linkage_messages
-from mech_twin.messages.topics import DEPTH, JOINT_STATES, full_name
+from mech_twin.messages.topics import DEPTH, STEP_LINKAGE, full_name
 from mech_twin.recording.bag_reader import BagReader
 
 pytestmark = [pytest.mark.usefixtures("ros_domain"), pytest.mark.slow]
@@ -45,7 +45,7 @@ def recorded_messages(bag: Path) -> list[str]:
 
 def missing_from_bag(name: str, bag: Path) -> int:
     """Return how many steps of a bag are missing, all of them counted; each of the others is the engine's own."""
-    topic = full_name(name, JOINT_STATES)
+    topic = full_name(name, STEP_LINKAGE)
     with BagReader(bag) as reader:
         rows = reader.messages(topics=[topic])
         samples = [linkage_messages.from_message(deserialize_message(row.raw, JointState)) for row in rows]
@@ -160,4 +160,4 @@ def test_a_stopped_recorder_counts_what_it_missed_and_a_killed_one_stops_nobody(
         )
         assert run.finish("recorder") == 0
     with BagReader(tmp_path / "second") as reader:
-        assert sum(1 for _ in reader.messages(topics=[full_name("winding_drum", JOINT_STATES)])) > 200
+        assert sum(1 for _ in reader.messages(topics=[full_name("winding_drum", STEP_LINKAGE)])) > 200

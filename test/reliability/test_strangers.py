@@ -17,17 +17,18 @@ from std_msgs.msg import String
 from mech_twin.engine.run import frames
 from mech_twin.messages import linkage as linkage_messages
 from mech_twin.messages import motor as motor_messages
-from mech_twin.messages.step_message import REVISION, SOURCE, mark, set_stamp
+from mech_twin.messages.step_message import REVISION, SOURCE, set_stamp
 from mech_twin.messages.topics import (
     DESCRIPTION,
     DIAGNOSTICS,
-    JOINT_STATES,
-    MOTOR_JOINT_STATES,
     REJOIN,
     REJOIN_BODY,
     REJOIN_DESCRIPTION,
     REJOIN_LINKAGE,
     REJOIN_MOTOR,
+    STEP_FORCES,
+    STEP_LINKAGE,
+    STEP_MOTOR,
     Topic,
 )
 from mech_twin.nodes.force_node import ForceNode
@@ -37,7 +38,7 @@ from mech_twin.samples import MotorSample
 
 pytestmark = pytest.mark.usefixtures("ros_domain")
 DRUM = "winding_drum"
-MOTOR = MOTOR_JOINT_STATES.name
+MOTOR = STEP_MOTOR.name
 
 
 def assert_engine(run: BenchRun) -> None:
@@ -47,16 +48,24 @@ def assert_engine(run: BenchRun) -> None:
     assert samples == expected[: len(samples)]
 
 
+def with_row(message: JointState, row: str, value: float) -> JointState:
+    """Return the message with one more row."""
+    message.name.append(row)
+    for column, entry in ((message.position, value), (message.velocity, 0.0), (message.effort, 0.0)):
+        column.append(entry)
+    return message
+
+
 def second_motor(run: BenchRun, change: Callable[[MotorSample], MotorSample], source: float | None) -> None:
     """Let the client answer every step, validly and with other numbers."""
-    publisher = run.publisher(MOTOR_JOINT_STATES)
+    publisher = run.publisher(STEP_MOTOR)
     role = built(run.name).motor
 
     def answer(message: JointState) -> None:
         reply = motor_messages.to_message(change(role.respond(linkage_messages.from_message(message), 1.0)))
-        publisher.publish(reply if source is None else mark(reply, SOURCE, source))
+        publisher.publish(reply if source is None else with_row(reply, SOURCE, source))
 
-    run.client.create_subscription(JointState, JOINT_STATES.name, answer, JOINT_STATES.qos)
+    run.client.create_subscription(JointState, STEP_LINKAGE.name, answer, STEP_LINKAGE.qos)
 
 
 def stronger(sample: MotorSample) -> MotorSample:
@@ -92,7 +101,7 @@ def test_joints_in_another_order_are_matched_by_name() -> None:
     with BenchRun("vibration_crank") as run:
         run.steps(20)
         run.kill("motor")
-        publisher = run.publisher(MOTOR_JOINT_STATES)
+        publisher = run.publisher(STEP_MOTOR)
         run.until(lambda: run.linkage.diagnostics.state.startswith("waiting"))
         role = built(run.name).motor
 
@@ -110,14 +119,14 @@ def test_joints_in_another_order_are_matched_by_name() -> None:
                 setattr(reply, column, list(getattr(reply, column))[::-1])
             publisher.publish(reply)
 
-        run.client.create_subscription(JointState, JOINT_STATES.name, answer, JOINT_STATES.qos)
+        run.client.create_subscription(JointState, STEP_LINKAGE.name, answer, STEP_LINKAGE.qos)
         run.steps(50)
         assert_engine(run)
 
 
 def test_duplicated_and_late_answers_are_counted_and_change_nothing() -> None:
     with BenchRun(DRUM) as run:
-        publisher = run.publisher(MOTOR_JOINT_STATES)
+        publisher = run.publisher(STEP_MOTOR)
         heard: list[JointState] = []
 
         def twice(message: JointState) -> None:
@@ -126,7 +135,7 @@ def test_duplicated_and_late_answers_are_counted_and_change_nothing() -> None:
                 publisher.publish(message)
                 publisher.publish(heard[len(heard) // 2])
 
-        run.client.create_subscription(JointState, MOTOR, twice, JOINT_STATES.qos)
+        run.client.create_subscription(JointState, MOTOR, twice, STEP_LINKAGE.qos)
         run.steps(300)
         total = run.linkage.statistics.total
         run.until(lambda: total[MOTOR, "repeated"] + total[MOTOR, "late"] > 100)
@@ -148,7 +157,7 @@ def test_a_fault_is_reported_once_a_window_with_its_number() -> None:
     with BenchRun(DRUM) as run:
         run.steps(20)
         messages = window_reports(run, "linkage")
-        publisher = run.publisher(MOTOR_JOINT_STATES)
+        publisher = run.publisher(STEP_MOTOR)
         for _ in range(40):
             publisher.publish(JointState(name=["drum"], position=[0.0], velocity=[0.0], effort=[float("nan")]))
         run.until(lambda: run.linkage.statistics.total[MOTOR, "malformed"] == 40)
@@ -180,15 +189,11 @@ def test_a_subscriber_whose_quality_does_not_fit_is_noticed() -> None:
         run.steps(5)
         told_apart = SubscriptionEventCallbacks(use_default_callbacks=False)
         run.client.create_subscription(
-            JointState, JOINT_STATES.name, lambda message: None, QUALITIES["durability"], event_callbacks=told_apart
+            JointState, STEP_LINKAGE.name, lambda message: None, QUALITIES["durability"], event_callbacks=told_apart
         )
-        run.until(lambda: run.linkage.statistics.total[JOINT_STATES.name, "incompatible"] == 1)
+        run.until(lambda: run.linkage.statistics.total[STEP_LINKAGE.name, "incompatible"] == 1)
         run.steps(50)
         assert_engine(run)
-
-
-def signed(message: JointState, row: str, value: float) -> JointState:
-    return mark(message, row, value)
 
 
 def garbled() -> list[JointState]:
@@ -198,12 +203,12 @@ def garbled() -> list[JointState]:
     set_stamp(far.header, 1e6)
     return [
         JointState(name=["drum", REVISION], position=[0.0]),
-        signed(JointState(name=["drum"], **plain), REVISION, float("nan")),
-        signed(JointState(name=["drum"], **plain), REVISION, 1e300),
-        signed(JointState(name=["drum"], **plain), "~step", float("inf")),
-        signed(JointState(name=["drum"], **plain), "~step", -1e300),
-        signed(JointState(name=["drum"], **plain), "~event/²/kind/contact", 0.0),
-        signed(JointState(name=["drum"], **plain), "~event/0/kind/contact", 0.0),
+        with_row(JointState(name=["drum"], **plain), REVISION, float("nan")),
+        with_row(JointState(name=["drum"], **plain), REVISION, 1e300),
+        with_row(JointState(name=["drum"], **plain), "~step", float("inf")),
+        with_row(JointState(name=["drum"], **plain), "~step", -1e300),
+        with_row(JointState(name=["drum"], **plain), "~event/²/kind/contact", 0.0),
+        with_row(JointState(name=["drum"], **plain), "~event/0/kind/contact", 0.0),
         JointState(name=["drum/force_x_n"], **plain),
         far,
     ]
@@ -212,9 +217,9 @@ def garbled() -> list[JointState]:
 @pytest.mark.parametrize(
     "topic",
     [
-        JOINT_STATES,
-        MOTOR_JOINT_STATES,
-        Topic("forces/joint_states", JointState),
+        STEP_LINKAGE,
+        STEP_MOTOR,
+        STEP_FORCES,
         REJOIN_LINKAGE,
         REJOIN_MOTOR,
         REJOIN_BODY,
@@ -285,11 +290,11 @@ def test_a_strangers_description_never_reaches_a_running_role() -> None:
 def test_a_second_linkage_is_not_followed() -> None:
     with BenchRun(DRUM) as run:
         run.steps(50)
-        publisher = run.publisher(JOINT_STATES)
+        publisher = run.publisher(STEP_LINKAGE)
         ahead = run.samples[-1]._replace(step=10**6, time_s=1e3)
         for i in range(20):
             other: Any = ahead._replace(step=ahead.step + i, time_s=(ahead.step + i) * 0.001)
-            publisher.publish(mark(linkage_messages.to_message(other), SOURCE, 5.0))
-        run.until(lambda: run.node("motor").statistics.total[JOINT_STATES.name, "unknown_source"] >= 20)
+            publisher.publish(with_row(linkage_messages.to_message(other), SOURCE, 5.0))
+        run.until(lambda: run.node("motor").statistics.total[STEP_LINKAGE.name, "unknown_source"] >= 20)
         run.steps(100)
         assert_engine(run)

@@ -132,9 +132,9 @@ def test_the_first_bit_that_differs_is_named(role: str) -> None:
     assert verdict.first.time_s == sample.time_s
 
 
-def test_minus_nought_is_not_nought() -> None:
+def test_minus_zero_is_not_zero() -> None:
     motor = next(iter(frames(built(DRUM), 0.0))).motor
-    positive, negative = (motor._replace(position=(nought,) * len(motor.position)) for nought in (0.0, -0.0))
+    positive, negative = (motor._replace(position=(zero,) * len(motor.position)) for zero in (0.0, -0.0))
     assert positive == negative
     difference = first_difference("motor", positive, negative)
     assert difference is not None

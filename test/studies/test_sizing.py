@@ -22,7 +22,7 @@ HUNG = {"counterweight.mass_kg": None}
 
 def test_the_flywheel_gives_the_asked_non_uniformity_and_is_written(tmp_path):
     answer = size("compaction_press", limits={"non_uniformity": 0.08}, tolerance=0.0)
-    assert answer.figures["non_uniformity_of_time_run"] == pytest.approx(0.08, rel=2e-3)
+    assert answer.metrics["non_uniformity_of_time_run"] == pytest.approx(0.08, rel=2e-3)
     assert answer.binding.startswith("non_uniformity <= 0.08")
     write_configuration(answer.machine, answer.parameters, tmp_path / "sized.yaml")
     again = machine_parameters("compaction_press", tmp_path / "sized.yaml")
@@ -46,10 +46,10 @@ def own_flywheel(parameters):
 def test_the_flywheel_of_the_worst_case_holds_on_every_machine_of_the_box_and_the_nominal_one_does_not():
     parameters = machine_parameters("compaction_press")
     answer = size("compaction_press", parameters)
-    flywheel, nominal = answer.sizes["flywheel.inertia_kg_m2"], answer.figures["nominal_flywheel_inertia_kg_m2"]
+    flywheel, nominal = answer.sizes["flywheel.inertia_kg_m2"], answer.metrics["nominal_flywheel_inertia_kg_m2"]
     assert answer.tolerance == 0.05
     assert nominal == pytest.approx(2.963918, rel=1e-6)
-    assert answer.figures["non_uniformity_of_time_run"] == pytest.approx(0.05, rel=2e-3)
+    assert answer.metrics["non_uniformity_of_time_run"] == pytest.approx(0.05, rel=2e-3)
     random = np.random.default_rng(11)
     asked = []
     for _ in range(20):
@@ -57,7 +57,7 @@ def test_the_flywheel_of_the_worst_case_holds_on_every_machine_of_the_box_and_th
         asked.append(own_flywheel(moved(parameters, factors)))
     assert max(asked) <= flywheel * (1.0 + 1e-5)
     assert max(asked) > nominal
-    worst = moved(parameters, {k[len("worst_factor_of_") :]: v for k, v in answer.figures.items() if "factor" in k})
+    worst = moved(parameters, {k[len("worst_factor_of_") :]: v for k, v in answer.metrics.items() if "factor" in k})
     assert own_flywheel(worst) == pytest.approx(flywheel, rel=1e-5)
 
 
@@ -65,7 +65,7 @@ def test_the_flywheel_of_the_worst_case_holds_on_every_machine_of_the_box_and_th
 def test_the_counterweight_of_the_worst_case_is_the_best_of_the_worst():
     parameters = machine_parameters("vibration_crank")
     answer = size("vibration_crank", parameters)
-    worst, chosen = answer.figures["worst_shaking_force_max_n"], answer.sizes["counterweight.balancing_fraction"]
+    worst, chosen = answer.metrics["worst_shaking_force_max_n"], answer.sizes["counterweight.balancing_fraction"]
     keys = ("masses.tree_kg", "masses.boom_kg", "masses.rod_kg", "masses.crank_kg", "drive.speed_rpm")
     random = np.random.default_rng(3)
 
@@ -80,7 +80,7 @@ def test_the_counterweight_of_the_worst_case_is_the_best_of_the_worst():
     heavy = dict.fromkeys(keys, 1.05)
     assert reached(chosen, heavy)["shaking_force_max_n"] <= worst * (1.0 + 1e-9)
     corners = box_corners(parameters, 0.05)
-    for other in (answer.figures["nominal_balancing_fraction"], chosen - 0.02, chosen + 0.02):
+    for other in (answer.metrics["nominal_balancing_fraction"], chosen - 0.02, chosen + 0.02):
         assert balance_at(parameters, other, corners).shaking_force_max_n >= worst * (1.0 - 1e-9)
 
 
@@ -108,14 +108,14 @@ def test_a_limit_that_makes_no_sense_is_refused_by_name(machine_name, name, valu
 @pytest.mark.parametrize("objective", ["shaking_force_max_n", "drive_torque_peak_nm"])
 def test_no_other_fraction_of_the_trade_is_better(objective):
     answer = size("vibration_crank", objective=objective, tolerance=0.0)
-    assert answer.figures[objective] <= min(row[objective] for row in answer.trade_off)
+    assert answer.metrics[objective] <= min(row[objective] for row in answer.trade_off)
     built = machine("vibration_crank", overrides=dict.fromkeys(["counterweight.mass_kg"]) | answer.sizes)
-    assert built.report()[objective] == pytest.approx(answer.figures[objective], rel=1e-9)
+    assert built.report()[objective] == pytest.approx(answer.metrics[objective], rel=1e-9)
 
 
 def test_a_limit_on_the_counterweight_binds():
     answer = size("vibration_crank", limits={"counterweight_mass_kg": 40.0}, tolerance=0.0)
-    assert answer.figures["counterweight_mass_kg"] == pytest.approx(40.0, rel=1e-3)
+    assert answer.metrics["counterweight_mass_kg"] == pytest.approx(40.0, rel=1e-3)
     assert "counterweight_mass_kg <= 40" in answer.binding
 
 
@@ -148,7 +148,7 @@ def test_a_tolerance_is_refused_where_there_is_no_answer_with_one():
 def test_the_roller_former_gets_the_published_motor_and_a_drive_near_the_published_one():
     answer = size("roller_former", tolerance=0.0)
     assert answer.sizes["motor.catalogue_name"] == "4A160S6U3"
-    assert answer.figures["share_of_rated"] == pytest.approx(0.31, abs=0.01)
+    assert answer.metrics["share_of_rated"] == pytest.approx(0.31, abs=0.01)
     assert 80000.0 < answer.sizes["drive.stiffness_nm_per_rad"] < 150000.0
     assert 4000.0 < answer.sizes["drive.damping_nms_per_rad"] < 8000.0
     assert all(constraint.holds for constraint in answer.constraints)
@@ -160,10 +160,10 @@ def test_with_tolerances_the_roller_former_gets_a_motor_that_carries_the_worst_o
     answer = size("roller_former")
     assert answer.tolerance == 0.05
     assert answer.sizes["motor.catalogue_name"] == "4A160M6U3"
-    assert answer.figures["motor_power_required_w"] == pytest.approx(10497.36 * 1.05 / 0.95, rel=1e-6)
-    assert answer.figures["nominal_motor_rated_power_w"] == 11000.0
-    assert answer.figures["configurations_tried"] == 1 + 8 + 16
+    assert answer.metrics["motor_power_required_w"] == pytest.approx(10497.36 * 1.05 / 0.95, rel=1e-6)
+    assert answer.metrics["nominal_motor_rated_power_w"] == 11000.0
+    assert answer.metrics["configurations_tried"] == 1 + 8 + 16
     assert all(constraint.holds for constraint in answer.constraints)
     nominal = size("roller_former", tolerance=0.0)
-    assert answer.figures["nominal_stiffness_nm_per_rad"] == nominal.sizes["drive.stiffness_nm_per_rad"]
+    assert answer.metrics["nominal_stiffness_nm_per_rad"] == nominal.sizes["drive.stiffness_nm_per_rad"]
     assert answer.sizes["drive.stiffness_nm_per_rad"] != nominal.sizes["drive.stiffness_nm_per_rad"]

@@ -7,7 +7,7 @@ from typing import Any
 from mech_twin.machines.compaction_press.cycle import POSITIONS, press_cycle
 from mech_twin.machines.compaction_press.drawing import drawing
 from mech_twin.machines.compaction_press.forces import PressForces
-from mech_twin.machines.compaction_press.metrics import cycle_report, position_figures
+from mech_twin.machines.compaction_press.metrics import cycle_metrics, position_metrics
 from mech_twin.machines.compaction_press.parameters import CompactionPress, press_constants
 from mech_twin.machines.compaction_press.roles import press_linkage
 from mech_twin.machines.compaction_press.run_metrics import PressObserver
@@ -41,7 +41,7 @@ def build(parameters: Parameters) -> Machine:
     torque = press_cycle(press, stroke, speed, POSITIONS, kinks=False).drive_torque_nm
 
     def analyse(crank_rad: float) -> dict[str, Any]:
-        return position_figures(p, crank_rad)
+        return position_metrics(p, crank_rad)
 
     return Machine(
         "compaction_press",
@@ -52,7 +52,7 @@ def build(parameters: Parameters) -> Machine:
         PressForces(press, float(abs(torque).max())),
         None,
         lambda sample, _: drawing(press, sample),
-        lambda: cycle_report(p),
+        lambda: cycle_metrics(p),
         analyse,
         lambda: PressObserver(p.motor_curve),
     )

@@ -137,7 +137,7 @@ def turn_flywheel(press: Press, stroke: Stroke, speed: float, delta: float) -> f
     return float(asked_flywheel(cycle_extremes(press, turn), turn))
 
 
-def flywheel_figures(press: Press, stroke: Stroke, speed: float, delta: float) -> dict[str, float]:
+def flywheel_metrics(press: Press, stroke: Stroke, speed: float, delta: float) -> dict[str, float]:
     """Return the flywheel on the continuous curve, its variants at 36000 and 12 positions, and delta without one."""
     w = abs(speed)
     fine = press_cycle(press, stroke, speed, WORK_POSITIONS)

@@ -48,14 +48,16 @@ def flywheel_run(parameters: CompactionPress, inertia_kg_m2: float, step_s: floa
     )
     torque = mean_torque(press, stroke, speed)
     sample = linkage.start()
-    speeds = [abs(sample.velocity[0])]
-    while abs(sample.position[0]) < 2.0 * pi:
-        before = sample
+    crank = sample.joint("crank")
+    speeds = [abs(crank.velocity)]
+    while abs(crank.position) < 2.0 * pi:
+        before = crank
         motor = MotorSample(sample.step, sample.time_s, ("motor",), (0.0,), (0.0,), (torque,), 1.0)
         sample = linkage.advance(sample, motor, None)
-        speeds.append(abs(sample.velocity[0]))
-        speeds += [abs(event.pre[0].velocity) for event in sample.events]
-    share = (2.0 * pi - abs(before.position[0])) / (abs(sample.position[0]) - abs(before.position[0]))
-    end = abs(before.velocity[0]) + share * (abs(sample.velocity[0]) - abs(before.velocity[0]))
+        crank = sample.joint("crank")
+        speeds.append(abs(crank.velocity))
+        speeds += [abs(at_event.velocity) for event in sample.events for at_event in event.pre]
+    share = (2.0 * pi - abs(before.position)) / (abs(crank.position) - abs(before.position))
+    end = abs(before.velocity) + share * (abs(crank.velocity) - abs(before.velocity))
     low, high = min(speeds), max(speeds)
     return FlywheelRun(2.0 * (high - low) / (high + low), low, high, end / first - 1.0)

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mech_twin.machines.compaction_press.cycle import (
-    flywheel_figures,
+    flywheel_metrics,
     gains,
     layer_work_on_the_way,
     mean_torque,
@@ -45,7 +45,7 @@ def transmission_angle(press: Press, f: float) -> float:
     return float(np.arctan2(abs(at.det), at.u_x * at.v_x + at.u_y * at.v_y))
 
 
-def position_figures(parameters: CompactionPress, f: float) -> dict[str, Any]:
+def position_metrics(parameters: CompactionPress, f: float) -> dict[str, Any]:
     """Return every angle, speed, force and constant at crank angle ``f`` (rad) and rated constant speed."""
     press, stroke = press_constants(parameters)
     w = parameters.drive.speed_rad_per_s
@@ -116,8 +116,8 @@ def conditions(parameters: CompactionPress) -> tuple[Check, ...]:
     turn = turn_at(stroke, parameters.drive.speed_rad_per_s, parameters.flywheel.non_uniformity)
     gamma = degrees(cycle_extremes(press, turn).gamma_max_rad)
     alpha = degrees(acute_angles(position(press.bar, stroke.bottom))[0])
-    figures = flywheel_figures(press, stroke, parameters.drive.speed_rad_per_s, parameters.flywheel.non_uniformity)
-    missing = max(0.0, figures["flywheel_inertia_kg_m2"])
+    metrics = flywheel_metrics(press, stroke, parameters.drive.speed_rad_per_s, parameters.flywheel.non_uniformity)
+    missing = max(0.0, metrics["flywheel_inertia_kg_m2"])
     return (
         Check("gamma_max_deg", gamma, GAMMA_LIMIT_DEG, GAMMA_LIMIT_DEG - gamma),
         Check("alpha_at_bottom_deg", alpha, 90.0 - ALPHA_TOLERANCE_DEG, alpha - (90.0 - ALPHA_TOLERANCE_DEG)),
@@ -125,8 +125,8 @@ def conditions(parameters: CompactionPress) -> tuple[Check, ...]:
     )
 
 
-def cycle_report(parameters: CompactionPress) -> dict[str, float]:
-    """Return the figures of one cycle at rated constant speed; the flywheel figures are for the bare press."""
+def cycle_metrics(parameters: CompactionPress) -> dict[str, float]:
+    """Return the metrics of one cycle at rated constant speed; those of the flywheel are for the bare press."""
     press, stroke = press_constants(parameters, fitted=False)
     speed = parameters.drive.speed_rad_per_s
     extremes = cycle_extremes(press, turn_at(stroke, speed, parameters.flywheel.non_uniformity))
@@ -143,7 +143,7 @@ def cycle_report(parameters: CompactionPress) -> dict[str, float]:
         "power_peak_w": max(torque * speed for torque in torques),
         "transmission_angle_min_deg": least,
         "transmission_angle_max_deg": most,
-        **flywheel_figures(press, stroke, speed, parameters.flywheel.non_uniformity),
+        **flywheel_metrics(press, stroke, speed, parameters.flywheel.non_uniformity),
         "work_per_cycle_j": float(layer_work(press.load, stroke.bottom_y_m)),
         "stroke_m": stroke.top_y_m - stroke.bottom_y_m,
         "top_deg": degrees(stroke.top),

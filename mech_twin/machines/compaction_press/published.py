@@ -7,7 +7,7 @@ from math import radians
 
 from mech_twin.capabilities.published import CONTRADICTS, DIFFERS, Row, Source
 from mech_twin.machines.compaction_press.flywheel_run import flywheel_run
-from mech_twin.machines.compaction_press.metrics import cycle_report, position_figures
+from mech_twin.machines.compaction_press.metrics import cycle_metrics, position_metrics
 from mech_twin.machines.compaction_press.parameters import CompactionPress
 
 PAPER = "Asfandiyarov et al. 2019"
@@ -17,7 +17,7 @@ ASSUMED = "assumed press: the paper prints no dimensions"
 
 def rows(parameters: CompactionPress) -> Iterator[Row]:
     """Yield the rows, the gain formula first."""
-    report = cycle_report(parameters)
+    report = cycle_metrics(parameters)
     yield from _gain(parameters, report)
     yield from _claims(parameters, report)
     yield from _cycle(report)
@@ -25,7 +25,7 @@ def rows(parameters: CompactionPress) -> Iterator[Row]:
 
 
 def _gain(parameters: CompactionPress, report: dict[str, float]) -> Iterator[Row]:
-    at = position_figures(parameters, radians(225.0))
+    at = position_metrics(parameters, radians(225.0))
     paper = Source(PAPER, "Q = P k1 k2", f"{ASSUMED}; crank at 225 degrees")
     why = "k1 k2 holds only while B is at rest; the exact gain is the inverse velocity ratio"
     yield paper.reported("gain, load normal to the plate", at["k1_k2"], at["gain_exact_normal"], CONTRADICTS, why)

@@ -41,7 +41,7 @@ def sizing(
     nominal = max(0.0, asked_of(parameters, delta))
     worst = worst_case(parameters, delta, tolerance)
     flywheel = max(0.0, worst.inertia_kg_m2)
-    kept, figures = _shown(worst, flywheel, delta)
+    kept, metrics = _shown(worst, flywheel, delta)
     chosen = varied(parameters, {"flywheel.inertia_kg_m2": flywheel})
     gamma, alpha, _ = conditions(varied(worst.parameters, {"flywheel.inertia_kg_m2": flywheel}))
     constraints = (
@@ -49,7 +49,7 @@ def sizing(
         Constraint("gamma_max_deg", gamma.value, gamma.limit),
         Constraint("alpha_at_bottom_deg", alpha.value, alpha.limit, "above"),
     )
-    where = f": fastest at {figures['fastest_at_deg']:.2f} degrees, slowest at {figures['slowest_at_deg']:.2f}"
+    where = f": fastest at {metrics['fastest_at_deg']:.2f} degrees, slowest at {metrics['slowest_at_deg']:.2f}"
     otherwise = "none: the press keeps the asked non-uniformity without a flywheel"
     worst_names = {f"worst_factor_of_{key}": factor for key, factor in worst.factors.items()}
     return Sizing(
@@ -57,7 +57,7 @@ def sizing(
         objective,
         {"flywheel.inertia_kg_m2": flywheel},
         chosen,
-        {"nominal_flywheel_inertia_kg_m2": nominal, "machines_tried": float(worst.tried), **figures, **worst_names},
+        {"nominal_flywheel_inertia_kg_m2": nominal, "machines_tried": float(worst.tried), **metrics, **worst_names},
         constraints,
         binding_of(constraints, otherwise) + (where if flywheel > 0.0 else ""),
         _trade_off(parameters, worst.parameters),

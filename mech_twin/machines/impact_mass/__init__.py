@@ -7,7 +7,7 @@ from typing import Any
 
 from mech_twin.machines.impact_mass.drawing import mass_drawing
 from mech_twin.machines.impact_mass.forces import StopReaction
-from mech_twin.machines.impact_mass.metrics import contact_report, cycle_report, position_figures
+from mech_twin.machines.impact_mass.metrics import contact_metrics, cycle_metrics, position_metrics
 from mech_twin.machines.impact_mass.observer import MassObserver
 from mech_twin.machines.impact_mass.parameters import ImpactMass
 from mech_twin.machines.impact_mass.roles import ForceGenerator, MassOnStop
@@ -38,7 +38,7 @@ def build(parameters: Parameters) -> Machine:
     motor = ForceGenerator(p.phase1_force_n, p.phase2_force_n, p.supply.rate_per_s, step_s)
 
     def analyse(angle_rad: float) -> dict[str, Any]:
-        return position_figures(
+        return position_metrics(
             p.system,
             p.mass_kg,
             p.stop_position_m,
@@ -48,10 +48,10 @@ def build(parameters: Parameters) -> Machine:
         )
 
     def report() -> dict[str, float]:
-        figures = cycle_report(p.system, p.mass_kg, p.initial_gap_m, p.initial_velocity_m_per_s)
+        metrics = cycle_metrics(p.system, p.mass_kg, p.initial_gap_m, p.initial_velocity_m_per_s)
         if p.contact_stiffness_n_per_m is None:
-            return figures
-        return figures | contact_report(p.system, p.mass_kg, p.contact_stiffness_n_per_m)
+            return metrics
+        return metrics | contact_metrics(p.system, p.mass_kg, p.contact_stiffness_n_per_m)
 
     return Machine(
         "impact_mass",

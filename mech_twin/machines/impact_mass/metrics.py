@@ -55,11 +55,11 @@ def one_impact_cycles(system: ImpactSystem) -> list[OneImpactCycle]:
     ]
 
 
-def cycle_report(system: ImpactSystem, mass_kg: float, gap_m: float, velocity_m_per_s: float) -> dict[str, float]:
-    """Return the closed-form figures: means, stability limits, one-impact motions, the first blow."""
+def cycle_metrics(system: ImpactSystem, mass_kg: float, gap_m: float, velocity_m_per_s: float) -> dict[str, float]:
+    """Return the closed-form metrics: means, stability limits, one-impact motions, the first blow."""
     mean = mean_level(system.period_s, system.phase1_s, system.acceleration1, system.acceleration2)
     share = phase1_chatter_share((system.acceleration1, system.acceleration2), system.restitution)
-    figures = {
+    metrics = {
         "period_s": system.period_s,
         "phase1_acceleration_m_per_s2": system.acceleration1,
         "phase2_acceleration_m_per_s2": system.acceleration2,
@@ -69,41 +69,41 @@ def cycle_report(system: ImpactSystem, mass_kg: float, gap_m: float, velocity_m_
         "greatest_stable_blow_acceleration_m_per_s2": mean,
     }
     if math.isfinite(share):
-        figures["chatter_completes_from_phase1_duration_s"] = share * system.period_s / (1.0 + share)
+        metrics["chatter_completes_from_phase1_duration_s"] = share * system.period_s / (1.0 + share)
     for cycle in one_impact_cycles(system):
         name = f"one_impact_phase{cycle.phase + 1}"
-        figures[f"{name}_speed_m_per_s"] = cycle.impact_speed_m_per_s
-        figures[f"{name}_impact_tau_s"] = cycle.impact_tau_s
-        figures[f"{name}_largest_multiplier_1"] = abs(cycle.multipliers[0])
-        figures[f"{name}_blow_energy_j"] = 0.5 * mass_kg * cycle.impact_speed_m_per_s**2
+        metrics[f"{name}_speed_m_per_s"] = cycle.impact_speed_m_per_s
+        metrics[f"{name}_impact_tau_s"] = cycle.impact_tau_s
+        metrics[f"{name}_largest_multiplier_1"] = abs(cycle.multipliers[0])
+        metrics[f"{name}_blow_energy_j"] = 0.5 * mass_kg * cycle.impact_speed_m_per_s**2
     motion = initial_motion(gap_m, velocity_m_per_s, system)
     for _ in range(FIRST_EVENTS):
         event, motion = next_event(motion, system)
         if event.kind == IMPACT:
-            figures["first_impact_time_s"] = event.period * system.period_s + event.tau_s
-            figures["first_impact_speed_m_per_s"] = event.pre_m_per_s
+            metrics["first_impact_time_s"] = event.period * system.period_s + event.tau_s
+            metrics["first_impact_speed_m_per_s"] = event.pre_m_per_s
             break
-    return figures
+    return metrics
 
 
-def contact_report(system: ImpactSystem, mass_kg: float, stiffness_n_per_m: float) -> dict[str, float]:
+def contact_metrics(system: ImpactSystem, mass_kg: float, stiffness_n_per_m: float) -> dict[str, float]:
     """Return peak force, contact time and loss of the one-impact motions, and below which speed contacts merge."""
     forces_n = (system.acceleration1 * mass_kg, system.acceleration2 * mass_kg)
-    figures = {}
+    metrics = {}
     for cycle in one_impact_cycles(system):
         name, speed = f"one_impact_phase{cycle.phase + 1}", cycle.impact_speed_m_per_s
         found = contact_estimate(mass_kg, speed, system.restitution, stiffness_n_per_m, forces_n[cycle.phase])
-        figures[f"{name}_peak_force_n"] = found.peak_force_n
-        figures[f"{name}_contact_time_s"] = found.contact_time_s
-        figures[f"{name}_penetration_m"] = found.penetration_m
-        figures[f"{name}_contact_loss_j"] = found.loss_j
+        metrics[f"{name}_peak_force_n"] = found.peak_force_n
+        metrics[f"{name}_contact_time_s"] = found.contact_time_s
+        metrics[f"{name}_penetration_m"] = found.penetration_m
+        metrics[f"{name}_contact_loss_j"] = found.loss_j
     for number, force_n in enumerate(forces_n, 1):
         merging = merging_speed(mass_kg, system.restitution, stiffness_n_per_m, force_n)
-        figures[f"phase{number}_merging_speed_m_per_s"] = merging
-    return figures
+        metrics[f"phase{number}_merging_speed_m_per_s"] = merging
+    return metrics
 
 
-def position_figures(
+def position_metrics(
     system: ImpactSystem, mass_kg: float, stop_m: float, gap_m: float, velocity_m_per_s: float, angle_rad: float
 ) -> dict[str, Any]:
     """Return the state at an angle 2 pi tau/T of the period after a thousand, from the configured start."""

@@ -1,4 +1,4 @@
-"""Published figures of the impact mass."""
+"""Published numbers of the impact mass."""
 
 from __future__ import annotations
 

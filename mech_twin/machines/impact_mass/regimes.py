@@ -39,6 +39,7 @@ from mech_twin.machines.impact_mass.dynamics import (
 from mech_twin.machines.impact_mass.parameters import ImpactMass
 from mech_twin.machines.impact_mass.states import CHATTER_END, RELEASE
 from mech_twin.machines.impact_mass.tangent import exponent, release_growth
+from mech_twin.output_file import written_file
 
 WINDOW = 512
 LARGEST_LOG = 700.0  # of a growth that is still a double
@@ -279,4 +280,5 @@ def write_bifurcation_picture(regimes: RegimeMap, path: Path) -> None:
     axes.set_xlabel(regimes.key)
     axes.set_ylabel("hardest blow of a period, m/s")
     axes.legend(loc="best", fontsize="small")
-    figure.savefig(path, dpi=120)
+    with written_file(path, force=True) as unfinished:
+        figure.savefig(unfinished, dpi=120)

@@ -8,7 +8,7 @@ from mech_twin.machines.mb10_breaker.constants import breaker
 from mech_twin.machines.mb10_breaker.drawing import drawing
 from mech_twin.machines.mb10_breaker.driven_body import DrivenBody
 from mech_twin.machines.mb10_breaker.half_sine_body import HalfSineBody
-from mech_twin.machines.mb10_breaker.metrics import position_metrics, static_report
+from mech_twin.machines.mb10_breaker.metrics import position_metrics, static_metrics
 from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
 from mech_twin.machines.mb10_breaker.roles import BreakerForces, BreakerLinkage, BreakerMotor
 from mech_twin.machines.mb10_breaker.run_metrics import BreakerObserver
@@ -43,7 +43,7 @@ def build(parameters: Parameters) -> Machine:
         forces=BreakerForces(constants),
         body=body,
         draw=drawing(constants, p.linkage.striker_angle_deg),
-        report=lambda: static_report(p, constants),
+        report=lambda: static_metrics(p, constants),
         analyse=lambda crank_rad: position_metrics(p, constants, crank_rad),
         observer=lambda: BreakerObserver(p, constants),
     )

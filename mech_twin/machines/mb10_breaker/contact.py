@@ -29,10 +29,9 @@ from mech_twin.machines.mb10_breaker.dynamics import (
     energies,
     masses_at,
     pushing,
-    strike,
     striker,
-    touchdown,
 )
+from mech_twin.machines.mb10_breaker.impacts import strike, touchdown
 from mech_twin.machines.mb10_breaker.motion import (
     COLLAR,
     CRANK_MOTION,

@@ -20,7 +20,7 @@ def drawing(b: Breaker, striker_angle_deg: float) -> Callable[[LinkageSample, Bo
     def shapes(linkage: LinkageSample, body: BodySample | None) -> tuple[Shape, ...]:
         joints = dict(zip(linkage.joints, linkage.position, strict=True))
         q, rocker = joints["crank"], joints["rocker"]
-        phi = joints["body"] if body is None else body.position[0]
+        phi = joints["body"] if body is None else body.joint("body").position
         c, s = math.cos(phi), math.sin(phi)
 
         def seen(x: float, y: float) -> tuple[float, float]:

@@ -57,7 +57,7 @@ def computed_pulse(parameters: BreakerParameters) -> ExcitationPulse:
                 blow_times.append(load.time_s)
                 impulse = frame.forces.quantities.as_dict()["blow_impulse_on_body_nms"]
             points.append((load.time_s, load.moment_after_nm, lift))
-        angle = frame.linkage.position[frame.linkage.joints.index("body")]
+        angle = frame.linkage.joint("body").position
         points.append((frame.linkage.time_s, frame.forces.body_moment_nm, radius * angle))
     begin, end = blow_times[-2:]
     times, moments, angles = np.array(last).T
@@ -65,7 +65,7 @@ def computed_pulse(parameters: BreakerParameters) -> ExcitationPulse:
 
 
 def _body_angle(event: Event) -> float:
-    body = event.pre[1]
+    _, body, _ = event.pre
     return body.position
 
 
@@ -76,7 +76,8 @@ def assumed_pulse(parameters: BreakerParameters) -> ExcitationPulse:
     t = share * body.period
     moment = np.where(t > body.onset, body.amplitude * np.sin(body.mu * t + body.phase), 0.0)
     count = round(1.0 / parameters.excitation.blow_rate_hz / parameters.coupling.step_s)
-    taken = [f.body.position[0] for f in frames(build(parameters), 40 * count * parameters.coupling.step_s) if f.body]
+    run = frames(build(parameters), 40 * count * parameters.coupling.step_s)
+    taken = [frame.body.joint("body").position for frame in run if frame.body]
     cycle = np.array(taken[-count - 1 :]) * parameters.body.tool_radius_m
     lift = np.interp(share, np.linspace(0.0, 1.0, count + 1), cycle)
     return ExcitationPulse(share, moment, lift, body.period, parameters.body.blow_impulse_nms)

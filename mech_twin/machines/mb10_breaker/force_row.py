@@ -25,8 +25,9 @@ from mech_twin.engine.sample_vectors import (
     Array,
 )
 from mech_twin.kernel import kernel
-from mech_twin.machines.mb10_breaker.dynamics import FLIGHT, HELD, Breaker, gap
+from mech_twin.machines.mb10_breaker.dynamics import FLIGHT, HELD, Breaker
 from mech_twin.machines.mb10_breaker.forces import QUANTITIES, PinForces, pin_forces, pin_impulses
+from mech_twin.machines.mb10_breaker.impacts import gap
 from mech_twin.machines.mb10_breaker.linkage_row import BODY_AT, CRANK_AT, memory_of
 from mech_twin.machines.mb10_breaker.state import (
     BLOW,

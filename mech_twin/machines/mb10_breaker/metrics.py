@@ -8,9 +8,10 @@ from typing import Any
 from scipy.optimize import brentq
 
 from mech_twin.machines.mb10_breaker.blow_contact import blow_contact, fading
-from mech_twin.machines.mb10_breaker.dynamics import FLIGHT, HELD, Breaker, blow, gap, masses_at, striker
+from mech_twin.machines.mb10_breaker.dynamics import FLIGHT, HELD, Breaker, masses_at, striker
 from mech_twin.machines.mb10_breaker.dynamics import crank_torque as geared
 from mech_twin.machines.mb10_breaker.forces import pin_forces, pin_impulses
+from mech_twin.machines.mb10_breaker.impacts import blow, gap
 from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
 from mech_twin.parts.four_bar import acute_angles, coefficients, link_angles, position
 from mech_twin.parts.induction_motor import motor_constants, motor_torque
@@ -29,7 +30,7 @@ def rated_crank_speed(p: BreakerParameters) -> float:
     return motor_constants(p.motor).rated_speed_rad_per_s / p.gear.ratio
 
 
-def static_report(p: BreakerParameters, b: Breaker) -> dict[str, float]:
+def static_metrics(p: BreakerParameters, b: Breaker) -> dict[str, float]:
     """Return the closed-form metrics of one cycle at rated speed, the body on its collar."""
     motor, u = motor_constants(p.motor), rated_crank_speed(p)
     q = striking_angle(b)

@@ -126,13 +126,13 @@ def _collar(body: PressedBody) -> Iterator[Row]:
         yield worked.gated("least p, settled before t1", settled, found.settled, "bracketed root", absolute=5e-5)
         yield worked.gated("p, first return before the blow", returned, found.returned, "bracketed root", absolute=5e-6)
     for p, force, gap, speed in SOFT_TABLE:
-        figures = steady_metrics(with_preload(body, p, 0.3 * omega)).metrics
+        metrics = steady_metrics(with_preload(body, p, 0.3 * omega)).metrics
         worked = Source(WORKED, "soft spring", f"{inputs}; k = 0.3 omega, p = {p:g}")
         why = "steady cycle, events exact"
-        yield worked.gated("largest pressing force, N", force, figures.largest_force_n, why, absolute=0.05)
+        yield worked.gated("largest pressing force, N", force, metrics.largest_force_n, why, absolute=0.05)
         tolerance = 5e-5 if p == 0.9 else 5e-4
-        yield worked.gated("gap at the blow, mm", gap, 1000.0 * figures.gap_at_blow_m, why, absolute=tolerance)
-        yield worked.gated("return speed, m/s", speed, figures.return_speed_m_per_s, why, absolute=5e-4)
+        yield worked.gated("gap at the blow, mm", gap, 1000.0 * metrics.gap_at_blow_m, why, absolute=tolerance)
+        yield worked.gated("return speed, m/s", speed, metrics.return_speed_m_per_s, why, absolute=5e-4)
 
 
 def _motor(parameters: BreakerParameters) -> Iterator[Row]:

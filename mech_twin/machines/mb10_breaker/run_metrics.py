@@ -145,8 +145,8 @@ class BreakerObserver:
             self._end_body_cycle(event.time_s, body.position)
 
     def _contact(self, event: Event, stiffness: float) -> Record:
-        b, (crank, body, *_) = self._b, event.pre
-        rests = b.held or event.post[1].velocity == body.velocity  # a body that takes no part in the blow
+        b, (crank, body, _), (_, after, _) = self._b, event.pre, event.post
+        rests = b.held or after.velocity == body.velocity  # a body that takes no part in the blow
         fades = fading(b, crank.position, crank.velocity, body.position, body.velocity, crank.effort, rests)
         return blow_contact(b, stiffness, event.pre_velocity_m_per_s, event.impulse_ns, fades).metrics
 
@@ -168,7 +168,7 @@ class BreakerObserver:
         speeds = dict(zip(frame.linkage.joints, frame.linkage.velocity, strict=True))
         self._cycle.take_speed(speeds["crank"] - speeds["body"])
         self._cycle.take_forces(frame.forces)
-        phi = joints["body"] if frame.body is None else frame.body.position[0]
+        phi = joints["body"] if frame.body is None else frame.body.joint("body").position
         force = b.spring_rate_n_per_m * (b.spring_arm_m * phi + b.preload_m)
         self._body.take_position(b.tool_radius_m * phi, force)
         run = self._run

@@ -53,7 +53,8 @@ def seating(parameters: BreakerParameters, duration_s: float = SETTLED_S) -> Sea
                 blows += event.kind == "blow"
                 missed += event.kind in {"missed", "stalled"}
                 if event.kind == "blow":
-                    gap = max(gap, radius * event.pre[1].position)
+                    _, at_blow, _ = event.pre
+                    gap = max(gap, radius * at_blow.position)
             elif steady and event.kind in {"touchdown", "settled"}:
                 returned = max(returned, abs(event.pre_velocity_m_per_s))
         if steady:

@@ -72,7 +72,7 @@ class CollarPoint:
 class RationalRange:
     """The rational preload of one spring rate.
 
-    ``settled`` and ``returned`` are the figures at the lower bound and where the first return comes before the blow;
+    ``settled`` and ``returned`` are the numbers at the lower bound and where the first return comes before the blow;
     between the lower bound and ``never_lifts_deflection_m`` more preload buys gap and return speed with pressing force.
     """
 

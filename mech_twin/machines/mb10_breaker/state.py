@@ -78,19 +78,18 @@ class Side(NamedTuple):
     tool_force_n: float
 
 
-MEMORY = np.dtype([(name, np.float64) for name in BreakerMemory._fields])
-SIDE = np.dtype([(name, np.float64) for name in Side._fields])
-EVENT = np.dtype(
-    [
-        ("time_s", np.float64),  # into the step
-        ("kind", np.float64),
-        ("before_m_per_s", np.float64),
-        ("after_m_per_s", np.float64),
-        ("impulse_ns", np.float64),
-        ("cycle", np.float64),
-        *((f"{side}_{name}", np.float64) for side in ("pre", "post") for name in Side._fields),
-    ]
+# records, not plain structures: their fields are attributes in plain Python too
+MEMORY = np.dtype((np.record, [(name, np.float64) for name in BreakerMemory._fields]))
+EVENT_FIELDS = (
+    "time_s",  # into the step
+    "kind",
+    "before_m_per_s",
+    "after_m_per_s",
+    "impulse_ns",
+    "cycle",
+    *(f"{side}_{name}" for side in ("pre", "post") for name in Side._fields),
 )
+EVENT = np.dtype((np.record, [(name, np.float64) for name in EVENT_FIELDS]))
 
 
 def pre_side(row: np.void) -> Side:

@@ -8,7 +8,7 @@ from typing import Any
 from mech_twin.machines.drives import KlossDrive
 from mech_twin.machines.roller_former.drawing import former_drawing
 from mech_twin.machines.roller_former.forces import FormerForces, FormerQuantities, loaded_bodies, pin_names
-from mech_twin.machines.roller_former.metrics import FormerObserver, former_report, position_metrics
+from mech_twin.machines.roller_former.metrics import FormerObserver, former_metrics, position_metrics
 from mech_twin.machines.roller_former.parameters import RollerFormer, former_of
 from mech_twin.machines.roller_former.roles import FormerLinkage, joint_names
 from mech_twin.quantity import Parameters
@@ -38,7 +38,7 @@ def build(parameters: Parameters) -> Machine:
         return position_metrics(former, crank_rad)
 
     def report() -> dict[str, float]:
-        return former_report(p, former)
+        return former_metrics(p, former)
 
     return Machine(
         "roller_former",

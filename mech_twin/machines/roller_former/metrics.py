@@ -127,7 +127,7 @@ def motor_metrics(turn: SteadyTurn, former: Former) -> dict[str, float]:
     }
 
 
-def former_report(parameters: RollerFormer, former: Former) -> dict[str, float]:
+def former_metrics(parameters: RollerFormer, former: Former) -> dict[str, float]:
     """Return the summary: static moments, power, and, where the motor keeps the load up, the steady turn and the start.
 
     ``steady_1``, ``start_stalls_1`` and ``start_steady_1`` are 1 for yes; metrics that do not exist are left out.

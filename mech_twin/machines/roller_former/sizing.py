@@ -162,7 +162,7 @@ def sizing(
     shown = ("stiffness_nm_per_rad", "damping_nms_per_rad", "coupling_max_nm", "twist_range_rad", "share_of_rated")
     binding = binding_of(constraints, "none: the least moment of the sweep; its minima over stiffness are flat")
     sizes = {"drive.stiffness_nm_per_rad": stiffness, "drive.damping_nms_per_rad": damping}
-    figures = {
+    metrics = {
         "coupling_max_nm": worst.coupling_max_nm,
         "coupling_rms_nm": worst.coupling_rms_nm,
         "twist_range_rad": worst.twist_range_rad,
@@ -171,13 +171,13 @@ def sizing(
         "configurations_tried": float(len(tried)),
     }
     if tolerance > 0.0:
-        figures.update(nominal_edge(parameters, limits, objective, table))
+        metrics.update(nominal_edge(parameters, limits, objective, table))
     return Sizing(
         "roller_former",
         objective,
         {"motor.catalogue_name": motor.name, **sizes},
         varied(p, sizes),
-        figures,
+        metrics,
         constraints,
         f"{binding}; {motor.text}",
         tuple({name: getattr(point, name) for name in shown} for point in sweep[::2]),

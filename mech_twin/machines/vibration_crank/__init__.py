@@ -8,7 +8,7 @@ from mech_twin.engine.crank_linkage import CrankLinkage
 from mech_twin.machines.vibration_crank.drawing import drawing
 from mech_twin.machines.vibration_crank.dynamics import ShakingCrank
 from mech_twin.machines.vibration_crank.forces import SliderCrankForces
-from mech_twin.machines.vibration_crank.metrics import cycle_report, position_figures
+from mech_twin.machines.vibration_crank.metrics import cycle_metrics, position_metrics
 from mech_twin.machines.vibration_crank.parameters import VibrationCrank, slider_crank_constants
 from mech_twin.machines.vibration_crank.run_metrics import VibrationCrankObserver
 from mech_twin.machines.vibration_crank.slider_crank import BOOM
@@ -38,16 +38,16 @@ def build(parameters: Parameters) -> Machine:
         friction=p.shaft_friction,
         size_m=s.rod_m + s.boom_m,
     )
-    figures = cycle_report(p, s)
+    metrics = cycle_metrics(p, s)
     forces = SliderCrankForces(
         s,
-        figures["drive_torque_peak_nm"],
+        metrics["drive_torque_peak_nm"],
         ("crank_bearing", "crank_pin", "follower_pin", ground[0]),
         ("crank", "rod", ground[1], ground[1]),
     )
 
     def analyse(crank_rad: float) -> dict[str, Any]:
-        return position_figures(s, speed, crank_rad)
+        return position_metrics(s, speed, crank_rad)
 
     return Machine(
         "vibration_crank",
@@ -58,7 +58,7 @@ def build(parameters: Parameters) -> Machine:
         forces,
         None,
         lambda sample, _: drawing(s, sample),
-        lambda: cycle_report(p, s),
+        lambda: cycle_metrics(p, s),
         analyse,
         lambda: VibrationCrankObserver(p.motor_curve),
     )

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mech_twin.engine.compiled_steps import step_of
-from mech_twin.engine.crank_motion import ShaftDrive, crank_rates
+from mech_twin.engine.crank_motion import ANGLE, DRIVE_POWER, ShaftDrive, crank_rates
 from mech_twin.engine.crank_state import (
     driven_system,
     led_system,
@@ -87,7 +87,7 @@ class LedCrank(NamedTuple):
 def led_crank_power(led: LedCrank, t: float, y: Array, out: Array) -> None:
     """Fill in the power of the drive (W), from the moment that the pin forces give."""
     w = led.w + led.e * t
-    out[0] = pin_forces(led.mechanism, led.f + (led.w + 0.5 * led.e * t) * t, w, led.e).moment * w
+    out[DRIVE_POWER] = pin_forces(led.mechanism, led.f + (led.w + 0.5 * led.e * t) * t, w, led.e).moment * w
 
 
 class DrivenSliderCrank(NamedTuple):
@@ -101,7 +101,7 @@ class DrivenSliderCrank(NamedTuple):
 @rates_of(DrivenSliderCrank, DORMAND_PRINCE_8)
 def driven_crank_rates(driven: DrivenSliderCrank, t: float, y: Array, out: Array) -> None:
     """Fill in the rates of crank angle, speed, drive work, gear loss and friction loss."""
-    inertia, slope, load = reduced(driven.mechanism, y[0])
+    inertia, slope, load = reduced(driven.mechanism, y[ANGLE])
     crank_rates(driven.drive, t, y, inertia, slope, load, out)
 
 

@@ -101,7 +101,7 @@ def balanced(parameters: VibrationCrank, fraction: float) -> SliderCrank:
     return slider_crank_constants(parameters)._replace(counter_mass=mass)
 
 
-def lanchester_figures(s: SliderCrank, speed: float) -> dict[str, float]:
+def lanchester_metrics(s: SliderCrank, speed: float) -> dict[str, float]:
     """Return what one counter-rotating mass at w and a pair at 2w would cancel of the force on the frame.
 
     Fx + i Fy = sum of c_n exp(i n th): c_-1 turns against the crank and is what one counter-rotating mass cancels; a
@@ -143,7 +143,7 @@ def peaks(s: SliderCrank, speed: float) -> tuple[float, float]:
 def compromise_rod(parameters: VibrationCrank) -> tuple[float, float, float, float]:
     """Return the rod (m) with the smallest larger error of the two published peaks, both peaks (N m), that error.
 
-    A question about the print, not a setting: no rod makes both fit (`cycle_report`).
+    A question about the print, not a setting: no rod makes both fit (`cycle_metrics`).
     """
     s, speed = slider_crank_constants(parameters), parameters.drive.speed_rad_per_s
 
@@ -159,8 +159,8 @@ def compromise_rod(parameters: VibrationCrank) -> tuple[float, float, float, flo
     return (rod, *peaks(s._replace(kind=1, rod_m=rod), speed), float(found.fun))
 
 
-def cycle_report(parameters: VibrationCrank, s: SliderCrank) -> dict[str, float]:
-    """Return the figures of one cycle at rated speed."""
+def cycle_metrics(parameters: VibrationCrank, s: SliderCrank) -> dict[str, float]:
+    """Return the metrics of one cycle at rated speed."""
     speed = parameters.drive.speed_rad_per_s
     without, with_it = peaks(s, speed)
     bound = s.counter_mass * s.gravity * s.counter_m
@@ -187,11 +187,11 @@ def cycle_report(parameters: VibrationCrank, s: SliderCrank) -> dict[str, float]
         "peak_with_error_against_print_1": with_it / PUBLISHED_PEAK_WITH_NM - 1.0,
         "shaking_force_max_n": extreme(s, speed, FORCE),
         "shaking_force_min_n": -extreme(s, speed, LITTLE_FORCE),
-        **lanchester_figures(s, speed),
+        **lanchester_metrics(s, speed),
     }
 
 
-def position_figures(s: SliderCrank, speed: float, th: float) -> dict[str, Any]:
+def position_metrics(s: SliderCrank, speed: float, th: float) -> dict[str, Any]:
     """Return coordinates, forces and moments at crank angle ``th`` (rad) and rated speed."""
     at = follower(s, th)
     inertia, slope, load = reduced(s, th)

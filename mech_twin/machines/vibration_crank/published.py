@@ -12,7 +12,7 @@ from mech_twin.machines.vibration_crank.metrics import (
     PUBLISHED_PEAK_WITHOUT_NM,
     benefit_against_speed,
     compromise_rod,
-    cycle_report,
+    cycle_metrics,
 )
 from mech_twin.machines.vibration_crank.parameters import VibrationCrank, slider_crank_constants
 
@@ -25,7 +25,7 @@ def rows(parameters: VibrationCrank) -> Iterator[Row]:
     harmonic = varied(parameters, {"rod_m": inf})
     parts = varied(parameters, {"masses.rotating_kg": None, "counterweight.mass_kg": None})
     report = {
-        name: cycle_report(p, slider_crank_constants(p))
+        name: cycle_metrics(p, slider_crank_constants(p))
         for name, p in (("as set", parameters), ("harmonic", harmonic), ("parts", parts))
     }
     yield from _peaks(parameters, report["as set"], report["harmonic"])

@@ -58,7 +58,7 @@ class Follower(NamedTuple):
     y: float
 
 
-class SliderCrankForces(NamedTuple):
+class SliderCrankPins(NamedTuple):
     """Pin forces (N), the guide's moment about the slider (N m), force on the frame (N), drive moment (N m)."""
 
     bearing_x: float
@@ -166,7 +166,7 @@ def stored_energy(s: SliderCrank, th: float, w: float) -> float:
 
 
 @kernel
-def pin_forces(s: SliderCrank, th: float, w: float, e: float) -> SliderCrankForces:
+def pin_forces(s: SliderCrank, th: float, w: float, e: float) -> SliderCrankPins:
     """Return every pin force from equilibrium, follower first, then the crank; independent of `reduced`."""
     a_x, a_y = s.crank_m * math.cos(th), s.crank_m * math.sin(th)
     at = follower(s, th)
@@ -199,7 +199,7 @@ def pin_forces(s: SliderCrank, th: float, w: float, e: float) -> SliderCrankForc
     bearing_y = turn_y + pin_y + (s.rotating_mass + s.counter_mass) * s.gravity
     first = s.rotating_mass * s.crank_m**2 + s.counter_mass * s.counter_m**2
     moment = first * e + a_x * pin_y - a_y * pin_x + arm * s.gravity * a_x
-    return SliderCrankForces(
+    return SliderCrankPins(
         bearing_x,
         bearing_y,
         pin_x,

@@ -33,7 +33,12 @@ def build(parameters: Parameters) -> Machine:
         "full" if parameters.direction == "winding" else "empty",
     )
     motor = PrescribedSpeed(
-        parameters.yarn_speed_m_per_s, parameters.rate_per_s, parameters.coupling.step_s, JOINTS.index("yarn"), ENDED
+        parameters.yarn_speed_m_per_s,
+        parameters.rate_per_s,
+        parameters.coupling.step_s,
+        "yarn",
+        ENDED,
+        linkage_joints=JOINTS,
     )
 
     def analyse(phi: float) -> dict[str, Any]:

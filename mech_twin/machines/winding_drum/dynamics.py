@@ -32,6 +32,10 @@ from mech_twin.parts.friction import released, sliding_torque
 
 Array = NDArray[np.float64]
 MOST_STEPS = 100_000
+# states that are integrated: under the yarn, and coasting
+ANGLE, DRIVE_WORK, GRAVITY_WORK, FRICTION_LOSS = 0, 1, 2, 3
+COASTING_ANGLE, COASTING_SPEED, COASTING_GRAVITY_WORK, COASTING_FRICTION_LOSS = 0, 1, 2, 3
+STATE_SIZE = 4
 RELATIVE = 1e-13  # error of a step over the size of what it integrates
 
 
@@ -73,42 +77,44 @@ def driven_rates(system: Driven, t: float, y: Array, out: Array) -> None:
     """Fill the rates of angle (rad/s), work of the drive, work of gravity and friction loss (W)."""
     p, theta, a = system.package, system.theta_m_per_s, system.acceleration_m_per_s2
     radius, speed = radius_after(p, system.radius_m, (theta + 0.5 * a * t) * t), theta + a * t
-    omega = speed / tangent_arm(p, radius, y[0])
-    out[0] = omega
-    out[1] = drive_torque(p, radius, y[0], speed, a) * omega
-    out[2] = gravity_moment(p, radius, y[0]) * omega
-    out[3] = -sliding_torque(p.coulomb_nm, p.viscous_nms_per_rad, omega, 1.0) * omega
+    omega = speed / tangent_arm(p, radius, y[ANGLE])
+    out[ANGLE] = omega
+    out[DRIVE_WORK] = drive_torque(p, radius, y[ANGLE], speed, a) * omega
+    out[GRAVITY_WORK] = gravity_moment(p, radius, y[ANGLE]) * omega
+    out[FRICTION_LOSS] = -sliding_torque(p.coulomb_nm, p.viscous_nms_per_rad, omega, 1.0) * omega
 
 
 @rates_of(Coasting, DORMAND_PRINCE_8)
 def coasting_rates(system: Coasting, t: float, y: Array, out: Array) -> None:
     """Fill the rates of angle, speed, work of gravity and friction loss."""
     p = system.package
-    gravity = gravity_moment(p, system.radius_m, y[0])
-    friction = sliding_torque(p.coulomb_nm, p.viscous_nms_per_rad, y[1], system.direction)
-    out[0], out[1] = y[1], (gravity + friction) / package_inertia(p, system.radius_m)
-    out[2], out[3] = gravity * y[1], -friction * y[1]
+    speed, gravity = y[COASTING_SPEED], gravity_moment(p, system.radius_m, y[COASTING_ANGLE])
+    friction = sliding_torque(p.coulomb_nm, p.viscous_nms_per_rad, speed, system.direction)
+    out[COASTING_ANGLE] = speed
+    out[COASTING_SPEED] = (gravity + friction) / package_inertia(p, system.radius_m)
+    out[COASTING_GRAVITY_WORK], out[COASTING_FRICTION_LOSS] = gravity * speed, -friction * speed
 
 
 @signals_of(Coasting)
 def coasting_signal(system: Coasting, index: int, t: float, y: Array) -> tuple[float, float]:
     """Return the speed and its derivative: it comes to rest where the speed is zero."""
     p = system.package
-    friction = sliding_torque(p.coulomb_nm, p.viscous_nms_per_rad, y[1], system.direction)
-    return y[1], (gravity_moment(p, system.radius_m, y[0]) + friction) / package_inertia(p, system.radius_m)
+    speed, gravity = y[COASTING_SPEED], gravity_moment(p, system.radius_m, y[COASTING_ANGLE])
+    friction = sliding_torque(p.coulomb_nm, p.viscous_nms_per_rad, speed, system.direction)
+    return speed, (gravity + friction) / package_inertia(p, system.radius_m)
 
 
 @kernel
 def drive_drum(system: Driven, y: Array, span: float, tolerance: Array) -> bool:
     """Advance ``y`` by ``span`` (s); return whether a step was found that is small enough."""
-    work = Workspace(np.empty((len(method_of(system).nodes), 4)), np.empty(4), np.empty(4))
+    work = Workspace(np.empty((len(method_of(system).nodes), STATE_SIZE)), np.empty(STATE_SIZE), np.empty(STATE_SIZE))
     t, wanted = 0.0, span
     for _ in range(MOST_STEPS):
         if span - t <= 1e-15 * span:
             return True
         start_step(system, t, y, work)
         h, wanted = controlled_step(system, t, y, min(wanted, span - t), tolerance, work)
-        if h == 0.0 or not np.isfinite(work.end[1]):
+        if h == 0.0 or not np.isfinite(work.end[DRIVE_WORK]):
             return False
         y[:] = work.end
         t += h
@@ -121,23 +127,23 @@ def coast_drum(system: Coasting, y: Array, span: float, tolerance: Array) -> tup
 
     At rest the speed is exactly 0.
     """
-    work = Workspace(np.empty((len(method_of(system).nodes), 4)), np.empty(4), np.empty(4))
-    end = np.empty(4)
+    work = Workspace(np.empty((len(method_of(system).nodes), STATE_SIZE)), np.empty(STATE_SIZE), np.empty(STATE_SIZE))
+    end = np.empty(STATE_SIZE)
     t, wanted = 0.0, span
     for _ in range(MOST_STEPS):
         if span - t <= 1e-15 * span:
             return span, True
         start_step(system, t, y, work)
         h, wanted = controlled_step(system, t, y, min(wanted, span - t), tolerance, work)
-        if h == 0.0 or not np.isfinite(work.end[1]):
+        if h == 0.0 or not np.isfinite(work.end[COASTING_SPEED]):
             return t, False
         end[:] = work.end
-        watch = Watch(0, FALLING if system.direction > 0.0 else RISING, y[1] == 0.0)
+        watch = Watch(0, FALLING if system.direction > 0.0 else RISING, y[COASTING_SPEED] == 0.0)
         rest = crossing(Step(system, t, y, h, work), watch, end)
-        if rest >= 0.0 and (rest > 0.0 or y[1] != 0.0):
+        if rest >= 0.0 and (rest > 0.0 or y[COASTING_SPEED] != 0.0):
             take_step(system, t, y, rest, work)
             y[:] = work.end
-            y[1] = 0.0
+            y[COASTING_SPEED] = 0.0
             return t + rest, True
         y[:] = end
         t += h

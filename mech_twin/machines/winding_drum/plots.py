@@ -9,19 +9,20 @@ import numpy as np
 
 from mech_twin.capabilities.plots import BLUE, GREEN, ORANGE, RED, Picture, sheet, turn_axis
 from mech_twin.machines.winding_drum.parameters import WindingDrum, package_constants
-from mech_twin.machines.winding_drum.wound_package import torque_terms
+from mech_twin.machines.winding_drum.wound_package import PackageTorque, torque_terms
 
 
 def pictures(parameters: WindingDrum) -> Iterator[Picture]:
     """Yield the figure."""
     p, package = parameters, package_constants(parameters, winding=False)
     angles = np.linspace(0.0, 2.0 * pi, 361)
-    turn = np.array([torque_terms(package, p.package_radius_m, phi, p.yarn_speed_m_per_s, 0.0) for phi in angles])
+    terms = [torque_terms(package, p.package_radius_m, phi, p.yarn_speed_m_per_s, 0.0) for phi in angles]
+    turn = PackageTorque(*np.array(terms).T)
     figure, panels = sheet(1, 2, 8.2, 3.8)
-    panels[0].plot(np.degrees(angles), turn[:, 2], color=RED, label="eccentric term")
-    panels[0].plot(np.degrees(angles), turn[:, 4], color=BLUE, linestyle="--", label="sum, steady")
-    panels[1].plot(np.degrees(angles), turn[:, 1], color=GREEN, label="radius")
-    panels[1].plot(np.degrees(angles), turn[:, 3], color=ORANGE, label="mass")
+    panels[0].plot(np.degrees(angles), turn.eccentric, color=RED, label="eccentric term")
+    panels[0].plot(np.degrees(angles), turn.total, color=BLUE, linestyle="--", label="sum, steady")
+    panels[1].plot(np.degrees(angles), turn.radius, color=GREEN, label="radius")
+    panels[1].plot(np.degrees(angles), turn.mass, color=ORANGE, label="mass")
     for axes, title in zip(panels, ("eccentric package", "terms of the ideal package"), strict=True):
         turn_axis(axes, "drum angle, degrees")
         axes.set_title(title)

@@ -11,7 +11,7 @@ from mech_twin.machines.compaction_press.design_configuration import configured_
 from mech_twin.machines.compaction_press.design_problem import Limits, Objectives, evaluation, packed, unpacked
 from mech_twin.machines.compaction_press.design_rule import Lengths, mass_rule, scaled_press
 from mech_twin.machines.compaction_press.design_search import BOUNDS, Effort, searched
-from mech_twin.machines.compaction_press.metrics import cycle_report
+from mech_twin.machines.compaction_press.metrics import cycle_metrics
 from mech_twin.machines.compaction_press.parameters import press_constants
 from mech_twin.parameters.load import machine_parameters, write_configuration
 from mech_twin.studies.design_scan import design_question
@@ -153,7 +153,7 @@ def test_the_machine_searched_is_the_machine_written_and_holds_every_limit(seed,
     (design,) = searched(parameters, space, (objective,), seed, 1, SMALL)
     write_configuration("compaction_press", design.parameters, tmp_path / "found.yaml")
     written = machine_parameters("compaction_press", tmp_path / "found.yaml")
-    report = cycle_report(written)
+    report = cycle_metrics(written)
     assert written.drive == parameters.drive
     assert written.working_force.peak_n == parameters.working_force.peak_n
     assert written.working_force.exponent == parameters.working_force.exponent

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mech_twin.machines.compaction_press.cycle import flywheel_figures
+from mech_twin.machines.compaction_press.cycle import flywheel_metrics
 from mech_twin.machines.compaction_press.design_problem import SENSES, evaluation
 from mech_twin.machines.compaction_press.design_rule import Lengths, scaled_press
 from mech_twin.machines.compaction_press.design_search import (
@@ -108,7 +108,7 @@ def test_samples_agree_with_the_exact_press():
     y_c = 0.5 * (stroke.top_y_m + stroke.bottom_y_m)
     press = press._replace(load=StrokeLoad(10000.0, y_c, stroke.bottom_y_m, 1.0))
     found = evaluation(np.array([design]), reference().problem).objectives[0]
-    exact = flywheel_figures(press, stroke, 10.0 * np.pi, 0.05)
+    exact = flywheel_metrics(press, stroke, 10.0 * np.pi, 0.05)
     # what 72 samples of a stroke with kinks are worth
     assert found[1] == pytest.approx(exact["flywheel_inertia_kg_m2"], rel=1e-2)
     travel = y_c - stroke.bottom_y_m

@@ -4,6 +4,7 @@ from math import atan2, cos, hypot, pi, sin
 
 import numpy as np
 import pytest
+from crank_drives import PRESS_KLOSS as KLOSS
 
 from mech_twin.configuration_tree import ConfigurationError
 from mech_twin.engine.run import frames
@@ -18,19 +19,6 @@ from mech_twin.machines.compaction_press.dynamics import (
 from mech_twin.machines.compaction_press.parameters import press_constants
 from mech_twin.parameters.load import machine
 from mech_twin.parts.four_bar import Link, failing_inequality
-
-KLOSS = {
-    "drive.kind": "kloss",
-    "motor.rated_power_w": 2200.0,
-    "motor.rated_speed_rpm": 1440.0,
-    "motor.synchronous_speed_rpm": 1500.0,
-    "motor.breakdown_torque_ratio": 2.5,
-    "motor.starting_torque_ratio": 2.0,
-    "motor.rotor_inertia_kg_m2": 0.01,
-    "gear.ratio": 4.8,
-    "gear.efficiency": 0.95,
-    "flywheel.inertia_kg_m2": 3.0,
-}
 
 
 def random_presses(count):
@@ -127,7 +115,7 @@ def test_position_and_rates_from_direct_closure():
     ],
     ids=["forward", "backward from rest", "crossed", "square layer", "kloss"],
 )
-def test_run_keeps_its_books_and_meets_the_layer_once_a_turn(overrides):
+def test_run_keeps_its_energy_balance_and_meets_the_layer_once_a_turn(overrides):
     press = machine("compaction_press", overrides=overrides)
     kinds = []
     for frame in frames(press, 2.0):
@@ -175,7 +163,7 @@ def test_kloss_run_is_second_order_in_the_step():
 @pytest.mark.parametrize("fraction", [0.5, 0.2])
 @pytest.mark.parametrize("speed", [30.0, -30.0])
 def test_closed_form_work_is_the_integral_of_torque(fraction, speed):
-    """Backward with the layer met early, crank angle 0 lies inside the layer: the books hold there too."""
+    """Backward with the layer met early, crank angle 0 lies inside the layer: the balance holds there too."""
     overrides = {"working_force.contact_fraction": fraction}
     press, stroke = press_constants(machine("compaction_press", overrides=overrides).parameters)
     cycle = press_cycle(press, stroke, speed, WORK_POSITIONS)

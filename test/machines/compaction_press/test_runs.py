@@ -7,25 +7,13 @@ from math import pi
 
 import numpy as np
 import pytest
+from crank_drives import PRESS_KLOSS as KLOSS
 from scipy.integrate import quad
 
 from mech_twin.engine.run import frames
 from mech_twin.machines.compaction_press.parameters import press_constants
 from mech_twin.machines.compaction_press.stroke_load import layer_force
 from mech_twin.parameters.load import machine
-
-KLOSS = {
-    "drive.kind": "kloss",
-    "motor.rated_power_w": 2200.0,
-    "motor.rated_speed_rpm": 1440.0,
-    "motor.synchronous_speed_rpm": 1500.0,
-    "motor.breakdown_torque_ratio": 2.5,
-    "motor.starting_torque_ratio": 2.0,
-    "motor.rotor_inertia_kg_m2": 0.01,
-    "gear.ratio": 4.8,
-    "gear.efficiency": 0.95,
-    "flywheel.inertia_kg_m2": 3.0,
-}
 
 
 def numbers_of(overrides, seconds):

@@ -189,7 +189,7 @@ def test_events_lie_in_the_step_that_carries_them():
 
 
 @pytest.mark.parametrize("cutoff", [0.0, 0.05])
-def test_momentum_and_energy_books_close(cutoff):
+def test_momentum_and_energy_balances_close(cutoff):
     run = at_step(0.001, 0.035, 2.0, chatter_cutoff=cutoff)
     assert max(abs(v) for f in run for v in f.linkage.residuals.values) < 1e-12
     impulse = sum(f.forces.quantities["stop_impulse_ns"] for f in run)

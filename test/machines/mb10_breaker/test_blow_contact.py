@@ -14,7 +14,7 @@ from scipy.optimize import brentq
 
 from mech_twin.machines.mb10_breaker.blow_contact import blow_contact, fading
 from mech_twin.machines.mb10_breaker.constants import breaker
-from mech_twin.machines.mb10_breaker.dynamics import blow
+from mech_twin.machines.mb10_breaker.impacts import blow
 from mech_twin.machines.mb10_breaker.metrics import striking_angle
 from mech_twin.parameters.load import machine_parameters
 

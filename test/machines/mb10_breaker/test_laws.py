@@ -12,8 +12,9 @@ from mech_twin.machines.mb10_breaker import build
 from mech_twin.machines.mb10_breaker.constants import breaker
 from mech_twin.machines.mb10_breaker.coupling_error import coupling_error
 from mech_twin.machines.mb10_breaker.driven_body import swung
-from mech_twin.machines.mb10_breaker.dynamics import FLIGHT, blow, crank_torque, energies, masses_at, striker, touchdown
+from mech_twin.machines.mb10_breaker.dynamics import FLIGHT, crank_torque, energies, masses_at, striker
 from mech_twin.machines.mb10_breaker.forces import pin_forces, pin_impulses
+from mech_twin.machines.mb10_breaker.impacts import blow, touchdown
 from mech_twin.machines.mb10_breaker.metrics import striking_angle
 from mech_twin.parameters.load import machine, machine_parameters
 
@@ -122,7 +123,7 @@ def test_body_swings_as_its_equation_says(phi, p, moment, slope, damping, span):
     assert j * bent + damping * rate_at + kappa * angle_at + preload == pytest.approx(moment + slope * span, abs=1e-4)
 
 
-def test_books_close_over_many_blows():
+def test_balances_close_over_many_blows():
     _, taken = run(4.0)
     assert sum(e.kind == "blow" for f in taken for e in f.linkage.events) > 35
     for frame in taken:
@@ -227,7 +228,7 @@ def test_live_change_of_spring_preload_and_gravity_is_booked_as_work():
 
 
 def test_balance_of_a_step_does_not_know_how_long_the_machine_has_run():
-    """A day's work in the sums leaves the same error as none: what each step leaves open is summed, not the books."""
+    """A day's work in the sums leaves the same error as none: what each step leaves open is summed, not the sums."""
     twin, taken = run(1.0)
     frame = taken[-1]
     memory = frame.linkage.memory.as_dict()

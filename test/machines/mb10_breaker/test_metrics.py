@@ -5,12 +5,12 @@ import math
 import pytest
 
 from mech_twin.machines.mb10_breaker.constants import breaker
-from mech_twin.machines.mb10_breaker.metrics import position_metrics, static_report
+from mech_twin.machines.mb10_breaker.metrics import position_metrics, static_metrics
 from mech_twin.parameters.load import machine, machine_parameters
 
 PARAMETERS = machine_parameters("mb10_breaker")
 B = breaker(PARAMETERS)
-REPORT = static_report(PARAMETERS, B)
+REPORT = static_metrics(PARAMETERS, B)
 
 
 def test_the_striker_speed_is_the_slope_of_its_travel():

@@ -31,7 +31,7 @@ def chosen():
 
 
 def test_the_spring_under_the_half_sine_lies_in_the_rational_range(chosen):
-    metrics = chosen.figures
+    metrics = chosen.metrics
     assert chosen.tolerance == TOLERANCE  # the usual one
     assert metrics["rational_from_ratio"] <= metrics["preload_ratio"] <= 1.0
     assert metrics["gap_at_blow_m"] <= SEATED_GAP_M
@@ -45,7 +45,7 @@ def test_the_half_sine_s_choice_holds_at_points_the_search_did_not_see(chosen):
 
 def test_the_nominal_edge_has_no_margin(chosen):
     edge = size("mb10_breaker", half_sine(), tolerance=0.0)
-    assert edge.figures["preload_ratio"] == chosen.figures["nominal_edge_ratio"] < chosen.figures["preload_ratio"]
+    assert edge.metrics["preload_ratio"] == chosen.metrics["nominal_edge_ratio"] < chosen.metrics["preload_ratio"]
     assert gap_of(edge.parameters) <= SEATED_GAP_M
     assert any(
         gap_of(scaled(edge.parameters, {key: factor})) > SEATED_GAP_M
@@ -56,7 +56,7 @@ def test_the_nominal_edge_has_no_margin(chosen):
 
 def test_the_gentlest_return_is_where_the_body_never_lifts():
     gentle = size("mb10_breaker", half_sine(), objective="return_speed_m_per_s", tolerance=0.0)
-    assert gentle.figures["preload_ratio"] == pytest.approx(1.0)
+    assert gentle.metrics["preload_ratio"] == pytest.approx(1.0)
 
 
 def test_limits_that_cannot_be_met_are_named():
@@ -95,8 +95,8 @@ def test_the_nominal_edge_of_the_running_machine_has_no_margin():
 def test_the_running_breaker_is_seated_over_the_whole_box():
     found = size("mb10_breaker")
     assert found.tolerance == TOLERANCE
-    assert found.figures["nominal_edge_rest_force_n"] == pytest.approx(502.0, abs=3.0)
-    assert found.figures["rest_force_n"] >= found.figures["nominal_edge_rest_force_n"] + 20.0
+    assert found.metrics["nominal_edge_rest_force_n"] == pytest.approx(502.0, abs=3.0)
+    assert found.metrics["rest_force_n"] >= found.metrics["nominal_edge_rest_force_n"] + 20.0
     assert "in the worst case" in found.binding
     for factors in inner_points(running_sizing.ASSUMED, TOLERANCE, 12, seed=99):
         assert seats(seating(scaled(found.parameters, factors)), SEATED_GAP_M)

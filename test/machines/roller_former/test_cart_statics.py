@@ -37,7 +37,7 @@ GEOMETRY = {
     "e_m": 0.21,
 }
 ANGLES = np.linspace(0.0, 2.0 * np.pi, 3600, endpoint=False)
-ROUNDING_NM = 1e-9  # at a dead centre the moment is nought but for the last digit of pi
+ROUNDING_NM = 1e-9  # at a dead centre the moment is zero but for the last digit of pi
 angles = st.floats(-20.0, 20.0)
 compiled = settings(deadline=None)
 

@@ -18,7 +18,7 @@ from mech_twin.machines.roller_former.dynamics import DriveLine, state_array
 from mech_twin.machines.roller_former.events import empty_log
 from mech_twin.machines.roller_former.integration import DONE, advance_motion
 from mech_twin.machines.roller_former.memory import FormerMemory
-from mech_twin.machines.roller_former.metrics import former_report, turn_metrics
+from mech_twin.machines.roller_former.metrics import former_metrics, turn_metrics
 from mech_twin.machines.roller_former.parameters import former_of
 from mech_twin.machines.roller_former.roles import joints_of
 from mech_twin.machines.roller_former.steady import steady_turn
@@ -126,7 +126,7 @@ def test_a_loaded_start_stalls_and_says_so_at_the_exact_time():
     assert [event.kind for event in events][-1] == "stall"
     assert events[-1].time_s == pytest.approx(machine.parameters.stall.time_s, abs=0.3)
     assert abs(frame.linkage.velocity[0]) < 0.01
-    assert former_report(machine.parameters, former_of(machine.parameters))["start_stalls_1"] == 1.0
+    assert former_metrics(machine.parameters, former_of(machine.parameters))["start_stalls_1"] == 1.0
 
 
 def test_the_catalogue_starting_torque_would_start_it():

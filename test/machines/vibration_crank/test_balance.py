@@ -3,17 +3,10 @@
 from __future__ import annotations
 
 import pytest
+from crank_drives import BOOM
 
 from mech_twin.machines.vibration_crank.slider_crank import follower, pin_forces
 from mech_twin.parameters.load import machine
-
-BOOM = {
-    "boom.pivot_x_m": -1.2,
-    "boom.pivot_y_m": 0.504,
-    "boom.length_m": 1.2,
-    "boom.load_ratio": 1.3,
-    "boom.side": "left",
-}
 
 
 def momentum_point(s, th):

@@ -3,6 +3,8 @@
 from math import inf, pi
 
 import pytest
+from crank_drives import BOOM
+from crank_drives import VIBRATION_CRANK_KLOSS as KLOSS
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -11,24 +13,6 @@ from mech_twin.engine.run import frames
 from mech_twin.machines.vibration_crank.slider_crank import drive_moment, follower, pin_forces, rod_error
 from mech_twin.parameters.load import machine
 
-BOOM = {
-    "boom.pivot_x_m": -1.2,
-    "boom.pivot_y_m": 0.504,
-    "boom.length_m": 1.2,
-    "boom.load_ratio": 1.3,
-    "boom.side": "left",
-}
-KLOSS = {
-    "drive.kind": "kloss",
-    "motor.rated_power_w": 7500.0,
-    "motor.rated_speed_rpm": 1440.0,
-    "motor.synchronous_speed_rpm": 1500.0,
-    "motor.breakdown_torque_ratio": 2.5,
-    "motor.starting_torque_ratio": 2.0,
-    "motor.rotor_inertia_kg_m2": 0.03,
-    "gear.ratio": 9.6,
-    "gear.efficiency": 0.95,
-}
 KINDS = {
     "finite rod": {"offset_m": 0.02, "working_force_n": 300.0},
     "below": {"slider": "below", "offset_m": -0.05},
@@ -62,7 +46,7 @@ def test_reduced_and_pin_routes_give_one_moment(kind, th, w, e):
 
 @pytest.mark.parametrize("drive", [{}, KLOSS, {"drive.speed_rpm": -150.0, "supply.initial_fraction": 0.0}])
 @pytest.mark.parametrize("kind", KINDS)
-def test_run_keeps_its_books_and_closes(kind, drive):
+def test_run_keeps_its_energy_balance_and_closes(kind, drive):
     crank = machine("vibration_crank", overrides={**KINDS[kind], **drive})
     for frame in frames(crank, 0.8):
         for named, limits in (

@@ -27,6 +27,7 @@ SERIES_REACH = 0.25  # k s or mu s below which the power series is used: its 15t
 SERIES_TERMS = 15
 ROUNDING = 1e-9  # a net moment below this part of the load's peak is taken as balance
 LONGEST_SEARCH = 100_000
+PATIENCE = 200  # steps of a search after which each is worth the dearer bound that looks at the next derivative too
 
 
 class SwingStretch(NamedTuple):
@@ -177,16 +178,53 @@ def _value_and_slope(body: PressedBody, stretch: SwingStretch, s: float, order: 
 
 
 @kernel
-def _window(body: PressedBody, stretch: SwingStretch, s: float, room: float, order: int) -> tuple[float, float]:
-    """Return the end of a window that begins at ``s``, and a bound of the searched function's second derivative in it.
+def _window(body: PressedBody, stretch: SwingStretch, s: float, room: float, order: int) -> tuple[float, float, float]:
+    """Return the end of a window that begins at ``s``, and bounds in it.
 
-    A window is a radian of the faster of swing and load: beyond that the bounds grow without need.
+    The bounds are those of the searched function's second and third derivative.  A window is a radian of the faster of
+    swing and load: beyond that the bounds grow without need.
     """
     fastest = max(body.k, body.mu) if stretch.load > 0.0 else body.k
     length = min(room - s, 1.0 / fastest)
     angle, rate = motion(body, stretch, s)
-    second, third, _ = bounds(body, SwingStretch(angle, rate, stretch.load, stretch.theta + body.mu * s), length)
-    return s + length, (second if order == 0 else third)
+    found = bounds(body, SwingStretch(angle, rate, stretch.load, stretch.theta + body.mu * s), length)
+    return s + length, found[order], found[order + 1]
+
+
+@kernel
+def _bend(body: PressedBody, stretch: SwingStretch, s: float, order: int) -> float:
+    """Return the second derivative of the searched function at ``s``."""
+    rate, acceleration = _value_and_slope(body, stretch, s, 1)
+    if order == 0:
+        return acceleration
+    push = stretch.load / body.inertia * body.mu * math.cos(stretch.theta + body.mu * s)
+    return push - body.k * body.k * rate - 2.0 * body.damping * body.k * acceleration
+
+
+@kernel
+def _safe_step(height: float, rise: float, bend: float) -> float:
+    """Return the h > 0 at which height + rise h - bend h^2/2 has its first root, or inf; height >= 0, bend >= 0.
+
+    The two forms of the root, each without cancellation.
+    """
+    root = math.sqrt(rise * rise + 2.0 * bend * height)
+    if rise < 0.0:
+        return 2.0 * height / (root - rise)
+    return (rise + root) / bend if bend > 0.0 else math.inf
+
+
+@kernel
+def _dearer_step(height: float, rise: float, curve: float, third: float, room: float) -> float:
+    """Return a step within ``room`` over which height + rise h + curve h^2/2 - third h^3/6 keeps its sign.
+
+    Within L the second derivative is at least curve - third L.  L is halved until the step which that allows fills it:
+    a body that has hardly left the collar, and is being lifted, then doubles its steps.
+    """
+    length, best = room, 0.0
+    while length > best:
+        best = max(best, min(_safe_step(height, rise, max(third * length - curve, 0.0)), length))
+        length *= 0.5
+    return best
 
 
 @kernel
@@ -207,18 +245,15 @@ def first_root(body: PressedBody, stretch: SwingStretch, order: int, start: floa
     sign = 1.0 if value > 0.0 or (value == 0.0 and slope > 0.0) else -1.0
     if order == 0:
         sign = 1.0
-    end, bend = _window(body, stretch, s, room, order)
-    for _ in range(LONGEST_SEARCH):
+    end, bend, third = _window(body, stretch, s, room, order)
+    for done in range(LONGEST_SEARCH):
         height, rise = sign * value, sign * slope
         if height < 0.0:
             return s
-        root = math.sqrt(rise * rise + 2.0 * bend * height)
-        # the two forms of the positive root of height + rise h = bend h^2/2, each without cancellation
-        step = math.inf
-        if rise < 0.0:
-            step = 2.0 * height / (root - rise)
-        elif bend > 0.0:
-            step = (rise + root) / bend
+        step = _safe_step(height, rise, bend)
+        if done >= PATIENCE and third < math.inf and step < end - s:
+            curve = sign * _bend(body, stretch, s, order)
+            step = max(step, _dearer_step(height, rise, curve, third, end - s))
         if not step > 4e-16 * s:
             return s
         s += step
@@ -226,7 +261,7 @@ def first_root(body: PressedBody, stretch: SwingStretch, order: int, start: floa
             if end >= room:
                 return math.inf
             s = end
-            end, bend = _window(body, stretch, s, room, order)
+            end, bend, third = _window(body, stretch, s, room, order)
         value, slope = _value_and_slope(body, stretch, s, order)
     raise MotionError("mb10_breaker: no end to the search for the body's next event; lower body.spring_rate_n_per_m")
 

@@ -53,6 +53,11 @@ def caption(name: str) -> tuple[str, str]:
     return " ".join(words), unit
 
 
+def unit_of(name: str) -> str:
+    """Return the unit in which a stored name ends, such as N m of ``forces.drive_torque_nm``; empty if pure."""
+    return caption(name.rpartition(".")[2])[1]
+
+
 def titled(name: str) -> str:
     """Return display name with unit: ``drive_torque_nm`` gives "drive torque [N m]"."""
     words, unit = caption(name)

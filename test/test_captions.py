@@ -1,6 +1,6 @@
 import pytest
 
-from mech_twin.view.captions import caption, metrics_table, titled
+from mech_twin.captions import caption, metrics_table, titled
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,244 @@
+"""The twin from Python: ``import mech_twin as mt; mt.simulate("mb10_breaker", 3.0)``.
+
+Every function takes the name of a machine, settings by dotted configuration key, and the path of a configuration file;
+none writes a file unless it is asked to.  What it returns knows its units.
+"""
+
+from __future__ import annotations
+
+import math
+import tempfile
+from collections.abc import Mapping, Sequence
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from mech_twin.capabilities.errors import StudyError
+from mech_twin.machines.catalog import CATALOGUE
+from mech_twin.parameters.load import machine as built_machine
+from mech_twin.parameters.load import machine_parameters
+from mech_twin.results import Analysis, Columns, Numbers, Run
+
+if TYPE_CHECKING:
+    from mech_twin.capabilities.design import Design
+    from mech_twin.capabilities.published import Row
+    from mech_twin.capabilities.sizing import Sizing
+
+Settings = Mapping[str, Any]
+FilePath = str | PathLike[str]
+
+
+def machines() -> tuple[str, ...]:
+    """Return the names of the machines."""
+    return tuple(CATALOGUE)
+
+
+def simulate(
+    machine: str,
+    duration_s: float,
+    settings: Settings | None = None,
+    *,
+    config: FilePath | None = None,
+    bag: FilePath | None = None,
+    force: bool = False,
+) -> Run:
+    """Return a run of a machine from rest.
+
+    Parameters
+    ----------
+    machine : str
+        Machine of the catalogue, see `machines`.
+    duration_s : float
+        Simulated time (s).
+    settings : mapping, optional
+        Values by dotted configuration key, laid over the configuration: ``{"body.spring_rate_n_per_m": 4000.0}``.
+    config : path, optional
+        Configuration file; the machine's own if absent.
+    bag : path, optional
+        Directory to record to as well.
+    force : bool
+        Whether an existing recording may be overwritten.
+
+    Raises
+    ------
+    ConfigurationError
+        Naming file, key, value and what was expected.
+
+    Examples
+    --------
+    >>> run = simulate("compaction_press", 0.01)
+    >>> run.machine, run.samples.units["time_s"]
+    ('compaction_press', 's')
+    """
+    from contextlib import closing, nullcontext
+
+    from mech_twin.engine.run import frames
+    from mech_twin.studies.simulation import Simulation
+
+    if not math.isfinite(duration_s) or duration_s < 0.0:
+        raise StudyError(f"duration_s {duration_s}: expected a finite number of seconds, 0 or more")
+    built = built_machine(machine, _path(config), settings)
+    simulation = Simulation(built)
+    recording = nullcontext() if bag is None else closing(_frame_recorder(built, Path(bag), force=force))
+    with recording as recorder:
+        for frame in frames(built, duration_s):
+            simulation.observe(frame)
+            simulation.trajectory.append(frame)
+            if recorder is not None:
+                recorder.write(frame)
+    title = f"{built.name}: {duration_s:g} s"
+    return Run(
+        built.name,
+        built.parameters,
+        Numbers(title, simulation.summary()),
+        Columns(title, "time_s", simulation.trajectory.columns()),
+        tuple(simulation.events),
+        simulation.residuals(),
+    )
+
+
+def _frame_recorder(built: Any, bag: Path, *, force: bool) -> Any:
+    from mech_twin.nodes.domain import settle_domain
+
+    settle_domain()
+    from mech_twin.parameters.load import description_text
+    from mech_twin.recording.frame_recorder import FrameRecorder
+    from mech_twin.recording.output_directory import check_recording_directory, remove_recording
+
+    check_recording_directory(bag, force=force)
+    remove_recording(bag)
+    return FrameRecorder(built, bag, description_text(built.name, built.parameters, revision=1))
+
+
+def analyse(
+    machine: str, settings: Settings | None = None, *, config: FilePath | None = None, positions: int = 360
+) -> Analysis:
+    """Return the closed-form analysis of a machine: numbers of one cycle, and columns over one turn of the crank.
+
+    Parameters
+    ----------
+    machine, settings, config
+        As in `simulate`.
+    positions : int
+        Crank angles of the columns, evenly over one turn.
+    """
+    from mech_twin.studies.cycle_analysis import analysed_columns, cycle_positions
+
+    if positions < 1:
+        raise StudyError(f"positions {positions}: expected 1 or more")
+    built = built_machine(machine, _path(config), settings)
+    title = f"{built.name}: one cycle"
+    cycle = analysed_columns(built, cycle_positions(positions))
+    return Analysis(built.name, built.parameters, Numbers(title, built.report()), Columns(title, "crank_rad", cycle))
+
+
+def sweep(
+    machine: str,
+    axes: Mapping[str, Sequence[float | int | str | bool]],
+    settings: Settings | None = None,
+    *,
+    config: FilePath | None = None,
+    outputs: Sequence[str] = (),
+    duration_s: float = 0.0,
+    cores: int | None = None,
+    scheduler: str | None = None,
+) -> Columns:
+    """Return the summary numbers of a machine over a grid of configuration keys, and why a point was refused.
+
+    Parameters
+    ----------
+    machine, settings, config
+        As in `simulate`.
+    axes : mapping
+        Dotted configuration keys and the values each takes; several keys make a grid, the last one fastest.
+    outputs : sequence of str
+        Names of the summary numbers wanted; all if empty.
+    duration_s : float
+        Seconds to simulate at each point, whose numbers join the summary; 0 for the analysis alone.
+    cores, scheduler : optional
+        Processes to spread over (all cores if absent), or the address of a Dask scheduler.
+    """
+    from mech_twin.studies import sweep as swept
+    from mech_twin.studies.sweep_table import columns
+
+    known = machine_parameters(machine, _path(config), settings)
+    with tempfile.TemporaryDirectory() as directory:
+        done = swept(
+            machine,
+            axes,
+            Path(directory) / "points.csv",
+            parameters=known,
+            outputs=outputs,
+            duration_s=duration_s,
+            cores=cores,
+            scheduler=scheduler,
+            picture=False,
+        )
+    return Columns(f"{done.asked.machine}: sweep", next(iter(axes)), columns(done.asked, done.points))
+
+
+def size(
+    machine: str,
+    settings: Settings | None = None,
+    *,
+    config: FilePath | None = None,
+    limits: Mapping[str, float] | None = None,
+    objective: str | None = None,
+    tolerance: float | None = None,
+) -> Sizing:
+    """Return the sizes of a machine's parts, the configuration that has them, and which constraint binds.
+
+    Parameters
+    ----------
+    machine, settings, config
+        As in `simulate`.
+    limits, objective, tolerance
+        As in `mech_twin.studies.size`.
+    """
+    from mech_twin.studies import size as sized
+
+    known = machine_parameters(machine, _path(config), settings)
+    return sized(machine, known, limits=limits, objective=objective, tolerance=tolerance)
+
+
+def search(
+    machine: str,
+    objectives: Sequence[str] = (),
+    settings: Settings | None = None,
+    *,
+    config: FilePath | None = None,
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+    limits: Mapping[str, float] | None = None,
+    seed: int = 1,
+    points: int = 9,
+) -> list[Design]:
+    """Return a machine's best design for one objective, or the Pareto front of several.
+
+    Parameters
+    ----------
+    machine, settings, config
+        As in `simulate`.
+    objectives, bounds, limits, seed, points
+        As in `mech_twin.studies.search`.
+    """
+    from mech_twin.studies import search as searched
+
+    known = machine_parameters(machine, _path(config), settings)
+    return searched(machine, objectives, parameters=known, bounds=bounds, limits=limits, seed=seed, points=points)
+
+
+def reproduce(
+    machine: str | None = None, settings: Settings | None = None, *, config: FilePath | None = None
+) -> tuple[Row, ...]:
+    """Return every published number beside the computed one: of all machines, or of one, as configured here."""
+    from mech_twin.studies import reproduce as reproduced
+
+    if machine is None:
+        if settings or config is not None:
+            raise StudyError("settings and config need the name of a machine")
+        return reproduced()
+    return reproduced(machine, machine_parameters(machine, _path(config), settings))
+
+
+def _path(config: FilePath | None) -> Path | None:
+    return None if config is None else Path(config)

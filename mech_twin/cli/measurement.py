@@ -1,0 +1,176 @@
+"""Measurements of the command line: bags and tables opened alike, maps read, data quality shown."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from mech_twin.cli.console import print_json, print_table, say
+from mech_twin.cli.failure import CommandError
+from mech_twin.measurements.blocks import Block, RunReader, SourceColumn
+from mech_twin.measurements.machine_columns import machine_columns
+from mech_twin.measurements.measurement_map import MeasurementMap, Source, TimeSource, read_map
+from mech_twin.measurements.model_turn import ModelTurn, model_turn
+from mech_twin.measurements.plausibility import implausible
+from mech_twin.measurements.quality import Quality
+from mech_twin.measurements.runs import MeasuredRun, channel_qualities, read_run
+from mech_twin.measurements.tables import TableReader, is_table
+from mech_twin.nodes.domain import settle_domain
+from mech_twin.parameters.load import machine as built_machine
+
+if TYPE_CHECKING:
+    from mech_twin.recording.measured_topics import MeasuredTopics, TopicField
+
+QUALITY_HEADS = (
+    *("channel", "unit", "samples", "rate, Hz", "jitter, ms", "gaps", "repeats", "back", "drift, ppm"),
+    *("quantum", "saturated, %", "NaN", "noise", "low", "high"),
+)
+WIDE = 180  # columns of the table of data quality where no terminal says
+CONTRADICTED = 1  # exit code
+CHECKED_SAMPLES = 2_000_000  # of a run that is held against the model
+
+
+class BagRun:
+    """A bag as a run of a measurement."""
+
+    def __init__(self, topics: MeasuredTopics) -> None:
+        self.path = topics.path
+        self._topics = topics
+
+    def offered(self) -> list[SourceColumn]:
+        """Return every number in the messages of the known types."""
+        found = [Source(topic=item.topic, joint=item.joint, field=item.field) for item in self._topics.fields()]
+        return [SourceColumn(source, None) for source in found]
+
+    def proposed_time(self) -> TimeSource:
+        """Return the stamps in the headers."""
+        return TimeSource(stamps="header")
+
+    def blocks(self, sources: Sequence[Source], time: TimeSource) -> Iterator[Block]:
+        """Yield the samples of these channels; see `RunReader.blocks`."""
+        fields = [topic_field(source, str(self.path)) for source in sources]
+        for found in self._topics.blocks(fields, by_header=time.stamps != "log"):
+            yield Block(*found)
+
+
+def topic_field(source: Source, where: str) -> TopicField:
+    """Return the field of a topic that a channel stands in.
+
+    Raises
+    ------
+    CommandError
+        Its source is a column of a table alone.
+    """
+    from mech_twin.recording.measured_topics import TopicField
+
+    if source.topic is None or source.field is None:
+        raise CommandError(f"{where}: source {source.label!r} is a column, expected a topic and a field for a bag")
+    return TopicField(source.topic, source.joint, source.field)
+
+
+@contextmanager
+def opened_run(path: Path) -> Iterator[RunReader]:
+    """Open one run of a measurement, a bag or a table."""
+    if is_table(path):
+        yield TableReader(path)
+        return
+    settle_domain()
+    from mech_twin.recording.bag_reader import open_bag
+    from mech_twin.recording.measured_topics import MeasuredTopics
+
+    with open_bag(path) as reader:
+        yield BagRun(MeasuredTopics(reader))
+
+
+@cache
+def columns_of(name: str) -> Mapping[str, str]:
+    """Return the columns of an installed machine with their SI units."""
+    return machine_columns(built_machine(name))
+
+
+def given_map(path: Path) -> MeasurementMap:
+    """Return the map of a file, checked against the machine it names."""
+    return read_map(path, columns_of)
+
+
+def checked_run(reader: RunReader, given: MeasurementMap, turn: ModelTurn | None) -> tuple[MeasuredRun, list[str]]:
+    """Return a run, and what contradicts that it is one of the machine."""
+    run = read_run(reader, given)
+    return run, implausible(run, turn)
+
+
+def quality_record(given: MeasurementMap, qualities: Sequence[Quality]) -> list[dict[str, Any]]:
+    """Return the quality of each channel as JSON objects."""
+    return [
+        {
+            "source": channel.source.model_dump(exclude_none=True),
+            "is": channel.quantity,
+            "unit": channel.unit,
+            **quality._asdict(),
+            "flaws": quality.flaws(),
+        }
+        for channel, quality in zip(given.channels, qualities, strict=True)
+    ]
+
+
+def show_quality(path: Path, given: MeasurementMap, qualities: Sequence[Quality]) -> None:
+    """Print the table of data quality, one row a channel in its own unit, and each flaw in words."""
+    rows = []
+    for channel, quality in zip(given.channels, qualities, strict=True):
+        timing = (
+            _rounded(quality.rate_hz),
+            _rounded(round(1e3 * quality.jitter_s, 6)),
+            quality.gaps,
+            quality.repeats,
+            quality.back,
+        )
+        worth = (1e6 * quality.drift, quality.quantum, 100.0 * quality.saturated)
+        ends = (quality.noise, quality.low, quality.high)
+        numbers = (quality.samples, *timing, *map(_rounded, worth), quality.nan, *map(_rounded, ends))
+        rows.append((channel.source.label, channel.unit or "SI", *numbers))
+    print_table(f"{path}: data quality", QUALITY_HEADS, rows, None if sys.stdout.isatty() else WIDE)
+    for channel, quality in zip(given.channels, qualities, strict=True):
+        for flaw in quality.flaws():
+            say(f"{channel.source.label}: {flaw}")
+
+
+def _rounded(value: float) -> str:
+    return f"{value:.4g}"
+
+
+def examine_by_file(path: Path, map_file: Path, *, as_json: bool) -> None:
+    """Print quality and contradictions of one run; exit code 1 where something contradicts the map."""
+    if not examine(path, given_map(map_file), as_json=as_json):
+        raise SystemExit(CONTRADICTED)
+
+
+def examine(path: Path, given: MeasurementMap, *, as_json: bool) -> bool:
+    """Print quality and contradictions of one run; return whether nothing contradicts the map."""
+    with opened_run(path) as reader:
+        qualities = channel_qualities(reader, given)
+    problems: list[str] = []
+    if sum(quality.samples for quality in qualities) <= CHECKED_SAMPLES:
+        problems = _contradictions(path, given)
+    if as_json:
+        document = {"measurement": str(path), "machine": given.machine}
+        print_json({**document, "channels": quality_record(given, qualities), "problems": problems})
+    else:
+        show_quality(path, given, qualities)
+        for problem in problems:
+            say(problem)
+    return not problems
+
+
+def _contradictions(path: Path, given: MeasurementMap) -> list[str]:
+    from mech_twin.measurements.errors import MeasurementError
+
+    try:
+        with opened_run(path) as reader:
+            _, problems = checked_run(reader, given, model_turn(built_machine(given.machine)))
+    except MeasurementError as error:
+        return [str(error)]
+    return [f"{path}: {problem}" for problem in problems]

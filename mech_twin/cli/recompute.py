@@ -1,0 +1,78 @@
+"""``mech-twin replay --analyse`` and ``--resimulate``: a recording recomputed and compared bit for bit."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from mech_twin import __version__
+from mech_twin.cli.console import print_json, print_numbers, progress, say
+from mech_twin.nodes.domain import settle_domain
+from mech_twin.studies.configuration_history import ConfigurationHistory
+from mech_twin.studies.resimulation import Verdict, analysed, resimulated
+
+if TYPE_CHECKING:
+    from mech_twin.recording.bag_samples import BagSamples
+
+DIFFERENT = 1
+
+
+def recompute_bag(bag: Path, mode: Literal["analyse", "resimulate"], *, as_json: bool) -> None:
+    """Print the result of the comparison; exit code 1 if anything differs or nothing could be compared."""
+    settle_domain()
+    from mech_twin.recording.bag_reader import open_bag
+    from mech_twin.recording.bag_samples import BagSamples
+
+    with open_bag(bag) as reader:
+        samples = BagSamples(reader)
+        history = ConfigurationHistory(samples.descriptions(), str(bag))
+        samples = BagSamples(reader, history.machine_at(0).coupling_step_s)
+        if set(history.versions) != {__version__}:
+            say(f"recorded with version {', '.join(history.versions)}; this is {__version__}: results may differ")
+        compared = analysed if mode == "analyse" else resimulated
+        with progress(samples.steps(), samples.count, f"{mode[:-1]}ing") as steps:
+            verdict = compared(steps, history.machine_at)
+    _write(bag, mode, samples, history, verdict, as_json)
+    if not verdict.identical:
+        raise SystemExit(DIFFERENT)
+
+
+def _write(
+    bag: Path, mode: str, samples: BagSamples, history: ConfigurationHistory, verdict: Verdict, as_json: bool
+) -> None:
+    numbers = {
+        "machine": history.name,
+        "identical": verdict.identical,
+        "steps_compared": verdict.steps,
+        "samples_compared": verdict.samples,
+        "incomplete_steps": verdict.missing_steps,
+        "parameter_changes": history.changes,
+    }
+    if mode == "resimulate":
+        numbers |= {"resets": verdict.resets}
+    first = _first(samples.topics, verdict)
+    if as_json:
+        more = {"resumed_at_steps": verdict.taken_up, "unused_samples": dict(samples.unused), "first_difference": first}
+        print_json(
+            {"bag": str(bag), "recorded_with": list(history.versions), "version": __version__, **numbers, **more}
+        )
+        return
+    print_numbers(f"{bag}: {mode}", numbers)
+    for step in verdict.taken_up[:10]:
+        say(f"step {step}: resumed from the recorded state")
+    for reason, number in samples.unused.items():
+        say(f"{number} recorded samples not used: {reason}")
+    if first is not None:
+        say(
+            f"first difference at {first['time_s']:.9g} s (step {first['step']}), topic {first['topic']}, "
+            f"field {first['field']}: recorded {first['recorded']!r}, computed {first['computed']!r}"
+        )
+    elif not verdict.samples:
+        say("nothing could be compared")
+
+
+def _first(topics: dict[str, str], verdict: Verdict) -> dict[str, Any] | None:
+    if verdict.first is None:
+        return None
+    row = verdict.first._asdict()
+    return {"topic": topics[row.pop("role")], **row}

@@ -1,0 +1,51 @@
+"""Where a signal may raise an exception, and how a process ends where it may not."""
+
+from __future__ import annotations
+
+import os
+import sys
+import threading
+from signal import pthread_kill
+from types import FrameType
+from typing import NoReturn
+
+RETRY_S = 0.001
+COMPILER = ("numba", "llvmlite")
+
+
+def is_in_wrapper(frame: FrameType | None) -> bool:
+    """Return whether a compiled function's result is being wrapped: an exception there is a segmentation fault.
+
+    The wrapper constructs named tuples and does not expect that to fail.
+    """
+    return frame is not None and str(frame.f_globals.get("__name__", "")).startswith("namedtuple_")
+
+
+def is_in_compiler(frame: FrameType | None) -> bool:
+    """Return whether a kernel is being compiled.
+
+    The compiler calls Python from finalizers and from callbacks of C, which drop an exception: the process would go on
+    compiling, or go on with a kernel that is not there.
+    """
+    while frame is not None:
+        if str(frame.f_globals.get("__name__", "")).partition(".")[0] in COMPILER:
+            return True
+        frame = frame.f_back
+    return False
+
+
+def send_again(number: int) -> None:
+    """Send the main thread the signal again a little later."""
+    again = threading.Timer(RETRY_S, pthread_kill, (threading.main_thread().ident, number))
+    again.daemon = True
+    again.start()
+
+
+def end_at_once(code: int) -> NoReturn:
+    """End the process without taking down interpreter and compiler, which takes up to a second; all is closed."""
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            stream.flush()
+        except (OSError, ValueError, AttributeError):  # nobody reads it any more, or there is none
+            continue
+    os._exit(code)

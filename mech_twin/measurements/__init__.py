@@ -1,0 +1,1 @@
+"""What a real machine gives: maps, foreign recordings and tables, data quality, sensors."""

@@ -1,0 +1,76 @@
+"""What of a machine can be measured: the columns of a run and its events, each with its SI unit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+from mech_twin.engine.coupling import complete_frame
+from mech_twin.engine.trajectory import frame_numbers
+from mech_twin.measurements.units import UNITS
+from mech_twin.roles import Machine
+
+SLIDING = (
+    "slider",
+    "mass",
+    "yarn",
+    "package_radius",
+    "cart_",
+)  # joints that slide, by the start of their name; else they turn
+_SLIDING_UNITS = {"position": "m", "velocity": "m/s", "effort": "N"}
+_TURNING_UNITS = {"position": "rad", "velocity": "rad/s", "effort": "N.m"}
+_ENDINGS = {
+    "_rad_per_s2": "rad/s2", "_m_per_s2": "m/s2", "_rad_per_s": "rad/s", "_m_per_s": "m/s", "_rad": "rad", "_nm": "N.m",
+    "_nms": "N.m.s", "_ns": "N.s", "_n": "N", "_m": "m", "_w": "W", "_kg_m2": "kg.m2",
+    "_kg": "kg", "_j": "J", "_s": "s",
+}  # fmt: skip
+EVENT = "event"
+EVENT_UNITS = {"time": "s", "pre_velocity": "m/s", "post_velocity": "m/s", "impulse": "N.s"}
+
+
+class JointColumn(NamedTuple):
+    """The parts of a column of a joint: ``linkage.crank.position``."""
+
+    role: str
+    joint: str
+    field: str
+
+
+def slides(joint: str) -> bool:
+    """Return whether a joint is a sliding one."""
+    return joint.startswith(SLIDING)
+
+
+def joint_column(column: str) -> JointColumn | None:
+    """Return the parts of a joint's column; None where the column is of no joint."""
+    role, _, rest = column.partition(".")
+    joint, _, field = rest.partition(".")
+    return JointColumn(role, joint, field) if role != EVENT and field in _TURNING_UNITS else None
+
+
+def unit_of(column: str) -> str:
+    """Return the SI unit of a column; ``1`` where its name holds none."""
+    parts = joint_column(column)
+    if parts is not None:
+        return (_SLIDING_UNITS if slides(parts.joint) else _TURNING_UNITS)[parts.field]
+    if column.startswith(f"{EVENT}."):
+        return EVENT_UNITS[column.rpartition(".")[2]]
+    return next((unit for ending, unit in _ENDINGS.items() if column.endswith(ending)), "1")
+
+
+def machine_columns(machine: Machine) -> Mapping[str, str]:
+    """Return every column of a run of the machine, and its SI unit."""
+    frame = complete_frame(machine, machine.linkage.start(), None, 1.0)
+    names = [name for name, _ in frame_numbers(frame) if name != "time_s"]
+    return {name: unit_of(name) for name in names}
+
+
+def is_event(column: str) -> bool:
+    """Return whether the name is one of an event channel, ``event.blow.time``."""
+    parts = column.split(".")
+    return len(parts) == 3 and parts[0] == EVENT and bool(parts[1]) and parts[2] in EVENT_UNITS
+
+
+def is_angle(column: str) -> bool:
+    """Return whether a column is an angle, which a sensor may give modulo a turn."""
+    return unit_of(column) == UNITS["rad"].si

@@ -1,0 +1,218 @@
+"""The mapping file: which channel of a measurement is which column of the machine, and in which unit.
+
+A channel shows ``sign * of_the_machine / gain + zero``, in its own unit and later by its lag; reading inverts that::
+
+    of_the_machine(stamp - lag_s) = sign * gain * (shown - zero)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, ConfigDict, Field, ValidationError, field_validator, model_validator
+
+from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.measurements.machine_columns import is_event, unit_of
+from mech_twin.measurements.units import SCALED_BY_GAIN, TIME_UNITS, UNITS
+from mech_twin.parameters.errors import refusal
+from mech_twin.parameters.load import document_tree
+from mech_twin.quantity import Parameters
+
+MOST_CHANNELS = 1000
+FREE, PER_RUN = "free", "per_run"
+LARGEST, LONGEST_LAG_S, FASTEST_HZ = 1e12, 10.0, 1e6
+
+
+def _number(least: float, largest: float, *, words: tuple[str, ...] = ()) -> BeforeValidator:
+    """Return the check of a number within bounds, or of one of the words that say that it is not known."""
+    expected = ", ".join([f"expected a number from {least:g} to {largest:g}", *words])
+
+    def checked(value: Any) -> Any:
+        if value in words:
+            return value
+        if isinstance(value, bool) or not isinstance(value, int | float) or not least <= value <= largest:
+            raise ValueError(expected)
+        return float(value)
+
+    return BeforeValidator(checked)
+
+
+Number = Annotated[float | str, _number(-LARGEST, LARGEST, words=(FREE, PER_RUN))]
+Lag = Annotated[float | str, _number(-LONGEST_LAG_S, LONGEST_LAG_S, words=(FREE, PER_RUN))]
+Size = Annotated[float, _number(0.0, LARGEST)]
+
+
+class _Group(Parameters):
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", allow_inf_nan=False, validate_default=True, populate_by_name=True
+    )
+
+
+class Source(_Group):
+    """Where a channel stands: a topic (with joint and field, or a dotted field alone), a column of a table, or both.
+
+    Of messages that are no JointState, ``joint`` chooses those of this ``frame_id``; field ``stamp`` is their time.
+    """
+
+    topic: str | None = Field(default=None, min_length=1)
+    joint: str | None = Field(default=None, min_length=1)
+    field: str | None = Field(default=None, min_length=1)
+    column: str | None = Field(default=None, min_length=1)
+
+    @model_validator(mode="after")
+    def _somewhere(self) -> Source:
+        if self.topic is None and self.column is None:
+            raise ValueError("expected a topic (with joint and field) or a column")
+        if self.topic is not None and self.field is None:
+            raise ValueError(
+                "expected a field beside the topic: position, velocity or effort of a joint, or such as wrench.force.x"
+            )
+        if self.topic is None and (self.joint is not None or self.field is not None):
+            raise ValueError("joint and field go with a topic, a column has none")
+        return self
+
+    @property
+    def label(self) -> str:
+        """Name of the channel in errors and tables; also its column in a table, where the source names none."""
+        if self.column is not None:
+            return self.column
+        return " ".join(word for word in (self.topic, self.joint, self.field) if word)
+
+
+class TimeSource(_Group):
+    """Which clock counts: of a bag the stamps in the headers or those of the log, of a table a column."""
+
+    stamps: Literal["header", "log"] | None = None
+    column: str | None = Field(default=None, min_length=1)
+    unit: str = "s"
+
+    @field_validator("unit")
+    @classmethod
+    def _of_time(cls, value: str) -> str:
+        if value not in TIME_UNITS:
+            raise ValueError(f"expected one of {', '.join(TIME_UNITS)}")
+        return value
+
+
+class Channel(_Group):
+    """One measured channel; ``zero``, ``sigma`` and ``quantum`` are in the channel's own unit.
+
+    The keys below ``sigma`` say what a sensor does, for `simulate --sensors`; reading does not use them.
+    """
+
+    source: Source
+    quantity: str = Field(alias="is", min_length=1)
+    unit: str | None = None
+    sign: Literal[1, -1] = 1
+    zero: Number = 0.0
+    gain: Number = 1.0
+    lag_s: Lag = 0.0
+    sigma: Size | None = None
+    rate_hz: Annotated[float, _number(1e-6, FASTEST_HZ)] | None = None
+    jitter_s: Annotated[float, _number(0.0, LONGEST_LAG_S)] = 0.0
+    quantum: Size = 0.0
+    drop: Annotated[float, _number(0.0, 0.999)] = 0.0
+
+    @field_validator("unit")
+    @classmethod
+    def _known(cls, value: str | None) -> str | None:
+        if value is not None and value not in UNITS:
+            raise ValueError(f"expected one of {', '.join(UNITS)}")
+        return value
+
+    @field_validator("gain")
+    @classmethod
+    def _not_zero(cls, value: float | str) -> float | str:
+        if value == 0.0:
+            raise ValueError("expected a number that is not 0, free or per_run")
+        return value
+
+    @property
+    def si_factor(self) -> float:
+        """What one of the channel's unit is in SI units."""
+        return 1.0 if self.unit is None else UNITS[self.unit].factor
+
+    def to_machine(self, shown: Any) -> Any:
+        """Return what the machine did, in SI units; an unknown zero counts as 0, an unknown gain as 1."""
+        return self.sign * fixed(self.gain, 1.0) * self.si_factor * (shown - fixed(self.zero, 0.0))
+
+    def shown(self, value: Any) -> Any:
+        """Return what the channel shows, in its own unit: `to_machine` inverted."""
+        return self.sign * value / (fixed(self.gain, 1.0) * self.si_factor) + fixed(self.zero, 0.0)
+
+
+class MeasurementMap(_Group):
+    """Which channel of a measurement is which column of the machine."""
+
+    machine: str
+    time: TimeSource = TimeSource()
+    channels: tuple[Channel, ...] = Field(min_length=1, max_length=MOST_CHANNELS)
+    runs: tuple[str, ...] = ()
+
+    @model_validator(mode="after")
+    def _each_source_once(self) -> MeasurementMap:
+        seen: set[str] = set()
+        for channel in self.channels:
+            if channel.source.label in seen:
+                raise ValueError(f"source {channel.source.label!r} stands twice: a channel is one quantity")
+            seen.add(channel.source.label)
+        return self
+
+
+def fixed(value: float | str, unknown: float) -> float:
+    """Return a number of the map, or what stands for it while it is unknown."""
+    return unknown if isinstance(value, str) else value
+
+
+def read_map(path: Path, columns_of: Any) -> MeasurementMap:
+    """Return the map of a file.
+
+    Parameters
+    ----------
+    path : Path
+        YAML file.
+    columns_of : callable
+        ``columns_of(machine_name)``: the columns a channel may be, by name with their SI unit.
+
+    Raises
+    ------
+    ConfigurationError
+        Naming file, key, value and what was expected.
+    """
+    return checked_map(document_tree(path), str(path), columns_of)
+
+
+def checked_map(tree: Mapping[str, Any], source: str, columns_of: Any) -> MeasurementMap:
+    """Return the map of a tree of values; see `read_map`."""
+    try:
+        found = MeasurementMap.model_validate(tree)
+    except ValidationError as error:
+        raise refusal(source, error) from error
+    columns = columns_of(found.machine)
+    for place, channel in enumerate(found.channels):
+        _check_channel(channel, f"{source}: key 'channels.{place}", found.machine, columns)
+    return found
+
+
+def _check_channel(channel: Channel, where: str, machine: str, columns: Mapping[str, str]) -> None:
+    name = channel.quantity
+    if name not in columns and not is_event(name):
+        near = get_close_matches(name, columns, 3, 0.5)
+        hint = (
+            f", such as {', '.join(near)}"
+            if near
+            else ", as `simulate --json --samples` shows them, or event.KIND.time"
+        )
+        raise ConfigurationError(f"{where}.is', value {name!r}: expected a column of {machine}{hint}")
+    expected = columns.get(name) or unit_of(name)
+    if channel.unit is None or channel.unit in SCALED_BY_GAIN:
+        return
+    if UNITS[channel.unit].si != expected:
+        fitting = [unit for unit, about in UNITS.items() if about.si == expected]
+        raise ConfigurationError(
+            f"{where}.unit', value {channel.unit!r}: {name} is in {expected}; expected one of "
+            f"{', '.join((*fitting, *SCALED_BY_GAIN))}"
+        )

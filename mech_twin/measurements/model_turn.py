@@ -1,0 +1,174 @@
+"""One turn of the crank of the model's own run, against which a measured run is held: sign, zero, plausibility."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from math import pi
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from mech_twin.engine.run import frames
+from mech_twin.engine.trajectory import Trajectory
+from mech_twin.measurements.blocks import Array
+from mech_twin.roles import Machine
+
+TURN = 2.0 * pi
+TURNING = ("linkage.crank.position", "linkage.drum.position")  # the joint that turns, if the machine has one
+LONGEST_S = 20.0
+TURNS = 2.0
+REPEATED = 0.01  # of its swing: a column that differs less from turn to turn is led by the crank
+COARSE = 72  # zeros of the crank that are tried
+REFINED = 41
+SIGN_FACTOR = 4.0  # by which a sign of -1 must leave less of the variance open
+
+
+@dataclass(frozen=True)
+class ModelTurn:
+    """Columns of the model over one turn of its crank.
+
+    Attributes
+    ----------
+    crank : str
+        Column of the joint that turns.
+    angles_rad : ndarray
+        Shape (n,): rising, 0 to a turn.
+    columns : mapping
+        Each column at these angles, shape (n,).
+    speed_rad_per_s : float
+        Mean over the turn.
+    led : frozenset
+        Columns that were the same a turn earlier: what the crank leads, whatever its speed.
+    """
+
+    crank: str
+    angles_rad: Array
+    columns: Mapping[str, Array]
+    speed_rad_per_s: float
+    led: frozenset[str]
+
+    def at(self, column: str, crank_rad: Array) -> Array:
+        """Return a column of the model at angles of the crank."""
+        return np.interp(crank_rad, self.angles_rad, self.columns[column], period=TURN)
+
+
+class Following(NamedTuple):
+    """How a channel follows the crank of the model, at ``crank_sign * (measured angle - crank_zero_rad)``.
+
+    ``sign`` and ``scale`` (of the swing, against the model's) are those of the channel, ``correlation`` is at least 0.
+    """
+
+    correlation: float
+    sign: int
+    scale: float
+    crank_sign: int
+    crank_zero_rad: float
+
+
+def turning_column(columns: Collection[str]) -> str | None:
+    """Return the column of the joint that turns, if there is one."""
+    return next((name for name in TURNING if name in columns), None)
+
+
+def model_turn(machine: Machine) -> ModelTurn | None:
+    """Return the last turn of the crank in a run of the machine; None where nothing turns, or less than two turns."""
+    crank = turning_column([f"linkage.{joint}.position" for joint in machine.linkage.joints])
+    if crank is None:
+        return None
+    place = machine.linkage.joints.index(crank.split(".")[1])
+    trajectory, turned, former_rad = Trajectory(), 0.0, machine.linkage.start().position[place]
+    for frame in frames(machine, LONGEST_S):
+        trajectory.append(frame)
+        now = frame.linkage.position[place]
+        turned += (
+            now - former_rad - TURN * round((now - former_rad) / TURN)
+        )  # some machines count angles from 0 to a turn
+        former_rad = now
+        if abs(turned) > TURNS * TURN:
+            break
+    columns = {name: np.asarray(values) for name, values in trajectory.columns().items()}
+    angle = np.unwrap(columns.pop(crank))
+    if abs(angle[-1] - angle[0]) < TURNS * TURN:
+        return None
+    last, before = (np.abs(angle - angle[-1] + sign * TURN) for sign in (0.0, np.sign(angle[-1] - angle[0])))
+    times_s, place = columns.pop("time_s"), last < TURN
+    speed = abs(float(angle[place][-1] - angle[place][0])) / float(times_s[place][-1] - times_s[place][0])
+    newest, former = (_by_angle(angle, columns, turn < TURN) for turn in (last, before))
+    led = frozenset(name for name in columns if _same(newest, former, name))
+    return ModelTurn(crank, *newest, speed, led)
+
+
+def _by_angle(
+    angle: Array, columns: Mapping[str, Array], chosen: npt.NDArray[np.bool_]
+) -> tuple[Array, dict[str, Array]]:
+    """Return rising angles within one turn, and the columns at them."""
+    wrapped = np.mod(angle[chosen], TURN)
+    order = np.argsort(wrapped)
+    kept = order[np.concatenate([[True], np.diff(wrapped[order]) > 0.0])]
+    return wrapped[kept], {name: values[chosen][kept] for name, values in columns.items()}
+
+
+def _same(newest: tuple[Array, dict[str, Array]], former: tuple[Array, dict[str, Array]], name: str) -> bool:
+    """Return whether a column was the same at the same angles a turn earlier."""
+    values = newest[1][name]
+    before = np.interp(newest[0], former[0], former[1][name], period=TURN)
+    return float(np.abs(values - before).max()) <= REPEATED * float(np.ptp(values))
+
+
+def following(
+    turn: ModelTurn, column: str, crank_rad: Array, values: Array, zero_rad: float | None = None
+) -> Following:
+    """Return how values follow a column of the model, whatever the zero and the sense of the crank angle.
+
+    A sign of -1, of the channel or of the crank, must fit better by `SIGN_FACTOR`: a motion that is nearly harmonic
+    looks much the same with either.
+
+    Parameters
+    ----------
+    turn : ModelTurn
+        The model.
+    column : str
+        The column that the values may be.
+    crank_rad, values : ndarray
+        Shape (n,): measured crank angle (rad) and the channel at the same instants.
+    zero_rad : float, optional
+        Known zero of the crank angle; searched where it is not given.
+    """
+    found: dict[tuple[int, int], Following] = {}
+    for crank_sign in (1, -1):
+        for zero in np.arange(COARSE) * TURN / COARSE if zero_rad is None else (zero_rad,):
+            tried = Following(
+                *_compared(turn, column, crank_sign * (crank_rad - zero), values), crank_sign, float(zero)
+            )
+            kind = (tried.sign, crank_sign)
+            if kind not in found or tried.correlation > found[kind].correlation:
+                found[kind] = tried
+    simple = min(found.values(), key=_unlikeliness)
+    return simple if zero_rad is not None else _refined(turn, column, crank_rad, values, simple)
+
+
+def _unlikeliness(each: Following) -> float:
+    """Return the share of the variance that is left open, larger for each sign of -1."""
+    return (1.0 - each.correlation**2) * SIGN_FACTOR ** ((each.sign < 0) + (each.crank_sign < 0))
+
+
+def _refined(turn: ModelTurn, column: str, crank_rad: Array, values: Array, coarse: Following) -> Following:
+    """Return the same with the zero searched between its neighbours."""
+    step = TURN / COARSE
+    zeros = coarse.crank_zero_rad + np.linspace(-step, step, REFINED)
+    tried = [_compared(turn, column, coarse.crank_sign * (crank_rad - zero), values) for zero in zeros]
+    best = max(range(REFINED), key=lambda i: tried[i][0])
+    return Following(*tried[best], coarse.crank_sign, float(np.mod(zeros[best], TURN)))
+
+
+def _compared(turn: ModelTurn, column: str, crank_rad: Array, values: Array) -> tuple[float, int, float]:
+    """Return correlation, sign and scale of values against the model's column at these crank angles."""
+    model = turn.at(column, crank_rad)
+    a, b = model - model.mean(), values - values.mean()
+    size = float(np.sqrt((a @ a) * (b @ b)))
+    if size == 0.0:
+        return 0.0, 1, 0.0
+    product = float(a @ b)
+    return abs(product) / size, 1 if product >= 0.0 else -1, abs(product) / float(a @ a)

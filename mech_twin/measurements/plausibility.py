@@ -1,0 +1,187 @@
+"""Whether a measured run can be one of this machine: units, swapped channels, another machine, no whole cycle."""
+
+from __future__ import annotations
+
+from itertools import permutations
+from typing import NamedTuple
+
+import numpy as np
+
+from mech_twin.measurements.blocks import Array
+from mech_twin.measurements.machine_columns import joint_column, unit_of
+from mech_twin.measurements.measurement_map import FREE, PER_RUN
+from mech_twin.measurements.model_turn import TURN, Following, ModelTurn, following
+from mech_twin.measurements.runs import MeasuredChannel, MeasuredRun
+from mech_twin.measurements.units import UNITS
+
+FOLLOWS = 0.8  # correlation with the model's motion: less is not this mechanism
+CLEARLY = 0.15  # more correlation the other way round: channels are swapped
+FACTOR = 4.0  # of the swing against the model's: more is a wrong unit, or another machine
+SPEED_FACTOR = 12.0  # of the speed of the crank against the model's
+RATE_FACTOR = 1.5  # of the speed against the differences of the angle
+MOST_COMPARED = 4000
+
+
+class CrankPair(NamedTuple):
+    """A channel, and the measured crank angle at its instants."""
+
+    channel: MeasuredChannel
+    crank_rad: Array
+    values: Array
+
+
+def implausible(run: MeasuredRun, turn: ModelTurn | None) -> list[str]:
+    """Return what contradicts that the run is one of this machine, one line each; empty where nothing does.
+
+    Parameters
+    ----------
+    run : MeasuredRun
+        The run.
+    turn : ModelTurn, optional
+        One turn of the model; without one, speeds are compared with positions alone.
+    """
+    found = _speeds(run)
+    crank = None if turn is None else run.channel(turn.crank)
+    if turn is None or crank is None:
+        return found
+    turned = float(np.ptp(crank.values))
+    if turned < TURN:
+        swapped = _swinging_crank(run, crank)
+        if swapped is None:
+            return [*found, f"no cycle: {crank.name} moves through {turned / TURN:.3g} of a turn, expected a whole one"]
+        return [*found, swapped]
+    return found + _turning_speed(crank, turn) + _following(run, crank, turn)
+
+
+def _speeds(run: MeasuredRun) -> list[str]:
+    """Compare each measured speed with the differences of the measured position of the same joint."""
+    lines = []
+    for channel in run.channels:
+        parts = joint_column(channel.name)
+        position = (
+            None
+            if parts is None or parts.field != "velocity"
+            else run.channel(channel.name[: -len("velocity")] + "position")
+        )
+        if position is None or isinstance(channel.channel.gain, str) or isinstance(position.channel.gain, str):
+            continue
+        differences = np.diff(position.values) / np.diff(position.times_s)
+        middles = 0.5 * (position.times_s[1:] + position.times_s[:-1])
+        speed = np.interp(middles, channel.times_s, channel.values)
+        one, other = float(np.median(np.abs(speed))), float(np.median(np.abs(differences)))
+        if one > RATE_FACTOR * other or other > RATE_FACTOR * one:
+            lines.append(
+                f"{channel.name} is {one:.4g} {unit_of(channel.name)} in the median, differences of {position.name} "
+                f"{other:.4g}{_fitting_unit(channel, one, other)}"
+            )
+        elif float(speed @ differences) < 0.0:
+            lines.append(
+                f"{channel.name} has the opposite sign of the differences of {position.name}: expected sign "
+                f"{-channel.channel.sign}"
+            )
+    return lines
+
+
+def _fitting_unit(channel: MeasuredChannel, found: float, expected: float, factor: float = RATE_FACTOR) -> str:
+    """Return the unit that would make the number come out right, as the end of a line."""
+    si = unit_of(channel.name)
+    for name, unit in UNITS.items():
+        if unit.si == si and name != channel.channel.unit and found > 0.0:
+            ratio = found * unit.factor / channel.channel.si_factor / expected if expected else 0.0
+            if 1.0 / factor < ratio < factor:
+                return f": expected unit {name}?"
+    return ": expected the same, is a unit or gain wrong?"
+
+
+def _turning_speed(crank: MeasuredChannel, turn: ModelTurn) -> list[str]:
+    """Compare how fast the crank turns with the model; a machine is run slower and faster, but not ever so much."""
+    if isinstance(crank.channel.gain, str):
+        return []
+    duration_s = float(crank.times_s[-1] - crank.times_s[0])
+    speed, usual = abs(float(crank.values[-1] - crank.values[0])) / duration_s, turn.speed_rad_per_s
+    if usual / SPEED_FACTOR < speed < usual * SPEED_FACTOR:
+        return []
+    return [
+        f"{crank.name} turns at {speed:.4g} rad/s in the mean, the model at {usual:.4g}"
+        f"{_fitting_unit(crank, speed, usual, SPEED_FACTOR)}"
+    ]
+
+
+def _swinging_crank(run: MeasuredRun, crank: MeasuredChannel) -> str | None:
+    for channel in run.channels:
+        if channel is not crank and unit_of(channel.name) == "rad" and np.ptp(channel.values) >= TURN:
+            return (
+                f"{crank.name} swings while {channel.name} turns round: expected the other way round, are they swapped?"
+            )
+    return None
+
+
+def _following(run: MeasuredRun, crank: MeasuredChannel, turn: ModelTurn) -> list[str]:
+    pairs = pairs_with_crank(run, turn)
+    zero = None if crank.channel.zero in (FREE, PER_RUN) else 0.0
+    lines = []
+    for pair in pairs:
+        own = following(turn, pair.channel.name, pair.crank_rad, pair.values, zero)
+        if own.correlation >= FOLLOWS:
+            lines += _scale_line(pair.channel, own)
+            continue
+        other = _better_elsewhere(pair, [each.channel for each in pairs], turn, own, zero)
+        lines.append(
+            f"{pair.channel.name} does not follow the crank as in the model (correlation {own.correlation:.2f}, "
+            f"expected {FOLLOWS:g}): {other or 'another machine, or a wrong channel'}"
+        )
+    return lines
+
+
+def pairs_with_crank(run: MeasuredRun, turn: ModelTurn) -> list[CrankPair]:
+    """Return the positions that the crank moves, each beside the crank angle; none where the crank is not measured."""
+    crank = run.channel(turn.crank)
+    if crank is None:
+        return []
+    pairs = [_paired(channel, crank) for channel in run.channels if channel is not crank and _compares(channel, turn)]
+    return [pair for pair in pairs if len(pair.values) > 2 and np.ptp(pair.values) > 0.0]
+
+
+def _compares(channel: MeasuredChannel, turn: ModelTurn) -> bool:
+    parts = joint_column(channel.name)
+    return (
+        parts is not None
+        and parts.field == "position"
+        and channel.name in turn.led
+        and float(np.ptp(turn.columns[channel.name])) > 0.0
+    )
+
+
+def _paired(channel: MeasuredChannel, crank: MeasuredChannel) -> CrankPair:
+    """Return the channel with the crank angle at its instants, thinned to what a comparison needs."""
+    inside = (channel.times_s >= crank.times_s[0]) & (channel.times_s <= crank.times_s[-1])
+    places = np.flatnonzero(inside)
+    places = places[:: max(1, len(places) // MOST_COMPARED)]
+    return CrankPair(channel, np.interp(channel.times_s[places], crank.times_s, crank.values), channel.values[places])
+
+
+def _scale_line(channel: MeasuredChannel, own: Following) -> list[str]:
+    if isinstance(channel.channel.gain, str) or 1.0 / FACTOR < own.scale < FACTOR:
+        return []
+    fitting = [
+        name
+        for name, unit in UNITS.items()
+        if unit.si == unit_of(channel.name)
+        and 1.0 / FACTOR < own.scale * unit.factor / channel.channel.si_factor < FACTOR
+    ]
+    hint = f"is its unit {' or '.join(fitting)}?" if fitting else "a wrong unit, or another machine?"
+    return [f"{channel.name} swings {own.scale:.3g} times as far as the model's, expected about 1: {hint}"]
+
+
+def _better_elsewhere(
+    pair: CrankPair, channels: list[MeasuredChannel], turn: ModelTurn, own: Following, zero: float | None
+) -> str:
+    """Return that the channel rather is another one of the map, if it is."""
+    for this, other in permutations(channels, 2):
+        if this is not pair.channel or unit_of(other.name) != unit_of(this.name):
+            continue
+        if following(turn, other.name, pair.crank_rad, pair.values, zero).correlation > max(
+            FOLLOWS, own.correlation + CLEARLY
+        ):
+            return f"it follows as {other.name} does, are they swapped?"
+    return ""

@@ -1,0 +1,227 @@
+"""A map proposed for a measurement: by names, by the units in headers, by correlation with the model's own run."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from difflib import SequenceMatcher
+from pathlib import Path
+
+from mech_twin.measurements.blocks import SourceColumn
+from mech_twin.measurements.machine_columns import joint_column, unit_of
+from mech_twin.measurements.measurement_map import Channel, MeasurementMap, Source, TimeSource
+from mech_twin.measurements.units import SCALED_BY_GAIN, UNITS
+
+EXACT, NEAR, UNSURE = 3, 2, 1
+ALIKE = 0.8  # of two words
+FIELD_WORDS: Mapping[str, tuple[str, ...]] = {
+    "position": ("position", "pos", "angle", "travel", "displacement", "stroke", "deg", "rad", "mm", "phi", "theta"),
+    "velocity": ("velocity", "speed", "rate", "vel", "rpm", "omega"),
+    "effort": ("effort", "torque", "moment", "current", "force"),
+}
+JOINT_WORDS: Mapping[str, tuple[str, ...]] = {
+    "crank": ("crank", "wheel", "shaft", "crankshaft", "flywheel", "main", "encoder"),
+    "slider": ("slider", "slide", "piston", "ram", "follower", "stroke", "tree"),
+    "rod": ("rod", "conrod", "coupler"),
+    "coupler": ("coupler", "rod", "conrod"),
+    "rocker": ("rocker", "lever", "hammer"),
+    "motor": ("motor", "drive"),
+    "rotor": ("rotor", "motor", "drive"),
+    "mass": ("mass", "ball", "hammer", "striker", "ram"),
+    "drum": ("drum", "spool", "package", "bobbin"),
+    "yarn": ("yarn", "thread"),
+    "package_radius": ("radius",),
+    "plate": ("plate", "ram"),
+    "pendulum": ("pendulum", "rocker", "lever"),
+    "body": ("body", "housing", "handle"),
+}
+_TWIN_TOPICS = {"linkage": "joint_states", "motor": "motor/joint_states", "body": "body/joint_states"}
+_WRENCH = {"wrench.force.x": "force_x_n", "wrench.force.y": "force_y_n", "wrench.torque.z": "moment_nm"}
+_FIELD_OF_SI = {
+    "rad": "position",
+    "m": "position",
+    "rad/s": "velocity",
+    "m/s": "velocity",
+    "N.m": "effort",
+    "N": "effort",
+    "A": "effort",
+}
+
+
+@dataclass(frozen=True)
+class ProposedChannel:
+    """A channel of the measurement and what it may be, with why."""
+
+    source: Source
+    column: str
+    unit: str | None
+    surety: int
+    reason: str
+    sign: int = 1
+
+
+def proposed_channels(offered: Sequence[SourceColumn], columns: Mapping[str, str]) -> list[ProposedChannel]:
+    """Return what each channel of a measurement may be; of several for one column all but the surest are unsure."""
+    found = [best for each in offered if (best := _best(each, columns)) is not None]
+    taken: dict[str, ProposedChannel] = {}
+    for each in sorted(found, key=lambda item: -item.surety):
+        taken.setdefault(each.column, each)
+    return [
+        each if taken[each.column] is each else _second(each, taken[each.column])
+        for each in found
+        if taken[each.column] is each or taken[each.column].surety < EXACT
+    ]
+
+
+def _second(each: ProposedChannel, first: ProposedChannel) -> ProposedChannel:
+    return replace(each, surety=UNSURE, reason=f"{each.column} is already {first.source.label!r}")
+
+
+def _best(offered: SourceColumn, columns: Mapping[str, str]) -> ProposedChannel | None:
+    rated = [(*_rated(offered, column, si), column) for column, si in columns.items()]
+    surety, likeness, reason, column = max(rated, key=lambda item: (item[0], item[1]), default=(0, 0.0, "", ""))
+    if surety == 0:
+        return None
+    if surety == NEAR and sum(1 for each in rated if each[:2] == (surety, likeness)) > 1:
+        surety, reason = UNSURE, f"{reason}; other columns fit as well"
+    return ProposedChannel(offered.source, column, offered.unit, surety, reason)
+
+
+def _rated(offered: SourceColumn, column: str, si: str) -> tuple[int, float, str]:  # noqa: PLR0911
+    """Return how sure it is that a channel is a column, how much alike they are, and why."""
+    source, parts = offered.source, joint_column(column)
+    if offered.unit is not None and offered.unit not in SCALED_BY_GAIN and UNITS[offered.unit].si != si:
+        return 0, 0.0, ""
+    if source.column == column:
+        return EXACT, 1.0, "the very name"
+    if parts is None:
+        return _rated_wrench(source, column)
+    if source.topic is not None and (source.joint, source.field) == (parts.joint, parts.field):
+        if source.topic.strip("/").endswith(_TWIN_TOPICS[parts.role]):
+            fits = len(_TWIN_TOPICS[parts.role]) / 100.0  # motor/joint_states before joint_states
+            return EXACT, 1.0 + fits, "the twin's own topic"
+        return NEAR, 1.0, "joint and field have the very names"
+    words = re.findall(r"[a-z]+", source.label.lower())
+    field = source.field if source.joint is not None else _field(words, offered.unit)
+    if field != parts.field:
+        return 0, 0.0, ""
+    joint = _likeness(words, JOINT_WORDS.get(re.sub(r"_\d+$", "", parts.joint), (parts.joint,)))
+    role = 0.01 if parts.role == "linkage" else 0.0
+    if joint >= ALIKE:
+        return NEAR, joint + role, "a near name"
+    return (
+        (UNSURE, joint + role, "only the kind of quantity fits")
+        if source.field is not None and joint > 0.5
+        else (0, 0.0, "")
+    )
+
+
+def _rated_wrench(source: Source, column: str) -> tuple[int, float, str]:
+    pin, _, component = column.removeprefix("forces.").rpartition(".")
+    if source.topic is None or _WRENCH.get(source.field or "") != component or not pin:
+        return 0, 0.0, ""
+    topic = source.topic.strip("/")
+    if topic.endswith(f"forces/{pin}"):
+        return EXACT, 1.0, "the twin's own topic"
+    return (NEAR, 1.0, "the topic has the name of the pin") if topic.rpartition("/")[2] == pin else (0, 0.0, "")
+
+
+def _field(words: Sequence[str], unit: str | None) -> str | None:
+    if unit is not None:
+        return _FIELD_OF_SI.get(UNITS[unit].si)
+    return next((field for field, known in FIELD_WORDS.items() if set(words) & set(known)), None)
+
+
+def _likeness(words: Sequence[str], known: Sequence[str]) -> float:
+    """Return how much the likest of the words is like a known one; an earlier known word counts a little more."""
+    best = 0.0
+    for place, name in enumerate(known):
+        for word in words:
+            best = max(best, SequenceMatcher(None, word, name).ratio() - 0.002 * place)
+    return best
+
+
+def map_of(machine: str, time: TimeSource, channels: Sequence[ProposedChannel]) -> MeasurementMap | None:
+    """Return the map of the channels that are sure enough; None where there is none."""
+    sure = [each for each in channels if each.surety > UNSURE]
+    if not sure:
+        return None
+    return MeasurementMap(machine=machine, time=time, channels=tuple(_channel(each) for each in sure))
+
+
+def _channel(proposed: ProposedChannel) -> Channel:
+    tree: dict[str, object] = {
+        "source": proposed.source,
+        "is": proposed.column,
+        "unit": proposed.unit,
+        "sign": proposed.sign,
+    }
+    return Channel.model_validate({**tree, **_unknowns(proposed)})
+
+
+def _unknowns(proposed: ProposedChannel) -> dict[str, object]:
+    """Return zero, gain and lag where they are to be found from the data: what is not by the twin's own names."""
+    if proposed.surety == EXACT:
+        return {}
+    parts = joint_column(proposed.column)
+    unknowns: dict[str, object] = {}
+    if parts is not None and parts.field == "position":
+        unknowns["zero"] = "per_run" if parts.joint in ("crank", "drum", "motor", "rotor") else "free"
+    if proposed.unit in SCALED_BY_GAIN:
+        unknowns["gain"] = "free"
+    if parts is not None and (parts.joint not in ("crank", "drum") or parts.field != "position"):
+        unknowns["lag_s"] = "free"
+    return unknowns
+
+
+def map_text(
+    machine: str,
+    time: TimeSource,
+    channels: Sequence[ProposedChannel],
+    notes: Mapping[str, str],
+    runs: Sequence[Path] = (),
+) -> str:
+    """Return the proposed map as YAML; what is unsure stands in it as a comment.
+
+    Parameters
+    ----------
+    notes : mapping
+        Further words about a channel by the label of its source, such as the correlation found.
+    """
+    clock = ", ".join(f"{key}: {_quoted(value)}" for key, value in time.model_dump(exclude_none=True).items() if value)
+    lines = [f"machine: {machine}", f"time: {{{clock}}}", "channels:"]
+    for each in channels:
+        lead = "  # " if each.surety == UNSURE else "  "
+        remark = "; ".join(word for word in (each.reason, notes.get(each.source.label, "")) if word)
+        place = ", ".join(
+            f"{key}: {_quoted(value)}" for key, value in each.source.model_dump(exclude_none=True).items()
+        )
+        lines += [f"{lead}- source: {{{place}}}   # {remark}", f"{lead}  is: {each.column}"]
+        lines.append(
+            f"{lead}  unit: {each.unit}"
+            if each.unit
+            else f"{lead}  # unit: the name tells none; {unit_of(each.column)} is assumed"
+        )
+        lines += [f"{lead}  sign: -1"] if each.sign < 0 else []
+        lines += [f"{lead}  {key}: {value}" for key, value in _unknowns(each).items()]
+        lines += [f"{lead}  # {remark}" for remark in _remarks(each)]
+    if runs:
+        lines.append(f"runs: [{', '.join(_quoted(str(run)) for run in runs)}]")
+    return "\n".join(lines) + "\n"
+
+
+def _remarks(each: ProposedChannel) -> list[str]:
+    parts = joint_column(each.column)
+    if each.surety == EXACT or parts is None:
+        return []
+    if parts.field == "velocity" and each.source.joint is None:
+        return ["a speed that was differentiated has the lag of that filter, and is not independent of its position"]
+    if parts.field == "effort" and each.unit is None:
+        return ["torque or current? a current has unit: A, and gain: N m per A, or free"]
+    return []
+
+
+def _quoted(value: str) -> str:
+    plain = re.fullmatch(r"[A-Za-z_/][\w/.~-]*", value) is not None
+    return value if plain else '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'

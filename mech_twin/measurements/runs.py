@@ -1,0 +1,138 @@
+"""A measurement read by its map: channels in SI units, each at instants of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from mech_twin.measurements.blocks import Array, Block, RunReader
+from mech_twin.measurements.errors import MeasurementError
+from mech_twin.measurements.machine_columns import is_angle
+from mech_twin.measurements.measurement_map import Channel, MeasurementMap, fixed
+from mech_twin.measurements.quality import FEW_SAMPLES, Quality, QualityGauge
+from mech_twin.measurements.units import TURN
+
+MOST_SAMPLES = 20_000_000  # of all channels of a run together: 320 MB
+BACK_SHARE = 0.01  # of the stamps: more is no measurement
+WRAP = 0.5 * TURN
+ONE_TURN = TURN * (1.0 + 1e-6)
+
+
+@dataclass(frozen=True)
+class MeasuredChannel:
+    """What one sensor tells of the machine in one run.
+
+    Attributes
+    ----------
+    channel : Channel
+        Its line of the map.
+    times_s, values : ndarray
+        Shape (n,): instants of the machine (a known lag taken off) and values in SI units; angles unwrapped.  What is
+        unknown in the map (zero, gain, lag) is not taken off yet.
+    quality : Quality
+        Of all samples, those left out (NaN, repeated stamps, stamps that go back) included.
+    """
+
+    channel: Channel
+    times_s: Array
+    values: Array
+    quality: Quality
+
+    @property
+    def name(self) -> str:
+        """The column of the machine it measures."""
+        return self.channel.quantity
+
+
+@dataclass(frozen=True)
+class MeasuredRun:
+    """One run of a measurement."""
+
+    path: Path
+    channels: tuple[MeasuredChannel, ...]
+
+    def channel(self, name: str) -> MeasuredChannel | None:
+        """Return the first channel that measures a column of the machine, or None."""
+        return next((channel for channel in self.channels if channel.name == name), None)
+
+
+def channel_qualities(reader: RunReader, measurement_map: MeasurementMap) -> list[Quality]:
+    """Return the quality of each channel of a run, in memory that does not grow with the run."""
+    gauges = [QualityGauge() for _ in measurement_map.channels]
+    for block in reader.blocks([channel.source for channel in measurement_map.channels], measurement_map.time):
+        gauges[block.channel].add(block)
+    return [gauge.quality() for gauge in gauges]
+
+
+def read_run(reader: RunReader, measurement_map: MeasurementMap) -> MeasuredRun:
+    """Return a run with its channels in SI units.
+
+    Raises
+    ------
+    MeasurementError
+        A source is not there; a channel has no use (too few samples, constant, stamps that go back); too many samples.
+    """
+    channels = measurement_map.channels
+    gauges = [QualityGauge() for _ in channels]
+    parts: list[list[Block]] = [[] for _ in channels]
+    count = 0
+    for block in reader.blocks([channel.source for channel in channels], measurement_map.time):
+        gauges[block.channel].add(block)
+        parts[block.channel].append(block)
+        count += len(block.times_s)
+        if count > MOST_SAMPLES:
+            raise MeasurementError(reader.path, f"holds more than {MOST_SAMPLES} samples; cut it into several runs")
+    found = zip(channels, parts, (gauge.quality() for gauge in gauges), strict=True)
+    return MeasuredRun(reader.path, tuple(_measured(reader.path, *each) for each in found))
+
+
+def require_usable(path: Path, channel: Channel, quality: Quality) -> None:
+    """Raise where nothing can be made of a channel: too few samples, no number, constant, stamps that go back.
+
+    Raises
+    ------
+    MeasurementError
+        One line with the file, the channel and what was expected.
+    """
+    where = f"channel {channel.source.label!r} ({channel.quantity}):"
+    if quality.samples - quality.nan < FEW_SAMPLES and not channel.quantity.startswith("event."):
+        numbers = quality.samples - quality.nan
+        raise MeasurementError(path, f"{where} {numbers} samples with a number, expected at least {FEW_SAMPLES}")
+    if quality.back > BACK_SHARE * quality.samples:
+        raise MeasurementError(
+            path, f"{where} stamps go back {quality.back} times in {quality.samples} samples, expected rising ones"
+        )
+    if quality.low == quality.high and channel.quantity.endswith(".position"):
+        raise MeasurementError(path, f"{where} constant at {quality.low:.6g}, expected a motion")
+
+
+def _measured(path: Path, channel: Channel, blocks: Sequence[Block], quality: Quality) -> MeasuredChannel:
+    require_usable(path, channel, quality)
+    times = np.concatenate([block.times_s for block in blocks])
+    values = np.concatenate([block.values for block in blocks])
+    if channel.unit == "turn" or (channel.unit or "rad") in ("rad", "deg"):
+        values = _unwrapped(values, channel) if is_angle(channel.quantity) else values
+    finite = np.isfinite(values) & np.isfinite(times)
+    times, values = times[finite], values[finite]
+    latest = np.maximum.accumulate(times)
+    rising = np.concatenate([[True], times[1:] > latest[:-1]])
+    shown = np.asarray(channel.to_machine(values[rising]), dtype=np.float64)
+    return MeasuredChannel(channel, times[rising] - fixed(channel.lag_s, 0.0), shown, quality)
+
+
+def _unwrapped(values: Array, channel: Channel) -> Array:
+    """Return an angle without its jumps by a turn.
+
+    Only one that stays within one turn can be a wrapped one: a counter that goes beyond it never jumps back, and a
+    step of more than half a turn in it is motion.
+    """
+    turn = TURN / channel.si_factor
+    known = np.isfinite(values)
+    if not known.any() or np.ptp(values[known]) > ONE_TURN / channel.si_factor:
+        return values
+    unwrapped = values.copy()
+    unwrapped[known] = np.unwrap(values[known], period=turn)
+    return unwrapped

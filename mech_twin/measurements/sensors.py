@@ -1,0 +1,224 @@
+"""A run seen through sensors: sampled at their own instants, late, noisy, in steps, with losses.
+
+A sensor samples the machine at ``k / rate_hz`` and a jitter, and stamps the sample later by its lag::
+
+    shown(stamp) = sign * x(stamp - lag_s) / gain + zero + noise,   rounded to the quantum
+
+Channels of one topic come in one message, so they share the instants; a column of a table has its own.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from itertools import count
+from math import pi
+from typing import NamedTuple
+
+import numpy as np
+
+from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.engine.trajectory import frame_events, frame_numbers
+from mech_twin.measurements.machine_columns import EVENT, is_angle, is_event
+from mech_twin.measurements.measurement_map import Channel, MeasurementMap, Source
+from mech_twin.samples import Event, Frame
+
+TURN = 2.0 * pi
+LARGEST_JITTER = 0.45  # of the interval: stamps stay in order
+EVENT_FIELDS = {
+    "time": "time_s",
+    "pre_velocity": "pre_velocity_m_per_s",
+    "post_velocity": "post_velocity_m_per_s",
+    "impulse": "impulse_ns",
+}
+
+
+class Reading(NamedTuple):
+    """What sensors of one topic, or one column, show at one instant; the sources in the order of the values."""
+
+    time_s: float
+    sources: tuple[Source, ...]
+    values: tuple[float, ...]
+
+
+@dataclass
+class _Clock:
+    """Channels that are sampled together, and their next instant (of the machine's time)."""
+
+    channels: list[tuple[int, Channel]]
+    random: np.random.Generator
+    index: int = 0
+    at_s: float = 0.0
+    dropped: bool = False
+
+    @property
+    def first(self) -> Channel:
+        return self.channels[0][1]
+
+
+@dataclass
+class SensorBench:
+    """The sensors on a running machine: frames in, readings out, in order of their stamps.
+
+    Parameters
+    ----------
+    sensors : MeasurementMap
+        The channels with what their sensors do; each zero, gain and lag a number.
+    columns : mapping
+        Columns of the machine, by name.
+    step_s : float
+        Coupling step: the sampling interval of a channel without a rate.
+    seed : int
+        Of jitter, noise and losses; each channel and each clock has a generator of its own.
+
+    Raises
+    ------
+    ConfigurationError
+        A zero, gain or lag is no number; channels of one topic differ in rate, jitter, loss or lag.
+    """
+
+    sensors: MeasurementMap
+    columns: Mapping[str, str]
+    step_s: float
+    seed: int = 0
+    _before: dict[str, float] = field(default_factory=dict)
+    _turns: dict[str, float] = field(default_factory=dict)
+    _waiting: list[tuple[float, int, Reading]] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self._number = count()
+        _check_sensors(self.sensors)
+        sampled = [(i, channel) for i, channel in enumerate(self.sensors.channels) if not is_event(channel.quantity)]
+        self._noise = [np.random.default_rng([self.seed, 0, i]) for i in range(len(self.sensors.channels))]
+        self._events = [(i, channel) for i, channel in enumerate(self.sensors.channels) if is_event(channel.quantity)]
+        groups: dict[str, list[tuple[int, Channel]]] = {}
+        for i, channel in sampled:
+            groups.setdefault(channel.source.topic or channel.source.label, []).append((i, channel))
+        self._clocks = [
+            _Clock(group, np.random.default_rng([self.seed, 1, i])) for i, group in enumerate(groups.values())
+        ]
+        self._needed = {channel.quantity for _, channel in sampled}
+        self._angles = {name for name in self._needed if is_angle(name)}
+        self._shortest_lag = min((_number(channel.lag_s) for channel in self.sensors.channels), default=0.0)
+        for clock in self._clocks:
+            self._set_instant(clock)
+
+    def observe(self, frame: Frame) -> Iterator[Reading]:
+        """Take the next frame of the run; yield the readings that are complete by now."""
+        events = frame_events(frame)
+        now = self._row(frame)
+        time_s = now["time_s"]
+        for clock in self._clocks:
+            while clock.at_s <= time_s + 1e-12:
+                if not clock.dropped and clock.at_s >= 0.0:
+                    self._sample(clock, now, smooth=not events)
+                self._advance(clock)
+        for event in events:
+            self._show_event(event)
+        self._before = now
+        yield from self._given_out(time_s + self._shortest_lag)
+
+    def rest(self) -> Iterator[Reading]:
+        """Yield the readings that still wait, at the end of the run."""
+        yield from self._given_out(np.inf)
+
+    def _row(self, frame: Frame) -> dict[str, float]:
+        """Return the columns that are measured, angles without their jumps by a turn."""
+        row = {name: value for name, value in frame_numbers(frame) if name in self._needed or name == "time_s"}
+        for column in self._needed:
+            role, _, rest = column.partition(".")
+            if rest.endswith(".position"):
+                row[f"{column[: -len('position')]}velocity"] = _velocity(frame, role, rest.partition(".")[0])
+        for name in self._angles:
+            jump = row[name] + self._turns.get(name, 0.0) - self._before.get(name, row[name])
+            self._turns[name] = self._turns.get(name, 0.0) - TURN * round(jump / TURN)
+            row[name] += self._turns[name]
+        return row
+
+    def _set_instant(self, clock: _Clock) -> None:
+        interval = self.step_s if clock.first.rate_hz is None else 1.0 / clock.first.rate_hz
+        jitter = clock.random.standard_normal() * clock.first.jitter_s
+        bound = LARGEST_JITTER * interval
+        clock.at_s = clock.index * interval + min(max(jitter, -bound), bound)
+        clock.dropped = clock.random.random() < clock.first.drop
+
+    def _advance(self, clock: _Clock) -> None:
+        clock.index += 1
+        self._set_instant(clock)
+
+    def _sample(self, clock: _Clock, now: Mapping[str, float], *, smooth: bool) -> None:
+        values = []
+        for place, channel in clock.channels:
+            value = self._between(channel.quantity, now, clock.at_s, smooth)
+            values.append(self._shown(place, channel, value))
+        stamp_s = clock.at_s + _number(clock.first.lag_s)
+        self._push(Reading(stamp_s, tuple(channel.source for _, channel in clock.channels), tuple(values)))
+
+    def _between(self, column: str, now: Mapping[str, float], at_s: float, smooth: bool) -> float:
+        """Return a column between the last two frames: cubic with the speeds, straight where an event is between."""
+        before = self._before
+        h = now["time_s"] - before.get("time_s", now["time_s"])
+        if h <= 0.0 or at_s >= now["time_s"]:
+            return now[column]
+        s = (at_s - before["time_s"]) / h
+        straight = before[column] + s * (now[column] - before[column])
+        speed = f"{column[: -len('position')]}velocity"
+        if not smooth or not column.endswith(".position") or speed not in now:
+            return straight
+        rise = now[column] - before[column]
+        return straight + s * (1.0 - s) * ((h * before[speed] - rise) * (1.0 - s) - (h * now[speed] - rise) * s)
+
+    def _shown(self, place: int, channel: Channel, value: float) -> float:
+        shown = float(channel.shown(value)) + (channel.sigma or 0.0) * float(self._noise[place].standard_normal())
+        return round(shown / channel.quantum) * channel.quantum if channel.quantum else shown
+
+    def _show_event(self, event: Event) -> None:
+        together: dict[Source, list[tuple[Source, float]]] = {}
+        stamp_s = event.time_s
+        for place, channel in self._events:
+            _, kind, what = channel.quantity.split(".")
+            if kind != event.kind or self._noise[place].random() < channel.drop:
+                continue
+            value = self._shown(place, channel, getattr(event, EVENT_FIELDS[what]))
+            key = channel.source.model_copy(update={"field": None}) if channel.source.topic else channel.source
+            together.setdefault(key, []).append((channel.source, value))
+            stamp_s = event.time_s + _number(channel.lag_s)
+        for shown in together.values():
+            self._push(Reading(stamp_s, tuple(source for source, _ in shown), tuple(value for _, value in shown)))
+
+    def _push(self, reading: Reading) -> None:
+        heapq.heappush(self._waiting, (reading.time_s, next(self._number), reading))
+
+    def _given_out(self, horizon_s: float) -> Iterator[Reading]:
+        while self._waiting and self._waiting[0][0] <= horizon_s:
+            yield heapq.heappop(self._waiting)[2]
+
+
+def _velocity(frame: Frame, role: str, joint: str) -> float:
+    sample = getattr(frame, role)
+    return float(sample.velocity[sample.joints.index(joint)])
+
+
+def _number(value: float | str) -> float:
+    return float(value)
+
+
+def _check_sensors(sensors: MeasurementMap) -> None:
+    shared: dict[str, tuple[int, Channel]] = {}
+    for place, channel in enumerate(sensors.channels):
+        where = f"sensors: key 'channels.{place}"
+        for key in ("zero", "gain", "lag_s"):
+            value = getattr(channel, key)
+            if isinstance(value, str):
+                raise ConfigurationError(f"{where}.{key}', value {value!r}: expected a number, a sensor has one")
+        if channel.source.topic is None or channel.quantity.startswith(f"{EVENT}."):
+            continue
+        first_place, first = shared.setdefault(channel.source.topic, (place, channel))
+        for key in ("rate_hz", "jitter_s", "drop", "lag_s"):
+            mine, theirs = getattr(channel, key), getattr(first, key)
+            if mine != theirs:
+                raise ConfigurationError(
+                    f"{where}.{key}', value {mine}: expected {theirs} as in channels.{first_place}, both come in one "
+                    f"message of topic {first.source.topic!r}"
+                )

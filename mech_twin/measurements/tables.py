@@ -1,0 +1,220 @@
+"""Tables as measurements: CSV, TSV and Parquet, read block by block."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterator, Sequence
+from difflib import get_close_matches
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mech_twin.dependencies import require_extra
+from mech_twin.measurements.blocks import EPOCH_S, NO_DELAYS, Array, Block, SourceColumn
+from mech_twin.measurements.errors import MeasurementError
+from mech_twin.measurements.measurement_map import Source, TimeSource
+from mech_twin.measurements.units import TIME_UNITS, time_unit_in, unit_in
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+TABLE_SUFFIXES = (".csv", ".tsv", ".txt", ".parquet")
+HEAD_BYTES = 1 << 16
+BLOCK_BYTES = 1 << 20
+BATCH_ROWS = 1 << 16
+TIME_COLUMN = "time_s"
+NO_VALUE = ["", "NA", "N/A", "null", "-"]
+MOST_NAMED = 12  # columns listed in an error
+
+
+def is_table(path: Path) -> bool:
+    """Return whether a path has the name of a table."""
+    return path.suffix.lower() in TABLE_SUFFIXES
+
+
+class TableReader:
+    """A table open for reading; only the columns asked for are converted.
+
+    Parameters
+    ----------
+    path : Path
+        CSV (comma, semicolon or tab between the cells), TSV or Parquet file; without a header, columns are 1, 2, 3...
+
+    Raises
+    ------
+    MeasurementError
+        It cannot be read as such.
+    """
+
+    def __init__(self, path: Path) -> None:
+        require_extra("tables")
+        self.path = path
+        if not path.is_file():
+            raise MeasurementError(path, "there is no such table")
+        self._text = None if path.suffix.lower() == ".parquet" else _TextForm(path)
+        self.columns = tuple(self._parquet().schema_arrow.names) if self._text is None else self._text.columns
+        if not self.columns:
+            raise MeasurementError(path, "has no columns")
+
+    def offered(self) -> list[SourceColumn]:
+        """Return every column but that of the time, with the unit its header names."""
+        time = self.proposed_time().column
+        return [SourceColumn(Source(column=name), unit_in(name)) for name in self.columns if name != time]
+
+    def proposed_time(self) -> TimeSource:
+        """Return the first column named as a time; else the first that rises throughout the head; else the first."""
+        names = [(name, name.strip("%# ").lower()) for name in self.columns]
+        named = next((name for name, word in names if word.startswith(("time", "stamp")) or word in ("t", "t_s")), None)
+        column = named or next((name for name, word in names if time_unit_in(word) is not None), None)
+        if column is None:
+            rising = () if self._text is None else self._text.rising
+            column = rising[0] if rising else self.columns[0]
+        return TimeSource(column=column, unit=time_unit_in(column) or "s")
+
+    def blocks(self, sources: Sequence[Source], time: TimeSource) -> Iterator[Block]:
+        """Yield the samples of these columns; see `RunReader.blocks`."""
+        names = [self._column(source.column or source.label) for source in sources]
+        clock = self._column(time.column or TIME_COLUMN)
+        factor, origin_s = TIME_UNITS[time.unit], None
+        for batch in self._batches(list(dict.fromkeys((clock, *names)))):
+            times, known = _numbers(batch[clock], self.path, clock)
+            if not known.all():
+                times, known = np.where(known, times, np.nan), np.ones(len(known), dtype=bool)
+            if origin_s is None and len(times):
+                first_s = float(times[0]) * factor
+                origin_s = float(np.floor(first_s)) if abs(first_s) > EPOCH_S else 0.0
+            stamps = (times - (origin_s or 0.0) / factor) * factor
+            for place, name in enumerate(names):
+                values, known = _numbers(batch[name], self.path, name)
+                yield Block(place, stamps[known], values[known], NO_DELAYS)
+
+    def _column(self, name: str) -> str:
+        """Return the column of this name; ``%``, ``#`` and blanks around a name do not count."""
+        bare = {column.strip("%# \t\ufeff"): column for column in self.columns}
+        found = name if name in self.columns else bare.get(name.strip("%# \t\ufeff"))
+        if found is not None:
+            return found
+        near = get_close_matches(name, self.columns, 1)
+        hint = f"; did you mean {near[0]!r}?" if near else ""
+        listed = ", ".join(repr(column) for column in self.columns[:MOST_NAMED])
+        raise MeasurementError(self.path, f"has no column {name!r}; expected one of {listed}{hint}")
+
+    def _parquet(self) -> Any:
+        import pyarrow as pa
+        from pyarrow import parquet
+
+        try:
+            return parquet.ParquetFile(self.path)
+        except (pa.ArrowException, OSError) as error:
+            raise MeasurementError(self.path, f"cannot be read as Parquet ({_first_line(error)})") from error
+
+    def _batches(self, names: list[str]) -> Iterator[pa.RecordBatch]:
+        import pyarrow as pa
+
+        try:
+            if self._text is None:
+                yield from self._parquet().iter_batches(batch_size=BATCH_ROWS, columns=names)
+            else:
+                yield from self._text.batches(names)
+        except (pa.ArrowException, OSError) as error:
+            raise MeasurementError(self.path, f"cannot be read as a table: {_first_line(error)}") from error
+
+
+class _TextForm:
+    """How a text table is written: delimiter, decimal sign, names of the columns."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        try:
+            with path.open("rb") as stream:
+                head = stream.read(HEAD_BYTES)
+        except OSError as error:
+            raise MeasurementError(path, f"cannot be read ({error.strerror})") from error
+        if b"\x00" in head:
+            raise MeasurementError(path, "is no text; expected a table of numbers with a header line")
+        lines = head.decode("utf-8-sig", "replace").splitlines()
+        if len(head) == HEAD_BYTES:
+            lines = lines[:-1]
+        if not lines:
+            raise MeasurementError(path, "is empty" if not head else f"has no line end in {HEAD_BYTES} bytes")
+        self._delimiter = _delimiter(lines)
+        rows = list(csv.reader(lines[:50], delimiter=self._delimiter))
+        first = next((i for i, row in enumerate(rows) if _is_data(row, self._delimiter)), None)
+        if first is None:
+            raise MeasurementError(path, "has no line of numbers in its first 50 lines")
+        self._skipped = first
+        cells = len(rows[first])
+        self._decimal = "," if self._delimiter != "," and any("," in cell for cell in rows[first]) else "."
+        names = [name.strip() for name in rows[first - 1]] if first else []
+        names += [f"{i + 1}" for i in range(len(names), cells)]
+        self.columns = tuple(
+            name if name and name not in names[:i] else f"{name or 'column'} {i + 1}"
+            for i, name in enumerate(names[:cells])
+        )
+
+        self.rising = tuple(
+            name for i, name in enumerate(self.columns) if _rises([row[i] for row in rows[first:] if len(row) > i])
+        )
+
+    def batches(self, names: list[str]) -> Iterator[pa.RecordBatch]:
+        """Yield the columns of these names, as floats."""
+        import pyarrow as pa
+        from pyarrow import csv as arrow_csv
+
+        reader = arrow_csv.open_csv(
+            self._path,
+            read_options=arrow_csv.ReadOptions(
+                use_threads=False, block_size=BLOCK_BYTES, skip_rows=self._skipped, column_names=list(self.columns)
+            ),
+            parse_options=arrow_csv.ParseOptions(delimiter=self._delimiter, ignore_empty_lines=True),
+            convert_options=arrow_csv.ConvertOptions(
+                include_columns=names,
+                column_types=dict.fromkeys(names, pa.float64()),
+                null_values=NO_VALUE,
+                decimal_point=self._decimal,
+            ),
+        )
+        with reader:
+            yield from reader
+
+
+def _delimiter(lines: list[str]) -> str:
+    """Return the sign between the cells, by the line in the middle; a comma may be decimal beside the others."""
+    line = lines[len(lines) // 2]
+    return next((sign for sign in "\t;" if sign in line), ",")
+
+
+def _is_data(row: list[str], delimiter: str) -> bool:
+    cells = [cell.strip() for cell in row if cell.strip()]
+    return bool(cells) and sum(map(_is_number, cells)) > len(cells) / 2
+
+
+def _rises(cells: list[str]) -> bool:
+    numbers = [float(cell.replace(",", ".")) for cell in cells if _is_number(cell)]
+    return len(numbers) > 1 and all(after > before for before, after in pairwise(numbers))
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell.replace(",", "."))
+    except ValueError:
+        return False
+    return True
+
+
+def _numbers(column: Any, path: Path, name: str) -> tuple[Array, Any]:
+    """Return a column as floats, and which of its cells hold a value."""
+    import pyarrow as pa
+
+    if pa.types.is_timestamp(column.type):
+        column = column.cast(pa.timestamp("ns")).cast(pa.int64())
+    if not (pa.types.is_floating(column.type) or pa.types.is_integer(column.type) or pa.types.is_boolean(column.type)):
+        raise MeasurementError(path, f"column {name!r} holds {column.type}, expected numbers")
+    known = ~np.asarray(column.is_null(), dtype=bool)
+    return np.asarray(column.cast(pa.float64(), safe=False).fill_null(0.0), dtype=np.float64), known
+
+
+def _first_line(error: Exception) -> str:
+    return " ".join(str(error).split())[:200]

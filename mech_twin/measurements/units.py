@@ -1,0 +1,89 @@
+"""Units of measured channels: kind of quantity and factor to SI."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from math import pi
+from types import MappingProxyType
+from typing import NamedTuple
+
+
+class Unit(NamedTuple):
+    """A unit: the SI unit of its kind of quantity, and how many of those it is."""
+
+    si: str
+    factor: float
+
+
+TURN = 2.0 * pi
+UNITS: Mapping[str, Unit] = MappingProxyType(
+    {
+        "rad": Unit("rad", 1.0),
+        "deg": Unit("rad", pi / 180.0),
+        "turn": Unit("rad", TURN),
+        "rad/s": Unit("rad/s", 1.0),
+        "deg/s": Unit("rad/s", pi / 180.0),
+        "rpm": Unit("rad/s", TURN / 60.0),
+        "rad/s2": Unit("rad/s2", 1.0),
+        "m": Unit("m", 1.0),
+        "mm": Unit("m", 1e-3),
+        "m/s": Unit("m/s", 1.0),
+        "mm/s": Unit("m/s", 1e-3),
+        "m/s2": Unit("m/s2", 1.0),
+        "N": Unit("N", 1.0),
+        "N.m": Unit("N.m", 1.0),
+        "N.s": Unit("N.s", 1.0),
+        "W": Unit("W", 1.0),
+        "s": Unit("s", 1.0),
+        "A": Unit("A", 1.0),
+        "count": Unit("count", 1.0),
+        "1": Unit("1", 1.0),
+    }
+)
+TIME_UNITS: Mapping[str, float] = MappingProxyType({"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0})
+SCALED_BY_GAIN = ("A", "count")  # of any quantity, by a gain that says how much of it one of them is
+
+# how headers of tables write units, in lower case without blanks and brackets
+_SPELLINGS: Mapping[str, str] = MappingProxyType(
+    {
+        **{name.lower(): name for name in UNITS if name != "1"},
+        "degree": "deg", "degrees": "deg", "°": "deg", "°/s": "deg/s", "degree/s": "deg/s", "degrees/s": "deg/s",
+        "rads": "rad", "radian": "rad", "radians": "rad", "radians/s": "rad/s", "rad_per_s": "rad/s", "1/s": "rad/s",
+        "deg_per_s": "deg/s", "rev": "turn", "turns": "turn", "revolutions": "turn", "1/min": "rpm", "u/min": "rpm",
+        "r/min": "rpm", "rev/min": "rpm", "min-1": "rpm", "millimeter": "mm", "millimetre": "mm", "meter": "m",
+        "metre": "m", "m_per_s": "m/s", "mm_per_s": "mm/s", "nm": "N.m", "n*m": "N.m", "n·m": "N.m", "n_m": "N.m",
+        "newton": "N", "amp": "A", "amps": "A", "ampere": "A", "counts": "count", "ticks": "count",
+        "m/s^2": "m/s2", "m/s²": "m/s2", "sec": "s", "second": "s", "seconds": "s", "w": "W",
+    }
+)  # fmt: skip
+_TIME_SPELLINGS = {
+    "sec": "s",
+    "seconds": "s",
+    "second": "s",
+    "msec": "ms",
+    "milliseconds": "ms",
+    "µs": "us",
+    "usec": "us",
+}
+
+
+def unit_in(text: str) -> str | None:
+    """Return the unit that a header names, ``Slide position (mm)`` or ``slide_mm``; None where it names none."""
+    return _found_in(text, _SPELLINGS)
+
+
+def time_unit_in(text: str) -> str | None:
+    """Return the unit of time that a header names, or None."""
+    return _found_in(text, {**{name: name for name in TIME_UNITS}, **_TIME_SPELLINGS})
+
+
+def _found_in(text: str, spellings: Mapping[str, str]) -> str | None:
+    words = text.strip().lower()
+    bracketed = re.findall(r"[(\[{<]\s*([^)\]}>]+?)\s*[)\]}>]", words)
+    endings = [words.split("_", i)[-1] for i in range(words.count("_"), 0, -1)][::-1]
+    for word in (*bracketed[::-1], *endings, words.rpartition(",")[2], words.rpartition(" ")[2]):
+        unit = spellings.get("".join(word.split()))
+        if unit is not None:
+            return unit
+    return None

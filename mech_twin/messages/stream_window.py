@@ -1,0 +1,73 @@
+"""Decimation of a stream of whole samples, in which impacts keep the samples on both their sides.
+
+::
+
+    step      0  1  2  3  4  5  6  7  8  9 10 11 ...        window of 10 steps
+    sent      o                 o  o        o               at step 7 an impact: 6 is before it, 7 after
+"""
+
+from __future__ import annotations
+
+from typing import Generic, TypeVar
+
+Kept = TypeVar("Kept")
+
+STREAM_RATE_HZ = 100.0
+
+
+def steps_per_window(rate_hz: float, step_s: float) -> int:
+    """Return how many coupling steps a window of a stream has: 1 where the rate is that of the steps, or higher."""
+    return max(1, round(1.0 / (rate_hz * step_s)))
+
+
+class StreamWindow(Generic[Kept]):
+    """Which items of a stream go out: the first of each window, those around an impact, and the window's greatest.
+
+    Items go out in order, each at most once.
+
+    Parameters
+    ----------
+    length : int
+        Steps in a window; windows begin at its multiples.
+    """
+
+    def __init__(self, length: int) -> None:
+        self._length = length
+        self._before: Kept | None = None
+        self._greatest: Kept | None = None
+        self._largest = 0.0
+
+    def offer(self, step: int, item: Kept, magnitude: float = 0.0, impact: bool = False) -> tuple[Kept, ...]:
+        """Take the item of a step into account; return what goes out now.
+
+        Parameters
+        ----------
+        step : int
+            Index of the step.
+        item : Kept
+            What there is of it.
+        magnitude : float
+            By which the greatest of a window is found; where it is always 0 there is none.
+        impact : bool
+            Whether something struck in the step that ends here.
+        """
+        begins = step % self._length == 0
+        if begins or impact:
+            due = (*self.rest(), *(() if self._before is None or not impact else (self._before,)), item)
+            self._before = None
+            self._largest = magnitude if begins else max(self._largest, magnitude)
+            return due
+        if magnitude > self._largest:
+            self._largest, self._greatest, self._before = magnitude, item, item
+        else:
+            self._before = item
+        return ()
+
+    def rest(self) -> tuple[Kept, ...]:
+        """Return the greatest of the window so far, if it has not gone out."""
+        greatest, self._greatest = self._greatest, None
+        if greatest is None:
+            return ()
+        if greatest is self._before:
+            self._before = None
+        return (greatest,)

@@ -1,0 +1,99 @@
+"""SIGINT, SIGTERM and SIGHUP: as exceptions where those are safe, or as a request to stop that is asked for later.
+
+Where an exception is not safe (`mech_twin.interruption`) the signal is sent again a little later, or, while a kernel is
+compiled, the process ends at once.
+"""
+
+from __future__ import annotations
+
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import FrameType, TracebackType
+from typing import Any
+
+from mech_twin.interruption import end_at_once, is_in_compiler, is_in_wrapper, send_again
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+EXIT_CODE_BASE = 128
+INTERRUPTED_LINE = "mech-twin: interrupted\n"
+
+Handler = Callable[[int, FrameType | None], None]
+
+
+@contextmanager
+def interruptible() -> Iterator[None]:
+    """Turn SIGINT into KeyboardInterrupt, and SIGTERM and SIGHUP into SystemExit 128 + N, where that is safe."""
+    before = _handled(_raise)
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+class StopSignal:
+    """While this context is open, a signal sets ``asked``; it interrupts only what is marked `interrupting`."""
+
+    def __init__(self) -> None:
+        self.asked = False
+        self._interrupts = False
+        self._before: dict[signal.Signals, Any] = {}
+
+    @contextmanager
+    def interrupting(self) -> Iterator[None]:
+        """Let a signal end what is done here, code 128 + signal number: the process at once while it compiles.
+
+        So nothing may be open here that needs closing; elsewhere than in the compiler it is SystemExit.
+        """
+        self._interrupts = True
+        try:
+            yield
+        finally:
+            self._interrupts = False
+
+    def __enter__(self) -> StopSignal:
+        self._before = _handled(self._on_signal)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Give the signals back; once a stop was asked for, a further Ctrl-C no longer disturbs what it set going."""
+        for number, handler in self._before.items():
+            signal.signal(number, signal.SIG_IGN if self.asked and number == signal.SIGINT else handler)
+
+    def _on_signal(self, number: int, frame: FrameType | None) -> None:
+        self.asked = True
+        if not self._interrupts or _sent_again(number, frame):
+            return
+        if is_in_compiler(frame):
+            end_at_once(EXIT_CODE_BASE + number)
+        self._interrupts = False  # a second one must not interrupt the clearing up
+        raise SystemExit(EXIT_CODE_BASE + number)
+
+
+def _handled(handler: Handler) -> dict[signal.Signals, Any]:
+    """Set the handler of every signal; return those before."""
+    return {number: signal.signal(number, handler) for number in SIGNALS}
+
+
+def _raise(number: int, frame: FrameType | None) -> None:
+    if _sent_again(number, frame):
+        return
+    if is_in_compiler(frame):
+        if number == signal.SIGINT:
+            sys.stderr.write(INTERRUPTED_LINE)
+        end_at_once(EXIT_CODE_BASE + number)
+    if number == signal.SIGINT:
+        raise KeyboardInterrupt
+    raise SystemExit(EXIT_CODE_BASE + number)
+
+
+def _sent_again(number: int, frame: FrameType | None) -> bool:
+    """Send the signal again a little later if an exception is not safe now; return whether that was so."""
+    if is_in_wrapper(frame):
+        send_again(number)
+        return True
+    return False

@@ -1,0 +1,148 @@
+"""Two runs, or two configurations run alike, side by side: settings, numbers and columns that differ."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mech_twin.capabilities.errors import StudyError
+from mech_twin.captions import titled
+
+RESIDUAL = "worst_"  # how the names of residuals in a summary begin
+
+
+class Side(NamedTuple):
+    """One of the two: its label, machine, configuration tree, summary numbers, samples as columns over time.
+
+    ``broken`` names the residuals beyond their limits; residuals are rounding and not compared.
+    """
+
+    label: str
+    machine: str
+    configuration: Mapping[str, Any]
+    summary: Mapping[str, float]
+    broken: tuple[str, ...]
+    samples: Mapping[str, Sequence[float] | NDArray[np.float64]]
+
+
+class Differing(NamedTuple):
+    """A setting or a number of both sides, None where a side has it not; ``relative`` is |a - b| over the larger."""
+
+    name: str
+    first: Any
+    second: Any
+    relative: float
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Settings that differ, every number of the two sides, and the tolerance they were judged by."""
+
+    machine: str
+    labels: tuple[str, str]
+    settings: tuple[Differing, ...]
+    numbers: tuple[Differing, ...]
+    tolerance: float
+
+    @property
+    def beyond(self) -> tuple[Differing, ...]:
+        """Numbers that differ by more than the tolerance."""
+        return tuple(number for number in self.numbers if not number.relative <= self.tolerance)
+
+
+def compared(first: Side, second: Side, tolerance: float = 0.0) -> Comparison:
+    """Return two sides compared.
+
+    Parameters
+    ----------
+    first, second : Side
+        Both of one machine.
+    tolerance : float
+        Relative difference, |a - b| / max(|a|, |b|), up to which two numbers count as equal.
+
+    Raises
+    ------
+    StudyError
+        If they are of different machines, or the tolerance is no number from 0 to 1.
+    """
+    if first.machine != second.machine:
+        raise StudyError(
+            f"{first.label} is of {first.machine}, {second.label} of {second.machine}; expected one machine"
+        )
+    if not 0.0 <= tolerance <= 1.0:
+        raise StudyError(f"tolerance {tolerance:g}: expected 0 to 1, a part of the larger of two numbers")
+    settings = _paired(dict(leaves(first.configuration)), dict(leaves(second.configuration)))
+    return Comparison(
+        first.machine,
+        (first.label, second.label),
+        tuple(setting for setting in settings if setting.first != setting.second),
+        tuple(number for number in _paired(first.summary, second.summary) if not number.name.startswith(RESIDUAL)),
+        tolerance,
+    )
+
+
+def leaves(tree: Mapping[str, Any], path: str = "") -> list[tuple[str, Any]]:
+    """Return every value of a configuration tree under its dotted key."""
+    found: list[tuple[str, Any]] = []
+    for key, value in tree.items():
+        here = f"{path}{key}"
+        found += leaves(value, f"{here}.") if isinstance(value, Mapping) else [(here, value)]
+    return found
+
+
+def _paired(first: Mapping[str, Any], second: Mapping[str, Any]) -> tuple[Differing, ...]:
+    return tuple(
+        Differing(name, first.get(name), second.get(name), relative_difference(first.get(name), second.get(name)))
+        for name in dict.fromkeys((*first, *second))
+    )
+
+
+def relative_difference(first: Any, second: Any) -> float:
+    """Return |a - b| / max(|a|, |b|) of two numbers; 0 for equal values, infinite for what is no pair of numbers."""
+    if first == second:
+        return 0.0
+    if not all(isinstance(value, int | float) for value in (first, second)):
+        return math.inf
+    if math.isnan(first) and math.isnan(second):
+        return 0.0
+    apart = abs(first - second) / max(abs(first), abs(second))
+    return math.inf if math.isnan(apart) else float(apart)
+
+
+def columns_apart(first: Side, second: Side, most: int) -> list[str]:
+    """Return the columns that differ most: greatest distance at a common time over the greatest magnitude."""
+    found: list[tuple[float, str]] = []
+    time, other_time = (np.asarray(side.samples["time_s"]) for side in (first, second))
+    for name in first.samples:
+        if name == "time_s" or name not in second.samples:
+            continue
+        here, there = (np.asarray(side.samples[name], dtype=np.float64) for side in (first, second))
+        shared = time[(time >= other_time[0]) & (time <= other_time[-1])]
+        if not len(shared):
+            continue
+        distance = np.abs(np.interp(shared, time, here) - np.interp(shared, other_time, there)).max()
+        size = max(np.abs(here).max(), np.abs(there).max())
+        if distance > 0.0:
+            found.append((float(distance / size), name))
+    return [name for _, name in sorted(found, key=lambda item: -item[0])[:most]]
+
+
+def drawn_side_by_side(first: Side, second: Side, names: Sequence[str]) -> Any:
+    """Return a picture of columns of both sides over time, one panel a column."""
+    from mech_twin.capabilities.plots import house_style, sheet
+
+    with house_style():
+        figure, all_axes = sheet(len(names), 1, height=1.0 + 1.7 * len(names), sharex=True)
+        for axes, name in zip(all_axes, names, strict=True):
+            for side, line in ((first, "-"), (second, "--")):
+                axes.plot(side.samples["time_s"], side.samples[name], line, label=side.label)
+            role, _, rest = name.partition(".")
+            axes.set_ylabel(f"{role} {titled(rest.replace('.', '_'))}", fontsize=7.5)
+        all_axes[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
+        all_axes[-1].set_xlabel("time [s]")
+    return figure

@@ -1,0 +1,59 @@
+"""A run in one process: the numbers, worst residuals and events gathered frame by frame."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from mech_twin.configuration_tree import configuration_tree
+from mech_twin.engine.invariants import Residual, RunInvariants
+from mech_twin.engine.trajectory import Trajectory, frame_events
+from mech_twin.roles import Machine
+from mech_twin.samples import Event, Frame
+
+
+class Simulation:
+    """What is gathered of a run, frame by frame."""
+
+    def __init__(self, machine: Machine) -> None:
+        self.events: list[Event] = []
+        self.trajectory = Trajectory()
+        self._machine = machine
+        self._observer = machine.observer()
+        self._invariants = RunInvariants(machine)
+
+    def observe(self, frame: Frame) -> None:
+        """Take one frame into account."""
+        self._observer.observe(frame)
+        self._invariants.observe(frame)
+        self.events.extend(frame_events(frame))
+
+    def residuals(self) -> dict[str, Residual]:
+        """Return the worst of each residual, with its limit."""
+        return self._invariants.residuals()
+
+    def summary(self) -> dict[str, float]:
+        """Return the closed-form numbers of a cycle and those of the run so far."""
+        return {**self._machine.report(), **self._observer.numbers()}
+
+    def document(self) -> dict[str, Any]:
+        """Return everything but the samples as plain values."""
+        return {
+            "machine": self._machine.name,
+            "config": configuration_tree(self._machine.parameters),
+            "summary": self.summary(),
+            "residuals": {name: residual._asdict() for name, residual in self.residuals().items()},
+            "events": [event_record(event) for event in self.events],
+        }
+
+
+def event_record(event: Event) -> dict[str, Any]:
+    """Return an event as plain values."""
+    return {
+        "time_s": event.time_s,
+        "kind": event.kind,
+        "contact": event.contact,
+        "pre_velocity_m_per_s": event.pre_velocity_m_per_s,
+        "post_velocity_m_per_s": event.post_velocity_m_per_s,
+        "impulse_ns": event.impulse_ns,
+        "period": event.period,
+    }

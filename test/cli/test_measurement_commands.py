@@ -1,0 +1,196 @@
+"""Measurements on the command line: simulated through sensors, mapped, examined; faults in one line each."""
+
+from __future__ import annotations
+
+import io
+import json
+import sys
+from contextlib import redirect_stderr, redirect_stdout
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+import yaml
+
+from mech_twin.cli.main import main
+
+pytest.importorskip("pyarrow")
+pytestmark = [pytest.mark.usefixtures("ros_domain"), pytest.mark.slow]
+SENSORS: dict[str, Any] = {
+    "machine": "vibration_crank",
+    "time": {"column": "t_ms", "unit": "ms"},
+    "channels": [
+        {
+            "source": {"topic": "/plant/wheel", "joint": "main_shaft", "field": "position", "column": "Wheel (deg)"},
+            "is": "linkage.crank.position", "unit": "deg", "zero": 33.0, "rate_hz": 200.0, "quantum": 0.05,
+        },
+        {
+            "source": {"topic": "/plant/slide", "field": "data", "column": "Slide (mm)"},
+            "is": "linkage.slider.position", "unit": "mm", "sign": -1, "sigma": 0.2, "rate_hz": 90.0,
+            "lag_s": 0.004, "drop": 0.05,
+        },
+        {
+            "source": {"topic": "/plant/foot", "field": "wrench.force.y", "column": "Foot (N)"},
+            "is": "forces.shaking_force_y_n", "rate_hz": 500.0,
+        },
+    ],
+}  # fmt: skip
+CRANK, SLIDER = "linkage.crank.position", "linkage.slider.position"
+
+
+class Result(NamedTuple):
+    code: Any
+    out: str
+    err: str
+
+
+def mech_twin(*words: str | Path) -> Result:
+    output, errors = io.StringIO(), io.StringIO()
+    code: Any = 0
+    with pytest.MonkeyPatch.context() as patch, redirect_stdout(output), redirect_stderr(errors):
+        patch.setattr(sys, "argv", ["mech-twin", *map(str, words)])
+        try:
+            main()
+        except SystemExit as end:
+            code = end.code or 0
+    return Result(code, output.getvalue(), errors.getvalue())
+
+
+def written(path: Path, tree: dict[str, Any]) -> Path:
+    path.write_text(yaml.safe_dump(tree, sort_keys=False), encoding="utf-8")
+    return path
+
+
+class Plant(NamedTuple):
+    map: Path
+    bag: Path
+    table: Path
+
+
+@pytest.fixture(scope="module")
+def plant(tmp_path_factory: pytest.TempPathFactory) -> Plant:
+    folder = tmp_path_factory.mktemp("plant")
+    found = Plant(written(folder / "sensors.yaml", SENSORS), folder / "bag", folder / "run.parquet")
+    words = ("--sensors", found.map, "--bag", found.bag, "--table", found.table, "--seed", "3", "--json")
+    run = mech_twin("simulate", "vibration_crank", "--duration", "2", *words)
+    assert run.code == 0, run.err
+    return found
+
+
+def test_bag_and_table_show_the_same_samples(plant: Plant) -> None:
+    from mech_twin.cli.measurement import given_map, opened_run
+    from mech_twin.measurements.runs import read_run
+
+    given = given_map(plant.map)
+    with opened_run(plant.bag) as bag, opened_run(plant.table) as table:
+        of_bag, of_table = read_run(bag, given), read_run(table, given)
+    for one, other in zip(of_bag.channels, of_table.channels, strict=True):
+        assert np.array_equal(one.values, other.values)
+        assert np.abs(one.times_s - other.times_s).max() < 1e-9  # a stamp holds nanoseconds
+    assert [len(channel.values) for channel in of_bag.channels][::2] == [401, 1001]
+
+
+def test_the_map_that_is_proposed_for_a_table_is_read_and_right(plant: Plant, tmp_path: Path) -> None:
+    out = tmp_path / "map.yaml"
+    found = mech_twin("map", plant.table, "vibration_crank", "--out", out, "--json")
+    assert found.code == 0, found.err
+    document = json.loads(found.out)
+    assert yaml.safe_load(document["map"]) == yaml.safe_load(out.read_text(encoding="utf-8"))
+    wheel, slide = yaml.safe_load(document["map"])["channels"]
+    assert (wheel["is"], wheel["unit"], wheel["zero"]) == (CRANK, "deg", "per_run")
+    assert (slide["is"], slide["unit"], slide["sign"], slide["zero"]) == (SLIDER, "mm", -1, "free")
+    assert document["problems"] == []
+    assert "gaps" in document["channels"][1]["flaws"][0]
+    again = mech_twin("info", plant.table, "--map", out, "--json")
+    assert again.code == 0, again.err
+    assert json.loads(again.out)["channels"] == document["channels"]
+
+
+def test_the_map_that_is_proposed_for_a_bag_names_the_unit_that_is_wrong(plant: Plant) -> None:
+    found = mech_twin("map", plant.bag, "vibration_crank")
+    assert found.code == 0
+    assert "joint: main_shaft" in found.out
+    assert "expected unit deg?" in found.err
+
+
+def test_a_bag_of_the_twins_own_topics_maps_itself(tmp_path: Path) -> None:
+    bag = tmp_path / "bag"
+    assert mech_twin("simulate", "vibration_crank", "--duration", "1", "--bag", bag, "--json").code == 0
+    document = json.loads(mech_twin("map", bag, "vibration_crank", "--json").out)
+    channels = yaml.safe_load(document["map"])["channels"]
+    assert {CRANK, SLIDER, "motor.motor.velocity", "linkage.crank.effort"} <= {channel["is"] for channel in channels}
+    assert all(channel.keys() == {"source", "is"} for channel in channels)
+    assert document["problems"] == []
+
+
+def test_a_table_of_every_sample_holds_the_run(tmp_path: Path) -> None:
+    from pyarrow import parquet
+
+    path = tmp_path / "run.parquet"
+    words = ("simulate", "winding_drum", "--duration", "0.2", "--json", "--samples")
+    samples = json.loads(mech_twin(*words, "--table", path).out)["samples"]
+    assert parquet.read_table(path).to_pydict() == samples
+
+
+def test_a_change_is_recorded_so_that_the_run_can_be_computed_again(tmp_path: Path) -> None:
+    bag = tmp_path / "bag"
+    change = ("--change", "body.spring_rate_n_per_m=-20%@0.15")
+    assert mech_twin("simulate", "mb10_breaker", "--duration", "0.3", "--bag", bag, "--json", *change).code == 0
+    compared = json.loads(mech_twin("replay", bag, "--resimulate", "--json").out)
+    assert compared["identical"]
+    assert (compared["parameter_changes"], compared["steps_compared"]) == (1, 301)
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (("simulate", "vibration_crank", "--duration", "1", "--sensors", "{map}"), ("--sensors", "--bag or --table")),
+        (("simulate", "winding_drum", "--duration", "1", "--sensors", "{map}", "--table", "{new}.csv"), ("'machine'",)),
+        (("simulate", "winding_drum", "--duration", "1", "--table", "{new}.xls"), (".xls", ".parquet")),
+        (("simulate", "winding_drum", "--duration", "1", "--change", "x=1"), ("--change x=1", "KEY=VALUE@SECONDS")),
+        (("map", "{map}.csv", "vibration_crank"), ("no such table",)),
+        (("map", "{table}", "impact_mass"), ("none of its channels", "'Wheel (deg)'", "write the map by hand")),
+        (("map", "{table}", "press"), ("no machine 'press'",)),
+        (("info", "{table}"), ("{table}", "--map")),
+        (("info", "{bag}", "--map", "{table}"), ("{table}", "not UTF-8")),
+    ],
+)  # fmt: skip
+def test_faults_are_told_in_one_line(
+    words: tuple[str, ...], expected: tuple[str, ...], plant: Plant, tmp_path: Path
+) -> None:
+    paths = {"map": plant.map, "bag": plant.bag, "table": plant.table, "new": tmp_path / "new"}
+    found = mech_twin(*(word.format(**paths) for word in words))
+    assert found.code == 2
+    assert found.err.startswith("mech-twin: ")
+    assert found.err.count("\n") == 1
+    for word in expected:
+        assert word.format(**paths) in found.err
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        ({"joint": "sub_shaft"}, ("no joint 'sub_shaft'", "main_shaft")),
+        ({"topic": "/plant/whel"}, ("no topic '/plant/whel'", "did you mean '/plant/wheel'")),
+        ({"topic": "/other/wheel"}, ()),  # matched without the namespace
+        ({"field": "velocity"}, ("no velocity",)),
+        ({"field": "angle"}, ("'angle'", "position, velocity or effort")),
+    ],
+)  # fmt: skip
+def test_what_a_bag_does_not_hold_is_named(
+    change: dict[str, str], expected: tuple[str, ...], plant: Plant, tmp_path: Path
+) -> None:
+    first = SENSORS["channels"][0]
+    tree = {**SENSORS, "channels": [{**first, "source": {**first["source"], **change}}, *SENSORS["channels"][1:]]}
+    found = mech_twin("info", plant.bag, "--map", written(tmp_path / "map.yaml", tree))
+    assert found.code == (2 if expected else 0), found.err
+    assert all(word in found.err for word in expected)
+
+
+def test_a_wrong_map_is_contradicted_by_the_run(plant: Plant, tmp_path: Path) -> None:
+    wrong = [dict(channel) for channel in SENSORS["channels"]]
+    wrong[1]["unit"] = "m"
+    found = mech_twin("info", plant.table, "--map", written(tmp_path / "map.yaml", {**SENSORS, "channels": wrong}))
+    assert found.code == 1
+    assert "is its unit mm?" in found.err

@@ -1,0 +1,179 @@
+"""A run that is none of this machine is said to be so, in one line; one that is passes in silence."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from catalogue import built
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mech_twin.engine.run import frames
+from mech_twin.machines.catalog import CATALOGUE
+from mech_twin.measurements.blocks import NO_DELAYS, Array, Block
+from mech_twin.measurements.errors import MeasurementError
+from mech_twin.measurements.measurement_map import Channel
+from mech_twin.measurements.model_turn import TURN, ModelTurn, following, model_turn
+from mech_twin.measurements.plausibility import implausible
+from mech_twin.measurements.quality import QualityGauge
+from mech_twin.measurements.runs import MeasuredChannel, MeasuredRun, read_run, require_usable
+from mech_twin.measurements.tables import TableReader
+
+MACHINE = "roller_former"  # its two carts can be swapped
+COLUMNS = tuple(
+    f"linkage.{joint}" for joint in ("crank.position", "cart_1.position", "cart_2.position", "crank.velocity")
+)
+
+
+@pytest.fixture(scope="module")
+def turn() -> ModelTurn:
+    found = model_turn(built(MACHINE))
+    assert found is not None
+    return found
+
+
+@pytest.fixture(scope="module")
+def motion() -> dict[str, Array]:
+    rows = [frame.linkage for frame in frames(built(MACHINE), 5.0)][::5]
+    joints = built(MACHINE).linkage.joints
+    found = {f"linkage.{j}.position": np.array([row.position[i] for row in rows]) for i, j in enumerate(joints)}
+    found |= {f"linkage.{j}.velocity": np.array([row.velocity[i] for row in rows]) for i, j in enumerate(joints)}
+    return {"time_s": np.array([row.time_s for row in rows]), **found}
+
+
+def measured(motion: dict[str, Array], *names: str, **keys: Any) -> MeasuredRun:
+    """Return a run whose channels show the columns, perfectly."""
+    found = []
+    for name in names:
+        channel = Channel.model_validate({"source": {"column": name}, "is": name, **keys})
+        gauge = QualityGauge()
+        gauge.add(Block(0, motion["time_s"], motion[name], NO_DELAYS))
+        found.append(MeasuredChannel(channel, motion["time_s"], motion[name], gauge.quality()))
+    return MeasuredRun(Path("run"), tuple(found))
+
+
+def with_values(run: MeasuredRun, name: str, change: Callable[[Array], Array]) -> MeasuredRun:
+    return replace(
+        run, channels=tuple(replace(c, values=change(c.values)) if c.name == name else c for c in run.channels)
+    )
+
+
+def renamed(run: MeasuredRun, names: dict[str, str]) -> MeasuredRun:
+    return replace(
+        run,
+        channels=tuple(
+            replace(c, channel=c.channel.model_copy(update={"quantity": names.get(c.name, c.name)}))
+            for c in run.channels
+        ),
+    )
+
+
+def the_line(found: list[str], *words: str) -> None:
+    assert len(found) == 1
+    assert "\n" not in found[0]
+    for word in words:
+        assert word in found[0]
+
+
+@pytest.mark.parametrize("name", CATALOGUE)
+def test_a_run_of_the_machine_itself_passes(name: str) -> None:
+    machine = built(name)
+    rows = [frame.linkage for frame in frames(machine, 6.0)]
+    own = {"time_s": np.array([row.time_s for row in rows])}
+    for i, joint in enumerate(machine.linkage.joints):
+        own[f"linkage.{joint}.position"] = np.unwrap([row.position[i] for row in rows])
+    moving = [column for column in own if column != "time_s" and np.ptp(own[column]) > 0.0]
+    assert implausible(measured(own, *moving), model_turn(machine)) == []
+
+
+def test_a_wrong_unit_is_named_with_the_right_one(motion: dict[str, Array], turn: ModelTurn) -> None:
+    good = measured(motion, *COLUMNS)
+    the_line(implausible(with_values(good, COLUMNS[1], lambda x: 1e3 * x), turn), COLUMNS[1], "1e+03 times", "mm")
+    the_line(implausible(with_values(good, COLUMNS[3], lambda x: x * 60.0 / TURN), turn), COLUMNS[3], "rpm")
+    in_degrees = with_values(with_values(good, COLUMNS[0], np.degrees), COLUMNS[3], np.degrees)
+    assert any("expected unit deg?" in line for line in implausible(in_degrees, turn))
+
+
+def test_swapped_channels_are_named(motion: dict[str, Array], turn: ModelTurn) -> None:
+    swapped = renamed(measured(motion, *COLUMNS[:3]), {COLUMNS[1]: COLUMNS[2], COLUMNS[2]: COLUMNS[1]})
+    found = implausible(swapped, turn)
+    assert any("swapped" in line for line in found), found
+
+
+def test_a_run_of_another_machine_is_named(motion: dict[str, Array], turn: ModelTurn) -> None:
+    other = with_values(
+        measured(motion, *COLUMNS[:2]), COLUMNS[1], lambda x: np.cos(7.3 * motion["time_s"]) * np.ptp(x) / 2
+    )
+    the_line(implausible(other, turn), COLUMNS[1], "does not follow", "another machine")
+
+
+def test_no_cycle_is_named(motion: dict[str, Array], turn: ModelTurn) -> None:
+    short = {name: values[:40] for name, values in motion.items()}
+    the_line(implausible(measured(short, *COLUMNS[:2]), turn), "no cycle", "of a turn")
+
+
+def test_a_speed_of_the_wrong_sign_is_named(motion: dict[str, Array], turn: ModelTurn) -> None:
+    the_line(
+        implausible(with_values(measured(motion, *COLUMNS), COLUMNS[3], np.negative), turn), "opposite sign", "sign -1"
+    )
+
+
+@settings(max_examples=15)
+@given(st.floats(-6.0, 6.0), st.sampled_from([1, -1]), st.floats(0.2, 3.0))
+def test_zero_sign_and_scale_are_found_by_correlation(zero: float, sign: int, scale: float) -> None:
+    of = model_turn(built("compaction_press"))
+    assert of is not None
+    crank = np.linspace(0.3, 14.0, 800)
+    shown = sign * scale * of.at("linkage.plate.position", crank)
+    found = following(of, "linkage.plate.position", crank + zero, shown)
+    off = (found.crank_zero_rad - zero + 0.5 * TURN) % TURN - 0.5 * TURN
+    assert found.correlation > 0.9999
+    assert (found.sign, found.crank_sign) == (sign, 1)
+    assert abs(off) < 0.01
+    assert found.scale == pytest.approx(scale, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("times", "values", "words"),
+    [
+        (np.arange(3.0), np.arange(3.0), ("3 samples", "expected at least")),
+        (np.arange(50.0), np.full(50, 2.0), ("constant at 2",)),
+        (np.arange(50.0) % 10.0, np.arange(50.0), ("go back 4 times", "50 samples")),
+        (np.arange(50.0), np.full(50, np.nan), ("0 samples with a number",)),
+    ],
+)  # fmt: skip
+def test_a_channel_beyond_use_is_refused(times: Array, values: Array, words: tuple[str, ...]) -> None:
+    gauge = QualityGauge()
+    gauge.add(Block(0, times, values, NO_DELAYS))
+    channel = Channel.model_validate({"source": {"column": "angle"}, "is": "linkage.crank.position"})
+    with pytest.raises(MeasurementError) as refused:
+        require_usable(Path("run.csv"), channel, gauge.quality())
+    assert all(word in str(refused.value) for word in ("run.csv", "angle", *words))
+
+
+def test_wrapped_angles_are_unwrapped_and_counters_are_left_alone(tmp_path: Path) -> None:
+    pytest.importorskip("pyarrow")
+    times = np.arange(400) * 0.01
+    angle = 9.0 * times
+    path = tmp_path / "a.csv"
+    rows = [
+        f"{t},{np.degrees(a) % 360.0},{a / TURN},{3.5 * TURN * i}"
+        for i, (t, a) in enumerate(zip(times, angle, strict=True))
+    ]
+    path.write_text("t,wrapped,turns,fast\n" + "\n".join(rows), encoding="utf-8")
+    channels = [
+        {"source": {"column": name}, "is": "linkage.crank.position", "unit": unit}
+        for name, unit in (("wrapped", "deg"), ("turns", "turn"), ("fast", "rad"))
+    ]
+    from mech_twin.measurements.measurement_map import MeasurementMap
+
+    tree = {"machine": MACHINE, "time": {"column": "t"}, "channels": channels}
+    wrapped, turns, fast = read_run(TableReader(path), MeasurementMap.model_validate(tree)).channels
+    assert wrapped.values == pytest.approx(angle, abs=1e-9)
+    assert turns.values == pytest.approx(angle, abs=1e-9)
+    assert np.diff(fast.values) == pytest.approx(np.full(399, 3.5 * TURN))

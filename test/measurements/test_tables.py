@@ -1,0 +1,128 @@
+"""Tables of any dialect give the same numbers, block by block."""
+
+from __future__ import annotations
+
+import csv
+import tracemalloc
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mech_twin.measurements.blocks import Array
+from mech_twin.measurements.errors import MeasurementError
+from mech_twin.measurements.measurement_map import Source, TimeSource
+from mech_twin.measurements.tables import TableReader
+
+pytest.importorskip("pyarrow")
+NAMES = ("Time (ms)", "angle (deg)", "force [N]")
+
+
+def numbers(rows: int = 300) -> Array:
+    return (
+        np.random.default_rng(7).normal(size=(rows, 3)).round(6) + [[0.0, 0.0, 5.0]] * rows + np.arange(rows)[:, None]
+    )
+
+
+def table(path: Path, rows: Array, names: tuple[str, ...] = NAMES, delimiter: str = ",", decimal: str = ".") -> Path:
+    with path.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.writer(stream, delimiter=delimiter)
+        if names:
+            writer.writerow(names)
+        writer.writerows([[str(cell).replace(".", decimal) for cell in row] for row in rows.tolist()])
+    return path
+
+
+def read(path: Path, names: tuple[str, ...], time: TimeSource) -> list[tuple[Array, Array]]:
+    blocks = list(TableReader(path).blocks([Source(column=name) for name in names], time))
+    mine = [[block for block in blocks if block.channel == place] for place in range(len(names))]
+    return [(np.concatenate([b.times_s for b in of]), np.concatenate([b.values for b in of])) for of in mine]
+
+
+@pytest.mark.parametrize(
+    ("suffix", "delimiter", "decimal"),
+    [(".csv", ",", "."), (".csv", ";", "."), (".csv", ";", ","), (".tsv", "\t", "."), (".txt", "\t", ",")],
+)
+def test_every_dialect_gives_the_same_numbers(suffix: str, delimiter: str, decimal: str, tmp_path: Path) -> None:
+    rows = numbers()
+    path = table(tmp_path / f"a{suffix}", rows, delimiter=delimiter, decimal=decimal)
+    reader = TableReader(path)
+    assert reader.columns == NAMES
+    assert reader.proposed_time() == TimeSource(column="Time (ms)", unit="ms")
+    assert [item.unit for item in reader.offered()] == ["deg", "N"]
+    (times, values), (_, forces) = read(path, NAMES[1:], reader.proposed_time())
+    assert np.array_equal(values, rows[:, 1])
+    assert np.array_equal(forces, rows[:, 2])
+    assert np.allclose(times, rows[:, 0] * 1e-3, rtol=1e-15)
+
+
+def test_parquet_gives_the_numbers_and_leaves_out_empty_cells(tmp_path: Path) -> None:
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    path = tmp_path / "a.parquet"
+    parquet.write_table(pa.table({"t": [0.0, 1.0, 2.0], "x": [1.0, None, float("nan")], "n": [1, 2, 3]}), path)
+    (times, values), (_, counted) = read(path, ("x", "n"), TimeSource(column="t"))
+    assert times.tolist() == [0.0, 2.0]
+    assert values[0] == 1.0
+    assert np.isnan(values[1])
+    assert counted.tolist() == [1.0, 2.0, 3.0]
+
+
+def test_a_table_without_a_header_has_numbered_columns_and_its_rising_one_is_the_time(tmp_path: Path) -> None:
+    rows = np.array([[5.0, 1.0, 0.1], [4.0, 2.0, 0.2], [6.0, 1.5, 0.3]])
+    reader = TableReader(table(tmp_path / "a.csv", rows, names=()))
+    assert reader.columns == ("1", "2", "3")
+    assert reader.proposed_time().column == "3"
+
+
+def test_signs_of_comment_around_a_name_do_not_count(tmp_path: Path) -> None:
+    path = table(tmp_path / "a.tsv", numbers(), ("%Time (s)", "x", "remark 3:10 PM"), "\t")
+    ((_, values),) = read(path, ("x",), TimeSource(column="Time (s)"))
+    assert len(values) == 300
+
+
+def test_epoch_times_keep_their_resolution(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("t,x\n" + "".join(f"{1_700_000_000 + i * 0.25},{i}\n" for i in range(8)), encoding="utf-8")
+    ((times, _),) = read(path, ("x",), TimeSource(column="t"))
+    assert times.tolist() == [i * 0.25 for i in range(8)]
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", ("is empty",)),
+        ("a,b\n", ("no line of numbers",)),
+        ("t,x\n0,1\n1,two\n2,3\n", ("two",)),
+        ("t,x\n0,1\n1,2,3\n2,3\n", ("columns",)),
+        ("t,y\n0,1\n1,2\n", ("no column 'x'", "'t', 'y'")),
+        ("\x00\x01\x02", ("no text",)),
+    ],
+)  # fmt: skip
+def test_a_bad_table_is_refused_in_one_line(text: str, words: tuple[str, ...], tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(MeasurementError) as refused:
+        read(path, ("x",), TimeSource(column="t"))
+    assert "\n" not in str(refused.value)
+    assert all(word in str(refused.value) for word in (str(path), *words))
+
+
+def test_a_long_table_is_read_in_bounded_memory(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    line = "".join(f"{i * 0.001:.3f},{i % 977},0.125,0.25\n" for i in range(20_000))
+    with path.open("w", encoding="utf-8") as stream:
+        stream.write("t,x,y,z\n")
+        for _ in range(25):
+            stream.write(line)
+    tracemalloc.start()
+    try:
+        count = sum(
+            len(block.values) for block in TableReader(path).blocks([Source(column="x")], TimeSource(column="t"))
+        )
+        _, most = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert count == 500_000
+    assert most < 0.5 * 16 * count  # half of what time and column alone would take

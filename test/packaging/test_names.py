@@ -1,0 +1,37 @@
+"""A name stands for one thing: no two classes of the package share one, and no file is called after nothing."""
+
+from __future__ import annotations
+
+import ast
+from collections import defaultdict
+from collections.abc import Iterator
+from pathlib import Path
+
+PACKAGE = Path(__file__).resolve().parents[2] / "mech_twin"
+SAYS_NOTHING = {"utils", "util", "helpers", "helper", "common", "manager", "misc", "data", "base", "core"}
+LONGEST_FILE = 400  # lines; a file of one purpose has about 300
+
+
+def modules() -> Iterator[tuple[Path, ast.Module]]:
+    for path in sorted(PACKAGE.rglob("*.py")):
+        yield path, ast.parse(path.read_text(encoding="utf-8"))
+
+
+def test_no_two_classes_share_a_name() -> None:
+    where: dict[str, list[str]] = defaultdict(list)
+    for path, tree in modules():
+        for node in ast.walk(tree):
+            if isinstance(node, ast.ClassDef):
+                where[node.name].append(str(path.relative_to(PACKAGE)))
+    assert len(where) > 100
+    assert {name: places for name, places in where.items() if len(places) > 1} == {}
+
+
+def test_no_file_or_folder_has_a_name_that_says_nothing() -> None:
+    named = {path.stem for path, _ in modules()} | {path.name for path in PACKAGE.rglob("*") if path.is_dir()}
+    assert named & SAYS_NOTHING == set()
+
+
+def test_no_file_is_too_long_to_read() -> None:
+    lengths = {path.relative_to(PACKAGE): len(path.read_text(encoding="utf-8").splitlines()) for path, _ in modules()}
+    assert {path: lines for path, lines in lengths.items() if lines > LONGEST_FILE} == {}

@@ -1,0 +1,52 @@
+"""Live parameters changed at a time: checked before the run, in force from the first step at or after it."""
+
+from __future__ import annotations
+
+import pytest
+from catalogue import built
+
+from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.engine.run import frames
+from mech_twin.parameters.live_change import ChangingMachine, live_changes
+
+KEY = "body.spring_rate_n_per_m"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [KEY, f"{KEY}=1", f"{KEY}@3", f"{KEY}=@3", "=3@4", f"{KEY}=5@soon", f"{KEY}=5@-1", f"{KEY}=x%@1", f"{KEY}=nan%@1"],
+)
+def test_a_change_of_another_form_is_refused(text: str) -> None:
+    with pytest.raises(ConfigurationError, match="KEY=VALUE@SECONDS"):
+        live_changes([text])
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("body.spring_rate_n_per_m=-150%@1", ("spring_rate_n_per_m", "greater than or equal to 1")),
+        ("crank_m=1@1", ("expected a live key of mb10_breaker", KEY)),
+        ("body.sprung=1@1", ("expected a live key",)),
+    ],
+)
+def test_a_change_the_machine_refuses_is_named(text: str, words: tuple[str, ...]) -> None:
+    with pytest.raises(ConfigurationError) as refused:
+        ChangingMachine(built("mb10_breaker"), live_changes([text]))
+    assert all(word in str(refused.value) for word in words)
+
+
+def test_shares_multiply_what_is_in_force() -> None:
+    machine = built("mb10_breaker")
+    changing = ChangingMachine(machine, live_changes([f"{KEY}=+50%@2", f"{KEY}=-20%@1", f"{KEY}=40000@3"]))
+    before = machine.parameters.body.spring_rate_n_per_m  # type: ignore[attr-defined]
+    rates = [changing.at(step).parameters.body.spring_rate_n_per_m for step in (0, 999, 1000, 1999, 2000, 3000)]  # type: ignore[attr-defined]
+    assert rates == pytest.approx([before, before, 0.8 * before, 0.8 * before, 1.2 * before, 40000.0], rel=1e-15)
+
+
+def test_a_run_is_the_same_until_the_change_and_another_after() -> None:
+    machine = built("vibration_crank")
+    changing = ChangingMachine(machine, live_changes(["working_force_n=500@0.05"]))
+    plain = [frame.forces.quantities["drive_torque_nm"] for frame in frames(machine, 0.1)]
+    changed = [frame.forces.quantities["drive_torque_nm"] for frame in frames(machine, 0.1, machine_at=changing.at)]
+    assert changed[:50] == plain[:50]
+    assert all(one != other for one, other in zip(changed[50:], plain[50:], strict=True))

@@ -1,0 +1,159 @@
+"""The functions of ``import mech_twin as mt``: what they return is what the rooms below give, with units."""
+
+import csv
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import mech_twin as mt
+from mech_twin.capabilities.errors import StudyError
+from mech_twin.captions import unit_of
+from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.engine.run import frames
+from mech_twin.engine.trajectory import Trajectory
+from mech_twin.machines.catalog import CATALOGUE
+from mech_twin.parameters.load import machine as built_machine
+from mech_twin.results import Columns
+
+
+def test_importing_the_package_loads_neither_machines_nor_ros():
+    asked = "import sys, mech_twin; print(sorted({'numba', 'scipy', 'rclpy', 'matplotlib'} & set(sys.modules)))"
+    assert subprocess.run([sys.executable, "-c", asked], capture_output=True, text=True, check=True).stdout == "[]\n"
+
+
+@pytest.mark.parametrize("name", CATALOGUE)
+def test_samples_of_a_run_are_those_of_the_engine(name):
+    machine = built_machine(name)
+    expected = Trajectory()
+    for frame in frames(machine, 0.02):
+        expected.append(frame)
+    run = mt.simulate(name, 0.02)
+    assert {key: column.tolist() for key, column in run.samples.items()} == expected.columns()
+    assert run.parameters == machine.parameters
+    assert run.sound
+
+
+def test_settings_change_the_machine_that_runs():
+    usual, changed = (
+        mt.simulate("mb10_breaker", 0.0),
+        mt.simulate("mb10_breaker", 0.0, {"motor.rated_speed_rpm": 1410.0}),
+    )
+    assert changed.parameters.motor.rated_speed_rpm == 1410.0
+    assert changed.summary["rated_crank_speed_rad_per_s"] < usual.summary["rated_crank_speed_rad_per_s"]
+
+
+def test_a_wrong_key_is_refused_by_name():
+    with pytest.raises(ConfigurationError, match=r"spring_rat\b"):
+        mt.simulate("mb10_breaker", 0.0, {"body.spring_rat": 1.0})
+
+
+@pytest.mark.parametrize("duration", [-1.0, float("nan"), float("inf")])
+def test_an_impossible_duration_is_refused(duration):
+    with pytest.raises(StudyError, match="duration_s"):
+        mt.simulate("mb10_breaker", duration)
+
+
+def test_a_run_can_be_recorded_and_is_not_overwritten_unasked(tmp_path, ros_domain):
+    from mech_twin.recording.bag_reader import bag_info
+
+    mt.simulate("compaction_press", 0.02, bag=tmp_path / "bag")
+    assert bag_info(tmp_path / "bag").finished
+    with pytest.raises(Exception, match="bag"):
+        mt.simulate("compaction_press", 0.02, bag=tmp_path / "bag")
+
+
+def test_columns_cannot_be_changed():
+    run = mt.simulate("compaction_press", 0.01)
+    with pytest.raises(ValueError, match="read-only"):
+        run.samples["time_s"][0] = 1.0
+
+
+def test_a_missing_column_is_named_with_its_neighbours():
+    run = mt.simulate("compaction_press", 0.0)
+    with pytest.raises(KeyError, match="time_s"):
+        run.samples["times"]
+
+
+def test_units_are_those_the_names_end_in():
+    assert unit_of("forces.drive_torque_nm") == "N m"
+    assert unit_of("rated_crank_speed_rad_per_s") == "rad/s"
+    assert unit_of("linkage.crank.position") == ""
+    assert unit_of("rated_slip") == ""
+
+
+@settings(deadline=None, max_examples=20)
+@given(st.lists(st.floats(allow_nan=False), min_size=1, max_size=20))
+def test_tables_hold_the_same_bits(values):
+    columns = Columns("trial", "time_s", {"time_s": range(len(values)), "force_n": values})
+    table, frame = columns.to_arrow(), columns.to_pandas()
+    assert table.column("force_n").to_numpy().tobytes() == columns["force_n"].tobytes()
+    assert table.schema.field("force_n").metadata == {b"unit": b"N"}
+    assert frame["force_n"].to_numpy(dtype=np.float64).tobytes() == columns["force_n"].tobytes()
+    assert frame.attrs["units"]["force_n"] == "N"
+
+
+def test_a_picture_has_one_unit_in_a_panel():
+    run = mt.simulate("compaction_press", 0.05)
+    figure = run.plot("forces.drive_torque_nm", "linkage.crank.velocity", "motor.motor.velocity")
+    labels = [axes.get_ylabel() for axes in figure.axes]
+    assert labels == ["drive torque [N m]", "velocity"]
+    assert [len(axes.lines) for axes in figure.axes] == [1, 2]
+    assert figure.axes[-1].get_xlabel() == "time [s]"
+
+
+def test_nothing_that_varies_gives_no_picture():
+    with pytest.raises(ValueError, match="no column that varies"):
+        Columns("trial", "time_s", {"time_s": [0.0, 1.0], "force_n": [2.0, 2.0]}).plot()
+
+
+def test_the_analysis_is_the_machines_own():
+    found, machine = mt.analyse("compaction_press", positions=4), built_machine("compaction_press")
+    assert dict(found.summary) == machine.report()
+    assert found.cycle["crank_rad"].tolist() == pytest.approx([0.0, np.pi / 2, np.pi, 1.5 * np.pi])
+    assert found.cycle["drive_torque_nm"][1] == machine.analyse(np.pi / 2)["drive_torque_nm"]
+
+
+def test_a_sweep_holds_what_each_point_gives_alone():
+    keys = {"motor.rated_speed_rpm": [1410.0, 1430.0], "motor.rated_power_w": [1500.0]}
+    table = mt.sweep("mb10_breaker", keys, outputs=["rated_torque_nm"], cores=1)
+    alone = [mt.analyse("mb10_breaker", {"motor.rated_speed_rpm": speed}, positions=1) for speed in (1410.0, 1430.0)]
+    assert table["rated_torque_nm"].tolist() == [found.summary["rated_torque_nm"] for found in alone]
+    assert table["refused"].tolist() == ["", ""]
+
+
+def test_a_sweep_is_the_table_that_the_study_writes(tmp_path):
+    from mech_twin.studies import sweep
+
+    keys = {"motor.rated_speed_rpm": [1410.0, 1430.0]}
+    done = sweep("mb10_breaker", keys, tmp_path / "points.csv", picture=False, cores=1)
+    table = mt.sweep("mb10_breaker", keys, cores=1)
+    with done.table.open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    assert list(rows[0]) == list(table)
+    assert [float(row["rated_torque_nm"]) for row in rows] == table["rated_torque_nm"].tolist()
+
+
+def test_sizes_and_published_rows_are_those_of_the_studies():
+    from mech_twin.studies import reproduce, size
+
+    assert mt.size("compaction_press").sizes == size("compaction_press").sizes
+    assert mt.reproduce("vibration_crank") == reproduce("vibration_crank")
+    with pytest.raises(StudyError, match="name of a machine"):
+        mt.reproduce(settings={"motor.rated_speed_rpm": 900.0})
+
+
+def test_the_examples_of_the_documentation_run(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    root = Path(__file__).parents[1]
+    pages = [(root / name).read_text(encoding="utf-8") for name in ("docs/python.md", "README.md")]
+    blocks = [block for page in pages for block in re.findall(r"```python\n(.*?)```", page, re.DOTALL)]
+    for block in (block for block in blocks if "import mech_twin" in block):
+        exec(compile(block, "documentation", "exec"), {})
+    assert {path.name for path in tmp_path.iterdir()} == {"run.png", "torque.png"}
+    assert " N\n" in capsys.readouterr().out
