@@ -11,7 +11,7 @@ except ImportError:  # Ubuntu's setuptools, which colcon uses on a native instal
     bdist_wheel = None
 
 PACKAGE = "mech_twin"
-NODES = ("motor_node", "linkage_node", "force_node", "body_node", "recorder_node", "viewer_node")
+NODES = ("motor_node", "linkage_node", "force_node", "body_node", "frames_node", "recorder_node", "viewer_node")
 LAUNCHER = """#!/bin/sh
 exec "$(dirname -- "$0")/../../bin/$(basename -- "$0")" "$@"
 """
@@ -63,6 +63,8 @@ setup(
         (f"share/{PACKAGE}", ["package.xml"]),
         (f"share/{PACKAGE}/config", files("config", "*.*")),
         (f"share/{PACKAGE}/launch", files("launch", "*.launch.py")),
+        (f"share/{PACKAGE}/rviz", files("rviz", "*.rviz")),
+        (f"share/{PACKAGE}/foxglove", files("foxglove", "*.json")),
     ],
     # lower bounds: the oldest set with which the fast tests pass (docs/releasing.md says how that is tried)
     install_requires=[
@@ -81,6 +83,7 @@ setup(
         "test": [
             "pytest", "pytest-timeout", "pytest-cov", "pytest-xdist", "hypothesis", "mpmath", "playwright", "psutil",
             "rosbags", "pandas", "ruff", "mypy", "import-linter", "types-PyYAML", "colcon-common-extensions",
+            "urdf-parser-py",
         ],
         "bench": ["pytest-benchmark", "pylinkage", "mujoco"],
         "docs": ["mkdocs<2", "mkdocs-material", "mkdocstrings", "mkdocstrings-python"],

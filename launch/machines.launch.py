@@ -13,7 +13,14 @@ from launch import LaunchContext, LaunchDescription
 from mech_twin.nodes import launch_plan
 
 ONE = Path(__file__).with_name("twin.launch.py")
-SHARED = {"pace": "realtime", "duration": "0", "use_sim_time": "false", "discovery": "", "respawn": "false"}
+SHARED = {
+    "pace": "realtime",
+    "duration": "0",
+    "use_sim_time": "false",
+    "discovery": "",
+    "respawn": "false",
+    "frames": "true",
+}
 
 
 def each(context: LaunchContext) -> list:

@@ -126,6 +126,12 @@ def generate_launch_description() -> LaunchDescription:
                 choices=list(launch_plan.SWITCH),
                 description="start a node that died again; it rejoins the run",
             ),
+            DeclareLaunchArgument(
+                "frames",
+                default_value="true",
+                choices=list(launch_plan.SWITCH),
+                description="publish TF and the robot description",
+            ),
             DeclareLaunchArgument("record", default_value="", description="recording directory; empty makes none"),
             DeclareLaunchArgument("view", default_value="", description="viewer address or NAME.rrd; empty shows none"),
             OpaqueFunction(function=started),

@@ -21,7 +21,7 @@ from mech_twin.results import Analysis, Columns, Numbers, Run
 
 if TYPE_CHECKING:
     from mech_twin.capabilities.design import Design
-    from mech_twin.capabilities.published import Row
+    from mech_twin.capabilities.published import PublishedRow
     from mech_twin.capabilities.sizing import Sizing
 
 Settings = Mapping[str, Any]
@@ -229,7 +229,7 @@ def search(
 
 def reproduce(
     machine: str | None = None, settings: Settings | None = None, *, config: FilePath | None = None
-) -> tuple[Row, ...]:
+) -> tuple[PublishedRow, ...]:
     """Return every published number beside the computed one: of all machines, or of one, as configured here."""
     from mech_twin.studies import reproduce as reproduced
 

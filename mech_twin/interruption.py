@@ -5,10 +5,12 @@ from __future__ import annotations
 import os
 import sys
 import threading
-from signal import pthread_kill
+from signal import SIGHUP, SIGINT, SIGTERM, pthread_kill
 from types import FrameType
 from typing import NoReturn
 
+SIGNALS = (SIGINT, SIGTERM, SIGHUP)
+EXIT_CODE_BASE = 128  # of a process that a signal ends, and its number
 RETRY_S = 0.001
 COMPILER = ("numba", "llvmlite")
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, runtime_checkable
 
 from mech_twin.quantity import Parameters
 from mech_twin.samples import BodySample, ForceSample, Frame, LinkageSample, MotorSample, Shape
@@ -17,8 +17,9 @@ from mech_twin.samples import BodySample, ForceSample, Frame, LinkageSample, Mot
 if TYPE_CHECKING:
     from mech_twin.capabilities.design import DesignQuestion
     from mech_twin.capabilities.long_run import RegimeQuestion, SynthesisQuestion
+    from mech_twin.capabilities.mechanism import FrameTree
     from mech_twin.capabilities.plots import Picture
-    from mech_twin.capabilities.published import Row
+    from mech_twin.capabilities.published import PublishedRow
     from mech_twin.capabilities.sizing import SizingQuestion
 
 
@@ -92,6 +93,25 @@ class LinkageRole(Protocol):
 
     def advance(self, linkage: LinkageSample, motor: MotorSample, body: BodySample | None) -> LinkageSample:
         """Return the linkage one coupling step later, its own events located inside the step."""
+        ...
+
+
+class CrankState(NamedTuple):
+    """A measured crank: angle (rad), speed (rad/s), acceleration (rad/s2); and the body's, where it is measured."""
+
+    crank_rad: float
+    crank_rad_per_s: float
+    crank_rad_per_s2: float
+    body_rad: float | None = None
+    body_rad_per_s: float = 0.0
+
+
+@runtime_checkable
+class GuidedLinkage(Protocol):
+    """A linkage whose whole state follows from the motion of its crank (inverse dynamics)."""
+
+    def guided(self, step: int, time_s: float, motion: CrankState) -> LinkageSample:
+        """Return the linkage in this motion, with the torque at the crank that the motion needs."""
         ...
 
 
@@ -179,6 +199,10 @@ class Machine:
         ``analyse(crank_rad)``: every angle, speed, force and constant at one position.
     observer : callable
         A fresh observer for one run.
+    mechanism : FrameTree
+        Frames of the links and pins, for TF and for the robot description; None where there are none.
+    rests_when_supplied : bool
+        Whether the drive stands still now and then in ordinary running, so that standing is no sign of a stall.
     """
 
     name: str
@@ -192,6 +216,8 @@ class Machine:
     report: Callable[[], dict[str, float]]
     analyse: Callable[[float], dict[str, Any]]
     observer: Callable[[], Observer]
+    mechanism: FrameTree | None = None
+    rests_when_supplied: bool = False
 
 
 @dataclass(frozen=True)
@@ -214,7 +240,7 @@ class Capabilities:
         Long-run regimes over the values of a key.
     """
 
-    published: Callable[[Any], Iterable[Row]] | None = None
+    published: Callable[[Any], Iterable[PublishedRow]] | None = None
     pictures: Callable[[Any], Iterable[Picture]] | None = None
     sizing: SizingQuestion | None = None
     design: DesignQuestion | None = None

@@ -13,10 +13,8 @@ from contextlib import contextmanager
 from types import FrameType, TracebackType
 from typing import Any
 
-from mech_twin.interruption import end_at_once, is_in_compiler, is_in_wrapper, send_again
+from mech_twin.interruption import EXIT_CODE_BASE, SIGNALS, end_at_once, is_in_compiler, is_in_wrapper, send_again
 
-SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-EXIT_CODE_BASE = 128
 INTERRUPTED_LINE = "mech-twin: interrupted\n"
 
 Handler = Callable[[int, FrameType | None], None]

@@ -25,7 +25,7 @@ Measure = Literal["relative", "absolute", "below", "above", "none"]
 
 
 @dataclass(frozen=True)
-class Row:
+class PublishedRow:
     """A published number beside the computed one.
 
     ``error`` is what ``measure`` says: relative (computed/published - 1), absolute (computed - published), or how far
@@ -66,16 +66,16 @@ def error_of(computed: float, published: float, measure: Measure) -> float:
 
 
 @dataclass(frozen=True)
-class Source:
+class Literature:
     """Writes rows of one source, figure or equation, and inputs."""
 
     source: str
     item: str
     inputs: str
 
-    def at(self, item: str, inputs: str | None = None) -> Source:
+    def at(self, item: str, inputs: str | None = None) -> Literature:
         """Return the same source at another figure or equation, with other inputs if given."""
-        return Source(self.source, item, self.inputs if inputs is None else inputs)
+        return Literature(self.source, item, self.inputs if inputs is None else inputs)
 
     def gated(
         self,
@@ -87,7 +87,7 @@ class Source:
         relative: float | None = None,
         absolute: float | None = None,
         verdict: Verdict = REPRODUCED,
-    ) -> Row:
+    ) -> PublishedRow:
         """Return a row that must hold: within a relative or an absolute tolerance."""
         measure: Measure = "relative" if relative is not None else "absolute"
         tolerance = relative if relative is not None else absolute
@@ -95,22 +95,22 @@ class Source:
 
     def limit(
         self, quantity: str, published: float, computed: float, reason: str, side: Literal["below", "above"]
-    ) -> Row:
+    ) -> PublishedRow:
         """Return a row that must hold: the computed value on this side of a published limit."""
         return self._row(quantity, published, computed, side, 0.0, REPRODUCED, reason, gated=True)
 
     def reported(
         self, quantity: str, published: float, computed: float, verdict: Verdict, reason: str, *, absolute: bool = False
-    ) -> Row:
+    ) -> PublishedRow:
         """Return a row that shows its real error and gates nothing; it cannot claim to be reproduced."""
         if verdict in (REPRODUCED, CHANGED):
             raise ValueError(f"{quantity}: a row without a tolerance is not '{verdict}'")
         measure: Measure = "absolute" if absolute else "relative"
         return self._row(quantity, published, computed, measure, None, verdict, reason, gated=False)
 
-    def unknown(self, quantity: str, computed: float | None, reason: str) -> Row:
+    def unknown(self, quantity: str, computed: float | None, reason: str) -> PublishedRow:
         """Return a row for something published without the numbers it needs."""
-        return Row(
+        return PublishedRow(
             self.source, self.item, quantity, self.inputs, None, computed, None, "none", None, NO_DATA, reason, False
         )
 
@@ -125,11 +125,11 @@ class Source:
         reason: str,
         *,
         gated: bool,
-    ) -> Row:
+    ) -> PublishedRow:
         error = error_of(computed, published, measure)
         size = error if measure in ("below", "above") else abs(error)
         keeps = tolerance is None or (math.isfinite(error) and size <= tolerance)
-        return Row(
+        return PublishedRow(
             self.source,
             self.item,
             quantity,

@@ -18,7 +18,7 @@ from mech_twin.parameters.load import file_tree
 from mech_twin.parameters.load import machine as built_machine
 from mech_twin.roles import Machine
 from mech_twin.samples import Frame
-from mech_twin.studies.side_by_side import Comparison, Side, columns_apart, compared, drawn_side_by_side
+from mech_twin.studies.side_by_side import ComparedRun, Comparison, columns_apart, compared, drawn_side_by_side
 from mech_twin.studies.simulation import Simulation
 
 APART = 1
@@ -66,7 +66,7 @@ def _is_recording(name: str) -> bool:
     return name not in CATALOGUE and Path(name).suffix not in CONFIGURATIONS
 
 
-def _simulated(name: str, duration_s: float) -> Side:
+def _simulated(name: str, duration_s: float) -> ComparedRun:
     """Return a configuration, or a machine as installed, run from rest."""
     config = None if name in CATALOGUE else Path(name)
     kind = name if config is None else str(file_tree(config).get("machine", ""))
@@ -81,7 +81,7 @@ def _simulated(name: str, duration_s: float) -> Side:
     return _side(name, machine, simulation)
 
 
-def _recorded(bag: Path) -> Side:
+def _recorded(bag: Path) -> ComparedRun:
     """Return a recording; of an incomplete step nothing is used."""
     from mech_twin.nodes.domain import settle_domain
 
@@ -113,8 +113,8 @@ def _recorded(bag: Path) -> Side:
     return _side(str(bag), machine, simulation)
 
 
-def _side(label: str, machine: Machine, simulation: Simulation) -> Side:
-    return Side(
+def _side(label: str, machine: Machine, simulation: Simulation) -> ComparedRun:
+    return ComparedRun(
         label,
         machine.name,
         configuration_tree(machine.parameters),
@@ -124,7 +124,7 @@ def _side(label: str, machine: Machine, simulation: Simulation) -> Side:
     )
 
 
-def _draw(sides: list[Side], picture: Path, *, force: bool) -> None:
+def _draw(sides: list[ComparedRun], picture: Path, *, force: bool) -> None:
     names = columns_apart(sides[0], sides[1], PANELS)
     if not names:
         say(f"{picture}: not drawn, no column differs")

@@ -8,7 +8,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from mech_twin.dependencies import missing_extra
-from mech_twin.stop_signal import EXIT_CODE_BASE, INTERRUPTED_LINE, interruptible
+from mech_twin.interruption import EXIT_CODE_BASE
+from mech_twin.stop_signal import INTERRUPTED_LINE, interruptible
+from mech_twin.surroundings import lacking
 
 EXIT_CODE = 2
 INTERRUPTED = EXIT_CODE_BASE + signal.SIGINT
@@ -29,6 +31,10 @@ def report_cli_errors() -> Iterator[None]:
         sys.stderr.write(INTERRUPTED_LINE)
         raise SystemExit(INTERRUPTED) from None
     except Exception as error:
+        lack = lacking(error)
+        if lack is not None:
+            sys.stderr.write(f"mech-twin: {lack}\n")
+            raise SystemExit(EXIT_CODE) from error
         if not _is_input_error(error):
             raise
         sys.stderr.write(f"mech-twin: {' '.join(_message(error).split())}\n")

@@ -11,9 +11,8 @@ from mech_twin import __version__
 from mech_twin.cli.failure import INTERRUPTED, CommandError, report_cli_errors
 from mech_twin.cli.many_values import ManyValues
 from mech_twin.cli.study import study_app
-from mech_twin.interruption import end_at_once
+from mech_twin.interruption import EXIT_CODE_BASE, end_at_once
 from mech_twin.output_file import check_output_directory
-from mech_twin.stop_signal import EXIT_CODE_BASE
 
 app = typer.Typer(
     name="mech-twin",
@@ -66,8 +65,10 @@ def list_machines(json: Json = False) -> None:
 @app.command()
 def run(
     machine: MachineName = "mb10_breaker",
-    pace: Annotated[str, typer.Option(help="realtime or max")] = "realtime",
-    duration: Annotated[float, typer.Option(help="simulated time in s; 0: until stopped", min=0.0)] = 0.0,
+    pace: Annotated[str | None, typer.Option(help="realtime or max [run.pace, else realtime]")] = None,
+    duration: Annotated[
+        float | None, typer.Option(help="simulated time in s; 0: until stopped [run.duration_s, else 0]", min=0.0)
+    ] = None,
     record: Annotated[Path | None, typer.Option(help="recording directory [recordings/MACHINE-DATE]")] = None,
     no_record: Annotated[bool, typer.Option("--no-record", help="do not record")] = False,
     view: Annotated[str, typer.Option(help="web, none, or a file NAME.rrd to write")] = "web",
@@ -164,11 +165,27 @@ def replay(
         bool, typer.Option("--analyse", help="recompute the forces from the recorded motion and compare")
     ] = False,
     resimulate: Annotated[bool, typer.Option("--resimulate", help="recompute the whole run and compare")] = False,
+    given_map: MapFile = None,
+    config: Config = None,
+    tolerance: Annotated[
+        float | None, typer.Option(help="with --map: share by which a channel may be off the model", min=0.0)
+    ] = None,
     json: Json = False,
 ) -> None:
     """Replay a recording on its topics, or recompute it and compare bit for bit (exit code 1: different)."""
     if analyse and resimulate:
         raise CommandError("--analyse and --resimulate exclude each other: forces alone, or the whole run")
+    if given_map is not None:
+        if not analyse:
+            raise CommandError(
+                f"--map {given_map}: a measured run has no topics of the twin; expected --analyse beside it"
+            )
+        from mech_twin.cli.measured_run import analyse_measured
+
+        analyse_measured(bag, given_map, config, tolerance, as_json=json)
+        return
+    if config is not None or tolerance is not None:
+        raise CommandError("--config and --tolerance go with --analyse --map: a recording of the twin holds its own")
     if analyse or resimulate:
         from mech_twin.cli.recompute import recompute_bag
 
@@ -182,14 +199,16 @@ def replay(
 @app.command()
 def view(
     bag: Bag,
+    given_map: MapFile = None,
+    config: Config = None,
     save: Annotated[Path | None, typer.Option(help="write a file NAME.rrd instead of opening the view")] = None,
     port: Annotated[int, typer.Option(help="port of the web view; 0: any free port", min=0, max=65535)] = 0,
     force: Force = False,
 ) -> None:
-    """Show a recording in the viewer."""
+    """Show a recording in the viewer; with a map, the mechanism in a measured motion."""
     from mech_twin.cli.view import view_bag
 
-    view_bag(bag, save, port, force=force)
+    view_bag(bag, save, port, given_map, config, force=force)
 
 
 @app.command()
@@ -242,6 +261,26 @@ def compare(
     from mech_twin.cli.compare import compare_sides
 
     compare_sides(first, second, tolerance, duration, picture, all_numbers=all_numbers, force=force, as_json=json)
+
+
+@app.command()
+def identify(
+    machine: MachineName,
+    runs: Annotated[list[Path], typer.Argument(help="runs: bags or tables")],
+    given_map: Annotated[Path, typer.Option("--map", help="map of the runs (see `mech-twin map`)")],
+    free: Annotated[list[str] | None, typer.Option(metavar="KEY", help="length to be found; several times")] = None,
+    hold_out: Annotated[Path | None, typer.Option(help="run that scores the fit [the last of three or more]")] = None,
+    out: Annotated[Path | None, typer.Option(help="file of the configuration found")] = None,
+    config: Config = None,
+    settings: Settings = None,
+    force: Force = False,
+    json: Json = False,
+) -> None:
+    """Find lengths of a crank mechanism from measured positions, with intervals and a held-out score."""
+    from mech_twin.cli.identify import IdentifyRequest, identify_machine
+
+    asked = IdentifyRequest(machine, runs, given_map, free or [], hold_out, config, settings or [], out, force, json)
+    identify_machine(asked)
 
 
 @app.command()

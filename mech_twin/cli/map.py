@@ -44,7 +44,7 @@ def propose_map(measurement: Path, machine: str, out: Path | None, *, force: boo
     notes: dict[str, str] = {}
     if run is not None and turn is not None:
         channels, notes = _signed(channels, run, turn)
-        problems += implausible(run, turn)
+        problems += implausible(_with_signs(run, channels), turn)
     text = map_text(machine, time, channels, notes)
     _write(text, out, force, quiet=as_json)
     if as_json:
@@ -81,6 +81,17 @@ def _signed(
     return [
         replace(each, sign=signs.get(each.source.label, 1)) if each.surety > UNSURE else each for each in channels
     ], notes
+
+
+def _with_signs(run: MeasuredRun, channels: Sequence[ProposedChannel]) -> MeasuredRun:
+    """Return the run, read without signs, as the proposed map reads it."""
+    turned = {each.source.label for each in channels if each.sign < 0}
+    return replace(
+        run,
+        channels=tuple(
+            replace(each, values=-each.values) if each.channel.source.label in turned else each for each in run.channels
+        ),
+    )
 
 
 def _write(text: str, out: Path | None, force: bool, *, quiet: bool) -> None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from mech_twin.cli.console import print_csv, say_result
 
 if TYPE_CHECKING:
-    from mech_twin.capabilities.published import Row
+    from mech_twin.capabilities.published import PublishedRow
 
 WIDE_COLUMNS = (
     "source",
@@ -29,7 +29,7 @@ NARROW = 80
 STYLES = {"reproduced": "green", "reproduced with a stated change": "green", "not reproduced": "bold red"}
 
 
-def show_rows(rows: Sequence[Row]) -> None:
+def show_rows(rows: Sequence[PublishedRow]) -> None:
     """Write quantity, numbers, error and verdict, a table for each source and its figures; why not, where not."""
     from rich.console import Console
     from rich.markup import escape
@@ -55,7 +55,7 @@ def show_rows(rows: Sequence[Row]) -> None:
     show_counts(rows)
 
 
-def show_wide_rows(rows: Sequence[Row]) -> None:
+def show_wide_rows(rows: Sequence[PublishedRow]) -> None:
     """Write every column: as wide as it needs to be where no terminal sets the width."""
     from rich.console import Console
     from rich.table import Table
@@ -70,12 +70,12 @@ def show_wide_rows(rows: Sequence[Row]) -> None:
     show_counts(rows)
 
 
-def write_csv(rows: Sequence[Row]) -> None:
+def write_csv(rows: Sequence[PublishedRow]) -> None:
     """Write every column as comma-separated values."""
     print_csv(WIDE_COLUMNS, [_cells(row) for row in rows])
 
 
-def show_counts(rows: Sequence[Row]) -> None:
+def show_counts(rows: Sequence[PublishedRow]) -> None:
     """Write how many rows have which verdict, and how many of those that gate keep their tolerance."""
     for verdict in dict.fromkeys(row.verdict for row in rows):
         say_result(f"{sum(row.verdict == verdict for row in rows):5d}  {verdict}")
@@ -83,7 +83,7 @@ def show_counts(rows: Sequence[Row]) -> None:
     say_result(f"{sum(row.holds for row in gated)} of {len(gated)} checks within tolerance")
 
 
-def _cells(row: Row) -> tuple[str, ...]:
+def _cells(row: PublishedRow) -> tuple[str, ...]:
     return (
         row.source,
         row.figure_or_equation,
@@ -98,7 +98,7 @@ def _cells(row: Row) -> tuple[str, ...]:
     )
 
 
-def _verdict(row: Row) -> str:
+def _verdict(row: PublishedRow) -> str:
     style = STYLES.get(row.verdict, "yellow")
     return f"[{style}]{row.verdict}[/]"
 
@@ -111,13 +111,13 @@ def _number(value: float | None) -> str:
     return "-" if value is None else f"{value:.7g}"
 
 
-def _error(row: Row) -> str:
+def _error(row: PublishedRow) -> str:
     if row.error is None:
         return "-"
     return f"{100.0 * row.error:+.3g} %" if row.measure == "relative" else f"{row.error:+.3g}"
 
 
-def _tolerance(row: Row) -> str:
+def _tolerance(row: PublishedRow) -> str:
     if row.tolerance is None:
         return "shown" if row.published is not None else "-"
     if row.measure in ("below", "above"):

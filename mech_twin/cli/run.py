@@ -25,6 +25,7 @@ from mech_twin.studies.simulation import event_record
 
 if TYPE_CHECKING:
     from mech_twin.nodes.composition import Outcome
+    from mech_twin.nodes.options import RunOptions
 
 PACES = ("realtime", "max")
 
@@ -33,8 +34,8 @@ class RunRequest(NamedTuple):
     """Arguments of the command."""
 
     machine: str
-    pace: str
-    duration_s: float
+    pace: str | None
+    duration_s: float | None
     record: Path | str | None
     view: str
     view_port: int
@@ -66,25 +67,34 @@ def _run(request: RunRequest, parameters: Parameters, directory: Path | None, de
         say(_exposure_warning(discovery))
     from mech_twin.nodes.composition import run_in_process
     from mech_twin.nodes.multi_process import run_processes
-    from mech_twin.nodes.options import RunOptions
 
-    configured = run_group(request.machine, request.config, assignments(request.settings))
-    asked = {
-        "pace": request.pace,
-        "duration_s": request.duration_s,
-        "recorder": directory is not None,
-        "viewer": destination is not None,
-    }
-    try:
-        options = RunOptions.model_validate({**configured, **asked})
-    except ValidationError as error:
-        raise refusal(f"{RUN_GROUP} group", error) from error
+    options = run_options(request, recorder=directory is not None, viewer=destination is not None)
     if directory is not None:
         remove_recording(directory)
         say(f"recording to {directory}")
     say("starting (the first run compiles the numerical kernels, which takes up to a minute)")
     run_nodes = run_processes if request.processes else run_in_process
     return run_nodes(request.machine, parameters, options, directory, destination, request.namespace)
+
+
+def run_options(request: RunRequest, *, recorder: bool, viewer: bool) -> RunOptions:
+    """Return how the nodes are run: what an option says, else what the group ``run`` of the configuration says.
+
+    Raises
+    ------
+    ConfigurationError
+        If the group does not validate.
+    """
+    from mech_twin.nodes.options import RunOptions
+
+    configured = {"pace": PACES[0]} | run_group(request.machine, request.config, assignments(request.settings))
+    said = {"pace": request.pace, "duration_s": request.duration_s}
+    asked = {name: value for name, value in said.items() if value is not None}
+    try:
+        RunOptions.model_validate(configured)  # what an option replaces is no reason to let it pass
+        return RunOptions.model_validate({**configured, **asked, "recorder": recorder, "viewer": viewer})
+    except ValidationError as error:
+        raise refusal(f"{RUN_GROUP} group", error) from error
 
 
 def _exposure_warning(discovery: str) -> str:
@@ -98,9 +108,9 @@ def _exposure_warning(discovery: str) -> str:
 
 
 def _check(request: RunRequest) -> None:
-    if request.pace not in PACES:
+    if request.pace is not None and request.pace not in PACES:
         raise CommandError(f"--pace {request.pace}: expected {' or '.join(PACES)}")
-    if not math.isfinite(request.duration_s):
+    if request.duration_s is not None and not math.isfinite(request.duration_s):
         raise CommandError(f"--duration {request.duration_s}: expected a finite number of seconds")
     if request.view not in ("web", "none") and not request.view.endswith(".rrd"):
         raise CommandError(f"--view {request.view}: expected web, none or a file NAME.rrd")

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from mech_twin.cli.console import progress, say
 from mech_twin.cli.failure import CommandError
@@ -23,24 +24,30 @@ if TYPE_CHECKING:
 WAIT_S = 0.05
 
 
-def view_bag(bag: Path, save: Path | None, port: int, *, force: bool) -> None:
-    """Show a recording in the viewer until stopped, or write it to a file."""
+def view_bag(
+    bag: Path,
+    save: Path | None,
+    port: int,
+    map_file: Path | None = None,
+    config: Path | None = None,
+    *,
+    force: bool,
+) -> None:
+    """Show a recording, or by a map a measured run, in the viewer until stopped, or write it to a file."""
     if save is not None and save.suffix != ".rrd":
         raise CommandError(f"--save {save}: expected a file NAME.rrd")
     if save is not None:
         check_output_file(save, force=force)
     settle_domain()
-    from mech_twin.recording.bag_reader import open_bag
-    from mech_twin.recording.bag_samples import BagSamples
     from mech_twin.stop_signal import StopSignal
     from mech_twin.view.rerun_scene import RerunScene
 
     with ExitStack() as stack:
         stop = stack.enter_context(StopSignal())
-        samples = BagSamples(stack.enter_context(open_bag(bag)))
+        shown = _recorded(stack, bag) if map_file is None else _measured(bag, map_file, config)
         file = None if save is None else stack.enter_context(written_file(save, force=force))
-        scene = stack.enter_context(RerunScene(samples.machine, grpc_url=_viewer(stack, save, port), rrd_path=file))
-        _show(scene, samples, stop)
+        scene = stack.enter_context(RerunScene(shown.machine, grpc_url=_viewer(stack, save, port), rrd_path=file))
+        shown.show(scene, stop)
         scene.close()
         if save is not None and stop.asked:
             raise KeyboardInterrupt  # an incomplete file is not kept
@@ -50,6 +57,28 @@ def view_bag(bag: Path, save: Path | None, port: int, *, force: bool) -> None:
         say("complete; press Ctrl-C to close the view")
         while not stop.asked:
             time.sleep(WAIT_S)
+
+
+class _Shown(NamedTuple):
+    """A run to show: the name of its machine, and what puts it into the scene."""
+
+    machine: str
+    show: Callable[[RerunScene, StopSignal], None]
+
+
+def _recorded(stack: ExitStack, bag: Path) -> _Shown:
+    from mech_twin.recording.bag_reader import open_bag
+    from mech_twin.recording.bag_samples import BagSamples
+
+    samples = BagSamples(stack.enter_context(open_bag(bag)))
+    return _Shown(samples.machine, lambda scene, stop: _show(scene, samples, stop))
+
+
+def _measured(measurement: Path, map_file: Path, config: Path | None) -> _Shown:
+    from mech_twin.cli.measured_run import read_measured, show_measured
+
+    read = read_measured(measurement, map_file, config)
+    return _Shown(read.machine.name, lambda scene, stop: show_measured(scene, read, stop))
 
 
 def _viewer(stack: ExitStack, save: Path | None, port: int) -> str | None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from math import pi
+from math import isnan, pi
 from typing import Any
 
 import numpy as np
@@ -24,8 +24,9 @@ from mech_twin.engine.crank_state import (
     Transmission,
     crank_drive,
 )
-from mech_twin.engine.crank_step import FAILURES, KINDS, NO_TORQUE, TurnedCrank, start_row
+from mech_twin.engine.crank_step import FAILURES, KINDS, NO_TORQUE, TurnedCrank, guided_row, sign_of, start_row
 from mech_twin.engine.sample_vectors import EventLayout, LinkageLayout
+from mech_twin.roles import CrankState
 from mech_twin.samples import LinkageSample
 
 TURN = 2.0 * pi
@@ -92,3 +93,20 @@ class CrankLinkage(CompiledLinkage):
         if not start_row(self.model, float(self.start_angle), speed, command, self.start_regime, out):
             raise failed(self.failures, NO_TORQUE, step * self.step_s)
         return self.layout.sample(step, step * self.step_s, out.tolist(), ())
+
+    def guided(self, step: int, time_s: float, motion: CrankState) -> LinkageSample:
+        """Return the linkage in a measured motion of its crank, with the torque at the crank that it needs."""
+        f, w, e = map(float, motion[:3])
+        out, regime = np.empty(self.layout.size), self._regime_at(f, sign_of(w))
+        if not guided_row(self.model, f, w, e, float(self.start_command), regime, out):
+            raise failed(self.failures, NO_TORQUE, time_s)
+        return self.layout.sample(step, time_s, out.tolist(), ())
+
+    def _regime_at(self, f: float, sense: float) -> int:
+        """Return the regime of a crank that came to an angle in this sense: the one after the last boundary it met."""
+        passed = [
+            (TURN * ((sense * (f - boundary.angle) / TURN) % 1.0), boundary.after)
+            for boundary in self.boundaries
+            if boundary.direction == sense and not isnan(boundary.angle)
+        ]
+        return min(passed)[1] if passed else self.start_regime

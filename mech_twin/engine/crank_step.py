@@ -407,6 +407,14 @@ def start_row(model: TurnedCrank, f: float, w: float, command: float, regime: in
     return fill_row(model, s, command, held, math.nan, 0.0, out)
 
 
+@kernel
+def guided_row(model: TurnedCrank, f: float, w: float, e: float, command: float, regime: int, out: Array) -> bool:
+    """Fill the row of a crank in a given motion (rad, rad/s, rad/s2); return whether its torque is finite."""
+    s = np.zeros(STATES)
+    s[F], s[W], s[E], s[SENSE], s[AT_REGIME], s[SHARE] = f, w, e, sign_of(w), regime, 1.0
+    return fill_row(model, s, command, 0.0, math.nan, 0.0, out)
+
+
 @step_of(linkage_step, TurnedCrank)
 def crank_step(
     model: TurnedCrank, step: int, linkage: Array, motor: Array, body: Array, out: Array, log: Array

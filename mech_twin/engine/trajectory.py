@@ -5,30 +5,39 @@ from __future__ import annotations
 from array import array
 from collections.abc import Iterator
 
-from mech_twin.samples import BodySample, Event, Frame, LinkageSample
+from mech_twin.samples import BodySample, Event, ForceSample, Frame, LinkageSample, MotorSample
 
 
 def frame_numbers(frame: Frame) -> Iterator[tuple[str, float]]:
     """Yield every number of a frame under the name of its column."""
     yield "time_s", frame.linkage.time_s
     for role, sample in (("linkage", frame.linkage), ("motor", frame.motor), ("body", frame.body)):
-        if sample is None:
-            continue
-        for i, joint in enumerate(sample.joints):
-            yield f"{role}.{joint}.position", sample.position[i]
-            yield f"{role}.{joint}.velocity", sample.velocity[i]
-            yield f"{role}.{joint}.effort", sample.effort[i]
+        if sample is not None:
+            yield from joint_numbers(role, sample)
     yield "linkage.regime", float(frame.linkage.regime)
     yield "motor.command", frame.motor.command
-    for pin, wrench in zip(frame.forces.pins, frame.forces.wrenches, strict=True):
-        for name, value in zip(wrench._fields, wrench, strict=True):
-            yield f"forces.{pin}.{name}", value
-    for name, value in frame.forces.quantities.as_dict().items():
-        yield f"forces.{name}", value
+    yield from force_numbers(frame.forces)
     if frame.body is not None:
         yield "forces.body_moment_nm", frame.forces.body_moment_nm
         yield "body.pressing_force_n", frame.body.pressing_force_n
         yield "body.regime", float(frame.body.regime)
+
+
+def joint_numbers(role: str, sample: LinkageSample | MotorSample | BodySample) -> Iterator[tuple[str, float]]:
+    """Yield position, velocity and effort of each joint of a role under the names of their columns."""
+    for i, joint in enumerate(sample.joints):
+        yield f"{role}.{joint}.position", sample.position[i]
+        yield f"{role}.{joint}.velocity", sample.velocity[i]
+        yield f"{role}.{joint}.effort", sample.effort[i]
+
+
+def force_numbers(forces: ForceSample) -> Iterator[tuple[str, float]]:
+    """Yield every pin reaction and derived quantity under the names of their columns."""
+    for pin, wrench in zip(forces.pins, forces.wrenches, strict=True):
+        for name, value in zip(wrench._fields, wrench, strict=True):
+            yield f"forces.{pin}.{name}", value
+    for name, value in forces.quantities.as_dict().items():
+        yield f"forces.{name}", value
 
 
 def frame_events(frame: Frame) -> tuple[Event, ...]:

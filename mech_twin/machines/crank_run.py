@@ -19,7 +19,7 @@ TURN = 2.0 * pi
 SETTLED = 1e-3  # relative difference of the mean speeds of two turns that follow each other
 
 
-class Instant(NamedTuple):
+class RunSums(NamedTuple):
     """Sums since the start of a run: time (s), crank angle (rad), work (J), what the motor has done."""
 
     time_s: float
@@ -67,10 +67,10 @@ class CrankRun:
     def __init__(self, motor: MotorConstants | None) -> None:
         self._motor = motor
         self._whole, self._turn, self._last_turn = Extremes(), Extremes(), Extremes()
-        self._first: Instant | None = None
-        self._now: Instant | None = None
+        self._first: RunSums | None = None
+        self._now: RunSums | None = None
         self._rates = Rates(0.0, 0.0, MotorState(0.0, 0.0, 0.0))
-        self._turns: list[Instant] = []  # the last three instants at which a turn was complete
+        self._turns: list[RunSums] = []  # the last three instants at which a turn was complete
         self._memory: Memory | None = None
         self._counts: dict[str, int] = {}
 
@@ -91,14 +91,14 @@ class CrankRun:
         for event in linkage.events:
             self._counts[event.kind] = self._counts.get(event.kind, 0) + 1
 
-    def _sums(self, time_s: float, angle: float, rates: Rates) -> Instant:
+    def _sums(self, time_s: float, angle: float, rates: Rates) -> RunSums:
         work = 0.0 if self._memory is None else self._memory.drive_work_j
         if self._now is None:
-            self._first = Instant(time_s, angle, work, MotorDuty())
+            self._first = RunSums(time_s, angle, work, MotorDuty())
             self._turns = [self._first]
             return self._first
         past, span = self._now, time_s - self._now.time_s
-        return Instant(time_s, angle, work, duty_after(past.duty, self._rates.motor, rates.motor, span))
+        return RunSums(time_s, angle, work, duty_after(past.duty, self._rates.motor, rates.motor, span))
 
     def _motor_state(self, frame: Frame) -> MotorState:
         if self._motor is None:
@@ -107,7 +107,7 @@ class CrankRun:
         synchronous = frame.motor.command * self._motor.synchronous_speed_rad_per_s
         return MotorState(torque, speed, synchronous - speed)
 
-    def _complete_turns(self, before: Instant, rates_before: Rates, now: Instant, rates: Rates) -> None:
+    def _complete_turns(self, before: RunSums, rates_before: Rates, now: RunSums, rates: Rates) -> None:
         start = self._turns[-1].angle_rad
         way = now.angle_rad - start
         while abs(way) >= TURN:
@@ -139,7 +139,7 @@ class CrankRun:
             out["turn_is_settled"] = 1.0 if abs(two - one) <= SETTLED * abs(two) else 0.0
         return out
 
-    def _means(self, prefix: str, first: Instant, last: Instant) -> dict[str, float]:
+    def _means(self, prefix: str, first: RunSums, last: RunSums) -> dict[str, float]:
         span, way = last.time_s - first.time_s, last.angle_rad - first.angle_rad
         if span <= 0.0:
             return {}
@@ -153,7 +153,7 @@ class CrankRun:
         return out
 
 
-def _at_angle(angle: float, first: Instant, rates: Rates, last: Instant, last_rates: Rates) -> Instant:
+def _at_angle(angle: float, first: RunSums, rates: Rates, last: RunSums, last_rates: Rates) -> RunSums:
     """Return the instant between two at which the crank is at an angle, on the cubics through both ends and rates."""
     span = last.time_s - first.time_s
 
@@ -171,4 +171,4 @@ def _at_angle(angle: float, first: Instant, rates: Rates, last: Instant, last_ra
         low, high = (middle, high) if sense * (angle_at(middle) - angle) < 0.0 else (low, middle)
     work = on_cubic(first.drive_work_j, last.drive_work_j, rates.power_w, last_rates.power_w, high)
     duty = MotorDuty(*(a + high * (b - a) for a, b in zip(first.duty, last.duty, strict=True)))
-    return Instant(first.time_s + high * span, angle, work, duty)
+    return RunSums(first.time_s + high * span, angle, work, duty)

@@ -118,7 +118,13 @@ def _same(newest: tuple[Array, dict[str, Array]], former: tuple[Array, dict[str,
 
 
 def following(
-    turn: ModelTurn, column: str, crank_rad: Array, values: Array, zero_rad: float | None = None
+    turn: ModelTurn,
+    column: str,
+    crank_rad: Array,
+    values: Array,
+    zero_rad: float | None = None,
+    *,
+    signs_known: bool = False,
 ) -> Following:
     """Return how values follow a column of the model, whatever the zero and the sense of the crank angle.
 
@@ -135,17 +141,21 @@ def following(
         Shape (n,): measured crank angle (rad) and the channel at the same instants.
     zero_rad : float, optional
         Known zero of the crank angle; searched where it is not given.
+    signs_known : bool
+        Only 1 is tried for either sign.
     """
     found: dict[tuple[int, int], Following] = {}
-    for crank_sign in (1, -1):
+    for crank_sign in (1,) if signs_known else (1, -1):
         for zero in np.arange(COARSE) * TURN / COARSE if zero_rad is None else (zero_rad,):
             tried = Following(
                 *_compared(turn, column, crank_sign * (crank_rad - zero), values), crank_sign, float(zero)
             )
             kind = (tried.sign, crank_sign)
+            if signs_known and tried.sign < 0:
+                continue
             if kind not in found or tried.correlation > found[kind].correlation:
                 found[kind] = tried
-    simple = min(found.values(), key=_unlikeliness)
+    simple = min(found.values(), key=_unlikeliness, default=Following(0.0, 1, 0.0, 1, 0.0))
     return simple if zero_rad is not None else _refined(turn, column, crank_rad, values, simple)
 
 

@@ -123,7 +123,7 @@ def _following(run: MeasuredRun, crank: MeasuredChannel, turn: ModelTurn) -> lis
     for pair in pairs:
         own = following(turn, pair.channel.name, pair.crank_rad, pair.values, zero)
         if own.correlation >= FOLLOWS:
-            lines += _scale_line(pair.channel, own)
+            lines += _scale_line(pair.channel, own) or _sign_line(pair.channel, own)
             continue
         other = _better_elsewhere(pair, [each.channel for each in pairs], turn, own, zero)
         lines.append(
@@ -171,6 +171,13 @@ def _scale_line(channel: MeasuredChannel, own: Following) -> list[str]:
     ]
     hint = f"is its unit {' or '.join(fitting)}?" if fitting else "a wrong unit, or another machine?"
     return [f"{channel.name} swings {own.scale:.3g} times as far as the model's, expected about 1: {hint}"]
+
+
+def _sign_line(channel: MeasuredChannel, own: Following) -> list[str]:
+    if own.sign > 0 and own.crank_sign > 0:
+        return []
+    turned = " and ".join(word for word, sign in ((channel.name, own.sign), ("the crank", own.crank_sign)) if sign < 0)
+    return [f"{channel.name} follows the model with the sign of {turned} turned round: is a sign of the map wrong?"]
 
 
 def _better_elsewhere(

@@ -98,6 +98,8 @@ def _rated(offered: SourceColumn, column: str, si: str) -> tuple[int, float, str
     if parts is None:
         return _rated_wrench(source, column)
     if source.topic is not None and (source.joint, source.field) == (parts.joint, parts.field):
+        if source.topic.strip("/").endswith(f"step/{parts.role}"):  # every step, where joint states are decimated
+            return EXACT, 2.0, "the twin's own topic"
         if source.topic.strip("/").endswith(_TWIN_TOPICS[parts.role]):
             fits = len(_TWIN_TOPICS[parts.role]) / 100.0  # motor/joint_states before joint_states
             return EXACT, 1.0 + fits, "the twin's own topic"

@@ -17,6 +17,8 @@ SATURATED_SHARE = 0.005
 DRIFT_FLAW = 1e-4
 WHOLE_MULTIPLE = 0.02
 MOST_STEPS = 1000.0  # of the quantum in a difference that is tried for being a whole multiple
+REPEATED_LEVELS = 0.5  # of the samples: fewer different values, and values repeat
+LEAST_MULTIPLES = 3  # different ones, where no value repeats
 BAD_JITTER = 0.25  # of the interval
 
 
@@ -73,7 +75,7 @@ class _Thinned:
         self._stride = 1
 
     def add(self, values: Array) -> None:
-        kept = values[(-self._seen) % self._stride :: self._stride]
+        kept = values[(-self._seen) % self._stride :: self._stride].copy()  # a view would hold the whole block
         self._seen += len(values)
         self._parts.append(kept)
         self._count += len(kept)
@@ -115,7 +117,7 @@ class QualityGauge:
         self._repeats += int(np.count_nonzero(intervals == 0.0))
         self._back += int(np.count_nonzero(intervals < 0.0))
         self._intervals.add(intervals[intervals > 0.0])
-        self._longest.append(np.sort(intervals)[-KEPT // 64 :])
+        self._longest.append(np.sort(intervals)[-KEPT // 64 :].copy())
         if len(self._longest) > 64:
             self._longest = [np.sort(np.concatenate(self._longest))[-KEPT:]]
         if finite.any():
@@ -179,14 +181,19 @@ class QualityGauge:
 
     def _quantum(self) -> float:
         """Return the step of which all differences are whole multiples; 0 where there is none."""
-        steps = np.diff(np.unique(self._kept.values()))
+        kept = self._kept.values()
+        levels = np.unique(kept)
+        steps = np.diff(levels)
         steps = steps[steps > 1e-9 * (self._high - self._low)] if len(steps) else steps
         if len(steps) < FEW_SAMPLES:
             return 0.0
         smallest = float(np.min(steps))
         tried = steps[steps < MOST_STEPS * smallest]
         smallest = float(np.median(tried[tried < 1.5 * smallest]))
-        off = np.abs(tried / smallest - np.round(tried / smallest))
+        multiples = np.round(tried / smallest)
+        if len(levels) > REPEATED_LEVELS * len(kept) and len(np.unique(multiples)) < LEAST_MULTIPLES:
+            return 0.0  # an even motion, sampled evenly, has equal steps too
+        off = np.abs(tried / smallest - multiples)
         whole = np.count_nonzero(off < WHOLE_MULTIPLE + 1e-5 * tried / smallest) >= 0.99 * len(tried)
         return smallest if whole and len(tried) >= FEW_SAMPLES else 0.0
 

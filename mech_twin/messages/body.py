@@ -10,6 +10,7 @@ from mech_twin.messages.step_message import REGIME, STEP, Row, joint_columns, pa
 from mech_twin.samples import BodySample
 
 PRESSING_FORCE = "~pressing_force_n"
+TOOL_FRAME = "tool"
 
 
 def to_step(sample: BodySample, marks: tuple[Row, ...] = ()) -> StepMessage:
@@ -46,10 +47,12 @@ def from_message(message: AnyStep, step_s: float | None = None) -> BodySample:
     )
 
 
-def pressing_force_message(time_s: float, force_n: float, message: WrenchStamped | None = None) -> WrenchStamped:
-    """Return the pressing force as a wrench on the tool, along the tool's axis."""
+def pressing_force_message(
+    time_s: float, frame: str, force_n: float, message: WrenchStamped | None = None
+) -> WrenchStamped:
+    """Return the pressing force as a wrench on the tool, along x of the tool's frame."""
     wrench = message or WrenchStamped()
     set_stamp(wrench.header, time_s)
-    wrench.header.frame_id = "tool"
+    wrench.header.frame_id = frame
     wrench.wrench.force.x = force_n
     return wrench

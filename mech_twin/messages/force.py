@@ -84,8 +84,9 @@ def _layout(names: tuple[str, ...]) -> ForceLayout:
     plain = [name for name in names if not name.startswith(MARK)]
     pins = tuple(name.removesuffix("/force_x_n") for name in plain if name.endswith("/force_x_n"))
     of_pins = {f"{pin}/{component}" for pin in pins for component in COMPONENTS}
-    if not of_pins <= set(plain):
-        raise MessageError("a pin has not all three components")
+    missing = sorted(of_pins - set(plain))
+    if missing:
+        raise MessageError(f"row '{missing[0]}' is missing; a pin has {', '.join(COMPONENTS)}")
     quantities = tuple(name for name in plain if name not in of_pins)
     loads = tuple(_load(names, row) for row, name in enumerate(names) if name.startswith(LOAD) and _is_head(name))
     rows = {name: row for row, name in enumerate(names)}

@@ -168,6 +168,21 @@ class Decoder:
         self.layout_count += 1
 
 
+_SHARED = Decoder()
+
+
+@lru_cache(maxsize=8)
+def received_message(raw: bytes) -> StepMessage:
+    """Return what bytes say; bytes that several listeners of one process hear are read once.
+
+    Raises
+    ------
+    CdrError
+        If they are no JointState.
+    """
+    return _SHARED(raw)
+
+
 def encoded(message: AnyStep) -> bytes:
     """Return the bytes of a step message, padding zeroed, so that equal messages are equal bytes."""
     layout = _layout(tuple(message.name), message.header.frame_id)

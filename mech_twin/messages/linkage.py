@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 from sensor_msgs.msg import JointState
 
-from mech_twin.messages.joint_state_cdr import AnyStep, StepMessage, joint_state
-from mech_twin.messages.step_message import COMMAND, REGIME, STEP, Row, joint_columns, packed, table
+from mech_twin.messages.joint_state_cdr import AnyStep, StepMessage, joint_state, received_message
+from mech_twin.messages.step_message import COMMAND, REGIME, STEP, Row, arranged, joint_columns, packed, table
 from mech_twin.samples import LinkageSample
 
 
@@ -22,6 +24,23 @@ def to_step(sample: LinkageSample, marks: tuple[Row, ...] = ()) -> StepMessage:
 def to_message(sample: LinkageSample) -> JointState:
     """Return the sample as a message of the middleware."""
     return joint_state(to_step(sample))
+
+
+@lru_cache(maxsize=8)
+def received(raw: bytes, step_s: float, joints: tuple[str, ...]) -> LinkageSample:
+    """Return the sample of a received step message, its joints in this order.
+
+    Several nodes of one process hear the same bytes: whoever is not the first gets the sample that was made of them.
+
+    Raises
+    ------
+    CdrError
+        If it is no JointState.
+    MessageError
+        If it is no linkage sample, or a joint is missing.
+    """
+    sample: LinkageSample = arranged(from_message(received_message(raw), step_s), joints)
+    return sample
 
 
 def from_message(message: AnyStep, step_s: float | None = None) -> LinkageSample:

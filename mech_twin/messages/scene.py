@@ -18,15 +18,15 @@ ARROW_POINTS = 2
 BLANK = Marker(action=Marker.ADD)
 
 
-def to_message(drawing: Drawing) -> MarkerArray:
-    """Return a drawing as markers, one a shape, its name as the marker's namespace."""
-    return MarkerArray(markers=[_marker(drawing.time_s, i, shape) for i, shape in enumerate(drawing.shapes)])
+def to_message(drawing: Drawing, frame: str = FRAME) -> MarkerArray:
+    """Return a drawing in a frame as markers, one a shape, its name as the marker's namespace."""
+    return MarkerArray(markers=[_marker(drawing.time_s, frame, i, shape) for i, shape in enumerate(drawing.shapes)])
 
 
-def _marker(time_s: float, index: int, shape: Shape) -> Marker:
+def _marker(time_s: float, frame: str, index: int, shape: Shape) -> Marker:
     marker = copy(BLANK)  # to make one takes most of the time of a drawing: textures and meshes come with it
     marker.ns, marker.id, marker.type = shape.name, index, TYPES[shape.kind]
-    marker.header = Header(frame_id=FRAME)
+    marker.header = Header(frame_id=frame)
     set_stamp(marker.header, time_s)
     marker.pose = Pose(orientation=Quaternion(w=1.0))  # what others may write to is not shared between markers
     marker.colors, marker.uv_coordinates = [], []
@@ -53,6 +53,13 @@ def from_message(message: MarkerArray, step: int = 0) -> Drawing:
 def _shape(marker: Marker) -> Shape:
     if marker.type not in KINDS:
         raise MessageError(f"marker type {marker.type} of '{marker.ns}' is not drawn")
-    colour = (round(marker.color.r * 255), round(marker.color.g * 255), round(marker.color.b * 255))
+    colour = _byte(marker.color.r), _byte(marker.color.g), _byte(marker.color.b)
     points = tuple((point.x, point.y) for point in marker.points)
     return Shape(marker.ns, KINDS[marker.type], points, colour, marker.scale.x)
+
+
+def _byte(share: float) -> int:
+    """Return a share of a colour as 0-255."""
+    if not 0.0 <= share <= 1.0:
+        raise MessageError(f"a marker's colour has a share of {share}; expected 0 to 1")
+    return round(share * 255)

@@ -27,6 +27,8 @@ RESIDUAL = "~residual/"
 EVENT = "~event/"
 
 LARGEST_STEP = 2.0**53
+COLUMNS = ("position", "velocity", "effort")
+SHOWN_NAMES = 6
 
 
 class MessageError(ValueError):
@@ -151,7 +153,8 @@ def layout(names: tuple[str, ...]) -> Layout:
         If a name stands twice or an event is incomplete.
     """
     if len(set(names)) != len(names):
-        raise MessageError("a row name stands twice")
+        double = next(name for i, name in enumerate(names) if name in names[:i])
+        raise MessageError(f"row name '{double}' stands twice")
     rows = {name: i for i, name in enumerate(names)}
     joints = {n: i for n, i in rows.items() if not n.startswith(MARK)}
     memory = {n.removeprefix(MEMORY): i for n, i in rows.items() if n.startswith(MEMORY)}
@@ -251,12 +254,21 @@ def table(message: AnyStep) -> Table:
     """
     names = tuple(message.name)
     columns = _columns(message)
-    if not names or any(len(column) != len(names) for column in columns):
-        raise MessageError(f"{len(names)} rows, but columns of {', '.join(str(len(c)) for c in columns)}")
-    for title, column in zip(("position", "velocity", "effort"), columns, strict=True):
+    if not names:
+        raise MessageError("no rows: 'name' is empty")
+    for title, column in zip(COLUMNS, columns, strict=True):
+        if len(column) != len(names):
+            raise MessageError(_wrong_length(title, len(column), names))
         if not math.isfinite(sum(column)) and not all(map(math.isfinite, column)):
-            raise MessageError(f"a {title} is not finite")
+            row = next(i for i, number in enumerate(column) if not math.isfinite(number))
+            raise MessageError(f"{title} of '{names[row]}' is {column[row]}, not finite")
     return Table(layout(names), *columns)
+
+
+def _wrong_length(column: str, length: int, names: tuple[str, ...]) -> str:
+    found = "is empty" if length == 0 else f"has {length} number{'' if length == 1 else 's'}"
+    shown = ", ".join(names[:SHOWN_NAMES]) + (", ..." if len(names) > SHOWN_NAMES else "")
+    return f"column {column} {found}, expected {len(names)}: one for each of {shown}"
 
 
 def step_and_time(message: AnyStep, content: Table, step_s: float | None) -> tuple[int, float]:
@@ -277,6 +289,10 @@ def step_and_time(message: AnyStep, content: Table, step_s: float | None) -> tup
     else:
         raise MessageError("no step row, and the coupling step is not known")
     if abs(stamp - time_s) > 2e-9 + 1e-12 * time_s:
+        if row is None:
+            raise MessageError(
+                f"stamp {stamp:.9f} s lies between steps of {step_s:g} s; expected that of the step answered"
+            )
         raise MessageError(f"stamp {stamp:.9f} s is not the time {time_s:.9f} s of its step")
     return step, time_s
 

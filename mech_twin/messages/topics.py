@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import Vector3Stamped, WrenchStamped
+from geometry_msgs.msg import TransformStamped, Vector3Stamped, WrenchStamped
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
@@ -53,6 +53,8 @@ PRESSING_FORCE = Topic("body/pressing_force", WrenchStamped)
 IMPACTS = Topic("impacts", Vector3Stamped)
 SCENE = Topic("scene", MarkerArray)
 DESCRIPTION = Topic("description", String, LATCHED)
+FRAMES = Topic("frames", TransformStamped)  # one message a frame; the same on /tf where tf2_msgs is installed
+ROBOT_DESCRIPTION = Topic("robot_description", String, LATCHED)  # URDF
 REJOIN = Topic("rejoin", String)  # "linkage", "body" or "motor" asks where that one was
 REJOIN_MOTOR = Topic("rejoin/motor", JointState)
 REJOIN_LINKAGE = Topic("rejoin/linkage", JointState)

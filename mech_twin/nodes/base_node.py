@@ -18,7 +18,7 @@ from rclpy.node import Node
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 
-from mech_twin.messages.joint_state_cdr import CdrError, Decoder, StepMessage
+from mech_twin.messages.joint_state_cdr import CdrError, StepMessage, received_message
 from mech_twin.messages.topics import DIAGNOSTICS, Topic
 from mech_twin.nodes.counting_publisher import CountingPublisher, JointStatePublisher, PeakHoldPublisher, StepPublisher
 from mech_twin.nodes.diagnostics import NodeDiagnostics, array_message
@@ -125,11 +125,10 @@ class TwinNode(Node):
 
     def subscribe_steps(self, topic: Topic, call: Callable[[StepMessage], None], **changes: Any) -> Subscription:
         """Return a new subscription to a topic of step messages; what is none is counted."""
-        decode = Decoder()
 
         def receive(raw: bytes) -> None:
             try:
-                message = decode(raw)
+                message = received_message(raw)
             except CdrError as error:
                 self.statistics.count(topic.name, "malformed", str(error))
             else:

@@ -11,6 +11,7 @@ from mech_twin.engine.coupling import next_body
 from mech_twin.messages import body as body_messages
 from mech_twin.messages import force as force_messages
 from mech_twin.messages import impact
+from mech_twin.messages.frames import frame_id
 from mech_twin.messages.joint_state_cdr import StepMessage
 from mech_twin.messages.joint_states import has_impact, joints_message
 from mech_twin.messages.step_message import MessageError
@@ -41,6 +42,7 @@ class BodyNode(FollowerNode):
         self._states = self.joint_state_output(BODY_JOINT_STATES, self.stream_window, joints_message)
         self._impacts = self.output(IMPACTS)
         self._pressing = self.peak_hold_output(PRESSING_FORCE, self.stream_window)
+        self._tool = frame_id(self.get_namespace(), body_messages.TOOL_FRAME)
         self._rejoining = False
         self._rejoin = self.output(REJOIN, recorded=False)
         self.subscribe(REJOIN_BODY, self._on_last_sample)
@@ -81,7 +83,7 @@ class BodyNode(FollowerNode):
         self._states.offer(answer, has_impact(answer.events) or has_impact(question.loads))
         self._pressing.offer(
             abs(answer.pressing_force_n),
-            partial(body_messages.pressing_force_message, answer.time_s, answer.pressing_force_n),
+            partial(body_messages.pressing_force_message, answer.time_s, self._tool, answer.pressing_force_n),
         )
 
     def _on_last_sample(self, message: JointState) -> None:

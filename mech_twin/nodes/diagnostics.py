@@ -25,6 +25,7 @@ class NodeDiagnostics:
         self._statistics = statistics
         self._window = ResidualWindow({})
         self._errors: list[str] = []
+        self._warnings: list[str] = []
 
     def limits(self, limits: Mapping[str, float]) -> None:
         """Judge residuals by these limits from now on; one that has none counts as broken."""
@@ -38,6 +39,10 @@ class NodeDiagnostics:
         """Add an error to the next message."""
         self._errors.append(text)
 
+    def warn(self, text: str) -> None:
+        """Add a warning to the next message."""
+        self._warnings.append(text)
+
     def close_window(self, extra: Mapping[str, str]) -> tuple[DiagnosticStatus, list[str]]:
         """Return the status of the window that ends now, and one line for the log per topic that lost something."""
         reports = [report for report in self._statistics.close_window() if set(report.counts) - HARMLESS]
@@ -46,9 +51,9 @@ class NodeDiagnostics:
         broken = broken_lines(residuals)
         self.breaches += len(broken)
         waiting = self.state.startswith("waiting")
-        level = ERROR if broken or self._errors else WARN if reports or waiting else OK
-        text = "; ".join([self.state, *broken, *self._errors, *lines])
-        self._errors = []
+        level = ERROR if broken or self._errors else WARN if reports or waiting or self._warnings else OK
+        text = "; ".join([self.state, *broken, *self._errors, *self._warnings, *lines])
+        self._errors, self._warnings = [], []
         status = DiagnosticStatus(level=level, name=self._name, message=text)
         values = {f"worst {name}": f"{residual.worst:.6g}" for name, residual in residuals.items()}
         values |= {name: str(number) for name, number in self._statistics.totals().items()} | dict(extra)

@@ -5,10 +5,16 @@ from __future__ import annotations
 import os
 import sys
 import tempfile
+from pathlib import Path
+
+from mech_twin.surroundings import SurroundingsError
 
 DISCOVERY = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 THIS_HOST = "LOCALHOST"
 OTHER_HOSTS = "SUBNET"
+LOG_DIRECTORY = "ROS_LOG_DIR"
+SHARED_MEMORY = Path("/dev/shm")
+SHARED_MEMORY_BYTES = 4 << 20  # each process of a run takes 0.6 MB
 
 
 def settle_domain(open_to_other_hosts: bool = False) -> str:
@@ -23,9 +29,52 @@ def settle_domain(open_to_other_hosts: bool = False) -> str:
     -------
     str
         The discovery range in force.
+
+    Raises
+    ------
+    SurroundingsError
+        If shared memory is full.
     """
     os.environ.setdefault(DISCOVERY, OTHER_HOSTS if open_to_other_hosts else THIS_HOST)
     os.environ.setdefault("AMENT_PREFIX_PATH", sys.prefix)
     if "HOME" not in os.environ:
-        os.environ.setdefault("ROS_LOG_DIR", tempfile.gettempdir())
+        os.environ.setdefault(LOG_DIRECTORY, tempfile.gettempdir())
+    _check_log_directory()
+    _check_shared_memory()
     return os.environ[DISCOVERY]
+
+
+def _check_log_directory() -> None:
+    """Raise where the directory for logs that the user has named cannot be made: rclpy would not start."""
+    named = os.environ.get(LOG_DIRECTORY)
+    if not named:
+        return
+    try:
+        Path(named).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise SurroundingsError(f"{LOG_DIRECTORY} {named}: cannot be made ({error.strerror})") from error
+    if not os.access(named, os.W_OK):
+        raise SurroundingsError(f"{LOG_DIRECTORY} {named}: cannot be written")
+
+
+def _check_shared_memory() -> None:
+    """Raise where shared memory is too full: whoever writes there beyond its end is ended by a bus error.
+
+    The tracing that rclpy loads does so unasked, and so does Fast DDS, which with discovery on this machine alone uses
+    shared memory whatever it is told.  Where it cannot be written at all, both do without.
+    """
+    free = _free_shared_memory()
+    if free is not None and free < SHARED_MEMORY_BYTES:
+        needed = f"{SHARED_MEMORY_BYTES >> 20} MiB"
+        raise SurroundingsError(
+            f"{SHARED_MEMORY} is full ({free >> 10} KiB free, ROS 2 needs {needed}): remove files there"
+        )
+
+
+def _free_shared_memory() -> int | None:
+    """Return the free bytes of shared memory, None where it cannot be written."""
+    try:
+        place = os.statvfs(SHARED_MEMORY)
+    except OSError:
+        return None
+    return place.f_bavail * place.f_frsize if os.access(SHARED_MEMORY, os.W_OK) else None

@@ -21,6 +21,7 @@ from mech_twin.nodes.errors import NameInUseError
 from mech_twin.nodes.parent_death import end_with_launch
 from mech_twin.parameters.load import MACHINE_KEY, catalogue_entry
 from mech_twin.stop_signal import StopSignal
+from mech_twin.surroundings import lacking
 
 if TYPE_CHECKING:
     from mech_twin.nodes.base_node import TwinNode
@@ -85,6 +86,9 @@ def _program(
 
 def _told_line(error: Exception) -> str | None:
     """Return the line that tells of an error in what the program was given; None if the error is its own."""
+    lack = lacking(error)
+    if lack is not None:
+        return lack
     from mech_twin.recording.errors import BagError
 
     if isinstance(error, ModuleNotFoundError):
@@ -173,6 +177,17 @@ def body_node() -> None:
         return BodyNode(machine)
 
     _program(make, "body", "body of a machine")
+
+
+def frames_node() -> None:
+    """Run the frames node."""
+
+    def make(machine: str, own: argparse.Namespace) -> TwinNode:
+        from mech_twin.nodes.frames_node import FramesNode
+
+        return FramesNode(machine)
+
+    _program(make, "frames", "frames of a machine for TF, and its robot description")
 
 
 def recorder_node() -> None:

@@ -54,6 +54,13 @@ class FollowerNode(RoleNode):
         self.subscribe(REJOIN, self._on_rejoin)
         self._retry_timer = self.every(RETRY_S, self._retry)
 
+    @property
+    def last_question(self) -> Any:
+        """The newest sample answered; None before the first, and where it is known by its answer only."""
+        last = self.exchanges.last_step
+        exchange = None if last is None else self.exchanges.get(last)
+        return None if exchange is None else exchange.question
+
     # -- what a follower is -----------------------------------------------------------------------------------------
 
     def decoded(self, message: StepMessage) -> Any:

@@ -6,9 +6,9 @@ from functools import partial
 
 from mech_twin.messages import force as force_messages
 from mech_twin.messages import linkage as linkage_messages
+from mech_twin.messages.frames import frame_id
 from mech_twin.messages.joint_state_cdr import StepMessage
 from mech_twin.messages.joint_states import efforts_message, has_impact
-from mech_twin.messages.step_message import arranged
 from mech_twin.messages.topics import FORCE_JOINT_STATES, STEP_FORCES, STEP_LINKAGE, pin_wrench
 from mech_twin.nodes.follower_node import FollowerNode
 from mech_twin.nodes.options import RunOptions
@@ -26,7 +26,10 @@ class ForceNode(FollowerNode):
         self._out = self.step_output(STEP_FORCES, 1)
         self._states = self.joint_state_output(FORCE_JOINT_STATES, self.stream_window, efforts_message)
         topics = {pin: pin_wrench(pin) for pin in self.machine.forces.pins}
-        self._wrenches = [(pin, self.peak_hold_output(topic, self.stream_window)) for pin, topic in topics.items()]
+        space = self.get_namespace()
+        self._wrenches = [
+            (frame_id(space, pin), self.peak_hold_output(topic, self.stream_window)) for pin, topic in topics.items()
+        ]
 
     def residual_limits(self) -> dict[str, float]:
         """Return the limits of the power balance and its like."""
@@ -34,9 +37,7 @@ class ForceNode(FollowerNode):
 
     def decoded(self, message: StepMessage) -> LinkageSample:
         """Return the linkage sample of a message."""
-        sample = linkage_messages.from_message(message, self.machine.coupling_step_s)
-        arranged_sample: LinkageSample = arranged(sample, self.machine.linkage.joints)
-        return arranged_sample
+        return linkage_messages.received(message.raw, self.machine.coupling_step_s, self.machine.linkage.joints)
 
     def answer(self, question: LinkageSample, previous: ForceSample | None) -> ForceSample:
         """Return the forces of the linkage's step."""
@@ -52,5 +53,5 @@ class ForceNode(FollowerNode):
         """Offer the forces to the decimated topics, all of them and pin by pin."""
         sizes = [force_messages.wrench_size(wrench) for wrench in answer.wrenches]
         self._states.offer(answer, has_impact(question.events), max(sizes, default=0.0))
-        for (pin, output), wrench, size in zip(self._wrenches, answer.wrenches, sizes, strict=True):
-            output.offer(size, partial(force_messages.wrench_message, answer.time_s, pin, wrench))
+        for (frame, output), wrench, size in zip(self._wrenches, answer.wrenches, sizes, strict=True):
+            output.offer(size, partial(force_messages.wrench_message, answer.time_s, frame, wrench))

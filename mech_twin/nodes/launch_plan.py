@@ -41,6 +41,7 @@ class LaunchRequest(NamedTuple):
     use_sim_time: str = "false"
     record: str = ""
     view: str = ""
+    frames: str = "true"
 
 
 def programs(request: LaunchRequest) -> list[Program]:
@@ -55,6 +56,7 @@ def programs(request: LaunchRequest) -> list[Program]:
     return [
         *([Program("recorder_node", "recorder", ("--directory", request.record))] if request.record else []),
         *([Program("viewer_node", "viewer", ("--place", request.view))] if request.view else []),
+        *([Program("frames_node", "frames")] if request.frames == "true" else []),
         Program("motor_node", "motor"),
         Program("force_node", "force_analysis"),
         *([Program("body_node", "body")] if has_body else []),

@@ -17,10 +17,11 @@ from mech_twin.nodes.linkage_outputs import LinkageOutputs
 from mech_twin.nodes.linkage_rejoin import LinkageRejoin
 from mech_twin.nodes.live_parameters import LiveParameters
 from mech_twin.nodes.options import RunOptions
+from mech_twin.nodes.other_clocks import other_clocks
 from mech_twin.nodes.peer_wait import PeerWait
 from mech_twin.nodes.role_node import RETRY_S, RoleNode
 from mech_twin.nodes.step_pacer import StepPacer
-from mech_twin.parameters.load import catalogue_entry, description_text
+from mech_twin.parameters.load import catalogue_entry, description_text, is_of_ros
 from mech_twin.quantity import Parameters
 from mech_twin.samples import LinkageSample
 
@@ -88,9 +89,16 @@ class LinkageNode(RoleNode):
         self.sample = last or self.machine.linkage.start()
         if last is not None:
             self.get_logger().info(f"going on at step {last.step}")
+        self._warn_of_other_clocks()
         self._describe(self.sample.step)
         self._publish(self.sample, repeated=last is not None)
         self._wait.stepped(time.monotonic())
+
+    def _warn_of_other_clocks(self) -> None:
+        line = other_clocks(self)
+        if line:
+            self.get_logger().warning(line)
+            self.diagnostics.warn(line)
 
     # -- stepping ---------------------------------------------------------------------------------------------------
 
@@ -172,9 +180,10 @@ class LinkageNode(RoleNode):
     def _tried(
         self, changes: list[Parameter], call: Callable[[Parameters, dict[str, object]], object]
     ) -> SetParametersResult:
-        if not self._adopting:
+        values = {change.name: change.value for change in changes if not is_of_ros(change.name)}
+        if values and not self._adopting:
             try:
-                call(self.machine.parameters, {change.name: change.value for change in changes})
+                call(self.machine.parameters, values)
             except ConfigurationError as error:
                 return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)

@@ -7,6 +7,7 @@ from std_msgs.msg import String
 
 from mech_twin.messages import impact, scene
 from mech_twin.messages import linkage as linkage_messages
+from mech_twin.messages.frames import frame_id
 from mech_twin.messages.joint_state_cdr import stamp_of
 from mech_twin.messages.joint_states import has_impact, joints_message
 from mech_twin.messages.topics import CLOCK, DESCRIPTION, IMPACTS, JOINT_STATES, SCENE, STEP_LINKAGE
@@ -27,6 +28,7 @@ class LinkageOutputs:
 
     def __init__(self, node: RoleNode) -> None:
         self._node = node
+        self._frame = frame_id(node.get_namespace(), scene.FRAME)
         self._steps = node.step_output(STEP_LINKAGE, PEERS_THAT_STEP)
         self._states = node.joint_state_output(JOINT_STATES, node.stream_window, joints_message)
         self._clock = node.output(CLOCK)
@@ -54,4 +56,4 @@ class LinkageOutputs:
             self._clock.send(clock)
         if sample.step % self._steps_per_drawing == 0:
             shapes = self._node.machine.draw(sample, body)
-            self._scene.send(scene.to_message(Drawing(sample.step, sample.time_s, shapes)))
+            self._scene.send(scene.to_message(Drawing(sample.step, sample.time_s, shapes), self._frame))

@@ -8,11 +8,12 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, String
 from std_srvs.srv import Trigger
 
+from mech_twin.engine.start_forecast import LOOK_AHEAD_S, start_forecast
 from mech_twin.messages import linkage as linkage_messages
 from mech_twin.messages import motor as motor_messages
 from mech_twin.messages.joint_state_cdr import StepMessage
 from mech_twin.messages.joint_states import has_impact, joints_message
-from mech_twin.messages.step_message import TARGET, MessageError, Row, arranged, marked
+from mech_twin.messages.step_message import TARGET, MessageError, Row, marked
 from mech_twin.messages.topics import (
     MOTOR_JOINT_STATES,
     REJOIN,
@@ -53,9 +54,7 @@ class MotorNode(FollowerNode):
 
     def decoded(self, message: StepMessage) -> LinkageSample:
         """Return the linkage sample of a message."""
-        sample = linkage_messages.from_message(message, self.machine.coupling_step_s)
-        arranged_sample: LinkageSample = arranged(sample, self.machine.linkage.joints)
-        return arranged_sample
+        return linkage_messages.received(message.raw, self.machine.coupling_step_s, self.machine.linkage.joints)
 
     def answer(self, question: LinkageSample, previous: MotorSample | None) -> MotorSample | None:
         """Return the drive at the linkage's step; a motor that comes back asks first what it was told to do."""
@@ -104,8 +103,18 @@ class MotorNode(FollowerNode):
             self._asked_target = fraction
 
     def _on_start(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self.target = self._asked_target
-        response.success, response.message = True, f"supply on at {self.target:g} of rated frequency"
+        """Switch the supply on, if the machine turns then; the run waits while that is computed."""
+        linkage, asked = self.last_question, self._asked_target
+        forecast = None if linkage is None else start_forecast(self.machine, linkage, asked)
+        response.success = forecast is None or forecast.turns
+        if forecast is None or forecast.turns:
+            self.target = asked
+            response.message = f"supply on at {asked:g} of rated frequency"
+            return response
+        why = f"drive at {forecast.position:.6g} would stand still {LOOK_AHEAD_S:g} s after switching on"
+        self.get_logger().warning(f"start: {why}")
+        self.diagnostics.warn(f"start: {why}")
+        response.message = f"supply left as it is: {why}"
         return response
 
     def _on_stop(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:

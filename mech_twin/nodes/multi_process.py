@@ -16,6 +16,7 @@ import yaml
 from rclpy.signals import SignalHandlerOptions
 
 from mech_twin.configuration_tree import configuration_tree
+from mech_twin.interruption import EXIT_CODE_BASE, SIGNALS
 from mech_twin.nodes.composition import Outcome, guarded_topics
 from mech_twin.nodes.errors import NodeEndedError
 from mech_twin.nodes.name_guard import NameGuard
@@ -25,7 +26,7 @@ from mech_twin.nodes.options import RunOptions
 from mech_twin.nodes.spinner import Spinner
 from mech_twin.parameters.load import MACHINE_KEY, RUN_GROUP, catalogue_entry
 from mech_twin.quantity import Parameters
-from mech_twin.stop_signal import EXIT_CODE_BASE, SIGNALS, StopSignal
+from mech_twin.stop_signal import StopSignal
 
 STOP_LIMIT_S = 10.0  # a bound for a busy machine; they end within a second
 SETTLE_S = 0.1

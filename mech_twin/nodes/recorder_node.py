@@ -12,7 +12,9 @@ from mech_twin.messages.step_message import MessageError
 from mech_twin.messages.topics import (
     EVERY,
     EVERY_LATCHED,
+    FRAMES,
     LATCHED,
+    ROBOT_DESCRIPTION,
     STEP_LINKAGE,
     WRENCHES,
     Topic,
@@ -80,6 +82,7 @@ class RecorderNode(TwinNode):
         has_body = catalogue_entry(machine_name).has_body
         self._steps = {topic.name: StepInput() for topic in step_topics(has_body)}
         self._recorded: set[str] = set()
+        self._optional = {self.resolve_topic_name(topic.name): topic for topic in (FRAMES, ROBOT_DESCRIPTION)}
         self._wrench_prefix = self.resolve_topic_name(WRENCHES) + "/"
         try:
             for topic in recorded_topics((), has_body):
@@ -127,12 +130,14 @@ class RecorderNode(TwinNode):
         )
         self.create_subscription(topic.type, topic.name, call, EVERY_LATCHED if latched else EVERY, raw=True)
 
-    def _record_wrenches(self) -> None:
-        """Record the pins' topics that have appeared."""
+    def _record_found(self) -> None:
+        """Record the pins' topics that have appeared, and those of a node of frames."""
         kind = type_name(pin_wrench("any"))
         for name, types in self.get_topic_names_and_types():
             if name.startswith(self._wrench_prefix) and name not in self._recorded and kind in types:
                 self._record(pin_wrench(name.removeprefix(self._wrench_prefix)))
+            elif name in self._optional and name not in self._recorded and type_name(self._optional[name]) in types:
+                self._record(self._optional[name])
 
     # -- messages ---------------------------------------------------------------------------------------------------
 
@@ -196,7 +201,7 @@ class RecorderNode(TwinNode):
         self.writer.write(name, raw, at_ns, at_ns, latched=latched)
 
     def _tick(self) -> None:
-        self._record_wrenches()
+        self._record_found()
         self.time_s = self._time.now_ns * 1e-9
         self.writer.tick()
         self.diagnostics.state = self.writer.state.value

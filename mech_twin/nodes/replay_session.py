@@ -13,6 +13,7 @@ from sensor_msgs.msg import JointState
 
 from mech_twin.nodes.name_guard import NameGuard
 from mech_twin.nodes.namespace import replay_arguments
+from mech_twin.nodes.other_clocks import other_clocks
 from mech_twin.nodes.replay_limits import FASTEST, SLOWEST
 from mech_twin.nodes.replay_node import ReplayNode, ReplayOptions
 from mech_twin.nodes.replay_source import ReplaySource
@@ -65,6 +66,9 @@ def replayed(
             steps = [node.resolve_topic_name(name) for name, topic in source.topics.items() if topic.kind is JointState]
             with stop.interrupting(), NameGuard(steps) as guard:
                 guard.check(own_publishers=1)
+            clocks = other_clocks(node)
+            if clocks:
+                node.get_logger().warning(clocks)
             if keys.listening:
                 node.get_logger().info(KEYS)
             _spin(node, stop, keys, progress)

@@ -14,7 +14,7 @@ from mech_twin.nodes.base_node import TwinNode
 from mech_twin.nodes.options import RunOptions
 from mech_twin.nodes.parameter_bridge import keys
 from mech_twin.nodes.source_lock import ANONYMOUS, new_source
-from mech_twin.parameters.load import catalogue_entry
+from mech_twin.parameters.load import catalogue_entry, is_of_ros
 from mech_twin.quantity import Parameters
 from mech_twin.roles import Machine
 from mech_twin.samples import Sample
@@ -75,7 +75,8 @@ class RoleNode(TwinNode):
 
     def judge_parameters(self, changes: list[Parameter]) -> SetParametersResult:
         """Refuse a change made here: the linkage passes parameters on, so that all roles change at one step."""
-        if self._adopting:
+        own = [change.name for change in changes if not is_of_ros(change.name)]
+        if self._adopting or not own:
             return SetParametersResult(successful=True)
-        names = ", ".join(change.name for change in changes)
+        names = ", ".join(own)
         return SetParametersResult(successful=False, reason=f"{names}: set it on node linkage, which passes it on")

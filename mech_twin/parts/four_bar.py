@@ -318,13 +318,13 @@ def smallest_transmission_angle(bar: FourBar) -> float:
 def failing_inequality(bar: FourBar, crank_rocker: bool = False) -> str | None:
     """Return the first rotation inequality that fails, with its numbers, or None for a crank that turns fully.
 
-    r + |OC| <= R1 + R and ||OC| - r| >= |R1 - R|; for a crank-rocker also: crank shortest, and shortest + longest at
-    most the sum of the other two.  Where both sides of the second are zero the crank pin falls on the pivot, and the
-    position is not determined: that is refused too.
+    r + |OC| <= R1 + R and ||OC| - r| >= |R1 - R|; for a crank-rocker the crank is the shortest link besides, and these
+    two are Grashof's inequality then.  Where both sides of the second are zero the crank pin falls on the pivot, and
+    the position is not determined: that is refused too.
     """
     r, r1, r3 = bar.crank_m, bar.coupler_m, bar.rocker_m
     ground = math.hypot(bar.pivot_x_m, bar.pivot_y_m)
-    others = sorted((r1, r3, ground))
+    shortest = min(r1, r3, ground)
     meets = abs(ground - r) <= SINGULAR * (ground + r) and abs(r1 - r3) <= SINGULAR * (r1 + r3)
     failures = [
         (r + ground > r1 + r3, f"crank + ground <= coupler + rocker fails: {r + ground:g} > {r1 + r3:g}"),
@@ -333,11 +333,7 @@ def failing_inequality(bar: FourBar, crank_rocker: bool = False) -> str | None:
             f"|ground - crank| >= |coupler - rocker| fails: {abs(ground - r):g} < {abs(r1 - r3):g}",
         ),
         (meets, "crank pin and pivot must not meet: crank = ground and coupler = rocker"),
-        (crank_rocker and r > others[0], f"crank <= every other link fails: {r:g} > {others[0]:g}"),
-        (
-            crank_rocker and r + others[2] > others[0] + others[1],
-            f"shortest + longest <= the other two fails: {r + others[2]:g} > {others[0] + others[1]:g}",
-        ),
+        (crank_rocker and r > shortest, f"crank <= every other link fails: {r:g} > {shortest:g}"),
     ]
     numbers = f"crank {r:g} m, coupler {r1:g} m, rocker {r3:g} m, ground {ground:g} m"
     return next((f"{text} ({numbers})" for fails, text in failures if fails), None)

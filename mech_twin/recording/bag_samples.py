@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -12,7 +13,8 @@ from sensor_msgs.msg import JointState
 from mech_twin.engine.assembly import StepAssembler
 from mech_twin.engine.step_samples import StepSamples
 from mech_twin.messages import body, force, linkage, motor, scene
-from mech_twin.messages.step_message import MessageError
+from mech_twin.messages.joint_state_cdr import CdrError, Decoder
+from mech_twin.messages.step_message import MessageError, configuration_mark
 from mech_twin.messages.topics import (
     BODY_JOINT_STATES,
     DESCRIPTION,
@@ -39,6 +41,7 @@ if TYPE_CHECKING:
 
 MOST_DESCRIPTIONS = 10_000
 LARGEST_STEP = 1 << 53
+SOURCE_LINE = re.compile(r"^source: (\d{1,17})[ \t]*$", re.MULTILINE)
 
 
 class StepTopic(NamedTuple):
@@ -130,7 +133,21 @@ class BagSamples:
         return self._reader.topics[self.topics["linkage"]].message_count
 
     def descriptions(self) -> list[str]:
-        """Return the configurations published during the run, in order; without any, the one attached to the bag."""
+        """Return the configurations of the run, in order; without any, the one attached to the bag.
+
+        A bag holds what anybody published on the description's topic: of those only what the step messages name counts.
+        """
+        texts = self._described()
+        sources = {_source_of(text) for text in texts}
+        if texts and sources != {next(self._named_sources("linkage"), None)}:
+            followed = set(self._named_sources("linkage"))
+            if "forces" in self.topics:  # it answers one linkage only, whoever else publishes
+                followed &= set(self._named_sources("forces"))
+            texts = [text for text in texts if _source_of(text) in followed]
+        configuration = self._reader.info.configuration
+        return texts or ([] if configuration is None else [configuration])
+
+    def _described(self) -> list[str]:
         name = full_name(self.machine, DESCRIPTION)
         texts: list[str] = []
         if self._holds(name, DESCRIPTION):
@@ -141,8 +158,16 @@ class BagSamples:
                     texts.append(text.data)
                 if len(texts) > MOST_DESCRIPTIONS:
                     raise NoSamplesError(self._reader.path, f"changes its configuration over {MOST_DESCRIPTIONS} times")
-        configuration = self._reader.info.configuration
-        return texts or ([] if configuration is None else [configuration])
+        return texts
+
+    def _named_sources(self, field: str) -> Iterator[float]:
+        """Yield the source of the configuration that each message of a topic of steps was computed with."""
+        decode = Decoder()
+        for message in self._reader.messages([self.topics[field]]):
+            try:
+                yield configuration_mark(decode(message.raw)).source
+            except (CdrError, ValueError, OverflowError, LookupError):
+                continue
 
     def steps(self) -> Iterator[StepSamples]:
         """Yield the samples of each step, in order of the steps.
@@ -206,6 +231,12 @@ class BagSamples:
             self.unused["malformed"] += 1
             return None
         return sample
+
+
+def _source_of(description: str) -> float:
+    """Return the number a description is signed with, 0 where it is not, whatever else the text holds."""
+    found = SOURCE_LINE.search(description)
+    return 0.0 if found is None else float(found.group(1))
 
 
 def bag_samples(path: Path) -> Iterator[StepSamples]:

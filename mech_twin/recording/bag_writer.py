@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import threading
 import time
 from collections.abc import Callable
@@ -15,6 +14,7 @@ from typing import Literal
 from mech_twin.recording.bag_split import BagSplit, SplitRule, Storage, TopicCounters
 from mech_twin.recording.errors import UnwritableDirectoryError
 from mech_twin.recording.output_directory import new_directory
+from mech_twin.recording.ros_distro import running_distro
 from mech_twin.recording.schemas import MessageSchema, message_schema, offered_qos, string_cdr
 from mech_twin.recording.split_series import Latched, RecordedTopic, SplitSeries
 
@@ -60,7 +60,7 @@ class BagWriter:
     retry_s : float
         Time between attempts to resume after an error.
     ros_distro : str, optional
-        Written to `metadata.yaml`; default the environment variable ROS_DISTRO, else jazzy.
+        Written to `metadata.yaml`; default the release that runs.
 
     Raises
     ------
@@ -106,7 +106,7 @@ class BagWriter:
             storage,
             configuration,
             self._topics,
-            ros_distro or os.environ.get("ROS_DISTRO", "jazzy"),
+            ros_distro or running_distro(),
         )
         if description_topic is not None:
             self.add_topic(description_topic, STRING_TYPE, offered_qos(durability="transient_local", depth=1))

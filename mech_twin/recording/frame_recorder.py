@@ -14,6 +14,7 @@ from mech_twin.messages import body as body_messages
 from mech_twin.messages import force as force_messages
 from mech_twin.messages import impact, motor, scene, step_message
 from mech_twin.messages import linkage as linkage_messages
+from mech_twin.messages.frames import frame_id
 from mech_twin.messages.joint_state_cdr import StepMessage, encoded, stamp_of
 from mech_twin.messages.joint_states import efforts_message, has_impact, joints_message, largest_reaction
 from mech_twin.messages.peak_hold import PeakHoldWindow
@@ -139,16 +140,18 @@ class FrameRecorder:
             clock.clock.sec, clock.clock.nanosec = stamp_of(linkage.time_s)
             self._put(CLOCK, clock)
         if linkage.step % self._steps_per_drawing == 0:
-            shapes = self._machine.draw(linkage, frame.body)
-            self._put(SCENE, scene.to_message(Drawing(linkage.step, linkage.time_s, shapes)))
+            shapes, frame_name = self._machine.draw(linkage, frame.body), frame_id(self._machine.name, scene.FRAME)
+            self._put(SCENE, scene.to_message(Drawing(linkage.step, linkage.time_s, shapes), frame_name))
 
     def _put_wrench(self, pin: str, kept: Any) -> None:
         if kept is not None:
-            self._put(pin_wrench(pin), force_messages.wrench_message(kept[0], pin, kept[1]))
+            frame = frame_id(self._machine.name, pin)
+            self._put(pin_wrench(pin), force_messages.wrench_message(kept[0], frame, kept[1]))
 
     def _put_pressing_force(self, kept: Any) -> None:
         if kept is not None:
-            self._put(PRESSING_FORCE, body_messages.pressing_force_message(*kept))
+            tool = frame_id(self._machine.name, body_messages.TOOL_FRAME)
+            self._put(PRESSING_FORCE, body_messages.pressing_force_message(kept[0], tool, kept[1]))
 
     def _put(self, topic: Topic, message: Any) -> None:
         name = full_name(self._machine.name, topic)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import secrets
 import shutil
 from collections import Counter
@@ -24,6 +23,7 @@ from mech_twin.recording.mcap_records import RawMessage
 from mech_twin.recording.message_writer import MessageWriter
 from mech_twin.recording.output_directory import check_recording_directory, remove_recording
 from mech_twin.recording.record_file import RecordFile
+from mech_twin.recording.ros_distro import running_distro
 from mech_twin.recording.split_file import SplitFile
 from mech_twin.recording.split_series import FINISHED_KEY
 
@@ -129,7 +129,7 @@ def _rebuild(files: list[Path], directory: Path, report: RecoveryReport) -> None
         finally:
             file.close()
     custom = {FINISHED_KEY: "true", RECOVERED_KEY: f"skipped {report.bytes_skipped} of {report.bytes_read} bytes"}
-    write_metadata(directory, list(topics.values()), files_written, custom, os.environ.get("ROS_DISTRO", "jazzy"))
+    write_metadata(directory, list(topics.values()), files_written, custom, running_distro())
 
 
 def _rewritten(

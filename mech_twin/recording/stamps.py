@@ -9,6 +9,7 @@ SEQUENCE_LENGTH = 4
 HEADER_FIRST = frozenset(
     {
         "sensor_msgs/msg/JointState",
+        "geometry_msgs/msg/TransformStamped",
         "geometry_msgs/msg/WrenchStamped",
         "geometry_msgs/msg/Vector3Stamped",
         "diagnostic_msgs/msg/DiagnosticArray",

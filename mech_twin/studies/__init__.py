@@ -12,14 +12,14 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from mech_twin.capabilities.design import Design
     from mech_twin.capabilities.long_run import RegimeAnswer, RegimeQuestion, SynthesisAnswer, SynthesisQuestion
-    from mech_twin.capabilities.published import Row
+    from mech_twin.capabilities.published import PublishedRow
     from mech_twin.capabilities.sizing import Sizing
     from mech_twin.quantity import Parameters
     from mech_twin.studies.design_scan import DesignScan
     from mech_twin.studies.parameter_sweep import Sweep
 
 
-def reproduce(machine: str | None = None, parameters: Parameters | None = None) -> tuple[Row, ...]:
+def reproduce(machine: str | None = None, parameters: Parameters | None = None) -> tuple[PublishedRow, ...]:
     """Return every published number beside the computed one.
 
     Parameters

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from mech_twin.capabilities.errors import StudyError
-from mech_twin.capabilities.published import CONTRADICTS, Row
+from mech_twin.capabilities.published import CONTRADICTS, PublishedRow
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.parameters.load import catalogue_entry, machine_parameters
 from mech_twin.quantity import Parameters
 
 
-def machine_rows(machine: str, parameters: Parameters | None = None) -> tuple[Row, ...]:
+def machine_rows(machine: str, parameters: Parameters | None = None) -> tuple[PublishedRow, ...]:
     """Return the rows of one machine, the awkward ones first.
 
     Parameters
@@ -33,12 +33,12 @@ def machines_with_published_values() -> tuple[str, ...]:
     return tuple(name for name, entry in CATALOGUE.items() if entry.capabilities.published is not None)
 
 
-def all_rows() -> tuple[Row, ...]:
+def all_rows() -> tuple[PublishedRow, ...]:
     """Return the rows of every machine: first where a source contradicts itself, then the rest, machine by machine."""
     rows = [row for machine in machines_with_published_values() for row in machine_rows(machine)]
     return tuple(sorted(rows, key=lambda row: row.verdict != CONTRADICTS))
 
 
-def all_hold(rows: Iterable[Row]) -> bool:
+def all_hold(rows: Iterable[PublishedRow]) -> bool:
     """Return whether every gated row keeps its tolerance."""
     return all(row.holds for row in rows)

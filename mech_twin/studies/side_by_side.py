@@ -16,7 +16,7 @@ from mech_twin.captions import titled
 RESIDUAL = "worst_"  # how the names of residuals in a summary begin
 
 
-class Side(NamedTuple):
+class ComparedRun(NamedTuple):
     """One of the two: its label, machine, configuration tree, summary numbers, samples as columns over time.
 
     ``broken`` names the residuals beyond their limits; residuals are rounding and not compared.
@@ -55,12 +55,12 @@ class Comparison:
         return tuple(number for number in self.numbers if not number.relative <= self.tolerance)
 
 
-def compared(first: Side, second: Side, tolerance: float = 0.0) -> Comparison:
+def compared(first: ComparedRun, second: ComparedRun, tolerance: float = 0.0) -> Comparison:
     """Return two sides compared.
 
     Parameters
     ----------
-    first, second : Side
+    first, second : ComparedRun
         Both of one machine.
     tolerance : float
         Relative difference, |a - b| / max(|a|, |b|), up to which two numbers count as equal.
@@ -114,7 +114,7 @@ def relative_difference(first: Any, second: Any) -> float:
     return math.inf if math.isnan(apart) else float(apart)
 
 
-def columns_apart(first: Side, second: Side, most: int) -> list[str]:
+def columns_apart(first: ComparedRun, second: ComparedRun, most: int) -> list[str]:
     """Return the columns that differ most: greatest distance at a common time over the greatest magnitude."""
     found: list[tuple[float, str]] = []
     time, other_time = (np.asarray(side.samples["time_s"]) for side in (first, second))
@@ -132,7 +132,7 @@ def columns_apart(first: Side, second: Side, most: int) -> list[str]:
     return [name for _, name in sorted(found, key=lambda item: -item[0])[:most]]
 
 
-def drawn_side_by_side(first: Side, second: Side, names: Sequence[str]) -> Any:
+def drawn_side_by_side(first: ComparedRun, second: ComparedRun, names: Sequence[str]) -> Any:
     """Return a picture of columns of both sides over time, one panel a column."""
     from mech_twin.capabilities.plots import house_style, sheet
 

@@ -194,3 +194,44 @@ def test_a_wrong_map_is_contradicted_by_the_run(plant: Plant, tmp_path: Path) ->
     found = mech_twin("info", plant.table, "--map", written(tmp_path / "map.yaml", {**SENSORS, "channels": wrong}))
     assert found.code == 1
     assert "is its unit mm?" in found.err
+
+
+def test_a_measured_run_is_analysed_and_shown(plant: Plant, tmp_path: Path) -> None:
+    unknown = [dict(channel) for channel in SENSORS["channels"]]
+    unknown[0]["zero"] = "per_run"
+    given = written(tmp_path / "map.yaml", {**SENSORS, "channels": unknown})
+    found = mech_twin("replay", plant.table, "--analyse", "--map", given, "--json")
+    assert found.code == 0, found.err
+    document = json.loads(found.out)
+    assert document["samples"] == 401
+    assert document["crank_zero_rad"] == pytest.approx(np.radians(33.0), abs=0.005)
+    shares = {each["name"]: each["share"] for each in document["compared"]}
+    assert shares[SLIDER] < 0.01
+    assert shares["forces.shaking_force_y_n"] < 0.1
+    beyond = mech_twin("replay", plant.bag, "--analyse", "--map", given, "--tolerance", "1e-4", "--json")
+    assert beyond.code == 1
+    assert "expected at most 0.0001" in beyond.err
+
+
+def test_a_measured_run_is_drawn_by_the_mechanism(plant: Plant, tmp_path: Path) -> None:
+    pytest.importorskip("rerun")
+    file = tmp_path / "run.rrd"
+    found = mech_twin("view", plant.table, "--map", plant.map, "--save", file)
+    assert found.code == 0, found.err
+    assert file.stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (("replay", "{table}", "--map", "{map}"), ("--analyse",)),
+        (("replay", "{bag}", "--tolerance", "0.1"), ("--analyse --map",)),
+        (("replay", "{table}", "--analyse", "--map", "{nowhere}"), ("cannot be read",)),
+    ],
+)  # fmt: skip
+def test_a_map_where_it_has_no_use_is_refused(words: tuple[str, ...], expected: tuple[str, ...], plant: Plant) -> None:
+    paths = {"map": plant.map, "bag": plant.bag, "table": plant.table, "nowhere": plant.map.parent / "nowhere.yaml"}
+    found = mech_twin(*(word.format(**paths) for word in words))
+    assert found.code == 2
+    assert all(word in found.err for word in expected)
+    assert found.err.count("\n") == 1

@@ -215,3 +215,36 @@ def test_a_force_changed_while_running_is_booked_as_work():
         frame = next_frame(loaded, frame, 1.0)
         assert abs(frame.linkage.residuals["energy_balance"]) < 1e-10
     assert frame.linkage.memory["adjustment_work_j"] == pytest.approx(500.0 * height(at), rel=1e-12)
+
+
+def test_a_machine_at_rest_starts_held_by_its_friction_and_whole():
+    """The load at th = 0 is carried by the shaft's friction as far as that reaches, and the drive by nothing yet."""
+    load = mechanism(0.0)[2]
+    for coulomb, held in ((2.0 * abs(load), -load), (0.4 * abs(load), -0.4 * load)):
+        linkage = machine("vibration_crank", overrides={**KLOSS, "friction.coulomb_nm": coulomb}).linkage
+        start = linkage.start()
+        assert start.memory["friction_torque_nm"] == pytest.approx(held, rel=1e-12)
+        memory = start.memory.as_dict()
+        assert {name: memory[name] for name in ("stalled_1", "load_share", "turned_back_rad", "turning_sense")} == {
+            "stalled_1": 0.0,
+            "load_share": 1.0,
+            "turned_back_rad": 0.0,
+            "turning_sense": 0.0,
+        }
+    turning = machine("vibration_crank").linkage.start()
+    assert turning.memory["friction_torque_nm"] == 0.0
+    assert turning.memory["turning_sense"] == 1.0
+
+
+def test_a_shaft_nothing_is_said_of_has_no_friction():
+    assert ShaftFriction() == (0.0, 0.0)
+
+
+def test_motion_is_as_exact_at_a_coupling_step_of_a_fifth_of_a_turn():
+    """The error of the integration is controlled within the step, however long that is."""
+    torque, friction, seconds = 150.0, (10.0, 2.0), 2.0
+    th, w = reference(torque, friction, seconds)
+    last = under_constant_torque(torque, friction, seconds, step=0.05)[-1]
+    assert w * 0.05 > 0.2 * 2.0 * pi
+    assert last.position[0] == pytest.approx(th, abs=2e-8)
+    assert last.velocity[0] == pytest.approx(w, abs=2e-7)

@@ -21,6 +21,7 @@ from mech_twin.engine.crank_motion import (
     STATE_SIZE,
     ShaftDrive,
     crank_rates,
+    integrated_work,
     line_torque,
     turn_crank,
 )
@@ -137,3 +138,24 @@ def test_a_motion_that_is_no_number_is_said_to_be_not_integrated():
     _, time, what, _ = turned(Disc(FREE, float("nan"), 4.0), 1.0, 1.0)
     assert what == NOT_INTEGRATED
     assert time < 1e-9
+
+
+class Power(NamedTuple):
+    """A power (W) that swings with time."""
+
+    amplitude_w: float
+
+
+@rates_of(Power, DORMAND_PRINCE_8)
+def power_rates(system, t, y, out):
+    """Fill the power."""
+    out[0] = system.amplitude_w * np.cos(t)
+
+
+@pytest.mark.parametrize("span", [1e-3, 20.0])
+def test_work_of_a_power_is_its_integral_over_the_span_and_no_more(span):
+    assert integrated_work(Power(3.0), span, 1e-13) == pytest.approx(3.0 * sin(span), abs=1e-11)
+
+
+def test_work_of_a_power_that_is_no_number_is_none():
+    assert np.isnan(integrated_work(Power(float("nan")), 1.0, 1e-13))

@@ -3,18 +3,12 @@
 from __future__ import annotations
 
 import json
-import os
 import re
-import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from recipes import checkout_by, ran
 
-ROOT = Path(__file__).resolve().parents[2]
-PAGE = ROOT / "docs" / "adding-a-machine.md"
-BLOCK = re.compile(r"^```\w+ (file|line)=(\S+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 MACHINE = "flywheel_rig"
 
 pytestmark = pytest.mark.slow
@@ -22,36 +16,7 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(scope="module")
 def checkout(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a copy of the project to which the page's blocks were added, and nothing else."""
-    folder = tmp_path_factory.mktemp("checkout")
-    for part in ("mech_twin", "config", "test"):
-        shutil.copytree(ROOT / part, folder / part, ignore=shutil.ignore_patterns("__pycache__"))
-    shutil.copy(ROOT / "pyproject.toml", folder)
-    blocks = BLOCK.findall(PAGE.read_text(encoding="utf-8"))
-    assert {kind for kind, _, _ in blocks} == {"file", "line"}
-    for kind, name, text in blocks:
-        path = folder / name
-        if kind == "file":
-            path.parent.mkdir(exist_ok=True)
-            path.write_text(text, encoding="utf-8")
-        else:
-            catalogue = path.read_text(encoding="utf-8")
-            assert catalogue.count("\n    )\n}") == 1
-            path.write_text(catalogue.replace("\n    )\n}", f"\n{text}    )\n}}"), encoding="utf-8")
-    return folder
-
-
-def ran(checkout: Path, *words: str) -> subprocess.CompletedProcess[str]:
-    environment = {**os.environ, "PYTHONPATH": str(checkout)}
-    return subprocess.run(
-        [sys.executable, *words],
-        cwd=checkout,
-        env=environment,
-        capture_output=True,
-        text=True,
-        timeout=250,
-        check=False,
-    )
+    return checkout_by("adding-a-machine.md", tmp_path_factory.mktemp("machine") / "checkout")
 
 
 def test_a_machine_made_by_the_recipe_keeps_every_contract(checkout: Path) -> None:

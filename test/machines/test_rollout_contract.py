@@ -35,6 +35,7 @@ CASES = [
     ("compaction_press", KLOSS),
     ("vibration_crank", KLOSS),
     ("mb10_breaker", {"excitation.kind": "approximated"}),
+    ("mb10_breaker", {"friction.coulomb_nm": 2.0, "body.friction.coulomb_nm": 8.0}),
     ("impact_mass", {"contact_stiffness_n_per_m": 1e7}),
     ("winding_drum", {"package_radius_m": 0.0812, "supply.initial_fraction": 1.0, "friction.coulomb_nm": 20.0}),
 ]

@@ -112,6 +112,12 @@ def test_a_run_of_another_machine_is_named(motion: dict[str, Array], turn: Model
     the_line(implausible(other, turn), COLUMNS[1], "does not follow", "another machine")
 
 
+def test_a_position_of_the_wrong_sign_is_named(motion: dict[str, Array], turn: ModelTurn) -> None:
+    columns = ("linkage.crank.position", "linkage.rod_1.position", "linkage.cart_1.position")
+    turned = with_values(measured(motion, *columns), columns[2], np.negative)
+    the_line(implausible(turned, turn), columns[2], "sign", "turned round")
+
+
 def test_no_cycle_is_named(motion: dict[str, Array], turn: ModelTurn) -> None:
     short = {name: values[:40] for name, values in motion.items()}
     the_line(implausible(measured(short, *COLUMNS[:2]), turn), "no cycle", "of a turn")

@@ -57,6 +57,11 @@ def test_the_quantum_is_found(quantum: float) -> None:
     assert gauged(times, values).quantum == 0.0
 
 
+def test_an_even_motion_sampled_evenly_has_no_quantum_to_be_seen() -> None:
+    times, _ = motion()
+    assert gauged(times, 4.5 * np.arange(COUNT)).quantum == 0.0
+
+
 def test_drift_of_the_log_clock_is_found() -> None:
     times, values = motion()
     delays = 5e-4 * times + 1e-6 * np.random.default_rng(1).standard_normal(COUNT)

@@ -4,11 +4,15 @@ import struct
 
 import hypothesis.strategies as st
 import pytest
+from catalogue import built
 from hypothesis import given
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 
+from mech_twin.engine.run import frames
+from mech_twin.messages import linkage
 from mech_twin.messages.joint_state_cdr import MOST_LAYOUTS, CdrError, Decoder, encoded
+from mech_twin.messages.step_message import MessageError
 
 NAMES = st.lists(st.text(st.characters(exclude_characters="\0", exclude_categories=["Cs"]), max_size=9), max_size=6)
 NUMBERS = st.floats(width=64)
@@ -94,3 +98,17 @@ def test_a_learnt_shape_does_not_read_beyond_a_message_cut_short(message, cut):
     except CdrError:
         return
     assert content(read) == content(deserialize_message(short, JointState))
+
+
+def test_bytes_heard_by_several_listeners_are_one_sample_to_all() -> None:
+    sample = next(iter(frames(built("winding_drum"), 0.0))).linkage
+    raw = encoded(linkage.to_step(sample))
+    first = linkage.received(raw, 0.001, sample.joints)
+    assert first == sample
+    assert linkage.received(bytes(bytearray(raw)), 0.001, sample.joints) is first
+    assert linkage.received(raw, 0.001, sample.joints[::-1]).joints == sample.joints[::-1]
+    for _ in range(2):  # what is wrong stays wrong
+        with pytest.raises(CdrError):
+            linkage.received(raw[:20], 0.001, sample.joints)
+        with pytest.raises(MessageError, match="missing"):
+            linkage.received(raw, 0.001, ("somebody",))

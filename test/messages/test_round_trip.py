@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 from catalogue import NAMES, built
 from rclpy.serialization import deserialize_message, serialize_message
@@ -39,6 +41,15 @@ def test_every_drawing_survives_the_wire(name: str) -> None:
     assert [shape.colour for shape in again.shapes] == [shape.colour for shape in drawing.shapes]
 
 
+@pytest.mark.parametrize("share", [math.nan, math.inf, -0.1, 1.1])
+def test_a_marker_of_no_colour_is_refused(share: float) -> None:
+    machine = built("winding_drum")
+    message = scene.to_message(Drawing(0, 0.0, machine.draw(machine.linkage.start(), None)))
+    message.markers[0].color.g = share
+    with pytest.raises(step_message.MessageError, match="colour"):
+        scene.from_message(message)
+
+
 def sample() -> LinkageSample:
     event = Event(0.1234567890123456, "blow", "tool", 1.5, -0.5, 20.9, 7, (Coordinate(1.0, 2.0, 3.0),), ())
     memory, residuals = Named(("energy_j",), (1.0,)), Named(("loop_closure_m",), (1e-16,))
@@ -72,7 +83,7 @@ def test_a_number_that_is_not_finite_is_refused(bad: float) -> None:
 def test_columns_of_unequal_length_are_refused() -> None:
     message = linkage.to_message(sample())
     message.effort = message.effort[:-1]
-    with pytest.raises(step_message.MessageError, match="rows"):
+    with pytest.raises(step_message.MessageError, match=r"column effort has \d+ numbers, expected \d+"):
         linkage.from_message(message)
 
 

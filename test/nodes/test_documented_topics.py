@@ -9,9 +9,11 @@ import pytest
 from bench_run import BenchRun
 from catalogue import NAMES, built
 
+from mech_twin.nodes.frames_node import FramesNode
+
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "topics.md"
 BODY_ONLY = "with a moving body only"
-OF_ROS = {"rosout", "parameter_events"}
+OF_ROS = {"rosout", "parameter_events", "tf"}  # /tf where tf2_msgs is installed
 
 
 def documented(name: str) -> dict[str, str]:
@@ -37,6 +39,7 @@ def test_every_documented_topic_is_advertised_and_no_other(name: str, ros_domain
     promised = documented(name)
     assert len(promised) > 15
     with BenchRun(name) as run:
+        run.revive(FramesNode)
         run.steps(5)
 
         def on_the_graph() -> dict[str, str]:

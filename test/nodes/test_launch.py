@@ -23,21 +23,22 @@ from mech_twin.recording.bag_reader import BagReader
 
 ROOT = Path(__file__).resolve().parents[2]
 LIMIT_S = 90.0
-NODES = ("motor_node", "linkage_node", "force_node", "body_node", "recorder_node", "viewer_node")
+NODES = ("motor_node", "linkage_node", "force_node", "body_node", "frames_node", "recorder_node", "viewer_node")
 
 
 @pytest.mark.parametrize("machine", CATALOGUE)
 def test_a_launch_starts_every_role_of_the_machine_and_the_linkage_last(machine: str) -> None:
-    planned = [program.name for program in launch_plan.programs(LaunchRequest(machine))]
+    planned = [program.name for program in launch_plan.programs(LaunchRequest(machine, frames="false"))]
     bodies = ["body"] if CATALOGUE[machine].has_body else []
     assert planned == ["motor", "force_analysis", *bodies, "linkage"]
 
 
 def test_a_recorder_and_a_viewer_are_started_first_and_waited_for() -> None:
     request = LaunchRequest("winding_drum", record="DIR", view="run.rrd")
-    first, second, *_ = launch_plan.programs(request)
+    first, second, third, *_ = launch_plan.programs(request)
     assert first == ("recorder_node", "recorder", ("--directory", "DIR"))
     assert second == ("viewer_node", "viewer", ("--place", "run.rrd"))
+    assert third == ("frames_node", "frames", ())
     asked = launch_plan.parameters(request)
     assert asked["run.recorder"] is True
     assert asked["run.viewer"] is True

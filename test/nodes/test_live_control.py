@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from typing import Literal, get_args, get_origin
 
 import pytest
 from bench_run import BenchRun
@@ -115,3 +116,38 @@ def test_every_parameter_is_described_with_its_unit(name: str) -> None:
             assert described.read_only is not key.live
             if isinstance(key.value, float):
                 assert described.description.endswith("]"), described.name
+
+
+@pytest.mark.parametrize("node", ["linkage", "motor"])
+def test_simulation_time_may_be_asked_for_while_running_and_changes_nothing(node: str) -> None:
+    with BenchRun(CRANK) as run:
+        run.steps(10)
+        for wanted in (True, False):
+            assert run.set_parameters(node, use_sim_time=wanted)[0].successful
+            run.steps(30)
+        assert run.linkage.revision == 1
+        expected = [frame.linkage for frame in frames(built(CRANK), run.samples[-1].time_s)]
+        assert run.samples == expected[: len(run.samples)]
+
+
+def test_a_parameter_of_ros_beside_a_live_one_is_no_reason_to_refuse_it() -> None:
+    with BenchRun("impact_mass") as run:
+        run.steps(10)
+        results = run.set_parameters("linkage", use_sim_time=True, restitution=0.5)
+        assert [result.successful for result in results] == [True, True]
+        run.until(lambda: run.linkage.machine.parameters.restitution == 0.5)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_words_a_parameter_may_have_stand_in_its_description(name: str) -> None:
+    with BenchRun(name) as run:
+        every = [*keys(built(name).parameters), *(key for key in keys(run.options, "run."))]
+        words = {
+            key.name: get_args(key.field.annotation) for key in every if get_origin(key.field.annotation) is Literal
+        }
+        assert "run.pace" in words
+        request = DescribeParameters.Request(names=list(words))
+        for described in run.call(DescribeParameters, "linkage/describe_parameters", request).descriptors:
+            for word in words[described.name]:
+                assert str(word) in described.description
+                assert str(word) in described.additional_constraints

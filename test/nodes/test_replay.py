@@ -125,10 +125,11 @@ def test_a_loop_leaves_no_stale_latched_message_behind(tmp_path: Path) -> None:
 def test_time_never_goes_back_unannounced(drum_bag: Path) -> None:
     with ReplayBench(drum_bag, loop=True, rate=4.0, topics=("step/linkage",)) as bench:
         bench.until(lambda: bench.node.loops >= 2 and len(bench.heard) > 1100)
-        heard = steps(bench.of(STATES))
+        heard = steps(bench.of(STATES))  # what is heard may lag behind the loops, and what is told behind both
         falls = [i for i in range(1, len(heard)) if heard[i] < heard[i - 1]]
-        told = [at for at, line in bench.announced if "jumps back" in line]
-        assert len(falls) == len(told) == bench.node.loops
+        assert len(falls) >= 2
+        bench.until(lambda: sum("jumps back" in line for _, line in bench.announced) >= len(falls))
+        assert sum("jumps back" in line for _, line in bench.announced) <= bench.node.loops
         assert all(heard[i - 1] == 500 and heard[i] == 0 for i in falls)
 
 

@@ -86,6 +86,19 @@ def test_in_a_namespace_of_its_own_the_same_machine_runs_beside_the_first(living
 
 
 @pytest.mark.slow
+def test_another_machine_beside_the_first_says_that_they_share_a_clock(living_run: Path, tmp_path: Path) -> None:
+    words = ["run", "vibration_crank", "--view", "none", "--no-record", "--duration", "0.3"]
+    shared = finished(*COMMAND, *words)
+    assert shared.returncode == 0, shared.stderr
+    (told,) = [line for line in shared.stderr.splitlines() if "/clock is published by" in line]
+    assert "/winding_drum/linkage" in told
+    assert "--namespace" in told
+    apart = finished(*COMMAND, *words, "--namespace", "crank_1")
+    assert apart.returncode == 0, apart.stderr
+    assert "is published by" not in apart.stderr
+
+
+@pytest.mark.slow
 def test_a_replay_beside_a_run_is_refused_unless_in_a_namespace_of_its_own(living_run: Path, tmp_path: Path) -> None:
     bag = tmp_path / "bag"
     made = finished(*COMMAND, "simulate", "winding_drum", "--duration", "0.2", "--bag", str(bag))

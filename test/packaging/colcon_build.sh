@@ -21,6 +21,8 @@ test -x "$prefix/lib/mech_twin/linkage_node"
 test -x "$prefix/lib/mech_twin/mech-twin"
 test -f "$prefix/share/mech_twin/config/mb10_breaker.yaml"
 test -f "$prefix/share/mech_twin/launch/twin.launch.py"
+test -f "$prefix/share/mech_twin/rviz/mb10_breaker.rviz"
+test -f "$prefix/share/mech_twin/foxglove/mb10_breaker.json"
 test -f "$prefix/share/ament_index/resource_index/packages/mech_twin"
 
 # The installed command finds the installed configuration, with the source tree out of reach.

@@ -7,6 +7,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterator
+from functools import cache
 from importlib.metadata import PackageNotFoundError, packages_distributions
 from pathlib import Path
 from xml.etree import ElementTree
@@ -80,8 +81,14 @@ def manifest(tag: str) -> set[str]:
     return {str(item.text) for item in ElementTree.parse(ROOT / "package.xml").getroot().findall(tag)}
 
 
+@cache
+def installed() -> dict[str, list[str]]:
+    """Return the distributions that bring each package; reading them all takes a good part of a second."""
+    return dict(packages_distributions())
+
+
 def distributions(name: str) -> set[str]:
-    return {canonical(found) for found in packages_distributions().get(name, [])}
+    return {canonical(found) for found in installed().get(name, [])}
 
 
 IMPORTED = third_party()

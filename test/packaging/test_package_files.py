@@ -17,7 +17,7 @@ from mech_twin.parameters.load import MACHINE_KEY, file_tree
 
 ROOT = Path(__file__).resolve().parents[2]
 LAUNCH = ROOT / "launch" / "twin.launch.py"
-NODES = {"motor_node", "linkage_node", "force_node", "body_node", "recorder_node", "viewer_node"}
+NODES = {"motor_node", "linkage_node", "force_node", "body_node", "frames_node", "recorder_node", "viewer_node"}
 
 
 def launch_calls(name: str) -> list[ast.Call]:
@@ -29,6 +29,7 @@ def test_manifest_is_format_3_ament_python_and_of_this_version() -> None:
     package = ElementTree.parse(ROOT / "package.xml").getroot()
     assert package.get("format") == "3"
     assert package.findtext("export/build_type") == "ament_python"
+    assert (ROOT / str(package.findtext("export/rosdoc2"))).is_file()
     assert package.findtext("version") == __version__
     assert {"rclpy", "sensor_msgs", "diagnostic_msgs"} <= {item.text for item in package.findall("exec_depend")}
 
@@ -43,7 +44,7 @@ def test_launch_file_compiles_and_declares_its_arguments() -> None:
         if any(word.arg == "choices" for word in call.keywords)
     }
     assert declared == {*LaunchRequest._fields, "discovery", "respawn"}
-    assert chosen == {"machine", "pace", "use_sim_time", "discovery", "respawn"}
+    assert chosen == {"machine", "pace", "use_sim_time", "discovery", "respawn", "frames"}
 
 
 def test_launch_file_starts_programs_that_are_installed() -> None:

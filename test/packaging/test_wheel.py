@@ -16,7 +16,9 @@ import pytest
 from mech_twin import __version__
 
 ROOT = Path(__file__).resolve().parents[2]
-PROGRAMS = {"mech-twin", "motor_node", "linkage_node", "force_node", "body_node", "recorder_node", "viewer_node"}
+PROGRAMS = {f"{name}_node" for name in ("motor", "linkage", "force", "body", "frames", "recorder", "viewer")} | {
+    "mech-twin"
+}
 pytestmark = pytest.mark.slow
 
 
@@ -78,4 +80,10 @@ def test_programs_are_where_ros2_run_looks_and_start(wheel: Path, tmp_path: Path
     assert done.returncode == 0, done.stderr
     share = tmp_path / "env" / "share" / "mech_twin"
     assert (share / "config" / "winding_drum.yaml").is_file()
-    assert (share / "launch" / "twin.launch.py").is_file()
+    for name in (
+        "launch/twin.launch.py",
+        "launch/machines.launch.py",
+        "rviz/mb10_breaker.rviz",
+        "foxglove/mb10_breaker.json",
+    ):
+        assert (share / name).is_file()

@@ -129,6 +129,21 @@ def test_double_crank_is_no_crank_rocker():
     assert "crank <= every other link" in (failing_inequality(drag_link, crank_rocker=True) or "")
 
 
+LENGTHS = st.floats(0.01, 1.0)
+
+
+@given(LENGTHS, LENGTHS, LENGTHS, LENGTHS)
+@settings(deadline=None)
+def test_a_crank_rocker_is_what_grashof_calls_one_and_nothing_else(crank, coupler, rocker, ground):
+    """Grashof 1883: the crank is the shortest link, and shortest + longest <= the sum of the other two."""
+    bar = FourBar(crank, coupler, rocker, ground, 0.0, OPEN)
+    shortest, second, third, longest = sorted((crank, coupler, rocker, ground))
+    slack = second + third - shortest - longest
+    assume(abs(slack) > 1e-12)  # on the border rounding decides
+    refused = failing_inequality(bar, crank_rocker=True)
+    assert (refused is None) == (crank == shortest and slack > 0.0)
+
+
 def test_a_crank_pin_that_meets_the_pivot_is_refused():
     """Equal crank and ground, equal coupler and rocker: there the rods may lie anywhere."""
     bar = FourBar(0.05, 0.3, 0.3, 0.05, 0.0, OPEN)

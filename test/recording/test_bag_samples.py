@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import random
+import re
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 import pytest
+from catalogue import built
 from recordings import Entry, altered_bag, earlier_layout, edited, entries_of, simulated_bag, written_bag
 
 from mech_twin.engine.step_samples import StepSamples
+from mech_twin.nodes.composition import run_in_process
+from mech_twin.nodes.options import RunOptions
 from mech_twin.nodes.replay_source import ReplaySource
 from mech_twin.recording.bag_reader import BagReader
 from mech_twin.recording.bag_samples import BagSamples, bag_samples
@@ -137,6 +142,58 @@ def test_the_description_is_the_run_s_own(frames: list[Frame], tmp_path: Path) -
     )
     with BagReader(silent) as reader:
         assert BagSamples(reader).descriptions() == texts
+
+
+def described(entry: Entry, source: int | None, setting: str) -> Entry:
+    """Return a description like the recorded one, signed by somebody, with one setting of its own."""
+
+    def edit(message: Any) -> None:
+        head = "" if source is None else f"source: {source}\n"
+        unsigned = re.sub(r"^source: .*\n", "", message.data, flags=re.MULTILINE)
+        message.data = head + re.sub(r"yarn_speed_m_per_s: .*", setting, unsigned)
+
+    return edited(entry, edit)
+
+
+@pytest.mark.usefixtures("ros_domain")
+@pytest.mark.parametrize("signed", [True, False], ids=["signed", "unsigned"])
+@pytest.mark.parametrize("stranger", [None, 17], ids=["unsigned stranger", "signed stranger"])
+def test_a_strangers_description_in_a_bag_is_not_the_run_s(signed: bool, stranger: int | None, tmp_path: Path) -> None:
+    if signed:
+        options = RunOptions(pace="max", duration_s=0.1, recorder=True, exclusive=False)
+        run_in_process(DRUM, built(DRUM).parameters, options, tmp_path / "bag", None)
+    else:
+        simulated_bag(DRUM, 0.1, tmp_path / "bag")
+
+    def among(entry: Entry) -> Iterable[Entry]:
+        if not entry.topic.endswith("/description"):
+            return (entry,)
+        foreign = described(entry, stranger, "yarn_speed_m_per_s: 1.0")
+        later = [foreign._replace(log_time_ns=entry.log_time_ns + k * 10_000_000) for k in range(3)]
+        return (foreign, entry, *later)
+
+    bag = altered_bag(tmp_path / "bag", tmp_path / "among", among)
+    with BagReader(tmp_path / "bag") as reader:
+        own = BagSamples(reader).descriptions()
+    with BagReader(bag) as reader:
+        texts = BagSamples(reader).descriptions()
+    if signed or stranger is not None:
+        assert texts == own
+    else:  # nothing tells them apart: a simulation signs nothing, and neither does the stranger
+        assert set(own) < set(texts)
+
+
+def test_a_bag_that_holds_a_strangers_description_alone_falls_back_to_its_own_configuration(tmp_path: Path) -> None:
+    simulated_bag(DRUM, 0.05, tmp_path / "bag")
+    bag = altered_bag(
+        tmp_path / "bag",
+        tmp_path / "alone",
+        lambda e: (described(e, 17, "yarn_speed_m_per_s: 1.0"),) if e.topic.endswith("/description") else (e,),
+    )
+    with BagReader(bag) as reader:
+        (text,) = BagSamples(reader).descriptions()
+        assert text == reader.info.configuration
+        assert "yarn_speed_m_per_s: 1.0" not in text
 
 
 def mutated(entry: Entry, chance: random.Random) -> Entry:

@@ -15,6 +15,7 @@ from mech_twin.recording.bag_reader import BagReader, bag_info
 from mech_twin.recording.bag_split import TopicCounters
 from mech_twin.recording.bag_writer import BagWriter, WriterState
 from mech_twin.recording.errors import BagExistsError, UnknownTypeError, UnwritableDirectoryError
+from mech_twin.recording.ros_distro import running_distro
 from mech_twin.recording.schemas import string_cdr
 
 
@@ -113,7 +114,7 @@ def test_splits_by_duration_are_all_listed(tmp_path: Path) -> None:
     assert information["duration"]["nanoseconds"] == 999_000_000
     assert information["message_count"] == sum(counts(1000).values()) + 3  # the description, repeated
     assert sum(file["message_count"] for file in information["files"]) == information["message_count"]
-    assert information["ros_distro"] == os.environ.get("ROS_DISTRO", "jazzy")
+    assert information["ros_distro"] == running_distro()
     assert information["custom_data"]["mech_twin.finished"] == "true"
 
 

@@ -9,7 +9,7 @@ import pytest
 from bench_run import BenchRun
 from builtin_interfaces.msg import Time
 from catalogue import built
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from process_run import ProcessRun
 from rclpy.clock import ClockType
 from rosgraph_msgs.msg import Clock
@@ -17,7 +17,7 @@ from sensor_msgs.msg import JointState
 
 import mech_twin
 from mech_twin.engine.run import frames
-from mech_twin.messages.topics import CLOCK, DIAGNOSTICS, STEP_LINKAGE, STEP_MOTOR, Topic
+from mech_twin.messages.topics import CLOCK, DIAGNOSTICS, JOINT_STATES, STEP_LINKAGE, STEP_MOTOR, Topic
 from mech_twin.nodes.motor_node import MotorNode
 from mech_twin.nodes.recorder_node import RecorderNode
 from mech_twin.recording.bag_reader import BagReader
@@ -112,6 +112,17 @@ def test_a_foreign_clock_does_not_move_the_time_of_a_recording(tmp_path: Path) -
     assert max(times) <= round(end_s * 1e9)
 
 
+@pytest.mark.usefixtures("ros_domain")
+def test_a_second_clock_on_the_topic_is_named_with_the_remedy() -> None:
+    with BenchRun(DRUM) as run:
+        run.client.create_publisher(CLOCK.type, CLOCK.name, CLOCK.qos)
+        heard: list[DiagnosticStatus] = []
+        run.client.create_subscription(DiagnosticArray, DIAGNOSTICS.name, lambda m: heard.extend(m.status), 100)
+        run.steps(5)
+        words = f"/clock is published by /{DRUM}/client as well"
+        run.until(lambda: any(words in status.message and status.level == DiagnosticStatus.WARN for status in heard))
+
+
 def strangers_on(run: BenchRun, joint_states: Topic) -> None:
     """Publish what any other node may: wall, negative and absurd stamps, on a step topic and on diagnostics."""
     steps = run.client.create_publisher(JointState, joint_states.name, joint_states.qos)
@@ -126,7 +137,7 @@ def strangers_on(run: BenchRun, joint_states: Topic) -> None:
 
 
 @pytest.mark.usefixtures("ros_domain")
-@pytest.mark.parametrize("topic", [STEP_LINKAGE, STEP_MOTOR], ids=lambda topic: topic.name)
+@pytest.mark.parametrize("topic", [STEP_LINKAGE, STEP_MOTOR, JOINT_STATES], ids=lambda topic: topic.name)
 def test_no_strangers_stamp_rules_time_splits_or_gaps_of_a_recording(topic: Topic, tmp_path: Path) -> None:
     with BenchRun(DRUM, recorder=True, split_s=1000.0) as run:
         recorder = run.revive(

@@ -5,7 +5,7 @@ from functools import cache
 
 import pytest
 
-from mech_twin.capabilities.published import FAILED, Source
+from mech_twin.capabilities.published import FAILED, Literature
 from mech_twin.capabilities.variation import varied
 from mech_twin.parameters.load import machine_parameters
 from mech_twin.studies import reproduce
@@ -64,7 +64,7 @@ def test_the_contradictions_of_the_sources_come_first():
 
 
 def test_errors_mean_what_the_measure_says():
-    at = Source("a", "b", "c")
+    at = Literature("a", "b", "c")
     assert at.gated("x", 2.0, 2.1, "why", relative=0.051).holds
     assert not at.gated("x", 2.0, 2.1, "why", relative=0.049).holds
     assert at.gated("x", 0.0, -0.1, "why", absolute=0.1).error == pytest.approx(-0.1)
@@ -84,4 +84,4 @@ def test_only_a_row_with_a_tolerance_is_called_reproduced(machine):
 
 def test_a_row_without_a_tolerance_cannot_claim_to_be_reproduced():
     with pytest.raises(ValueError, match="without a tolerance"):
-        Source("a", "b", "c").reported("x", 2.0, 2.1, "reproduced", "why")
+        Literature("a", "b", "c").reported("x", 2.0, 2.1, "reproduced", "why")

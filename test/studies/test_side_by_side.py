@@ -8,13 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mech_twin.capabilities.errors import StudyError
-from mech_twin.studies.side_by_side import Side, columns_apart, compared, drawn_side_by_side, relative_difference
+from mech_twin.studies.side_by_side import ComparedRun, columns_apart, compared, drawn_side_by_side, relative_difference
 
 numbers = st.floats(allow_nan=False, allow_infinity=False)
 
 
 def side(label="A", machine="press", configuration=None, summary=None, samples=None):
-    return Side(label, machine, configuration or {}, summary or {}, (), samples or {"time_s": [0.0, 1.0]})
+    return ComparedRun(label, machine, configuration or {}, summary or {}, (), samples or {"time_s": [0.0, 1.0]})
 
 
 @given(numbers, numbers)

@@ -7,6 +7,7 @@ from typing import Any
 from mech_twin.machines.compaction_press.cycle import POSITIONS, press_cycle
 from mech_twin.machines.compaction_press.drawing import drawing
 from mech_twin.machines.compaction_press.forces import PressForces
+from mech_twin.machines.compaction_press.mechanism import mechanism
 from mech_twin.machines.compaction_press.metrics import cycle_metrics, position_metrics
 from mech_twin.machines.compaction_press.parameters import CompactionPress, press_constants
 from mech_twin.machines.compaction_press.roles import press_linkage
@@ -55,6 +56,7 @@ def build(parameters: Parameters) -> Machine:
         lambda: cycle_metrics(p),
         analyse,
         lambda: PressObserver(p.motor_curve),
+        mechanism(press),
     )
 
 

@@ -62,16 +62,27 @@ class Cycle(NamedTuple):
     inertia_kg_m2: Array
 
 
+class TurnTorques(NamedTuple):
+    """Columns over crank angles: reduced moment, drive torque (N m), potential, layer's work (J), inertia (kg m2)."""
+
+    moment_nm: Array
+    drive_nm: Array
+    weights_j: Array
+    layer_j: Array
+    inertia_kg_m2: Array
+
+
 @kernel
-def _columns(press: Press, angles: Array, regimes: Array, w: float) -> Array:
-    table = np.empty((5, angles.size))
+def _columns(press: Press, angles: Array, regimes: Array, w: float) -> TurnTorques:
+    n = angles.size
+    table = TurnTorques(np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n))
     for i in range(angles.size):
         now = press_reduced(press, angles[i], int(regimes[i]))
-        table[0, i] = now.moment
-        table[1, i] = press_pins(press, angles[i], w, 0.0, now.force).moment
-        table[2, i] = press_weights(press, angles[i])
-        table[3, i] = layer_work(press.load, now.y) if regimes[i] != FREE else 0.0
-        table[4, i] = now.inertia
+        table.moment_nm[i] = now.moment
+        table.drive_nm[i] = press_pins(press, angles[i], w, 0.0, now.force).moment
+        table.weights_j[i] = press_weights(press, angles[i])
+        table.layer_j[i] = layer_work(press.load, now.y) if regimes[i] != FREE else 0.0
+        table.inertia_kg_m2[i] = now.inertia
     return table
 
 
@@ -94,14 +105,19 @@ def press_cycle(press: Press, stroke: Stroke, speed: float, count: int, kinks: b
     table = _columns(press, np.asarray(sign * way, dtype=np.float64), regimes, speed)
     whole = layer_work(press.load, stroke.bottom_y_m)
     # the layer's work so far along the motion, from position 0 on
-    layer = np.where(inside, table[3], 0.0) + np.where(before_bottom, 0.0, whole)
+    layer = np.where(inside, table.layer_j, 0.0) + np.where(before_bottom, 0.0, whole)
     if started_inside:
-        layer -= table[3, 0]
-    loads = -(table[2] - table[2, 0]) - layer
+        layer -= table.layer_j[0]
+    loads = -(table.weights_j - table.weights_j[0]) - layer
     mean = whole / TURN
     work = mean * way + loads
     return Cycle(
-        np.asarray(sign * way, dtype=np.float64), table[0], table[1], work, 0.5 * table[4] * speed * speed, table[4]
+        np.asarray(sign * way, dtype=np.float64),
+        table.moment_nm,
+        table.drive_nm,
+        work,
+        0.5 * table.inertia_kg_m2 * speed * speed,
+        table.inertia_kg_m2,
     )
 
 

@@ -96,13 +96,13 @@ def position_metrics(parameters: CompactionPress, f: float) -> dict[str, Any]:
 def working_quarter(press: Press, count: int = 9000) -> dict[str, float]:
     """Return over 180-270 degrees: smallest gains, and the share of it on which each exact gain is two or more."""
     angles = pi + (np.arange(count) + 0.5) * (0.5 * pi / count)
-    table = np.array([gains(press, f) for f in angles])
+    k1, k2, normal, vertical = np.array([gains(press, f) for f in angles]).T
     return {
-        "paper_gain_min_in_quarter": float((table[:, 0] * table[:, 1]).min()),
-        "normal_gain_min_in_quarter": float(table[:, 2].min()),
-        "vertical_gain_min_in_quarter": float(table[:, 3].min()),
-        "normal_gain_two_share_of_quarter": float(np.mean(table[:, 2] >= 2.0)),
-        "vertical_gain_two_share_of_quarter": float(np.mean(table[:, 3] >= 2.0)),
+        "paper_gain_min_in_quarter": float((k1 * k2).min()),
+        "normal_gain_min_in_quarter": float(normal.min()),
+        "vertical_gain_min_in_quarter": float(vertical.min()),
+        "normal_gain_two_share_of_quarter": float(np.mean(normal >= 2.0)),
+        "vertical_gain_two_share_of_quarter": float(np.mean(vertical >= 2.0)),
     }
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from math import radians
 
-from mech_twin.capabilities.published import CONTRADICTS, DIFFERS, Row, Source
+from mech_twin.capabilities.published import CONTRADICTS, DIFFERS, Literature, PublishedRow
 from mech_twin.machines.compaction_press.flywheel_run import flywheel_run
 from mech_twin.machines.compaction_press.metrics import cycle_metrics, position_metrics
 from mech_twin.machines.compaction_press.parameters import CompactionPress
@@ -15,7 +15,7 @@ WORKED = "worked for the assumed press"
 ASSUMED = "assumed press: the paper prints no dimensions"
 
 
-def rows(parameters: CompactionPress) -> Iterator[Row]:
+def rows(parameters: CompactionPress) -> Iterator[PublishedRow]:
     """Yield the rows, the gain formula first."""
     report = cycle_metrics(parameters)
     yield from _gain(parameters, report)
@@ -24,20 +24,20 @@ def rows(parameters: CompactionPress) -> Iterator[Row]:
     yield from _flywheel(parameters, report)
 
 
-def _gain(parameters: CompactionPress, report: dict[str, float]) -> Iterator[Row]:
+def _gain(parameters: CompactionPress, report: dict[str, float]) -> Iterator[PublishedRow]:
     at = position_metrics(parameters, radians(225.0))
-    paper = Source(PAPER, "Q = P k1 k2", f"{ASSUMED}; crank at 225 degrees")
+    paper = Literature(PAPER, "Q = P k1 k2", f"{ASSUMED}; crank at 225 degrees")
     why = "k1 k2 holds only while B is at rest; the exact gain is the inverse velocity ratio"
     yield paper.reported("gain, load normal to the plate", at["k1_k2"], at["gain_exact_normal"], CONTRADICTS, why)
     yield paper.reported("gain, vertical load", at["k1_k2"], at["gain_exact_vertical"], CONTRADICTS, why)
-    worked = Source(WORKED, "gain", "crank at 225 degrees")
+    worked = Literature(WORKED, "gain", "crank at 225 degrees")
     for name, value, key in (
         ("k1 k2", 2.9143, "k1_k2"),
         ("normal gain", 2.6001, "gain_exact_normal"),
         ("vertical gain", 2.4656, "gain_exact_vertical"),
     ):
         yield worked.gated(name, value, at[key], "each by its own formula", absolute=5e-5)
-    twofold = Source(PAPER, "two-fold gain", f"{ASSUMED}; 180 to 270 degrees")
+    twofold = Literature(PAPER, "two-fold gain", f"{ASSUMED}; 180 to 270 degrees")
     yield twofold.limit(
         "least k1 k2", 2.0, report["paper_gain_min_in_quarter"], "by the paper's own formula, a = l/2", "above"
     )
@@ -45,7 +45,7 @@ def _gain(parameters: CompactionPress, report: dict[str, float]) -> Iterator[Row
         yield twofold.reported(
             f"least {kind} gain", 2.0, report[f"{kind}_gain_min_in_quarter"], DIFFERS, "two-fold on a part of it only"
         )
-        quarter = Source(WORKED, "two-fold gain", "180 to 270 degrees")
+        quarter = Literature(WORKED, "two-fold gain", "180 to 270 degrees")
         yield quarter.gated(
             f"least {kind} gain", least, report[f"{kind}_gain_min_in_quarter"], "exact velocity ratio", absolute=5e-5
         )
@@ -58,8 +58,8 @@ def _gain(parameters: CompactionPress, report: dict[str, float]) -> Iterator[Row
         )
 
 
-def _claims(parameters: CompactionPress, report: dict[str, float]) -> Iterator[Row]:
-    paper = Source(PAPER, "conditions", ASSUMED)
+def _claims(parameters: CompactionPress, report: dict[str, float]) -> Iterator[PublishedRow]:
+    paper = Literature(PAPER, "conditions", ASSUMED)
     yield paper.limit("gamma_max, degrees", 20.0, report["gamma_max_deg"], "holds with room", "below")
     yield paper.gated("alpha at the bottom, degrees", 90.0, report["alpha_at_bottom_deg"], "R = h + r", absolute=1e-6)
     yield paper.gated("crank turns fully (1 yes)", 1.0, report["crank_rocker_1"], "crank-rocker", absolute=0.0)
@@ -69,8 +69,8 @@ def _claims(parameters: CompactionPress, report: dict[str, float]) -> Iterator[R
     yield paper.unknown("dimensions of the links", None, "none are printed: the size is assumed, with reasons")
 
 
-def _cycle(report: dict[str, float]) -> Iterator[Row]:
-    worked = Source(WORKED, "one cycle", "300 rpm, 10 kN, 3600 positions")
+def _cycle(report: dict[str, float]) -> Iterator[PublishedRow]:
+    worked = Literature(WORKED, "one cycle", "300 rpm, 10 kN, 3600 positions")
     for name, value, key, tolerance in (
         ("gamma_max, degrees", 13.85186, "gamma_max_deg", 1e-5),
         ("stroke, m", 0.060217832, "stroke_m", 1e-8),
@@ -89,8 +89,8 @@ def _cycle(report: dict[str, float]) -> Iterator[Row]:
         )
 
 
-def _flywheel(parameters: CompactionPress, report: dict[str, float]) -> Iterator[Row]:
-    paper = Source(PAPER, "energy-mass diagram", ASSUMED)
+def _flywheel(parameters: CompactionPress, report: dict[str, float]) -> Iterator[PublishedRow]:
+    paper = Literature(PAPER, "energy-mass diagram", ASSUMED)
     delta = parameters.flywheel.non_uniformity
     yield paper.limit(
         "non-uniformity without a flywheel above the asked one",
@@ -99,7 +99,7 @@ def _flywheel(parameters: CompactionPress, report: dict[str, float]) -> Iterator
         "a flywheel is needed, as the paper says",
         "above",
     )
-    worked = Source(WORKED, "flywheel", f"delta {delta:g}, 300 rpm")
+    worked = Literature(WORKED, "flywheel", f"delta {delta:g}, 300 rpm")
     inertia = report["flywheel_inertia_kg_m2"]
     for name, value, key, tolerance in (
         ("exact, kg m2", 2.963918, "", 1e-6),

@@ -7,6 +7,7 @@ from typing import Any
 
 from mech_twin.machines.impact_mass.drawing import mass_drawing
 from mech_twin.machines.impact_mass.forces import StopReaction
+from mech_twin.machines.impact_mass.mechanism import mechanism
 from mech_twin.machines.impact_mass.metrics import contact_metrics, cycle_metrics, position_metrics
 from mech_twin.machines.impact_mass.observer import MassObserver
 from mech_twin.machines.impact_mass.parameters import ImpactMass
@@ -65,6 +66,8 @@ def build(parameters: Parameters) -> Machine:
         report,
         analyse,
         lambda: MassObserver(p.stop_position_m),
+        mechanism(p.stop_position_m),
+        rests_when_supplied=True,
     )
 
 

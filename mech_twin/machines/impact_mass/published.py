@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from mech_twin.capabilities.published import CONTRADICTS, Row, Source
+from mech_twin.capabilities.published import CONTRADICTS, Literature, PublishedRow
 from mech_twin.capabilities.variation import varied
 from mech_twin.machines.impact_mass.cycle_verdict import endurance, verdict
 from mech_twin.machines.impact_mass.dynamics import (
@@ -66,7 +66,7 @@ def cycle_spec(parameters: ImpactMass) -> CycleSpec:
     return CycleSpec(p.mass_kg, p.stop_position_m, p.initial_position_m, 0.0, BLOW_M_PER_S, p.restitution)
 
 
-def rows(parameters: ImpactMass) -> Iterator[Row]:
+def rows(parameters: ImpactMass) -> Iterator[PublishedRow]:
     """Yield what is printed beside what is computed, the synthesised cycle that collapses first."""
     yield from _collapse(parameters)
     yield from _synthesis(parameters)
@@ -74,9 +74,9 @@ def rows(parameters: ImpactMass) -> Iterator[Row]:
     yield from _missed(parameters)
 
 
-def _collapse(parameters: ImpactMass) -> Iterator[Row]:
+def _collapse(parameters: ImpactMass) -> Iterator[PublishedRow]:
     synthesised = published_parameters(cycle_spec(parameters))
-    paper = Source(PAPER, "Fig. 4", "synthesis with v0 = 0, v- 20 m/s")
+    paper = Literature(PAPER, "Fig. 4", "synthesis with v0 = 0, v- 20 m/s")
     yield paper.reported(
         "largest multiplier of the cycle (print: a steady cycle, so at most 1)",
         1.0,
@@ -97,7 +97,7 @@ def _collapse(parameters: ImpactMass) -> Iterator[Row]:
     )
 
 
-def _synthesis(parameters: ImpactMass) -> Iterator[Row]:
+def _synthesis(parameters: ImpactMass) -> Iterator[PublishedRow]:
     spec = cycle_spec(parameters)
     found = synthesised_cycle(
         spec.mass_kg,
@@ -107,7 +107,7 @@ def _synthesis(parameters: ImpactMass) -> Iterator[Row]:
         spec.impact_speed_m_per_s,
         spec.restitution,
     )
-    paper = Source(
+    paper = Literature(
         PAPER, "Fig. 4", f"m {spec.mass_kg:g}, x0 {spec.initial_position_m:g}, v0 0, v- 20, R {spec.restitution:g}"
     )
     for name, value, computed in (
@@ -121,10 +121,10 @@ def _synthesis(parameters: ImpactMass) -> Iterator[Row]:
     yield paper.gated("T, s", 0.216, cut, "0.2166667: the print cuts to three decimals", absolute=1e-12)
 
 
-def _settling(parameters: ImpactMass) -> Iterator[Row]:
+def _settling(parameters: ImpactMass) -> Iterator[PublishedRow]:
     seen = walk(parameters, 40)
     inputs = f"t1 {parameters.phase1_duration_s:g} s, T {parameters.period_s:g} s, R {parameters.restitution:g}"
-    paper = Source(PAPER, "Fig. 2", f"{inputs}, xc 0 assumed")
+    paper = Literature(PAPER, "Fig. 2", f"{inputs}, xc 0 assumed")
     yield paper.limit(
         "steady blow below the first, m/s",
         seen.blows_m_per_s[0],
@@ -142,11 +142,11 @@ def _settling(parameters: ImpactMass) -> Iterator[Row]:
     )
 
 
-def _missed(parameters: ImpactMass) -> Iterator[Row]:
+def _missed(parameters: ImpactMass) -> Iterator[PublishedRow]:
     cases = (("Fig. 3a", 0.025, 6, -15.0, 25.0), ("Fig. 3b", 0.03, 10, None, 30.0))
     for figure, t1, periods, foot, top in cases:
         seen = walk(figure_case(parameters, t1), periods)
-        paper = Source(PAPER, figure, f"as Fig. 2, t1 {t1:g} s")
+        paper = Literature(PAPER, figure, f"as Fig. 2, t1 {t1:g} s")
         missed = float(seen.impacts.count(0.0))
         yield paper.limit(
             f"periods of {periods} without impact (print: impacts are missed, so one at least)",

@@ -47,6 +47,7 @@ from mech_twin.machines.impact_mass.states import (
 )
 
 EVENT_COLUMNS = len(MotionEvent._fields)
+KIND, PERIOD, TAU, PRE, POST, IMPULSE, IMPACTS = range(EVENT_COLUMNS)  # of a row of the table of events
 
 
 class RunningCounts(NamedTuple):
@@ -131,8 +132,9 @@ def doubled_table(rows: NDArray[np.float64]) -> NDArray[np.float64]:
 @kernel
 def write_event(row: NDArray[np.float64], event: MotionEvent) -> None:
     """Write an event into a row of the table."""
-    row[0], row[1], row[2] = event.kind, event.period, event.tau_s
-    row[3], row[4], row[5], row[6] = event.pre_m_per_s, event.post_m_per_s, event.impulse_per_mass, event.impacts
+    row[KIND], row[PERIOD], row[TAU] = event.kind, event.period, event.tau_s
+    row[PRE], row[POST] = event.pre_m_per_s, event.post_m_per_s
+    row[IMPULSE], row[IMPACTS] = event.impulse_per_mass, event.impacts
 
 
 @kernel

@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 
 from mech_twin.machines.mb10_breaker.constants import breaker
+from mech_twin.machines.mb10_breaker.coupling_limits import coupling_limits
 from mech_twin.machines.mb10_breaker.drawing import drawing
 from mech_twin.machines.mb10_breaker.driven_body import DrivenBody
 from mech_twin.machines.mb10_breaker.half_sine_body import HalfSineBody
+from mech_twin.machines.mb10_breaker.mechanism import mechanism
 from mech_twin.machines.mb10_breaker.metrics import position_metrics, static_metrics
 from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
 from mech_twin.machines.mb10_breaker.roles import BreakerForces, BreakerLinkage, BreakerMotor
@@ -25,7 +27,8 @@ def build(parameters: Parameters) -> Machine:
         raise TypeError(f"expected BreakerParameters, got {type(parameters).__name__}")
     p = parameters
     constants, step_s = breaker(p), p.coupling.step_s
-    body: BodyRole = DrivenBody(constants, step_s)
+    limits = coupling_limits(constants, p.synchronous_crank_rad_per_s, step_s)
+    body: BodyRole = DrivenBody(constants, step_s, limits)
     if constants.held:
         body = HalfSineBody(p.body, p.excitation, step_s)
     return Machine(
@@ -39,6 +42,7 @@ def build(parameters: Parameters) -> Machine:
             p.supply.initial_fraction,
             step_s,
             p.coupling.extrapolation_order,
+            limits.coupling_defect,
         ),
         forces=BreakerForces(constants),
         body=body,
@@ -46,6 +50,7 @@ def build(parameters: Parameters) -> Machine:
         report=lambda: static_metrics(p, constants),
         analyse=lambda crank_rad: position_metrics(p, constants, crank_rad),
         observer=lambda: BreakerObserver(p, constants),
+        mechanism=mechanism(constants, p.linkage.striker_angle_deg),
     )
 
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from mech_twin.kernel import kernel
-from mech_twin.machines.mb10_breaker.dynamics import Breaker, accelerations, masses_at, striker
+from mech_twin.machines.mb10_breaker.dynamics import Breaker, accelerations, masses_at, moving, striker
 from mech_twin.parts.contact import ContactPulse, contact_pulse, damping_ratio, damping_ratio_without_pull
 
 
@@ -42,7 +42,7 @@ class BlowContact(NamedTuple):
 def fading(b: Breaker, q: float, u: float, phi: float, p: float, drive: float, rests: bool) -> float:
     """Return the rate (m/s^2) at which the closing speed falls before the tool answers."""
     _, slope, bend = striker(b, q)
-    du, dp, _ = accelerations(b, masses_at(b, q, phi), u, phi, p, drive, rests)
+    du, dp, _ = accelerations(b, masses_at(b, q, phi), u, phi, p, drive, rests, moving(u, p))
     return -(slope * du + bend * u * u - b.tool_radius_m * dp)
 
 

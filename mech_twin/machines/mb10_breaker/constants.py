@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 from scipy.optimize import brentq
 
 from mech_twin.machines.mb10_breaker.dynamics import Breaker
-from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
 from mech_twin.parts.four_bar import FourBar, Link, coefficients, link_angles, position
+
+if TYPE_CHECKING:
+    from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
 
 
 def extremes(bar: FourBar) -> tuple[float, float]:
@@ -90,4 +93,6 @@ def breaker(p: BreakerParameters) -> Breaker:
         gravity_m_per_s2=p.gravity_m_per_s2,
         held=p.excitation.kind == "approximated",
         crank_viscous_nms_per_rad=p.friction.viscous_nms_per_rad,
+        crank_coulomb_nm=p.friction.coulomb_nm,
+        body_coulomb_nm=p.body.friction.coulomb_nm,
     )

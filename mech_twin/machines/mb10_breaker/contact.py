@@ -25,9 +25,9 @@ from mech_twin.machines.mb10_breaker.dynamics import (
     Q,
     U,
     accelerations,
-    contact_accelerations,
     energies,
     masses_at,
+    moving,
     pushing,
     striker,
 )
@@ -42,6 +42,9 @@ from mech_twin.machines.mb10_breaker.motion import (
     WALL,
     Motion,
     drive_torque,
+    going_on,
+    senses_now,
+    torques_now,
 )
 from mech_twin.machines.mb10_breaker.state import (
     BLOW,
@@ -60,37 +63,39 @@ from mech_twin.machines.mb10_breaker.state import (
 Array = NDArray[np.float64]
 SETTLED_WITHIN_S = 1e-10  # the rest of a chatter series that is cut off as one plastic impact
 TURNING_RAD_PER_S = 1e-6  # a crank slower than this stands
+ROUNDED = 1e-15  # of two speeds: what their difference may be off by
 SLOWEST_REBOUND_M_PER_S = 1e-6  # so is an impact that would part striker and tool, or a pushing body and collar, slower
 
 
 @kernel
 def log_pre(motion: Motion, row: Any, time: float, state: Array) -> None:
-    """Write crank, body, tool and the forces on them before an event in its row."""
+    """Write crank, body, tool and the torques on them before an event in its row."""
     row.pre_crank_rad, row.pre_crank_rad_per_s = state[Q], state[U]
     row.pre_body_rad, row.pre_body_rad_per_s = state[PHI], state[P]
     row.pre_tool_m, row.pre_tool_m_per_s = state[TOOL], state[TOOL_SPEED]
-    row.pre_drive_torque_nm = drive_torque(motion, time, state[U], state[P])
-    row.pre_tool_force_n = tool_force(motion, time, state, motion.tool, motion.rests)
+    now = torques_now(motion, time, state)
+    row.pre_drive_torque_nm, row.pre_tool_force_n = now.drive_nm, now.tool_force_n
+    row.pre_crank_friction_nm, row.pre_body_friction_nm = now.crank_nm, now.body_nm
 
 
 @kernel
 def log_post(motion: Motion, row: Any, time: float, state: Array, memory: Any, regime: int) -> None:
-    """Write crank, body, tool and the forces on them after an event in its row."""
+    """Write crank, body, tool and the torques on them after an event in its row, the bearings as they go on from it."""
     row.post_crank_rad, row.post_crank_rad_per_s = state[Q], state[U]
     row.post_body_rad, row.post_body_rad_per_s = state[PHI], state[P]
     row.post_tool_m, row.post_tool_m_per_s = state[TOOL], state[TOOL_SPEED]
-    row.post_drive_torque_nm = drive_torque(motion, time, state[U], state[P])
-    row.post_tool_force_n = tool_force(motion, time, state, int(memory.tool_regime), regime != FLIGHT)
+    now = torques_now(set_off(motion, time, state, memory, regime), time, state)
+    row.post_drive_torque_nm, row.post_tool_force_n = now.drive_nm, now.tool_force_n
+    row.post_crank_friction_nm, row.post_body_friction_nm = now.crank_nm, now.body_nm
 
 
 @kernel
-def tool_force(motion: Motion, time: float, state: Array, tool: int, rests: bool) -> float:
-    """Return the force of the striker on the tool (N)."""
-    if tool not in (PUSHED, BLOCKED):
-        return 0.0
-    b, m = motion.breaker, masses_at(motion.breaker, state[Q], state[PHI])
-    drive = drive_torque(motion, time, state[U], state[P])
-    return contact_accelerations(b, m, state[Q], state[U], state[PHI], state[P], drive, rests, tool).tool_force_n
+def set_off(motion: Motion, time: float, state: Array, memory: Any, regime: int) -> Motion:
+    """Keep in which senses crank and body go on from a state, and return the motion that then is."""
+    rests, tool = regime != FLIGHT, int(memory.tool_regime)
+    senses = senses_now(motion, time, state, rests, tool)
+    memory.crank_sense, memory.body_sense = senses.crank, senses.body
+    return going_on(motion, senses, rests, tool)
 
 
 @kernel
@@ -112,7 +117,7 @@ def body_settles(motion: Motion, state: Array, time: float) -> bool:
     b = motion.breaker
     u, p, _, _ = touchdown(b, state[Q], state[U], 0.0, state[P], b.collar_restitution)
     m = masses_at(b, state[Q], 0.0)
-    _, sink, _ = accelerations(b, m, u, 0.0, p, drive_torque(motion, time, u, p), False)
+    _, sink, _ = accelerations(b, m, u, 0.0, p, drive_torque(motion, time, u, p), False, moving(u, p))
     return sink < 0.0 and 2.0 * p <= -sink * (1.0 - b.collar_restitution) * SETTLED_WITHIN_S
 
 
@@ -121,7 +126,7 @@ def approach(motion: Motion, state: Array, time: float, u: float, p: float, rest
     """Return the acceleration with which striker and moving tool would approach each other (m/s2)."""
     b = motion.breaker
     m = masses_at(b, state[Q], state[PHI])
-    du, dp, _ = accelerations(b, m, u, state[PHI], p, drive_torque(motion, time, u, p), rests)
+    du, dp, _ = accelerations(b, m, u, state[PHI], p, drive_torque(motion, time, u, p), rests, moving(u, p))
     _, slope, bend = striker(b, state[Q])
     return slope * du - b.tool_radius_m * dp + bend * u * u + b.wall_force_n / b.tool_mass_kg
 
@@ -159,11 +164,13 @@ def apply_strike(motion: Motion, state: Array, memory: Any, regime: int, row: An
     if e == 0.0:
         now = pushing(
             b, masses_at(b, state[Q], state[PHI]), state[Q], hit.u, state[PHI], hit.p,
-            drive_torque(motion, time, hit.u, hit.p), regime != FLIGHT,
+            drive_torque(motion, time, hit.u, hit.p), regime != FLIGHT, moving(hit.u, hit.p),
         )  # fmt: skip
         if now.tool_force_n > 0.0:
             memory.tool_regime = PUSHED
             row.kind = PUSH_BEGINS if row.kind == CATCH_UP else row.kind
+        else:  # they part from a common speed: rounding must not make them close again
+            state[TOOL_SPEED] += ROUNDED * (abs(slope * hit.u) + abs(b.tool_radius_m * hit.p))
     return regime
 
 

@@ -1,7 +1,8 @@
 """The breaker's body under the moments and impulses of the force analysis: closed form between knots, no stepping.
 
-J p' + d p + c (l phi + a) l = M0 + M1 t on each piece between knots; the knots are the ends of the step and the
-linkage's events, which alone decide when the body touches, settles or leaves.
+J p' + d p + c (l phi + a) l + c_phi sign p = M0 + M1 t on each piece between knots; the knots are the ends of the step
+and the linkage's events, which alone decide when the body touches, settles or leaves, when it turns back, and when the
+friction of its pivot holds it off its collar (`hanging`) or lets it go.
 """
 
 from __future__ import annotations
@@ -29,21 +30,28 @@ from mech_twin.engine.sample_vectors import (
     BodyLayout,
 )
 from mech_twin.kernel import kernel
-from mech_twin.machines.mb10_breaker.dynamics import Breaker
+from mech_twin.machines.mb10_breaker.coupling_limits import CouplingLimits
+from mech_twin.machines.mb10_breaker.dynamics import Breaker, spring_moment
 from mech_twin.machines.mb10_breaker.force_row import QUANTITIES_AT, STRIKES
 from mech_twin.machines.mb10_breaker.forces import QUANTITIES
 from mech_twin.machines.mb10_breaker.roles import BreakerForces
-from mech_twin.machines.mb10_breaker.state import LIFT_OFF, SETTLED, TOUCHDOWN
+from mech_twin.machines.mb10_breaker.state import (
+    BODY_REVERSED,
+    BODY_STARTED,
+    BODY_STOPPED,
+    LIFT_OFF,
+    SETTLED,
+    TOUCHDOWN,
+)
 from mech_twin.samples import BodySample, ForceSample
 
-CONTACT, FLYING = 0, 1
+CONTACT, FLYING, HANGING = 0, 1, 2
+ON_COLLAR = (TOUCHDOWN, SETTLED, LIFT_OFF)
+OF_PIVOT = (BODY_STOPPED, BODY_STARTED, BODY_REVERSED)
 LED_ANGLE, LED_RATE, BEGIN_MOMENT = (
     QUANTITIES_AT + QUANTITIES.index(name) for name in ("body_angle_rad", "body_rate_rad_per_s", "step_begin_moment_nm")
 )
 RESIDUALS = ("angle_difference_rad", "rate_difference_rad_per_s", "penetration_rad")
-RESIDUAL_LIMITS: Mapping[str, float] = MappingProxyType(
-    {"angle_difference_rad": 1e-6, "rate_difference_rad_per_s": 1e-3, "penetration_rad": 1e-6}
-)
 
 
 @kernel
@@ -84,7 +92,7 @@ class Body(NamedTuple):
 
 @kernel
 def flown(
-    b: Breaker, phi: float, p: float, regime: int, moment: float, final: float, span: float
+    b: Breaker, phi: float, p: float, regime: int, sense: float, moment: float, final: float, span: float
 ) -> tuple[float, float]:
     """Return angle and rate after a span (s) under a moment (N m) that goes in a line from one value to another."""
     if regime != FLYING or span <= 0.0:
@@ -93,7 +101,7 @@ def flown(
         b.body_inertia_kg_m2,
         b.spring_rate_n_per_m * b.spring_arm_m * b.spring_arm_m,
         b.body_damping_nms_per_rad,
-        b.spring_rate_n_per_m * b.preload_m * b.spring_arm_m,
+        b.spring_rate_n_per_m * b.preload_m * b.spring_arm_m + b.body_coulomb_nm * sense,
         phi,
         p,
         moment,
@@ -107,14 +115,23 @@ def after_load(b: Breaker, phi: float, p: float, regime: int, kind: int, impulse
     """Return angle, rate and regime after an event of the linkage, which may bring an angular impulse (N m s)."""
     if kind in STRIKES:
         p += impulse / b.body_inertia_kg_m2
-        return phi, p, (FLYING if regime == FLYING or p > 0.0 else regime)
+        return phi, p, (FLYING if regime != CONTACT or p > 0.0 else regime)
     if kind == TOUCHDOWN:
         return 0.0, -b.collar_restitution * p, FLYING
     if kind == SETTLED:
         return 0.0, 0.0, CONTACT
     if kind == LIFT_OFF:
         return 0.0, 0.0, FLYING
-    return phi, p, regime
+    if kind == BODY_STOPPED:
+        return phi, 0.0, HANGING
+    return phi, p, (FLYING if kind == BODY_STARTED else regime)
+
+
+@kernel
+def sliding_sense(b: Breaker, phi: float, p: float, moment: float) -> float:
+    """Return the sense (+1, -1) in which the body slides in its pivot: at no speed the one in which it sets off."""
+    moved_by = p if p != 0.0 else moment - spring_moment(b, phi)
+    return 1.0 if moved_by >= 0.0 else -1.0
 
 
 @kernel
@@ -135,14 +152,19 @@ def follow_loads(
     b, time, found = model.breaker, (step - 1) * model.step_s, 0.0
     phi, p, regime = body[BODY_JOINTS], body[BODY_JOINTS + 1], int(body[REGIME])
     moment = forces[BEGIN_MOMENT]
+    sense = sliding_sense(b, phi, p, moment)
     for i in range(count):
         at, kind = loads[i, LOAD_TIME], int(loads[i, LOAD_KIND])
-        phi, p = flown(b, phi, p, regime, moment, loads[i, MOMENT_BEFORE], at - time)
+        phi, p = flown(b, phi, p, regime, sense, moment, loads[i, MOMENT_BEFORE], at - time)
         if kind in (TOUCHDOWN, SETTLED):
             found = max(found, abs(phi))
         phi, p, regime = after_load(b, phi, p, regime, kind, loads[i, LOAD_IMPULSE])
         time, moment = at, loads[i, MOMENT_AFTER]
-    phi, p = flown(b, phi, p, regime, moment, forces[BODY_MOMENT], step * model.step_s - time)
+        if kind in OF_PIVOT:
+            sense = sliding_sense(b, phi, 0.0, moment)
+        elif kind in STRIKES or kind in ON_COLLAR:
+            sense = sliding_sense(b, phi, p, moment)
+    phi, p = flown(b, phi, p, regime, sense, moment, forces[BODY_MOMENT], step * model.step_s - time)
     fill_body(b, forces, phi, p, regime, found, out)
     return log, 0
 
@@ -156,16 +178,19 @@ class DrivenBody(CompiledBody):
         Constants.
     step_s : float
         Coupling step.
+    limits : CouplingLimits
+        How far the body's own motion may lie from the one the linkage led it to.
     """
 
     joints = ("body",)
-    regimes = ("rest", "flight")
-    residual_limits = RESIDUAL_LIMITS
+    regimes = ("rest", "flight", "hanging")
     model: Body
     layout = BodyLayout(joints, (), RESIDUALS)
     force_layout = BreakerForces.layout
 
-    def __init__(self, breaker: Breaker, step_s: float) -> None:
+    def __init__(self, breaker: Breaker, step_s: float, limits: CouplingLimits) -> None:
+        allowed = (limits.angle_rad, limits.rate_rad_per_s, limits.angle_rad)
+        self.residual_limits: Mapping[str, float] = MappingProxyType(dict(zip(RESIDUALS, allowed, strict=True)))
         self.step_s = step_s
         self.model = Body(breaker, float(step_s))
 

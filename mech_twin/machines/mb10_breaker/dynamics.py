@@ -12,10 +12,11 @@ r"""Crank and body of the breaker, solved together: masses, forces, acceleration
                        \                             R  collar force times its arm, >= 0 while the body rests
                         \  S|===> n   tool | wall
 
-    M11 u' + M12 p' + M11,q u^2/2 - M22,q p^2/2       = Q - v u + G_q
-    M12 u' + M22 p' + M12,q u^2 + M22,q u p           = -Q (frame drive) - c (l phi + a) l - d p + R + G_phi
+    M11 u' + M12 p' + M11,q u^2/2 - M22,q p^2/2       = Q - v u + T_q + G_q
+    M12 u' + M22 p' + M12,q u^2 + M22,q u p           = -Q (frame drive) - c (l phi + a) l - d p + T_phi + R + G_phi
 
-with u = q', p = phi', Q the torque on the crank behind the gear, v its bearing's friction, G gravity.
+with u = q', p = phi', Q the torque on the crank behind the gear, v its bearing's viscous friction, G gravity,
+T_q = -c_q sign u and T_phi = -c_phi sign p Coulomb friction, which at rest is whatever holds (`bearing_friction`).
 An absolute angular velocity is counter-clockwise: crank u - p, link i  g_i u - p, body -p.
 """
 
@@ -75,6 +76,15 @@ class Breaker(NamedTuple):
     gravity_m_per_s2: float
     held: bool
     crank_viscous_nms_per_rad: float
+    crank_coulomb_nm: float
+    body_coulomb_nm: float
+
+
+class Senses(NamedTuple):
+    """Senses in which crank and body slide in their bearings, +1 or -1; 0 where friction holds them at rest."""
+
+    crank: float
+    body: float
 
 
 class Masses(NamedTuple):
@@ -146,57 +156,98 @@ def crank_torque(b: Breaker, torque: float, u: float, p: float) -> float:
 
 
 class Accelerations(NamedTuple):
-    """u' and p' (rad/s2), the collar's moment R (N m), the force N of the striker on the tool (N)."""
+    """u' and p' (rad/s2), what holds the body, the force of the striker on the tool (N), what holds the crank.
+
+    ``collar_nm`` is what collar and pivot friction together do to a body at rest (N m, 0 where it moves), ``hold_nm``
+    the torque that keeps a crank at rest which friction holds (N m).
+    """
 
     crank: float
     body: float
     collar_nm: float
     tool_force_n: float
+    hold_nm: float
 
 
 @kernel
-def generalised_forces(b: Breaker, m: Masses, u: float, phi: float, p: float, drive: float) -> tuple[float, float]:
-    """Return the right-hand sides of both equations without collar and tool (N m)."""
+def generalised_forces(
+    b: Breaker, m: Masses, u: float, phi: float, p: float, drive: float, crank_nm: float, body_nm: float
+) -> tuple[float, float]:
+    """Return the right-hand sides of both equations without collar and tool, Coulomb friction as given (N m)."""
     first = drive - b.crank_viscous_nms_per_rad * u + m.g_q - 0.5 * m.m11_q * u * u + 0.5 * m.m22_q * p * p
     second = -b.frame_drive * drive - spring_moment(b, phi) - b.body_damping_nms_per_rad * p + m.g_phi
     second -= m.m12_q * u * u + m.m22_q * u * p
-    return first, second
+    return first + crank_nm, second + body_nm
+
+
+@kernel
+def sliding_forces(
+    b: Breaker, m: Masses, u: float, phi: float, p: float, drive: float, rests: bool, senses: Senses
+) -> tuple[float, float]:
+    """Return the right-hand sides with the friction of what slides; a sense of 0 adds none."""
+    body = 0.0 if rests else -b.body_coulomb_nm * senses.body
+    return generalised_forces(b, m, u, phi, p, drive, -b.crank_coulomb_nm * senses.crank, body)
+
+
+@kernel
+def moving(u: float, p: float) -> Senses:
+    """Return the senses of sliding at these speeds, forward at rest."""
+    return Senses(1.0 if u >= 0.0 else -1.0, 1.0 if p >= 0.0 else -1.0)
+
+
+@kernel
+def coupled(
+    m11: float, m12: float, m22: float, first: float, second: float, still: bool, stuck: bool
+) -> tuple[float, float, float, float]:
+    """Return u', p' (rad/s2), the moment on a still body and the torque on a stuck crank that keep them so (N m)."""
+    if still and stuck:
+        return 0.0, 0.0, -second, -first
+    if stuck:
+        dp = second / m22
+        return 0.0, dp, 0.0, m12 * dp - first
+    if still:
+        du = first / m11
+        return du, 0.0, m12 * du - second, 0.0
+    det = m11 * m22 - m12 * m12
+    return (first * m22 - second * m12) / det, (second * m11 - first * m12) / det, 0.0, 0.0
 
 
 @kernel
 def accelerations(
-    b: Breaker, m: Masses, u: float, phi: float, p: float, drive: float, rests: bool
+    b: Breaker, m: Masses, u: float, phi: float, p: float, drive: float, rests: bool, senses: Senses
 ) -> tuple[float, float, float]:
-    """Return u', p' (rad/s2) and the collar's moment R (N m), the striker off the tool.
-
-    R is 0 unless the body rests (or is held).
-    """
-    first, second = generalised_forces(b, m, u, phi, p, drive)
-    if rests:
-        du = first / m.m11
-        return du, 0.0, m.m12 * du - second
-    det = m.m11 * m.m22 - m.m12 * m.m12
-    return (first * m.m22 - second * m.m12) / det, (second * m.m11 - first * m.m12) / det, 0.0
+    """Return u', p' (rad/s2) and the moment that holds a body at rest (N m), the striker off the tool."""
+    first, second = sliding_forces(b, m, u, phi, p, drive, rests, senses)
+    still = rests or senses.body == 0.0
+    du, dp, collar, _ = coupled(m.m11, m.m12, m.m22, first, second, still, senses.crank == 0.0)
+    return du, dp, collar
 
 
 @kernel
 def loaded_accelerations(
-    b: Breaker, m: Masses, q: float, u: float, phi: float, p: float, drive: float, rests: bool, thrust: float
+    b: Breaker,
+    m: Masses,
+    q: float,
+    u: float,
+    phi: float,
+    p: float,
+    drive: float,
+    rests: bool,
+    thrust: float,
+    crank_nm: float,
+    body_nm: float,
 ) -> Accelerations:
-    """Return the accelerations under a known force of the striker on the tool (N)."""
-    first, second = generalised_forces(b, m, u, phi, p, drive)
+    """Return the accelerations under known forces: of the striker on the tool (N), of friction on both (N m)."""
+    first, second = generalised_forces(b, m, u, phi, p, drive, crank_nm, body_nm)
     if thrust != 0.0:
         first, second = first - striker(b, q)[1] * thrust, second + b.tool_radius_m * thrust
-    if rests:
-        du = first / m.m11
-        return Accelerations(du, 0.0, m.m12 * du - second, thrust)
-    det = m.m11 * m.m22 - m.m12 * m.m12
-    return Accelerations((first * m.m22 - second * m.m12) / det, (second * m.m11 - first * m.m12) / det, 0.0, thrust)
+    du, dp, collar, _ = coupled(m.m11, m.m12, m.m22, first, second, rests, False)
+    return Accelerations(du, dp, collar, thrust, 0.0)
 
 
 @kernel
 def pushing(
-    b: Breaker, m: Masses, q: float, u: float, phi: float, p: float, drive: float, rests: bool
+    b: Breaker, m: Masses, q: float, u: float, phi: float, p: float, drive: float, rests: bool, senses: Senses
 ) -> Accelerations:
     """Return the accelerations with the striker pushing the tool into the wall.
 
@@ -204,51 +255,66 @@ def pushing(
     """
     _, slope, bend = striker(b, q)
     load = b.wall_force_n + b.tool_mass_kg * bend * u * u
-    first, second = generalised_forces(b, m, u, phi, p, drive)
+    first, second = sliding_forces(b, m, u, phi, p, drive, rests, senses)
     first, second = first - slope * load, second + b.tool_radius_m * load
     m11 = m.m11 + b.tool_mass_kg * slope * slope
     m12 = m.m12 - b.tool_mass_kg * slope * b.tool_radius_m
     m22 = m.m22 + b.tool_mass_kg * b.tool_radius_m * b.tool_radius_m
-    if rests:
-        du, dp = first / m11, 0.0
-        collar = m12 * du - second
-    else:
-        det = m11 * m22 - m12 * m12
-        du, dp, collar = (first * m22 - second * m12) / det, (second * m11 - first * m12) / det, 0.0
-    return Accelerations(du, dp, collar, load + b.tool_mass_kg * (slope * du - b.tool_radius_m * dp))
+    still = rests or senses.body == 0.0
+    du, dp, collar, hold = coupled(m11, m12, m22, first, second, still, senses.crank == 0.0)
+    return Accelerations(du, dp, collar, load + b.tool_mass_kg * (slope * du - b.tool_radius_m * dp), hold)
 
 
 @kernel
 def blocked(
-    b: Breaker, m: Masses, q: float, u: float, phi: float, p: float, drive: float, rests: bool
+    b: Breaker, m: Masses, q: float, u: float, phi: float, p: float, drive: float, rests: bool, senses: Senses
 ) -> Accelerations:
     """Return the accelerations with the striker on a tool that the wall holds fast: j.(u', p') + j'.(u, p) = 0.
 
-    With the body at rest too the crank stands; else it lifts the body as it turns.
+    With the body at rest too the crank stands, its bearing taking what it can; else it lifts the body as it turns.
+    Friction that holds both has each bearing carry the same share of what it can.
     """
     _, slope, bend = striker(b, q)
-    first, second = generalised_forces(b, m, u, phi, p, drive)
     if rests:
-        force = first / max(slope, 1e-12)
-        return Accelerations(0.0, 0.0, -second - b.tool_radius_m * force, force)
+        first, second = generalised_forces(b, m, u, phi, p, drive, 0.0, 0.0)
+        hold = -min(max(first, -b.crank_coulomb_nm), b.crank_coulomb_nm)
+        force = (first + hold) / max(slope, 1e-12)
+        return Accelerations(0.0, 0.0, -second - b.tool_radius_m * force, force, hold)
+    first, second = sliding_forces(b, m, u, phi, p, drive, rests, senses)
+    if senses.crank == 0.0:
+        lean = slope / b.tool_radius_m
+        share = -(first + lean * second) / (b.crank_coulomb_nm + abs(lean) * b.body_coulomb_nm)
+        body = math.copysign(share * b.body_coulomb_nm, share * lean)
+        return Accelerations(0.0, 0.0, body, -(second + body) / b.tool_radius_m, share * b.crank_coulomb_nm)
     det = m.m11 * m.m22 - m.m12 * m.m12
     x, y = (m.m22 * slope + m.m12 * b.tool_radius_m) / det, (-m.m12 * slope - m.m11 * b.tool_radius_m) / det
     du, dp = (first * m.m22 - second * m.m12) / det, (second * m.m11 - first * m.m12) / det
     force = (slope * du - b.tool_radius_m * dp + bend * u * u) / (slope * x - b.tool_radius_m * y)
-    return Accelerations(du - x * force, dp - y * force, 0.0, force)
+    return Accelerations(du - x * force, dp - y * force, 0.0, force, 0.0)
 
 
 @kernel
 def contact_accelerations(
-    b: Breaker, m: Masses, q: float, u: float, phi: float, p: float, drive: float, rests: bool, tool: int
+    b: Breaker,
+    m: Masses,
+    q: float,
+    u: float,
+    phi: float,
+    p: float,
+    drive: float,
+    rests: bool,
+    tool: int,
+    senses: Senses,
 ) -> Accelerations:
-    """Return accelerations, collar moment and force on the tool for what the tool does."""
+    """Return accelerations, what holds body and crank at rest, and the force on the tool for what the tool does."""
     if tool == PUSHED:
-        return pushing(b, m, q, u, phi, p, drive, rests)
+        return pushing(b, m, q, u, phi, p, drive, rests, senses)
     if tool == BLOCKED:
-        return blocked(b, m, q, u, phi, p, drive, rests)
-    du, dp, collar = accelerations(b, m, u, phi, p, drive, rests)
-    return Accelerations(du, dp, collar, 0.0)
+        return blocked(b, m, q, u, phi, p, drive, rests, senses)
+    first, second = sliding_forces(b, m, u, phi, p, drive, rests, senses)
+    still = rests or senses.body == 0.0
+    du, dp, collar, hold = coupled(m.m11, m.m12, m.m22, first, second, still, senses.crank == 0.0)
+    return Accelerations(du, dp, collar, 0.0, hold)
 
 
 @kernel
@@ -260,19 +326,28 @@ def masses_at(b: Breaker, q: float, phi: float) -> Masses:
 
 @kernel
 def derivatives(
-    b: Breaker, state: NDArray[np.float64], drive: float, rests: bool, tool: int, out: NDArray[np.float64]
+    b: Breaker,
+    state: NDArray[np.float64],
+    drive: float,
+    rests: bool,
+    tool: int,
+    senses: Senses,
+    out: NDArray[np.float64],
 ) -> None:
     """Fill the derivatives of the state under a torque on the crank (N m)."""
     u, phi, p = state[U], state[PHI], state[P]
     m = masses_at(b, state[Q], phi)
-    now = contact_accelerations(b, m, state[Q], u, phi, p, drive, rests, tool)
+    now = contact_accelerations(b, m, state[Q], u, phi, p, drive, rests, tool, senses)
     out[Q], out[U], out[PHI], out[P] = u, now.crank, p, now.body
     out[TOOL] = state[TOOL_SPEED] if tool in (MOVING, PUSHED) else 0.0
     out[TOOL_SPEED] = (now.tool_force_n - b.wall_force_n) / b.tool_mass_kg if tool in (MOVING, PUSHED) else 0.0
     out[WALL_WORK] = b.wall_force_n * out[TOOL]
     out[WORK] = drive * (u - b.frame_drive * p)
     out[DAMPED] = b.body_damping_nms_per_rad * p * p + b.crank_viscous_nms_per_rad * u * u
+    out[DAMPED] += b.crank_coulomb_nm * senses.crank * u + b.body_coulomb_nm * senses.body * p
     moment = -b.frame_drive * drive - spring_moment(b, phi) - b.body_damping_nms_per_rad * p + now.collar_nm + m.g_phi
+    if not rests:
+        moment -= b.body_coulomb_nm * senses.body
     out[TURNED] = moment + b.tool_radius_m * now.tool_force_n
 
 

@@ -65,7 +65,7 @@ def computed_pulse(parameters: BreakerParameters) -> ExcitationPulse:
 
 
 def _body_angle(event: Event) -> float:
-    _, body, _ = event.pre
+    body = event.pre[1]
     return body.position
 
 

@@ -31,7 +31,13 @@ from mech_twin.machines.mb10_breaker.impacts import gap
 from mech_twin.machines.mb10_breaker.linkage_row import BODY_AT, CRANK_AT, memory_of
 from mech_twin.machines.mb10_breaker.state import (
     BLOW,
+    BODY_REVERSED,
+    BODY_STARTED,
+    BODY_STOPPED,
     CATCH_UP,
+    CRANK_REVERSED,
+    CRANK_STARTED,
+    CRANK_STOPPED,
     LIFT_OFF,
     PUSH_BEGINS,
     PUSHING,
@@ -41,11 +47,12 @@ from mech_twin.machines.mb10_breaker.state import (
 )
 
 STRIKES = (BLOW, CATCH_UP, PUSH_BEGINS)
-LOADING = (*STRIKES, TOUCHDOWN, SETTLED, LIFT_OFF, PUSHING, RELEASED)
+OF_BEARINGS = (CRANK_STOPPED, CRANK_STARTED, CRANK_REVERSED, BODY_STOPPED, BODY_STARTED, BODY_REVERSED)
+LOADING = (*STRIKES, TOUCHDOWN, SETTLED, LIFT_OFF, PUSHING, RELEASED, *OF_BEARINGS)
 QUANTITIES_AT = PINS + 12
 RESIDUALS_AT = QUANTITIES_AT + len(QUANTITIES)
-# an event's coordinates on either side: angle (or way), rate, effort of crank, body, tool
-CRANK_SIDE, BODY_SIDE, TOOL_SIDE, SIDE_WIDTH = 0, 3, 6, 9
+# an event's coordinates on either side: angle (or way), rate, effort of crank, body, tool, crank bearing, body pivot
+CRANK_SIDE, BODY_SIDE, TOOL_SIDE, BEARING_SIDE, PIVOT_SIDE, SIDE_WIDTH = 0, 3, 6, 9, 12, 15
 
 
 class LoadedBreaker(NamedTuple):
@@ -97,6 +104,8 @@ def side_moment(b: Breaker, side: Array) -> float:
         side[CRANK_SIDE + 2],
         HELD if b.held else FLIGHT,
         side[TOOL_SIDE + 2],
+        side[BEARING_SIDE + 2],
+        side[PIVOT_SIDE + 2],
     ).moment
 
 
@@ -151,7 +160,9 @@ def breaker_forces(
         linkage[BODY_AT],
         linkage[BODY_AT + 1],
     )
-    found = pin_forces(b, q, u, phi, p, torque, regime, memory.tool_force_n)
+    found = pin_forces(
+        b, q, u, phi, p, torque, regime, memory.tool_force_n, memory.crank_friction_nm, memory.body_friction_nm
+    )
     loads, told, sums, collar = fill_loads(b, log, count, found.moment, loads)
     begin = pin_forces(
         b,
@@ -162,6 +173,8 @@ def breaker_forces(
         memory.begin_drive_torque_nm,
         regime,
         memory.begin_tool_force_n,
+        memory.begin_crank_friction_nm,
+        memory.begin_body_friction_nm,
     )
     opening, closing = gap(b, q, u, phi, p)
     out[BODY_MOMENT] = found.moment

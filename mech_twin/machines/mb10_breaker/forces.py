@@ -89,28 +89,51 @@ def in_frame(phi: float, x: float, y: float) -> tuple[float, float]:
 
 @kernel
 def motion_in_state(
-    b: Breaker, m: Masses, q: float, u: float, phi: float, p: float, drive: float, regime: int, thrust: float
+    b: Breaker,
+    m: Masses,
+    q: float,
+    u: float,
+    phi: float,
+    p: float,
+    drive: float,
+    regime: int,
+    thrust: float,
+    crank_nm: float,
+    body_nm: float,
 ) -> Accelerations:
-    """Return accelerations, collar moment and force on the tool in one state.
+    """Return accelerations, collar moment and force on the tool in one state, Coulomb friction as given (N m).
 
     A body at phi = 0 with no rate rests if its collar has to push it (R >= 0), else it is leaving.
     """
     still = regime == HELD or (phi == 0.0 and p == 0.0)
-    now = loaded_accelerations(b, m, q, u, phi, p, drive, still, thrust)
+    now = loaded_accelerations(b, m, q, u, phi, p, drive, still, thrust, crank_nm, body_nm)
     if still and regime != HELD and now.collar_nm < 0.0:
-        now = loaded_accelerations(b, m, q, u, phi, p, drive, False, thrust)
+        now = loaded_accelerations(b, m, q, u, phi, p, drive, False, thrust, crank_nm, body_nm)
     return now
 
 
 @kernel
 def pin_forces(
-    b: Breaker, q: float, u: float, phi: float, p: float, drive: float, regime: int, thrust: float = 0.0
+    b: Breaker,
+    q: float,
+    u: float,
+    phi: float,
+    p: float,
+    drive: float,
+    regime: int,
+    thrust: float = 0.0,
+    crank_nm: float = 0.0,
+    body_nm: float = 0.0,
 ) -> PinForces:
-    """Return every reaction in one state under a torque on the crank (N m) and the tool's force on the striker (N)."""
+    """Return every reaction in one state under a torque on the crank (N m) and the tool's force on the striker (N).
+
+    ``crank_nm`` and ``body_nm`` are the Coulomb friction on crank and body (N m), sliding or held.
+    """
     at = position(b.bar, q)
     by = coefficients(at)
     m = masses(b, at, by, phi)
-    du, dp, collar, _ = motion_in_state(b, m, q, u, phi, p, drive, regime, thrust)
+    now = motion_in_state(b, m, q, u, phi, p, drive, regime, thrust, crank_nm, body_nm)
+    du, dp, collar = now.crank, now.body, now.collar_nm
     g_x, g_y = b.gravity_m_per_s2 * math.sin(phi), -b.gravity_m_per_s2 * math.cos(phi)
     # coupler: relative to the body its centroid is carried by A and by its own turning
     x, y = offset(b.coupler, at.u_x, at.u_y, b.bar.coupler_m)
@@ -137,15 +160,14 @@ def pin_forces(
     needed = torque + b.rotor_11_kg_m2 * du + b.rotor_12_kg_m2 * dp
     moment = b.bar.pivot_x_m * c_y - b.bar.pivot_y_m * c_x
     moment += (1.0 - b.frame_drive) * (torque - b.rotor_12_kg_m2 * du - b.rotor_22_kg_m2 * dp)
-    held = b.body_inertia_kg_m2 * dp + spring_moment(b, phi) + b.body_damping_nms_per_rad * p
+    held = b.body_inertia_kg_m2 * dp + spring_moment(b, phi) + b.body_damping_nms_per_rad * p - body_nm
     o_x, o_y = in_frame(phi, o_x, o_y)
     a_x, a_y = in_frame(phi, a_x, a_y)
     b_x, b_y = in_frame(phi, b_x, b_y)
     c_x, c_y = in_frame(phi, c_x, c_y)
-    moment -= (
-        b.frame_drive * b.crank_viscous_nms_per_rad * u
-    )  # of the crank's bearing; on the body it is in the torque above
-    drive_error = needed - drive + b.crank_viscous_nms_per_rad * u
+    friction = b.crank_viscous_nms_per_rad * u - crank_nm
+    moment -= b.frame_drive * friction  # of the crank's bearing; on the body it is in the torque above
+    drive_error = needed - drive + friction
     return PinForces(
         o_x,
         o_y,

@@ -36,13 +36,22 @@ from mech_twin.machines.mb10_breaker.dynamics import (
     spring_moment,
 )
 from mech_twin.machines.mb10_breaker.dynamics import PHI as BODY
-from mech_twin.machines.mb10_breaker.state import EVENT, LIFT_OFF, MEMORY, SETTLED, TOUCHDOWN, BreakerMemory
+from mech_twin.machines.mb10_breaker.state import (
+    BODY_STOPPED,
+    CRANK_STOPPED,
+    EVENT,
+    LIFT_OFF,
+    MEMORY,
+    SETTLED,
+    TOUCHDOWN,
+    BreakerMemory,
+)
 from mech_twin.machines.mb10_breaker.step import advance_step, take_body
 from mech_twin.parts.four_bar import closure_error, coefficients, link_angles, position
 
 JOINTS = ("crank", "coupler", "rocker", "body")
-CONTACTS = ("collar", "tool")
-COLLAR_CONTACT, TOOL_CONTACT = 0, 1
+CONTACTS = ("collar", "tool", "crank_bearing", "body_pivot")
+COLLAR_CONTACT, TOOL_CONTACT, BEARING_CONTACT, PIVOT_CONTACT = range(4)
 # places in a row
 CRANK_AT, COUPLER_AT, ROCKER_AT, BODY_AT = range(LINKAGE_JOINTS, LINKAGE_JOINTS + 12, 3)
 MEMORY_AT = LINKAGE_JOINTS + 12
@@ -129,12 +138,20 @@ def start_row(b: Breaker, crank_rad: float, command: float, out: Array) -> None:
 
 
 @kernel
+def contact_of(kind: int) -> int:
+    """Return what an event of this kind takes place at."""
+    if kind >= CRANK_STOPPED:
+        return PIVOT_CONTACT if kind >= BODY_STOPPED else BEARING_CONTACT
+    return COLLAR_CONTACT if kind in (TOUCHDOWN, SETTLED, LIFT_OFF) else TOOL_CONTACT
+
+
+@kernel
 def tell_events(b: Breaker, start_s: float, rows: Any, count: int, log: Array) -> Array:
     """Write the rows of a step into the table of events, times from the start of the run."""
     for i in range(count):
         row = rows[i]
         kind = int(row.kind)
-        contact = COLLAR_CONTACT if kind in (TOUCHDOWN, SETTLED, LIFT_OFF) else TOOL_CONTACT
+        contact = contact_of(kind)
         log = log_event(
             log, i, start_s + row.time_s, kind, contact, row.before_m_per_s, row.after_m_per_s, row.impulse_ns,
             row.cycle,
@@ -148,13 +165,17 @@ def tell_events(b: Breaker, start_s: float, rows: Any, count: int, log: Array) -
             -spring_moment(b, row.pre_body_rad),
         )
         told[6], told[7], told[8] = row.pre_tool_m, row.pre_tool_m_per_s, row.pre_tool_force_n
-        told[9], told[10], told[11] = row.post_crank_rad, row.post_crank_rad_per_s, row.post_drive_torque_nm
-        told[12], told[13], told[14] = (
+        told[9], told[10], told[11] = row.pre_crank_rad, row.pre_crank_rad_per_s, row.pre_crank_friction_nm
+        told[12], told[13], told[14] = row.pre_body_rad, row.pre_body_rad_per_s, row.pre_body_friction_nm
+        told[15], told[16], told[17] = row.post_crank_rad, row.post_crank_rad_per_s, row.post_drive_torque_nm
+        told[18], told[19], told[20] = (
             row.post_body_rad,
             row.post_body_rad_per_s,
             -spring_moment(b, row.post_body_rad),
         )
-        told[15], told[16], told[17] = row.post_tool_m, row.post_tool_m_per_s, row.post_tool_force_n
+        told[21], told[22], told[23] = row.post_tool_m, row.post_tool_m_per_s, row.post_tool_force_n
+        told[24], told[25], told[26] = row.post_crank_rad, row.post_crank_rad_per_s, row.post_crank_friction_nm
+        told[27], told[28], told[29] = row.post_body_rad, row.post_body_rad_per_s, row.post_body_friction_nm
     return log
 
 

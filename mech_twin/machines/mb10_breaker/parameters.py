@@ -9,13 +9,15 @@ from typing import Literal
 from pydantic import model_validator
 
 from mech_twin.engine.coupling import ExtrapolatedCoupling, coupling_step
+from mech_twin.machines.mb10_breaker.constants import breaker
+from mech_twin.machines.mb10_breaker.coupling_limits import LARGEST_MISS_RAD_PER_S, longest_step_s
 from mech_twin.machines.mb10_breaker.pressed_body.parameters import (
     BodyParameters,
     ExcitationParameters,
-    ViscousFriction,
     stiffness_refusal,
 )
 from mech_twin.parts.four_bar import OPEN, FourBar, failing_inequality
+from mech_twin.parts.friction import Friction
 from mech_twin.parts.gear import Gear
 from mech_twin.parts.induction_motor import InductionMotorParameters, motor_constants
 from mech_twin.parts.supply import SupplyParameters
@@ -146,7 +148,7 @@ class BreakerParameters(Parameters):
     excitation: ExcitationParameters = choice("what moves the body")
     coupling: BreakerCoupling = choice("the coupling of the roles")
     supply: SupplyParameters = choice("the supply of the motor")
-    friction: ViscousFriction = choice("friction of the crank's bearing in the body", default=ViscousFriction())
+    friction: Friction = choice("friction of the crank's bearing in the body", default=Friction())
 
     @model_validator(mode="after")
     def _striker_meets_the_tool(self) -> BreakerParameters:
@@ -168,9 +170,11 @@ class BreakerParameters(Parameters):
 
     @model_validator(mode="after")
     def _step_is_short_enough(self) -> BreakerParameters:
-        speed = self.motor.synchronous_speed_rpm * math.pi / 30.0 / self.gear.ratio
         longest, why = min(
-            (LONGEST_TURN_RAD / speed, f"{LONGEST_TURN_RAD:g} rad of the crank at synchronous speed"),
+            (
+                LONGEST_TURN_RAD / self.synchronous_crank_rad_per_s,
+                f"{LONGEST_TURN_RAD:g} rad of the crank at synchronous speed",
+            ),
             (
                 MOST_DECAYS * shaft_time_s(self),
                 f"{MOST_DECAYS:g} times inertia of rotor and crank over the steepest slope of the motor",
@@ -202,6 +206,11 @@ class BreakerParameters(Parameters):
                 f"body.spring_rate_n_per_m must be at most {STIFFEST_N_PER_M:g} N/m under excitation.kind from_forces: "
                 f"the body would bounce too often in a step; got {self.body.spring_rate_n_per_m:g}"
             )
+        if self.excitation.kind == "approximated" and self.body.friction.coulomb_nm > 0.0:
+            raise ValueError(
+                "body.friction.coulomb_nm must be 0 under excitation.kind approximated: its closed form knows viscous "
+                f"friction only; got {self.body.friction.coulomb_nm:g}"
+            )
         return self
 
     @model_validator(mode="after")
@@ -221,6 +230,24 @@ class BreakerParameters(Parameters):
                 f"{self.linkage.ground_m:g} m apart"
             )
         return self
+
+    @model_validator(mode="after")
+    def _body_is_heavy_enough_for_the_step(self) -> BreakerParameters:
+        if self.excitation.kind == "approximated":
+            return self
+        longest = longest_step_s(breaker(self), self.synchronous_crank_rad_per_s)
+        if self.coupling.step_s > longest:
+            raise ValueError(
+                f"coupling.step_s = {self.coupling.step_s:g} s must be at most {longest:.4g} s with body.inertia_kg_m2 "
+                f"{self.body.inertia_kg_m2:g}: the linkage's moment, a line in each step, would miss the rate by "
+                f"{LARGEST_MISS_RAD_PER_S:g} rad/s a step"
+            )
+        return self
+
+    @property
+    def synchronous_crank_rad_per_s(self) -> float:
+        """Crank speed (rad/s) at which the motor would turn with its field."""
+        return self.motor.synchronous_speed_rpm * math.pi / 30.0 / self.gear.ratio
 
 
 def shaft_time_s(p: BreakerParameters) -> float:

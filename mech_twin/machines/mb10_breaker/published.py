@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from math import nan, pi
 
-from mech_twin.capabilities.published import CHANGED, CONTRADICTS, DIFFERS, REPRODUCED, Row, Source
+from mech_twin.capabilities.published import CHANGED, CONTRADICTS, DIFFERS, REPRODUCED, Literature, PublishedRow
 from mech_twin.capabilities.variation import varied
 from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
 from mech_twin.machines.mb10_breaker.pressed_body.free_swing import (
@@ -56,7 +56,7 @@ def paper_body(parameters: BreakerParameters) -> BreakerParameters:
     return varied(parameters, changes)
 
 
-def rows(parameters: BreakerParameters) -> Iterator[Row]:
+def rows(parameters: BreakerParameters) -> Iterator[PublishedRow]:
     """Yield the rows, eq. (1) first."""
     changed = paper_body(parameters)
     body = pressed_body(changed.body, changed.excitation)
@@ -73,8 +73,8 @@ def _inputs(body: PressedBody) -> str:
     return f"J {body.inertia:g} kg m2, l {body.arm:g} m, |H| {body.amplitude:g} N m, {1.0 / body.period:g} blows/s"
 
 
-def _equation(body: PressedBody) -> Iterator[Row]:
-    paper = Source(PAPER, "eq. (1)", f"c {body.rate:g} N/m, l {body.arm:g} m, J {body.inertia:g} kg m2")
+def _equation(body: PressedBody) -> Iterator[PublishedRow]:
+    paper = Literature(PAPER, "eq. (1)", f"c {body.rate:g} N/m, l {body.arm:g} m, J {body.inertia:g} kg m2")
     yield paper.reported(
         "k^2 of eq. (1) as printed against k^2 of eq. (2), 1/s2",
         body.rate * body.arm / body.inertia,
@@ -84,9 +84,9 @@ def _equation(body: PressedBody) -> Iterator[Row]:
     )
 
 
-def _load(body: PressedBody) -> Iterator[Row]:
+def _load(body: PressedBody) -> Iterator[PublishedRow]:
     omega = 2.0 * pi / body.period
-    paper = Source(PAPER, "eq. (3)", "t1 = 0.9 T")
+    paper = Literature(PAPER, "eq. (3)", "t1 = 0.9 T")
     yield paper.gated("mu over omega", 5.0, body.mu / omega, "half a period fills T - t1", relative=1e-12)
     turns = body.mu * body.onset / pi
     yield paper.gated(
@@ -101,8 +101,8 @@ def _load(body: PressedBody) -> Iterator[Row]:
     yield paper.at("amplitude against c", "a = 0").unknown("amplitude and largest pressing force", None, text)
 
 
-def _swing(body: PressedBody) -> Iterator[Row]:
-    worked = Source(WORKED, "k = omega", _inputs(body))
+def _swing(body: PressedBody) -> Iterator[PublishedRow]:
+    worked = Literature(WORKED, "k = omega", _inputs(body))
     yield worked.gated("spring rate, kN/m", 34.54, resonance_rate(body, 1) / 1000.0, "c = J omega^2/l^2", absolute=5e-3)
     omega = 2.0 * pi / body.period
     for order in (15, 25, 35):
@@ -113,7 +113,7 @@ def _swing(body: PressedBody) -> Iterator[Row]:
         )
 
 
-def _collar(body: PressedBody) -> Iterator[Row]:
+def _collar(body: PressedBody) -> Iterator[PublishedRow]:
     omega = 2.0 * pi / body.period
     inputs = f"{_inputs(body)}, e {body.restitution:g}"
     for name, k, settled, returned in (
@@ -122,12 +122,12 @@ def _collar(body: PressedBody) -> Iterator[Row]:
         ("k = omega", omega, 0.1135, 0.87139),
     ):
         found = preload_range(body, k)
-        worked = Source(WORKED, "rational range", f"{inputs}; {name}")
+        worked = Literature(WORKED, "rational range", f"{inputs}; {name}")
         yield worked.gated("least p, settled before t1", settled, found.settled, "bracketed root", absolute=5e-5)
         yield worked.gated("p, first return before the blow", returned, found.returned, "bracketed root", absolute=5e-6)
     for p, force, gap, speed in SOFT_TABLE:
         metrics = steady_metrics(with_preload(body, p, 0.3 * omega)).metrics
-        worked = Source(WORKED, "soft spring", f"{inputs}; k = 0.3 omega, p = {p:g}")
+        worked = Literature(WORKED, "soft spring", f"{inputs}; k = 0.3 omega, p = {p:g}")
         why = "steady cycle, events exact"
         yield worked.gated("largest pressing force, N", force, metrics.largest_force_n, why, absolute=0.05)
         tolerance = 5e-5 if p == 0.9 else 5e-4
@@ -135,9 +135,9 @@ def _collar(body: PressedBody) -> Iterator[Row]:
         yield worked.gated("return speed, m/s", speed, metrics.return_speed_m_per_s, why, absolute=5e-4)
 
 
-def _motor(parameters: BreakerParameters) -> Iterator[Row]:
+def _motor(parameters: BreakerParameters) -> Iterator[PublishedRow]:
     motor = motor_constants(parameters.motor)
-    derived = Source(WORKED, "motor 4A80B4U3", "1.5 kW, 1420 rpm")
+    derived = Literature(WORKED, "motor 4A80B4U3", "1.5 kW, 1420 rpm")
     for name, value, computed, tolerance in (
         ("M_n, N m", 10.087, motor.rated_torque_nm, 5e-4),
         ("rated slip", 0.0533, motor.rated_slip, 5e-5),
@@ -156,9 +156,9 @@ def _motor(parameters: BreakerParameters) -> Iterator[Row]:
     )
 
 
-def _running(parameters: BreakerParameters) -> Iterator[Row]:
+def _running(parameters: BreakerParameters) -> Iterator[PublishedRow]:
     found = settled_run_metrics(parameters)
-    worked = Source(RUNNING, "whole machine", "assumed set: J 6 kg m2, 741 N, e 0.4; from standstill")
+    worked = Literature(RUNNING, "whole machine", "assumed set: J 6 kg m2, 741 N, e 0.4; from standstill")
     for name, value, tolerance, key, factor in STEADY:
         computed = factor * found.get(f"steady_{key}", nan)
         yield worked.gated(name, value, computed, "four roles in co-simulation, last 20 blows", absolute=tolerance)
@@ -166,8 +166,8 @@ def _running(parameters: BreakerParameters) -> Iterator[Row]:
         yield worked.gated(f"{name} blows", 0.0, found[f"{name}_blows"], "period 1, none missed", absolute=0.0)
 
 
-def _preload_trade_off(parameters: BreakerParameters) -> Iterator[Row]:
-    worked = Source(RUNNING, "preload trade-off", "k = 0.3 omega")
+def _preload_trade_off(parameters: BreakerParameters) -> Iterator[PublishedRow]:
+    worked = Literature(RUNNING, "preload trade-off", "k = 0.3 omega")
     for force, speed in ((600.0, 0.099), (1000.0, 0.127), (5000.0, 0.178)):
         found = settled_run_metrics(with_rest_force(parameters, force))
         yield worked.at("preload trade-off", f"{worked.inputs}, {force:g} N at rest").gated(

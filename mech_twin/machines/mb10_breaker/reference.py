@@ -2,7 +2,8 @@
 
 Kinematics by complex numbers and implicit differentiation, equations of motion by virtual work of every link's mass
 and moment of inertia (no derivatives of generalised masses), the motor's torque at the speed of the instant (Kloss),
-scipy's DOP853 with a relative tolerance of 1e-12, events by Brent's method on its dense output of order 7.
+scipy's DOP853 with a relative tolerance of 1e-12, events by Brent's method on its dense output of order 7.  Coulomb
+friction of joints at rest by relaxation: each bearing in turn gives what stops its joint, as far as it can.
 No samples, no coupling step.
 
 Valid where the wall lets the tool go: the striker does not catch up with the tool it has struck.
@@ -14,6 +15,7 @@ import cmath
 import itertools
 import math
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -27,6 +29,8 @@ Array = NDArray[np.float64]
 TOLERANCE = 1e-12
 LONGEST_S = 1e-3
 PLASTIC_BELOW = 1e-7  # rad/s: a bounce slower than this ends its series
+LET_GO = 1.0 + 1e-9  # of what friction can hold
+RELAXATIONS = 2000
 
 
 class ReferenceLink(NamedTuple):
@@ -55,6 +59,7 @@ class BreakerReference:
         self._p = p = parameters
         link = p.linkage
         self._on_frame = p.drive_mount == "frame"
+        self._coulomb = np.array([p.friction.coulomb_nm, p.body.friction.coulomb_nm])
         self._own = link.rocker_mass_kg * (link.rocker_centroid_along_m**2 + link.rocker_centroid_across_m**2)
         angles = np.linspace(0.0, 2.0 * math.pi, 721)
         rates = [self._rocker(q)[1] for q in angles]
@@ -155,15 +160,37 @@ class BreakerReference:
         spring = b.spring_rate_n_per_m * (b.spring_arm_m * phi + b.preload_deflection_m) * b.spring_arm_m
         return np.array([drive - bearing, -self._on_frame * drive - spring - damping * p])
 
-    def accelerations(self, state: Array, rests: bool) -> tuple[float, float, float]:
-        """Return u', p' and the collar's moment."""
+    def accelerations(self, state: Array, rests: bool, senses: Array | None = None) -> tuple[float, float, float]:
+        """Return u', p' and the moment of the collar; of a joint at rest that a sense of 0 holds, 0."""
+        du, dp, held = self.motion(state, rests, np.sign(state[[1, 3]]) if senses is None else senses)
+        return du, dp, float(held[1])
+
+    def motion(self, state: Array, rests: bool, senses: Array) -> tuple[float, float, Array]:
+        """Return u', p', and what holds crank and body where they are at rest (N m); senses of sliding, 0: held."""
         mass, bias = self.mass_and_bias(*state)
-        right = self.forces(*state) - bias
+        right = self.forces(*state) - bias - self._coulomb * senses * np.array([1.0, not rests])
+        held = (senses == 0.0) & (self._coulomb > 0.0)
+        free = ~(held | np.array([False, rests]))
+        found = np.zeros(2)
+        if free.any():
+            found[free] = np.linalg.solve(mass[np.ix_(free, free)], right[free])
+        return float(found[0]), float(found[1]), np.where(free, 0.0, mass @ found - right)
+
+    def senses(self, state: Array, rests: bool) -> Array:
+        """Return the senses in which both joints go on; 0 where friction holds a joint at rest."""
+        at_rest = np.array([state[1] == 0.0, rests or state[3] == 0.0]) & (self._coulomb > 0.0)
+        mass, bias = self.mass_and_bias(*state)
+        moving = np.where(at_rest, 0.0, np.sign(state[[1, 3]]))
+        right = self.forces(*state) - bias - self._coulomb * moving
+        answer, friction, found = np.linalg.inv(mass), np.zeros(2), np.zeros(2)
         if rests:
-            du = right[0] / mass[0, 0]
-            return float(du), 0.0, float(mass[1, 0] * du - right[1])
-        du, dp = np.linalg.solve(mass, right)
-        return float(du), float(dp), 0.0
+            answer = np.array([[1.0 / mass[0, 0], 0.0], [0.0, 0.0]])
+        for _ in range(RELAXATIONS):
+            for i in np.flatnonzero(at_rest & np.array([True, not rests])):
+                found = answer @ (right + friction)
+                friction[i] = np.clip(friction[i] - found[i] / answer[i, i], -self._coulomb[i], self._coulomb[i])
+        found = answer @ (right + friction)
+        return np.where(at_rest, np.where(np.abs(found) > 1e-9, np.sign(found), 0.0), moving)
 
     def gap(self, q: float, phi: float) -> float:
         """Return the gap between striker and seated tool (m)."""
@@ -186,18 +213,23 @@ class BreakerReference:
         after[[1, 3]] -= answer * impulse
         return after, float(impulse)
 
-    def run(self, times_s: Array) -> ReferenceMotion:
-        """Return the motion from standstill, the body on its collar, at ascending times (s, the first 0)."""
+    def run(self, times_s: Array, start: Array | None = None) -> ReferenceMotion:
+        """Return the motion at ascending times (s, the first 0), from standstill with the body on its collar.
+
+        ``start``: another crank angle, crank speed, body angle and rate; a body at angle 0 rests.
+        """
         state = np.array([math.radians(self._p.linkage.initial_crank_deg) % (2.0 * math.pi), 0.0, 0.0, 0.0])
+        state = state if start is None else start.copy()
         samples, blows = np.empty((len(times_s), 4)), []
         samples[0], index, time = state, 1, 0.0
-        rests, waiting, hold = True, True, -1.0
+        rests, waiting, hold = state[2] == 0.0, True, -1.0
         while index < len(times_s):
-            here = self._stepper(time, state, rests, float(times_s[-1]))
+            senses = self.senses(state, rests)
+            here = self._stepper(time, state, rests, senses, float(times_s[-1]))
             while True:
                 here.step()
                 dense, low, high = here.dense_output(), float(here.t_old), float(here.t)
-                which, when = self._first(dense, low, high, rests, waiting, hold)
+                which, when = self._first(dense, low, high, rests, senses, waiting, hold)
                 while index < len(times_s) and times_s[index] <= when:
                     samples[index] = dense(times_s[index])
                     index += 1
@@ -210,33 +242,43 @@ class BreakerReference:
                 state, impulse = self.blow(state)
                 blows.append((when, impulse))
                 rests, waiting = rests and state[3] <= 0.0, False
-                hold = when
             elif which == "missed":
                 waiting = False
             elif which == "touchdown":
                 state, rests = self._touchdown(state)
-                hold = when
             elif which == "lift":
-                rests, hold = False, when
+                rests = False
+            elif which in ("crank stops", "body stops"):
+                state[1 if which == "crank stops" else 3] = 0.0
+            hold = when if which not in (None, "missed") else -1.0
         return ReferenceMotion(samples, np.array(blows).reshape(-1, 2))
 
-    def _stepper(self, time: float, state: Array, rests: bool, end: float) -> Any:
+    def _stepper(self, time: float, state: Array, rests: bool, senses: Array, end: float) -> Any:
         def rates(_: float, y: Array) -> list[float]:
-            du, dp, _collar = self.accelerations(y, rests)
+            du, dp, _held = self.motion(y, rests, senses)
             return [y[1], du, y[3], dp]
 
         start, first = state.copy(), 1e-6
         if rests:
             start[2:] = 0.0
-        elif state[2] == 0.0:  # a bounce must not end within the first step
-            first = min(first, max(-0.1 * state[3] / min(self.accelerations(state, False)[1], -1e-9), 1e-13))
+        else:  # neither a bounce nor a fall must end within the first step
+            sink = max(-self.motion(state, False, senses)[1], 1e-9)
+            lasts = state[3] / sink if state[2] == 0.0 else math.sqrt(state[3] ** 2 / sink**2 + 2.0 * state[2] / sink)
+            first = min(first, max(0.1 * lasts, 1e-13))
         return DOP853(rates, time, start, end, max_step=LONGEST_S, rtol=TOLERANCE, atol=1e-13, first_step=first)
 
     def _passed(self, before: float, after: float, angle: float) -> bool:
         return math.floor((after - angle) / (2.0 * math.pi)) > math.floor((before - angle) / (2.0 * math.pi))
 
     def _first(
-        self, dense: Callable[[float], Array], low: float, high: float, rests: bool, waiting: bool, hold: float
+        self,
+        dense: Callable[[float], Array],
+        low: float,
+        high: float,
+        rests: bool,
+        senses: Array,
+        waiting: bool,
+        hold: float,
     ) -> tuple[str | None, float]:
         """Return the first event of a step and its time; ``hold``: time of an event whose signal may still be zero."""
         found: list[tuple[float, str]] = []
@@ -247,8 +289,11 @@ class BreakerReference:
                 if value(a) > 0.0 >= value(b):
                     found.append((float(brentq(value, a, b, xtol=1e-15, rtol=1e-15)), name))
                     return
-            if places and hold >= low and value(places[0]) <= 0.0:
+            if places and hold >= low and value(places[0]) <= 0.0 and not name.endswith("stops"):
                 found.append((float(places[0]), name))
+
+        def held(t: float, joint: int) -> float:
+            return float(self.motion(np.array(dense(t)), rests, senses)[2][joint])
 
         if waiting:
             look("blow", lambda t: self.gap(*np.asarray(dense(t))[[0, 2]]))
@@ -257,9 +302,15 @@ class BreakerReference:
                 aim = self._extreme + 2.0 * math.pi * turns
                 look("missed", lambda t: aim - float(dense(t)[0]))
         if rests:
-            look("lift", lambda t: self.accelerations(np.array(dense(t)), True)[2])
+            look("lift", lambda t: held(t, 1) + LET_GO * self._coulomb[1])
         else:
             look("touchdown", lambda t: float(dense(t)[2]))
+        for joint, name in ((0, "crank"), (1, "body")):
+            most = float(self._coulomb[joint])
+            if most > 0.0 and senses[joint] == 0.0 and not (rests and joint == 1):
+                look(f"{name} starts", partial(lambda j, c, t: LET_GO * c - abs(held(t, j)), joint, most))
+            elif most > 0.0 and senses[joint] != 0.0:
+                look(f"{name} stops", partial(lambda j, t: float(senses[j] * dense(t)[2 * j + 1]), joint))
         if not found:
             return None, high
         when, which = min(found)

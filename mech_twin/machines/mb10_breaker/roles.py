@@ -12,18 +12,28 @@ import numpy as np
 from mech_twin.engine.compiled_roles import CompiledForces, CompiledLinkage
 from mech_twin.engine.sample_vectors import EventLayout, ForceLayout, LinkageLayout
 from mech_twin.machines.drives import KlossDrive, KlossMotor
-from mech_twin.machines.mb10_breaker.dynamics import REST, Breaker
+from mech_twin.machines.mb10_breaker.dynamics import FLIGHT, HELD, REST, STATES, Breaker, P, Q, U
+from mech_twin.machines.mb10_breaker.dynamics import PHI as BODY
 from mech_twin.machines.mb10_breaker.force_row import LoadedBreaker
-from mech_twin.machines.mb10_breaker.forces import QUANTITIES
-from mech_twin.machines.mb10_breaker.linkage_row import CONTACTS, JOINTS, GearedMotor, LedBreaker, start_row
+from mech_twin.machines.mb10_breaker.forces import QUANTITIES, pin_forces
+from mech_twin.machines.mb10_breaker.linkage_row import (
+    CONTACTS,
+    JOINTS,
+    MEMORY_AT,
+    RESIDUALS_AT,
+    GearedMotor,
+    LedBreaker,
+    fill_row,
+    start_row,
+)
 from mech_twin.machines.mb10_breaker.state import EVENT_ROWS, KINDS, BreakerMemory
 from mech_twin.parts.induction_motor import MotorConstants
+from mech_twin.roles import CrankState
 from mech_twin.samples import LinkageSample
 
 RESIDUALS = ("loop_closure_m", "energy_balance", "momentum_balance", "coupling_defect")
-COUPLING_DEFECT_AT_1_MS = 1e-5  # ten times the largest of the running machine
 FORCE_RESIDUALS = ("drive_torque_routes", "body_moment_routes", "impulse_routes")
-EVENTS = EventLayout(KINDS, CONTACTS, 3)
+EVENTS = EventLayout(KINDS, CONTACTS, 5)
 
 
 class BreakerMotor(KlossDrive):
@@ -62,24 +72,36 @@ class BreakerLinkage(CompiledLinkage):
         Coupling step.
     order : int
         Order of the torque's extrapolation.
+    coupling_defect : float
+        Limit of the share of the energy held that a step may change by taking the body's own angle.
     """
 
     joints = JOINTS
-    coordinates = ("crank", "body", "tool")
+    coordinates = ("crank", "body", "tool", "crank_bearing", "body_pivot")
     regimes = ("rest", "flight", "held")
     layout = LinkageLayout(JOINTS, BreakerMemory._fields, RESIDUALS, EVENTS)
 
     def __init__(
-        self, breaker: Breaker, initial_crank_rad: float, initial_command: float, step_s: float, order: int
+        self,
+        breaker: Breaker,
+        initial_crank_rad: float,
+        initial_command: float,
+        step_s: float,
+        order: int,
+        coupling_defect: float,
     ) -> None:
         self.step_s = step_s
         self._b = breaker
         self._initial = initial_crank_rad % (2.0 * math.pi)
         self._command = float(initial_command)
         self._order = order
-        defect = COUPLING_DEFECT_AT_1_MS * max(1.0, (step_s / 1e-3) ** 2)  # the scheme is of second order
         self.residual_limits: Mapping[str, float] = MappingProxyType(
-            {"loop_closure_m": 1e-12, "energy_balance": 1e-9, "momentum_balance": 1e-9, "coupling_defect": defect}
+            {
+                "loop_closure_m": 1e-12,
+                "energy_balance": 1e-9,
+                "momentum_balance": 1e-9,
+                "coupling_defect": coupling_defect,
+            }
         )
 
     @cached_property
@@ -92,6 +114,22 @@ class BreakerLinkage(CompiledLinkage):
         out = np.empty(self.layout.size)
         start_row(self._b, self._initial, self._command, out)
         return self.layout.sample(step, step * self.step_s, out.tolist(), ())
+
+    def guided(self, step: int, time_s: float, motion: CrankState) -> LinkageSample:
+        """Return the breaker in a measured motion between blows; a body that is not measured rests on its collar.
+
+        The acceleration of the crank is a straight line in the torque, so two torques tell the one that it needs.
+        """
+        q, u, acceleration, phi, p = motion
+        off = phi is not None and phi > 0.0 and not self._b.held
+        regime = HELD if self._b.held else FLIGHT if off else REST
+        body, rate = (phi, p) if off and phi is not None else (0.0, 0.0)
+        idle, loaded = (pin_forces(self._b, q, u, body, rate, t, regime, 0.0).crank_acceleration for t in (0.0, 1.0))
+        state, out = np.zeros(STATES), np.empty(self.layout.size)
+        state[Q], state[U], state[BODY], state[P] = q % (2.0 * math.pi), u, body, rate
+        out[MEMORY_AT:RESIDUALS_AT] = BreakerMemory(begin_crank_rad=q, begin_crank_rad_per_s=u, begin_body_rad=body)
+        fill_row(self._b, state, regime, float((acceleration - idle) / (loaded - idle)), self._command, 0.0, out)
+        return self.layout.sample(step, time_s, out.tolist(), ())
 
 
 class BreakerForces(CompiledForces):

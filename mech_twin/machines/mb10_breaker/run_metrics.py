@@ -145,7 +145,7 @@ class BreakerObserver:
             self._end_body_cycle(event.time_s, body.position)
 
     def _contact(self, event: Event, stiffness: float) -> Record:
-        b, (crank, body, _), (_, after, _) = self._b, event.pre, event.post
+        b, crank, body, after = self._b, *event.pre[:2], event.post[1]
         rests = b.held or after.velocity == body.velocity  # a body that takes no part in the blow
         fades = fading(b, crank.position, crank.velocity, body.position, body.velocity, crank.effort, rests)
         return blow_contact(b, stiffness, event.pre_velocity_m_per_s, event.impulse_ns, fades).metrics

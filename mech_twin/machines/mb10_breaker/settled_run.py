@@ -53,7 +53,7 @@ def seating(parameters: BreakerParameters, duration_s: float = SETTLED_S) -> Sea
                 blows += event.kind == "blow"
                 missed += event.kind in {"missed", "stalled"}
                 if event.kind == "blow":
-                    _, at_blow, _ = event.pre
+                    at_blow = event.pre[1]
                     gap = max(gap, radius * at_blow.position)
             elif steady and event.kind in {"touchdown", "settled"}:
                 returned = max(returned, abs(event.pre_velocity_m_per_s))

@@ -11,6 +11,7 @@ EVENT_ROWS = 512  # of one coupling step; one more is an error in one line
 
 # kinds of events, by the order of their names
 BLOW, MISSED, TOUCHDOWN, SETTLED, LIFT_OFF, UNSEATED, CATCH_UP, PUSH_BEGINS, PUSHING, RELEASED, STALLED = range(11)
+CRANK_STOPPED, CRANK_STARTED, CRANK_REVERSED, BODY_STOPPED, BODY_STARTED, BODY_REVERSED = range(11, 17)
 KINDS = (
     "blow",
     "missed",
@@ -23,6 +24,12 @@ KINDS = (
     "pushing",
     "released",
     "stalled",
+    "crank_stopped",
+    "crank_started",
+    "crank_reversed",
+    "body_stopped",
+    "body_started",
+    "body_reversed",
 )
 
 
@@ -63,10 +70,16 @@ class BreakerMemory(NamedTuple):
     begin_body_rad_per_s: float = 0.0
     begin_drive_torque_nm: float = 0.0
     begin_tool_force_n: float = 0.0
+    crank_sense: float = 0.0  # of sliding in the crank's bearing, +1 or -1, 0 where friction holds it; so for the body
+    body_sense: float = 0.0
+    crank_friction_nm: float = 0.0  # Coulomb friction as this step ended, and as it began
+    body_friction_nm: float = 0.0
+    begin_crank_friction_nm: float = 0.0
+    begin_body_friction_nm: float = 0.0
 
 
 class Side(NamedTuple):
-    """Crank, body, torque on the crank, tool and force of the striker on it, on one side of an event."""
+    """Crank, body, torque on the crank, tool, force of the striker on it, friction, on one side of an event."""
 
     crank_rad: float
     crank_rad_per_s: float
@@ -76,6 +89,8 @@ class Side(NamedTuple):
     tool_m: float
     tool_m_per_s: float
     tool_force_n: float
+    crank_friction_nm: float
+    body_friction_nm: float
 
 
 # records, not plain structures: their fields are attributes in plain Python too

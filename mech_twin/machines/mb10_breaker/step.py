@@ -21,7 +21,15 @@ from mech_twin.engine.errors import MotionError
 from mech_twin.engine.events import FALLING, NONE, Step, first_event
 from mech_twin.engine.integration import start_step, take_step
 from mech_twin.kernel import kernel
-from mech_twin.machines.mb10_breaker.contact import apply_event, log_knot, project_contact, tool_force
+from mech_twin.machines.mb10_breaker.bearing_events import (
+    apply_bearing_event,
+    is_bearing_event,
+    log_bearings,
+    starting,
+    watch_bearings,
+)
+from mech_twin.machines.mb10_breaker.bearing_friction import BearingTorques, rubs
+from mech_twin.machines.mb10_breaker.contact import apply_event, log_knot, project_contact
 from mech_twin.machines.mb10_breaker.dynamics import (
     BLOCKED,
     DAMPED,
@@ -41,6 +49,7 @@ from mech_twin.machines.mb10_breaker.dynamics import (
     Breaker,
     P,
     Q,
+    Senses,
     U,
     crank_torque,
     energies,
@@ -59,6 +68,7 @@ from mech_twin.machines.mb10_breaker.motion import (
     Motion,
     motion_signals,
     substep,
+    torques_now,
     workspace_of_motion,
 )
 
@@ -167,7 +177,7 @@ def watched(motion: Motion, state: Array, end: Array, regime: int, last: int, wa
     elif regime == REST:
         watches[count, 0] = COLLAR
         count += 1
-    return count
+    return watch_bearings(motion, state, last, watches, count) if rubs(motion.breaker) else count
 
 
 class Before(NamedTuple):
@@ -182,11 +192,12 @@ class Before(NamedTuple):
 
 
 @kernel
-def begin_step(b: Breaker, state: Array, memory: Any, drive: float) -> Before:
+def begin_step(b: Breaker, state: Array, memory: Any, now: BearingTorques) -> Before:
     """Remember the state the step begins with, and set the sums its events add to to zero: they keep their digits."""
     memory.begin_crank_rad, memory.begin_crank_rad_per_s = state[Q], state[U]
     memory.begin_body_rad, memory.begin_body_rad_per_s = state[PHI], state[P]
-    memory.begin_drive_torque_nm = drive
+    memory.begin_drive_torque_nm, memory.begin_tool_force_n = now.drive_nm, now.tool_force_n
+    memory.begin_crank_friction_nm, memory.begin_body_friction_nm = now.crank_nm, now.body_nm
     before = Before(
         total_energy(b, state),
         total_momentum(b, state),
@@ -223,6 +234,21 @@ def close_balances(b: Breaker, state: Array, memory: Any, before: Before) -> Non
 
 
 @kernel
+def next_piece(motion: Motion, state: Array, memory: Any, regime: int) -> Motion:
+    """Return the motion as it goes on from a state, in the regimes kept in the memory."""
+    return Motion(
+        motion.breaker,
+        motion.torque_nm,
+        motion.slope_nm_per_s,
+        motion.compensation_nm,
+        regime != FLIGHT,
+        int(memory.tool_regime),
+        state[Q] + to_dead_centre(motion.breaker, state[Q]),
+        Senses(memory.crank_sense, memory.body_sense),
+    )
+
+
+@kernel
 def advance_step(
     b: Breaker, state: Array, record: Any, regime: int, torque: float, step_s: float, order: int, log: Any
 ) -> tuple[int, int, float]:
@@ -242,19 +268,19 @@ def advance_step(
     memory = record[0]
     slope, missed = torque_line(b, state, memory, torque, step_s, order)
     memory.compensation_torque_nm = missed
-    work, end, watches = workspace_of_motion(), np.empty(STATES), np.empty((6, 3), dtype=np.int64)
-    before = begin_step(b, state, memory, crank_torque(b, torque, state[U], state[P]) + missed)
+    work, end, watches = workspace_of_motion(), np.empty(STATES), np.empty((9, 3), dtype=np.int64)
+    tool, rests = int(memory.tool_regime), regime != FLIGHT
+    motion = Motion(b, torque, slope, missed, rests, tool, 0.0, starting(b, state, memory, rests, tool))
+    before = begin_step(b, state, memory, torques_now(motion, 0.0, state))
     count, time, left, weighed, last, turns = 0, 0.0, 0.0, 0.0, NONE, 0
-    motion = Motion(b, torque, slope, missed, regime != FLIGHT, int(memory.tool_regime), 0.0)
-    memory.begin_tool_force_n = tool_force(motion, 0.0, state, motion.tool, motion.rests)
     while step_s - time > 1e-16:
         turns += 1
         if turns > SUBSTEP_BUDGET:
             raise MotionError("mb10_breaker: more events in one step than are followed; shorten coupling.step_s")
-        tool = int(memory.tool_regime)
-        contact = tool in (PUSHED, BLOCKED) and regime == FLIGHT
-        span = substep(state[U], step_s - time, PUSHING_SUBSTEP_S if contact else LONGEST_SUBSTEP_S)
-        motion = Motion(b, torque, slope, missed, regime != FLIGHT, tool, state[Q] + to_dead_centre(b, state[Q]))
+        motion = next_piece(motion, state, memory, regime)
+        knots = motion.tool in (PUSHED, BLOCKED) and not motion.rests
+        longest = PUSHING_SUBSTEP_S if knots or motion.tool == PUSHED else LONGEST_SUBSTEP_S
+        span = substep(state[U], step_s - time, longest)
         start_step(motion, time, state, work)
         take_step(motion, time, state, span, work)
         end[:] = work.end
@@ -266,18 +292,22 @@ def advance_step(
             take_step(motion, time, state, when, work)
             state[:] = work.end
         time += when
-        project_contact(b, state, tool, motion.rests)
+        project_contact(b, state, motion.tool, motion.rests)
         last = NONE
         if which == NONE:
-            count = log_knot(motion, state, memory, regime, time, log, count) if contact else count
+            count = log_knot(motion, state, memory, regime, time, log, count) if knots else count
             continue
         last = watches[which, 0]
+        apply_bearing_event(motion, state, last, regime != FLIGHT)
         u, p = state[U], state[P]
-        regime, count = apply_event(motion, state, memory, regime, last, time, log, count)
+        if not is_bearing_event(last):
+            regime, count = apply_event(motion, state, memory, regime, last, time, log, count)
+        count = log_bearings(motion, state, memory, regime, time, log, count)
         jump = abs(state[U] - u - b.frame_drive * (state[P] - p))
         left += jump * (step_s - time)
         weighed += jump
-    memory.tool_force_n = tool_force(motion, step_s, state, int(memory.tool_regime), regime != FLIGHT)
+    now = torques_now(next_piece(motion, state, memory, regime), step_s, state)
+    memory.tool_force_n, memory.crank_friction_nm, memory.body_friction_nm = now.tool_force_n, now.crank_nm, now.body_nm
     remember_torque_line(motion, state, memory, step_s, left, weighed)
     close_balances(b, state, memory, before)
-    return regime, count, memory.line_crank_torque_nm + missed
+    return regime, count, now.drive_nm

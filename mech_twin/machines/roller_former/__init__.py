@@ -8,6 +8,7 @@ from typing import Any
 from mech_twin.machines.drives import KlossDrive
 from mech_twin.machines.roller_former.drawing import former_drawing
 from mech_twin.machines.roller_former.forces import FormerForces, FormerQuantities, loaded_bodies, pin_names
+from mech_twin.machines.roller_former.mechanism import mechanism
 from mech_twin.machines.roller_former.metrics import FormerObserver, former_metrics, position_metrics
 from mech_twin.machines.roller_former.parameters import RollerFormer, former_of
 from mech_twin.machines.roller_former.roles import FormerLinkage, joint_names
@@ -52,6 +53,7 @@ def build(parameters: Parameters) -> Machine:
         report,
         analyse,
         FormerObserver,
+        mechanism(former),
     )
 
 

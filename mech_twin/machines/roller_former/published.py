@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from mech_twin.capabilities.published import CHANGED, CONTRADICTS, Row, Source
+from mech_twin.capabilities.published import CHANGED, CONTRADICTS, Literature, PublishedRow
 from mech_twin.capabilities.variation import varied
 from mech_twin.machines.roller_former.coupling_choice import installation
 from mech_twin.machines.roller_former.metrics import moment_metrics, turn_metrics
@@ -57,7 +57,7 @@ def table_2_metrics(parameters: RollerFormer, count: int, damping: float) -> tup
     )
 
 
-def rows(parameters: RollerFormer) -> Iterator[Row]:
+def rows(parameters: RollerFormer) -> Iterator[PublishedRow]:
     """Yield the rows: the loads, the doubled moment and the three-cart maximum first."""
     yield from _printed_loads(parameters)
     yield from _doubled(parameters)
@@ -71,24 +71,24 @@ def _moments(parameters: RollerFormer, count: int, load: str = "rectified") -> d
     return moment_metrics(former_of(table_1_case(parameters, count, load)))
 
 
-def _printed_loads(parameters: RollerFormer) -> Iterator[Row]:
+def _printed_loads(parameters: RollerFormer) -> Iterator[PublishedRow]:
     printed = varied(parameters, {"parameter_set": "printed"})
-    paper = Source(PAPER, "Table 1", "printed loads F01, R01, G")
+    paper = Literature(PAPER, "Table 1", "printed loads F01, R01, G")
     computed = _moments(printed, 1)["moment_mean_per_cart_nm"]
     why = "the printed loads give 4.5 times the printed table; a smaller machine was evidently computed"
     yield paper.reported("mean moment per cart, N m", MEAN_PER_CART_NM, computed, CONTRADICTS, why)
 
 
-def _doubled(parameters: RollerFormer) -> Iterator[Row]:
+def _doubled(parameters: RollerFormer) -> Iterator[PublishedRow]:
     found = table_2_metrics(parameters, 2, 2000.0)
     if found is not None:
-        paper = Source(PAPER, "Table 2", "2 carts, k 2000 N m s/rad; the moment as c (phi1 - phi2)")
+        paper = Literature(PAPER, "Table 2", "2 carts, k 2000 N m s/rad; the moment as c (phi1 - phi2)")
         why = "the printed moments are 2 c (phi1 - phi2): twice what the printed twist and stiffness give"
         yield paper.reported("dM per cart, N m", TABLE_2[2, 2000.0][0], 0.5 * found[0], CONTRADICTS, why)
 
 
-def _table_1(parameters: RollerFormer) -> Iterator[Row]:
-    paper = Source(PAPER, "Table 1", "loads divided by 4.5, rectified")
+def _table_1(parameters: RollerFormer) -> Iterator[PublishedRow]:
+    paper = Literature(PAPER, "Table 1", "loads divided by 4.5, rectified")
     why = "three even cranks give 1466.59; the print fits a crank at 239 degrees instead of 240"
     three = _moments(parameters, 3)["moment_max_nm"]
     yield paper.reported("largest moment of 3 carts, N m", MAX_NM[3], three, CONTRADICTS, why)
@@ -101,11 +101,11 @@ def _table_1(parameters: RollerFormer) -> Iterator[Row]:
         yield paper.gated(name, MAX_NM[count], computed, change, relative=5e-4, verdict=CHANGED)
 
 
-def _table_2(parameters: RollerFormer) -> Iterator[Row]:
+def _table_2(parameters: RollerFormer) -> Iterator[PublishedRow]:
     for (carts, damping), theirs in TABLE_2.items():
         found = table_2_metrics(parameters, carts, damping)
         inputs = f"{carts} carts, k {damping:g} N m s/rad; no load, masses over 4.5, expanded kinematics"
-        paper = Source(PAPER, "Table 2", inputs)
+        paper = Literature(PAPER, "Table 2", inputs)
         if found is None:
             yield paper.unknown("steady turn", None, "the motor cannot keep it up")
             continue
@@ -114,10 +114,10 @@ def _table_2(parameters: RollerFormer) -> Iterator[Row]:
             yield paper.gated(column, printed, computed, why, relative=TABLE_2_TOLERANCE[carts], verdict=CHANGED)
 
 
-def _motor(parameters: RollerFormer) -> Iterator[Row]:
+def _motor(parameters: RollerFormer) -> Iterator[PublishedRow]:
     """Yield what the printed motor data give when one is worked from the others: slips, speeds, ratios of torques."""
     plate, motor = parameters.motor, motor_constants(parameters.motor)
-    paper = Source(PAPER, "motor data", "4A160S6U3: 11 kW, 975 and 1000 1/min, ratios 2.0 and 1.2")
+    paper = Literature(PAPER, "motor data", "4A160S6U3: 11 kW, 975 and 1000 1/min, ratios 2.0 and 1.2")
     rated = plate.rated_power_w / motor.rated_speed_rad_per_s
     slip = breakdown_slip(motor.rated_slip, plate.breakdown_torque_ratio)
     for name, value, computed in (
@@ -135,8 +135,8 @@ def _motor(parameters: RollerFormer) -> Iterator[Row]:
     yield paper.reported("torque at standstill, N m", 129.24, still, CONTRADICTS, why)
 
 
-def _trends(parameters: RollerFormer) -> Iterator[Row]:
-    paper = Source(PAPER, "Fig. 10", "2 carts, no load, expanded kinematics")
+def _trends(parameters: RollerFormer) -> Iterator[PublishedRow]:
+    paper = Literature(PAPER, "Fig. 10", "2 carts, no load, expanded kinematics")
     most = []
     for damping in (2000.0, 8000.0, 10000.0):
         former = former_of(table_2_case(parameters, 2, damping))
@@ -151,7 +151,7 @@ def _trends(parameters: RollerFormer) -> Iterator[Row]:
     )
     yield paper.unknown("optimal stiffness", None, "the published c are no unique minima of anything printed")
     per_cart = {count: _moments(parameters, count)["moment_max_nm"] / count for count in (2, 3, 4)}
-    yield Source(PAPER, "Fig. 18", "loads divided by 4.5, rectified").limit(
+    yield Literature(PAPER, "Fig. 18", "loads divided by 4.5, rectified").limit(
         "largest moment per cart: 3 carts below the other two, N m",
         min(per_cart[2], per_cart[4]),
         per_cart[3],

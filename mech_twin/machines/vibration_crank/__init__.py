@@ -8,6 +8,7 @@ from mech_twin.engine.crank_linkage import CrankLinkage
 from mech_twin.machines.vibration_crank.drawing import drawing
 from mech_twin.machines.vibration_crank.dynamics import ShakingCrank
 from mech_twin.machines.vibration_crank.forces import SliderCrankForces
+from mech_twin.machines.vibration_crank.mechanism import mechanism
 from mech_twin.machines.vibration_crank.metrics import cycle_metrics, position_metrics
 from mech_twin.machines.vibration_crank.parameters import VibrationCrank, slider_crank_constants
 from mech_twin.machines.vibration_crank.run_metrics import VibrationCrankObserver
@@ -61,6 +62,7 @@ def build(parameters: Parameters) -> Machine:
         lambda: cycle_metrics(p, s),
         analyse,
         lambda: VibrationCrankObserver(p.motor_curve),
+        mechanism(s),
     )
 
 

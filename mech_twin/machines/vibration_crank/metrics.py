@@ -26,6 +26,7 @@ from mech_twin.machines.vibration_crank.slider_crank import (
 Array = NDArray[np.float64]
 GRID = 3600
 HARMONICS = 256
+FRAME_X, FRAME_Y, DRIVE_MOMENT = 0, 1, 2  # rows of a table of forces on the frame
 MOMENT, FORCE, LITTLE_FORCE = 0, 1, 2
 PUBLISHED_PEAK_WITHOUT_NM = 435.804  # [vibration_crank], 150 rpm, 50 kg tree
 PUBLISHED_PEAK_WITH_NM = 331.931
@@ -72,7 +73,7 @@ def frame_forces(s: SliderCrank, angles: Array, w: float) -> Array:
     table = np.empty((3, angles.size))
     for i in range(angles.size):
         at = pin_forces(s, angles[i], w, 0.0)
-        table[0, i], table[1, i], table[2, i] = at.frame_x, at.frame_y, at.moment
+        table[FRAME_X, i], table[FRAME_Y, i], table[DRIVE_MOMENT, i] = at.frame_x, at.frame_y, at.moment
     return table
 
 
@@ -108,10 +109,10 @@ def lanchester_metrics(s: SliderCrank, speed: float) -> dict[str, float]:
     pair of opposite masses at 2w gives a straight force and cancels the vertical second harmonic.
     """
     angles = turn(HARMONICS)
-    table = frame_forces(s, angles, speed)
-    lines = np.fft.fft(table[0] + 1j * table[1]) / HARMONICS
-    once = table[0] + 1j * table[1] - lines[-1] * np.exp(-1j * angles)
-    vertical = np.fft.fft(table[1]) / HARMONICS
+    x, y, _ = frame_forces(s, angles, speed)
+    lines = np.fft.fft(x + 1j * y) / HARMONICS
+    once = x + 1j * y - lines[-1] * np.exp(-1j * angles)
+    vertical = np.fft.fft(y) / HARMONICS
     twice = once - 2j * np.real(vertical[2] * np.exp(2j * angles))
     height = 2.0 * np.abs(vertical)
     return {

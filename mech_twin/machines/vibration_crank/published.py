@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from math import inf
 
-from mech_twin.capabilities.published import CHANGED, CONTRADICTS, REPRODUCED, Row, Source
+from mech_twin.capabilities.published import CHANGED, CONTRADICTS, REPRODUCED, Literature, PublishedRow
 from mech_twin.capabilities.variation import varied
 from mech_twin.machines.vibration_crank.metrics import (
     PUBLISHED_PEAK_WITH_NM,
@@ -20,7 +20,7 @@ PAPER = "Lastochkin et al. 2024"
 WORKED = "worked from the print"
 
 
-def rows(parameters: VibrationCrank) -> Iterator[Row]:
+def rows(parameters: VibrationCrank) -> Iterator[PublishedRow]:
     """Yield the rows, the awkward ones first."""
     harmonic = varied(parameters, {"rod_m": inf})
     parts = varied(parameters, {"masses.rotating_kg": None, "counterweight.mass_kg": None})
@@ -33,8 +33,8 @@ def rows(parameters: VibrationCrank) -> Iterator[Row]:
     yield from _speeds(parameters, harmonic)
 
 
-def _peaks(parameters: VibrationCrank, report: dict[str, float], harmonic: dict[str, float]) -> Iterator[Row]:
-    paper = Source(PAPER, "Fig. 3", f"{parameters.drive.speed_rpm:g} rpm, tree {parameters.masses.tree_kg:g} kg")
+def _peaks(parameters: VibrationCrank, report: dict[str, float], harmonic: dict[str, float]) -> Iterator[PublishedRow]:
+    paper = Literature(PAPER, "Fig. 3", f"{parameters.drive.speed_rpm:g} rpm, tree {parameters.masses.tree_kg:g} kg")
     bound = report["peak_difference_bound_nm"]
     why = f"a counterweight on the crank changes the moment by at most m_p g r_p = {bound:.2f} N m"
     yield paper.reported(
@@ -52,7 +52,7 @@ def _peaks(parameters: VibrationCrank, report: dict[str, float], harmonic: dict[
     best = paper.at("Fig. 3", inputs)
     yield best.reported("peak moment without counterweight, N m", PUBLISHED_PEAK_WITHOUT_NM, without, CONTRADICTS, both)
     yield best.reported("peak moment with counterweight, N m", PUBLISHED_PEAK_WITH_NM, with_it, CONTRADICTS, both)
-    worked = Source(WORKED, "both peaks", paper.inputs)
+    worked = Literature(WORKED, "both peaks", paper.inputs)
     yield worked.gated("bound m_p g r_p, N m", 87.71, bound, "gravity of the counterweight alone", absolute=0.005)
     for name, published, computed in (
         ("peak without, infinite rod, N m", 371.796, harmonic["drive_torque_peak_without_counterweight_nm"]),
@@ -66,8 +66,8 @@ def _peaks(parameters: VibrationCrank, report: dict[str, float], harmonic: dict[
     )
 
 
-def _masses(report: dict[str, float], parts: dict[str, float]) -> Iterator[Row]:
-    paper = Source(PAPER, "masses", "printed masses of the parts")
+def _masses(report: dict[str, float], parts: dict[str, float]) -> Iterator[PublishedRow]:
+    paper = Literature(PAPER, "masses", "printed masses of the parts")
     yield paper.reported(
         "rotating mass m_r, kg",
         7.55,
@@ -89,7 +89,7 @@ def _masses(report: dict[str, float], parts: dict[str, float]) -> Iterator[Row]:
     yield paper.at("counterweight", "m_p as printed").gated(
         "volume, m3", 0.00651, report["counterweight_volume_m3"], "m_p over 7850 kg/m3", absolute=5e-6
     )
-    worked = Source(WORKED, "counterweight", "m_r from the parts")
+    worked = Literature(WORKED, "counterweight", "m_r from the parts")
     yield worked.gated("counterweight m_p, kg", 51.786, parts["counterweight_mass_kg"], "with 8.55 kg", absolute=5e-4)
     yield worked.gated("volume, m3", 0.006597, parts["counterweight_volume_m3"], "with 8.55 kg", absolute=5e-7)
     yield worked.at("counterweight", "m_r as printed").gated(
@@ -104,8 +104,8 @@ def _masses(report: dict[str, float], parts: dict[str, float]) -> Iterator[Row]:
     )
 
 
-def _speeds(parameters: VibrationCrank, harmonic: VibrationCrank) -> Iterator[Row]:
-    worked = Source(WORKED, "benefit against speed", "infinite rod")
+def _speeds(parameters: VibrationCrank, harmonic: VibrationCrank) -> Iterator[PublishedRow]:
+    worked = Literature(WORKED, "benefit against speed", "infinite rod")
     fast = benefit_against_speed(slider_crank_constants(harmonic), (60.0, 300.0))
     for rpm, published in ((60.0, -43.7), (300.0, -5.7)):
         yield worked.gated(

@@ -7,6 +7,7 @@ from typing import Any
 from mech_twin.machines.drives import PrescribedSpeed
 from mech_twin.machines.winding_drum.drawing import package_drawing
 from mech_twin.machines.winding_drum.drum_row import ENDED
+from mech_twin.machines.winding_drum.mechanism import mechanism
 from mech_twin.machines.winding_drum.metrics import DrumObserver, package_metrics, position_metrics
 from mech_twin.machines.winding_drum.parameters import WindingDrum, package_constants
 from mech_twin.machines.winding_drum.roles import JOINTS, DrumForces, DrumLinkage
@@ -59,6 +60,7 @@ def build(parameters: Parameters) -> Machine:
         report,
         analyse,
         DrumObserver,
+        mechanism(constants, max(first, last)),
     )
 
 

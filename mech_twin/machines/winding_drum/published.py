@@ -7,7 +7,7 @@ from math import pi
 
 import numpy as np
 
-from mech_twin.capabilities.published import CONTRADICTS, Row, Source
+from mech_twin.capabilities.published import CONTRADICTS, Literature, PublishedRow
 from mech_twin.machines.winding_drum.metrics import package_metrics
 from mech_twin.machines.winding_drum.parameters import WindingDrum, package_constants
 from mech_twin.machines.winding_drum.wound_package import torque_terms
@@ -15,7 +15,7 @@ from mech_twin.machines.winding_drum.wound_package import torque_terms
 PAPER = "winding fragment"
 
 
-def rows(parameters: WindingDrum) -> Iterator[Row]:
+def rows(parameters: WindingDrum) -> Iterator[PublishedRow]:
     """Yield the rows, the misprinted term first."""
     package = package_constants(parameters, winding=False)
     radius, theta, a = (
@@ -23,7 +23,7 @@ def rows(parameters: WindingDrum) -> Iterator[Row]:
         parameters.yarn_speed_m_per_s,
         parameters.yarn_acceleration_m_per_s2,
     )
-    paper = Source(PAPER, "eq. (24)", f"R {radius:g} m, e {package.eccentricity_m:g} m, {theta:g} m/s, {a:g} m/s2")
+    paper = Literature(PAPER, "eq. (24)", f"R {radius:g} m, e {package.eccentricity_m:g} m, {theta:g} m/s, {a:g} m/s2")
     terms = torque_terms(package, radius, 1.0, theta, a)
     printed = terms.mass / radius
     yield paper.reported(

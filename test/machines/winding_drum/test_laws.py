@@ -175,6 +175,20 @@ def test_full_package_let_go_swings_under_its_weight_and_comes_to_rest():
     assert step.velocity[0] == pytest.approx(omega, abs=1e-8)
 
 
+def test_angular_acceleration_of_a_coasting_drum_is_the_derivative_of_its_speed():
+    """The force analysis takes it from the torques, and loads the shaft by it; the motion knows it by its speeds."""
+    full = {"layer_thickness_m": 0.05, "direction": "winding", "supply.initial_fraction": 1.0, **WITH_FRICTION}
+    drum = machine("winding_drum", overrides={**full, "yarn_speed_m_per_s": 1.0, "friction.viscous_nms_per_rad": 5.0})
+    seen = [frame for frame in frames(drum, 12.0) if drum.linkage.regimes[frame.linkage.regime] == "ended"][2:200]
+    assert len(seen) > 50
+    step_s = drum.coupling_step_s
+    for before, now, after in zip(seen, seen[1:], seen[2:], strict=False):
+        (early, _, _), (speed, _, _), (late, _, _) = (frame.linkage.velocity for frame in (before, now, after))
+        if early * speed > 0.0 < speed * late:
+            alpha = now.forces.quantities["angular_acceleration_rad_per_s2"]
+            assert (late - early) / (2.0 * step_s) == pytest.approx(alpha, rel=1e-4, abs=1e-4)
+
+
 @pytest.mark.parametrize(("coulomb", "viscous"), [(2.0, 0.0), (0.0, 0.7), (2.0, 0.7), (1e-3, 1e-6)])
 def test_an_empty_drum_runs_down_as_integrated_independently(coulomb, viscous):
     keys = {"layer_thickness_m": 0.05, "supply.initial_fraction": 1.0}

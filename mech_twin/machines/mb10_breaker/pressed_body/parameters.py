@@ -18,19 +18,12 @@ from typing import Literal, NamedTuple
 
 from pydantic import model_validator
 
+from mech_twin.parts.friction import Friction
 from mech_twin.quantity import Parameters, choice, quantity
 
 STIFFEST = 1000.0  # k over the cycle frequency up to which the half sine's chain of events is followed
 MOST_DAMPING = 0.99
 MATCH = 1e-9  # how far a stated frequency ratio may lie from the one that follows from the onset
-
-
-class ViscousFriction(Parameters):
-    """Friction of a bearing that grows with its speed."""
-
-    viscous_nms_per_rad: float = quantity(
-        "N m s/rad", "friction torque per speed", default=0.0, ge=0.0, le=1e9, live=True
-    )
 
 
 class BodyParameters(Parameters):
@@ -52,7 +45,7 @@ class BodyParameters(Parameters):
         "one_sided: the collar only pushes (phi >= 0); none: the body swings freely through it, as published",
         default="one_sided",
     )
-    friction: ViscousFriction = choice("friction of the body's pivot", default=ViscousFriction())
+    friction: Friction = choice("friction of the body's pivot", default=Friction())
 
     @property
     def damping(self) -> float:

@@ -1,0 +1,79 @@
+"""A mechanism as text in the Unified Robot Description Format (URDF), for robot_state_publisher, RViz and Foxglove.
+
+Joints have the names of the machine's joints, so that its joint states move the description as they stand.  A joint
+that moves as another does is a mimic joint.  URDF has no closed chains: where one was opened stands in a comment.
+"""
+
+from __future__ import annotations
+
+import math
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element, SubElement
+
+from mech_twin.capabilities.mechanism import Bar, FrameTree, Joint
+
+UNLIMITED = "1e6"  # effort and speed: the machine's own limits are not the description's
+SHORTEST_M = 1e-6  # a box of a link without extent
+
+
+def urdf(name: str, mechanism: FrameTree) -> str:
+    """Return the description of a machine.
+
+    Parameters
+    ----------
+    name : str
+        Of the machine.
+    mechanism : FrameTree
+        Its frames; each is a link.
+    """
+    robot = Element("robot", name=name)
+    for loop in mechanism.loops:
+        robot.append(ElementTree.Comment(f" closed chain, opened here: {loop.first} and {loop.second} are one pin "))
+    for frame in mechanism.frames:
+        link = SubElement(robot, "link", name=frame)
+        for bar in mechanism.bars:
+            if bar.link == frame:
+                _add_visual(link, bar)
+    movers: set[str] = set()
+    for joint in mechanism.joints:
+        _add_joint(robot, joint, first=joint.name not in movers)
+        movers.add(joint.name)
+    ElementTree.indent(robot)
+    return ElementTree.tostring(robot, encoding="unicode") + "\n"
+
+
+def _add_joint(robot: Element, joint: Joint, *, first: bool) -> None:
+    moves = joint.kind != "fixed"
+    # the first that moves with a joint of the machine bears its name: its axis takes a ratio of -1
+    own_name = joint.name if moves and first else f"{joint.child}_joint"
+    element = SubElement(robot, "joint", name=own_name, type=joint.kind)
+    x, y = joint.origin_m
+    SubElement(element, "origin", xyz=_row(x, y, 0.0), rpy=_row(0.0, 0.0, joint.turned_rad))
+    SubElement(element, "parent", link=joint.parent)
+    SubElement(element, "child", link=joint.child)
+    if not moves:
+        return
+    sign = joint.ratio if first else 1.0
+    axis = (0.0, 0.0, sign) if joint.kind == "continuous" else (sign * joint.axis[0], sign * joint.axis[1], 0.0)
+    SubElement(element, "axis", xyz=_row(*axis))
+    if joint.kind == "prismatic":
+        limit = {"effort": UNLIMITED, "velocity": UNLIMITED}
+        SubElement(element, "limit", limit | {"lower": repr(-joint.travel_m), "upper": repr(joint.travel_m)})
+    if not first:
+        SubElement(element, "mimic", joint=joint.name, multiplier=repr(joint.ratio))
+
+
+def _add_visual(link: Element, bar: Bar) -> None:
+    (x0, y0), (x1, y1) = bar.start_m, bar.end_m
+    length = max(math.hypot(x1 - x0, y1 - y0), SHORTEST_M)
+    visual = SubElement(link, "visual")
+    middle = _row(0.5 * (x0 + x1), 0.5 * (y0 + y1), 0.0)
+    SubElement(visual, "origin", xyz=middle, rpy=_row(0.0, 0.0, math.atan2(y1 - y0, x1 - x0)))
+    SubElement(SubElement(visual, "geometry"), "box", size=_row(length, bar.width_m, bar.width_m))
+    red, green, blue = (round(part / 255.0, 3) for part in bar.colour)
+    material = SubElement(visual, "material", name="_".join(str(part) for part in bar.colour))
+    SubElement(material, "color", rgba=f"{red} {green} {blue} 1")
+
+
+def _row(*numbers: float) -> str:
+    return " ".join(repr(number + 0.0) for number in numbers)

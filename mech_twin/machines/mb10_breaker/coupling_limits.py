@@ -1,0 +1,59 @@
+"""How far the body's own motion may lie from the one the linkage led it to, by the step and by what the body weighs.
+
+Over a coupling step h the body takes the linkage's moment as a line between knots.  The moment of a linkage that turns
+at u on a body at rest is M = -M12,q u^2, so its second derivative in time is at most M2 = max |M12,qqq| u^4, and what
+the line misses turns the body of inertia J by
+
+    rate   M2 h^3/(12 J)          angle   M2 h^4/(24 J)          share of the energy held   2 rate/u
+
+(trapezoid rule; the momentum M12 u over the energy M11 u^2/2, both of the flywheel).  Another body or step has other
+differences, and so other limits; beyond them it is not the coupling that is wrong.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from mech_twin.machines.mb10_breaker.dynamics import Breaker, masses_at
+
+POSITIONS = 360
+ALLOWED = 5.0  # times what the line misses: impacts and the spring add to it
+ANGLE_RAD, RATE_RAD_PER_S, DEFECT = 1e-6, 1e-3, 1e-5  # allowed to a heavy body at 1 ms
+LARGEST_MISS_RAD_PER_S = 0.01  # in a step; a blow throws a light body back at some 5 rad/s
+
+
+class CouplingLimits(NamedTuple):
+    """Limits of the differences between led and own motion, and the rate (rad/s) that a coupling step costs."""
+
+    angle_rad: float
+    rate_rad_per_s: float
+    coupling_defect: float
+    missed_rad_per_s: float
+
+
+def moment_curvature(b: Breaker, speed: float) -> float:
+    """Return the largest second derivative in time (N m/s^2) of the linkage's moment, its crank at a speed (rad/s)."""
+    angles = 2.0 * math.pi * np.arange(POSITIONS) / POSITIONS
+    slopes = np.fft.rfft([masses_at(b, angle, 0.0).m12_q for angle in angles])
+    order = np.arange(len(slopes))
+    return float(np.abs(np.fft.irfft(-(order**2) * slopes, POSITIONS)).max()) * speed**4
+
+
+def longest_step_s(b: Breaker, speed: float) -> float:
+    """Return the coupling step (s) in which the line costs the body as much of its rate as is allowed."""
+    most = LARGEST_MISS_RAD_PER_S * 12.0 * b.body_inertia_kg_m2
+    return math.cbrt(most / max(moment_curvature(b, speed), 1e-300))
+
+
+def coupling_limits(b: Breaker, speed: float, step_s: float) -> CouplingLimits:
+    """Return the limits of a coupling step (s), the crank turning at a speed (rad/s)."""
+    missed = moment_curvature(b, speed) * step_s**3 / (12.0 * b.body_inertia_kg_m2)
+    return CouplingLimits(
+        max(ANGLE_RAD, ALLOWED * 0.5 * missed * step_s),
+        max(RATE_RAD_PER_S, ALLOWED * missed),
+        max(DEFECT * max(1.0, (step_s / 1e-3) ** 2), ALLOWED * 2.0 * missed / speed),
+        missed,
+    )

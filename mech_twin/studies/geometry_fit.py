@@ -1,0 +1,240 @@
+"""Lengths of a mechanism from measured positions: least squares over several runs, intervals that hold between runs.
+
+The crank angle drives the mechanism, every other measured position is compared with it at its own instants::
+
+    y(t) = x(q(t - lag) - crank_zero; keys) + zero
+
+Keys are shared by all runs; the zero of the crank belongs to each run (``per_run``) or to all (``free``), and so do
+the zeros of the channels.  Errors of one run are alike from sample to sample, so the interval comes from leaving out
+one run at a time (jackknife, Student's t with runs - 1), where that is wider than the least squares' own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy import stats
+from scipy.interpolate import CubicSpline
+from scipy.optimize import least_squares
+
+from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.measurements.blocks import Array
+from mech_twin.measurements.crank_motion import smoothed
+from mech_twin.measurements.errors import MeasurementError
+from mech_twin.measurements.measurement_map import FREE, PER_RUN
+from mech_twin.measurements.model_turn import TURNING
+from mech_twin.measurements.runs import MeasuredChannel, MeasuredRun
+from mech_twin.studies.geometry_model import TURN, GeometryModel
+
+STARTS, TRIED_STARTS = 24, 2  # crank zeros that are compared, and those that a fit starts from
+COARSE_SAMPLES = 150  # of a channel while starts are compared
+COARSE_EVALUATIONS = 40
+REFUSED = 1e3  # residual in standard deviations where the configuration is refused
+LAG_SCALE_S = 1e-3
+UNSEEN = 1e-6  # of the largest singular value: a direction the channels do not see
+AUTOCORRELATED = 0.999
+
+
+@dataclass(frozen=True)
+class GeometryData:
+    """One run ready for the fit: the crank as a function of time, and the other positions."""
+
+    crank: CubicSpline
+    first_s: float
+    last_s: float
+    crank_zero: str | float
+    channels: tuple[MeasuredChannel, ...]
+
+
+@dataclass(frozen=True)
+class GeometryFit:
+    """A fit over several runs: keys, zeros of the crank (rad), lags (s), residuals over the size of their channel."""
+
+    keys: Array
+    crank_zeros: Array
+    lags_s: Array
+    residuals: tuple[tuple[Array, ...], ...]
+    jacobian: Array
+    cost: float
+
+
+def geometry_data(run: MeasuredRun, columns: Sequence[str]) -> GeometryData:
+    """Return what the fit needs of a run.
+
+    Raises
+    ------
+    MeasurementError
+        The crank, or one of the positions, is not measured.
+    """
+    crank = next((found for name in TURNING if (found := run.channel(name)) is not None), None)
+    if crank is None:
+        raise MeasurementError(run.path, "the crank is not measured; expected a channel that is linkage.crank.position")
+    channels = tuple(channel for channel in run.channels if channel.name in columns)
+    if len(channels) != len(columns):
+        raise MeasurementError(run.path, f"expected the channels {', '.join(columns)} in every run")
+    angle, _, _ = smoothed(crank.times_s, crank.values)
+    spline = CubicSpline(crank.times_s, angle)
+    return GeometryData(spline, float(crank.times_s[0]), float(crank.times_s[-1]), crank.channel.zero, channels)
+
+
+class GeometryProblem:
+    """Residuals of a fit over runs.
+
+    Parameters
+    ----------
+    model : GeometryModel
+        Keys and columns.
+    runs : sequence of GeometryData
+        At least one.
+    fixed_keys : ndarray, optional
+        Values of the keys that are not fitted: only zeros and lags are.
+    """
+
+    def __init__(self, model: GeometryModel, runs: Sequence[GeometryData], fixed_keys: Array | None = None) -> None:
+        self._model, self._runs = model, tuple(runs)
+        self._known: tuple[tuple[float, ...], Mapping[str, CubicSpline] | None] | None = None
+        self._start = model.values() if fixed_keys is None else fixed_keys
+        self._fitted = len(model.keys) if fixed_keys is None else 0
+        self._zeros = len(runs) if any(run.crank_zero == PER_RUN for run in runs) else 1
+        if not any(isinstance(run.crank_zero, str) for run in runs):
+            self._zeros = 0
+        channels = runs[0].channels
+        self._lag_places = [i for i, channel in enumerate(channels) if isinstance(channel.channel.lag_s, str)]
+        self._scales = [np.mean([np.std(run.channels[i].values) for run in runs]) for i in range(len(channels))]
+
+    def solved(self, start: Array | None = None) -> GeometryFit:
+        """Return the best fit; without a start, from several zeros of the crank."""
+        if start is None:
+            firsts = sorted(
+                map(self._first, self._start_zeros()), key=lambda x: float(np.sum(self._residuals(x, True) ** 2))
+            )
+            tried = [self._least_squares(first, coarse=True) for first in firsts[:TRIED_STARTS]]
+            start = min(tried, key=lambda each: float(each.cost)).x
+        found = self._least_squares(start, coarse=False)
+        keys, zeros, lags = self._unpacked(found.x)
+        parts = self._parts(found.x, coarse=False)
+        return GeometryFit(keys, zeros, lags, parts, found.jac, float(found.cost))
+
+    def packed(self, fit: GeometryFit, runs: Sequence[int]) -> Array:
+        """Return a fit over all runs as the start of one over some of them."""
+        zeros = fit.crank_zeros[list(runs)] if len(fit.crank_zeros) > 1 else fit.crank_zeros
+        return np.concatenate([fit.keys / self.key_scale() - 1.0, zeros[: self._zeros], fit.lags_s / LAG_SCALE_S])
+
+    def key_scale(self) -> Array:
+        """Return the size of the keys in which steps are measured; of one that is 0, that of the largest."""
+        start = np.abs(self._model.values())
+        return np.where(start > 0.0, start, max(float(start.max(initial=0.0)), 1e-3))
+
+    def _start_zeros(self) -> Array:
+        return np.arange(STARTS) * TURN / STARTS if self._zeros else np.zeros(1)
+
+    def _first(self, zero: float) -> Array:
+        keys = self._start[: self._fitted] / self.key_scale()[: self._fitted] - 1.0
+        return np.concatenate([keys, np.full(self._zeros, zero), np.zeros(len(self._lag_places))])
+
+    def _unpacked(self, x: Array) -> tuple[Array, Array, Array]:
+        n = self._fitted
+        keys = (x[:n] + 1.0) * self.key_scale() if n else self._start
+        return keys, x[n : n + self._zeros], x[n + self._zeros :] * LAG_SCALE_S
+
+    def _least_squares(self, start: Array, *, coarse: bool) -> Any:
+        return least_squares(
+            lambda x: self._residuals(x, coarse),
+            start,
+            x_scale="jac",
+            max_nfev=COARSE_EVALUATIONS if coarse else None,
+        )
+
+    def _residuals(self, x: Array, coarse: bool) -> Array:
+        return np.concatenate([part for parts in self._parts(x, coarse=coarse) for part in parts])
+
+    def _parts(self, x: Array, *, coarse: bool) -> tuple[tuple[Array, ...], ...]:
+        """Return the residuals of each channel in each run over the channel's own size; unknown zeros are taken off."""
+        keys, zeros, lags = self._unpacked(x)
+        curves = self._curves(keys)
+        found = []
+        for place, run in enumerate(self._runs):
+            zero = float(zeros[place if len(zeros) > 1 else 0]) if len(zeros) else 0.0
+            parts = []
+            for i, channel in enumerate(run.channels):
+                lag = float(lags[self._lag_places.index(i)]) if i in self._lag_places else 0.0
+                times = channel.times_s - lag
+                inside = np.flatnonzero((channel.times_s >= run.first_s) & (channel.times_s <= run.last_s))
+                inside = inside[:: max(1, len(inside) // COARSE_SAMPLES)] if coarse else inside
+                if curves is None:
+                    parts.append(np.full(len(inside), REFUSED))
+                    continue
+                off = channel.values[inside] - curves[channel.name](run.crank(times[inside]) - zero)
+                parts.append((off - off.mean() if channel.channel.zero == PER_RUN else off) / self._scales[i])
+            found.append(parts)
+        if curves is not None:
+            self._take_common_zeros(found)
+        return tuple(tuple(parts) for parts in found)
+
+    def _curves(self, keys: Array) -> Mapping[str, CubicSpline] | None:
+        """Return the positions, None where the machine refuses the keys; those of the last keys are kept."""
+        wanted = tuple(keys.tolist())
+        if self._known is None or self._known[0] != wanted:
+            try:
+                self._known = (wanted, self._model.positions(wanted))
+            except ConfigurationError:
+                self._known = (wanted, None)
+        return self._known[1]
+
+    def _take_common_zeros(self, found: list[list[Array]]) -> None:
+        for i, channel in enumerate(self._runs[0].channels):
+            if channel.channel.zero == FREE:
+                mean = np.concatenate([parts[i] for parts in found]).mean()
+                for parts in found:
+                    parts[i] = parts[i] - mean
+
+
+def fit_percent(problem_fit: GeometryFit, run: int, channel: int) -> float:
+    """Return 100 (1 - rms / standard deviation) of a channel in a run: residuals are in that size already."""
+    residual = problem_fit.residuals[run][channel]
+    return 100.0 * (1.0 - float(np.sqrt(np.mean(residual**2))))
+
+
+def unseen(fit: GeometryFit, keys: int) -> Array:
+    """Return, for each key, the share of it in directions that the channels do not see (0 to 1)."""
+    size = np.linalg.norm(fit.jacobian, axis=0)
+    scaled = fit.jacobian / np.where(size > 0.0, size, 1.0)
+    _, singular, directions = np.linalg.svd(scaled, full_matrices=False)
+    lost = directions[singular < UNSEEN * singular[0]]
+    share = np.sqrt(np.sum(lost**2, axis=0)) if len(lost) else np.zeros(len(size))
+    return np.where(size > 0.0, share, 1.0)[:keys]
+
+
+def own_errors(fit: GeometryFit, keys: int, scale: Array) -> Array:
+    """Return the standard errors of the keys by least squares, with as many samples as their correlation leaves."""
+    residuals = [part for parts in fit.residuals for part in parts]
+    count = sum(len(part) for part in residuals)
+    total = sum(float(part @ part) for part in residuals)
+    following = [(float(part[1:] @ part[:-1]), float(part @ part)) for part in residuals]
+    rho = sum(a for a, _ in following) / max(sum(b for _, b in following), 1e-300)
+    rho = min(max(rho, 0.0), AUTOCORRELATED)
+    inflation = np.sqrt((1.0 + rho) / (1.0 - rho))
+    covariance = total / max(count - fit.jacobian.shape[1], 1) * np.linalg.pinv(fit.jacobian.T @ fit.jacobian)
+    return np.asarray(np.sqrt(np.diag(covariance)[:keys]) * scale * inflation)
+
+
+def jackknife(model: GeometryModel, runs: Sequence[GeometryData], fit: GeometryFit) -> Array | None:
+    """Return the standard errors of the keys by leaving out one run at a time; None of fewer than two runs."""
+    if len(runs) < 2:
+        return None
+    found = []
+    for out in range(len(runs)):
+        kept = [i for i in range(len(runs)) if i != out]
+        problem = GeometryProblem(model, [runs[i] for i in kept])
+        found.append(problem.solved(problem.packed(fit, kept)).keys)
+    keys = np.array(found)
+    return np.asarray(np.sqrt((len(runs) - 1) / len(runs) * np.sum((keys - keys.mean(axis=0)) ** 2, axis=0)))
+
+
+def half_width(error: Array, runs: int) -> Array:
+    """Return half the width of the 95 % interval: by Student's t with runs - 1, of one run by the normal."""
+    share = stats.t.ppf(0.975, runs - 1) if runs > 1 else stats.norm.ppf(0.975)
+    return np.asarray(error * share)

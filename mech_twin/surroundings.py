@@ -1,0 +1,50 @@
+"""What the system may lack: an error that comes from it as one line that says what is missing."""
+
+from __future__ import annotations
+
+import errno
+import resource
+
+MIB = 1 << 20
+UNLIMITED = "none"
+_OPEN_FILES = {errno.EMFILE, errno.ENFILE}
+# the words of the dynamic loader and of libraries that reserve memory themselves
+_NO_MEMORY = ("failed to map segment", "cannot allocate memory", "Cannot allocate memory", "bad_alloc")
+
+
+class SurroundingsError(Exception):
+    """The system lacks something that a run needs; the message is one line that names it."""
+
+
+def lacking(error: BaseException) -> str | None:
+    """Return the line that names what the system lacks, or None if the error has another reason.
+
+    Parameters
+    ----------
+    error : BaseException
+        As it was raised; what it was raised from is looked at too.
+    """
+    if isinstance(error, SurroundingsError):
+        return str(error)
+    cause: BaseException | None = error
+    while cause is not None:
+        if isinstance(cause, OSError) and cause.errno in _OPEN_FILES:
+            limit = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
+            return f"too many open files (limit {_limit(limit, 1)}): raise it, ulimit -n 256"
+        if _is_memory(cause):
+            limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+            return f"not enough memory (limit of address space {_limit(limit, MIB)}): raise it, ulimit -v unlimited"
+        cause = cause.__cause__ or cause.__context__
+    return None
+
+
+def _is_memory(error: BaseException) -> bool:
+    if isinstance(error, MemoryError) or (isinstance(error, OSError) and error.errno == errno.ENOMEM):
+        return True
+    return isinstance(error, ImportError | RuntimeError) and any(words in str(error) for words in _NO_MEMORY)
+
+
+def _limit(limit: int, unit: int) -> str:
+    if limit == resource.RLIM_INFINITY:
+        return UNLIMITED
+    return f"{limit // unit} MiB" if unit == MIB else str(limit)

@@ -1,0 +1,77 @@
+"""`start` says whether the machine turns: if not, it is refused with the reason, and the supply stays off."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from bench_run import BenchRun
+from catalogue import NAMES, built
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from std_srvs.srv import Trigger
+
+from mech_twin.engine.run import frames
+from mech_twin.engine.start_forecast import LOOK_AHEAD_S, STANDING_REACH, start_forecast
+from mech_twin.messages.topics import DIAGNOSTICS
+from mech_twin.parameters.load import machine
+
+pytestmark = pytest.mark.usefixtures("ros_domain")
+FORMER = "roller_former"
+STUCK = {"friction.coulomb_nm": 1e6}
+
+
+def called(run: BenchRun, service: str) -> Any:
+    return run.call(Trigger, service, Trigger.Request())
+
+
+def test_a_drive_that_friction_holds_is_not_started_until_it_is_let_go() -> None:
+    with BenchRun(FORMER) as run:
+        heard: list[DiagnosticStatus] = []
+        run.client.create_subscription(DiagnosticArray, DIAGNOSTICS.name, lambda m: heard.extend(m.status), 100)
+        run.steps(20)
+        assert run.set_parameters("linkage", friction__coulomb_nm=1e6)[0].successful
+        assert called(run, "stop").success
+        run.until(lambda: run.samples[-1].command == 0.0 and abs(run.samples[-1].velocity[0]) < 1e-6)
+        refused = called(run, "start")
+        assert not refused.success
+        assert "would stand still" in refused.message
+        run.steps(20)
+        assert run.samples[-1].command == 0.0
+        motor = f"/{FORMER}/motor"
+        warned = DiagnosticStatus.WARN
+        run.until(lambda: any(s.name == motor and s.level == warned and "stand still" in s.message for s in heard))
+        assert run.set_parameters("linkage", friction__coulomb_nm=0.0)[0].successful
+        run.until(lambda: run.node("motor").revision == run.linkage.revision)
+        assert called(run, "start").success
+        run.until(lambda: abs(run.samples[-1].velocity[0]) > 0.1)
+
+
+def test_the_breaker_starts_again_wherever_it_was_stopped() -> None:
+    breaker = built("mb10_breaker")
+    step_s = breaker.coupling_step_s
+    for off_at in (400, 417, 431):
+        run = list(frames(breaker, 2.5, lambda step, off=off_at: 0.0 if off <= step < 1000 else 1.0))
+        assert start_forecast(breaker, run[1000].linkage, 1.0).turns
+        blows = [event.time_s for frame in run for event in frame.linkage.events if event.kind == "blow"]
+        assert max(blows) > 2.0 > 1000 * step_s
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_machine_starts_from_rest_as_installed(name: str) -> None:
+    fresh = built(name)
+    assert start_forecast(fresh, fresh.linkage.start(), 1.0).turns
+
+
+@pytest.mark.parametrize("overrides", [{}, STUCK])
+def test_what_is_foretold_is_what_the_machine_then_does(overrides: dict[str, float]) -> None:
+    former = machine(FORMER, None, overrides)
+    start = former.linkage.start()
+    steps = round(LOOK_AHEAD_S / former.coupling_step_s)
+    drive = [frame.motor.position[0] for frame in frames(former, LOOK_AHEAD_S)]
+    last = drive[steps - round(1.0 / former.coupling_step_s) :]
+    assert start_forecast(former, start, 1.0).turns == (max(last) - min(last) > STANDING_REACH)
+
+
+def test_the_mass_may_rest_on_its_stop_without_being_stalled() -> None:
+    mass = machine("impact_mass", None, {"period_s": 20.0})
+    assert start_forecast(mass, mass.linkage.start(), 1.0).turns

@@ -1,0 +1,147 @@
+"""Where the system lacks something the command works, or says in one line what is missing."""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from mech_twin.kernel_store import directories
+from mech_twin.surroundings import lacking
+
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("ros_domain")]
+COMMAND = [sys.executable, "-c", "from mech_twin.cli.main import main; main()"]
+MAY_MOUNT = (
+    shutil.which("unshare") is not None
+    and os.geteuid() == 0
+    and not subprocess.run(["unshare", "-m", "mount", "-t", "tmpfs", "t", "/dev/shm"], check=False).returncode
+)
+needs_mounts = pytest.mark.skipif(not MAY_MOUNT, reason="needs a mount namespace of its own (root)")
+
+
+def called(
+    words: Sequence[str],
+    environment: Mapping[str, str | None] | None = None,
+    limits: Callable[[], None] | None = None,
+    wrapped: Sequence[str] = (),
+) -> subprocess.CompletedProcess[str]:
+    changed = environment or {}
+    kept = {key: value for key, value in os.environ.items() if key not in changed}
+    given = {key: value for key, value in changed.items() if value is not None}
+    return subprocess.run(
+        [*wrapped, *COMMAND, *words],
+        capture_output=True,
+        text=True,
+        env=kept | given,
+        preexec_fn=limits,
+        timeout=240,
+        check=False,
+    )
+
+
+def simulate() -> list[str]:
+    return ["simulate", "impact_mass", "--duration", "0.05", "--json"]
+
+
+def run(bag: Path) -> list[str]:
+    words = ["--duration", "0.2", "--pace", "max", "--view", "none", "--record", str(bag), "--json"]
+    return ["run", "winding_drum", *words]
+
+
+def limited(kind: int, value: int) -> Callable[[], None]:
+    return lambda: resource.setrlimit(kind, (value, value))
+
+
+def in_a_small_mount(place: str, size_kib: int, filled_kib: int) -> list[str]:
+    script = (
+        f"mount -t tmpfs -o size={size_kib}k t {place}; "
+        f"dd if=/dev/zero of={place}/filling bs=1k count={filled_kib} 2>/dev/null; "
+        'exec "$@"'
+    )
+    return ["unshare", "-m", "sh", "-c", script, "sh"]
+
+
+def assert_works(done: subprocess.CompletedProcess[str]) -> Any:
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+def assert_said_in_one_line(done: subprocess.CompletedProcess[str], words: str) -> None:
+    assert done.returncode == 2, done.stderr
+    assert "Traceback" not in done.stderr
+    assert [line for line in done.stderr.splitlines() if words in line], done.stderr
+
+
+@pytest.mark.parametrize("home", [None, "/nonexistent"])
+def test_without_a_home(home: str | None, tmp_path: Path) -> None:
+    changed = {"HOME": home, "MECH_TWIN_CACHE_DIR": str(directories()[0])}  # spares compiling: test_kernel_cache.py
+    assert_works(called(run(tmp_path / "bag"), changed))
+
+
+def test_without_a_directory_for_temporary_files(tmp_path: Path) -> None:
+    assert_works(called(run(tmp_path / "bag"), {"TMPDIR": "/proc/nowhere"}))
+
+
+def test_with_a_directory_for_logs_that_cannot_be_made(tmp_path: Path) -> None:
+    done = called(run(tmp_path / "bag"), {"ROS_LOG_DIR": "/proc/nowhere"})
+    assert_said_in_one_line(done, "ROS_LOG_DIR /proc/nowhere: cannot be made")
+
+
+@needs_mounts
+def test_with_a_full_directory_for_temporary_files(tmp_path: Path) -> None:
+    full = tmp_path / "full"
+    full.mkdir()
+    assert_works(called(run(tmp_path / "bag"), {"TMPDIR": str(full)}, wrapped=in_a_small_mount(str(full), 64, 64)))
+
+
+def test_with_64_open_files(tmp_path: Path) -> None:
+    limits = limited(resource.RLIMIT_NOFILE, 64)
+    assert_works(called(simulate(), limits=limits))
+    assert_works(called(run(tmp_path / "bag"), limits=limits))
+
+
+def test_with_too_few_open_files(tmp_path: Path) -> None:
+    done = called(run(tmp_path / "bag"), limits=limited(resource.RLIMIT_NOFILE, 12))
+    assert_said_in_one_line(done, "too many open files (limit 12)")
+
+
+def test_with_512_mib_of_address_space(tmp_path: Path) -> None:
+    limits = limited(resource.RLIMIT_AS, 512 << 20)
+    assert_works(called(simulate(), limits=limits))
+    assert_said_in_one_line(called(run(tmp_path / "bag"), limits=limits), "not enough memory")
+
+
+@needs_mounts
+def test_with_little_shared_memory(tmp_path: Path) -> None:
+    assert_works(called(run(tmp_path / "bag"), wrapped=in_a_small_mount("/dev/shm", 5 * 1024, 0)))
+
+
+@needs_mounts
+@pytest.mark.parametrize(("size_kib", "filled_kib"), [(64, 64), (5 * 1024, 2 * 1024)])
+def test_with_shared_memory_that_is_full(size_kib: int, filled_kib: int, tmp_path: Path) -> None:
+    done = called(run(tmp_path / "bag"), wrapped=in_a_small_mount("/dev/shm", size_kib, filled_kib))
+    assert_said_in_one_line(done, "/dev/shm is full")
+    assert not (tmp_path / "bag").exists()
+
+
+@needs_mounts
+def test_with_shared_memory_that_cannot_be_written(tmp_path: Path) -> None:
+    """The middleware says so on standard output, whatever was asked to be written there."""
+    wrapped = ["unshare", "-m", "sh", "-c", 'mount -t tmpfs -o ro t /dev/shm; exec "$@"', "sh"]
+    done = called(run(tmp_path / "bag"), wrapped=wrapped)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout[done.stdout.index("{\n") :])["machine"] == "winding_drum"
+
+
+def test_an_error_of_the_programs_own_is_not_taken_for_a_lack() -> None:
+    assert lacking(ValueError("failed")) is None
+    assert lacking(ImportError("No module named 'x'")) is None
+    assert lacking(FileNotFoundError(2, "No such file")) is None

@@ -1,0 +1,144 @@
+"""Inverse dynamics: the motion of the crank alone tells the joints and forces that made it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from catalogue import built
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.engine.run import frames
+from mech_twin.engine.trajectory import frame_events, joint_numbers
+from mech_twin.measurements.blocks import NO_DELAYS, Array, Block
+from mech_twin.measurements.crank_motion import crank_motion, smoothed
+from mech_twin.measurements.errors import MeasurementError
+from mech_twin.measurements.measurement_map import Channel
+from mech_twin.measurements.model_turn import ModelTurn, model_turn
+from mech_twin.measurements.quality import QualityGauge
+from mech_twin.measurements.runs import MeasuredChannel, MeasuredRun
+from mech_twin.roles import CrankState, GuidedLinkage
+from mech_twin.samples import Frame
+from mech_twin.studies.measured_forces import guided_samples, measured_forces
+
+GUIDED = ("mb10_breaker", "compaction_press", "vibration_crank")
+CRANK = "linkage.crank.position"
+COUNT = 4500  # samples: longer than a window of the smoothing
+
+
+def state_of(frame: Frame) -> CrankState:
+    crank = frame.linkage.joint("crank")
+    e = frame.forces.quantities["crank_acceleration_rad_per_s2"]
+    body = frame.linkage.joint("body") if "body" in frame.linkage.joints else None
+    return CrankState(crank.position, crank.velocity, e, *(body[:2] if body else ()))
+
+
+@pytest.mark.parametrize("name", GUIDED)
+def test_the_motion_of_the_crank_gives_joints_torque_and_forces_of_the_run(name: str) -> None:
+    machine = built(name)
+    assert isinstance(machine.linkage, GuidedLinkage)
+    compared = 0
+    for frame in frames(machine, 0.6):
+        tool_free = name != GUIDED[0] or frame.forces.quantities["tool_force_n"] == 0.0
+        if frame.linkage.velocity[0] == 0.0 or frame_events(frame) or not tool_free:
+            continue  # at rest friction may hold the crank; at an event the acceleration has two values
+        guided = machine.linkage.guided(frame.linkage.step, frame.linkage.time_s, state_of(frame))
+        own, found = (dict(joint_numbers("linkage", sample)) for sample in (frame.linkage, guided))
+        assert guided.regime == frame.linkage.regime
+        for column, value in own.items():
+            assert found[column] == pytest.approx(
+                value, rel=1e-9, abs=1e-9 * (1.0 + abs(own["linkage.crank.effort"]))
+            ), column
+        forces = machine.forces.analyse(guided)
+        for wrench, expected in zip(forces.wrenches, frame.forces.wrenches, strict=True):
+            assert wrench == pytest.approx(expected, rel=1e-9, abs=1e-6)
+        compared += 1
+    assert compared > 200
+
+
+@pytest.mark.parametrize("sense", [1.0, -1.0])
+def test_the_regime_is_that_of_the_run_in_either_sense(sense: float) -> None:
+    from mech_twin.parameters.load import machine
+
+    press = machine("compaction_press", overrides={"drive.speed_rpm": 300.0 * sense})
+    assert isinstance(press.linkage, GuidedLinkage)
+    seen = set()
+    for frame in frames(press, 0.5):
+        if not frame_events(frame):
+            guided = press.linkage.guided(0, 0.0, state_of(frame))
+            assert guided.regime == frame.linkage.regime
+            seen.add(guided.regime)
+    assert len(seen) == 2
+
+
+@settings(max_examples=6)
+@given(st.floats(0.5, 30.0), st.floats(0.0, 1e-4), st.integers(0, 99))
+def test_smoothing_gives_the_derivatives_of_a_noisy_motion(speed: float, noise: float, seed: int) -> None:
+    times = np.cumsum(np.random.default_rng(seed).uniform(0.5e-3, 1.5e-3, COUNT))  # unequal intervals
+    exact = speed * times + 0.2 * np.sin(speed * times)
+    values, rates, accelerations = smoothed(
+        times, exact + noise * np.random.default_rng(seed + 1).standard_normal(COUNT)
+    )
+    inner = slice(50, -50)
+    assert np.abs(values - exact)[inner].max() < 1e-6 + 3.0 * noise
+    assert np.abs(rates - speed * (1.0 + 0.2 * np.cos(speed * times)))[inner].max() < 0.01 * speed + 300.0 * noise
+    wanted = -0.2 * speed**2 * np.sin(speed * times)
+    assert np.sqrt(np.mean((accelerations - wanted)[inner] ** 2)) < 0.02 * speed**2 + 2e4 * noise
+
+
+@pytest.fixture(scope="module")
+def turn() -> ModelTurn:
+    found = model_turn(built("vibration_crank"))
+    assert found is not None
+    return found
+
+
+def run_of(zero: float, slider: bool = True, **keys: Any) -> MeasuredRun:
+    rows = list(frames(built("vibration_crank"), 2.0))[::4]
+    times = np.array([frame.linkage.time_s for frame in rows])
+    crank = np.array([frame.linkage.position[0] for frame in rows])
+    torque = np.array([frame.linkage.effort[0] for frame in rows])
+    columns = {CRANK: crank + zero, "linkage.crank.effort": torque}
+    if slider:
+        columns["linkage.slider.position"] = np.array([frame.linkage.position[2] for frame in rows]) + 0.3
+    return MeasuredRun(Path("run"), tuple(measured(times, name, values, keys) for name, values in columns.items()))
+
+
+def measured(times: Array, name: str, values: Array, keys: dict[str, Any]) -> MeasuredChannel:
+    gauge = QualityGauge()
+    gauge.add(Block(0, times, values, NO_DELAYS))
+    spec = Channel.model_validate({"source": {"column": name}, "is": name, "zero": keys.get(name, 0.0)})
+    return MeasuredChannel(spec, times, values, gauge.quality())
+
+
+def test_an_unknown_zero_is_found_and_the_torque_follows_from_the_angle(turn: ModelTurn) -> None:
+    run = run_of(2.2, **{CRANK: "per_run", "linkage.slider.position": "free"})
+    motion = crank_motion(run, turn)
+    assert motion.zero_rad == pytest.approx(2.2, abs=0.01)
+    found = measured_forces(guided_samples(built("vibration_crank"), motion, run), run, CRANK)
+    shares = {each.name: each.share for each in found.compared}
+    assert shares["linkage.slider.position"] < 0.02
+    assert shares["linkage.crank.effort"] < 0.05
+    exact = max(abs(frame.forces.wrenches[0].force_x_n) for frame in frames(built("vibration_crank"), 1.0))
+    assert found.largest["forces.crank_bearing.force_x_n"] == pytest.approx(exact, rel=0.02)
+
+
+def test_a_zero_that_nothing_tells_is_asked_for(turn: ModelTurn) -> None:
+    with pytest.raises(MeasurementError, match="expected a number"):
+        crank_motion(run_of(1.0, slider=False, **{CRANK: "free"}), turn)
+
+
+def test_a_run_without_the_crank_is_refused(turn: ModelTurn) -> None:
+    run = run_of(0.0)
+    with pytest.raises(MeasurementError, match="is not measured"):
+        crank_motion(MeasuredRun(run.path, run.channels[1:]), turn)
+
+
+def test_a_machine_whose_state_does_not_follow_from_its_crank_says_so(turn: ModelTurn) -> None:
+    run = run_of(0.0)
+    with pytest.raises(ConfigurationError, match="roller_former"):
+        next(guided_samples(built("roller_former"), crank_motion(run, turn), run))
