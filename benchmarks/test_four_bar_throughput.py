@@ -26,7 +26,7 @@ from mech_twin.parameters.load import machine
 
 COUNT = 100_000
 SPEED = 10.0 * math.pi
-PRESS = machine("compaction_press").linkage.constants
+PRESS = machine("compaction_press").linkage.mechanism
 BAR = PRESS.bar
 DESIGNS = design_row(BAR)
 ANGLES = full_turn(COUNT)

@@ -1,8 +1,9 @@
 """mech_twin: the digital twin of percussion and crank-linkage machines.
 
 From Python ``import mech_twin as mt`` and `mt.simulate`, `mt.analyse`, `mt.sweep`, `mt.size`, `mt.search`,
-`mt.reproduce`, `mt.machines`: see `mech_twin.api`.  They are loaded when first named, so that a node or a tool that
-needs one room of the package does not pay for the others.
+`mt.reproduce`, `mt.machines`: see `mech_twin.api`; `mt.rollout`, `mt.rollouts`: see `mech_twin.studies.rolling_out`.
+They are loaded when first named, so that a node or a tool that needs one room of the package does not pay for the
+others.
 """
 
 from __future__ import annotations
@@ -12,14 +13,15 @@ from typing import Any
 
 __version__ = "0.1.0"
 # what a type checker sees of these stands in __init__.pyi
-__all__ = ["analyse", "machines", "reproduce", "search", "simulate", "size", "sweep"]
+__all__ = ["analyse", "machines", "reproduce", "rollout", "rollouts", "search", "simulate", "size", "sweep"]
 
 
 def __getattr__(name: str) -> Any:
-    """Return a function of `mech_twin.api`."""
+    """Return a function of the package."""
     if name not in __all__:
         raise AttributeError(f"module 'mech_twin' has no attribute '{name}'")
-    return getattr(import_module("mech_twin.api"), name)
+    room = "mech_twin.studies.rolling_out" if name.startswith("rollout") else "mech_twin.api"
+    return getattr(import_module(room), name)
 
 
 def __dir__() -> list[str]:

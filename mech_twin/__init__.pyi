@@ -5,5 +5,7 @@ from mech_twin.api import search as search
 from mech_twin.api import simulate as simulate
 from mech_twin.api import size as size
 from mech_twin.api import sweep as sweep
+from mech_twin.studies.rolling_out import rollout as rollout
+from mech_twin.studies.rolling_out import rollouts as rollouts
 
 __version__: str

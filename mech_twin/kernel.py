@@ -10,7 +10,7 @@ from numba.core.dispatcher import Dispatcher
 
 from mech_twin.kernel_cache import KernelCache, compiled_count, on_compile
 
-__all__ = ["compiled_count", "kernel", "on_compile", "parallel_kernel"]
+__all__ = ["compiled_count", "kernel", "on_compile", "parallel_kernel", "released_kernel"]
 
 Function = TypeVar("Function", bound=Callable[..., object])
 
@@ -18,6 +18,11 @@ Function = TypeVar("Function", bound=Callable[..., object])
 def kernel(function: Function) -> Function:
     """Return the function compiled on first call and cached on disk; strict arithmetic, so runs repeat to the bit."""
     return cast(Function, _cached(njit(fastmath=False)(function), "serial"))
+
+
+def released_kernel(function: Function) -> Function:
+    """Return the function compiled like `kernel`, running without the interpreter's lock: for calls from threads."""
+    return cast(Function, _cached(njit(fastmath=False, nogil=True)(function), "released"))
 
 
 def parallel_kernel(function: Function) -> Function:

@@ -12,7 +12,7 @@ from mech_twin.cli.console import print_json, print_numbers, print_table, progre
 from mech_twin.cli.failure import CommandError
 from mech_twin.cli.simulate_outputs import check_outputs, opened_outputs
 from mech_twin.engine.invariants import broken_lines
-from mech_twin.engine.run import frames, steps_for, warm_up
+from mech_twin.engine.run import frames, steps_for, warm_up_run
 from mech_twin.parameters.live_change import ChangingMachine, live_changes
 from mech_twin.parameters.load import assignments
 from mech_twin.parameters.load import machine as built_machine
@@ -47,7 +47,7 @@ def simulate_machine(asked: SimulateRequest) -> None:
     check_outputs(asked.bag, asked.table, asked.sensors, force=asked.force)
     name = asked.machine
     machine = built_machine(name, asked.config, assignments(asked.settings))
-    warm_up(machine)  # a signal while kernels are compiled ends the process: no recording may be open then
+    warm_up_run(machine)  # a signal while kernels are compiled ends the process: no recording may be open then
     changing = ChangingMachine(machine, live_changes(asked.changes))
     simulation = Simulation(machine)
     run = frames(machine, asked.duration_s, machine_at=changing.at if asked.changes else None)

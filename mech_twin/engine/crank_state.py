@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from math import fmod, inf, pi
+from math import inf, pi
 from typing import Any, NamedTuple
 
+import numpy as np
+
+from mech_twin.engine.compiled_steps import chosen
 from mech_twin.engine.crank_motion import ShaftDrive
+from mech_twin.engine.sample_vectors import Array
+from mech_twin.kernel import kernel
 from mech_twin.parts.induction_motor import MotorConstants, motor_torque_slope
-from mech_twin.samples import LinkageSample, MotorSample
 
 TURN = 2.0 * pi
 LARGE_ANGLE = 1e3  # rad: of a larger one, rounding in every step adds up
 
 
+@kernel
 def within_a_turn(angle: float) -> float:
     """Return a large angle (rad) less whole turns, so that sums with it keep their digits; a small one as it is."""
-    return angle if abs(angle) < LARGE_ANGLE else fmod(angle, TURN)
+    return angle if abs(angle) < LARGE_ANGLE else float(np.fmod(angle, TURN))
 
 
 class Memory(NamedTuple):
@@ -37,23 +41,38 @@ class Memory(NamedTuple):
     initial_energy_j: float
 
 
-class CrankKernels(NamedTuple):
-    """The mechanism: ``constants`` first, then crank angle f (rad), rate w (rad/s), acceleration e (rad/s2).
+# The mechanism: functions of its constants, declared for their type with `compiled_steps.step_of`; crank angle f (rad),
+# rate w (rad/s), acceleration e (rad/s2).
 
-    ``state(constants, f, w, e, regime)`` -> positions, velocities, crank torque (N m), energy (J), closure error (m)
-    ``load_work(constants, f0, f1, regime)`` -> work (J) of the load on the way from f0 to f1
-    ``load_speed(constants, f, w)`` -> speed (m/s) of the loaded point against the load, for events
-    ``prescribed(constants, f, w, e, regime)`` -> system whose one rate is the power the drive gives the mechanism (W)
-    ``driven(constants, shaft_drive, regime)`` -> system whose rates are `crank_rates`
-    ``shared(constants, share)`` -> the constants with this share of the load
-    """
 
-    state: Callable[..., Any]
-    load_work: Callable[..., float]
-    load_speed: Callable[..., float]
-    prescribed: Callable[..., Any]
-    driven: Callable[..., Any]
-    shared: Callable[..., Any]
+def mechanism_state(mechanism: Any, f: float, w: float, e: float, regime: int) -> Any:
+    """Return positions, velocities of the joints, crank torque (N m), energy (J), closure error (m)."""
+    return chosen(mechanism_state, mechanism)(mechanism, f, w, e, regime)
+
+
+def mechanism_load_work(mechanism: Any, before: float, after: float, regime: int) -> float:
+    """Return the work (J) of the load on the way from one crank angle (rad) to another."""
+    return float(chosen(mechanism_load_work, mechanism)(mechanism, before, after, regime))
+
+
+def mechanism_load_speed(mechanism: Any, f: float, w: float) -> float:
+    """Return the speed (m/s) of the loaded point against the load, for events."""
+    return float(chosen(mechanism_load_speed, mechanism)(mechanism, f, w))
+
+
+def led_system(mechanism: Any, f: float, w: float, e: float, regime: int) -> Any:
+    """Return the system whose one rate is the power the drive gives the mechanism (W), for `engine.integration`."""
+    return chosen(led_system, mechanism)(mechanism, f, w, e, regime)
+
+
+def driven_system(mechanism: Any, drive: ShaftDrive, regime: int) -> Any:
+    """Return the system whose rates are `crank_rates`, for `engine.integration`."""
+    return chosen(driven_system, mechanism)(mechanism, drive, regime)
+
+
+def under_load_share(mechanism: Any, share: float) -> Any:
+    """Return the mechanism with this share of its load."""
+    return chosen(under_load_share, mechanism)(mechanism, share)
 
 
 class Boundary(NamedTuple):
@@ -94,49 +113,93 @@ class Transmission(NamedTuple):
     rotor_inertia_kg_m2: float
     motor: MotorConstants | None = None
 
-    def drive(self, before: LinkageSample, motor: MotorSample, step_s: float, friction: ShaftFriction) -> ShaftDrive:
-        """Return what turns the crank in the step after ``before``; no sense of turning is set yet."""
-        slope, ramp, limit = 0.0, 0.0, inf
-        (torque,), (rotor_speed,) = motor.effort, motor.velocity
-        if self.motor is not None:
-            slope = float(motor_torque_slope(self.motor, rotor_speed, motor.command))
-            change = (motor.command - before.command) / step_s
-            ramp = -self.motor.synchronous_speed_rad_per_s * slope * change
-            limit = max(self.motor.breakdown_torque_nm, abs(torque))
-        return ShaftDrive(
-            self.ratio**2 * self.rotor_inertia_kg_m2,
-            self.ratio,
-            self.efficiency,
-            torque,
-            slope,
-            ramp,
-            before.joint("crank").velocity,
-            limit,
-            *friction,
-            0.0,
-        )
+
+NO_MOTOR = MotorConstants(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, False)
 
 
-class State(NamedTuple):
-    """What changes in a step: angle, speed, acceleration, sense of turning, works and losses (J), regime."""
+class CrankDrive(NamedTuple):
+    """What the kernels know of a transmission; ``prescribed``: there is none, ``curved``: the motor has a curve."""
 
-    f: float
-    w: float
-    e: float
-    sense: float
-    drive_work: float
-    gear_loss: float
-    friction_loss: float
-    load_work: float
-    regime: int
-    stalled: float = 0.0
-    share: float = 1.0
-    mark: float = 0.0
+    prescribed: bool
+    curved: bool
+    ratio: float
+    efficiency: float
+    shaft_inertia_kg_m2: float
+    motor: MotorConstants
 
 
-class Piece(NamedTuple):
-    """A smooth piece of motion: the state after it, its duration (s), what ended it."""
+def crank_drive(transmission: Transmission | None) -> CrankDrive:
+    """Return the constants of a transmission, None for a prescribed speed."""
+    if transmission is None:
+        return CrankDrive(True, False, 1.0, 1.0, 0.0, NO_MOTOR)
+    ratio, motor = float(transmission.ratio), transmission.motor
+    inertia = ratio**2 * transmission.rotor_inertia_kg_m2
+    return CrankDrive(False, motor is not None, ratio, float(transmission.efficiency), inertia, motor or NO_MOTOR)
 
-    after: State
-    span: float
-    what: int
+
+class Crank(NamedTuple):
+    """Constants of a crank linkage beside its mechanism.
+
+    ``boundaries`` (m, 5): angle, direction, regime before, regime after, kind of event; ``resisting`` (r, 3): regime,
+    sense, regime after, as `Boundary` and `Resisting` name them.  The size of the energy balance is at least
+    ``energy_scale_j``.
+    """
+
+    step_s: float
+    start_rad: float
+    boundaries: Array
+    drive: CrankDrive
+    friction: ShaftFriction
+    resisting: Array
+    energy_scale_j: float
+
+
+@kernel
+def shaft_drive(crank: Crank, speed: float, before: float, rotor: float, torque: float, command: float) -> ShaftDrive:
+    """Return what turns the crank in a step; no sense of turning is set yet.
+
+    Parameters
+    ----------
+    speed, before : float
+        Crank speed (rad/s) at the start of the step, and the command of the step before.
+    rotor, torque, command : float
+        The motor's speed (rad/s), torque (N m) and command.
+    """
+    drive, slope, ramp, limit = crank.drive, 0.0, 0.0, inf
+    if drive.curved:
+        slope = motor_torque_slope(drive.motor, rotor, command)
+        change = (command - before) / crank.step_s
+        ramp = -drive.motor.synchronous_speed_rad_per_s * slope * change
+        limit = max(drive.motor.breakdown_torque_nm, abs(torque))
+    friction = crank.friction
+    return ShaftDrive(
+        drive.shaft_inertia_kg_m2,
+        drive.ratio,
+        drive.efficiency,
+        torque,
+        slope,
+        ramp,
+        speed,
+        limit,
+        friction.coulomb_nm,
+        friction.viscous_nms_per_rad,
+        0.0,
+    )
+
+
+@kernel
+def turning(drive: ShaftDrive, direction: float) -> ShaftDrive:
+    """Return the drive of a crank that turns in this sense."""
+    return ShaftDrive(
+        drive.shaft_inertia_kg_m2,
+        drive.ratio,
+        drive.efficiency,
+        drive.torque_nm,
+        drive.speed_slope,
+        drive.time_slope,
+        drive.speed,
+        drive.torque_limit_nm,
+        drive.coulomb_nm,
+        drive.viscous_nms_per_rad,
+        direction,
+    )

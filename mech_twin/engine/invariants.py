@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 from mech_twin.roles import Machine
@@ -62,10 +62,7 @@ class RunInvariants:
     """
 
     def __init__(self, machine: Machine) -> None:
-        limits = {"linkage": machine.linkage.residual_limits, "forces": machine.forces.residual_limits}
-        if machine.body is not None:
-            limits["body"] = machine.body.residual_limits
-        self._windows = {role: ResidualWindow(of_role) for role, of_role in limits.items()}
+        self._windows = {role: ResidualWindow(limits) for role, limits in role_limits(machine).items()}
 
     def observe(self, frame: Frame) -> None:
         """Take one frame into account."""
@@ -76,9 +73,31 @@ class RunInvariants:
 
     def residuals(self) -> dict[str, Residual]:
         """Return the worst of each residual so far, with its limit."""
-        found = [(role, n, r) for role, window in self._windows.items() for n, r in window.residuals().items()]
-        names = [name for _, name, _ in found]
-        return {name if names.count(name) == 1 else f"{role}.{name}": r for role, name, r in found}
+        return by_plain_name(
+            (role, name, found) for role, window in self._windows.items() for name, found in window.residuals().items()
+        )
+
+
+def role_limits(machine: Machine) -> dict[str, Mapping[str, float]]:
+    """Return the limits of the residuals of each role that has samples with residuals."""
+    limits = {"linkage": machine.linkage.residual_limits, "forces": machine.forces.residual_limits}
+    if machine.body is not None:
+        limits["body"] = machine.body.residual_limits
+    return limits
+
+
+def residuals_of_run(machine: Machine, worst: Iterable[tuple[str, float]]) -> dict[str, Residual]:
+    """Return residuals, known by columns ``role.residual.name`` and their worst magnitudes, with their limits."""
+    limits = role_limits(machine)
+    split = [(column.split(".residual.", 1), size) for column, size in worst]
+    return by_plain_name((role, name, Residual(size, limits[role].get(name, NO_LIMIT))) for (role, name), size in split)
+
+
+def by_plain_name(found: Iterable[tuple[str, str, Residual]]) -> dict[str, Residual]:
+    """Return residuals by name; where two roles give one the same name, by ``role.name``."""
+    told = list(found)
+    names = [name for _, name, _ in told]
+    return {name if names.count(name) == 1 else f"{role}.{name}": residual for role, name, residual in told}
 
 
 def broken_lines(residuals: Mapping[str, Residual]) -> list[str]:

@@ -4,9 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
+import numpy as np
+
+from mech_twin.engine.compiled_machine import compiled_machine
 from mech_twin.engine.coupling import complete_frame, next_frame
 from mech_twin.roles import Machine
 from mech_twin.samples import Frame
+
+FEW_FRAMES, MANY_FRAMES = 32, 512  # computed at a time: few at first, since who asks may stop early
 
 
 def steps_for(machine: Machine, duration_s: float) -> int:
@@ -40,8 +45,27 @@ def frames(
     """
     frame = complete_frame(machine, machine.linkage.start(), None, target(0))
     yield frame
-    for step in range(1, steps_for(machine, duration_s) + 1):
-        frame = next_frame(machine if machine_at is None else machine_at(step), frame, target(step))
+    last, count = steps_for(machine, duration_s), FEW_FRAMES
+    while frame.linkage.step < last:
+        first = frame.linkage.step + 1
+        steps = range(first, min(first + count, last + 1))
+        if machine_at is not None:
+            machine = machine_at(first)
+            steps = range(first, next((step for step in steps if machine_at(step) is not machine), steps.stop))
+        for following in _frames_after(machine, frame, [target(step) for step in steps]):
+            frame = following
+            yield frame
+        count = MANY_FRAMES
+
+
+def _frames_after(machine: Machine, frame: Frame, targets: list[float]) -> Iterator[Frame]:
+    """Yield the frame of each step after one; the whole of them computed at once where the roles are compiled."""
+    compiled = compiled_machine(machine)
+    if compiled is not None:
+        yield from compiled.frames_after(frame, np.array(targets, dtype=np.float64))
+        return
+    for target in targets:
+        frame = next_frame(machine, frame, target)
         yield frame
 
 
@@ -49,3 +73,9 @@ def warm_up(machine: Machine) -> None:
     """Compile (or load) every kernel a step needs, so that the first step is not late."""
     frame = complete_frame(machine, machine.linkage.start(), None, 1.0)
     next_frame(machine, frame, 1.0)
+
+
+def warm_up_run(machine: Machine) -> None:
+    """Compile (or load) every kernel that `frames` needs."""
+    for _ in frames(machine, machine.coupling_step_s):
+        pass

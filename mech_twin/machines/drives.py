@@ -13,22 +13,33 @@ same rate.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from math import pi
-from typing import Literal, Self
+from typing import Any, Literal, NamedTuple, Self
 
 from pydantic import field_validator, model_validator
 
+from mech_twin.engine.compiled_roles import CompiledMotor
+from mech_twin.engine.compiled_steps import motor_step, step_of
 from mech_twin.engine.coupling import Coupling
 from mech_twin.engine.crank_state import ShaftFriction, Transmission
+from mech_twin.engine.sample_vectors import (
+    COMMAND,
+    LINKAGE_JOINTS,
+    MOTOR_COMMAND,
+    MOTOR_JOINTS,
+    REGIME,
+    Array,
+    MotorLayout,
+)
+from mech_twin.kernel import kernel
 from mech_twin.parts.friction import Friction
 from mech_twin.parts.gear import Gear
 from mech_twin.parts.induction_motor import InductionMotorParameters, MotorConstants, motor_constants, motor_torque
 from mech_twin.parts.supply import SupplyParameters, limited_change, limited_command
 from mech_twin.quantity import Parameters, choice, quantity
 from mech_twin.roles import MotorRole
-from mech_twin.samples import LinkageSample, MotorSample
 
 # steps of the speed at a prescribed rate are sums of rounded terms: what rounding leaves must not cost a step
 ROUNDING = 1.0 + 1e-9
@@ -142,8 +153,30 @@ def _shaft_time_s(motor: InductionMotorParameters, gear: Gear, friction: Frictio
     return motor.rotor_inertia_kg_m2 / (slope + friction.viscous_nms_per_rad / gear.ratio**2)
 
 
+class SpeedDrive(NamedTuple):
+    """Constants of `PrescribedSpeed`; ``let_go`` is -1 where the linkage always follows."""
+
+    speed: float
+    rate_per_s: float
+    step_s: float
+    driven: int
+    let_go: int
+
+
+@step_of(motor_step, SpeedDrive)
+def prescribed_speed(model: SpeedDrive, linkage: Array, target: float, out: Array) -> None:
+    """Fill in the speed asked of the linkage at the end of the step, and the effort it takes now."""
+    command = limited_command(linkage[COMMAND], target, model.rate_per_s, model.step_s)
+    joint, speed = LINKAGE_JOINTS + 3 * model.driven, command * model.speed
+    if linkage[REGIME] != model.let_go:
+        reach = abs(model.speed) * model.rate_per_s * model.step_s * ROUNDING
+        speed = limited_change(linkage[joint + 1], speed, reach)
+    out[MOTOR_COMMAND] = command
+    out[MOTOR_JOINTS], out[MOTOR_JOINTS + 1], out[MOTOR_JOINTS + 2] = linkage[joint], speed, linkage[joint + 2]
+
+
 @dataclass(frozen=True)
-class PrescribedSpeed:
+class PrescribedSpeed(CompiledMotor):
     """Motor that gives a driven joint a speed, whatever effort that takes.
 
     Attributes
@@ -158,6 +191,8 @@ class PrescribedSpeed:
         Joint of the linkage that it drives.
     let_go : int or None
         Regime in which the linkage no longer follows the drive: the drive then runs on at its command.
+    linkage_joints : tuple of str
+        Joints of the linkage, at least up to the driven one.
     """
 
     speed: float
@@ -166,40 +201,53 @@ class PrescribedSpeed:
     driven: str = "crank"
     let_go: int | None = None
     joints: tuple[str, ...] = ("motor",)
+    linkage_joints: tuple[str, ...] = ("crank",)
 
-    def respond(self, linkage: LinkageSample, target: float) -> MotorSample:
-        """Return the speed asked of the linkage at the end of the step, and the effort it takes now."""
-        command = limited_command(linkage.command, target, self.rate_per_s, self.step_s)
-        speed, joint = command * self.speed, linkage.joint(self.driven)
-        if linkage.regime != self.let_go:
-            reach = abs(self.speed) * self.rate_per_s * self.step_s * ROUNDING
-            speed = limited_change(joint.velocity, speed, reach)
-        return MotorSample(
-            linkage.step,
-            linkage.time_s,
-            self.joints,
-            (joint.position,),
-            (speed,),
-            (joint.effort,),
-            command,
-        )
+    @cached_property
+    def model(self) -> SpeedDrive:
+        """Constants of the kernel."""
+        let_go = -1 if self.let_go is None else self.let_go
+        place = self.linkage_joints.index(self.driven)
+        return SpeedDrive(float(self.speed), float(self.rate_per_s), float(self.step_s), place, let_go)
+
+    @cached_property
+    def layout(self) -> MotorLayout:
+        """Row of the samples."""
+        return MotorLayout(self.joints)
 
 
-def shaft_of(joint: str) -> Callable[[LinkageSample], tuple[float, float]]:
-    """Return the function that gives angle (rad) and speed (rad/s) of a joint, seen from the frame."""
+class KlossMotor(NamedTuple):
+    """Constants of `KlossDrive`."""
 
-    def shaft(linkage: LinkageSample) -> tuple[float, float]:
-        angle, speed, _ = linkage.joint(joint)
-        return angle, speed
+    motor: MotorConstants
+    ratio: float
+    rate_per_s: float
+    step_s: float
+    direction: float
 
-    return shaft
+
+@kernel
+def fill_motor(model: KlossMotor, before: float, angle: float, speed: float, target: float, out: Array) -> None:
+    """Fill in rotor angle, speed and torque at angle and speed (rad, rad/s) of the gear's output.
+
+    ``before`` is the command of the step before.
+    """
+    asked = model.direction * min(max(target, 0.0), 1.0)
+    command = limited_change(before, asked, model.rate_per_s * model.step_s)
+    rotor = model.ratio * speed
+    out[MOTOR_COMMAND] = command
+    out[MOTOR_JOINTS], out[MOTOR_JOINTS + 1] = model.ratio * angle, rotor
+    out[MOTOR_JOINTS + 2] = motor_torque(model.motor, rotor, command)
 
 
-CRANK_SHAFT = shaft_of("crank")
+@step_of(motor_step, KlossMotor)
+def kloss_motor(model: KlossMotor, linkage: Array, target: float, out: Array) -> None:
+    """Fill in rotor angle, speed and torque; the linkage's first joint is the gear's output."""
+    fill_motor(model, linkage[COMMAND], linkage[LINKAGE_JOINTS], linkage[LINKAGE_JOINTS + 1], target, out)
 
 
 @dataclass(frozen=True)
-class KlossDrive:
+class KlossDrive(CompiledMotor):
     """Induction motor behind a gear: its torque follows from its speed and the supply, it has no state of its own.
 
     Attributes
@@ -207,13 +255,11 @@ class KlossDrive:
     motor : MotorConstants
         Torque against slip.
     ratio : float
-        Motor speed over the speed of the driven shaft.
+        Motor speed over the speed of the driven shaft, the linkage's first joint.
     rate_per_s : float
         Largest change of the supply fraction in a second (1/s).
     step_s : float
         Coupling step (s).
-    shaft : callable
-        ``shaft(linkage)``: angle (rad) and speed (rad/s) of the shaft behind the gear, seen from the motor's housing.
     direction : float
         +1, or -1 where the phases are swapped so that the machine runs backward; the command takes this sign.
     """
@@ -222,22 +268,16 @@ class KlossDrive:
     ratio: float
     rate_per_s: float
     step_s: float
-    shaft: Callable[[LinkageSample], tuple[float, float]] = CRANK_SHAFT
     direction: float = 1.0
     joints: tuple[str, ...] = ("rotor",)
 
-    def respond(self, linkage: LinkageSample, target: float) -> MotorSample:
-        """Return rotor angle, rotor speed and shaft torque at the linkage's step."""
-        asked = self.direction * min(max(target, 0.0), 1.0)
-        command = limited_change(linkage.command, asked, self.rate_per_s * self.step_s)
-        angle, speed = self.shaft(linkage)
-        rotor = self.ratio * speed
-        return MotorSample(
-            linkage.step,
-            linkage.time_s,
-            self.joints,
-            (self.ratio * angle,),
-            (rotor,),
-            (motor_torque(self.motor, rotor, command),),
-            command,
-        )
+    @cached_property
+    def model(self) -> Any:
+        """Constants of the kernel."""
+        rates = (float(self.ratio), float(self.rate_per_s), float(self.step_s), float(self.direction))
+        return KlossMotor(self.motor, *rates)
+
+    @cached_property
+    def layout(self) -> MotorLayout:
+        """Row of the samples."""
+        return MotorLayout(self.joints)

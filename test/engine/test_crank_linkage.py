@@ -14,7 +14,7 @@ from scipy.integrate import solve_ivp
 
 from mech_twin.engine.coupling import complete_frame, next_frame
 from mech_twin.engine.crank_state import Memory as CrankMemory
-from mech_twin.engine.crank_state import ShaftFriction, Transmission
+from mech_twin.engine.crank_state import ShaftFriction, Transmission, mechanism_state
 from mech_twin.engine.run import frames
 from mech_twin.parameters.load import machine
 from mech_twin.samples import MotorSample, Named
@@ -258,7 +258,7 @@ def test_a_long_step_books_its_work_from_every_phase():
     frame = complete_frame(crank, crank.linkage.start(), None, 1.0)
     linkage, worst = frame.linkage, 0.0
     for angle in np.linspace(0.0, 2.0 * np.pi, 2001):
-        energy = crank.linkage.kernels.state(crank.linkage.constants, angle, linkage.velocity[0], 0.0, 0)[3]
+        energy = mechanism_state(crank.linkage.mechanism, angle, linkage.velocity[0], 0.0, 0)[3]
         memory = CrankMemory(*linkage.memory.values)._replace(energy_j=energy, initial_energy_j=energy)
         at = linkage._replace(position=(angle, *linkage.position[1:]))
         after = crank.linkage.advance(at._replace(memory=Named(memory._fields, memory)), frame.motor, None)
@@ -272,7 +272,7 @@ def test_the_energy_balance_keeps_its_digits_after_very_many_turns(drive):
     frame = complete_frame(crank, crank.linkage.start(), None, 1.0)
     turned = 2.0 * np.pi * 100_000
     far = frame.linkage._replace(position=(frame.linkage.position[0] + turned, *frame.linkage.position[1:]))
-    energy = crank.linkage.kernels.state(crank.linkage.constants, far.position[0], far.velocity[0], 0.0, 0)[3]
+    energy = mechanism_state(crank.linkage.mechanism, far.position[0], far.velocity[0], 0.0, 0)[3]
     memory = CrankMemory(*far.memory.values)._replace(energy_j=energy, initial_energy_j=energy)
     frame = complete_frame(crank, far._replace(memory=Named(memory._fields, memory)), None, 1.0)
     for _ in range(2000):

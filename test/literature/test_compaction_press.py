@@ -88,7 +88,7 @@ def test_two_fold_gain_over_the_working_quarter(report):
 
 
 def test_normal_gain_is_the_formula_of_the_page(press):
-    constants = press.linkage.constants
+    constants = press.linkage.mechanism
     r, R, share = 0.06, 0.3, 0.5
     for f in np.linspace(0.05, 6.2, 40):
         at = position(constants.bar, f)
@@ -112,7 +112,7 @@ def test_conditions_of_the_paper_with_margins(press):
 
 
 def test_loop_closes_on_every_position(press):
-    bar = press.linkage.constants.bar
+    bar = press.linkage.mechanism.bar
     assert max(closure_error(bar, position(bar, 2.0 * pi * i / 3600)) for i in range(3600)) < 1e-12
 
 

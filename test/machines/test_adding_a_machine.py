@@ -20,9 +20,10 @@ def checkout(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_machine_made_by_the_recipe_keeps_every_contract(checkout: Path) -> None:
-    done = ran(checkout, "-m", "pytest", "-q", "test/machines/test_catalogue_contract.py", "-k", MACHINE)
+    contracts = ("test/machines/test_catalogue_contract.py", "test/machines/test_rollout_contract.py")
+    done = ran(checkout, "-m", "pytest", "-q", *contracts, "-k", MACHINE)
     assert done.returncode == 0, done.stdout + done.stderr
-    assert int(re.search(r"(\d+) passed", done.stdout)[1]) >= 12, done.stdout
+    assert int(re.search(r"(\d+) passed", done.stdout)[1]) >= 17, done.stdout
 
 
 def test_topics_of_a_machine_made_by_the_recipe_equal_the_engine(checkout: Path, ros_domain: int) -> None:

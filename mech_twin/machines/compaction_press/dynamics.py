@@ -7,11 +7,20 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mech_twin.engine.compiled_steps import step_of
 from mech_twin.engine.crank_motion import ANGLE, DRIVE_POWER, ShaftDrive, crank_rates
+from mech_twin.engine.crank_state import (
+    driven_system,
+    led_system,
+    mechanism_load_speed,
+    mechanism_load_work,
+    mechanism_state,
+    under_load_share,
+)
 from mech_twin.engine.integration import rates_of
 from mech_twin.engine.tableaus import DORMAND_PRINCE_8
 from mech_twin.kernel import kernel
-from mech_twin.machines.compaction_press.stroke_load import StrokeLoad, layer_force, layer_work
+from mech_twin.machines.compaction_press.stroke_load import StrokeLoad, layer_force, layer_work, with_peak
 from mech_twin.parts.four_bar import (
     FourBar,
     Link,
@@ -129,7 +138,7 @@ def press_pins(press: Press, f: float, w: float, e: float, force: float) -> Reac
     )
 
 
-@kernel
+@step_of(mechanism_state, Press)
 def press_state(
     press: Press, f: float, w: float, e: float, regime: int
 ) -> tuple[tuple[float, float, float], tuple[float, float, float], float, float, float]:
@@ -143,7 +152,7 @@ def press_state(
     return (f, plate, pendulum), (w, by.g2 * w, by.g3 * w), torque, energy, closure_error(press.bar, at)
 
 
-@kernel
+@step_of(mechanism_load_work, Press)
 def press_load_work(press: Press, before: float, after: float, regime: int) -> float:
     """Return the work (J) of the layer on the plate from one crank angle (rad) to another, in closed form."""
     if not is_pressed(regime):
@@ -153,7 +162,7 @@ def press_load_work(press: Press, before: float, after: float, regime: int) -> f
     return layer_work(press.load, y0) - layer_work(press.load, y1)
 
 
-@kernel
+@step_of(mechanism_load_speed, Press)
 def press_load_speed(press: Press, f: float, w: float) -> float:
     """Return the downward speed of the loaded point (m/s)."""
     return -loaded_height(press, f)[1] * w
@@ -195,6 +204,22 @@ def driven_press_rates(driven: DrivenPress, t: float, y: Array, out: Array) -> N
     crank_rates(driven.drive, t, y, now.inertia, now.slope, now.moment, out)
 
 
+@step_of(led_system, Press)
+def led_press(press: Press, f: float, w: float, e: float, regime: int) -> LedPress:
+    """Return the press at a prescribed speed."""
+    return LedPress(press, f, w, e, regime)
+
+
+@step_of(driven_system, Press)
+def driven_press(press: Press, drive: ShaftDrive, regime: int) -> DrivenPress:
+    """Return the press behind a motor."""
+    return DrivenPress(press, drive, regime)
+
+
+@step_of(under_load_share, Press)
 def with_load_share(press: Press, share: float) -> Press:
     """Return the press under this share of the layer's force."""
-    return press if share == 1.0 else press._replace(load=press.load._replace(peak_n=share * press.load.peak_n))
+    load = with_peak(press.load, share * press.load.peak_n)
+    return Press(
+        press.bar, press.crank, press.plate, press.pendulum, press.along_m, press.across_m, load, press.gravity
+    )

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
 
-from mech_twin.engine.crank_state import Memory
+from mech_twin.engine.compiled_roles import CompiledForces
+from mech_twin.engine.compiled_steps import force_step, step_of
+from mech_twin.engine.crank_step import M_ACCELERATION, M_FRICTION, M_SHARE
+from mech_twin.engine.sample_vectors import LINKAGE_JOINTS, REGIME, Array, ForceLayout
 from mech_twin.machines.compaction_press.cycle import gains
 from mech_twin.machines.compaction_press.dynamics import Press, press_pins, press_reduced, with_load_share
 from mech_twin.parts.four_bar import acute_angles, coefficients, motion, position
-from mech_twin.samples import ForceSample, LinkageSample, Named, Wrench
 
 QUANTITIES = (
     "alpha_rad",
@@ -36,8 +40,65 @@ QUANTITIES = (
 )
 
 
+class LoadedPress(NamedTuple):
+    """Constants of the force analysis: the press, and the largest drive torque of a cycle (N m)."""
+
+    press: Press
+    moment_scale_nm: float
+
+
+@step_of(force_step, LoadedPress)
+def press_forces(
+    model: LoadedPress, step: int, linkage: Array, log: Array, count: int, out: Array, loads: Array
+) -> tuple[Array, int]:
+    """Fill in the pin forces at the angle, rate and acceleration of the crank, and its torque by both routes."""
+    memory = linkage[LINKAGE_JOINTS + 9 :]
+    press = with_load_share(model.press, memory[M_SHARE])
+    f, w, torque = linkage[LINKAGE_JOINTS], linkage[LINKAGE_JOINTS + 1], linkage[LINKAGE_JOINTS + 2]
+    now = press_reduced(press, f, int(linkage[REGIME]))
+    e = memory[M_ACCELERATION]
+    at = position(press.bar, f)
+    by = motion(press.bar, press.crank, press.plate, press.pendulum, at, coefficients(at), w, e)
+    pins = press_pins(press, f, w, e, now.force)
+    k1, k2, normal, vertical = gains(press, f)
+    alpha, beta, gamma = acute_angles(at)
+    numbers = (
+        0.0,
+        pins.o_x, pins.o_y, 0.0,
+        pins.a_x, pins.a_y, 0.0,
+        pins.b_x, pins.b_y, 0.0,
+        pins.c_x, pins.c_y, 0.0,
+        alpha,
+        beta,
+        gamma,
+        by.e2,
+        by.e3,
+        e,
+        now.inertia,
+        now.slope,
+        now.moment,
+        torque,
+        torque * w,
+        now.force,
+        now.y,
+        now.y1 * w,
+        k1,
+        k2,
+        k1 * k2,
+        normal,
+        vertical,
+        -pins.o_x - pins.c_x,
+        -pins.o_y - pins.c_y,
+    )  # fmt: skip
+    for i in range(len(numbers)):
+        out[i] = numbers[i]
+    scale = max(model.moment_scale_nm, abs(torque), now.inertia * abs(e), 1e-9)
+    out[len(numbers)] = (pins.moment - torque - memory[M_FRICTION]) / scale
+    return loads, 0
+
+
 @dataclass(frozen=True)
-class PressForces:
+class PressForces(CompiledForces):
     """Every pin force from one equilibrium of the dyad, then the crank; pins named as in every four-bar."""
 
     press: Press
@@ -50,51 +111,12 @@ class PressForces:
         """Limit of the residual: the two routes to the drive torque, over the peak torque."""
         return {"drive_torque_routes": 1e-10}
 
-    def analyse(self, linkage: LinkageSample) -> ForceSample:
-        """Return the pin forces at the angle, rate and acceleration of the crank, and its torque by both routes."""
-        memory = Memory(*linkage.memory.values)
-        press = with_load_share(self.press, memory.load_share)
-        f, w, torque = linkage.joint("crank")
-        now = press_reduced(press, f, linkage.regime)
-        e = memory.crank_acceleration_rad_per_s2
-        at = position(press.bar, f)
-        by = motion(press.bar, press.crank, press.plate, press.pendulum, at, coefficients(at), w, e)
-        pins = press_pins(press, f, w, e, now.force)
-        k1, k2, normal, vertical = gains(press, f)
-        values = (
-            *acute_angles(at),
-            by.e2,
-            by.e3,
-            e,
-            now.inertia,
-            now.slope,
-            now.moment,
-            torque,
-            torque * w,
-            now.force,
-            now.y,
-            now.y1 * w,
-            k1,
-            k2,
-            k1 * k2,
-            normal,
-            vertical,
-            -pins.o_x - pins.c_x,
-            -pins.o_y - pins.c_y,
-        )
-        wrenches = (
-            Wrench(pins.o_x, pins.o_y, 0.0),
-            Wrench(pins.a_x, pins.a_y, 0.0),
-            Wrench(pins.b_x, pins.b_y, 0.0),
-            Wrench(pins.c_x, pins.c_y, 0.0),
-        )
-        scale = max(self.moment_scale, abs(torque), now.inertia * abs(e), 1e-9)
-        return ForceSample(
-            linkage.step,
-            linkage.time_s,
-            self.pins,
-            wrenches,
-            Named(QUANTITIES, values),
-            0.0,
-            Named(("drive_torque_routes",), ((pins.moment - torque - memory.friction_torque_nm) / scale,)),
-        )
+    @cached_property
+    def model(self) -> LoadedPress:
+        """Constants of the kernel."""
+        return LoadedPress(self.press, float(self.moment_scale))
+
+    @cached_property
+    def layout(self) -> ForceLayout:
+        """Row of the samples."""
+        return ForceLayout(self.pins, QUANTITIES, ("drive_torque_routes",))

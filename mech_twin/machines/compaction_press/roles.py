@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import nan
 
 from mech_twin.engine.crank_linkage import CrankLinkage
-from mech_twin.engine.crank_state import NO_FRICTION, Boundary, CrankKernels, Resisting, ShaftFriction, Transmission
+from mech_twin.engine.crank_state import NO_FRICTION, Boundary, Resisting, ShaftFriction, Transmission
 from mech_twin.machines.compaction_press.cycle import regime_at
 from mech_twin.machines.compaction_press.dynamics import (
     COMPACTED,
@@ -13,17 +13,10 @@ from mech_twin.machines.compaction_press.dynamics import (
     CONTACT,
     CONTACT_REVERSED,
     FREE,
-    DrivenPress,
-    LedPress,
     Press,
-    press_load_speed,
-    press_load_work,
-    press_state,
-    with_load_share,
 )
 from mech_twin.machines.compaction_press.parameters import Stroke
 
-KERNELS = CrankKernels(press_state, press_load_work, press_load_speed, LedPress, DrivenPress, with_load_share)
 REGIMES = ("free", "contact", "contact_reversed", "compacted", "compacted_reversed")
 SET_LAYER = {CONTACT: Resisting(1.0, COMPACTED), CONTACT_REVERSED: Resisting(-1.0, COMPACTED_REVERSED)}
 
@@ -69,7 +62,6 @@ def press_linkage(
     """Return the linkage role: crank at angle 0 and this speed (rad/s), the layer's boundaries along its turn."""
     return CrankLinkage(
         press,
-        KERNELS,
         step_s,
         0.0,
         speed,

@@ -28,6 +28,12 @@ class StrokeLoad(NamedTuple):
 
 
 @kernel
+def with_peak(load: StrokeLoad, peak_n: float) -> StrokeLoad:
+    """Return the load with another peak (N)."""
+    return StrokeLoad(peak_n, load.contact_y_m, load.bottom_y_m, load.exponent)
+
+
+@kernel
 def layer_force(load: StrokeLoad, y: float) -> float:
     """Return the force (N) at height ``y`` (m) while the layer is in contact.
 

@@ -24,6 +24,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from mech_twin.kernel import kernel
+
 
 class ContactEstimate(NamedTuple):
     """What one impact takes at a stop of finite stiffness.
@@ -37,6 +39,7 @@ class ContactEstimate(NamedTuple):
     loss_j: float
 
 
+@kernel
 def contact_estimate(
     mass_kg: float, speed_m_per_s: float, restitution: float, stiffness_n_per_m: float, force_n: float
 ) -> ContactEstimate:

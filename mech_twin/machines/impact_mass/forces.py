@@ -4,15 +4,41 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import NamedTuple
 
+from mech_twin.engine.compiled_roles import CompiledForces
+from mech_twin.engine.compiled_steps import force_step, step_of
+from mech_twin.engine.sample_vectors import (
+    KIND,
+    LINKAGE_JOINTS,
+    PERIOD,
+    PINS,
+    PRE_VELOCITY,
+    TIME,
+    Array,
+    EventLayout,
+    ForceLayout,
+)
+from mech_twin.kernel import kernel
 from mech_twin.machines.impact_mass.contact_estimate import ContactEstimate, contact_estimate
+from mech_twin.machines.impact_mass.mass_row import (
+    CONTACTS,
+    ENERGIES,
+    FIRST_ACCELERATION,
+    MASS,
+    MEMORY_AT,
+    ORIGIN_STEP,
+    RESTITUTION,
+    SECOND_ACCELERATION,
+)
 from mech_twin.machines.impact_mass.memory import MassMemory
 from mech_twin.machines.impact_mass.states import IMPACT, KIND_NAMES, STUCK
-from mech_twin.samples import Event, ForceSample, LinkageSample, Named, Wrench
 
-IMPACT_NAME = KIND_NAMES[int(IMPACT)]
-NO_CONTACT = ContactEstimate(0.0, 0.0, 0.0, 0.0)
+MODE, LAST_IMPULSE, LAST_IMPACTS, STEP_IMPULSE = (
+    MassMemory._fields.index(name)
+    for name in ("mode_1", "last_period_impulse_m_per_s", "last_period_impacts_1", "step_impulse_m_per_s")
+)
 
 
 class StopQuantities(NamedTuple):
@@ -34,8 +60,68 @@ class StopQuantities(NamedTuple):
     contact_loss_j: float
 
 
+class Stop(NamedTuple):
+    """Constants of the force analysis; ``stiff`` where a contact stiffness is told."""
+
+    period_s: float
+    phase1_s: float
+    step_s: float
+    stiff: bool
+    stiffness_n_per_m: float
+
+
+@kernel
+def hardest_contact(model: Stop, memory: Array, log: Array, count: int) -> ContactEstimate:
+    """Return the contact of the fastest impact among the events."""
+    hardest = -1
+    for i in range(count):
+        if log[i, KIND] == IMPACT and (hardest < 0 or log[i, PRE_VELOCITY] > log[hardest, PRE_VELOCITY]):
+            hardest = i
+    if not model.stiff or hardest < 0:
+        return ContactEstimate(0.0, 0.0, 0.0, 0.0)
+    event = log[hardest]
+    tau_s = event[TIME] - memory[ORIGIN_STEP] * model.step_s - event[PERIOD] * model.period_s
+    acting = memory[FIRST_ACCELERATION] if tau_s <= model.phase1_s else memory[SECOND_ACCELERATION]
+    mass_kg = memory[MASS]
+    return contact_estimate(
+        mass_kg, event[PRE_VELOCITY], memory[RESTITUTION], model.stiffness_n_per_m, acting * mass_kg
+    )
+
+
+@step_of(force_step, Stop)
+def stop_reaction(
+    model: Stop, step: int, linkage: Array, log: Array, count: int, out: Array, loads: Array
+) -> tuple[Array, int]:
+    """Fill in the stop's reaction on the mass, its impulse in this step and its mean over the last full period."""
+    memory, force = linkage[MEMORY_AT:], linkage[LINKAGE_JOINTS + 2]
+    reaction = max(force, 0.0) if memory[MODE] == STUCK else 0.0
+    last_impulse_ns = memory[LAST_IMPULSE] * memory[MASS]
+    contact = hardest_contact(model, memory, log, count)
+    values = StopQuantities(
+        memory[STEP_IMPULSE] * memory[MASS],
+        reaction,
+        force,
+        last_impulse_ns,
+        last_impulse_ns / model.period_s,
+        memory[LAST_IMPACTS],
+        memory[0],
+        memory[ENERGIES],
+        memory[ENERGIES + 1],
+        memory[ENERGIES + 2],
+        memory[ENERGIES + 3],
+        contact.peak_force_n,
+        contact.contact_time_s,
+        contact.loss_j,
+    )
+    out[:] = 0.0
+    out[PINS] = -reaction if reaction != 0.0 else 0.0
+    for i in range(len(values)):
+        out[PINS + 3 + i] = values[i]
+    return loads, 0
+
+
 @dataclass(frozen=True)
-class StopReaction:
+class StopReaction(CompiledForces):
     """The force analysis: the stop's impulse in the step, its force on a resting mass, its mean over a period.
 
     The stop can only push back, along -x.  Over a periodic motion its mean force equals the mean force of the
@@ -51,43 +137,15 @@ class StopReaction:
     acts_on: tuple[str, ...] = ("mass",)
     residual_limits: Mapping[str, float] = field(default_factory=dict)
 
-    def analyse(self, linkage: LinkageSample) -> ForceSample:
-        """Return the stop's reaction on the mass, its impulse in this step and its mean over the last full period."""
-        memory = MassMemory.unpacked(linkage.memory.values)
-        (force,) = linkage.effort
-        reaction = max(force, 0.0) if memory.mode_1 == STUCK else 0.0
-        last_impulse_ns = memory.last_period_impulse_m_per_s * memory.mass_kg
-        period_s, _ = self.times_s
-        contact = self._hardest_contact(linkage.events, memory)
-        values = StopQuantities(
-            stop_impulse_ns=memory.step_impulse_m_per_s * memory.mass_kg,
-            stop_force_n=reaction,
-            drive_force_n=force,
-            last_period_impulse_ns=last_impulse_ns,
-            last_period_mean_force_n=last_impulse_ns / period_s,
-            last_period_impacts_1=memory.last_period_impacts_1,
-            period_1=memory.anchor_period_1,
-            drive_work_j=memory.step_drive_work_j,
-            stop_loss_j=memory.step_stop_loss_j,
-            change_work_j=memory.step_change_work_j,
-            change_momentum_ns=memory.step_change_momentum_ns,
-            peak_contact_force_n=contact.peak_force_n,
-            contact_time_s=contact.contact_time_s,
-            contact_loss_j=contact.loss_j,
-        )
-        quantities = Named(StopQuantities._fields, tuple(values))
-        wrench = Wrench(-reaction if reaction else 0.0, 0.0, 0.0)
-        return ForceSample(linkage.step, linkage.time_s, self.pins, (wrench,), quantities, 0.0, Named())
+    @cached_property
+    def model(self) -> Stop:
+        """Constants of the kernel."""
+        stiffness = self.contact_stiffness_n_per_m
+        period_s, phase1_s = map(float, self.times_s)
+        return Stop(period_s, phase1_s, float(self.step_s), stiffness is not None, float(stiffness or 0.0))
 
-    def _hardest_contact(self, events: tuple[Event, ...], memory: MassMemory) -> ContactEstimate:
-        """Return the contact of the fastest impact among the events."""
-        impacts = [event for event in events if event.kind == IMPACT_NAME]
-        if self.contact_stiffness_n_per_m is None or not impacts:
-            return NO_CONTACT
-        hardest = max(impacts, key=lambda event: event.pre_velocity_m_per_s)
-        period_s, phase1_s = self.times_s
-        tau_s = hardest.time_s - memory.origin_step_1 * self.step_s - hardest.period * period_s
-        in_phase1 = tau_s <= phase1_s
-        acting = memory.phase1_acceleration_m_per_s2 if in_phase1 else memory.phase2_acceleration_m_per_s2
-        mass_kg, speed = memory.mass_kg, hardest.pre_velocity_m_per_s
-        return contact_estimate(mass_kg, speed, memory.restitution_1, self.contact_stiffness_n_per_m, acting * mass_kg)
+    @cached_property
+    def layout(self) -> ForceLayout:
+        """Row of the samples."""
+        stiff = self.contact_stiffness_n_per_m is not None
+        return ForceLayout(self.pins, StopQuantities._fields, (), EventLayout(KIND_NAMES, CONTACTS), stiff)

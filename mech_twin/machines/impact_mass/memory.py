@@ -49,24 +49,6 @@ class MassMemory(NamedTuple):
         """Return the memory of a sample's values."""
         return cls(*values)
 
-    @property
-    def motion(self) -> MassMotion:
-        """The motion at its anchor."""
-        return MassMotion(*self[:UNPACKED_MOTION])
-
-    @property
-    def counts(self) -> RunningCounts:
-        """The running counts."""
-        return RunningCounts(*self[UNPACKED_MOTION:UNPACKED_COUNTS])
-
-    def acted(self, now: ImpactSystem) -> ImpactSystem:
-        """Return what acted on the mass in the step before; ``now`` gives times and the rule of the series."""
-        return now._replace(
-            acceleration1=self.phase1_acceleration_m_per_s2,
-            acceleration2=self.phase2_acceleration_m_per_s2,
-            restitution=self.restitution_1,
-        )
-
 
 class StepEnergies(NamedTuple):
     """Of one coupling step: work of the force, loss at the stop, energy and momentum that a change of mass brought."""

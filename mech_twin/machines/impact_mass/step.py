@@ -61,14 +61,21 @@ class RunningCounts(NamedTuple):
     last_period_impulse_m_per_s: float
     step_impulse_m_per_s: float
 
-    def rescaled(self, ratio: float) -> RunningCounts:
-        """Return the counts with impulses times the mass before over the mass after, so that they stay the same N s."""
-        if ratio == 1.0:
-            return self
-        return self._replace(
-            period_impulse_m_per_s=self.period_impulse_m_per_s * ratio,
-            last_period_impulse_m_per_s=self.last_period_impulse_m_per_s * ratio,
-        )
+
+@kernel
+def rescaled(counts: RunningCounts, ratio: float) -> RunningCounts:
+    """Return the counts with impulses times the mass before over the mass after, so that they stay the same N s."""
+    if ratio == 1.0:
+        return counts
+    return RunningCounts(
+        counts.impacts,
+        counts.chatter_ends,
+        counts.period_impacts,
+        counts.last_period_impacts,
+        counts.period_impulse_m_per_s * ratio,
+        counts.last_period_impulse_m_per_s * ratio,
+        counts.step_impulse_m_per_s,
+    )
 
 
 class MassStep(NamedTuple):

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import math
-from functools import partial
 
-from mech_twin.machines.drives import KlossDrive
 from mech_twin.machines.mb10_breaker.constants import breaker
 from mech_twin.machines.mb10_breaker.coupling_limits import coupling_limits
 from mech_twin.machines.mb10_breaker.drawing import drawing
@@ -14,7 +12,7 @@ from mech_twin.machines.mb10_breaker.half_sine_body import HalfSineBody
 from mech_twin.machines.mb10_breaker.mechanism import mechanism
 from mech_twin.machines.mb10_breaker.metrics import position_metrics, static_metrics
 from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
-from mech_twin.machines.mb10_breaker.roles import BreakerForces, BreakerLinkage, geared_shaft
+from mech_twin.machines.mb10_breaker.roles import BreakerForces, BreakerLinkage, BreakerMotor
 from mech_twin.machines.mb10_breaker.run_metrics import BreakerObserver
 from mech_twin.parts.induction_motor import motor_constants
 from mech_twin.quantity import Parameters
@@ -30,16 +28,14 @@ def build(parameters: Parameters) -> Machine:
     p = parameters
     constants, step_s = breaker(p), p.coupling.step_s
     limits = coupling_limits(constants, p.synchronous_crank_rad_per_s, step_s)
-    body: BodyRole = DrivenBody(constants, limits)
+    body: BodyRole = DrivenBody(constants, step_s, limits)
     if constants.held:
         body = HalfSineBody(p.body, p.excitation, step_s)
     return Machine(
         name="mb10_breaker",
         parameters=p,
         coupling_step_s=step_s,
-        motor=KlossDrive(
-            motor_constants(p.motor), p.gear.ratio, p.supply.rate_per_s, step_s, partial(geared_shaft, constants)
-        ),
+        motor=BreakerMotor(constants, motor_constants(p.motor), p.supply.rate_per_s, step_s),
         linkage=BreakerLinkage(
             constants,
             math.radians(p.linkage.initial_crank_deg),

@@ -10,19 +10,46 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from types import MappingProxyType
+from typing import NamedTuple
 
+import numpy as np
+
+from mech_twin.engine.compiled_roles import CompiledBody
+from mech_twin.engine.compiled_steps import body_step, step_of
+from mech_twin.engine.sample_vectors import (
+    BODY_JOINTS,
+    BODY_MOMENT,
+    LOAD_IMPULSE,
+    LOAD_KIND,
+    LOAD_TIME,
+    MOMENT_AFTER,
+    MOMENT_BEFORE,
+    PRESSING_FORCE,
+    REGIME,
+    Array,
+    BodyLayout,
+)
 from mech_twin.kernel import kernel
 from mech_twin.machines.mb10_breaker.coupling_limits import CouplingLimits
 from mech_twin.machines.mb10_breaker.dynamics import Breaker, spring_moment
+from mech_twin.machines.mb10_breaker.force_row import QUANTITIES_AT, STRIKES
 from mech_twin.machines.mb10_breaker.forces import QUANTITIES
-from mech_twin.samples import BodySample, ForceSample, Load, Named
+from mech_twin.machines.mb10_breaker.roles import BreakerForces
+from mech_twin.machines.mb10_breaker.state import (
+    BODY_REVERSED,
+    BODY_STARTED,
+    BODY_STOPPED,
+    LIFT_OFF,
+    SETTLED,
+    TOUCHDOWN,
+)
+from mech_twin.samples import BodySample, ForceSample
 
 CONTACT, FLYING, HANGING = 0, 1, 2
-STRIKES = frozenset(("blow", "catch_up", "push_begins"))
-ON_COLLAR = frozenset(("touchdown", "settled", "lift_off"))
-OF_PIVOT = frozenset(("body_stopped", "body_started", "body_reversed"))
+ON_COLLAR = (TOUCHDOWN, SETTLED, LIFT_OFF)
+OF_PIVOT = (BODY_STOPPED, BODY_STARTED, BODY_REVERSED)
 LED_ANGLE, LED_RATE, BEGIN_MOMENT = (
-    QUANTITIES.index(name) for name in ("body_angle_rad", "body_rate_rad_per_s", "step_begin_moment_nm")
+    QUANTITIES_AT + QUANTITIES.index(name) for name in ("body_angle_rad", "body_rate_rad_per_s", "step_begin_moment_nm")
 )
 RESIDUALS = ("angle_difference_rad", "rate_difference_rad_per_s", "penetration_rad")
 
@@ -56,96 +83,119 @@ def swung(
     return angle, rate
 
 
-class DrivenBody:
+class Body(NamedTuple):
+    """Constants of the body role: the breaker's, and the coupling step (s)."""
+
+    breaker: Breaker
+    step_s: float
+
+
+@kernel
+def flown(
+    b: Breaker, phi: float, p: float, regime: int, sense: float, moment: float, final: float, span: float
+) -> tuple[float, float]:
+    """Return angle and rate after a span (s) under a moment (N m) that goes in a line from one value to another."""
+    if regime != FLYING or span <= 0.0:
+        return phi, p
+    return swung(
+        b.body_inertia_kg_m2,
+        b.spring_rate_n_per_m * b.spring_arm_m * b.spring_arm_m,
+        b.body_damping_nms_per_rad,
+        b.spring_rate_n_per_m * b.preload_m * b.spring_arm_m + b.body_coulomb_nm * sense,
+        phi,
+        p,
+        moment,
+        (final - moment) / span,
+        span,
+    )
+
+
+@kernel
+def after_load(b: Breaker, phi: float, p: float, regime: int, kind: int, impulse: float) -> tuple[float, float, int]:
+    """Return angle, rate and regime after an event of the linkage, which may bring an angular impulse (N m s)."""
+    if kind in STRIKES:
+        p += impulse / b.body_inertia_kg_m2
+        return phi, p, (FLYING if regime != CONTACT or p > 0.0 else regime)
+    if kind == TOUCHDOWN:
+        return 0.0, -b.collar_restitution * p, FLYING
+    if kind == SETTLED:
+        return 0.0, 0.0, CONTACT
+    if kind == LIFT_OFF:
+        return 0.0, 0.0, FLYING
+    if kind == BODY_STOPPED:
+        return phi, 0.0, HANGING
+    return phi, p, (FLYING if kind == BODY_STARTED else regime)
+
+
+@kernel
+def sliding_sense(b: Breaker, phi: float, p: float, moment: float) -> float:
+    """Return the sense (+1, -1) in which the body slides in its pivot: at no speed the one in which it sets off."""
+    moved_by = p if p != 0.0 else moment - spring_moment(b, phi)
+    return 1.0 if moved_by >= 0.0 else -1.0
+
+
+@kernel
+def fill_body(b: Breaker, forces: Array, phi: float, p: float, regime: int, found: float, out: Array) -> None:
+    """Fill the row of the body in a state; ``found`` is the largest angle (rad) at which it met its collar."""
+    force = b.spring_rate_n_per_m * (b.spring_arm_m * phi + b.preload_m)
+    out[REGIME], out[PRESSING_FORCE] = regime, force
+    out[BODY_JOINTS], out[BODY_JOINTS + 1], out[BODY_JOINTS + 2] = phi, p, -force * b.spring_arm_m
+    at = BODY_JOINTS + 3
+    out[at], out[at + 1], out[at + 2] = forces[LED_ANGLE] - phi, forces[LED_RATE] - p, found
+
+
+@step_of(body_step, Body)
+def follow_loads(
+    model: Body, step: int, body: Array, forces: Array, loads: Array, count: int, out: Array, log: Array
+) -> tuple[Array, int]:
+    """Fill in the body one step later, under the moments and impulses of the force analysis."""
+    b, time, found = model.breaker, (step - 1) * model.step_s, 0.0
+    phi, p, regime = body[BODY_JOINTS], body[BODY_JOINTS + 1], int(body[REGIME])
+    moment = forces[BEGIN_MOMENT]
+    sense = sliding_sense(b, phi, p, moment)
+    for i in range(count):
+        at, kind = loads[i, LOAD_TIME], int(loads[i, LOAD_KIND])
+        phi, p = flown(b, phi, p, regime, sense, moment, loads[i, MOMENT_BEFORE], at - time)
+        if kind in (TOUCHDOWN, SETTLED):
+            found = max(found, abs(phi))
+        phi, p, regime = after_load(b, phi, p, regime, kind, loads[i, LOAD_IMPULSE])
+        time, moment = at, loads[i, MOMENT_AFTER]
+        if kind in OF_PIVOT:
+            sense = sliding_sense(b, phi, 0.0, moment)
+        elif kind in STRIKES or kind in ON_COLLAR:
+            sense = sliding_sense(b, phi, p, moment)
+    phi, p = flown(b, phi, p, regime, sense, moment, forces[BODY_MOMENT], step * model.step_s - time)
+    fill_body(b, forces, phi, p, regime, found, out)
+    return log, 0
+
+
+class DrivenBody(CompiledBody):
     """The body role for the excitation ``from_forces``.
 
     Parameters
     ----------
     breaker : Breaker
         Constants.
+    step_s : float
+        Coupling step.
     limits : CouplingLimits
         How far the body's own motion may lie from the one the linkage led it to.
     """
 
     joints = ("body",)
     regimes = ("rest", "flight", "hanging")
+    model: Body
+    layout = BodyLayout(joints, (), RESIDUALS)
+    force_layout = BreakerForces.layout
 
-    def __init__(self, breaker: Breaker, limits: CouplingLimits) -> None:
-        self._b = breaker
+    def __init__(self, breaker: Breaker, step_s: float, limits: CouplingLimits) -> None:
         allowed = (limits.angle_rad, limits.rate_rad_per_s, limits.angle_rad)
         self.residual_limits: Mapping[str, float] = MappingProxyType(dict(zip(RESIDUALS, allowed, strict=True)))
+        self.step_s = step_s
+        self.model = Body(breaker, float(step_s))
 
     def start(self, forces: ForceSample) -> BodySample:
         """Return the body at rest on its collar."""
-        return self._sample(forces, 0.0, 0.0, CONTACT, 0.0)
-
-    def follow(self, body: BodySample, forces: ForceSample) -> BodySample:
-        """Return the body at the step of these forces, its moment linear between the knots."""
-        (phi,), (p,), regime = body.position, body.velocity, body.regime
-        time, found = body.time_s, 0.0
-        moment = forces.quantities.values[BEGIN_MOMENT]
-        sense = self._sense(phi, p, moment)
-        for load in forces.loads:
-            phi, p = self._flown(phi, p, regime, sense, moment, load.moment_before_nm, load.time_s - time)
-            if load.kind in {"touchdown", "settled"}:
-                found = max(found, abs(phi))
-            phi, p, regime = self._after(phi, p, regime, load)
-            time, moment = load.time_s, load.moment_after_nm
-            if load.kind in OF_PIVOT:
-                sense = self._sense(phi, 0.0, moment)
-            elif load.kind in STRIKES or load.kind in ON_COLLAR:
-                sense = self._sense(phi, p, moment)
-        phi, p = self._flown(phi, p, regime, sense, moment, forces.body_moment_nm, forces.time_s - time)
-        return self._sample(forces, phi, p, regime, found)
-
-    def _sense(self, phi: float, p: float, moment: float) -> float:
-        """Return the sense (+1, -1) in which the body slides in its pivot: at no speed the one in which it sets off."""
-        b = self._b
-        moved_by = p if p != 0.0 else moment - spring_moment(b, phi)
-        return 1.0 if moved_by >= 0.0 else -1.0
-
-    def _flown(
-        self, phi: float, p: float, regime: int, sense: float, moment: float, final: float, span: float
-    ) -> tuple[float, float]:
-        if regime != FLYING or span <= 0.0:
-            return phi, p
-        b = self._b
-        return swung(
-            b.body_inertia_kg_m2,
-            b.spring_rate_n_per_m * b.spring_arm_m * b.spring_arm_m,
-            b.body_damping_nms_per_rad,
-            b.spring_rate_n_per_m * b.preload_m * b.spring_arm_m + b.body_coulomb_nm * sense,
-            phi,
-            p,
-            moment,
-            (final - moment) / span,
-            span,
-        )
-
-    def _after(self, phi: float, p: float, regime: int, load: Load) -> tuple[float, float, int]:
-        if load.kind in STRIKES:
-            p += load.impulse_nms / self._b.body_inertia_kg_m2
-            return phi, p, (FLYING if regime != CONTACT or p > 0.0 else regime)
-        if load.kind in ON_COLLAR:
-            rebound = -self._b.collar_restitution * p if load.kind == "touchdown" else 0.0
-            return 0.0, rebound, (CONTACT if load.kind == "settled" else FLYING)
-        if load.kind == "body_stopped":
-            return phi, 0.0, HANGING
-        return phi, p, (FLYING if load.kind == "body_started" else regime)
-
-    def _sample(self, forces: ForceSample, phi: float, p: float, regime: int, found: float) -> BodySample:
-        b = self._b
-        force = b.spring_rate_n_per_m * (b.spring_arm_m * phi + b.preload_m)
-        led_phi, led_p = forces.quantities.values[LED_ANGLE], forces.quantities.values[LED_RATE]
-        return BodySample(
-            forces.step,
-            forces.time_s,
-            self.joints,
-            (phi,),
-            (p,),
-            (-force * b.spring_arm_m,),
-            regime,
-            force,
-            Named(),
-            Named(RESIDUALS, (led_phi - phi, led_p - p, found)),
-        )
+        out = np.empty(self.layout.size)
+        fill_body(self.model.breaker, self.force_layout.row(forces), 0.0, 0.0, CONTACT, 0.0, out)
+        return self.layout.sample(forces.step, forces.time_s, out.tolist(), ())

@@ -13,15 +13,28 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import NamedTuple
 
+import numpy as np
+
+from mech_twin.engine.compiled_roles import CompiledBody
+from mech_twin.engine.compiled_steps import body_step, log_event, step_of
+from mech_twin.engine.sample_vectors import (
+    BODY_JOINTS,
+    PRESSING_FORCE,
+    REGIME,
+    Array,
+    BodyLayout,
+    EventLayout,
+)
+from mech_twin.kernel import kernel
 from mech_twin.machines.mb10_breaker.pressed_body.collar_contact import (
     BLOW,
     CAUSES,
     CONTACT,
     FREE,
+    LIFT_OFF,
     ONSET,
     REGIMES,
     ContactPiece,
-    PieceEnd,
     next_piece,
     planned_piece,
     residuals_at,
@@ -34,10 +47,11 @@ from mech_twin.machines.mb10_breaker.pressed_body.parameters import (
     PressedBody,
     pressed_body,
 )
-from mech_twin.samples import BodySample, Event, ForceSample, Named
+from mech_twin.samples import BodySample, ForceSample
 
 JOINTS = ("body",)
 CONTACT_NAME = "collar"
+MEMORY_AT = BODY_JOINTS + 3
 RESIDUALS = ("penetration_rad", "energy_balance")
 RESIDUAL_LIMITS: Mapping[str, float] = MappingProxyType({"penetration_rad": 1e-12, "energy_balance": 1e-9})
 
@@ -62,41 +76,84 @@ class HalfSineMemory(NamedTuple):
     blow_angle_rad: float
     constants_key: float
 
-    @property
-    def piece(self) -> ContactPiece:
-        """The running piece."""
-        return ContactPiece(
-            cycle=int(self.cycle),
-            start=self.piece_start_s,
-            angle=self.piece_angle_rad,
-            rate=self.piece_rate_rad_per_s,
-            regime=int(self.piece_regime),
-            loaded=int(self.piece_loaded),
-            series=self.series_rad_per_s,
-            end=self.piece_end_s,
-            cause=int(self.piece_cause),
-        )
+
+class HalfSine(NamedTuple):
+    """Constants of the body role: the body's, the coupling step (s), the mark of the body's constants."""
+
+    body: PressedBody
+    step_s: float
+    key: float
 
 
-def packed_memory(origin_s: float, piece: ContactPiece, blow_angle_rad: float, constants_key: float) -> HalfSineMemory:
-    """Return the memory of a body on this piece of the chain."""
-    return HalfSineMemory(
-        origin_s=origin_s,
-        cycle=float(piece.cycle),
-        piece_start_s=piece.start,
-        piece_angle_rad=piece.angle,
-        piece_rate_rad_per_s=piece.rate,
-        piece_regime=float(piece.regime),
-        piece_loaded=float(piece.loaded),
-        series_rad_per_s=piece.series,
-        piece_end_s=piece.end,
-        piece_cause=float(piece.cause),
-        blow_angle_rad=blow_angle_rad,
-        constants_key=constants_key,
-    )
+@kernel
+def piece_of(memory: Array) -> ContactPiece:
+    """Return the running piece of a memory (12,)."""
+    return ContactPiece(
+        int(memory[1]), memory[2], memory[3], memory[4], int(memory[5]), int(memory[6]), memory[7], memory[8],
+        int(memory[9]),
+    )  # fmt: skip
 
 
-class HalfSineBody:
+@kernel
+def replanned(body: PressedBody, piece: ContactPiece, angle: float, rate: float, elapsed: float) -> ContactPiece:
+    """Return the piece that goes on from a sample under constants other than those its own piece was found with."""
+    now = min(max(elapsed - piece.cycle * body.period, 0.0), body.period)
+    resting = body.one_sided and piece.regime == CONTACT
+    loaded = 1 if now >= body.onset else 0
+    return planned_piece(body, piece.cycle, now, angle, rate, CONTACT if resting else FREE, loaded, piece.series)
+
+
+@kernel
+def fill_body(
+    model: HalfSine, time_s: float, origin: float, piece: ContactPiece, blow_angle: float, out: Array
+) -> None:
+    """Fill the row of the body at a time (s) within a piece of the chain."""
+    body = model.body
+    local = time_s - origin - piece.cycle * body.period
+    angle, rate = state_at(body, piece, local)
+    force = body.rate * (body.arm * angle + body.deflection)
+    out[REGIME], out[PRESSING_FORCE] = piece.regime, force
+    out[BODY_JOINTS], out[BODY_JOINTS + 1], out[BODY_JOINTS + 2] = angle, rate, -force * body.arm
+    memory = out[MEMORY_AT:]
+    memory[0], memory[1], memory[2], memory[3], memory[4] = origin, piece.cycle, piece.start, piece.angle, piece.rate
+    memory[5], memory[6], memory[7], memory[8] = piece.regime, piece.loaded, piece.series, piece.end
+    memory[9], memory[10], memory[11] = piece.cause, blow_angle, model.key
+    memory[12], memory[13] = residuals_at(body, piece, local, model.step_s)
+
+
+@kernel
+def start_row(model: HalfSine, step: int, out: Array) -> None:
+    """Fill the row of the body at rest on the tool, its cycle beginning at this step."""
+    fill_body(model, step * model.step_s, step * model.step_s, resting_piece(model.body, 0), 0.0, out)
+
+
+@step_of(body_step, HalfSine)
+def follow_half_sine(
+    model: HalfSine, step: int, body: Array, forces: Array, loads: Array, count: int, out: Array, log: Array
+) -> tuple[Array, int]:
+    """Fill in the body one step later, with every event passed on the way."""
+    constants, memory, found = model.body, body[MEMORY_AT:], 0
+    origin, blow_angle, piece, time_s = memory[0], memory[10], piece_of(memory), step * model.step_s
+    if memory[11] != model.key:
+        elapsed = (step - 1) * model.step_s - origin
+        piece = replanned(constants, piece, body[BODY_JOINTS], body[BODY_JOINTS + 1], elapsed)
+    while piece.cycle * constants.period + piece.end <= time_s - origin:
+        ended = piece
+        piece, ending = next_piece(constants, ended)
+        if ending.cause == BLOW:
+            blow_angle = piece.angle
+        if ending.cause != ONSET:
+            at = origin + ended.cycle * constants.period + ended.end
+            log = log_event(log, found, at, ending.cause, 0, ending.pre, ending.post, ending.impulse, ended.cycle)
+            found += 1
+            if ended.regime == CONTACT and piece.regime != CONTACT and ending.cause == BLOW:
+                log = log_event(log, found, at, LIFT_OFF, 0, 0.0, ending.post, 0.0, ended.cycle)
+                found += 1
+    fill_body(model, time_s, origin, piece, blow_angle, out)
+    return log, found
+
+
+class HalfSineBody(CompiledBody):
     """The body role for the excitation ``approximated``; with ``contact: none`` the published free swing.
 
     Parameters
@@ -112,77 +169,17 @@ class HalfSineBody:
     joints = JOINTS
     regimes = REGIMES
     residual_limits = RESIDUAL_LIMITS
+    model: HalfSine
+    layout = BodyLayout(JOINTS, HalfSineMemory._fields, RESIDUALS, EventLayout(CAUSES, (CONTACT_NAME,)))
+    force_layout = None  # the forces only say which step it is
 
     def __init__(self, body: BodyParameters, excitation: ExcitationParameters, coupling_step_s: float) -> None:
-        self._constants = pressed_body(body, excitation)
-        self._step_s = coupling_step_s
-        self._key = float(zlib.crc32(struct.pack("<16d", *self._constants)))
+        constants = pressed_body(body, excitation)
+        self.step_s = coupling_step_s
+        self.model = HalfSine(constants, coupling_step_s, float(zlib.crc32(struct.pack("<16d", *constants))))
 
     def start(self, forces: ForceSample) -> BodySample:
         """Return the body at rest on the tool, its cycle beginning at the step of these forces."""
-        time_s = forces.step * self._step_s
-        return self._sample(forces.step, time_s, time_s, resting_piece(self._constants, 0), 0.0, ())
-
-    def follow(self, body: BodySample, forces: ForceSample) -> BodySample:
-        """Return the body one coupling step later, with every event passed on the way."""
-        constants = self._constants
-        memory = HalfSineMemory(*body.memory.values)
-        origin, blow_angle, piece = memory.origin_s, memory.blow_angle_rad, self._resumed(memory, body)
-        time_s = forces.step * self._step_s
-        events: list[Event] = []
-        while piece.cycle * constants.period + piece.end <= time_s - origin:
-            ended = piece
-            piece, ending = next_piece(constants, ended)
-            if ending.cause == BLOW:
-                blow_angle = piece.angle
-            if ending.cause != ONSET:
-                _append_event(events, origin + ended.cycle * constants.period + ended.end, ended, piece, ending)
-        return self._sample(forces.step, time_s, origin, piece, blow_angle, tuple(events))
-
-    def _resumed(self, memory: HalfSineMemory, body: BodySample) -> ContactPiece:
-        """Return the running piece; found anew from the last sample if the constants have changed."""
-        if memory.constants_key == self._key:
-            return memory.piece
-        return _replanned(self._constants, memory.piece, body, body.time_s - memory.origin_s)
-
-    def _sample(
-        self, step: int, time_s: float, origin: float, piece: ContactPiece, blow_angle: float, events: tuple[Event, ...]
-    ) -> BodySample:
-        constants = self._constants
-        local = time_s - origin - piece.cycle * constants.period
-        angle, rate = state_at(constants, piece, local)
-        force = constants.rate * (constants.arm * angle + constants.deflection)
-        memory = packed_memory(origin, piece, blow_angle, self._key)
-        return BodySample(
-            step=step,
-            time_s=time_s,
-            joints=JOINTS,
-            position=(angle,),
-            velocity=(rate,),
-            effort=(-force * constants.arm,),
-            regime=piece.regime,
-            pressing_force_n=force,
-            memory=Named(HalfSineMemory._fields, tuple(memory)),
-            residuals=Named(RESIDUALS, residuals_at(constants, piece, local, self._step_s)),
-            events=events,
-        )
-
-
-def _replanned(constants: PressedBody, piece: ContactPiece, body: BodySample, elapsed: float) -> ContactPiece:
-    """Return the piece that goes on from a sample under constants other than those its own piece was found with."""
-    now = min(max(elapsed - piece.cycle * constants.period, 0.0), constants.period)
-    (angle,), (rate,) = body.position, body.velocity
-    resting = constants.one_sided and piece.regime == CONTACT
-    loaded = int(now >= constants.onset)
-    regime = CONTACT if resting else FREE
-    return planned_piece(constants, piece.cycle, now, angle, rate, regime, loaded, piece.series)
-
-
-def _append_event(
-    events: list[Event], time_s: float, ended: ContactPiece, piece: ContactPiece, ending: PieceEnd
-) -> None:
-    """Append the event that ended a piece, and the lift-off if a blow has thrown up a body at rest."""
-    cause, pre, post, impulse = ending
-    events.append(Event(time_s, CAUSES[cause], CONTACT_NAME, pre, post, impulse, ended.cycle))
-    if ended.regime == CONTACT and piece.regime != CONTACT and cause == BLOW:
-        events.append(Event(time_s, "lift_off", CONTACT_NAME, 0.0, post, 0.0, ended.cycle))
+        out = np.empty(self.layout.size)
+        start_row(self.model, forces.step, out)
+        return self.layout.sample(forces.step, forces.step * self.step_s, out.tolist(), ())

@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import radians
 from typing import Any
 
-from mech_twin.machines.drives import KlossDrive, shaft_of
+from mech_twin.machines.drives import KlossDrive
 from mech_twin.machines.roller_former.drawing import former_drawing
 from mech_twin.machines.roller_former.forces import FormerForces, FormerQuantities, loaded_bodies, pin_names
 from mech_twin.machines.roller_former.mechanism import mechanism
@@ -45,7 +45,7 @@ def build(parameters: Parameters) -> Machine:
         "roller_former",
         p,
         step_s,
-        KlossDrive(former.motor, former.ratio, p.supply.rate_per_s, step_s, shaft_of("drive")),
+        KlossDrive(former.motor, former.ratio, p.supply.rate_per_s, step_s),
         linkage,
         forces,
         None,

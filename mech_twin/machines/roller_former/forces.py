@@ -8,16 +8,19 @@ the guide reactions is shown in them and its friction neglected, as in (40).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
+from mech_twin.engine.compiled_roles import CompiledForces
+from mech_twin.engine.compiled_steps import force_step, step_of
+from mech_twin.engine.sample_vectors import BODY_MOMENT, PINS, ForceLayout
 from mech_twin.kernel import kernel
 from mech_twin.machines.roller_former.cart_parameters import REVERSING
 from mech_twin.machines.roller_former.cart_statics import cart_motion, guide_reactions, rod_force, rod_weight_moment
 from mech_twin.machines.roller_former.dynamics import Array, Former, at_motor
-from mech_twin.machines.roller_former.roles import joints_of
-from mech_twin.samples import ForceSample, LinkageSample, Named, Wrench
+from mech_twin.machines.roller_former.former_row import CARTS_AT, CRANK_AT, DRIVE_AT, TWIST_AT
 
 
 class FormerQuantities(NamedTuple):
@@ -170,8 +173,48 @@ def former_forces(
     return forces, shaft, quantities, residual / scale
 
 
+class LoadedFormer(NamedTuple):
+    """Constants of the force analysis."""
+
+    former: Former
+
+
+@step_of(force_step, LoadedFormer)
+def fill_forces(
+    model: LoadedFormer, step: int, linkage: Array, log: Array, count: int, out: Array, loads: Array
+) -> tuple[Array, int]:
+    """Fill in every force at the linkage's step.
+
+    The two routes to the moment in the coupling: the reduced equation of motion, and the crank-pin forces' moments.
+    """
+    former, carts = model.former, model.former.bank.offset_rad.size
+    pulls = np.empty(carts)
+    for cart in range(carts):
+        pulls[cart] = linkage[CARTS_AT + 6 * cart + 2]
+    efforts = (linkage[DRIVE_AT + 2], linkage[CRANK_AT + 2], linkage[TWIST_AT + 2])
+    crank, speed, drive_speed = linkage[CRANK_AT], linkage[CRANK_AT + 1], linkage[DRIVE_AT + 1]
+    forces, shaft, quantities, residual = former_forces(former, crank, speed, drive_speed, efforts, pulls)
+    out[BODY_MOMENT] = 0.0
+    out[PINS], out[PINS + 1], out[PINS + 2] = -shaft.x_n, -shaft.y_n, quantities.coupling_moment_nm
+    at = PINS + 3
+    for cart in range(carts):
+        weight = former.bank.rod_half_kg[cart] * former.bank.gravity_m_per_s2
+        pin_x, pin_y = forces.crank_pin_x[cart], forces.crank_pin_y[cart]
+        out[at : at + 12] = 0.0
+        out[at], out[at + 1] = pin_x, pin_y
+        out[at + 3], out[at + 4] = -pin_x, -(pin_y + weight)
+        out[at + 7], out[at + 10] = -forces.front[cart], -forces.rear[cart]
+        at += 12
+    for i in range(len(quantities)):
+        out[at + i] = quantities[i]
+    at += len(quantities)
+    out[at : at + carts] = forces.rod
+    out[at + carts] = residual
+    return loads, 0
+
+
 @dataclass(frozen=True)
-class FormerForces:
+class FormerForces(CompiledForces):
     """Rod forces, guide reactions, coupling moment and shaking force; a map without state."""
 
     former: Former
@@ -185,30 +228,12 @@ class FormerForces:
         ratio = self.former.bank.ratio
         return {"drive_torque_routes": 2.0 * ratio**3 if self.former.bank.expanded else 1e-10}
 
-    def analyse(self, linkage: LinkageSample) -> ForceSample:
-        """Return every force at the linkage's step.
+    @cached_property
+    def model(self) -> LoadedFormer:
+        """Constants of the kernel."""
+        return LoadedFormer(self.former)
 
-        The two routes to the moment in the coupling: the reduced equation of motion, and the crank-pin forces' moments.
-        """
-        position, velocity, effort = (joints_of(v) for v in (linkage.position, linkage.velocity, linkage.effort))
-        efforts, pulls = (effort.drive, effort.crank, effort.twist), np.array(effort.carts)
-        carts, shaft, quantities, residual = former_forces(
-            self.former, position.crank, velocity.crank, velocity.drive, efforts, pulls
-        )
-        half_weights = self.former.bank.rod_half_kg * self.former.bank.gravity_m_per_s2
-        wrenches = [Wrench(-shaft.x_n, -shaft.y_n, quantities.coupling_moment_nm)]
-        rows = zip(*(column.tolist() for column in carts), half_weights.tolist(), strict=True)
-        for _, front, rear, pin_x, pin_y, weight in rows:
-            wrenches.append(Wrench(pin_x, pin_y, 0.0))
-            wrenches.append(Wrench(-pin_x, -(pin_y + weight), 0.0))
-            wrenches.append(Wrench(0.0, -front, 0.0))
-            wrenches.append(Wrench(0.0, -rear, 0.0))
-        return ForceSample(
-            linkage.step,
-            linkage.time_s,
-            self.pins,
-            tuple(wrenches),
-            Named(self.names, (*quantities, *carts.rod.tolist())),
-            0.0,
-            Named(("drive_torque_routes",), (residual,)),
-        )
+    @cached_property
+    def layout(self) -> ForceLayout:
+        """Row of the samples."""
+        return ForceLayout(self.pins, self.names, ("drive_torque_routes",))

@@ -5,16 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from mech_twin.engine.crank_linkage import CrankLinkage
-from mech_twin.engine.crank_state import CrankKernels
 from mech_twin.machines.vibration_crank.drawing import drawing
-from mech_twin.machines.vibration_crank.dynamics import (
-    DrivenSliderCrank,
-    LedCrank,
-    crank_load_speed,
-    crank_load_work,
-    crank_state,
-    whole_load,
-)
+from mech_twin.machines.vibration_crank.dynamics import ShakingCrank
 from mech_twin.machines.vibration_crank.forces import SliderCrankForces
 from mech_twin.machines.vibration_crank.mechanism import mechanism
 from mech_twin.machines.vibration_crank.metrics import cycle_metrics, position_metrics
@@ -36,8 +28,7 @@ def build(parameters: Parameters) -> Machine:
     start_speed, command = p.start_speed_and_command()
     ground = ("boom_pivot", "boom") if s.kind == BOOM else ("guide", "slider")
     linkage: LinkageRole = CrankLinkage(
-        s,
-        CrankKernels(crank_state, crank_load_work, crank_load_speed, LedCrank, DrivenSliderCrank, whole_load),
+        ShakingCrank(s),
         p.coupling.step_s,
         0.0,
         start_speed,

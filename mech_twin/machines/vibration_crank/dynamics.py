@@ -8,10 +8,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mech_twin.engine.compiled_steps import step_of
 from mech_twin.engine.crank_motion import ANGLE, DRIVE_POWER, ShaftDrive, crank_rates
+from mech_twin.engine.crank_state import (
+    driven_system,
+    led_system,
+    mechanism_load_speed,
+    mechanism_load_work,
+    mechanism_state,
+    under_load_share,
+)
 from mech_twin.engine.integration import rates_of
 from mech_twin.engine.tableaus import DORMAND_PRINCE_8
-from mech_twin.kernel import kernel
 from mech_twin.machines.vibration_crank.slider_crank import (
     FINITE_ROD,
     SliderCrank,
@@ -26,11 +34,18 @@ from mech_twin.machines.vibration_crank.slider_crank import stored_energy as ene
 Array = NDArray[np.float64]
 
 
-@kernel
+class ShakingCrank(NamedTuple):
+    """The mechanism of the linkage role."""
+
+    slider: SliderCrank
+
+
+@step_of(mechanism_state, ShakingCrank)
 def crank_state(
-    s: SliderCrank, f: float, w: float, e: float, regime: int
+    mechanism: ShakingCrank, f: float, w: float, e: float, regime: int
 ) -> tuple[tuple[float, float, float], tuple[float, float, float], float, float, float]:
     """Return positions and rates of crank, rod, follower; crank torque (N m), energy (J), miss of the rod (m)."""
+    s = mechanism.slider
     at = follower(s, f)
     a_x, a_y = s.crank_m * math.cos(f), s.crank_m * math.sin(f)
     rod, rod_rate = 0.5 * math.pi, 0.0
@@ -46,16 +61,16 @@ def crank_state(
     return (f, rod, at.z), (w, rod_rate, at.z1 * w), drive_moment(s, f, w, e), energy(s, f, w), rod_error(s, f)
 
 
-@kernel
-def crank_load_work(s: SliderCrank, before: float, after: float, regime: int) -> float:
+@step_of(mechanism_load_work, ShakingCrank)
+def crank_load_work(mechanism: ShakingCrank, before: float, after: float, regime: int) -> float:
     """Return 0: weights and working force have a potential."""
     return 0.0
 
 
-@kernel
-def crank_load_speed(s: SliderCrank, f: float, w: float) -> float:
+@step_of(mechanism_load_speed, ShakingCrank)
+def crank_load_speed(mechanism: ShakingCrank, f: float, w: float) -> float:
     """Return the speed of the follower (m/s, or rad/s of a boom)."""
-    return follower(s, f).z1 * w
+    return follower(mechanism.slider, f).z1 * w
 
 
 class LedCrank(NamedTuple):
@@ -90,6 +105,19 @@ def driven_crank_rates(driven: DrivenSliderCrank, t: float, y: Array, out: Array
     crank_rates(driven.drive, t, y, inertia, slope, load, out)
 
 
-def whole_load(s: SliderCrank, share: float) -> SliderCrank:
+@step_of(led_system, ShakingCrank)
+def led_crank(mechanism: ShakingCrank, f: float, w: float, e: float, regime: int) -> LedCrank:
+    """Return the mechanism at a prescribed speed."""
+    return LedCrank(mechanism.slider, f, w, e, regime)
+
+
+@step_of(driven_system, ShakingCrank)
+def driven_crank(mechanism: ShakingCrank, drive: ShaftDrive, regime: int) -> DrivenSliderCrank:
+    """Return the mechanism behind a motor."""
+    return DrivenSliderCrank(mechanism.slider, drive, regime)
+
+
+@step_of(under_load_share, ShakingCrank)
+def whole_load(mechanism: ShakingCrank, share: float) -> ShakingCrank:
     """Return the mechanism: no load of it only resists, so the share is always 1."""
-    return s
+    return mechanism

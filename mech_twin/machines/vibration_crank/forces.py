@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
 
-from mech_twin.engine.crank_state import Memory
+from mech_twin.engine.compiled_roles import CompiledForces
+from mech_twin.engine.compiled_steps import force_step, step_of
+from mech_twin.engine.crank_step import M_ACCELERATION, M_FRICTION
+from mech_twin.engine.sample_vectors import LINKAGE_JOINTS, Array, ForceLayout
 from mech_twin.machines.vibration_crank.slider_crank import SliderCrank, drive_moment, pin_forces, reduced
-from mech_twin.samples import ForceSample, LinkageSample, Named, Wrench
 
 QUANTITIES = (
     "reduced_inertia_kg_m2",
@@ -23,8 +27,51 @@ QUANTITIES = (
 )
 
 
+class LoadedCrank(NamedTuple):
+    """Constants of the force analysis: mechanism, also without its counterweight; largest torque of a cycle (N m)."""
+
+    mechanism: SliderCrank
+    unbalanced: SliderCrank
+    moment_scale_nm: float
+
+
+@step_of(force_step, LoadedCrank)
+def crank_forces(
+    model: LoadedCrank, step: int, linkage: Array, log: Array, count: int, out: Array, loads: Array
+) -> tuple[Array, int]:
+    """Fill in the pin forces at the angle, rate and acceleration of the crank, and its torque by both routes."""
+    memory, s = linkage[LINKAGE_JOINTS + 9 :], model.mechanism
+    th, w, torque = linkage[LINKAGE_JOINTS], linkage[LINKAGE_JOINTS + 1], linkage[LINKAGE_JOINTS + 2]
+    inertia, slope, load = reduced(s, th)
+    e = memory[M_ACCELERATION]
+    at = pin_forces(s, th, w, e)
+    size = (at.frame_x * at.frame_x + at.frame_y * at.frame_y) ** 0.5
+    numbers = (
+        0.0,
+        at.bearing_x, at.bearing_y, 0.0,
+        at.pin_x, at.pin_y, 0.0,
+        at.pin_x, at.pin_y, 0.0,
+        at.ground_x, at.ground_y, at.ground_moment,
+        inertia,
+        slope,
+        load,
+        e,
+        torque,
+        drive_moment(model.unbalanced, th, w, e),
+        torque * w,
+        at.frame_x,
+        at.frame_y,
+        size,
+    )  # fmt: skip
+    for i in range(len(numbers)):
+        out[i] = numbers[i]
+    scale = max(model.moment_scale_nm, abs(torque), inertia * abs(e), 1e-9)
+    out[len(numbers)] = (at.moment - torque - memory[M_FRICTION]) / scale
+    return loads, 0
+
+
 @dataclass(frozen=True)
-class SliderCrankForces:
+class SliderCrankForces(CompiledForces):
     """Every pin force from equilibrium of follower, rod and crank."""
 
     mechanism: SliderCrank
@@ -37,40 +84,12 @@ class SliderCrankForces:
         """Limit of the residual: the two routes to the drive torque, over the peak torque."""
         return {"drive_torque_routes": 1e-10}
 
-    def analyse(self, linkage: LinkageSample) -> ForceSample:
-        """Return the pin forces at the angle, rate and acceleration of the crank, and its torque by both routes."""
-        s = self.mechanism
-        th, w, torque = linkage.joint("crank")
-        inertia, slope, load = reduced(s, th)
-        memory = Memory(*linkage.memory.values)
-        e = memory.crank_acceleration_rad_per_s2
-        at = pin_forces(s, th, w, e)
-        size = (at.frame_x * at.frame_x + at.frame_y * at.frame_y) ** 0.5
-        values = (
-            inertia,
-            slope,
-            load,
-            e,
-            torque,
-            drive_moment(s._replace(counter_mass=0.0), th, w, e),
-            torque * w,
-            at.frame_x,
-            at.frame_y,
-            size,
-        )
-        scale = max(self.moment_scale, abs(torque), inertia * abs(e), 1e-9)
-        wrenches = (
-            Wrench(at.bearing_x, at.bearing_y, 0.0),
-            Wrench(at.pin_x, at.pin_y, 0.0),
-            Wrench(at.pin_x, at.pin_y, 0.0),
-            Wrench(at.ground_x, at.ground_y, at.ground_moment),
-        )
-        return ForceSample(
-            linkage.step,
-            linkage.time_s,
-            self.pins,
-            wrenches,
-            Named(QUANTITIES, values),
-            0.0,
-            Named(("drive_torque_routes",), ((at.moment - torque - memory.friction_torque_nm) / scale,)),
-        )
+    @cached_property
+    def model(self) -> LoadedCrank:
+        """Constants of the kernel."""
+        return LoadedCrank(self.mechanism, self.mechanism._replace(counter_mass=0.0), float(self.moment_scale))
+
+    @cached_property
+    def layout(self) -> ForceLayout:
+        """Row of the samples."""
+        return ForceLayout(self.pins, QUANTITIES, ("drive_torque_routes",))

@@ -6,10 +6,11 @@ from typing import Any
 
 from mech_twin.machines.drives import PrescribedSpeed
 from mech_twin.machines.winding_drum.drawing import package_drawing
+from mech_twin.machines.winding_drum.drum_row import ENDED
 from mech_twin.machines.winding_drum.mechanism import mechanism
 from mech_twin.machines.winding_drum.metrics import DrumObserver, package_metrics, position_metrics
 from mech_twin.machines.winding_drum.parameters import WindingDrum, package_constants
-from mech_twin.machines.winding_drum.roles import ENDED, DrumForces, DrumLinkage
+from mech_twin.machines.winding_drum.roles import JOINTS, DrumForces, DrumLinkage
 from mech_twin.quantity import Parameters
 from mech_twin.roles import Capabilities, Machine
 
@@ -33,7 +34,12 @@ def build(parameters: Parameters) -> Machine:
         "full" if parameters.direction == "winding" else "empty",
     )
     motor = PrescribedSpeed(
-        parameters.yarn_speed_m_per_s, parameters.rate_per_s, parameters.coupling.step_s, "yarn", ENDED
+        parameters.yarn_speed_m_per_s,
+        parameters.rate_per_s,
+        parameters.coupling.step_s,
+        "yarn",
+        ENDED,
+        linkage_joints=JOINTS,
     )
 
     def analyse(phi: float) -> dict[str, Any]:

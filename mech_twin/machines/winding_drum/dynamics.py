@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from math import copysign, exp, expm1, inf, log1p
-from typing import Any, NamedTuple
+from math import copysign, exp, expm1, inf, log1p, sqrt
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mech_twin.engine.errors import MotionError
 from mech_twin.engine.events import FALLING, RISING, Step, Watch, crossing, signals_of
 from mech_twin.engine.integration import (
     Workspace,
@@ -151,8 +150,9 @@ def coast_drum(system: Coasting, y: Array, span: float, tolerance: Array) -> tup
     return t, False
 
 
-def driven(package: Package, radius: float, phi: float, theta: float, a: float, h: float) -> tuple[float, ...]:
-    """Return after h seconds: drum angle (rad), and meanwhile work of the drive, of gravity, and friction loss (J).
+@kernel
+def driven(package: Package, radius: float, phi: float, theta: float, a: float, h: float) -> tuple[Array, bool]:
+    """Return after h seconds drum angle (rad), and meanwhile work of the drive, of gravity, and friction loss (J).
 
     Parameters
     ----------
@@ -165,21 +165,25 @@ def driven(package: Package, radius: float, phi: float, theta: float, a: float, 
     h : float
         Time (s).
 
-    Raises
-    ------
-    MotionError
-        If no step is small enough.
+    Returns
+    -------
+    ndarray, bool
+        The four numbers, and whether every step was small enough.
     """
-    y = np.array([phi, 0.0, 0.0, 0.0])
-    tolerance = _tolerance(package, radius, theta + max(a, 0.0) * h, h)
-    tolerance[0] = max(tolerance[0], 1e-15 * abs(phi))  # an angle keeps no more digits than it has
-    if not drive_drum(Driven(package, radius, theta, a), y, h, tolerance):
-        raise MotionError(f"no step is small enough for the drum at yarn speed {theta:g} m/s over {h:g} s")
-    return tuple(y.tolist())
+    y, tolerance = np.zeros(4), np.empty(4)
+    y[0] = phi
+    speed = (theta + max(a, 0.0) * h) / (radius - package.eccentricity_m)
+    # an angle keeps no more digits than it has
+    tolerance[0] = max(1e-13 * max(1.0, speed * h), 1e-15 * abs(phi))
+    tolerance[1:] = _work_error(package, radius, theta + max(a, 0.0) * h, h)
+    return y, drive_drum(Driven(package, radius, theta, a), y, h, tolerance)
 
 
 class Coasted(NamedTuple):
-    """How a coasting piece ended: its time, the state, and the work meanwhile; at rest the speed is exactly 0."""
+    """How a coasting piece ended: its time, the state, and the work meanwhile; at rest the speed is exactly 0.
+
+    The time is negative where no step was small enough.
+    """
 
     time_s: float
     phi_rad: float
@@ -188,23 +192,26 @@ class Coasted(NamedTuple):
     friction_loss_j: float
 
 
+@kernel
 def coasted(package: Package, radius: float, phi: float, omega: float, h: float) -> Coasted:
     """Return the drum after ``h`` seconds without yarn and drive, or where it comes to rest before."""
     direction = 1.0 if omega > 0.0 else -1.0 if omega < 0.0 else start_sense(package, radius, phi)
     if direction == 0.0:
         return Coasted(h, phi, 0.0, 0.0, 0.0)
-    inertia = float(package_inertia(package, radius))
-    if float(package_mass(package, radius)) * package.gravity * package.eccentricity_m == 0.0:
+    inertia = package_inertia(package, radius)
+    unbalance = package_mass(package, radius) * package.gravity * package.eccentricity_m
+    if unbalance == 0.0:
         return _run_down(package, inertia, phi, omega, h)
-    y = np.array([phi, omega, 0.0, 0.0])
-    swing = (2.0 * float(package_mass(package, radius)) * package.gravity * package.eccentricity_m / inertia) ** 0.5
-    tolerance = np.array([1e-13, RELATIVE * (abs(omega) + swing + 1e-6), *(2 * [_energy_error(inertia, omega)])])
+    y, tolerance = np.zeros(4), np.empty(4)
+    y[0], y[1] = phi, omega
+    swing = sqrt(2.0 * package_mass(package, radius) * package.gravity * package.eccentricity_m / inertia)
+    tolerance[0], tolerance[1] = 1e-13, RELATIVE * (abs(omega) + swing + 1e-6)
+    tolerance[2:] = _energy_error(inertia, omega)
     time, good = coast_drum(Coasting(package, radius, direction), y, h, tolerance)
-    if not good:
-        raise MotionError(f"no step is small enough for the drum coasting at {omega:g} rad/s over {h:g} s")
-    return Coasted(time, *y.tolist())
+    return Coasted(time if good else -1.0, y[0], y[1], y[2], y[3])
 
 
+@kernel
 def _run_down(package: Package, inertia: float, phi: float, omega: float, h: float) -> Coasted:
     """Return a balanced drum after ``h`` seconds, or at rest before: J u' = -c - v u in closed form, u = |omega|.
 
@@ -223,24 +230,25 @@ def _run_down(package: Package, inertia: float, phi: float, omega: float, h: flo
     after = 0.0 if rest <= h else u * exp(-x) - c / inertia * t * f1
     way = u * t * f1 - c / inertia * t * t * f2
     loss = 0.5 * inertia * (u - after) * (u + after)
-    return Coasted(t, phi + copysign(way, omega), copysign(after, omega) if after else 0.0, 0.0, loss)
+    return Coasted(t, phi + copysign(way, omega), copysign(after, omega) if after != 0.0 else 0.0, 0.0, loss)
 
 
+@kernel
 def start_sense(package: Package, radius: float, phi: float) -> float:
     """Return the sense (+1, -1) in which a drum at rest starts under the weight of its package, 0 where it sticks."""
-    return float(released(package.coulomb_nm, gravity_moment(package, radius, phi)))
+    return released(package.coulomb_nm, gravity_moment(package, radius, phi))
 
 
-def _tolerance(package: Package, radius: float, theta: float, h: float) -> Any:
-    """Return the errors of a step: of the angle, and of works whose size is the energy held or moved in ``h`` (s)."""
+@kernel
+def _work_error(package: Package, radius: float, theta: float, h: float) -> float:
+    """Return the error (J) of the works of a step, whose size is the energy held or moved in ``h`` (s)."""
     speed = theta / (radius - package.eccentricity_m)
-    gravity = float(package_mass(package, radius)) * package.gravity * package.eccentricity_m
+    gravity = package_mass(package, radius) * package.gravity * package.eccentricity_m
     moved = (gravity + package.coulomb_nm + package.viscous_nms_per_rad * speed) * speed * h
-    end = float(radius_after(package, radius, theta * h)) if package.layer_m < 0.0 else radius  # a full one is heavier
-    inertia = float(package_inertia(package, end))
-    error = max(_energy_error(inertia, speed), RELATIVE * moved)
-    return np.array([1e-13 * max(1.0, speed * h), error, error, error])
+    end = radius_after(package, radius, theta * h) if package.layer_m < 0.0 else radius  # a full one is heavier
+    return max(_energy_error(package_inertia(package, end), speed), RELATIVE * moved)
 
 
+@kernel
 def _energy_error(inertia: float, omega: float) -> float:
     return RELATIVE * max(1.0, 0.5 * inertia * omega * omega)

@@ -9,7 +9,7 @@ from mech_twin.parameters.load import machine
 
 
 def test_batches_equal_single_positions():
-    press = machine("compaction_press").linkage.constants
+    press = machine("compaction_press").linkage.mechanism
     shorter = press._replace(bar=press.bar._replace(crank_m=0.05))
     designs = np.array([press.bar, shorter.bar])
     angles, w, e = full_turn(24), 20.0, 5.0

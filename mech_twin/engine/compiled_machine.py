@@ -1,0 +1,156 @@
+"""A machine whose roles are all faces of kernels: what the compiled run needs to know of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from mech_twin.engine.compiled_roles import CompiledBody, CompiledForces, CompiledLinkage, CompiledMotor, failed
+from mech_twin.engine.compiled_run import (
+    DONE,
+    FROM_BODY,
+    LINKAGE_FAILED,
+    SOURCE,
+    STEP,
+    TABLE_EXTRA,
+    Indices,
+    Models,
+    RunEnd,
+    Widths,
+    run_steps,
+)
+from mech_twin.engine.compiled_steps import NoBody
+from mech_twin.engine.errors import MotionError
+from mech_twin.engine.sample_vectors import EVENT_WIDTH, Array, FrameLayout
+from mech_twin.roles import Machine
+from mech_twin.samples import Event, Frame
+
+
+@dataclass(frozen=True)
+class CompiledMachine:
+    """The kernels' view of a machine.
+
+    Attributes
+    ----------
+    machine : Machine
+        The machine.
+    models : Models
+        Constants of its roles.
+    layout : FrameLayout
+        Row of its frames.
+    """
+
+    machine: Machine
+    models: Models
+    layout: FrameLayout
+
+    @cached_property
+    def residuals(self) -> dict[str, int]:
+        """The place of each residual in a row, under the column's name."""
+        return {name: place for name, place in self.layout.columns.items() if ".residual." in name}
+
+    @cached_property
+    def residual_places(self) -> Indices:
+        """The places of the residuals."""
+        return np.array(list(self.residuals.values()), dtype=np.int64)
+
+    @cached_property
+    def widths(self) -> Widths:
+        """Columns of the tables of events."""
+        body = EVENT_WIDTH if self.layout.body is None else self.layout.body.events.width
+        return Widths(self.layout.linkage.events.width, body, TABLE_EXTRA + self.layout.table_width)
+
+    def run(
+        self, first: int, row: Array, targets: Array, picked: Indices, columns: Array, worst: Array
+    ) -> tuple[RunEnd, MotionError | None]:
+        """Carry a frame on by one step for each target; return how, and the error that ended it before.
+
+        Parameters
+        ----------
+        first : int
+            Step of the frame.
+        row : ndarray
+            The frame, changed in place.
+        targets : ndarray, shape (n,)
+            Asked fraction of rated supply frequency at each of the next steps.
+        picked : ndarray, shape (m,)
+            Places in the row that are kept in ``columns`` (n, m).
+        worst : ndarray, shape (r,)
+            Greatest magnitude of each residual so far, changed in place.
+        """
+        step_s = float(self.machine.coupling_step_s)
+        end = run_steps(
+            self.models, self.layout.places, self.widths, first, step_s, targets, row, picked, columns,
+            self.residual_places, worst,
+        )  # fmt: skip
+        if end.failed == DONE:
+            return end, None
+        role = self.machine.linkage if end.failed == LINKAGE_FAILED else self.machine.body
+        return end, failed(getattr(role, "failures", ()), end.status, (first + end.steps) * step_s)
+
+    def step_events(self, rows: Array) -> tuple[tuple[Event, ...], tuple[Event, ...]]:
+        """Return the events of linkage and of body in rows of the table of a run."""
+        linkage, body = self.layout.linkage.events, self.layout.body
+        of_body = rows[:, SOURCE] == FROM_BODY
+        told = linkage.events(rows[~of_body, TABLE_EXTRA : TABLE_EXTRA + linkage.width])
+        if body is None:
+            return told, ()
+        return told, body.events.events(rows[of_body, TABLE_EXTRA : TABLE_EXTRA + body.events.width])
+
+    def events_in_order(self, table: Array) -> list[tuple[int, Event]]:
+        """Return the events in the table of a run with their steps: step by step in time order, the linkage's first."""
+        found: list[tuple[int, Event]] = []
+        steps = table[:, STEP].astype(np.int64)
+        for step in np.unique(steps).tolist():
+            events = [event for role in self.step_events(table[steps == step]) for event in role]
+            found += [(step, event) for event in sorted(events, key=lambda event: event.time_s)]
+        return found
+
+    def frame(self, step: int, row: Array, table: Array) -> Frame:
+        """Return the frame of a row; ``table`` holds the events of the run, or of its step."""
+        return self._frame(step, row.tolist(), table[table[:, STEP] == step])
+
+    def _frame(self, step: int, numbers: list[float], table: Array) -> Frame:
+        if not len(table):
+            return self.layout.frame(step, numbers)
+        events, body_events = self.step_events(table)
+        frame = self.layout.frame(step, numbers, events, body_events)
+        if events and self.layout.forces.reads_events:
+            frame = frame._replace(forces=self.machine.forces.analyse(frame.linkage))  # its loads are in no row
+        return frame
+
+    def frames_after(self, start: Frame, targets: Array) -> Iterator[Frame]:
+        """Yield the frame of each step after ``start``, one a target; raise where the motion cannot be followed."""
+        layout, worst = self.layout, np.zeros(len(self.residuals))
+        row, picked = layout.row(start), np.arange(layout.places.end)
+        first = start.linkage.step
+        columns = np.empty((len(targets), len(picked)))
+        end, error = self.run(first, row, targets, picked, columns, worst)
+        table = end.events[: end.told]
+        steps = table[:, STEP].tolist()
+        done = 0
+        for step, numbers in enumerate(columns[: end.steps].tolist(), first + 1):
+            begin = done
+            while done < len(steps) and steps[done] == step:
+                done += 1
+            yield self._frame(step, numbers, table[begin:done])
+        if error is not None:
+            raise error
+
+
+def compiled_machine(machine: Machine) -> CompiledMachine | None:
+    """Return the kernels' view of a machine, None if one of its roles is no face of a kernel."""
+    motor, linkage, forces, body = machine.motor, machine.linkage, machine.forces, machine.body
+    if not (
+        isinstance(motor, CompiledMotor)
+        and isinstance(linkage, CompiledLinkage)
+        and isinstance(forces, CompiledForces)
+        and (body is None or isinstance(body, CompiledBody))
+    ):
+        return None
+    models = Models(motor.model, linkage.model, forces.model, NoBody(0.0) if body is None else body.model)
+    layout = FrameLayout(linkage.layout, motor.layout, forces.layout, None if body is None else body.layout)
+    return CompiledMachine(machine, models, layout)

@@ -1,0 +1,159 @@
+"""Roles as faces of their kernels: sample to row, the kernel of `compiled_steps`, row to sample.
+
+A role that derives from one of these has nothing to say but its constants (``model``) and where its numbers stand
+(``layout``); the compiled run takes both from it, so it computes what the role does, to the bit.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mech_twin.engine.compiled_steps import body_step, chosen, force_step, linkage_step, motor_step
+from mech_twin.engine.errors import MotionError
+from mech_twin.engine.sample_vectors import (
+    FEW_ROWS,
+    LOAD_WIDTH,
+    Array,
+    BodyLayout,
+    EventLayout,
+    ForceLayout,
+    LinkageLayout,
+    MotorLayout,
+    body_row,
+    motion_row,
+    motor_row,
+)
+from mech_twin.samples import BodySample, ForceSample, LinkageSample, MotorSample
+
+NO_NUMBERS = np.empty(0)
+NO_LOADS = np.empty((0, LOAD_WIDTH))
+NO_EVENTS = np.empty((0, EventLayout().width))
+
+
+def no_loads() -> Array:
+    """Return an empty table of loads with room for a few."""
+    return np.empty((FEW_ROWS, LOAD_WIDTH))
+
+
+def failed(failures: tuple[str, ...], status: int, begin_s: float) -> MotionError:
+    """Return the error for what a kernel returned in place of a count of events, in the step from ``begin_s``."""
+    return MotionError(f"{failures[-1 - status]}, in the step from {begin_s:.6g} s")
+
+
+class CompiledMotor:
+    """A motor whose map is a kernel of `motor_step`; it is told the row of the linkage it drives."""
+
+    if TYPE_CHECKING:
+
+        @property
+        def model(self) -> Any:
+            """Constants of the kernel."""
+            ...
+
+        @property
+        def layout(self) -> MotorLayout:
+            """Row of the samples."""
+            ...
+
+    def respond(self, linkage: LinkageSample, target: float) -> MotorSample:
+        """Return the drive at the linkage's step; ``target`` is the asked fraction of rated supply frequency."""
+        layout, out = self.layout, np.empty(self.layout.size)
+        chosen(motor_step, self.model)(self.model, motion_row(linkage), target, out)
+        return layout.sample(linkage.step, linkage.time_s, out.tolist())
+
+
+class CompiledLinkage:
+    """A linkage whose step is a kernel of `linkage_step`."""
+
+    step_s: float
+    failures: tuple[str, ...] = ()
+
+    if TYPE_CHECKING:
+
+        @property
+        def model(self) -> Any:
+            """Constants of the kernel."""
+            ...
+
+        @property
+        def layout(self) -> LinkageLayout:
+            """Row of the samples."""
+            ...
+
+    def advance(self, linkage: LinkageSample, motor: MotorSample, body: BodySample | None) -> LinkageSample:
+        """Return the linkage one coupling step later, its events located inside the step."""
+        layout, out = self.layout, np.empty(self.layout.size)
+        led = NO_NUMBERS if body is None else body_row(body)
+        advance = chosen(linkage_step, self.model)
+        log, count = advance(
+            self.model, linkage.step, layout.row(linkage), motor_row(motor), led, out, layout.events.table()
+        )
+        if count < 0:
+            raise failed(self.failures, count, linkage.time_s)
+        step = linkage.step + 1
+        return layout.sample(step, step * self.step_s, out.tolist(), layout.events.events(log[:count]))
+
+
+class CompiledForces:
+    """A force analysis whose map is a kernel of `force_step`."""
+
+    if TYPE_CHECKING:
+
+        @property
+        def model(self) -> Any:
+            """Constants of the kernel."""
+            ...
+
+        @property
+        def layout(self) -> ForceLayout:
+            """Row of the samples."""
+            ...
+
+    def analyse(self, linkage: LinkageSample) -> ForceSample:
+        """Return every pin reaction, the derived quantities, and the loads on the body during the step."""
+        layout, out = self.layout, np.empty(self.layout.size)
+        events = layout.loads.rows(linkage.events) if layout.reads_events and linkage.events else NO_EVENTS
+        analyse = chosen(force_step, self.model)
+        loads, count = analyse(self.model, linkage.step, motion_row(linkage), events, len(events), out, no_loads())
+        told = layout.load_samples(loads[:count]) if count else ()
+        return layout.sample(linkage.step, linkage.time_s, out.tolist(), told)
+
+
+class CompiledBody:
+    """A body whose step is a kernel of `body_step`; it reads the row of its forces and their loads."""
+
+    step_s: float
+    failures: tuple[str, ...] = ()
+
+    if TYPE_CHECKING:
+
+        @property
+        def model(self) -> Any:
+            """Constants of the kernel."""
+            ...
+
+        @property
+        def layout(self) -> BodyLayout:
+            """Row of the samples."""
+            ...
+
+        @property
+        def force_layout(self) -> ForceLayout | None:
+            """Row of the forces that act on it, None where none does."""
+            ...
+
+    def follow(self, body: BodySample, forces: ForceSample) -> BodySample:
+        """Return the body one coupling step later, under the loads of that step."""
+        layout, out = self.layout, np.empty(self.layout.size)
+        follow = chosen(body_step, self.model)
+        acting, loads = NO_NUMBERS, NO_LOADS
+        if self.force_layout is not None:
+            acting, loads = self.force_layout.row(forces), self.force_layout.load_rows(forces.loads)
+        log, count = follow(
+            self.model, forces.step, layout.row(body), acting, loads, len(loads), out, layout.events.table()
+        )
+        if count < 0:
+            raise failed(self.failures, count, body.time_s)
+        return layout.sample(forces.step, forces.time_s, out.tolist(), layout.events.events(log[:count]))

@@ -1,0 +1,134 @@
+"""What the roles compute in a step, as kernels: declared for the type of a role's constants, called by one scheme.
+
+A role's author declares its constants as a `NamedTuple` and, with `step_of`, the kernel of its step::
+
+    class Torque(NamedTuple):
+        torque_nm: float
+
+    @step_of(motor_step, Torque)
+    def torque_motor(model, linkage, target, out): ...
+
+The role itself is a face of that kernel (`compiled_roles`), and the compiled run calls the same one (`rollout`).
+Rows are those of `sample_vectors`.  A kernel fills every number of ``out``.  ``log`` is a table of events that may be
+replaced by a longer one (`with_room`); the count returned with it is negative where the step has failed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+from numba.extending import overload
+from numpy.typing import NDArray
+
+from mech_twin.engine.integration import declared_kernel
+from mech_twin.engine.sample_vectors import SIDES
+from mech_twin.kernel import kernel
+
+Array = NDArray[np.float64]
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+def motor_step(model: Any, linkage: Array, target: float, out: Array) -> None:
+    """Fill ``out`` with the motor at a linkage row; ``target`` is the asked fraction of rated supply frequency."""
+    chosen(motor_step, model)(model, linkage, target, out)
+
+
+def linkage_step(
+    model: Any, step: int, linkage: Array, motor: Array, body: Array, out: Array, log: Array
+) -> tuple[Array, int]:
+    """Fill ``out`` with the linkage one step after ``step``; return the table and number of the events in between."""
+    return chosen(linkage_step, model)(model, step, linkage, motor, body, out, log)  # type: ignore[no-any-return]
+
+
+def force_step(
+    model: Any, step: int, linkage: Array, log: Array, count: int, out: Array, loads: Array
+) -> tuple[Array, int]:
+    """Fill ``out`` with the forces at the step of a linkage row and its events; return table and number of loads."""
+    return chosen(force_step, model)(model, step, linkage, log, count, out, loads)  # type: ignore[no-any-return]
+
+
+def body_step(
+    model: Any, step: int, body: Array, forces: Array, loads: Array, count: int, out: Array, log: Array
+) -> tuple[Array, int]:
+    """Fill ``out`` with the body at ``step``, one after that of ``body``; return table and number of its events."""
+    return chosen(body_step, model)(model, step, body, forces, loads, count, out, log)  # type: ignore[no-any-return]
+
+
+_declared: dict[tuple[Callable[..., Any], type], Callable[..., Any]] = {}
+
+
+def chosen(generic: Callable[..., Any], model: Any) -> Callable[..., Any]:
+    """Return the kernel declared for the type of a model."""
+    return _declared[generic, type(model)]
+
+
+def step_of(generic: Callable[..., Any], model_type: type) -> Callable[[Function], Function]:
+    """Declare a kernel as what a function of this kind does for one type of first argument, compiled or called.
+
+    Parameters
+    ----------
+    generic : callable
+        `motor_step`, `linkage_step`, ... or another function whose first argument decides.
+    model_type : type
+        A `NamedTuple` of the same module as the kernel.
+    """
+
+    def declare(function: Function) -> Function:
+        compiled = _declared[generic, model_type] = declared_kernel(model_type, function)
+
+        def call(model: Any, *arguments: Any) -> Any:
+            return compiled(model, *arguments)
+
+        @overload(generic)
+        def implementation(model: Any, *arguments: Any) -> Any:  # numba asks with types
+            return call if getattr(model, "instance_class", None) is model_type else None
+
+        return compiled
+
+    return declare
+
+
+class NoBody(NamedTuple):
+    """Constants of a machine in which nothing moves but the linkage."""
+
+    unused: float
+
+
+@step_of(body_step, NoBody)
+def no_body(
+    model: NoBody, step: int, body: Array, forces: Array, loads: Array, count: int, out: Array, log: Array
+) -> tuple[Array, int]:
+    """Return that there were no events."""
+    return log, 0
+
+
+@kernel
+def with_room(log: Array, count: int) -> Array:
+    """Return the table itself, or one twice as long with the same first rows if ``count`` rows fill it."""
+    if count < len(log):
+        return log
+    longer = np.empty((2 * len(log), log.shape[1]))
+    longer[:count] = log[:count]
+    return longer
+
+
+@kernel
+def log_event(
+    log: Array,
+    count: int,
+    time_s: float,
+    kind: int,
+    contact: int,
+    before_m_per_s: float,
+    after_m_per_s: float,
+    impulse_ns: float,
+    period: float,
+) -> Array:
+    """Write an event without coordinates in row ``count``; return the table, which may be longer now."""
+    log = with_room(log, count)
+    log[count, 0], log[count, 1], log[count, 2] = time_s, kind, contact
+    log[count, 3], log[count, 4], log[count, 5], log[count, 6] = before_m_per_s, after_m_per_s, impulse_ns, period
+    log[count, SIDES] = 0.0
+    return log

@@ -1,0 +1,263 @@
+"""Roll-out of a machine: a run as arrays, computed without a sample or Python between two steps.
+
+A machine whose roles are faces of kernels runs through `compiled_run`; any other through its roles, with the same
+answer.  What comes out is what `engine.run.frames` yields, to the bit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from math import ceil, isfinite
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mech_twin.engine.compiled_machine import CompiledMachine, compiled_machine
+from mech_twin.engine.coupling import complete_frame, next_frame
+from mech_twin.engine.errors import MotionError
+from mech_twin.engine.invariants import Residual, RunInvariants, residuals_of_run
+from mech_twin.engine.sample_vectors import (
+    Array,
+    BodyLayout,
+    ForceLayout,
+    FrameLayout,
+    LinkageLayout,
+    MotorLayout,
+)
+from mech_twin.engine.trajectory import frame_events
+from mech_twin.roles import Machine
+from mech_twin.samples import Event, Frame
+
+Profile = float | Callable[[int], float] | Sequence[tuple[float, float]] | NDArray[np.float64]
+ON_STEP = 1e-9  # of a step: a time this little after a step counts as on it
+
+
+@dataclass(frozen=True)
+class RollOut:
+    """A run as arrays.
+
+    Attributes
+    ----------
+    columns : dict of str to ndarray
+        ``time_s`` and the chosen columns, one number a step, the first that of the start.  After a failure: nan.
+    final : Frame
+        The last frame; a further roll-out starts from it.
+    residuals : dict of str to Residual
+        The worst of each residual of the run, with its limit.
+    error : MotionError or None
+        What ended the run before its time.
+    """
+
+    columns: dict[str, Array]
+    final: Frame
+    residuals: dict[str, Residual]
+    error: MotionError | None
+    _told: Callable[[], list[tuple[int, Event]]]
+
+    @cached_property
+    def stepped_events(self) -> tuple[tuple[int, Event], ...]:
+        """Every event with the step it happened in, in time order; those of the start are left out."""
+        return tuple(self._told())
+
+    @property
+    def events(self) -> tuple[Event, ...]:
+        """Every event in time order."""
+        return tuple(event for _, event in self.stepped_events)
+
+    def __getitem__(self, column: str) -> Array:
+        return self.columns[column]
+
+
+def roll_out(
+    machine: Machine,
+    duration_s: float,
+    columns: Sequence[str] | None = None,
+    start: Frame | None = None,
+    command: Profile = 1.0,
+    changes: Iterable[tuple[float, Machine]] = (),
+) -> RollOut:
+    """Return a run of a machine.
+
+    Parameters
+    ----------
+    machine : Machine
+        What to run.
+    duration_s : float
+        Simulated time, rounded to whole steps.
+    columns : sequence of str, optional
+        Names of the columns wanted (`column_names`); all if absent.
+    start : Frame, optional
+        Frame to go on from; the machine's own start if absent.
+    command : float, callable, sequence of pairs or ndarray
+        Asked fraction of rated supply frequency: one number; ``command(step)``; pairs of time (s) and the value from
+        then on, 1 before the first; or one number a step, the first that of the start.
+    changes : iterable of (float, Machine)
+        The machine with other parameters, and the time (s) from which on it is the one that runs.
+
+    Returns
+    -------
+    RollOut
+        With ``error`` set if the motion could not be followed to the end.
+    """
+    count = _count(machine, duration_s)
+    first = 0 if start is None else start.linkage.step
+    targets = command_profile(command, first, count, machine.coupling_step_s)
+    if start is None:
+        start = complete_frame(machine, machine.linkage.start(), None, float(targets[0]))
+    pieces = _pieces(machine, first, count, changes)
+    compiled = [compiled_machine(piece.machine) for piece in pieces]
+    if all(compiled):
+        return _compiled_run([c for c in compiled if c], pieces, start, targets, columns)
+    return _run_by_roles(pieces, start, targets, columns)
+
+
+def column_names(machine: Machine) -> tuple[str, ...]:
+    """Return the names of all columns of a machine's roll-out."""
+    compiled = compiled_machine(machine)
+    if compiled is not None:
+        return tuple(compiled.layout.columns)
+    return tuple(layout_of(complete_frame(machine, machine.linkage.start(), None, 1.0)).columns)
+
+
+def command_profile(command: Profile, first: int, count: int, step_s: float) -> Array:
+    """Return the asked fraction of rated supply frequency at ``first`` and the ``count`` steps after it.
+
+    Raises
+    ------
+    ValueError
+        If an array has another length, or a number is not finite.
+    """
+    steps = range(first, first + count + 1)
+    if isinstance(command, np.ndarray):
+        profile = np.asarray(command, dtype=np.float64)
+        if profile.shape != (count + 1,):
+            raise ValueError(f"command has shape {profile.shape}; expected one number a step, ({count + 1},)")
+    elif isinstance(command, int | float):
+        profile = np.full(count + 1, float(command))
+    elif callable(command):
+        profile = np.array([float(command(step)) for step in steps])
+    else:
+        times = [time_s for time_s, _ in command]
+        if times != sorted(times):
+            raise ValueError(f"command has times {times}; expected them in ascending order")
+        profile = np.ones(count + 1)
+        for time_s, value in command:
+            profile[max(_step_at(time_s, step_s) - first, 0) :] = value
+    if not np.isfinite(profile).all():
+        raise ValueError("command holds a number that is not finite")
+    return np.ascontiguousarray(profile)
+
+
+@dataclass(frozen=True)
+class _Piece:
+    """A stretch of a run under one set of parameters: the machine, and how many steps it takes."""
+
+    machine: Machine
+    steps: int
+
+
+def _count(machine: Machine, duration_s: float) -> int:
+    if not isfinite(duration_s) or duration_s < 0.0:
+        raise ValueError(f"duration_s = {duration_s!r}; expected a finite number of seconds, at least 0")
+    return round(duration_s / machine.coupling_step_s)
+
+
+def _step_at(time_s: float, step_s: float) -> int:
+    """Return the first step at or after a time."""
+    return ceil(time_s / step_s - ON_STEP)
+
+
+def _pieces(machine: Machine, first: int, count: int, changes: Iterable[tuple[float, Machine]]) -> list[_Piece]:
+    """Return the stretches of a run of ``count`` steps after step ``first``."""
+    bounds, machines = [first + 1], [machine]
+    for time_s, changed in changes:
+        if changed.name != machine.name or changed.coupling_step_s != machine.coupling_step_s:
+            raise ValueError(f"change at {time_s} s: machine and coupling.step_s cannot change during a run")
+        begin = max(_step_at(time_s, machine.coupling_step_s), first + 1)
+        if begin < bounds[-1]:
+            raise ValueError(f"change at {time_s} s: expected changes in ascending order of time")
+        bounds.append(begin)
+        machines.append(changed)
+    last = first + count + 1
+    ends = [min(bound, last) for bound in (*bounds[1:], last)]
+    begins = [min(bound, last) for bound in bounds]
+    return [_Piece(m, end - begin) for m, begin, end in zip(machines, begins, ends, strict=True)]
+
+
+def _picked(layout: FrameLayout, columns: Sequence[str] | None) -> list[str]:
+    names = layout.columns
+    wanted = list(names) if columns is None else ["time_s", *(name for name in columns if name != "time_s")]
+    unknown = [name for name in wanted if name not in names]
+    if unknown:
+        raise ValueError(f"no column {unknown[0]!r}; expected one of {', '.join(names)}")
+    return wanted
+
+
+def _compiled_run(
+    compiled: list[CompiledMachine],
+    pieces: list[_Piece],
+    start: Frame,
+    targets: Array,
+    columns: Sequence[str] | None,
+) -> RollOut:
+    layout, row, step = compiled[0].layout, compiled[0].layout.row(start), start.linkage.step
+    names = _picked(layout, columns)
+    picked = np.array([layout.columns[name] for name in names], dtype=np.int64)
+    found = np.full((len(targets), len(names)), np.nan)
+    found[0] = row[picked]
+    worst = np.abs(row[compiled[0].residual_places])
+    tables, error, done = [], None, 0
+    for view, piece in zip(compiled, pieces, strict=True):
+        here = slice(done + 1, done + 1 + piece.steps)
+        end, error = view.run(step + done, row, targets[here], picked, found[here], worst)
+        tables.append(end.events[: end.told])
+        done += end.steps
+        if error is not None:
+            break
+    table = np.concatenate(tables)
+    machine = view.machine
+
+    def told() -> list[tuple[int, Event]]:
+        return view.events_in_order(table)
+
+    final = view.frame(step + done, row, table) if done else start
+    limits = residuals_of_run(machine, zip(compiled[0].residuals, worst.tolist(), strict=True))
+    return RollOut({name: found[:, i] for i, name in enumerate(names)}, final, limits, error, told)
+
+
+def _run_by_roles(pieces: list[_Piece], start: Frame, targets: Array, columns: Sequence[str] | None) -> RollOut:
+    layout, frame, error = layout_of(start), start, None
+    names = _picked(layout, columns)
+    picked = [layout.columns[name] for name in names]
+    found = np.full((len(targets), len(names)), np.nan)
+    found[0] = layout.row(start)[picked]
+    invariants, events = RunInvariants(pieces[0].machine), []
+    invariants.observe(start)
+    machines = [piece.machine for piece in pieces for _ in range(piece.steps)]
+    for done, (machine, target) in enumerate(zip(machines, targets[1:].tolist(), strict=True), 1):
+        try:
+            frame = next_frame(machine, frame, target)
+        except MotionError as failure:
+            error = failure
+            break
+        found[done] = layout.row(frame)[picked]
+        invariants.observe(frame)
+        events += [(frame.linkage.step, event) for event in frame_events(frame)]
+    columns_found = {name: found[:, i] for i, name in enumerate(names)}
+    return RollOut(columns_found, frame, invariants.residuals(), error, lambda: events)
+
+
+def layout_of(frame: Frame) -> FrameLayout:
+    """Return where the numbers of a frame stand in a row, from the names it carries."""
+    linkage, motor, forces, body = frame
+    told = None
+    if body is not None:
+        told = BodyLayout(body.joints, body.memory.names, body.residuals.names)
+    return FrameLayout(
+        LinkageLayout(linkage.joints, linkage.memory.names, linkage.residuals.names),
+        MotorLayout(motor.joints),
+        ForceLayout(forces.pins, forces.quantities.names, forces.residuals.names),
+        told,
+    )

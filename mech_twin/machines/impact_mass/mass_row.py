@@ -1,0 +1,148 @@
+"""The impact mass as rows of numbers: its generator and a coupling step of its motion, as kernels."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from mech_twin.engine.compiled_steps import linkage_step, log_event, motor_step, step_of
+from mech_twin.engine.sample_vectors import (
+    COMMAND,
+    LINKAGE_JOINTS,
+    MOTOR_COMMAND,
+    MOTOR_JOINTS,
+    REGIME,
+    Array,
+)
+from mech_twin.kernel import kernel
+from mech_twin.machines.impact_mass.dynamics import ImpactSystem, MassMotion
+from mech_twin.machines.impact_mass.memory import UNPACKED_COUNTS, UNPACKED_MOTION, MassMemory
+from mech_twin.machines.impact_mass.states import KIND_CONTACTS, PHASE_1
+from mech_twin.machines.impact_mass.step import RunningCounts, mass_step, reanchored, rescaled
+from mech_twin.parts.supply import limited_command
+
+CONTACTS = tuple(dict.fromkeys(KIND_CONTACTS))
+CONTACT_OF_KIND = tuple(CONTACTS.index(contact) for contact in KIND_CONTACTS)
+MEMORY_AT = LINKAGE_JOINTS + 3
+RESIDUALS_AT = MEMORY_AT + len(MassMemory._fields)
+PHASE, FIRST_ACCELERATION, SECOND_ACCELERATION, RESTITUTION, ORIGIN_STEP, MASS = (
+    MassMemory._fields.index(name)
+    for name in (
+        "phase_1",
+        "phase1_acceleration_m_per_s2",
+        "phase2_acceleration_m_per_s2",
+        "restitution_1",
+        "origin_step_1",
+        "mass_kg",
+    )
+)
+ENERGIES = MassMemory._fields.index("step_drive_work_j")
+
+
+class Generator(NamedTuple):
+    """Constants of the motor role: forces of both phases at full command (N), rate (1/s), coupling step (s)."""
+
+    phase1_force_n: float
+    phase2_force_n: float
+    rate_per_s: float
+    step_s: float
+
+
+class StoppedMass(NamedTuple):
+    """Constants of the linkage role; ``system`` under no force."""
+
+    system: ImpactSystem
+    mass_kg: float
+    stop_m: float
+    step_s: float
+
+
+@step_of(motor_step, Generator)
+def generator_force(model: Generator, linkage: Array, target: float, out: Array) -> None:
+    """Fill in the force on the mass now, and the levels of both phases (N)."""
+    command = limited_command(linkage[COMMAND], target, model.rate_per_s, model.step_s)
+    level1, level2 = command * model.phase1_force_n, command * model.phase2_force_n
+    out[:] = 0.0
+    out[MOTOR_COMMAND] = command
+    out[MOTOR_JOINTS], out[MOTOR_JOINTS + 1] = linkage[LINKAGE_JOINTS], linkage[LINKAGE_JOINTS + 1]
+    out[MOTOR_JOINTS + 2] = level1 if linkage[MEMORY_AT + PHASE] == PHASE_1 else level2
+    out[MOTOR_JOINTS + 5], out[MOTOR_JOINTS + 8] = level1, level2
+
+
+@kernel
+def under_levels(model: StoppedMass, level1_n: float, level2_n: float) -> ImpactSystem:
+    """Return what acts on the mass under these forces of both phases (N)."""
+    s = model.system
+    first, second = level1_n / model.mass_kg, level2_n / model.mass_kg
+    return ImpactSystem(s.period_s, s.phase1_s, first, second, s.restitution, s.listed, s.exact)
+
+
+@kernel
+def motion_of(memory: Array) -> MassMotion:
+    """Return the motion at its anchor."""
+    return MassMotion(memory[0], memory[1], memory[2], memory[3], memory[4], memory[5], memory[6], memory[7], memory[8])
+
+
+@kernel
+def counts_of(memory: Array) -> RunningCounts:
+    """Return the running counts."""
+    m = memory[UNPACKED_MOTION:UNPACKED_COUNTS]
+    return RunningCounts(m[0], m[1], m[2], m[3], m[4], m[5], m[6])
+
+
+@kernel
+def acted_before(now: ImpactSystem, memory: Array) -> ImpactSystem:
+    """Return what acted on the mass in the step before; ``now`` gives times and the rule of the series."""
+    return ImpactSystem(
+        now.period_s,
+        now.phase1_s,
+        memory[FIRST_ACCELERATION],
+        memory[SECOND_ACCELERATION],
+        memory[RESTITUTION],
+        now.listed,
+        now.exact,
+    )
+
+
+@kernel
+def fill_memory(motion: MassMotion, counts: RunningCounts, system: ImpactSystem, memory: Array) -> None:
+    """Fill in motion, counts and what acts; origin, mass and energies are left as they are."""
+    for i in range(len(motion)):
+        memory[i] = motion[i]
+    for i in range(len(counts)):
+        memory[UNPACKED_MOTION + i] = counts[i]
+    memory[FIRST_ACCELERATION], memory[SECOND_ACCELERATION] = system.acceleration1, system.acceleration2
+    memory[RESTITUTION] = system.restitution
+
+
+@step_of(linkage_step, StoppedMass)
+def mass_on_stop(
+    model: StoppedMass, step: int, linkage: Array, motor: Array, body: Array, out: Array, log: Array
+) -> tuple[Array, int]:
+    """Fill in the mass one coupling step later, with every event in between at its own time."""
+    memory, levels = linkage[MEMORY_AT:RESIDUALS_AT], (motor[MOTOR_JOINTS + 5], motor[MOTOR_JOINTS + 8])
+    system = under_levels(model, levels[0], levels[1])
+    steps, before = step - memory[ORIGIN_STEP], acted_before(system, memory)
+    motion = motion_of(memory)
+    if before != system:
+        motion = reanchored(motion, before, system, steps, model.step_s)
+    counts = rescaled(counts_of(memory), memory[MASS] / model.mass_kg)
+    done = mass_step(motion, system, counts, steps + 1.0, model.step_s)
+    velocity, added_kg = linkage[LINKAGE_JOINTS + 1], model.mass_kg - memory[MASS]
+    after = out[MEMORY_AT:RESIDUALS_AT]
+    fill_memory(done.motion, done.counts, system, after)
+    after[ORIGIN_STEP], after[MASS] = memory[ORIGIN_STEP], model.mass_kg
+    after[ENERGIES] = done.balance.drive_work_m2_per_s2 * model.mass_kg
+    after[ENERGIES + 1] = done.balance.stop_loss_m2_per_s2 * model.mass_kg
+    after[ENERGIES + 2] = 0.5 * added_kg * (velocity * velocity)
+    after[ENERGIES + 3] = added_kg * velocity if added_kg != 0.0 else 0.0
+    out[REGIME], out[COMMAND] = done.regime, motor[MOTOR_COMMAND]
+    out[LINKAGE_JOINTS], out[LINKAGE_JOINTS + 1] = model.stop_m - done.gap_m, done.velocity_m_per_s
+    out[LINKAGE_JOINTS + 2] = levels[0] if done.motion.phase == PHASE_1 else levels[1]
+    out[RESIDUALS_AT], out[RESIDUALS_AT + 1] = done.residuals.momentum_balance, done.residuals.energy_balance
+    origin_s, latest_s = memory[ORIGIN_STEP] * model.step_s, (step + 1) * model.step_s
+    for i in range(len(done.rows)):
+        kind, period, tau, pre, post, impulse = done.rows[i, :6]
+        time_s = min(origin_s + (period * system.period_s + tau), latest_s)
+        contact = CONTACT_OF_KIND[int(kind)]
+        log = log_event(log, i, time_s, int(kind), contact, pre, post, impulse * model.mass_kg, period)
+    return log, len(done.rows)

@@ -1,0 +1,205 @@
+"""The breaker's linkage as rows of numbers: where they stand, a coupling step and the motor's shaft as kernels."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from mech_twin.engine.compiled_steps import linkage_step, log_event, motor_step, step_of
+from mech_twin.engine.sample_vectors import (
+    BODY_JOINTS,
+    COMMAND,
+    EVENT_WIDTH,
+    LINKAGE_JOINTS,
+    MOTOR_COMMAND,
+    MOTOR_JOINTS,
+    REGIME,
+    SIDES,
+    Array,
+)
+from mech_twin.kernel import kernel
+from mech_twin.machines.drives import KlossMotor, fill_motor
+from mech_twin.machines.mb10_breaker.dynamics import (
+    FLIGHT,
+    HELD,
+    REST,
+    STATES,
+    TOOL,
+    TOOL_SPEED,
+    Breaker,
+    P,
+    Q,
+    U,
+    energies,
+    spring_moment,
+)
+from mech_twin.machines.mb10_breaker.dynamics import PHI as BODY
+from mech_twin.machines.mb10_breaker.state import (
+    BODY_STOPPED,
+    CRANK_STOPPED,
+    EVENT,
+    LIFT_OFF,
+    MEMORY,
+    SETTLED,
+    TOUCHDOWN,
+    BreakerMemory,
+)
+from mech_twin.machines.mb10_breaker.step import advance_step, take_body
+from mech_twin.parts.four_bar import closure_error, coefficients, link_angles, position
+
+JOINTS = ("crank", "coupler", "rocker", "body")
+CONTACTS = ("collar", "tool", "crank_bearing", "body_pivot")
+COLLAR_CONTACT, TOOL_CONTACT, BEARING_CONTACT, PIVOT_CONTACT = range(4)
+# places in a row
+CRANK_AT, COUPLER_AT, ROCKER_AT, BODY_AT = range(LINKAGE_JOINTS, LINKAGE_JOINTS + 12, 3)
+MEMORY_AT = LINKAGE_JOINTS + 12
+RESIDUALS_AT = MEMORY_AT + len(BreakerMemory._fields)
+
+
+class LedBreaker(NamedTuple):
+    """Constants of the linkage role: breaker, coupling step (s), order of the torque's extrapolation, rows of its log.
+
+    ``body_at_rest`` is the number by which the body's own samples call its rest.
+    """
+
+    breaker: Breaker
+    step_s: float
+    order: int
+    log_rows: int
+    body_at_rest: int
+
+
+class GearedMotor(NamedTuple):
+    """Constants of the motor role: the drive; 1 where its housing turns with the body."""
+
+    drive: KlossMotor
+    frame_drive: float
+
+
+@step_of(motor_step, GearedMotor)
+def geared_motor(model: GearedMotor, linkage: Array, target: float, out: Array) -> None:
+    """Fill in the motor at angle and speed of the gear's output, seen from the motor: q - phi on the frame, else q."""
+    carried = model.frame_drive
+    turned = 2.0 * math.pi * linkage[MEMORY_AT] + linkage[CRANK_AT]
+    angle = turned - carried * linkage[BODY_AT]
+    fill_motor(
+        model.drive, linkage[COMMAND], angle, linkage[CRANK_AT + 1] - carried * linkage[BODY_AT + 1], target, out
+    )
+
+
+@kernel
+def memory_of(row: Array) -> Any:
+    """Return the memory of a linkage row as a record that shares its numbers."""
+    return row[MEMORY_AT:RESIDUALS_AT].view(MEMORY)[0]
+
+
+@kernel
+def fill_row(b: Breaker, state: Array, regime: int, drive: float, command: float, defect_j: float, out: Array) -> None:
+    """Fill a linkage row whose memory is in place: joints, regime, command and residuals.
+
+    Parameters
+    ----------
+    drive : float
+        Torque on the crank at the end of the step (N m).
+    defect_j : float
+        Energy by which the body's own angle changed the step's start.
+    """
+    memory = memory_of(out)
+    q, u, phi, p = state[Q], state[U], state[BODY], state[P]
+    at = position(b.bar, q)
+    by = coefficients(at)
+    coupler, rocker = link_angles(at)
+    out[REGIME], out[COMMAND] = regime, command
+    out[CRANK_AT], out[CRANK_AT + 1], out[CRANK_AT + 2] = q, u, drive
+    out[COUPLER_AT], out[COUPLER_AT + 1], out[COUPLER_AT + 2] = coupler, by.g2 * u, 0.0
+    out[ROCKER_AT], out[ROCKER_AT + 1], out[ROCKER_AT + 2] = rocker, by.g3 * u, 0.0
+    out[BODY_AT], out[BODY_AT + 1], out[BODY_AT + 2] = phi, p, -spring_moment(b, phi)
+    kinetic, potential, momentum = energies(b, q, u, phi, p)
+    held, turning = max(kinetic + abs(potential), 1.0), max(abs(momentum), 1.0)
+    out[RESIDUALS_AT] = closure_error(b.bar, at)
+    out[RESIDUALS_AT + 1] = abs(memory.energy_error_j) / held
+    out[RESIDUALS_AT + 2] = 0.0 if b.held else abs(memory.momentum_error_nms) / turning
+    out[RESIDUALS_AT + 3] = abs(defect_j) / held
+
+
+@kernel
+def start_row(b: Breaker, crank_rad: float, command: float, out: Array) -> None:
+    """Fill the row of the machine at rest, the body on its collar."""
+    state = np.zeros(STATES)
+    state[Q] = crank_rad
+    kinetic, potential, _ = energies(b, state[Q], 0.0, 0.0, 0.0)
+    out[MEMORY_AT:RESIDUALS_AT] = 0.0
+    memory = memory_of(out)
+    memory.torque_history = -1.0
+    memory.energy_j, memory.begin_crank_rad = kinetic + potential, crank_rad
+    fill_row(b, state, HELD if b.held else REST, 0.0, command, 0.0, out)
+
+
+@kernel
+def contact_of(kind: int) -> int:
+    """Return what an event of this kind takes place at."""
+    if kind >= CRANK_STOPPED:
+        return PIVOT_CONTACT if kind >= BODY_STOPPED else BEARING_CONTACT
+    return COLLAR_CONTACT if kind in (TOUCHDOWN, SETTLED, LIFT_OFF) else TOOL_CONTACT
+
+
+@kernel
+def tell_events(b: Breaker, start_s: float, rows: Any, count: int, log: Array) -> Array:
+    """Write the rows of a step into the table of events, times from the start of the run."""
+    for i in range(count):
+        row = rows[i]
+        kind = int(row.kind)
+        contact = contact_of(kind)
+        log = log_event(
+            log, i, start_s + row.time_s, kind, contact, row.before_m_per_s, row.after_m_per_s, row.impulse_ns,
+            row.cycle,
+        )  # fmt: skip
+        log[i, SIDES] = 1.0
+        told = log[i, EVENT_WIDTH:]
+        told[0], told[1], told[2] = row.pre_crank_rad, row.pre_crank_rad_per_s, row.pre_drive_torque_nm
+        told[3], told[4], told[5] = (
+            row.pre_body_rad,
+            row.pre_body_rad_per_s,
+            -spring_moment(b, row.pre_body_rad),
+        )
+        told[6], told[7], told[8] = row.pre_tool_m, row.pre_tool_m_per_s, row.pre_tool_force_n
+        told[9], told[10], told[11] = row.pre_crank_rad, row.pre_crank_rad_per_s, row.pre_crank_friction_nm
+        told[12], told[13], told[14] = row.pre_body_rad, row.pre_body_rad_per_s, row.pre_body_friction_nm
+        told[15], told[16], told[17] = row.post_crank_rad, row.post_crank_rad_per_s, row.post_drive_torque_nm
+        told[18], told[19], told[20] = (
+            row.post_body_rad,
+            row.post_body_rad_per_s,
+            -spring_moment(b, row.post_body_rad),
+        )
+        told[21], told[22], told[23] = row.post_tool_m, row.post_tool_m_per_s, row.post_tool_force_n
+        told[24], told[25], told[26] = row.post_crank_rad, row.post_crank_rad_per_s, row.post_crank_friction_nm
+        told[27], told[28], told[29] = row.post_body_rad, row.post_body_rad_per_s, row.post_body_friction_nm
+    return log
+
+
+@step_of(linkage_step, LedBreaker)
+def breaker_step(
+    model: LedBreaker, step: int, linkage: Array, motor: Array, body: Array, out: Array, log: Array
+) -> tuple[Array, int]:
+    """Fill in the linkage one step later; angle and rate of the body are taken from its own row."""
+    b, state, regime = model.breaker, np.zeros(STATES), int(linkage[REGIME])
+    out[:] = linkage
+    record = out[MEMORY_AT:RESIDUALS_AT].view(MEMORY)
+    memory = record[0]
+    state[Q], state[U] = linkage[CRANK_AT], linkage[CRANK_AT + 1]
+    state[BODY], state[P] = linkage[BODY_AT], linkage[BODY_AT + 1]
+    state[TOOL], state[TOOL_SPEED] = memory.tool_travel_m, memory.tool_speed_m_per_s
+    defect = memory.coupling_defect_j
+    phi, p, rests = state[BODY], state[P], regime != FLIGHT
+    if len(body) > 0 and not b.held:
+        phi, p, rests = body[BODY_JOINTS], body[BODY_JOINTS + 1], int(body[REGIME]) == model.body_at_rest
+    regime = take_body(b, state, record, regime, phi, p, rests)
+    rows = np.empty(model.log_rows, dtype=EVENT)
+    regime, count, drive = advance_step(
+        b, state, record, regime, motor[MOTOR_JOINTS + 2], model.step_s, model.order, rows
+    )
+    log = tell_events(b, step * model.step_s, rows, count, log)
+    fill_row(b, state, regime, drive, motor[MOTOR_COMMAND], memory.coupling_defect_j - defect, out)
+    return log, count

@@ -1,0 +1,226 @@
+"""The roller former as rows of numbers: a coupling step of its linkage, as a kernel."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from mech_twin.engine.compiled_steps import linkage_step, log_event, step_of
+from mech_twin.engine.sample_vectors import COMMAND, LINKAGE_JOINTS, MOTOR_COMMAND, MOTOR_JOINTS, REGIME, Array
+from mech_twin.kernel import kernel
+from mech_twin.machines.roller_former.cart_statics import cart_load, cart_motion, load_moment, rod_weight_moment
+from mech_twin.machines.roller_former.dynamics import (
+    DriveLine,
+    Former,
+    FormerState,
+    Modes,
+    coupling_moment,
+    geared,
+    holds_at_rest,
+    state_of,
+    stored_energy,
+)
+from mech_twin.machines.roller_former.events import EventLog, empty_log
+from mech_twin.machines.roller_former.integration import DONE, MOST_STEPS, TOO_SHORT, Advance, advance_motion
+from mech_twin.machines.roller_former.memory import FormerMemory
+
+KINK = 1e-9  # a second difference of the command above this is a corner: the torque before it tells nothing of after
+TURN = 2.0 * np.pi
+RUNNING, HELD, STALLED = 0, 1, 2
+# places in a row: joints of the shaft, then cart and rod of each crank
+DRIVE_AT, CRANK_AT, TWIST_AT, CARTS_AT = (LINKAGE_JOINTS + 3 * joint for joint in range(4))
+MEMORY_SIZE = len(FormerMemory._fields)
+(
+    MOTOR_TORQUE, TORQUE_KNOWN, COMMAND_CHANGE, DIRECTION, DRIVE_DIRECTION, LOAD_ON, LOAD_SHARE, SLOW, IS_STALLED,
+    MOTOR_WORK, DAMPING_WORK, LOAD_WORK, FRICTION_WORK, CHANGE_WORK, STORED, TURN_ERROR, TURN_TURNOVER,
+) = range(MEMORY_SIZE)  # fmt: skip
+FAILURES = (
+    "roller_former: no integration step is small enough: integrator.tolerance is too tight",
+    f"roller_former: more than {MOST_STEPS} integration steps: drive or carts are too stiff for coupling.step_s",
+)
+
+
+class CoupledFormer(NamedTuple):
+    """Constants of the linkage role."""
+
+    former: Former
+    step_s: float
+
+
+class CartJoints(NamedTuple):
+    """Joints of carts and rods, cart 1, rod 1, cart 2, ...: (2 carts,) each; the worst miss of a rod's length."""
+
+    position: Array
+    velocity: Array
+    effort: Array
+    rod_length: float
+
+
+@kernel
+def load_in_force(former: Former, now: FormerState, modes: Modes) -> tuple[float, float]:
+    """Return the sense and the share of the load that acts: where the crank is held, as much as holds it."""
+    if modes.direction != 0.0:
+        return modes.direction, modes.load_share
+    rest = coupling_moment(former, now) - rod_weight_moment(former.bank, now.crank_rad)
+    rest -= min(max(rest, -former.coulomb_nm), former.coulomb_nm)  # friction of the shaft carries first
+    direction = 1.0 if rest >= 0.0 else -1.0
+    if not holds_at_rest(former.bank):
+        return direction, modes.load_share
+    limit = load_moment(former.bank, now.crank_rad, direction)
+    return direction, min(rest / limit, modes.load_share) if limit != 0.0 else 0.0
+
+
+@kernel
+def cart_joints(former: Former, y: Array, modes: Modes) -> CartJoints:
+    """Return position, velocity and effort of carts and rods.
+
+    The effort of a cart is the force of process and guide friction along x (N).
+    """
+    bank, now = former.bank, state_of(y)
+    count = bank.offset_rad.size
+    position, velocity, effort = np.zeros(2 * count), np.zeros(2 * count), np.zeros(2 * count)
+    direction, share = load_in_force(former, now, modes)
+    worst = 0.0
+    for cart in range(count):
+        psi = now.crank_rad + bank.offset_rad[cart]
+        sine, cosine = np.sin(psi), np.cos(psi)
+        motion = cart_motion(bank, sine, cosine)
+        load = cart_load(bank, cart, now.crank_rad, direction)
+        arm = bank.crank_m * sine * (motion.rod_cosine + bank.ratio * cosine)
+        pull = load.rod_force_n if load.moment_nm * arm * load.rod_force_n >= 0.0 else -load.rod_force_n
+        position[2 * cart], position[2 * cart + 1] = motion.x, np.arcsin(motion.rod_sine)
+        velocity[2 * cart] = motion.x1 * now.crank_speed_rad_per_s
+        velocity[2 * cart + 1] = bank.ratio * cosine / motion.rod_cosine * now.crank_speed_rad_per_s
+        effort[2 * cart] = pull * motion.rod_cosine * share
+        length = np.hypot(motion.x - bank.crank_m * cosine, bank.crank_m * sine)
+        worst = max(worst, abs(length / bank.rod_m - 1.0))
+    return CartJoints(position, velocity, effort, worst)
+
+
+@kernel
+def coupled_step(
+    former: Former, torque: DriveLine, t: float, end_s: float, y: Array, modes: Modes, log: EventLog
+) -> tuple[Advance, float, float]:
+    """Advance one coupling step in place; return how, and the stored energy before and after it (J)."""
+    sides = np.ones(former.bank.offset_rad.size)
+    before = stored_energy(former, state_of(y), sides)
+    advance = advance_motion(former, torque, t, end_s, y, modes, log, np.inf)
+    return advance, before, stored_energy(former, state_of(y), sides)
+
+
+@kernel
+def modes_of(memory: Array) -> Modes:
+    """Return the modes of a memory; sense of the torque and first step to try are found anew in each step."""
+    return Modes(
+        memory[DIRECTION],
+        memory[DRIVE_DIRECTION],
+        1.0,
+        memory[LOAD_ON] > 0.0,
+        memory[LOAD_SHARE],
+        memory[SLOW],
+        memory[IS_STALLED] > 0.0,
+        0.0,
+    )
+
+
+@kernel
+def book_step(
+    past: Array, shaft_nm: float, change: float, modes: Modes, y: Array, begun_j: float, stored_j: float, after: Array
+) -> None:
+    """Fill the memory after a step: modes, works, and the balance of their energies since the last whole turn.
+
+    Parameters
+    ----------
+    shaft_nm, change : float
+        The motor's torque (N m), and the change of its command.
+    begun_j, stored_j : float
+        Energy at the start and at the end with the parameters of the step (J): what the start differs from the end of
+        the step before is the work of a change of parameters.
+    """
+    works = state_of(y)
+    put_in, loss = works.motor_work_j, works.damping_work_j + works.load_work_j + works.friction_work_j
+    changed = begun_j - past[STORED]
+    error = stored_j - past[STORED] - put_in + loss - changed
+    losses = abs(works.damping_work_j) + abs(works.load_work_j) + abs(works.friction_work_j)
+    turnover = abs(put_in) + losses + abs(changed)
+    after[MOTOR_TORQUE], after[TORQUE_KNOWN], after[COMMAND_CHANGE] = shaft_nm, 1.0, change
+    after[DIRECTION], after[DRIVE_DIRECTION] = modes.direction, modes.drive_direction
+    after[LOAD_ON], after[LOAD_SHARE] = 1.0 if modes.load_on else 0.0, modes.load_share
+    after[SLOW], after[IS_STALLED] = modes.slow_s, 1.0 if modes.stalled else 0.0
+    after[MOTOR_WORK] = past[MOTOR_WORK] + put_in
+    after[DAMPING_WORK] = past[DAMPING_WORK] + works.damping_work_j
+    after[LOAD_WORK] = past[LOAD_WORK] + works.load_work_j
+    after[FRICTION_WORK] = past[FRICTION_WORK] + works.friction_work_j
+    after[CHANGE_WORK], after[STORED] = past[CHANGE_WORK] + changed, stored_j
+    after[TURN_ERROR], after[TURN_TURNOVER] = error, turnover
+
+
+@kernel
+def fill_row(former: Former, y: Array, modes: Modes, shaft_nm: float, command: float, out: Array) -> None:
+    """Fill a linkage row whose memory is in place; ``shaft_nm`` is the motor's torque at its step (N m)."""
+    now, carts = state_of(y), cart_joints(former, y, modes)
+    transmitted = coupling_moment(former, now)
+    moment = transmitted if modes.drive_direction == 0.0 else geared(former, shaft_nm, modes.drive_direction)
+    out[REGIME] = STALLED if modes.stalled else HELD if modes.direction == 0.0 else RUNNING
+    out[COMMAND] = command
+    out[DRIVE_AT] = now.crank_rad + now.twist_rad
+    out[DRIVE_AT + 1], out[DRIVE_AT + 2] = now.crank_speed_rad_per_s + now.twist_rate_rad_per_s, moment
+    out[CRANK_AT], out[CRANK_AT + 1], out[CRANK_AT + 2] = now.crank_rad, now.crank_speed_rad_per_s, transmitted
+    out[TWIST_AT], out[TWIST_AT + 1] = now.twist_rad, now.twist_rate_rad_per_s
+    out[TWIST_AT + 2] = former.stiffness_nm_per_rad * now.twist_rad
+    at = CARTS_AT
+    for joint in range(carts.position.size):
+        out[at], out[at + 1], out[at + 2] = carts.position[joint], carts.velocity[joint], carts.effort[joint]
+        at += 3
+    scale = former.scales.motor_work_j + out[at + TURN_TURNOVER]
+    out[at + MEMORY_SIZE], out[at + MEMORY_SIZE + 1] = out[at + TURN_ERROR] / scale, carts.rod_length
+
+
+@kernel
+def start_row(former: Former, y: Array, modes: Modes, command: float, out: Array) -> None:
+    """Fill the row of the machine in its initial state."""
+    at = CARTS_AT + 6 * former.bank.offset_rad.size
+    memory = out[at : at + MEMORY_SIZE]
+    memory[:] = 0.0
+    memory[DIRECTION], memory[DRIVE_DIRECTION], memory[SLOW] = modes.direction, 1.0, -1.0
+    memory[LOAD_ON], memory[LOAD_SHARE] = 1.0 if modes.load_on else 0.0, modes.load_share
+    memory[STORED] = stored_energy(former, state_of(y), np.ones(former.bank.offset_rad.size))
+    fill_row(former, y, modes, 0.0, command, out)
+
+
+@step_of(linkage_step, CoupledFormer)
+def former_step(
+    model: CoupledFormer, step: int, linkage: Array, motor: Array, body: Array, out: Array, log: Array
+) -> tuple[Array, int]:
+    """Fill in the linkage one coupling step later.
+
+    The motor's torque is the straight line through its last two values, which makes the coupling second order; it is
+    held where there is none before, or the command has a corner.
+    """
+    former, at = model.former, CARTS_AT + 6 * model.former.bank.offset_rad.size
+    past, begin_s = linkage[at : at + MEMORY_SIZE], step * model.step_s
+    y = np.zeros(8)
+    y[0], y[1] = linkage[CRANK_AT], linkage[TWIST_AT]
+    y[2], y[3] = linkage[CRANK_AT + 1], linkage[TWIST_AT + 1]
+    shaft, command = motor[MOTOR_JOINTS + 2], motor[MOTOR_COMMAND]
+    change = command - linkage[COMMAND]
+    smooth = past[TORQUE_KNOWN] != 0.0 and abs(change - past[COMMAND_CHANGE]) <= KINK
+    smooth = smooth and min(command, linkage[COMMAND]) > 0.0
+    slope = (shaft - past[MOTOR_TORQUE]) / model.step_s if smooth else 0.0
+    torque = DriveLine(False, command, shaft, slope, begin_s)
+    happened, end_s = empty_log(), (step + 1) * model.step_s
+    done, begun, stored = coupled_step(former, torque, begin_s, end_s, y, modes_of(past), happened)
+    if done.status != DONE:
+        return log, -1 if done.status == TOO_SHORT else -2
+    after = out[at : at + MEMORY_SIZE]
+    book_step(past, shaft, change, done.modes, y, begun, stored, after)
+    if math.floor(y[0] / TURN) == math.floor(linkage[CRANK_AT] / TURN):
+        after[TURN_ERROR] += past[TURN_ERROR]
+        after[TURN_TURNOVER] += past[TURN_TURNOVER]
+    fill_row(former, y, done.modes, shaft + slope * model.step_s, command, out)
+    for i in range(done.events):
+        turn = float(happened.turn[i])
+        log = log_event(log, i, happened.time_s[i], happened.kind[i], 0, 0.0, 0.0, 0.0, turn)
+    return log, done.events

@@ -1,0 +1,199 @@
+"""Roll-outs by name of machine, configuration and changed keys, one or many at once on all cores."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from pydantic import BaseModel
+
+from mech_twin.capabilities.errors import StudyError
+from mech_twin.configuration_tree import configuration_tree, merged_tree, tree_from_flat
+from mech_twin.engine.rollout import Profile, RollOut, roll_out
+from mech_twin.engine.sample_vectors import Array
+from mech_twin.parameters.load import catalogue_entry, machine_parameters, validated
+from mech_twin.quantity import Parameters
+from mech_twin.roles import Machine
+from mech_twin.samples import Frame
+from mech_twin.studies.spreading import available_cores
+
+Change = tuple[float, Mapping[str, Any] | Parameters]
+
+
+@dataclass(frozen=True)
+class RollOuts:
+    """Roll-outs of one machine, member by member.
+
+    Attributes
+    ----------
+    members : tuple of RollOut
+        In the order asked for.  One whose motion could not be followed to the end has ``error`` set and nan after it.
+    """
+
+    members: tuple[RollOut, ...]
+
+    def __getitem__(self, column: str) -> Array:
+        """Return a column of every member, (members, steps + 1); shorter members end in nan."""
+        found = [member.columns[column] for member in self.members]
+        stacked = np.full((len(found), max(map(len, found))), np.nan)
+        for row, values in zip(stacked, found, strict=True):
+            row[: len(values)] = values
+        return stacked
+
+    def __len__(self) -> int:
+        return len(self.members)
+
+    def __iter__(self) -> Iterator[RollOut]:
+        return iter(self.members)
+
+
+def rollout(
+    machine: str | Machine,
+    parameters: Parameters | None = None,
+    duration_s: float = 1.0,
+    *,
+    columns: Sequence[str] | None = None,
+    start: Frame | None = None,
+    command: Profile = 1.0,
+    changes: Sequence[Change] = (),
+) -> RollOut:
+    """Return a run of a machine as arrays, equal to the bit to what its roles compute step by step.
+
+    Parameters
+    ----------
+    machine : str or Machine
+        Machine of the catalogue by name, or one that is built.
+    parameters : Parameters, optional
+        Its configuration; the installed one if absent.
+    duration_s : float
+        Simulated time (s), rounded to whole coupling steps.
+    columns : sequence of str, optional
+        Columns wanted beside ``time_s``, all if absent: ``role.joint.position`` (m or rad), ``.velocity``, ``.effort``,
+        ``forces.pin.force_x_n``, ``forces.QUANTITY``, ``linkage.memory.NAME``, ``linkage.residual.NAME``, ...
+    start : Frame, optional
+        Frame to go on from, such as ``final`` of another roll-out; the machine's own start if absent.
+    command : float, callable, sequence of pairs or ndarray
+        Asked fraction of rated supply frequency: one number; ``command(step)``; pairs of time (s) and the value from
+        then on, 1 before the first; or one number a step, the first that of the start.
+    changes : sequence of pairs
+        Time (s) from which on, and live keys (dotted) with their values, or a whole configuration.
+
+    Raises
+    ------
+    MotionError
+        If the motion cannot be followed to the end.
+    """
+    found = _member(machine, parameters, duration_s, columns, start, command, changes)()
+    if found.error is not None:
+        raise found.error
+    return found
+
+
+def rollouts(
+    machine: str | Machine,
+    parameters: Sequence[Parameters | None],
+    duration_s: float = 1.0,
+    *,
+    columns: Sequence[str] | None = None,
+    starts: Sequence[Frame | None] | None = None,
+    commands: Sequence[Profile] | None = None,
+    changes: Sequence[Change] = (),
+    cores: int | None = None,
+) -> RollOuts:
+    """Return a run for each parameter set, start and command, computed on all cores.
+
+    Each is computed by itself, so neither the batch nor the number of cores changes a bit of it.
+
+    Parameters
+    ----------
+    machine, duration_s, columns, changes
+        As for `rollout`.
+    parameters : sequence of Parameters
+        One a member.
+    starts, commands : sequence, optional
+        One a member.
+    cores : int, optional
+        Threads to use; all cores if absent.
+    """
+    count = len(parameters)
+    for name, given in (("starts", starts), ("commands", commands)):
+        if given is not None and len(given) != count:
+            raise StudyError(f"{len(given)} {name} for {count} parameter sets; expected one each")
+    asked = [
+        _member(
+            machine,
+            parameters[i],
+            duration_s,
+            columns,
+            starts[i] if starts is not None else None,
+            commands[i] if commands is not None else 1.0,
+            changes,
+        )
+        for i in range(count)
+    ]
+    with ThreadPoolExecutor(max(1, cores or available_cores())) as pool:
+        return RollOuts(tuple(pool.map(lambda member: member(), asked)))
+
+
+def changed(name: str, parameters: Parameters, keys: Mapping[str, Any], source: str) -> Parameters:
+    """Return parameters with other values of live keys (dotted).
+
+    Raises
+    ------
+    StudyError
+        If a key is not one that may change while the machine runs.
+    ConfigurationError
+        If the configuration does not validate as a whole.
+    """
+    live = live_keys(type(parameters))
+    for key in keys:
+        if key not in live:
+            raise StudyError(f"{source}: key '{key}' cannot change during a run; expected one of {', '.join(live)}")
+    tree = merged_tree(configuration_tree(parameters), tree_from_flat(keys, source))
+    return validated(catalogue_entry(name), tree, source)
+
+
+def live_keys(model: type[BaseModel], prefix: str = "") -> list[str]:
+    """Return the dotted keys of a parameter model that may change while the machine runs."""
+    found = []
+    for name, field in model.model_fields.items():
+        kinds = [field.annotation, *getattr(field.annotation, "__args__", ())]
+        groups = [kind for kind in kinds if isinstance(kind, type) and issubclass(kind, BaseModel)]
+        for group in groups:
+            found += live_keys(group, f"{prefix}{name}.")
+        extra = field.json_schema_extra
+        if not groups and isinstance(extra, dict) and extra.get("live"):
+            found.append(prefix + name)
+    return found
+
+
+def _member(
+    machine: str | Machine,
+    parameters: Parameters | None,
+    duration_s: float,
+    columns: Sequence[str] | None,
+    start: Frame | None,
+    command: Profile,
+    changes: Sequence[Change],
+) -> Callable[[], RollOut]:
+    """Return what computes one roll-out, its machines built."""
+    base = _built(machine, parameters)
+    machines, known = [], base.parameters
+    for time_s, change in changes:
+        source = f"change at {time_s} s"
+        known = changed(base.name, known, change, source) if isinstance(change, Mapping) else change
+        machines.append((time_s, catalogue_entry(base.name).build(known)))
+
+    def compute() -> RollOut:
+        return roll_out(base, duration_s, columns, start, command, machines)
+
+    return compute
+
+
+def _built(machine: str | Machine, parameters: Parameters | None) -> Machine:
+    if isinstance(machine, Machine):
+        return machine if parameters is None else catalogue_entry(machine.name).build(parameters)
+    return catalogue_entry(machine).build(parameters or machine_parameters(machine))
