@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from mech_twin.engine.compiled_roles import CompiledLinkage, failed
+from mech_twin.engine.crank_piece import FAILURES, KINDS, NO_TORQUE, sign_of
 from mech_twin.engine.crank_state import (
     NO_FRICTION,
     TURN,
@@ -26,7 +27,7 @@ from mech_twin.engine.crank_state import (
     crank_drive,
     mechanism_state,
 )
-from mech_twin.engine.crank_step import FAILURES, KINDS, NO_TORQUE, TurnedCrank, guided_row, sign_of, start_row
+from mech_twin.engine.crank_step import TurnedCrank, guided_row, start_row
 from mech_twin.engine.sample_vectors import EventLayout, LinkageLayout
 from mech_twin.roles import CrankState
 from mech_twin.samples import LinkageSample

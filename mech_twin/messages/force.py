@@ -69,7 +69,7 @@ def to_message(sample: ForceSample) -> JointState:
     return joint_state(to_step(sample))
 
 
-class ForceLayout(NamedTuple):
+class ForcePlaces(NamedTuple):
     """Where everything stands in a force message with these row names."""
 
     pins: tuple[str, ...]
@@ -80,7 +80,7 @@ class ForceLayout(NamedTuple):
 
 
 @lru_cache(maxsize=1024)
-def _layout(names: tuple[str, ...]) -> ForceLayout:
+def _layout(names: tuple[str, ...]) -> ForcePlaces:
     plain = [name for name in names if not name.startswith(MARK)]
     pins = tuple(name.removesuffix("/force_x_n") for name in plain if name.endswith("/force_x_n"))
     of_pins = {f"{pin}/{component}" for pin in pins for component in COMPONENTS}
@@ -91,7 +91,7 @@ def _layout(names: tuple[str, ...]) -> ForceLayout:
     loads = tuple(_load(names, row) for row, name in enumerate(names) if name.startswith(LOAD) and _is_head(name))
     rows = {name: row for row, name in enumerate(names)}
     pin_rows = tuple(tuple(rows[f"{pin}/{component}"] for component in COMPONENTS) for pin in pins)
-    return ForceLayout(pins, pin_rows, quantities, tuple(rows[name] for name in quantities), loads)
+    return ForcePlaces(pins, pin_rows, quantities, tuple(rows[name] for name in quantities), loads)
 
 
 def _is_head(name: str) -> bool:

@@ -21,7 +21,7 @@ class StepHead(NamedTuple):
     source: float
 
 
-class Places(NamedTuple):
+class NamePlaces(NamedTuple):
     """Offsets of the two numbers in the bytes, and where the number of rows is repeated."""
 
     step: int
@@ -38,7 +38,7 @@ class StepHeadReader:
 
     def __init__(self) -> None:
         self._decode = Decoder()
-        self._places: dict[tuple[str, ...], Places | None] = {}
+        self._places: dict[tuple[str, ...], NamePlaces | None] = {}
 
     def __call__(self, raw: bytes) -> StepHead:
         """Return the head of a message.
@@ -61,7 +61,7 @@ class StepHeadReader:
         stamp = message.header.stamp
         return StepHead(stamp.sec * NS_PER_S + stamp.nanosec, step_index(message), source(message))
 
-    def _known(self, layout: RowLayout) -> Places | None:
+    def _known(self, layout: RowLayout) -> NamePlaces | None:
         """Return the places in messages of this layout; None where a number is missing."""
         if layout.names not in self._places:
             if len(self._places) >= MOST_LAYOUTS:
@@ -70,10 +70,10 @@ class StepHeadReader:
         return self._places[layout.names]
 
 
-def _places(layout: RowLayout) -> Places | None:
+def _places(layout: RowLayout) -> NamePlaces | None:
     if STEP not in layout.names or SOURCE not in layout.names:
         return None
     first, rows = layout.position_at, len(layout.names)
     column = 8 * (rows + 1)
     ends = (layout.start, first + 8 * rows, first + 8 * rows + column)
-    return Places(first + 8 * layout.names.index(STEP), first + 8 * layout.names.index(SOURCE), ends)
+    return NamePlaces(first + 8 * layout.names.index(STEP), first + 8 * layout.names.index(SOURCE), ends)

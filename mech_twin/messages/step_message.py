@@ -129,10 +129,10 @@ class Layout(NamedTuple):
     memory_rows: tuple[int, ...]
     residuals: tuple[str, ...]
     residual_rows: tuple[int, ...]
-    events: tuple[EventLayout, ...]
+    events: tuple[EventPlaces, ...]
 
 
-class EventLayout(NamedTuple):
+class EventPlaces(NamedTuple):
     """Rows of one event."""
 
     kind: str
@@ -170,7 +170,7 @@ def _is_index(text: str) -> bool:
     return text.isascii() and text.isdigit() and len(text) < 10
 
 
-def _event_layouts(rows: dict[str, int]) -> tuple[EventLayout, ...]:
+def _event_layouts(rows: dict[str, int]) -> tuple[EventPlaces, ...]:
     parts = {tuple(name.split("/")): i for name, i in rows.items() if name.startswith(EVENT)}
     heads = {
         int(p[1]): (p, i) for p, i in parts.items() if len(p) == 4 and _is_index(p[1]) and p[2] not in ("pre", "post")
@@ -184,7 +184,7 @@ def _event_layouts(rows: dict[str, int]) -> tuple[EventLayout, ...]:
             tuple(i for p, i in parts.items() if p[1] == str(index) and p[2] == side and len(p) == 4)
             for side in ("pre", "post")
         ]
-        found.append(EventLayout(head[2], head[3], row, after, *sides))
+        found.append(EventPlaces(head[2], head[3], row, after, *sides))
     return tuple(found)
 
 
@@ -221,7 +221,7 @@ class Table(NamedTuple):
         """Return the events of the step."""
         return tuple([self._event(rows) for rows in self.layout.events])
 
-    def _event(self, rows: EventLayout) -> Event:
+    def _event(self, rows: EventPlaces) -> Event:
         return Event(
             self.position[rows.head],
             rows.kind,

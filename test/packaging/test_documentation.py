@@ -14,7 +14,7 @@ import typer
 import yaml
 
 from mech_twin.cli.main import app
-from mech_twin.engine import crank_step
+from mech_twin.engine import crank_piece
 from mech_twin.engine.coupling import RESET
 from mech_twin.engine.run import frames
 from mech_twin.machines.catalog import CATALOGUE
@@ -196,7 +196,7 @@ WORDS = {
     },
     "event": {
         *(*KIND_NAMES, *CAUSES, *BREAKER_KINDS, *EVENT_KINDS, *PRESS_BOUNDARIES, RESET),
-        *crank_step.KINDS,
+        *crank_piece.KINDS,
     },
     "residual": set(RESIDUALS),
     "counter": set(COUNTED),

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from mech_twin.engine.compiled_roles import CompiledForces
 from mech_twin.engine.compiled_steps import force_step, step_of
-from mech_twin.engine.crank_step import M_ACCELERATION, M_FRICTION, M_SHARE
+from mech_twin.engine.crank_piece import M_ACCELERATION, M_FRICTION, M_SHARE
 from mech_twin.engine.sample_vectors import LINKAGE_JOINTS, REGIME, Array, ForceLayout
 from mech_twin.machines.compaction_press.cycle import gains
 from mech_twin.machines.compaction_press.dynamics import Press, press_pins, press_reduced, with_load_share

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from mech_twin.engine.compiled_roles import CompiledForces
 from mech_twin.engine.compiled_steps import force_step, step_of
-from mech_twin.engine.crank_step import M_ACCELERATION, M_FRICTION
+from mech_twin.engine.crank_piece import M_ACCELERATION, M_FRICTION
 from mech_twin.engine.sample_vectors import LINKAGE_JOINTS, Array, ForceLayout
 from mech_twin.machines.vibration_crank.slider_crank import SliderCrank, drive_moment, pin_forces, reduced
 

@@ -14,7 +14,7 @@ from scipy.integrate import solve_ivp
 from mech_twin.engine.coupling import complete_frame, next_frame
 from mech_twin.engine.run import frames
 from mech_twin.machines.roller_former.cart_statics import load_moment, shaft_terms
-from mech_twin.machines.roller_former.dynamics import DriveLine, state_array
+from mech_twin.machines.roller_former.dynamics import DriveLine, Modes, state_array
 from mech_twin.machines.roller_former.events import empty_log
 from mech_twin.machines.roller_former.integration import DONE, advance_motion
 from mech_twin.machines.roller_former.memory import FormerMemory
@@ -36,7 +36,9 @@ def strongly_coupled(carts: int, duration_s: float, overrides: Mapping[str, Any]
     linkage = machine_for(carts, overrides).linkage
     start, former = linkage.start(), linkage.former
     y = state_array(joints_of(start.position).crank, joints_of(start.velocity).crank)
-    modes, torque = FormerMemory(*start.memory.values).modes, DriveLine(True, 1.0, 0.0, 0.0, 0.0)
+    memory, torque = FormerMemory(*start.memory.values), DriveLine(True, 1.0, 0.0, 0.0, 0.0)
+    senses, load = (memory.direction_1, memory.drive_direction_1, 1.0), (memory.load_on_1 > 0.0, memory.load_share_1)
+    modes = Modes(*senses, *load, memory.slow_s, memory.stalled_1 > 0.0, 0.0)
     done = advance_motion(former, torque, 0.0, duration_s, y, modes, empty_log(), np.inf)
     assert done.status == DONE
     return y

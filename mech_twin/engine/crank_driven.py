@@ -1,0 +1,200 @@
+"""A coupling step of a crank behind a motor: the cuts are found on the integrated motion; it sticks, and sets off."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mech_twin.engine.compiled_steps import log_event
+from mech_twin.engine.crank_motion import (
+    AT_ANGLE,
+    AT_REST,
+    NOT_INTEGRATED,
+    SPAN_ENDED,
+    STATE_SIZE,
+    ShaftDrive,
+    turn_crank,
+)
+from mech_twin.engine.crank_piece import (
+    AT_REGIME,
+    CRANK_CONTACT,
+    DRIVE_WORK,
+    FRICTION_LOSS,
+    GEAR_LOSS,
+    IS_STALLED,
+    LOAD_WORK,
+    MOST_PIECES,
+    REVERSED,
+    SENSE,
+    SHARE,
+    STALLED,
+    STARTED,
+    STOPPED,
+    TOLERANCE,
+    TOO_MANY,
+    UNSTEADY,
+    E,
+    F,
+    W,
+    apply_boundary,
+    load_torque,
+    log_sides,
+    next_boundary,
+    period_of,
+    rounding_work,
+    turn_back,
+    work_scale,
+)
+from mech_twin.engine.crank_state import (
+    driven_system,
+    mechanism_load_work,
+    turning,
+    within_a_turn,
+)
+from mech_twin.engine.sample_vectors import (
+    Array,
+)
+from mech_twin.kernel import kernel
+from mech_twin.parts.friction import released
+from mech_twin.parts.gear import GearTorque, gear_split
+
+if TYPE_CHECKING:
+    from mech_twin.engine.crank_step import TurnedCrank
+
+
+@kernel
+def grip_at_rest(drive: ShaftDrive, t: float) -> GearTorque:
+    """Return what the gear passes on to a crank at rest at a time of the step (s)."""
+    torque = drive.torque_nm - drive.speed_slope * drive.ratio * drive.speed + drive.time_slope * t
+    torque = min(max(torque, -drive.torque_limit_nm), drive.torque_limit_nm)
+    return gear_split(drive.ratio, drive.efficiency, torque)
+
+
+@kernel
+def driving_torque(model: TurnedCrank, s: Array, mean: float, limit: float) -> tuple[float, float]:
+    """Return the torque (N m) that would turn a crank at rest, and the share of the load that acts on it.
+
+    A load that only resists takes of itself what holds the crank, from nothing to the whole.
+    """
+    regime, mechanism = int(s[AT_REGIME]), model.mechanism
+    whole = load_torque(mechanism, s[F], regime)
+    for i in range(len(model.crank.resisting)):
+        if model.crank.resisting[i, 0] != regime:
+            continue
+        bare = load_torque(mechanism, s[F], int(model.crank.resisting[i, 2]))
+        if model.crank.resisting[i, 1] * (mean - whole) > limit:
+            return mean - whole, 1.0
+        share = 0.0 if whole == bare else min(max((mean - bare) / (whole - bare), 0.0), 1.0)
+        return mean - bare - share * (whole - bare), share
+    return mean - whole, 1.0
+
+
+@kernel
+def rest(model: TurnedCrank, s: Array, drive: ShaftDrive, t: float) -> tuple[float, float, float]:
+    """Return the sense in which a crank without speed starts (0: it sticks), the bearing's torque (N m), the share."""
+    grip, coulomb = grip_at_rest(drive, t), model.crank.friction.coulomb_nm
+    limit = grip.friction_nm + coulomb
+    driving, load_share = driving_torque(model, s, grip.mean_nm, limit)
+    sense = released(limit, driving)
+    if sense != 0.0:
+        return sense, 0.0, 1.0
+    return sense, -driving * (coulomb / limit if limit > 0.0 else 0.0), load_share
+
+
+@kernel
+def set_off(
+    model: TurnedCrank, s: Array, time_s: float, drive: ShaftDrive, t: float, command: float, log: Array, count: int
+) -> tuple[Array, int]:
+    """Give a crank without speed the sense in which it goes on, 0 where it sticks, and log that."""
+    crank, past, regime, stalled = model.crank, s[SENSE], int(s[AT_REGIME]), s[IS_STALLED]
+    sense, _, share = rest(model, s, drive, t)
+    s[SENSE], s[E], s[SHARE] = sense, 0.0, share
+    if sense != 0.0:
+        s[IS_STALLED] = 0.0
+        turn_back(crank, s)
+    held_for_good = sense == 0.0 and past == 0.0 and command != 0.0 and drive.time_slope == 0.0
+    if sense == past and (not held_for_good or stalled != 0.0):
+        return log, count
+    kind = STARTED if past == 0.0 else STOPPED if sense == 0.0 else REVERSED
+    if held_for_good or past * command > 0.0:
+        kind, s[IS_STALLED] = STALLED, 1.0 if sense == 0.0 else 0.0
+    smooth = grip_at_rest(drive, t).friction_nm + crank.friction.coulomb_nm == 0.0
+    if kind != STALLED and smooth:
+        return log, count
+    torque = load_torque(model.mechanism, s[F], regime)
+    log = log_event(log, count, time_s, kind, CRANK_CONTACT, 0.0, 0.0, 0.0, period_of(crank, s[F], past))
+    log_sides(log, count, s[F], 0.0, torque, torque)
+    return log, count + 1
+
+
+@kernel
+def release_time(model: TurnedCrank, s: Array, drive: ShaftDrive, t: float, left: float) -> float:
+    """Return how long a crank at rest goes on sticking (s), at most ``left``.
+
+    The motor's torque is a straight line in time, and so is, on either side of 0, what the gear passes on: the
+    margin |T| - c - friction of the gear grows with one sign of slope, so its root is bracketed by the ends.
+    """
+    if rest(model, s, drive, t + left)[0] == 0.0:
+        return left
+    low, high = 0.0, left
+    while high - low > 1e-15 * model.crank.step_s:
+        middle = 0.5 * (low + high)
+        if rest(model, s, drive, t + middle)[0] == 0.0:
+            low = middle
+        else:
+            high = middle
+    return high
+
+
+@kernel
+def turn(model: TurnedCrank, s: Array, drive: ShaftDrive, t: float, left: float, aim: float) -> tuple[float, int]:
+    """Carry the state on by one smooth piece; return its duration (s) and what ended it."""
+    if s[SENSE] == 0.0:
+        s[E] = 0.0
+        span = release_time(model, s, drive, t, left)
+        return span, SPAN_ENDED if span == left else AT_REST
+    size, y, tolerance = work_scale(model, s, left), np.empty(STATE_SIZE), np.empty(STATE_SIZE)
+    near, regime = within_a_turn(s[F]), int(s[AT_REGIME])
+    y[0], y[1], y[2], y[3], y[4] = near, s[W], s[DRIVE_WORK], s[GEAR_LOSS], s[FRICTION_LOSS]
+    tolerance[0], tolerance[1] = TOLERANCE * 1.0, TOLERANCE * (1.0 + abs(s[W]))
+    tolerance[2:] = TOLERANCE * size
+    system = driven_system(model.mechanism, turning(drive, s[SENSE]), regime)
+    span, what, e = turn_crank(system, t, y, left, s[SENSE], aim - (s[F] - near), tolerance)
+    if what == NOT_INTEGRATED:
+        return span, what
+    if what == AT_REST and s[W] == 0.0 and span == 0.0:  # on the edge of sticking, within rounding
+        s[SENSE], s[E] = 0.0, 0.0
+        return left, SPAN_ENDED
+    f = y[0]
+    if near != s[F]:
+        f = aim if what == AT_ANGLE else s[F] + (y[0] - near)
+        y[2] += rounding_work(model, f, y[1], e, regime, (f - s[F]) - (y[0] - near))
+    s[LOAD_WORK] = s[LOAD_WORK] + mechanism_load_work(model.mechanism, s[F], f, regime)
+    s[F], s[W], s[E], s[DRIVE_WORK], s[GEAR_LOSS], s[FRICTION_LOSS] = f, y[1], e, y[2], y[3], y[4]
+    return span, what
+
+
+@kernel
+def drive_on(
+    model: TurnedCrank, s: Array, start_s: float, drive: ShaftDrive, command: float, log: Array
+) -> tuple[Array, int, float]:
+    """Carry the state through a step behind a motor; return events, and the friction torque (N m) at rest."""
+    crank, count, done = model.crank, 0, 0.0
+    for _ in range(MOST_PIECES):
+        if s[W] == 0.0:
+            log, count = set_off(model, s, start_s + done, drive, done, command, log, count)
+        boundary, aim = next_boundary(crank, s)
+        span, what = turn(model, s, drive, done, crank.step_s - done, aim)
+        if what == NOT_INTEGRATED:
+            return log, UNSTEADY, 0.0
+        done += span
+        if what == SPAN_ENDED:
+            held = 0.0
+            if s[SENSE] == 0.0:
+                sense, held, share = rest(model, s, drive, done)
+                s[SENSE], s[E], s[SHARE] = sense, 0.0, share
+            return log, count, held
+        if what == AT_ANGLE and boundary >= 0:
+            log, count = apply_boundary(model, s, boundary, start_s + done, log, count)
+    return log, TOO_MANY, 0.0

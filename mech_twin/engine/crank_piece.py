@@ -1,0 +1,145 @@
+"""State of a crank within a coupling step, and the boundaries between its smooth pieces, as kernels."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+from mech_twin.engine.compiled_steps import log_event
+from mech_twin.engine.crank_state import (
+    TURN,
+    Crank,
+    mechanism_load_speed,
+    mechanism_state,
+)
+from mech_twin.engine.sample_vectors import (
+    EVENT_WIDTH,
+    SIDES,
+    Array,
+)
+from mech_twin.kernel import kernel
+
+if TYPE_CHECKING:
+    from mech_twin.engine.crank_step import TurnedCrank
+
+
+MOST_PIECES = 10_000  # of one coupling step
+TOLERANCE = 1e-12  # of a step: angle in rad, speed and works over their size
+HELD_SHARE = 0.01  # of the energy held and moved: no error of work is asked to be below its rounding
+# state within a step: angle, speed, acceleration, sense of turning, works and losses (J), regime, whether a supply that
+# is on does not turn the crank, share of the load that acts, angle at which the crank last turned back
+F, W, E, SENSE, DRIVE_WORK, GEAR_LOSS, FRICTION_LOSS, LOAD_WORK, AT_REGIME, IS_STALLED, SHARE, MARK = range(12)
+STATES = 12
+# places in `crank_state.Memory`, from its begin in a row
+(
+    M_ACCELERATION, M_FRICTION, M_SENSE, M_STALLED, M_SHARE, M_MARK, M_DRIVE_WORK, M_GEAR_LOSS, M_FRICTION_LOSS,
+    M_LOAD_WORK, M_ADJUSTMENT, M_ENERGY, M_INITIAL,
+) = range(13)  # fmt: skip
+MEMORY_SIZE = 13
+KINDS = ("started", "stopped", "stalled", "reversed")  # then those of the boundaries
+STARTED, STOPPED, STALLED, REVERSED = range(4)
+CRANK_CONTACT, LOAD_CONTACT = 0, 1
+TOO_MANY, WORK_UNKNOWN, UNSTEADY, NO_TORQUE = -1, -2, -3, -4
+FAILURES = (
+    f"more than {MOST_PIECES} changes of regime",
+    "the drive's work has no integral: the mechanism does not turn through",
+    "no integration step is small enough for the crank",
+    "the crank torque is not finite",
+)
+
+
+@kernel
+def sign_of(value: float) -> float:
+    """Return the sign of a number, 0 of 0."""
+    return 0.0 if value == 0.0 else math.copysign(1.0, value)
+
+
+@kernel
+def load_torque(mechanism: Any, f: float, regime: int) -> float:
+    """Return the torque (N m) that holds the mechanism at rest."""
+    _, _, torque, _, _ = mechanism_state(mechanism, f, 0.0, 0.0, regime)
+    return float(torque)
+
+
+@kernel
+def turned_over(s: Array) -> float:
+    """Return the work (J) turned over, at least 1."""
+    return float(max(1.0, abs(s[DRIVE_WORK]), abs(s[LOAD_WORK]), s[FRICTION_LOSS]))
+
+
+@kernel
+def work_scale(model: TurnedCrank, s: Array, h: float) -> float:
+    """Return the size (J) an error of work is measured by: what was turned over, or is held and moved in ``h`` (s)."""
+    friction, w, e = model.crank.friction, s[W], s[E]
+    _, _, torque, energy, _ = mechanism_state(model.mechanism, s[F], w, e, int(s[AT_REGIME]))
+    resisting = friction.coulomb_nm + friction.viscous_nms_per_rad * abs(w)
+    moved = (abs(torque) + resisting) * (abs(w) + abs(e) * h) * h
+    return max(turned_over(s), HELD_SHARE * float(abs(energy) + moved))
+
+
+@kernel
+def rounding_work(model: TurnedCrank, f: float, w: float, e: float, regime: int, rounded: float) -> float:
+    """Return the work (J) on the way ``rounded`` (rad) that a large angle f has more than its step has integrated.
+
+    Equal steps round alike, so it adds up over hours.
+    """
+    _, _, torque, _, _ = mechanism_state(model.mechanism, f, w, e, regime)
+    return float(torque * rounded)
+
+
+@kernel
+def next_boundary(crank: Crank, s: Array) -> tuple[int, float]:
+    """Return the next boundary in the sense of turning (-1: none), and its angle in this turn (rad)."""
+    best, aim = -1, math.copysign(math.inf, s[SENSE])
+    for i in range(len(crank.boundaries)):
+        angle, sign = crank.boundaries[i, 0], crank.boundaries[i, 1]
+        if crank.boundaries[i, 2] != s[AT_REGIME] or sign != s[SENSE]:
+            continue
+        if math.isnan(angle):
+            angle = s[MARK]
+        else:
+            turns = math.floor(sign * (s[F] - angle) / TURN) + 1.0
+            angle = angle + sign * turns * TURN
+        if best < 0 or sign * (angle - aim) < 0.0:
+            best, aim = i, angle
+    return best, aim
+
+
+@kernel
+def period_of(crank: Crank, f: float, sense: float) -> float:
+    """Return the turn of a crank angle, counted from 0 in the sense of turning."""
+    return max(0.0, float(math.floor((f - crank.start_rad) / TURN * (1.0 if sense >= 0.0 else -1.0))))
+
+
+@kernel
+def log_sides(log: Array, count: int, f: float, w: float, before_nm: float, after_nm: float) -> None:
+    """Write angle, speed and torque of the crank on either side of an event."""
+    log[count, SIDES] = 1.0
+    for side in range(2):
+        log[count, EVENT_WIDTH + 3 * side], log[count, EVENT_WIDTH + 3 * side + 1] = f, w
+    log[count, EVENT_WIDTH + 2], log[count, EVENT_WIDTH + 5] = before_nm, after_nm
+
+
+@kernel
+def apply_boundary(
+    model: TurnedCrank, s: Array, boundary: int, time_s: float, log: Array, count: int
+) -> tuple[Array, int]:
+    """Change the regime, and log the event with the speed of the loaded point."""
+    crank, mechanism = model.crank, model.mechanism
+    before, after = int(s[AT_REGIME]), int(crank.boundaries[boundary, 3])
+    speed = mechanism_load_speed(mechanism, s[F], s[W])
+    kind, period = int(crank.boundaries[boundary, 4]), period_of(crank, s[F], s[SENSE])
+    log = log_event(log, count, time_s, kind, LOAD_CONTACT, speed, speed, 0.0, period)
+    torque = mechanism_state(mechanism, s[F], s[W], s[E], before)[2]
+    log_sides(log, count, s[F], s[W], torque, mechanism_state(mechanism, s[F], s[W], s[E], after)[2])
+    s[AT_REGIME] = after
+    return log, count + 1
+
+
+@kernel
+def turn_back(crank: Crank, s: Array) -> None:
+    """Take the crank out of a load that only resists where it sets off against its sense."""
+    for i in range(len(crank.resisting)):
+        if crank.resisting[i, 0] == s[AT_REGIME] and s[SENSE] != 0.0 and s[SENSE] != crank.resisting[i, 1]:
+            s[AT_REGIME], s[MARK] = crank.resisting[i, 2], s[F]
+            return
