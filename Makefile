@@ -15,7 +15,9 @@ READERS := test/recording/npm
 # rooms whose tests neither talk over topics nor watch the clock: they share the cores, the others run one by one
 QUIET := $(wildcard $(addprefix test/,engine golden literature machines measurements packaging parameters parts studies test_captions.py test_kernel_cache.py))
 SHARED := -n 2 --dist loadfile $(QUIET)
-ALONE := test $(addprefix --ignore=,$(QUIET))
+ALONE := test $(addprefix --ignore=,$(QUIET) test/reliability)
+# these kill and stop processes of a run, beside which they listen: in a process that has not listened to others before
+FAULTS := test/reliability
 ARGS ?=
 
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
@@ -29,10 +31,12 @@ run: $(VENV)/.run
 test: lint
 	$(BIN)/python -m pytest -m "not browser" $(SHARED) $(ARGS)
 	$(BIN)/python -m pytest -m "not browser" $(ALONE) $(ARGS)
+	$(BIN)/python -m pytest -m "not browser" $(FAULTS) $(ARGS)
 
 test-fast: $(VENV)/.test
 	$(BIN)/python -m pytest -m "not browser and not slow" $(SHARED) $(ARGS)
 	$(BIN)/python -m pytest -m "not browser and not slow" $(ALONE) $(ARGS)
+	$(BIN)/python -m pytest -m "not browser and not slow" $(FAULTS) $(ARGS)
 
 explore: $(VENV)/.test # the property tests with examples of their own each time
 	$(BIN)/python -m pytest -m "not browser" $(SHARED) --hypothesis-profile=explore $(ARGS)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -80,6 +81,10 @@ def test_code_of_a_recipe_keeps_the_style_of_the_project(recipe: str, request: p
     checkout: Path = request.getfixturevalue(recipe)
     for words in (("check",), ("format", "--check")):
         done = subprocess.run(
-            ["ruff", *words, "mech_twin", "test"], cwd=checkout, capture_output=True, text=True, check=False
+            [sys.executable, "-m", "ruff", *words, "mech_twin", "test"],
+            cwd=checkout,
+            capture_output=True,
+            text=True,
+            check=False,
         )
         assert done.returncode == 0, done.stdout + done.stderr
