@@ -18,7 +18,6 @@ from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.parameters.load import configuration_file
 
 pytestmark = [pytest.mark.usefixtures("ros_domain"), pytest.mark.slow]
-BUSY_S = 5.0  # a second is promised; on a machine that is busy with other things it takes more
 COMMAND = [sys.executable, "-c", "from mech_twin.cli.main import main; main()"]
 
 
@@ -47,7 +46,7 @@ def test_help_is_quick() -> None:
     ).stderr
     heavy = ("numba", "scipy", "rclpy", "matplotlib", "rerun", "pyarrow")
     assert not [line for line in imports.splitlines() if line.rsplit("|", 1)[-1].strip() in heavy]
-    assert best < BUSY_S
+    assert best < 1.0
 
 
 def test_list_names_every_machine() -> None:
@@ -164,7 +163,7 @@ def test_a_signal_ends_a_run_and_closes_the_recording(number: signal.Signals, pr
     finally:
         run.kill()
     assert run.returncode == 0, errors
-    assert took < BUSY_S
+    assert took < 1.5  # a second, and the start of a report on a busy machine
     assert json.loads(out)["machine"] == "winding_drum"
     assert document("info", str(bag), "--json")["finished"] is True
 

@@ -257,7 +257,7 @@ def test_the_viewer_stays_on_this_machine_until_it_is_stopped(bag: Path) -> None
     before = time.monotonic()
     process.send_signal(signal.SIGINT)
     assert process.wait(10) == 0
-    assert time.monotonic() - before < END_LIMIT_S + 4.0  # a busy machine ends it later than its own limit
+    assert time.monotonic() - before < END_LIMIT_S + 0.8  # the viewer's own limit comes first
     assert "Traceback" not in process.stderr.read()
     process.stderr.close()
 
