@@ -88,14 +88,14 @@ def worst_margin(machine: Machine, frame: Frame) -> tuple[float, str]:
     return worst, which
 
 
-def run(machine: Machine, commands: tuple[float, ...]) -> tuple[str, float]:
+def run(machine: Machine, commands: tuple[float, ...], run_s: float = RUN_S) -> tuple[str, float]:
     """Return what a run and the analyses break first, or nothing, and the worst residual over its limit."""
     analyses = {"report": machine.report(), "analyse": [machine.analyse(angle) for angle in ANGLES_RAD]}
     for name, value in numbers_in(analyses):
         if not math.isfinite(value):
             return f"{name} = {value}", 0.0
-    observer, steps, worst = machine.observer(), round(RUN_S / machine.coupling_step_s), 0.0
-    for frame in frames(machine, RUN_S, lambda step: commands[step * len(commands) // (steps + 1)]):
+    observer, steps, worst = machine.observer(), round(run_s / machine.coupling_step_s), 0.0
+    for frame in frames(machine, run_s, lambda step: commands[step * len(commands) // (steps + 1)]):
         observer.observe(frame)
         at = f"at {frame.linkage.time_s:g} s"
         for name, value in frame_numbers(frame):
