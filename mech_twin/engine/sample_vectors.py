@@ -18,7 +18,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain
-from typing import NamedTuple
+from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +38,7 @@ from mech_twin.samples import (
 )
 
 Array = NDArray[np.float64]
+Moving = TypeVar("Moving", LinkageSample, BodySample)
 # columns of a row of the event table; then position, velocity, effort of each coordinate before, and after
 TIME, KIND, CONTACT, PRE_VELOCITY, POST_VELOCITY, IMPULSE, PERIOD, SIDES = range(8)
 EVENT_WIDTH = 8
@@ -115,9 +116,11 @@ class EventLayout:
 
 
 @dataclass(frozen=True)
-class LinkageLayout:
-    """Row of a linkage sample."""
+class _MovingLayout(Generic[Moving]):
+    """Row of a sample that has joints, memory and residuals; ``kind`` is its class, ``second`` the number beside."""
 
+    kind: ClassVar[Any]
+    second: ClassVar[str]
     joints: tuple[str, ...]
     memory: tuple[str, ...]
     residuals: tuple[str, ...]
@@ -131,21 +134,21 @@ class LinkageLayout:
     def names(self) -> list[str]:
         """Return the column of each number, without the name of the role."""
         return [
-            "regime", "command", *_joint_names(self.joints),
+            "regime", self.second, *_joint_names(self.joints),
             *(f"memory.{name}" for name in self.memory), *(f"residual.{name}" for name in self.residuals),
         ]  # fmt: skip
 
-    def row(self, sample: LinkageSample) -> Array:
+    def row(self, sample: LinkageSample | BodySample) -> Array:
         """Return a sample as a row."""
-        joints = joint_numbers(sample.position, sample.velocity, sample.effort)
-        memory, residuals = sample.memory.values, sample.residuals.values
-        return np.array((sample.regime, sample.command, *joints, *memory, *residuals), dtype=float)
+        head: tuple[float, float] = (sample.regime, getattr(sample, self.second))
+        joints: tuple[float, ...] = tuple(joint_numbers(sample.position, sample.velocity, sample.effort))
+        return np.array((*head, *joints, *sample.memory.values, *sample.residuals.values), dtype=float)
 
-    def sample(self, step: int, time_s: float, row: Sequence[float], events: tuple[Event, ...]) -> LinkageSample:
+    def sample(self, step: int, time_s: float, row: Sequence[float], events: tuple[Event, ...]) -> Moving:
         """Return a row (a list) as a sample."""
         begin = 2 + 3 * len(self.joints)
         end = begin + len(self.memory)
-        return LinkageSample(
+        made: Moving = self.kind(
             step,
             time_s,
             self.joints,
@@ -158,6 +161,21 @@ class LinkageLayout:
             Named(self.residuals, tuple(row[end:])),
             events,
         )
+        return made
+
+
+class LinkageLayout(_MovingLayout[LinkageSample]):
+    """Row of a linkage sample."""
+
+    kind = LinkageSample
+    second = "command"
+
+
+class BodyLayout(_MovingLayout[BodySample]):
+    """Row of a body sample."""
+
+    kind = BodySample
+    second = "pressing_force_n"
 
 
 @dataclass(frozen=True)
@@ -235,52 +253,6 @@ class ForceLayout:
         """Return a table as loads."""
         kinds, contacts = self.loads._kinds, self.loads._contacts
         return tuple(Load(row[0], kinds[int(row[1])], contacts[int(row[2])], *row[3:]) for row in rows.tolist())
-
-
-@dataclass(frozen=True)
-class BodyLayout:
-    """Row of a body sample."""
-
-    joints: tuple[str, ...]
-    memory: tuple[str, ...]
-    residuals: tuple[str, ...]
-    events: EventLayout = EventLayout()
-
-    @property
-    def size(self) -> int:
-        """Numbers in a row."""
-        return 3 * len(self.joints) + 2 + len(self.memory) + len(self.residuals)
-
-    def names(self) -> list[str]:
-        """Return the column of each number, without the name of the role."""
-        return [
-            "regime", "pressing_force_n", *_joint_names(self.joints),
-            *(f"memory.{name}" for name in self.memory), *(f"residual.{name}" for name in self.residuals),
-        ]  # fmt: skip
-
-    def row(self, sample: BodySample) -> Array:
-        """Return a sample as a row."""
-        joints = joint_numbers(sample.position, sample.velocity, sample.effort)
-        memory, residuals = sample.memory.values, sample.residuals.values
-        return np.array((sample.regime, sample.pressing_force_n, *joints, *memory, *residuals), dtype=float)
-
-    def sample(self, step: int, time_s: float, row: Sequence[float], events: tuple[Event, ...]) -> BodySample:
-        """Return a row (a list) as a sample."""
-        begin = 2 + 3 * len(self.joints)
-        end = begin + len(self.memory)
-        return BodySample(
-            step,
-            time_s,
-            self.joints,
-            tuple(row[2:begin:3]),
-            tuple(row[3:begin:3]),
-            tuple(row[4:begin:3]),
-            int(row[0]),
-            row[1],
-            Named(self.memory, tuple(row[begin:end])),
-            Named(self.residuals, tuple(row[end:])),
-            events,
-        )
 
 
 class Places(NamedTuple):

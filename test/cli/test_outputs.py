@@ -193,12 +193,14 @@ def test_info_fits_80_columns_with_every_topic_in_one_piece(tmp_path: Path) -> N
     simulated_bag("mb10_breaker", 0.02, tmp_path / "bag")
     with BagReader(tmp_path / "bag") as reader:
         names = [name.removeprefix("/mb10_breaker/") for name in reader.topics]
+        joint_states = sum(topic.type_name == "sensor_msgs/msg/JointState" for topic in reader.topics.values())
     lines = in_a_terminal(["info", str(tmp_path / "bag")], 80)
     assert max(map(len, lines)) <= 80
     for name in names:
         assert sum(f" {name} " in line for line in lines) == 1
     wide = in_a_terminal(["info", str(tmp_path / "bag"), "--wide"], 80)
-    assert sum("sensor_msgs/msg/JointState" in line for line in wide) == 4
+    assert joint_states == 8  # of each role its step and its plain one
+    assert sum("sensor_msgs/msg/JointState" in line for line in wide) == joint_states
 
 
 def test_the_topics_of_a_recording_as_csv(bag, capsys, monkeypatch):
