@@ -25,17 +25,11 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from mech_twin.kernel import kernel
+from mech_twin.machines.mb10_breaker.state import BreakerState
 from mech_twin.parts.four_bar import Coefficients, FourBar, Link, Position, coefficients, offset, position
 from mech_twin.parts.gear import gear_torque
 
-# state: crank angle and speed (against the body), body angle and speed, tool's travel into the wall and speed, then
-# what is integrated along: work of the drive, damping loss, angular impulse on all, work on the wall
-Q, U, PHI, P, TOOL, TOOL_SPEED, WORK, DAMPED, TURNED, WALL_WORK = range(10)
-STATES = 10
 TURN = 2.0 * math.pi
 REST, FLIGHT, HELD = 0, 1, 2  # regimes of the body
 # what the tool does: stands in the wall, moves into it, is pushed by the striker, is pressed by it and does not move
@@ -326,30 +320,33 @@ def masses_at(b: Breaker, q: float, phi: float) -> Masses:
 
 
 @kernel
-def derivatives(
-    b: Breaker,
-    state: NDArray[np.float64],
-    drive: float,
-    rests: bool,
-    tool: int,
-    senses: Senses,
-    out: NDArray[np.float64],
-) -> None:
-    """Fill the derivatives of the state under a torque on the crank (N m)."""
-    u, phi, p = state[U], state[PHI], state[P]
-    m = masses_at(b, state[Q], phi)
-    now = contact_accelerations(b, m, state[Q], u, phi, p, drive, rests, tool, senses)
-    out[Q], out[U], out[PHI], out[P] = u, now.crank, p, now.body
-    out[TOOL] = state[TOOL_SPEED] if tool in (MOVING, PUSHED) else 0.0
-    out[TOOL_SPEED] = (now.tool_force_n - b.wall_force_n) / b.tool_mass_kg if tool in (MOVING, PUSHED) else 0.0
-    out[WALL_WORK] = b.wall_force_n * out[TOOL]
-    out[WORK] = drive * (u - b.frame_drive * p)
-    out[DAMPED] = b.body_damping_nms_per_rad * p * p + b.crank_viscous_nms_per_rad * u * u
-    out[DAMPED] += b.crank_coulomb_nm * senses.crank * u + b.body_coulomb_nm * senses.body * p
+def rates_of_state(
+    b: Breaker, state: BreakerState, drive: float, rests: bool, tool: int, senses: Senses
+) -> BreakerState:
+    """Return the rates of everything in the state under a torque on the crank (N m)."""
+    q, u, phi, p = state.crank_rad, state.crank_rad_per_s, state.body_rad, state.body_rad_per_s
+    m = masses_at(b, q, phi)
+    now = contact_accelerations(b, m, q, u, phi, p, drive, rests, tool, senses)
+    moves = tool in (MOVING, PUSHED)
+    tool_speed = state.tool_m_per_s if moves else 0.0
+    work = drive * (u - b.frame_drive * p)
+    damped = b.body_damping_nms_per_rad * p * p + b.crank_viscous_nms_per_rad * u * u
+    damped += b.crank_coulomb_nm * senses.crank * u + b.body_coulomb_nm * senses.body * p
     moment = -b.frame_drive * drive - spring_moment(b, phi) - b.body_damping_nms_per_rad * p + now.collar_nm + m.g_phi
     if not rests:
         moment -= b.body_coulomb_nm * senses.body
-    out[TURNED] = moment + b.tool_radius_m * now.tool_force_n
+    return BreakerState(
+        u,
+        now.crank,
+        p,
+        now.body,
+        tool_speed,
+        (now.tool_force_n - b.wall_force_n) / b.tool_mass_kg if moves else 0.0,
+        work,
+        damped,
+        moment + b.tool_radius_m * now.tool_force_n,
+        b.wall_force_n * tool_speed,
+    )
 
 
 @kernel

@@ -25,17 +25,10 @@ from mech_twin.machines.mb10_breaker.dynamics import (
     FLIGHT,
     HELD,
     REST,
-    STATES,
-    TOOL,
-    TOOL_SPEED,
     Breaker,
-    P,
-    Q,
-    U,
     energies,
     spring_moment,
 )
-from mech_twin.machines.mb10_breaker.dynamics import PHI as BODY
 from mech_twin.machines.mb10_breaker.state import (
     BODY_STOPPED,
     CRANK_STOPPED,
@@ -43,8 +36,10 @@ from mech_twin.machines.mb10_breaker.state import (
     LIFT_OFF,
     MEMORY,
     SETTLED,
+    STATES,
     TOUCHDOWN,
     BreakerMemory,
+    named,
 )
 from mech_twin.machines.mb10_breaker.step import advance_step, take_body
 from mech_twin.parts.four_bar import closure_error, coefficients, link_angles, position
@@ -96,18 +91,20 @@ def memory_of(row: Array) -> Any:
 
 
 @kernel
-def fill_row(b: Breaker, state: Array, regime: int, drive: float, command: float, defect_j: float, out: Array) -> None:
+def fill_row(b: Breaker, y: Array, regime: int, drive: float, command: float, defect_j: float, out: Array) -> None:
     """Fill a linkage row whose memory is in place: joints, regime, command and residuals.
 
     Parameters
     ----------
+    y : (10,) array
+        As `state.BreakerState` names it.
     drive : float
         Torque on the crank at the end of the step (N m).
     defect_j : float
         Energy by which the body's own angle changed the step's start.
     """
-    memory = memory_of(out)
-    q, u, phi, p = state[Q], state[U], state[BODY], state[P]
+    memory, state = memory_of(out), named(y)
+    q, u, phi, p = state.crank_rad, state.crank_rad_per_s, state.body_rad, state.body_rad_per_s
     at = position(b.bar, q)
     by = coefficients(at)
     coupler, rocker = link_angles(at)
@@ -127,14 +124,14 @@ def fill_row(b: Breaker, state: Array, regime: int, drive: float, command: float
 @kernel
 def start_row(b: Breaker, crank_rad: float, command: float, out: Array) -> None:
     """Fill the row of the machine at rest, the body on its collar."""
-    state = np.zeros(STATES)
-    state[Q] = crank_rad
-    kinetic, potential, _ = energies(b, state[Q], 0.0, 0.0, 0.0)
+    y = np.zeros(STATES)
+    named(y).crank_rad = crank_rad
+    kinetic, potential, _ = energies(b, crank_rad, 0.0, 0.0, 0.0)
     out[MEMORY_AT:RESIDUALS_AT] = 0.0
     memory = memory_of(out)
     memory.torque_history = -1.0
     memory.energy_j, memory.begin_crank_rad = kinetic + potential, crank_rad
-    fill_row(b, state, HELD if b.held else REST, 0.0, command, 0.0, out)
+    fill_row(b, y, HELD if b.held else REST, 0.0, command, 0.0, out)
 
 
 @kernel
@@ -184,22 +181,21 @@ def breaker_step(
     model: LedBreaker, step: int, linkage: Array, motor: Array, body: Array, out: Array, log: Array
 ) -> tuple[Array, int]:
     """Fill in the linkage one step later; angle and rate of the body are taken from its own row."""
-    b, state, regime = model.breaker, np.zeros(STATES), int(linkage[REGIME])
+    b, y, regime = model.breaker, np.zeros(STATES), int(linkage[REGIME])
+    state = named(y)
     out[:] = linkage
     record = out[MEMORY_AT:RESIDUALS_AT].view(MEMORY)
     memory = record[0]
-    state[Q], state[U] = linkage[CRANK_AT], linkage[CRANK_AT + 1]
-    state[BODY], state[P] = linkage[BODY_AT], linkage[BODY_AT + 1]
-    state[TOOL], state[TOOL_SPEED] = memory.tool_travel_m, memory.tool_speed_m_per_s
+    state.crank_rad, state.crank_rad_per_s = linkage[CRANK_AT], linkage[CRANK_AT + 1]
+    state.body_rad, state.body_rad_per_s = linkage[BODY_AT], linkage[BODY_AT + 1]
+    state.tool_m, state.tool_m_per_s = memory.tool_travel_m, memory.tool_speed_m_per_s
     defect = memory.coupling_defect_j
-    phi, p, rests = state[BODY], state[P], regime != FLIGHT
+    phi, p, rests = state.body_rad, state.body_rad_per_s, regime != FLIGHT
     if len(body) > 0 and not b.held:
         phi, p, rests = body[BODY_JOINTS], body[BODY_JOINTS + 1], int(body[REGIME]) == model.body_at_rest
     regime = take_body(b, state, record, regime, phi, p, rests)
     rows = np.empty(model.log_rows, dtype=EVENT)
-    regime, count, drive = advance_step(
-        b, state, record, regime, motor[MOTOR_JOINTS + 2], model.step_s, model.order, rows
-    )
+    regime, count, drive = advance_step(b, y, record, regime, motor[MOTOR_JOINTS + 2], model.step_s, model.order, rows)
     log = tell_events(b, step * model.step_s, rows, count, log)
-    fill_row(b, state, regime, drive, motor[MOTOR_COMMAND], memory.coupling_defect_j - defect, out)
+    fill_row(b, y, regime, drive, motor[MOTOR_COMMAND], memory.coupling_defect_j - defect, out)
     return log, count
