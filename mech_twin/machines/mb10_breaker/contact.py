@@ -6,6 +6,7 @@ from typing import Any
 
 from mech_twin.engine.errors import MotionError
 from mech_twin.kernel import kernel
+from mech_twin.machines.mb10_breaker.accelerations import accelerations, moving
 from mech_twin.machines.mb10_breaker.dynamics import (
     BLOCKED,
     FLIGHT,
@@ -15,10 +16,8 @@ from mech_twin.machines.mb10_breaker.dynamics import (
     STANDING,
     TURN,
     Breaker,
-    accelerations,
     energies,
     masses_at,
-    moving,
 )
 from mech_twin.machines.mb10_breaker.event_rows import begin_row, log_post
 from mech_twin.machines.mb10_breaker.impacts import touchdown

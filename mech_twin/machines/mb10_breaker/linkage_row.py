@@ -39,7 +39,10 @@ from mech_twin.machines.mb10_breaker.state import (
     STATES,
     TOUCHDOWN,
     BreakerMemory,
+    Side,
     named,
+    post_side,
+    pre_side,
 )
 from mech_twin.machines.mb10_breaker.step import advance_step, take_body
 from mech_twin.parts.four_bar import closure_error, coefficients, link_angles, position
@@ -143,6 +146,24 @@ def contact_of(kind: int) -> int:
 
 
 @kernel
+def fill_coordinate(sides: Array, place: int, position: float, velocity: float, effort: float) -> int:
+    """Put one coordinate where it belongs in a row of events; return where the next one does."""
+    sides[place], sides[place + 1], sides[place + 2] = position, velocity, effort
+    return place + 3
+
+
+@kernel
+def fill_side(b: Breaker, side: Side, sides: Array, place: int) -> int:
+    """Put the coordinates on one side of an event, in the order of `state.EventSide`; return where the others begin."""
+    q, u, phi, p = side.crank_rad, side.crank_rad_per_s, side.body_rad, side.body_rad_per_s
+    place = fill_coordinate(sides, place, q, u, side.drive_torque_nm)
+    place = fill_coordinate(sides, place, phi, p, -spring_moment(b, phi))
+    place = fill_coordinate(sides, place, side.tool_m, side.tool_m_per_s, side.tool_force_n)
+    place = fill_coordinate(sides, place, q, u, side.crank_friction_nm)
+    return fill_coordinate(sides, place, phi, p, side.body_friction_nm)
+
+
+@kernel
 def tell_events(b: Breaker, start_s: float, rows: Any, count: int, log: Array) -> Array:
     """Write the rows of a step into the table of events, times from the start of the run."""
     for i in range(count):
@@ -154,25 +175,8 @@ def tell_events(b: Breaker, start_s: float, rows: Any, count: int, log: Array) -
             row.cycle,
         )  # fmt: skip
         log[i, SIDES] = 1.0
-        told = log[i, EVENT_WIDTH:]
-        told[0], told[1], told[2] = row.pre_crank_rad, row.pre_crank_rad_per_s, row.pre_drive_torque_nm
-        told[3], told[4], told[5] = (
-            row.pre_body_rad,
-            row.pre_body_rad_per_s,
-            -spring_moment(b, row.pre_body_rad),
-        )
-        told[6], told[7], told[8] = row.pre_tool_m, row.pre_tool_m_per_s, row.pre_tool_force_n
-        told[9], told[10], told[11] = row.pre_crank_rad, row.pre_crank_rad_per_s, row.pre_crank_friction_nm
-        told[12], told[13], told[14] = row.pre_body_rad, row.pre_body_rad_per_s, row.pre_body_friction_nm
-        told[15], told[16], told[17] = row.post_crank_rad, row.post_crank_rad_per_s, row.post_drive_torque_nm
-        told[18], told[19], told[20] = (
-            row.post_body_rad,
-            row.post_body_rad_per_s,
-            -spring_moment(b, row.post_body_rad),
-        )
-        told[21], told[22], told[23] = row.post_tool_m, row.post_tool_m_per_s, row.post_tool_force_n
-        told[24], told[25], told[26] = row.post_crank_rad, row.post_crank_rad_per_s, row.post_crank_friction_nm
-        told[27], told[28], told[29] = row.post_body_rad, row.post_body_rad_per_s, row.post_body_friction_nm
+        post = fill_side(b, pre_side(row), log[i], EVENT_WIDTH)
+        fill_side(b, post_side(row), log[i], post)
     return log
 
 

@@ -12,6 +12,11 @@ from mech_twin.engine.events import UNKNOWN, signals_of
 from mech_twin.engine.integration import Workspace, rates_of
 from mech_twin.engine.tableaus import COOPER_VERNER_8
 from mech_twin.kernel import kernel
+from mech_twin.machines.mb10_breaker.accelerations import (
+    Accelerations,
+    contact_accelerations,
+    rates_of_state,
+)
 from mech_twin.machines.mb10_breaker.bearing_friction import (
     BearingTorques,
     Instant,
@@ -19,16 +24,7 @@ from mech_twin.machines.mb10_breaker.bearing_friction import (
     rubs,
     senses_at,
 )
-from mech_twin.machines.mb10_breaker.dynamics import (
-    Accelerations,
-    Breaker,
-    Senses,
-    contact_accelerations,
-    crank_torque,
-    masses_at,
-    rates_of_state,
-    striker,
-)
+from mech_twin.machines.mb10_breaker.dynamics import Breaker, Senses, crank_torque, masses_at, striker
 from mech_twin.machines.mb10_breaker.state import STATES, pack_state, unpacked_state
 from mech_twin.parts.gear import gear_torque
 

@@ -25,14 +25,14 @@ from mech_twin.machines.mb10_breaker.linkage_row import (
     fill_row,
     start_row,
 )
-from mech_twin.machines.mb10_breaker.state import EVENT_ROWS, KINDS, STATES, BreakerMemory, named
+from mech_twin.machines.mb10_breaker.state import EVENT_ROWS, KINDS, STATES, BreakerMemory, EventSide, named
 from mech_twin.parts.induction_motor import MotorConstants
 from mech_twin.roles import CrankState
 from mech_twin.samples import LinkageSample
 
 RESIDUALS = ("loop_closure_m", "energy_balance", "momentum_balance", "coupling_defect")
 FORCE_RESIDUALS = ("drive_torque_routes", "body_moment_routes", "impulse_routes")
-EVENTS = EventLayout(KINDS, CONTACTS, 5)
+EVENTS = EventLayout(KINDS, CONTACTS, len(EventSide._fields))
 
 
 class BreakerMotor(KlossDrive):
@@ -76,7 +76,7 @@ class BreakerLinkage(CompiledLinkage):
     """
 
     joints = JOINTS
-    coordinates = ("crank", "body", "tool", "crank_bearing", "body_pivot")
+    coordinates = EventSide._fields
     regimes = ("rest", "flight", "held")
     layout = LinkageLayout(JOINTS, BreakerMemory._fields, RESIDUALS, EVENTS)
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mech_twin.kernel import kernel
+from mech_twin.samples import Coordinate
 
 EVENT_ROWS = 512  # of one coupling step; one more is an error in one line
 
@@ -95,6 +96,16 @@ class BreakerMemory(NamedTuple):
     begin_body_friction_nm: float = 0.0
 
 
+class EventSide(NamedTuple):
+    """Coordinates on one side of an event, as the linkage's events tell them."""
+
+    crank: Coordinate
+    body: Coordinate
+    tool: Coordinate
+    crank_bearing: Coordinate
+    body_pivot: Coordinate
+
+
 class Side(NamedTuple):
     """Crank, body, torque on the crank, tool, force of the striker on it, friction, on one side of an event."""
 
@@ -126,20 +137,44 @@ EVENT_FIELDS = (
 EVENT = np.dtype((np.record, [(name, np.float64) for name in EVENT_FIELDS]))
 
 
-def pre_side(row: np.void) -> Side:
-    """Return the state before an event."""
-    return Side(*(float(row[f"pre_{name}"]) for name in Side._fields))
-
-
-def post_side(row: np.void) -> Side:
-    """Return the state after an event."""
-    return Side(*(float(row[f"post_{name}"]) for name in Side._fields))
-
-
 @kernel
 def unpacked_state(y: NDArray[np.float64]) -> BreakerState:
     """Return the numbers of a state (10,) by name."""
     return BreakerState(y[0], y[1], y[2], y[3], y[4], y[5], y[6], y[7], y[8], y[9])
+
+
+@kernel
+def pre_side(row: Any) -> Side:
+    """Return the state before an event."""
+    return Side(
+        row.pre_crank_rad,
+        row.pre_crank_rad_per_s,
+        row.pre_body_rad,
+        row.pre_body_rad_per_s,
+        row.pre_drive_torque_nm,
+        row.pre_tool_m,
+        row.pre_tool_m_per_s,
+        row.pre_tool_force_n,
+        row.pre_crank_friction_nm,
+        row.pre_body_friction_nm,
+    )
+
+
+@kernel
+def post_side(row: Any) -> Side:
+    """Return the state after an event."""
+    return Side(
+        row.post_crank_rad,
+        row.post_crank_rad_per_s,
+        row.post_body_rad,
+        row.post_body_rad_per_s,
+        row.post_drive_torque_nm,
+        row.post_tool_m,
+        row.post_tool_m_per_s,
+        row.post_tool_force_n,
+        row.post_crank_friction_nm,
+        row.post_body_friction_nm,
+    )
 
 
 @kernel

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from mech_twin.kernel import kernel
+from mech_twin.machines.mb10_breaker.accelerations import accelerations, moving, pushing
 from mech_twin.machines.mb10_breaker.dynamics import (
     BLOCKED,
     FLIGHT,
@@ -13,10 +14,7 @@ from mech_twin.machines.mb10_breaker.dynamics import (
     REST,
     STANDING,
     Breaker,
-    accelerations,
     masses_at,
-    moving,
-    pushing,
     striker,
 )
 from mech_twin.machines.mb10_breaker.event_rows import begin_row, log_knot, log_post
