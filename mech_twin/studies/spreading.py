@@ -11,12 +11,14 @@ import signal
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from importlib import import_module
 from multiprocessing import get_context
 from typing import Any, TypeVar
 
 from mech_twin.capabilities.errors import StudyError
 from mech_twin.dependencies import extra_needed
+from mech_twin.parent_death import end_with_parent
 
 Batch = TypeVar("Batch")
 Result = TypeVar("Result")
@@ -61,13 +63,15 @@ def spread(
 
 def _over_processes(function: Callable[[Batch], Result], batches: Sequence[Batch], cores: int) -> Iterator[Result]:
     """Keep a few batches per core queued, so that an interruption leaves little to finish."""
-    with ProcessPoolExecutor(cores, mp_context=get_context("spawn"), initializer=_leave_interrupts_alone) as pool:
+    spawn = get_context("spawn")
+    with ProcessPoolExecutor(cores, spawn, initializer=_follow_parent, initargs=(os.getpid(),)) as pool:
         waiting: set[Future[Result]] = set()
         rest = iter(batches)
         try:
             while True:
                 for batch in rest:
-                    waiting.add(pool.submit(function, batch))
+                    with _interrupts_held_back():  # a worker takes that over before it imports anything
+                        waiting.add(pool.submit(function, batch))
                     if len(waiting) >= QUEUED_PER_CORE * cores:
                         break
                 if not waiting:
@@ -81,9 +85,20 @@ def _over_processes(function: Callable[[Batch], Result], batches: Sequence[Batch
             pool.shutdown(wait=False, cancel_futures=True)
 
 
-def _leave_interrupts_alone() -> None:
-    """Let the process that takes the results decide what an interruption means."""
+def _follow_parent(parent: int) -> None:
+    """Let the process that takes the results decide what an interruption means, and end when it does."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    end_with_parent(parent)
+
+
+@contextmanager
+def _interrupts_held_back() -> Iterator[None]:
+    """Deliver a Ctrl-C after this block."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _over_cluster(function: Callable[[Batch], Result], batches: Sequence[Batch], scheduler: str) -> Iterator[Result]:
