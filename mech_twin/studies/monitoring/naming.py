@@ -1,7 +1,7 @@
 """Which fault explains the features: signatures by size, a generalised likelihood ratio over all of them.
 
-From the innovations after an onset the change delta of the features is estimated with its information matrix M, the
-cycles of settling left free (they say that something happened, not how much).  A fault j of size s changes them by
+From the innovations after an onset the change delta of the features is estimated with its information matrix M; what
+happens while the machine settles is left free.  A fault j of size s changes them by
 r_j(s), computed by roll-outs and interpolated over s.  What it leaves open is::
 
     open_j = min over s of (delta - r_j(s))' M (delta - r_j(s)),       all there is:  delta' M delta
@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -53,6 +54,7 @@ class Signature:
     responses: Array
     key: str = ""
 
+    @cached_property
     def fine(self) -> tuple[Array, Array]:
         """Return finely spaced sizes, 0 left out, and the responses at them."""
         steps = np.linspace(0.0, 1.0, GRID, endpoint=False)
@@ -99,28 +101,34 @@ class Change(NamedTuple):
 def estimated_change(baseline: Baseline, innovations: Array, settling: int) -> Change | None:
     """Return the change since the onset, the first row of the innovations (n, d); None while it is settling.
 
-    The features are off by anything in the first ``settling`` cycles and by a constant from then on.  Both pass through
-    the autoregression, so the regressors of a feature are pulses and a step, filtered.
+    Two independent looks at a change delta that is complete after s cycles, with a_i and psi_i the coefficients and the
+    impulse response of the autoregression of a feature::
+
+        sum over i = 0 .. s of psi_i e_(s-i) = delta + error of the forecast from before the onset
+        e_t = (1 - sum of a_i) delta + noise,      t >= s + max(p, 1)
     """
-    cycles, width = innovations.shape
-    if cycles <= settling:
+    begin = settling + max(baseline.order, 1)
+    later = innovations[begin:]
+    if not len(later):
         return None
-    filtered = np.zeros((settling + 1, cycles, width))  # regressor, cycle, feature
+    impulse = impulse_response(baseline, settling)
     inverse = np.linalg.inv(baseline.covariance)
-    filters = np.concatenate([np.ones((1, width)), -baseline.coefficients])
-    for lag, weights in enumerate(filters):
-        for pulse in range(settling):
-            if pulse + lag < cycles:
-                filtered[pulse, pulse + lag] = weights
-        filtered[settling, settling + lag :] += weights
-    moments = np.einsum("qtf,rtg->qfrg", filtered, filtered) * inverse[None, :, None, :]
-    normal = moments.reshape((settling + 1) * width, -1)
-    right = np.einsum("qtf,tf->qf", filtered, innovations @ inverse).ravel()
-    free = settling * width
-    coupling = normal[free:, :free] @ np.linalg.pinv(normal[:free, :free])
-    information = normal[free:, free:] - coupling @ normal[:free, free:]
-    information = 0.5 * (information + information.T)
-    return Change(np.linalg.pinv(information, hermitian=True) @ (right[free:] - coupling @ right[:free]), information)
+    forecast = np.linalg.inv(baseline.covariance * (impulse.T @ impulse))
+    offset = (impulse * innovations[settling::-1]).sum(axis=0)
+    steady = 1.0 - baseline.coefficients.sum(axis=0)
+    information = forecast + len(later) * (steady[:, None] * inverse * steady)
+    right = forecast @ offset + steady * (inverse @ later.sum(axis=0))
+    return Change(np.linalg.solve(information, right), information)
+
+
+def impulse_response(baseline: Baseline, cycles: int) -> Array:
+    """Return psi_0 = 1 to psi_cycles of each feature's autoregression, (cycles + 1, d)."""
+    found = np.zeros((cycles + 1, len(baseline.mean)))
+    found[0] = 1.0
+    for t in range(1, cycles + 1):
+        for lag in range(1, min(t, baseline.order) + 1):
+            found[t] += baseline.coefficients[lag - 1] * found[t - lag]
+    return found
 
 
 def candidates(change: Change, signatures: Sequence[Signature]) -> tuple[Candidate, ...]:
@@ -146,9 +154,9 @@ def _fit(change: Change, signature: Signature, tolerated: float) -> tuple[float,
 
     The interval is that of noise, widened by what the model may be off.
     """
-    sizes, responses = signature.fine()
+    sizes, responses = signature.fine
     left = change.delta - responses
-    open_left = np.einsum("sd,de,se->s", left, change.information, left)
+    open_left = ((left @ change.information) * left).sum(axis=1)
     best = int(np.argmin(open_left))
     wide = INTERVAL + min(tolerated, open_left[best])
     inside = sizes[open_left <= open_left[best] + wide]

@@ -16,7 +16,7 @@ from mech_twin.capabilities.variation import varied
 from mech_twin.engine.errors import MotionError
 from mech_twin.engine.rollout import roll_out
 from mech_twin.machines.catalog import Entry
-from mech_twin.measurements.machine_columns import is_event
+from mech_twin.measurements.machine_columns import is_event, unit_of
 from mech_twin.measurements.measurement_map import MeasurementMap
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.quantity import Parameters
@@ -117,13 +117,14 @@ def machine_signatures(monitored: MonitoredMachine, names: Iterable[str]) -> tup
     """Return the signatures of every fault of machine and sensors, for these features."""
     exact = MonitoredMachine(monitored.name, monitored.parameters, without_noise(monitored.sensors))
     wanted = tuple(names)
-    duration_s = exact.declared.run_up_s + STEADY_CYCLES * mean_period_s(exact)
+    period_s = mean_period_s(exact)
+    duration_s = exact.declared.run_up_s + STEADY_CYCLES * period_s
     healthy = _steady_seen(exact, exact.parameters, 1.0, duration_s)
     reference = _steady(exact, healthy, wanted)
     if reference is None:
         raise StudyError(f"{exact.name}: the simulated machine gives no steady cycles; expected some after its run-up")
     found = [_of_machine(exact, fault, reference, duration_s, wanted) for fault in exact.faults]
-    found += _of_sensors(exact, healthy, reference, wanted)
+    found += _of_sensors(exact, healthy, reference, wanted, period_s)
     return tuple(signature for signature in found if signature is not None)
 
 
@@ -144,12 +145,12 @@ def _of_machine(
 
 
 def _of_sensors(
-    exact: MonitoredMachine, healthy: Seen, reference: Array, names: tuple[str, ...]
+    exact: MonitoredMachine, healthy: Seen, reference: Array, names: tuple[str, ...], period_s: float
 ) -> list[Signature | None]:
     found = []
     for column in exact.columns:
         if not is_event(column):
-            for kind, unit, fault in _sensor_faults(exact, column, healthy):
+            for kind, unit, fault in _sensor_faults(exact, column, healthy, period_s):
                 responses = {0.0: np.zeros(len(names))}
                 for share in (1.0,) if kind == "stuck" else SENSOR_SHARES:
                     steady = _steady(exact, with_sensor_fault(healthy, shifted(fault, share)), names)
@@ -165,14 +166,13 @@ def _of_sensors(
     return found
 
 
-def _sensor_faults(exact: MonitoredMachine, column: str, healthy: Seen) -> list[tuple[str, str, SensorFault]]:
+def _sensor_faults(
+    exact: MonitoredMachine, column: str, healthy: Seen, period_s: float
+) -> list[tuple[str, str, SensorFault]]:
     """Return kind, unit of the size, and the largest fault of each kind that a sensor of this column may have."""
-    from mech_twin.measurements.machine_columns import unit_of
-
     reference = exact.declared.reference
     turning = column == reference.column and reference.kind == "turn"
     swing = LARGEST_TURN_BIAS_RAD if turning else LARGEST_BIAS * float(np.ptp(healthy[column][1]))
-    period_s = mean_period_s(exact)
     found = [
         ("bias", unit_of(column), SensorFault(column, bias=swing)),
         ("lag", "s", SensorFault(column, lag_s=LARGEST_LAG * period_s)),
