@@ -306,7 +306,7 @@ def test_a_tool_that_turns_back_finds_nothing_until_where_it_turned() -> None:
     def regimes(seen: list[LinkageSample]) -> list[str]:
         return [role.regimes[sample.regime] for sample in seen]
 
-    there = turned(role.start(), -6.0, 500)
+    there = turned(role.start(), -6.0, 600)
     assert regimes(there)[-100:] == ["working_reversed"] * 100
     back = turned(there[-1], 6.0, 60)
     assert set(regimes(back[5:])) == {"done_reversed"}
