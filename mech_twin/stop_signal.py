@@ -14,9 +14,15 @@ from contextlib import contextmanager
 from types import FrameType, TracebackType
 from typing import Any
 
-from mech_twin.interruption import EXIT_CODE_BASE, SIGNALS, end_at_once, is_in_compiler, is_in_wrapper, send_again
-
-INTERRUPTED_LINE = "mech-twin: interrupted\n"
+from mech_twin.interruption import (
+    EXIT_CODE_BASE,
+    INTERRUPTED_LINE,
+    answered_signals,
+    end_at_once,
+    is_in_compiler,
+    is_in_wrapper,
+    send_again,
+)
 
 Handler = Callable[[int, FrameType | None], None]
 
@@ -93,8 +99,8 @@ class StopSignal:
 
 
 def _handled(handler: Handler) -> dict[signal.Signals, Any]:
-    """Set the handler of every signal; return those before."""
-    return {number: signal.signal(number, handler) for number in SIGNALS}
+    """Set the handler of every signal that is answered; return those before."""
+    return {number: signal.signal(number, handler) for number in answered_signals()}
 
 
 def _raise(number: int, frame: FrameType | None) -> None:
