@@ -39,6 +39,10 @@ def bounds_of(texts: list[str]) -> dict[str, tuple[float, float]]:
             raise CommandError(f"--bound {text}: expected NAME=LOW:HIGH") from error
         if not equals or not name.strip():
             raise CommandError(f"--bound {text}: expected NAME=LOW:HIGH")
+        if high and float(low) > float(high):
+            raise CommandError(
+                f"--bound {text}: the lower bound is above the upper one; expected {name.strip()}={high}:{low}"
+            )
     return bounds
 
 

@@ -26,6 +26,7 @@ from mech_twin.configuration_tree import ConfigurationError, configuration_tree,
 from mech_twin.machines.catalog import CATALOGUE, Entry
 from mech_twin.output_file import written_file
 from mech_twin.parameters.errors import refusal
+from mech_twin.parameters.key_lines import KeyLines, key_lines, no_lines
 from mech_twin.parameters.motors import NAME_KEY, with_catalogue_motor
 from mech_twin.quantity import Parameters
 from mech_twin.roles import Machine
@@ -54,9 +55,24 @@ def catalogue_entry(name: str) -> Entry:
     """
     if name in CATALOGUE:
         return CATALOGUE[name]
-    near = get_close_matches(name, CATALOGUE, 1)
+    within = [known for known in CATALOGUE if len(name) > 1 and name in known]
+    near = get_close_matches(name, CATALOGUE, 1) or within
     hint = f"; did you mean '{near[0]}'?" if near else ""
     raise ConfigurationError(f"no machine '{name}'; expected one of {', '.join(CATALOGUE)}{hint}")
+
+
+def machine_of_prefix(text: str) -> str:
+    """Return the name of the machine that alone begins so: ``mb10`` is ``mb10_breaker``.
+
+    Raises
+    ------
+    ConfigurationError
+        If no machine begins so, or several do.
+    """
+    found = [text] if text in CATALOGUE else [name for name in CATALOGUE if text and name.startswith(text)]
+    if len(found) > 1:
+        raise ConfigurationError(f"'{text}' begins several machines: {', '.join(found)}")
+    return found[0] if found else catalogue_entry(text).name
 
 
 def configuration_directories() -> list[Path]:
@@ -235,10 +251,11 @@ def machine_parameters(name: str, path: Path | None = None, overrides: Mapping[s
         Naming file, key, value and what was expected.
     """
     entry = catalogue_entry(name)
-    file = path or configuration_file(name)
-    tree = merged_tree(file_tree(file), tree_from_flat(overrides or {}))
-    source = f"{file} with --set {', '.join(overrides)}" if overrides else str(file)
-    return validated(entry, tree, source)
+    file, given = path or configuration_file(name), dict(overrides or {})
+    text = _file_text(file)
+    tree = merged_tree(text_tree(text, str(file)), tree_from_flat(given))
+    source = f"{file} with --set {', '.join(given)}" if given else str(file)
+    return validated(entry, tree, source, lambda: key_lines(text, given))
 
 
 def run_group(name: str, path: Path | None = None, overrides: Mapping[str, Any] | None = None) -> dict[str, Any]:
@@ -250,8 +267,8 @@ def run_group(name: str, path: Path | None = None, overrides: Mapping[str, Any] 
     return group
 
 
-def validated(entry: Entry, tree: Mapping[str, Any], source: str) -> Parameters:
-    """Return the parameter model of a tree of values, or one line that says what is wrong with it."""
+def validated(entry: Entry, tree: Mapping[str, Any], source: str, lines: KeyLines = no_lines) -> Parameters:
+    """Return the parameter model of a tree of values, or one line that says what is wrong with it and where."""
     values = {key: value for key, value in tree.items() if not is_of_ros(key)}
     values.pop(RUN_GROUP, None)
     meant = values.pop(MACHINE_KEY, entry.name)
@@ -262,7 +279,7 @@ def validated(entry: Entry, tree: Mapping[str, Any], source: str) -> Parameters:
     try:
         return entry.parameters.model_validate(values)
     except ValidationError as error:
-        raise refusal(source, error) from error
+        raise refusal(source, error, entry.parameters, lines) from error
 
 
 def machine(name: str, path: Path | None = None, overrides: Mapping[str, Any] | None = None) -> Machine:

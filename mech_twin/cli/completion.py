@@ -1,0 +1,81 @@
+"""What the shell completes: machines, configuration keys with their units, limits and objectives of a study."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from typer import Context
+
+
+def machines(incomplete: str) -> list[tuple[str, str]]:
+    """Return the machines that begin so, with their titles."""
+    from mech_twin.machines.catalog import CATALOGUE
+
+    return [(name, entry.title) for name, entry in CATALOGUE.items() if name.startswith(incomplete)]
+
+
+def settings(context: Context, incomplete: str) -> list[tuple[str, str]]:
+    """Return the configuration keys of the machine that begin so, ready for a value, with unit and meaning."""
+    from mech_twin.parameters.key_hints import key_units
+
+    model = _entry(context).parameters if _named(context) else None
+    units = key_units(model) if model is not None else {}
+    return [(f"{key}=", unit) for key, unit in units.items() if key.startswith(incomplete)]
+
+
+def live_settings(context: Context, incomplete: str) -> list[str]:
+    """Return the keys that may change while the machine runs."""
+    if not _named(context):
+        return []
+    from mech_twin.parameters.live_change import live_numbers
+    from mech_twin.parameters.load import machine_parameters
+
+    keys = dict(live_numbers(machine_parameters(_entry(context).name)))
+    return [f"{key}=" for key in keys if key.startswith(incomplete)]
+
+
+def limits(context: Context, incomplete: str) -> list[tuple[str, str]]:
+    """Return the limits of the machine's size or design question, with their usual values."""
+    question = _question(context)
+    known = {} if question is None else dict(question.limits)
+    return [(f"{name}=", f"usually {value:g}") for name, value in known.items() if name.startswith(incomplete)]
+
+
+def objectives(context: Context, incomplete: str) -> list[str]:
+    """Return the objectives of the machine's size or design question."""
+    question = _question(context)
+    return [] if question is None else [name for name in question.objectives if name.startswith(incomplete)]
+
+
+def bounds(context: Context, incomplete: str) -> list[tuple[str, str]]:
+    """Return the variables of the machine's design question, with their usual bounds in SI units."""
+    question = _entry(context).capabilities.design if _named(context) else None
+    known: dict[str, Any] = {} if question is None else dict(question.variables)
+    return [
+        (f"{name}=", f"usually {low:g}:{high:g}") for name, (low, high) in known.items() if name.startswith(incomplete)
+    ]
+
+
+def _named(context: Context) -> str:
+    """Return the machine of the command line that is being written; of ``study`` it stands before the question."""
+    from mech_twin.configuration_tree import ConfigurationError
+    from mech_twin.parameters.load import machine_of_prefix
+
+    above = context.parent.params if context.parent is not None else {}
+    try:
+        return machine_of_prefix(str(context.params.get("machine") or above.get("machine") or ""))
+    except ConfigurationError:
+        return ""
+
+
+def _entry(context: Context) -> Any:
+    from mech_twin.machines.catalog import CATALOGUE
+
+    return CATALOGUE[_named(context)]
+
+
+def _question(context: Context) -> Any:
+    if not _named(context):
+        return None
+    able = _entry(context).capabilities
+    return able.sizing if context.info_name == "size" else able.design
