@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from typer import Context
@@ -38,7 +39,7 @@ def limits(context: Context, incomplete: str) -> list[tuple[str, str]]:
     """Return the limits of the machine's size or design question, with their usual values."""
     question = _question(context)
     known = {} if question is None else dict(question.limits)
-    return [(f"{name}=", f"usually {value:g}") for name, value in known.items() if name.startswith(incomplete)]
+    return [(f"{name}=", _usually(value)) for name, value in known.items() if name.startswith(incomplete)]
 
 
 def objectives(context: Context, incomplete: str) -> list[str]:
@@ -57,15 +58,22 @@ def bounds(context: Context, incomplete: str) -> list[tuple[str, str]]:
 
 
 def _named(context: Context) -> str:
-    """Return the machine of the command line that is being written; of ``study`` it stands before the question."""
+    """Return the machine of the command line that is being written, or nothing.
+
+    Of ``study`` it stands before the question; while an option still lacks its value it is among the arguments that are
+    not yet taken.
+    """
     from mech_twin.configuration_tree import ConfigurationError
     from mech_twin.parameters.load import machine_of_prefix
 
     above = context.parent.params if context.parent is not None else {}
-    try:
-        return machine_of_prefix(str(context.params.get("machine") or above.get("machine") or ""))
-    except ConfigurationError:
-        return ""
+    for word in (context.params.get("machine"), above.get("machine"), *context.args):
+        try:
+            if word:
+                return machine_of_prefix(word)
+        except ConfigurationError:
+            continue
+    return ""
 
 
 def _entry(context: Context) -> Any:
@@ -79,3 +87,7 @@ def _question(context: Context) -> Any:
         return None
     able = _entry(context).capabilities
     return able.sizing if context.info_name == "size" else able.design
+
+
+def _usually(value: float) -> str:
+    return "" if math.isnan(value) else f"usually {value:g}"
