@@ -13,6 +13,10 @@ from mech_twin.cli.failure import CommandError
 from mech_twin.cli.option_values import machine_name, seconds
 from mech_twin.output_file import check_output_file
 
+CONFIGURATION = (".yaml", ".yml")
+TABLE = (".parquet", ".csv")
+PICTURE = (".png", ".svg", ".pdf")
+
 study_app = typer.Typer(
     cls=QuestionGroup,
     no_args_is_help=True,
@@ -97,7 +101,7 @@ def sweep(
     from mech_twin.cli.study_output import SweepRequest, answer_sweep
 
     numbers, table = tuple(number or ()), out or Path(f"{context.obj}-sweep.parquet")
-    check_output_file(table, force=force)
+    check_output_file(table, force=force, suffixes=TABLE)
     if not no_picture:
         check_output_file(table.with_suffix(".png"), force=force)
     answer_sweep(
@@ -128,7 +132,7 @@ def size(
     from mech_twin.cli.study_output import answer_size
 
     file = out or Path(f"{context.obj}-sized.yaml")
-    check_output_file(file, force=force)
+    check_output_file(file, force=force, suffixes=CONFIGURATION)
     answer_size(context.obj, file, objective, limit or [], tolerance, config, settings or [], as_json=json)
 
 
@@ -156,7 +160,7 @@ def search(
     from mech_twin.cli.study_design import DesignRequest, answer_search
 
     file = out or Path(f"{context.obj}-found.yaml")
-    check_output_file(file, force=force)
+    check_output_file(file, force=force, suffixes=CONFIGURATION)
     request = DesignRequest(context.obj, bound or [], limit or [], seed, config, settings or [])
     answer_search(request, tuple(objective or ()), points, file, as_json=json)
 
@@ -178,7 +182,7 @@ def designs(
 ) -> None:
     """Evaluate very many random designs of a machine."""
     if out is not None:
-        check_output_file(out, force=force)
+        check_output_file(out, force=force, suffixes=(".parquet",))
     from mech_twin.cli.study_design import DesignRequest, answer_designs
 
     request = DesignRequest(context.obj, bound or [], limit or [], seed, config, settings or [])
@@ -206,7 +210,7 @@ def synthesise(
     from mech_twin.cli.study_long_run import SynthesisRequest, answer_synthesise
 
     file = out or Path(f"{context.obj}-robust.yaml")
-    check_output_file(file, force=force)
+    check_output_file(file, force=force, suffixes=CONFIGURATION)
     request = SynthesisRequest(impact_speed, margin, basin, tolerance, stroke_ratio, starts, seed, periods, file)
     answer_synthesise(context.obj, request, config, settings or [], as_json=json)
 
@@ -226,5 +230,5 @@ def regimes(
     from mech_twin.cli.study_long_run import answer_regimes
 
     file = out or Path(f"{context.obj}-regimes.png")
-    check_output_file(file, force=force)
+    check_output_file(file, force=force, suffixes=PICTURE)
     answer_regimes(context.obj, over, settling, file, config, settings or [], as_json=json)

@@ -24,7 +24,6 @@ from pydantic import ValidationError
 from mech_twin import __version__
 from mech_twin.configuration_tree import ConfigurationError, configuration_tree, merged_tree, tree_from_flat
 from mech_twin.machines.catalog import CATALOGUE, Entry
-from mech_twin.output_file import written_file
 from mech_twin.parameters.errors import refusal
 from mech_twin.parameters.key_lines import KeyLines, key_lines, no_lines
 from mech_twin.parameters.motors import NAME_KEY, with_catalogue_motor
@@ -108,10 +107,17 @@ def file_tree(path: Path) -> dict[str, Any]:
     ConfigurationError
         If the file cannot be read, is no YAML, or has not the form of a parameter file.
     """
-    return text_tree(_file_text(path), str(path))
+    return text_tree(configuration_text(path), str(path))
 
 
-def _file_text(path: Path) -> str:
+def configuration_text(path: Path) -> str:
+    """Return the text of a parameter file.
+
+    Raises
+    ------
+    ConfigurationError
+        If it cannot be read, is too large or no text.
+    """
     try:
         with path.open("rb") as stream:
             data = stream.read(SIZE_LIMIT_BYTES + 1)
@@ -148,7 +154,7 @@ def document_tree(path: Path) -> dict[str, Any]:
     ConfigurationError
         If the file cannot be read, is no YAML, or holds no keys.
     """
-    document = _text_document(_file_text(path), str(path))
+    document = _text_document(configuration_text(path), str(path))
     if not isinstance(document, dict):
         raise ConfigurationError(f"{path}: expected keys and their values, found {type(document).__name__}")
     return document
@@ -252,7 +258,7 @@ def machine_parameters(name: str, path: Path | None = None, overrides: Mapping[s
     """
     entry = catalogue_entry(name)
     file, given = path or configuration_file(name), dict(overrides or {})
-    text = _file_text(file)
+    text = configuration_text(file)
     tree = merged_tree(text_tree(text, str(file)), tree_from_flat(given))
     source = f"{file} with --set {', '.join(given)}" if given else str(file)
     return validated(entry, tree, source, lambda: key_lines(text, given))
@@ -298,12 +304,6 @@ def description_text(
     head |= {} if source is None else {"source": int(source)}
     tree = {**head, "/**": {"ros__parameters": {MACHINE_KEY: name, **configuration_tree(parameters)}}}
     return yaml.safe_dump(tree, sort_keys=False, allow_unicode=True)
-
-
-def write_configuration(name: str, parameters: Parameters, path: Path) -> None:
-    """Write the parameter file of a machine, which ``run`` and ``simulate`` take, over what is there."""
-    with written_file(path, force=True) as unfinished:
-        unfinished.write_text(description_text(name, parameters), encoding="utf-8")
 
 
 def table(name: str) -> dict[str, Any]:
