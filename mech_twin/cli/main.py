@@ -93,7 +93,9 @@ def run(
     ] = None,
     record: Annotated[Path | None, typer.Option(help="recording directory [recordings/MACHINE-DATE]")] = None,
     no_record: Annotated[bool, typer.Option("--no-record", help="do not record")] = False,
-    view: Annotated[str, typer.Option(help="web, none, or a file NAME.rrd to write")] = "web",
+    view: Annotated[
+        str, typer.Option(help="web (full or light by what draws the page), light, full, none, or a file NAME.rrd")
+    ] = "web",
     view_port: Annotated[int, typer.Option(help="port of the web view; 0: any free port", min=0, max=65535)] = 0,
     processes: Annotated[bool, typer.Option("--processes", help="run each node in its own process")] = False,
     namespace: Namespace = None,
