@@ -36,6 +36,7 @@ UNKNOWN = "unknown"
 CAP = 2.0  # of the threshold: bound of the CUSUMs
 REMEMBERED = 150  # cycles of innovations kept for naming
 LEAST_NAMED = 4  # cycles beyond the settling from which a change is named
+NAMING_CYCLES = 80  # after the alarm, in which a name may still change; then it stands
 Verdict = Literal["learning", "healthy", "pending", "named", "group", "unknown"]
 
 
@@ -153,6 +154,7 @@ class _Episode:
     delay: int
     age: int = 0
     quiet: int = 0
+    named: tuple[Verdict, tuple[Candidate, ...]] = ("pending", ())
 
 
 @dataclass
@@ -224,7 +226,9 @@ class Monitor:
         verdict: Verdict = "healthy"
         found: tuple[Candidate, ...] = ()
         if episode is not None:
-            verdict, found = self._named(episode)
+            if episode.age <= NAMING_CYCLES and not episode.quiet:
+                episode.named = self._named(episode)
+            verdict, found = episode.named
         announce = self._live_on(finding_name(verdict, found), vector.end_s)
         return Findings(
             vector.number,
