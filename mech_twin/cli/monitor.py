@@ -11,7 +11,9 @@ from mech_twin.cli.console import say
 from mech_twin.cli.failure import CommandError
 from mech_twin.cli.measurement import columns_of, given_map, opened_run
 from mech_twin.cli.monitor_output import Judged, show_design, show_runs
+from mech_twin.engine.rollout import roll_out
 from mech_twin.measurements.blocks import RunReader
+from mech_twin.measurements.machine_columns import is_event
 from mech_twin.measurements.measurement_map import Channel, MeasurementMap, Source
 from mech_twin.measurements.proposal import EXACT, map_of, proposed_channels
 from mech_twin.measurements.runs import MeasuredRun, read_run
@@ -27,6 +29,7 @@ from mech_twin.studies.monitoring.signatures import MonitoredMachine
 FAULT_FOUND = 1  # exit code
 HEALTHY_SHARE = 0.4  # of the first run, where no baseline is given
 SETUP_SUFFIX = ".json"
+EVENTS_OF_S = 2.0  # of the model's own run, that tell which contacts its events have
 EVENT_FIELDS = {"time": "stamp", "pre_velocity": "vector.x", "post_velocity": "vector.y", "impulse": "vector.z"}
 
 
@@ -155,23 +158,33 @@ def _own_map(machine: str, parameters: Parameters, reader: RunReader) -> Measure
     proposed = map_of(machine, reader.proposed_time(), [each for each in channels if each.column in needed])
     if proposed is None:
         raise CommandError(f"{reader.path}: none of its channels has a name of {machine}; expected --map FILE")
-    return proposed.model_copy(update={"channels": (*proposed.channels, *_own_events(reader, needed))})
+    return proposed.model_copy(
+        update={"channels": (*proposed.channels, *_own_events(machine, parameters, reader, needed))}
+    )
 
 
-def _own_events(reader: RunReader, needed: set[str]) -> list[Channel]:
-    """Return the channels of the twin's own impacts that features need, where the run has them."""
-    found = []
-    for each in reader.offered():
-        source = each.source
-        if source.topic is None or not source.topic.endswith("impacts") or source.field != "vector.x":
-            continue
-        kind = (source.joint or "").rpartition("/")[2]
-        for column in sorted(needed):
-            if column.startswith(f"event.{kind}.") and kind:
-                field = EVENT_FIELDS[column.rpartition(".")[2]]
-                place = Source(topic=source.topic, joint=source.joint, field=field)
-                found.append(Channel.model_validate({"source": place, "is": column}))
-    return found
+def _own_events(machine: str, parameters: Parameters, reader: RunReader, needed: set[str]) -> list[Channel]:
+    """Return the channels of the twin's own impacts that features need; contacts are those of the model's own run."""
+    topic = next(
+        (each.source.topic for each in reader.offered() if each.source.topic and each.source.topic.endswith("impacts")),
+        None,
+    )
+    kinds = {name.split(".")[1] for name in needed if is_event(name)}
+    if topic is None or not kinds:
+        return []
+    run = roll_out(catalogue_entry(machine).build(parameters), EVENTS_OF_S, ())
+    contacts = {event.kind: event.contact for event in run.events if event.kind in kinds}
+    return [
+        Channel.model_validate({"source": _event_source(topic, contacts[kind], kind, what), "is": column})
+        for column in sorted(needed)
+        if is_event(column)
+        for _, kind, what in (column.split("."),)
+        if kind in contacts
+    ]
+
+
+def _event_source(topic: str, contact: str, kind: str, what: str) -> Source:
+    return Source(topic=topic, joint=f"{contact}/{kind}", field=EVENT_FIELDS[what])
 
 
 def _check_machine(asked: MonitorRequest, where: Path, given: MeasurementMap) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -85,7 +86,7 @@ def test_a_short_baseline_is_called_extrapolated_and_gives_wider_thresholds() ->
 
 def test_a_longer_stated_time_between_alarms_gives_wider_thresholds() -> None:
     alarms = [healthy_setup(2000, run_length).limits.alarm for run_length in (100.0, 1000.0, 10_000.0, 1e6)]
-    assert all(a < b for low, high in zip(alarms, alarms[1:], strict=False) for a, b in zip(low, high, strict=True))
+    assert all(a < b for low, high in pairwise(alarms) for a, b in zip(low, high, strict=True))
 
 
 def test_a_setup_survives_its_file() -> None:
