@@ -313,6 +313,54 @@ def identify(
 
 
 @app.command()
+def monitor(
+    machine: MachineName,
+    runs: Annotated[list[Path] | None, typer.Argument(help="runs to be judged: bags or tables")] = None,
+    given_map: MapFile = None,
+    baseline: Annotated[
+        Path | None, typer.Option(help="healthy run, or a file that --save-baseline wrote [the first part of the runs]")
+    ] = None,
+    save_baseline: Annotated[
+        Path | None, typer.Option(help="file (.json) for baseline, thresholds, signatures")
+    ] = None,
+    arl0: Annotated[
+        float, typer.Option(help="stated mean time between false alarms of all charts together, h", min=1e-3)
+    ] = 24.0,
+    skip: Annotated[
+        float | None,
+        typer.Option(help="time at the start of each run that is left out, s [the machine's run-up]", min=0.0),
+    ] = None,
+    design: Annotated[bool, typer.Option("--design", help="judge a sensor set instead of runs")] = False,
+    sensors: Annotated[Path | None, typer.Option(help="with --design: the sensors, as for simulate")] = None,
+    seed: Annotated[int, typer.Option(help="of the draws that thresholds come from", min=0)] = 0,
+    config: Config = None,
+    settings: Settings = None,
+    force: Force = False,
+    json: Json = False,
+) -> None:
+    """Judge runs against a healthy one and name the faults (exit code 1: an alarm), or judge a sensor set."""
+    from mech_twin.cli.monitor import MonitorRequest, monitor_machine
+
+    asked = MonitorRequest(
+        machine,
+        runs or [],
+        given_map,
+        config,
+        settings or [],
+        baseline,
+        save_baseline,
+        arl0,
+        skip,
+        design,
+        sensors,
+        seed,
+        force,
+        json,
+    )
+    monitor_machine(asked)
+
+
+@app.command()
 def recover(
     bag: Bag,
     out: Annotated[Path, typer.Argument(help="directory of the new recording")],
