@@ -1,0 +1,118 @@
+"""``mech-twin shadow``: follows a running machine by its topics and publishes what the model says of it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from mech_twin.cli.console import print_json, say
+from mech_twin.cli.failure import CommandError
+from mech_twin.nodes.domain import settle_domain
+from mech_twin.parameters.load import assignments, machine_parameters
+from mech_twin.quantity import Parameters
+from mech_twin.recording.output_directory import check_recording_directory, remove_recording
+
+if TYPE_CHECKING:
+    from mech_twin.measurements.measurement_map import MeasurementMap
+    from mech_twin.nodes.shadow_session import ShadowOutcome
+
+
+class ShadowRequest(NamedTuple):
+    """Arguments of the command."""
+
+    machine: str
+    followed: str
+    given_map: Path | None
+    config: Path | None
+    settings: list[str]
+    record: Path | None
+    duration_s: float
+    uncertain: list[str]
+    force: bool
+    as_json: bool
+
+
+def shadow_machine(request: ShadowRequest) -> None:
+    """Follow a machine until stopped and, at the end, tell what came of it."""
+    if not math.isfinite(request.duration_s):
+        raise CommandError(f"--duration {request.duration_s}: expected a finite number of seconds")
+    parameters = machine_parameters(request.machine, request.config, assignments(request.settings))
+    deviations = key_deviations(parameters, request.uncertain) if request.uncertain else None
+    given = _map_of(request)
+    settle_domain()
+    from mech_twin.nodes.shadow_node import ShadowSetup
+    from mech_twin.nodes.shadow_session import follow, followed_namespace
+
+    setup = ShadowSetup(followed_namespace(request.machine, request.followed), given, deviations=deviations)
+    if request.record is not None:
+        check_recording_directory(request.record, force=request.force)
+        remove_recording(request.record)
+        say(f"recording to {request.record}")
+    say("starting (the first time compiles the numerical kernels, which takes up to a minute)")
+
+    def told(node: object) -> None:
+        say(f"following {setup.namespace}; estimates below /{request.machine}/twin")
+
+    outcome = follow(request.machine, setup, parameters, request.record, request.duration_s, told)
+    _report(request, outcome)
+
+
+def key_deviations(parameters: Parameters, told: Sequence[str]) -> dict[str, float]:
+    """Return the standard deviation of each key, in its unit.
+
+    Parameters
+    ----------
+    parameters : Parameters
+        What the machine is.
+    told : sequence of str
+        ``KEY=2%`` of the key's value, or ``KEY=0.1`` in its unit.
+
+    Raises
+    ------
+    CommandError
+        A word is no such assignment, or the key is no number of the machine.
+    """
+    found = {}
+    for word in told:
+        key, _, size = word.partition("=")
+        value = _number_of(parameters, key, word)
+        try:
+            deviation = float(size.removesuffix("%"))
+        except ValueError:
+            deviation = math.nan
+        if not (math.isfinite(deviation) and deviation >= 0.0):
+            raise CommandError(f"--uncertain {word}: expected KEY=2% or KEY=NUMBER, not negative")
+        found[key] = deviation / 100.0 * abs(value) if size.endswith("%") else deviation
+    return found
+
+
+def _number_of(parameters: Parameters, key: str, word: str) -> float:
+    found: object = parameters
+    for part in key.split("."):
+        if not isinstance(found, Parameters) or part not in type(found).model_fields:
+            raise CommandError(f"--uncertain {word}: the machine has no key '{key}'")
+        found = getattr(found, part)
+    if isinstance(found, bool) or not isinstance(found, int | float):
+        raise CommandError(f"--uncertain {word}: expected a key that is a number, '{key}' is {found!r}")
+    return float(found)
+
+
+def _map_of(request: ShadowRequest) -> MeasurementMap | None:
+    if request.given_map is None:
+        return None
+    from mech_twin.cli.measurement import given_map
+
+    given = given_map(request.given_map)
+    if given.machine != request.machine:
+        raise CommandError(f"{request.given_map}: key 'machine', value {given.machine!r}: expected {request.machine!r}")
+    return given
+
+
+def _report(request: ShadowRequest, outcome: ShadowOutcome) -> None:
+    if request.as_json:
+        print_json({"machine": request.machine, "values": outcome.values, "messages_sent": outcome.sent})
+        return
+    for name, value in outcome.values.items():
+        say(f"{name}: {value}")
