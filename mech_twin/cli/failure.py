@@ -8,8 +8,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from mech_twin.dependencies import missing_extra
-from mech_twin.interruption import EXIT_CODE_BASE
-from mech_twin.stop_signal import INTERRUPTED_LINE, interruptible
+from mech_twin.interruption import EXIT_CODE_BASE, INTERRUPTED_LINE
+from mech_twin.stop_signal import interruptible
 from mech_twin.surroundings import lacking
 
 EXIT_CODE = 2

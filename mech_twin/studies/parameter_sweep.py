@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -100,9 +101,10 @@ def _finish(asked: Question, journal: SweepJournal, cores: int, scheduler: str |
     rest, taken = missing[2:], time.monotonic() - begun
     if scheduler is None and taken * len(rest) < WORTH_SPREADING_S:
         cores = 1
-    for found in spread(partial(points, asked), batches_of(rest, cores, taken), cores, scheduler):
-        journal.add(found)
-        progress(len(journal.finished), asked.count)
+    with closing(spread(partial(points, asked), batches_of(rest, cores, taken), cores, scheduler)) as results:
+        for found in results:
+            journal.add(found)
+            progress(len(journal.finished), asked.count)
 
 
 def batches_of(indices: list[int], cores: int, seconds_each: float) -> list[list[int]]:
