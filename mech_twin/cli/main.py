@@ -119,17 +119,20 @@ def shadow(
         list[str] | None,
         typer.Option(metavar="KEY=2%", help="standard deviation of a configuration key; several [2 % of each force]"),
     ] = None,
+    monitor: Annotated[
+        Path | None, typer.Option(help="judge each cycle by this reference (`mech-twin monitor --save-baseline`)")
+    ] = None,
+    black_box: Annotated[
+        Path | None, typer.Option(help="folder for a recording of 10 s before and 5 s after each fault")
+    ] = None,
     force: Force = False,
     json: Json = False,
 ) -> None:
     """Follow a running machine by its topics: its state, forces and their uncertainty, below /MACHINE/twin."""
     from mech_twin.cli.shadow import ShadowRequest, shadow_machine
 
-    shadow_machine(
-        ShadowRequest(
-            machine, followed, given_map, config, settings or [], record, duration, uncertain or [], force, json
-        )
-    )
+    asked = (given_map, config, settings or [], record, duration, uncertain or [], monitor, black_box, force, json)
+    shadow_machine(ShadowRequest(machine, followed, *asked))
 
 
 @app.command()

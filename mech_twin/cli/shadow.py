@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,6 +14,7 @@ from mech_twin.nodes.domain import settle_domain
 from mech_twin.parameters.load import assignments, machine_parameters
 from mech_twin.quantity import Parameters
 from mech_twin.recording.output_directory import check_recording_directory, remove_recording
+from mech_twin.studies.monitoring.monitor import MonitorSetup, setup_of_record
 
 if TYPE_CHECKING:
     from mech_twin.measurements.measurement_map import MeasurementMap
@@ -30,6 +32,8 @@ class ShadowRequest(NamedTuple):
     record: Path | None
     duration_s: float
     uncertain: list[str]
+    monitor: Path | None
+    black_box: Path | None
     force: bool
     as_json: bool
 
@@ -41,9 +45,12 @@ def shadow_machine(request: ShadowRequest) -> None:
     parameters = machine_parameters(request.machine, request.config, assignments(request.settings))
     deviations = key_deviations(parameters, request.uncertain) if request.uncertain else None
     given = _map_of(request)
+    reference = None if request.monitor is None else monitor_setup(request.monitor, request.machine)
+    if request.black_box is not None and reference is None:
+        raise CommandError(f"--black-box {request.black_box}: expected --monitor FILE too, which finds the faults")
     settle_domain()
     from mech_twin.nodes.shadow_node import ShadowSetup
-    from mech_twin.nodes.shadow_session import follow, followed_namespace
+    from mech_twin.nodes.shadow_session import Company, follow, followed_namespace
 
     setup = ShadowSetup(followed_namespace(request.machine, request.followed), given, deviations=deviations)
     if request.record is not None:
@@ -55,8 +62,28 @@ def shadow_machine(request: ShadowRequest) -> None:
     def told(node: object) -> None:
         say(f"following {setup.namespace}; estimates below /{request.machine}/twin")
 
-    outcome = follow(request.machine, setup, parameters, request.record, request.duration_s, told)
+    company = Company(request.record, reference, request.black_box)
+    outcome = follow(request.machine, setup, parameters, company, request.duration_s, told)
     _report(request, outcome)
+
+
+def monitor_setup(path: Path, machine: str) -> MonitorSetup:
+    """Return the reference of a monitor, as `mech-twin monitor --save-baseline` writes it.
+
+    Raises
+    ------
+    CommandError
+        The file is none, or another machine's.
+    """
+    try:
+        setup = setup_of_record(json.loads(path.read_text(encoding="utf-8")))
+    except OSError as error:
+        raise CommandError(f"{path}: cannot be read: {error.strerror}") from error
+    except (ValueError, KeyError, TypeError) as error:
+        raise CommandError(f"{path}: expected a baseline as `monitor --save-baseline` writes it ({error})") from error
+    if setup.machine != machine:
+        raise CommandError(f"{path}: key 'machine', value {setup.machine!r}: expected {machine!r}")
+    return setup
 
 
 def key_deviations(parameters: Parameters, told: Sequence[str]) -> dict[str, float]:
@@ -112,7 +139,11 @@ def _map_of(request: ShadowRequest) -> MeasurementMap | None:
 
 def _report(request: ShadowRequest, outcome: ShadowOutcome) -> None:
     if request.as_json:
-        print_json({"machine": request.machine, "values": outcome.values, "messages_sent": outcome.sent})
+        boxes = [str(bag) for bag in outcome.black_boxes]
+        found = {"machine": request.machine, "values": outcome.values, "messages_sent": outcome.sent}
+        print_json({**found, "black_boxes": boxes})
         return
+    for bag in outcome.black_boxes:
+        say(f"black box: {bag}")
     for name, value in outcome.values.items():
         say(f"{name}: {value}")

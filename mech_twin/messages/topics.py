@@ -65,6 +65,7 @@ WRENCHES = "forces"  # below it, one topic a pin
 TWIN = "twin"
 ESTIMATED = Topic(f"{TWIN}/estimated/joint_states", JointState)
 RESIDUALS = Topic(f"{TWIN}/residuals/joint_states", JointState)
+STANDARD_RESIDUALS = Topic(f"{TWIN}/residuals/standard", JointState)  # features of a cycle, in sigma
 VIRTUAL = f"{TWIN}/virtual"  # below it, one topic a pin
 VIRTUAL_DRIVE = Topic(f"{VIRTUAL}/drive", WrenchStamped)
 VIRTUAL_PRESSING_FORCE = Topic(f"{VIRTUAL}/pressing_force", WrenchStamped)
@@ -92,7 +93,7 @@ def shadow_topics(pins: tuple[str, ...], has_body: bool) -> tuple[Topic, ...]:
     """Return the topics of a shadow."""
     body = (VIRTUAL_PRESSING_FORCE,) if has_body else ()
     estimated = (ESTIMATED, *map(virtual_pin, pins), VIRTUAL_DRIVE, *body)
-    return (*estimated, *map(sigma_of, estimated), RESIDUALS, DETECTED_IMPACTS)
+    return (*estimated, *map(sigma_of, estimated), RESIDUALS, STANDARD_RESIDUALS, DETECTED_IMPACTS)
 
 
 def step_topics(has_body: bool) -> tuple[Topic, ...]:

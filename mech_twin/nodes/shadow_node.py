@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import NamedTuple
 
@@ -27,6 +27,7 @@ from mech_twin.parameters.load import catalogue_entry
 from mech_twin.quantity import Parameters
 from mech_twin.studies.observer.estimate import FrameEstimate, ObserverState
 from mech_twin.studies.observer.held import held_sigma
+from mech_twin.studies.observer.lock_on import SeenSample
 from mech_twin.studies.observer.observer import ObserverOptions, PhaseLockedObserver
 
 # whoever publishes reliably or not is heard; what cannot be taken in time is lost and counted as a gap in time
@@ -71,6 +72,7 @@ class ShadowNode(TwinNode):
         given = setup.given or own_map(machine)
         channels = sensed_channels(given)
         self.level = "model"
+        self.on_sample: Callable[[SeenSample], None] = lambda sample: None
         self.observer = PhaseLockedObserver(machine, entry.build, channels, setup.options, setup.deviations)
         self.estimate: FrameEstimate | None = None
         self._counted: dict[str, int] = {}
@@ -101,6 +103,7 @@ class ShadowNode(TwinNode):
         self._heard_s, self._stale = arrived_s, False
         if self._command in sample.channels:
             self.observer.command(sample.values[sample.channels.index(self._command)])
+        self.on_sample(sample)
         estimate = self.observer.take(sample)
         self._count(followed.topic.name)
         if estimate is not None:

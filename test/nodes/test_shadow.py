@@ -37,8 +37,7 @@ from mech_twin.nodes.name_guard import NameGuard
 from mech_twin.nodes.options import RunOptions
 from mech_twin.nodes.shadow_inputs import sensed_channels
 from mech_twin.nodes.shadow_node import ShadowNode, ShadowSetup
-from mech_twin.nodes.shadow_recorder import ShadowRecorder
-from mech_twin.nodes.shadow_session import followed_namespace
+from mech_twin.nodes.shadow_session import Company, followed_namespace, nodes_beside
 from mech_twin.nodes.spinner import Spinner
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.recording.bag_reader import open_bag
@@ -65,7 +64,7 @@ class FollowedMachine:
         self.shadow = ShadowNode(NAME, ShadowSetup("/plant", MAP), options=RunOptions(peer_timeout_s=0.4))
         self.nodes: list[TwinNode] = [self.shadow]
         if directory is not None:
-            self.nodes.append(ShadowRecorder(NAME, directory, self.shadow))
+            self.nodes += nodes_beside(NAME, self.shadow, built(NAME).parameters, Company(directory))
         self.plant = rclpy.create_node("plc", namespace="/plant")
         self.wheel = self.plant.create_publisher(JointState, "wheel", DATA)
         self.heard: dict[str, list[Any]] = {}
@@ -224,4 +223,4 @@ def test_every_topic_of_a_shadow_is_on_the_page() -> None:
         name = topic.name.replace(f"/{pin}", "/<pin>") if pin else topic.name
         name = name.removesuffix("/sigma")
         assert promised.get(name) == type_name(topic).replace("/msg/", "/"), name
-    assert len(promised) == 6
+    assert len(promised) == 7

@@ -44,10 +44,11 @@ def step_rows(
     targets, picked, columns = np.full(1, target), np.zeros(0, np.int64), np.zeros((1, 0))
     events = np.zeros((0, widths.table))
     for i in range(count):
-        end = run_steps(models, at, widths, first, step_s, targets, rows[i], picked, columns, picked, np.zeros(0))
-        told[i], failed[i] = end.told, end.failed
+        table, told[i], _, failed[i], _ = run_steps(
+            models, at, widths, first, step_s, targets, rows[i], picked, columns, picked, np.zeros(0)
+        )
         if i == 0:
-            events = end.events[: end.told].copy()
+            events = table[: told[i]].copy()
     return told, failed, events
 
 
