@@ -131,6 +131,35 @@ def run(
 
 
 @app.command()
+def shadow(
+    machine: MachineName,
+    followed: Annotated[str, typer.Option("--from", metavar="NAMESPACE", help="namespace of the machine to follow")],
+    given_map: MapFile = None,
+    config: Config = None,
+    settings: Settings = None,
+    record: Annotated[Path | None, typer.Option(help="directory to record what is heard and said in")] = None,
+    duration: Annotated[float, typer.Option(help="time in s after which it ends; 0: until stopped", min=0.0)] = 0.0,
+    uncertain: Annotated[
+        list[str] | None,
+        typer.Option(metavar="KEY=2%", help="standard deviation of a configuration key; several [2 % of each force]"),
+    ] = None,
+    monitor: Annotated[
+        Path | None, typer.Option(help="judge each cycle by this reference (`mech-twin monitor --save-baseline`)")
+    ] = None,
+    black_box: Annotated[
+        Path | None, typer.Option(help="folder for a recording of 10 s before and 5 s after each fault")
+    ] = None,
+    force: Force = False,
+    json: Json = False,
+) -> None:
+    """Follow a running machine by its topics: its state, forces and their uncertainty, below /MACHINE/twin."""
+    from mech_twin.cli.shadow import ShadowRequest, shadow_machine
+
+    asked = (given_map, config, settings or [], record, duration, uncertain or [], monitor, black_box, force, json)
+    shadow_machine(ShadowRequest(machine, followed, *asked))
+
+
+@app.command()
 def simulate(
     machine: MachineName,
     duration: Annotated[float, typer.Option(help="simulated time (3, 500ms, 2min)", parser=seconds, metavar="TIME")],
