@@ -12,7 +12,7 @@ from typing import NoReturn
 SIGNALS = (SIGINT, SIGTERM, SIGHUP)
 EXIT_CODE_BASE = 128  # of a process that a signal ends, and its number
 INTERRUPTED_LINE = "mech-twin: interrupted\n"
-RETRY_S = 0.001
+RETRY_S = 0.005
 COMPILER = ("numba", "llvmlite")
 
 

@@ -17,9 +17,9 @@ from mech_twin.measurements.runs import read_run
 from mech_twin.output_file import check_output_file, written_file
 from mech_twin.parameters.load import assignments, description_text, machine_parameters
 from mech_twin.parameters.load import machine as built_machine
-from mech_twin.studies.geometry_fit import GeometryData, geometry_data
-from mech_twin.studies.geometry_model import GeometryModel
-from mech_twin.studies.geometry_report import GeometryReport, geometry_report
+from mech_twin.studies.identification.geometry_fit import GeometryData, geometry_data
+from mech_twin.studies.identification.geometry_model import GeometryModel
+from mech_twin.studies.identification.geometry_report import GeometryReport, geometry_report
 
 NOT_BETTER = 1
 LEAST_RUNS_TO_HOLD_OUT = 3

@@ -16,8 +16,8 @@ import yaml
 from mech_twin.cli.main import main
 from mech_twin.configuration_tree import ConfigurationError
 from mech_twin.parameters.load import machine_parameters
-from mech_twin.studies.geometry_fit import GeometryFit, half_width, unseen
-from mech_twin.studies.geometry_model import GeometryModel
+from mech_twin.studies.identification.geometry_fit import GeometryFit, half_width, unseen
+from mech_twin.studies.identification.geometry_model import GeometryModel
 
 pytest.importorskip("pyarrow")
 pytestmark = pytest.mark.slow

@@ -27,7 +27,7 @@ from mech_twin.measurements.errors import MeasurementError
 from mech_twin.measurements.measurement_map import FREE, PER_RUN
 from mech_twin.measurements.model_turn import TURNING
 from mech_twin.measurements.runs import MeasuredChannel, MeasuredRun
-from mech_twin.studies.geometry_model import TURN, GeometryModel
+from mech_twin.studies.identification.geometry_model import TURN, GeometryModel
 
 STARTS, TRIED_STARTS = 24, 2  # crank zeros that are compared, and those that a fit starts from
 COARSE_SAMPLES = 150  # of a channel while starts are compared

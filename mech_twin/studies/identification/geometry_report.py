@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mech_twin.measurements.blocks import Array
-from mech_twin.studies.geometry_fit import (
+from mech_twin.studies.identification.geometry_fit import (
     GeometryData,
     GeometryFit,
     GeometryProblem,
@@ -18,7 +18,7 @@ from mech_twin.studies.geometry_fit import (
     own_errors,
     unseen,
 )
-from mech_twin.studies.geometry_model import GeometryModel
+from mech_twin.studies.identification.geometry_model import GeometryModel
 
 COMBINED = 0.1  # share of a key in directions that are not seen
 LEAST_FIT_PERCENT = 90.0  # of a channel: less, and the mechanism is another one

@@ -1,0 +1,1 @@
+"""Parameters of a machine from measured runs: fits, intervals, verdicts, and which sensors would find what."""

@@ -1,0 +1,150 @@
+"""What the sensors of a machine would show of a roll-out, at their own instants.
+
+Between coupling steps a position follows the cubic through positions and speeds, everything else a straight line; in a
+step with an event both follow the straight line.  A column that jumps at events is not to be compared beside one:
+`ColumnCurves.beside_event` says where that is.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from mech_twin.engine.rollout import RollOut
+from mech_twin.measurements.blocks import Array
+from mech_twin.measurements.machine_columns import is_angle
+from mech_twin.measurements.measurement_map import Channel, fixed
+from mech_twin.measurements.units import TURN
+
+POSITION, VELOCITY = ".position", ".velocity"
+
+
+class ColumnCurves:
+    """The columns of a roll-out as functions of time; angles without their jumps by a turn.
+
+    Parameters
+    ----------
+    rollout : RollOut
+        With the columns that will be asked for (`needed_columns`).
+    """
+
+    def __init__(self, rollout: RollOut) -> None:
+        self.rollout = rollout
+        self.times_s = rollout["time_s"]
+        self._first_s = float(self.times_s[0])
+        self._step_s = float(self.times_s[1] - self.times_s[0]) if len(self.times_s) > 1 else 1.0
+        self._unwrapped: dict[str, Array] = {}
+
+    @property
+    def step_s(self) -> float:
+        """The coupling step."""
+        return self._step_s
+
+    @cached_property
+    def event_times_s(self) -> Array:
+        """Times of all events, rising."""
+        return np.sort(np.array([event.time_s for event in self.rollout.events]))
+
+    @cached_property
+    def _eventful(self) -> npt.NDArray[np.bool_]:
+        """Whether the step that ends at each sample, but the first, holds an event."""
+        found = np.zeros(len(self.times_s) - 1, dtype=np.bool_)
+        first = round(self._first_s / self._step_s)
+        steps = np.array([step for step, _ in self.rollout.stepped_events], dtype=np.int64) - first - 1
+        found[steps[(steps >= 0) & (steps < len(found))]] = True
+        return found
+
+    def at(self, column: str, times_s: Array) -> Array:
+        """Return a column at these times, shape (n,); before the first and after the last step, its value there."""
+        values = self._values(column)
+        if len(values) < 2:
+            return np.full(len(times_s), values[0])
+        place = np.clip((times_s - self._first_s) / self._step_s, 0.0, len(values) - 1.0)
+        step = np.minimum(place.astype(np.int64), len(values) - 2)
+        share = place - step
+        rise = values[step + 1] - values[step]
+        straight = values[step] + share * rise
+        if not column.endswith(POSITION):
+            return np.asarray(straight)
+        speed = self.rollout[column[: -len(POSITION)] + VELOCITY]
+        bend = (self._step_s * speed[step] - rise) * (1.0 - share) - (self._step_s * speed[step + 1] - rise) * share
+        return np.asarray(straight + np.where(self._eventful[step], 0.0, share * (1.0 - share) * bend))
+
+    def slope(self, column: str, times_s: Array) -> Array:
+        """Return the rate of change of a column at these times, over one coupling step, shape (n,)."""
+        half = 0.5 * self._step_s
+        return (self.at(column, times_s + half) - self.at(column, times_s - half)) / self._step_s
+
+    def beside_event(self, times_s: Array, guard_s: float) -> npt.NDArray[np.bool_]:
+        """Return whether an event lies within ``guard_s`` of each time, shape (n,)."""
+        events = self.event_times_s
+        if not len(events):
+            return np.zeros(len(times_s), dtype=np.bool_)
+        after = np.searchsorted(events, times_s)
+        to_next = events[np.minimum(after, len(events) - 1)] - times_s
+        since = times_s - events[np.maximum(after - 1, 0)]
+        return np.asarray(np.minimum(np.abs(to_next), np.abs(since)) <= guard_s)
+
+    def events_of(self, kind: str) -> dict[str, Array]:
+        """Return what the events of one kind show, in time order: ``time`` and the fields of `EVENT_FIELDS`."""
+        events = sorted((event for event in self.rollout.events if event.kind == kind), key=lambda each: each.time_s)
+        return {
+            "time": np.array([event.time_s for event in events]),
+            "pre_velocity": np.array([event.pre_velocity_m_per_s for event in events]),
+            "post_velocity": np.array([event.post_velocity_m_per_s for event in events]),
+            "impulse": np.array([event.impulse_ns for event in events]),
+        }
+
+    def _values(self, column: str) -> Array:
+        if column not in self._unwrapped:
+            values = self.rollout[column]
+            angle = column.endswith(POSITION) and is_angle(column)
+            self._unwrapped[column] = np.unwrap(values, period=TURN) if angle else values
+        return self._unwrapped[column]
+
+
+def needed_columns(columns: list[str]) -> list[str]:
+    """Return the columns a roll-out has to give for these: beside each position its speed."""
+    speeds = [name[: -len(POSITION)] + VELOCITY for name in columns if name.endswith(POSITION)]
+    return list(dict.fromkeys([*columns, *speeds]))
+
+
+def jumps(column: str) -> bool:
+    """Return whether a column may jump at an event: everything but a position."""
+    return not column.endswith(POSITION)
+
+
+def predicted(
+    channel: Channel,
+    curves: ColumnCurves,
+    stamps_s: Array,
+    *,
+    lag_s: float | None = None,
+    zero: float | None = None,
+    gain: float | None = None,
+) -> Array:
+    """Return what a channel shows of the roll-out at its stamps, in its own unit.
+
+    Parameters
+    ----------
+    channel : Channel
+        Its line of the map.
+    curves : ColumnCurves
+        The roll-out.
+    stamps_s : ndarray
+        Shape (n,): stamps of the samples, the lag not taken off.
+    lag_s, zero, gain : float, optional
+        What the map leaves open; its own numbers if absent (0, 0 and 1 where it says ``free`` or ``per_run``).
+
+    Returns
+    -------
+    ndarray
+        Shape (n,): ``sign * column(stamp - lag) / (gain * unit) + zero``.
+    """
+    lag = fixed(channel.lag_s, 0.0) if lag_s is None else lag_s
+    offset = fixed(channel.zero, 0.0) if zero is None else zero
+    factor = fixed(channel.gain, 1.0) if gain is None else gain
+    column = curves.at(channel.quantity, stamps_s - lag)
+    return np.asarray(channel.sign * column / (factor * channel.si_factor) + offset)
