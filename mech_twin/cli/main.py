@@ -225,7 +225,7 @@ def replay(
     given_map: MapFile = None,
     config: Config = None,
     tolerance: Annotated[
-        float | None, typer.Option(help="with --map: share by which a channel may be off the model", min=0.0)
+        float | None, typer.Option(help="with --analyse: share by which a number may be off the model", min=0.0)
     ] = None,
     json: Json = False,
 ) -> None:
@@ -241,13 +241,15 @@ def replay(
 
         analyse_measured(bag, given_map, config, tolerance, as_json=json)
         return
-    if config is not None or tolerance is not None:
-        raise CommandError("--config and --tolerance go with --analyse --map: a recording of the twin holds its own")
+    if tolerance is not None and not analyse:
+        raise CommandError("--tolerance goes with --analyse: a run computed again from its start keeps no small error")
     if analyse or resimulate:
         from mech_twin.cli.recompute import recompute_bag
 
-        recompute_bag(bag, "analyse" if analyse else "resimulate", as_json=json)
+        recompute_bag(bag, "analyse" if analyse else "resimulate", config, tolerance or 0.0, as_json=json)
         return
+    if config is not None:
+        raise CommandError("--config goes with --analyse or --resimulate: a replay needs no configuration")
     from mech_twin.cli.replay import ReplayRequest, replay_bag
 
     replay_bag(ReplayRequest(bag, rate, start, duration, loop, clock, topics or [], listeners, namespace))
