@@ -51,6 +51,9 @@ MapFile = Annotated[
 ]
 Force = Annotated[bool, typer.Option("--force", help="overwrite existing results")]
 Json = Annotated[bool, typer.Option("--json", help="print JSON to standard output")]
+Everything = Annotated[bool, typer.Option("--all", help="every number and event, not the headlines alone")]
+Csv = Annotated[bool, typer.Option("--csv", help="print comma-separated values")]
+Wide = Annotated[bool, typer.Option("--wide", help="every column, whatever the width of the terminal")]
 
 
 def _show_version(asked: bool) -> None:
@@ -105,6 +108,7 @@ def run(
     ] = False,
     config: Config = None,
     settings: Settings = None,
+    everything: Everything = False,
     force: Force = False,
     json: Json = False,
 ) -> None:
@@ -126,6 +130,7 @@ def run(
         open_to_other_hosts,
         namespace,
         force,
+        everything,
     )
     run_machine(request)
 
@@ -180,14 +185,18 @@ def simulate(
     samples: Annotated[bool, typer.Option("--samples", help="with --json: include every sample, as columns")] = False,
     config: Config = None,
     settings: Settings = None,
+    everything: Everything = False,
     force: Force = False,
+    csv: Csv = False,
     json: Json = False,
 ) -> None:
     """Simulate a machine in one process, without ROS communication."""
     from mech_twin.cli.simulate import SimulateRequest, simulate_machine
 
     asked = SimulateRequest(
-        machine, duration, bag, config, settings or [], json, samples, force, table, sensors, change or [], seed
+        *(machine, duration, bag, config, settings or [], json, samples, force, table, sensors, change or [], seed),
+        everything=everything,
+        as_csv=csv,
     )
     simulate_machine(asked)
 
@@ -199,12 +208,15 @@ def analyse(
     cycle: Annotated[int | None, typer.Option(help="number of positions over one cycle", min=2, max=1_000_000)] = None,
     config: Config = None,
     settings: Settings = None,
+    wide: Wide = False,
+    csv: Csv = False,
     json: Json = False,
 ) -> None:
     """Analyse one position or one cycle: kinematics, forces and machine constants."""
-    from mech_twin.cli.analyse import analyse_machine
+    from mech_twin.cli.analyse import Shape, analyse_machine
 
-    analyse_machine(machine, crank_deg, cycle, config, settings or [], as_json=json)
+    shape: Shape = "json" if json else "csv" if csv else "wide" if wide else "narrow"
+    analyse_machine(machine, crank_deg, cycle, config, settings or [], shape)
 
 
 @app.command(cls=ManyValues)
