@@ -90,8 +90,8 @@ setup(
     },
     entry_points={
         "console_scripts": [
-            "mech-twin = mech_twin.cli.main:main",
-            *(f"{node} = mech_twin.nodes.executables:{node}" for node in NODES),
+            "mech-twin = mech_twin.programs:command",
+            *(f"{node} = mech_twin.programs:{node}" for node in NODES),
         ]
     },
     cmdclass=commands(),

@@ -1,5 +1,5 @@
 """``python -m mech_twin`` is the ``mech-twin`` command."""
 
-from mech_twin.cli.main import main
+from mech_twin.programs import command
 
-main()
+command()

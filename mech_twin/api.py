@@ -18,6 +18,7 @@ from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.parameters.load import machine as built_machine
 from mech_twin.parameters.load import machine_parameters
 from mech_twin.results import Analysis, Columns, Numbers, Run
+from mech_twin.stop_signal import raising_interrupt
 
 if TYPE_CHECKING:
     from mech_twin.capabilities.design import Design
@@ -33,6 +34,7 @@ def machines() -> tuple[str, ...]:
     return tuple(CATALOGUE)
 
 
+@raising_interrupt()
 def simulate(
     machine: str,
     duration_s: float,
@@ -110,6 +112,7 @@ def _frame_recorder(built: Any, bag: Path, *, force: bool) -> Any:
     return FrameRecorder(built, bag, description_text(built.name, built.parameters, revision=1))
 
 
+@raising_interrupt()
 def analyse(
     machine: str, settings: Settings | None = None, *, config: FilePath | None = None, positions: int = 360
 ) -> Analysis:
@@ -132,6 +135,7 @@ def analyse(
     return Analysis(built.name, built.parameters, Numbers(title, built.report()), Columns(title, "crank_rad", cycle))
 
 
+@raising_interrupt()
 def sweep(
     machine: str,
     axes: Mapping[str, Sequence[float | int | str | bool]],
@@ -177,6 +181,7 @@ def sweep(
     return Columns(f"{done.asked.machine}: sweep", next(iter(axes)), columns(done.asked, done.points))
 
 
+@raising_interrupt()
 def size(
     machine: str,
     settings: Settings | None = None,
@@ -201,6 +206,7 @@ def size(
     return sized(machine, known, limits=limits, objective=objective, tolerance=tolerance)
 
 
+@raising_interrupt()
 def search(
     machine: str,
     objectives: Sequence[str] = (),
@@ -227,6 +233,7 @@ def search(
     return searched(machine, objectives, parameters=known, bounds=bounds, limits=limits, seed=seed, points=points)
 
 
+@raising_interrupt()
 def reproduce(
     machine: str | None = None, settings: Settings | None = None, *, config: FilePath | None = None
 ) -> tuple[PublishedRow, ...]:

@@ -5,14 +5,20 @@ from __future__ import annotations
 import os
 import sys
 import threading
-from signal import SIGHUP, SIGINT, SIGTERM, pthread_kill
+from signal import SIG_IGN, SIGHUP, SIGINT, SIGTERM, Signals, getsignal, pthread_kill
 from types import FrameType
 from typing import NoReturn
 
 SIGNALS = (SIGINT, SIGTERM, SIGHUP)
 EXIT_CODE_BASE = 128  # of a process that a signal ends, and its number
-RETRY_S = 0.001
+INTERRUPTED_LINE = "mech-twin: interrupted\n"
+RETRY_S = 0.005
 COMPILER = ("numba", "llvmlite")
+
+
+def answered_signals() -> tuple[Signals, ...]:
+    """Return the signals to answer: under ``nohup``, which ignores SIGHUP, a run outlives its terminal."""
+    return tuple(number for number in SIGNALS if number != SIGHUP or getsignal(number) is not SIG_IGN)
 
 
 def is_in_wrapper(frame: FrameType | None) -> bool:

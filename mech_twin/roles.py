@@ -15,7 +15,9 @@ from mech_twin.quantity import Parameters
 from mech_twin.samples import BodySample, ForceSample, Frame, LinkageSample, MotorSample, Shape
 
 if TYPE_CHECKING:
+    from mech_twin.capabilities.cycle import CycleFeatures
     from mech_twin.capabilities.design import DesignQuestion
+    from mech_twin.capabilities.faults import Fault
     from mech_twin.capabilities.long_run import RegimeQuestion, SynthesisQuestion
     from mech_twin.capabilities.mechanism import FrameTree
     from mech_twin.capabilities.plots import Picture
@@ -238,6 +240,10 @@ class Capabilities:
         A cycle made for a wanted blow.
     regimes : RegimeQuestion
         Long-run regimes over the values of a key.
+    features : callable
+        ``features(parameters)``: the numbers that describe one cycle as sensors see it.
+    faults : callable
+        ``faults(parameters)``: what can go wrong, as changes of parameters.
     """
 
     published: Callable[[Any], Iterable[PublishedRow]] | None = None
@@ -246,3 +252,5 @@ class Capabilities:
     design: DesignQuestion | None = None
     synthesis: SynthesisQuestion | None = None
     regimes: RegimeQuestion | None = None
+    features: Callable[[Any], CycleFeatures] | None = None
+    faults: Callable[[Any], tuple[Fault, ...]] | None = None

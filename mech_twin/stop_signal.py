@@ -8,14 +8,21 @@ from __future__ import annotations
 
 import signal
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType, TracebackType
 from typing import Any
 
-from mech_twin.interruption import EXIT_CODE_BASE, SIGNALS, end_at_once, is_in_compiler, is_in_wrapper, send_again
-
-INTERRUPTED_LINE = "mech-twin: interrupted\n"
+from mech_twin.interruption import (
+    EXIT_CODE_BASE,
+    INTERRUPTED_LINE,
+    answered_signals,
+    end_at_once,
+    is_in_compiler,
+    is_in_wrapper,
+    send_again,
+)
 
 Handler = Callable[[int, FrameType | None], None]
 
@@ -29,6 +36,25 @@ def interruptible() -> Iterator[None]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+@contextmanager
+def raising_interrupt() -> Iterator[None]:
+    """Let Ctrl-C raise KeyboardInterrupt, a little later where that is not safe: for functions called from Python.
+
+    Changes nothing where a handler other than Python's own is set, or outside of the main thread.
+    """
+    if (
+        threading.current_thread() is not threading.main_thread()
+        or signal.getsignal(signal.SIGINT) is not signal.default_int_handler
+    ):
+        yield
+        return
+    signal.signal(signal.SIGINT, _raise_when_safe)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 class StopSignal:
@@ -73,8 +99,8 @@ class StopSignal:
 
 
 def _handled(handler: Handler) -> dict[signal.Signals, Any]:
-    """Set the handler of every signal; return those before."""
-    return {number: signal.signal(number, handler) for number in SIGNALS}
+    """Set the handler of every signal that is answered; return those before."""
+    return {number: signal.signal(number, handler) for number in answered_signals()}
 
 
 def _raise(number: int, frame: FrameType | None) -> None:
@@ -87,6 +113,13 @@ def _raise(number: int, frame: FrameType | None) -> None:
     if number == signal.SIGINT:
         raise KeyboardInterrupt
     raise SystemExit(EXIT_CODE_BASE + number)
+
+
+def _raise_when_safe(number: int, frame: FrameType | None) -> None:
+    if is_in_wrapper(frame) or is_in_compiler(frame):
+        send_again(number)
+        return
+    raise KeyboardInterrupt
 
 
 def _sent_again(number: int, frame: FrameType | None) -> bool:

@@ -55,20 +55,22 @@ def run_machine(request: RunRequest) -> None:
     directory = _recording_directory(request)
     if directory is not None:
         check_recording_directory(directory, force=request.force)
+    options = run_options(request, recorder=directory is not None, viewer=request.view != "none")
     with ExitStack() as stack:
         destination = _opened_view(request, stack)
-        outcome = _run(request, parameters, directory, destination)
+        outcome = _run(request, parameters, options, directory, destination)
     _write(request, parameters, outcome, directory)
 
 
-def _run(request: RunRequest, parameters: Parameters, directory: Path | None, destination: str | None) -> Outcome:
+def _run(
+    request: RunRequest, parameters: Parameters, options: RunOptions, directory: Path | None, destination: str | None
+) -> Outcome:
     discovery = settle_domain(request.open_to_other_hosts)
     if request.open_to_other_hosts:
         say(_exposure_warning(discovery))
     from mech_twin.nodes.composition import run_in_process
     from mech_twin.nodes.multi_process import run_processes
 
-    options = run_options(request, recorder=directory is not None, viewer=destination is not None)
     if directory is not None:
         remove_recording(directory)
         say(f"recording to {directory}")
@@ -94,7 +96,7 @@ def run_options(request: RunRequest, *, recorder: bool, viewer: bool) -> RunOpti
         RunOptions.model_validate(configured)  # what an option replaces is no reason to let it pass
         return RunOptions.model_validate({**configured, **asked, "recorder": recorder, "viewer": viewer})
     except ValidationError as error:
-        raise refusal(f"{RUN_GROUP} group", error) from error
+        raise refusal(f"{RUN_GROUP} group", error, RunOptions) from error
 
 
 def _exposure_warning(discovery: str) -> str:

@@ -44,9 +44,10 @@ def view_bag(
 
     with ExitStack() as stack:
         stop = stack.enter_context(StopSignal())
-        shown = _recorded(stack, bag) if map_file is None else _measured(bag, map_file, config)
-        file = None if save is None else stack.enter_context(written_file(save, force=force))
-        scene = stack.enter_context(RerunScene(shown.machine, grpc_url=_viewer(stack, save, port), rrd_path=file))
+        with stop.interrupting():
+            shown = _recorded(stack, bag) if map_file is None else _measured(bag, map_file, config)
+            file = None if save is None else stack.enter_context(written_file(save, force=force))
+            scene = stack.enter_context(RerunScene(shown.machine, grpc_url=_viewer(stack, save, port), rrd_path=file))
         shown.show(scene, stop)
         scene.close()
         if save is not None and stop.asked:
@@ -92,7 +93,7 @@ def _viewer(stack: ExitStack, save: Path | None, port: int) -> str | None:
 
 
 def _show(scene: RerunScene, samples: BagSamples, stop: StopSignal) -> None:
-    metrics = _metrics(samples)
+    metrics = None if stop.asked else _metrics(samples)
     with progress(samples.shown(), samples.count, "showing") as shown:
         for item in shown:
             if stop.asked:

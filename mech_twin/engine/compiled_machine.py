@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -36,6 +37,9 @@ from mech_twin.engine.sample_vectors import (
 )
 from mech_twin.roles import Machine
 from mech_twin.samples import Event, Frame
+
+FIRST_BLOCK = 256  # steps of the first call of `CompiledMachine.run`; a later one takes as many as fit the time
+SHORTEST_BLOCK_S, LONGEST_BLOCK_S = 0.05, 0.2  # real time of one call: as long as a signal waits
 
 
 @dataclass(frozen=True)
@@ -91,14 +95,50 @@ class CompiledMachine:
             Greatest magnitude of each residual so far, changed in place.
         """
         step_s = float(self.machine.coupling_step_s)
-        end = run_steps(
+        fields = run_steps(
             self.models, self.layout.places, self.widths, first, step_s, targets, row, picked, columns,
             self.residual_places, worst,
         )  # fmt: skip
+        end = RunEnd(*fields)
         if end.failed == DONE:
             return end, None
         role = self.machine.linkage if end.failed == LINKAGE_FAILED else self.machine.body
         return end, failed(getattr(role, "failures", ()), end.status, (first + end.steps) * step_s)
+
+    def run_interruptibly(
+        self,
+        first: int,
+        row: Array,
+        targets: Array,
+        picked: Indices,
+        columns: Array,
+        worst: Array,
+        between: Callable[[], None],
+    ) -> tuple[RunEnd, MotionError | None]:
+        """Do what `run` does a block of steps at a time, to the bit, so that a signal need not wait for the last.
+
+        Parameters
+        ----------
+        first, row, targets, picked, columns, worst
+            As for `run`.
+        between : callable
+            Called before each block; what it raises ends the run.
+        """
+        done, block, tables = 0, FIRST_BLOCK, [np.empty((0, self.widths.table))]
+        failed_role, status, error = DONE, 0, None
+        while done < len(targets) and error is None:
+            between()
+            here, begun = slice(done, done + block), time.perf_counter()
+            end, error = self.run(first + done, row, targets[here], picked, columns[here], worst)
+            taken_s = time.perf_counter() - begun
+            tables.append(end.events[: end.told])
+            done, failed_role, status = done + end.steps, end.failed, end.status
+            if taken_s < SHORTEST_BLOCK_S:
+                block *= 2
+            elif taken_s > LONGEST_BLOCK_S:
+                block = max(1, block // 2)
+        table = np.concatenate(tables)
+        return RunEnd(table, len(table), done, failed_role, status), error
 
     def step_events(self, rows: Array) -> tuple[tuple[Event, ...], tuple[Event, ...]]:
         """Return the events of linkage and of body in rows of the table of a run."""

@@ -87,8 +87,10 @@ def run_steps(
     columns: Array,
     residuals: Indices,
     worst: Array,
-) -> RunEnd:
-    """Carry a frame on by one step for each target.
+) -> tuple[Array, int, int, int, int]:
+    """Carry a frame on by one step for each target; return the fields of `RunEnd`.
+
+    A plain tuple, since a signal may raise an exception where a named one is made, and its wrapper does not survive it.
 
     Parameters
     ----------
@@ -125,7 +127,7 @@ def run_steps(
         step = first + n + 1
         log, count = linkage_step(models.linkage, step - 1, linkage, motor, body, later, log)
         if count < 0:
-            return RunEnd(table, filled, n, LINKAGE_FAILED, count)
+            return table, filled, n, LINKAGE_FAILED, count
         linkage[:] = later
         motor_step(models.motor, linkage, targets[n], motor)
         loads, loaded = force_step(models.forces, step, linkage, log, count, forces, loads)
@@ -134,7 +136,7 @@ def run_steps(
         if len(body) > 0:
             body_log, count = body_step(models.body, step, body, forces, loads, loaded, followed, body_log)
             if count < 0:
-                return RunEnd(table, filled, n, BODY_FAILED, count)
+                return table, filled, n, BODY_FAILED, count
             body[:] = followed
             table = keep_events(table, filled, step, FROM_BODY, body_log, count)
             filled += count
@@ -142,4 +144,4 @@ def run_steps(
         for k in range(len(picked)):
             columns[n, k] = row[picked[k]]
         keep_worst(row, residuals, worst)
-    return RunEnd(table, filled, len(targets), DONE, 0)
+    return table, filled, len(targets), DONE, 0

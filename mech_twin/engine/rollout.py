@@ -93,6 +93,7 @@ def roll_out(
     start: Frame | None = None,
     command: Profile = 1.0,
     changes: Iterable[tuple[float, Machine]] = (),
+    between: Callable[[], None] = lambda: None,
 ) -> RollOut:
     """Return a run of a machine.
 
@@ -111,6 +112,8 @@ def roll_out(
         then on, 1 before the first; or one number a step, the first that of the start.
     changes : iterable of (float, Machine)
         The machine with other parameters, and the time (s) from which on it is the one that runs.
+    between : callable
+        Called every now and then; what it raises ends the run.
 
     Returns
     -------
@@ -125,8 +128,8 @@ def roll_out(
     pieces = _pieces(machine, first, count, changes)
     compiled = [compiled_machine(piece.machine) for piece in pieces]
     if all(compiled):
-        return _compiled_run([c for c in compiled if c], pieces, start, targets, columns)
-    return _run_by_roles(pieces, start, targets, columns)
+        return _compiled_run([c for c in compiled if c], pieces, start, targets, columns, between)
+    return _run_by_roles(pieces, start, targets, columns, between)
 
 
 def column_names(machine: Machine) -> tuple[str, ...]:
@@ -217,6 +220,7 @@ def _compiled_run(
     start: Frame,
     targets: Array,
     columns: Sequence[str] | None,
+    between: Callable[[], None],
 ) -> RollOut:
     layout, row, step = compiled[0].layout, compiled[0].layout.row(start), start.linkage.step
     names = _picked(layout, columns)
@@ -227,7 +231,7 @@ def _compiled_run(
     tables, error, done = [], None, 0
     for view, piece in zip(compiled, pieces, strict=True):
         here = slice(done + 1, done + 1 + piece.steps)
-        end, error = view.run(step + done, row, targets[here], picked, found[here], worst)
+        end, error = view.run_interruptibly(step + done, row, targets[here], picked, found[here], worst, between)
         tables.append(end.events[: end.told])
         done += end.steps
         if error is not None:
@@ -244,7 +248,13 @@ def _compiled_run(
     return RollOut(found_columns, final, limits, error, told, lambda: view.event_numbers(table))
 
 
-def _run_by_roles(pieces: list[_Piece], start: Frame, targets: Array, columns: Sequence[str] | None) -> RollOut:
+def _run_by_roles(
+    pieces: list[_Piece],
+    start: Frame,
+    targets: Array,
+    columns: Sequence[str] | None,
+    between: Callable[[], None],
+) -> RollOut:
     layout, frame, error = layout_of(start), start, None
     names = _picked(layout, columns)
     picked = [layout.columns[name] for name in names]
@@ -254,6 +264,7 @@ def _run_by_roles(pieces: list[_Piece], start: Frame, targets: Array, columns: S
     invariants.observe(start)
     machines = [piece.machine for piece in pieces for _ in range(piece.steps)]
     for done, (machine, target) in enumerate(zip(machines, targets[1:].tolist(), strict=True), 1):
+        between()
         try:
             frame = next_frame(machine, frame, target)
         except MotionError as failure:

@@ -55,5 +55,6 @@ CATALOGUE = {
         Entry("impact_mass", "mass under a two-level periodic force, with a stop"),
         Entry("roller_former", "roller forming installation, 1 to 4 carts on one crank shaft"),
         Entry("winding_drum", "winding drum with an ideal or eccentric package"),
+        Entry("planar_linkage", "linkage of one's own: a crank that drives up to four dyads"),
     )
 }

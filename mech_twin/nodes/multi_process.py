@@ -101,8 +101,8 @@ def _parameter_file(machine_name: str, parameters: Parameters, options: RunOptio
 
 def _started(name: str, arguments: Sequence[str]) -> subprocess.Popen[bytes]:
     code = (
-        f"from mech_twin.nodes.parent_death import end_with_parent; end_with_parent({os.getpid()}); "
-        f"from mech_twin.nodes.executables import {name}; {name}()"
+        f"from mech_twin.programs import {name}; from mech_twin.parent_death import end_with_parent; "
+        f"end_with_parent({os.getpid()}); {name}()"
     )
     command = [sys.executable, "-c", code, *arguments]
     return subprocess.Popen(command, stdout=sys.stderr.fileno())

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -68,6 +69,11 @@ def swept(
         Whether to draw the table as well (PNG of the same name).
     progress : callable, optional
         ``progress(done, all)`` after each batch.
+
+    Raises
+    ------
+    StudyError
+        If the table cannot have that name, or every point is refused; nothing is written then.
     """
     if table.suffix not in FORMATS:
         raise StudyError(f"{table}: expected a name that ends in {' or '.join(FORMATS)}")
@@ -79,6 +85,9 @@ def swept(
     finally:
         journal.close()
     found = tuple(journal.finished[index] for index in range(asked.count))
+    if all(point.refused for point in found):
+        journal.remove()
+        raise StudyError(f"no point of the sweep is possible ({asked.count} refused); the first: {found[0].refused}")
     write_table(asked, found, table)
     drawn = table.with_suffix(".png") if picture and asked.count > 1 else None
     if drawn is not None and not write_picture(asked, found, drawn):
@@ -100,9 +109,10 @@ def _finish(asked: Question, journal: SweepJournal, cores: int, scheduler: str |
     rest, taken = missing[2:], time.monotonic() - begun
     if scheduler is None and taken * len(rest) < WORTH_SPREADING_S:
         cores = 1
-    for found in spread(partial(points, asked), batches_of(rest, cores, taken), cores, scheduler):
-        journal.add(found)
-        progress(len(journal.finished), asked.count)
+    with closing(spread(partial(points, asked), batches_of(rest, cores, taken), cores, scheduler)) as results:
+        for found in results:
+            journal.add(found)
+            progress(len(journal.finished), asked.count)
 
 
 def batches_of(indices: list[int], cores: int, seconds_each: float) -> list[list[int]]:

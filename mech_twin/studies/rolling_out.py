@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import CancelledError, ThreadPoolExecutor
 from dataclasses import dataclass
+from threading import Event
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from mech_twin.parameters.load import catalogue_entry, machine_parameters, valid
 from mech_twin.quantity import Parameters
 from mech_twin.roles import Machine
 from mech_twin.samples import Frame
+from mech_twin.stop_signal import raising_interrupt
 from mech_twin.studies.spreading import available_cores
 
 Change = tuple[float, Mapping[str, Any] | Parameters]
@@ -50,6 +52,7 @@ class RollOuts:
         return iter(self.members)
 
 
+@raising_interrupt()
 def rollout(
     machine: str | Machine,
     parameters: Parameters | None = None,
@@ -85,13 +88,16 @@ def rollout(
     ------
     MotionError
         If the motion cannot be followed to the end.
+    KeyboardInterrupt
+        At Ctrl-C, within a fraction of a second.
     """
-    found = _member(machine, parameters, duration_s, columns, start, command, changes)()
+    found = _member(machine, parameters, duration_s, columns, start, command, changes)(lambda: None)
     if found.error is not None:
         raise found.error
     return found
 
 
+@raising_interrupt()
 def rollouts(
     machine: str | Machine,
     parameters: Sequence[Parameters | None],
@@ -134,8 +140,20 @@ def rollouts(
         )
         for i in range(count)
     ]
+    ended = Event()
+
+    def between() -> None:
+        if ended.is_set():
+            raise CancelledError
+
     with ThreadPoolExecutor(max(1, cores or available_cores())) as pool:
-        return RollOuts(tuple(pool.map(lambda member: member(), asked)))
+        waiting = [pool.submit(member, between) for member in asked]
+        try:
+            return RollOuts(tuple(member.result() for member in waiting))
+        except BaseException:  # Ctrl-C, or a member that failed: the others end with it
+            ended.set()
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
 
 
 def changed(name: str, parameters: Parameters, keys: Mapping[str, Any], source: str) -> Parameters:
@@ -178,7 +196,7 @@ def _member(
     start: Frame | None,
     command: Profile,
     changes: Sequence[Change],
-) -> Callable[[], RollOut]:
+) -> Callable[[Callable[[], None]], RollOut]:
     """Return what computes one roll-out, its machines built."""
     base = _built(machine, parameters)
     machines, known = [], base.parameters
@@ -187,8 +205,8 @@ def _member(
         known = changed(base.name, known, change, source) if isinstance(change, Mapping) else change
         machines.append((time_s, catalogue_entry(base.name).build(known)))
 
-    def compute() -> RollOut:
-        return roll_out(base, duration_s, columns, start, command, machines)
+    def compute(between: Callable[[], None]) -> RollOut:
+        return roll_out(base, duration_s, columns, start, command, machines, between)
 
     return compute
 

@@ -6,17 +6,21 @@ results counts each batch once.
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from importlib import import_module
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context
 from typing import Any, TypeVar
 
 from mech_twin.capabilities.errors import StudyError
 from mech_twin.dependencies import extra_needed
+from mech_twin.interruption import SIGNALS
+from mech_twin.parent_death import end_with_parent
 
 Batch = TypeVar("Batch")
 Result = TypeVar("Result")
@@ -32,8 +36,8 @@ def available_cores() -> int:
 
 def spread(
     function: Callable[[Batch], Result], batches: Sequence[Batch], cores: int, scheduler: str | None = None
-) -> Iterator[Result]:
-    """Yield the results of all batches as they are ready, in no order, each once.
+) -> Generator[Result]:
+    """Yield the results of all batches as they are ready, in no order, each once; to close it ends the workers.
 
     Parameters
     ----------
@@ -56,18 +60,24 @@ def spread(
     elif cores <= 1 or len(batches) <= 1:
         yield from map(function, batches)
     else:
-        yield from _over_processes(function, batches, min(cores, len(batches)))
+        try:
+            yield from _over_processes(function, batches, min(cores, len(batches)))
+        finally:
+            gc.collect()  # the pool's semaphores, of which an end by signal would otherwise tell in a warning
 
 
 def _over_processes(function: Callable[[Batch], Result], batches: Sequence[Batch], cores: int) -> Iterator[Result]:
-    """Keep a few batches per core queued, so that an interruption leaves little to finish."""
-    with ProcessPoolExecutor(cores, mp_context=get_context("spawn"), initializer=_leave_interrupts_alone) as pool:
+    spawn, others = get_context("spawn"), set(active_children())
+    with _signals_held_back():
+        pool = ProcessPoolExecutor(cores, spawn, initializer=_follow_parent, initargs=(os.getpid(),))
+    with pool:
         waiting: set[Future[Result]] = set()
         rest = iter(batches)
         try:
             while True:
                 for batch in rest:
-                    waiting.add(pool.submit(function, batch))
+                    with _signals_held_back():
+                        waiting.add(pool.submit(function, batch))
                     if len(waiting) >= QUEUED_PER_CORE * cores:
                         break
                 if not waiting:
@@ -77,13 +87,27 @@ def _over_processes(function: Callable[[Batch], Result], batches: Sequence[Batch
                     yield future.result()
         except BrokenProcessPool as error:
             raise StudyError("a worker process died before the study was done; finished points are kept") from error
+        except BaseException:  # nobody takes what the workers are at
+            for worker in set(active_children()) - others:
+                worker.kill()
+            raise
         finally:
             pool.shutdown(wait=False, cancel_futures=True)
 
 
-def _leave_interrupts_alone() -> None:
-    """Let the process that takes the results decide what an interruption means."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+def _follow_parent(parent: int) -> None:
+    """End when the process does that takes the results; it decides what a signal to all of them means."""
+    end_with_parent(parent, signal.SIGKILL)
+
+
+@contextmanager
+def _signals_held_back() -> Iterator[None]:
+    """Deliver signals after this block; to the processes that are started in it, never."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _over_cluster(function: Callable[[Batch], Result], batches: Sequence[Batch], scheduler: str) -> Iterator[Result]:

@@ -38,6 +38,10 @@ DRAWN: dict[str, Mapping[str, tuple[str | None, ...]]] = {
         "guide_rollers_2": ("guide_front_2", "guide_rear_2"),
     },
     "winding_drum": {"axis": ("shaft",), "yarn": ("yarn_exit", None)},
+    "planar_linkage": {
+        "pins": ("crank_bearing", "dyad_1_from", "dyad_1_from", "dyad_1_to", "dyad_2_from", "dyad_2_between"),
+        "dyad_1_second": ("dyad_1_to", "dyad_1_between", "dyad_2_from"),
+    },
 }
 
 

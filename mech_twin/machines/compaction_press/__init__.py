@@ -64,7 +64,7 @@ def capabilities() -> Capabilities:
     """Return what the machine answers beside running."""
     from mech_twin.capabilities.design import DesignQuestion
     from mech_twin.capabilities.sizing import SizingQuestion
-    from mech_twin.machines.compaction_press import design_search, plots, published, sizing
+    from mech_twin.machines.compaction_press import design_search, faults, features, plots, published, sizing
     from mech_twin.machines.compaction_press.design_problem import SENSES
 
     return Capabilities(
@@ -78,4 +78,6 @@ def capabilities() -> Capabilities:
             design_search.evaluated,
             design_search.searched,
         ),
+        features=features.features,
+        faults=faults.faults,
     )

@@ -74,11 +74,13 @@ def build(parameters: Parameters) -> Machine:
 def capabilities() -> Capabilities:
     """Return what the machine answers beside running."""
     from mech_twin.capabilities.long_run import RegimeQuestion, SynthesisQuestion
-    from mech_twin.machines.impact_mass import long_run_answers, plots, published
+    from mech_twin.machines.impact_mass import faults, features, long_run_answers, plots, published
 
     return Capabilities(
         published=published.rows,
         pictures=plots.pictures,
         synthesis=SynthesisQuestion(long_run_answers.USUAL_ROBUSTNESS, long_run_answers.synthesis_answer),
         regimes=RegimeQuestion(long_run_answers.USUAL_KEY, long_run_answers.regime_answer),
+        features=features.features,
+        faults=faults.faults,
     )

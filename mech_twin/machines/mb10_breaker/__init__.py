@@ -57,10 +57,12 @@ def build(parameters: Parameters) -> Machine:
 def capabilities() -> Capabilities:
     """Return what the machine answers beside running."""
     from mech_twin.capabilities.sizing import SizingQuestion
-    from mech_twin.machines.mb10_breaker import plots, published, sizing
+    from mech_twin.machines.mb10_breaker import faults, features, plots, published, sizing
 
     return Capabilities(
         published=published.rows,
         pictures=plots.pictures,
         sizing=SizingQuestion(sizing.LIMITS, sizing.OBJECTIVES, sizing.sizing, sizing.USUAL_TOLERANCE),
+        features=features.features,
+        faults=faults.faults,
     )

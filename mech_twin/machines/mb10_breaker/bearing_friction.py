@@ -5,8 +5,8 @@
     crank's bearing, in the body    |T_q| <= c_q      speed u      and the gear, between eta tau and tau/eta,
     body's pivot, in the frame      |T_phi| <= c_phi  speed p      while its shaft stands
 
-What moves rubs against its sense (`dynamics.sliding_forces`); here is only what happens at zero speed.  The body on its
-collar: what presses it down is the collar's, what would lift it is the pivot's, until c_phi is not enough.
+What moves rubs against its sense (`accelerations.sliding_forces`); here is only what happens at zero speed.  The body
+on its collar: what presses it down is the collar's, what would lift it is the pivot's, until c_phi is not enough.
 Of the senses that joints at rest may take, the one is sought that its own accelerations bear out: held where the
 torque that holds stays within the friction, sliding where the joint then speeds up in that sense.  The mass matrix
 being positive definite there is one, but for rounding: friction holds to a part in 1e12 beyond its torque.
@@ -17,14 +17,16 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from mech_twin.kernel import kernel
+from mech_twin.machines.mb10_breaker.accelerations import (
+    Accelerations,
+    contact_accelerations,
+    generalised_forces,
+)
 from mech_twin.machines.mb10_breaker.dynamics import (
     BLOCKED,
-    Accelerations,
     Breaker,
     Masses,
     Senses,
-    contact_accelerations,
-    generalised_forces,
     masses_at,
     spring_moment,
     striker,

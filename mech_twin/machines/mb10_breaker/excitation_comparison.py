@@ -13,6 +13,7 @@ from mech_twin.engine.run import frames
 from mech_twin.machines.mb10_breaker import build
 from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
 from mech_twin.machines.mb10_breaker.pressed_body.parameters import pressed_body
+from mech_twin.machines.mb10_breaker.state import EventSide
 from mech_twin.samples import Event
 
 Array = NDArray[np.float64]
@@ -65,8 +66,7 @@ def computed_pulse(parameters: BreakerParameters) -> ExcitationPulse:
 
 
 def _body_angle(event: Event) -> float:
-    body = event.pre[1]
-    return body.position
+    return EventSide(*event.pre).body.position
 
 
 def assumed_pulse(parameters: BreakerParameters) -> ExcitationPulse:

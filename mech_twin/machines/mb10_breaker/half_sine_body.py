@@ -11,12 +11,13 @@ import struct
 import zlib
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from mech_twin.engine.compiled_roles import CompiledBody
 from mech_twin.engine.compiled_steps import body_step, log_event, step_of
+from mech_twin.engine.records import record_of
 from mech_twin.engine.sample_vectors import (
     BODY_JOINTS,
     PRESSING_FORCE,
@@ -77,6 +78,10 @@ class HalfSineMemory(NamedTuple):
     constants_key: float
 
 
+MEMORY = record_of(HalfSineMemory)
+RESIDUALS_AT = MEMORY_AT + len(HalfSineMemory._fields)
+
+
 class HalfSine(NamedTuple):
     """Constants of the body role: the body's, the coupling step (s), the mark of the body's constants."""
 
@@ -86,12 +91,33 @@ class HalfSine(NamedTuple):
 
 
 @kernel
-def piece_of(memory: Array) -> ContactPiece:
-    """Return the running piece of a memory (12,)."""
+def memory_of(row: Array) -> Any:
+    """Return the memory of a row as a record that shares its numbers."""
+    return row[MEMORY_AT:RESIDUALS_AT].view(MEMORY)[0]
+
+
+@kernel
+def piece_of(memory: Any) -> ContactPiece:
+    """Return the running piece of a memory."""
     return ContactPiece(
-        int(memory[1]), memory[2], memory[3], memory[4], int(memory[5]), int(memory[6]), memory[7], memory[8],
-        int(memory[9]),
-    )  # fmt: skip
+        int(memory.cycle),
+        memory.piece_start_s,
+        memory.piece_angle_rad,
+        memory.piece_rate_rad_per_s,
+        int(memory.piece_regime),
+        int(memory.piece_loaded),
+        memory.series_rad_per_s,
+        memory.piece_end_s,
+        int(memory.piece_cause),
+    )
+
+
+@kernel
+def keep_piece(memory: Any, piece: ContactPiece) -> None:
+    """Put the running piece into a memory."""
+    memory.cycle, memory.piece_start_s, memory.piece_angle_rad = piece.cycle, piece.start, piece.angle
+    memory.piece_rate_rad_per_s, memory.piece_regime, memory.piece_loaded = piece.rate, piece.regime, piece.loaded
+    memory.series_rad_per_s, memory.piece_end_s, memory.piece_cause = piece.series, piece.end, piece.cause
 
 
 @kernel
@@ -114,11 +140,10 @@ def fill_body(
     force = body.rate * (body.arm * angle + body.deflection)
     out[REGIME], out[PRESSING_FORCE] = piece.regime, force
     out[BODY_JOINTS], out[BODY_JOINTS + 1], out[BODY_JOINTS + 2] = angle, rate, -force * body.arm
-    memory = out[MEMORY_AT:]
-    memory[0], memory[1], memory[2], memory[3], memory[4] = origin, piece.cycle, piece.start, piece.angle, piece.rate
-    memory[5], memory[6], memory[7], memory[8] = piece.regime, piece.loaded, piece.series, piece.end
-    memory[9], memory[10], memory[11] = piece.cause, blow_angle, model.key
-    memory[12], memory[13] = residuals_at(body, piece, local, model.step_s)
+    memory = memory_of(out)
+    memory.origin_s, memory.blow_angle_rad, memory.constants_key = origin, blow_angle, model.key
+    keep_piece(memory, piece)
+    out[RESIDUALS_AT], out[RESIDUALS_AT + 1] = residuals_at(body, piece, local, model.step_s)
 
 
 @kernel
@@ -132,9 +157,9 @@ def follow_half_sine(
     model: HalfSine, step: int, body: Array, forces: Array, loads: Array, count: int, out: Array, log: Array
 ) -> tuple[Array, int]:
     """Fill in the body one step later, with every event passed on the way."""
-    constants, memory, found = model.body, body[MEMORY_AT:], 0
-    origin, blow_angle, piece, time_s = memory[0], memory[10], piece_of(memory), step * model.step_s
-    if memory[11] != model.key:
+    constants, memory, found, time_s = model.body, memory_of(body), 0, step * model.step_s
+    origin, blow_angle, piece = memory.origin_s, memory.blow_angle_rad, piece_of(memory)
+    if memory.constants_key != model.key:
         elapsed = (step - 1) * model.step_s - origin
         piece = replanned(constants, piece, body[BODY_JOINTS], body[BODY_JOINTS + 1], elapsed)
     while piece.cycle * constants.period + piece.end <= time_s - origin:

@@ -25,17 +25,10 @@ from mech_twin.machines.mb10_breaker.dynamics import (
     FLIGHT,
     HELD,
     REST,
-    STATES,
-    TOOL,
-    TOOL_SPEED,
     Breaker,
-    P,
-    Q,
-    U,
     energies,
     spring_moment,
 )
-from mech_twin.machines.mb10_breaker.dynamics import PHI as BODY
 from mech_twin.machines.mb10_breaker.state import (
     BODY_STOPPED,
     CRANK_STOPPED,
@@ -43,8 +36,13 @@ from mech_twin.machines.mb10_breaker.state import (
     LIFT_OFF,
     MEMORY,
     SETTLED,
+    STATES,
     TOUCHDOWN,
     BreakerMemory,
+    Side,
+    named,
+    post_side,
+    pre_side,
 )
 from mech_twin.machines.mb10_breaker.step import advance_step, take_body
 from mech_twin.parts.four_bar import closure_error, coefficients, link_angles, position
@@ -96,18 +94,20 @@ def memory_of(row: Array) -> Any:
 
 
 @kernel
-def fill_row(b: Breaker, state: Array, regime: int, drive: float, command: float, defect_j: float, out: Array) -> None:
+def fill_row(b: Breaker, y: Array, regime: int, drive: float, command: float, defect_j: float, out: Array) -> None:
     """Fill a linkage row whose memory is in place: joints, regime, command and residuals.
 
     Parameters
     ----------
+    y : (10,) array
+        As `state.BreakerState` names it.
     drive : float
         Torque on the crank at the end of the step (N m).
     defect_j : float
         Energy by which the body's own angle changed the step's start.
     """
-    memory = memory_of(out)
-    q, u, phi, p = state[Q], state[U], state[BODY], state[P]
+    memory, state = memory_of(out), named(y)
+    q, u, phi, p = state.crank_rad, state.crank_rad_per_s, state.body_rad, state.body_rad_per_s
     at = position(b.bar, q)
     by = coefficients(at)
     coupler, rocker = link_angles(at)
@@ -127,14 +127,14 @@ def fill_row(b: Breaker, state: Array, regime: int, drive: float, command: float
 @kernel
 def start_row(b: Breaker, crank_rad: float, command: float, out: Array) -> None:
     """Fill the row of the machine at rest, the body on its collar."""
-    state = np.zeros(STATES)
-    state[Q] = crank_rad
-    kinetic, potential, _ = energies(b, state[Q], 0.0, 0.0, 0.0)
+    y = np.zeros(STATES)
+    named(y).crank_rad = crank_rad
+    kinetic, potential, _ = energies(b, crank_rad, 0.0, 0.0, 0.0)
     out[MEMORY_AT:RESIDUALS_AT] = 0.0
     memory = memory_of(out)
     memory.torque_history = -1.0
     memory.energy_j, memory.begin_crank_rad = kinetic + potential, crank_rad
-    fill_row(b, state, HELD if b.held else REST, 0.0, command, 0.0, out)
+    fill_row(b, y, HELD if b.held else REST, 0.0, command, 0.0, out)
 
 
 @kernel
@@ -143,6 +143,24 @@ def contact_of(kind: int) -> int:
     if kind >= CRANK_STOPPED:
         return PIVOT_CONTACT if kind >= BODY_STOPPED else BEARING_CONTACT
     return COLLAR_CONTACT if kind in (TOUCHDOWN, SETTLED, LIFT_OFF) else TOOL_CONTACT
+
+
+@kernel
+def fill_coordinate(sides: Array, place: int, position: float, velocity: float, effort: float) -> int:
+    """Put one coordinate where it belongs in a row of events; return where the next one does."""
+    sides[place], sides[place + 1], sides[place + 2] = position, velocity, effort
+    return place + 3
+
+
+@kernel
+def fill_side(b: Breaker, side: Side, sides: Array, place: int) -> int:
+    """Put the coordinates on one side of an event, in the order of `state.EventSide`; return where the others begin."""
+    q, u, phi, p = side.crank_rad, side.crank_rad_per_s, side.body_rad, side.body_rad_per_s
+    place = fill_coordinate(sides, place, q, u, side.drive_torque_nm)
+    place = fill_coordinate(sides, place, phi, p, -spring_moment(b, phi))
+    place = fill_coordinate(sides, place, side.tool_m, side.tool_m_per_s, side.tool_force_n)
+    place = fill_coordinate(sides, place, q, u, side.crank_friction_nm)
+    return fill_coordinate(sides, place, phi, p, side.body_friction_nm)
 
 
 @kernel
@@ -157,25 +175,8 @@ def tell_events(b: Breaker, start_s: float, rows: Any, count: int, log: Array) -
             row.cycle,
         )  # fmt: skip
         log[i, SIDES] = 1.0
-        told = log[i, EVENT_WIDTH:]
-        told[0], told[1], told[2] = row.pre_crank_rad, row.pre_crank_rad_per_s, row.pre_drive_torque_nm
-        told[3], told[4], told[5] = (
-            row.pre_body_rad,
-            row.pre_body_rad_per_s,
-            -spring_moment(b, row.pre_body_rad),
-        )
-        told[6], told[7], told[8] = row.pre_tool_m, row.pre_tool_m_per_s, row.pre_tool_force_n
-        told[9], told[10], told[11] = row.pre_crank_rad, row.pre_crank_rad_per_s, row.pre_crank_friction_nm
-        told[12], told[13], told[14] = row.pre_body_rad, row.pre_body_rad_per_s, row.pre_body_friction_nm
-        told[15], told[16], told[17] = row.post_crank_rad, row.post_crank_rad_per_s, row.post_drive_torque_nm
-        told[18], told[19], told[20] = (
-            row.post_body_rad,
-            row.post_body_rad_per_s,
-            -spring_moment(b, row.post_body_rad),
-        )
-        told[21], told[22], told[23] = row.post_tool_m, row.post_tool_m_per_s, row.post_tool_force_n
-        told[24], told[25], told[26] = row.post_crank_rad, row.post_crank_rad_per_s, row.post_crank_friction_nm
-        told[27], told[28], told[29] = row.post_body_rad, row.post_body_rad_per_s, row.post_body_friction_nm
+        post = fill_side(b, pre_side(row), log[i], EVENT_WIDTH)
+        fill_side(b, post_side(row), log[i], post)
     return log
 
 
@@ -184,22 +185,21 @@ def breaker_step(
     model: LedBreaker, step: int, linkage: Array, motor: Array, body: Array, out: Array, log: Array
 ) -> tuple[Array, int]:
     """Fill in the linkage one step later; angle and rate of the body are taken from its own row."""
-    b, state, regime = model.breaker, np.zeros(STATES), int(linkage[REGIME])
+    b, y, regime = model.breaker, np.zeros(STATES), int(linkage[REGIME])
+    state = named(y)
     out[:] = linkage
     record = out[MEMORY_AT:RESIDUALS_AT].view(MEMORY)
     memory = record[0]
-    state[Q], state[U] = linkage[CRANK_AT], linkage[CRANK_AT + 1]
-    state[BODY], state[P] = linkage[BODY_AT], linkage[BODY_AT + 1]
-    state[TOOL], state[TOOL_SPEED] = memory.tool_travel_m, memory.tool_speed_m_per_s
+    state.crank_rad, state.crank_rad_per_s = linkage[CRANK_AT], linkage[CRANK_AT + 1]
+    state.body_rad, state.body_rad_per_s = linkage[BODY_AT], linkage[BODY_AT + 1]
+    state.tool_m, state.tool_m_per_s = memory.tool_travel_m, memory.tool_speed_m_per_s
     defect = memory.coupling_defect_j
-    phi, p, rests = state[BODY], state[P], regime != FLIGHT
+    phi, p, rests = state.body_rad, state.body_rad_per_s, regime != FLIGHT
     if len(body) > 0 and not b.held:
         phi, p, rests = body[BODY_JOINTS], body[BODY_JOINTS + 1], int(body[REGIME]) == model.body_at_rest
     regime = take_body(b, state, record, regime, phi, p, rests)
     rows = np.empty(model.log_rows, dtype=EVENT)
-    regime, count, drive = advance_step(
-        b, state, record, regime, motor[MOTOR_JOINTS + 2], model.step_s, model.order, rows
-    )
+    regime, count, drive = advance_step(b, y, record, regime, motor[MOTOR_JOINTS + 2], model.step_s, model.order, rows)
     log = tell_events(b, step * model.step_s, rows, count, log)
-    fill_row(b, state, regime, drive, motor[MOTOR_COMMAND], memory.coupling_defect_j - defect, out)
+    fill_row(b, y, regime, drive, motor[MOTOR_COMMAND], memory.coupling_defect_j - defect, out)
     return log, count

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,11 @@ from mech_twin.engine.events import UNKNOWN, signals_of
 from mech_twin.engine.integration import Workspace, rates_of
 from mech_twin.engine.tableaus import COOPER_VERNER_8
 from mech_twin.kernel import kernel
+from mech_twin.machines.mb10_breaker.accelerations import (
+    Accelerations,
+    contact_accelerations,
+    rates_of_state,
+)
 from mech_twin.machines.mb10_breaker.bearing_friction import (
     BearingTorques,
     Instant,
@@ -19,23 +24,8 @@ from mech_twin.machines.mb10_breaker.bearing_friction import (
     rubs,
     senses_at,
 )
-from mech_twin.machines.mb10_breaker.dynamics import (
-    PHI,
-    STATES,
-    TOOL,
-    TOOL_SPEED,
-    Accelerations,
-    Breaker,
-    P,
-    Q,
-    Senses,
-    U,
-    contact_accelerations,
-    crank_torque,
-    derivatives,
-    masses_at,
-    striker,
-)
+from mech_twin.machines.mb10_breaker.dynamics import Breaker, Senses, crank_torque, masses_at, striker
+from mech_twin.machines.mb10_breaker.state import STATES, pack_state, unpacked_state
 from mech_twin.parts.gear import gear_torque
 
 # signals, each falling through zero at its event: striker from tool, body from collar, collar's moment, way to the
@@ -74,29 +64,30 @@ def drive_torque(system: Motion, t: float, u: float, p: float) -> float:
 
 
 @kernel
-def instant(system: Motion, t: float, y: NDArray[np.float64]) -> Instant:
+def instant(system: Motion, t: float, state: Any) -> Instant:
     """Return an instant of the motion as the bearings see it."""
     b, motor = system.breaker, system.torque_nm + system.slope_nm_per_s * t
-    drive, gap = crank_torque(b, motor, y[U], y[P]) + system.compensation_nm, 0.0
-    if b.crank_coulomb_nm > 0.0 and y[U] == 0.0 and b.frame_drive * y[P] == 0.0:
+    u, p = state.crank_rad_per_s, state.body_rad_per_s
+    drive, gap = crank_torque(b, motor, u, p) + system.compensation_nm, 0.0
+    if b.crank_coulomb_nm > 0.0 and u == 0.0 and b.frame_drive * p == 0.0:
         gap = abs(b.ratio * motor) * (1.0 / b.efficiency - b.efficiency)
     low, high = (gap, 0.0) if motor < 0.0 else (0.0, gap)
-    return Instant(y[Q], y[U], y[PHI], y[P], drive, low, high, system.rests, system.tool)
+    return Instant(state.crank_rad, u, state.body_rad, p, drive, low, high, system.rests, system.tool)
 
 
 @kernel
-def torques_now(system: Motion, t: float, y: NDArray[np.float64]) -> BearingTorques:
+def torques_now(system: Motion, t: float, state: Any) -> BearingTorques:
     """Return drive, friction and the striker's force on the tool in a state."""
-    m = masses_at(system.breaker, y[Q], y[PHI])
-    return bearing_torques(system.breaker, m, instant(system, t, y), system.senses)
+    m = masses_at(system.breaker, state.crank_rad, state.body_rad)
+    return bearing_torques(system.breaker, m, instant(system, t, state), system.senses)
 
 
 @kernel
-def senses_now(system: Motion, t: float, y: NDArray[np.float64], rests: bool, tool: int) -> Senses:
+def senses_now(system: Motion, t: float, state: Any, rests: bool, tool: int) -> Senses:
     """Return in which senses crank and body go on from a state, body and tool in these regimes."""
     if not rubs(system.breaker):
         return Senses(1.0, 1.0)
-    now = instant(system, t, y)
+    now = instant(system, t, state)
     return senses_at(
         system.breaker,
         Instant(now.q, now.u, now.phi, now.p, now.drive_nm, now.gear_low_nm, now.gear_high_nm, rests, tool),
@@ -121,57 +112,67 @@ def going_on(system: Motion, senses: Senses, rests: bool, tool: int) -> Motion:
 @rates_of(Motion, COOPER_VERNER_8)
 def motion_rates(system: Motion, t: float, y: NDArray[np.float64], out: NDArray[np.float64]) -> None:
     """Fill the derivatives of the state."""
-    derivatives(system.breaker, y, drive_torque(system, t, y[U], y[P]), system.rests, system.tool, system.senses, out)
+    state = unpacked_state(y)
+    drive = drive_torque(system, t, state.crank_rad_per_s, state.body_rad_per_s)
+    pack_state(rates_of_state(system.breaker, state, drive, system.rests, system.tool, system.senses), out)
 
 
 @kernel
-def forces_now(system: Motion, t: float, y: NDArray[np.float64]) -> Accelerations:
+def forces_now(system: Motion, t: float, state: Any) -> Accelerations:
     """Return accelerations, collar moment and force on the tool in a state."""
-    b, drive = system.breaker, drive_torque(system, t, y[U], y[P])
-    m = masses_at(b, y[Q], y[PHI])
-    return contact_accelerations(b, m, y[Q], y[U], y[PHI], y[P], drive, system.rests, system.tool, system.senses)
+    q, u, phi, p = state.crank_rad, state.crank_rad_per_s, state.body_rad, state.body_rad_per_s
+    b, drive = system.breaker, drive_torque(system, t, u, p)
+    m = masses_at(b, q, phi)
+    return contact_accelerations(b, m, q, u, phi, p, drive, system.rests, system.tool, system.senses)
 
 
 @signals_of(Motion)
 def motion_signals(system: Motion, index: int, t: float, y: NDArray[np.float64]) -> tuple[float, float]:
     """Return value and derivative of a signal."""
-    b = system.breaker
+    b, state = system.breaker, unpacked_state(y)
     if index == GAP:
-        travel, slope, _ = striker(b, y[Q])
-        return b.tool_radius_m * y[PHI] + y[TOOL] - travel, b.tool_radius_m * y[P] + y[TOOL_SPEED] - slope * y[U]
+        return tool_gap(b, state)
     if index == LIFT:
-        return float(y[PHI]), float(y[P])
+        return float(state.body_rad), float(state.body_rad_per_s)
     if index == DEAD_CENTRE:
-        return float(system.dead_centre_rad - y[Q]), -float(y[U])
+        return float(system.dead_centre_rad - state.crank_rad), -float(state.crank_rad_per_s)
     if index in (CRANK_GRIP, BODY_GRIP):
-        held = torques_now(system, t, y)
+        held = torques_now(system, t, state)
         return held.crank_margin_nm if index == CRANK_GRIP else held.body_margin_nm, UNKNOWN
     if index == GEAR_TURNS:
-        return gear_speed(b, y), UNKNOWN
-    return force_signals(system, index, t, y)
+        return gear_speed(b, state), UNKNOWN
+    return force_signals(system, index, t, state)
 
 
 @kernel
-def gear_speed(b: Breaker, y: NDArray[np.float64]) -> float:
+def tool_gap(b: Breaker, state: Any) -> tuple[float, float]:
+    """Return how far the striker is from the tool (m), and how fast they part (m/s)."""
+    travel, slope, _ = striker(b, state.crank_rad)
+    gap = b.tool_radius_m * state.body_rad + state.tool_m - travel
+    return gap, b.tool_radius_m * state.body_rad_per_s + state.tool_m_per_s - slope * state.crank_rad_per_s
+
+
+@kernel
+def gear_speed(b: Breaker, state: Any) -> float:
     """Return the speed of the crank against what carries the gear (rad/s): with its sign the gear's loss jumps."""
-    return float(y[U] - b.frame_drive * y[P])
+    return float(state.crank_rad_per_s - b.frame_drive * state.body_rad_per_s)
 
 
 @kernel
-def force_signals(system: Motion, index: int, t: float, y: NDArray[np.float64]) -> tuple[float, float]:
+def force_signals(system: Motion, index: int, t: float, state: Any) -> tuple[float, float]:
     """Return value and derivative of the signals that need the forces."""
-    now, wall = forces_now(system, t, y), system.breaker.wall_force_n
+    now, wall = forces_now(system, t, state), system.breaker.wall_force_n
     value, rate = now.collar_nm, UNKNOWN
     if index == COLLAR and rubs(system.breaker):
-        value = torques_now(system, t, y).body_margin_nm
+        value = torques_now(system, t, state).body_margin_nm
     if index == TOOL_MOTION:
-        value, rate = float(y[TOOL_SPEED]), (now.tool_force_n - wall) / system.breaker.tool_mass_kg
+        value, rate = float(state.tool_m_per_s), (now.tool_force_n - wall) / system.breaker.tool_mass_kg
     elif index == CRANK_MOTION:
-        value, rate = float(y[U]), now.crank
+        value, rate = float(state.crank_rad_per_s), now.crank
     elif index == CRANK_TURN:
-        value, rate = system.senses.crank * float(y[U]), system.senses.crank * now.crank
+        value, rate = system.senses.crank * float(state.crank_rad_per_s), system.senses.crank * now.crank
     elif index == BODY_TURN:
-        value, rate = system.senses.body * float(y[P]), system.senses.body * now.body
+        value, rate = system.senses.body * float(state.body_rad_per_s), system.senses.body * now.body
     elif index == THRUST:
         value = now.tool_force_n + ADHESION_N
     elif index == WALL:

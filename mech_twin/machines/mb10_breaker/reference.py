@@ -45,6 +45,19 @@ class ReferenceLink(NamedTuple):
     turn2: float
 
 
+class ReferenceState(NamedTuple):
+    """What is integrated: crank (against the body, unwrapped) and body."""
+
+    crank_rad: float
+    crank_rad_per_s: float
+    body_rad: float
+    body_rad_per_s: float
+
+    def speeds(self) -> Array:
+        """Return the speeds of crank and body (rad/s)."""
+        return np.array([self.crank_rad_per_s, self.body_rad_per_s])
+
+
 class ReferenceMotion(NamedTuple):
     """Samples (n, 4) of q (unwrapped), u, phi, p at the asked times, and blows (m, 2): time (s), impulse (N s)."""
 
@@ -160,12 +173,14 @@ class BreakerReference:
         spring = b.spring_rate_n_per_m * (b.spring_arm_m * phi + b.preload_deflection_m) * b.spring_arm_m
         return np.array([drive - bearing, -self._on_frame * drive - spring - damping * p])
 
-    def accelerations(self, state: Array, rests: bool, senses: Array | None = None) -> tuple[float, float, float]:
+    def accelerations(
+        self, state: ReferenceState, rests: bool, senses: Array | None = None
+    ) -> tuple[float, float, float]:
         """Return u', p' and the moment of the collar; of a joint at rest that a sense of 0 holds, 0."""
-        du, dp, held = self.motion(state, rests, np.sign(state[[1, 3]]) if senses is None else senses)
+        du, dp, held = self.motion(state, rests, np.sign(state.speeds()) if senses is None else senses)
         return du, dp, float(held[1])
 
-    def motion(self, state: Array, rests: bool, senses: Array) -> tuple[float, float, Array]:
+    def motion(self, state: ReferenceState, rests: bool, senses: Array) -> tuple[float, float, Array]:
         """Return u', p', and what holds crank and body where they are at rest (N m); senses of sliding, 0: held."""
         mass, bias = self.mass_and_bias(*state)
         right = self.forces(*state) - bias - self._coulomb * senses * np.array([1.0, not rests])
@@ -176,11 +191,11 @@ class BreakerReference:
             found[free] = np.linalg.solve(mass[np.ix_(free, free)], right[free])
         return float(found[0]), float(found[1]), np.where(free, 0.0, mass @ found - right)
 
-    def senses(self, state: Array, rests: bool) -> Array:
+    def senses(self, state: ReferenceState, rests: bool) -> Array:
         """Return the senses in which both joints go on; 0 where friction holds a joint at rest."""
-        at_rest = np.array([state[1] == 0.0, rests or state[3] == 0.0]) & (self._coulomb > 0.0)
+        at_rest = ((state.speeds() == 0.0) | np.array([False, rests])) & (self._coulomb > 0.0)
         mass, bias = self.mass_and_bias(*state)
-        moving = np.where(at_rest, 0.0, np.sign(state[[1, 3]]))
+        moving = np.where(at_rest, 0.0, np.sign(state.speeds()))
         right = self.forces(*state) - bias - self._coulomb * moving
         answer, friction, found = np.linalg.inv(mass), np.zeros(2), np.zeros(2)
         if rests:
@@ -199,30 +214,30 @@ class BreakerReference:
         )
         return self._p.body.tool_radius_m * phi - travel
 
-    def blow(self, state: Array) -> tuple[Array, float]:
+    def blow(self, state: ReferenceState) -> tuple[ReferenceState, float]:
         """Return the state after a blow on the seated tool, and the impulse (N s); a resting body is free to leave."""
         mass, _ = self.mass_and_bias(*state)
-        direction = np.array([self._p.linkage.striker_arm_m * self._rocker(state[0])[1], -self._p.body.tool_radius_m])
+        lever = self._p.linkage.striker_arm_m * self._rocker(state.crank_rad)[1]
+        direction = np.array([lever, -self._p.body.tool_radius_m])
         answer = np.linalg.solve(mass, direction)
-        if state[2] == 0.0 and state[3] == 0.0 and answer[1] > 0.0:
+        if state.body_rad == 0.0 and state.body_rad_per_s == 0.0 and answer[1] > 0.0:
             answer = np.array([direction[0] / mass[0, 0], 0.0])
         seen = 1.0 / (direction @ answer)
         m_t = self._p.tool.mass_kg
-        impulse = (1.0 + self._p.tool.restitution) * (direction @ state[[1, 3]]) * seen * m_t / (seen + m_t)
-        after = state.copy()
-        after[[1, 3]] -= answer * impulse
-        return after, float(impulse)
+        impulse = (1.0 + self._p.tool.restitution) * (direction @ state.speeds()) * seen * m_t / (seen + m_t)
+        u, p = state.speeds() - answer * impulse
+        return state._replace(crank_rad_per_s=u, body_rad_per_s=p), float(impulse)
 
     def run(self, times_s: Array, start: Array | None = None) -> ReferenceMotion:
         """Return the motion at ascending times (s, the first 0), from standstill with the body on its collar.
 
         ``start``: another crank angle, crank speed, body angle and rate; a body at angle 0 rests.
         """
-        state = np.array([math.radians(self._p.linkage.initial_crank_deg) % (2.0 * math.pi), 0.0, 0.0, 0.0])
-        state = state if start is None else start.copy()
+        state = ReferenceState(math.radians(self._p.linkage.initial_crank_deg) % (2.0 * math.pi), 0.0, 0.0, 0.0)
+        state = state if start is None else ReferenceState(*start)
         samples, blows = np.empty((len(times_s), 4)), []
         samples[0], index, time = state, 1, 0.0
-        rests, waiting, hold = state[2] == 0.0, True, -1.0
+        rests, waiting, hold = state.body_rad == 0.0, True, -1.0
         while index < len(times_s):
             senses = self.senses(state, rests)
             here = self._stepper(time, state, rests, senses, float(times_s[-1]))
@@ -233,39 +248,46 @@ class BreakerReference:
                 while index < len(times_s) and times_s[index] <= when:
                     samples[index] = dense(times_s[index])
                     index += 1
-                if not waiting and self._passed(dense(low)[0], dense(when)[0], self._return):
+                before = ReferenceState(*dense(low))
+                if not waiting and self._passed(before.crank_rad, ReferenceState(*dense(when)).crank_rad, self._return):
                     waiting = True
                 if which is not None or here.status != "running":
                     break
-            state, time, hold = np.array(dense(when)), when, -1.0
+            state, time, hold = ReferenceState(*dense(when)), when, -1.0
             if which == "blow":
                 state, impulse = self.blow(state)
                 blows.append((when, impulse))
-                rests, waiting = rests and state[3] <= 0.0, False
+                rests, waiting = rests and state.body_rad_per_s <= 0.0, False
             elif which == "missed":
                 waiting = False
             elif which == "touchdown":
                 state, rests = self._touchdown(state)
             elif which == "lift":
                 rests = False
-            elif which in ("crank stops", "body stops"):
-                state[1 if which == "crank stops" else 3] = 0.0
+            elif which == "crank stops":
+                state = state._replace(crank_rad_per_s=0.0)
+            elif which == "body stops":
+                state = state._replace(body_rad_per_s=0.0)
             hold = when if which not in (None, "missed") else -1.0
         return ReferenceMotion(samples, np.array(blows).reshape(-1, 2))
 
-    def _stepper(self, time: float, state: Array, rests: bool, senses: Array, end: float) -> Any:
+    def _stepper(self, time: float, state: ReferenceState, rests: bool, senses: Array, end: float) -> Any:
         def rates(_: float, y: Array) -> list[float]:
-            du, dp, _held = self.motion(y, rests, senses)
-            return [y[1], du, y[3], dp]
+            now = ReferenceState(*y)
+            du, dp, _held = self.motion(now, rests, senses)
+            return [now.crank_rad_per_s, du, now.body_rad_per_s, dp]
 
-        start, first = state.copy(), 1e-6
+        start, first = state, 1e-6
         if rests:
-            start[2:] = 0.0
+            start = state._replace(body_rad=0.0, body_rad_per_s=0.0)
         else:  # neither a bounce nor a fall must end within the first step
             sink = max(-self.motion(state, False, senses)[1], 1e-9)
-            lasts = state[3] / sink if state[2] == 0.0 else math.sqrt(state[3] ** 2 / sink**2 + 2.0 * state[2] / sink)
+            phi, p = state.body_rad, state.body_rad_per_s
+            lasts = p / sink if phi == 0.0 else math.sqrt(p**2 / sink**2 + 2.0 * phi / sink)
             first = min(first, max(0.1 * lasts, 1e-13))
-        return DOP853(rates, time, start, end, max_step=LONGEST_S, rtol=TOLERANCE, atol=1e-13, first_step=first)
+        return DOP853(
+            rates, time, np.array(start), end, max_step=LONGEST_S, rtol=TOLERANCE, atol=1e-13, first_step=first
+        )
 
     def _passed(self, before: float, after: float, angle: float) -> bool:
         return math.floor((after - angle) / (2.0 * math.pi)) > math.floor((before - angle) / (2.0 * math.pi))
@@ -292,33 +314,36 @@ class BreakerReference:
             if places and hold >= low and value(places[0]) <= 0.0 and not name.endswith("stops"):
                 found.append((float(places[0]), name))
 
+        def at(t: float) -> ReferenceState:
+            return ReferenceState(*map(float, dense(t)))
+
         def held(t: float, joint: int) -> float:
-            return float(self.motion(np.array(dense(t)), rests, senses)[2][joint])
+            return float(self.motion(ReferenceState(*dense(t)), rests, senses)[2][joint])
 
         if waiting:
-            look("blow", lambda t: self.gap(*np.asarray(dense(t))[[0, 2]]))
-            if self._passed(dense(low)[0], dense(high)[0], self._extreme):
-                turns = math.floor((dense(high)[0] - self._extreme) / (2.0 * math.pi))
+            look("blow", lambda t: self.gap(at(t).crank_rad, at(t).body_rad))
+            if self._passed(at(low).crank_rad, at(high).crank_rad, self._extreme):
+                turns = math.floor((at(high).crank_rad - self._extreme) / (2.0 * math.pi))
                 aim = self._extreme + 2.0 * math.pi * turns
-                look("missed", lambda t: aim - float(dense(t)[0]))
+                look("missed", lambda t: aim - at(t).crank_rad)
         if rests:
             look("lift", lambda t: held(t, 1) + LET_GO * self._coulomb[1])
         else:
-            look("touchdown", lambda t: float(dense(t)[2]))
+            look("touchdown", lambda t: at(t).body_rad)
         for joint, name in ((0, "crank"), (1, "body")):
             most = float(self._coulomb[joint])
             if most > 0.0 and senses[joint] == 0.0 and not (rests and joint == 1):
                 look(f"{name} starts", partial(lambda j, c, t: LET_GO * c - abs(held(t, j)), joint, most))
             elif most > 0.0 and senses[joint] != 0.0:
-                look(f"{name} stops", partial(lambda j, t: float(senses[j] * dense(t)[2 * j + 1]), joint))
+                look(f"{name} stops", partial(lambda j, t: float(senses[j] * at(t).speeds()[j]), joint))
         if not found:
             return None, high
         when, which = min(found)
         return which, when
 
-    def _touchdown(self, state: Array) -> tuple[Array, bool]:
-        mass, _ = self.mass_and_bias(state[0], state[1], 0.0, state[3])
-        slow = -state[3] * self._p.body.restitution < PLASTIC_BELOW
-        jump = -(1.0 + (0.0 if slow else self._p.body.restitution)) * state[3]
-        after = np.array([state[0], state[1] - mass[0, 1] / mass[0, 0] * jump, 0.0, state[3] + jump])
-        return after, slow
+    def _touchdown(self, state: ReferenceState) -> tuple[ReferenceState, bool]:
+        q, u, _, p = state
+        mass, _ = self.mass_and_bias(q, u, 0.0, p)
+        slow = -p * self._p.body.restitution < PLASTIC_BELOW
+        jump = -(1.0 + (0.0 if slow else self._p.body.restitution)) * p
+        return ReferenceState(q, u - mass[0, 1] / mass[0, 0] * jump, 0.0, p + jump), slow

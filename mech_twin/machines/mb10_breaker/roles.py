@@ -12,8 +12,7 @@ import numpy as np
 from mech_twin.engine.compiled_roles import CompiledForces, CompiledLinkage
 from mech_twin.engine.sample_vectors import EventLayout, ForceLayout, LinkageLayout
 from mech_twin.machines.drives import KlossDrive, KlossMotor
-from mech_twin.machines.mb10_breaker.dynamics import FLIGHT, HELD, REST, STATES, Breaker, P, Q, U
-from mech_twin.machines.mb10_breaker.dynamics import PHI as BODY
+from mech_twin.machines.mb10_breaker.dynamics import FLIGHT, HELD, REST, Breaker
 from mech_twin.machines.mb10_breaker.force_row import LoadedBreaker
 from mech_twin.machines.mb10_breaker.forces import QUANTITIES, pin_forces
 from mech_twin.machines.mb10_breaker.linkage_row import (
@@ -26,14 +25,14 @@ from mech_twin.machines.mb10_breaker.linkage_row import (
     fill_row,
     start_row,
 )
-from mech_twin.machines.mb10_breaker.state import EVENT_ROWS, KINDS, BreakerMemory
+from mech_twin.machines.mb10_breaker.state import EVENT_ROWS, KINDS, STATES, BreakerMemory, EventSide, named
 from mech_twin.parts.induction_motor import MotorConstants
 from mech_twin.roles import CrankState
 from mech_twin.samples import LinkageSample
 
 RESIDUALS = ("loop_closure_m", "energy_balance", "momentum_balance", "coupling_defect")
 FORCE_RESIDUALS = ("drive_torque_routes", "body_moment_routes", "impulse_routes")
-EVENTS = EventLayout(KINDS, CONTACTS, 5)
+EVENTS = EventLayout(KINDS, CONTACTS, len(EventSide._fields))
 
 
 class BreakerMotor(KlossDrive):
@@ -77,7 +76,7 @@ class BreakerLinkage(CompiledLinkage):
     """
 
     joints = JOINTS
-    coordinates = ("crank", "body", "tool", "crank_bearing", "body_pivot")
+    coordinates = EventSide._fields
     regimes = ("rest", "flight", "held")
     layout = LinkageLayout(JOINTS, BreakerMemory._fields, RESIDUALS, EVENTS)
 
@@ -125,10 +124,12 @@ class BreakerLinkage(CompiledLinkage):
         regime = HELD if self._b.held else FLIGHT if off else REST
         body, rate = (phi, p) if off and phi is not None else (0.0, 0.0)
         idle, loaded = (pin_forces(self._b, q, u, body, rate, t, regime, 0.0).crank_acceleration for t in (0.0, 1.0))
-        state, out = np.zeros(STATES), np.empty(self.layout.size)
-        state[Q], state[U], state[BODY], state[P] = q % (2.0 * math.pi), u, body, rate
+        y, out = np.zeros(STATES), np.empty(self.layout.size)
+        state = named(y)
+        state.crank_rad, state.crank_rad_per_s = q % (2.0 * math.pi), u
+        state.body_rad, state.body_rad_per_s = body, rate
         out[MEMORY_AT:RESIDUALS_AT] = BreakerMemory(begin_crank_rad=q, begin_crank_rad_per_s=u, begin_body_rad=body)
-        fill_row(self._b, state, regime, float((acceleration - idle) / (loaded - idle)), self._command, 0.0, out)
+        fill_row(self._b, y, regime, float((acceleration - idle) / (loaded - idle)), self._command, 0.0, out)
         return self.layout.sample(step, time_s, out.tolist(), ())
 
 

@@ -13,6 +13,7 @@ from mech_twin.machines.mb10_breaker.blow_cycle_metrics import PEAKS, BlowCycle,
 from mech_twin.machines.mb10_breaker.body_cycle_metrics import BodyCycle
 from mech_twin.machines.mb10_breaker.dynamics import Breaker
 from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
+from mech_twin.machines.mb10_breaker.state import EventSide
 from mech_twin.machines.motor_duty import MotorState, duty_after, shaft_work_j
 from mech_twin.parts.induction_motor import motor_constants, motor_torque
 from mech_twin.samples import Coordinate, Event, Frame
@@ -102,7 +103,7 @@ class BreakerObserver:
         return (shaft - linear) / span
 
     def _across(self, side: tuple[Coordinate, ...], frame: Frame) -> MotorState:
-        crank, body = side[:2]
+        crank, body, *_ = side
         return self._motor_state(crank.velocity, body.velocity, frame.motor.command)
 
     def _run_motor_to(self, event: Event, frame: Frame, missed_w: float) -> None:
@@ -131,7 +132,7 @@ class BreakerObserver:
 
     def _end_blow_cycle(self, event: Event, frame: Frame) -> None:
         """End the cycle at this blow, or miss, and begin the next."""
-        _, body, *_ = event.pre
+        body = EventSide(*event.pre).body
         if self._seen_blow and self._cycle.steps and event.time_s > self._cycle.start_s:
             record = self._cycle.metrics(self._b, self._motor, event, frame.forces)
             if self._stiffness is not None and event.impulse_ns > 0.0:
@@ -145,7 +146,7 @@ class BreakerObserver:
             self._end_body_cycle(event.time_s, body.position)
 
     def _contact(self, event: Event, stiffness: float) -> Record:
-        b, crank, body, after = self._b, *event.pre[:2], event.post[1]
+        b, (crank, body, *_), after = self._b, event.pre, EventSide(*event.post).body
         rests = b.held or after.velocity == body.velocity  # a body that takes no part in the blow
         fades = fading(b, crank.position, crank.velocity, body.position, body.velocity, crank.effort, rests)
         return blow_contact(b, stiffness, event.pre_velocity_m_per_s, event.impulse_ns, fades).metrics

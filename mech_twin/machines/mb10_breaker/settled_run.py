@@ -8,6 +8,7 @@ from mech_twin.capabilities.variation import varied
 from mech_twin.engine.run import frames, rated, steps_for
 from mech_twin.machines.mb10_breaker import build
 from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
+from mech_twin.machines.mb10_breaker.state import EventSide
 from mech_twin.samples import LinkageSample
 
 SETTLED_S = 8.0  # of a run from standstill: some eighty blows, the last twenty of which count
@@ -53,8 +54,7 @@ def seating(parameters: BreakerParameters, duration_s: float = SETTLED_S) -> Sea
                 blows += event.kind == "blow"
                 missed += event.kind in {"missed", "stalled"}
                 if event.kind == "blow":
-                    at_blow = event.pre[1]
-                    gap = max(gap, radius * at_blow.position)
+                    gap = max(gap, radius * EventSide(*event.pre).body.position)
             elif steady and event.kind in {"touchdown", "settled"}:
                 returned = max(returned, abs(event.pre_velocity_m_per_s))
         if steady:

@@ -1,11 +1,15 @@
-"""The breaker's state beyond its joints, by name: what a linkage sample carries, and a row of the log of events."""
+"""The breaker's state by name: what is integrated, what a linkage sample carries beside, a row of the log of events."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from mech_twin.engine.records import record_of
+from mech_twin.kernel import kernel
+from mech_twin.samples import Coordinate
 
 EVENT_ROWS = 512  # of one coupling step; one more is an error in one line
 
@@ -31,6 +35,21 @@ KINDS = (
     "body_started",
     "body_reversed",
 )
+
+
+class BreakerState(NamedTuple):
+    """What is integrated: crank, body and tool, and beside them works and an impulse from the start of the step."""
+
+    crank_rad: float  # against the body
+    crank_rad_per_s: float
+    body_rad: float
+    body_rad_per_s: float
+    tool_m: float  # into the wall
+    tool_m_per_s: float
+    drive_work_j: float
+    damping_loss_j: float
+    angular_impulse_nms: float  # on everything
+    wall_work_j: float
 
 
 class BreakerMemory(NamedTuple):
@@ -78,6 +97,16 @@ class BreakerMemory(NamedTuple):
     begin_body_friction_nm: float = 0.0
 
 
+class EventSide(NamedTuple):
+    """Coordinates on one side of an event, as the linkage's events tell them."""
+
+    crank: Coordinate
+    body: Coordinate
+    tool: Coordinate
+    crank_bearing: Coordinate
+    body_pivot: Coordinate
+
+
 class Side(NamedTuple):
     """Crank, body, torque on the crank, tool, force of the striker on it, friction, on one side of an event."""
 
@@ -94,7 +123,9 @@ class Side(NamedTuple):
 
 
 # records, not plain structures: their fields are attributes in plain Python too
-MEMORY = np.dtype((np.record, [(name, np.float64) for name in BreakerMemory._fields]))
+STATE = record_of(BreakerState)
+STATES = len(BreakerState._fields)
+MEMORY = record_of(BreakerMemory)
 EVENT_FIELDS = (
     "time_s",  # into the step
     "kind",
@@ -107,14 +138,57 @@ EVENT_FIELDS = (
 EVENT = np.dtype((np.record, [(name, np.float64) for name in EVENT_FIELDS]))
 
 
-def pre_side(row: np.void) -> Side:
+@kernel
+def unpacked_state(y: NDArray[np.float64]) -> BreakerState:
+    """Return the numbers of a state (10,) by name."""
+    return BreakerState(y[0], y[1], y[2], y[3], y[4], y[5], y[6], y[7], y[8], y[9])
+
+
+@kernel
+def pre_side(row: Any) -> Side:
     """Return the state before an event."""
-    return Side(*(float(row[f"pre_{name}"]) for name in Side._fields))
+    return Side(
+        row.pre_crank_rad,
+        row.pre_crank_rad_per_s,
+        row.pre_body_rad,
+        row.pre_body_rad_per_s,
+        row.pre_drive_torque_nm,
+        row.pre_tool_m,
+        row.pre_tool_m_per_s,
+        row.pre_tool_force_n,
+        row.pre_crank_friction_nm,
+        row.pre_body_friction_nm,
+    )
 
 
-def post_side(row: np.void) -> Side:
+@kernel
+def post_side(row: Any) -> Side:
     """Return the state after an event."""
-    return Side(*(float(row[f"post_{name}"]) for name in Side._fields))
+    return Side(
+        row.post_crank_rad,
+        row.post_crank_rad_per_s,
+        row.post_body_rad,
+        row.post_body_rad_per_s,
+        row.post_drive_torque_nm,
+        row.post_tool_m,
+        row.post_tool_m_per_s,
+        row.post_tool_force_n,
+        row.post_crank_friction_nm,
+        row.post_body_friction_nm,
+    )
+
+
+@kernel
+def pack_state(state: BreakerState, y: NDArray[np.float64]) -> None:
+    """Put a state, or its rates, into an array (10,)."""
+    for i in range(STATES):
+        y[i] = state[i]
+
+
+@kernel
+def named(y: NDArray[np.float64]) -> Any:
+    """Return the numbers of a state (10,) by name: a record that shares them (see `engine.records`)."""
+    return y.view(STATE)[0]
 
 
 def packed(memory: BreakerMemory) -> NDArray[np.void]:

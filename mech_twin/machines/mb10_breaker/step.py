@@ -29,31 +29,21 @@ from mech_twin.machines.mb10_breaker.bearing_events import (
     watch_bearings,
 )
 from mech_twin.machines.mb10_breaker.bearing_friction import BearingTorques, rubs
-from mech_twin.machines.mb10_breaker.contact import apply_event, log_knot, project_contact
+from mech_twin.machines.mb10_breaker.contact import apply_event
 from mech_twin.machines.mb10_breaker.dynamics import (
     BLOCKED,
-    DAMPED,
     FLIGHT,
     HELD,
     MOVING,
-    PHI,
     PUSHED,
     REST,
-    STATES,
-    TOOL,
-    TOOL_SPEED,
     TURN,
-    TURNED,
-    WALL_WORK,
-    WORK,
     Breaker,
-    P,
-    Q,
     Senses,
-    U,
     crank_torque,
     energies,
 )
+from mech_twin.machines.mb10_breaker.event_rows import log_knot
 from mech_twin.machines.mb10_breaker.motion import (
     COLLAR,
     CRANK_MOTION,
@@ -67,11 +57,13 @@ from mech_twin.machines.mb10_breaker.motion import (
     WALL,
     Motion,
     gear_speed,
-    motion_signals,
     substep,
+    tool_gap,
     torques_now,
     workspace_of_motion,
 )
+from mech_twin.machines.mb10_breaker.state import STATES, named
+from mech_twin.machines.mb10_breaker.tool_contact import project_contact
 
 Array = NDArray[np.float64]
 PARTED = 1e-9  # m and m/s
@@ -80,28 +72,28 @@ MOST_REVERSALS = 16  # of the gear in one coupling step that are landed on; a ge
 
 
 @kernel
-def total_energy(b: Breaker, state: Array) -> float:
+def total_energy(b: Breaker, state: Any) -> float:
     """Return kinetic and potential energy of machine and tool (J)."""
-    kinetic, potential, _ = energies(b, state[Q], state[U], state[PHI], state[P])
-    return float(kinetic + potential + 0.5 * b.tool_mass_kg * state[TOOL_SPEED] * state[TOOL_SPEED])
+    kinetic, potential, _ = energies(b, state.crank_rad, state.crank_rad_per_s, state.body_rad, state.body_rad_per_s)
+    return float(kinetic + potential + 0.5 * b.tool_mass_kg * state.tool_m_per_s * state.tool_m_per_s)
 
 
 @kernel
-def total_momentum(b: Breaker, state: Array) -> float:
+def total_momentum(b: Breaker, state: Any) -> float:
     """Return the angular momentum M12 u + M22 p (N m s)."""
-    return float(energies(b, state[Q], state[U], state[PHI], state[P])[2])
+    return float(energies(b, state.crank_rad, state.crank_rad_per_s, state.body_rad, state.body_rad_per_s)[2])
 
 
 @kernel
-def take_body(b: Breaker, state: Array, record: Any, regime: int, phi: float, p: float, rests: bool) -> int:
+def take_body(b: Breaker, state: Any, record: Any, regime: int, phi: float, p: float, rests: bool) -> int:
     """Put the body's own angle and rate in the state, book what that changes, and return the regime."""
     memory, before = record[0], total_energy(b, state)
     memory.parameter_work_j += before - memory.energy_j
     if regime == HELD:
         return regime
     momentum = total_momentum(b, state)
-    state[PHI] = 0.0 if rests or (phi < 0.0 <= p) else phi
-    state[P] = 0.0 if rests else p
+    state.body_rad = 0.0 if rests or (phi < 0.0 <= p) else phi
+    state.body_rad_per_s = 0.0 if rests else p
     project_contact(b, state, int(memory.tool_regime), rests)
     memory.coupling_defect_j += total_energy(b, state) - before
     memory.coupling_defect_nms += total_momentum(b, state) - momentum
@@ -109,22 +101,22 @@ def take_body(b: Breaker, state: Array, record: Any, regime: int, phi: float, p:
 
 
 @kernel
-def torque_line(b: Breaker, state: Array, memory: Any, torque: float, step_s: float, order: int) -> tuple[float, float]:
+def torque_line(b: Breaker, state: Any, memory: Any, torque: float, step_s: float, order: int) -> tuple[float, float]:
     """Return slope of the motor torque (N m/s) and the crank torque (N m) that makes good the step before."""
     if order == 0 or memory.torque_history < 0.0:
         return 0.0, 0.0
-    missed = crank_torque(b, torque, state[U], state[P]) - memory.line_crank_torque_nm
+    missed = crank_torque(b, torque, state.crank_rad_per_s, state.body_rad_per_s) - memory.line_crank_torque_nm
     slope = (torque - memory.previous_torque_nm) / step_s if memory.torque_history > 0.0 else 0.0
     return slope, missed * memory.torque_lag_s / step_s
 
 
 @kernel
-def remember_torque_line(motion: Motion, state: Array, memory: Any, step_s: float, left: float, weighed: float) -> None:
+def remember_torque_line(motion: Motion, state: Any, memory: Any, step_s: float, left: float, weighed: float) -> None:
     """Keep what the next step needs to make good what this extrapolation misses."""
     b = motion.breaker
     final = motion.torque_nm + motion.slope_nm_per_s * step_s
     memory.previous_torque_nm = motion.torque_nm
-    memory.line_crank_torque_nm = crank_torque(b, final, state[U], state[P])
+    memory.line_crank_torque_nm = crank_torque(b, final, state.crank_rad_per_s, state.body_rad_per_s)
     memory.torque_lag_s = left / weighed if weighed > 0.0 else 0.5 * step_s
     memory.torque_history = 0.0 if weighed > 0.0 else 1.0
 
@@ -139,15 +131,15 @@ def to_dead_centre(b: Breaker, q: float) -> float:
 
 
 @kernel
-def leaves_tool(motion: Motion, state: Array, last: int) -> bool:
+def leaves_tool(motion: Motion, state: Any, last: int) -> bool:
     """Return whether the event that began this substep let the striker part from the tool, which rounding may hide."""
-    gap, opening = motion_signals(motion, GAP, 0.0, state)
+    gap, opening = tool_gap(motion.breaker, state)
     turned_back = last == TOOL_MOTION and abs(gap) < PARTED and abs(opening) < PARTED
     return last == THRUST or turned_back
 
 
 @kernel
-def watched(motion: Motion, state: Array, end: Array, regime: int, last: int, watches: NDArray[np.int64]) -> int:
+def watched(motion: Motion, state: Any, end: Any, regime: int, last: int, watches: NDArray[np.int64]) -> int:
     """Fill the rows of ``watches`` with what can happen within a substep; return their number.
 
     ``last`` is the signal whose event began this substep, `NONE` without: it may start at its root.
@@ -157,7 +149,7 @@ def watched(motion: Motion, state: Array, end: Array, regime: int, last: int, wa
     watches[:, 2] = 0
     if tool in (PUSHED, BLOCKED):
         watches[0, 0], watches[1, 0], count = THRUST, CRANK_MOTION, 2
-        if state[U] <= 0.0:
+        if state.crank_rad_per_s <= 0.0:
             count = 1
         if tool == BLOCKED:
             watches[count, 0] = WALL
@@ -165,16 +157,16 @@ def watched(motion: Motion, state: Array, end: Array, regime: int, last: int, wa
     elif not leaves_tool(motion, state, last):
         watches[0, 0], count = GAP, 1
         watches[0, 2] = 1 if last == GAP else 0
-    if tool in (MOVING, PUSHED) and (state[TOOL_SPEED] > 0.0 or last != WALL):
+    if tool in (MOVING, PUSHED) and (state.tool_m_per_s > 0.0 or last != WALL):
         watches[count, 0] = TOOL_MOTION
-        watches[count, 2] = 1 if state[TOOL_SPEED] == 0.0 else 0
+        watches[count, 2] = 1 if state.tool_m_per_s == 0.0 else 0
         count += 1
-    if end[Q] >= motion.dead_centre_rad:
+    if end.crank_rad >= motion.dead_centre_rad:
         watches[count, 0] = DEAD_CENTRE
         count += 1
     if regime == FLIGHT:
         watches[count, 0] = LIFT
-        watches[count, 2] = 1 if state[PHI] == 0.0 else 0
+        watches[count, 2] = 1 if state.body_rad == 0.0 else 0
         count += 1
     elif regime == REST:
         watches[count, 0] = COLLAR
@@ -183,7 +175,7 @@ def watched(motion: Motion, state: Array, end: Array, regime: int, last: int, wa
 
 
 @kernel
-def watch_gear(motion: Motion, state: Array, end: Array, watches: NDArray[np.int64], count: int) -> int:
+def watch_gear(motion: Motion, state: Any, end: Any, watches: NDArray[np.int64], count: int) -> int:
     """Add the gear to what is watched, where its speed has changed sign; return the number of watches."""
     before, after = gear_speed(motion.breaker, state), gear_speed(motion.breaker, end)
     if motion.breaker.efficiency < 1.0 and before * after < 0.0:
@@ -204,10 +196,10 @@ class Before(NamedTuple):
 
 
 @kernel
-def begin_step(b: Breaker, state: Array, memory: Any, now: BearingTorques) -> Before:
+def begin_step(b: Breaker, state: Any, memory: Any, now: BearingTorques) -> Before:
     """Remember the state the step begins with, and set the sums its events add to to zero: they keep their digits."""
-    memory.begin_crank_rad, memory.begin_crank_rad_per_s = state[Q], state[U]
-    memory.begin_body_rad, memory.begin_body_rad_per_s = state[PHI], state[P]
+    memory.begin_crank_rad, memory.begin_crank_rad_per_s = state.crank_rad, state.crank_rad_per_s
+    memory.begin_body_rad, memory.begin_body_rad_per_s = state.body_rad, state.body_rad_per_s
     memory.begin_drive_torque_nm, memory.begin_tool_force_n = now.drive_nm, now.tool_force_n
     memory.begin_crank_friction_nm, memory.begin_body_friction_nm = now.crank_nm, now.body_nm
     before = Before(
@@ -223,30 +215,32 @@ def begin_step(b: Breaker, state: Array, memory: Any, now: BearingTorques) -> Be
 
 
 @kernel
-def close_balances(b: Breaker, state: Array, memory: Any, before: Before) -> None:
+def close_balances(b: Breaker, state: Any, memory: Any, before: Before) -> None:
     """Book the step's works and impulses, and what the balances of energy and momentum leave open."""
-    lost = memory.blow_loss_j + memory.collar_loss_j + memory.reseating_loss_j + state[WALL_WORK] + state[DAMPED]
+    lost = (
+        memory.blow_loss_j + memory.collar_loss_j + memory.reseating_loss_j + state.wall_work_j + state.damping_loss_j
+    )
     memory.energy_j = total_energy(b, state)
-    memory.energy_error_j += memory.energy_j - before.energy_j - state[WORK] + lost
-    turned = state[TURNED] + memory.impact_impulse_nms
+    memory.energy_error_j += memory.energy_j - before.energy_j - state.drive_work_j + lost
+    turned = state.angular_impulse_nms + memory.impact_impulse_nms
     memory.momentum_error_nms += total_momentum(b, state) - before.momentum_nms - turned
     memory.blow_loss_j += before.blow_loss_j
     memory.collar_loss_j += before.collar_loss_j
     memory.reseating_loss_j += before.reseating_loss_j
     memory.impact_impulse_nms += before.impact_impulse_nms
-    memory.wall_work_j += state[WALL_WORK]
-    memory.drive_work_j += state[WORK]
-    memory.damping_loss_j += state[DAMPED]
-    memory.angular_impulse_nms += state[TURNED]
-    memory.tool_travel_m, memory.tool_speed_m_per_s = state[TOOL], state[TOOL_SPEED]
-    state[WORK] = state[DAMPED] = state[TURNED] = state[WALL_WORK] = 0.0
-    full = math.floor(state[Q] / TURN)
+    memory.wall_work_j += state.wall_work_j
+    memory.drive_work_j += state.drive_work_j
+    memory.damping_loss_j += state.damping_loss_j
+    memory.angular_impulse_nms += state.angular_impulse_nms
+    memory.tool_travel_m, memory.tool_speed_m_per_s = state.tool_m, state.tool_m_per_s
+    state.drive_work_j = state.damping_loss_j = state.angular_impulse_nms = state.wall_work_j = 0.0
+    full = math.floor(state.crank_rad / TURN)
     memory.turns += full
-    state[Q] -= full * TURN
+    state.crank_rad -= full * TURN
 
 
 @kernel
-def next_piece(motion: Motion, state: Array, memory: Any, regime: int) -> Motion:
+def next_piece(motion: Motion, state: Any, memory: Any, regime: int) -> Motion:
     """Return the motion as it goes on from a state, in the regimes kept in the memory."""
     return Motion(
         motion.breaker,
@@ -255,21 +249,21 @@ def next_piece(motion: Motion, state: Array, memory: Any, regime: int) -> Motion
         motion.compensation_nm,
         regime != FLIGHT,
         int(memory.tool_regime),
-        state[Q] + to_dead_centre(motion.breaker, state[Q]),
+        state.crank_rad + to_dead_centre(motion.breaker, state.crank_rad),
         Senses(memory.crank_sense, memory.body_sense),
     )
 
 
 @kernel
 def advance_step(
-    b: Breaker, state: Array, record: Any, regime: int, torque: float, step_s: float, order: int, log: Any
+    b: Breaker, y: Array, record: Any, regime: int, torque: float, step_s: float, order: int, log: Any
 ) -> tuple[int, int, float]:
     """Advance state and memory by one coupling step; return regime, number of events, crank torque at the end.
 
     Parameters
     ----------
-    state : (10,) array
-        As `dynamics` numbers it; changed in place.
+    y : (10,) array
+        As `state.BreakerState` names it; changed in place.
     record : (1,) array of `state.MEMORY`
         Changed in place.
     torque : float
@@ -277,7 +271,7 @@ def advance_step(
     log : (EVENT_ROWS,) array of `state.EVENT`
         Receives one row per event.
     """
-    memory = record[0]
+    memory, state = record[0], named(y)
     slope, missed = torque_line(b, state, memory, torque, step_s, order)
     memory.compensation_torque_nm = missed
     work, end, watches = workspace_of_motion(), np.empty(STATES), np.empty((10, 3), dtype=np.int64)
@@ -292,19 +286,19 @@ def advance_step(
         motion = next_piece(motion, state, memory, regime)
         knots = motion.tool in (PUSHED, BLOCKED) and not motion.rests
         longest = min(b.longest_substep_s, PUSHING_SUBSTEP_S if knots or motion.tool == PUSHED else 1.0)
-        span = substep(state[U], step_s - time, longest)
-        start_step(motion, time, state, work)
-        take_step(motion, time, state, span, work)
+        span = substep(state.crank_rad_per_s, step_s - time, longest)
+        start_step(motion, time, y, work)
+        take_step(motion, time, y, span, work)
         end[:] = work.end
-        number = watched(motion, state, end, regime, last, watches)
+        number = watched(motion, state, named(end), regime, last, watches)
         if reversals < MOST_REVERSALS:
-            number = watch_gear(motion, state, end, watches, number)
-        which, when = first_event(Step(motion, time, state, span, work), watches, number, end)
+            number = watch_gear(motion, state, named(end), watches, number)
+        which, when = first_event(Step(motion, time, y, span, work), watches, number, end)
         if which == NONE:
-            state[:] = end
+            y[:] = end
         elif when > 0.0:
-            take_step(motion, time, state, when, work)
-            state[:] = work.end
+            take_step(motion, time, y, when, work)
+            y[:] = work.end
         time += when
         project_contact(b, state, motion.tool, motion.rests)
         last = NONE
@@ -316,11 +310,11 @@ def advance_step(
             reversals += 1
             continue
         apply_bearing_event(motion, state, last, regime != FLIGHT)
-        u, p = state[U], state[P]
+        u, p = state.crank_rad_per_s, state.body_rad_per_s
         if not is_bearing_event(last):
             regime, count = apply_event(motion, state, memory, regime, last, time, log, count)
         count = log_bearings(motion, state, memory, regime, time, log, count)
-        jump = abs(state[U] - u - b.frame_drive * (state[P] - p))
+        jump = abs(state.crank_rad_per_s - u - b.frame_drive * (state.body_rad_per_s - p))
         left, weighed = left + jump * (step_s - time), weighed + jump
     now = torques_now(next_piece(motion, state, memory, regime), step_s, state)
     memory.tool_force_n, memory.crank_friction_nm, memory.body_friction_nm = now.tool_force_n, now.crank_nm, now.body_nm

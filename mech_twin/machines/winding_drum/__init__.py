@@ -66,9 +66,11 @@ def build(parameters: Parameters) -> Machine:
 
 def capabilities() -> Capabilities:
     """Return what the machine answers beside running."""
-    from mech_twin.machines.winding_drum import plots, published
+    from mech_twin.machines.winding_drum import faults, features, plots, published
 
     return Capabilities(
         published=published.rows,
         pictures=plots.pictures,
+        features=features.features,
+        faults=faults.faults,
     )

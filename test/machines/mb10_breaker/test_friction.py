@@ -12,7 +12,7 @@ from mech_twin.machines.mb10_breaker import build
 from mech_twin.machines.mb10_breaker.constants import breaker
 from mech_twin.machines.mb10_breaker.dynamics import FLIGHT
 from mech_twin.machines.mb10_breaker.forces import pin_forces
-from mech_twin.machines.mb10_breaker.reference import BreakerReference
+from mech_twin.machines.mb10_breaker.reference import BreakerReference, ReferenceState
 from mech_twin.machines.mb10_breaker.state import BreakerMemory
 from mech_twin.parameters.load import machine, machine_parameters
 
@@ -48,7 +48,7 @@ def test_coasting_crank_is_the_motion_solved_as_one(mount):
     taken = coasting(overrides, 60.0, 60)
 
     def rates(_, y):
-        du, _, collar = reference.accelerations(np.array([*y, 0.0, 0.0]), True)
+        du, _, collar = reference.accelerations(ReferenceState(*y, 0.0, 0.0), True)
         assert collar > 0.0
         return [y[1], du]
 

@@ -1,0 +1,211 @@
+"""One cycle of a machine as channels of samples, and how the numbers that describe it are declared.
+
+A channel keeps its own instants.  Its samples are weighed by the phase they stand for, so that a mean or a harmonic
+is one over the cycle's angle whatever the rate and the jitter of the sensor::
+
+    weight_i = (phase_(i+1) - phase_(i-1))/(4 pi),   the first and the last being neighbours
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from math import pi
+from typing import Literal, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+TURN = 2.0 * pi
+
+
+class CycleReference(NamedTuple):
+    """What a cycle is counted by.
+
+    Attributes
+    ----------
+    column : str
+        Column of the machine: an angle, or a signal that repeats.
+    kind : str
+        ``turn``: a cycle is a turn of the angle, from ``begin`` (rad) to a turn later.  ``rise``: a cycle lasts from
+        one rise of the signal through the level ``begin`` (SI) to the next.
+    begin : float
+        Angle or level.
+    """
+
+    column: str
+    kind: Literal["turn", "rise"] = "turn"
+    begin: float = 0.0
+
+
+class SampledChannel(NamedTuple):
+    """Samples of one channel within a cycle, shape (n,) each: instants (s), phase (0 to 2 pi), values (SI), weights."""
+
+    times_s: Array
+    phase_rad: Array
+    values: Array
+    weights: Array
+
+
+@dataclass(frozen=True)
+class Cycle:
+    """One cycle: when it began and ended (s), and its channels by the column that each measures."""
+
+    number: int
+    begin_s: float
+    end_s: float
+    channels: Mapping[str, SampledChannel]
+
+    @property
+    def period_s(self) -> float:
+        """How long it took."""
+        return self.end_s - self.begin_s
+
+
+class CycleFeature(NamedTuple):
+    """A number of a cycle.
+
+    Attributes
+    ----------
+    name, unit, meaning : str
+        What it is called, its SI unit (``1``: a pure number), and one line for tables.
+    needs : tuple of str
+        Columns it is computed from; without a channel for each, a sensor set has no such feature.
+    of : callable
+        ``of(cycle)``: the number.
+    """
+
+    name: str
+    unit: str
+    meaning: str
+    needs: tuple[str, ...]
+    of: Callable[[Cycle], float]
+
+
+class CycleFeatures(NamedTuple):
+    """What a machine tells of each cycle.
+
+    Attributes
+    ----------
+    reference : CycleReference
+        What cycles are counted by.
+    features : tuple of CycleFeature
+        In the order they are shown in.
+    settling_cycles : int
+        Cycles after which a changed parameter has had nearly its whole effect.
+    run_up_s : float
+        Time after which a run that starts as configured is in steady running.
+    """
+
+    reference: CycleReference
+    features: tuple[CycleFeature, ...]
+    settling_cycles: int = 5
+    run_up_s: float = 2.0
+
+
+def sampled(times_s: Array, phase_rad: Array, values: Array) -> SampledChannel:
+    """Return the samples of a channel with their weights; phases that run backward by noise count as standing."""
+    phase = np.maximum.accumulate(phase_rad) if len(phase_rad) else phase_rad
+    after = np.append(phase[1:], phase[:1] + TURN)
+    before = np.append(phase[-1:] - TURN, phase[:-1])
+    return SampledChannel(times_s, phase_rad, values, (after - before) / (2.0 * TURN))
+
+
+def period() -> CycleFeature:
+    """Return the duration of the cycle."""
+    return CycleFeature("period_s", "s", "duration of the cycle", (), lambda cycle: cycle.period_s)
+
+
+def mean(name: str, unit: str, column: str, meaning: str) -> CycleFeature:
+    """Return the mean of a channel over the cycle's angle."""
+
+    def of(cycle: Cycle) -> float:
+        channel = cycle.channels[column]
+        return float(channel.weights @ channel.values)
+
+    return CycleFeature(name, unit, meaning, (column,), of)
+
+
+def harmonic(name: str, unit: str, column: str, order: int, part: Literal["cos", "sin"], meaning: str) -> CycleFeature:
+    """Return a Fourier coefficient of a channel over the cycle's angle, ``2 <x cos n phi>`` or with sin."""
+    wave = np.cos if part == "cos" else np.sin
+
+    def of(cycle: Cycle) -> float:
+        channel = cycle.channels[column]
+        return float(2.0 * (channel.weights * wave(order * channel.phase_rad)) @ channel.values)
+
+    return CycleFeature(name, unit, meaning, (column,), of)
+
+
+def speed_harmonic(name: str, column: str, order: int, part: Literal["cos", "sin"], meaning: str) -> CycleFeature:
+    """Return a Fourier coefficient of the speed of a turning joint over its mean, from the angle alone.
+
+    With psi = 2 pi (t - t0)/T, the angle runs ahead of psi by a periodic d(psi); the speed is (1 + d')/T, so the
+    coefficient of cos n psi of the relative speed is n times that of sin n psi of d, that of sin -n times that of cos.
+    """
+
+    def of(cycle: Cycle) -> float:
+        channel = cycle.channels[column]
+        psi = TURN * (channel.times_s - cycle.begin_s) / cycle.period_s
+        ahead = channel.phase_rad - psi
+        steps = sampled(channel.times_s, psi, ahead).weights
+        if part == "cos":
+            return float(2.0 * order * (steps * np.sin(order * psi)) @ ahead)
+        return float(-2.0 * order * (steps * np.cos(order * psi)) @ ahead)
+
+    return CycleFeature(name, "1", meaning, (column,), of)
+
+
+def _extreme(values: Array, share: float) -> float:
+    """Return the mean of the largest share of the values; of the smallest where the share is negative."""
+    count = max(1, round(abs(share) * len(values)))
+    ordered = np.sort(values)
+    return float(ordered[-count:].mean() if share > 0.0 else ordered[:count].mean())
+
+
+def upper(name: str, unit: str, column: str, meaning: str, share: float = 0.05) -> CycleFeature:
+    """Return the mean of the largest share of a channel's samples: a maximum that noise moves little."""
+    return CycleFeature(name, unit, meaning, (column,), lambda c: _extreme(c.channels[column].values, share))
+
+
+def swing(name: str, unit: str, column: str, meaning: str, share: float = 0.05) -> CycleFeature:
+    """Return the mean of the largest share of a channel's samples less that of the smallest."""
+
+    def of(cycle: Cycle) -> float:
+        values = cycle.channels[column].values
+        return _extreme(values, share) - _extreme(values, -share)
+
+    return CycleFeature(name, unit, meaning, (column,), of)
+
+
+def share_above(name: str, column: str, part: float, meaning: str) -> CycleFeature:
+    """Return the share of the cycle in which a channel lies above a part of the way from its low to its high."""
+
+    def of(cycle: Cycle) -> float:
+        channel = cycle.channels[column]
+        low, high = _extreme(channel.values, -0.05), _extreme(channel.values, 0.05)
+        return float(channel.weights[channel.values > low + part * (high - low)].sum())
+
+    return CycleFeature(name, "1", meaning, (column,), of)
+
+
+def event_share(name: str, column: str, meaning: str, pick: Literal["first", "last"] = "first") -> CycleFeature:
+    """Return when in the cycle an event came, as a share of the cycle's angle."""
+    place = 0 if pick == "first" else -1
+    return CycleFeature(name, "1", meaning, (column,), lambda c: float(c.channels[column].phase_rad[place] / TURN))
+
+
+def event_ratio(name: str, above: str, below: str, meaning: str) -> CycleFeature:
+    """Return the sum of one channel of the cycle's events over that of another, its sign turned."""
+
+    def of(cycle: Cycle) -> float:
+        return float(-cycle.channels[above].values.sum() / cycle.channels[below].values.sum())
+
+    return CycleFeature(name, "1", meaning, (above, below), of)
+
+
+def event_value(name: str, unit: str, column: str, meaning: str, pick: Literal["largest", "sum"]) -> CycleFeature:
+    """Return the largest, or the sum, of a channel of the cycle's events."""
+    choose = np.max if pick == "largest" else np.sum
+    return CycleFeature(name, unit, meaning, (column,), lambda c: float(choose(c.channels[column].values)))

@@ -1,0 +1,21 @@
+"""What can go wrong with the press."""
+
+from __future__ import annotations
+
+from mech_twin.capabilities.faults import Fault, added_to_key, share_of_key, supply_sag
+from mech_twin.machines.compaction_press.parameters import CompactionPress
+
+
+def faults(parameters: CompactionPress) -> tuple[Fault, ...]:
+    """Return the faults of layer, joints, flywheel (where one is fitted) and supply."""
+    found = [
+        share_of_key(
+            "layer_force", "the layer is stiffer or softer", "working_force.peak_n", (-0.4, -0.2, -0.1, 0.1, 0.2, 0.4)
+        ),
+        added_to_key("joint_friction", "a joint rubs", "friction.coulomb_nm", "N.m", (1.0, 3.0, 10.0, 30.0)),
+        supply_sag(),
+    ]
+    if parameters.flywheel.inertia_kg_m2 > 0.0:
+        sizes = (-0.8, -0.5, -0.2, -0.1)
+        found.append(share_of_key("flywheel_loose", "the flywheel slips", "flywheel.inertia_kg_m2", sizes))
+    return tuple(found)

@@ -1,0 +1,44 @@
+"""What sensors tell of one period of the impact mass."""
+
+from __future__ import annotations
+
+from mech_twin.capabilities.cycle import (
+    CycleFeatures,
+    CycleReference,
+    event_ratio,
+    event_share,
+    event_value,
+    harmonic,
+    mean,
+    share_above,
+    upper,
+)
+from mech_twin.machines.impact_mass.parameters import ImpactMass
+
+FORCE, MASS = "motor.generator.effort", "linkage.mass.position"
+TIME, PRE, POST, IMPULSE = (f"event.impact.{what}" for what in ("time", "pre_velocity", "post_velocity", "impulse"))
+SETTLING_PERIODS = 8
+
+
+def features(parameters: ImpactMass) -> CycleFeatures:
+    """Return the features of a period of the force, from the rise to its first level on."""
+    level = 0.5 * (parameters.phase1_force_n + parameters.phase2_force_n)
+    return CycleFeatures(
+        CycleReference(FORCE, "rise", level),
+        (
+            mean("force_mean_n", "N", FORCE, "mean force of the generator"),
+            upper("force_high_n", "N", FORCE, "force of the first phase", 0.5),
+            upper("force_low_n", "N", FORCE, "force of the second phase", -0.2),
+            mean("position_mean_m", "m", MASS, "mean position"),
+            upper("position_high_m", "m", MASS, "position nearest to the stop", 0.1),
+            upper("position_low_m", "m", MASS, "position farthest from the stop", -0.1),
+            share_above("near_share", MASS, 0.9, "share of the period in which the mass is at the stop or near it"),
+            harmonic("position_cos_1_m", "m", MASS, 1, "cos", "position, cosine of the period"),
+            harmonic("position_sin_1_m", "m", MASS, 1, "sin", "position, sine of the period"),
+            event_share("impact_share", TIME, "when in the period the first impact comes"),
+            event_value("impact_speed_m_per_s", "m/s", PRE, "speed of the hardest impact", "largest"),
+            event_ratio("speed_ratio", POST, PRE, "speeds after the impacts over those before"),
+            event_value("impulse_ns", "N.s", IMPULSE, "impulse of a period", "sum"),
+        ),
+        SETTLING_PERIODS,
+    )

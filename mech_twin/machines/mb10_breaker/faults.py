@@ -1,0 +1,25 @@
+"""What can go wrong with the breaker."""
+
+from __future__ import annotations
+
+from mech_twin.capabilities.faults import Fault, added_to_key, share_of_key, supply_sag
+from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
+
+LESS = (-0.6, -0.4, -0.2, -0.1, -0.05)
+EITHER = (-0.4, -0.2, -0.1, 0.1, 0.2, 0.4)
+
+
+def faults(parameters: BreakerParameters) -> tuple[Fault, ...]:
+    """Return the faults of springs, collar, tool, bearings and supply."""
+    return (
+        share_of_key("spring_soft", "the body's springs are soft or broken", "body.spring_rate_n_per_m", LESS),
+        share_of_key("preload_lost", "the springs have lost preload", "body.preload_deflection_m", LESS),
+        share_of_key("collar_restitution", "the collar's seat has changed", "body.restitution", EITHER),
+        share_of_key("tool_worn", "the tool is worn: the striker meets it later", "tool.overtravel_m", LESS),
+        share_of_key("tool_mass", "a tool of another mass", "tool.mass_kg", EITHER),
+        share_of_key("tool_restitution", "the tool's face has changed", "tool.restitution", EITHER),
+        added_to_key(
+            "bearing_friction", "the crank's bearing rubs", "friction.coulomb_nm", "N.m", (0.5, 1.0, 2.0, 4.0)
+        ),
+        supply_sag(),
+    )

@@ -1,0 +1,98 @@
+"""Force analysis of the planar linkage: every pin force and the force on the frame, from the linkage's sample."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from mech_twin.engine.compiled_roles import CompiledForces
+from mech_twin.engine.compiled_steps import force_step, step_of
+from mech_twin.engine.crank_piece import M_ACCELERATION, M_FRICTION, M_SHARE
+from mech_twin.engine.sample_vectors import LINKAGE_JOINTS, REGIME, Array, ForceLayout
+from mech_twin.machines.planar_linkage.dynamics import TurnedLinkage, with_load_share
+from mech_twin.machines.planar_linkage.linkage import PlanarLinkage, is_working, reduced
+from mech_twin.machines.planar_linkage.pins import pin_forces
+
+QUANTITIES = (
+    "reduced_inertia_kg_m2",
+    "reduced_inertia_slope_kg_m2_per_rad",
+    "reduced_moment_nm",
+    "crank_acceleration_rad_per_s2",
+    "drive_torque_nm",
+    "drive_power_w",
+    "working_force_n",
+    "shaking_force_x_n",
+    "shaking_force_y_n",
+    "shaking_force_n",
+)
+
+
+class LoadedLinkage(NamedTuple):
+    """Constants of the force analysis: the linkage, and the largest torque of a cycle (N m)."""
+
+    mechanism: TurnedLinkage
+    moment_scale_nm: float
+
+
+@step_of(force_step, LoadedLinkage)
+def linkage_forces(
+    model: LoadedLinkage, step: int, linkage: Array, log: Array, count: int, out: Array, loads: Array
+) -> tuple[Array, int]:
+    """Fill in the pin forces at the angle, rate and acceleration of the crank, and its torque by both routes."""
+    memory = linkage[LINKAGE_JOINTS + 3 * (len(model.mechanism.chain.masses.mass_kg) - 1) :]
+    f, w, torque = linkage[LINKAGE_JOINTS], linkage[LINKAGE_JOINTS + 1], linkage[LINKAGE_JOINTS + 2]
+    regime, e = int(linkage[REGIME]), memory[M_ACCELERATION]
+    p = with_load_share(model.mechanism, memory[M_SHARE]).chain
+    by = reduced(p, f, regime)
+    at = pin_forces(p, f, w, e, regime)
+    out[0] = 0.0
+    place = 1
+    for pin in range(len(at.x)):
+        out[place], out[place + 1], out[place + 2] = at.x[pin], at.y[pin], at.moment[pin]
+        place += 3
+    numbers = (
+        by.inertia,
+        by.slope,
+        by.moment,
+        e,
+        torque,
+        torque * w,
+        p.stroke.force_n if is_working(regime) else 0.0,
+        at.shaking_x,
+        at.shaking_y,
+        np.hypot(at.shaking_x, at.shaking_y),
+    )
+    for i in range(len(numbers)):
+        out[place + i] = numbers[i]
+    scale = max(model.moment_scale_nm, abs(torque), by.inertia * abs(e), 1e-9)
+    out[place + len(numbers)] = (at.drive_nm - torque - memory[M_FRICTION]) / scale
+    return loads, 0
+
+
+@dataclass(frozen=True)
+class LinkageForces(CompiledForces):
+    """Every pin force, from equilibrium of the links."""
+
+    mechanism: PlanarLinkage
+    moment_scale: float
+    pins: tuple[str, ...]
+    acts_on: tuple[str, ...]
+
+    @property
+    def residual_limits(self) -> Mapping[str, float]:
+        """Limit of the residual: the two routes to the drive torque, over the peak torque."""
+        return {"drive_torque_routes": 1e-10}
+
+    @cached_property
+    def model(self) -> LoadedLinkage:
+        """Constants of the kernel."""
+        return LoadedLinkage(TurnedLinkage(self.mechanism), float(self.moment_scale))
+
+    @cached_property
+    def layout(self) -> ForceLayout:
+        """Row of the samples."""
+        return ForceLayout(self.pins, QUANTITIES, ("drive_torque_routes",))

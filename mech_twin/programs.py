@@ -1,0 +1,51 @@
+"""Where every program of the package begins: it answers a signal before anything large is imported.
+
+To import the libraries takes up to a second.  Nothing is open then, so the process ends at once; what comes after sets
+handlers of its own (`mech_twin.stop_signal`).
+"""
+
+from __future__ import annotations
+
+import signal
+import sys
+from functools import partial
+from types import FrameType
+from typing import Any
+
+from mech_twin.interruption import EXIT_CODE_BASE, INTERRUPTED_LINE, answered_signals, end_at_once
+
+
+def end_by_signal() -> None:
+    """From here on end this process at once with 128 + N after signal N, without a trace."""
+    for number in answered_signals():
+        signal.signal(number, _end)
+
+
+def command() -> Any:
+    """Run the ``mech-twin`` command."""
+    end_by_signal()
+    from mech_twin.cli.main import main
+
+    return main()
+
+
+def _end(number: int, frame: FrameType | None) -> None:
+    if number == signal.SIGINT:
+        sys.stderr.write(INTERRUPTED_LINE)
+    end_at_once(EXIT_CODE_BASE + number)
+
+
+def _node(name: str) -> Any:
+    end_by_signal()
+    from mech_twin.nodes import executables
+
+    return getattr(executables, name)()
+
+
+motor_node = partial(_node, "motor_node")
+linkage_node = partial(_node, "linkage_node")
+force_node = partial(_node, "force_node")
+body_node = partial(_node, "body_node")
+frames_node = partial(_node, "frames_node")
+recorder_node = partial(_node, "recorder_node")
+viewer_node = partial(_node, "viewer_node")

@@ -1,0 +1,185 @@
+"""The frozen reference of a healthy machine: mean, autoregression and covariance of its features.
+
+The charts count on values that are independent from cycle to cycle.  So each feature is prewhitened by an
+autoregression of a common order p, found by the Bayesian information criterion, fitted by Yule and Walker::
+
+    e_t = (x_t - m) - sum_i a_i (x_(t-i) - m),     i = 1 .. p
+
+and what is left, the innovations e, has the covariance S across the features.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import log
+from typing import Any
+
+import numpy as np
+from scipy.linalg import cholesky, solve_toeplitz, solve_triangular
+
+from mech_twin.capabilities.cycle import Array
+from mech_twin.capabilities.errors import StudyError
+from mech_twin.studies.monitoring.cycle_features import FeatureVector
+
+LARGEST_ORDER = 4
+LEAST_CYCLES = 30
+CYCLES_PER_FEATURE = 3
+SMALLEST_SPREAD = 1e-6  # of the mean: a feature steadier than that counts as this steady
+RIDGE = 1e-6  # of the unit correlation
+
+
+@dataclass(frozen=True)
+class Baseline:
+    """What the features of a healthy machine are; it does not learn on.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Features, d of them.
+    mean : ndarray
+        Shape (d,), SI.
+    coefficients : ndarray
+        Shape (p, d): the autoregression of each feature.
+    covariance : ndarray
+        Shape (d, d), of the innovations.
+    cycles : int
+        Healthy cycles it comes from.
+    period_s : float
+        Their mean duration.
+    """
+
+    names: tuple[str, ...]
+    mean: Array
+    coefficients: Array
+    covariance: Array
+    cycles: int
+    period_s: float
+
+    @property
+    def order(self) -> int:
+        """Order of the autoregression."""
+        return len(self.coefficients)
+
+    @property
+    def sigma(self) -> Array:
+        """Standard deviation of the innovations, shape (d,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    def innovations(self, rows: Array) -> Array:
+        """Return the innovations of consecutive cycles, (n, d) to (n - p, d)."""
+        left, p = rows - self.mean, self.order
+        found = left[p:].copy()
+        for lag, coefficients in enumerate(self.coefficients, 1):
+            found -= coefficients * left[p - lag : len(left) - lag]
+        return found
+
+    def whitened(self, innovations: Array) -> Array:
+        """Return innovations (n, d) of unit covariance: L^-1 e with S = L L'."""
+        factor = cholesky(self.covariance, lower=True)
+        return np.ascontiguousarray(solve_triangular(factor, innovations.T, lower=True).T)
+
+    def record(self) -> dict[str, Any]:
+        """Return the baseline as JSON values."""
+        return {
+            "names": list(self.names),
+            "mean": self.mean.tolist(),
+            "coefficients": self.coefficients.tolist(),
+            "covariance": self.covariance.tolist(),
+            "cycles": self.cycles,
+            "period_s": self.period_s,
+        }
+
+
+def baseline_of_record(record: Mapping[str, Any]) -> Baseline:
+    """Return the baseline of its record."""
+    d = len(record["names"])
+    return Baseline(
+        tuple(record["names"]),
+        np.array(record["mean"], dtype=np.float64),
+        np.array(record["coefficients"], dtype=np.float64).reshape(-1, d),
+        np.array(record["covariance"], dtype=np.float64),
+        int(record["cycles"]),
+        float(record["period_s"]),
+    )
+
+
+def feature_runs(vectors: Sequence[FeatureVector], names: Sequence[str]) -> list[Array]:
+    """Return the features as matrices of consecutive complete cycles, (n, d) each."""
+    runs: list[list[Array]] = [[]]
+    number = None
+    for vector in vectors:
+        row = vector.values[[vector.names.index(name) for name in names]]
+        whole = bool(np.isfinite(row).all())
+        if (number is not None and vector.number != number + 1) or not whole:
+            runs.append([])
+        if whole:
+            runs[-1].append(row)
+        number = vector.number
+    return [np.array(rows) for rows in runs if rows]
+
+
+def fitted_baseline(vectors: Sequence[FeatureVector]) -> tuple[Baseline, list[Array]]:
+    """Return the baseline of healthy cycles, and its innovations run by run.
+
+    A feature that half of the cycles do not have is left out.
+
+    Raises
+    ------
+    StudyError
+        Too few cycles.
+    """
+    if not vectors:
+        raise StudyError("the baseline holds no complete cycle")
+    known = np.isfinite(np.array([vector.values for vector in vectors])).mean(axis=0)
+    names = tuple(name for name, share in zip(vectors[0].names, known, strict=True) if share > 0.5)
+    least = max(LEAST_CYCLES, CYCLES_PER_FEATURE * len(names))
+    runs = [run for run in feature_runs(vectors, names) if len(run) > 2 * LARGEST_ORDER]
+    cycles = sum(map(len, runs))
+    if cycles < least:
+        raise StudyError(f"the baseline holds {cycles} complete cycles; expected at least {least} healthy ones")
+    period_s = float(np.mean([vector.end_s - vector.begin_s for vector in vectors]))
+    mean = np.concatenate(runs).mean(axis=0)
+    coefficients = _autoregression([run - mean for run in runs])
+    found = Baseline(names, mean, coefficients, np.eye(len(names)), cycles, period_s)
+    innovations = [found.innovations(run) for run in runs]
+    covariance = covariance_of(np.concatenate(innovations), mean)
+    return Baseline(names, mean, coefficients, covariance, cycles, period_s), innovations
+
+
+def covariance_of(innovations: Array, mean: Array) -> Array:
+    """Return the covariance of innovations (n, d), its diagonal kept off zero so that it has a root."""
+    found = innovations.T @ innovations / max(len(innovations) - 1, 1)
+    floor = np.maximum(SMALLEST_SPREAD * np.abs(mean), 1e-12) ** 2
+    spread = np.maximum(np.diag(found), floor)
+    return np.asarray(found + np.diag(spread - np.diag(found) + RIDGE * spread))
+
+
+def _autoregression(runs: Sequence[Array]) -> Array:
+    """Return the coefficients (p, d) of the order that the summed information criterion prefers."""
+    cycles = sum(map(len, runs))
+    moments = np.array(
+        [
+            sum((run[lag:] * run[: len(run) - lag]).sum(axis=0) for run in runs) / cycles
+            for lag in range(LARGEST_ORDER + 1)
+        ]
+    )
+    best, coefficients = np.inf, np.empty((0, moments.shape[1]))
+    for order in range(LARGEST_ORDER + 1):
+        tried = np.array([_yule_walker(moments[:, i], order) for i in range(moments.shape[1])]).T
+        tried = tried.reshape(order, moments.shape[1])
+        left = moments[0] - (tried * moments[1 : order + 1]).sum(axis=0)
+        ratio = np.where(
+            moments[0] > 0.0, np.maximum(left, 1e-12 * moments[0]) / np.where(moments[0] > 0, moments[0], 1), 1
+        )
+        score = cycles * float(np.log(ratio).sum()) + order * moments.shape[1] * log(cycles)
+        if score < best:
+            best, coefficients = score, tried
+    return coefficients
+
+
+def _yule_walker(moments: Array, order: int) -> Array:
+    """Return the stable autoregression of one feature; none of it where the feature is constant."""
+    if order == 0 or moments[0] <= 0.0:
+        return np.zeros(order)
+    return np.asarray(solve_toeplitz(moments[:order] * (1.0 + 1e-9 * (np.arange(order) == 0)), moments[1 : order + 1]))

@@ -1,0 +1,326 @@
+"""From samples to the numbers of each cycle, sample by sample: the same code live, on a recording and on a roll-out.
+
+Feed what comes, channel by channel, in chunks of any length and in any interleaving::
+
+    feed = FeatureFeed(declared, columns)
+    for vector in feed.feed("linkage.crank.position", times_s, values): ...
+
+A cycle is given out when every channel has passed its end; one that is silent is waited for until the reference has
+gone on for ``PATIENCE_S``, and its features are then nan.  What a vector holds depends on the samples and their stamps
+alone, not on how they were cut into chunks.  Samples are in SI units, a known lag taken off their stamps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from math import ceil, floor, isfinite, pi
+from typing import NamedTuple
+
+import numpy as np
+
+from mech_twin.capabilities.cycle import TURN, Array, Cycle, CycleFeature, CycleFeatures, CycleReference, sampled
+from mech_twin.capabilities.errors import StudyError
+
+PATIENCE_S = 1.0  # stamps by which the reference may run ahead of another channel
+EVENT_WAIT_S = 0.1  # and ahead of an event channel, which is silent while nothing happens
+LEAST_SAMPLES = 6  # of a channel in a cycle; events need one
+LARGEST_GAP = 0.25  # of a cycle, between samples of the reference
+LONGEST_CYCLE = 10.0  # of the cycle before: a longer one is a standstill
+CROSSING_RAD = pi / 12.0  # on either side of a boundary: the samples whose line gives the instant of crossing
+
+
+class FeatureVector(NamedTuple):
+    """The features of one cycle.
+
+    Attributes
+    ----------
+    number : int
+        Of the cycle, counted by the feed; a cycle that had to be left out has a number too.
+    begin_s, end_s : float
+        Stamps of its ends.
+    names : tuple of str
+        Of the features, units in `FeatureFeed.features`.
+    values : ndarray
+        Shape (features,), SI; nan where a channel was silent.
+    """
+
+    number: int
+    begin_s: float
+    end_s: float
+    names: tuple[str, ...]
+    values: Array
+
+
+@dataclass
+class _Buffer:
+    """Samples of a channel that may still be needed, and the newest stamp."""
+
+    times_s: Array = field(default_factory=lambda: np.empty(0))
+    values: Array = field(default_factory=lambda: np.empty(0))
+    newest_s: float = -np.inf
+
+    def add(self, times_s: Array, values: Array) -> None:
+        """Append samples that are later than what is there; others, and what is no number, are left out."""
+        latest = np.maximum.accumulate(np.concatenate([[self.newest_s], times_s]))
+        kept = (times_s > latest[:-1]) & np.isfinite(values) & np.isfinite(times_s)
+        self.times_s = np.concatenate([self.times_s, times_s[kept]])
+        self.values = np.concatenate([self.values, values[kept]])
+        if kept.any():
+            self.newest_s = float(self.times_s[-1])
+
+    def between(self, begin_s: float, end_s: float) -> tuple[Array, Array]:
+        """Return the samples of [begin, end)."""
+        first, last = np.searchsorted(self.times_s, [begin_s, end_s])
+        return self.times_s[first:last], self.values[first:last]
+
+    def forget(self, before_s: float) -> None:
+        """Drop the samples before an instant."""
+        first = int(np.searchsorted(self.times_s, before_s))
+        if first > 0:
+            self.times_s, self.values = self.times_s[first:], self.values[first:]
+
+
+@dataclass
+class FeatureFeed:
+    """Samples in, feature vectors of complete cycles out.
+
+    Parameters
+    ----------
+    declared : CycleFeatures
+        What the machine tells of a cycle (`Capabilities.features`).
+    columns : sequence of str
+        Columns of the machine that are measured.
+
+    Attributes
+    ----------
+    features : tuple of CycleFeature
+        Those that these columns give.
+    skipped : int
+        Cycles left out: a gap in the reference, or a standstill.
+
+    Raises
+    ------
+    StudyError
+        The column that cycles are counted by is not among them.
+    """
+
+    declared: CycleFeatures
+    columns: Sequence[str]
+    skipped: int = 0
+    _buffers: dict[str, _Buffer] = field(default_factory=dict)
+    _boundaries: list[float] = field(default_factory=list)
+    _number: int = 0
+    _turns: float = 0.0
+    _last_raw: float | None = None
+    _next_angle: float | None = None
+    _usual_s: float | None = None
+
+    def __post_init__(self) -> None:
+        reference = self.declared.reference.column
+        if reference not in self.columns:
+            raise StudyError(f"no channel is {reference}, which cycles are counted by; expected one")
+        self.features = available_features(self.declared, self.columns)
+        self._buffers = {column: _Buffer() for column in dict.fromkeys(self.columns)}
+        self._names = tuple(feature.name for feature in self.features)
+
+    def feed(
+        self, column: str, times_s: Sequence[float] | Array, values: Sequence[float] | Array
+    ) -> list[FeatureVector]:
+        """Take samples of a channel, events too; return the cycles that are complete by now.
+
+        Parameters
+        ----------
+        column : str
+            Which channel; one that was not declared is passed over.
+        times_s, values : sequence of float
+            Shape (n,): stamps and SI values, in the order they came.
+        """
+        buffer = self._buffers.get(column)
+        if buffer is None:
+            return []
+        times, numbers = np.asarray(times_s, dtype=np.float64), np.asarray(values, dtype=np.float64)
+        if column == self.declared.reference.column and self.declared.reference.kind == "turn":
+            numbers = self._without_jumps(numbers)
+        buffer.add(times, numbers)
+        if column == self.declared.reference.column:
+            self._find_boundaries()
+        return self._complete(final=False)
+
+    def finish(self) -> list[FeatureVector]:
+        """Return the cycles that only waited for more samples, at the end of a run."""
+        return self._complete(final=True)
+
+    def _without_jumps(self, angles: Array) -> Array:
+        """Return angles without their jumps by a turn: each step is the shortest way round."""
+        finite = np.isfinite(angles)
+        known = angles[finite]
+        if not len(known):
+            return angles
+        steps = np.diff(known, prepend=known[0] if self._last_raw is None else self._last_raw)
+        turns = self._turns - np.cumsum(np.round(steps / TURN))
+        found = angles.copy()
+        found[finite] = known + TURN * turns  # from whole turns, so that no rounding depends on the chunks
+        self._last_raw, self._turns = float(known[-1]), float(turns[-1])
+        return found
+
+    def _find_boundaries(self) -> None:
+        buffer = self._buffers[self.declared.reference.column]
+        find = _turn_crossing if self.declared.reference.kind == "turn" else _rise_crossing
+        since = self._boundaries[-1] if self._boundaries else -np.inf
+        while len(buffer.times_s):
+            found = find(self.declared.reference, buffer, self._next_angle, since)
+            if found is None:
+                return
+            crossed_s, self._next_angle = found
+            if crossed_s > since:
+                self._boundaries.append(crossed_s)
+                since = crossed_s
+
+    def _complete(self, *, final: bool) -> list[FeatureVector]:
+        found = []
+        while len(self._boundaries) > 1 and (final or self._passed(self._boundaries[1])):
+            begin_s, end_s = self._boundaries[:2]
+            vector = self._vector(begin_s, end_s)
+            self._number += 1
+            self._boundaries.pop(0)
+            self._forget(end_s)
+            if vector is None:
+                self.skipped += 1
+            else:
+                found.append(vector)
+        return found
+
+    def _passed(self, end_s: float) -> bool:
+        """Return whether every channel has samples beyond the end, or has been waited for long enough."""
+        ahead_s = self._buffers[self.declared.reference.column].newest_s - end_s
+        return all(
+            buffer.newest_s >= end_s or ahead_s > (EVENT_WAIT_S if is_event_channel(column) else PATIENCE_S)
+            for column, buffer in self._buffers.items()
+        )
+
+    def _vector(self, begin_s: float, end_s: float) -> FeatureVector | None:
+        """Return the features of the samples between two boundaries; None where they are no whole cycle."""
+        reference = self.declared.reference
+        times, values = self._buffers[reference.column].between(begin_s, end_s)
+        period_s = end_s - begin_s
+        usual_s, self._usual_s = self._usual_s, period_s
+        if usual_s is not None and period_s > LONGEST_CYCLE * usual_s:
+            return None
+        inner = np.concatenate([[begin_s], times, [end_s]])
+        if len(times) < LEAST_SAMPLES or np.diff(inner).max() > LARGEST_GAP * period_s:
+            return None
+        angles = None
+        if reference.kind == "turn":
+            start = TURN * floor((values[0] - reference.begin + 0.5 * CROSSING_RAD) / TURN) + reference.begin
+            angles = np.concatenate([[0.0], np.clip(values - start, 0.0, TURN), [TURN]])
+        channels = {}
+        for column, buffer in self._buffers.items():
+            own_s, own = buffer.between(begin_s, end_s)
+            if len(own_s) >= (1 if is_event_channel(column) else LEAST_SAMPLES):
+                phase = TURN * (own_s - begin_s) / period_s if angles is None else np.interp(own_s, inner, angles)
+                channels[column] = sampled(own_s, phase, own)
+        cycle = Cycle(self._number, begin_s, end_s, channels)
+        numbers = np.array([_number(feature, cycle) for feature in self.features])
+        return FeatureVector(self._number, begin_s, end_s, self._names, numbers)
+
+    def _forget(self, end_s: float) -> None:
+        for column, buffer in self._buffers.items():
+            reference = column == self.declared.reference.column
+            buffer.forget(end_s - (0.5 * (self._usual_s or 0.0) if reference else 0.0))
+
+
+def available_features(declared: CycleFeatures, columns: Iterable[str]) -> tuple[CycleFeature, ...]:
+    """Return the features for which there are channels."""
+    known = set(columns)
+    return tuple(feature for feature in declared.features if known.issuperset(feature.needs))
+
+
+def is_event_channel(column: str) -> bool:
+    """Return whether a column is one of events: `event.blow.time`."""
+    return column.startswith("event.")
+
+
+def feed_channels(
+    feed: FeatureFeed, channels: Mapping[str, tuple[Array, Array]], slice_s: float = 0.5
+) -> list[FeatureVector]:
+    """Return the cycles of a whole run: its channels fed slice by slice, as they would have come.
+
+    Parameters
+    ----------
+    feed : FeatureFeed
+        A fresh one.
+    channels : mapping
+        Column: stamps (s) and values (SI), shape (n,) each; that of the reference is fed last in each slice.
+    slice_s : float
+        Length of a slice.
+    """
+    reference = feed.declared.reference.column
+    order = [*(column for column in channels if column != reference), reference]
+    times = [channels[column][0] for column in order]
+    spans = [(each[0], each[-1]) for each in times if len(each)]
+    if not spans:
+        return []
+    first, last = min(begin for begin, _ in spans), max(end for _, end in spans)
+    edges = first + slice_s * np.arange(1, ceil((last - first) / slice_s) + 2)
+    places = [np.concatenate([[0], np.searchsorted(each, edges)]) for each in times]
+    found = []
+    for i in range(len(edges)):
+        for column, each in zip(order, places, strict=True):
+            if each[i + 1] > each[i]:
+                part = slice(each[i], each[i + 1])
+                found += feed.feed(column, channels[column][0][part], channels[column][1][part])
+    return [*found, *feed.finish()]
+
+
+def _number(feature: CycleFeature, cycle: Cycle) -> float:
+    if any(column not in cycle.channels for column in feature.needs):
+        return np.nan
+    with np.errstate(divide="ignore", invalid="ignore"):
+        found = feature.of(cycle)
+    return found if isfinite(found) else np.nan
+
+
+def _turn_crossing(
+    reference: CycleReference, buffer: _Buffer, boundary: float | None, since_s: float
+) -> tuple[float, float] | None:
+    """Return when the angle first crosses the boundary, from the line through the samples about it; and the next one.
+
+    None while samples are missing.  The first boundary is the first one ahead of the first sample.
+    """
+    angles = buffer.values
+    if boundary is None:
+        turns = ceil((angles[0] + CROSSING_RAD - reference.begin) / TURN)
+        boundary = reference.begin + TURN * turns
+    beyond = np.flatnonzero(angles >= boundary + CROSSING_RAD)
+    if not len(beyond):
+        return None
+    last = int(beyond[0])
+    while angles[last] - boundary >= TURN:  # a gap of whole turns: the boundaries in it are not seen
+        boundary += TURN
+    before = np.flatnonzero(angles[: last + 1] < boundary)
+    if not len(before):
+        return float(buffer.times_s[last]), boundary + TURN
+    crossing = int(before[-1])
+    low = int(np.flatnonzero(np.append(True, angles[: crossing + 1] < boundary - CROSSING_RAD))[-1])
+    chosen = slice(low, last)
+    if last - low < 3:
+        chosen = slice(crossing, last + 1)
+    span, times = angles[chosen] - boundary, buffer.times_s[chosen] - buffer.times_s[crossing]
+    mid = span.mean()
+    slope = float((span - mid) @ times / ((span - mid) @ (span - mid)))
+    return float(buffer.times_s[crossing] + times.mean() - slope * mid), boundary + TURN
+
+
+def _rise_crossing(
+    reference: CycleReference, buffer: _Buffer, boundary: float | None, since_s: float
+) -> tuple[float, float] | None:
+    """Return the first rise through the level after the boundary before, between two samples."""
+    first = int(np.searchsorted(buffer.times_s, since_s)) if isfinite(since_s) else 0
+    above = buffer.values[first:] >= reference.begin
+    rises = np.flatnonzero(~above[:-1] & above[1:])
+    if not len(rises):
+        return None
+    place = first + int(rises[0])
+    (t0, t1), (x0, x1) = buffer.times_s[place : place + 2], buffer.values[place : place + 2]
+    return float(t0 + (t1 - t0) * (reference.begin - x0) / (x1 - x0)), 0.0

@@ -1,0 +1,154 @@
+"""A roll-out seen through sensors, as arrays: sampled at their own instants, with noise, steps and losses."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mech_twin.capabilities.cycle import TURN, Array
+from mech_twin.engine.rollout import Profile, RollOut, roll_out
+from mech_twin.measurements.machine_columns import is_angle, is_event
+from mech_twin.measurements.measurement_map import Channel, MeasurementMap, fixed
+from mech_twin.measurements.sensors import EVENT_FIELDS
+from mech_twin.roles import Machine
+
+Seen = dict[str, tuple[Array, Array]]  # column: stamps less the known lag (s), values (SI)
+
+
+@dataclass(frozen=True)
+class SensorFault:
+    """What a sensor does wrong: its values and its stamps.
+
+    Attributes
+    ----------
+    column : str
+        Which channel.
+    bias, gain : float
+        The channel shows ``(1 + gain) x + bias``, SI.
+    lag_s : float
+        It shows what was so long ago.
+    stuck : bool
+        It shows its mean for ever.
+    """
+
+    column: str
+    bias: float = 0.0
+    gain: float = 0.0
+    lag_s: float = 0.0
+    stuck: bool = False
+
+
+def needed_columns(sensors: MeasurementMap) -> list[str]:
+    """Return the columns of the machine that the sensors sample, each once; events left out."""
+    return list(dict.fromkeys(c.quantity for c in sensors.channels if not is_event(c.quantity)))
+
+
+def first_channels(sensors: MeasurementMap) -> dict[str, Channel]:
+    """Return the channel of each column; of several the first."""
+    found: dict[str, Channel] = {}
+    for channel in sensors.channels:
+        found.setdefault(channel.quantity, channel)
+    return found
+
+
+def seen_run(
+    machine: Machine,
+    sensors: MeasurementMap,
+    duration_s: float,
+    *,
+    random: np.random.Generator | None = None,
+    command: Profile = 1.0,
+    changes: Sequence[tuple[float, Machine]] = (),
+    begin_s: float = 0.0,
+) -> Seen:
+    """Return what the sensors show of a roll-out, without noise where no generator is given.
+
+    Raises
+    ------
+    MotionError
+        The motion cannot be followed to the end.
+    """
+    run = roll_out(machine, duration_s, needed_columns(sensors), None, command, changes)
+    if run.error is not None:
+        raise run.error
+    return seen_roll_out(run, sensors, machine.coupling_step_s, random, begin_s)
+
+
+def seen_roll_out(
+    run: RollOut, sensors: MeasurementMap, step_s: float, random: np.random.Generator | None, begin_s: float = 0.0
+) -> Seen:
+    """Return what the sensors show of a run from ``begin_s`` on."""
+    times_s, clocks = run["time_s"], dict[str, Array]()
+    found: Seen = {}
+    for column, channel in first_channels(sensors).items():
+        if is_event(column):
+            found[column] = _seen_events(run, channel, random, begin_s)
+            continue
+        clock = channel.source.topic or channel.source.label
+        if clock not in clocks:
+            clocks[clock] = _instants(channel, begin_s, float(times_s[-1]), step_s, random)
+        at_s = clocks[clock]
+        curve = np.unwrap(run[column], period=TURN) if is_angle(column) else run[column]
+        found[column] = (at_s, _shown(np.interp(at_s, times_s, curve), channel, random))
+    return found
+
+
+def with_sensor_fault(seen: Seen, fault: SensorFault, since_s: float = -np.inf) -> Seen:
+    """Return the same run with one sensor at fault from an instant on."""
+    times, values = seen[fault.column]
+    late = np.interp(times - fault.lag_s, times, values) if fault.lag_s else values
+    wrong = (1.0 + fault.gain) * late + fault.bias
+    if fault.stuck:
+        wrong = np.full_like(values, values.mean())
+    return {**seen, fault.column: (times, np.where(times >= since_s, wrong, values))}
+
+
+def without_noise(sensors: MeasurementMap) -> MeasurementMap:
+    """Return the same sensors, exact: no noise, no steps, no jitter, no losses."""
+    exact = {"sigma": None, "quantum": 0.0, "jitter_s": 0.0, "drop": 0.0}
+    return sensors.model_copy(update={"channels": tuple(c.model_copy(update=exact) for c in sensors.channels)})
+
+
+def shifted(fault: SensorFault, share: float) -> SensorFault:
+    """Return the fault at a share of its size."""
+    return replace(fault, bias=share * fault.bias, gain=share * fault.gain, lag_s=share * fault.lag_s)
+
+
+def _instants(
+    channel: Channel, begin_s: float, end_s: float, step_s: float, random: np.random.Generator | None
+) -> Array:
+    interval_s = step_s if channel.rate_hz is None else 1.0 / channel.rate_hz
+    at_s = interval_s * np.arange(np.ceil(begin_s / interval_s - 1e-9), np.floor(end_s / interval_s + 1e-9) + 1.0)
+    if random is None:
+        return at_s
+    if channel.jitter_s:
+        bound = 0.45 * interval_s
+        at_s = at_s + np.clip(channel.jitter_s * random.standard_normal(len(at_s)), -bound, bound)
+    return at_s[random.random(len(at_s)) >= channel.drop] if channel.drop else at_s
+
+
+def _shown(values: Array, channel: Channel, random: np.random.Generator | None) -> Array:
+    """Return values as the channel tells them, in SI units again."""
+    shown = channel.shown(values)
+    if random is not None and channel.sigma:
+        shown = shown + channel.sigma * random.standard_normal(len(values))
+    if channel.quantum:
+        shown = np.round(shown / channel.quantum) * channel.quantum
+    return np.asarray(channel.to_machine(shown), dtype=np.float64)
+
+
+def _seen_events(
+    run: RollOut, channel: Channel, random: np.random.Generator | None, begin_s: float
+) -> tuple[Array, Array]:
+    _, kind, what = channel.quantity.split(".")
+    events = [event for event in run.events if event.kind == kind and event.time_s >= begin_s]
+    values = np.array([getattr(event, EVENT_FIELDS[what]) for event in events], dtype=np.float64)
+    return np.array([event.time_s for event in events], dtype=np.float64), _shown(values, channel, random)
+
+
+def known_sigma(channels: Mapping[str, Channel], column: str) -> float:
+    """Return the standard deviation of a channel's noise in SI units; 0 where the file does not tell it."""
+    channel = channels[column]
+    return (channel.sigma or 0.0) * channel.si_factor * abs(fixed(channel.gain, 1.0))

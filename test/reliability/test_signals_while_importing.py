@@ -1,0 +1,61 @@
+"""A signal that arrives while a program is being imported ends it with 128 + N and no trace, whatever was under way."""
+
+from __future__ import annotations
+
+import random
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from mech_twin.interruption import INTERRUPTED_LINE
+
+# sends the signal to itself the moment that a module begins to be imported; without one, lists them instead
+PROGRAM = """
+import os, sys
+from mech_twin.programs import {program}
+seen = []
+def heard(event, given):
+    if event == "import":
+        seen.append(given[0])
+        if given[0] == {module!r}:
+            os.kill(os.getpid(), {number})
+sys.addaudithook(heard)
+try:
+    {program}()
+finally:
+    if not {module!r}:
+        sys.stdout.write("\\n".join(seen))
+        sys.stdout.flush()
+"""
+LOADED = {
+    "command": {"typer", "mech_twin.cli.main", "mech_twin.cli.study"},
+    "linkage_node": {"argparse", "mech_twin.nodes.executables", "mech_twin.machines.catalog", "pydantic"},
+}
+WORDS = {"command": ["--version"], "linkage_node": ["--help"]}
+MOMENTS = 4
+
+
+def done(program: str, module: str = "", number: int = 0, **options: object) -> subprocess.CompletedProcess[str]:
+    code = PROGRAM.format(program=program, module=module, number=int(number))
+    command = [sys.executable, "-c", code, *WORDS[program]]
+    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False, **options)  # type: ignore[call-overload]
+
+
+@pytest.mark.parametrize("program", LOADED)
+def test_a_signal_while_importing_ends_a_program_without_a_trace(program: str) -> None:
+    modules = [name for name in done(program).stdout.splitlines() if name.replace(".", "").isidentifier()]
+    assert set(modules) >= LOADED[program]
+    chance = random.Random(f"{program} while importing")
+    for module in [modules[0], *chance.sample(modules, MOMENTS)]:
+        number = chance.choice([signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+        ended = done(program, module, number)
+        assert ended.returncode == 128 + number, (module, ended.stderr)
+        assert ended.stderr == (INTERRUPTED_LINE if number == signal.SIGINT else ""), module
+
+
+def test_a_program_that_is_told_to_outlive_its_terminal_does() -> None:
+    ended = done("command", "typer", signal.SIGHUP, preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_IGN))
+    assert (ended.returncode, ended.stderr) == (0, "")
+    assert ended.stdout.startswith("mech-twin ")
