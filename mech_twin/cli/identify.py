@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from importlib.util import find_spec
 from pathlib import Path
 
 from mech_twin.cli.console import print_json, print_table, say
@@ -18,6 +19,7 @@ from mech_twin.cli.identify_request import (
     split_runs,
 )
 from mech_twin.cli.measurement import checked_run, opened_run
+from mech_twin.dependencies import extra_needed
 from mech_twin.measurements.machine_columns import joint_column
 from mech_twin.measurements.model_turn import TURNING, ModelTurn, model_turn
 from mech_twin.output_file import check_output_directory, check_output_file, written_file
@@ -35,6 +37,9 @@ FILE_SUFFIXES = (".yaml", ".yml")
 
 def identify_machine(asked: IdentifyRequest) -> None:
     """Fit the free keys to the runs; write what was found, unless what was held out is foretold no better with it."""
+    if asked.plan:
+        _plan(asked)
+        return
     if not asked.runs:
         raise CommandError("expected at least one run, a bag or a table")
     machine = built_machine(asked.machine, asked.config, assignments(asked.settings))
@@ -63,7 +68,18 @@ def identify_machine(asked: IdentifyRequest) -> None:
         say("what was held out is foretold no better than before; no configuration is written")
         raise SystemExit(NOT_BETTER)
     if asked.out is not None:
-        _write(asked, asked.out, found, told_of, [path.name for path in fitted])
+        _write(asked, asked.out, found, told_of, [[path.name for path in paths] for paths in (fitted, held)])
+
+
+def _plan(asked: IdentifyRequest) -> None:
+    from mech_twin.cli.identify_plan import show_plan
+
+    if asked.sensors is None or asked.duration_s is None:
+        raise CommandError("--plan: expected --sensors FILE and --duration S beside it, as for `simulate`")
+    if asked.runs:
+        raise CommandError(f"--plan: expected no run, got {asked.runs[0]}; it asks what a run would tell")
+    base = machine_parameters(asked.machine, asked.config, assignments(asked.settings))
+    show_plan(_question(asked, base), asked.sensors, asked.map_file, asked.duration_s, as_json=asked.as_json)
 
 
 def _motion(asked: IdentifyRequest, turn: ModelTurn | None, *, guided: bool) -> str:
@@ -156,19 +172,31 @@ def _check_out(asked: IdentifyRequest) -> None:
 
 
 def _write(
-    asked: IdentifyRequest, out: Path, found: Identification, told_of: dict[str, object], runs: Sequence[str]
+    asked: IdentifyRequest, out: Path, found: Identification, told_of: dict[str, object], runs: Sequence[Sequence[str]]
 ) -> None:
     """Write the configuration, and into a directory the document beside it."""
     from mech_twin.cli.console import json_text
 
-    files = {out: configuration_text(found, runs)}
+    configuration = configuration_text(found, runs[0])
+    files = {out: configuration}
     if not _is_file(out):
         out.mkdir(parents=True, exist_ok=True)
         files = {
-            out / f"{asked.machine}.yaml": configuration_text(found, runs),
+            out / f"{asked.machine}.yaml": configuration,
             out / "identification.json": json_text(told_of),
+            **_report(out / "report.html", found, runs),
         }
     for path, text in files.items():
         with written_file(path, force=asked.force) as file:
             file.write_text(text, encoding="utf-8")
         say(f"written to {path}")
+
+
+def _report(path: Path, found: Identification, runs: Sequence[Sequence[str]]) -> dict[Path, str]:
+    """Return the report by its file; none where nothing can draw it, which is said."""
+    if find_spec("matplotlib") is None:
+        say(f"{path}: left out, {extra_needed('plots')}")
+        return {}
+    from mech_twin.studies.identification.report_page import report_page
+
+    return {path: report_page(found, *runs)}

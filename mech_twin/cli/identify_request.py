@@ -35,7 +35,7 @@ class IdentifyRequest:
 
     machine: str
     runs: Sequence[Path]
-    map_file: Path
+    map_file: Path | None
     free: Sequence[str] = ()
     hold_out: str | None = None
     config: Path | None = None
@@ -50,10 +50,15 @@ class IdentifyRequest:
     latest_begin_s: float = 10.0
     seed: int = 0
     cores: int | None = None
+    plan: bool = False
+    sensors: Path | None = None
+    duration_s: float | None = None
 
     @cached_property
     def given_map(self) -> MeasurementMap:
         """The map, checked to be of this machine."""
+        if self.map_file is None:
+            raise CommandError("--map: expected the map of the runs, as `mech-twin map` proposes it")
         found = given_map(self.map_file)
         if found.machine != self.machine:
             raise CommandError(f"{self.map_file}: key 'machine', value {found.machine!r}: expected {self.machine!r}")

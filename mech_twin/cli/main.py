@@ -313,6 +313,9 @@ def identify(
     latest_begin: Annotated[
         float, typer.Option(help="latest unknown beginning in s of the machine's run", min=0.0)
     ] = 10.0,
+    plan: Annotated[bool, typer.Option("--plan", help="without runs: which keys these sensors would find")] = False,
+    sensors: Annotated[Path | None, typer.Option(help="with --plan: sensors as of `simulate --sensors`")] = None,
+    duration: Annotated[float | None, typer.Option(help="with --plan: length of the run in s", min=0.01)] = None,
     seed: Annotated[int, typer.Option(help="of further starts of the fit", min=0)] = 0,
     cores: Annotated[int | None, typer.Option(help="cores to use [all]", min=1)] = None,
     out: Annotated[
@@ -335,12 +338,10 @@ def identify(
     ):
         if value not in words:
             raise CommandError(f"{option} {value}: expected one of {', '.join(words)}")
-    if given_map is None:
-        raise CommandError("--map: expected the map of the runs, as `mech-twin map` proposes it")
     identify_machine(
         IdentifyRequest(
             machine, runs or [], given_map, free or [], hold_out, config, settings or [], out, force, json,
-            fix or [], prior or [], motion, begin, latest_begin, seed, cores,
+            fix or [], prior or [], motion, begin, latest_begin, seed, cores, plan, sensors, duration,
         )
     )  # fmt: skip
 

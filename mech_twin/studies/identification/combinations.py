@@ -87,7 +87,8 @@ def sight(jacobian: Array, other: Array, keys: npt.NDArray[np.intp], values: Arr
         own, again = own - basis @ (basis.T @ own), again - basis @ (basis.T @ again)
     remaining = np.linalg.norm(own, axis=0)
     left = remaining / np.where(effects > 0.0, effects, 1.0)
-    seen = np.flatnonzero((effects > 0.0) & (left > ALONE))
+    least = np.where(zero, LEAST_OF_ZERO, LEAST_EFFECT)
+    seen = np.flatnonzero((effects >= least) & (left > ALONE))
     unseen = np.zeros((len(keys), 0))
     if len(seen):
         scaled, differing = own[:, seen] / remaining[seen], (own - again)[:, seen] / remaining[seen]
@@ -96,7 +97,6 @@ def sight(jacobian: Array, other: Array, keys: npt.NDArray[np.intp], values: Arr
         lost = directions[(singular < UNSEEN * np.sqrt(len(seen))) | unsure]
         unseen = np.zeros((len(keys), len(lost)))
         unseen[seen] = lost.T
-    least = np.where(zero, LEAST_OF_ZERO, LEAST_EFFECT)
     return Sight(effects, left, unseen, own, least)
 
 

@@ -84,11 +84,18 @@ def scored(
     longest_begin_s : float
         As in `ModelRuns`.
     """
-    keyed = KeyedConfiguration(name, parameters, ())
-    unknowns = unknowns_of(keyed, NO_BOUNDS, known_from, longest_begin_s)
-    problem = FitProblem(ModelRuns(keyed, known_from, longest_begin_s), unknowns)
-    x = solved(problem, unknowns.start, whole_only=True).x
+    problem, x = beside(name, parameters, known_from, longest_begin_s)
     return score(problem.over(held), x)
+
+
+def beside(
+    name: str, parameters: Parameters, runs: Sequence[FitRun], longest_begin_s: float
+) -> tuple[FitProblem, Array]:
+    """Return a configuration as it is beside runs, with the zeros, gains, lags and beginnings that fit best."""
+    keyed = KeyedConfiguration(name, parameters, ())
+    unknowns = unknowns_of(keyed, NO_BOUNDS, runs, longest_begin_s)
+    problem = FitProblem(ModelRuns(keyed, runs, longest_begin_s), unknowns)
+    return problem, solved(problem, unknowns.start, whole_only=True).x
 
 
 def score(problem: FitProblem, x: Array) -> Score:

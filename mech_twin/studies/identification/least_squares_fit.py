@@ -18,10 +18,10 @@ from mech_twin.studies.identification.fit_runs import FitRun
 from mech_twin.studies.identification.residuals import FitProblem, Weighting
 from mech_twin.studies.identification.unknowns import BEGIN, GAIN, KEY, ZERO
 
-HORIZONS = (0.06, 0.12, 0.25, 0.5, 1.0)  # shares of the run, one stage each
+HORIZONS = (0.03, 0.06, 0.12, 0.25, 0.5, 1.0)  # shares of the run, one stage each
 HELD = 0.3  # of the scale of a key: standard deviation by which it is held near its start while few data tell it
-SHORTEST_S = 0.25  # of a stage
-EVALUATIONS, FEWEST = 14, 6
+FEWEST_STEPS = 60  # coupling steps of a stage
+EVALUATIONS, FEWEST = 30, 10
 ROUNDS = 3  # of the last stage
 SETTLED = 0.02  # change of a standard deviation between rounds
 TRIED_BEGINS = 4000
@@ -67,7 +67,7 @@ def quiet(_: str) -> None:
 def solved(problem: FitProblem, x: Array, told: Told = quiet, *, whole_only: bool = False) -> Fitted:
     """Return the fit from a start, in stages; or on the whole runs at once."""
     x = with_begins(problem, x)
-    for share in [1.0] if whole_only else stage_shares(problem.runs):
+    for share in [1.0] if whole_only else stage_shares(problem.runs, problem.model.step_s):
         told(f"first {100.0 * share:.0f} % of the runs" if share < 1.0 else "whole runs")
         part = problem if share == 1.0 else _part(problem, share, x)
         x = with_offsets(part, x)
@@ -76,10 +76,10 @@ def solved(problem: FitProblem, x: Array, told: Told = quiet, *, whole_only: boo
     return fitted
 
 
-def stage_shares(runs: Sequence[FitRun]) -> list[float]:
-    """Return the shares of the runs that the stages look at, rising to 1."""
+def stage_shares(runs: Sequence[FitRun], step_s: float) -> list[float]:
+    """Return the shares of the runs that the stages look at, rising to 1; ``step_s`` is the coupling step."""
     longest = max(min(run.last_s, run.until_s) - max(run.first_s, run.from_s) for run in runs)
-    return [share for share in HORIZONS if share == 1.0 or share * longest >= SHORTEST_S]
+    return [share for share in HORIZONS if share == 1.0 or share * longest >= FEWEST_STEPS * step_s]
 
 
 def _part(problem: FitProblem, share: float, x: Array) -> FitProblem:

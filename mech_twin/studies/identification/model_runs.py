@@ -68,6 +68,11 @@ class ModelRuns:
             found.append(kept if rolled and len(kept) == len(self.runs) else None)
         return found
 
+    @property
+    def step_s(self) -> float:
+        """The coupling step."""
+        return number_at(self.keyed.tree, "coupling.step_s", self.keyed.name)
+
     def duration_s(self, run: FitRun) -> float:
         """Return how long the model has to run beside a measured run."""
         begin = self._longest_begin_s if run.begin_s is None else run.begin_s
@@ -76,7 +81,7 @@ class ModelRuns:
     def _rolled(self, run: FitRun, configured: Sequence[Parameters]) -> list[ColumnCurves | None]:
         if not configured:
             return []
-        duration_s = self.duration_s(run) + 2.0 * number_at(self.keyed.tree, "coupling.step_s", self.keyed.name)
+        duration_s = self.duration_s(run) + 2.0 * self.step_s
         command = run.command or 1.0
         self.rolled_out += len(configured)
         members = rollouts(

@@ -22,6 +22,7 @@ from mech_twin.studies.identification.unknowns import BEGIN, GAIN, KEY, LAG, ZER
 
 REFUSED = 1e3  # standard deviations where the machine refuses the values, or its motion ends
 GUARD_STEPS = 2.5  # coupling steps on either side of an event
+BEND_GUARD_STEPS = 1.5  # of a position, which bends there
 KEY_STEP = 1e-4  # of the scale of a key, in central differences
 HALVED, MOST_HALVINGS = 8.0, 1
 LEAST_BEND = 1e-3  # standard deviations: less is rounding
@@ -81,7 +82,8 @@ class FitProblem:
             return counts
         at = self._model_times(x, i, place, channel.times_s)
         counts &= at >= 0.0
-        return counts & ~curves.beside_event(at, GUARD_STEPS * curves.step_s) if channel.jumps else counts
+        guard = GUARD_STEPS if channel.jumps else BEND_GUARD_STEPS
+        return counts & ~curves.beside_event(at, guard * curves.step_s)
 
     def _model_times(self, x: Array, run: int, place: int, times_s: Array) -> Array:
         """Return the times of the machine's own run at which samples were taken."""
