@@ -93,7 +93,9 @@ def run(
     ] = None,
     record: Annotated[Path | None, typer.Option(help="recording directory [recordings/MACHINE-DATE]")] = None,
     no_record: Annotated[bool, typer.Option("--no-record", help="do not record")] = False,
-    view: Annotated[str, typer.Option(help="web, none, or a file NAME.rrd to write")] = "web",
+    view: Annotated[
+        str, typer.Option(help="web (full or light by what draws the page), light, full, none, or a file NAME.rrd")
+    ] = "web",
     view_port: Annotated[int, typer.Option(help="port of the web view; 0: any free port", min=0, max=65535)] = 0,
     processes: Annotated[bool, typer.Option("--processes", help="run each node in its own process")] = False,
     namespace: Namespace = None,
@@ -126,6 +128,35 @@ def run(
         force,
     )
     run_machine(request)
+
+
+@app.command()
+def shadow(
+    machine: MachineName,
+    followed: Annotated[str, typer.Option("--from", metavar="NAMESPACE", help="namespace of the machine to follow")],
+    given_map: MapFile = None,
+    config: Config = None,
+    settings: Settings = None,
+    record: Annotated[Path | None, typer.Option(help="directory to record what is heard and said in")] = None,
+    duration: Annotated[float, typer.Option(help="time in s after which it ends; 0: until stopped", min=0.0)] = 0.0,
+    uncertain: Annotated[
+        list[str] | None,
+        typer.Option(metavar="KEY=2%", help="standard deviation of a configuration key; several [2 % of each force]"),
+    ] = None,
+    monitor: Annotated[
+        Path | None, typer.Option(help="judge each cycle by this reference (`mech-twin monitor --save-baseline`)")
+    ] = None,
+    black_box: Annotated[
+        Path | None, typer.Option(help="folder for a recording of 10 s before and 5 s after each fault")
+    ] = None,
+    force: Force = False,
+    json: Json = False,
+) -> None:
+    """Follow a running machine by its topics: its state, forces and their uncertainty, below /MACHINE/twin."""
+    from mech_twin.cli.shadow import ShadowRequest, shadow_machine
+
+    asked = (given_map, config, settings or [], record, duration, uncertain or [], monitor, black_box, force, json)
+    shadow_machine(ShadowRequest(machine, followed, *asked))
 
 
 @app.command()
@@ -344,6 +375,54 @@ def identify(
             fix or [], prior or [], motion, begin, latest_begin, seed, cores, plan, sensors, duration,
         )
     )  # fmt: skip
+
+
+@app.command()
+def monitor(
+    machine: MachineName,
+    runs: Annotated[list[Path] | None, typer.Argument(help="runs to be judged: bags or tables")] = None,
+    given_map: MapFile = None,
+    baseline: Annotated[
+        Path | None, typer.Option(help="healthy run, or a file that --save-baseline wrote [the first part of the runs]")
+    ] = None,
+    save_baseline: Annotated[
+        Path | None, typer.Option(help="file (.json) for baseline, thresholds, signatures")
+    ] = None,
+    arl0: Annotated[
+        float, typer.Option(help="stated mean time between false alarms of all charts together, h", min=1e-3)
+    ] = 24.0,
+    skip: Annotated[
+        float | None,
+        typer.Option(help="time at the start of each run that is left out, s [the machine's run-up]", min=0.0),
+    ] = None,
+    design: Annotated[bool, typer.Option("--design", help="judge a sensor set instead of runs")] = False,
+    sensors: Annotated[Path | None, typer.Option(help="with --design: the sensors, as for simulate")] = None,
+    seed: Annotated[int, typer.Option(help="of the draws that thresholds come from", min=0)] = 0,
+    config: Config = None,
+    settings: Settings = None,
+    force: Force = False,
+    json: Json = False,
+) -> None:
+    """Judge runs against a healthy one and name the faults (exit code 1: an alarm), or judge a sensor set."""
+    from mech_twin.cli.monitor import MonitorRequest, monitor_machine
+
+    asked = MonitorRequest(
+        machine,
+        runs or [],
+        given_map,
+        config,
+        settings or [],
+        baseline,
+        save_baseline,
+        arl0,
+        skip,
+        design,
+        sensors,
+        seed,
+        force,
+        json,
+    )
+    monitor_machine(asked)
 
 
 @app.command()

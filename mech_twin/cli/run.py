@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from mech_twin.nodes.options import RunOptions
 
 PACES = ("realtime", "max")
+WEB_VIEWS = ("web", "light", "full")
+LIVE_HISTORY = "32MiB"  # a page opened later has to take all of it in before it shows the present
 
 
 class RunRequest(NamedTuple):
@@ -114,8 +116,8 @@ def _check(request: RunRequest) -> None:
         raise CommandError(f"--pace {request.pace}: expected {' or '.join(PACES)}")
     if request.duration_s is not None and not math.isfinite(request.duration_s):
         raise CommandError(f"--duration {request.duration_s}: expected a finite number of seconds")
-    if request.view not in ("web", "none") and not request.view.endswith(".rrd"):
-        raise CommandError(f"--view {request.view}: expected web, none or a file NAME.rrd")
+    if request.view not in (*WEB_VIEWS, "none") and not request.view.endswith(".rrd"):
+        raise CommandError(f"--view {request.view}: expected web, light, full, none or a file NAME.rrd")
     if request.view.endswith(".rrd"):
         check_output_file(Path(request.view), force=request.force)
 
@@ -133,15 +135,26 @@ def _opened_view(request: RunRequest, stack: ExitStack) -> str | None:
     if request.view == "none":
         return None
     require_extra("view")
-    if request.view != "web":
+    if request.view not in WEB_VIEWS:
         return request.view
     from mech_twin.view.viewer_process import ViewerProcess
 
     viewer = stack.enter_context(
-        ViewerProcess(request.view_port or None, open_to_other_hosts=request.open_to_other_hosts, announce=say)
+        ViewerProcess(
+            request.view_port or None,
+            open_to_other_hosts=request.open_to_other_hosts,
+            memory_limit=LIVE_HISTORY,
+            newest_first=True,
+            announce=say,
+        )
     )
     say(f"view: {viewer.web_url}")
-    return viewer.grpc_url
+    return f"{viewer.grpc_url}#{layout_of(request.view, viewer.graphics_file)}"
+
+
+def layout_of(view: str, graphics_file: Path) -> str:
+    """Return the layout of a view in the browser: what was asked for, else the full one on a graphics card alone."""
+    return f"full-if={graphics_file}" if view == "web" else view
 
 
 def _write(request: RunRequest, parameters: Parameters, outcome: Outcome, directory: Path | None) -> None:
