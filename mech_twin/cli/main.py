@@ -154,14 +154,17 @@ def shadow(
     black_box: Annotated[
         Path | None, typer.Option(help="folder for a recording of 10 s before and 5 s after each fault")
     ] = None,
+    advise: Annotated[
+        Path | None, typer.Option(help="advise on an output of the machine: file of what is wanted and allowed")
+    ] = None,
     force: Force = False,
     json: Json = False,
 ) -> None:
     """Follow a running machine by its topics: its state, forces and their uncertainty, below /MACHINE/twin."""
     from mech_twin.cli.shadow import ShadowRequest, shadow_machine
 
-    asked = (given_map, config, settings or [], record, duration, uncertain or [], monitor, black_box, force, json)
-    shadow_machine(ShadowRequest(machine, followed, *asked))
+    what = (given_map, config, settings or [], record, duration, uncertain or [])
+    shadow_machine(ShadowRequest(machine, followed, *what, monitor, black_box, advise, force, json))
 
 
 @app.command()
