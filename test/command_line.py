@@ -1,0 +1,31 @@
+"""The command ``mech-twin`` called within this process: exit code, output, errors."""
+
+from __future__ import annotations
+
+import io
+import sys
+from contextlib import redirect_stderr, redirect_stdout
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pytest
+
+from mech_twin.cli.main import main
+
+
+class Ended(NamedTuple):
+    code: Any
+    out: str
+    err: str
+
+
+def mech_twin(*words: str | Path) -> Ended:
+    output, errors = io.StringIO(), io.StringIO()
+    code: Any = 0
+    with pytest.MonkeyPatch.context() as patch, redirect_stdout(output), redirect_stderr(errors):
+        patch.setattr(sys, "argv", ["mech-twin", *map(str, words)])
+        try:
+            main()
+        except SystemExit as end:
+            code = end.code or 0
+    return Ended(code, output.getvalue(), errors.getvalue())
