@@ -28,7 +28,7 @@ ARGS ?=
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
 .PHONY: run test test-fast explore test-browser test-ros test-oldest lint coverage bench colcon mutation hooks
-.PHONY: audit sbom licences hashes docs clean
+.PHONY: audit sbom licences hashes docs clean soak faults
 
 run: $(VENV)/.run
 	$(BIN)/mech-twin run $(ARGS)
@@ -88,6 +88,14 @@ licences: $(VENV)/.run $(TOOLS)/.tools
 
 hashes: $(TOOLS)/.tools # asks the package index; rewrites the pins with hashes
 	$(TOOLS)/bin/python .ci/hashes.py $(TOOLS)/bin
+
+SOAK := --minutes 10 --pace realtime --view
+soak: $(VENV)/.test # ten minutes by the wall clock, recorded and shown: memory of each process, balances, lag, losses
+	$(BIN)/python benchmarks/reliability/soak.py $(or $(ARGS),$(SOAK))
+
+faults: $(VENV)/.test # every signal at every moment of every verb, and every number of a configuration at its extremes
+	$(BIN)/python benchmarks/reliability/signals.py $(ARGS)
+	$(BIN)/python benchmarks/reliability/extreme_configurations.py $(ARGS)
 
 $(VENV)/bin/python:
 	@$(PYTHON) -c 'import sys; found = sys.version_info[:2]; need = tuple(map(int, "$(PYTHON_MINIMUM)".split("."))); \
