@@ -98,6 +98,7 @@ def run(
     no_record: Annotated[bool, typer.Option("--no-record", help="do not record")] = False,
     view: Annotated[str, typer.Option(help="web, none, or a file NAME.rrd to write")] = "web",
     view_port: Annotated[int, typer.Option(help="port of the web view; 0: any free port", min=0, max=65535)] = 0,
+    hold: Annotated[bool, typer.Option("--hold", help="keep the web view after the run, until Ctrl-C")] = False,
     processes: Annotated[bool, typer.Option("--processes", help="run each node in its own process")] = False,
     namespace: Namespace = None,
     open_to_other_hosts: Annotated[
@@ -129,6 +130,7 @@ def run(
         namespace,
         force,
         everything,
+        hold,
     )
     run_machine(request)
 
@@ -329,7 +331,7 @@ def recover(
     force: Force = False,
     json: Json = False,
 ) -> None:
-    """Salvage a damaged recording."""
+    """Recover what is whole of a damaged recording into a new one."""
     from mech_twin.cli.recover import recover_bag
 
     recover_bag(bag, out, force=force, as_json=json)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import time
 from contextlib import ExitStack
 from datetime import datetime
 from pathlib import Path
@@ -22,12 +23,14 @@ from mech_twin.parameters.errors import refusal
 from mech_twin.parameters.load import RUN_GROUP, assignments, machine_parameters, run_group
 from mech_twin.quantity import Parameters
 from mech_twin.recording.output_directory import check_recording_directory, remove_recording
+from mech_twin.stop_signal import StopSignal
 from mech_twin.studies.simulation import event_record
 
 if TYPE_CHECKING:
     from mech_twin.nodes.composition import Outcome
     from mech_twin.nodes.options import RunOptions
 
+LOOK_S = 0.1
 PACES = ("realtime", "max")
 
 
@@ -48,6 +51,7 @@ class RunRequest(NamedTuple):
     namespace: str | None = None
     force: bool = False
     everything: bool = False
+    hold: bool = False
 
 
 def run_machine(request: RunRequest) -> None:
@@ -59,9 +63,11 @@ def run_machine(request: RunRequest) -> None:
         check_recording_directory(directory, force=request.force)
     options = run_options(request, recorder=directory is not None, viewer=request.view != "none")
     with ExitStack() as stack:
-        destination = _opened_view(request, stack)
-        outcome = _run(request, parameters, options, directory, destination)
-    _write(request, parameters, outcome, directory)
+        view = _opened_view(request, stack)
+        outcome = _run(request, parameters, options, directory, view.destination)
+        _write(request, parameters, outcome, directory)
+        if request.hold:
+            hold_view(view.page)
 
 
 def _run(
@@ -118,6 +124,8 @@ def _check(request: RunRequest) -> None:
         raise CommandError(f"--duration {request.duration_s}: expected a finite number of seconds")
     if request.view not in ("web", "none") and not request.view.endswith(".rrd"):
         raise CommandError(f"--view {request.view}: expected web, none or a file NAME.rrd")
+    if request.hold and request.view != "web":
+        raise CommandError(f"--hold: expected --view web, which it keeps open; found --view {request.view}")
     if request.view.endswith(".rrd"):
         check_output_file(Path(request.view), force=request.force)
 
@@ -130,20 +138,34 @@ def _recording_directory(request: RunRequest) -> Path | None:
     return Path("recordings") / f"{request.machine}-{datetime.now():%Y%m%d-%H%M%S}"
 
 
-def _opened_view(request: RunRequest, stack: ExitStack) -> str | None:
-    """Return the destination of the view: the address of a viewer started here, a file, or None."""
+class OpenedView(NamedTuple):
+    """Where the view is sent - a viewer started here, a file, or nowhere - and the address of its page."""
+
+    destination: str | None
+    page: str = ""
+
+
+def _opened_view(request: RunRequest, stack: ExitStack) -> OpenedView:
     if request.view == "none":
-        return None
+        return OpenedView(None)
     require_extra("view")
     if request.view != "web":
-        return request.view
+        return OpenedView(request.view)
     from mech_twin.view.viewer_process import ViewerProcess
 
     viewer = stack.enter_context(
         ViewerProcess(request.view_port or None, open_to_other_hosts=request.open_to_other_hosts, announce=say)
     )
     say(f"view: {viewer.web_url}")
-    return viewer.grpc_url
+    return OpenedView(viewer.grpc_url, viewer.web_url)
+
+
+def hold_view(page: str) -> None:
+    """Keep the view open until a signal."""
+    say(f"the view stays open until Ctrl-C: {page}")
+    with StopSignal() as stop:
+        while not stop.asked:
+            time.sleep(LOOK_S)
 
 
 def _write(request: RunRequest, parameters: Parameters, outcome: Outcome, directory: Path | None) -> None:
@@ -153,7 +175,7 @@ def _write(request: RunRequest, parameters: Parameters, outcome: Outcome, direct
         show_numbers(f"{request.machine}: metrics of the run", numbers, design, everything=request.everything)
         show_events(tuple(outcome.metrics.events), everything=request.everything)
         if directory is not None:
-            say(f"recorded in {directory}")
+            say(f"recorded in {directory}; `mech-twin view {directory}` shows it again")
         return
     print_json(
         {
