@@ -96,7 +96,9 @@ def run(
     ] = None,
     record: Annotated[Path | None, typer.Option(help="recording directory [recordings/MACHINE-DATE]")] = None,
     no_record: Annotated[bool, typer.Option("--no-record", help="do not record")] = False,
-    view: Annotated[str, typer.Option(help="web, none, or a file NAME.rrd to write")] = "web",
+    view: Annotated[
+        str, typer.Option(help="web (full or light by what draws the page), light, full, none, or a file NAME.rrd")
+    ] = "web",
     view_port: Annotated[int, typer.Option(help="port of the web view; 0: any free port", min=0, max=65535)] = 0,
     hold: Annotated[bool, typer.Option("--hold", help="keep the web view after the run, until Ctrl-C")] = False,
     processes: Annotated[bool, typer.Option("--processes", help="run each node in its own process")] = False,
@@ -133,6 +135,38 @@ def run(
         hold,
     )
     run_machine(request)
+
+
+@app.command()
+def shadow(
+    machine: MachineName,
+    followed: Annotated[str, typer.Option("--from", metavar="NAMESPACE", help="namespace of the machine to follow")],
+    given_map: MapFile = None,
+    config: Config = None,
+    settings: Settings = None,
+    record: Annotated[Path | None, typer.Option(help="directory to record what is heard and said in")] = None,
+    duration: Annotated[float, typer.Option(help="time in s after which it ends; 0: until stopped", min=0.0)] = 0.0,
+    uncertain: Annotated[
+        list[str] | None,
+        typer.Option(metavar="KEY=2%", help="standard deviation of a configuration key; several [2 % of each force]"),
+    ] = None,
+    monitor: Annotated[
+        Path | None, typer.Option(help="judge each cycle by this reference (`mech-twin monitor --save-baseline`)")
+    ] = None,
+    black_box: Annotated[
+        Path | None, typer.Option(help="folder for a recording of 10 s before and 5 s after each fault")
+    ] = None,
+    advise: Annotated[
+        Path | None, typer.Option(help="advise on an output of the machine: file of what is wanted and allowed")
+    ] = None,
+    force: Force = False,
+    json: Json = False,
+) -> None:
+    """Follow a running machine by its topics: its state, forces and their uncertainty, below /MACHINE/twin."""
+    from mech_twin.cli.shadow import ShadowRequest, shadow_machine
+
+    what = (given_map, config, settings or [], record, duration, uncertain or [])
+    shadow_machine(ShadowRequest(machine, followed, *what, monitor, black_box, advise, force, json))
 
 
 @app.command()
@@ -208,7 +242,7 @@ def replay(
     given_map: MapFile = None,
     config: Config = None,
     tolerance: Annotated[
-        float | None, typer.Option(help="with --map: share by which a channel may be off the model", min=0.0)
+        float | None, typer.Option(help="with --analyse: share by which a number may be off the model", min=0.0)
     ] = None,
     json: Json = False,
 ) -> None:
@@ -224,13 +258,15 @@ def replay(
 
         analyse_measured(bag, given_map, config, tolerance, as_json=json)
         return
-    if config is not None or tolerance is not None:
-        raise CommandError("--config and --tolerance go with --analyse --map: a recording of the twin holds its own")
+    if tolerance is not None and not analyse:
+        raise CommandError("--tolerance goes with --analyse: a run computed again from its start keeps no small error")
     if analyse or resimulate:
         from mech_twin.cli.recompute import recompute_bag
 
-        recompute_bag(bag, "analyse" if analyse else "resimulate", as_json=json)
+        recompute_bag(bag, "analyse" if analyse else "resimulate", config, tolerance or 0.0, as_json=json)
         return
+    if config is not None:
+        raise CommandError("--config goes with --analyse or --resimulate: a replay needs no configuration")
     from mech_twin.cli.replay import ReplayRequest, replay_bag
 
     replay_bag(ReplayRequest(bag, rate, start, duration, loop, clock, topics or [], listeners, namespace))
@@ -307,21 +343,105 @@ def compare(
 @app.command()
 def identify(
     machine: MachineName,
-    runs: Annotated[list[Path], typer.Argument(help="runs: bags or tables")],
-    given_map: Annotated[Path, typer.Option("--map", help="map of the runs (see `mech-twin map`)")],
-    free: Annotated[list[str] | None, typer.Option(metavar="KEY", help="length to be found; several times")] = None,
-    hold_out: Annotated[Path | None, typer.Option(help="run that scores the fit [the last of three or more]")] = None,
-    out: Annotated[Path | None, typer.Option(help="file of the configuration found")] = None,
+    runs: Annotated[list[Path] | None, typer.Argument(help="runs: bags or tables")] = None,
+    given_map: Annotated[Path | None, typer.Option("--map", help="map of the runs (see `mech-twin map`)")] = None,
+    free: Annotated[
+        list[str] | None,
+        typer.Option(metavar="KEY[=LOW:HIGH]", help="key to be found [those the configuration calls assumed]"),
+    ] = None,
+    fix: Annotated[list[str] | None, typer.Option(metavar="KEY", help="key to be kept as it is")] = None,
+    prior: Annotated[
+        list[str] | None, typer.Option(metavar="KEY=MEAN,SD", help="what is known of a key from elsewhere")
+    ] = None,
+    hold_out: Annotated[
+        str | None, typer.Option(help="run, or share of each run, that scores the fit [the last of three or more, 0.2]")
+    ] = None,
+    motion: Annotated[str, typer.Option(help="what moves the model: auto, measured (the crank) or simulated")] = "auto",
+    begin: Annotated[
+        str, typer.Option(help="where the runs begin: start (of the machine's own run) or unknown")
+    ] = "start",
+    latest_begin: Annotated[
+        float, typer.Option(help="latest unknown beginning in s of the machine's run", min=0.0)
+    ] = 10.0,
+    plan: Annotated[bool, typer.Option("--plan", help="without runs: which keys these sensors would find")] = False,
+    sensors: Annotated[Path | None, typer.Option(help="with --plan: sensors as of `simulate --sensors`")] = None,
+    duration: Annotated[float | None, typer.Option(help="with --plan: length of the run in s", min=0.01)] = None,
+    seed: Annotated[int, typer.Option(help="of further starts of the fit", min=0)] = 0,
+    cores: Annotated[int | None, typer.Option(help="cores to use [all]", min=1)] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="directory of the results, or file (.yaml) of the configuration")
+    ] = None,
+    config: Annotated[
+        Path | None, typer.Option("--config", "--base", help="configuration to start from instead of the installed one")
+    ] = None,
+    settings: Settings = None,
+    force: Force = False,
+    json: Json = False,
+) -> None:
+    """Find parameters of a machine from measured runs, with intervals, verdicts and a held-out score."""
+    from mech_twin.cli.identify import identify_machine
+    from mech_twin.cli.identify_request import IdentifyRequest
+
+    for option, value, words in (
+        ("--motion", motion, ("auto", "measured", "simulated")),
+        ("--begin", begin, ("start", "unknown")),
+    ):
+        if value not in words:
+            raise CommandError(f"{option} {value}: expected one of {', '.join(words)}")
+    identify_machine(
+        IdentifyRequest(
+            machine, runs or [], given_map, free or [], hold_out, config, settings or [], out, force, json,
+            fix or [], prior or [], motion, begin, latest_begin, seed, cores, plan, sensors, duration,
+        )
+    )  # fmt: skip
+
+
+@app.command()
+def monitor(
+    machine: MachineName,
+    runs: Annotated[list[Path] | None, typer.Argument(help="runs to be judged: bags or tables")] = None,
+    given_map: MapFile = None,
+    baseline: Annotated[
+        Path | None, typer.Option(help="healthy run, or a file that --save-baseline wrote [the first part of the runs]")
+    ] = None,
+    save_baseline: Annotated[
+        Path | None, typer.Option(help="file (.json) for baseline, thresholds, signatures")
+    ] = None,
+    arl0: Annotated[
+        float, typer.Option(help="stated mean time between false alarms of all charts together, h", min=1e-3)
+    ] = 24.0,
+    skip: Annotated[
+        float | None,
+        typer.Option(help="time at the start of each run that is left out, s [the machine's run-up]", min=0.0),
+    ] = None,
+    design: Annotated[bool, typer.Option("--design", help="judge a sensor set instead of runs")] = False,
+    sensors: Annotated[Path | None, typer.Option(help="with --design: the sensors, as for simulate")] = None,
+    seed: Annotated[int, typer.Option(help="of the draws that thresholds come from", min=0)] = 0,
     config: Config = None,
     settings: Settings = None,
     force: Force = False,
     json: Json = False,
 ) -> None:
-    """Find lengths of a crank mechanism from measured positions, with intervals and a held-out score."""
-    from mech_twin.cli.identify import IdentifyRequest, identify_machine
+    """Judge runs against a healthy one and name the faults (exit code 1: an alarm), or judge a sensor set."""
+    from mech_twin.cli.monitor import MonitorRequest, monitor_machine
 
-    asked = IdentifyRequest(machine, runs, given_map, free or [], hold_out, config, settings or [], out, force, json)
-    identify_machine(asked)
+    asked = MonitorRequest(
+        machine,
+        runs or [],
+        given_map,
+        config,
+        settings or [],
+        baseline,
+        save_baseline,
+        arl0,
+        skip,
+        design,
+        sensors,
+        seed,
+        force,
+        json,
+    )
+    monitor_machine(asked)
 
 
 @app.command()

@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 
 LOOK_S = 0.1
 PACES = ("realtime", "max")
+WEB_VIEWS = ("web", "light", "full")
+LIVE_HISTORY = "32MiB"  # a page opened later has to take all of it in before it shows the present
 
 
 class RunRequest(NamedTuple):
@@ -122,9 +124,9 @@ def _check(request: RunRequest) -> None:
         raise CommandError(f"--pace {request.pace}: expected {' or '.join(PACES)}")
     if request.duration_s is not None and not math.isfinite(request.duration_s):
         raise CommandError(f"--duration {request.duration_s}: expected a finite number of seconds")
-    if request.view not in ("web", "none") and not request.view.endswith(".rrd"):
-        raise CommandError(f"--view {request.view}: expected web, none or a file NAME.rrd")
-    if request.hold and request.view != "web":
+    if request.view not in (*WEB_VIEWS, "none") and not request.view.endswith(".rrd"):
+        raise CommandError(f"--view {request.view}: expected web, light, full, none or a file NAME.rrd")
+    if request.hold and request.view not in WEB_VIEWS:
         raise CommandError(f"--hold: expected --view web, which it keeps open; found --view {request.view}")
     if request.view.endswith(".rrd"):
         check_output_file(Path(request.view), force=request.force)
@@ -149,15 +151,26 @@ def _opened_view(request: RunRequest, stack: ExitStack) -> OpenedView:
     if request.view == "none":
         return OpenedView(None)
     require_extra("view")
-    if request.view != "web":
+    if request.view not in WEB_VIEWS:
         return OpenedView(request.view)
     from mech_twin.view.viewer_process import ViewerProcess
 
     viewer = stack.enter_context(
-        ViewerProcess(request.view_port or None, open_to_other_hosts=request.open_to_other_hosts, announce=say)
+        ViewerProcess(
+            request.view_port or None,
+            open_to_other_hosts=request.open_to_other_hosts,
+            memory_limit=LIVE_HISTORY,
+            newest_first=True,
+            announce=say,
+        )
     )
     say(f"view: {viewer.web_url}")
-    return OpenedView(viewer.grpc_url, viewer.web_url)
+    return OpenedView(f"{viewer.grpc_url}#{layout_of(request.view, viewer.graphics_file)}", viewer.web_url)
+
+
+def layout_of(view: str, graphics_file: Path) -> str:
+    """Return the layout of a view in the browser: what was asked for, else the full one on a graphics card alone."""
+    return f"full-if={graphics_file}" if view == "web" else view
 
 
 def hold_view(page: str) -> None:

@@ -56,6 +56,11 @@ class RunMetrics:
         regimes = self._built().linkage.regimes
         return regimes[index] if regimes else ""
 
+    @property
+    def machine(self) -> Machine:
+        """The machine, built when it is first asked for."""
+        return self._built()
+
     def _built(self) -> Machine:
         if self._machine is None:
             self._machine = self._build()

@@ -67,7 +67,9 @@ def first_column(section: str) -> set[str]:
 def test_topics_page_has_the_topics_of_the_code_and_no_other() -> None:
     named = {value.name for value in vars(topics).values() if isinstance(value, topics.Topic)}
     assert len(named) > 10
-    assert first_column("Topics") == named | {topics.pin_wrench("<pin>").name}
+    of_shadow = {name for name in named if name.startswith(f"{topics.TWIN}/")}
+    assert first_column("Topics") == named - of_shadow | {topics.pin_wrench("<pin>").name}
+    assert first_column("Topics of a shadow") == of_shadow | {topics.virtual_pin("<pin>").name}
 
 
 def test_topics_page_has_the_services_of_the_nodes_and_no_other() -> None:
@@ -175,7 +177,7 @@ def test_every_command_a_page_names_exists_with_its_options(file: Path) -> None:
 
 
 def test_a_command_that_does_not_exist_is_found() -> None:
-    for wrong in ("`mech-twin monitor BAG`", "    mech-twin study mb10_breaker identify"):
+    for wrong in ("`mech-twin guard BAG`", "    mech-twin study mb10_breaker identify"):
         with pytest.raises(KeyError):
             command_named(command_lines(wrong)[0])
     assert paths_in("see `engine/gone.py`, mech_twin/engine/gone.py") == {"mech_twin/engine/gone.py"}
