@@ -8,12 +8,16 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+from pydantic import ValidationError
+
 from mech_twin.cli.console import print_json, say
 from mech_twin.cli.failure import CommandError
 from mech_twin.nodes.domain import settle_domain
-from mech_twin.parameters.load import assignments, machine_parameters
+from mech_twin.parameters.errors import refusal
+from mech_twin.parameters.load import assignments, document_tree, machine_parameters
 from mech_twin.quantity import Parameters
 from mech_twin.recording.output_directory import check_recording_directory, remove_recording
+from mech_twin.studies.advice_search import AdviceWish
 from mech_twin.studies.monitoring.monitor import MonitorSetup, setup_of_record
 
 if TYPE_CHECKING:
@@ -34,6 +38,7 @@ class ShadowRequest(NamedTuple):
     uncertain: list[str]
     monitor: Path | None
     black_box: Path | None
+    advise: Path | None
     force: bool
     as_json: bool
 
@@ -48,6 +53,7 @@ def shadow_machine(request: ShadowRequest) -> None:
     reference = None if request.monitor is None else monitor_setup(request.monitor, request.machine)
     if request.black_box is not None and reference is None:
         raise CommandError(f"--black-box {request.black_box}: expected --monitor FILE too, which finds the faults")
+    wish = None if request.advise is None else validated_wish(request.advise)
     settle_domain()
     from mech_twin.nodes.shadow_node import ShadowSetup
     from mech_twin.nodes.shadow_session import Company, follow, followed_namespace
@@ -62,7 +68,7 @@ def shadow_machine(request: ShadowRequest) -> None:
     def told(node: object) -> None:
         say(f"following {setup.namespace}; estimates below /{request.machine}/twin")
 
-    company = Company(request.record, reference, request.black_box)
+    company = Company(request.record, reference, request.black_box, wish)
     outcome = follow(request.machine, setup, parameters, company, request.duration_s, told)
     _report(request, outcome)
 
@@ -84,6 +90,20 @@ def monitor_setup(path: Path, machine: str) -> MonitorSetup:
     if setup.machine != machine:
         raise CommandError(f"{path}: key 'machine', value {setup.machine!r}: expected {machine!r}")
     return setup
+
+
+def validated_wish(path: Path) -> AdviceWish:
+    """Return what an advisor is for, of a YAML file.
+
+    Raises
+    ------
+    ConfigurationError
+        Naming file, key, value and what was expected.
+    """
+    try:
+        return AdviceWish.model_validate(document_tree(path))
+    except ValidationError as error:
+        raise refusal(str(path), error) from error
 
 
 def key_deviations(parameters: Parameters, told: Sequence[str]) -> dict[str, float]:

@@ -72,6 +72,8 @@ class ShadowNode(TwinNode):
         given = setup.given or own_map(machine)
         channels = sensed_channels(given)
         self.level = "model"
+        self.setup = setup
+        self.is_obeyed: Callable[[], bool] = lambda: False
         self.on_sample: Callable[[SeenSample], None] = lambda sample: None
         self.observer = PhaseLockedObserver(machine, entry.build, channels, setup.options, setup.deviations)
         self.estimate: FrameEstimate | None = None
@@ -137,7 +139,7 @@ class ShadowNode(TwinNode):
     def check_peers(self, now_s: float) -> None:
         """Hold the estimates, their sigma growing, while nothing comes."""
         locked = self.observer.state is ObserverState.LOCKED
-        self.level = "shadow" if locked and not self._stale else "model"
+        self.level = "model" if self._stale or not locked else "twin" if self.is_obeyed() else "shadow"
         silent_s = 0.0 if self._heard_s is None else now_s - self._heard_s
         if silent_s <= self.options.peer_timeout_s:
             self.diagnostics.state = self.observer.state.value
