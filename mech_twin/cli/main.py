@@ -8,24 +8,41 @@ from typing import Annotated
 import typer
 
 from mech_twin import __version__
+from mech_twin.cli import completion
+from mech_twin.cli.command_group import CommandGroup
 from mech_twin.cli.failure import INTERRUPTED, CommandError, report_cli_errors
 from mech_twin.cli.many_values import ManyValues
+from mech_twin.cli.option_values import machine_name, seconds
 from mech_twin.cli.study import study_app
 from mech_twin.interruption import EXIT_CODE_BASE, end_at_once
 from mech_twin.output_file import check_output_directory
 
 app = typer.Typer(
     name="mech-twin",
+    cls=CommandGroup,
     help="Digital twin of percussion and crank-linkage machines.",
     no_args_is_help=False,
-    add_completion=False,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
     pretty_exceptions_enable=False,
 )
 
-MachineName = Annotated[str, typer.Argument(help="machine name (see `mech-twin list`)")]
+MachineName = Annotated[
+    str,
+    typer.Argument(
+        help="machine, or the beginning of its name (see `mech-twin list`)",
+        callback=machine_name,
+        autocompletion=completion.machines,
+    ),
+]
 Config = Annotated[Path | None, typer.Option("--config", help="configuration file instead of the installed one")]
 Settings = Annotated[
-    list[str] | None, typer.Option("--set", metavar="KEY.PATH=VALUE", help="override one configuration key")
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE...",
+        help="override configuration keys, such as body.spring_rate_n_per_m=4e4",
+        autocompletion=completion.settings,
+    ),
 ]
 Namespace = Annotated[str | None, typer.Option(help="namespace of the nodes instead of the machine's name")]
 Bag = Annotated[Path, typer.Argument(help="recording: a directory, or one .mcap file")]
@@ -34,6 +51,9 @@ MapFile = Annotated[
 ]
 Force = Annotated[bool, typer.Option("--force", help="overwrite existing results")]
 Json = Annotated[bool, typer.Option("--json", help="print JSON to standard output")]
+Everything = Annotated[bool, typer.Option("--all", help="every number and event, not the headlines alone")]
+Csv = Annotated[bool, typer.Option("--csv", help="print comma-separated values")]
+Wide = Annotated[bool, typer.Option("--wide", help="every column, whatever the width of the terminal")]
 
 
 def _show_version(asked: bool) -> None:
@@ -67,11 +87,18 @@ def run(
     machine: MachineName = "mb10_breaker",
     pace: Annotated[str | None, typer.Option(help="realtime or max [run.pace, else realtime]")] = None,
     duration: Annotated[
-        float | None, typer.Option(help="simulated time in s; 0: until stopped [run.duration_s, else 0]", min=0.0)
+        float | None,
+        typer.Option(
+            help="simulated time (10, 2min); 0: until stopped [run.duration_s, else 0]",
+            parser=seconds,
+            metavar="TIME",
+        ),
     ] = None,
     record: Annotated[Path | None, typer.Option(help="recording directory [recordings/MACHINE-DATE]")] = None,
     no_record: Annotated[bool, typer.Option("--no-record", help="do not record")] = False,
-    view: Annotated[str, typer.Option(help="web, none, or a file NAME.rrd to write")] = "web",
+    view: Annotated[
+        str, typer.Option(help="web (full or light by what draws the page), light, full, none, or a file NAME.rrd")
+    ] = "web",
     view_port: Annotated[int, typer.Option(help="port of the web view; 0: any free port", min=0, max=65535)] = 0,
     processes: Annotated[bool, typer.Option("--processes", help="run each node in its own process")] = False,
     namespace: Namespace = None,
@@ -81,6 +108,7 @@ def run(
     ] = False,
     config: Config = None,
     settings: Settings = None,
+    everything: Everything = False,
     force: Force = False,
     json: Json = False,
 ) -> None:
@@ -102,14 +130,47 @@ def run(
         open_to_other_hosts,
         namespace,
         force,
+        everything,
     )
     run_machine(request)
 
 
 @app.command()
+def shadow(
+    machine: MachineName,
+    followed: Annotated[str, typer.Option("--from", metavar="NAMESPACE", help="namespace of the machine to follow")],
+    given_map: MapFile = None,
+    config: Config = None,
+    settings: Settings = None,
+    record: Annotated[Path | None, typer.Option(help="directory to record what is heard and said in")] = None,
+    duration: Annotated[float, typer.Option(help="time in s after which it ends; 0: until stopped", min=0.0)] = 0.0,
+    uncertain: Annotated[
+        list[str] | None,
+        typer.Option(metavar="KEY=2%", help="standard deviation of a configuration key; several [2 % of each force]"),
+    ] = None,
+    monitor: Annotated[
+        Path | None, typer.Option(help="judge each cycle by this reference (`mech-twin monitor --save-baseline`)")
+    ] = None,
+    black_box: Annotated[
+        Path | None, typer.Option(help="folder for a recording of 10 s before and 5 s after each fault")
+    ] = None,
+    advise: Annotated[
+        Path | None, typer.Option(help="advise on an output of the machine: file of what is wanted and allowed")
+    ] = None,
+    force: Force = False,
+    json: Json = False,
+) -> None:
+    """Follow a running machine by its topics: its state, forces and their uncertainty, below /MACHINE/twin."""
+    from mech_twin.cli.shadow import ShadowRequest, shadow_machine
+
+    what = (given_map, config, settings or [], record, duration, uncertain or [])
+    shadow_machine(ShadowRequest(machine, followed, *what, monitor, black_box, advise, force, json))
+
+
+@app.command()
 def simulate(
     machine: MachineName,
-    duration: Annotated[float, typer.Option(help="simulated time in s", min=0.0)],
+    duration: Annotated[float, typer.Option(help="simulated time (3, 500ms, 2min)", parser=seconds, metavar="TIME")],
     bag: Annotated[Path | None, typer.Option(help="record the messages the nodes would publish")] = None,
     table: Annotated[Path | None, typer.Option(help="write every sample: .parquet, .csv or .tsv")] = None,
     sensors: Annotated[
@@ -117,20 +178,28 @@ def simulate(
     ] = None,
     change: Annotated[
         list[str] | None,
-        typer.Option(metavar="KEY=VALUE@S", help="change a live parameter at a time; a value of -20% is relative"),
+        typer.Option(
+            metavar="KEY=VALUE@S",
+            help="change a live parameter at a time; a value of -20% is relative",
+            autocompletion=completion.live_settings,
+        ),
     ] = None,
     seed: Annotated[int, typer.Option(help="of the sensors' noise, jitter and losses", min=0)] = 0,
     samples: Annotated[bool, typer.Option("--samples", help="with --json: include every sample, as columns")] = False,
     config: Config = None,
     settings: Settings = None,
+    everything: Everything = False,
     force: Force = False,
+    csv: Csv = False,
     json: Json = False,
 ) -> None:
     """Simulate a machine in one process, without ROS communication."""
     from mech_twin.cli.simulate import SimulateRequest, simulate_machine
 
     asked = SimulateRequest(
-        machine, duration, bag, config, settings or [], json, samples, force, table, sensors, change or [], seed
+        *(machine, duration, bag, config, settings or [], json, samples, force, table, sensors, change or [], seed),
+        everything=everything,
+        as_csv=csv,
     )
     simulate_machine(asked)
 
@@ -142,20 +211,23 @@ def analyse(
     cycle: Annotated[int | None, typer.Option(help="number of positions over one cycle", min=2, max=1_000_000)] = None,
     config: Config = None,
     settings: Settings = None,
+    wide: Wide = False,
+    csv: Csv = False,
     json: Json = False,
 ) -> None:
     """Analyse one position or one cycle: kinematics, forces and machine constants."""
-    from mech_twin.cli.analyse import analyse_machine
+    from mech_twin.cli.analyse import Shape, analyse_machine
 
-    analyse_machine(machine, crank_deg, cycle, config, settings or [], as_json=json)
+    shape: Shape = "json" if json else "csv" if csv else "wide" if wide else "narrow"
+    analyse_machine(machine, crank_deg, cycle, config, settings or [], shape)
 
 
 @app.command(cls=ManyValues)
 def replay(
     bag: Bag,
     rate: Annotated[float, typer.Option(help="playback rate: recorded seconds per second")] = 1.0,
-    start: Annotated[float, typer.Option(help="start time within the recording in s")] = 0.0,
-    duration: Annotated[float | None, typer.Option(help="duration to replay in s")] = None,
+    start: Annotated[float, typer.Option(help="start time within the recording", parser=seconds, metavar="TIME")] = 0.0,
+    duration: Annotated[float | None, typer.Option(help="duration to replay", parser=seconds, metavar="TIME")] = None,
     loop: Annotated[bool, typer.Option("--loop", help="repeat endlessly")] = False,
     clock: Annotated[bool, typer.Option("--clock", help="publish /clock from the playback time")] = False,
     topics: Annotated[list[str] | None, typer.Option("--topics", metavar="T...", help="only these topics")] = None,
@@ -168,7 +240,7 @@ def replay(
     given_map: MapFile = None,
     config: Config = None,
     tolerance: Annotated[
-        float | None, typer.Option(help="with --map: share by which a channel may be off the model", min=0.0)
+        float | None, typer.Option(help="with --analyse: share by which a number may be off the model", min=0.0)
     ] = None,
     json: Json = False,
 ) -> None:
@@ -184,13 +256,15 @@ def replay(
 
         analyse_measured(bag, given_map, config, tolerance, as_json=json)
         return
-    if config is not None or tolerance is not None:
-        raise CommandError("--config and --tolerance go with --analyse --map: a recording of the twin holds its own")
+    if tolerance is not None and not analyse:
+        raise CommandError("--tolerance goes with --analyse: a run computed again from its start keeps no small error")
     if analyse or resimulate:
         from mech_twin.cli.recompute import recompute_bag
 
-        recompute_bag(bag, "analyse" if analyse else "resimulate", as_json=json)
+        recompute_bag(bag, "analyse" if analyse else "resimulate", config, tolerance or 0.0, as_json=json)
         return
+    if config is not None:
+        raise CommandError("--config goes with --analyse or --resimulate: a replay needs no configuration")
     from mech_twin.cli.replay import ReplayRequest, replay_bag
 
     replay_bag(ReplayRequest(bag, rate, start, duration, loop, clock, topics or [], listeners, namespace))
@@ -250,7 +324,8 @@ def compare(
     second: Annotated[str, typer.Argument(metavar="B", help="what to compare it with, of the same machine")],
     tolerance: Annotated[float, typer.Option(help="relative difference that is allowed", min=0.0, max=1.0)] = 0.0,
     duration: Annotated[
-        float | None, typer.Option(help="time to simulate a configuration in s [the recording's, else 3]", min=0.0)
+        float | None,
+        typer.Option(help="time to simulate a configuration [the recording's, else 3]", parser=seconds, metavar="TIME"),
     ] = None,
     picture: Annotated[Path | None, typer.Option(help="file (.png or .svg) to draw what differs in")] = None,
     all_numbers: Annotated[bool, typer.Option("--all", help="all numbers, not only those that differ")] = False,
@@ -266,21 +341,57 @@ def compare(
 @app.command()
 def identify(
     machine: MachineName,
-    runs: Annotated[list[Path], typer.Argument(help="runs: bags or tables")],
-    given_map: Annotated[Path, typer.Option("--map", help="map of the runs (see `mech-twin map`)")],
-    free: Annotated[list[str] | None, typer.Option(metavar="KEY", help="length to be found; several times")] = None,
-    hold_out: Annotated[Path | None, typer.Option(help="run that scores the fit [the last of three or more]")] = None,
-    out: Annotated[Path | None, typer.Option(help="file of the configuration found")] = None,
-    config: Config = None,
+    runs: Annotated[list[Path] | None, typer.Argument(help="runs: bags or tables")] = None,
+    given_map: Annotated[Path | None, typer.Option("--map", help="map of the runs (see `mech-twin map`)")] = None,
+    free: Annotated[
+        list[str] | None,
+        typer.Option(metavar="KEY[=LOW:HIGH]", help="key to be found [those the configuration calls assumed]"),
+    ] = None,
+    fix: Annotated[list[str] | None, typer.Option(metavar="KEY", help="key to be kept as it is")] = None,
+    prior: Annotated[
+        list[str] | None, typer.Option(metavar="KEY=MEAN,SD", help="what is known of a key from elsewhere")
+    ] = None,
+    hold_out: Annotated[
+        str | None, typer.Option(help="run, or share of each run, that scores the fit [the last of three or more, 0.2]")
+    ] = None,
+    motion: Annotated[str, typer.Option(help="what moves the model: auto, measured (the crank) or simulated")] = "auto",
+    begin: Annotated[
+        str, typer.Option(help="where the runs begin: start (of the machine's own run) or unknown")
+    ] = "start",
+    latest_begin: Annotated[
+        float, typer.Option(help="latest unknown beginning in s of the machine's run", min=0.0)
+    ] = 10.0,
+    plan: Annotated[bool, typer.Option("--plan", help="without runs: which keys these sensors would find")] = False,
+    sensors: Annotated[Path | None, typer.Option(help="with --plan: sensors as of `simulate --sensors`")] = None,
+    duration: Annotated[float | None, typer.Option(help="with --plan: length of the run in s", min=0.01)] = None,
+    seed: Annotated[int, typer.Option(help="of further starts of the fit", min=0)] = 0,
+    cores: Annotated[int | None, typer.Option(help="cores to use [all]", min=1)] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="directory of the results, or file (.yaml) of the configuration")
+    ] = None,
+    config: Annotated[
+        Path | None, typer.Option("--config", "--base", help="configuration to start from instead of the installed one")
+    ] = None,
     settings: Settings = None,
     force: Force = False,
     json: Json = False,
 ) -> None:
-    """Find lengths of a crank mechanism from measured positions, with intervals and a held-out score."""
-    from mech_twin.cli.identify import IdentifyRequest, identify_machine
+    """Find parameters of a machine from measured runs, with intervals, verdicts and a held-out score."""
+    from mech_twin.cli.identify import identify_machine
+    from mech_twin.cli.identify_request import IdentifyRequest
 
-    asked = IdentifyRequest(machine, runs, given_map, free or [], hold_out, config, settings or [], out, force, json)
-    identify_machine(asked)
+    for option, value, words in (
+        ("--motion", motion, ("auto", "measured", "simulated")),
+        ("--begin", begin, ("start", "unknown")),
+    ):
+        if value not in words:
+            raise CommandError(f"{option} {value}: expected one of {', '.join(words)}")
+    identify_machine(
+        IdentifyRequest(
+            machine, runs or [], given_map, free or [], hold_out, config, settings or [], out, force, json,
+            fix or [], prior or [], motion, begin, latest_begin, seed, cores, plan, sensors, duration,
+        )
+    )  # fmt: skip
 
 
 @app.command()
@@ -346,7 +457,14 @@ def recover(
 
 @app.command()
 def reproduce(
-    machine: Annotated[str | None, typer.Argument(help="machine of the catalogue; all if absent")] = None,
+    machine: Annotated[
+        str | None,
+        typer.Argument(
+            help="machine, or the beginning of its name; all if absent",
+            callback=machine_name,
+            autocompletion=completion.machines,
+        ),
+    ] = None,
     figures: Annotated[Path | None, typer.Option(help="directory to draw the sources' figures in")] = None,
     config: Config = None,
     settings: Settings = None,

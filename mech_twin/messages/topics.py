@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import TransformStamped, Vector3Stamped, WrenchStamped
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
@@ -61,6 +61,17 @@ REJOIN_LINKAGE = Topic("rejoin/linkage", JointState)
 REJOIN_DESCRIPTION = Topic("rejoin/description", String)
 REJOIN_BODY = Topic("rejoin/body", JointState)
 WRENCHES = "forces"  # below it, one topic a pin
+# what a shadow says of a machine, beside it and never on its own names
+TWIN = "twin"
+ESTIMATED = Topic(f"{TWIN}/estimated/joint_states", JointState)
+RESIDUALS = Topic(f"{TWIN}/residuals/joint_states", JointState)
+STANDARD_RESIDUALS = Topic(f"{TWIN}/residuals/standard", JointState)  # features of a cycle, in sigma
+VIRTUAL = f"{TWIN}/virtual"  # below it, one topic a pin
+VIRTUAL_DRIVE = Topic(f"{VIRTUAL}/drive", WrenchStamped)
+VIRTUAL_PRESSING_FORCE = Topic(f"{VIRTUAL}/pressing_force", WrenchStamped)
+DETECTED_IMPACTS = Topic(f"{TWIN}/impacts", Vector3Stamped)
+RECOMMENDATION = Topic(f"{TWIN}/recommendation", DiagnosticStatus, LATCHED)
+DECISIONS = Topic(f"{TWIN}/decisions", DiagnosticStatus)
 CLOCK = Topic("/clock", Clock)
 DIAGNOSTICS = Topic("/diagnostics", DiagnosticArray)
 
@@ -68,6 +79,31 @@ DIAGNOSTICS = Topic("/diagnostics", DiagnosticArray)
 def pin_wrench(pin: str) -> Topic:
     """Return the topic of one pin's reaction."""
     return Topic(f"{WRENCHES}/{pin}", WrenchStamped)
+
+
+def virtual_pin(pin: str) -> Topic:
+    """Return the topic of the estimated reaction of one pin."""
+    return Topic(f"{VIRTUAL}/{pin}", WrenchStamped)
+
+
+def sigma_of(topic: Topic) -> Topic:
+    """Return the topic of the standard deviation of what is estimated on a topic."""
+    return topic._replace(name=f"{topic.name}/sigma")
+
+
+def shadow_topics(pins: tuple[str, ...], has_body: bool) -> tuple[Topic, ...]:
+    """Return the topics of a shadow."""
+    body = (VIRTUAL_PRESSING_FORCE,) if has_body else ()
+    estimated = (ESTIMATED, *map(virtual_pin, pins), VIRTUAL_DRIVE, *body)
+    return (
+        *estimated,
+        *map(sigma_of, estimated),
+        RESIDUALS,
+        STANDARD_RESIDUALS,
+        DETECTED_IMPACTS,
+        RECOMMENDATION,
+        DECISIONS,
+    )
 
 
 def step_topics(has_body: bool) -> tuple[Topic, ...]:

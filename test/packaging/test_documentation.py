@@ -67,7 +67,9 @@ def first_column(section: str) -> set[str]:
 def test_topics_page_has_the_topics_of_the_code_and_no_other() -> None:
     named = {value.name for value in vars(topics).values() if isinstance(value, topics.Topic)}
     assert len(named) > 10
-    assert first_column("Topics") == named | {topics.pin_wrench("<pin>").name}
+    of_shadow = {name for name in named if name.startswith(f"{topics.TWIN}/")}
+    assert first_column("Topics") == named - of_shadow | {topics.pin_wrench("<pin>").name}
+    assert first_column("Topics of a shadow") == of_shadow | {topics.virtual_pin("<pin>").name}
 
 
 def test_topics_page_has_the_services_of_the_nodes_and_no_other() -> None:

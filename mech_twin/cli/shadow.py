@@ -1,0 +1,169 @@
+"""``mech-twin shadow``: follows a running machine by its topics and publishes what the model says of it."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from pydantic import ValidationError
+
+from mech_twin.cli.console import print_json, say
+from mech_twin.cli.failure import CommandError
+from mech_twin.nodes.domain import settle_domain
+from mech_twin.parameters.errors import refusal
+from mech_twin.parameters.load import assignments, document_tree, machine_parameters
+from mech_twin.quantity import Parameters
+from mech_twin.recording.output_directory import check_recording_directory, remove_recording
+from mech_twin.studies.advice_search import AdviceWish
+from mech_twin.studies.monitoring.monitor import MonitorSetup, setup_of_record
+
+if TYPE_CHECKING:
+    from mech_twin.measurements.measurement_map import MeasurementMap
+    from mech_twin.nodes.shadow_session import ShadowOutcome
+
+
+class ShadowRequest(NamedTuple):
+    """Arguments of the command."""
+
+    machine: str
+    followed: str
+    given_map: Path | None
+    config: Path | None
+    settings: list[str]
+    record: Path | None
+    duration_s: float
+    uncertain: list[str]
+    monitor: Path | None
+    black_box: Path | None
+    advise: Path | None
+    force: bool
+    as_json: bool
+
+
+def shadow_machine(request: ShadowRequest) -> None:
+    """Follow a machine until stopped and, at the end, tell what came of it."""
+    if not math.isfinite(request.duration_s):
+        raise CommandError(f"--duration {request.duration_s}: expected a finite number of seconds")
+    parameters = machine_parameters(request.machine, request.config, assignments(request.settings))
+    deviations = key_deviations(parameters, request.uncertain) if request.uncertain else None
+    given = _map_of(request)
+    reference = None if request.monitor is None else monitor_setup(request.monitor, request.machine)
+    if request.black_box is not None and reference is None:
+        raise CommandError(f"--black-box {request.black_box}: expected --monitor FILE too, which finds the faults")
+    wish = None if request.advise is None else validated_wish(request.advise)
+    settle_domain()
+    from mech_twin.nodes.shadow_node import ShadowSetup
+    from mech_twin.nodes.shadow_session import Company, follow, followed_namespace
+
+    setup = ShadowSetup(followed_namespace(request.machine, request.followed), given, deviations=deviations)
+    if request.record is not None:
+        check_recording_directory(request.record, force=request.force)
+        remove_recording(request.record)
+        say(f"recording to {request.record}")
+    say("starting (the first time compiles the numerical kernels, which takes up to a minute)")
+
+    def told(node: object) -> None:
+        say(f"following {setup.namespace}; estimates below /{request.machine}/twin")
+
+    company = Company(request.record, reference, request.black_box, wish)
+    outcome = follow(request.machine, setup, parameters, company, request.duration_s, told)
+    _report(request, outcome)
+
+
+def monitor_setup(path: Path, machine: str) -> MonitorSetup:
+    """Return the reference of a monitor, as `mech-twin monitor --save-baseline` writes it.
+
+    Raises
+    ------
+    CommandError
+        The file is none, or another machine's.
+    """
+    try:
+        setup = setup_of_record(json.loads(path.read_text(encoding="utf-8")))
+    except OSError as error:
+        raise CommandError(f"{path}: cannot be read: {error.strerror}") from error
+    except (ValueError, KeyError, TypeError) as error:
+        raise CommandError(f"{path}: expected a baseline as `monitor --save-baseline` writes it ({error})") from error
+    if setup.machine != machine:
+        raise CommandError(f"{path}: key 'machine', value {setup.machine!r}: expected {machine!r}")
+    return setup
+
+
+def validated_wish(path: Path) -> AdviceWish:
+    """Return what an advisor is for, of a YAML file.
+
+    Raises
+    ------
+    ConfigurationError
+        Naming file, key, value and what was expected.
+    """
+    try:
+        return AdviceWish.model_validate(document_tree(path))
+    except ValidationError as error:
+        raise refusal(str(path), error) from error
+
+
+def key_deviations(parameters: Parameters, told: Sequence[str]) -> dict[str, float]:
+    """Return the standard deviation of each key, in its unit.
+
+    Parameters
+    ----------
+    parameters : Parameters
+        What the machine is.
+    told : sequence of str
+        ``KEY=2%`` of the key's value, or ``KEY=0.1`` in its unit.
+
+    Raises
+    ------
+    CommandError
+        A word is no such assignment, or the key is no number of the machine.
+    """
+    found = {}
+    for word in told:
+        key, _, size = word.partition("=")
+        value = _number_of(parameters, key, word)
+        try:
+            deviation = float(size.removesuffix("%"))
+        except ValueError:
+            deviation = math.nan
+        if not (math.isfinite(deviation) and deviation >= 0.0):
+            raise CommandError(f"--uncertain {word}: expected KEY=2% or KEY=NUMBER, not negative")
+        found[key] = deviation / 100.0 * abs(value) if size.endswith("%") else deviation
+    return found
+
+
+def _number_of(parameters: Parameters, key: str, word: str) -> float:
+    found: object = parameters
+    for part in key.split("."):
+        if not isinstance(found, Parameters) or part not in type(found).model_fields:
+            raise CommandError(f"--uncertain {word}: the machine has no key '{key}'")
+        found = getattr(found, part)
+    if isinstance(found, bool) or not isinstance(found, int | float):
+        raise CommandError(f"--uncertain {word}: expected a key that is a number, '{key}' is {found!r}")
+    return float(found)
+
+
+def _map_of(request: ShadowRequest) -> MeasurementMap | None:
+    if request.given_map is None:
+        return None
+    from mech_twin.cli.measurement import given_map
+
+    given = given_map(request.given_map)
+    if given.machine != request.machine:
+        raise CommandError(f"{request.given_map}: key 'machine', value {given.machine!r}: expected {request.machine!r}")
+    return given
+
+
+def _report(request: ShadowRequest, outcome: ShadowOutcome) -> None:
+    if request.as_json:
+        boxes = [str(bag) for bag in outcome.black_boxes]
+        found = {"machine": request.machine, "values": outcome.values, "messages_sent": outcome.sent}
+        print_json({**found, "black_boxes": boxes})
+        return
+    for bag in outcome.black_boxes:
+        say(f"black box: {bag}")
+    for name, value in outcome.values.items():
+        say(f"{name}: {value}")

@@ -1,0 +1,191 @@
+"""What a shadow listens to: the topics of a map, or the twin's own, and the samples in their messages."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from math import isfinite
+from typing import Any, NamedTuple
+
+from geometry_msgs.msg import Vector3Stamped, WrenchStamped
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import Imu, JointState
+from std_msgs.msg import Float64
+
+from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.measurements.machine_columns import is_event
+from mech_twin.measurements.measurement_map import Channel, MeasurementMap
+from mech_twin.messages.joint_state_cdr import CdrError, Decoder
+from mech_twin.messages.step_message import stamp_s
+from mech_twin.messages.topics import BODY_JOINT_STATES, JOINT_STATES, Topic
+from mech_twin.roles import Machine
+from mech_twin.studies.observer.estimate import SensedChannel
+from mech_twin.studies.observer.lock_on import SeenSample
+
+JOINT_FIELDS = ("position", "velocity", "effort")
+TYPES: Mapping[str, Any] = {
+    "wrench": WrenchStamped,
+    "vector": Vector3Stamped,
+    "angular_velocity": Imu,
+    "linear_acceleration": Imu,
+    "data": Float64,
+}
+COMMAND = "motor.command"
+
+
+class FollowedField(NamedTuple):
+    """One number of the messages of a topic: the channel's place, and where it stands."""
+
+    place: int
+    channel: Channel
+
+    @property
+    def of_joint(self) -> bool:
+        """Whether it is a field of a JointState."""
+        return self.channel.source.joint is not None and self.channel.source.field in JOINT_FIELDS
+
+
+class FollowedTopic:
+    """A topic of the machine that is listened to, and the channels in its messages.
+
+    Parameters
+    ----------
+    name : str
+        Full name.
+    fields : sequence of FollowedField
+        What of its messages is used.
+    """
+
+    def __init__(self, name: str, fields: Sequence[FollowedField]) -> None:
+        self.fields = tuple(fields)
+        kinds = {JointState if field.of_joint else _type_of(field.channel) for field in fields}
+        if len(kinds) != 1:
+            raise ConfigurationError(f"topic {name!r} would have several types: {', '.join(k.__name__ for k in kinds)}")
+        self.topic = Topic(name, kinds.pop())
+        self._decode = Decoder()
+
+    def sample(self, raw: bytes, now_s: float) -> SeenSample | None:
+        """Return the channels of a message in SI units at the machine's time; None where none of them is in it.
+
+        Parameters
+        ----------
+        raw : bytes
+            The message.
+        now_s : float
+            Time of its arrival, for a type without a stamp.
+
+        Raises
+        ------
+        CdrError
+            The bytes are no message of the type, or a value is not finite.
+        """
+        joints = self.topic.type is JointState
+        message: Any = self._decode(raw) if joints else _converted(raw, self.topic.type)
+        shown_s = stamp_s(message.header) if hasattr(message, "header") else now_s
+        found = {f.place: (f.channel, _value(message, f)) for f in self.fields if _has(message, f)}
+        if not found:
+            return None
+        values = tuple(float(channel.to_machine(value)) for channel, value in found.values())
+        if not all(map(isfinite, values)):
+            raise CdrError("a value is not finite")
+        lag_s = float(next(iter(found.values()))[0].lag_s)
+        return SeenSample(shown_s - lag_s, tuple(found), values)
+
+
+def sensed_channels(given: MeasurementMap) -> list[SensedChannel]:
+    """Return the channels of a map as the observer takes them.
+
+    Raises
+    ------
+    ConfigurationError
+        A zero, gain or lag is no number; channels of one topic have several lags.
+    """
+    lags: dict[str | None, float] = {}
+    for place, channel in enumerate(given.channels):
+        for key in ("zero", "gain", "lag_s"):
+            value = getattr(channel, key)
+            if isinstance(value, str):
+                raise ConfigurationError(
+                    f"key 'channels.{place}.{key}', value {value!r}: expected a number to follow a machine by; "
+                    "`mech-twin identify` or `replay --analyse` finds it"
+                )
+        if lags.setdefault(channel.source.topic, float(channel.lag_s)) != channel.lag_s:
+            raise ConfigurationError(
+                f"key 'channels.{place}.lag_s', value {channel.lag_s}: expected that of the other channels of its topic"
+            )
+    return [SensedChannel(channel.quantity, _sigma(channel)) for channel in given.channels]
+
+
+def followed_topics(given: MeasurementMap, namespace: str) -> list[FollowedTopic]:
+    """Return the topics of a map; names without a leading slash stand below the namespace.
+
+    Raises
+    ------
+    ConfigurationError
+        A channel is a column of a table, or an event; channels of one topic need several types.
+    """
+    by_topic: dict[str, list[FollowedField]] = {}
+    for place, channel in enumerate(given.channels):
+        name = channel.source.topic
+        if name is None or is_event(channel.quantity):
+            raise ConfigurationError(f"key 'channels.{place}': expected a topic with a column of the machine to follow")
+        full = name if name.startswith("/") else f"{namespace}/{name}"
+        by_topic.setdefault(full, []).append(FollowedField(place, channel))
+    return [FollowedTopic(name, fields) for name, fields in by_topic.items()]
+
+
+def own_map(machine: Machine) -> MeasurementMap:
+    """Return the map of a machine that publishes as the twin does: positions of the joints that are its coordinates."""
+    leading = [joint for joint in machine.linkage.joints if joint in machine.linkage.coordinates]
+    if machine.body is not None:
+        leading = [joint for joint in leading if joint not in machine.body.joints]
+    sources = [(JOINT_STATES.name, "linkage", joint) for joint in leading]
+    if machine.body is not None:
+        sources += [(BODY_JOINT_STATES.name, "body", joint) for joint in machine.body.joints]
+    channels = [
+        {"source": {"topic": topic, "joint": joint, "field": "position"}, "is": f"{role}.{joint}.position"}
+        for topic, role, joint in sources
+    ]
+    return MeasurementMap.model_validate({"machine": machine.name, "channels": channels})
+
+
+def _type_of(channel: Channel) -> Any:
+    root = (channel.source.field or "").partition(".")[0]
+    if root not in TYPES:
+        known = ", ".join((*JOINT_FIELDS, *TYPES))
+        raise ConfigurationError(f"field {channel.source.field!r} of {channel.source.topic!r}: expected one of {known}")
+    return TYPES[root]
+
+
+def _sigma(channel: Channel) -> float:
+    """Return the standard deviation in SI units; nan where it is not known."""
+    if channel.sigma is None:
+        return float("nan")
+    of_steps = channel.quantum**2 / 12.0
+    return float((channel.sigma**2 + of_steps) ** 0.5 * abs(float(channel.gain)) * channel.si_factor)
+
+
+def _converted(raw: bytes, kind: Any) -> Any:
+    try:
+        return deserialize_message(raw, kind)
+    except RuntimeError as error:
+        raise CdrError(f"{len(raw)} bytes that are no {kind.__name__}") from error
+
+
+def _has(message: Any, field: FollowedField) -> bool:
+    source = field.channel.source
+    if field.of_joint:
+        return source.joint in message.name
+    return source.joint is None or message.header.frame_id == source.joint
+
+
+def _value(message: Any, field: FollowedField) -> float:
+    source = field.channel.source
+    if field.of_joint:
+        column: Sequence[float] = getattr(message, source.field or "")
+        place = message.name.index(source.joint)
+        if place >= len(column):
+            raise CdrError(f"{source.field} of joint {source.joint} is missing")
+        return float(column[place])
+    for word in (source.field or "").split("."):
+        message = getattr(message, word)
+    return float(message)

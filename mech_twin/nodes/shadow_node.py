@@ -1,0 +1,162 @@
+"""The shadow node: follows a machine's topics with the observer, and publishes what it says of the machine.
+
+It listens to the machine and publishes below ``twin``; it is no part of the machine's exchange of steps and never
+publishes on a name of the machine.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from std_msgs.msg import Float64
+
+from mech_twin.measurements.measurement_map import MeasurementMap
+from mech_twin.messages.joint_state_cdr import CdrError
+from mech_twin.messages.topics import SPEED_COMMAND
+from mech_twin.nodes.base_node import TwinNode
+from mech_twin.nodes.options import RunOptions
+from mech_twin.nodes.shadow_inputs import COMMAND, FollowedTopic, followed_topics, own_map, sensed_channels
+from mech_twin.nodes.shadow_outputs import ShadowOutputs
+from mech_twin.parameters.load import catalogue_entry
+from mech_twin.quantity import Parameters
+from mech_twin.studies.observer.estimate import FrameEstimate, ObserverState
+from mech_twin.studies.observer.held import held_sigma
+from mech_twin.studies.observer.lock_on import SeenSample
+from mech_twin.studies.observer.observer import ObserverOptions, PhaseLockedObserver
+
+# whoever publishes reliably or not is heard; what cannot be taken in time is lost and counted as a gap in time
+FOLLOWED = QoSProfile(
+    depth=2000,
+    history=HistoryPolicy.KEEP_LAST,
+    reliability=ReliabilityPolicy.BEST_EFFORT,
+    durability=DurabilityPolicy.VOLATILE,
+)
+COUNTED_AS = {"late": "late", "repeated": "repeated", "jump": "early", "unbelievable": "conflicting"}
+LATENCIES = 1000  # of the newest samples that the median is of
+
+
+class ShadowSetup(NamedTuple):
+    """Whom a shadow follows: namespace, map (None: the twin's own topics), and the observer's options."""
+
+    namespace: str
+    given: MeasurementMap | None = None
+    options: ObserverOptions = ObserverOptions()
+    deviations: Mapping[str, float] | None = None
+
+
+class ShadowNode(TwinNode):
+    """Follows one machine; see `TwinNode` for the other arguments.
+
+    Parameters
+    ----------
+    setup : ShadowSetup
+        Whom it follows.
+    """
+
+    def __init__(
+        self,
+        machine_name: str,
+        setup: ShadowSetup,
+        parameters: Parameters | None = None,
+        options: RunOptions | None = None,
+    ) -> None:
+        super().__init__("shadow", machine_name, parameters, options)
+        entry = catalogue_entry(machine_name)
+        machine = entry.build(self.initial_parameters)
+        given = setup.given or own_map(machine)
+        channels = sensed_channels(given)
+        self.level = "model"
+        self.setup = setup
+        self.is_obeyed: Callable[[], bool] = lambda: False
+        self.on_sample: Callable[[SeenSample], None] = lambda sample: None
+        self.observer = PhaseLockedObserver(machine, entry.build, channels, setup.options, setup.deviations)
+        self.estimate: FrameEstimate | None = None
+        self._counted: dict[str, int] = {}
+        self._latencies_s: deque[float] = deque(maxlen=LATENCIES)
+        self._heard_s: float | None = None
+        self._stale = False
+        self._next_virtual_s = -np.inf
+        columns = self.observer.columns
+        self._outputs = ShadowOutputs(partial(self.output, recorded=False), machine, columns, self.get_namespace())
+        self._command = next((i for i, channel in enumerate(given.channels) if channel.quantity == COMMAND), None)
+        self.followed = followed_topics(given, setup.namespace)
+        for followed in self.followed:
+            self.subscribe(followed.topic, partial(self._on_message, followed), qos=FOLLOWED, raw=True)
+        command = SPEED_COMMAND._replace(name=f"{setup.namespace}/{SPEED_COMMAND.name}")
+        self.subscribe(command, self._on_command)
+
+    # -- following --------------------------------------------------------------------------------------------------
+
+    def _on_message(self, followed: FollowedTopic, raw: bytes) -> None:
+        arrived_s = time.monotonic()
+        try:
+            sample = followed.sample(raw, arrived_s)
+        except (CdrError, ValueError) as error:
+            self.statistics.count(followed.topic.name, "malformed", str(error))
+            return
+        if sample is None:
+            return
+        self._heard_s, self._stale = arrived_s, False
+        if self._command in sample.channels:
+            self.observer.command(sample.values[sample.channels.index(self._command)])
+        self.on_sample(sample)
+        estimate = self.observer.take(sample)
+        self._count(followed.topic.name)
+        if estimate is not None:
+            self._publish(estimate)
+            self._latencies_s.append(time.monotonic() - arrived_s)
+
+    def _on_command(self, message: Float64) -> None:
+        if 0.0 <= message.data <= 1.0:
+            self.observer.command(message.data)
+        else:
+            self.statistics.count(SPEED_COMMAND.name, "malformed", f"{message.data} is not between 0 and 1")
+
+    def _publish(self, estimate: FrameEstimate) -> None:
+        self.estimate, self.time_s = estimate, estimate.time_s
+        self._outputs.send_joints(estimate.time_s, estimate.row, estimate.sigma)
+        self._outputs.send_residuals(estimate, self.observer.channels)
+        self._outputs.send_impacts(estimate.events)
+        if not self._next_virtual_s - 1.0 < estimate.time_s < self._next_virtual_s:
+            self._next_virtual_s = estimate.time_s + 0.999 / self.options.stream_rate_hz
+            self._outputs.send_virtual(estimate.time_s, estimate.row, estimate.sigma)
+
+    def _count(self, topic: str) -> None:
+        for reason, kind in COUNTED_AS.items():
+            more = self.observer.counts[reason] - self._counted.get(reason, 0)
+            if more > 0:
+                self._counted[reason] = self.observer.counts[reason]
+                self.statistics.count(topic, kind, f"{reason} sample", more)
+
+    # -- silence and diagnostics ------------------------------------------------------------------------------------
+
+    def check_peers(self, now_s: float) -> None:
+        """Hold the estimates, their sigma growing, while nothing comes."""
+        locked = self.observer.state is ObserverState.LOCKED
+        self.level = "model" if self._stale or not locked else "twin" if self.is_obeyed() else "shadow"
+        silent_s = 0.0 if self._heard_s is None else now_s - self._heard_s
+        if silent_s <= self.options.peer_timeout_s:
+            self.diagnostics.state = self.observer.state.value
+            return
+        if not self._stale:
+            self.statistics.count(self.followed[0].topic.name, "timeout", "nothing from the machine")
+        self._stale = True
+        self.diagnostics.state = f"waiting: STALE, nothing from the machine for {silent_s:.1f} s"
+        if self.estimate is not None:
+            sigma = held_sigma(self.observer.run, self.estimate.sigma, silent_s)
+            self._outputs.send_joints(self.estimate.time_s, self.estimate.row, sigma)
+            self._outputs.send_virtual(self.estimate.time_s, self.estimate.row, sigma)
+
+    def diagnostic_values(self) -> dict[str, str]:
+        """Return level, state, what was lost, and the latency from a sample to its estimate."""
+        values = {"level": self.level, "observer": self.observer.state.value}
+        values |= {f"samples {reason}": str(number) for reason, number in self.observer.counts.items()}
+        if self._latencies_s:
+            values["latency median ms"] = f"{1e3 * float(np.median(self._latencies_s)):.3g}"
+        return values

@@ -1,0 +1,155 @@
+"""A shadow from beginning to end: the name checked, the node spun until a signal or its time is over."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import NamedTuple
+
+import rclpy
+from rclpy.signals import SignalHandlerOptions
+
+from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.messages.topics import ESTIMATED, RESIDUALS, TWIN, shadow_topics
+from mech_twin.nodes.advisor_node import AdvisorNode
+from mech_twin.nodes.base_node import TwinNode, destroy_nodes, sent_messages
+from mech_twin.nodes.monitor_node import MonitorNode
+from mech_twin.nodes.name_guard import NameGuard
+from mech_twin.nodes.namespace import run_namespace
+from mech_twin.nodes.options import RunOptions
+from mech_twin.nodes.shadow_node import ShadowNode, ShadowSetup
+from mech_twin.nodes.shadow_recorder import BlackBox, ShadowRecorder
+from mech_twin.nodes.spinner import Spinner
+from mech_twin.parameters.load import catalogue_entry
+from mech_twin.quantity import Parameters
+from mech_twin.stop_signal import StopSignal
+from mech_twin.studies.advice_search import AdviceWish
+from mech_twin.studies.monitoring.monitor import MonitorSetup
+from mech_twin.studies.observer.lock_on import SeenSample
+
+
+class ShadowOutcome(NamedTuple):
+    """What a shadow came to: its last diagnostic values, messages sent by topic, bags of the black box."""
+
+    values: dict[str, str]
+    sent: dict[str, int]
+    black_boxes: tuple[Path, ...] = ()
+
+
+class Company(NamedTuple):
+    """What runs beside a shadow: recording of all of it, monitor with its reference, black box, advisor."""
+
+    record: Path | None = None
+    monitor: MonitorSetup | None = None
+    black_box: Path | None = None
+    advice: AdviceWish | None = None
+
+
+ALONE = Company()
+
+
+def followed_namespace(machine_name: str, told: str) -> str:
+    """Return the full namespace of the machine that is followed.
+
+    Raises
+    ------
+    ConfigurationError
+        It is no name of ROS, or the shadow's own.
+    """
+    full = run_namespace(machine_name, told)
+    own = f"/{machine_name}/{TWIN}"
+    if f"{full}/".startswith(f"{own}/"):
+        raise ConfigurationError(f"--from {told}: expected the machine's namespace, {own} is the shadow's own")
+    return full
+
+
+def follow(
+    machine_name: str,
+    setup: ShadowSetup,
+    parameters: Parameters,
+    company: Company = ALONE,
+    duration_s: float = 0.0,
+    ready: Callable[[ShadowNode], None] = lambda node: None,
+) -> ShadowOutcome:
+    """Follow a machine until a signal, or for a duration.
+
+    Parameters
+    ----------
+    machine_name, setup, parameters
+        The model, and whom it follows.
+    company : Company
+        What runs beside it.
+    duration_s : float
+        Time (s) after which it ends by itself; 0: never.
+    ready : callable
+        Told the node when it listens.
+
+    Raises
+    ------
+    NameInUseError
+        Another shadow of this machine is alive.
+    """
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    nodes: list[TwinNode] = []
+    with StopSignal() as signal, ExitStack() as at_end, ExitStack() as starting:
+        at_end.callback(rclpy.try_shutdown)
+        at_end.callback(destroy_nodes, nodes)
+        starting.enter_context(signal.interrupting())
+        guard = starting.enter_context(NameGuard([f"/{machine_name}/{topic.name}" for topic in (ESTIMATED, RESIDUALS)]))
+        node = ShadowNode(machine_name, setup, parameters, RunOptions())
+        nodes.append(node)
+        guard.check(own_publishers=1)
+        starting.close()
+        nodes += nodes_beside(machine_name, node, parameters, company)
+        ready(node)
+        end_s = time.monotonic() + duration_s if duration_s > 0.0 else float("inf")
+        with Spinner(nodes) as spinner:
+            spinner.until(lambda: signal.asked or time.monotonic() > end_s)
+        node.report()
+        boxes = [bag for each in nodes if isinstance(each, BlackBox) for bag in each.bags]
+        values = {name: value for each in nodes for name, value in each.diagnostic_values().items()}
+        return ShadowOutcome(values, sent_messages(nodes), tuple(boxes))
+
+
+def nodes_beside(machine_name: str, node: ShadowNode, parameters: Parameters, company: Company) -> list[TwinNode]:
+    """Return recorder, monitor and black box of a shadow, wired to it."""
+    machine = catalogue_entry(machine_name).build(parameters)
+    own = shadow_topics(machine.forces.pins, machine.body is not None)
+    heard = tuple(followed.topic for followed in node.followed)
+    found: list[TwinNode] = []
+    if company.record is not None:
+        found.append(ShadowRecorder(machine_name, company.record, own, heard, parameters))
+    if company.monitor is not None:
+        columns = [channel.column for channel in node.observer.channels]
+        monitor = MonitorNode(machine_name, company.monitor, columns, parameters)
+        node.on_sample = monitor.observe
+        found.append(monitor)
+        if company.black_box is not None:
+            box = BlackBox(machine_name, company.black_box, own, heard, parameters)
+            monitor.on_active = lambda life: box.trigger(life.name, life.since_s)
+            found.append(box)
+    if company.advice is not None:
+        found.append(advisor_beside(machine_name, node, parameters, company.advice, found))
+    return found
+
+
+def advisor_beside(
+    machine_name: str, node: ShadowNode, parameters: Parameters, wish: AdviceWish, others: Sequence[TwinNode]
+) -> AdvisorNode:
+    """Return the advisor of a shadow, fed with its samples, and told of the faults of a monitor beside it."""
+    columns = [channel.column for channel in node.observer.channels]
+    advisor = AdvisorNode(machine_name, wish, node.setup.namespace, columns, parameters)
+    before = node.on_sample
+
+    def on_sample(sample: SeenSample) -> None:
+        before(sample)
+        advisor.observe(sample)
+
+    node.on_sample = on_sample
+    node.is_obeyed = lambda: advisor.state.in_force
+    monitor = next((each for each in others if isinstance(each, MonitorNode)), None)
+    if monitor is not None:
+        advisor.has_fault = lambda: monitor.has_active_fault
+    return advisor

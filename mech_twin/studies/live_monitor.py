@@ -1,0 +1,74 @@
+"""The monitor fed by the samples a shadow hears; what it says is what the monitor says of a recording of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from mech_twin.capabilities.cycle import CycleFeatures
+from mech_twin.studies.monitoring.charts import CHARTS
+from mech_twin.studies.monitoring.cycle_features import FeatureFeed
+from mech_twin.studies.monitoring.fault_life import FaultLife
+from mech_twin.studies.monitoring.monitor import Findings, Monitor, MonitorSetup
+from mech_twin.studies.observer.lock_on import SeenSample
+
+
+class LiveMonitor:
+    """Features and findings, sample by sample.
+
+    Parameters
+    ----------
+    setup : MonitorSetup
+        Frozen reference, thresholds and signatures.
+    declared : CycleFeatures
+        What the machine tells of a cycle.
+    columns : sequence of str
+        Column of each channel.
+
+    Attributes
+    ----------
+    monitor : Monitor
+        Judges the cycles.
+    newest : Findings or None
+        Of the newest cycle.
+
+    Raises
+    ------
+    StudyError
+        The column that cycles are counted by is not measured.
+    """
+
+    def __init__(self, setup: MonitorSetup, declared: CycleFeatures, columns: Sequence[str]) -> None:
+        self.monitor = Monitor(setup)
+        self.newest: Findings | None = None
+        self._columns = tuple(columns)
+        self._feed = FeatureFeed(declared, list(dict.fromkeys(columns)))
+
+    def take(self, sample: SeenSample) -> list[Findings]:
+        """Return what the monitor says of the cycles that a sample completes."""
+        found = []
+        for channel, value in zip(sample.channels, sample.values, strict=True):
+            vectors = self._feed.feed(self._columns[channel], [sample.time_s], [value])
+            found += [self.monitor.observe(vector) for vector in vectors]
+        self.newest = found[-1] if found else self.newest
+        return found
+
+
+def fault_values(setup: MonitorSetup, life: FaultLife, found: Findings) -> dict[str, str]:
+    """Return what a panel shows of a fault: state, statistics and thresholds, stated rate, delay, candidates."""
+    hours = setup.limits.arl0_cycles * setup.baseline.period_s / 3600.0
+    values = {
+        "state": life.state,
+        "since s": f"{life.since_s:.3f}",
+        "acknowledged": str(life.is_acknowledged),
+        "shelved until s": f"{life.shelved_until_s:.3f}",
+        "arl0 h": f"{hours:.4g}",
+        "delay cycles": str(found.delay_cycles),
+        "began s": f"{found.onset_s:.3f}",
+        "candidates": "; ".join(
+            f"{c.name} {c.size:.4g} ({c.low_95:.4g} to {c.high_95:.4g}) {c.unit}" for c in found.candidates
+        ),
+    }
+    statistics = () if found.charts is None else found.charts.statistics
+    for chart, value, limit in zip(CHARTS, statistics, setup.limits.alarm, strict=False):
+        values |= {f"statistic {chart}": f"{value:.4g}", f"threshold {chart}": f"{limit:.4g}"}
+    return values

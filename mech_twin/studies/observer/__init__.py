@@ -1,0 +1,1 @@
+"""Observer of a running machine: its state, forces and their uncertainty out of what sensors show.  Knows no ROS."""

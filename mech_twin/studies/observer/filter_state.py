@@ -1,0 +1,215 @@
+"""Extended Kalman filter on the machine's own steps: state and covariance in sizes of the state, one step at a time.
+
+The filter stands at the frame *before* the sample, with the process noise of the step already in its covariance; a
+sample is compared with the frame the machine's roles arrive at from there, corrects the state before, and the roles
+take the step anew.  So an estimated frame is always one that the roles computed: forces, dependent joints and contacts
+fit each other, and nothing is put together afterwards.
+
+Jacobians are differences of neighbouring roll-outs of one step.  Neighbours of a step with an impact have the impact
+too, at their own instants, so their differences hold the jump of the covariance at an impact (the saltation matrix)
+without it being written down; a neighbour that misses an event of the step is replaced by the one on the other side.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from mech_twin.engine.compiled_run import DONE, Indices
+from mech_twin.engine.errors import MotionError
+from mech_twin.engine.sample_vectors import Array
+from mech_twin.samples import Event
+from mech_twin.studies.observer.model_run import without_turns
+from mech_twin.studies.observer.state_space import StateSpace
+from mech_twin.studies.observer.step_bank import StepBank
+
+CHANGE = 1e-6  # of a state's size, for differences
+GATE = 25.0  # squared innovation over its variance from which a sample is not used
+
+
+class FilterState(NamedTuple):
+    """Frame at ``step``, offsets of the drive, covariance (in sizes of the state) with the next step's noise in it."""
+
+    step: int
+    row: Array
+    offsets: Array
+    covariance: Array
+
+
+class Prediction(NamedTuple):
+    """The frame one step later, its derivatives by the state before (w, n + k), and the events on the way."""
+
+    row: Array
+    slopes: Array
+    events: tuple[Event, ...]
+
+
+class Observation(NamedTuple):
+    """Channels that came together: places in a row, values, variances, and time after the predicted frame (s)."""
+
+    places: Indices
+    values: Array
+    variances: Array
+    after_s: Array
+
+
+class Correction(NamedTuple):
+    """Filter after a sample: state before the step, the frame again, innovations, and which channels were used."""
+
+    state: FilterState
+    prediction: Prediction
+    innovations: Array
+    used: Array
+
+
+class SaltedFilter:
+    """The filter's two maps, prediction and correction; what they return is all there is.
+
+    Parameters
+    ----------
+    bank : StepBank
+        The machine.
+    space : StateSpace
+        Its state.
+    angles : ndarray of int
+        Places of columns that are angles.
+    """
+
+    def __init__(self, bank: StepBank, space: StateSpace, angles: Indices) -> None:
+        self._bank, self._space, self._angles = bank, space, angles
+        self._is_angle = np.zeros(len(bank.columns), dtype=bool)
+        self._is_angle[angles] = True
+
+    def predicted(self, state: FilterState, target: float) -> Prediction:
+        """Return the frame one step after a state.
+
+        Raises
+        ------
+        MotionError
+            The roles cannot follow the motion.
+        """
+        size = len(self._space.places)
+        bank = np.tile(self._begun(state), (size + 1, 1))
+        change = CHANGE * self._space.scales
+        bank[np.arange(1, size + 1), self._space.places] += change
+        later = self._bank.advanced(state.step, bank, target)
+        if later.failed[0] != DONE:
+            raise MotionError(f"the estimated motion cannot be followed at step {state.step}")
+        rows = self._with_offsets(later.rows, state.offsets, CHANGE)
+        slopes = self._differences(rows) / CHANGE
+        beside = np.flatnonzero((later.told[1:] != later.told[0]) | (later.failed[1:] != DONE))
+        for i in beside.tolist():
+            slopes[:, i] = self._other_side(state, target, i, rows[0], int(later.told[0]))
+        return Prediction(rows[0], slopes, self._bank.events(later.events))
+
+    def again(self, state: FilterState, target: float, slopes: Array) -> Prediction:
+        """Return the frame one step after a state, with derivatives that are known."""
+        later = self._bank.advanced(state.step, self._begun(state)[None, :], target)
+        if later.failed[0] != DONE:
+            raise MotionError(f"the estimated motion cannot be followed at step {state.step}")
+        rows = self._with_offsets(later.rows, state.offsets, 0.0)
+        return Prediction(rows[0], slopes, self._bank.events(later.events))
+
+    def corrected(
+        self, state: FilterState, prediction: Prediction, seen: Observation, rates: Array, target: float
+    ) -> Correction:
+        """Return the state that agrees better with a sample, and the step from there.
+
+        Parameters
+        ----------
+        rates : ndarray, shape (w,)
+            Rates of change of the columns (per s), which carry the frame to the sample's own instant.
+        """
+        expected = prediction.row[seen.places] + rates[seen.places] * seen.after_s
+        innovations = seen.values - expected
+        wrapped = self._is_angle[seen.places]
+        innovations[wrapped] = without_turns(innovations[wrapped])
+        slopes = prediction.slopes[seen.places]
+        own = np.einsum("ij,jk,ik->i", slopes, state.covariance, slopes) + seen.variances
+        used = innovations**2 <= GATE * own
+        if not used.any():
+            return Correction(state, prediction, innovations, used)
+        h, noise = slopes[used], np.diag(seen.variances[used])
+        gain = np.linalg.solve(h @ state.covariance @ h.T + noise, h @ state.covariance).T
+        rest = np.eye(len(state.covariance)) - gain @ h
+        covariance = rest @ state.covariance @ rest.T + gain @ noise @ gain.T
+        moved = self._moved(state, gain @ innovations[used], 0.5 * (covariance + covariance.T))
+        return Correction(moved, self.again(moved, target, prediction.slopes), innovations, used)
+
+    def committed(self, state: FilterState, prediction: Prediction, noise: Array) -> FilterState:
+        """Return the filter at the predicted frame, the process noise of the next step (n + k, n + k) added."""
+        size, scales = self._space.states, self._space.scales
+        transition = np.eye(len(scales))
+        transition[:size] = prediction.slopes[self._space.state_places] / scales[:size, None]
+        covariance = transition @ state.covariance @ transition.T + noise
+        row = prediction.row.copy()
+        row[self._space.input_places] -= state.offsets
+        return FilterState(state.step + 1, row, state.offsets, 0.5 * (covariance + covariance.T))
+
+    def _begun(self, state: FilterState) -> Array:
+        row = state.row.copy()
+        self._put_in_drive(row[None, :], state.offsets)
+        return row
+
+    def _put_in_drive(self, rows: Array, offsets: Array) -> None:
+        """Put the drive as it is, offsets included, in place of the model's.
+
+        A prescribed speed is that of the command: the model's own approaches it from the speed the machine has, which
+        would bring the machine back to rated speed in one step.
+        """
+        space = self._space
+        led = np.isfinite(space.led)
+        rows[:, space.input_places[led]] = rows[:, space.command, None] * space.led[led]
+        rows[:, space.input_places] += offsets
+
+    def _with_offsets(self, rows: Array, offsets: Array, change: float) -> Array:
+        """Return frames whose motors tell what the drive does, offsets included; row 1 + i has input i changed."""
+        places, states = self._space.input_places, self._space.states
+        self._put_in_drive(rows, offsets)
+        for i, place in enumerate(places.tolist()):
+            if len(rows) > 1:
+                rows[1 + states + i, place] += change * self._space.scales[states + i]
+        return rows
+
+    def _differences(self, rows: Array) -> Array:
+        difference: Array = rows[1:] - rows[0]
+        difference[:, self._angles] = without_turns(difference[:, self._angles])
+        return difference.transpose()
+
+    def _other_side(self, state: FilterState, target: float, i: int, row: Array, told: int) -> Array:
+        """Return derivatives by the difference to the other side; those of no change where that fails too."""
+        bank = self._begun(state)[None, :]
+        bank[0, self._space.places[i]] -= CHANGE * self._space.scales[i]
+        later = self._bank.advanced(state.step, bank, target)
+        rows = self._with_offsets(later.rows, state.offsets, 0.0)
+        if i >= self._space.states:
+            rows[0, self._space.places[i]] -= CHANGE * self._space.scales[i]
+        if later.failed[0] == DONE and int(later.told[0]) == told:
+            beside: Array = self._differences(np.vstack([rows[0], row]))[:, 0] / CHANGE
+            return beside
+        slopes = np.zeros(len(row))
+        slopes[self._space.places[i]] = self._space.scales[i]
+        return slopes
+
+    def _moved(self, state: FilterState, by: Array, covariance: Array) -> FilterState:
+        states, scales = self._space.states, self._space.scales
+        row = state.row.copy()
+        row[self._space.state_places] += by[:states] * scales[:states]
+        return FilterState(state.step, row, state.offsets + by[states:] * scales[states:], covariance)
+
+
+def output_variance(prediction: Prediction, covariance: Array) -> Array:
+    """Return the variance of each column of a predicted frame by the uncertainty of the state."""
+    spread: Array = np.einsum("ij,jk,ik->i", prediction.slopes, covariance, prediction.slopes)
+    return np.maximum(spread, 0.0)
+
+
+def observation(
+    places: Sequence[int], values: Sequence[float], variances: Sequence[float], after_s: Sequence[float]
+) -> Observation:
+    """Return channels as arrays."""
+    return Observation(
+        np.array(places, dtype=np.int64), np.array(values, float), np.array(variances, float), np.array(after_s, float)
+    )

@@ -1,0 +1,61 @@
+"""Where in its own run the machine is: the frame of the model's run that a stretch of samples fits best."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from mech_twin.engine.compiled_run import Indices
+from mech_twin.studies.observer.model_run import ModelRun, without_turns
+
+CLOSE = 0.05  # of a column's range: the difference that counts as 1
+ACCEPTED = 4.0  # mean squared difference up to which the machine counts as found
+
+
+class SeenSample(NamedTuple):
+    """Channels that came together: the machine's time (s), channel numbers, and their values in SI units."""
+
+    time_s: float
+    channels: tuple[int, ...]
+    values: tuple[float, ...]
+
+
+class Found(NamedTuple):
+    """The frame of the model's run at the newest sample, and the mean squared difference in its neighbourhood."""
+
+    step: int
+    difference: float
+
+
+def located(run: ModelRun, places: Indices, samples: Sequence[SeenSample]) -> Found | None:
+    """Return the frame of the run at the newest sample; None where no part of the run is as long as the samples.
+
+    Parameters
+    ----------
+    run : ModelRun
+        The run.
+    places : ndarray of int
+        Place in a row of each channel.
+    samples : sequence of SeenSample
+        In order of time.
+    """
+    end_s = samples[-1].time_s
+    back = np.array([round((end_s - sample.time_s) / run.bank.step_s) for sample in samples])
+    first = int(back.max())
+    if first >= len(run.rows):
+        return None
+    steps = np.arange(first, len(run.rows))
+    total, count = np.zeros(len(steps)), 0
+    angles = set(run.angles.tolist())
+    for sample, ago in zip(samples, back.tolist(), strict=True):
+        for channel, value in zip(sample.channels, sample.values, strict=True):
+            place = int(places[channel])
+            difference = value - run.rows[steps - ago, place]
+            if place in angles:
+                difference = without_turns(difference)
+            total += (difference / (CLOSE * run.spread[place])) ** 2
+            count += 1
+    best = int(total.argmin())
+    return Found(int(steps[best]), float(total[best]) / count)

@@ -1,0 +1,328 @@
+"""The phase-locked observer: samples of a running machine in, estimates of its whole frame out."""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.engine.compiled_run import Indices
+from mech_twin.engine.errors import MotionError
+from mech_twin.engine.sample_vectors import Array
+from mech_twin.quantity import Parameters
+from mech_twin.roles import Machine
+from mech_twin.samples import Event
+from mech_twin.studies.observer.estimate import FrameEstimate, ObserverState, SensedChannel
+from mech_twin.studies.observer.filter_state import (
+    FilterState,
+    Prediction,
+    SaltedFilter,
+    observation,
+    output_variance,
+)
+from mech_twin.studies.observer.lock_on import ACCEPTED, SeenSample, located
+from mech_twin.studies.observer.model_run import model_run
+from mech_twin.studies.observer.parameter_error import parameter_error, uncertain_keys
+from mech_twin.studies.observer.regime_by_angle import RegimeByAngle
+from mech_twin.studies.observer.state_space import state_space, undetermined
+
+ON_STEP = 1e-6  # of a step: a stamp this little after a step counts as on it
+UNKNOWN_SIGMA = 5e-4  # of a column's range: standard deviation of a sensor of which none is told
+JUDGED = 40  # samples by which it is judged whether the machine is lost
+
+
+class ObserverOptions(NamedTuple):
+    """How the observer trusts the model; shares are of the sizes that the model's own run has.
+
+    Attributes
+    ----------
+    run_s : float
+        Length of the model's run that is locked on to (s).
+    lock_s : float
+        Length of the stretch of samples that is located in it (s).
+    longest_gap_s : float
+        Longest time without a sample that is bridged by the model; after a longer one the machine is located anew.
+    parameter_share : float
+        Standard deviation of each uncertain key, as a share of it.
+    drive_walk : float
+        Random walk of the unknown offset of a driven machine's torque, in its size after one second.
+    led_walk : float
+        The same of the speed of a machine that is led.
+    acceleration_share : float
+        Standard deviation of the acceleration that the model misses, as a share of the greatest ordinary one.
+    acceleration_s : float
+        Time for which it stays the same.
+    """
+
+    run_s: float = 5.0
+    lock_s: float = 0.25
+    longest_gap_s: float = 0.25
+    parameter_share: float = 0.02
+    drive_walk: float = 0.3
+    led_walk: float = 0.005
+    acceleration_share: float = 0.05
+    acceleration_s: float = 0.01
+
+
+USUAL = ObserverOptions()
+
+
+class PhaseLockedObserver:
+    """Follows one machine.
+
+    Parameters
+    ----------
+    machine : Machine
+        The model.
+    build : callable
+        Makes a machine of parameters, for the errors of wrong ones.
+    channels : sequence of SensedChannel
+        What is measured.
+    options : ObserverOptions
+        How far the model is trusted.
+    deviations : mapping, optional
+        Standard deviation of each uncertain configuration key; a share of every mass, force and stiffness if absent.
+
+    Attributes
+    ----------
+    state : ObserverState
+        Whether it is locked on.
+    counts : Counter
+        Samples not used, by reason: ``late``, ``repeated``, ``jump``, ``unbelievable``, and ``lost`` each time the
+        machine was lost.
+
+    Raises
+    ------
+    ConfigurationError
+        A channel is no column of the machine, or none is given.
+    """
+
+    def __init__(
+        self,
+        machine: Machine,
+        build: Callable[[Parameters], Machine],
+        channels: Sequence[SensedChannel],
+        options: ObserverOptions = USUAL,
+        deviations: Mapping[str, float] | None = None,
+    ) -> None:
+        self.options = options
+        self.state = ObserverState.SEARCHING
+        self.counts: Counter[str] = Counter()
+        self.run = model_run(machine, options.run_s)
+        self.columns = self.run.bank.columns
+        self.places = _places(channels, self.columns, machine.name)
+        self.channels = tuple(map(self._with_sigma, channels))
+        self.space = state_space(self.run, machine.name)
+        keys = uncertain_keys(machine.parameters, options.parameter_share) if deviations is None else deviations
+        self.parameters = parameter_error(self.run, machine.parameters, build, keys, self._angle())
+        self.undetermined = undetermined(self.run, self.space)
+        self._regimes = RegimeByAngle(self.run, self._angle(), has_body=machine.body is not None)
+        self._filter = SaltedFilter(self.run.bank, self.space, self.run.angles)
+        self._noise = _process_noise(self, options)
+        self._believed: deque[bool] = deque(maxlen=JUDGED)
+        self._waiting: list[SeenSample] = []
+        self._base: FilterState | None = None
+        self._ahead: Prediction | None = None
+        self._rates = np.zeros(len(self.columns))
+        self._origin_s = 0.0
+        self._newest_s: dict[tuple[int, ...], float] = {}
+        self._passed: list[Event] = []
+        self.target = 1.0
+
+    def command(self, fraction: float) -> None:
+        """Tell what fraction of rated supply frequency the machine is asked for from now on."""
+        self.target = fraction
+
+    def take(self, sample: SeenSample) -> FrameEstimate | None:
+        """Take a sample into account; return the estimate at it, None where there is none.
+
+        Times are the machine's own (stamp less delay); channels of a sample come in one message.
+        """
+        newest = self._newest_s.get(sample.channels)
+        if newest is not None and sample.time_s <= newest:
+            self._not_newer(sample, newest)
+            return None
+        self._newest_s[sample.channels] = sample.time_s
+        if self._base is None:
+            return self._search(sample)
+        steps = self._step_of(sample.time_s) - self._base.step - 1
+        if steps < 0 and self._origin_s + self._base.step * self.run.bank.step_s - sample.time_s > self.late_limit_s:
+            self.counts["late"] += 1
+            return None
+        if steps * self.run.bank.step_s > self.options.longest_gap_s:
+            self.counts["jump"] += 1
+            self._forget()
+            return self._search(sample)
+        try:
+            for _ in range(steps):
+                self._advance()
+            return self._estimate(sample)
+        except MotionError:
+            self._lose()
+            return None
+
+    @property
+    def late_limit_s(self) -> float:
+        """How much older than the newest estimate a sample may be and still be used."""
+        return 20.0 * self.run.bank.step_s
+
+    def time_of(self, event: Event) -> float:
+        """Return the machine's time of an event of the estimated motion."""
+        return self._origin_s + event.time_s
+
+    def _with_sigma(self, channel: SensedChannel) -> SensedChannel:
+        """Return a channel whose noise is a number; one that is not known is a small share of the column's range."""
+        assumed = UNKNOWN_SIGMA * float(self.run.spread[self.columns[channel.column]])
+        return channel if channel.sigma > 0.0 else channel._replace(sigma=assumed)
+
+    # -- locking on -------------------------------------------------------------------------------------------------
+
+    def _not_newer(self, sample: SeenSample, newest_s: float) -> None:
+        if sample.time_s == newest_s:
+            self.counts["repeated"] += 1
+        elif newest_s - sample.time_s <= self.options.longest_gap_s:
+            self.counts["late"] += 1
+        else:
+            self.counts["jump"] += 1
+            self._forget()
+            self._newest_s[sample.channels] = sample.time_s
+            self._waiting = [sample]
+
+    def _search(self, sample: SeenSample) -> FrameEstimate | None:
+        self._waiting.append(sample)
+        self._waiting = [each for each in self._waiting if sample.time_s - each.time_s <= self.options.lock_s]
+        if len(self._waiting) < 5 or sample.time_s - self._waiting[0].time_s < 0.8 * self.options.lock_s:
+            return None
+        found = located(self.run, self.places, self._waiting)
+        if found is None or found.difference > ACCEPTED:
+            del self._waiting[: len(self._waiting) // 2]  # looked for again with fresh ones, not at every sample
+            return None
+        self._lock_on(max(found.step, 1), sample)
+        return self._estimate(sample)
+
+    def _lock_on(self, step: int, sample: SeenSample) -> None:
+        space, spread = self.space, self.run.spread
+        deviation = 0.1 * spread[space.places] / space.scales
+        deviation[np.isin(space.places, self.run.angles)] = 0.1
+        self._origin_s = sample.time_s - step * self.run.bank.step_s
+        offsets = np.zeros(len(space.places) - space.states)
+        deviation[space.states :] = 0.1
+        covariance = np.diag(deviation**2) + self._noise
+        self._base = FilterState(step - 1, self.run.rows[step - 1].copy(), offsets, covariance)
+        self._ahead = self._filter.predicted(self._base, self._target_at(step))
+        self._keep_rates()
+        self._believed.clear()
+        self._passed = []
+        self.state = ObserverState.LOCKED
+
+    def _target_at(self, step: int) -> float:
+        return self.target
+
+    def _forget(self) -> None:
+        self.state, self._base, self._ahead = ObserverState.SEARCHING, None, None
+        self._waiting = []
+        self._newest_s.clear()
+
+    def _lose(self) -> None:
+        self.counts["lost"] += 1
+        self._forget()
+
+    # -- filtering --------------------------------------------------------------------------------------------------
+
+    def _step_of(self, time_s: float) -> int:
+        """Return the step at or after a time; a little after a step counts as on it."""
+        return int(np.ceil((time_s - self._origin_s) / self.run.bank.step_s - ON_STEP))
+
+    def _advance(self) -> None:
+        assert self._base is not None and self._ahead is not None
+        self._passed += self._ahead.events
+        base = self._filter.committed(self._base, self._ahead, self._noise)
+        self._base = base._replace(row=self._regimes.repaired(base.row))
+        self._ahead = self._filter.predicted(self._base, self._target_at(self._base.step + 1))
+        self._keep_rates()
+
+    def _keep_rates(self) -> None:
+        assert self._base is not None and self._ahead is not None
+        if self._ahead.events:
+            self._rates = np.zeros_like(self._rates)
+            return
+        rise = self._ahead.row - self._base.row
+        rise[self.space.input_places] -= self._base.offsets
+        rise[self.run.angles] -= 2.0 * np.pi * np.round(rise[self.run.angles] / (2.0 * np.pi))
+        self._rates = rise / self.run.bank.step_s
+
+    def _estimate(self, sample: SeenSample) -> FrameEstimate | None:
+        assert self._base is not None and self._ahead is not None
+        at_s = self._origin_s + (self._base.step + 1) * self.run.bank.step_s
+        by_parameters = self.parameters.at(self._ahead.row)
+        places = self.places[list(sample.channels)]
+        sigma = np.array([self.channels[channel].sigma for channel in sample.channels])
+        seen = observation(
+            places.tolist(),
+            sample.values,
+            (sigma**2 + by_parameters[places]).tolist(),
+            [sample.time_s - at_s] * len(places),
+        )
+        now = self._filter.corrected(self._base, self._ahead, seen, self._rates, self._target_at(self._base.step + 1))
+        self._base, self._ahead = now.state, now.prediction
+        self.counts["unbelievable"] += int(len(now.used) - np.count_nonzero(now.used))
+        self._believed.append(bool(now.used.all()))
+        if len(self._believed) == JUDGED and sum(self._believed) < JUDGED // 2:
+            self._lose()
+            return None
+        variance = output_variance(self._ahead, self._base.covariance) + by_parameters
+        variance[self.undetermined] = np.nan
+        return self._told(sample, now.innovations, now.used, np.sqrt(variance))
+
+    def _told(self, sample: SeenSample, innovations: Array, used: Array, sigma: Array) -> FrameEstimate:
+        assert self._base is not None and self._ahead is not None
+        row = self._ahead.row + self._rates * (sample.time_s - self._origin_s - (self._base.step + 1) * self.step_s)
+        row[self.undetermined] = np.nan
+        frame = self.run.bank.compiled.layout.frame(self._base.step + 1, [sample.time_s, *row[1:].tolist()])
+        events, self._passed = tuple(self._passed), []
+        shifted = tuple(event._replace(time_s=self._origin_s + event.time_s) for event in events)
+        told = tuple(float(value) for value in innovations)
+        return FrameEstimate(
+            sample.time_s, frame, row, sigma, sample.channels, told, tuple(bool(each) for each in used), shifted
+        )
+
+    @property
+    def step_s(self) -> float:
+        """Coupling step of the model."""
+        return self.run.bank.step_s
+
+    def _angle(self) -> int | None:
+        """Return the place of the angle that the phase is told by, the first of the state."""
+        angles = set(self.run.angles.tolist())
+        return next((int(place) for place in self.space.state_places if int(place) in angles), None)
+
+
+def _places(channels: Sequence[SensedChannel], columns: Mapping[str, int], machine: str) -> Indices:
+    if not channels:
+        raise ConfigurationError(f"{machine}: no channel is measured; expected at least one")
+    for channel in channels:
+        if channel.column not in columns:
+            raise ConfigurationError(f"channel {channel.column!r}: expected a column of {machine}")
+    return np.array([columns[channel.column] for channel in channels], dtype=np.int64)
+
+
+def _process_noise(observer: PhaseLockedObserver, options: ObserverOptions) -> Array:
+    """Return the covariance that one step adds, in sizes of the state.
+
+    Offsets of the drive walk at random.  Speeds get the noise of an acceleration that the model misses: constant for
+    ``acceleration_s``, independent after that, of the size that 95 % of the model's own accelerations stay below.
+    """
+    space, run = observer.space, observer.run
+    variance = np.zeros(len(space.places))
+    for i, name in enumerate(space.names):
+        if i >= space.states:
+            walk = options.led_walk if name.endswith(".velocity") else options.drive_walk
+            variance[i] = walk**2 * run.bank.step_s
+        elif name.endswith(("velocity", "velocity_m_per_s")):
+            usual = float(np.quantile(np.abs(np.diff(run.settled[:, space.places[i]])), 0.95)) / run.bank.step_s
+            missing = options.acceleration_share * usual / space.scales[i]
+            variance[i] = missing**2 * options.acceleration_s * run.bank.step_s
+    return np.diag(variance)

@@ -1,0 +1,157 @@
+"""What wrong parameters do to the numbers of a frame: their standard deviation by phase, from perturbed models.
+
+For each uncertain key the model with that key changed by its standard deviation takes one step from frames of the
+unchanged model's run; the differences of the frames it arrives at are the key's share.  Shares of different keys are
+taken as independent and add up squared.  What a wrong key does to the motion over many steps is not in here: the
+filter's process noise stands for that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from mech_twin.configuration_tree import configuration_tree, merged_tree, tree_from_flat
+from mech_twin.engine.compiled_run import DONE, Indices
+from mech_twin.engine.sample_vectors import Array
+from mech_twin.quantity import Parameters
+from mech_twin.roles import Machine
+from mech_twin.studies.observer.model_run import ModelRun, without_turns
+from mech_twin.studies.observer.step_bank import StepBank
+
+BINS = 64  # of the turn of the crank
+FRAMES = 256  # of the model's run that are looked at
+OF_FORCES = ("kg", "kg m2", "kg/m3", "N", "N/m", "N m", "N m/rad", "N m s", "N m s/rad")  # units of uncertain keys
+
+
+@dataclass(frozen=True)
+class ParameterError:
+    """Variance of each column by phase.
+
+    Attributes
+    ----------
+    variance : ndarray, shape (bins, w)
+        Variance by bin of the angle; one bin where nothing turns.
+    angle : int or None
+        Place of the angle in a row.
+    keys : tuple of str
+        The keys that are taken as uncertain.
+    """
+
+    variance: Array
+    angle: int | None
+    keys: tuple[str, ...]
+
+    def at(self, row: Array) -> Array:
+        """Return the variance of each column of a frame."""
+        found: Array = self.variance[_bins(row[None, :], self.angle, len(self.variance))[0]]
+        return found
+
+
+def uncertain_keys(parameters: Parameters, share: float, prefix: str = "") -> dict[str, float]:
+    """Return every key of a mass, a force, a stiffness or a friction, with this share of it as standard deviation."""
+    found: dict[str, float] = {}
+    for name, field in type(parameters).model_fields.items():
+        value = getattr(parameters, name)
+        if isinstance(value, Parameters):
+            found |= uncertain_keys(value, share, f"{prefix}{name}.")
+        extra = field.json_schema_extra
+        of_force = isinstance(extra, dict) and extra.get("unit") in OF_FORCES
+        if of_force and isinstance(value, float) and value != 0.0 and np.isfinite(value):
+            found[prefix + name] = share * abs(value)
+    return found
+
+
+def parameter_error(
+    run: ModelRun,
+    parameters: Parameters,
+    build: Callable[[Parameters], Machine],
+    deviations: Mapping[str, float],
+    angle: int | None,
+) -> ParameterError:
+    """Return the variance of each column by wrong parameters.
+
+    Parameters
+    ----------
+    run : ModelRun
+        Run of the model with these parameters.
+    parameters, build
+        The parameters, and what makes a machine of them.
+    deviations : mapping
+        Standard deviation of each uncertain key, in its unit; one that the machine refuses to change by is left out.
+    angle : int or None
+        Place of the angle that the phase is told by.
+    """
+    first = len(run.rows) - len(run.settled)
+    steps = np.unique(np.linspace(first, len(run.rows) - 2, FRAMES).astype(int))
+    plain = _stepped(run.bank, run, steps)
+    bins = _bins(run.rows[steps + 1], angle, BINS if angle is not None else 1)
+    total, told = np.zeros_like(plain), []
+    for key, deviation in deviations.items():
+        changed = _changed(parameters, build, key, deviation)
+        if changed is None:
+            continue
+        difference = _stepped(StepBank(changed), run, steps) - plain
+        difference[:, run.angles] = without_turns(difference[:, run.angles])
+        total += np.nan_to_num(difference) ** 2
+        told.append(key)
+    return ParameterError(_largest_by_bin(total, bins, BINS if angle is not None else 1), angle, tuple(told))
+
+
+def _changed(
+    parameters: Parameters, build: Callable[[Parameters], Machine], key: str, deviation: float
+) -> Machine | None:
+    """Return the machine with a key raised, or lowered where that is refused; None where both are."""
+    changed = changed_parameters(parameters, key, deviation)
+    try:
+        return None if changed is None else build(changed)
+    except ValueError:
+        return None
+
+
+def changed_parameters(parameters: Parameters, key: str, deviation: float) -> Parameters | None:
+    """Return the parameters with a key raised, or lowered where that is refused; None where both are."""
+    tree = configuration_tree(parameters)
+    for sign in (1.0, -1.0):
+        changed = merged_tree(tree, tree_from_flat({key: key_value(parameters, key) + sign * deviation}))
+        try:
+            return type(parameters).model_validate(changed)
+        except ValueError:
+            continue
+    return None
+
+
+def key_value(parameters: Parameters, key: str) -> float:
+    """Return the number of a configuration key."""
+    found: object = parameters
+    for word in key.split("."):
+        found = getattr(found, word)
+    return float(found)  # type: ignore[arg-type]
+
+
+def _stepped(bank: StepBank, run: ModelRun, steps: Indices) -> Array:
+    """Return the rows that these steps of the run lead to, shape (steps, w); nan where a step cannot be taken."""
+    command = bank.columns["motor.command"]
+    found = np.full((len(steps), run.rows.shape[1]), np.nan)
+    for i, step in enumerate(steps.tolist()):
+        later = bank.advanced(step, run.rows[step : step + 1], float(run.rows[step + 1, command]))
+        if later.failed[0] == DONE:
+            found[i] = later.rows[0]
+    return found
+
+
+def _bins(rows: Array, angle: int | None, count: int) -> Indices:
+    if angle is None:
+        return np.zeros(len(rows), dtype=np.int64)
+    turns: Array = np.mod(rows[:, angle] / (2.0 * np.pi), 1.0)
+    return np.minimum((turns * count).astype(np.int64), count - 1)
+
+
+def _largest_by_bin(squares: Array, bins: Indices, count: int) -> Array:
+    """Return the largest square in each bin; a bin without a frame has the largest of all."""
+    found = np.tile(squares.max(axis=0), (count, 1))
+    for i in np.unique(bins).tolist():
+        found[i] = squares[bins == i].max(axis=0)
+    return found

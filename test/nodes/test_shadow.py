@@ -1,0 +1,226 @@
+"""A shadow beside a machine that plays a foreign one: other names, units and clock, hidden parameters, noise."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import rclpy
+from catalogue import built
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.signals import SignalHandlerOptions
+from sensor_msgs.msg import JointState
+
+from mech_twin.configuration_tree import ConfigurationError, configuration_tree, merged_tree, tree_from_flat
+from mech_twin.engine.rollout import roll_out
+from mech_twin.measurements.measurement_map import MeasurementMap
+from mech_twin.messages.joint_state_cdr import Header, StepMessage, encoded, stamp_of
+from mech_twin.messages.topics import (
+    DATA,
+    DIAGNOSTICS,
+    ESTIMATED,
+    RESIDUALS,
+    full_name,
+    shadow_topics,
+    sigma_of,
+    type_name,
+    virtual_pin,
+)
+from mech_twin.nodes.base_node import TwinNode, destroy_nodes
+from mech_twin.nodes.errors import NameInUseError
+from mech_twin.nodes.name_guard import NameGuard
+from mech_twin.nodes.options import RunOptions
+from mech_twin.nodes.shadow_inputs import sensed_channels
+from mech_twin.nodes.shadow_node import ShadowNode, ShadowSetup
+from mech_twin.nodes.shadow_session import Company, followed_namespace, nodes_beside
+from mech_twin.nodes.spinner import Spinner
+from mech_twin.parameters.load import catalogue_entry
+from mech_twin.recording.bag_reader import open_bag
+
+pytestmark = pytest.mark.usefixtures("ros_domain")
+NAME = "vibration_crank"
+WHEEL = {"topic": "wheel", "joint": "main_shaft", "field": "position"}
+CHANNEL = {"source": WHEEL, "is": "linkage.crank.position", "unit": "deg", "zero": 30.0, "sign": -1, "sigma": 0.05}
+MAP = MeasurementMap.model_validate({"machine": NAME, "channels": [CHANNEL]})
+HIDDEN = {"masses.boom_kg": 34.0, "drive.speed_rpm": 151.0}
+EPOCH_S = 1.7e9
+RATE_HZ = 100.0
+LIMIT_S = 30.0
+
+
+class FollowedMachine:
+    """A foreign publisher of a machine's wheel, a shadow beside it, and a witness of all that is said."""
+
+    def __init__(self, directory: Path | None = None) -> None:
+        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+        tree = merged_tree(configuration_tree(built(NAME).parameters), tree_from_flat(HIDDEN))
+        entry = catalogue_entry(NAME)
+        self.run = roll_out(entry.build(entry.parameters.model_validate(tree)), 2.5)
+        self.shadow = ShadowNode(NAME, ShadowSetup("/plant", MAP), options=RunOptions(peer_timeout_s=0.4))
+        self.nodes: list[TwinNode] = [self.shadow]
+        if directory is not None:
+            self.nodes += nodes_beside(NAME, self.shadow, built(NAME).parameters, Company(directory))
+        self.plant = rclpy.create_node("plc", namespace="/plant")
+        self.wheel = self.plant.create_publisher(JointState, "wheel", DATA)
+        self.heard: dict[str, list[Any]] = {}
+        self.spinner = Spinner([*self.nodes, self.plant])
+        self.random = np.random.default_rng(5)
+
+    def listen(self, name: str, kind: Any) -> list[Any]:
+        heard = self.heard[name] = []
+        self.plant.create_subscription(kind, name, heard.append, DATA)
+        self.until(lambda: self.plant.count_publishers(name) > 0)
+        return heard
+
+    def until(self, predicate: Callable[[], bool]) -> None:
+        end = time.monotonic() + LIMIT_S
+        self.spinner.until(lambda: predicate() or time.monotonic() > end)
+        assert predicate(), "did not happen within the limit"
+
+    def show(self, row: int, shift_s: float = 0.0) -> None:
+        """Publish what the wheel shows at a row of the run."""
+        crank = -np.degrees(self.run["linkage.crank.position"][row]) + 30.0 + 0.05 * self.random.standard_normal()
+        header = Header(stamp_of(EPOCH_S + shift_s + float(self.run["time_s"][row])))
+        self.wheel.publish(encoded(StepMessage(header, ("main_shaft",), (float(crank),), (0.0,), (0.0,))))
+
+    def play(self, rows: range) -> None:
+        """Publish rows one after the other, each when the one before has been taken."""
+        counts = self.shadow.observer
+        for row in rows:
+            before = self.taken
+            self.show(row)
+            self.until(lambda before=before: self.taken > before)  # type: ignore[misc]
+        assert counts.channels
+
+    @property
+    def taken(self) -> int:
+        observer = self.shadow.observer
+        return len(observer._waiting) + sum(
+            output.sent for output in self.shadow.outputs if output.name == ESTIMATED.name
+        )
+
+    def __enter__(self) -> FollowedMachine:
+        self.until(lambda: self.wheel.get_subscription_count() >= len(self.nodes))
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.spinner.__exit__(None, None, None)
+        destroy_nodes(self.nodes)
+        self.plant.destroy_node()
+        rclpy.try_shutdown()
+
+
+ROWS = range(400, 1400, round(1000 / RATE_HZ))
+
+
+def test_a_foreign_machine_with_hidden_parameters_is_followed(tmp_path: Path) -> None:
+    with FollowedMachine(tmp_path / "bag") as bench:
+        estimated = bench.listen(full_name(NAME, ESTIMATED), JointState)
+        sigma = bench.listen(full_name(NAME, sigma_of(ESTIMATED)), JointState)
+        residuals = bench.listen(full_name(NAME, RESIDUALS), JointState)
+        pin = bench.listen(full_name(NAME, virtual_pin("crank_pin")), virtual_pin("any").type)
+        pin_sigma = bench.listen(full_name(NAME, sigma_of(virtual_pin("crank_pin"))), virtual_pin("any").type)
+        bench.play(ROWS)
+        bench.until(lambda: len(pin_sigma) > 50 and len(residuals) == len(estimated) == len(sigma))
+        published = dict(bench.plant.get_publisher_names_and_types_by_node("shadow", f"/{NAME}"))
+        bench.spinner.until(lambda: bench.nodes[1].received.get(full_name(NAME, ESTIMATED), 0) >= len(estimated))
+    assert not [name for name in published if name.startswith("/plant")]
+    stamps = [message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec - EPOCH_S for message in estimated[20:]]
+    rows = np.rint(np.array(stamps) / built(NAME).coupling_step_s).astype(int)
+    place = list(estimated[0].name).index("slider")
+    true = bench.run["linkage.slider.position"][rows]
+    inside = [
+        abs(message.position[place] - value) <= 2.0 * deviation.position[place]
+        for message, deviation, value in zip(estimated[20:], sigma[20:], true, strict=True)
+    ]
+    assert np.mean(inside) >= 0.9
+    force = bench.run["forces.crank_pin.force_y_n"]
+    late = list(zip(pin, pin_sigma, strict=False))[20:]
+    steps = [round((m.header.stamp.sec + 1e-9 * m.header.stamp.nanosec - EPOCH_S) * 1e3) for m, _ in late]
+    close = [
+        abs(m.wrench.force.y - force[step]) <= 2.0 * s.wrench.force.y for (m, s), step in zip(late, steps, strict=True)
+    ]
+    assert np.mean(close) >= 0.9
+    assert residuals[-1].name == ["crank"]
+    assert abs(residuals[-1].position[0]) < 0.01
+    with open_bag(tmp_path / "bag") as reader:
+        counts = {name: about.message_count for name, about in reader.topics.items()}
+    assert counts[full_name(NAME, ESTIMATED)] == len(estimated)
+    assert counts["/plant/wheel"] == len(ROWS)
+
+
+def test_silence_is_said_and_estimates_are_held_with_growing_sigma() -> None:
+    with FollowedMachine() as bench:
+        sigma = bench.listen(full_name(NAME, sigma_of(ESTIMATED)), JointState)
+        estimated = bench.listen(full_name(NAME, ESTIMATED), JointState)
+        said = bench.listen(DIAGNOSTICS.name, DiagnosticArray)
+        bench.play(ROWS)
+        bench.until(lambda: len(estimated) > 20 and len(sigma) == len(estimated))
+        measured = sigma[-1].position[0]
+        bench.until(lambda: any("STALE" in s.message for array in said for s in array.status))
+        last = len(sigma)
+        bench.until(lambda: len(sigma) >= last + 3 and len(estimated) >= last + 3)
+        values = {v.key: v.value for array in said for s in array.status for v in s.values}
+        held, grown = estimated[last : last + 3], [message.position[0] for message in sigma[last : last + 3]]
+        bench.show(ROWS[-1] + 10)
+        bench.until(lambda: bench.shadow.diagnostics.state != "" and not bench.shadow._stale)
+    assert all(message.position == held[0].position and message.header == held[0].header for message in held)
+    assert grown[0] > 100.0 * measured
+    assert all(later >= earlier for earlier, later in pairwise(grown))
+    assert values["level"] == "model"
+    assert values["/plant/wheel: timeout"] == "1"
+
+
+def test_garbage_on_a_followed_topic_is_counted_and_changes_nothing() -> None:
+    with FollowedMachine() as bench:
+        bench.play(ROWS[:60])
+        before = bench.shadow.estimate
+        header = Header(stamp_of(EPOCH_S + 1.0))
+        bench.wheel.publish(b"\x00\x01\x00\x00 no message")
+        bench.wheel.publish(encoded(StepMessage(header, ("main_shaft",), (float("nan"),), (0.0,), (0.0,))))
+        bench.wheel.publish(encoded(StepMessage(header, ("another",), (1.0,), (0.0,), (0.0,))))
+        bench.until(lambda: bench.shadow.statistics.total["/plant/wheel", "malformed"] == 2)
+        assert bench.shadow.estimate is before
+
+
+def test_a_second_shadow_of_a_machine_refuses_to_start() -> None:
+    with FollowedMachine() as bench, NameGuard([full_name(NAME, ESTIMATED)]) as guard:
+        bench.play(ROWS[:40])
+        with pytest.raises(NameInUseError, match="twin/estimated/joint_states"):
+            bench.spinner.until(lambda: guard._heard is not None or _checked(guard, bench))
+
+
+def _checked(guard: NameGuard, bench: FollowedMachine) -> bool:
+    bench.shadow.report()
+    guard.check()
+    return False
+
+
+def test_a_shadow_never_follows_itself() -> None:
+    with pytest.raises(ConfigurationError, match="the shadow's own"):
+        followed_namespace(NAME, f"{NAME}/twin")
+
+
+def test_what_a_map_does_not_know_is_asked_for() -> None:
+    unknown = MeasurementMap.model_validate({"machine": NAME, "channels": [{**CHANNEL, "zero": "per_run"}]})
+    with pytest.raises(ConfigurationError, match=r"key 'channels.0.zero', value 'per_run': expected a number"):
+        sensed_channels(unknown)
+
+
+def test_every_topic_of_a_shadow_is_on_the_page() -> None:
+    page = (Path(__file__).resolve().parents[2] / "docs" / "topics.md").read_text(encoding="utf-8")
+    section = page.split("\n## Topics of a shadow\n")[1].split("\n## ")[0]
+    rows = [line for line in section.splitlines() if line.startswith("| `twin/")]
+    promised = {line.split("`")[1]: line.split("|")[2].strip() for line in rows}
+    machine = built("mb10_breaker")
+    for topic in shadow_topics(machine.forces.pins, has_body=True):
+        pin = next((pin for pin in machine.forces.pins if topic.name.startswith(virtual_pin(pin).name)), None)
+        name = topic.name.replace(f"/{pin}", "/<pin>") if pin else topic.name
+        name = name.removesuffix("/sigma")
+        assert promised.get(name) == type_name(topic).replace("/msg/", "/"), name
+    assert len(promised) == 7
