@@ -7,7 +7,7 @@ import os
 import secrets
 import stat
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -24,7 +24,7 @@ class OutputError(Exception):
         super().__init__(f"{path}: {reason}")
 
 
-def check_output_file(path: Path, *, force: bool = False) -> None:
+def check_output_file(path: Path, *, force: bool = False, suffixes: Sequence[str] = ()) -> None:
     """Raise unless a file can be written at this path.
 
     Parameters
@@ -33,12 +33,16 @@ def check_output_file(path: Path, *, force: bool = False) -> None:
         The file.
     force : bool
         Whether an existing regular file may be overwritten.
+    suffixes : sequence of str
+        What its name may end in; anything if empty.
 
     Raises
     ------
     OutputError
-        It exists, is not a regular file, or its directory does not exist or is not writable.
+        It exists, is not a regular file, has another suffix, or its directory does not exist or is not writable.
     """
+    if suffixes and path.suffix not in suffixes:
+        raise OutputError(path, f"expected a name that ends in {' or '.join(suffixes)}")
     mode = _mode(path)
     if mode is not None and not stat.S_ISREG(mode):
         raise OutputError(path, "is not a regular file; results are written to new or regular files only")

@@ -160,9 +160,10 @@ class Frame(NamedTuple):
 
 
 class Shape(NamedTuple):
-    """One element of a drawing: ``kind`` is ``line`` (a strip), ``points`` or ``arrow`` (tail, head).
+    """One element of a drawing: ``kind`` is ``line`` (a strip), ``points``, ``arrow`` (tail, head) or ``text``.
 
-    ``points_m`` are (x, y) pairs in the machine's frame, ``colour`` a (red, green, blue) triple 0-255.
+    ``points_m`` are (x, y) pairs in the machine's frame, ``colour`` a (red, green, blue) triple 0-255.  ``text`` is
+    written at the element; one of kind ``text`` is the text alone, at its one point.
     """
 
     name: str
@@ -170,6 +171,7 @@ class Shape(NamedTuple):
     points_m: tuple[tuple[float, float], ...]
     colour: tuple[int, int, int]
     width_m: float
+    text: str = ""
 
 
 class Drawing(NamedTuple):

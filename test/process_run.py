@@ -165,13 +165,13 @@ class ProcessRun:
                 command, stdout=log, stderr=log, env={**os.environ, **(environment or {})}
             )
 
-    def start_all(self, environment: dict[str, str] | None = None) -> None:
-        """Start every role, and the recorder first if there is one."""
+    def start_all(self, environment: dict[str, str] | None = None, limit_s: float = LIMIT_S) -> None:
+        """Start every role, and the recorder first if there is one; the first may have to compile."""
         if self.options.recorder:
             self.start("recorder", "--directory", str(self.bag), environment=environment)
         for role in self.roles:
             self.start(role, environment=environment)
-        self.until(lambda: self.step >= 0, what="the first step")
+        self.until(lambda: self.step >= 0, limit_s, "the first step")
 
     def kill(self, role: str) -> None:
         """End a node as a power cut would."""

@@ -13,18 +13,20 @@ import random
 import sys
 from collections import Counter
 from pathlib import Path
+from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "test"))
 
 from extreme_values import BALANCE, FINE, REFUSED, VERBS, Case, Outcome, cases, outcome_of
 from limited_worker import LimitedWorker, NoAnswerError
-from measured import write_table
+from measured import add_rows, here
 
 from mech_twin.machines.catalog import CATALOGUE
 
 LONGEST_S = 120.0  # of one case beside other work: more counts as endless
 FIRST_S = 600.0  # of the first, which may compile
 SEED = 1
+COLUMNS = ("machine", "keys", "configurations", FINE, REFUSED, BALANCE, "broken", "slowest", "made")
 
 
 def tried(name: str, share: float) -> tuple[list[Case], list[Outcome]]:
@@ -50,7 +52,7 @@ def tried(name: str, share: float) -> tuple[list[Case], list[Outcome]]:
     return chosen, outcomes
 
 
-def row(name: str, chosen: list[Case], outcomes: list[Outcome]) -> list[object]:
+def row(name: str, chosen: list[Case], outcomes: list[Outcome]) -> list[Any]:
     """Return the counts of a machine."""
     worst = [next((end for end in one.ends.values() if end not in {FINE, REFUSED}), None) for one in outcomes]
     counts = Counter(
@@ -59,7 +61,8 @@ def row(name: str, chosen: list[Case], outcomes: list[Outcome]) -> list[object]:
     )
     keys = len({case.key for case in chosen})
     slowest = max(outcome.seconds for outcome in outcomes)
-    return [name, keys, len(chosen), *(counts[end] for end in (FINE, REFUSED, BALANCE, "broken")), f"{slowest:.1f} s"]
+    ends = [counts[end] for end in (FINE, REFUSED, BALANCE, "broken")]
+    return [name, keys, len(chosen), *ends, f"{slowest:.1f} s", here()]
 
 
 def main() -> int:
@@ -69,13 +72,14 @@ def main() -> int:
     parser.add_argument("--share", type=float, default=1.0, help="of the cases, drawn with a fixed seed")
     parser.add_argument("--write", action="store_true", help="write the table into docs/reliability.md")
     asked = parser.parse_args()
-    rows = [row(name, *tried(name, asked.share)) for name in asked.machines or CATALOGUE]
-    for one in rows:
-        print(*one, sep=", ")
-    if asked.write:
-        columns = ("machine", "keys", "configurations", FINE, REFUSED, BALANCE, "broken", "slowest")
-        write_table("extreme_configurations", columns, rows)
-    return int(any(one[6] for one in rows))
+    broken = 0
+    for name in asked.machines or CATALOGUE:
+        found = row(name, *tried(name, asked.share))
+        print(*found, sep=" | ", flush=True)
+        broken += int(found[COLUMNS.index("broken")])
+        if asked.write:
+            add_rows("extreme_configurations", COLUMNS, [found])
+    return int(broken > 0)
 
 
 if __name__ == "__main__":

@@ -1,11 +1,12 @@
-"""Does the recorder keep up?  ``python benchmarks/reliability/flood.py [SECONDS] [RATE]`` floods it.
+"""Does the recorder keep up?  ``python benchmarks/reliability/flood.py [SECONDS] [RATE] [--write]`` floods it.
 
 The recorder is a process of its own; the messages come from this one, at a steady pace, as whole step messages.
-Prints sent, recorded and missed, and the recorder's share of a core.
+Prints sent, recorded and missed, and the recorder's share of a core; ``--write`` adds it to docs/reliability.md.
 """
 
 from __future__ import annotations
 
+import argparse
 import subprocess
 import sys
 import tempfile
@@ -13,9 +14,11 @@ import time
 from pathlib import Path
 
 import psutil
+from measured import add_rows, here
 
 from mech_twin.nodes.domain import settle_domain
 
+COLUMNS = ("flood", "sent", "lost", "recorder", "made")
 MACHINE = "vibration_crank"
 TOPICS = 3
 STEP_S = 0.001
@@ -23,6 +26,8 @@ STEP_S = 0.001
 
 def main() -> None:
     """Run, and print what was seen."""
+    asked = arguments()
+    seconds, rate = asked.seconds, asked.rate
     settle_domain()
     import rclpy
 
@@ -33,8 +38,6 @@ def main() -> None:
     from mech_twin.parameters.load import machine
     from mech_twin.recording.bag_reader import bag_info
 
-    seconds = float(sys.argv[1]) if len(sys.argv) > 1 else 60.0
-    rate = float(sys.argv[2]) if len(sys.argv) > 2 else 4000.0
     frame = list(frames(machine(MACHINE), 0.1))[-1]
     messages = [
         linkage.to_message(frame.linkage),
@@ -72,6 +75,19 @@ def main() -> None:
     print(f"sent {sent * TOPICS} messages in {wall:.1f} s: {sent * TOPICS / wall:.0f} a second")
     print(f"recorded {sum(counters.values())}, lost {sent * TOPICS - sum(counters.values())}")
     print(f"recorder: {share:.0%} of a core")
+    if asked.write:
+        lost = sent * TOPICS - sum(counters.values())
+        asked_for = f"{rate:g} messages/s for {seconds:g} s"
+        add_rows("flood", COLUMNS, [[asked_for, sent * TOPICS, lost, f"{share:.0%} of a core", here()]])
+
+
+def arguments() -> argparse.Namespace:
+    """Return what is asked for."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("seconds", type=float, nargs="?", default=60.0)
+    parser.add_argument("rate", type=float, nargs="?", default=4000.0, help="messages a second")
+    parser.add_argument("--write", action="store_true", help="add the run to the table of docs/reliability.md")
+    return parser.parse_args()
 
 
 def _recorded(info: object, topics: tuple) -> list:

@@ -16,6 +16,11 @@ def today() -> str:
     return f"{datetime.now(UTC):%Y-%m-%d}"
 
 
+def here() -> str:
+    """Return date and machine, as a row has them."""
+    return f"{today()}, {this_machine()}"
+
+
 def this_machine() -> str:
     """Return what the numbers were measured on."""
     cores = len(os.sched_getaffinity(0))
@@ -35,20 +40,50 @@ def write_table(script: str, columns: Sequence[str], rows: Iterable[Sequence[obj
     ValueError
         If the page has no such marks.
     """
+    _replace(script, [f"Made on {today()} on {this_machine()}.", "", *_head(columns), *_lines(rows)])
+
+
+def add_rows(script: str, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
+    """Add rows to the table between the marks of a script, in place of those with the same first cell.
+
+    Each row says itself when and on what it was made.
+
+    Raises
+    ------
+    ValueError
+        If the page has no such marks.
+    """
+    head, fresh = _head(columns), _lines(rows)
+    old = [line for line in _between(script)[1].splitlines() if line.startswith("|") and line not in head]
+    named = {_first_cell(line) for line in fresh}
+    _replace(script, [*head, *(line for line in old if _first_cell(line) not in named), *fresh])
+
+
+def _first_cell(line: str) -> str:
+    return line.split("|")[1].strip()
+
+
+def _head(columns: Sequence[str]) -> list[str]:
+    return [f"| {' | '.join(columns)} |", f"|{'---|' * len(columns)}"]
+
+
+def _lines(rows: Iterable[Sequence[object]]) -> list[str]:
+    return [f"| {' | '.join(str(cell) for cell in row)} |" for row in rows]
+
+
+def _between(script: str) -> tuple[str, str, str]:
     begin, end = marks(script)
     page = PAGE.read_text(encoding="utf-8")
     head, found, rest = page.partition(begin)
     if not found or end not in rest:
         raise ValueError(f"{PAGE.name} has no marks {begin} ... {end}")
-    lines = [
-        f"Made on {today()} on {this_machine()}.",
-        "",
-        f"| {' | '.join(columns)} |",
-        f"|{'---|' * len(columns)}",
-        *(f"| {' | '.join(str(cell) for cell in row)} |" for row in rows),
-    ]
-    text = "\n".join([head + begin, *lines, end]) + rest.partition(end)[2]
-    PAGE.write_text(text, encoding="utf-8")
+    old, _, tail = rest.partition(end)
+    return head + begin, old, end + tail
+
+
+def _replace(script: str, lines: list[str]) -> None:
+    head, _, tail = _between(script)
+    PAGE.write_text("\n".join([head, *lines, tail]), encoding="utf-8")
 
 
 def _processor() -> str:

@@ -1,8 +1,9 @@
 """Kill each node of a running machine with SIGKILL and restart it, in turn, and hold every step against the engine.
 
-    python benchmarks/reliability/node_kills.py --machine winding_drum --kills 100
+    python benchmarks/reliability/node_kills.py --machine winding_drum --kills 100 [--write]
 
-Writes one line a kill and a summary; exit code 0 means that every step of the run was the engine's own, to the bit.
+Prints one line a kill and a summary; ``--write`` adds it to docs/reliability.md.  Exit code 0 means that every step of
+the run was the engine's own, to the bit.
 """
 
 from __future__ import annotations
@@ -20,7 +21,10 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "test"))
 os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
 os.environ.setdefault("ROS_DOMAIN_ID", "57")
 
+from measured import add_rows, here
 from process_run import ProcessRun
+
+COLUMNS = ("run", "steps, to the bit", "repeated", "a node was gone for", "took", "made")
 
 
 def main() -> None:
@@ -30,6 +34,7 @@ def main() -> None:
     parser.add_argument("--kills", type=int, default=100)
     parser.add_argument("--pace", default="max")
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--write", action="store_true", help="add the run to the table of docs/reliability.md")
     asked = parser.parse_args()
     chance = random.Random(asked.seed)
     begun = time.monotonic()
@@ -47,13 +52,18 @@ def main() -> None:
             gaps.append(time.monotonic() - at)
             sys.stdout.write(f"{number + 1:4d} {role:15s} step {before:7d} -> {run.checked():7d}  {gaps[-1]:.2f} s\n")
             sys.stdout.flush()
-        holds = run.figure("linkage", "holds")
         run.spin_for(1.2)
-        sys.stdout.write(
-            f"{asked.machine}: {asked.kills} kills in {time.monotonic() - begun:.0f} s, {run.checked() + 1} steps "
-            f"equal the engine to the bit, {run.repeated} repeated; gone for {min(gaps):.2f} to {max(gaps):.2f} s; "
-            f"holds of the linkage now running: {holds}\n"
-        )
+        row = [
+            f"{asked.kills} kills of the nodes of {asked.machine}",
+            run.checked() + 1,
+            run.repeated,
+            f"{min(gaps):.1f} to {max(gaps):.1f} s",
+            f"{time.monotonic() - begun:.0f} s",
+            here(),
+        ]
+    sys.stdout.write(" | ".join(map(str, row)) + "\n")
+    if asked.write:
+        add_rows("node_kills", COLUMNS, [row])
 
 
 if __name__ == "__main__":

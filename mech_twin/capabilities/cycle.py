@@ -32,11 +32,14 @@ class CycleReference(NamedTuple):
         one rise of the signal through the level ``begin`` (SI) to the next.
     begin : float
         Angle or level.
+    period_s : float
+        Of a signal that is led by a clock: single rises are averaged about it.  0: no clock is known.
     """
 
     column: str
     kind: Literal["turn", "rise"] = "turn"
     begin: float = 0.0
+    period_s: float = 0.0
 
 
 class SampledChannel(NamedTuple):

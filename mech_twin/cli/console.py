@@ -6,11 +6,15 @@ import csv
 import json
 import math
 import sys
+import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
 Item = TypeVar("Item")
+
+FIRST_ESTIMATE_S = 2.0
+WORTH_AN_ESTIMATE_S = 60.0
 
 
 def print_json(document: Mapping[str, Any]) -> None:
@@ -75,11 +79,43 @@ def say(line: str) -> None:
     sys.stderr.flush()
 
 
+def duration_words(seconds: float) -> str:
+    """Return a time in the unit that suits it: ``45 s``, ``12 min``, ``3.5 h``, ``41 days``.
+
+    Examples
+    --------
+    >>> duration_words(90.0), duration_words(5400.0), duration_words(1e7)
+    ('90 s', '90 min', '116 days')
+    """
+    for size, unit, least in ((86400.0, "days", 2.0), (3600.0, "h", 2.0), (60.0, "min", 2.0)):
+        if seconds >= least * size:
+            return f"{seconds / size:.3g} {unit}"
+    return f"{seconds:.3g} s"
+
+
+def estimate(done: int, total: int, elapsed_s: float) -> str:
+    """Return how long the rest takes at the speed so far."""
+    return f"about {duration_words(elapsed_s * (total - done) / max(done, 1))} left at this speed; Ctrl-C ends it"
+
+
+def _estimated(items: Iterable[Item], total: int, title: str) -> Iterator[Item]:
+    """Pass the items on; once `FIRST_ESTIMATE_S` have gone by, say how long it takes where that is a minute or more."""
+    begun = time.monotonic()
+    said = False
+    for done, item in enumerate(items):
+        elapsed_s = time.monotonic() - begun
+        if not said and elapsed_s > FIRST_ESTIMATE_S:
+            said = True
+            if elapsed_s * (total - done) > WORTH_AN_ESTIMATE_S * max(done, 1):
+                say(f"{title}: {estimate(done, total, elapsed_s)}")
+        yield item
+
+
 @contextmanager
 def progress(items: Iterable[Item], total: int, title: str) -> Iterator[Iterable[Item]]:
-    """Iterate over the items, with a progress bar if standard error is a terminal."""
+    """Iterate over the items, with a progress bar on a terminal; elsewhere with an estimate if it takes long."""
     if not sys.stderr.isatty():
-        yield items
+        yield _estimated(items, total, title)
         return
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn

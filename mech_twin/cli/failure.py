@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import signal
 import sys
 from collections.abc import Iterator
@@ -45,7 +46,16 @@ def _message(error: Exception) -> str:
     if isinstance(error, ImportError):
         return missing_extra(error) or str(error)
     format_message = getattr(error, "format_message", None)  # of the command line library
-    return str(format_message() if format_message else error)
+    return _plain(str(format_message())) if format_message else str(error)
+
+
+def _plain(message: str) -> str:
+    """Return a message of the command line library in the words of all others: what, then what was expected."""
+    found = re.fullmatch(r"Invalid value for '([^']+)': (.*)", message, re.DOTALL)
+    if found is None:
+        return message
+    said = re.sub(r"^Input should be (.*?)(, unable to parse.*)?$", r"expected \1", found.group(2))
+    return f"{found.group(1)}: {said.replace('expected a valid', 'expected a')}"
 
 
 def _is_input_error(error: Exception) -> bool:

@@ -8,24 +8,41 @@ from typing import Annotated
 import typer
 
 from mech_twin import __version__
+from mech_twin.cli import completion
+from mech_twin.cli.command_group import CommandGroup
 from mech_twin.cli.failure import INTERRUPTED, CommandError, report_cli_errors
 from mech_twin.cli.many_values import ManyValues
+from mech_twin.cli.option_values import machine_name, seconds
 from mech_twin.cli.study import study_app
 from mech_twin.interruption import EXIT_CODE_BASE, end_at_once
 from mech_twin.output_file import check_output_directory
 
 app = typer.Typer(
     name="mech-twin",
+    cls=CommandGroup,
     help="Digital twin of percussion and crank-linkage machines.",
     no_args_is_help=False,
-    add_completion=False,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
     pretty_exceptions_enable=False,
 )
 
-MachineName = Annotated[str, typer.Argument(help="machine name (see `mech-twin list`)")]
+MachineName = Annotated[
+    str,
+    typer.Argument(
+        help="machine, or the beginning of its name (see `mech-twin list`)",
+        callback=machine_name,
+        autocompletion=completion.machines,
+    ),
+]
 Config = Annotated[Path | None, typer.Option("--config", help="configuration file instead of the installed one")]
 Settings = Annotated[
-    list[str] | None, typer.Option("--set", metavar="KEY.PATH=VALUE", help="override one configuration key")
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE...",
+        help="override configuration keys, such as body.spring_rate_n_per_m=4e4",
+        autocompletion=completion.settings,
+    ),
 ]
 Namespace = Annotated[str | None, typer.Option(help="namespace of the nodes instead of the machine's name")]
 Bag = Annotated[Path, typer.Argument(help="recording: a directory, or one .mcap file")]
@@ -67,11 +84,18 @@ def run(
     machine: MachineName = "mb10_breaker",
     pace: Annotated[str | None, typer.Option(help="realtime or max [run.pace, else realtime]")] = None,
     duration: Annotated[
-        float | None, typer.Option(help="simulated time in s; 0: until stopped [run.duration_s, else 0]", min=0.0)
+        float | None,
+        typer.Option(
+            help="simulated time (10, 2min); 0: until stopped [run.duration_s, else 0]",
+            parser=seconds,
+            metavar="TIME",
+        ),
     ] = None,
     record: Annotated[Path | None, typer.Option(help="recording directory [recordings/MACHINE-DATE]")] = None,
     no_record: Annotated[bool, typer.Option("--no-record", help="do not record")] = False,
-    view: Annotated[str, typer.Option(help="web, none, or a file NAME.rrd to write")] = "web",
+    view: Annotated[
+        str, typer.Option(help="web (full or light by what draws the page), light, full, none, or a file NAME.rrd")
+    ] = "web",
     view_port: Annotated[int, typer.Option(help="port of the web view; 0: any free port", min=0, max=65535)] = 0,
     processes: Annotated[bool, typer.Option("--processes", help="run each node in its own process")] = False,
     namespace: Namespace = None,
@@ -141,7 +165,7 @@ def shadow(
 @app.command()
 def simulate(
     machine: MachineName,
-    duration: Annotated[float, typer.Option(help="simulated time in s", min=0.0)],
+    duration: Annotated[float, typer.Option(help="simulated time (3, 500ms, 2min)", parser=seconds, metavar="TIME")],
     bag: Annotated[Path | None, typer.Option(help="record the messages the nodes would publish")] = None,
     table: Annotated[Path | None, typer.Option(help="write every sample: .parquet, .csv or .tsv")] = None,
     sensors: Annotated[
@@ -149,7 +173,11 @@ def simulate(
     ] = None,
     change: Annotated[
         list[str] | None,
-        typer.Option(metavar="KEY=VALUE@S", help="change a live parameter at a time; a value of -20% is relative"),
+        typer.Option(
+            metavar="KEY=VALUE@S",
+            help="change a live parameter at a time; a value of -20% is relative",
+            autocompletion=completion.live_settings,
+        ),
     ] = None,
     seed: Annotated[int, typer.Option(help="of the sensors' noise, jitter and losses", min=0)] = 0,
     samples: Annotated[bool, typer.Option("--samples", help="with --json: include every sample, as columns")] = False,
@@ -186,8 +214,8 @@ def analyse(
 def replay(
     bag: Bag,
     rate: Annotated[float, typer.Option(help="playback rate: recorded seconds per second")] = 1.0,
-    start: Annotated[float, typer.Option(help="start time within the recording in s")] = 0.0,
-    duration: Annotated[float | None, typer.Option(help="duration to replay in s")] = None,
+    start: Annotated[float, typer.Option(help="start time within the recording", parser=seconds, metavar="TIME")] = 0.0,
+    duration: Annotated[float | None, typer.Option(help="duration to replay", parser=seconds, metavar="TIME")] = None,
     loop: Annotated[bool, typer.Option("--loop", help="repeat endlessly")] = False,
     clock: Annotated[bool, typer.Option("--clock", help="publish /clock from the playback time")] = False,
     topics: Annotated[list[str] | None, typer.Option("--topics", metavar="T...", help="only these topics")] = None,
@@ -282,7 +310,8 @@ def compare(
     second: Annotated[str, typer.Argument(metavar="B", help="what to compare it with, of the same machine")],
     tolerance: Annotated[float, typer.Option(help="relative difference that is allowed", min=0.0, max=1.0)] = 0.0,
     duration: Annotated[
-        float | None, typer.Option(help="time to simulate a configuration in s [the recording's, else 3]", min=0.0)
+        float | None,
+        typer.Option(help="time to simulate a configuration [the recording's, else 3]", parser=seconds, metavar="TIME"),
     ] = None,
     picture: Annotated[Path | None, typer.Option(help="file (.png or .svg) to draw what differs in")] = None,
     all_numbers: Annotated[bool, typer.Option("--all", help="all numbers, not only those that differ")] = False,
@@ -316,6 +345,54 @@ def identify(
 
 
 @app.command()
+def monitor(
+    machine: MachineName,
+    runs: Annotated[list[Path] | None, typer.Argument(help="runs to be judged: bags or tables")] = None,
+    given_map: MapFile = None,
+    baseline: Annotated[
+        Path | None, typer.Option(help="healthy run, or a file that --save-baseline wrote [the first part of the runs]")
+    ] = None,
+    save_baseline: Annotated[
+        Path | None, typer.Option(help="file (.json) for baseline, thresholds, signatures")
+    ] = None,
+    arl0: Annotated[
+        float, typer.Option(help="stated mean time between false alarms of all charts together, h", min=1e-3)
+    ] = 24.0,
+    skip: Annotated[
+        float | None,
+        typer.Option(help="time at the start of each run that is left out, s [the machine's run-up]", min=0.0),
+    ] = None,
+    design: Annotated[bool, typer.Option("--design", help="judge a sensor set instead of runs")] = False,
+    sensors: Annotated[Path | None, typer.Option(help="with --design: the sensors, as for simulate")] = None,
+    seed: Annotated[int, typer.Option(help="of the draws that thresholds come from", min=0)] = 0,
+    config: Config = None,
+    settings: Settings = None,
+    force: Force = False,
+    json: Json = False,
+) -> None:
+    """Judge runs against a healthy one and name the faults (exit code 1: an alarm), or judge a sensor set."""
+    from mech_twin.cli.monitor import MonitorRequest, monitor_machine
+
+    asked = MonitorRequest(
+        machine,
+        runs or [],
+        given_map,
+        config,
+        settings or [],
+        baseline,
+        save_baseline,
+        arl0,
+        skip,
+        design,
+        sensors,
+        seed,
+        force,
+        json,
+    )
+    monitor_machine(asked)
+
+
+@app.command()
 def recover(
     bag: Bag,
     out: Annotated[Path, typer.Argument(help="directory of the new recording")],
@@ -330,7 +407,14 @@ def recover(
 
 @app.command()
 def reproduce(
-    machine: Annotated[str | None, typer.Argument(help="machine of the catalogue; all if absent")] = None,
+    machine: Annotated[
+        str | None,
+        typer.Argument(
+            help="machine, or the beginning of its name; all if absent",
+            callback=machine_name,
+            autocompletion=completion.machines,
+        ),
+    ] = None,
     figures: Annotated[Path | None, typer.Option(help="directory to draw the sources' figures in")] = None,
     config: Config = None,
     settings: Settings = None,

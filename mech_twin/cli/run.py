@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from mech_twin.nodes.options import RunOptions
 
 PACES = ("realtime", "max")
+WEB_VIEWS = ("web", "light", "full")
+LIVE_HISTORY = "32MiB"  # a page opened later has to take all of it in before it shows the present
 
 
 class RunRequest(NamedTuple):
@@ -55,20 +57,22 @@ def run_machine(request: RunRequest) -> None:
     directory = _recording_directory(request)
     if directory is not None:
         check_recording_directory(directory, force=request.force)
+    options = run_options(request, recorder=directory is not None, viewer=request.view != "none")
     with ExitStack() as stack:
         destination = _opened_view(request, stack)
-        outcome = _run(request, parameters, directory, destination)
+        outcome = _run(request, parameters, options, directory, destination)
     _write(request, parameters, outcome, directory)
 
 
-def _run(request: RunRequest, parameters: Parameters, directory: Path | None, destination: str | None) -> Outcome:
+def _run(
+    request: RunRequest, parameters: Parameters, options: RunOptions, directory: Path | None, destination: str | None
+) -> Outcome:
     discovery = settle_domain(request.open_to_other_hosts)
     if request.open_to_other_hosts:
         say(_exposure_warning(discovery))
     from mech_twin.nodes.composition import run_in_process
     from mech_twin.nodes.multi_process import run_processes
 
-    options = run_options(request, recorder=directory is not None, viewer=destination is not None)
     if directory is not None:
         remove_recording(directory)
         say(f"recording to {directory}")
@@ -94,7 +98,7 @@ def run_options(request: RunRequest, *, recorder: bool, viewer: bool) -> RunOpti
         RunOptions.model_validate(configured)  # what an option replaces is no reason to let it pass
         return RunOptions.model_validate({**configured, **asked, "recorder": recorder, "viewer": viewer})
     except ValidationError as error:
-        raise refusal(f"{RUN_GROUP} group", error) from error
+        raise refusal(f"{RUN_GROUP} group", error, RunOptions) from error
 
 
 def _exposure_warning(discovery: str) -> str:
@@ -112,8 +116,8 @@ def _check(request: RunRequest) -> None:
         raise CommandError(f"--pace {request.pace}: expected {' or '.join(PACES)}")
     if request.duration_s is not None and not math.isfinite(request.duration_s):
         raise CommandError(f"--duration {request.duration_s}: expected a finite number of seconds")
-    if request.view not in ("web", "none") and not request.view.endswith(".rrd"):
-        raise CommandError(f"--view {request.view}: expected web, none or a file NAME.rrd")
+    if request.view not in (*WEB_VIEWS, "none") and not request.view.endswith(".rrd"):
+        raise CommandError(f"--view {request.view}: expected web, light, full, none or a file NAME.rrd")
     if request.view.endswith(".rrd"):
         check_output_file(Path(request.view), force=request.force)
 
@@ -131,15 +135,26 @@ def _opened_view(request: RunRequest, stack: ExitStack) -> str | None:
     if request.view == "none":
         return None
     require_extra("view")
-    if request.view != "web":
+    if request.view not in WEB_VIEWS:
         return request.view
     from mech_twin.view.viewer_process import ViewerProcess
 
     viewer = stack.enter_context(
-        ViewerProcess(request.view_port or None, open_to_other_hosts=request.open_to_other_hosts, announce=say)
+        ViewerProcess(
+            request.view_port or None,
+            open_to_other_hosts=request.open_to_other_hosts,
+            memory_limit=LIVE_HISTORY,
+            newest_first=True,
+            announce=say,
+        )
     )
     say(f"view: {viewer.web_url}")
-    return viewer.grpc_url
+    return f"{viewer.grpc_url}#{layout_of(request.view, viewer.graphics_file)}"
+
+
+def layout_of(view: str, graphics_file: Path) -> str:
+    """Return the layout of a view in the browser: what was asked for, else the full one on a graphics card alone."""
+    return f"full-if={graphics_file}" if view == "web" else view
 
 
 def _write(request: RunRequest, parameters: Parameters, outcome: Outcome, directory: Path | None) -> None:

@@ -7,12 +7,30 @@ from typing import Annotated
 
 import typer
 
+from mech_twin.cli import completion
+from mech_twin.cli.command_group import QuestionGroup
+from mech_twin.cli.failure import CommandError
+from mech_twin.cli.option_values import machine_name, seconds
 from mech_twin.output_file import check_output_file
 
-study_app = typer.Typer(no_args_is_help=True, help="Ask a machine a designer's question.")
+CONFIGURATION = (".yaml", ".yml")
+TABLE = (".parquet", ".csv")
+PICTURE = (".png", ".svg", ".pdf")
+
+study_app = typer.Typer(
+    cls=QuestionGroup,
+    no_args_is_help=True,
+    subcommand_metavar="QUESTION [OPTIONS]...",
+    help="Sweep, size or optimise a machine: mech-twin study MACHINE QUESTION.",
+)
 
 Config = Annotated[Path | None, typer.Option("--config", help="configuration file instead of the installed one")]
-Settings = Annotated[list[str] | None, typer.Option("--set", metavar="KEY.PATH=VALUE", help="override one key")]
+Settings = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set", metavar="KEY=VALUE...", help="override configuration keys", autocompletion=completion.settings
+    ),
+]
 Force = Annotated[bool, typer.Option("--force", help="overwrite existing results")]
 Json = Annotated[bool, typer.Option("--json", help="JSON on standard output")]
 Cores = Annotated[int | None, typer.Option(help="processes to spread over [all cores]", min=1, max=1024)]
@@ -20,22 +38,46 @@ Scheduler = Annotated[str | None, typer.Option(metavar="ADDRESS", help="Dask sch
 Seed = Annotated[int, typer.Option(help="the same seed gives the same answer", min=0)]
 Over = Annotated[
     list[str],
-    typer.Option("--over", metavar="KEY=VALUES", help="from:to:count, from:to:count:log, or a,b,c; repeat for a grid"),
+    typer.Option(
+        "--over",
+        metavar="KEY=VALUES...",
+        help="from:to:count, from:to:count:log, or a,b,c; several keys make a grid",
+        autocompletion=completion.settings,
+    ),
 ]
-Limits = Annotated[list[str] | None, typer.Option("--limit", metavar="NAME=VALUE", help="a limit other than usual")]
+Limits = Annotated[
+    list[str] | None,
+    typer.Option("--limit", metavar="NAME=VALUE...", help="limits other than usual", autocompletion=completion.limits),
+]
 Bounds = Annotated[
     list[str] | None,
-    typer.Option("--bound", metavar="NAME=LOW:HIGH", help="bounds of a variable other than usual, SI units"),
+    typer.Option(
+        "--bound",
+        metavar="NAME=LOW:HIGH...",
+        help="bounds of variables other than usual, SI units",
+        autocompletion=completion.bounds,
+    ),
 ]
 
 
-@study_app.callback()
+@study_app.callback(invoke_without_command=True)
 def study(
     context: typer.Context,
-    machine: Annotated[str, typer.Argument(help="machine of the catalogue (see `mech-twin list`)")],
+    machine: Annotated[
+        str,
+        typer.Argument(
+            help="machine, or the beginning of its name (see `mech-twin list`)",
+            callback=machine_name,
+            autocompletion=completion.machines,
+        ),
+    ],
 ) -> None:
-    """Ask a machine a designer's question."""
+    """Sweep, size or optimise a machine."""
     context.obj = machine
+    if context.invoked_subcommand is None:
+        from mech_twin.studies.asking import questions_of
+
+        raise CommandError(f"study {machine}: name a question after the machine: {', '.join(questions_of(machine))}")
 
 
 @study_app.command()
@@ -44,7 +86,9 @@ def sweep(
     over: Over,
     out: Annotated[Path | None, typer.Option(help="NAME.parquet or NAME.csv [MACHINE-sweep.parquet]")] = None,
     number: Annotated[list[str] | None, typer.Option(help="summary number wanted [all]; repeat")] = None,
-    duration: Annotated[float, typer.Option(help="seconds to simulate at each point", min=0.0)] = 0.0,
+    duration: Annotated[
+        float, typer.Option(help="time to simulate at each point (3, 500ms)", parser=seconds, metavar="TIME")
+    ] = 0.0,
     no_picture: Annotated[bool, typer.Option("--no-picture", help="write the table alone")] = False,
     cores: Cores = None,
     scheduler: Scheduler = None,
@@ -57,7 +101,7 @@ def sweep(
     from mech_twin.cli.study_output import SweepRequest, answer_sweep
 
     numbers, table = tuple(number or ()), out or Path(f"{context.obj}-sweep.parquet")
-    check_output_file(table, force=force)
+    check_output_file(table, force=force, suffixes=TABLE)
     if not no_picture:
         check_output_file(table.with_suffix(".png"), force=force)
     answer_sweep(
@@ -72,7 +116,9 @@ def sweep(
 def size(
     context: typer.Context,
     out: Annotated[Path | None, typer.Option(help="configuration to write [MACHINE-sized.yaml]")] = None,
-    objective: Annotated[str | None, typer.Option(help="what to make small")] = None,
+    objective: Annotated[
+        str | None, typer.Option(help="quantity to minimise", autocompletion=completion.objectives)
+    ] = None,
     limit: Limits = None,
     tolerance: Annotated[
         float | None, typer.Option(help="part of each assumed value by which it may be off [the machine's usual one]")
@@ -86,7 +132,7 @@ def size(
     from mech_twin.cli.study_output import answer_size
 
     file = out or Path(f"{context.obj}-sized.yaml")
-    check_output_file(file, force=force)
+    check_output_file(file, force=force, suffixes=CONFIGURATION)
     answer_size(context.obj, file, objective, limit or [], tolerance, config, settings or [], as_json=json)
 
 
@@ -94,7 +140,11 @@ def size(
 def search(
     context: typer.Context,
     objective: Annotated[
-        list[str] | None, typer.Option(help="of the machine's [its usual one]; several: a Pareto front")
+        list[str] | None,
+        typer.Option(
+            help="quantity to minimise [the machine's usual one]; several: a Pareto front",
+            autocompletion=completion.objectives,
+        ),
     ] = None,
     bound: Bounds = None,
     limit: Limits = None,
@@ -110,7 +160,7 @@ def search(
     from mech_twin.cli.study_design import DesignRequest, answer_search
 
     file = out or Path(f"{context.obj}-found.yaml")
-    check_output_file(file, force=force)
+    check_output_file(file, force=force, suffixes=CONFIGURATION)
     request = DesignRequest(context.obj, bound or [], limit or [], seed, config, settings or [])
     answer_search(request, tuple(objective or ()), points, file, as_json=json)
 
@@ -132,7 +182,7 @@ def designs(
 ) -> None:
     """Evaluate very many random designs of a machine."""
     if out is not None:
-        check_output_file(out, force=force)
+        check_output_file(out, force=force, suffixes=(".parquet",))
     from mech_twin.cli.study_design import DesignRequest, answer_designs
 
     request = DesignRequest(context.obj, bound or [], limit or [], seed, config, settings or [])
@@ -160,7 +210,7 @@ def synthesise(
     from mech_twin.cli.study_long_run import SynthesisRequest, answer_synthesise
 
     file = out or Path(f"{context.obj}-robust.yaml")
-    check_output_file(file, force=force)
+    check_output_file(file, force=force, suffixes=CONFIGURATION)
     request = SynthesisRequest(impact_speed, margin, basin, tolerance, stroke_ratio, starts, seed, periods, file)
     answer_synthesise(context.obj, request, config, settings or [], as_json=json)
 
@@ -180,5 +230,5 @@ def regimes(
     from mech_twin.cli.study_long_run import answer_regimes
 
     file = out or Path(f"{context.obj}-regimes.png")
-    check_output_file(file, force=force)
+    check_output_file(file, force=force, suffixes=PICTURE)
     answer_regimes(context.obj, over, settling, file, config, settings or [], as_json=json)

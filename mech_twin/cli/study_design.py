@@ -9,9 +9,10 @@ from typing import Any
 
 from mech_twin.cli.console import print_json, print_numbers, print_table, say
 from mech_twin.cli.failure import CommandError
-from mech_twin.cli.study_options import counted, limits_of, study_errors
+from mech_twin.cli.study_options import counted, limits_of, notes_of, study_errors
 from mech_twin.dependencies import require_extra
-from mech_twin.parameters.load import assignments, machine_parameters, write_configuration
+from mech_twin.parameters.load import assignments, machine_parameters
+from mech_twin.parameters.written_configuration import write_configuration
 from mech_twin.studies import designs, search
 
 
@@ -39,6 +40,10 @@ def bounds_of(texts: list[str]) -> dict[str, tuple[float, float]]:
             raise CommandError(f"--bound {text}: expected NAME=LOW:HIGH") from error
         if not equals or not name.strip():
             raise CommandError(f"--bound {text}: expected NAME=LOW:HIGH")
+        if high and float(low) > float(high):
+            raise CommandError(
+                f"--bound {text}: the lower bound is above the upper one; expected {name.strip()}={high}:{low}"
+            )
     return bounds
 
 
@@ -57,7 +62,8 @@ def answer_search(
             seed=request.seed,
             points=points,
         )
-        write_configuration(request.machine, found[0].parameters, out)
+        notes = notes_of(objective=tuple(found[0].objectives), seed=request.seed)
+        write_configuration(request.machine, found[0].parameters, out, request.config, notes)
     rows = [{**design.variables, **design.objectives} for design in found]
     if as_json:
         front = [{**row, "margins": design.margins} for row, design in zip(rows, found, strict=True)]
@@ -93,7 +99,8 @@ def answer_designs(
         )
         taken = time.monotonic() - begun
         if out is not None:
-            found.write(out)
+            notes = notes_of(machine=request.machine, seed=request.seed, designs=count)
+            found.write(out, {"written by": "\n".join(notes)})
     best = {name: found.best(name) for name in found.objectives} if len(found.feasible) else {}
     document: dict[str, Any] = {
         "machine": request.machine,

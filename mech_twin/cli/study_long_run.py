@@ -7,9 +7,10 @@ from typing import Any, NamedTuple
 
 from mech_twin.cli.console import print_json, print_table, say
 from mech_twin.cli.failure import CommandError
-from mech_twin.cli.study_options import axes_of, counted, study_errors
+from mech_twin.cli.study_options import axes_of, counted, notes_of, study_errors
 from mech_twin.dependencies import require_extra
-from mech_twin.parameters.load import assignments, machine_parameters, write_configuration
+from mech_twin.parameters.load import assignments, machine_parameters
+from mech_twin.parameters.written_configuration import write_configuration
 from mech_twin.studies import regimes, synthesise
 
 
@@ -46,7 +47,8 @@ def answer_synthesise(
             options=request.options,
             periods=request.periods,
         )
-        write_configuration(machine, found.cycle(found.chosen).parameters, request.out)
+        notes = notes_of(impact_speed_m_per_s=request.impact_speed_m_per_s, seed=request.seed, cycle=found.chosen)
+        write_configuration(machine, found.cycle(found.chosen).parameters, request.out, config, notes)
     if as_json:
         cycles = {cycle.name: cycle.record for cycle in found.cycles}
         print_json({"machine": machine, **found.asked, **cycles, "configuration": str(request.out)})

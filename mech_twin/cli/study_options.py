@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -104,3 +105,13 @@ def counted(title: str) -> Iterator[Callable[[int, int], None] | None]:
     with Progress(*parts, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(title, total=None)
         yield lambda done, total: bar.update(task, completed=done, total=total)
+
+
+def notes_of(**asked: object) -> list[str]:
+    """Return what a written file says of itself: the command, and what was asked; what is None is left out."""
+    command = f"  {shlex.join(['mech-twin', *sys.argv[1:]])}"
+    return [command, *(f"{name}: {_listed(value)}" for name, value in asked.items() if value is not None)]
+
+
+def _listed(value: object) -> str:
+    return ", ".join(map(str, value)) if isinstance(value, list | tuple) else str(value)

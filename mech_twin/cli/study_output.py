@@ -7,10 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from mech_twin.cli.console import print_json, print_numbers, print_table, say
-from mech_twin.cli.study_options import axes_of, counted, limits_of, study_errors
+from mech_twin.cli.study_options import axes_of, counted, limits_of, notes_of, study_errors
 from mech_twin.configuration_tree import configuration_tree
 from mech_twin.dependencies import require_extra
-from mech_twin.parameters.load import assignments, machine_parameters, write_configuration
+from mech_twin.parameters.load import assignments, machine_parameters
+from mech_twin.parameters.written_configuration import write_configuration
 from mech_twin.studies import size, sweep
 
 SHOWN_ROWS = 20
@@ -100,7 +101,8 @@ def answer_size(
     parameters = machine_parameters(machine, config, assignments(settings))
     with study_errors():
         answer = size(machine, parameters, limits=limits_of(limits), objective=objective, tolerance=tolerance)
-        write_configuration(answer.machine, answer.parameters, out)
+        notes = notes_of(objective=answer.objective, tolerance=answer.tolerance, binding=answer.binding)
+        write_configuration(answer.machine, answer.parameters, out, config, notes)
     if as_json:
         print_json(
             {

@@ -41,13 +41,15 @@ def view_bag(
     settle_domain()
     from mech_twin.stop_signal import StopSignal
     from mech_twin.view.rerun_scene import RerunScene
+    from mech_twin.view.sending import AT_ONCE, RECORDED
 
     with ExitStack() as stack:
         stop = stack.enter_context(StopSignal())
         with stop.interrupting():
             shown = _recorded(stack, bag) if map_file is None else _measured(bag, map_file, config)
             file = None if save is None else stack.enter_context(written_file(save, force=force))
-            scene = stack.enter_context(RerunScene(shown.machine, grpc_url=_viewer(stack, save, port), rrd_path=file))
+            url, sending = _viewer(stack, save, port), RECORDED if save is None else AT_ONCE
+            scene = stack.enter_context(RerunScene(shown.machine, grpc_url=url, rrd_path=file, sending=sending))
         shown.show(scene, stop)
         scene.close()
         if save is not None and stop.asked:
@@ -94,6 +96,9 @@ def _viewer(stack: ExitStack, save: Path | None, port: int) -> str | None:
 
 def _show(scene: RerunScene, samples: BagSamples, stop: StopSignal) -> None:
     metrics = None if stop.asked else _metrics(samples)
+    tree = None if metrics is None else metrics.machine.mechanism
+    if tree is not None:
+        scene.know(tree)
     with progress(samples.shown(), samples.count, "showing") as shown:
         for item in shown:
             if stop.asked:

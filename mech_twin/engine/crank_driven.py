@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,29 +14,21 @@ from mech_twin.engine.crank_motion import (
     SPAN_ENDED,
     STATE_SIZE,
     ShaftDrive,
+    ShaftState,
+    fill_shaft,
+    shaft_state,
     turn_crank,
 )
 from mech_twin.engine.crank_piece import (
-    AT_REGIME,
     CRANK_CONTACT,
-    DRIVE_WORK,
-    FRICTION_LOSS,
-    GEAR_LOSS,
-    IS_STALLED,
-    LOAD_WORK,
     MOST_PIECES,
     REVERSED,
-    SENSE,
-    SHARE,
     STALLED,
     STARTED,
     STOPPED,
     TOLERANCE,
     TOO_MANY,
     UNSTEADY,
-    E,
-    F,
-    W,
     apply_boundary,
     load_torque,
     log_sides,
@@ -72,17 +64,17 @@ def grip_at_rest(drive: ShaftDrive, t: float) -> GearTorque:
 
 
 @kernel
-def driving_torque(model: TurnedCrank, s: Array, mean: float, limit: float) -> tuple[float, float]:
+def driving_torque(model: TurnedCrank, s: Any, mean: float, limit: float) -> tuple[float, float]:
     """Return the torque (N m) that would turn a crank at rest, and the share of the load that acts on it.
 
     A load that only resists takes of itself what holds the crank, from nothing to the whole.
     """
-    regime, mechanism = int(s[AT_REGIME]), model.mechanism
-    whole = load_torque(mechanism, s[F], regime)
+    regime, mechanism = int(s.regime), model.mechanism
+    whole = load_torque(mechanism, s.angle_rad, regime)
     for i in range(len(model.crank.resisting)):
         if model.crank.resisting[i, 0] != regime:
             continue
-        bare = load_torque(mechanism, s[F], int(model.crank.resisting[i, 2]))
+        bare = load_torque(mechanism, s.angle_rad, int(model.crank.resisting[i, 2]))
         if model.crank.resisting[i, 1] * (mean - whole) > limit:
             return mean - whole, 1.0
         share = 0.0 if whole == bare else min(max((mean - bare) / (whole - bare), 0.0), 1.0)
@@ -91,7 +83,7 @@ def driving_torque(model: TurnedCrank, s: Array, mean: float, limit: float) -> t
 
 
 @kernel
-def rest(model: TurnedCrank, s: Array, drive: ShaftDrive, t: float) -> tuple[float, float, float]:
+def rest(model: TurnedCrank, s: Any, drive: ShaftDrive, t: float) -> tuple[float, float, float]:
     """Return the sense in which a crank without speed starts (0: it sticks), the bearing's torque (N m), the share."""
     grip, coulomb = grip_at_rest(drive, t), model.crank.friction.coulomb_nm
     limit = grip.friction_nm + coulomb
@@ -104,32 +96,32 @@ def rest(model: TurnedCrank, s: Array, drive: ShaftDrive, t: float) -> tuple[flo
 
 @kernel
 def set_off(
-    model: TurnedCrank, s: Array, time_s: float, drive: ShaftDrive, t: float, command: float, log: Array, count: int
+    model: TurnedCrank, s: Any, time_s: float, drive: ShaftDrive, t: float, command: float, log: Array, count: int
 ) -> tuple[Array, int]:
     """Give a crank without speed the sense in which it goes on, 0 where it sticks, and log that."""
-    crank, past, regime, stalled = model.crank, s[SENSE], int(s[AT_REGIME]), s[IS_STALLED]
+    crank, past, regime, stalled = model.crank, s.turning_sense, int(s.regime), s.stalled
     sense, _, share = rest(model, s, drive, t)
-    s[SENSE], s[E], s[SHARE] = sense, 0.0, share
+    s.turning_sense, s.acceleration_rad_per_s2, s.load_share = sense, 0.0, share
     if sense != 0.0:
-        s[IS_STALLED] = 0.0
+        s.stalled = 0.0
         turn_back(crank, s)
     held_for_good = sense == 0.0 and past == 0.0 and command != 0.0 and drive.time_slope == 0.0
     if sense == past and (not held_for_good or stalled != 0.0):
         return log, count
     kind = STARTED if past == 0.0 else STOPPED if sense == 0.0 else REVERSED
     if held_for_good or past * command > 0.0:
-        kind, s[IS_STALLED] = STALLED, 1.0 if sense == 0.0 else 0.0
+        kind, s.stalled = STALLED, 1.0 if sense == 0.0 else 0.0
     smooth = grip_at_rest(drive, t).friction_nm + crank.friction.coulomb_nm == 0.0
     if kind != STALLED and smooth:
         return log, count
-    torque = load_torque(model.mechanism, s[F], regime)
-    log = log_event(log, count, time_s, kind, CRANK_CONTACT, 0.0, 0.0, 0.0, period_of(crank, s[F], past))
-    log_sides(log, count, s[F], 0.0, torque, torque)
+    torque = load_torque(model.mechanism, s.angle_rad, regime)
+    log = log_event(log, count, time_s, kind, CRANK_CONTACT, 0.0, 0.0, 0.0, period_of(crank, s.angle_rad, past))
+    log_sides(log, count, s.angle_rad, 0.0, torque, torque)
     return log, count + 1
 
 
 @kernel
-def release_time(model: TurnedCrank, s: Array, drive: ShaftDrive, t: float, left: float) -> float:
+def release_time(model: TurnedCrank, s: Any, drive: ShaftDrive, t: float, left: float) -> float:
     """Return how long a crank at rest goes on sticking (s), at most ``left``.
 
     The motor's torque is a straight line in time, and so is, on either side of 0, what the gear passes on: the
@@ -148,41 +140,42 @@ def release_time(model: TurnedCrank, s: Array, drive: ShaftDrive, t: float, left
 
 
 @kernel
-def turn(model: TurnedCrank, s: Array, drive: ShaftDrive, t: float, left: float, aim: float) -> tuple[float, int]:
+def turn(model: TurnedCrank, s: Any, drive: ShaftDrive, t: float, left: float, aim: float) -> tuple[float, int]:
     """Carry the state on by one smooth piece; return its duration (s) and what ended it."""
-    if s[SENSE] == 0.0:
-        s[E] = 0.0
+    if s.turning_sense == 0.0:
+        s.acceleration_rad_per_s2 = 0.0
         span = release_time(model, s, drive, t, left)
         return span, SPAN_ENDED if span == left else AT_REST
-    size, y, tolerance = work_scale(model, s, left), np.empty(STATE_SIZE), np.empty(STATE_SIZE)
-    near, regime = within_a_turn(s[F]), int(s[AT_REGIME])
-    y[0], y[1], y[2], y[3], y[4] = near, s[W], s[DRIVE_WORK], s[GEAR_LOSS], s[FRICTION_LOSS]
-    tolerance[0], tolerance[1] = TOLERANCE * 1.0, TOLERANCE * (1.0 + abs(s[W]))
-    tolerance[2:] = TOLERANCE * size
-    system = driven_system(model.mechanism, turning(drive, s[SENSE]), regime)
-    span, what, e = turn_crank(system, t, y, left, s[SENSE], aim - (s[F] - near), tolerance)
+    y, tolerance, size = np.empty(STATE_SIZE), np.empty(STATE_SIZE), TOLERANCE * work_scale(model, s, left)
+    before, near, regime = s.angle_rad, within_a_turn(s.angle_rad), int(s.regime)
+    fill_shaft(y, ShaftState(near, s.speed_rad_per_s, s.drive_work_j, s.gear_loss_j, s.friction_loss_j))
+    fill_shaft(tolerance, ShaftState(TOLERANCE * 1.0, TOLERANCE * (1.0 + abs(s.speed_rad_per_s)), size, size, size))
+    system = driven_system(model.mechanism, turning(drive, s.turning_sense), regime)
+    span, what, e = turn_crank(system, t, y, left, s.turning_sense, aim - (before - near), tolerance)
     if what == NOT_INTEGRATED:
         return span, what
-    if what == AT_REST and s[W] == 0.0 and span == 0.0:  # on the edge of sticking, within rounding
-        s[SENSE], s[E] = 0.0, 0.0
+    if what == AT_REST and s.speed_rad_per_s == 0.0 and span == 0.0:  # on the edge of sticking, within rounding
+        s.turning_sense, s.acceleration_rad_per_s2 = 0.0, 0.0
         return left, SPAN_ENDED
-    f = y[0]
-    if near != s[F]:
-        f = aim if what == AT_ANGLE else s[F] + (y[0] - near)
-        y[2] += rounding_work(model, f, y[1], e, regime, (f - s[F]) - (y[0] - near))
-    s[LOAD_WORK] = s[LOAD_WORK] + mechanism_load_work(model.mechanism, s[F], f, regime)
-    s[F], s[W], s[E], s[DRIVE_WORK], s[GEAR_LOSS], s[FRICTION_LOSS] = f, y[1], e, y[2], y[3], y[4]
+    after = shaft_state(y)
+    f, w, work = after.angle_rad, after.speed_rad_per_s, after.drive_work_j
+    if near != before:
+        f = aim if what == AT_ANGLE else before + (after.angle_rad - near)
+        work += rounding_work(model, f, w, e, regime, (f - before) - (after.angle_rad - near))
+    s.load_work_j = s.load_work_j + mechanism_load_work(model.mechanism, before, f, regime)
+    s.angle_rad, s.speed_rad_per_s, s.acceleration_rad_per_s2 = f, w, e
+    s.drive_work_j, s.gear_loss_j, s.friction_loss_j = work, after.gear_loss_j, after.friction_loss_j
     return span, what
 
 
 @kernel
 def drive_on(
-    model: TurnedCrank, s: Array, start_s: float, drive: ShaftDrive, command: float, log: Array
+    model: TurnedCrank, s: Any, start_s: float, drive: ShaftDrive, command: float, log: Array
 ) -> tuple[Array, int, float]:
     """Carry the state through a step behind a motor; return events, and the friction torque (N m) at rest."""
     crank, count, done = model.crank, 0, 0.0
     for _ in range(MOST_PIECES):
-        if s[W] == 0.0:
+        if s.speed_rad_per_s == 0.0:
             log, count = set_off(model, s, start_s + done, drive, done, command, log, count)
         boundary, aim = next_boundary(crank, s)
         span, what = turn(model, s, drive, done, crank.step_s - done, aim)
@@ -191,9 +184,9 @@ def drive_on(
         done += span
         if what == SPAN_ENDED:
             held = 0.0
-            if s[SENSE] == 0.0:
+            if s.turning_sense == 0.0:
                 sense, held, share = rest(model, s, drive, done)
-                s[SENSE], s[E], s[SHARE] = sense, 0.0, share
+                s.turning_sense, s.acceleration_rad_per_s2, s.load_share = sense, 0.0, share
             return log, count, held
         if what == AT_ANGLE and boundary >= 0:
             log, count = apply_boundary(model, s, boundary, start_s + done, log, count)

@@ -38,10 +38,34 @@ from mech_twin.parts.gear import gear_split
 Array = NDArray[np.float64]
 SPAN_ENDED, AT_REST, AT_ANGLE, NOT_INTEGRATED = 0, 1, 2, 3
 MOST_STEPS = 20_000  # of one piece: a fraction of a second
-ANGLE, SPEED, DRIVE_WORK, GEAR_LOSS, FRICTION_LOSS = 0, 1, 2, 3, 4  # of the state that is integrated
-STATE_SIZE = 5
 LONGEST_TURN_RAD = 0.2  # of the crank in one step of the integration, whatever its estimated error
 DRIVE_POWER = 0  # the one rate of a crank at a prescribed speed
+
+
+class ShaftState(NamedTuple):
+    """What is integrated: the crank's angle and speed, work on the mechanism, losses of gear and friction."""
+
+    angle_rad: float
+    speed_rad_per_s: float
+    drive_work_j: float
+    gear_loss_j: float
+    friction_loss_j: float
+
+
+STATE_SIZE = len(ShaftState._fields)
+
+
+@kernel
+def shaft_state(y: Array) -> ShaftState:
+    """Return the numbers of a state (5,), or of its rates, by name."""
+    return ShaftState(y[0], y[1], y[2], y[3], y[4])
+
+
+@kernel
+def fill_shaft(y: Array, state: ShaftState) -> None:
+    """Put a state, or its rates, into an array (5,)."""
+    for i in range(STATE_SIZE):
+        y[i] = state[i]
 
 
 class ShaftDrive(NamedTuple):
@@ -97,11 +121,11 @@ def crank_rates(drive: ShaftDrive, t: float, y: Array, inertia: float, slope: fl
     inertia, slope, moment : float
         I_pr (kg m2), dI_pr/df (kg m2/rad) and M_pr (N m) of the mechanism at the angle.
     """
-    w, shaft = y[SPEED], shaft_torques(drive, t, y[SPEED])
+    w = shaft_state(y).speed_rad_per_s
+    shaft = shaft_torques(drive, t, w)
     e = (shaft.drive_nm + shaft.friction_nm + moment - 0.5 * w * w * slope) / (inertia + drive.shaft_inertia_kg_m2)
-    out[ANGLE], out[SPEED] = w, e
-    out[DRIVE_WORK] = (shaft.drive_nm - drive.shaft_inertia_kg_m2 * e) * w
-    out[GEAR_LOSS], out[FRICTION_LOSS] = shaft.gear_loss_w, -shaft.friction_nm * w
+    power = (shaft.drive_nm - drive.shaft_inertia_kg_m2 * e) * w
+    fill_shaft(out, ShaftState(w, e, power, shaft.gear_loss_w, -shaft.friction_nm * w))
 
 
 @kernel
@@ -132,7 +156,8 @@ def _first_share(
     for _ in range(55):
         middle = 0.5 * (low + high)
         interpolate(system, y, h, middle, work, out)
-        left = out[SPEED] * direction if what == AT_REST else (aim - out[ANGLE]) * direction
+        now = shaft_state(out)
+        left = now.speed_rad_per_s * direction if what == AT_REST else (aim - now.angle_rad) * direction
         if left > 0.0:
             low = middle
         else:
@@ -147,8 +172,9 @@ def _land(system: Any, t: float, y: Array, h: float, aim: float, what: int, work
     for _ in range(4):
         take_step(system, t, y, h, work)
         finish_step(system, t, h, work)
-        miss = work.end[SPEED] if what == AT_REST else work.end[ANGLE] - aim
-        rate = work.rates[last, SPEED] if what == AT_REST else work.rates[last, ANGLE]
+        end, rates = shaft_state(work.end), shaft_state(work.rates[last])
+        miss = end.speed_rad_per_s if what == AT_REST else end.angle_rad - aim
+        rate = rates.speed_rad_per_s if what == AT_REST else rates.angle_rad
         if miss == 0.0 or rate == 0.0 or not h - miss / rate >= 0.0:
             break
         h -= miss / rate
@@ -170,7 +196,7 @@ def turn_crank(
     t, span : float
         Time of the coupling step at which the motion starts, and its longest duration (s).
     y : ndarray
-        Angle, speed, work on the mechanism, gear loss, friction loss, shape (5,).
+        The numbers of a `ShaftState`, shape (5,).
     direction : float
         Sense of turning (+1, -1); the motion ends at rest.
     aim : float
@@ -185,28 +211,27 @@ def turn_crank(
     for _ in range(MOST_STEPS):
         start_step(system, t + done, y, work)
         h, wanted = _good_step(system, t + done, y, min(wanted, span - done), tolerance, work)
-        if not np.isfinite(work.end[SPEED]):
+        end = shaft_state(work.end)
+        if not np.isfinite(end.speed_rad_per_s):
             return done, NOT_INTEGRATED, e
-        rests = direction * work.end[SPEED] < 0.0
-        passes = direction * (work.end[ANGLE] - aim) >= 0.0
+        rests = direction * end.speed_rad_per_s < 0.0
+        passes = direction * (end.angle_rad - aim) >= 0.0
         if rests or passes:
             prepare_dense_output(system, t + done, y, h, work)
             share, what = 1.0, SPAN_ENDED
             if rests:
                 share, what = _first_share(system, y, h, direction, aim, AT_REST, 1.0, work), AT_REST
                 interpolate(system, y, h, share, work, work.stage)
-                passes = direction * (work.stage[ANGLE] - aim) >= 0.0
+                passes = direction * (shaft_state(work.stage).angle_rad - aim) >= 0.0
             if passes:
                 share, what = _first_share(system, y, h, direction, aim, AT_ANGLE, share, work), AT_ANGLE
             h = _land(system, t + done, y, share * h, aim, what, work)
-            y[:] = work.end
-            if what == AT_REST:
-                y[SPEED] = 0.0
-            else:
-                y[ANGLE] = aim
-            return min(done + h, span), what, work.rates[last, SPEED]
+            end = shaft_state(work.end)
+            angle, speed = (end.angle_rad, 0.0) if what == AT_REST else (aim, end.speed_rad_per_s)
+            fill_shaft(y, ShaftState(angle, speed, end.drive_work_j, end.gear_loss_j, end.friction_loss_j))
+            return min(done + h, span), what, shaft_state(work.rates[last]).speed_rad_per_s
         y[:] = work.end
-        e = work.rates[last, SPEED]
+        e = shaft_state(work.rates[last]).speed_rad_per_s
         done += h
         if span - done <= 1e-15 * span:
             return span, SPAN_ENDED, e

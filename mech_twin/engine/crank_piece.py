@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from mech_twin.engine.compiled_steps import log_event
 from mech_twin.engine.crank_state import (
@@ -12,6 +12,7 @@ from mech_twin.engine.crank_state import (
     mechanism_load_speed,
     mechanism_state,
 )
+from mech_twin.engine.records import record_of
 from mech_twin.engine.sample_vectors import (
     EVENT_WIDTH,
     SIDES,
@@ -26,16 +27,6 @@ if TYPE_CHECKING:
 MOST_PIECES = 10_000  # of one coupling step
 TOLERANCE = 1e-12  # of a step: angle in rad, speed and works over their size
 HELD_SHARE = 0.01  # of the energy held and moved: no error of work is asked to be below its rounding
-# state within a step: angle, speed, acceleration, sense of turning, works and losses (J), regime, whether a supply that
-# is on does not turn the crank, share of the load that acts, angle at which the crank last turned back
-F, W, E, SENSE, DRIVE_WORK, GEAR_LOSS, FRICTION_LOSS, LOAD_WORK, AT_REGIME, IS_STALLED, SHARE, MARK = range(12)
-STATES = 12
-# places in `crank_state.Memory`, from its begin in a row
-(
-    M_ACCELERATION, M_FRICTION, M_SENSE, M_STALLED, M_SHARE, M_MARK, M_DRIVE_WORK, M_GEAR_LOSS, M_FRICTION_LOSS,
-    M_LOAD_WORK, M_ADJUSTMENT, M_ENERGY, M_INITIAL,
-) = range(13)  # fmt: skip
-MEMORY_SIZE = 13
 KINDS = ("started", "stopped", "stalled", "reversed")  # then those of the boundaries
 STARTED, STOPPED, STALLED, REVERSED = range(4)
 CRANK_CONTACT, LOAD_CONTACT = 0, 1
@@ -46,6 +37,33 @@ FAILURES = (
     "no integration step is small enough for the crank",
     "the crank torque is not finite",
 )
+
+
+class CrankPoint(NamedTuple):
+    """State of the crank within a step; fields of the energy balance are sums since the start of the run."""
+
+    angle_rad: float
+    speed_rad_per_s: float
+    acceleration_rad_per_s2: float
+    turning_sense: float  # +1, -1; 0 at rest
+    drive_work_j: float
+    gear_loss_j: float
+    friction_loss_j: float
+    load_work_j: float
+    regime: float
+    stalled: float  # 1 where a supply that is on does not turn the crank
+    load_share: float  # of the load that acts
+    turned_back_rad: float  # angle at which the crank last turned back under a load that only resists
+
+
+POINT = record_of(CrankPoint)
+POINT_SIZE = len(CrankPoint._fields)
+
+
+@kernel
+def point_of(numbers: Array) -> Any:
+    """Return a state of the crank (12,) as a record that shares its numbers."""
+    return numbers.view(POINT)[0]
 
 
 @kernel
@@ -62,16 +80,16 @@ def load_torque(mechanism: Any, f: float, regime: int) -> float:
 
 
 @kernel
-def turned_over(s: Array) -> float:
+def turned_over(s: Any) -> float:
     """Return the work (J) turned over, at least 1."""
-    return float(max(1.0, abs(s[DRIVE_WORK]), abs(s[LOAD_WORK]), s[FRICTION_LOSS]))
+    return float(max(1.0, abs(s.drive_work_j), abs(s.load_work_j), s.friction_loss_j))
 
 
 @kernel
-def work_scale(model: TurnedCrank, s: Array, h: float) -> float:
+def work_scale(model: TurnedCrank, s: Any, h: float) -> float:
     """Return the size (J) an error of work is measured by: what was turned over, or is held and moved in ``h`` (s)."""
-    friction, w, e = model.crank.friction, s[W], s[E]
-    _, _, torque, energy, _ = mechanism_state(model.mechanism, s[F], w, e, int(s[AT_REGIME]))
+    friction, w, e = model.crank.friction, s.speed_rad_per_s, s.acceleration_rad_per_s2
+    _, _, torque, energy, _ = mechanism_state(model.mechanism, s.angle_rad, w, e, int(s.regime))
     resisting = friction.coulomb_nm + friction.viscous_nms_per_rad * abs(w)
     moved = (abs(torque) + resisting) * (abs(w) + abs(e) * h) * h
     return max(turned_over(s), HELD_SHARE * float(abs(energy) + moved))
@@ -88,17 +106,17 @@ def rounding_work(model: TurnedCrank, f: float, w: float, e: float, regime: int,
 
 
 @kernel
-def next_boundary(crank: Crank, s: Array) -> tuple[int, float]:
+def next_boundary(crank: Crank, s: Any) -> tuple[int, float]:
     """Return the next boundary in the sense of turning (-1: none), and its angle in this turn (rad)."""
-    best, aim = -1, math.copysign(math.inf, s[SENSE])
+    best, aim = -1, math.copysign(math.inf, s.turning_sense)
     for i in range(len(crank.boundaries)):
         angle, sign = crank.boundaries[i, 0], crank.boundaries[i, 1]
-        if crank.boundaries[i, 2] != s[AT_REGIME] or sign != s[SENSE]:
+        if crank.boundaries[i, 2] != s.regime or sign != s.turning_sense:
             continue
         if math.isnan(angle):
-            angle = s[MARK]
+            angle = s.turned_back_rad
         else:
-            turns = math.floor(sign * (s[F] - angle) / TURN) + 1.0
+            turns = math.floor(sign * (s.angle_rad - angle) / TURN) + 1.0
             angle = angle + sign * turns * TURN
         if best < 0 or sign * (angle - aim) < 0.0:
             best, aim = i, angle
@@ -122,24 +140,24 @@ def log_sides(log: Array, count: int, f: float, w: float, before_nm: float, afte
 
 @kernel
 def apply_boundary(
-    model: TurnedCrank, s: Array, boundary: int, time_s: float, log: Array, count: int
+    model: TurnedCrank, s: Any, boundary: int, time_s: float, log: Array, count: int
 ) -> tuple[Array, int]:
     """Change the regime, and log the event with the speed of the loaded point."""
-    crank, mechanism = model.crank, model.mechanism
-    before, after = int(s[AT_REGIME]), int(crank.boundaries[boundary, 3])
-    speed = mechanism_load_speed(mechanism, s[F], s[W])
-    kind, period = int(crank.boundaries[boundary, 4]), period_of(crank, s[F], s[SENSE])
+    crank, mechanism, f, w, e = model.crank, model.mechanism, s.angle_rad, s.speed_rad_per_s, s.acceleration_rad_per_s2
+    before, after = int(s.regime), int(crank.boundaries[boundary, 3])
+    speed = mechanism_load_speed(mechanism, f, w)
+    kind, period = int(crank.boundaries[boundary, 4]), period_of(crank, f, s.turning_sense)
     log = log_event(log, count, time_s, kind, LOAD_CONTACT, speed, speed, 0.0, period)
-    torque = mechanism_state(mechanism, s[F], s[W], s[E], before)[2]
-    log_sides(log, count, s[F], s[W], torque, mechanism_state(mechanism, s[F], s[W], s[E], after)[2])
-    s[AT_REGIME] = after
+    torque = mechanism_state(mechanism, f, w, e, before)[2]
+    log_sides(log, count, f, w, torque, mechanism_state(mechanism, f, w, e, after)[2])
+    s.regime = after
     return log, count + 1
 
 
 @kernel
-def turn_back(crank: Crank, s: Array) -> None:
+def turn_back(crank: Crank, s: Any) -> None:
     """Take the crank out of a load that only resists where it sets off against its sense."""
     for i in range(len(crank.resisting)):
-        if crank.resisting[i, 0] == s[AT_REGIME] and s[SENSE] != 0.0 and s[SENSE] != crank.resisting[i, 1]:
-            s[AT_REGIME], s[MARK] = crank.resisting[i, 2], s[F]
+        if crank.resisting[i, 0] == s.regime and s.turning_sense != 0.0 and s.turning_sense != crank.resisting[i, 1]:
+            s.regime, s.turned_back_rad = crank.resisting[i, 2], s.angle_rad
             return

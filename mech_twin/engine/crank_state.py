@@ -9,7 +9,8 @@ import numpy as np
 
 from mech_twin.engine.compiled_steps import chosen
 from mech_twin.engine.crank_motion import ShaftDrive
-from mech_twin.engine.sample_vectors import Array
+from mech_twin.engine.records import record_of
+from mech_twin.engine.sample_vectors import LINKAGE_JOINTS, Array
 from mech_twin.kernel import kernel
 from mech_twin.parts.induction_motor import MotorConstants, motor_torque_slope
 
@@ -39,6 +40,17 @@ class Memory(NamedTuple):
     adjustment_work_j: float  # by parameters changed while running
     energy_j: float
     initial_energy_j: float
+
+
+MEMORY = record_of(Memory)
+MEMORY_SIZE = len(Memory._fields)
+
+
+@kernel
+def memory_of(row: Array, joints: int) -> Any:
+    """Return the memory of a linkage row with so many joints as a record that shares its numbers."""
+    begin = LINKAGE_JOINTS + 3 * joints
+    return row[begin : begin + MEMORY_SIZE].view(MEMORY)[0]
 
 
 # The mechanism: functions of its constants, declared for their type with `compiled_steps.step_of`; crank angle f (rad),

@@ -16,40 +16,17 @@ from mech_twin.engine.compiled_steps import linkage_step, step_of
 from mech_twin.engine.crank_driven import drive_on
 from mech_twin.engine.crank_led import holding_torque, lead
 from mech_twin.engine.crank_piece import (
-    AT_REGIME,
-    DRIVE_WORK,
-    FRICTION_LOSS,
-    GEAR_LOSS,
-    IS_STALLED,
-    LOAD_WORK,
-    M_ACCELERATION,
-    M_ADJUSTMENT,
-    M_DRIVE_WORK,
-    M_ENERGY,
-    M_FRICTION,
-    M_FRICTION_LOSS,
-    M_GEAR_LOSS,
-    M_INITIAL,
-    M_LOAD_WORK,
-    M_MARK,
-    M_SENSE,
-    M_SHARE,
-    M_STALLED,
-    MARK,
-    MEMORY_SIZE,
     NO_TORQUE,
-    SENSE,
-    SHARE,
-    STATES,
-    E,
-    F,
-    W,
+    POINT_SIZE,
+    point_of,
     sign_of,
     turned_over,
 )
 from mech_twin.engine.crank_state import (
+    MEMORY_SIZE,
     Crank,
     mechanism_state,
+    memory_of,
     shaft_drive,
     under_load_share,
 )
@@ -73,9 +50,9 @@ class TurnedCrank(NamedTuple):
 
 @kernel
 def fill_row(
-    model: TurnedCrank, s: Array, command: float, held: float, initial_j: float, booked_j: float, out: Array
+    model: TurnedCrank, point: Array, command: float, held: float, initial_j: float, booked_j: float, out: Array
 ) -> bool:
-    """Fill a linkage row with a state; return whether the crank torque is finite.
+    """Fill a linkage row with a state (12,); return whether the crank torque is finite.
 
     Parameters
     ----------
@@ -84,14 +61,15 @@ def fill_row(
     initial_j, booked_j : float
         Energy at the start of the run (nan: this is the start), and what changed parameters have brought since.
     """
-    crank, regime = model.crank, int(s[AT_REGIME])
-    mechanism = under_load_share(model.mechanism, s[SHARE])
-    positions, velocities, torque, energy, closure = mechanism_state(mechanism, s[F], s[W], s[E], regime)
+    crank, s = model.crank, point_of(point)
+    regime, mechanism = int(s.regime), under_load_share(model.mechanism, s.load_share)
+    f, w, e = s.angle_rad, s.speed_rad_per_s, s.acceleration_rad_per_s2
+    positions, velocities, torque, energy, closure = mechanism_state(mechanism, f, w, e, regime)
     friction = held
-    if s[SENSE] != 0.0:
-        friction = -crank.friction.coulomb_nm * s[SENSE] - crank.friction.viscous_nms_per_rad * s[W]
+    if s.turning_sense != 0.0:
+        friction = -crank.friction.coulomb_nm * s.turning_sense - crank.friction.viscous_nms_per_rad * w
     initial = energy if math.isnan(initial_j) else initial_j
-    miss = energy - initial - s[DRIVE_WORK] - s[LOAD_WORK] + s[FRICTION_LOSS] - booked_j
+    miss = energy - initial - s.drive_work_j - s.load_work_j + s.friction_loss_j - booked_j
     scale = max(turned_over(s), abs(initial), abs(energy), abs(booked_j), crank.energy_scale_j)
     out[REGIME], out[COMMAND] = regime, command
     at = LINKAGE_JOINTS
@@ -99,30 +77,35 @@ def fill_row(
         out[at], out[at + 1], out[at + 2] = positions[i], velocities[i], 0.0
         at += 3
     out[LINKAGE_JOINTS + 2] = torque - friction
-    out[at + M_ACCELERATION], out[at + M_FRICTION], out[at + M_SENSE] = s[E], friction, s[SENSE]
-    out[at + M_STALLED], out[at + M_SHARE], out[at + M_MARK] = s[IS_STALLED], s[SHARE], s[MARK]
-    out[at + M_DRIVE_WORK], out[at + M_GEAR_LOSS] = s[DRIVE_WORK], s[GEAR_LOSS]
-    out[at + M_FRICTION_LOSS], out[at + M_LOAD_WORK] = s[FRICTION_LOSS], s[LOAD_WORK]
-    out[at + M_ADJUSTMENT], out[at + M_ENERGY], out[at + M_INITIAL] = booked_j, energy, initial
-    out[at + MEMORY_SIZE], out[at + MEMORY_SIZE + 1] = closure, miss / scale
+    memory = memory_of(out, len(positions))
+    memory.crank_acceleration_rad_per_s2, memory.friction_torque_nm, memory.turning_sense = e, friction, s.turning_sense
+    memory.stalled_1, memory.load_share, memory.turned_back_rad = s.stalled, s.load_share, s.turned_back_rad
+    memory.drive_work_j, memory.gear_loss_j = s.drive_work_j, s.gear_loss_j
+    memory.friction_loss_j, memory.load_work_j = s.friction_loss_j, s.load_work_j
+    memory.adjustment_work_j, memory.energy_j, memory.initial_energy_j = booked_j, energy, initial
+    at += MEMORY_SIZE
+    out[at], out[at + 1] = closure, miss / scale
     return math.isfinite(torque)
 
 
 @kernel
 def start_row(model: TurnedCrank, f: float, w: float, command: float, regime: int, out: Array) -> bool:
     """Fill the row of a crank at its first angle and speed (rad, rad/s); return whether its torque is finite."""
-    s = np.zeros(STATES)
-    s[F], s[W], s[SENSE], s[AT_REGIME], s[SHARE] = f, w, sign_of(w), regime, 1.0
+    point = np.zeros(POINT_SIZE)
+    s = point_of(point)
+    s.angle_rad, s.speed_rad_per_s, s.turning_sense, s.regime, s.load_share = f, w, sign_of(w), regime, 1.0
     held = holding_torque(model, s) if w == 0.0 else 0.0
-    return fill_row(model, s, command, held, math.nan, 0.0, out)
+    return fill_row(model, point, command, held, math.nan, 0.0, out)
 
 
 @kernel
 def guided_row(model: TurnedCrank, f: float, w: float, e: float, command: float, regime: int, out: Array) -> bool:
     """Fill the row of a crank in a given motion (rad, rad/s, rad/s2); return whether its torque is finite."""
-    s = np.zeros(STATES)
-    s[F], s[W], s[E], s[SENSE], s[AT_REGIME], s[SHARE] = f, w, e, sign_of(w), regime, 1.0
-    return fill_row(model, s, command, 0.0, math.nan, 0.0, out)
+    point = np.zeros(POINT_SIZE)
+    s = point_of(point)
+    s.angle_rad, s.speed_rad_per_s, s.acceleration_rad_per_s2 = f, w, e
+    s.turning_sense, s.regime, s.load_share = sign_of(w), regime, 1.0
+    return fill_row(model, point, command, 0.0, math.nan, 0.0, out)
 
 
 @step_of(linkage_step, TurnedCrank)
@@ -130,14 +113,17 @@ def crank_step(
     model: TurnedCrank, step: int, linkage: Array, motor: Array, body: Array, out: Array, log: Array
 ) -> tuple[Array, int]:
     """Fill in the linkage one step later, its changes of regime and instants of rest located inside the step."""
-    crank, s = model.crank, np.empty(STATES)
+    crank, point = model.crank, np.empty(POINT_SIZE)
+    s = point_of(point)
     f, w, regime = linkage[LINKAGE_JOINTS], linkage[LINKAGE_JOINTS + 1], int(linkage[REGIME])
     positions, _, _, energy, _ = mechanism_state(model.mechanism, f, w, 0.0, regime)
-    past = linkage[LINKAGE_JOINTS + 3 * len(positions) :]
-    adjusted = energy - past[M_ENERGY]
-    s[F], s[W], s[E], s[SENSE], s[AT_REGIME] = f, w, past[M_ACCELERATION], past[M_SENSE], regime
-    s[DRIVE_WORK], s[GEAR_LOSS], s[FRICTION_LOSS] = past[M_DRIVE_WORK], past[M_GEAR_LOSS], past[M_FRICTION_LOSS]
-    s[LOAD_WORK], s[IS_STALLED], s[SHARE], s[MARK] = past[M_LOAD_WORK], past[M_STALLED], 1.0, past[M_MARK]
+    past = memory_of(linkage, len(positions))
+    adjusted = energy - past.energy_j
+    s.angle_rad, s.speed_rad_per_s, s.acceleration_rad_per_s2 = f, w, past.crank_acceleration_rad_per_s2
+    s.turning_sense, s.regime = past.turning_sense, regime
+    s.drive_work_j, s.gear_loss_j, s.friction_loss_j = past.drive_work_j, past.gear_loss_j, past.friction_loss_j
+    s.load_work_j, s.stalled = past.load_work_j, past.stalled_1
+    s.load_share, s.turned_back_rad = 1.0, past.turned_back_rad
     command, speed, torque = motor[MOTOR_COMMAND], motor[MOTOR_JOINTS + 1], motor[MOTOR_JOINTS + 2]
     start_s = step * crank.step_s
     if crank.drive.prescribed:
@@ -145,5 +131,5 @@ def crank_step(
     else:
         drive = shaft_drive(crank, w, linkage[COMMAND], speed, torque, command)
         log, count, held = drive_on(model, s, start_s, drive, command, log)
-    finite = fill_row(model, s, command, held, past[M_INITIAL], past[M_ADJUSTMENT] + adjusted, out)
+    finite = fill_row(model, point, command, held, past.initial_energy_j, past.adjustment_work_j + adjusted, out)
     return log, count if finite or count < 0 else NO_TORQUE

@@ -190,7 +190,7 @@ def checked_map(tree: Mapping[str, Any], source: str, columns_of: Any) -> Measur
     try:
         found = MeasurementMap.model_validate(tree)
     except ValidationError as error:
-        raise refusal(source, error) from error
+        raise refusal(source, error, MeasurementMap) from error
     columns = columns_of(found.machine)
     for place, channel in enumerate(found.channels):
         _check_channel(channel, f"{source}: key 'channels.{place}", found.machine, columns)

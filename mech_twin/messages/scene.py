@@ -12,7 +12,7 @@ from mech_twin.messages.step_message import MessageError, set_stamp, stamp_s
 from mech_twin.samples import Drawing, Shape
 
 FRAME = "machine"
-TYPES = {"line": Marker.LINE_STRIP, "points": Marker.POINTS, "arrow": Marker.ARROW}
+TYPES = {"line": Marker.LINE_STRIP, "points": Marker.POINTS, "arrow": Marker.ARROW, "text": Marker.TEXT_VIEW_FACING}
 KINDS = {value: key for key, value in TYPES.items()}
 ARROW_POINTS = 2
 BLANK = Marker(action=Marker.ADD)
@@ -34,6 +34,9 @@ def _marker(time_s: float, frame: str, index: int, shape: Shape) -> Marker:
     red, green, blue = (part / 255.0 for part in shape.colour)
     marker.color = ColorRGBA(r=red, g=green, b=blue, a=1.0)
     marker.points = [Point(x=x, y=y, z=0.0) for x, y in shape.points_m]
+    marker.text = shape.text
+    if shape.kind == "text":  # stands at its pose
+        (marker.pose.position.x, marker.pose.position.y), marker.points = shape.points_m[0], []
     return marker
 
 
@@ -54,8 +57,10 @@ def _shape(marker: Marker) -> Shape:
     if marker.type not in KINDS:
         raise MessageError(f"marker type {marker.type} of '{marker.ns}' is not drawn")
     colour = _byte(marker.color.r), _byte(marker.color.g), _byte(marker.color.b)
-    points = tuple((point.x, point.y) for point in marker.points)
-    return Shape(marker.ns, KINDS[marker.type], points, colour, marker.scale.x)
+    kind = KINDS[marker.type]
+    places = [marker.pose.position] if kind == "text" else marker.points
+    points = tuple((place.x, place.y) for place in places)
+    return Shape(marker.ns, kind, points, colour, marker.scale.x, marker.text)
 
 
 def _byte(share: float) -> int:

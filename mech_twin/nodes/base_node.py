@@ -200,7 +200,7 @@ def _options(tree: Mapping[str, Any], source: str) -> RunOptions:
     try:
         return RunOptions.model_validate(tree)
     except ValidationError as error:
-        raise refusal(source, error) from error
+        raise refusal(source, error, RunOptions) from error
 
 
 def destroy_nodes(nodes: Sequence[TwinNode]) -> None:

@@ -20,7 +20,7 @@ from mech_twin.nodes.options import RunOptions
 from mech_twin.nodes.other_clocks import other_clocks
 from mech_twin.nodes.peer_wait import PeerWait
 from mech_twin.nodes.role_node import RETRY_S, RoleNode
-from mech_twin.nodes.step_pacer import StepPacer
+from mech_twin.nodes.step_pacer import LagNotice, StepPacer
 from mech_twin.parameters.load import catalogue_entry, description_text, is_of_ros
 from mech_twin.quantity import Parameters
 from mech_twin.samples import LinkageSample
@@ -38,6 +38,7 @@ class LinkageNode(RoleNode):
         self._reset_asked = False
         self._live = LiveParameters(machine_name)
         self._pacer = StepPacer(self.machine.coupling_step_s, self.options.pace == "realtime")
+        self._lag = LagNotice()
         self._wait = PeerWait(self.options.peer_timeout_s, self._born_s)
         self._rejoin = LinkageRejoin(self)
         self._out = LinkageOutputs(self)
@@ -56,10 +57,21 @@ class LinkageNode(RoleNode):
         return {
             "step": "-" if self.sample is None else str(self.sample.step),
             "revision": str(self.revision),
+            "lag s": f"{self._pacer.lag_s:.6f}",
             "worst lag s": f"{self._pacer.worst_lag_s:.6f}",
+            "given up s": f"{self._pacer.given_up_s:.1f}",
             "waits": str(self._wait.count),
             "waited s": f"{self._wait.total_s(time.monotonic()):.1f}",
         }
+
+    def report(self) -> None:
+        """Publish the diagnostics of the window that ends now, and say whether the run is behind the wall clock."""
+        state, line = self._lag.lines(self._pacer)
+        if state:
+            self.diagnostics.warn(state)
+        if line:
+            self.get_logger().warning(line)
+        super().report()
 
     def _step_of_sample(self) -> int | None:
         return None if self.sample is None else self.sample.step
@@ -155,12 +167,12 @@ class LinkageNode(RoleNode):
         begins = self._wait.ask(now)
         if self._wait.waiting:
             self.diagnostics.state = f"waiting for {', '.join(missing)}"
+            self._pacer.resume()  # a wait is not caught up; a late answer is
         if begins:
             reason = f"no answer to step {sample.step} for {self._wait.silence_s(now):.1f} s"
             for peer in missing:
                 self.statistics.count(self._in.topics[peer].name, "timeout", reason)
             self.report()
-        self._pacer.resume()
         self._out.send_step(sample)
 
     def resumed(self) -> None:

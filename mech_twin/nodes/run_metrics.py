@@ -49,6 +49,11 @@ class RunMetrics:
         """Return the metrics of the run alone."""
         return {} if self._observer is None else self._observer.numbers()
 
+    @property
+    def machine(self) -> Machine:
+        """The machine, built when it is first asked for."""
+        return self._built()
+
     def _built(self) -> Machine:
         if self._machine is None:
             self._machine = self._build()

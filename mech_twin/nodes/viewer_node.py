@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
+from pathlib import Path
 
 from visualization_msgs.msg import MarkerArray
 
@@ -14,15 +16,29 @@ from mech_twin.nodes.options import RunOptions
 from mech_twin.quantity import Parameters
 from mech_twin.samples import Frame
 from mech_twin.view.rerun_scene import RerunScene
+from mech_twin.view.sending import LIVE
 
 METRICS_EVERY_S = 1.0
+LIGHT, FULL_IF = "light", "full-if="
 
 
 def opened_scene(machine_name: str, place: str) -> RerunScene:
-    """Return a scene in a running viewer (its address) or in a file (``NAME.rrd``)."""
+    """Return a scene in a file (``NAME.rrd``), or in a running viewer.
+
+    A viewer's address may end in ``#light`` or ``#full``, the layout, or in ``#full-if=FILE``: the full one while
+    that file exists, the light one while it does not.
+    """
     if place.endswith(".rrd"):
         return RerunScene(machine_name, rrd_path=place)
-    return RerunScene(machine_name, grpc_url=place)
+    address, _, layout = place.partition("#")
+    return RerunScene(machine_name, grpc_url=address, sending=LIVE, light=_light(layout))
+
+
+def _light(layout: str) -> Callable[[], bool]:
+    if layout.startswith(FULL_IF):
+        wanted = Path(layout.removeprefix(FULL_IF))
+        return lambda: not wanted.exists()
+    return lambda: layout == LIGHT
 
 
 class ViewerNode(ObserverNode):
@@ -31,7 +47,7 @@ class ViewerNode(ObserverNode):
     Parameters
     ----------
     place : str
-        Address of a running viewer, or the file to write.  See `TwinNode` for the other arguments.
+        Address of a running viewer, or the file to write: see `opened_scene`, and `TwinNode` for the other arguments.
     """
 
     def __init__(
@@ -56,6 +72,8 @@ class ViewerNode(ObserverNode):
         """Show one whole frame."""
         self.diagnostics.state = "running"
         self.time_s = frame.linkage.time_s
+        if self.run_metrics.frames == 0 and self.run_metrics.machine.mechanism is not None:
+            self.rerun_scene.know(self.run_metrics.machine.mechanism)
         self.rerun_scene.frame(motor=frame.motor, linkage=frame.linkage, forces=frame.forces, body=frame.body)
         for event in self.run_metrics.observe(frame):
             self.rerun_scene.event(event)

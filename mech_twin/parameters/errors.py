@@ -1,30 +1,69 @@
-"""How a configuration is refused: file, key, value, and what was expected."""
+"""How a configuration is refused: file, key, line, value, and what was expected."""
 
 from __future__ import annotations
 
-from pydantic import ValidationError
+from collections.abc import Mapping
+from typing import Any
+
+from pydantic import BaseModel, ValidationError
 
 from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.parameters.key_hints import did_you_mean, groups_of, key_units
+from mech_twin.parameters.key_lines import KeyLines, no_lines
+
+BOUNDS = frozenset({"greater_than", "greater_than_equal", "less_than", "less_than_equal"})
+PURE = "1"
+NUMBERS = frozenset({"finite_number", "float_type", "float_parsing", "int_type", "int_parsing"})
 
 
-def refusal(source: str, error: ValidationError) -> ConfigurationError:
-    """Return one line that names every wrong key, its value and what was expected."""
-    return ConfigurationError(f"{source}: " + "; ".join(_complaint(dict(item)) for item in error.errors()))
+def refusal(
+    source: str, error: ValidationError, model: type[BaseModel] | None = None, lines: KeyLines = no_lines
+) -> ConfigurationError:
+    """Return one line that names every wrong key, its value and what was expected.
+
+    Parameters
+    ----------
+    source : str
+        Where the values come from.
+    error : ValidationError
+        What is wrong.
+    model : type, optional
+        What was validated: tells units, and which key was probably meant.
+    lines : callable
+        Returns the line of each key in its file.
+    """
+    units = key_units(model) if model is not None else {}
+    placed = lines()
+    return ConfigurationError(
+        f"{source}: " + "; ".join(_complaint(dict(item), units, placed) for item in error.errors())
+    )
 
 
-def _complaint(item: dict[str, object]) -> str:
+def _complaint(item: dict[str, Any], units: Mapping[str, str], lines: Mapping[str, int]) -> str:
     location = item["loc"]
     key = ".".join(str(part) for part in location) if isinstance(location, tuple) else str(location)
     message = str(item["msg"]).removeprefix("Value error, ")
-    kind = item["type"]
+    declared = ".".join(part for part in key.split(".") if not part.isdigit())  # of a list's entries alike
+    kind, unit = item["type"], units.get(declared, PURE)
+    unit = "" if unit == PURE else unit
+    line = f"line {lines[key]}" if key in lines else ""
     if kind == "extra_forbidden" and not isinstance(item["input"], dict):
-        return f"unknown key '{key}' (value {item['input']!r})"
+        found = ", ".join(filter(None, (line, f"value {item['input']!r}")))
+        return f"unknown key '{key}' ({found}){did_you_mean(declared, units)}"
     if kind == "extra_forbidden":
-        return f"unknown group '{key}'"
+        return f"unknown group '{key}'{f' ({line})' if line else ''}{did_you_mean(declared, groups_of(units))}"
     if kind == "missing":
-        return f"key '{key}' is missing"
+        return f"key '{key}' is missing" + (f"; expected a number in {unit}" if unit else "")
     if not key:
         return message
     value = item["input"]
-    shown = repr(value) if not isinstance(value, dict) else "the group"
-    return f"key '{key}', value {shown}: {message[0].lower()}{message[1:]}"
+    shown = f"value {value!r}" if not isinstance(value, dict) else ""
+    where = f" ({line})" if line else ""
+    return f"key '{key}'{where}{f', {shown}' if shown else ''}: {_expected(message, str(kind), unit)}"
+
+
+def _expected(message: str, kind: str, unit: str) -> str:
+    said = f"{message[0].lower()}{message[1:]}"
+    if not unit:
+        return said
+    return f"{said} {unit}" if kind in BOUNDS else f"{said}, in {unit}" if kind in NUMBERS else said

@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 from mech_twin.configuration_tree import ConfigurationError, configuration_tree, merged_tree, tree_from_flat
+from mech_twin.parameters.key_hints import did_you_mean
 from mech_twin.parameters.load import assignments, catalogue_entry, validated
 from mech_twin.quantity import Parameters
 from mech_twin.roles import Machine
@@ -87,10 +88,11 @@ class ChangingMachine:
 
 
 def _changed(parameters: Parameters, change: LiveChange, machine: str) -> Parameters:
-    live = dict(_live_numbers(parameters))
+    live = dict(live_numbers(parameters))
     if change.key not in live:
         raise ConfigurationError(
             f"--change {change.text}: expected a live key of {machine}, one of {', '.join(sorted(live))}"
+            f"{did_you_mean(change.key, dict.fromkeys(live, ''))}"
         )
     value = change.value
     if change.share is not None:
@@ -101,10 +103,11 @@ def _changed(parameters: Parameters, change: LiveChange, machine: str) -> Parame
     return validated(catalogue_entry(machine), tree, f"--change {change.text}")
 
 
-def _live_numbers(parameters: Parameters, prefix: str = "") -> Iterator[tuple[str, Any]]:
+def live_numbers(parameters: Parameters, prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield each key that may change during a run, and its value."""
     for name, field in type(parameters).model_fields.items():
         value, extra = getattr(parameters, name), field.json_schema_extra
         if isinstance(value, Parameters):
-            yield from _live_numbers(value, f"{prefix}{name}.")
+            yield from live_numbers(value, f"{prefix}{name}.")
         elif isinstance(extra, dict) and extra.get("live"):
             yield prefix + name, value

@@ -24,8 +24,8 @@ from pydantic import ValidationError
 from mech_twin import __version__
 from mech_twin.configuration_tree import ConfigurationError, configuration_tree, merged_tree, tree_from_flat
 from mech_twin.machines.catalog import CATALOGUE, Entry
-from mech_twin.output_file import written_file
 from mech_twin.parameters.errors import refusal
+from mech_twin.parameters.key_lines import KeyLines, key_lines, no_lines
 from mech_twin.parameters.motors import NAME_KEY, with_catalogue_motor
 from mech_twin.quantity import Parameters
 from mech_twin.roles import Machine
@@ -54,9 +54,24 @@ def catalogue_entry(name: str) -> Entry:
     """
     if name in CATALOGUE:
         return CATALOGUE[name]
-    near = get_close_matches(name, CATALOGUE, 1)
+    within = [known for known in CATALOGUE if len(name) > 1 and name in known]
+    near = get_close_matches(name, CATALOGUE, 1) or within
     hint = f"; did you mean '{near[0]}'?" if near else ""
     raise ConfigurationError(f"no machine '{name}'; expected one of {', '.join(CATALOGUE)}{hint}")
+
+
+def machine_of_prefix(text: str) -> str:
+    """Return the name of the machine that alone begins so: ``mb10`` is ``mb10_breaker``.
+
+    Raises
+    ------
+    ConfigurationError
+        If no machine begins so, or several do.
+    """
+    found = [text] if text in CATALOGUE else [name for name in CATALOGUE if text and name.startswith(text)]
+    if len(found) > 1:
+        raise ConfigurationError(f"'{text}' begins several machines: {', '.join(found)}")
+    return found[0] if found else catalogue_entry(text).name
 
 
 def configuration_directories() -> list[Path]:
@@ -92,10 +107,17 @@ def file_tree(path: Path) -> dict[str, Any]:
     ConfigurationError
         If the file cannot be read, is no YAML, or has not the form of a parameter file.
     """
-    return text_tree(_file_text(path), str(path))
+    return text_tree(configuration_text(path), str(path))
 
 
-def _file_text(path: Path) -> str:
+def configuration_text(path: Path) -> str:
+    """Return the text of a parameter file.
+
+    Raises
+    ------
+    ConfigurationError
+        If it cannot be read, is too large or no text.
+    """
     try:
         with path.open("rb") as stream:
             data = stream.read(SIZE_LIMIT_BYTES + 1)
@@ -132,7 +154,7 @@ def document_tree(path: Path) -> dict[str, Any]:
     ConfigurationError
         If the file cannot be read, is no YAML, or holds no keys.
     """
-    document = _text_document(_file_text(path), str(path))
+    document = _text_document(configuration_text(path), str(path))
     if not isinstance(document, dict):
         raise ConfigurationError(f"{path}: expected keys and their values, found {type(document).__name__}")
     return document
@@ -235,10 +257,11 @@ def machine_parameters(name: str, path: Path | None = None, overrides: Mapping[s
         Naming file, key, value and what was expected.
     """
     entry = catalogue_entry(name)
-    file = path or configuration_file(name)
-    tree = merged_tree(file_tree(file), tree_from_flat(overrides or {}))
-    source = f"{file} with --set {', '.join(overrides)}" if overrides else str(file)
-    return validated(entry, tree, source)
+    file, given = path or configuration_file(name), dict(overrides or {})
+    text = configuration_text(file)
+    tree = merged_tree(text_tree(text, str(file)), tree_from_flat(given))
+    source = f"{file} with --set {', '.join(given)}" if given else str(file)
+    return validated(entry, tree, source, lambda: key_lines(text, given))
 
 
 def run_group(name: str, path: Path | None = None, overrides: Mapping[str, Any] | None = None) -> dict[str, Any]:
@@ -250,8 +273,8 @@ def run_group(name: str, path: Path | None = None, overrides: Mapping[str, Any] 
     return group
 
 
-def validated(entry: Entry, tree: Mapping[str, Any], source: str) -> Parameters:
-    """Return the parameter model of a tree of values, or one line that says what is wrong with it."""
+def validated(entry: Entry, tree: Mapping[str, Any], source: str, lines: KeyLines = no_lines) -> Parameters:
+    """Return the parameter model of a tree of values, or one line that says what is wrong with it and where."""
     values = {key: value for key, value in tree.items() if not is_of_ros(key)}
     values.pop(RUN_GROUP, None)
     meant = values.pop(MACHINE_KEY, entry.name)
@@ -262,7 +285,7 @@ def validated(entry: Entry, tree: Mapping[str, Any], source: str) -> Parameters:
     try:
         return entry.parameters.model_validate(values)
     except ValidationError as error:
-        raise refusal(source, error) from error
+        raise refusal(source, error, entry.parameters, lines) from error
 
 
 def machine(name: str, path: Path | None = None, overrides: Mapping[str, Any] | None = None) -> Machine:
@@ -281,12 +304,6 @@ def description_text(
     head |= {} if source is None else {"source": int(source)}
     tree = {**head, "/**": {"ros__parameters": {MACHINE_KEY: name, **configuration_tree(parameters)}}}
     return yaml.safe_dump(tree, sort_keys=False, allow_unicode=True)
-
-
-def write_configuration(name: str, parameters: Parameters, path: Path) -> None:
-    """Write the parameter file of a machine, which ``run`` and ``simulate`` take, over what is there."""
-    with written_file(path, force=True) as unfinished:
-        unfinished.write_text(description_text(name, parameters), encoding="utf-8")
 
 
 def table(name: str) -> dict[str, Any]:

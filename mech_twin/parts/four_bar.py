@@ -23,6 +23,7 @@ import math
 from typing import NamedTuple
 
 from mech_twin.kernel import kernel
+from mech_twin.proposed_value import at_least, at_most
 
 OPEN = 1.0
 CROSSED = -1.0
@@ -316,7 +317,7 @@ def smallest_transmission_angle(bar: FourBar) -> float:
 
 
 def failing_inequality(bar: FourBar, crank_rocker: bool = False) -> str | None:
-    """Return the first rotation inequality that fails, with its numbers, or None for a crank that turns fully.
+    """Return why the crank cannot turn fully, with numbers and a length that would do; None for one that can.
 
     r + |OC| <= R1 + R and ||OC| - r| >= |R1 - R|; for a crank-rocker the crank is the shortest link besides, and these
     two are Grashof's inequality then.  Where both sides of the second are zero the crank pin falls on the pivot, and
@@ -335,5 +336,21 @@ def failing_inequality(bar: FourBar, crank_rocker: bool = False) -> str | None:
         (meets, "crank pin and pivot must not meet: crank = ground and coupler = rocker"),
         (crank_rocker and r > shortest, f"crank <= every other link fails: {r:g} > {shortest:g}"),
     ]
+    failing = next((text for fails, text in failures if fails), None)
+    if failing is None:
+        return None
     numbers = f"crank {r:g} m, coupler {r1:g} m, rocker {r3:g} m, ground {ground:g} m"
-    return next((f"{text} ({numbers})" for fails, text in failures if fails), None)
+    return f"the crank cannot make a full turn: {failing} ({numbers}){_proposal(bar, ground, crank_rocker)}"
+
+
+def _proposal(bar: FourBar, ground: float, crank_rocker: bool) -> str:
+    """Return a length with which the crank would turn, clear of the limit: of the crank, else of the coupler."""
+    r, r1, r3 = bar.crank_m, bar.coupler_m, bar.rocker_m
+    longest = min(r1 + r3 - ground, ground - abs(r1 - r3), *((r1, r3, ground) if crank_rocker else ()))
+    if longest > SINGULAR * (r + ground):
+        return f"; try crank <= {at_most(longest):g} m"
+    if crank_rocker and r > min(r3, ground):
+        return ""
+    lower = at_least(max(r + ground - r3, r3 - abs(ground - r), r if crank_rocker else 0.0))
+    upper = at_most(r3 + abs(ground - r))
+    return f"; try coupler {lower:g} to {upper:g} m" if lower <= upper else ""

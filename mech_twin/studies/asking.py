@@ -32,3 +32,17 @@ def asked_of(machine: str, capability: str, lack: str) -> Any:
         others = [name for name, other in CATALOGUE.items() if getattr(other.capabilities, capability) is not None]
         raise StudyError(f"{entry.name}: {lack}; there is an answer for {', '.join(others)}")
     return found
+
+
+def questions_of(machine: str) -> tuple[str, ...]:
+    """Return the questions of `mech_twin.studies` that this machine has an answer to."""
+    able = catalogue_entry(machine).capabilities
+    answered = {
+        "sweep": True,
+        "size": able.sizing,
+        "search": able.design,
+        "designs": able.design,
+        "synthesise": able.synthesis,
+        "regimes": able.regimes,
+    }
+    return tuple(name for name, capability in answered.items() if capability)

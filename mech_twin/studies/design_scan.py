@@ -51,14 +51,16 @@ class DesignScan:
         values = self.objectives[objective] * self.feasible[:, names.index(objective)]
         return dict(zip(names, map(float, self.feasible[int(np.argmin(values))]), strict=True))
 
-    def write(self, path: Path) -> None:
-        """Write the feasible designs as Parquet, over what is there."""
+    def write(self, path: Path, notes: Mapping[str, str] | None = None) -> None:
+        """Write the feasible designs as Parquet, over what is there, with notes in its metadata."""
         import pyarrow as pa
         from pyarrow import parquet
 
         columns = dict(zip((*self.variables, *self.objectives), self.feasible.T, strict=True))
         with written_file(path, force=True) as unfinished:
-            parquet.write_table(pa.table(columns), unfinished, compression="zstd")
+            parquet.write_table(
+                pa.table(columns).replace_schema_metadata(dict(notes or {})), unfinished, compression="zstd"
+            )
 
 
 def design_question(machine: str) -> DesignQuestion:

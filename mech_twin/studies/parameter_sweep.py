@@ -69,6 +69,11 @@ def swept(
         Whether to draw the table as well (PNG of the same name).
     progress : callable, optional
         ``progress(done, all)`` after each batch.
+
+    Raises
+    ------
+    StudyError
+        If the table cannot have that name, or every point is refused; nothing is written then.
     """
     if table.suffix not in FORMATS:
         raise StudyError(f"{table}: expected a name that ends in {' or '.join(FORMATS)}")
@@ -80,6 +85,9 @@ def swept(
     finally:
         journal.close()
     found = tuple(journal.finished[index] for index in range(asked.count))
+    if all(point.refused for point in found):
+        journal.remove()
+        raise StudyError(f"no point of the sweep is possible ({asked.count} refused); the first: {found[0].refused}")
     write_table(asked, found, table)
     drawn = table.with_suffix(".png") if picture and asked.count > 1 else None
     if drawn is not None and not write_picture(asked, found, drawn):

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
-from typing import Any, get_args
+from typing import Any
 
 from pydantic import BaseModel
 
 from mech_twin.capabilities.errors import StudyError
 from mech_twin.configuration_tree import ConfigurationError, configuration_tree, merged_tree, tree_from_flat
 from mech_twin.engine.run import frames
+from mech_twin.parameters.key_hints import did_you_mean, key_units
 from mech_twin.parameters.load import catalogue_entry, validated
 from mech_twin.quantity import Parameters
 
@@ -92,22 +92,9 @@ def question(
 
 
 def _require_key(model: type[BaseModel], key: str) -> None:
-    known = configuration_keys(model)
-    if key not in known:
-        near = get_close_matches(key, known, 1)
-        hint = f"; did you mean '{near[0]}'?" if near else ""
-        raise StudyError(f"no configuration key '{key}'{hint}")
-
-
-def configuration_keys(model: type[BaseModel], prefix: str = "") -> list[str]:
-    """Return every dotted key of a parameter model that holds a value."""
-    keys = []
-    for name, field in model.model_fields.items():
-        kinds = [field.annotation, *get_args(field.annotation)]
-        groups = [kind for kind in kinds if isinstance(kind, type) and issubclass(kind, BaseModel)]
-        below = [configuration_keys(group, f"{prefix}{name}.") for group in groups]
-        keys += list(itertools.chain.from_iterable(below)) if groups else [f"{prefix}{name}"]
-    return keys
+    units = key_units(model)
+    if key not in units:
+        raise StudyError(f"no configuration key '{key}'{did_you_mean(key, units)}")
 
 
 def summary(asked: Question, changes: Mapping[str, Value]) -> dict[str, float]:

@@ -33,7 +33,15 @@ PALETTE = (
     (150, 150, 150),
 )
 # groups that share a panel with others start at a later palette colour
-FIRST_COLOUR = {"motor/torque": 4, "motor/speed": 4, "body/effort": 1, "residuals/forces": 3, "residuals/body": 6}
+FIRST_COLOUR = {
+    "motor/torque": 4,
+    "motor/speed": 4,
+    "linkage_sliding/speed": 2,
+    "linkage_sliding/position": 2,
+    "body/effort": 1,
+    "residuals/forces": 3,
+    "residuals/body": 6,
+}
 RESIDUAL_FLOOR = 1e-18
 WORST_WINDOWS = 5
 
@@ -48,6 +56,7 @@ class Group(NamedTuple):
     names: tuple[str, ...]
     values: npt.NDArray[np.float64]
     worst: bool = False
+    unit: str = ""
 
 
 Sample = TypeVar("Sample", bound=MotorSample | LinkageSample | ForceSample | BodySample)
@@ -88,15 +97,20 @@ def motor_groups(samples: Sequence[MotorSample]) -> Groups:
     ]
 
 
-def linkage_groups(samples: Sequence[LinkageSample]) -> Groups:
-    """Return position, speed and effort of every joint, and the residuals."""
+def linkage_groups(samples: Sequence[LinkageSample], sliding: frozenset[str] = frozenset()) -> Groups:
+    """Return position, speed and effort of every joint, those that slide apart (m, not rad), and the residuals."""
     joints = samples[0].joints
-    return [
-        Group("linkage/position", joints, _rows([sample.position for sample in samples])),
-        Group("linkage/speed", joints, _rows([sample.velocity for sample in samples])),
-        Group("linkage/effort", joints, _rows([sample.effort for sample in samples])),
-        *_residuals("linkage", samples),
-    ]
+    columns = {
+        "position": _rows([sample.position for sample in samples]),
+        "speed": _rows([sample.velocity for sample in samples]),
+        "effort": _rows([sample.effort for sample in samples]),
+    }
+    groups = []
+    for path, slides in (("linkage", False), ("linkage_sliding", True)):
+        places = [place for place, joint in enumerate(joints) if (joint in sliding) == slides]
+        chosen = tuple(joints[place] for place in places)
+        groups += [Group(f"{path}/{kind}", chosen, values[:, places]) for kind, values in columns.items()]
+    return [*groups, *_residuals("linkage", samples)]
 
 
 def force_groups(samples: Sequence[ForceSample]) -> Groups:
@@ -114,7 +128,7 @@ def force_groups(samples: Sequence[ForceSample]) -> Groups:
     values = _rows([sample.quantities.values for sample in samples])
     for unit, columns in by_unit(names).items():
         chosen = tuple(caption(names[column])[0] for column in columns)
-        groups.append(Group(quantity_path(unit), chosen, values[:, columns]))
+        groups.append(Group(quantity_path(unit), chosen, values[:, columns], unit=unit))
     return [*groups, *_residuals("forces", samples)]
 
 
@@ -171,6 +185,8 @@ class Track(Generic[Sample]):
         Samples per decimation window.
     batch_s : float
         Simulated time per batch.
+    shown : callable
+        Tells whether the curves of a path are to be sent.
     """
 
     def __init__(
@@ -180,13 +196,16 @@ class Track(Generic[Sample]):
         *,
         window: int,
         batch_s: float,
+        shown: Callable[[str], bool],
     ) -> None:
         self._stream = stream
         self._groups = groups
+        self._shown = shown
         self._window = window
         self._batch_s = batch_s
         self._pending: list[Sample] = []
         self.curves: dict[str, tuple[str, ...]] = {}
+        self.units: dict[str, str] = {}
 
     def add(self, sample: Sample) -> bool:
         """Take a sample; return whether a batch was sent because of it."""
@@ -214,17 +233,22 @@ class Track(Generic[Sample]):
                 continue
             if self.curves.get(group.path) != group.names:
                 self.curves[group.path] = group.names
+                self.units[group.path] = group.unit
                 self._stream.log(group.path, series_lines(group.names, FIRST_COLOUR.get(group.path, 0)), static=True)
-            if group.worst:
-                rows, values = worst_values(group.values, WORST_WINDOWS * self._window)
-            else:
-                rows = extreme_rows(group.values, self._window)
-                values = group.values[rows]
-            columns = rr.Scalars.columns(scalars=values.ravel())
-            self._stream.send_columns(
-                group.path, times(time_s[rows], step[rows]), columns.partition(np.full(len(rows), len(group.names)))
-            )
+            if self._shown(group.path):
+                self._send_group(group, time_s, step)
         return True
+
+    def _send_group(self, group: Group, time_s: npt.NDArray[np.float64], step: npt.NDArray[np.int64]) -> None:
+        if group.worst:
+            rows, values = worst_values(group.values, WORST_WINDOWS * self._window)
+        else:
+            rows = extreme_rows(group.values, self._window)
+            values = group.values[rows]
+        columns = rr.Scalars.columns(scalars=values.ravel())
+        self._stream.send_columns(
+            group.path, times(time_s[rows], step[rows]), columns.partition(np.full(len(rows), len(group.names)))
+        )
 
 
 def series_lines(names: Sequence[str], first_colour: int = 0) -> rr.SeriesLines:

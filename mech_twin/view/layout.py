@@ -1,18 +1,22 @@
-"""Layout of the panels: mechanism on the left, curves on the right, body, events and metrics below.
+"""Layout of the panels; each plot has one unit, which its title names.
 
-::
+The full one::
 
+    +---------------------------------------+
+    | state, speed, rate, energy, alarm     |
     +---------------------+-----------------+
     |                     | torque          |
     |                     +-----------------+
     |     mechanism       | speed           |
     |                     +-----------------+
-    |                     | pin reactions   |
+    |                     | pin forces      |
     |                     +-----------------+
-    |                     | pressing force  |
+    |                     | others          |
     +----------+----------+--+--------------+
     | phase    | events      | metrics      |
     +----------+-------------+--------------+
+
+The light one is the banner, the mechanism and two plots, for browsers that draw on the processor.
 """
 
 from __future__ import annotations
@@ -30,9 +34,21 @@ MECHANISM = "mechanism"
 EVENTS = "events"
 IMPACTS = "impacts"
 METRICS = "metrics"
+BANNER = "banner"
 PHASE_PORTRAIT = "phase_portrait"
 PAPER = (244, 244, 240)
 ASPECT = 2.0
+LEGEND_SHARE = 0.45  # of the time shown, kept free right of the curves for their legend
+MOMENTS, FORCES = quantity_path("N m"), quantity_path("N")
+# the two plots of the light layout are the first two of these that there are
+LIGHT_PLOTS: Mapping[str, tuple[str, ...]] = {
+    "Pin reactions, N": ("pins/magnitude",),
+    "Pressing force, N": ("body/pressing_force",),
+    "Torque, N m": ("motor/torque", MOMENTS),
+    "Speed, m/s": ("linkage_sliding/speed",),
+    "Speed, rad/s": ("linkage/speed",),
+}
+LIGHT_COUNT = 2
 
 
 class Bounds(NamedTuple):
@@ -45,14 +61,17 @@ class Bounds(NamedTuple):
 
 
 class SceneContents(NamedTuple):
-    """What there is to show: curve names by entity path, body joints, bounds of the mechanism."""
+    """What there is to show: curve names by entity path, body joints, bounds of the mechanism, whether events came."""
 
     curves: Mapping[str, tuple[str, ...]]
     portraits: tuple[str, ...]
     bounds: Bounds | None
+    impacts: bool = True
+    events: bool = True
+    units: Mapping[str, str] = {}
 
 
-def blueprint(contents: SceneContents, window_s: float) -> rrb.Blueprint:
+def blueprint(contents: SceneContents, window_s: float, *, light: bool = False) -> rrb.Blueprint:
     """Return the layout for these contents; a machine without body gets no body panels.
 
     Parameters
@@ -61,18 +80,47 @@ def blueprint(contents: SceneContents, window_s: float) -> rrb.Blueprint:
         What there is to show.
     window_s : float
         Simulated time span of the curves.
+    light : bool
+        Whether to keep to what a browser without a graphics card can draw in time.
     """
-    curves = _curve_stack(contents.curves, window_s)
-    above = rrb.Horizontal(_mechanism(contents.bounds), *([curves] if curves is not None else []), column_shares=[5, 4])
-    below = rrb.Horizontal(*_lower_row(contents, window_s))
+    panels = _light(contents, window_s) if light else _full(contents, window_s)
     return rrb.Blueprint(
-        rrb.Vertical(above, below, row_shares=[7, 3]),
+        rrb.Vertical(*panels, row_shares=[6, 94] if light else [5, *([68, 27] if len(panels) > 2 else [95])]),
         rrb.BlueprintPanel(state="hidden"),
         rrb.SelectionPanel(state="hidden"),
         rrb.TimePanel(state="collapsed", timeline=SIM_TIME, play_state="following"),
         auto_layout=False,
         auto_views=False,
     )
+
+
+def light_paths(curves: Mapping[str, tuple[str, ...]]) -> list[str]:
+    """Return the paths of the curves that the light layout shows."""
+    return [path for paths in _light_plots(curves).values() for path in paths]
+
+
+def _light_plots(curves: Mapping[str, tuple[str, ...]]) -> dict[str, list[str]]:
+    found = {title: present(curves, *paths) for title, paths in LIGHT_PLOTS.items()}
+    filled = [(title, paths) for title, paths in found.items() if paths]
+    return dict(filled[:LIGHT_COUNT])
+
+
+def _light(contents: SceneContents, window_s: float) -> list[rrb.View | rrb.Container]:
+    plots = [_plot(title, paths, window_s) for title, paths in _light_plots(contents.curves).items()]
+    beside = [rrb.Vertical(*plots)] if plots else []
+    return [_banner(), rrb.Horizontal(_mechanism(contents.bounds), *beside, column_shares=[5, 4])]
+
+
+def _full(contents: SceneContents, window_s: float) -> list[rrb.View | rrb.Container]:
+    below = _lower_row(contents, window_s)
+    alone = len(below) == 1  # a row with the metrics alone would be half empty
+    curves = _curve_stack(contents, window_s, [*below] if alone else [])
+    above = rrb.Horizontal(_mechanism(contents.bounds), *([curves] if curves is not None else []), column_shares=[5, 4])
+    return [_banner(), above] if alone else [_banner(), above, rrb.Horizontal(*below)]
+
+
+def _banner() -> rrb.TextDocumentView:
+    return rrb.TextDocumentView(origin=f"/{BANNER}", name="Run", titlebar=False)
 
 
 def _mechanism(bounds: Bounds | None) -> rrb.Spatial2DView:
@@ -84,59 +132,62 @@ def _mechanism(bounds: Bounds | None) -> rrb.Spatial2DView:
     )
 
 
-def _curve_stack(curves: Mapping[str, tuple[str, ...]], window_s: float) -> rrb.Vertical | None:
-    moments, forces = quantity_path("N m"), quantity_path("N")
-    others = [path for path in present(curves, "quantities") if path not in (moments, forces)]
+def _curve_stack(contents: SceneContents, window_s: float, last: Sequence[rrb.View | rrb.Tabs]) -> rrb.Vertical | None:
+    curves = contents.curves
     # without a body the moment on it is zero
     moment = present(curves, "body_moment", "body/effort") if present(curves, "body") else []
+    others = [path for path in present(curves, "quantities") if path not in (MOMENTS, FORCES)]
     slots: list[dict[str, Sequence[str]]] = [
         {
-            "Torque, N m": [*present(curves, "motor/torque"), *present(curves, moments)],
-            "Joint efforts": present(curves, "linkage/effort"),
+            "Torque, N m": [*present(curves, "motor/torque"), *present(curves, MOMENTS)],
             "Moment on the body, N m": moment,
+            "Effort, N m": present(curves, "linkage/effort"),
+            "Effort, N": present(curves, "linkage_sliding/effort"),
         },
         {
-            "Speed": present(curves, "motor/speed", "linkage/speed"),
-            "Position": present(curves, "linkage/position"),
-            "Supply": present(curves, "motor/supply"),
+            "Speed, rad/s": present(curves, "motor/speed", "linkage/speed"),
+            "Speed, m/s": present(curves, "linkage_sliding/speed"),
+            "Position, rad": present(curves, "linkage/position"),
+            "Position, m": present(curves, "linkage_sliding/position"),
+            "Supply, share": present(curves, "motor/supply"),
         },
         {
             "Pin reactions, N": present(curves, "pins/magnitude"),
-            "along x": present(curves, "pins/force_x"),
-            "along y": present(curves, "pins/force_y"),
-            "Forces, N": present(curves, forces),
-            "Other quantities": others,
+            "along x, N": present(curves, "pins/force_x"),
+            "along y, N": present(curves, "pins/force_y"),
+            "Forces, N": present(curves, FORCES),
         },
         {
             "Pressing force, N": present(curves, "body/pressing_force"),
-            "Body position": present(curves, "body/position"),
-            "Body speed": present(curves, "body/speed"),
+            "Body position, rad": present(curves, "body/position"),
+            "Body speed, rad/s": present(curves, "body/speed"),
+            **{f"Quantities, {contents.units.get(path) or 'number'}": [path] for path in others},
             "Residuals, powers of ten": present(curves, "residuals"),
         },
     ]
-    stack = [_slot([_plot(name, paths, window_s) for name, paths in slot.items() if paths]) for slot in slots]
-    filled = [panel for panel in stack if panel is not None]
+    stack = [[_plot(name, paths, window_s) for name, paths in slot.items() if paths] for slot in slots]
+    panels = [_slot([*plots, *last] if place == len(stack) - 1 else plots) for place, plots in enumerate(stack)]
+    filled = [panel for panel in panels if panel is not None]
     return rrb.Vertical(*filled) if filled else None
 
 
-def _slot(panels: Sequence[rrb.View]) -> rrb.Tabs | rrb.View | None:
+def _slot(panels: Sequence[rrb.View | rrb.Tabs]) -> rrb.Tabs | rrb.View | None:
     if len(panels) <= 1:
         return panels[0] if panels else None
     return rrb.Tabs(*panels, active_tab=0)
 
 
 def _plot(name: str, paths: Sequence[str], window_s: float) -> rrb.TimeSeriesView:
-    recent = rr.VisibleTimeRange(
-        SIM_TIME,
-        start=rr.TimeRangeBoundary.cursor_relative(seconds=-window_s),
-        end=rr.TimeRangeBoundary.cursor_relative(),
-    )
+    begin = rr.TimeRangeBoundary.cursor_relative(seconds=-window_s)
+    recent = rr.VisibleTimeRange(SIM_TIME, start=begin, end=rr.TimeRangeBoundary.cursor_relative())
+    beside = rr.TimeRangeBoundary.cursor_relative(seconds=LEGEND_SHARE * window_s)
     return rrb.TimeSeriesView(
         origin="/",
         contents=[f"/{path}/**" for path in paths],
         name=name,
         time_ranges=recent,
-        plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop),
+        axis_x=rrb.TimeAxis(view_range=rr.TimeRange(start=begin, end=beside)),
+        plot_legend=rrb.PlotLegend(rrb.Corner2D.RightTop),
     )
 
 
@@ -150,16 +201,13 @@ def _lower_row(contents: SceneContents, window_s: float) -> list[rrb.View | rrb.
         )
         for joint in contents.portraits
     ]
-    panels: list[rrb.View | rrb.Tabs] = []
-    portrait = _slot(portraits)
-    if portrait is not None:
-        panels.append(portrait)
     columns = rrb.TextLogColumns(
         timeline_columns=[TimelineColumn(SIM_TIME, visible=False)],  # the text contains the time to the microsecond
         text_log_columns=["loglevel", "body"],
     )
     log = rrb.TextLogView(origin="/", contents=[f"/{EVENTS}/**"], name="Events", columns=columns)
-    impacts = _plot("Impacts", [IMPACTS], window_s)
-    panels.append(rrb.Tabs(log, impacts, active_tab=0))
-    panels.append(rrb.TextDocumentView(origin=f"/{METRICS}", name="Metrics"))
-    return panels
+    impulses = _plot("Impacts, N s", [f"{IMPACTS}/impulse"], window_s)
+    speeds = _plot("Impact speed, m/s", [f"{IMPACTS}/speed"], window_s)
+    happened = [*([impulses, speeds] if contents.impacts else []), *([log] if contents.events else [])]
+    slots = [_slot(portraits), _slot(happened), rrb.TextDocumentView(origin=f"/{METRICS}", name="Metrics")]
+    return [panel for panel in slots if panel is not None]

@@ -11,13 +11,17 @@ import rerun as rr
 from mech_twin.samples import Shape
 from mech_twin.view.layout import MECHANISM, Bounds
 
-MARGIN = 0.12
+MARGIN = 0.08
+CAPTION = 0.16  # share of the figure's height below the drawing, for values and scales
+ASPECT = 1.3  # of the panel the figure is made for
 MIRROR = [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]]
-KINDS = ("line", "points", "arrow")
+KINDS = ("line", "points", "arrow", "text")
+FIGURE = f"{MECHANISM}/figure"
+TEXT_RADIUS_M = 1e-9
 
 
 class Mechanism:
-    """The drawing of the mechanism: one entity for each kind of shape, in the machine's own frame.
+    """The drawing of the mechanism: one entity, one row a drawing, in the machine's own frame.
 
     Parameters
     ----------
@@ -28,11 +32,10 @@ class Mechanism:
     def __init__(self, stream: rr.RecordingStream) -> None:
         self._stream = stream
         self._extent: Bounds | None = None
-        self._drawn: set[str] = set()
         stream.log(MECHANISM, rr.Transform3D(mat3x3=MIRROR), static=True)  # the viewer's second axis points down
 
-    def show(self, shapes: Sequence[Shape]) -> None:
-        """Log the shapes at the stream's time.
+    def show(self, shapes: Sequence[Shape], notes: Sequence[Shape] = ()) -> None:
+        """Log the shapes at the stream's time, and notes over them; what the range covers is for `widen` to say.
 
         Raises
         ------
@@ -40,14 +43,15 @@ class Mechanism:
             The kind of a shape is unknown.
         """
         by_kind: dict[str, list[Shape]] = {kind: [] for kind in KINDS}
-        for shape in shapes:
+        for shape in (*shapes, *notes):
             if shape.kind not in by_kind:
                 raise ValueError(f"shape {shape.name}: expected one of {', '.join(KINDS)}, got {shape.kind}")
             by_kind[shape.kind].append(shape)
-        for kind, chosen in by_kind.items():
-            if chosen or kind in self._drawn:  # an emptied kind must be cleared in the viewer
-                self._drawn.add(kind)
-                getattr(self, f"_log_{kind}")(chosen)
+        points = [*by_kind["text"], *by_kind["points"]]
+        self._stream.log(FIGURE, _lines(by_kind["line"]), _points(points), _arrows(by_kind["arrow"]))
+
+    def widen(self, shapes: Sequence[Shape]) -> None:
+        """Let the visible range cover these shapes."""
         points = [point for shape in shapes for point in shape.points_m]
         if points:
             self._widen(np.array(points))
@@ -70,7 +74,12 @@ class Mechanism:
         if extent is None:
             return None
         margin = MARGIN * max(extent.right_m - extent.left_m, extent.high_m - extent.low_m, 1e-3)
-        return Bounds(extent.left_m - margin, extent.right_m + margin, extent.low_m - margin, extent.high_m + margin)
+        width, height = extent.right_m - extent.left_m + 2.0 * margin, extent.high_m - extent.low_m + 2.0 * margin
+        below = CAPTION * max(height, width / ASPECT)
+        width, height = max(width, ASPECT * (height + below)), max(height + below, width / ASPECT)
+        x = 0.5 * (extent.left_m + extent.right_m)
+        low = 0.5 * (extent.low_m + extent.high_m - below - height)
+        return Bounds(x - 0.5 * width, x + 0.5 * width, low, low + height)
 
     def _widen(self, points: npt.NDArray[np.float64]) -> None:
         (left, low), (right, high) = points.min(axis=0), points.max(axis=0)
@@ -80,47 +89,61 @@ class Mechanism:
             low, high = min(low, extent.low_m), max(high, extent.high_m)
         self._extent = Bounds(float(left), float(right), float(low), float(high))
 
-    def _log_line(self, shapes: list[Shape]) -> None:
-        self._stream.log(
-            f"{MECHANISM}/lines",
-            rr.LineStrips2D(
-                [np.array(shape.points_m, dtype=np.float32) for shape in shapes],
-                colors=_colours([shape.colour for shape in shapes]),
-                radii=np.array([shape.width_m / 2.0 for shape in shapes], dtype=np.float32),
-                labels=[shape.name for shape in shapes],
-                show_labels=False,
-                draw_order=0.0,
-            ),
-        )
 
-    def _log_points(self, shapes: list[Shape]) -> None:
-        owners = [shape for shape in shapes for _ in shape.points_m]
-        self._stream.log(
-            f"{MECHANISM}/points",
-            rr.Points2D(
-                np.array([point for shape in shapes for point in shape.points_m], dtype=np.float32).reshape(-1, 2),
-                colors=_colours([shape.colour for shape in owners]),
-                radii=np.array([shape.width_m / 2.0 for shape in owners], dtype=np.float32),
-                labels=[shape.name for shape in owners],
-                show_labels=False,
-                draw_order=10.0,
-            ),
-        )
+def _labelled_first(shapes: Sequence[Shape]) -> tuple[list[Shape], list[str]]:
+    """Return the shapes with those first that are written at, and what is written.
 
-    def _log_arrow(self, shapes: list[Shape]) -> None:
-        ends = np.array([shape.points_m for shape in shapes], dtype=np.float32).reshape(-1, 2, 2)
-        self._stream.log(
-            f"{MECHANISM}/arrows",
-            rr.Arrows2D(
-                origins=ends[:, 0],
-                vectors=ends[:, 1] - ends[:, 0],
-                colors=_colours([shape.colour for shape in shapes]),
-                radii=np.array([shape.width_m / 2.0 for shape in shapes], dtype=np.float32),
-                labels=[shape.name for shape in shapes],
-                show_labels=False,
-                draw_order=20.0,
-            ),
-        )
+    The viewer takes labels in order, and leaves the rest without; a single label would go to the middle of all.
+    """
+    ordered = sorted(shapes, key=lambda shape: not shape.text)
+    texts = [shape.text for shape in ordered if shape.text]
+    return ordered, [*texts, ""] if len(texts) == 1 < len(ordered) else texts
+
+
+def _lines(shapes: Sequence[Shape]) -> rr.LineStrips2D:
+    ordered, texts = _labelled_first(shapes)
+    return rr.LineStrips2D(
+        [np.array(shape.points_m, dtype=np.float32) for shape in ordered],
+        colors=_colours([shape.colour for shape in ordered]),
+        radii=np.array([shape.width_m / 2.0 for shape in ordered], dtype=np.float32),
+        labels=texts,
+        show_labels=True,
+        draw_order=0.0,
+    )
+
+
+def _points(shapes: Sequence[Shape]) -> rr.Points2D:
+    """Return the points; a shape of several is written at its first one."""
+    single = [
+        shape._replace(points_m=(point,), text=shape.text if place == 0 else "")
+        for shape in shapes
+        for place, point in enumerate(shape.points_m)
+    ]
+    ordered, texts = _labelled_first(single)
+    return rr.Points2D(
+        np.array([shape.points_m[0] for shape in ordered], dtype=np.float32).reshape(-1, 2),
+        colors=_colours([shape.colour for shape in ordered]),
+        radii=np.array(
+            [TEXT_RADIUS_M if shape.kind == "text" else shape.width_m / 2.0 for shape in ordered], dtype=np.float32
+        ),
+        labels=texts,
+        show_labels=True,
+        draw_order=10.0,
+    )
+
+
+def _arrows(shapes: Sequence[Shape]) -> rr.Arrows2D:
+    ordered, texts = _labelled_first(shapes)
+    ends = np.array([shape.points_m for shape in ordered], dtype=np.float32).reshape(-1, 2, 2)
+    return rr.Arrows2D(
+        origins=ends[:, 0],
+        vectors=ends[:, 1] - ends[:, 0],
+        colors=_colours([shape.colour for shape in ordered]),
+        radii=np.array([shape.width_m / 2.0 for shape in ordered], dtype=np.float32),
+        labels=texts,
+        show_labels=True,
+        draw_order=20.0,
+    )
 
 
 def _colours(triples: Sequence[tuple[int, int, int]]) -> npt.NDArray[np.uint32]:

@@ -11,7 +11,6 @@ r"""The phase portrait of a body joint: rate against angle over the recent past,
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from itertools import pairwise
 
@@ -20,19 +19,12 @@ import rerun as rr
 
 from mech_twin.samples import BodySample
 from mech_twin.view.layout import ASPECT
+from mech_twin.view.scale import round_above
 
 SHADES = 6
 TRACE = (86, 180, 233)
 NOW = (230, 159, 0)
 AXIS = (130, 130, 130)
-
-
-def round_above(value: float) -> float:
-    """Return the smallest of 1, 2, 5 times a power of ten that is not below the value; 1 for zero."""
-    if not (value > 0.0 and math.isfinite(value)):
-        return 1.0
-    power = 10.0 ** math.floor(math.log10(value))
-    return next(step * power for step in (1.0, 2.0, 5.0, 10.0, 20.0) if step * power >= value)
 
 
 class PhasePortrait:

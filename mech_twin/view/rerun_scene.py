@@ -8,33 +8,31 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping
+import time
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 
 import numpy as np
 import rerun as rr
 
+from mech_twin.capabilities.mechanism import FrameTree
 from mech_twin.captions import metrics_table
 from mech_twin.output_file import FILE_MODE
 from mech_twin.samples import BodySample, Drawing, Event, ForceSample, LinkageSample, MotorSample
-from mech_twin.view.curves import (
-    PALETTE,
-    SIM_TIME,
-    STEP,
-    Track,
-    body_groups,
-    force_groups,
-    linkage_groups,
-    motor_groups,
-    times,
-)
+from mech_twin.view.annotations import Annotations
+from mech_twin.view.banner import Banner, sliding_joints
+from mech_twin.view.curves import SIM_TIME, STEP, Track, body_groups, force_groups, linkage_groups, motor_groups, times
 from mech_twin.view.errors import RerunSceneError
-from mech_twin.view.layout import EVENTS, IMPACTS, METRICS, PHASE_PORTRAIT, SceneContents, blueprint
+from mech_twin.view.impact_marks import ImpactMarks, is_told
+from mech_twin.view.layout import BANNER, EVENTS, METRICS, PHASE_PORTRAIT, SceneContents, blueprint, light_paths
 from mech_twin.view.mechanism import Mechanism
 from mech_twin.view.phase_portrait import PhasePortrait
+from mech_twin.view.sending import AT_ONCE, Sending
 
 VIEW_RATE_HZ = 30.0
+FLUSH_S = 0.1  # drawings of this time (s) go to the viewer in one message
 
 
 class RerunScene:
@@ -48,10 +46,10 @@ class RerunScene:
         Address of a running viewer (``ViewerProcess.grpc_url``).
     rrd_path : path, optional
         File to write, instead of or in addition to the live view.
-    window : int
-        Samples per decimation window of the curves; each window keeps its extremes.
-    batch_s : float
-        Simulated time per batch of curve data.
+    sending : Sending
+        How much is sent how often; by default everything a file should keep.
+    light : callable, optional
+        Tells whether the layout is to be the light one; asked now and then.
     curve_span_s, portrait_span_s : float
         Simulated time span of the curves and of the phase portrait.
     flush_limit_s : float
@@ -71,8 +69,8 @@ class RerunScene:
         *,
         grpc_url: str | None = None,
         rrd_path: str | Path | None = None,
-        window: int = 5,
-        batch_s: float = 0.1,
+        sending: Sending = AT_ONCE,
+        light: Callable[[], bool] | None = None,
         curve_span_s: float = 1.0,
         portrait_span_s: float = 0.5,
         flush_limit_s: float = 0.5,
@@ -83,21 +81,32 @@ class RerunScene:
         self._portrait_span_s = portrait_span_s
         self._flush_limit_s = flush_limit_s
         self._stream = _opened_stream(application_id, grpc_url, rrd_path)
-        self._motor = Track(self._stream, motor_groups, window=window, batch_s=batch_s)
-        self._linkage = Track(self._stream, linkage_groups, window=window, batch_s=batch_s)
-        self._forces = Track(self._stream, force_groups, window=window, batch_s=batch_s)
-        self._body = Track(self._stream, body_groups, window=window, batch_s=batch_s)
+        self._sending = sending
+        self._light = light
+        self._is_light = light is not None and light()
+        self._sliding: frozenset[str] = frozenset()
+        self._make_tracks()
+        self._banner = Banner(None)
+        self._annotations: Annotations | None = None
         self._portraits: tuple[PhasePortrait, ...] = ()
         self._events: list[tuple[float, str, str]] = []
-        self._contacts: dict[str, int] = {}
-        self._marks: dict[str, list[tuple[float, float]]] = {}
+        self._told = False
+        self._marks = ImpactMarks(self._stream)
         self._mechanism = Mechanism(self._stream)
         self._shown: SceneContents | None = None
+        self._shown_light = False
+        self._drawn_at = -math.inf
         self._time_s = 0.0
         self._last_picture = -1
         self._live = grpc_url is not None
         self._closed = False
         self._complete = True
+
+    def know(self, tree: FrameTree) -> None:
+        """Show also what needs the machine's frames: pin reactions, blows, units of joints; before the first step."""
+        self._sliding = sliding_joints(tree)
+        self._banner = Banner(tree)
+        self._annotations = Annotations(tree)
 
     def frame(
         self,
@@ -108,16 +117,19 @@ class RerunScene:
     ) -> None:
         """Add the samples of a step, all or some; they are sent in batches."""
         sent = False
+        self._banner.add(motor, linkage, forces)
+        if self._annotations is not None and linkage is not None:
+            self._annotations.add(linkage, forces)
         for track, sample in ((self._motor, motor), (self._linkage, linkage), (self._forces, forces)):
             if sample is not None:
                 self._time_s = max(self._time_s, sample.time_s)
                 sent = bool(track.add(sample)) or sent  # type: ignore[arg-type]
         if body is not None:
             self._time_s = max(self._time_s, body.time_s)
-            if self._trace_body(body):
-                sent = True
+            sent = self._trace_body(body) or sent
         if sent:
             self._send_events()
+            self._send_banner()
             self._lay_out()
 
     def drawing_due(self, time_s: float) -> bool:
@@ -125,18 +137,26 @@ class RerunScene:
         return _picture(time_s) != self._last_picture
 
     def drawing(self, drawing: Drawing) -> None:
-        """Show a drawing of the mechanism."""
+        """Show a drawing of the mechanism; one that follows sooner than a viewer can show it is dropped."""
         self._last_picture = _picture(drawing.time_s)
+        now = time.monotonic()
+        if now - self._drawn_at < self._sending.least_interval_s(light=self._is_light):
+            return
+        self._drawn_at = now
         self._set_time(drawing.time_s, drawing.step)
-        self._mechanism.show(drawing.shapes)
+        self._mechanism.widen(drawing.shapes)
+        notes = self._annotations.shapes(drawing.time_s, self._mechanism.bounds()) if self._annotations else ()
+        self._mechanism.show(drawing.shapes, notes)
 
     def event(self, event: Event, level: str = "INFO") -> None:
-        """Show an event at its exact time: a log line and, for an impact, markers of impulse and speed."""
-        self._events.append((event.time_s, event_line(event), level))
-        if event.impulse_ns != 0.0:
-            self._mark(f"{IMPACTS}/impulse", event, f"{event.contact}: impulse, N s", event.impulse_ns)
-        if event.pre_velocity_m_per_s != 0.0:
-            self._mark(f"{IMPACTS}/speed", event, f"{event.contact}: speed before, m/s", event.pre_velocity_m_per_s)
+        """Show an event at its exact time: a line of the log, and for an impact vertical marks and a flash."""
+        if is_told(event):
+            self._told = True
+            self._events.append((event.time_s, event_line(event), level))
+        self._marks.add(event)
+        self._banner.strike(event)
+        if self._annotations is not None:
+            self._annotations.strike(event)
 
     def metrics(self, metrics: Mapping[str, float]) -> None:
         """Show the metrics of the run as a table; names end in their unit."""
@@ -145,6 +165,7 @@ class RerunScene:
 
     def log(self, text: str, level: str = "INFO") -> None:
         """Show a line in the log at the time of the newest sample."""
+        self._told = True
         self._events.append((self._time_s, text, level))
 
     def close(self) -> bool:
@@ -166,6 +187,7 @@ class RerunScene:
         for track in (self._motor, self._linkage, self._forces, self._body):
             track.flush()
         self._send_events()
+        self._send_banner()
         self._lay_out()
         try:
             self._stream.flush(timeout_sec=self._flush_limit_s)
@@ -203,46 +225,63 @@ class RerunScene:
             portrait.add(body)
         if not self._body.add(body):
             return False
+        if self._is_light:
+            return True
         self._set_time(body.time_s, body.step)
         for portrait in self._portraits:
             portrait.log(self._stream)
         return True
 
-    def _mark(self, kind: str, event: Event, name: str, value: float) -> None:
-        path = f"{kind}/{event.contact}"
-        if path not in self._contacts:
-            colour = PALETTE[len(self._contacts) % len(PALETTE)]
-            self._contacts[path] = len(self._contacts)
-            points = rr.SeriesPoints(names=[name], colors=[colour], marker_sizes=[4.0], markers="Circle")
-            self._stream.log(path, points, static=True)
-        self._marks.setdefault(path, []).append((event.time_s, value))
+    def _make_tracks(self) -> None:
+        made = partial(
+            Track, self._stream, window=self._sending.window, batch_s=self._sending.batch_s, shown=self._is_shown
+        )
+        self._motor: Track[MotorSample] = made(motor_groups)
+        self._linkage: Track[LinkageSample] = made(lambda samples: linkage_groups(samples, self._sliding))
+        self._forces: Track[ForceSample] = made(force_groups)
+        self._body: Track[BodySample] = made(body_groups)
+
+    def _is_shown(self, path: str) -> bool:
+        return not self._is_light or path in light_paths(self._curves())
+
+    def _curves(self) -> dict[str, tuple[str, ...]]:
+        tracks = (self._motor, self._linkage, self._forces, self._body)
+        return {path: names for track in tracks for path, names in track.curves.items()}
+
+    def _send_banner(self) -> None:
+        self._set_time(self._time_s)
+        text = rr.TextDocument(self._banner.text(), media_type=rr.MediaType.MARKDOWN)
+        self._stream.log(BANNER, text)
 
     def _send_events(self) -> None:
+        if not self._is_light:
+            self._marks.send()
         if not self._events:
             return
-        for path, marks in self._marks.items():
-            time_s, value = zip(*marks, strict=True)
-            self._stream.send_columns(path, times(time_s), rr.Scalars.columns(scalars=value))
-        self._marks.clear()
         time_s, text, level = zip(*self._events, strict=True)
         self._events = []
+        if self._is_light:
+            return
         self._stream.send_columns(EVENTS, times(time_s), rr.TextLog.columns(text=list(text), level=list(level)))
 
     def _lay_out(self) -> None:
-        """Send the layout if there are new curves or joints, or the mechanism has left the visible range."""
+        """Send the layout if there is something new to show, or the mechanism has left the visible range."""
+        self._is_light = self._light is not None and self._light()
         tracks = (self._motor, self._linkage, self._forces, self._body)
-        curves = {path: names for track in tracks for path, names in track.curves.items()}
-        joints = tuple(portrait.joint for portrait in self._portraits)
-        shown = self._shown
-        if (
-            shown is not None
-            and shown.curves == curves
-            and shown.portraits == joints
-            and self._mechanism.within(shown.bounds)
-        ):
+        contents = SceneContents(
+            curves=self._curves(),
+            portraits=tuple(portrait.joint for portrait in self._portraits),
+            bounds=None if self._shown is None else self._shown.bounds,
+            impacts=self._marks.any,
+            events=self._told,
+            units={path: unit for track in tracks for path, unit in track.units.items()},
+        )
+        within = self._shown is not None and self._mechanism.within(self._shown.bounds)
+        if within and contents == self._shown and self._is_light == self._shown_light:
             return
-        self._shown = SceneContents(curves, joints, self._mechanism.bounds())
-        self._stream.send_blueprint(blueprint(self._shown, self._curve_span_s))
+        self._shown = contents._replace(bounds=self._mechanism.bounds())
+        self._shown_light = self._is_light
+        self._stream.send_blueprint(blueprint(self._shown, self._curve_span_s, light=self._is_light))
 
 
 def _first_line(reason: Exception) -> str:
@@ -273,7 +312,7 @@ def _create_file(path: Path) -> None:
 
 
 def _opened_stream(application_id: str, grpc_url: str | None, rrd_path: str | Path | None) -> rr.RecordingStream:
-    stream = rr.RecordingStream(application_id)
+    stream = rr.RecordingStream(application_id, batcher_config=rr.ChunkBatcherConfig(flush_tick=FLUSH_S))
     if rrd_path is not None:
         _create_file(Path(rrd_path))
     sinks: list[rr.GrpcSink | rr.FileSink] = []

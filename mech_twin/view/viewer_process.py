@@ -1,7 +1,7 @@
 """The rerun server as a child process, bound to the loopback interface.
 
 The Python function that serves the viewer always binds all interfaces, and the wrapper script leaves an orphaned
-server when it is killed.  Therefore the binary itself is started here.
+server when it is killed.  Therefore the binary itself is started here; its page reaches the browser by `PageServer`.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from types import TracebackType
 from urllib.parse import quote
 
 from mech_twin.dependencies import extra_needed
+from mech_twin.view.page_server import PageServer, draws_in_software
 
 LOOPBACK = "127.0.0.1"
 EVERYWHERE = "0.0.0.0"  # bound only on explicit request
@@ -93,6 +94,8 @@ class ViewerProcess:
         Bind all interfaces instead of the loopback interface; a warning is announced.
     memory_limit : str
         History kept by the server for pages opened later; the oldest data is dropped first.
+    newest_first : bool
+        Send a page opened later the newest of that history first.
     ready_limit_s : float
         Time limit for the server to answer.
     announce : callable
@@ -111,6 +114,7 @@ class ViewerProcess:
         grpc_port: int | None = None,
         open_to_other_hosts: bool = False,
         memory_limit: str = "512MiB",
+        newest_first: bool = False,
         ready_limit_s: float = 15.0,
         announce: Callable[[str], None] = _to_stderr,
     ) -> None:
@@ -121,9 +125,11 @@ class ViewerProcess:
         if self.web_port == self.grpc_port:
             raise ViewerError(f"viewer: web and data port are both {self.web_port}; choose two different ones")
         self._directory = Path(tempfile.mkdtemp(prefix="mech_twin_view_"))
+        self.files_port = free_port()
         try:
-            self._process = self._started(binary, address, memory_limit)
+            self._process = self._started(binary, address, memory_limit, newest_first=newest_first)
             self._wait_until_ready(ready_limit_s)
+            self._page = PageServer(address, self.web_port, self.files_port, self.grpc_port, self._note_renderer)
         except BaseException:
             self.close()
             raise
@@ -134,6 +140,7 @@ class ViewerProcess:
             )
 
     _process: subprocess.Popen[bytes] | None = None
+    _page: PageServer | None = None
 
     @property
     def grpc_url(self) -> str:
@@ -146,12 +153,20 @@ class ViewerProcess:
         return f"http://{LOOPBACK}:{self.web_port}/?url={quote(self.grpc_url, safe='')}&hide_welcome_screen"
 
     @property
+    def graphics_file(self) -> Path:
+        """File that exists while the page opened last is drawn by a graphics card."""
+        return self._directory / "graphics_card"
+
+    @property
     def pid(self) -> int | None:
         """Process id of the server, None if it is not running."""
         return self._process.pid if self._process is not None and self._process.poll() is None else None
 
     def close(self) -> None:
         """Stop the server within a second and remove its files; idempotent."""
+        if self._page is not None:
+            self._page.close()
+            self._page = None
         if self._process is not None and self._process.poll() is None:
             self._process.terminate()
             try:
@@ -169,9 +184,16 @@ class ViewerProcess:
     ) -> None:
         self.close()
 
-    def _started(self, binary: Path, address: str, memory_limit: str) -> subprocess.Popen[bytes]:
+    def _note_renderer(self, name: str) -> None:
+        if draws_in_software(name):
+            self.graphics_file.unlink(missing_ok=True)
+        else:
+            self.graphics_file.touch()
+
+    def _started(self, binary: Path, address: str, memory_limit: str, *, newest_first: bool) -> subprocess.Popen[bytes]:
         command = [str(binary), "--serve-web", "--bind", address, "--port", str(self.grpc_port)]
-        command += ["--web-viewer-port", str(self.web_port), "--server-memory-limit", memory_limit]
+        command += ["--web-viewer-port", str(self.files_port), "--server-memory-limit", memory_limit]
+        command += ["--newest-first"] if newest_first else []
         setpriv = shutil.which("setpriv")
         if setpriv is not None:  # the process id stays the same: setpriv executes the binary in place
             command = [setpriv, "--pdeathsig", "TERM", "--", *command]
@@ -215,10 +237,10 @@ class ViewerProcess:
             if self._answers():
                 return
             time.sleep(0.02)
-        raise ViewerError(f"viewer: not ready after {limit_s:g} s on ports {self.web_port} and {self.grpc_port}")
+        raise ViewerError(f"viewer: not ready after {limit_s:g} s on ports {self.files_port} and {self.grpc_port}")
 
     def _answers(self) -> bool:
-        page = http.client.HTTPConnection(LOOPBACK, self.web_port, timeout=1.0)
+        page = http.client.HTTPConnection(LOOPBACK, self.files_port, timeout=1.0)
         try:
             page.request("GET", "/")
             ready = page.getresponse().status == http.HTTPStatus.OK

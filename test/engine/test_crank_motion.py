@@ -9,20 +9,16 @@ import numpy as np
 import pytest
 
 from mech_twin.engine.crank_motion import (
-    ANGLE,
     AT_ANGLE,
     AT_REST,
-    DRIVE_WORK,
-    FRICTION_LOSS,
-    GEAR_LOSS,
     NOT_INTEGRATED,
     SPAN_ENDED,
-    SPEED,
     STATE_SIZE,
     ShaftDrive,
     crank_rates,
     integrated_work,
     line_torque,
+    shaft_state,
     turn_crank,
 )
 from mech_twin.engine.integration import rates_of, start_step, take_step, workspace
@@ -43,7 +39,7 @@ class Disc(NamedTuple):
 @rates_of(Disc, DORMAND_PRINCE_8)
 def disc_rates(disc, t, y, out):
     """Fill the rates of a disc."""
-    crank_rates(disc.drive, t, y, disc.inertia_kg_m2, 0.0, -disc.stiffness_nm * np.sin(y[ANGLE]), out)
+    crank_rates(disc.drive, t, y, disc.inertia_kg_m2, 0.0, -disc.stiffness_nm * np.sin(shaft_state(y).angle_rad), out)
 
 
 def turned(disc, speed, span, direction=1.0, aim=inf, tolerance=EXACT, angle=0.0):
@@ -66,12 +62,14 @@ def test_a_disc_under_a_ramped_torque_follows_the_cubic(direction):
     angle = 0.5 * t + 0.5 * constant * t * t + ramp * t**3 / 6.0
     assert (time, what) == (t, SPAN_ENDED)
     assert direction * acceleration == pytest.approx(constant + ramp * t, rel=1e-13)
-    assert direction * y[SPEED] == pytest.approx(speed, rel=1e-13)
-    assert direction * y[ANGLE] == pytest.approx(angle, rel=1e-13)
-    assert y[FRICTION_LOSS] == pytest.approx(1.5 * angle, rel=1e-13)
+    assert direction * shaft_state(y).speed_rad_per_s == pytest.approx(speed, rel=1e-13)
+    assert direction * shaft_state(y).angle_rad == pytest.approx(angle, rel=1e-13)
+    assert shaft_state(y).friction_loss_j == pytest.approx(1.5 * angle, rel=1e-13)
     # the gear gives 0.8 of what it takes: the rest is lost; what it gives turns the shaft's inertia and the disc
-    assert y[GEAR_LOSS] == pytest.approx(0.25 * (1.5 * angle + 0.5 * inertia * (speed**2 - 0.25)), rel=1e-12)
-    assert y[DRIVE_WORK] == pytest.approx(1.5 * angle + 0.5 * 0.6 * (speed**2 - 0.25), rel=1e-12)
+    assert shaft_state(y).gear_loss_j == pytest.approx(
+        0.25 * (1.5 * angle + 0.5 * inertia * (speed**2 - 0.25)), rel=1e-12
+    )
+    assert shaft_state(y).drive_work_j == pytest.approx(1.5 * angle + 0.5 * 0.6 * (speed**2 - 0.25), rel=1e-12)
 
 
 def test_torque_falls_with_speed_rises_with_time_and_stays_within_its_limit():
@@ -91,23 +89,24 @@ def test_what_ends_a_motion_lies_on_the_integrated_motion_itself(tolerance, dire
     wanted = inf if aim is None else aim
     y, time, what, _ = turned(disc, 1.3 * direction, 1.2, direction, direction * wanted, tolerance)
     assert what == (AT_REST if aim is None else AT_ANGLE)
-    assert (y[SPEED] == 0.0) if aim is None else (y[ANGLE] == direction * aim)
+    assert (shaft_state(y).speed_rad_per_s == 0.0) if aim is None else (shaft_state(y).angle_rad == direction * aim)
     if tolerance is ANY:
         begin, work = np.array([0.0, 1.3 * direction, 0.0, 0.0, 0.0]), workspace(DORMAND_PRINCE_8, STATE_SIZE)
         start_step(disc, 0.0, begin, work)
         take_step(disc, 0.0, begin, time, work)
-        assert abs(work.end[SPEED] if aim is None else work.end[ANGLE] - direction * aim) < 1e-14
+        end = shaft_state(work.end)
+        assert abs(end.speed_rad_per_s if aim is None else end.angle_rad - direction * aim) < 1e-14
     else:  # w^2/2 = w0^2/2 - k (1 - cos f)
-        left = 1.3**2 / 2.0 - 4.0 * (1.0 - cos(y[ANGLE])) - y[SPEED] ** 2 / 2.0
+        left = 1.3**2 / 2.0 - 4.0 * (1.0 - cos(shaft_state(y).angle_rad)) - shaft_state(y).speed_rad_per_s ** 2 / 2.0
         assert abs(left) < 1e-11
 
 
 def test_a_disc_braked_by_friction_rests_when_its_momentum_is_used_up():
     disc = Disc(FREE._replace(coulomb_nm=2.0), 4.0, 0.0)
     y, time, what, acceleration = turned(disc, 3.0, 100.0)
-    assert (what, y[SPEED]) == (AT_REST, 0.0)
+    assert (what, shaft_state(y).speed_rad_per_s) == (AT_REST, 0.0)
     assert time == pytest.approx(6.0, rel=1e-13)
-    assert y[ANGLE] == pytest.approx(9.0, rel=1e-13)
+    assert shaft_state(y).angle_rad == pytest.approx(9.0, rel=1e-13)
     assert acceleration == pytest.approx(-0.5, rel=1e-13)
 
 
@@ -118,7 +117,7 @@ def test_of_rest_and_angle_in_one_step_the_earlier_ends_the_motion(nearer):
     aim = 1.0 + 1e-9 if nearer == "rest" else 1.0 - 1e-9
     y, time, what, _ = turned(disc, 2.0, 10.0, aim=aim, tolerance=ANY)
     assert what == (AT_REST if nearer == "rest" else AT_ANGLE)
-    assert y[ANGLE] == pytest.approx(min(aim, 1.0), abs=1e-14)
+    assert shaft_state(y).angle_rad == pytest.approx(min(aim, 1.0), abs=1e-14)
     assert time == pytest.approx(1.0 if nearer == "rest" else 1.0 - sqrt(1e-9), abs=1e-9)
 
 

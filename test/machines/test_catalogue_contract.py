@@ -184,7 +184,8 @@ def test_drawing_is_finite_and_named(name: str) -> None:
     assert shapes
     assert len({shape.name for shape in shapes}) == len(shapes)
     for shape in shapes:
-        assert shape.kind in {"line", "points", "arrow"}
+        assert shape.kind in {"line", "points", "arrow", "text"}
+        assert shape.text if shape.kind == "text" else shape.points_m
         assert all(math.isfinite(x) and math.isfinite(y) for x, y in shape.points_m)
 
 

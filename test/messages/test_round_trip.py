@@ -37,6 +37,8 @@ def test_every_drawing_survives_the_wire(name: str) -> None:
     message = deserialize_message(serialize_message(scene.to_message(drawing)), MarkerArray)
     again = scene.from_message(message)
     assert [shape.name for shape in again.shapes] == [shape.name for shape in drawing.shapes]
+    assert [shape.kind for shape in again.shapes] == [shape.kind for shape in drawing.shapes]
+    assert [shape.text for shape in again.shapes] == [shape.text for shape in drawing.shapes]
     assert [shape.points_m for shape in again.shapes] == [shape.points_m for shape in drawing.shapes]
     assert [shape.colour for shape in again.shapes] == [shape.colour for shape in drawing.shapes]
 

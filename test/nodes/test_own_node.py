@@ -19,6 +19,7 @@ from sensor_msgs.msg import JointState
 
 from mech_twin.messages import force as force_messages
 from mech_twin.messages import motor as motor_messages
+from mech_twin.messages.step_message import set_stamp
 from mech_twin.messages.topics import (
     STEP_BODY,
     STEP_FORCES,
@@ -172,6 +173,9 @@ def test_each_mistake_of_a_motor_is_told(monkeypatch: pytest.MonkeyPatch) -> Non
             make(message)
             tells(run, told, STEP_MOTOR, message, "malformed", text)
         tells(run, told, STEP_MOTOR, plain_motor(run.samples[2]), "late", r"step \d+ at step \d+")
+        early = plain_motor(run.samples[-1])
+        set_stamp(early.header, run.samples[-1].time_s + 10 * run.linkage.machine.coupling_step_s)
+        tells(run, told, STEP_MOTOR, early, "early", r"step \d+ at step \d+")
         before = len(run.samples)
         publisher = run.publisher(STEP_MOTOR)
         publisher.publish(plain_motor(run.samples[-1]))
@@ -205,6 +209,29 @@ def test_each_mistake_of_a_force_analysis_and_of_a_body_is_told(monkeypatch: pyt
         message = JointState(name=["body"], position=[0.0], velocity=[0.0], effort=[0.0])
         message.header.stamp = right_motor(run.samples[-1]).header.stamp
         tells(run, told, STEP_BODY, message, "malformed", r"row '~pressing_force_n' is missing")
+
+
+def test_an_answer_beside_ours_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    with BenchRun(BODY_MACHINE) as run:
+        run.steps(20)
+        told = Told(run.linkage.statistics, monkeypatch)
+        publisher = run.publisher(STEP_MOTOR)
+        before = len(run.samples)
+        text = r"step \d+ from another publisher than the one that is followed"
+        publisher.publish(plain_motor(run.samples[-1]))
+        tells(run, told, STEP_MOTOR, plain_motor(run.samples[-1]), "unknown_source", text)
+        run.until(lambda: len(run.samples) > before)  # and ours are taken
+
+
+def test_every_mistake_of_the_page_is_tried() -> None:
+    """The words of each row stand in this file: a row that is added to the page needs a test."""
+    rows = re.findall(r"^\| [a-z ']+ \| (.+) \|$", PAGE.partition("## What a mistake says")[2], re.MULTILINE)
+    tried = re.sub(r"\\d\+?|\\\.|\{9\}|\d", "#", Path(__file__).read_text(encoding="utf-8"))
+    told = [word for row in rows for word in re.findall(r"`([^`]+)`", row)]
+    assert len(told) > len(rows) > 10
+    for word in told:
+        longest = max(re.split(r"\d[\d.]*", word), key=len)
+        assert longest.strip() in tried, word
 
 
 def test_a_publisher_of_best_effort_and_one_beside_ours_are_told(monkeypatch: pytest.MonkeyPatch) -> None:

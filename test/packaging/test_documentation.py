@@ -177,7 +177,7 @@ def test_every_command_a_page_names_exists_with_its_options(file: Path) -> None:
 
 
 def test_a_command_that_does_not_exist_is_found() -> None:
-    for wrong in ("`mech-twin monitor BAG`", "    mech-twin study mb10_breaker identify"):
+    for wrong in ("`mech-twin guard BAG`", "    mech-twin study mb10_breaker identify"):
         with pytest.raises(KeyError):
             command_named(command_lines(wrong)[0])
     assert paths_in("see `engine/gone.py`, mech_twin/engine/gone.py") == {"mech_twin/engine/gone.py"}

@@ -12,7 +12,8 @@ from mech_twin.machines.compaction_press.flywheel_run import flywheel_run
 from mech_twin.machines.compaction_press.parameters import press_constants
 from mech_twin.machines.compaction_press.tolerance_box import ASSUMED, moved
 from mech_twin.machines.vibration_crank.sizing import balance_at, box_corners, sizing
-from mech_twin.parameters.load import machine, machine_parameters, write_configuration
+from mech_twin.parameters.load import machine, machine_parameters
+from mech_twin.parameters.written_configuration import write_configuration
 from mech_twin.parts.flywheel import exact_inertia
 from mech_twin.studies import size
 from mech_twin.studies.sizing import allowed_tolerance

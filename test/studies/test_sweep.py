@@ -7,12 +7,13 @@ import pytest
 from pyarrow import parquet
 
 from mech_twin.capabilities.errors import StudyError
+from mech_twin.parameters.key_hints import key_units
 from mech_twin.parameters.load import machine, machine_parameters
 from mech_twin.studies import sweep
 from mech_twin.studies.parameter_sweep import journal_of
 from mech_twin.studies.spreading import spread
 from mech_twin.studies.sweep_journal import SweepJournal
-from mech_twin.studies.sweep_points import Question, configuration_keys, question
+from mech_twin.studies.sweep_points import Question, question
 
 pytestmark = pytest.mark.slow
 
@@ -115,5 +116,5 @@ def test_every_number_of_a_grid_is_reached_once():
 
 
 def test_optional_groups_are_keys_too():
-    keys = configuration_keys(type(machine_parameters("compaction_press")))
+    keys = key_units(type(machine_parameters("compaction_press")))
     assert {"linkage.crank_m", "motor.rated_power_w", "gear.ratio"} <= set(keys)

@@ -14,7 +14,8 @@ import resource, signal, sys
 from pathlib import Path
 import numpy as np
 from mech_twin.output_file import OutputError
-from mech_twin.parameters.load import machine_parameters, write_configuration
+from mech_twin.parameters.load import machine_parameters
+from mech_twin.parameters.written_configuration import write_configuration
 from mech_twin.studies.design_scan import DesignScan
 from mech_twin.studies.sweep_points import Point, question
 from mech_twin.studies.sweep_table import write_table

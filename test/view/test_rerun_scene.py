@@ -8,8 +8,8 @@ from synthetic_four_bar import PINS, drawing, events, frame, metrics
 
 from mech_twin.samples import BodySample, Drawing, Event, Named, Shape
 from mech_twin.view.layout import Bounds, SceneContents, blueprint
-from mech_twin.view.phase_portrait import round_above
 from mech_twin.view.rerun_scene import RerunScene, RerunSceneError, event_line
+from mech_twin.view.scale import round_above
 
 STEPS = 1000
 
@@ -76,11 +76,12 @@ def test_joints_and_pins_are_called_what_the_samples_call_them(kept):
 
 def test_the_mechanism_is_drawn_thirty_times_a_simulated_second(kept):
     moving, static = kept
-    assert moving["/mechanism/lines"].num_rows == 31
-    assert len(moving["/mechanism/lines"]["LineStrips2D:strips"][0]) == 4
-    assert len(moving["/mechanism/points"]["Points2D:positions"][0]) == 4
-    assert len(moving["/mechanism/arrows"]["Arrows2D:vectors"][0]) == 1
-    first = moving["/mechanism/lines"]["LineStrips2D:strips"][0][1].as_py()
+    figure = moving["/mechanism/figure"]
+    assert figure.num_rows == 31
+    assert len(figure["LineStrips2D:strips"][0]) == 4
+    assert len(figure["Points2D:positions"][0]) == 4
+    assert len(figure["Arrows2D:vectors"][0]) == 1
+    first = figure["LineStrips2D:strips"][0][1].as_py()
     assert np.allclose(first, drawing(0).shapes[1].points_m, atol=1e-7)
     assert "/mechanism" in static  # the mirror that turns the viewer's second axis up
 
@@ -91,8 +92,16 @@ def test_events_stand_at_their_own_exact_times(kept):
     assert table.num_rows == len(happened)
     at = np.array(table["sim_time"].cast(pa.int64()).to_pylist())
     assert np.array_equal(np.sort(at), np.round(np.array([event.time_s for event in happened]) * 1e9))
-    blows = sum(event.contact == "tool" for event in happened)
-    assert kept[0]["/impacts/impulse/tool"].num_rows == blows
+
+
+def test_a_blow_is_a_vertical_mark_at_its_exact_time(kept):
+    blows = [event for step in range(STEPS + 1) for event in events(step) if event.contact == "tool"]
+    table = kept[0]["/impacts/impulse/tool"].sort_by("sim_time")
+    at = np.array(table["sim_time"].cast(pa.int64()).to_pylist()).reshape(-1, 3)
+    height = np.array(table["Scalars:scalars"].to_pylist()).reshape(-1, 3)
+    assert np.array_equal(at[:, 1], np.round(np.array([event.time_s for event in blows]) * 1e9))
+    assert np.array_equal(at - at[:, 1:2], [[-1, 0, 1]] * len(blows))
+    assert np.array_equal(height, [[0.0, event.impulse_ns, 0.0] for event in blows])
 
 
 def test_nothing_of_the_wall_clock_enters_the_file(kept):
@@ -179,7 +188,7 @@ def test_what_is_no_longer_drawn_disappears(tmp_path):
         scene.drawing(Drawing(0, 0.0, (arrow,)))
         scene.drawing(Drawing(34, 0.034, ()))
     moving, _ = tables(path)
-    counts = [len(row or ()) for row in moving["/mechanism/arrows"]["Arrows2D:vectors"].to_pylist()]
+    counts = [len(row or ()) for row in moving["/mechanism/figure"]["Arrows2D:vectors"].to_pylist()]
     assert counts == [1, 0]
 
 

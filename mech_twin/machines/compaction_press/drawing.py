@@ -2,29 +2,56 @@
 
 from __future__ import annotations
 
+from mech_twin.capabilities.figure import (
+    CRANK,
+    FOLLOWER,
+    FORCE,
+    GROUND,
+    MATERIAL,
+    ROD,
+    STEEL,
+    bearing,
+    box,
+    hatched,
+    measure,
+    millimetres,
+)
 from mech_twin.machines.compaction_press.dynamics import Press, loaded_height, press_reduced
 from mech_twin.parts.four_bar import position
 from mech_twin.samples import LinkageSample, Shape
 
+LAYER_HALF_M = 0.13
+LAYER_BELOW_M = 0.07  # drawn part of the layer below the deepest point of the stroke
+ARROW_M = 0.15  # length of the layer's force at its peak
+
 
 def drawing(press: Press, linkage: LinkageSample) -> tuple[Shape, ...]:
-    """Return crank, plate, pendulum, pins, and the force of the layer where it acts."""
+    """Return ground, layer with its stroke, crank, plate, pendulum, pins, and the layer's force where it acts."""
     angle = linkage.joint("crank").position
     at = position(press.bar, angle)
     load = loaded_point(press, angle)
     o, a, b = (0.0, 0.0), (at.a_x, at.a_y), (at.b_x, at.b_y)
     c = (press.bar.pivot_x_m, press.bar.pivot_y_m)
-    shapes = [
-        Shape("crank", "line", (o, a), (200, 60, 40), 0.02),
-        Shape("plate", "line", (a, b), (60, 90, 180), 0.025),
-        Shape("pendulum", "line", (c, b), (90, 140, 60), 0.015),
-        Shape("pins", "points", (o, a, b, c), (0, 0, 0), 0.012),
-    ]
     force = press_reduced(press, angle, linkage.regime).force
-    if force > 0.0:
-        length = 0.2 * force / press.load.peak_n
-        shapes.append(Shape("working_force", "arrow", ((load[0], load[1] - length), load), (220, 120, 0), 0.01))
-    return tuple(shapes)
+    length = ARROW_M * force / press.load.peak_n if force > 0.0 else 0.0
+    return (
+        *_layer(press, load, pressed=force > 0.0),
+        Shape("frame", "line", bearing(o, 0.03), GROUND, 0.004),
+        Shape("pendulum_frame", "line", bearing(c, 0.03), GROUND, 0.004),
+        Shape("crank", "line", (o, a), CRANK, 0.02, "crank"),
+        Shape("plate", "line", (a, b), ROD, 0.025, "plate"),
+        Shape("pendulum", "line", (c, b), FOLLOWER, 0.015, "pendulum"),
+        Shape("pins", "points", (o, a, b, c), STEEL, 0.016),
+        Shape("loaded_point", "points", (load,), FORCE, 0.016),
+        Shape(
+            "working_force",
+            "arrow",
+            ((load[0], load[1] - length), load),
+            FORCE,
+            0.008,
+            f"layer {force:.0f} N" if length else "",
+        ),
+    )
 
 
 def loaded_point(press: Press, f: float) -> tuple[float, float]:
@@ -32,3 +59,19 @@ def loaded_point(press: Press, f: float) -> tuple[float, float]:
     at = position(press.bar, f)
     x = (press.along_m * at.u_x - press.across_m * at.u_y) / press.bar.coupler_m
     return at.a_x + x, loaded_height(press, f)[0]
+
+
+def _layer(press: Press, load: tuple[float, float], *, pressed: bool) -> tuple[Shape, ...]:
+    """Return the layer with its free height, and the depth of the working stroke beside it."""
+    top, bottom = press.load.contact_y_m, press.load.bottom_y_m
+    middle, floor = press.along_m - press.bar.crank_m, bottom - LAYER_BELOW_M
+    left, right = middle - LAYER_HALF_M, middle + LAYER_HALF_M
+    surface = min(top, load[1]) if pressed else top
+    layers = [floor + share * (surface - floor) for share in (0.25, 0.5, 0.75)]
+    edge = right + 0.03
+    return (
+        Shape("ground", "line", hatched((left - 0.05, floor), (right + 0.05, floor), 0.02), GROUND, 0.005),
+        Shape("layer", "line", box(left, floor, right, surface), MATERIAL, 0.006, "layer"),
+        *(Shape(f"grain_{i}", "line", ((left, y), (right, y)), MATERIAL, 0.002) for i, y in enumerate(layers, 1)),
+        measure("stroke", (edge, bottom), (edge, top), f"stroke in the layer {millimetres(top - bottom)}", 0.03),
+    )

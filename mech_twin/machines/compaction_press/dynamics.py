@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mech_twin.engine.compiled_steps import step_of
-from mech_twin.engine.crank_motion import ANGLE, DRIVE_POWER, ShaftDrive, crank_rates
+from mech_twin.engine.crank_motion import DRIVE_POWER, ShaftDrive, crank_rates, shaft_state
 from mech_twin.engine.crank_state import (
     driven_system,
     led_system,
@@ -200,7 +200,7 @@ class DrivenPress(NamedTuple):
 @rates_of(DrivenPress, DORMAND_PRINCE_8)
 def driven_press_rates(driven: DrivenPress, t: float, y: Array, out: Array) -> None:
     """Fill in the rates of crank angle, speed, drive work, gear loss and friction loss."""
-    now = press_reduced(driven.press, y[ANGLE], driven.regime)
+    now = press_reduced(driven.press, shaft_state(y).angle_rad, driven.regime)
     crank_rates(driven.drive, t, y, now.inertia, now.slope, now.moment, out)
 
 

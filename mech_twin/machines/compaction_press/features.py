@@ -33,6 +33,7 @@ def features(parameters: CompactionPress) -> CycleFeatures:
             harmonic("torque_sin_1_nm", "N.m", TORQUE, 1, "sin", "driving torque, sine of the turn"),
             harmonic("torque_cos_2_nm", "N.m", TORQUE, 2, "cos", "driving torque, cosine of half a turn"),
             harmonic("torque_sin_2_nm", "N.m", TORQUE, 2, "sin", "driving torque, sine of half a turn"),
+            mean("pendulum_mean_rad", "rad", PENDULUM, "mean angle of the pendulum"),
             swing("pendulum_swing_rad", "rad", PENDULUM, "angle the pendulum swings through"),
         ),
     )

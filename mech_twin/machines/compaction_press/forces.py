@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from mech_twin.engine.compiled_roles import CompiledForces
 from mech_twin.engine.compiled_steps import force_step, step_of
-from mech_twin.engine.crank_piece import M_ACCELERATION, M_FRICTION, M_SHARE
+from mech_twin.engine.crank_state import memory_of
 from mech_twin.engine.sample_vectors import LINKAGE_JOINTS, REGIME, Array, ForceLayout
 from mech_twin.machines.compaction_press.cycle import gains
 from mech_twin.machines.compaction_press.dynamics import Press, press_pins, press_reduced, with_load_share
@@ -52,11 +52,11 @@ def press_forces(
     model: LoadedPress, step: int, linkage: Array, log: Array, count: int, out: Array, loads: Array
 ) -> tuple[Array, int]:
     """Fill in the pin forces at the angle, rate and acceleration of the crank, and its torque by both routes."""
-    memory = linkage[LINKAGE_JOINTS + 9 :]
-    press = with_load_share(model.press, memory[M_SHARE])
+    memory = memory_of(linkage, 3)
+    press = with_load_share(model.press, memory.load_share)
     f, w, torque = linkage[LINKAGE_JOINTS], linkage[LINKAGE_JOINTS + 1], linkage[LINKAGE_JOINTS + 2]
     now = press_reduced(press, f, int(linkage[REGIME]))
-    e = memory[M_ACCELERATION]
+    e = memory.crank_acceleration_rad_per_s2
     at = position(press.bar, f)
     by = motion(press.bar, press.crank, press.plate, press.pendulum, at, coefficients(at), w, e)
     pins = press_pins(press, f, w, e, now.force)
@@ -93,7 +93,7 @@ def press_forces(
     for i in range(len(numbers)):
         out[i] = numbers[i]
     scale = max(model.moment_scale_nm, abs(torque), now.inertia * abs(e), 1e-9)
-    out[len(numbers)] = (pins.moment - torque - memory[M_FRICTION]) / scale
+    out[len(numbers)] = (pins.moment - torque - memory.friction_torque_nm) / scale
     return loads, 0
 
 

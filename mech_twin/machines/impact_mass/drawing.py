@@ -1,18 +1,33 @@
-"""Drawing of the impact mass: mass, stop, force, and the phase portrait below."""
+"""Drawing of the impact mass: mass on its guide, stop, force, and the phase portrait below."""
 
 from __future__ import annotations
 
 import math
 
+from mech_twin.capabilities.figure import (
+    CRANK,
+    GROUND,
+    MEASURE,
+    ROD,
+    STEEL,
+    TOOL,
+    box,
+    hatched,
+    label,
+    measure,
+    millimetres,
+)
 from mech_twin.machines.impact_mass.memory import MassMemory
 from mech_twin.machines.impact_mass.states import PHASE_1
 from mech_twin.samples import LinkageSample, Shape
 
-MASS_COLOUR, STOP_COLOUR, PUSH_COLOUR, PULL_COLOUR = (60, 90, 180), (90, 90, 90), (200, 60, 40), (240, 160, 40)
+PUSH_COLOUR, PULL_COLOUR = CRANK, TOOL
 MASS_M = 0.08  # side of the drawn mass
-ARROW_M = 0.15
-SCALE_S = 0.02  # drawn height of 1 m/s in the phase portrait
-PORTRAIT_M = -0.9  # height of the portrait's axis
+TRACK_M = 0.62  # drawn length of the guide
+STOP_HALF_M, STOP_DEPTH_M = 0.10, 0.03
+ARROW_M = 0.12
+SCALE_S = 0.005  # drawn height of 1 m/s in the phase portrait
+PORTRAIT_M = -0.34  # height of the portrait's axis
 ARC_POINTS = 13
 
 
@@ -20,21 +35,33 @@ def mass_drawing(stop_m: float, sample: LinkageSample) -> tuple[Shape, ...]:
     """Return mass, stop, an arrow for the phase of the force, and the phase portrait with its present point."""
     memory = MassMemory.unpacked(sample.memory.values)
     (x,), (force,) = sample.position, sample.effort
-    tail = x - MASS_M
+    tail, middle = x - MASS_M, x - 0.5 * MASS_M
     reach = math.copysign(ARROW_M, force) if force else 0.0
     arrow = ((tail - reach, 0.0), (tail, 0.0)) if reach >= 0.0 else ((tail, 0.0), (tail + reach, 0.0))
     colour = PUSH_COLOUR if memory.phase_1 == PHASE_1 else PULL_COLOUR
+    floor = -0.5 * MASS_M - 0.006
+    gap = stop_m - x
+    gap_line = (measure("gap", (x, 0.11), (stop_m, 0.11), f"gap {millimetres(gap)}", 0.03),) if gap > 0.002 else ()
     return (
-        Shape("stop", "line", ((stop_m, -0.15), (stop_m, 0.15)), STOP_COLOUR, 0.012),
-        Shape("mass", "line", _square(tail, x), MASS_COLOUR, 0.008),
-        Shape("force", "arrow", arrow, colour, 0.008),
+        Shape("guide", "line", hatched((stop_m - TRACK_M, floor), (stop_m + 0.06, floor), 0.02), GROUND, 0.004),
+        Shape("stop", "line", ((stop_m, -STOP_HALF_M), (stop_m, STOP_HALF_M)), STEEL, 0.012, "stop"),
+        Shape(
+            "stop_ground",
+            "line",
+            hatched((stop_m + 0.01, STOP_HALF_M), (stop_m + 0.01, -STOP_HALF_M), 0.02)[::-1],
+            GROUND,
+            0.004,
+        ),
+        Shape("mass", "line", _square(tail, x), ROD, 0.008),
+        label("mass_name", (middle, 0.02), "mass", ROD),
+        Shape("force", "arrow", arrow, colour, 0.008, f"force {force:.0f} N" if reach else ""),
+        *gap_line,
         *_portrait(stop_m, sample, memory),
     )
 
 
 def _square(x0: float, x1: float) -> tuple[tuple[float, float], ...]:
-    y0, y1 = -MASS_M / 2.0, MASS_M / 2.0
-    return ((x0, y0), (x1, y0), (x1, y1), (x0, y1), (x0, y0))
+    return box(x0, -MASS_M / 2.0, x1, MASS_M / 2.0)
 
 
 def _portrait(stop_m: float, sample: LinkageSample, memory: MassMemory) -> tuple[Shape, ...]:
@@ -48,9 +75,12 @@ def _portrait(stop_m: float, sample: LinkageSample, memory: MassMemory) -> tuple
         v = v0 + (v1 - v0) * share
         x = x0 + (v - v0) * (v + v0) / (2.0 * a) if a else x0 + (x1 - x0) * share
         arc.append((min(x, stop_m), PORTRAIT_M + SCALE_S * v))
-    axis = ((stop_m - 1.0, PORTRAIT_M), (stop_m + 0.05, PORTRAIT_M))
+    axis = ((stop_m - TRACK_M, PORTRAIT_M), (stop_m + 0.05, PORTRAIT_M))
+    upright = ((stop_m, PORTRAIT_M - 20.0 * SCALE_S), (stop_m, PORTRAIT_M + 20.0 * SCALE_S))
     return (
-        Shape("portrait_axis", "line", axis, STOP_COLOUR, 0.002),
-        Shape("portrait_arc", "line", tuple(arc), MASS_COLOUR, 0.004),
-        Shape("portrait_point", "points", ((x1, PORTRAIT_M + SCALE_S * v1),), PUSH_COLOUR, 0.02),
+        Shape("portrait_axis", "line", axis, MEASURE, 0.002),
+        Shape("portrait_stop", "line", upright, MEASURE, 0.002),
+        label("portrait_name", (stop_m - 0.8 * TRACK_M, PORTRAIT_M - 0.05), "velocity over position", MEASURE),
+        Shape("portrait_arc", "line", tuple(arc), ROD, 0.004),
+        Shape("portrait_point", "points", ((x1, PORTRAIT_M + SCALE_S * v1),), CRANK, 0.02, f"{v1:+.1f} m/s"),
     )

@@ -24,7 +24,7 @@ def features(parameters: ImpactMass) -> CycleFeatures:
     """Return the features of a period of the force, from the rise to its first level on."""
     level = 0.5 * (parameters.phase1_force_n + parameters.phase2_force_n)
     return CycleFeatures(
-        CycleReference(FORCE, "rise", level),
+        CycleReference(FORCE, "rise", level, parameters.period_s),
         (
             mean("force_mean_n", "N", FORCE, "mean force of the generator"),
             upper("force_high_n", "N", FORCE, "force of the first phase", 0.5),

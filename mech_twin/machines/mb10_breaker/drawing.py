@@ -5,17 +5,37 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
+from mech_twin.capabilities.figure import (
+    CRANK,
+    FOLLOWER,
+    GROUND,
+    ROD,
+    SPRING,
+    STEEL,
+    TOOL,
+    Point,
+    Strip,
+    coil,
+    hatched,
+    label,
+)
 from mech_twin.machines.mb10_breaker.dynamics import Breaker
 from mech_twin.parts.four_bar import position
 from mech_twin.samples import BodySample, LinkageSample, Shape
 
-STEEL, DARK, BRASS, RED, GREY = (70, 130, 180), (40, 40, 40), (205, 133, 63), (200, 60, 60), (150, 150, 150)
+TOOL_LENGTH_M = 0.12
+WALL_HALF_M = 0.10
+COIL_M = 0.13  # drawn length of the spring at rest
+HAMMER_HALF_M = 0.012
 
 
 def drawing(b: Breaker, striker_angle_deg: float) -> Callable[[LinkageSample, BodySample | None], tuple[Shape, ...]]:
     """Return the function that draws the mechanism in the machine's frame, the body turned by its own angle."""
     swing = math.radians(striker_angle_deg)
+    n: Point = (b.n_x, b.n_y)
     face = (b.bar.pivot_x_m + b.n_y * b.striker_arm_m, -b.n_x * b.striker_arm_m)  # the struck face, the tool seated
+    far = _moved(face, n, TOOL_LENGTH_M)
+    standing = _standing(b, face, far, n)
 
     def shapes(linkage: LinkageSample, body: BodySample | None) -> tuple[Shape, ...]:
         joints = dict(zip(linkage.joints, linkage.position, strict=True))
@@ -23,47 +43,62 @@ def drawing(b: Breaker, striker_angle_deg: float) -> Callable[[LinkageSample, Bo
         phi = joints["body"] if body is None else body.joint("body").position
         c, s = math.cos(phi), math.sin(phi)
 
-        def seen(x: float, y: float) -> tuple[float, float]:
+        def seen(x: float, y: float) -> Point:
             return c * x + s * y, c * y - s * x
 
         at = position(b.bar, q)
         d = (b.bar.pivot_x_m, b.bar.pivot_y_m)
-        tip = (d[0] + b.striker_arm_m * math.cos(rocker + swing), d[1] + b.striker_arm_m * math.sin(rocker + swing))
-        far = (face[0] + 0.12 * b.n_x, face[1] + 0.12 * b.n_y)
-        across = (-0.15 * b.n_y, 0.15 * b.n_x)
-        collar = tuple(
-            seen(face[0] + 0.03 * b.n_x + w * across[0], face[1] + 0.03 * b.n_y + w * across[1]) for w in (-0.3, 0.3)
-        )
+        lean = rocker + swing
+        tip = (d[0] + b.striker_arm_m * math.cos(lean), d[1] + b.striker_arm_m * math.sin(lean))
+        side = (HAMMER_HALF_M * math.cos(lean), HAMMER_HALF_M * math.sin(lean))
+        hammer = (seen(tip[0] - side[0], tip[1] - side[1]), seen(tip[0] + side[0], tip[1] + side[1]))
         a, pin, bearing = seen(at.a_x, at.a_y), seen(at.b_x, at.b_y), seen(*d)
+        foot = seen(b.spring_arm_m * b.n_y, -b.spring_arm_m * b.n_x)
         return (
-            Shape("body", "line", ((0.0, 0.0), bearing, collar[0], collar[1], (0.0, 0.0)), GREY, 0.006),
-            Shape(
-                "spring",
-                "line",
-                _coil(seen(b.spring_arm_m * b.n_y, -b.spring_arm_m * b.n_x), (b.n_x, b.n_y)),
-                BRASS,
-                0.002,
-            ),
-            Shape("crank", "line", ((0.0, 0.0), a), RED, 0.010),
-            Shape("coupler", "line", (a, pin), STEEL, 0.008),
-            Shape("rocker", "line", (pin, bearing, seen(*tip)), DARK, 0.012),
-            Shape("tool", "line", (face, far), BRASS, 0.020),
-            Shape("wall", "line", _wall(far, across), GREY, 0.010),
-            Shape("pins", "points", ((0.0, 0.0), a, pin, bearing), DARK, 0.012),
+            *standing,
+            Shape("body", "line", _body(seen, d, foot, face, n), GROUND, 0.006, "body on its springs"),
+            Shape("spring", "line", coil(_spring_end(b, n), foot, 0.011), SPRING, 0.003, "spring"),
+            Shape("crank", "line", ((0.0, 0.0), a), CRANK, 0.012),
+            label("crank_name", (0.5 * a[0] - 0.05, 0.5 * a[1] + 0.01), "crank", CRANK),
+            Shape("coupler", "line", (a, pin), ROD, 0.010, "coupler"),
+            Shape("rocker", "line", (pin, bearing, seen(*tip)), FOLLOWER, 0.014, "rocker with striker"),
+            Shape("striker", "line", hammer, STEEL, 0.030),
+            Shape("pins", "points", ((0.0, 0.0), a, pin, bearing), STEEL, 0.014),
         )
 
     return shapes
 
 
-def _wall(far: tuple[float, float], across: tuple[float, float]) -> tuple[tuple[float, float], ...]:
-    return ((far[0] - across[0], far[1] - across[1]), (far[0] + across[0], far[1] + across[1]))
+def _standing(b: Breaker, face: Point, far: Point, n: Point) -> tuple[Shape, ...]:
+    """Return what the motion leaves where it is: tool, wall, and the ground of the spring."""
+    held = _spring_end(b, n)
+    across = (n[1], -n[0])
+    low, high = _moved(far, (n[1], -n[0]), -WALL_HALF_M), _moved(far, (n[1], -n[0]), WALL_HALF_M)
+    return (
+        Shape(
+            "spring_ground",
+            "line",
+            hatched(_moved(held, across, -0.025), _moved(held, across, 0.025), 0.012),
+            GROUND,
+            0.003,
+        ),
+        Shape("wall", "line", hatched(high, low, 0.02), GROUND, 0.004, "wall"),
+        Shape("tool", "line", (face, far), TOOL, 0.020, "tool"),
+    )
 
 
-def _coil(foot: tuple[float, float], n: tuple[float, float]) -> tuple[tuple[float, float], ...]:
-    """Return a zigzag from a fixed point behind the body to the foot of the spring."""
-    behind = (foot[0] - 0.10 * n[0], foot[1] - 0.10 * n[1])
-    points = [behind]
-    for i in range(1, 8):
-        side = 0.01 if i % 2 else -0.01
-        points.append((behind[0] + 0.0125 * i * n[0] - side * n[1], behind[1] + 0.0125 * i * n[1] + side * n[0]))
-    return (*points, foot)
+def _body(seen: Callable[[float, float], Point], d: Point, foot: Point, face: Point, n: Point) -> Strip:
+    """Return the outline: crank axis, rocker axis, collar about the tool, foot of the spring."""
+    collar = _moved(face, n, 0.03)
+    ends = [_moved(collar, (n[1], -n[0]), share) for share in (-0.03, 0.03)]
+    return ((0.0, 0.0), seen(*d), *(seen(*end) for end in ends), foot, (0.0, 0.0))
+
+
+def _spring_end(b: Breaker, n: Point) -> Point:
+    """Return the fixed end of the spring, behind the foot it presses while the body rests."""
+    rest = (b.spring_arm_m * b.n_y, -b.spring_arm_m * b.n_x)
+    return _moved(rest, n, -COIL_M)
+
+
+def _moved(point: Point, along: Point, by_m: float) -> Point:
+    return point[0] + by_m * along[0], point[1] + by_m * along[1]

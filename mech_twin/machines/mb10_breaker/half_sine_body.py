@@ -17,6 +17,7 @@ import numpy as np
 
 from mech_twin.engine.compiled_roles import CompiledBody
 from mech_twin.engine.compiled_steps import body_step, log_event, step_of
+from mech_twin.engine.records import record_of
 from mech_twin.engine.sample_vectors import (
     BODY_JOINTS,
     PRESSING_FORCE,
@@ -77,7 +78,7 @@ class HalfSineMemory(NamedTuple):
     constants_key: float
 
 
-MEMORY = np.dtype((np.record, [(name, np.float64) for name in HalfSineMemory._fields]))
+MEMORY = record_of(HalfSineMemory)
 RESIDUALS_AT = MEMORY_AT + len(HalfSineMemory._fields)
 
 

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mech_twin.engine.records import record_of
 from mech_twin.kernel import kernel
 from mech_twin.samples import Coordinate
 
@@ -122,9 +123,9 @@ class Side(NamedTuple):
 
 
 # records, not plain structures: their fields are attributes in plain Python too
-STATE = np.dtype((np.record, [(name, np.float64) for name in BreakerState._fields]))
+STATE = record_of(BreakerState)
 STATES = len(BreakerState._fields)
-MEMORY = np.dtype((np.record, [(name, np.float64) for name in BreakerMemory._fields]))
+MEMORY = record_of(BreakerMemory)
 EVENT_FIELDS = (
     "time_s",  # into the step
     "kind",
@@ -186,10 +187,7 @@ def pack_state(state: BreakerState, y: NDArray[np.float64]) -> None:
 
 @kernel
 def named(y: NDArray[np.float64]) -> Any:
-    """Return the numbers of a state (10,), or of its rates, by name: a record that shares them.
-
-    It does not keep the array alive: use it where the array is an argument, or used later still.
-    """
+    """Return the numbers of a state (10,) by name: a record that shares them (see `engine.records`)."""
     return y.view(STATE)[0]
 
 

@@ -22,8 +22,8 @@ from mech_twin.machines.planar_linkage.chain import (
     transmissions,
 )
 from mech_twin.machines.planar_linkage.linkage import (
+    LinkMasses,
     Loads,
-    Masses,
     PlanarLinkage,
     Springs,
     Turning,
@@ -163,14 +163,14 @@ def mechanism_constants(p: PlanarLinkageParameters) -> PlanarLinkage:
     )
 
 
-def _masses(p: PlanarLinkageParameters) -> Masses:
+def _masses(p: PlanarLinkageParameters) -> LinkMasses:
     rows = [(0.0, 0.0, 0.0, 0.0)]
     for link, of in p.masses.items():
         own = (0.0, 0.0, 0.0, 0.0) if of is None else (of.mass_kg, of.inertia_kg_m2, of.centre_x_m, of.centre_y_m)
         extra = p.crank.flywheel_kg_m2 if link == "crank" else 0.0
         rows.append((own[0], own[1] + extra, own[2], own[3]))
     table = _floats([number for row in rows for number in row]).reshape(-1, 4)
-    return Masses(*(np.ascontiguousarray(column) for column in table.T))
+    return LinkMasses(*(np.ascontiguousarray(column) for column in table.T))
 
 
 def _stroke(p: PlanarLinkageParameters) -> WorkingStroke:

@@ -52,7 +52,7 @@ class Dyads(NamedTuple):
     branch: Array
 
 
-class Motion(NamedTuple):
+class ChainMotion(NamedTuple):
     """Every link's frame at a crank angle: angle (rad), origin (m), and their derivatives in it; shape (links,)."""
 
     angle: Array
@@ -73,7 +73,7 @@ class Travel(NamedTuple):
     rate: Array
 
 
-class Point(NamedTuple):
+class LinkPoint(NamedTuple):
     """A point of a link (m) with its derivatives in the crank angle."""
 
     x: float
@@ -85,12 +85,12 @@ class Point(NamedTuple):
 
 
 @kernel
-def on_link(m: Motion, link: int, along: float, across: float) -> Point:
+def on_link(m: ChainMotion, link: int, along: float, across: float) -> LinkPoint:
     """Return a point that is given in a link's frame (m)."""
     c, s = math.cos(m.angle[link]), math.sin(m.angle[link])
     r_x, r_y = c * along - s * across, s * along + c * across
     t1, t2 = m.angle1[link], m.angle2[link]
-    return Point(
+    return LinkPoint(
         m.x[link] + r_x,
         m.x1[link] - t1 * r_y,
         m.x2[link] - t2 * r_y - t1 * t1 * r_x,
@@ -101,7 +101,7 @@ def on_link(m: Motion, link: int, along: float, across: float) -> Point:
 
 
 @kernel
-def put_frame(m: Motion, link: int, at: Point, angle: float, angle1: float, angle2: float) -> None:
+def put_frame(m: ChainMotion, link: int, at: LinkPoint, angle: float, angle1: float, angle2: float) -> None:
     """Write a link's frame."""
     m.angle[link], m.angle1[link], m.angle2[link] = angle, angle1, angle2
     m.x[link], m.x1[link], m.x2[link] = at.x, at.x1, at.x2
@@ -109,7 +109,7 @@ def put_frame(m: Motion, link: int, at: Point, angle: float, angle1: float, angl
 
 
 @kernel
-def put_bar(m: Motion, link: int, at: Point, end: Point) -> None:
+def put_bar(m: ChainMotion, link: int, at: LinkPoint, end: LinkPoint) -> None:
     """Write the frame of a link from one point to another, whose distance may change."""
     x, x1, x2 = end.x - at.x, end.x1 - at.x1, end.x2 - at.x2
     y, y1, y2 = end.y - at.y, end.y1 - at.y1, end.y2 - at.y2
@@ -120,7 +120,7 @@ def put_bar(m: Motion, link: int, at: Point, end: Point) -> None:
 
 
 @kernel
-def hinge(a: Point, b: Point, first: float, second: float, branch: float) -> Point:
+def hinge(a: LinkPoint, b: LinkPoint, first: float, second: float, branch: float) -> LinkPoint:
     """Return the pin between two links: left of the line from A to B for branch +1.  nan where they do not reach.
 
     (C - A)^2 = first^2 and (C - B)^2 = second^2, and their first and second derivatives.
@@ -128,7 +128,7 @@ def hinge(a: Point, b: Point, first: float, second: float, branch: float) -> Poi
     x, y = b.x - a.x, b.y - a.y
     square = x * x + y * y
     if square == 0.0:
-        return Point(math.nan, math.nan, math.nan, math.nan, math.nan, math.nan)
+        return LinkPoint(math.nan, math.nan, math.nan, math.nan, math.nan, math.nan)
     distance = math.sqrt(square)
     along = (first * first - second * second + square) / (2.0 * distance)
     across = first * first - along * along
@@ -140,13 +140,13 @@ def hinge(a: Point, b: Point, first: float, second: float, branch: float) -> Poi
     x1, y1 = (one * q - v * two) / det, (u * two - p * one) / det
     one = u * a.x2 + v * a.y2 - (x1 - a.x1) ** 2 - (y1 - a.y1) ** 2
     two = p * b.x2 + q * b.y2 - (x1 - b.x1) ** 2 - (y1 - b.y1) ** 2
-    return Point(c_x, x1, (one * q - v * two) / det, c_y, y1, (u * two - p * one) / det)
+    return LinkPoint(c_x, x1, (one * q - v * two) / det, c_y, y1, (u * two - p * one) / det)
 
 
 @kernel
 def along_guide(
-    a: Point, at: Point, angle: float, angle1: float, angle2: float, first: float, branch: float
-) -> tuple[Point, float, float]:
+    a: LinkPoint, at: LinkPoint, angle: float, angle1: float, angle2: float, first: float, branch: float
+) -> tuple[LinkPoint, float, float]:
     """Return the pin of a link and its slider, the travel along the guide (m), its derivative; nan out of reach.
 
     C = Q + s u, (C - A)^2 = first^2: with branch +1 the slider is ahead, along u, of the foot of A on the guide.
@@ -167,14 +167,14 @@ def along_guide(
     swung = (x1 - a.x1) ** 2 + (y1 - a.y1) ** 2
     s2 = -(swung + r_x * (twice_x - a.x2) + r_y * (twice_y - a.y2)) / lean
     return (
-        Point(at.x + s * u_x, x1, twice_x + s2 * u_x, at.y + s * u_y, y1, twice_y + s2 * u_y),
+        LinkPoint(at.x + s * u_x, x1, twice_x + s2 * u_x, at.y + s * u_y, y1, twice_y + s2 * u_y),
         s,
         s1,
     )
 
 
 @kernel
-def put_dyad(d: Dyads, k: int, m: Motion, travel: Travel) -> None:
+def put_dyad(d: Dyads, k: int, m: ChainMotion, travel: Travel) -> None:
     """Write the frames and the coordinates of a dyad's two links."""
     first, second = 2 + 2 * k, 3 + 2 * k
     a = on_link(m, d.from_link[k], d.from_x_m[k], d.from_y_m[k])
@@ -203,11 +203,11 @@ def put_dyad(d: Dyads, k: int, m: Motion, travel: Travel) -> None:
 
 
 @kernel
-def chain_motion(d: Dyads, f: float) -> tuple[Motion, Travel]:
+def chain_motion(d: Dyads, f: float) -> tuple[ChainMotion, Travel]:
     """Return every link's frame and coordinate at a crank angle ``f`` (rad); angles of links in (-pi, pi]."""
     links = 2 + 2 * len(d.kind)
     t = np.zeros((9, links))
-    m = Motion(t[0], t[1], t[2], t[3], t[4], t[5], t[6], t[7], t[8])
+    m = ChainMotion(t[0], t[1], t[2], t[3], t[4], t[5], t[6], t[7], t[8])
     travel = Travel(np.zeros(links), np.zeros(links))
     m.angle[CRANK], m.angle1[CRANK] = f, 1.0
     travel.position[CRANK], travel.rate[CRANK] = f, 1.0
@@ -217,7 +217,7 @@ def chain_motion(d: Dyads, f: float) -> tuple[Motion, Travel]:
 
 
 @kernel
-def transmission(d: Dyads, k: int, m: Motion) -> float:
+def transmission(d: Dyads, k: int, m: ChainMotion) -> float:
     """Return how well a dyad is led: |sin| of its transmission angle, or distance of block and bar's pivot (m).
 
     The transmission angle is that between the two links of an rrr, and between the link and the guide's normal of an
@@ -250,7 +250,7 @@ def coordinates(d: Dyads, angles: Array) -> Array:
 
 
 @kernel
-def closure_error(d: Dyads, m: Motion, travel: Travel) -> float:
+def closure_error(d: Dyads, m: ChainMotion, travel: Travel) -> float:
     """Return by how much the ends of a dyad's links miss each other (m), the worst of all, from their coordinates."""
     worst = 0.0
     for k in range(len(d.kind)):

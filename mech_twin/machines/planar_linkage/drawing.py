@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from math import cos, sin
 
-from mech_twin.machines.planar_linkage.chain import RPR, RRP, Motion, chain_motion, on_link
+from mech_twin.machines.planar_linkage.chain import RPR, RRP, ChainMotion, chain_motion, on_link
 from mech_twin.machines.planar_linkage.linkage import PlanarLinkage
 from mech_twin.machines.planar_linkage.mechanism import COLOURS, RED
 from mech_twin.machines.planar_linkage.parameters import PlanarLinkageParameters
@@ -53,11 +53,11 @@ def drawing(p: PlanarLinkageParameters, chain: PlanarLinkage, linkage: LinkageSa
     return tuple(shapes)
 
 
-def _spot(m: Motion, link: int, along: float, across: float) -> Spot:
+def _spot(m: ChainMotion, link: int, along: float, across: float) -> Spot:
     at = on_link(m, link, along, across)
     return at.x, at.y
 
 
-def _box(name: str, m: Motion, link: int, k: int, width: float) -> Shape:
+def _box(name: str, m: ChainMotion, link: int, k: int, width: float) -> Shape:
     ends = (_spot(m, link, -2.0 * width, 0.0), _spot(m, link, 2.0 * width, 0.0))
     return Shape(name, "line", ends, COLOURS[k], 2.5 * width)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from mech_twin.engine.compiled_steps import step_of
-from mech_twin.engine.crank_motion import ANGLE, DRIVE_POWER, ShaftDrive, crank_rates
+from mech_twin.engine.crank_motion import DRIVE_POWER, ShaftDrive, crank_rates, shaft_state
 from mech_twin.engine.crank_state import (
     driven_system,
     led_system,
@@ -91,7 +91,7 @@ class DrivenLinkage(NamedTuple):
 @rates_of(DrivenLinkage, DORMAND_PRINCE_8)
 def driven_linkage_rates(driven: DrivenLinkage, t: float, y: Array, out: Array) -> None:
     """Fill in the rates of crank angle, speed, drive work, gear loss and friction loss."""
-    now = reduced(driven.chain, y[ANGLE], driven.regime)
+    now = reduced(driven.chain, shaft_state(y).angle_rad, driven.regime)
     crank_rates(driven.drive, t, y, now.inertia, now.slope, now.moment, out)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from mech_twin.engine.compiled_roles import CompiledForces
 from mech_twin.engine.compiled_steps import force_step, step_of
-from mech_twin.engine.crank_piece import M_ACCELERATION, M_FRICTION, M_SHARE
+from mech_twin.engine.crank_state import memory_of
 from mech_twin.engine.sample_vectors import LINKAGE_JOINTS, REGIME, Array, ForceLayout
 from mech_twin.machines.planar_linkage.dynamics import TurnedLinkage, with_load_share
 from mech_twin.machines.planar_linkage.linkage import PlanarLinkage, is_working, reduced
@@ -43,10 +43,10 @@ def linkage_forces(
     model: LoadedLinkage, step: int, linkage: Array, log: Array, count: int, out: Array, loads: Array
 ) -> tuple[Array, int]:
     """Fill in the pin forces at the angle, rate and acceleration of the crank, and its torque by both routes."""
-    memory = linkage[LINKAGE_JOINTS + 3 * (len(model.mechanism.chain.masses.mass_kg) - 1) :]
+    memory = memory_of(linkage, len(model.mechanism.chain.masses.mass_kg) - 1)
     f, w, torque = linkage[LINKAGE_JOINTS], linkage[LINKAGE_JOINTS + 1], linkage[LINKAGE_JOINTS + 2]
-    regime, e = int(linkage[REGIME]), memory[M_ACCELERATION]
-    p = with_load_share(model.mechanism, memory[M_SHARE]).chain
+    regime, e = int(linkage[REGIME]), memory.crank_acceleration_rad_per_s2
+    p = with_load_share(model.mechanism, memory.load_share).chain
     by = reduced(p, f, regime)
     at = pin_forces(p, f, w, e, regime)
     out[0] = 0.0
@@ -69,7 +69,7 @@ def linkage_forces(
     for i in range(len(numbers)):
         out[place + i] = numbers[i]
     scale = max(model.moment_scale_nm, abs(torque), by.inertia * abs(e), 1e-9)
-    out[place + len(numbers)] = (at.drive_nm - torque - memory[M_FRICTION]) / scale
+    out[place + len(numbers)] = (at.drive_nm - torque - memory.friction_torque_nm) / scale
     return loads, 0
 
 

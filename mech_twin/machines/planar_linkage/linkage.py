@@ -12,10 +12,10 @@ from mech_twin.machines.planar_linkage.chain import (
     CRANK,
     TURN,
     Array,
+    ChainMotion,
     Dyads,
-    Motion,
+    LinkPoint,
     Places,
-    Point,
     Travel,
     chain_motion,
     on_link,
@@ -25,7 +25,7 @@ IDLE, WORKING, WORKING_REVERSED, DONE, DONE_REVERSED = 0, 1, 2, 3, 4
 REGIMES = ("idle", "working", "working_reversed", "done", "done_reversed")
 
 
-class Masses(NamedTuple):
+class LinkMasses(NamedTuple):
     """Of every link, shape (links,): mass (kg), inertia about its centre (kg m2), centre in its frame (m)."""
 
     mass_kg: Array
@@ -81,7 +81,7 @@ class PlanarLinkage(NamedTuple):
     """Constants of the mechanism (SI)."""
 
     dyads: Dyads
-    masses: Masses
+    masses: LinkMasses
     loads: Loads
     springs: Springs
     stroke: WorkingStroke
@@ -89,7 +89,7 @@ class PlanarLinkage(NamedTuple):
     gravity: float
 
 
-class Reduced(NamedTuple):
+class ReducedLinkage(NamedTuple):
     """At one crank angle: inertia (kg m2), its slope (kg m2/rad), moment of weights and loads (N m) on the crank."""
 
     inertia: float
@@ -104,7 +104,7 @@ def is_working(regime: int) -> bool:
 
 
 @kernel
-def stretched(springs: Springs, i: int, at: Point) -> tuple[float, float, float]:
+def stretched(springs: Springs, i: int, at: LinkPoint) -> tuple[float, float, float]:
     """Return a spring's length less the unloaded one (m), and the unit vector from its end on the ground."""
     x, y = at.x - springs.ground_x_m[i], at.y - springs.ground_y_m[i]
     length = math.hypot(x, y)
@@ -114,7 +114,7 @@ def stretched(springs: Springs, i: int, at: Point) -> tuple[float, float, float]
 
 
 @kernel
-def stroke_point(p: PlanarLinkage, m: Motion) -> tuple[float, float]:
+def stroke_point(p: PlanarLinkage, m: ChainMotion) -> tuple[float, float]:
     """Return how far the loaded point is along the direction of its stroke (m), and the derivative."""
     stroke = p.stroke
     at = on_link(m, stroke.link, stroke.along_m, stroke.across_m)
@@ -123,7 +123,7 @@ def stroke_point(p: PlanarLinkage, m: Motion) -> tuple[float, float]:
 
 
 @kernel
-def reduced_at(p: PlanarLinkage, m: Motion, regime: int) -> Reduced:
+def reduced_at(p: PlanarLinkage, m: ChainMotion, regime: int) -> ReducedLinkage:
     """Return inertia and moment reduced to the crank.
 
     I = sum of m (x'^2 + y'^2) + J t'^2;  M = sum of F . p' of weights, loads, springs and the working stroke.
@@ -144,17 +144,17 @@ def reduced_at(p: PlanarLinkage, m: Motion, regime: int) -> Reduced:
         moment -= p.springs.rate_n_per_m[i] * longer * (u_x * at.x1 + u_y * at.y1)
     if is_working(regime):
         moment -= p.stroke.force_n * stroke_point(p, m)[1]
-    return Reduced(inertia, slope, moment)
+    return ReducedLinkage(inertia, slope, moment)
 
 
 @kernel
-def reduced(p: PlanarLinkage, f: float, regime: int) -> Reduced:
+def reduced(p: PlanarLinkage, f: float, regime: int) -> ReducedLinkage:
     """Return inertia and moment reduced to the crank at its angle (rad)."""
     return reduced_at(p, chain_motion(p.dyads, f)[0], regime)
 
 
 @kernel
-def potential_at(p: PlanarLinkage, m: Motion) -> float:
+def potential_at(p: PlanarLinkage, m: ChainMotion) -> float:
     """Return the potential of weights, loads and springs (J); the working stroke has none."""
     held = 0.0
     for link in range(CRANK, len(p.masses.mass_kg)):

@@ -20,7 +20,7 @@ GRID = 3600
 PINS_BEFORE = 3  # columns of a table of a cycle before those of the pins
 
 
-class Cycle(NamedTuple):
+class TurnTable(NamedTuple):
     """A turn at uniform speed: crank angle (rad), torque (N m), force on the frame (N), each pin's force (N).
 
     ``work_j`` is that of the mean torque and all loads since the start, ``inertia_kg_m2`` the reduced inertia; the
@@ -59,7 +59,7 @@ def held_and_way(p: PlanarLinkage, angles: Array) -> Array:
     return out
 
 
-def cycle(p: PlanarLinkageParameters, chain: PlanarLinkage, count: int = GRID) -> Cycle:
+def cycle(p: PlanarLinkageParameters, chain: PlanarLinkage, count: int = GRID) -> TurnTable:
     """Return one turn at rated speed, in its sense."""
     speed, sense = p.drive.speed_rad_per_s, p.direction
     centres = dead_centres(chain) if p.working_stroke is not None else None
@@ -75,12 +75,12 @@ def cycle(p: PlanarLinkageParameters, chain: PlanarLinkage, count: int = GRID) -
     # d(work)/d(angle) = mean torque + moment of the loads; the loads' work is in closed form
     mean = float(worked[-1]) / TURN
     work = mean * angles - worked - (held[:, 0] - held[0, 0])
-    return Cycle(
+    return TurnTable(
         angles, table[:, 0], table[:, 1], table[:, PINS_BEFORE:], work, table[:, 2], mean, abs(float(worked[-1]))
     )
 
 
-def turn_work(found: Cycle, sense: float) -> tuple[Array, Array]:
+def turn_work(found: TurnTable, sense: float) -> tuple[Array, Array]:
     """Return work (J) and reduced inertia (kg m2) along the turn as it is run through."""
     return (found.work_j, found.inertia_kg_m2) if sense > 0.0 else (found.work_j[::-1], found.inertia_kg_m2[::-1])
 

@@ -35,7 +35,7 @@ class MovingLink(Parameters):
     centre_y_m: float = _place("centre of mass in the link's frame, across the link, to the left", default=0.0)
 
 
-class Crank(Parameters):
+class CrankLink(Parameters):
     """The crank, in its bearing at the machine's origin."""
 
     length_m: float = quantity("m", "crank from its bearing to its pin", ge=1e-3, le=LONGEST_M)
@@ -83,7 +83,7 @@ class Dyad(Parameters):
         return self
 
 
-class Load(Parameters):
+class ConstantForce(Parameters):
     """Force that stays as it is, in direction and size."""
 
     link: LinkName = choice("link that it acts on")
@@ -105,7 +105,7 @@ class Spring(Parameters):
     free_m: float = quantity("m", "length without force", ge=0.0, le=LONGEST_M)
 
 
-class WorkingStroke(Parameters):
+class WorkingStrokeGroup(Parameters):
     """Force against a point of a link while that goes one way; the other way, and on what is worked, there is none."""
 
     link: LinkName = choice("link that carries the tool")
@@ -118,17 +118,17 @@ class WorkingStroke(Parameters):
 class PlanarLinkageParameters(DrivenCrank):
     """Parameters of the planar linkage."""
 
-    crank: Crank = choice("the crank")
+    crank: CrankLink = choice("the crank")
     dyad_1: Dyad = choice("first dyad")
     dyad_2: Dyad | None = choice("second dyad", default=None)
     dyad_3: Dyad | None = choice("third dyad", default=None)
     dyad_4: Dyad | None = choice("fourth dyad", default=None)
-    load_1: Load | None = choice("a constant force", default=None)
-    load_2: Load | None = choice("a constant force", default=None)
-    load_3: Load | None = choice("a constant force", default=None)
+    load_1: ConstantForce | None = choice("a constant force", default=None)
+    load_2: ConstantForce | None = choice("a constant force", default=None)
+    load_3: ConstantForce | None = choice("a constant force", default=None)
     spring_1: Spring | None = choice("a spring to the ground", default=None)
     spring_2: Spring | None = choice("a spring to the ground", default=None)
-    working_stroke: WorkingStroke | None = choice("force against the stroke of a tool", default=None)
+    working_stroke: WorkingStrokeGroup | None = choice("force against the stroke of a tool", default=None)
     gravity_m_per_s2: float = quantity(
         "m/s2", "gravity, downward; 0 for a flat table", default=GRAVITY, ge=0.0, le=100.0
     )
@@ -140,7 +140,7 @@ class PlanarLinkageParameters(DrivenCrank):
         return {key: dyad for key, dyad in named.items() if dyad is not None}
 
     @property
-    def loads(self) -> tuple[Load, ...]:
+    def loads(self) -> tuple[ConstantForce, ...]:
         """The constant forces."""
         return tuple(load for load in (self.load_1, self.load_2, self.load_3) if load is not None)
 

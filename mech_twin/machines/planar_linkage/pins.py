@@ -11,7 +11,16 @@ from typing import NamedTuple
 import numpy as np
 
 from mech_twin.kernel import kernel
-from mech_twin.machines.planar_linkage.chain import CRANK, RPR, RRP, Array, Motion, Point, chain_motion, on_link
+from mech_twin.machines.planar_linkage.chain import (
+    CRANK,
+    RPR,
+    RRP,
+    Array,
+    ChainMotion,
+    LinkPoint,
+    chain_motion,
+    on_link,
+)
 from mech_twin.machines.planar_linkage.linkage import PlanarLinkage, is_working, stretched
 
 PINS_OF_DYAD = 3  # from: on the first link; between: of the first on the second; to: on the second
@@ -25,7 +34,7 @@ class Wrenches(NamedTuple):
     moment: Array
 
 
-class Reactions(NamedTuple):
+class ChainReactions(NamedTuple):
     """At pins (crank bearing, then three of each dyad) force (N) and moment (N m), shape (pins,); and what follows.
 
     Drive torque (N m), and the force that the moving masses leave on the frame (N), weights and loads apart.
@@ -54,7 +63,7 @@ def about(loads: Wrenches, link: int, x: float, y: float) -> float:
 
 
 @kernel
-def add_loads(p: PlanarLinkage, m: Motion, regime: int, loads: Wrenches) -> None:
+def add_loads(p: PlanarLinkage, m: ChainMotion, regime: int, loads: Wrenches) -> None:
     """Add working force, loads and springs."""
     if is_working(regime):
         s = p.stroke
@@ -71,7 +80,7 @@ def add_loads(p: PlanarLinkage, m: Motion, regime: int, loads: Wrenches) -> None
 
 
 @kernel
-def add_inertia(p: PlanarLinkage, m: Motion, w: float, e: float, loads: Wrenches) -> tuple[float, float]:
+def add_inertia(p: PlanarLinkage, m: ChainMotion, w: float, e: float, loads: Wrenches) -> tuple[float, float]:
     """Add weights and the inertia of every link; return the sum of the inertia forces (N)."""
     shaking_x = shaking_y = 0.0
     for link in range(CRANK, len(p.masses.mass_kg)):
@@ -86,7 +95,7 @@ def add_inertia(p: PlanarLinkage, m: Motion, w: float, e: float, loads: Wrenches
 
 @kernel
 def between_links(
-    p: PlanarLinkage, k: int, m: Motion, a: Point, b: Point, loads: Wrenches
+    p: PlanarLinkage, k: int, m: ChainMotion, a: LinkPoint, b: LinkPoint, loads: Wrenches
 ) -> tuple[float, float, float, float, float]:
     """Return force (N) and moment (N m) of a dyad's first link on its second, and the point (m) they act in."""
     d, first, second = p.dyads, 2 + 2 * k, 3 + 2 * k
@@ -109,7 +118,7 @@ def between_links(
 
 
 @kernel
-def pin_forces(p: PlanarLinkage, f: float, w: float, e: float, regime: int) -> Reactions:
+def pin_forces(p: PlanarLinkage, f: float, w: float, e: float, regime: int) -> ChainReactions:
     """Return every pin force at crank angle, speed and acceleration (rad, rad/s, rad/s2)."""
     d, links = p.dyads, len(p.masses.mass_kg)
     m, _ = chain_motion(d, f)
@@ -118,7 +127,7 @@ def pin_forces(p: PlanarLinkage, f: float, w: float, e: float, regime: int) -> R
     add_loads(p, m, regime, loads)
     shaking_x, shaking_y = add_inertia(p, m, w, e, loads)
     pins = np.zeros((3, 1 + PINS_OF_DYAD * len(d.kind)))
-    out = Reactions(pins[0], pins[1], pins[2], 0.0, shaking_x, shaking_y)
+    out = ChainReactions(pins[0], pins[1], pins[2], 0.0, shaking_x, shaking_y)
     for k in range(len(d.kind) - 1, -1, -1):
         first, second, pin = 2 + 2 * k, 3 + 2 * k, 1 + PINS_OF_DYAD * k
         a = on_link(m, d.from_link[k], d.from_x_m[k], d.from_y_m[k])
@@ -135,4 +144,4 @@ def pin_forces(p: PlanarLinkage, f: float, w: float, e: float, regime: int) -> R
         add_force(loads, d.from_link[k], -from_x, -from_y, a.x, a.y, 0.0)
         add_force(loads, d.to_link[k], -to_x, -to_y, at_x, at_y, -to_moment)
     out.x[0], out.y[0] = -loads.x[CRANK], -loads.y[CRANK]
-    return Reactions(out.x, out.y, out.moment, -loads.moment[CRANK], shaking_x, shaking_y)
+    return ChainReactions(out.x, out.y, out.moment, -loads.moment[CRANK], shaking_x, shaking_y)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import model_validator
 
+from mech_twin.proposed_value import at_least
 from mech_twin.quantity import Parameters, choice, quantity
 
 LOADS = ("none", "reversing", "resist", "rectified", "printed")
@@ -61,7 +62,10 @@ class CartParameters(Parameters):
     @model_validator(mode="after")
     def _possible(self) -> CartParameters:
         if self.crank_m >= self.rod_m:
-            raise ValueError(f"crank_m < rod_m needed for a full turn, got {self.crank_m} and {self.rod_m}")
+            raise ValueError(
+                f"crank_m < rod_m needed for a full turn, got {self.crank_m} and {self.rod_m}; "
+                f"try rod_m >= {at_least(self.crank_m / LARGEST_RATIO):g} m"
+            )
         if self.crank_m > LARGEST_RATIO * self.rod_m:
             raise ValueError(
                 f"crank_m <= {LARGEST_RATIO} rod_m needed (the rod must not stand across the travel), "

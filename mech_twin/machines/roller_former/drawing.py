@@ -1,33 +1,59 @@
-"""Drawing of the roller former: shaft, cranks, rods, carts with their rollers, and rails."""
+"""Drawing of the roller former: motor, shaft, cranks, rods, carts with their rollers, rails and mix."""
 
 from __future__ import annotations
 
 from math import cos, sin
 
+from mech_twin.capabilities.figure import GROUND, MATERIAL, STEEL, Point, bearing, box, circle, hatched, label
 from mech_twin.machines.roller_former.dynamics import Former
 from mech_twin.machines.roller_former.roles import joints_of
 from mech_twin.samples import LinkageSample, Shape
 
 BODY_HALF_HEIGHT_M = 0.09
 COLOURS = ((40, 110, 180), (200, 90, 40), (60, 150, 90), (140, 80, 170))
+ROLLER_M = 0.08  # drawn radius of a forming roller
+MIX_M = 0.12  # drawn thickness of the mix
+MOTOR_M = 0.11  # drawn radius of the motor
+MOTOR_AT: Point = (-0.42, -0.12)
 
 
 def former_drawing(former: Former, sample: LinkageSample) -> tuple[Shape, ...]:
-    """Return shaft, cranks, rods, carts with their rollers, and rails; carts are drawn one behind the other."""
+    """Return motor, shaft, cranks, rods, carts with their rollers, rails, mix; carts are drawn behind one another."""
     bank = former.bank
-    reach = bank.crank_m + bank.rod_m
-    rail = bank.p_m + bank.b_m + 0.1
-    shapes = [
-        Shape("shaft", "points", ((0.0, 0.0),), (0, 0, 0), 0.02),
-        *(
-            Shape(name, "line", ((bank.rod_m - bank.crank_m, y), (reach + rail, y)), (120, 120, 120), 0.006)
-            for name, y in (("upper_rail", BODY_HALF_HEIGHT_M), ("lower_rail", -BODY_HALF_HEIGHT_M))
-        ),
-    ]
     joints = joints_of(sample.position)
-    for index, (offset, x) in enumerate(zip(bank.offset_rad.tolist(), joints.carts, strict=True)):
+    carts = zip(bank.offset_rad.tolist(), joints.carts, strict=True)
+    shapes = [*_standing(former), *_drive(former, joints.crank + joints.twist)]
+    for index, (offset, x) in enumerate(carts):
         shapes += _cart_shapes(former, index, joints.crank + offset, x)
+    shapes.append(Shape("shaft", "points", ((0.0, 0.0),), STEEL, 0.05))
     return tuple(shapes)
+
+
+def _standing(former: Former) -> list[Shape]:
+    """Return the rails the carts roll on, the mix below the rollers, and the shaft's bearing."""
+    bank = former.bank
+    left, right = bank.rod_m - bank.crank_m, bank.rod_m + bank.crank_m + bank.p_m + bank.b_m + 0.1
+    surface = -bank.e_m - ROLLER_M
+    rails = (("upper_rail", BODY_HALF_HEIGHT_M, "rails"), ("lower_rail", -BODY_HALF_HEIGHT_M, ""))
+    return [
+        *(Shape(name, "line", ((left, y), (right, y)), GROUND, 0.008, text) for name, y, text in rails),
+        Shape("mix", "line", box(left, surface - MIX_M, right, surface), MATERIAL, 0.012, "mix"),
+        Shape("mix_grain", "line", ((left, surface - 0.5 * MIX_M), (right, surface - 0.5 * MIX_M)), MATERIAL, 0.004),
+        Shape("form", "line", hatched((left, surface - MIX_M), (right, surface - MIX_M), 0.05), GROUND, 0.008),
+        Shape("shaft_frame", "line", bearing((0.0, 0.0), 0.10), GROUND, 0.006),
+    ]
+
+
+def _drive(former: Former, drive_rad: float) -> list[Shape]:
+    """Return the motor with a mark that turns with the drive, and the elastic drive that joins it to the shaft."""
+    x, y = MOTOR_AT
+    mark = (x + MOTOR_M * cos(drive_rad), y + MOTOR_M * sin(drive_rad))
+    return [
+        Shape("motor", "line", circle(MOTOR_AT, MOTOR_M), STEEL, 0.012),
+        Shape("motor_mark", "line", (MOTOR_AT, mark), STEEL, 0.012),
+        label("motor_name", (x, y - MOTOR_M), "motor and gear"),
+        Shape("drive", "line", ((x + MOTOR_M, y), (0.0, 0.0)), STEEL, 0.006, "elastic drive"),
+    ]
 
 
 def _cart_shapes(former: Former, index: int, psi: float, x: float) -> list[Shape]:
@@ -35,24 +61,25 @@ def _cart_shapes(former: Former, index: int, psi: float, x: float) -> list[Shape
     pin = (bank.crank_m * cos(psi), bank.crank_m * sin(psi))
     left, right, middle = x, x + bank.p_m + bank.b_m + 0.05, x + bank.p_m
     top = 0.8 * BODY_HALF_HEIGHT_M
-    box = ((left, -top), (right, -top), (right, top), (left, top), (left, -top))
     number = index + 1
+    rollers = [(middle + side * bank.a_m, -bank.e_m) for side in (-1.0, 1.0)]
+    hangers = ((rollers[0][0], -top), rollers[0], (rollers[0][0], -top), (rollers[1][0], -top), rollers[1])
     return [
-        Shape(f"crank_{number}", "line", ((0.0, 0.0), pin), colour, 0.012),
-        Shape(f"rod_{number}", "line", (pin, (x, 0.0)), colour, 0.008),
-        Shape(f"cart_{number}", "line", box, colour, 0.006),
+        Shape(f"crank_{number}", "line", ((0.0, 0.0), pin), colour, 0.03, f"crank {number}"),
+        Shape(f"rod_{number}", "line", (pin, (x, 0.0)), colour, 0.018, f"rod {number}"),
+        Shape(f"cart_{number}", "line", box(left, -top, right, top), colour, 0.010),
+        label(f"cart_name_{number}", (middle, 0.05), f"cart {number}", colour),
+        Shape(f"hangers_{number}", "line", hangers, colour, 0.010),
+        *(
+            Shape(f"roller_{number}_{place}", "line", circle(at, ROLLER_M, 24), colour, 0.012)
+            for place, at in enumerate(rollers, 1)
+        ),
         Shape(
             f"guide_rollers_{number}",
             "points",
             ((middle - bank.b_m, 0.0), (middle + bank.b_m, 0.0)),
             (60, 60, 60),
-            0.023,
+            0.06,
         ),
-        Shape(
-            f"forming_rollers_{number}",
-            "points",
-            ((middle - bank.a_m, -bank.e_m), (middle + bank.a_m, -bank.e_m)),
-            (90, 90, 90),
-            0.05,
-        ),
+        Shape(f"forming_rollers_{number}", "points", tuple(rollers), (90, 90, 90), 0.03),
     ]

@@ -2,34 +2,93 @@
 
 from __future__ import annotations
 
-from math import cos, sin
+from math import cos, hypot, sin
 
+from mech_twin.capabilities.figure import (
+    CRANK,
+    FOLLOWER,
+    GROUND,
+    MATERIAL,
+    ROD,
+    STEEL,
+    Point,
+    bearing,
+    box,
+    circle,
+    hatched,
+)
 from mech_twin.machines.vibration_crank.slider_crank import BOOM, FINITE_ROD, SliderCrank, follower
 from mech_twin.samples import LinkageSample, Shape
 
 
 def drawing(s: SliderCrank, linkage: LinkageSample) -> tuple[Shape, ...]:
-    """Return crank with counterweight, rod, and slider or boom with its load."""
+    """Return bearing, crank with counterweight, rod, and slider in its guide or boom, with the held tree."""
     th = linkage.joint("crank").position
     at = follower(s, th)
     crank = (s.crank_m * cos(th), s.crank_m * sin(th))
     weight = (-s.counter_m * cos(th), -s.counter_m * sin(th))
     joint = (at.x, at.y)
-    shapes = [
-        Shape("crank", "line", (weight, (0.0, 0.0), crank), (200, 60, 40), 0.02),
-        Shape("counterweight", "points", (weight,), (60, 60, 60), 0.05),
-        Shape("joints", "points", ((0.0, 0.0), crank, joint), (0, 0, 0), 0.015),
+    end = joint if s.kind >= FINITE_ROD else (crank[0], at.y)
+    return (
+        Shape("frame", "line", bearing((0.0, 0.0), 0.28 * s.crank_m), GROUND, 0.005),
+        *(_boom(s, joint) if s.kind == BOOM else _slider(s, joint)),
+        Shape("crank", "line", (weight, (0.0, 0.0), crank), CRANK, 0.02, "crank"),
+        Shape("counterweight", "points", (weight,), STEEL, 0.06, "counterweight"),
+        Shape("rod", "line", (crank, end), ROD, 0.014, "rod"),
+        Shape("joints", "points", ((0.0, 0.0), crank, joint), STEEL, 0.018),
+    )
+
+
+def _slider(s: SliderCrank, joint: Point) -> list[Shape]:
+    """Return the slider with the tree it holds, and its guide over the whole travel."""
+    half = 0.32 * s.crank_m
+    low, high = _travel(s)
+    left, right = s.offset_m - 1.25 * half, s.offset_m + 1.25 * half
+    grip = joint[1] + half
+    return [
+        Shape("guide_left", "line", hatched((left, low - half), (left, high + half), 0.3 * half), GROUND, 0.005),
+        Shape(
+            "guide_right",
+            "line",
+            hatched((right, high + half), (right, low - half), 0.3 * half),
+            GROUND,
+            0.005,
+            "guide",
+        ),
+        Shape("slider", "line", ((joint[0] - half, joint[1]), (joint[0] + half, joint[1])), FOLLOWER, 0.05, "slider"),
+        Shape(
+            "tree",
+            "line",
+            box(joint[0] - 0.4 * half, grip, joint[0] + 0.4 * half, grip + 3.0 * half),
+            MATERIAL,
+            0.010,
+            "held tree",
+        ),
     ]
-    if s.kind >= FINITE_ROD:
-        shapes.append(Shape("rod", "line", (crank, joint), (60, 90, 180), 0.012))
-    else:
-        shapes.append(Shape("rod", "line", (crank, (crank[0], at.y)), (60, 90, 180), 0.012))
-    if s.kind == BOOM:
-        pivot = (s.pivot_x_m, s.pivot_y_m)
-        load = (pivot[0] + s.load_ratio * (at.x - pivot[0]), pivot[1] + s.load_ratio * (at.y - pivot[1]))
-        shapes.append(Shape("boom", "line", (pivot, joint, load), (90, 140, 60), 0.02))
-        shapes.append(Shape("load", "points", (load,), (90, 140, 60), 0.06))
-    else:
-        half = 0.3 * s.crank_m
-        shapes.append(Shape("slider", "line", ((at.x - half, at.y), (at.x + half, at.y)), (90, 140, 60), 0.05))
-    return tuple(shapes)
+
+
+def _boom(s: SliderCrank, joint: Point) -> list[Shape]:
+    """Return the boom on its pivot, and the held tree in its gripper."""
+    pivot = (s.pivot_x_m, s.pivot_y_m)
+    load = (pivot[0] + s.load_ratio * (joint[0] - pivot[0]), pivot[1] + s.load_ratio * (joint[1] - pivot[1]))
+    return [
+        Shape("pivot", "line", bearing(pivot, 0.28 * s.crank_m), GROUND, 0.005),
+        Shape("boom", "line", (pivot, joint, load), FOLLOWER, 0.02, "boom"),
+        Shape("load", "points", (load,), FOLLOWER, 0.06),
+        Shape(
+            "tree",
+            "line",
+            circle(load, 0.05 * max(hypot(load[0] - pivot[0], load[1] - pivot[1]), s.crank_m)),
+            MATERIAL,
+            0.010,
+            "held tree",
+        ),
+    ]
+
+
+def _travel(s: SliderCrank) -> tuple[float, float]:
+    """Return the lowest and highest position of the slider's joint (m), to the rod's length where it is infinite."""
+    if s.kind < FINITE_ROD:
+        return -s.crank_m, s.crank_m
+    ends = [follower(s, 0.0174532925199433 * degree).y for degree in range(0, 360, 15)]
+    return min(ends), max(ends)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mech_twin.engine.compiled_steps import step_of
-from mech_twin.engine.crank_motion import ANGLE, DRIVE_POWER, ShaftDrive, crank_rates
+from mech_twin.engine.crank_motion import DRIVE_POWER, ShaftDrive, crank_rates, shaft_state
 from mech_twin.engine.crank_state import (
     driven_system,
     led_system,
@@ -101,7 +101,7 @@ class DrivenSliderCrank(NamedTuple):
 @rates_of(DrivenSliderCrank, DORMAND_PRINCE_8)
 def driven_crank_rates(driven: DrivenSliderCrank, t: float, y: Array, out: Array) -> None:
     """Fill in the rates of crank angle, speed, drive work, gear loss and friction loss."""
-    inertia, slope, load = reduced(driven.mechanism, y[ANGLE])
+    inertia, slope, load = reduced(driven.mechanism, shaft_state(y).angle_rad)
     crank_rates(driven.drive, t, y, inertia, slope, load, out)
 
 

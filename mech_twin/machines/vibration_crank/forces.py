@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from mech_twin.engine.compiled_roles import CompiledForces
 from mech_twin.engine.compiled_steps import force_step, step_of
-from mech_twin.engine.crank_piece import M_ACCELERATION, M_FRICTION
+from mech_twin.engine.crank_state import memory_of
 from mech_twin.engine.sample_vectors import LINKAGE_JOINTS, Array, ForceLayout
 from mech_twin.machines.vibration_crank.slider_crank import SliderCrank, drive_moment, pin_forces, reduced
 
@@ -40,10 +40,10 @@ def crank_forces(
     model: LoadedCrank, step: int, linkage: Array, log: Array, count: int, out: Array, loads: Array
 ) -> tuple[Array, int]:
     """Fill in the pin forces at the angle, rate and acceleration of the crank, and its torque by both routes."""
-    memory, s = linkage[LINKAGE_JOINTS + 9 :], model.mechanism
+    memory, s = memory_of(linkage, 3), model.mechanism
     th, w, torque = linkage[LINKAGE_JOINTS], linkage[LINKAGE_JOINTS + 1], linkage[LINKAGE_JOINTS + 2]
     inertia, slope, load = reduced(s, th)
-    e = memory[M_ACCELERATION]
+    e = memory.crank_acceleration_rad_per_s2
     at = pin_forces(s, th, w, e)
     size = (at.frame_x * at.frame_x + at.frame_y * at.frame_y) ** 0.5
     numbers = (
@@ -66,7 +66,7 @@ def crank_forces(
     for i in range(len(numbers)):
         out[i] = numbers[i]
     scale = max(model.moment_scale_nm, abs(torque), inertia * abs(e), 1e-9)
-    out[len(numbers)] = (at.moment - torque - memory[M_FRICTION]) / scale
+    out[len(numbers)] = (at.moment - torque - memory.friction_torque_nm) / scale
     return loads, 0
 
 

@@ -11,6 +11,7 @@ from mech_twin.machines.drives import DrivenCrank
 from mech_twin.machines.vibration_crank.counterweight import Balance, Counterweight, MovingMasses, balance
 from mech_twin.machines.vibration_crank.slider_crank import BOOM, FINITE_ROD, INFINITE_ROD, SliderCrank
 from mech_twin.parts.four_bar import OPEN, FourBar, smallest_transmission_angle
+from mech_twin.proposed_value import at_least
 from mech_twin.quantity import Parameters, choice, quantity
 
 GRAVITY = 9.80665
@@ -49,8 +50,10 @@ class VibrationCrank(DrivenCrank):
             raise ValueError(f"rod_m must be at most 1e4 m, or infinite, got {self.rod_m:g}")
         if self.boom is None:
             if self.rod_m <= self.crank_m + abs(self.offset_m):
+                least = self.crank_m + abs(self.offset_m)
                 raise ValueError(
-                    f"rod_m > crank_m + |offset_m| fails: {self.rod_m:g} m > {self.crank_m + abs(self.offset_m):g} m"
+                    f"the crank cannot make a full turn: rod_m > crank_m + |offset_m| fails: {self.rod_m:g} m > "
+                    f"{least:g} m; try rod_m >= {at_least(least):g}"
                 )
             steepest = degrees(acos((self.crank_m + abs(self.offset_m)) / self.rod_m))
             if steepest < LEAST_TRANSMISSION_DEG:
@@ -66,12 +69,12 @@ class VibrationCrank(DrivenCrank):
         near, far = abs(ground - self.crank_m), ground + self.crank_m
         if far >= self.boom.length_m + self.rod_m:
             raise ValueError(
-                "|boom.pivot| + crank_m < boom.length_m + rod_m fails: "
+                "the crank cannot make a full turn: |boom.pivot| + crank_m < boom.length_m + rod_m fails: "
                 f"{far:g} m < {self.boom.length_m + self.rod_m:g} m"
             )
         if near <= abs(self.boom.length_m - self.rod_m):
             raise ValueError(
-                f"||boom.pivot| - crank_m| > |boom.length_m - rod_m| fails: "
+                "the crank cannot make a full turn: ||boom.pivot| - crank_m| > |boom.length_m - rod_m| fails: "
                 f"{near:g} m > {abs(self.boom.length_m - self.rod_m):g} m"
             )
         rocker = FourBar(self.crank_m, self.rod_m, self.boom.length_m, self.boom.pivot_x_m, self.boom.pivot_y_m, OPEN)

@@ -1,29 +1,91 @@
-"""Drawing of the winding drum."""
+"""Drawing of the winding drum: package, core, eccentricity with its direction, and the yarn."""
 
 from __future__ import annotations
 
-from math import cos, pi, sin
+from math import cos, sin
 
+from mech_twin.capabilities.figure import (
+    CRANK,
+    FOLLOWER,
+    GROUND,
+    MATERIAL,
+    ROD,
+    STEEL,
+    Point,
+    bearing,
+    circle,
+    label,
+    millimetres,
+)
 from mech_twin.machines.winding_drum.roles import place_of
 from mech_twin.machines.winding_drum.wound_package import Package
 from mech_twin.samples import LinkageSample, Shape
 
-
-def _circle(x: float, y: float, radius: float) -> tuple[tuple[float, float], ...]:
-    angles = [2.0 * pi * i / 72 for i in range(73)]
-    return tuple((x + radius * cos(angle), y + radius * sin(angle)) for angle in angles)
+SEEN_ECCENTRICITY = 0.25  # drawn length of the eccentricity's arrow, in radii of the core
+TURN_POINTS = 10
 
 
 def package_drawing(package: Package, sample: LinkageSample) -> tuple[Shape, ...]:
-    """Return the package, its core, a mark that turns with it, and the yarn that leaves at the top."""
+    """Return package, core, a mark that turns with it, eccentricity, and the yarn that touches at the top."""
     at = place_of(sample)
     phi, radius = at.drum_rad, at.package_radius_m
     x, y = -package.eccentricity_m * sin(phi), package.eccentricity_m * cos(phi)
     top = y + radius
+    outward = (-sin(phi), cos(phi))
+    winds = package.layer_m < 0.0
+    reach = 4.0 * package.core_m + radius
+    # the drum turns anticlockwise, so that its top goes left: what is wound comes from the right
+    away = x + reach if winds else x - reach
+    half = 0.5 * (x + away)
+    speed = sample.joint("drum").velocity
+    sense = "winding" if winds else "unwinding"
     return (
-        Shape("package", "line", _circle(x, y, radius), (196, 164, 112), 0.004),
-        Shape("core", "line", _circle(0.0, 0.0, package.core_m), (90, 90, 90), 0.004),
-        Shape("mark", "line", ((0.0, 0.0), (x - radius * sin(phi), y + radius * cos(phi))), (200, 60, 40), 0.003),
-        Shape("yarn", "line", ((x, top), (x - 4.0 * package.core_m - radius, top)), (60, 90, 180), 0.002),
-        Shape("axis", "points", ((0.0, 0.0),), (0, 0, 0), 0.008),
+        Shape("frame", "line", bearing((0.0, 0.0), 0.35 * package.core_m), GROUND, 0.004),
+        Shape(
+            "package",
+            "line",
+            circle((x, y), radius, 72),
+            MATERIAL,
+            0.008,
+        ),
+        *_layers(package, (x, y), radius),
+        Shape("core", "line", circle((0.0, 0.0), package.core_m), STEEL, 0.006),
+        Shape("mark", "line", ((0.0, 0.0), (x - radius * sin(phi), y + radius * cos(phi))), ROD, 0.003),
+        Shape("yarn", "line", ((x, top), (away, top)), FOLLOWER, 0.004),
+        Shape("yarn_pull", "arrow", ((half + 0.06, top), (half - 0.06, top)), FOLLOWER, 0.006, "yarn"),
+        label("package_name", (x, y + 0.5 * (radius + package.core_m)), f"package, {sense}", MATERIAL),
+        label("core_name", (0.0, -0.4 * package.core_m), "core"),
+        *_turning(radius, speed),
+        *_eccentricity(package, outward),
+        Shape("axis", "points", ((0.0, 0.0),), STEEL, 0.014),
     )
+
+
+def _layers(package: Package, middle: Point, radius_m: float) -> tuple[Shape, ...]:
+    """Return two rings that stand for the wound layers."""
+    radii = [package.core_m + share * (radius_m - package.core_m) for share in (1.0 / 3.0, 2.0 / 3.0)]
+    return tuple(Shape(f"layer_{i}", "line", circle(middle, r), MATERIAL, 0.002) for i, r in enumerate(radii, 1))
+
+
+def _turning(radius_m: float, speed_rad_per_s: float) -> tuple[Shape, ...]:
+    """Return an arc with a head that shows in which direction the drum turns; nothing at rest."""
+    if speed_rad_per_s == 0.0:
+        return ()
+    sense = 1.0 if speed_rad_per_s > 0.0 else -1.0
+    reach = 0.78 * radius_m
+    angles = [-0.6 + sense * (1.0 * i / (TURN_POINTS - 1.0) - 0.5) for i in range(TURN_POINTS)]
+    arc = tuple((reach * cos(angle), reach * sin(angle)) for angle in angles)
+    return (
+        Shape("turning", "line", arc[:-1], CRANK, 0.005),
+        Shape("turning_head", "arrow", arc[-2:], CRANK, 0.005),
+    )
+
+
+def _eccentricity(package: Package, outward: Point) -> tuple[Shape, ...]:
+    """Return an arrow from the axis towards the middle of the package, longer than it is; nothing if centred."""
+    if package.eccentricity_m == 0.0:
+        return ()
+    length = max(package.eccentricity_m, SEEN_ECCENTRICITY * package.core_m)
+    end = (length * outward[0], length * outward[1])
+    text = f"eccentricity {millimetres(package.eccentricity_m)}"
+    return (Shape("eccentricity", "arrow", ((0.0, 0.0), end), CRANK, 0.006, text),)

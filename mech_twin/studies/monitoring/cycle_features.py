@@ -26,6 +26,9 @@ PATIENCE_S = 1.0  # stamps by which the reference may run ahead of another chann
 EVENT_WAIT_S = 0.1  # and ahead of an event channel, which is silent while nothing happens
 LEAST_SAMPLES = 6  # of a channel in a cycle; events need one
 LARGEST_GAP = 0.25  # of a cycle, between samples of the reference
+CLOCK_GAIN = 0.02  # by which a rise corrects the clock, once as many have been averaged
+CLOCK_RISES = 20  # that are averaged before the first cycle is counted
+CLOCK_TRUST = 0.25  # of a cycle: a rise farther from where the clock expects it begins the clock anew
 LONGEST_CYCLE = 10.0  # of the cycle before: a longer one is a standstill
 CROSSING_RAD = pi / 12.0  # on either side of a boundary: the samples whose line gives the instant of crossing
 
@@ -115,6 +118,9 @@ class FeatureFeed:
     _last_raw: float | None = None
     _next_angle: float | None = None
     _usual_s: float | None = None
+    _crossed_s: float = -np.inf
+    _rises: int = 1
+    _clock_s: float | None = None
 
     def __post_init__(self) -> None:
         reference = self.declared.reference.column
@@ -167,15 +173,35 @@ class FeatureFeed:
     def _find_boundaries(self) -> None:
         buffer = self._buffers[self.declared.reference.column]
         find = _turn_crossing if self.declared.reference.kind == "turn" else _rise_crossing
-        since = self._boundaries[-1] if self._boundaries else -np.inf
+        since = self._crossed_s
         while len(buffer.times_s):
             found = find(self.declared.reference, buffer, self._next_angle, since)
             if found is None:
                 return
             crossed_s, self._next_angle = found
             if crossed_s > since:
-                self._boundaries.append(crossed_s)
-                since = crossed_s
+                since = self._crossed_s = crossed_s
+                begun_s = self._clocked(crossed_s)
+                if begun_s is not None:
+                    self._boundaries.append(begun_s)
+
+    def _clocked(self, crossed_s: float) -> float | None:
+        """Return when the clock that leads the signal says the cycle began, None until it is known well enough.
+
+        The crossing itself where there is no clock.
+        """
+        period_s = self.declared.reference.period_s
+        if not period_s:
+            return crossed_s
+        expected_s = self._clock_s
+        if expected_s is not None:
+            expected_s += period_s * max(1, round((crossed_s - expected_s) / period_s))
+        if expected_s is None or abs(crossed_s - expected_s) > CLOCK_TRUST * period_s:
+            self._rises, self._clock_s = 1, crossed_s
+            return None
+        self._rises += 1
+        self._clock_s = expected_s + max(1.0 / self._rises, CLOCK_GAIN) * (crossed_s - expected_s)
+        return self._clock_s if self._rises > CLOCK_RISES else None
 
     def _complete(self, *, final: bool) -> list[FeatureVector]:
         found = []

@@ -20,7 +20,7 @@ import numpy as np
 
 from mech_twin.capabilities.cycle import Array
 from mech_twin.studies.monitoring.baseline import Baseline, baseline_of_record
-from mech_twin.studies.monitoring.charts import CHARTS, ChartState, ChartValues
+from mech_twin.studies.monitoring.charts import CHARTS, WINDOW, ChartState, ChartValues
 from mech_twin.studies.monitoring.cycle_features import FeatureVector
 from mech_twin.studies.monitoring.fault_life import FaultLife, LifeRules, acknowledged, after_cycle, shelved
 from mech_twin.studies.monitoring.naming import (
@@ -35,8 +35,11 @@ from mech_twin.studies.monitoring.thresholds import ChartLimits, limits_of_recor
 UNKNOWN = "unknown"
 CAP = 2.0  # of the threshold: bound of the CUSUMs
 REMEMBERED = 150  # cycles of innovations kept for naming
-LEAST_NAMED = 4  # cycles beyond the settling from which a change is named
-Verdict = Literal["learning", "healthy", "pending", "named", "group", "unknown"]
+LEAST_NAMED = 6  # cycles beyond the settling from which a change is named
+UNKNOWN_AFTER = 25  # cycles beyond the settling from which it may be called unknown
+ONSET_CYCLES = 40  # after the alarm, in which the onset is still moved to where the jump is seen best
+NAMING_CYCLES = 80  # after the alarm, in which a name may still change; then it stands
+Verdict = Literal["learning", "healthy", "pending", "named", "group", "unknown", "passing"]
 
 
 @dataclass(frozen=True)
@@ -101,7 +104,7 @@ class Findings(NamedTuple):
         Whether that began with this cycle: what the stated rate of false alarms counts.
     verdict : str
         ``learning`` (history is missing), ``healthy``, ``pending`` (alarm, not named yet), ``named``, ``group``,
-        ``unknown``.
+        ``unknown``, ``passing`` (something happened, but nothing of it lasts).
     onset_s : float
         Stamp of the cycle in which the change began; nan without an alarm.
     delay_cycles : int
@@ -146,13 +149,20 @@ def finding_name(verdict: Verdict, found: tuple[Candidate, ...]) -> str:
 
 @dataclass
 class _Episode:
-    """An alarm that is on: when it began, where the change began, cycles since, cycles that were quiet."""
+    """An alarm that is on: cycle it began with, that of the change, cycles since, cycles that were quiet."""
 
+    began: int
     onset: int
     onset_s: float
-    delay: int
     age: int = 0
     quiet: int = 0
+    finding: str = ""
+    named: tuple[Verdict, tuple[Candidate, ...]] = ("pending", ())
+
+    @property
+    def delay(self) -> int:
+        """Cycles from the onset to the alarm."""
+        return max(0, self.began - self.onset + 1)
 
 
 @dataclass
@@ -224,8 +234,11 @@ class Monitor:
         verdict: Verdict = "healthy"
         found: tuple[Candidate, ...] = ()
         if episode is not None:
-            verdict, found = self._named(episode)
+            if episode.age <= NAMING_CYCLES and not episode.quiet:
+                episode.named = self._named(episode)
+            verdict, found = episode.named
         announce = self._live_on(finding_name(verdict, found), vector.end_s)
+        self._withdraw(finding_name(verdict, found), vector.end_s)
         return Findings(
             vector.number,
             vector.end_s,
@@ -249,18 +262,24 @@ class Monitor:
         if self._episode is None:
             over = any(value > limit for value, limit in zip(charts.statistics, limits.alarm, strict=True))
             if over:
-                kept = min(max(charts.jump_cycles, 1), len(self._innovations))
-                number, onset_s, _ = self._innovations[-kept]
-                self._episode = _Episode(number, onset_s, kept)
+                self._episode = _Episode(vector.number, *self._onset(charts))
             return over
         episode = self._episode
         episode.age += 1
+        if episode.age <= ONSET_CYCLES and charts.jump_cycles < WINDOW:
+            episode.onset, episode.onset_s = self._onset(charts)
         quiet = all(value <= limit for value, limit in zip(charts.statistics, limits.quiet, strict=True))
         episode.quiet = episode.quiet + 1 if quiet else 0
         if episode.quiet >= self.setup.rules.clear:
             self._episode = None
             self._charts.restart()
         return False
+
+    def _onset(self, charts: ChartValues) -> tuple[int, float]:
+        """Return number and stamp of the cycle in which the jump began that the chart sees best."""
+        kept = min(max(charts.jump_cycles, 1), len(self._innovations))
+        number, onset_s, _ = self._innovations[-kept]
+        return number, onset_s
 
     def _named(self, episode: _Episode) -> tuple[Verdict, tuple[Candidate, ...]]:
         rows = [row for number, _, row in self._innovations if number >= episode.onset]
@@ -270,9 +289,11 @@ class Monitor:
         change = estimated_change(self.setup.baseline, np.array(rows), settling)
         if change is None:
             return "pending", ()
+        if not change.lasts:
+            return "passing", ()
         found = candidates(change, self.setup.signatures)
         if not found:
-            return "unknown", ()
+            return ("unknown" if len(rows) >= settling + UNKNOWN_AFTER else "pending"), ()
         return ("named" if len(found) == 1 else "group"), found
 
     def _live_on(self, seen: str, time_s: float) -> bool:
@@ -287,6 +308,15 @@ class Monitor:
             if rises and later.is_announced(time_s) and time_s - self._announced_s >= self.setup.rules.announce_every_s:
                 announce, self._announced_s = True, time_s
         return announce
+
+    def _withdraw(self, finding: str, time_s: float) -> None:
+        """Clear what the same alarm was called before: a better name is no second fault."""
+        episode = self._episode
+        if episode is None or not finding:
+            return
+        if episode.finding and episode.finding != finding:
+            self.lives[episode.finding] = FaultLife(episode.finding, "cleared", time_s)
+        episode.finding = finding
 
     def _living(self) -> tuple[FaultLife, ...]:
         return tuple(life for life in self.lives.values() if life.state != "cleared")

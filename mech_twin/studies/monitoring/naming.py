@@ -97,6 +97,11 @@ class Change(NamedTuple):
         """Chi-square of the change, of d degrees where nothing has changed."""
         return float(self.delta @ self.information @ self.delta)
 
+    @property
+    def lasts(self) -> bool:
+        """Whether there is a change at all, beyond what noise makes."""
+        return self.weight > float(chi2.isf(UNKNOWN_CHANCE, len(self.delta)))
+
 
 def estimated_change(baseline: Baseline, innovations: Array, settling: int) -> Change | None:
     """Return the change since the onset, the first row of the innovations (n, d); None while it is settling.

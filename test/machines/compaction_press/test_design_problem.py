@@ -13,7 +13,8 @@ from mech_twin.machines.compaction_press.design_rule import Lengths, mass_rule, 
 from mech_twin.machines.compaction_press.design_search import BOUNDS, Effort, searched
 from mech_twin.machines.compaction_press.metrics import cycle_metrics
 from mech_twin.machines.compaction_press.parameters import press_constants
-from mech_twin.parameters.load import machine_parameters, write_configuration
+from mech_twin.parameters.load import machine_parameters
+from mech_twin.parameters.written_configuration import write_configuration
 from mech_twin.studies.design_scan import design_question
 
 TURN = 2.0 * math.pi

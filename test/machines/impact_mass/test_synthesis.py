@@ -20,7 +20,8 @@ from mech_twin.machines.impact_mass.synthesis import (
     with_phase2_force,
 )
 from mech_twin.machines.impact_mass.tolerance_box import Deviation, certified, deviated, outcome
-from mech_twin.parameters.load import machine_parameters, write_configuration
+from mech_twin.parameters.load import machine_parameters
+from mech_twin.parameters.written_configuration import write_configuration
 
 pytestmark = pytest.mark.slow
 

@@ -21,7 +21,7 @@ from mech_twin.machines.compaction_press.dynamics import press_pins, press_reduc
 from mech_twin.machines.compaction_press.parameters import CompactionPress, press_constants
 from mech_twin.machines.planar_linkage import build
 from mech_twin.machines.planar_linkage.assembly import mechanism_constants
-from mech_twin.machines.planar_linkage.chain import CRANK, Motion, chain_motion
+from mech_twin.machines.planar_linkage.chain import CRANK, ChainMotion, chain_motion
 from mech_twin.machines.planar_linkage.linkage import IDLE, PlanarLinkage, reduced
 from mech_twin.machines.planar_linkage.metrics import cycle
 from mech_twin.machines.planar_linkage.parameters import PlanarLinkageParameters
@@ -212,16 +212,16 @@ def linkages(draw: st.DrawFn) -> PlanarLinkageParameters:
     )  # fmt: skip
 
 
-def values(m: Motion) -> np.ndarray[Any, Any]:
+def values(m: ChainMotion) -> np.ndarray[Any, Any]:
     """Return angles as unit vectors, and origins: numbers without jumps."""
     return np.concatenate([np.cos(m.angle), np.sin(m.angle), m.x, m.y])
 
 
-def rates(m: Motion) -> np.ndarray[Any, Any]:
+def rates(m: ChainMotion) -> np.ndarray[Any, Any]:
     return np.concatenate([-np.sin(m.angle) * m.angle1, np.cos(m.angle) * m.angle1, m.x1, m.y1])
 
 
-def second_rates(m: Motion) -> np.ndarray[Any, Any]:
+def second_rates(m: ChainMotion) -> np.ndarray[Any, Any]:
     c, s = np.cos(m.angle), np.sin(m.angle)
     return np.concatenate([-c * m.angle1**2 - s * m.angle2, -s * m.angle1**2 + c * m.angle2, m.x2, m.y2])
 

@@ -102,11 +102,17 @@ def test_repeat_is_identical():
 
 @pytest.mark.parametrize(
     ("key", "value"),
-    [("core_radius_m", 0.4), ("eccentricity_m", 0.09), ("yarn_acceleration_m_per_s2", 0.0), ("layer_thickness_m", 0.5)],
+    [
+        ("core_radius_m", 0.4),
+        ("eccentricity_m", 0.09),
+        ("yarn_acceleration_m_per_s2", 0.0),
+        ("layer_thickness_m", 0.5),
+        ("drum_inertia_kg_m2", 0.0),
+    ],
 )
 def test_impossible_drum_is_refused_with_the_inequality(key, value):
     with pytest.raises(ConfigurationError, match=r"fails|greater than or equal"):
-        machine("winding_drum", overrides={key: value})
+        machine("winding_drum", overrides={key: value, "direction": "winding"})
 
 
 def independent_motion(parameters, radius, phi, omega_or_theta, a, span, *, driven_by_yarn):

@@ -1,0 +1,193 @@
+"""``mech-twin monitor``: a recorded run judged against a healthy one, its faults named; or a sensor set judged."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from mech_twin.cli.console import say
+from mech_twin.cli.failure import CommandError
+from mech_twin.cli.measurement import columns_of, given_map, opened_run
+from mech_twin.cli.monitor_output import Judged, show_design, show_runs
+from mech_twin.engine.rollout import roll_out
+from mech_twin.measurements.blocks import RunReader
+from mech_twin.measurements.machine_columns import is_event
+from mech_twin.measurements.measurement_map import Channel, MeasurementMap, Source
+from mech_twin.measurements.proposal import EXACT, map_of, proposed_channels
+from mech_twin.measurements.runs import MeasuredRun, read_run
+from mech_twin.output_file import check_output_file, written_file
+from mech_twin.parameters.load import assignments, catalogue_entry, machine_parameters
+from mech_twin.quantity import Parameters
+from mech_twin.studies.monitoring.cycle_features import FeatureVector
+from mech_twin.studies.monitoring.design import DESIGN_CYCLES, fitted_setup, sensor_design, simulated_vectors
+from mech_twin.studies.monitoring.monitor import Monitor, MonitorSetup, setup_of_record
+from mech_twin.studies.monitoring.report import judged, known_sensors, seen_of_run
+from mech_twin.studies.monitoring.signatures import MonitoredMachine
+
+FAULT_FOUND = 1  # exit code
+HEALTHY_SHARE = 0.4  # of the first run, where no baseline is given
+SETUP_SUFFIX = ".json"
+EVENTS_OF_S = 2.0  # of the model's own run, that tell which contacts its events have
+EVENT_FIELDS = {"time": "stamp", "pre_velocity": "vector.x", "post_velocity": "vector.y", "impulse": "vector.z"}
+
+
+class MonitorRequest(NamedTuple):
+    """What `mech-twin monitor` was asked for."""
+
+    machine: str
+    runs: Sequence[Path]
+    map_file: Path | None = None
+    config: Path | None = None
+    settings: Sequence[str] = ()
+    baseline: Path | None = None
+    save_baseline: Path | None = None
+    arl0_h: float = 24.0
+    skip_s: float | None = None
+    design: bool = False
+    sensors: Path | None = None
+    seed: int = 0
+    force: bool = False
+    as_json: bool = False
+
+
+def monitor_machine(asked: MonitorRequest) -> None:
+    """Judge runs, or a sensor set; exit with 1 where a fault was found."""
+    parameters = machine_parameters(asked.machine, asked.config, assignments(asked.settings))
+    if asked.design:
+        _design(asked, parameters)
+        return
+    if not asked.runs:
+        raise CommandError("monitor: expected at least one run, or --design --sensors FILE")
+    if asked.sensors is not None:
+        raise CommandError(f"--sensors {asked.sensors}: goes with --design; a run has --map")
+    if asked.save_baseline is not None:
+        check_output_file(asked.save_baseline, force=asked.force)
+    runs = [_vectors(asked, path, parameters) for path in asked.runs]
+    setup, runs[0] = _setup(asked, parameters, runs[0])
+    if asked.save_baseline is not None:
+        with written_file(asked.save_baseline, force=asked.force) as file:
+            file.write_text(json.dumps(setup.record()) + "\n", encoding="utf-8")
+        say(f"written to {asked.save_baseline}")
+    found = [Judged(str(run.path), judged(Monitor(setup), run.vectors, run.skipped)) for run in runs]
+    show_runs(setup, runs[0].units, found, as_json=asked.as_json)
+    if any(run.found.alarms for run in found):
+        raise SystemExit(FAULT_FOUND)
+
+
+class _Run(NamedTuple):
+    """The features of a run, and what it was measured with."""
+
+    path: Path
+    vectors: list[FeatureVector]
+    skipped: int
+    monitored: MonitoredMachine
+    units: Mapping[str, str]
+
+
+def _design(asked: MonitorRequest, parameters: Parameters) -> None:
+    if asked.sensors is None or asked.runs:
+        raise CommandError("--design: expected --sensors FILE and no runs")
+    sensors = given_map(asked.sensors)
+    _check_machine(asked, asked.sensors, sensors)
+    monitored = MonitoredMachine(asked.machine, parameters, sensors)
+    setup = fitted_setup(monitored, simulated_vectors(monitored, DESIGN_CYCLES, asked.seed), asked.arl0_h, asked.seed)
+    show_design(setup, sensor_design(setup), monitored.feed().features, as_json=asked.as_json)
+
+
+def _setup(asked: MonitorRequest, parameters: Parameters, first: _Run) -> tuple[MonitorSetup, _Run]:
+    """Return the setup, and the first run without the cycles that were its baseline."""
+    if asked.baseline is not None and asked.baseline.suffix == SETUP_SUFFIX:
+        return read_setup(asked.baseline, asked.machine), first
+    if asked.baseline is not None:
+        reference = _vectors(asked, asked.baseline, parameters)
+        return fitted_setup(reference.monitored, reference.vectors, asked.arl0_h, asked.seed), first
+    kept = int(HEALTHY_SHARE * len(first.vectors))
+    say(f"{first.path}: no --baseline given, the first {kept} of {len(first.vectors)} cycles are taken as healthy")
+    setup = fitted_setup(first.monitored, first.vectors[:kept], asked.arl0_h, asked.seed)
+    return setup, first._replace(vectors=first.vectors[kept:])
+
+
+def read_setup(path: Path, machine: str) -> MonitorSetup:
+    """Return the reference of a monitor, as `--save-baseline` writes it; a file that is none is a line."""
+    try:
+        setup = setup_of_record(json.loads(path.read_text(encoding="utf-8")))
+    except OSError as error:
+        raise CommandError(f"{path}: cannot be read: {error.strerror}") from error
+    except (ValueError, KeyError, TypeError) as error:
+        raise CommandError(f"{path}: expected a baseline as --save-baseline writes it ({error})") from error
+    if setup.machine != machine:
+        raise CommandError(f"{path}: key 'machine', value {setup.machine!r}: expected {machine!r}")
+    return setup
+
+
+def _vectors(asked: MonitorRequest, path: Path, parameters: Parameters) -> _Run:
+    """Return the features of a run, its map proposed from the twin's own names where none is given."""
+    with opened_run(path) as reader:
+        given = given_map(asked.map_file) if asked.map_file is not None else _own_map(asked.machine, parameters, reader)
+        _check_machine(asked, asked.map_file or path, given)
+        run = read_run(reader, given)
+    monitored = MonitoredMachine(asked.machine, parameters, known_sensors(given, run))
+    declared = monitored.declared
+    skip_s = declared.run_up_s if asked.skip_s is None else asked.skip_s
+    feed = monitored.feed()
+    vectors = _fed(monitored, run, skip_s, feed)
+    units = {feature.name: feature.unit for feature in feed.features}
+    return _Run(path, vectors, feed.skipped, monitored, units)
+
+
+def _fed(monitored: MonitoredMachine, run: MeasuredRun, skip_s: float, feed: Any) -> list[FeatureVector]:
+    from mech_twin.studies.monitoring.cycle_features import feed_channels
+
+    vectors = feed_channels(feed, seen_of_run(run, skip_s))
+    if not vectors:
+        reference = monitored.declared.reference.column
+        raise CommandError(f"{run.path}: no complete cycle of {reference} after {skip_s:g} s; expected some (--skip)")
+    return vectors
+
+
+def _own_map(machine: str, parameters: Parameters, reader: RunReader) -> MeasurementMap:
+    """Return the map of a run under the twin's own names: the columns that the machine's features are made of."""
+    ask = catalogue_entry(machine).capabilities.features
+    needed: set[str] = set()
+    if ask is not None:
+        declared = ask(parameters)
+        needed = {declared.reference.column, *(name for feature in declared.features for name in feature.needs)}
+    offered = reader.offered()
+    channels = [each for each in proposed_channels(offered, columns_of(machine)) if each.surety == EXACT]
+    proposed = map_of(machine, reader.proposed_time(), [each for each in channels if each.column in needed])
+    if proposed is None:
+        raise CommandError(f"{reader.path}: none of its channels has a name of {machine}; expected --map FILE")
+    return proposed.model_copy(
+        update={"channels": (*proposed.channels, *_own_events(machine, parameters, reader, needed))}
+    )
+
+
+def _own_events(machine: str, parameters: Parameters, reader: RunReader, needed: set[str]) -> list[Channel]:
+    """Return the channels of the twin's own impacts that features need; contacts are those of the model's own run."""
+    topic = next(
+        (each.source.topic for each in reader.offered() if each.source.topic and each.source.topic.endswith("impacts")),
+        None,
+    )
+    kinds = {name.split(".")[1] for name in needed if is_event(name)}
+    if topic is None or not kinds:
+        return []
+    run = roll_out(catalogue_entry(machine).build(parameters), EVENTS_OF_S, ())
+    contacts = {event.kind: event.contact for event in run.events if event.kind in kinds}
+    return [
+        Channel.model_validate({"source": _event_source(topic, contacts[kind], kind, what), "is": column})
+        for column in sorted(needed)
+        if is_event(column)
+        for _, kind, what in (column.split("."),)
+        if kind in contacts
+    ]
+
+
+def _event_source(topic: str, contact: str, kind: str, what: str) -> Source:
+    return Source(topic=topic, joint=f"{contact}/{kind}", field=EVENT_FIELDS[what])
+
+
+def _check_machine(asked: MonitorRequest, where: Path, given: MeasurementMap) -> None:
+    if given.machine != asked.machine:
+        raise CommandError(f"{where}: key 'machine', value {given.machine!r}: expected {asked.machine!r}")

@@ -1,0 +1,119 @@
+"""What `mech-twin monitor` prints."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from math import isfinite
+from typing import Any, NamedTuple
+
+from mech_twin.capabilities.cycle import CycleFeature
+from mech_twin.cli.console import print_json, print_table, say
+from mech_twin.studies.monitoring.charts import CHARTS
+from mech_twin.studies.monitoring.design import SensorDesign
+from mech_twin.studies.monitoring.monitor import MonitorSetup
+from mech_twin.studies.monitoring.report import Alarm, JudgedRun
+
+
+class Judged(NamedTuple):
+    """A run by its name, and what was found in it."""
+
+    run: str
+    found: JudgedRun
+
+
+def show_runs(setup: MonitorSetup, units: Mapping[str, str], runs: Sequence[Judged], *, as_json: bool) -> None:
+    """Print the baseline, and each run's alarms with the faults that explain them."""
+    if as_json:
+        print_json({**_setup_record(setup, units), "runs": [_run_record(run) for run in runs]})
+        return
+    _say_setup(setup)
+    for run in runs:
+        if not run.found.alarms:
+            say(f"{run.run}: {run.found.cycles} cycles, no alarm")
+            continue
+        heads = ("alarm at, s", "began at, s", "cycles", "finding", "size", "95 % from", "to", "unit")
+        rows = [row for alarm in run.found.alarms for row in _alarm_rows(alarm)]
+        print_table(f"{run.run}: {run.found.cycles} cycles, {len(run.found.alarms)} alarms", heads, rows)
+
+
+def show_design(setup: MonitorSetup, design: SensorDesign, features: Sequence[CycleFeature], *, as_json: bool) -> None:
+    """Print what a sensor set would find: each fault's effect, the delay to expect, and what looks like it."""
+    units = {feature.name: feature.unit for feature in features}
+    if as_json:
+        names = [fault.name for fault in design.faults]
+        matrix = {
+            name: dict(zip(names, row, strict=True))
+            for name, row in zip(names, design.isolability.tolist(), strict=True)
+        }
+        faults = [{**fault._asdict(), "delay_cycles": _finite(fault.delay_cycles)} for fault in design.faults]
+        faults = [{**fault, "smallest": _finite(fault["smallest"])} for fault in faults]
+        print_json({**_setup_record(setup, units), "faults": faults, "isolability": matrix})
+        return
+    _say_setup(setup)
+    heads = ("fault", "size", "unit", "sigma a cycle", "delay, cycles", "found in 50", "looks like")
+    rows = [
+        (
+            fault.name,
+            fault.size,
+            fault.unit,
+            _rounded(fault.effect_sigma),
+            _rounded(fault.delay_cycles),
+            _rounded(fault.smallest),
+            ", ".join(fault.alike) or "none",
+        )
+        for fault in design.faults
+    ]
+    print_table(f"{setup.machine}: what these sensors would find", heads, rows)
+
+
+def _alarm_rows(alarm: Alarm) -> list[tuple[Any, ...]]:
+    place = (_rounded(alarm.alarm_s), _rounded(alarm.onset_s), alarm.delay_cycles)
+    if not alarm.candidates:
+        return [(*place, alarm.verdict, "", "", "", "")]
+    return [(*place, candidate.name, *map(_rounded, candidate[1:4]), candidate.unit) for candidate in alarm.candidates]
+
+
+def _say_setup(setup: MonitorSetup) -> None:
+    baseline, limits = setup.baseline, setup.limits
+    hours = limits.arl0_cycles * baseline.period_s / 3600.0
+    short = ", extrapolated: the baseline is shorter than three of them" if limits.extrapolated else ""
+    say(
+        f"baseline: {baseline.cycles} cycles, {len(baseline.names)} features, autoregression of order {baseline.order}"
+        f"; one false alarm in {hours:.4g} h{short}"
+    )
+
+
+def _setup_record(setup: MonitorSetup, units: Mapping[str, str]) -> dict[str, Any]:
+    baseline, limits = setup.baseline, setup.limits
+    numbers = zip(baseline.names, baseline.mean.tolist(), baseline.sigma.tolist(), strict=True)
+    return {
+        "machine": setup.machine,
+        "features": [
+            {"name": n, "unit": units.get(n, "1"), "mean": mean, "sigma": sigma} for n, mean, sigma in numbers
+        ],
+        "baseline": {"cycles": baseline.cycles, "order": baseline.order, "period_s": baseline.period_s},
+        "arl0_h": limits.arl0_cycles * baseline.period_s / 3600.0,
+        "arl0_cycles": limits.arl0_cycles,
+        "extrapolated": limits.extrapolated,
+        "thresholds": dict(zip(CHARTS, limits.alarm, strict=True)),
+    }
+
+
+def _run_record(run: Judged) -> dict[str, Any]:
+    alarms = [{**alarm.record(), "ended_s": _finite(alarm.ended_s)} for alarm in run.found.alarms]
+    faults = [life._asdict() | {"shelved_until_s": _finite(life.shelved_until_s)} for life in run.found.faults]
+    return {
+        "run": run.run,
+        "cycles": run.found.cycles,
+        "skipped": run.found.skipped,
+        "alarms": alarms,
+        "faults": faults,
+    }
+
+
+def _finite(value: float) -> float | None:
+    return value if isfinite(value) else None
+
+
+def _rounded(value: float) -> str:
+    return f"{value:.4g}"

@@ -1,0 +1,60 @@
+"""The keys that a configuration may hold, their units, and which of them an unknown key was probably meant for."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from difflib import get_close_matches
+from typing import get_args
+
+from pydantic import BaseModel
+
+
+def key_units(model: type[BaseModel], prefix: str = "") -> dict[str, str]:
+    """Return every dotted key of a parameter model that holds a value, and its unit (empty where it has none)."""
+    units: dict[str, str] = {}
+    for name, field in model.model_fields.items():
+        extra = field.json_schema_extra if isinstance(field.json_schema_extra, dict) else {}
+        groups = list(_models(field.annotation))
+        for group in groups:
+            units |= key_units(group, f"{prefix}{name}.")
+        if not groups:
+            units[f"{prefix}{name}"] = str(extra.get("unit", ""))
+    return units
+
+
+def _models(annotation: object) -> Iterator[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+    for inner in get_args(annotation):
+        yield from _models(inner)
+
+
+def nearest_key(key: str, known: Iterable[str]) -> str | None:
+    """Return the key that was probably meant: one that goes on as this one begins, else one spelt nearly alike."""
+    names = list(known)
+    if key in names:
+        return key
+    longer = [name for name in names if name.startswith(f"{key}_")]
+    if longer:
+        return min(longer, key=len)
+    near = get_close_matches(key, names, 1, 0.7)
+    if near:
+        return near[0]
+    last = key.rpartition(".")[2]
+    same = [name for name in names if name.rpartition(".")[2] == last or name.rpartition(".")[2].startswith(f"{last}_")]
+    return min(same, key=len) if same else next(iter(get_close_matches(key, names, 1)), None)
+
+
+def did_you_mean(key: str, units: Mapping[str, str]) -> str:
+    """Return ``; did you mean 'body.spring_rate_n_per_m' (N/m)?``, or nothing where no key is near."""
+    meant = nearest_key(key, units)
+    if meant is None:
+        return ""
+    unit = units[meant]
+    return f"; did you mean '{meant}'{f' ({unit})' if unit not in ('', '1') else ''}?"
+
+
+def groups_of(keys: Iterable[str]) -> dict[str, str]:
+    """Return every group of these keys, in the form of `key_units`: a group has no unit."""
+    parts = [key.split(".") for key in keys]
+    return {".".join(part[:depth]): "" for part in parts for depth in range(1, len(part))}

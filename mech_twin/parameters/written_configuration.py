@@ -1,0 +1,153 @@
+"""A configuration that a study chose, written as the file it was derived from: with its comments, and what changed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import yaml
+
+from mech_twin import __version__
+from mech_twin.configuration_tree import ConfigurationError, configuration_tree
+from mech_twin.output_file import written_file
+from mech_twin.parameters.key_lines import SECTION
+from mech_twin.parameters.load import (
+    MACHINE_KEY,
+    catalogue_entry,
+    configuration_file,
+    configuration_text,
+    description_text,
+    text_tree,
+    validated,
+)
+from mech_twin.parameters.motors import NAME_KEY
+from mech_twin.quantity import Parameters
+
+MOTOR = "motor"
+
+
+class Place(NamedTuple):
+    """Where a value stands in a text, or, of no length, where a line may be inserted before the first of a group."""
+
+    begin: int
+    end: int
+    column: int
+
+
+def write_configuration(
+    name: str, parameters: Parameters, path: Path, base: Path | None = None, notes: Sequence[str] = ()
+) -> None:
+    """Write the parameter file of a machine, which ``run`` and ``simulate`` take, over what is there.
+
+    Parameters
+    ----------
+    name : str
+        Machine of the catalogue.
+    parameters : Parameters
+        Its configuration.
+    path : Path
+        File to write.
+    base : Path, optional
+        File that the configuration was derived from; the installed one if absent.  Its comments are kept.
+    notes : sequence of str
+        Lines for the head: command, objective, seed.
+    """
+    text = configured_text(name, parameters, base or configuration_file(name), notes)
+    with written_file(path, force=True) as unfinished:
+        unfinished.write_text(text, encoding="utf-8")
+
+
+def configured_text(name: str, parameters: Parameters, base: Path, notes: Iterable[str] = ()) -> str:
+    """Return the text of ``base`` with the values of these parameters; what changed says what it was.
+
+    A configuration that cannot be written so - of another form than its base - is written without comments.
+    """
+    head = "".join(f"# {line}\n" for line in (f"{name}, written by mech-twin {__version__}", *notes))
+    text = configuration_text(base)
+    candidate = head + _with_values(name, text, parameters, str(base))
+    return candidate if _reads_as(candidate, name, parameters) else head + description_text(name, parameters)
+
+
+def _reads_as(text: str, name: str, parameters: Parameters) -> bool:
+    try:
+        return validated(catalogue_entry(name), text_tree(text, name), name) == parameters
+    except ConfigurationError:
+        return False
+
+
+def _with_values(name: str, text: str, parameters: Parameters, source: str) -> str:
+    """Return the text with each changed value in place, from its end to its beginning, so that places stay right."""
+    before = dict(_flat(configuration_tree(validated(catalogue_entry(name), text_tree(text, source), source))))
+    wanted = {MACHINE_KEY: name, **dict(_flat(configuration_tree(parameters)))}
+    values, groups = _places(text)
+    changed = {key: value for key, value in wanted.items() if before.get(key) != value and key != MACHINE_KEY}
+    edits = [(values[key], _replacing(text, values[key], value)) for key, value in changed.items() if key in values]
+    new = {key: wanted[key] for key in (MACHINE_KEY, *changed) if key not in values and not _of_catalogue(key, wanted)}
+    edits += [(groups[group], _line(rest, groups[group].column)) for group, rest in _by_group(new, groups).items()]
+    for place, words in sorted(edits, key=lambda edit: -edit[0].begin):
+        text = text[: place.begin] + words + text[place.end :]
+    return text
+
+
+def _of_catalogue(key: str, wanted: Mapping[str, Any]) -> bool:
+    """Return whether a motor's value follows from the name of the motor."""
+    return key.startswith(f"{MOTOR}.") and f"{MOTOR}.{NAME_KEY}" in wanted
+
+
+def _replacing(text: str, place: Place, value: Any) -> str:
+    """Return a value and, at the beginning of the comment beside it, what stood there before."""
+    return f"{_shown(value)}  # was {text[place.begin : place.end].strip()};"
+
+
+def _line(values: Mapping[str, Any], column: int) -> str:
+    return "".join(f"{key}: {_shown(value)}\n{' ' * column}" for key, value in values.items())
+
+
+def _by_group(new: Mapping[str, Any], groups: Mapping[str, Place]) -> dict[str, dict[str, Any]]:
+    """Return values without a line by the innermost group that has one, below it as a tree."""
+    found: dict[str, dict[str, Any]] = {}
+    for key, value in new.items():
+        parts = key.split(".")
+        depth = next(depth for depth in range(len(parts) - 1, -1, -1) if ".".join(parts[:depth]) in groups)
+        branch = found.setdefault(".".join(parts[:depth]), {})
+        for part in parts[depth:-1]:
+            branch = branch.setdefault(part, {})
+        branch[parts[-1]] = value
+    return found
+
+
+def _flat(tree: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    for key, value in tree.items():
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}", value
+
+
+def _places(text: str) -> tuple[dict[str, Place], dict[str, Place]]:
+    """Return where each value stands by its dotted key, and the beginning of each group by its key."""
+    values: dict[str, Place] = {}
+    groups: dict[str, Place] = {}
+    document = yaml.compose(text, Loader=yaml.SafeLoader)
+    for _, section in document.value if isinstance(document, yaml.MappingNode) else ():
+        for key, group in section.value if isinstance(section, yaml.MappingNode) else ():
+            if key.value == SECTION and isinstance(group, yaml.MappingNode):
+                _find(group, "", values, groups)
+    return values, groups
+
+
+def _find(node: yaml.MappingNode, path: str, values: dict[str, Place], groups: dict[str, Place]) -> None:
+    """Enter the places of a group and of all below it."""
+    start = node.start_mark
+    groups.setdefault(path, Place(start.index, start.index, start.column))
+    for key, value in node.value:
+        below = f"{path}.{key.value}" if path else str(key.value)
+        if isinstance(value, yaml.MappingNode):
+            _find(value, below, values, groups)
+        else:
+            values.setdefault(below, Place(value.start_mark.index, value.end_mark.index, value.start_mark.column))
+
+
+def _shown(value: Any) -> str:
+    return yaml.safe_dump(value, default_flow_style=True, width=10_000).removesuffix("\n").removesuffix("\n...")

@@ -1,0 +1,154 @@
+"""What a sensor set would find, before it is bought: effects, delays, and which faults it can tell apart.
+
+An effect r (d,) of a fault counts by w = sqrt(r' D S^-1 D r) standard deviations in every cycle, D = 1 - sum of a_i.
+Two faults i and j look alike by the share of i's effect that j can explain at its best size::
+
+    open_ij = min over s of |r_i - r_j(s)|^2/|r_i|^2      in that metric
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import ceil, isfinite
+from typing import NamedTuple
+
+import numpy as np
+
+from mech_twin.capabilities.cycle import Array
+from mech_twin.studies.monitoring.baseline import Baseline, fitted_baseline
+from mech_twin.studies.monitoring.charts import siegmund_run_length
+from mech_twin.studies.monitoring.cycle_features import FeatureVector
+from mech_twin.studies.monitoring.monitor import MonitorSetup
+from mech_twin.studies.monitoring.naming import MODEL_SHARE, Signature
+from mech_twin.studies.monitoring.sensing import seen_run
+from mech_twin.studies.monitoring.signatures import MonitoredMachine, machine_signatures, mean_period_s
+from mech_twin.studies.monitoring.thresholds import ChartLimits, chart_limits
+
+DESIGN_CYCLES = 300
+PROMPT_CYCLES = 50
+INVISIBLE = 0.05  # standard deviations a cycle: less is not seen in thousands of cycles
+
+
+class FaultDesign(NamedTuple):
+    """What the sensors make of one fault.
+
+    Attributes
+    ----------
+    name, meaning, unit : str
+        Of the fault.
+    size : float
+        At which the effect is told: the size halfway through those of the fault, the smaller of two.
+    effect_sigma : float
+        Its weight in every cycle, in standard deviations.
+    delay_cycles : float
+        Cycles to expect until the alarm, beyond the one in which it happens.
+    smallest : float
+        The smallest size that is found within `PROMPT_CYCLES`; nan where none is.
+    alike : tuple of str
+        Faults that explain this one within what the model may be off.
+    """
+
+    name: str
+    meaning: str
+    unit: str
+    size: float
+    effect_sigma: float
+    delay_cycles: float
+    smallest: float
+    alike: tuple[str, ...]
+
+
+class SensorDesign(NamedTuple):
+    """A sensor set judged: each fault, and the share of each row's fault that each column's leaves open."""
+
+    faults: tuple[FaultDesign, ...]
+    isolability: Array
+    features: tuple[str, ...]
+    period_s: float
+
+
+def simulated_vectors(monitored: MonitoredMachine, cycles: int, seed: int) -> list[FeatureVector]:
+    """Return healthy cycles of the simulated machine under these sensors."""
+    begin_s = monitored.declared.run_up_s
+    duration_s = begin_s + (cycles + 3) * mean_period_s(monitored)
+    machine = monitored.entry.build(monitored.parameters)
+    random = np.random.default_rng(seed)
+    return monitored.vectors(seen_run(machine, monitored.sensors, duration_s, random=random, begin_s=begin_s))
+
+
+def fitted_setup(
+    monitored: MonitoredMachine, vectors: Sequence[FeatureVector], arl0_h: float, seed: int = 0
+) -> MonitorSetup:
+    """Return the setup of a monitor from healthy cycles, for a stated time between false alarms (h)."""
+    baseline, innovations = fitted_baseline(vectors)
+    limits = chart_limits(baseline, innovations, max(3600.0 * arl0_h / baseline.period_s, 10.0), seed)
+    signatures = machine_signatures(monitored, baseline.names)
+    return MonitorSetup(monitored.name, baseline, limits, signatures, monitored.declared.settling_cycles)
+
+
+def sensor_design(setup: MonitorSetup) -> SensorDesign:
+    """Return what a setup would find."""
+    metric = steady_metric(setup.baseline)
+    signatures = setup.signatures
+    usual = [_usual(signature) for signature in signatures]
+    isolability = np.array([[_left_open(r, other, metric) for other in signatures] for _, r in usual])
+    faults = []
+    for i, (signature, (size, response)) in enumerate(zip(signatures, usual, strict=True)):
+        alike = tuple(
+            other.name for j, other in enumerate(signatures) if j != i and isolability[i, j] <= MODEL_SHARE**2
+        )
+        sizes, responses = signature.fine
+        delays = np.array([expected_delay(each, setup.baseline, setup.limits) for each in responses])
+        prompt = np.abs(sizes[delays <= PROMPT_CYCLES])
+        faults.append(
+            FaultDesign(
+                signature.name,
+                signature.meaning,
+                signature.unit,
+                size,
+                float(np.sqrt(response @ metric @ response)),
+                expected_delay(response, setup.baseline, setup.limits),
+                float(prompt.min()) if len(prompt) else float("nan"),
+                alike,
+            )
+        )
+    return SensorDesign(tuple(faults), isolability, setup.baseline.names, setup.baseline.period_s)
+
+
+def steady_metric(baseline: Baseline) -> Array:
+    """Return D S^-1 D, what a constant change of the features is worth in every cycle, (d, d)."""
+    steady = 1.0 - baseline.coefficients.sum(axis=0)
+    return np.asarray(steady[:, None] * np.linalg.inv(baseline.covariance) * steady)
+
+
+def expected_delay(response: Array, baseline: Baseline, limits: ChartLimits) -> float:
+    """Return the cycles to expect until the alarm: by the jump chart, or by the CUSUM of the feature that shifts most.
+
+    The jump chart is over its threshold h when n w^2 + d reaches it.
+    """
+    steady = (1.0 - baseline.coefficients.sum(axis=0)) * response / baseline.sigma
+    weight = float(response @ steady_metric(baseline) @ response)
+    shift = float(np.abs(steady).max())
+    if weight < INVISIBLE**2:
+        return float("inf")
+    jump = max(1, ceil((limits.alarm[1] - len(response)) / weight))
+    drift = siegmund_run_length(limits.alarm[0], shift=shift)
+    return float(min(jump, max(1.0, drift)))
+
+
+def _usual(signature: Signature) -> tuple[float, Array]:
+    """Return the size halfway through those of a fault, and its effect."""
+    places = [i for i in range(len(signature.sizes)) if signature.sizes[i] != 0.0]
+    places.sort(key=lambda i: abs(signature.sizes[i]))
+    place = places[(len(places) - 1) // 2]
+    return float(signature.sizes[place]), signature.responses[place]
+
+
+def _left_open(response: Array, other: Signature, metric: Array) -> float:
+    """Return the share of an effect that another fault cannot explain at any size."""
+    whole = float(response @ metric @ response)
+    if whole <= 0.0:
+        return 0.0
+    left = response - other.fine[1]
+    share = float(((left @ metric) * left).sum(axis=1).min()) / whole
+    return share if isfinite(share) else 1.0

@@ -1,0 +1,123 @@
+"""A whole run judged: its alarms, each with the fault it was given."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from mech_twin.capabilities.cycle import Array
+from mech_twin.measurements.machine_columns import is_event
+from mech_twin.measurements.measurement_map import Channel, MeasurementMap, fixed
+from mech_twin.measurements.runs import MeasuredRun
+from mech_twin.studies.monitoring.charts import CHARTS
+from mech_twin.studies.monitoring.cycle_features import FeatureFeed, FeatureVector
+from mech_twin.studies.monitoring.fault_life import FaultLife
+from mech_twin.studies.monitoring.monitor import Findings, Monitor
+from mech_twin.studies.monitoring.naming import Candidate
+from mech_twin.studies.monitoring.sensing import Seen, first_channels
+
+
+class Alarm(NamedTuple):
+    """One alarm of a run.
+
+    Attributes
+    ----------
+    onset_s, alarm_s : float
+        Stamps: of the cycle in which the change began, and at which a chart went over its threshold.
+    ended_s : float
+        At which the charts were quiet again; nan if they were not.
+    delay_cycles : int
+        Cycles from the onset to the alarm.
+    statistics : dict of str to float
+        The charts at the alarm.
+    verdict, finding : str
+        As in `Findings`, at the end of the alarm.
+    candidates : tuple of Candidate
+        The best first.
+    """
+
+    onset_s: float
+    alarm_s: float
+    ended_s: float
+    delay_cycles: int
+    statistics: dict[str, float]
+    verdict: str
+    finding: str
+    candidates: tuple[Candidate, ...]
+
+    def record(self) -> dict[str, Any]:
+        """Return the alarm as JSON values."""
+        return {**self._asdict(), "candidates": [candidate._asdict() for candidate in self.candidates]}
+
+
+class JudgedRun(NamedTuple):
+    """What the monitor says of a run: cycles judged and left out, its alarms, the faults that are not cleared."""
+
+    cycles: int
+    skipped: int
+    alarms: tuple[Alarm, ...]
+    faults: tuple[FaultLife, ...]
+
+
+def judged(monitor: Monitor, vectors: Iterable[FeatureVector], skipped: int = 0) -> JudgedRun:
+    """Return what a monitor says of the cycles of a run."""
+    alarms: list[Alarm] = []
+    cycles, last = 0, None
+    for vector in vectors:
+        found = monitor.observe(vector)
+        cycles += found.charts is not None
+        if found.alarm_begins:
+            alarms.append(_begun(found))
+        elif alarms and np.isnan(alarms[-1].ended_s) and found.charts is not None:
+            alarms[-1] = _followed(alarms[-1], found)
+        last = found
+    return JudgedRun(cycles, skipped, tuple(alarms), () if last is None else last.faults)
+
+
+def _begun(found: Findings) -> Alarm:
+    assert found.charts is not None
+    statistics = dict(zip(CHARTS, found.charts.statistics, strict=True))
+    return Alarm(found.onset_s, found.time_s, np.nan, found.delay_cycles, statistics, found.verdict, "", ())
+
+
+def _followed(alarm: Alarm, found: Findings) -> Alarm:
+    if not found.alarm:
+        return alarm._replace(ended_s=found.time_s)
+    return alarm._replace(verdict=found.verdict, finding=found.finding, candidates=found.candidates)
+
+
+def seen_of_run(run: MeasuredRun, begin_s: float = 0.0) -> Seen:
+    """Return the channels of a measured run, SI, from ``begin_s`` after its first sample on; of several the first."""
+    found: Seen = {}
+    starts = [channel.times_s[0] for channel in run.channels if len(channel.times_s)]
+    since_s = min(starts, default=0.0) + begin_s
+    for channel in run.channels:
+        later = channel.times_s >= since_s
+        found.setdefault(channel.name, (channel.times_s[later], channel.values[later]))
+    return found
+
+
+def known_sensors(given: MeasurementMap, run: MeasuredRun) -> MeasurementMap:
+    """Return the channels of a map as sensors: the rates of the run, zero, gain and lag where they are known."""
+    rates = {each.channel.source.label: each.quality.rate_hz for each in run.channels}
+    return given.model_copy(
+        update={"channels": tuple(_known(each, rates[each.source.label]) for each in first_channels(given).values())}
+    )
+
+
+def _known(channel: Channel, rate_hz: float) -> Channel:
+    rated = channel.rate_hz is None and not is_event(channel.quantity) and np.isfinite(rate_hz) and rate_hz > 0.0
+    numbers = {"zero": fixed(channel.zero, 0.0), "gain": fixed(channel.gain, 1.0), "lag_s": fixed(channel.lag_s, 0.0)}
+    return channel.model_copy(update=numbers | ({"rate_hz": float(rate_hz)} if rated else {}))
+
+
+def standard_rows(findings: Sequence[Findings]) -> Array:
+    """Return the innovations in standard deviations, (cycles, d); nan where a cycle was not judged."""
+    return np.array([found.standard for found in findings])
+
+
+def features_line(feed: FeatureFeed) -> str:
+    """Return the features a feed gives, with their units, in one line."""
+    return ", ".join(f"{feature.name} ({feature.unit})" for feature in feed.features)

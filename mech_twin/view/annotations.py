@@ -1,0 +1,154 @@
+"""What a figure writes into the drawing of a mechanism: pin reactions as arrows, their values, scales, blows.
+
+::
+
+        B  <----- force         A  crank bearing  1.73 kN
+       /                        B  crank pin      1.73 kN
+      o A                       |---|  100 mm   --->  1 kN
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from mech_twin.capabilities.figure import FORCE, STEEL, Point, label, measure, millimetres
+from mech_twin.capabilities.mechanism import FrameTree, Pose, poses
+from mech_twin.samples import Event, ForceSample, LinkageSample, Shape
+from mech_twin.view.layout import Bounds
+from mech_twin.view.scale import round_above, with_prefix
+
+LETTERS = "ABCDEFGHJKLMNPQRSTUVWXYZ"
+KEPT_STEPS = 256  # steps that a drawing may come behind its forces
+ARROW_SHARE = 0.20  # length of the arrow of the greatest force, in widths of the figure
+FLASH_S = 0.15
+FLASH = (240, 150, 0)
+RAYS = 9
+SAME_PLACE = 0.01  # pins closer than this share of the width are written together
+
+
+class Blow(NamedTuple):
+    """A blow: its time (s), the frame it falls on, and the energy it takes from the mechanism (J)."""
+
+    time_s: float
+    frame: str
+    energy_j: float
+
+
+class Annotations:
+    """Shapes that go over a drawing; needs the frames of the machine.
+
+    Parameters
+    ----------
+    tree : FrameTree
+        Where pins and contacts lie.
+    """
+
+    def __init__(self, tree: FrameTree) -> None:
+        self._tree = tree
+        self._recent: deque[tuple[LinkageSample, ForceSample | None]] = deque(maxlen=KEPT_STEPS)
+        self._largest_n = 0.0
+        self._blow: Blow | None = None
+
+    def add(self, linkage: LinkageSample, forces: ForceSample | None) -> None:
+        """Take a step into account."""
+        self._recent.append((linkage, forces))
+        for wrench in () if forces is None else forces.wrenches:
+            size_n = math.hypot(wrench.force_x_n, wrench.force_y_n)
+            if size_n > self._largest_n and math.isfinite(size_n):
+                self._largest_n = size_n
+
+    def strike(self, event: Event) -> None:
+        """Take an event into account: of the blows of the last moments the hardest one is shown."""
+        energy_j = blow_energy(event)
+        if energy_j <= 0.0 or event.contact not in self._tree.frames:
+            return
+        last = self._blow
+        if last is None or event.time_s - last.time_s > FLASH_S or energy_j > last.energy_j:
+            self._blow = Blow(event.time_s, event.contact, energy_j)
+
+    def shapes(self, time_s: float, bounds: Bounds | None) -> tuple[Shape, ...]:
+        """Return what to add to the drawing of this time; nothing before the first step."""
+        if bounds is None or not self._recent:
+            return ()
+        linkage, forces = min(self._recent, key=lambda step: abs(step[0].time_s - time_s))
+        at = poses(self._tree, dict(zip(linkage.joints, linkage.position, strict=True)))
+        width_m = bounds.right_m - bounds.left_m
+        return (
+            *(() if forces is None else self._pins(forces, at, bounds, width_m)),
+            *self._flash(time_s, at, width_m),
+            _length_bar(bounds, width_m),
+        )
+
+    def _pins(self, forces: ForceSample, at: dict[str, Pose], bounds: Bounds, width_m: float) -> list[Shape]:
+        known = [(pin, wrench) for pin, wrench in zip(forces.pins, forces.wrenches, strict=True) if pin in at]
+        full_n = round_above(self._largest_n)
+        reach_m = ARROW_SHARE * width_m
+        shapes, rows = [], []
+        for letter, (pin, wrench) in zip(LETTERS, known, strict=False):
+            size_n = math.hypot(wrench.force_x_n, wrench.force_y_n)
+            rows.append(f"{letter}  {pin.replace('_', ' ')}  {with_prefix(size_n, 'N')}")
+            scale = reach_m / full_n
+            tail = (at[pin].x_m, at[pin].y_m)
+            head = (tail[0] + scale * wrench.force_x_n, tail[1] + scale * wrench.force_y_n)
+            if size_n > 0.01 * full_n and math.isfinite(size_n):
+                shapes.append(Shape(f"force_{pin}", "arrow", (tail, head), FORCE, 0.008 * width_m))
+        shapes += _letters([pin for pin, _ in known], at, width_m)
+        if rows:
+            place = (bounds.left_m + 0.16 * width_m, bounds.low_m + _rows_m(len(rows), bounds))
+            shapes.append(label("pin_forces", place, "\n".join(rows), FORCE))
+            shapes.append(_force_bar(bounds, width_m, reach_m, full_n))
+        return shapes
+
+    def _flash(self, time_s: float, at: dict[str, Pose], width_m: float) -> list[Shape]:
+        blow = self._blow
+        if blow is None or not 0.0 <= time_s - blow.time_s <= FLASH_S:
+            return []
+        x, y = at[blow.frame].x_m, at[blow.frame].y_m
+        radius = 0.05 * width_m * (1.0 - 0.5 * (time_s - blow.time_s) / FLASH_S)
+        rays: list[Point] = [(x, y)]
+        for i in range(RAYS):
+            angle = 2.0 * math.pi * i / RAYS
+            rays += [(x + radius * math.cos(angle), y + radius * math.sin(angle)), (x, y)]
+        return [
+            Shape("blow", "line", tuple(rays), FLASH, 0.006 * width_m),
+            label("blow_energy", (x, y + 1.9 * radius), with_prefix(blow.energy_j, "J"), FLASH),
+        ]
+
+
+def blow_energy(event: Event) -> float:
+    """Return the energy a blow takes from the mechanism (J): its impulse times the mean speed of the contact."""
+    return abs(event.impulse_ns * 0.5 * (event.pre_velocity_m_per_s + event.post_velocity_m_per_s))
+
+
+def _letters(pins: Sequence[str], at: dict[str, Pose], width_m: float) -> list[Shape]:
+    """Return the letters of the pins, those of pins in one place together."""
+    places: list[tuple[Pose, str]] = []
+    for letter, pin in zip(LETTERS, pins, strict=False):
+        pose = at[pin]
+        for i, (other, written) in enumerate(places):
+            if math.hypot(pose.x_m - other.x_m, pose.y_m - other.y_m) < SAME_PLACE * width_m:
+                places[i] = (other, f"{written}, {letter}")
+                break
+        else:
+            places.append((pose, letter))
+    return [label(f"pin_{written}", (pose.x_m, pose.y_m - 0.012 * width_m), written, STEEL) for pose, written in places]
+
+
+def _rows_m(count: int, bounds: Bounds) -> float:
+    """Return the height of a text of so many rows (m), in a figure that fills a panel of usual size."""
+    return (count + 1) * 0.034 * (bounds.high_m - bounds.low_m)
+
+
+def _length_bar(bounds: Bounds, width_m: float) -> Shape:
+    length = round_above(0.08 * width_m)
+    x, y = bounds.right_m - 0.06 * width_m - length, bounds.low_m + 0.05 * width_m
+    return measure("length_scale", (x, y), (x + length, y), millimetres(length), 0.03 * width_m)
+
+
+def _force_bar(bounds: Bounds, width_m: float, reach_m: float, full_n: float) -> Shape:
+    x, y = bounds.right_m - 0.34 * width_m, bounds.low_m + 0.05 * width_m
+    ends = ((x, y), (x + 0.5 * reach_m, y))
+    return Shape("force_scale", "arrow", ends, FORCE, 0.008 * width_m, with_prefix(0.5 * full_n, "N"))

@@ -1,0 +1,121 @@
+"""The line above the picture: state, time, speed, rate and energy of the blows or power, alarm."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+from mech_twin.capabilities.mechanism import FrameTree
+from mech_twin.samples import Event, ForceSample, LinkageSample, MotorSample, Named
+from mech_twin.view.annotations import blow_energy
+from mech_twin.view.scale import with_prefix
+
+RECENT_S = 2.0  # over which rate, energy and power are taken
+WEAK_SHARE = 0.05  # blows below this share of the hardest recent one are bounces
+AT_REST = 1e-3  # rad/s or m/s
+STALLED = ("stalled", "stalled_1")
+POWER = "drive_power_w"
+
+
+class Banner:
+    """What is going on, in one line, from the samples of the last moments.
+
+    Parameters
+    ----------
+    tree : FrameTree, optional
+        Tells whether the leading joint turns or slides; without it its speed has no unit and is left out.
+    """
+
+    def __init__(self, tree: FrameTree | None) -> None:
+        self._slides = sliding_joints(tree)
+        self._known = tree is not None
+        self._command = math.nan
+        self._linkage: LinkageSample | None = None
+        self._blows: deque[tuple[float, float]] = deque()
+        self._power: deque[tuple[float, float]] = deque()
+        self._broken = ""
+
+    def add(self, motor: MotorSample | None, linkage: LinkageSample | None, forces: ForceSample | None) -> None:
+        """Take a step into account."""
+        if motor is not None:
+            self._command = motor.command
+        if linkage is not None:
+            self._linkage = linkage
+            self._note_broken(linkage)
+        if forces is not None and POWER in forces.quantities.names:
+            self._power.append((forces.time_s, _named(forces.quantities, POWER)))
+            _forget(self._power, forces.time_s)
+
+    def strike(self, event: Event) -> None:
+        """Take an event into account."""
+        energy_j = blow_energy(event)
+        if energy_j > 0.0:
+            self._blows.append((event.time_s, energy_j))
+            _forget(self._blows, event.time_s)
+
+    def text(self) -> str:
+        """Return the line, in Markdown."""
+        linkage = self._linkage
+        if linkage is None:
+            return "waiting for the first step"
+        parts = [
+            f"**{self._state(linkage)}**",
+            f"t = {linkage.time_s:.2f} s",
+            *self._speed(linkage),
+            *self._work(linkage),
+        ]
+        return "  ·  ".join([*parts, f"**ALARM: {alarm}**" if (alarm := self._alarm(linkage)) else "no alarm"])
+
+    def _state(self, linkage: LinkageSample) -> str:
+        if self._stalled(linkage):
+            return "stalled"
+        if self._command > 0.0:
+            return "running"
+        return "running down" if abs(linkage.velocity[0]) > AT_REST else "stopped"
+
+    def _alarm(self, linkage: LinkageSample) -> str:
+        return self._broken or ("the machine is stalled" if self._stalled(linkage) else "")
+
+    def _stalled(self, linkage: LinkageSample) -> bool:
+        memory = linkage.memory
+        return any(name in memory.names and _named(memory, name) > 0.0 for name in STALLED)
+
+    def _speed(self, linkage: LinkageSample) -> list[str]:
+        joint, speed = linkage.joints[0], linkage.velocity[0]
+        if not self._known:
+            return []
+        if joint in self._slides:
+            return [f"{joint} {speed:+.2f} m/s"]
+        return [f"{joint} {speed * 30.0 / math.pi:.1f} rpm"]
+
+    def _work(self, linkage: LinkageSample) -> list[str]:
+        _forget(self._blows, linkage.time_s)
+        hardest = max((energy for _, energy in self._blows), default=0.0)
+        real = [energy for _, energy in self._blows if energy > WEAK_SHARE * hardest]
+        if real:
+            span_s = min(RECENT_S, max(linkage.time_s, 1e-9))
+            mean_j = with_prefix(sum(real) / len(real), "J")
+            return [f"{len(real) / span_s:.1f} blows/s", f"{mean_j} a blow"]
+        if self._power:
+            return [f"drive {with_prefix(sum(power for _, power in self._power) / len(self._power), 'W')} on average"]
+        return []
+
+    def _note_broken(self, linkage: LinkageSample) -> None:
+        values = zip(linkage.joints, linkage.position, linkage.velocity, strict=True)
+        for joint, position, speed in values:
+            if not (math.isfinite(position) and math.isfinite(speed)):
+                self._broken = f"{joint} is not finite at {linkage.time_s:.3f} s"
+
+
+def sliding_joints(tree: FrameTree | None) -> frozenset[str]:
+    """Return the joints that slide: their positions are lengths (m)."""
+    return frozenset(joint.name for joint in (tree.joints if tree else ()) if joint.kind == "prismatic")
+
+
+def _named(numbers: Named, name: str) -> float:
+    return numbers.values[numbers.names.index(name)]
+
+
+def _forget(values: deque[tuple[float, float]], now_s: float) -> None:
+    while values and values[0][0] < now_s - RECENT_S:
+        values.popleft()

@@ -1,0 +1,197 @@
+"""What a user gets wrong is answered in one line that says what was meant; nothing is computed, nothing written."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from mech_twin.cli.command_group import with_options_repeated
+from mech_twin.cli.console import estimate
+from mech_twin.cli.main import main
+from mech_twin.cli.option_values import seconds
+from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.machines.catalog import CATALOGUE
+from mech_twin.parameters.key_hints import key_units, nearest_key
+from mech_twin.parameters.load import configuration_file, machine_of_prefix, machine_parameters
+
+SIMULATE = "simulate mb10_breaker --duration 1 "
+PRESS = "study compaction_press "
+TIMES = "expected a time such as 3, 3s, 500ms, 2min or 1h"
+
+# what is typed, and what the one line must say
+MISTAKES = {
+    "part of a name": ("simulate drum --duration 1", ["no machine 'drum'", "did you mean 'winding_drum'"]),
+    "misspelt machine": ("analyse mb10_braker", ["did you mean 'mb10_breaker'"]),
+    "key without its unit": (
+        SIMULATE + "--set body.spring_rate=4e4",
+        ["unknown key 'body.spring_rate'", "did you mean 'body.spring_rate_n_per_m' (N/m)"],
+    ),
+    "misspelt key": (SIMULATE + "--set linkage.rockr_m=1", ["did you mean 'linkage.rocker_m' (m)"]),
+    "key of another group": (
+        "simulate roller_former --duration 1 --set crank_m=1",
+        ["did you mean 'carts.crank_m' (m)"],
+    ),
+    "misspelt group": ("analyse compaction_press --set linkge.crank_m=1", ["group 'linkge'", "did you mean 'linkage'"]),
+    "key of a run": ("run mb10_breaker --set run.duration=3", ["did you mean 'duration_s' (s)"]),
+    "key of a file": ("simulate winding_drum --duration 1 --config wrong.yaml", ["line 3", "'package_radius_m' (m)"]),
+    "value of a file": (
+        "simulate winding_drum --duration 1 --config low.yaml",
+        ["'package_radius_m' (line 7), value -1.0", "greater than or equal to 0.000001 m"],
+    ),
+    "nan": (SIMULATE + "--set motor.rated_power_w=nan", ["motor.rated_power_w", "finite number, in W"]),
+    "a word for a number": (SIMULATE + "--set linkage.crank_m=long", ["linkage.crank_m", "'long'", "a number in m"]),
+    "no value": (SIMULATE + "--set linkage.crank_m", ["--set linkage.crank_m", "expected key.path=value"]),
+    "two settings": (
+        SIMULATE + "--set body.spring_rate_n_per_m=4e4 linkage.crank=1",
+        ["linkage.crank", "did you mean 'linkage.crank_m' (m)"],
+    ),
+    "crank too long": (
+        "analyse compaction_press --set linkage.crank_m=5.0",
+        ["cannot make a full turn", "try crank <= 0.23 m"],
+    ),
+    "coupler too short": (
+        "analyse compaction_press --set linkage.coupler_m=0.1",
+        ["cannot make a full turn", "try coupler 0.34 to 0.75 m"],
+    ),
+    "rod too short": ("analyse vibration_crank --set crank_m=5.0", ["cannot make a full turn", "try rod_m >= 5.3"]),
+    "no number of seconds": ("simulate mb10_breaker --duration soon", ["--duration", "soon", TIMES]),
+    "duration nan": ("simulate mb10_breaker --duration nan", ["--duration", "nan", TIMES]),
+    "negative time": ("replay bag --start -3", ["--start", "-3", TIMES]),
+    "no duration": ("simulate mb10_breaker", ["--duration"]),
+    "no angle": ("analyse mb10_breaker --crank-deg abc", ["--crank-deg", "expected a number"]),
+    "bounds in the wrong order": (
+        PRESS + "search --bound crank=0.5:0.1",
+        ["--bound crank=0.5:0.1", "lower bound is above the upper one", "expected crank=0.1:0.5"],
+    ),
+    "unknown variable": (PRESS + "search --bound crnk=0.1:0.2", ["no variable 'crnk'", "crank_m"]),
+    "limit of zero": (PRESS + "size --limit non_uniformity=0", ["non_uniformity=0", "above 0"]),
+    "negative limit": (PRESS + "size --limit non_uniformity=-1", ["non_uniformity=-1", "above 0"]),
+    "limit of a mass": (
+        "study vibration_crank size --limit counterweight_mass_kg=0",
+        ["counterweight_mass_kg=0", "above 0"],
+    ),
+    "unknown limit": (PRESS + "size --limit non_unifrmity=0.1", ["no limit 'non_unifrmity'", "non_uniformity"]),
+    "unknown objective": (PRESS + "search --objective mass", ["no objective 'mass'", "peak_torque_nm"]),
+    "swept key": (PRESS + "sweep --over linkage.crank=1:2:3", ["did you mean 'linkage.crank_m' (m)"]),
+    "no answer": ("study winding_drum size", ["nothing to size", "there is an answer for mb10_breaker"]),
+    "question first": ("study size winding_drum", ["nothing to size"]),
+    "no question": ("study impact_mass", ["name a question", "sweep", "synthesise", "regimes"]),
+    "misspelt question": ("study mb10_breaker swep", ["no question 'swep'", "did you mean 'sweep'"]),
+    "misspelt command": ("simulat mb10_breaker", ["no command 'simulat'", "did you mean 'simulate'"]),
+    "misspelt option": ("run mb10_breaker --recrod bag", ["--recrod", "--record"]),
+    "change of a fixed key": (SIMULATE + "--change linkage.crank_m=1@0.5", ["--change", "expected a live key"]),
+    "sweep of the impossible": (
+        PRESS + "sweep --over linkage.crank_m=5:6:3 --no-picture",
+        ["no point of the sweep is possible (3 refused)", "cannot make a full turn"],
+    ),
+    "table of no kind": (PRESS + "sweep --over linkage.crank_m=0.05,0.06 --out t.xlsx", ["t.xlsx", ".parquet or .csv"]),
+    "configuration of no kind": (PRESS + "search --out found.txt", ["found.txt", ".yaml or .yml"]),
+    "picture of no kind": ("study impact_mass regimes --over restitution=0:1:9 --out map.doc", ["map.doc", ".png"]),
+    "designs of no kind": (PRESS + "designs --out designs.csv", ["designs.csv", ".parquet"]),
+    "no such bag": ("info nothing", ["nothing: there is no such bag"]),
+    "no such file": (SIMULATE + "--config none.yaml", ["none.yaml", "No such file"]),
+    "no such place": ("reproduce --figures /proc/figures", ["/proc/figures", "cannot be written"]),
+}
+
+
+def write_configurations(folder: Path) -> None:
+    text = configuration_file("winding_drum").read_text(encoding="utf-8")
+    lines = text.splitlines()
+    place = next(i for i, line in enumerate(lines) if line.strip().startswith("package_radius_m:"))
+    start = next(i for i, line in enumerate(lines) if line.strip().startswith("ros__parameters:"))
+    wrong = [*lines[: start + 1], "    package_radios_m: 0.1", *lines[start + 1 :]]
+    (folder / "wrong.yaml").write_text("\n".join(wrong[start - 1 :]), encoding="utf-8")
+    low = [*lines[start - 1 : start + 1], *["    # more"] * 4, "    package_radius_m: -1.0", *lines[start + 1 : place]]
+    (folder / "low.yaml").write_text("\n".join([*low, *lines[place + 1 :]]), encoding="utf-8")
+
+
+@pytest.mark.parametrize("kind", MISTAKES)
+def test_a_mistake_is_answered_in_one_line_that_helps(
+    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    typed, expected = MISTAKES[kind]
+    write_configurations(tmp_path)
+    before = set(tmp_path.iterdir())
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["mech-twin", *typed.split()])
+    with pytest.raises(SystemExit) as end:
+        main()
+    said = capsys.readouterr()
+    assert end.value.code == 2
+    assert said.out == ""
+    assert len(said.err.strip().splitlines()) == 1, said.err
+    for words in expected:
+        assert words in said.err
+    assert set(tmp_path.iterdir()) == before
+
+
+@pytest.mark.parametrize("name", CATALOGUE)
+def test_a_beginning_that_one_machine_has_names_it(name: str) -> None:
+    others = [other for other in CATALOGUE if other != name]
+    least = next(i for i in range(1, len(name) + 1) if not any(other.startswith(name[:i]) for other in others))
+    assert machine_of_prefix(name[:least]) == name
+    assert machine_of_prefix(name) == name
+
+
+def test_no_beginning_names_no_machine() -> None:
+    with pytest.raises(ConfigurationError, match="no machine ''"):
+        machine_of_prefix("")
+
+
+@pytest.mark.parametrize("name", CATALOGUE)
+def test_every_key_is_found_again_without_its_unit_or_with_a_letter_less(name: str) -> None:
+    """The suggestion is the key itself wherever no other key begins alike."""
+    units = key_units(type(machine_parameters(name)))
+    for key in units:
+        shorter = key.rpartition("_")[0]
+        if shorter.count(".") == key.count(".") and [other for other in units if other.startswith(f"{shorter}_")] == [
+            key
+        ]:
+            assert nearest_key(shorter, units) == key
+        assert nearest_key(key, units) == key
+
+
+@pytest.mark.parametrize(
+    ("machine", "wrong", "right"),
+    [
+        ("compaction_press", {"linkage.crank_m": 5.0}, {"linkage.crank_m": 0.23}),
+        ("compaction_press", {"linkage.coupler_m": 0.1}, {"linkage.coupler_m": 0.34}),
+        ("mb10_breaker", {"linkage.crank_m": 1.0}, {"linkage.crank_m": 0.076}),
+    ],
+)
+def test_the_length_that_is_proposed_lets_the_crank_turn(machine, wrong, right) -> None:
+    with pytest.raises(ConfigurationError, match=rf"try (crank <=|coupler) {next(iter(right.values()))}"):
+        machine_parameters(machine, None, wrong)
+    try:
+        machine_parameters(machine, None, right)
+    except ConfigurationError as refused:  # the linkage turns; what stands around it has conditions of its own
+        assert "full turn" not in str(refused)
+        assert "transmission" not in str(refused)
+
+
+@pytest.mark.parametrize(
+    ("typed", "meant"), [("3", 3.0), ("3s", 3.0), ("500ms", 0.5), ("2min", 120.0), ("1h", 3600.0), ("1e-3", 1e-3)]
+)
+def test_a_time_may_have_its_unit(typed: str, meant: float) -> None:
+    assert seconds(typed) == pytest.approx(meant, rel=1e-15)
+
+
+def test_several_assignments_may_follow_one_option() -> None:
+    typed = "analyse --set a=1 b=2 press --limit x=1 y=-2 --json"
+    meant = "analyse --set a=1 --set b=2 press --limit x=1 --limit y=-2 --json"
+    assert with_options_repeated(typed.split()) == meant.split()
+
+
+@pytest.mark.parametrize(
+    ("elapsed_s", "words"),
+    [
+        (0.1, "about 99.9 s left"),
+        (1.0, "about 16.6 min left"),
+        (60.0, "about 16.6 h left"),
+        (1e4, "about 116 days left"),
+    ],
+)
+def test_a_long_computation_is_estimated_from_its_beginning(elapsed_s: float, words: str) -> None:
+    assert words in estimate(1, 1000, elapsed_s)

@@ -1,0 +1,151 @@
+"""`mech-twin monitor`: a recorded run judged, a sensor set judged, and what is wrong told in one line."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from mech_twin.cli.main import main
+
+pytest.importorskip("pyarrow")
+pytestmark = [pytest.mark.usefixtures("ros_domain"), pytest.mark.slow]
+CHANNELS: list[dict[str, Any]] = [
+    {"source": {"topic": "/plant/generator", "joint": "generator", "field": "effort"}, "is": "motor.generator.effort"},
+    {"source": {"topic": "/plant/mass", "joint": "mass", "field": "position"}, "is": "linkage.mass.position"},
+]
+SIGMAS = (20.0, 0.001)
+SENSORS = {
+    "machine": "impact_mass",
+    "channels": [{**channel, "rate_hz": 1000.0, "sigma": s} for channel, s in zip(CHANNELS, SIGMAS, strict=True)],
+}
+HEALTHY, FAULTY, CHANGE_S = 16.0, 14.0, 10.0
+
+
+def command(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *words: Any) -> tuple[Any, str, str]:
+    """Return exit code and output of the command."""
+    monkeypatch.setattr(sys, "argv", ["mech-twin", *map(str, words)])
+    capsys.readouterr()
+    with pytest.raises(SystemExit) as end:
+        main()
+    told = capsys.readouterr()
+    return end.value.code or 0, told.out, told.err
+
+
+class Plant:
+    """Sensors of an impact mass, a healthy run of it and one whose force level drops."""
+
+    def __init__(self, folder: Path) -> None:
+        self.map, self.healthy, self.faulty = folder / "map.yaml", folder / "healthy", folder / "faulty.csv"
+        self.map.write_text(yaml.safe_dump(SENSORS, sort_keys=False), encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def plant(tmp_path_factory: pytest.TempPathFactory) -> Plant:
+    found = Plant(tmp_path_factory.mktemp("plant"))
+    words = ("simulate", "impact_mass", "--sensors", found.map, "--json")
+    runs = [
+        (*words, "--duration", HEALTHY, "--bag", found.healthy),
+        (*words, "--duration", FAULTY, "--table", found.faulty, "--change", f"phase1_force_n=-10%@{CHANGE_S}"),
+    ]
+    for run in runs:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(sys, "argv", ["mech-twin", *map(str, run)])
+            with pytest.raises(SystemExit) as end:
+                main()
+            assert not end.value.code
+    return found
+
+
+def test_a_fault_in_a_run_is_found_named_and_sized(
+    plant: Plant, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    kept = tmp_path / "healthy.json"
+    words = ("monitor", "impact_mass", plant.faulty, "--map", plant.map, "--arl0", 1.0)
+    code, out, _ = command(monkeypatch, capsys, *words, "--baseline", plant.healthy, "--save-baseline", kept, "--json")
+    record = json.loads(out)
+    assert code == 1
+    assert record["arl0_h"] == pytest.approx(1.0) and record["extrapolated"] and record["baseline"]["cycles"] > 200
+    assert {"name": "force_mean_n", "unit": "N"}.items() <= record["features"][0].items()
+    (alarm,) = record["runs"][0]["alarms"]
+    assert CHANGE_S - 0.1 <= alarm["onset_s"] <= CHANGE_S + 0.1 <= alarm["alarm_s"] + 0.1 <= CHANGE_S + 0.5
+    assert alarm["finding"] == "first_level"
+    (named,) = alarm["candidates"]
+    assert named["low_95"] <= -0.1 <= named["high_95"] and named["high_95"] - named["low_95"] < 0.02
+    again = command(monkeypatch, capsys, *words, "--baseline", kept, "--json")
+    assert json.loads(again[1])["runs"] == record["runs"]
+    shown = command(monkeypatch, capsys, *words, "--baseline", kept)
+    assert shown[0] == 1 and "first_level" in shown[1] and "extrapolated" in shown[2]
+
+
+def test_a_healthy_run_has_no_alarm_and_exit_code_0(
+    plant: Plant, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, _, err = command(monkeypatch, capsys, "monitor", "impact_mass", plant.healthy, "--map", plant.map)
+    assert code == 0
+    assert "cycles are taken as healthy" in err and "no alarm" in err
+
+
+def test_a_run_under_the_twins_own_names_needs_no_map(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag = tmp_path / "own"
+    words = ("simulate", "impact_mass", "--duration", 7, "--bag", bag, "--change", "restitution=0.4@6")
+    command(monkeypatch, capsys, *words)
+    code, out, _ = command(monkeypatch, capsys, "monitor", "impact_mass", bag, "--skip", 1.5, "--json")
+    record = json.loads(out)
+    assert code == 1
+    assert {"impact_share", "speed_ratio"} <= {feature["name"] for feature in record["features"]}
+    (alarm,) = record["runs"][0]["alarms"]
+    assert alarm["onset_s"] == pytest.approx(6.0, abs=0.11)
+    assert "restitution" in [candidate["name"] for candidate in alarm["candidates"]]
+
+
+def test_a_sensor_set_is_judged_before_it_is_bought(
+    plant: Plant, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ("monitor", "impact_mass", "--design", "--sensors", plant.map)
+    code, out, _ = command(monkeypatch, capsys, *words, "--json")
+    record = json.loads(out)
+    assert code == 0
+    faults = {fault["name"]: fault for fault in record["faults"]}
+    assert {"restitution", "first_level", "second_level", "stop_moved"} <= set(faults)
+    assert all(record["isolability"][name][name] == pytest.approx(0.0, abs=1e-9) for name in faults)
+    assert "sensor_bias:linkage.mass.position" in faults["stop_moved"]["alike"]  # a moved stop moves the whole motion
+    assert 1.0 <= faults["first_level"]["delay_cycles"] <= 5.0
+    assert "looks like" in command(monkeypatch, capsys, *words)[1]
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        ((), "expected at least one run, or --design --sensors FILE"),
+        (("--design",), "--design: expected --sensors FILE and no runs"),
+        (("FAULTY", "--sensors", "MAP"), "goes with --design; a run has --map"),
+        (("FAULTY", "--map", "MAP", "--baseline", "gone.json"), "gone.json: cannot be read"),
+        (("FAULTY", "--map", "MAP", "--skip", "100"), "no complete cycle of motor.generator.effort after 100 s"),
+        (("FAULTY", "--map", "MAP", "--skip", "13.8"), "the baseline holds "),
+    ],
+)
+def test_what_is_wrong_is_told_in_one_line(
+    words: tuple[str, ...],
+    told: str,
+    plant: Plant,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    places = {"FAULTY": plant.faulty, "MAP": plant.map}
+    code, _, err = command(monkeypatch, capsys, "monitor", "impact_mass", *(places.get(word, word) for word in words))
+    assert code not in (0, 1) and told in err and "Traceback" not in err
+    assert err.strip().splitlines()[-1].count(told) == 1
+
+
+def test_a_map_of_another_machine_is_refused(
+    plant: Plant, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, _, err = command(monkeypatch, capsys, "monitor", "winding_drum", plant.faulty, "--map", plant.map)
+    assert code not in (0, 1) and "key 'machine', value 'impact_mass': expected 'winding_drum'" in err

@@ -1,0 +1,105 @@
+"""Faults named by what they do to the features: by size, as a group, or unknown."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from studies.monitoring.synthetic import autoregressive, vectors
+
+from mech_twin.studies.monitoring.baseline import Baseline, fitted_baseline
+from mech_twin.studies.monitoring.monitor import Findings, Monitor, MonitorSetup
+from mech_twin.studies.monitoring.naming import Signature, estimated_change
+from mech_twin.studies.monitoring.thresholds import chart_limits
+
+COEFFICIENTS = np.array([[0.5, 0.0, 0.2, 0.7]])
+COVARIANCE = np.diag([1.0, 0.25, 4.0, 1.0])
+EFFECTS = {
+    "soft": np.array([4.0, 0.0, 0.0, 2.0]),
+    "worn": np.array([0.0, 3.0, 2.0, 0.0]),
+    "twin_of_worn": np.array([0.0, 3.0, 2.1, 0.0]),
+    "bent": np.array([0.0, 0.0, -9.0, 3.0]),
+}
+
+
+def signature(name: str, effect: np.ndarray) -> Signature:
+    """Return the signature of an effect that grows with the square root of the size."""
+    sizes = np.array([-0.4, -0.2, -0.1, 0.0])
+    return Signature(name, name, "1", sizes, np.sqrt(-sizes)[:, None] * effect)
+
+
+@pytest.fixture(scope="module")
+def setup() -> MonitorSetup:
+    baseline, innovations = fitted_baseline(vectors(autoregressive(4000, COEFFICIENTS, COVARIANCE, 1)))
+    limits = chart_limits(baseline, innovations, 1000.0)
+    signatures = tuple(signature(name, effect) for name, effect in EFFECTS.items())
+    return MonitorSetup("none", baseline, limits, signatures, settling_cycles=3)
+
+
+def last_of(setup: MonitorSetup, change: np.ndarray, seed: int, cycles: int = 60) -> Findings:
+    rows = autoregressive(200, COEFFICIENTS, COVARIANCE, seed)
+    rows[40] += 0.4 * change  # the cycle in which it happens is half a cycle
+    rows[41:] += change
+    monitor = Monitor(setup)
+    return [monitor.observe(vector) for vector in vectors(rows[: 41 + cycles])][-1]
+
+
+def test_the_fault_is_named_and_its_size_lies_in_the_interval(setup: MonitorSetup) -> None:
+    inside = 0
+    for seed in range(40):
+        found = last_of(setup, np.sqrt(0.3) * EFFECTS["soft"], 100 + seed)
+        assert (found.verdict, found.finding) == ("named", "soft")
+        (named,) = found.candidates
+        inside += named.low_95 <= -0.3 <= named.high_95
+    assert inside >= 34  # of 40, at 95 % or more by the share that a model may be off: 33 or less has a chance of 2e-3
+
+
+def test_faults_that_look_alike_are_a_group(setup: MonitorSetup) -> None:
+    found = last_of(setup, np.sqrt(0.3) * EFFECTS["worn"], 5)
+    assert (found.verdict, found.finding) == ("group", "twin_of_worn or worn")
+
+
+def test_what_fits_no_fault_is_unknown(setup: MonitorSetup) -> None:
+    found = last_of(setup, np.array([-6.0, 3.0, 0.0, 0.0]), 5)
+    assert (found.verdict, found.finding) == ("unknown", "unknown")
+
+
+def test_an_opposite_effect_is_not_the_fault(setup: MonitorSetup) -> None:
+    assert last_of(setup, -np.sqrt(0.3) * EFFECTS["soft"], 5).verdict == "unknown"
+
+
+def test_a_fault_that_goes_is_latched_until_somebody_has_seen_it(setup: MonitorSetup) -> None:
+    rows = autoregressive(400, COEFFICIENTS, COVARIANCE, 8)
+    rows[40:120] += EFFECTS["soft"] * np.sqrt(0.3)
+    monitor = Monitor(setup)
+    states = []
+    for vector in vectors(rows[:300]):
+        found = monitor.observe(vector)
+        states += [life.state for life in found.faults if life.name == "soft"]
+    assert list(dict.fromkeys(states)) == ["pending", "active", "latched"]
+    monitor.acknowledge("soft", 40.0)
+    assert not [life for life in monitor.observe(vectors(rows[300:301], 300)[0]).faults if life.name == "soft"]
+
+
+def test_the_operator_is_called_at_most_once_in_ten_minutes(setup: MonitorSetup) -> None:
+    rows = autoregressive(900, COEFFICIENTS, COVARIANCE, 8)
+    for start in range(40, 900, 200):
+        rows[start : start + 80] += EFFECTS["soft"] * np.sqrt(0.3)
+    monitor = Monitor(setup)
+    findings = [monitor.observe(vector) for vector in vectors(rows)]
+    assert sum(found.alarm_begins for found in findings) >= 4
+    assert sum(found.announce for found in findings) == 1
+
+
+def test_the_estimated_change_is_unbiased_and_its_information_is_that_of_its_scatter(setup: MonitorSetup) -> None:
+    baseline: Baseline = setup.baseline
+    change, found = np.array([1.0, 2.0, -3.0, 0.5]), []
+    for seed in range(300):
+        rows = autoregressive(60, COEFFICIENTS, COVARIANCE, 1000 + seed)
+        rows[20:23] += np.random.default_rng(seed).normal(0.0, 30.0, (3, 4))  # the machine settles
+        rows[23:] += change
+        estimate = estimated_change(baseline, baseline.innovations(rows)[19:], 3)
+        assert estimate is not None
+        found.append(estimate.delta)
+    scatter = np.array(found) - change
+    assert np.abs(scatter.mean(axis=0) / (scatter.std(axis=0) / np.sqrt(300.0))).max() < 4.0
+    np.testing.assert_allclose(np.cov(scatter.T) @ estimate.information, np.eye(4), atol=0.35)

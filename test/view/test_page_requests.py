@@ -1,0 +1,70 @@
+"""What the page asks of the network, counted where it would leave the machine: at a proxy for every other host."""
+
+from __future__ import annotations
+
+import re
+import socket
+import threading
+from contextlib import contextmanager
+
+import pytest
+from browser import FLAGS, chromium
+from playwright.sync_api import sync_playwright
+from synthetic_four_bar import frame
+
+from mech_twin.view.rerun_scene import RerunScene
+from mech_twin.view.viewer_process import ViewerProcess
+
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
+
+LIMIT_S = 120.0
+SETTLE_S = 6.0
+# the browser's own, on whatever page: its updates, and what it asks where a page has a field to write in
+CHROMIUMS = {"update.googleapis.com", "content-autofill.googleapis.com"}
+HOST = re.compile(r"\w+ (?:http://)?([^/: ]+)")
+SHOWN = "() => window._handle !== undefined && window._handle.viewer_state().length > 300"
+
+
+@contextmanager
+def proxy():
+    """Yield the address of a proxy that passes nothing on, and the requests it was asked to pass."""
+    asked: list[str] = []
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def serve():
+            while True:
+                try:
+                    client, _ = server.accept()
+                except OSError:
+                    return
+                with client:
+                    client.settimeout(5.0)
+                    asked.append(client.recv(4096).split(b"\r\n")[0].decode(errors="replace"))
+
+        threading.Thread(target=serve, daemon=True).start()
+        yield f"http://127.0.0.1:{server.getsockname()[1]}", asked
+        server.shutdown(socket.SHUT_RDWR)
+
+
+def hosts_asked_by(url: str) -> set[str]:
+    """Return the other hosts that were asked for while a page came up and lived for a while."""
+    flags = [flag for flag in FLAGS if not flag.startswith(("--no-proxy", "--host-resolver"))]
+    with proxy() as (address, asked), sync_playwright() as play:
+        options = {"server": address, "bypass": "127.0.0.1"}
+        browser = play.chromium.launch(executable_path=chromium(), headless=True, args=flags, proxy=options)
+        page = browser.new_page(viewport={"width": 700, "height": 500})
+        page.goto(url, wait_until="commit", timeout=1000 * LIMIT_S)
+        page.wait_for_function(SHOWN, timeout=1000 * LIMIT_S, polling=500)
+        page.wait_for_timeout(1000 * SETTLE_S)
+        browser.close()
+    return {HOST.match(request).group(1) for request in asked} - CHROMIUMS
+
+
+def test_the_page_asks_nothing_of_other_hosts_where_the_viewers_own_page_does():
+    with ViewerProcess() as viewer, RerunScene("four_bar", grpc_url=viewer.grpc_url) as scene:
+        for step in range(300):
+            scene.frame(linkage=frame(step).linkage)
+        ours = hosts_asked_by(viewer.web_url)
+        theirs = hosts_asked_by(viewer.web_url.replace(f":{viewer.web_port}/", f":{viewer.files_port}/"))
+    assert ours == set()
+    assert {"fonts.googleapis.com", "tel.rerun.io"} <= theirs, "the count sees nothing, so that it proves nothing"
