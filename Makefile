@@ -91,10 +91,12 @@ $(VENV)/bin/python:
 	$(BIN)/python -m pip install -q "pip>=24" "setuptools>=77"
 
 $(VENV)/.run: setup.py constraints/python.txt constraints/$(ROS).txt | $(VENV)/bin/python
+	@echo "installing 1.3 GB of packages into $(VENV), which takes some minutes the first time"
 	$(if $(strip $(HASHED)),$(INSTALL_HASHED),$(BIN)/python -m pip install -q -e ".[$(EXTRAS)]" $(PINS))
 	touch $@
 
 $(VENV)/.test: setup.py constraints/python.txt constraints/$(ROS).txt | $(VENV)/bin/python
+	@echo "installing 1.8 GB of packages into $(VENV), which takes some minutes the first time"
 	$(if $(strip $(HASHED)),$(INSTALL_HASHED),$(BIN)/python -m pip install -q -e ".[$(EXTRAS),cluster,test]" $(PINS))
 	touch $@ $(VENV)/.run
 	$(MAKE) -s $(READERS)/node_modules

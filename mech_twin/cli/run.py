@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from pydantic import ValidationError
 
-from mech_twin.cli.console import print_json, print_numbers, say
+from mech_twin.cli.console import print_json, say
 from mech_twin.cli.failure import CommandError
+from mech_twin.cli.run_summary import show_events, show_numbers
 from mech_twin.configuration_tree import configuration_tree
 from mech_twin.dependencies import require_extra
 from mech_twin.nodes.domain import DISCOVERY, OTHER_HOSTS, settle_domain
@@ -48,6 +49,7 @@ class RunRequest(NamedTuple):
     open_to_other_hosts: bool = False
     namespace: str | None = None
     force: bool = False
+    everything: bool = False
 
 
 def run_machine(request: RunRequest) -> None:
@@ -160,7 +162,11 @@ def layout_of(view: str, graphics_file: Path) -> str:
 def _write(request: RunRequest, parameters: Parameters, outcome: Outcome, directory: Path | None) -> None:
     numbers = outcome.metrics.numbers()
     if not request.as_json:
-        print_numbers(f"{request.machine}: metrics of the run", numbers)
+        design = set(numbers) - set(outcome.metrics.running_numbers())
+        show_numbers(f"{request.machine}: metrics of the run", numbers, design, everything=request.everything)
+        show_events(tuple(outcome.metrics.events), everything=request.everything)
+        if directory is not None:
+            say(f"recorded in {directory}")
         return
     print_json(
         {

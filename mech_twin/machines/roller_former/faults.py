@@ -18,13 +18,19 @@ def faults(parameters: RollerFormer) -> tuple[Fault, ...]:
         share_of_key("coupling_damping", "the coupling damps less or more", "drive.damping_nms_per_rad", EITHER),
         share_of_key("cart_load", "the mix is stiffer or softer", "carts.roller_force_x_n", EITHER),
         share_of_key("guide_friction", "the guide rollers run hard", "carts.friction", (0.25, 0.5, 1.0, 2.0)),
-        share_of_key(
-            "phase_loss", "the motor has lost torque, as of a phase", "motor.breakdown_torque_ratio", (-0.3, -0.2, -0.1)
-        ),
+        Fault("phase_loss", "the motor has lost torque, as of a phase", "1", (-0.4, -0.3, -0.2, -0.1), _weaker_motor),
         supply_sag(),
     ]
     states = parameters.carts.cart_states
     return (*found, *(_empty(cart, states) for cart, state in enumerate(states) if state == "loaded"))
+
+
+def _weaker_motor(parameters: RollerFormer, size: float) -> dict[str, Any]:
+    """Return the motor with its breakdown torque changed by a share, its breakdown slip kept."""
+    motor = parameters.motor
+    if motor.breakdown_torque_nm is not None:
+        return {"motor.breakdown_torque_nm": motor.breakdown_torque_nm * (1.0 + size)}
+    return {"motor.breakdown_torque_ratio": motor.breakdown_torque_ratio * (1.0 + size)}
 
 
 def _empty(cart: int, states: tuple[Any, ...]) -> Fault:
