@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import io
 import json
-import sys
-from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pytest
 import yaml
+from command_line import Ended, mech_twin
 
-from mech_twin.cli.main import main
 from mech_twin.configuration_tree import ConfigurationError
 from mech_twin.parameters.load import machine_parameters
 from mech_twin.studies.identification.geometry_fit import GeometryFit, half_width, unseen
@@ -37,24 +34,6 @@ def sensors(zero_deg: float, **slide: Any) -> dict[str, Any]:
             {**piston, "rate_hz": 120.0, "sigma": 0.3, "drop": 0.03},
         ],
     }
-
-
-class Ended(NamedTuple):
-    code: Any
-    out: str
-    err: str
-
-
-def mech_twin(*words: str | Path) -> Ended:
-    output, errors = io.StringIO(), io.StringIO()
-    code: Any = 0
-    with pytest.MonkeyPatch.context() as patch, redirect_stdout(output), redirect_stderr(errors):
-        patch.setattr(sys, "argv", ["mech-twin", *map(str, words)])
-        try:
-            main()
-        except SystemExit as end:
-            code = end.code or 0
-    return Ended(code, output.getvalue(), errors.getvalue())
 
 
 @pytest.fixture(scope="module")
@@ -128,7 +107,7 @@ def test_another_assembly_is_a_model_error_and_not_identified(stand: Path) -> No
     [
         (("--free", "crank_mm"), ("--free crank_mm", "a number")),
         (("--free", "slider"), ("--free slider", "a number")),
-        ((), ("--free",)),
+        (("--motion", "measured"), ("--free",)),
         (("--free", "crank_m", "--hold-out", "other.csv"), ("--hold-out other.csv", "at least two runs")),
     ],
 )
