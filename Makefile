@@ -28,7 +28,7 @@ ARGS ?=
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
 .PHONY: run test test-fast explore test-browser test-ros test-oldest lint coverage bench colcon mutation hooks
-.PHONY: audit sbom licences hashes docs clean
+.PHONY: audit sbom licences hashes docs clean soak faults
 
 run: $(VENV)/.run
 	$(BIN)/mech-twin run $(ARGS)
@@ -89,6 +89,14 @@ licences: $(VENV)/.run $(TOOLS)/.tools
 hashes: $(TOOLS)/.tools # asks the package index; rewrites the pins with hashes
 	$(TOOLS)/bin/python .ci/hashes.py $(TOOLS)/bin
 
+SOAK := --minutes 10 --pace realtime --view
+soak: $(VENV)/.test # ten minutes by the wall clock, recorded and shown: memory of each process, balances, lag, losses
+	$(BIN)/python benchmarks/reliability/soak.py $(or $(ARGS),$(SOAK))
+
+faults: $(VENV)/.test # every signal at every moment of every verb, and every number of a configuration at its extremes
+	$(BIN)/python benchmarks/reliability/signals.py $(ARGS)
+	$(BIN)/python benchmarks/reliability/extreme_configurations.py $(ARGS)
+
 $(VENV)/bin/python:
 	@$(PYTHON) -c 'import sys; found = sys.version_info[:2]; need = tuple(map(int, "$(PYTHON_MINIMUM)".split("."))); \
 	  sys.exit(0 if found >= need else "Python $(PYTHON_MINIMUM) or newer is needed; found %d.%d (%s); name another: make PYTHON=python3.12" % (found + (sys.executable,)))'
@@ -96,10 +104,12 @@ $(VENV)/bin/python:
 	$(BIN)/python -m pip install -q "pip>=24" "setuptools>=77"
 
 $(VENV)/.run: setup.py constraints/python.txt constraints/$(ROS).txt | $(VENV)/bin/python
+	@echo "installing 1.3 GB of packages into $(VENV), which takes some minutes the first time"
 	$(if $(strip $(HASHED)),$(INSTALL_HASHED),$(BIN)/python -m pip install -q -e ".[$(EXTRAS)]" $(PINS))
 	touch $@
 
 $(VENV)/.test: setup.py constraints/python.txt constraints/$(ROS).txt | $(VENV)/bin/python
+	@echo "installing 1.8 GB of packages into $(VENV), which takes some minutes the first time"
 	$(if $(strip $(HASHED)),$(INSTALL_HASHED),$(BIN)/python -m pip install -q -e ".[$(EXTRAS),cluster,test]" $(PINS))
 	touch $@ $(VENV)/.run
 	$(MAKE) -s $(READERS)/node_modules

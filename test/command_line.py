@@ -1,4 +1,4 @@
-"""The command ``mech-twin`` called within this process: exit code, output, errors."""
+"""The command line run in this process."""
 
 from __future__ import annotations
 
@@ -14,12 +14,15 @@ from mech_twin.cli.main import main
 
 
 class Ended(NamedTuple):
+    """How a command ended: exit code, standard output, standard error."""
+
     code: Any
     out: str
     err: str
 
 
 def mech_twin(*words: str | Path) -> Ended:
+    """Run ``mech-twin`` with these words."""
     output, errors = io.StringIO(), io.StringIO()
     code: Any = 0
     with pytest.MonkeyPatch.context() as patch, redirect_stdout(output), redirect_stderr(errors):

@@ -1,134 +1,202 @@
-"""``mech-twin identify``: lengths of a mechanism from measured positions, with intervals and a held-out score."""
+"""``mech-twin identify``: keys of a configuration from measured runs, with intervals, verdicts and a held-out score."""
 
 from __future__ import annotations
 
-import time
-from collections.abc import Sequence
-from dataclasses import asdict
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, NamedTuple
 
 from mech_twin.cli.console import print_json, print_table, say
 from mech_twin.cli.failure import CommandError
-from mech_twin.cli.measurement import given_map, opened_run
-from mech_twin.measurements.measurement_map import MeasurementMap
-from mech_twin.measurements.model_turn import TURNING, model_turn
-from mech_twin.measurements.runs import read_run
-from mech_twin.output_file import check_output_file, written_file
-from mech_twin.parameters.load import assignments, description_text, machine_parameters
+from mech_twin.cli.identify_request import (
+    DEFAULT_SHARE,
+    NOT_BETTER,
+    IdentifyRequest,
+    bounded_keys,
+    prior_keys,
+    split_runs,
+)
+from mech_twin.cli.measurement import checked_run, opened_run
+from mech_twin.dependencies import extra_needed
+from mech_twin.measurements.machine_columns import joint_column
+from mech_twin.measurements.model_turn import TURNING, ModelTurn, model_turn
+from mech_twin.output_file import check_output_directory, check_output_file, written_file
+from mech_twin.parameters.load import assignments, machine_parameters
 from mech_twin.parameters.load import machine as built_machine
-from mech_twin.studies.identification.geometry_fit import GeometryData, geometry_data
-from mech_twin.studies.identification.geometry_model import GeometryModel
-from mech_twin.studies.identification.geometry_report import GeometryReport, geometry_report
+from mech_twin.quantity import Parameters
+from mech_twin.roles import GuidedLinkage
+from mech_twin.studies.identification.fit_runs import FitRun, fit_run
+from mech_twin.studies.identification.free_keys import assumed_keys
+from mech_twin.studies.identification.identification import Identification, IdentificationQuestion, identified
+from mech_twin.studies.identification.written_identification import configuration_text, document
 
-NOT_BETTER = 1
-LEAST_RUNS_TO_HOLD_OUT = 3
-
-
-class IdentifyRequest(NamedTuple):
-    """What `mech-twin identify` was asked for."""
-
-    machine: str
-    runs: Sequence[Path]
-    map_file: Path
-    free: Sequence[str]
-    hold_out: Path | None = None
-    config: Path | None = None
-    settings: Sequence[str] = ()
-    out: Path | None = None
-    force: bool = False
-    as_json: bool = False
+FILE_SUFFIXES = (".yaml", ".yml")
 
 
 def identify_machine(asked: IdentifyRequest) -> None:
-    """Fit the free keys to the runs; write the configuration found, unless the run held out fits no better with it."""
-    began = time.monotonic()
-    if asked.out is not None:
-        check_output_file(asked.out, force=asked.force)
-    if not asked.free:
-        raise CommandError("--free: expected at least one key of the configuration, such as crank_m")
-    given = given_map(asked.map_file)
-    if given.machine != asked.machine:
-        raise CommandError(f"{asked.map_file}: key 'machine', value {given.machine!r}: expected {asked.machine!r}")
+    """Fit the free keys to the runs; write what was found, unless what was held out is foretold no better with it."""
+    if asked.plan:
+        _plan(asked)
+        return
+    if not asked.runs:
+        raise CommandError("expected at least one run, a bag or a table")
+    machine = built_machine(asked.machine, asked.config, assignments(asked.settings))
+    turn = model_turn(machine)
+    if _motion(asked, turn, guided=isinstance(machine.linkage, GuidedLinkage)) == "measured":
+        from mech_twin.cli.identify_lengths import identify_lengths
+
+        identify_lengths(asked)
+        return
+    _check_out(asked)
     base = machine_parameters(asked.machine, asked.config, assignments(asked.settings))
-    model = GeometryModel(asked.machine, base, tuple(asked.free), _columns(asked, given))
-    model.values()  # a key that is wrong is named before the runs are read
-    fitted, held_out = _split(asked)
-    runs = [_data(path, given, model) for path in fitted]
-    report = geometry_report(model, runs, None if held_out is None else _data(held_out, given, model))
-    _show(asked, report, held_out, time.monotonic() - began)
-    if held_out is not None and not report.better:
-        say(f"{held_out}: the run held out fits no better than before; no configuration is written")
+    question = _question(asked, base)
+    fitted, held_out = split_runs(asked.runs, asked.held_out_run)
+    share = asked.held_out_share if asked.held_out_share is not None else 0.0 if held_out else DEFAULT_SHARE
+    held = [] if held_out is None or asked.held_out_share is not None else [held_out]
+    fitted = fitted if held or held_out is None else [*fitted, held_out]
+    runs = [_run(path, asked, turn) for path in fitted]
+    with _telling(asked) as told:
+        found = identified(question, runs, [_run(path, asked, turn) for path in held], share, told)
+    told_of = document(found, fitted, held, asked.map_file)
+    if asked.as_json:
+        print_json(told_of)
+    else:
+        _show(found)
+    if not found.better:
+        say("what was held out is foretold no better than before; no configuration is written")
         raise SystemExit(NOT_BETTER)
     if asked.out is not None:
-        _write(asked, model, report, [str(path) for path in fitted])
+        _write(asked, asked.out, found, told_of, [[path.name for path in paths] for paths in (fitted, held)])
 
 
-def _columns(asked: IdentifyRequest, given: MeasurementMap) -> tuple[str, ...]:
-    """Return the positions that the crank leads; channels that tell nothing of lengths are named."""
-    turn = model_turn(built_machine(asked.machine, asked.config, assignments(asked.settings)))
-    if turn is None:
-        raise CommandError(f"{asked.machine}: expected a machine whose joints follow from a crank")
-    names = [channel.quantity for channel in given.channels]
-    used = tuple(name for name in names if name in turn.led and name.endswith(".position") and name not in TURNING)
-    for name in dict.fromkeys(names):
-        if name not in used and name not in TURNING:
-            say(f"{name}: left out, it is no position that the crank leads")
-    if not used:
-        raise CommandError(f"{asked.map_file}: expected a position that the crank leads, beside the crank's")
-    return used
+def _plan(asked: IdentifyRequest) -> None:
+    from mech_twin.cli.identify_plan import show_plan
+
+    if asked.sensors is None or asked.duration_s is None:
+        raise CommandError("--plan: expected --sensors FILE and --duration S beside it, as for `simulate`")
+    if asked.runs:
+        raise CommandError(f"--plan: expected no run, got {asked.runs[0]}; it asks what a run would tell")
+    base = machine_parameters(asked.machine, asked.config, assignments(asked.settings))
+    show_plan(_question(asked, base), asked.sensors, asked.map_file, asked.duration_s, as_json=asked.as_json)
 
 
-def _split(asked: IdentifyRequest) -> tuple[list[Path], Path | None]:
-    """Return the runs that are fitted, and the one held out: as asked, else the last of three or more."""
-    runs = list(asked.runs)
-    if asked.hold_out is None:
-        return (runs[:-1], runs[-1]) if len(runs) >= LEAST_RUNS_TO_HOLD_OUT else (runs, None)
-    if asked.hold_out not in runs or len(runs) < 2:
-        raise CommandError(f"--hold-out {asked.hold_out}: expected one of at least two runs")
-    return [run for run in runs if run != asked.hold_out], asked.hold_out
+def _motion(asked: IdentifyRequest, turn: ModelTurn | None, *, guided: bool) -> str:
+    """Return what moves the model: the measured crank, if lengths are asked for and nothing but positions tell them."""
+    if asked.motion != "auto":
+        return asked.motion
+    names = [channel.quantity for channel in asked.given_map.channels]
+    if turn is None or not guided or not asked.free or not set(names) & set(TURNING):
+        return "simulated"
+    led = {name.rpartition(".")[0] for name in {*turn.led, *TURNING} if joint_column(name) is not None}
+    moving = all(
+        (parts := joint_column(name)) is not None and parts.field != "effort" and name.rpartition(".")[0] in led
+        for name in names
+    )
+    return "measured" if moving else "simulated"
 
 
-def _data(path: Path, given: MeasurementMap, model: GeometryModel) -> GeometryData:
+def _question(asked: IdentifyRequest, base: Parameters) -> IdentificationQuestion:
+    keys, bounds = bounded_keys(asked.free)
+    keys = keys or assumed_keys(asked.machine, base, asked.config)
+    keys = tuple(key for key in keys if key not in asked.fixed)
+    if not keys:
+        raise CommandError(f"{asked.machine}: no key is free; expected --free KEY")
+    begin = asked.latest_begin_s if asked.begin == "unknown" else 0.0
+    return IdentificationQuestion(
+        asked.machine, base, keys, bounds, prior_keys(asked.priors), begin, asked.seed, asked.cores
+    )
+
+
+def _run(path: Path, asked: IdentifyRequest, turn: ModelTurn | None) -> FitRun:
+    """Return one run; what contradicts the machine is said on standard error."""
     with opened_run(path) as reader:
-        return geometry_data(read_run(reader, given), model.columns)
+        run, problems = checked_run(reader, asked.given_map, turn)
+    for problem in problems:
+        say(f"{path}: {problem}")
+    return fit_run(run, begin_known=asked.begin == "start")
 
 
-def _show(asked: IdentifyRequest, report: GeometryReport, held_out: Path | None, seconds: float) -> None:
-    if asked.as_json:
-        document: dict[str, Any] = {
-            "machine": asked.machine,
-            "parameters": [asdict(each) for each in report.keys],
-            "channels": [{"is": name, "fit_percent": fit} for name, fit in report.fit_percent.items()],
-            "lags_s": list(report.lags_s),
-            "held_out": None
-            if held_out is None
-            else {"run": str(held_out), "scores": [asdict(s) for s in report.held_out]},
-            "seconds": seconds,
-        }
-        print_json(document)
+@contextmanager
+def _telling(asked: IdentifyRequest) -> Iterator[Callable[[str], None]]:
+    """Provide what takes lines on the progress: a line that is written over on a terminal, none elsewhere."""
+    if not sys.stderr.isatty() or asked.as_json:
+        yield lambda _: None
         return
+    from rich.console import Console
+
+    with Console(stderr=True).status("identifying") as status:
+        yield lambda line: status.update(f"identifying: {line}")
+
+
+def _show(found: Identification) -> None:
     heads = ("key", "before", "estimate", "95 % from", "to", "verdict")
-    rows = [(k.key, k.before, k.estimate, k.low_95, k.high_95, k.verdict) for k in report.keys]
-    print_table(f"{asked.machine}: lengths from measured positions", heads, rows)
-    for key in report.keys:
-        say(f"{key.key}: {key.verdict}, {key.reason}")
-    scores = [(s.channel, s.fit_percent, s.before_percent, s.constant_percent) for s in report.held_out]
-    if scores:
-        print_table(f"fit of {held_out}, held out, percent", ("channel", "estimated", "before", "constant"), scores)
+    rows = [(k.key, k.before, k.estimate, k.low_95, k.high_95, k.verdict) for k in found.keys]
+    print_table(f"{found.question.machine}: identified in {found.seconds:.1f} s", heads, rows)
+    for key in found.keys:
+        if key.verdict != "identified":
+            say(f"{key.key}: {key.verdict}, {key.reason}")
+    if found.combinations:
+        combined = [(c.formula, c.estimate, c.low_95, c.high_95) for c in found.combinations]
+        print_table("seen in combination", ("combination", "estimate", "95 % from", "to"), combined)
+    heads = ("channel", "fit, %", "rms", "zero", "gain", "lag, s")
+    fits = [(c.channel, c.fit_percent, c.rms, *map(_numbers, (c.zero, c.gain, c.lag_s))) for c in found.channels]
+    print_table("channels of the fitted runs", heads, fits)
+    if found.held_out is not None and found.before is not None:
+        pairs = zip(found.held_out.channels, found.before.channels, strict=True)
+        scores = [(one.channel, one.fit_percent, other.fit_percent, 0.0) for one, other in pairs]
+        print_table("fit of what was held out, percent", ("channel", "identified", "before", "constant"), scores)
+        if found.held_out.event_time_rms_s is not None:
+            say(
+                f"held out: event times off by {1e3 * found.held_out.event_time_rms_s:.3g} ms in the rms, "
+                f"{found.held_out.missed} missed, {found.held_out.false} false"
+            )
 
 
-def _write(asked: IdentifyRequest, model: GeometryModel, report: GeometryReport, runs: Sequence[str]) -> None:
-    """Write the configuration with the keys that were identified; the others are kept as they were."""
-    assert asked.out is not None
-    values = [key.estimate if key.verdict == "identified" else key.before for key in report.keys]
-    notes = [
-        f"# {key.key}: identified {key.estimate:.6g} +- {key.high_95 - key.estimate:.2g} (95 %) from {', '.join(runs)}"
-        if key.verdict == "identified"
-        else f"# {key.key}: kept, {key.verdict}: {key.reason}"
-        for key in report.keys
-    ]
-    with written_file(asked.out, force=asked.force) as file:
-        text = description_text(asked.machine, model.parameters(values))
-        file.write_text("\n".join(notes) + "\n" + text, encoding="utf-8")
-    say(f"written to {asked.out}")
+def _numbers(values: dict[str, float]) -> str:
+    return " ".join(f"{value:.5g}" for value in values.values())
+
+
+def _is_file(out: Path) -> bool:
+    return out.suffix in FILE_SUFFIXES
+
+
+def _check_out(asked: IdentifyRequest) -> None:
+    if asked.out is None:
+        return
+    if _is_file(asked.out):
+        check_output_file(asked.out, force=asked.force)
+    else:
+        check_output_directory(asked.out, force=asked.force)
+
+
+def _write(
+    asked: IdentifyRequest, out: Path, found: Identification, told_of: dict[str, object], runs: Sequence[Sequence[str]]
+) -> None:
+    """Write the configuration, and into a directory the document beside it."""
+    from mech_twin.cli.console import json_text
+
+    configuration = configuration_text(found, runs[0])
+    files = {out: configuration}
+    if not _is_file(out):
+        out.mkdir(parents=True, exist_ok=True)
+        files = {
+            out / f"{asked.machine}.yaml": configuration,
+            out / "identification.json": json_text(told_of),
+            **_report(out / "report.html", found, runs),
+        }
+    for path, text in files.items():
+        with written_file(path, force=asked.force) as file:
+            file.write_text(text, encoding="utf-8")
+        say(f"written to {path}")
+
+
+def _report(path: Path, found: Identification, runs: Sequence[Sequence[str]]) -> dict[Path, str]:
+    """Return the report by its file; none where nothing can draw it, which is said."""
+    if find_spec("matplotlib") is None:
+        say(f"{path}: left out, {extra_needed('plots')}")
+        return {}
+    from mech_twin.studies.identification.report_page import report_page
+
+    return {path: report_page(found, *runs)}

@@ -51,6 +51,9 @@ MapFile = Annotated[
 ]
 Force = Annotated[bool, typer.Option("--force", help="overwrite existing results")]
 Json = Annotated[bool, typer.Option("--json", help="print JSON to standard output")]
+Everything = Annotated[bool, typer.Option("--all", help="every number and event, not the headlines alone")]
+Csv = Annotated[bool, typer.Option("--csv", help="print comma-separated values")]
+Wide = Annotated[bool, typer.Option("--wide", help="every column, whatever the width of the terminal")]
 
 
 def _show_version(asked: bool) -> None:
@@ -97,6 +100,7 @@ def run(
         str, typer.Option(help="web (full or light by what draws the page), light, full, none, or a file NAME.rrd")
     ] = "web",
     view_port: Annotated[int, typer.Option(help="port of the web view; 0: any free port", min=0, max=65535)] = 0,
+    hold: Annotated[bool, typer.Option("--hold", help="keep the web view after the run, until Ctrl-C")] = False,
     processes: Annotated[bool, typer.Option("--processes", help="run each node in its own process")] = False,
     namespace: Namespace = None,
     open_to_other_hosts: Annotated[
@@ -105,6 +109,7 @@ def run(
     ] = False,
     config: Config = None,
     settings: Settings = None,
+    everything: Everything = False,
     force: Force = False,
     json: Json = False,
 ) -> None:
@@ -126,6 +131,8 @@ def run(
         open_to_other_hosts,
         namespace,
         force,
+        everything,
+        hold,
     )
     run_machine(request)
 
@@ -149,14 +156,17 @@ def shadow(
     black_box: Annotated[
         Path | None, typer.Option(help="folder for a recording of 10 s before and 5 s after each fault")
     ] = None,
+    advise: Annotated[
+        Path | None, typer.Option(help="advise on an output of the machine: file of what is wanted and allowed")
+    ] = None,
     force: Force = False,
     json: Json = False,
 ) -> None:
     """Follow a running machine by its topics: its state, forces and their uncertainty, below /MACHINE/twin."""
     from mech_twin.cli.shadow import ShadowRequest, shadow_machine
 
-    asked = (given_map, config, settings or [], record, duration, uncertain or [], monitor, black_box, force, json)
-    shadow_machine(ShadowRequest(machine, followed, *asked))
+    what = (given_map, config, settings or [], record, duration, uncertain or [])
+    shadow_machine(ShadowRequest(machine, followed, *what, monitor, black_box, advise, force, json))
 
 
 @app.command()
@@ -180,14 +190,18 @@ def simulate(
     samples: Annotated[bool, typer.Option("--samples", help="with --json: include every sample, as columns")] = False,
     config: Config = None,
     settings: Settings = None,
+    everything: Everything = False,
     force: Force = False,
+    csv: Csv = False,
     json: Json = False,
 ) -> None:
     """Simulate a machine in one process, without ROS communication."""
     from mech_twin.cli.simulate import SimulateRequest, simulate_machine
 
     asked = SimulateRequest(
-        machine, duration, bag, config, settings or [], json, samples, force, table, sensors, change or [], seed
+        *(machine, duration, bag, config, settings or [], json, samples, force, table, sensors, change or [], seed),
+        everything=everything,
+        as_csv=csv,
     )
     simulate_machine(asked)
 
@@ -199,12 +213,15 @@ def analyse(
     cycle: Annotated[int | None, typer.Option(help="number of positions over one cycle", min=2, max=1_000_000)] = None,
     config: Config = None,
     settings: Settings = None,
+    wide: Wide = False,
+    csv: Csv = False,
     json: Json = False,
 ) -> None:
     """Analyse one position or one cycle: kinematics, forces and machine constants."""
-    from mech_twin.cli.analyse import analyse_machine
+    from mech_twin.cli.analyse import Shape, analyse_machine
 
-    analyse_machine(machine, crank_deg, cycle, config, settings or [], as_json=json)
+    shape: Shape = "json" if json else "csv" if csv else "wide" if wide else "narrow"
+    analyse_machine(machine, crank_deg, cycle, config, settings or [], shape)
 
 
 @app.command(cls=ManyValues)
@@ -225,7 +242,7 @@ def replay(
     given_map: MapFile = None,
     config: Config = None,
     tolerance: Annotated[
-        float | None, typer.Option(help="with --map: share by which a channel may be off the model", min=0.0)
+        float | None, typer.Option(help="with --analyse: share by which a number may be off the model", min=0.0)
     ] = None,
     json: Json = False,
 ) -> None:
@@ -241,13 +258,15 @@ def replay(
 
         analyse_measured(bag, given_map, config, tolerance, as_json=json)
         return
-    if config is not None or tolerance is not None:
-        raise CommandError("--config and --tolerance go with --analyse --map: a recording of the twin holds its own")
+    if tolerance is not None and not analyse:
+        raise CommandError("--tolerance goes with --analyse: a run computed again from its start keeps no small error")
     if analyse or resimulate:
         from mech_twin.cli.recompute import recompute_bag
 
-        recompute_bag(bag, "analyse" if analyse else "resimulate", as_json=json)
+        recompute_bag(bag, "analyse" if analyse else "resimulate", config, tolerance or 0.0, as_json=json)
         return
+    if config is not None:
+        raise CommandError("--config goes with --analyse or --resimulate: a replay needs no configuration")
     from mech_twin.cli.replay import ReplayRequest, replay_bag
 
     replay_bag(ReplayRequest(bag, rate, start, duration, loop, clock, topics or [], listeners, namespace))
@@ -324,21 +343,57 @@ def compare(
 @app.command()
 def identify(
     machine: MachineName,
-    runs: Annotated[list[Path], typer.Argument(help="runs: bags or tables")],
-    given_map: Annotated[Path, typer.Option("--map", help="map of the runs (see `mech-twin map`)")],
-    free: Annotated[list[str] | None, typer.Option(metavar="KEY", help="length to be found; several times")] = None,
-    hold_out: Annotated[Path | None, typer.Option(help="run that scores the fit [the last of three or more]")] = None,
-    out: Annotated[Path | None, typer.Option(help="file of the configuration found")] = None,
-    config: Config = None,
+    runs: Annotated[list[Path] | None, typer.Argument(help="runs: bags or tables")] = None,
+    given_map: Annotated[Path | None, typer.Option("--map", help="map of the runs (see `mech-twin map`)")] = None,
+    free: Annotated[
+        list[str] | None,
+        typer.Option(metavar="KEY[=LOW:HIGH]", help="key to be found [those the configuration calls assumed]"),
+    ] = None,
+    fix: Annotated[list[str] | None, typer.Option(metavar="KEY", help="key to be kept as it is")] = None,
+    prior: Annotated[
+        list[str] | None, typer.Option(metavar="KEY=MEAN,SD", help="what is known of a key from elsewhere")
+    ] = None,
+    hold_out: Annotated[
+        str | None, typer.Option(help="run, or share of each run, that scores the fit [the last of three or more, 0.2]")
+    ] = None,
+    motion: Annotated[str, typer.Option(help="what moves the model: auto, measured (the crank) or simulated")] = "auto",
+    begin: Annotated[
+        str, typer.Option(help="where the runs begin: start (of the machine's own run) or unknown")
+    ] = "start",
+    latest_begin: Annotated[
+        float, typer.Option(help="latest unknown beginning in s of the machine's run", min=0.0)
+    ] = 10.0,
+    plan: Annotated[bool, typer.Option("--plan", help="without runs: which keys these sensors would find")] = False,
+    sensors: Annotated[Path | None, typer.Option(help="with --plan: sensors as of `simulate --sensors`")] = None,
+    duration: Annotated[float | None, typer.Option(help="with --plan: length of the run in s", min=0.01)] = None,
+    seed: Annotated[int, typer.Option(help="of further starts of the fit", min=0)] = 0,
+    cores: Annotated[int | None, typer.Option(help="cores to use [all]", min=1)] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="directory of the results, or file (.yaml) of the configuration")
+    ] = None,
+    config: Annotated[
+        Path | None, typer.Option("--config", "--base", help="configuration to start from instead of the installed one")
+    ] = None,
     settings: Settings = None,
     force: Force = False,
     json: Json = False,
 ) -> None:
-    """Find lengths of a crank mechanism from measured positions, with intervals and a held-out score."""
-    from mech_twin.cli.identify import IdentifyRequest, identify_machine
+    """Find parameters of a machine from measured runs, with intervals, verdicts and a held-out score."""
+    from mech_twin.cli.identify import identify_machine
+    from mech_twin.cli.identify_request import IdentifyRequest
 
-    asked = IdentifyRequest(machine, runs, given_map, free or [], hold_out, config, settings or [], out, force, json)
-    identify_machine(asked)
+    for option, value, words in (
+        ("--motion", motion, ("auto", "measured", "simulated")),
+        ("--begin", begin, ("start", "unknown")),
+    ):
+        if value not in words:
+            raise CommandError(f"{option} {value}: expected one of {', '.join(words)}")
+    identify_machine(
+        IdentifyRequest(
+            machine, runs or [], given_map, free or [], hold_out, config, settings or [], out, force, json,
+            fix or [], prior or [], motion, begin, latest_begin, seed, cores, plan, sensors, duration,
+        )
+    )  # fmt: skip
 
 
 @app.command()
@@ -396,7 +451,7 @@ def recover(
     force: Force = False,
     json: Json = False,
 ) -> None:
-    """Salvage a damaged recording."""
+    """Recover what is whole of a damaged recording into a new one."""
     from mech_twin.cli.recover import recover_bag
 
     recover_bag(bag, out, force=force, as_json=json)

@@ -25,7 +25,16 @@ from mech_twin.engine.compiled_run import (
 )
 from mech_twin.engine.compiled_steps import NoBody
 from mech_twin.engine.errors import MotionError
-from mech_twin.engine.sample_vectors import EVENT_WIDTH, Array, FrameLayout
+from mech_twin.engine.sample_vectors import (
+    EVENT_WIDTH,
+    IMPULSE,
+    POST_VELOCITY,
+    PRE_VELOCITY,
+    TIME,
+    Array,
+    EventNumbers,
+    FrameLayout,
+)
 from mech_twin.roles import Machine
 from mech_twin.samples import Event, Frame
 
@@ -148,6 +157,17 @@ class CompiledMachine:
             events = [event for role in self.step_events(table[steps == step]) for event in role]
             found += [(step, event) for event in sorted(events, key=lambda event: event.time_s)]
         return found
+
+    def event_numbers(self, table: Array) -> EventNumbers:
+        """Return the events in the table of a run as arrays, in time order."""
+        rows = table[:, TABLE_EXTRA:]
+        kinds = self.layout.linkage.events.kind_names(rows)
+        body = self.layout.body
+        if body is not None:
+            kinds = np.where(table[:, SOURCE] == FROM_BODY, body.events.kind_names(rows), kinds)
+        order = np.lexsort((rows[:, TIME], table[:, STEP]))
+        speeds = (rows[order, PRE_VELOCITY], rows[order, POST_VELOCITY], rows[order, IMPULSE])
+        return EventNumbers(table[order, STEP].astype(np.int64), rows[order, TIME], kinds[order], *speeds)
 
     def frame(self, step: int, row: Array, table: Array) -> Frame:
         """Return the frame of a row; ``table`` holds the events of the run, or of its step."""

@@ -21,6 +21,7 @@ from mech_twin.engine.invariants import Residual, RunInvariants, residuals_of_ru
 from mech_twin.engine.sample_vectors import (
     Array,
     BodyLayout,
+    EventNumbers,
     ForceLayout,
     FrameLayout,
     LinkageLayout,
@@ -55,6 +56,21 @@ class RollOut:
     residuals: dict[str, Residual]
     error: MotionError | None
     _told: Callable[[], list[tuple[int, Event]]]
+    _numbers: Callable[[], EventNumbers] | None = None
+
+    @cached_property
+    def event_numbers(self) -> EventNumbers:
+        """Every event as arrays in time order, without a sample for each; those of the start are left out."""
+        if self._numbers is not None:
+            return self._numbers()
+        steps, events = [step for step, _ in self.stepped_events], self.events
+        speeds = np.array([[e.pre_velocity_m_per_s, e.post_velocity_m_per_s, e.impulse_ns] for e in events])
+        return EventNumbers(
+            np.array(steps, dtype=np.int64),
+            np.array([event.time_s for event in events]),
+            np.array([event.kind for event in events], dtype=np.str_),
+            *speeds.reshape(-1, 3).T,
+        )
 
     @cached_property
     def stepped_events(self) -> tuple[tuple[int, Event], ...]:
@@ -228,7 +244,8 @@ def _compiled_run(
 
     final = view.frame(step + done, row, table) if done else start
     limits = residuals_of_run(machine, zip(compiled[0].residuals, worst.tolist(), strict=True))
-    return RollOut({name: found[:, i] for i, name in enumerate(names)}, final, limits, error, told)
+    found_columns = {name: found[:, i] for i, name in enumerate(names)}
+    return RollOut(found_columns, final, limits, error, told, lambda: view.event_numbers(table))
 
 
 def _run_by_roles(

@@ -53,6 +53,17 @@ FEW_ROWS = 8  # of a table at first; a kernel that needs more returns a longer o
 RESET_CONTACT = "linkage"
 
 
+class EventNumbers(NamedTuple):
+    """Events as arrays, shape (events,), in time order: step, time (s), kind, velocities (m/s), impulse (N s)."""
+
+    step: NDArray[np.int64]
+    time_s: Array
+    kind: NDArray[np.str_]
+    pre_velocity_m_per_s: Array
+    post_velocity_m_per_s: Array
+    impulse_ns: Array
+
+
 @dataclass(frozen=True)
 class EventLayout:
     """Kinds and contacts of a role's events by their number in a table, and coordinates on either side of one.
@@ -88,6 +99,10 @@ class EventLayout:
         return Event(
             time, self._kinds[int(kind)], self._contacts[int(contact)], before, after, impulse, int(period), pre, post
         )
+
+    def kind_names(self, rows: Array) -> NDArray[np.str_]:
+        """Return the kinds of a table's events."""
+        return np.array(self._kinds)[rows[:, KIND].astype(np.int64)]
 
     def rows(self, events: Sequence[Event]) -> Array:
         """Return the table of events.

@@ -18,6 +18,7 @@ from mech_twin.measurements.machine_columns import is_angle
 from mech_twin.measurements.measurement_map import Channel, fixed
 from mech_twin.measurements.units import TURN
 
+EVENT_FIELDS = ("time", "pre_velocity", "post_velocity", "impulse")  # the last word of an event channel
 POSITION, VELOCITY = ".position", ".velocity"
 
 
@@ -42,17 +43,17 @@ class ColumnCurves:
         """The coupling step."""
         return self._step_s
 
-    @cached_property
+    @property
     def event_times_s(self) -> Array:
         """Times of all events, rising."""
-        return np.sort(np.array([event.time_s for event in self.rollout.events]))
+        return self.rollout.event_numbers.time_s
 
     @cached_property
     def _eventful(self) -> npt.NDArray[np.bool_]:
         """Whether the step that ends at each sample, but the first, holds an event."""
         found = np.zeros(len(self.times_s) - 1, dtype=np.bool_)
         first = round(self._first_s / self._step_s)
-        steps = np.array([step for step, _ in self.rollout.stepped_events], dtype=np.int64) - first - 1
+        steps = self.rollout.event_numbers.step - first - 1
         found[steps[(steps >= 0) & (steps < len(found))]] = True
         return found
 
@@ -89,13 +90,10 @@ class ColumnCurves:
 
     def events_of(self, kind: str) -> dict[str, Array]:
         """Return what the events of one kind show, in time order: ``time`` and the fields of `EVENT_FIELDS`."""
-        events = sorted((event for event in self.rollout.events if event.kind == kind), key=lambda each: each.time_s)
-        return {
-            "time": np.array([event.time_s for event in events]),
-            "pre_velocity": np.array([event.pre_velocity_m_per_s for event in events]),
-            "post_velocity": np.array([event.post_velocity_m_per_s for event in events]),
-            "impulse": np.array([event.impulse_ns for event in events]),
-        }
+        events = self.rollout.event_numbers
+        chosen = events.kind == kind
+        speeds = (events.pre_velocity_m_per_s[chosen], events.post_velocity_m_per_s[chosen], events.impulse_ns[chosen])
+        return dict(zip(EVENT_FIELDS, (events.time_s[chosen], *speeds), strict=True))
 
     def _values(self, column: str) -> Array:
         if column not in self._unwrapped:

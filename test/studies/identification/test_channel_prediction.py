@@ -80,3 +80,14 @@ def test_events_of_a_kind_come_in_order_with_their_speeds() -> None:
     fast = np.abs(impacts["pre_velocity"]) > 1.0
     restitution = built("impact_mass").parameters.restitution  # type: ignore[attr-defined]
     np.testing.assert_allclose(-impacts["post_velocity"][fast], restitution * impacts["pre_velocity"][fast], rtol=1e-9)
+
+
+@pytest.mark.parametrize("name", CHANNELS)
+def test_events_as_arrays_are_the_events(name: str) -> None:
+    found = rollout(name, None, DURATION_S, columns=[])
+    events, numbers = found.stepped_events, found.event_numbers
+    assert [(step, event.time_s, event.kind) for step, event in events] == list(
+        zip(numbers.step.tolist(), numbers.time_s.tolist(), numbers.kind.tolist(), strict=True)
+    )
+    for field in ("pre_velocity_m_per_s", "post_velocity_m_per_s", "impulse_ns"):
+        assert [getattr(event, field) for _, event in events] == getattr(numbers, field).tolist()

@@ -1,0 +1,124 @@
+"""What `mech-twin identify` was asked for, and which runs it fits."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+from mech_twin.cli.failure import CommandError
+from mech_twin.cli.measurement import given_map
+from mech_twin.measurements.measurement_map import MeasurementMap
+
+NOT_BETTER = 1
+FEWEST_RUNS_TO_HOLD_OUT = 3
+DEFAULT_SHARE = 0.2
+LARGEST_SHARE = 0.8
+
+
+@dataclass(frozen=True)
+class IdentifyRequest:
+    """What `mech-twin identify` was asked for.
+
+    Attributes
+    ----------
+    free, fixed, priors : sequence of str
+        As written: ``KEY`` or ``KEY=LOW:HIGH``, ``KEY``, ``KEY=MEAN,SD``.
+    hold_out : str or None
+        A run, or a share of each.
+    motion : str
+        ``auto``, ``measured`` (the measured crank drives the mechanism) or ``simulated``.
+    begin : str
+        ``start`` (the run's times are those of the machine's own run) or ``unknown``.
+    """
+
+    machine: str
+    runs: Sequence[Path]
+    map_file: Path | None
+    free: Sequence[str] = ()
+    hold_out: str | None = None
+    config: Path | None = None
+    settings: Sequence[str] = ()
+    out: Path | None = None
+    force: bool = False
+    as_json: bool = False
+    fixed: Sequence[str] = ()
+    priors: Sequence[str] = ()
+    motion: str = "auto"
+    begin: str = "start"
+    latest_begin_s: float = 10.0
+    seed: int = 0
+    cores: int | None = None
+    plan: bool = False
+    sensors: Path | None = None
+    duration_s: float | None = None
+
+    @cached_property
+    def given_map(self) -> MeasurementMap:
+        """The map, checked to be of this machine."""
+        if self.map_file is None:
+            raise CommandError("--map: expected the map of the runs, as `mech-twin map` proposes it")
+        found = given_map(self.map_file)
+        if found.machine != self.machine:
+            raise CommandError(f"{self.map_file}: key 'machine', value {found.machine!r}: expected {self.machine!r}")
+        return found
+
+    @property
+    def held_out_run(self) -> Path | None:
+        """The run that was asked to be held out; None where nothing or a share was."""
+        return None if self.hold_out is None or self.held_out_share is not None else Path(self.hold_out)
+
+    @property
+    def held_out_share(self) -> float | None:
+        """The share that was asked to be held out."""
+        try:
+            share = float(self.hold_out or "")
+        except ValueError:
+            return None
+        if not 0.0 <= share <= LARGEST_SHARE:
+            raise CommandError(f"--hold-out {self.hold_out}: expected a run, or a share from 0 to {LARGEST_SHARE:g}")
+        return share
+
+
+def split_runs(runs: Sequence[Path], held_out: Path | None) -> tuple[list[Path], Path | None]:
+    """Return the runs that are fitted, and the one held out: as asked, else the last of three or more."""
+    every = list(runs)
+    if held_out is None:
+        return (every[:-1], every[-1]) if len(every) >= FEWEST_RUNS_TO_HOLD_OUT else (every, None)
+    if held_out not in every or len(every) < 2:
+        raise CommandError(f"--hold-out {held_out}: expected one of at least two runs")
+    return [run for run in every if run != held_out], held_out
+
+
+def bounded_keys(texts: Sequence[str]) -> tuple[tuple[str, ...], dict[str, tuple[float, float]]]:
+    """Return the keys written as ``KEY`` or ``KEY=LOW:HIGH``, and the bounds of those that have some."""
+    keys, bounds = [], {}
+    for text in texts:
+        key, equals, numbers = text.partition("=")
+        keys.append(key.strip())
+        if not equals:
+            continue
+        bounds[key.strip()] = low, high = _pair("--free", text, numbers, ":", "KEY=LOW:HIGH")
+        if not low < high:
+            raise CommandError(f"--free {text}: expected LOW below HIGH")
+    return tuple(dict.fromkeys(keys)), bounds
+
+
+def prior_keys(texts: Sequence[str]) -> dict[str, tuple[float, float]]:
+    """Return mean and standard deviation of the keys written as ``KEY=MEAN,SD``."""
+    found = {}
+    for text in texts:
+        key, _, numbers = text.partition("=")
+        found[key.strip()] = _, deviation = _pair("--prior", text, numbers, ",", "KEY=MEAN,SD")
+        if not deviation > 0.0:
+            raise CommandError(f"--prior {text}: expected a standard deviation above 0")
+    return found
+
+
+def _pair(option: str, text: str, numbers: str, between: str, form: str) -> tuple[float, float]:
+    first, _, second = numbers.partition(between)
+    try:
+        return float(first), float(second)
+    except ValueError:
+        raise CommandError(f"{option} {text}: expected {form}, with numbers") from None

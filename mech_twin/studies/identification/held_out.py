@@ -1,0 +1,157 @@
+"""How well a configuration foretells what it was not fitted to: fit of each channel, events, whiteness of the rest."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from mech_twin.measurements.blocks import Array
+from mech_twin.quantity import Parameters
+from mech_twin.studies.identification.event_matching import first_of_series, matched
+from mech_twin.studies.identification.fit_runs import FitRun
+from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration
+from mech_twin.studies.identification.least_squares_fit import noise_floors, solved
+from mech_twin.studies.identification.model_runs import ModelRuns
+from mech_twin.studies.identification.residuals import FitProblem
+from mech_twin.studies.identification.unknowns import unknowns_of
+
+LAGS = 20  # of the test of whiteness
+NO_BOUNDS = np.zeros((2, 0))
+
+
+@dataclass(frozen=True)
+class ChannelScore:
+    """One channel beside the model.
+
+    Attributes
+    ----------
+    fit_percent : float
+        100 (1 - rms of the residual over the standard deviation of the channel).
+    rms : float
+        Of the residual, SI units.
+    white_p : float
+        Ljung and Box: probability of residuals at least as correlated if they were white.
+    """
+
+    channel: str
+    fit_percent: float
+    rms: float
+    white_p: float
+
+
+@dataclass(frozen=True)
+class Score:
+    """A configuration beside runs.
+
+    Attributes
+    ----------
+    channels : tuple of ChannelScore
+        Those of samples.
+    event_time_rms_s : float or None
+        Of the matched events, None where no channel shows times of events.
+    missed, false : int
+        Events of the model that no measured one matches, and the other way round.
+    """
+
+    channels: tuple[ChannelScore, ...]
+    event_time_rms_s: float | None
+    missed: int
+    false: int
+
+    @property
+    def misfit(self) -> float:
+        """Mean over the channels of the residual's rms over the channel's standard deviation."""
+        shares = [1.0 - channel.fit_percent / 100.0 for channel in self.channels]
+        return float(np.mean(shares)) if shares else np.inf
+
+
+def scored(
+    name: str, parameters: Parameters, known_from: Sequence[FitRun], held: Sequence[FitRun], longest_begin_s: float
+) -> Score:
+    """Return the score of a configuration.
+
+    Parameters
+    ----------
+    name, parameters
+        Machine and configuration.
+    known_from : sequence of FitRun
+        Stretches from which zeros, gains, lags and beginnings are found, with the configuration as it is.
+    held : sequence of FitRun
+        Stretches that are foretold, one of each run.
+    longest_begin_s : float
+        As in `ModelRuns`.
+    """
+    problem, x = beside(name, parameters, known_from, longest_begin_s)
+    return score(problem.over(held), x)
+
+
+def beside(
+    name: str, parameters: Parameters, runs: Sequence[FitRun], longest_begin_s: float
+) -> tuple[FitProblem, Array]:
+    """Return a configuration as it is beside runs, with the zeros, gains, lags and beginnings that fit best."""
+    keyed = KeyedConfiguration(name, parameters, ())
+    unknowns = unknowns_of(keyed, NO_BOUNDS, runs, longest_begin_s)
+    problem = FitProblem(ModelRuns(keyed, runs, longest_begin_s), unknowns)
+    return problem, solved(problem, unknowns.start, whole_only=True).x
+
+
+def score(problem: FitProblem, x: Array) -> Score:
+    """Return the score of a fit's unknowns on the stretches of a problem."""
+    comparison = problem.comparison(x, noise_floors(problem.runs))
+    parts = problem.parts(x)
+    found = []
+    for place, channel in enumerate(problem.runs[0].channels):
+        if channel.of_events:
+            continue
+        masks = [comparison.masks[run][place] for run in range(len(problem.runs))]
+        off = [part[place][mask] for part, mask in zip(parts, masks, strict=True)]
+        values = [run.channels[place].values[mask] for run, mask in zip(problem.runs, masks, strict=True)]
+        whole = np.nan_to_num(np.concatenate(off), nan=np.inf)
+        if not len(whole):
+            continue
+        centred = np.concatenate([each - each.mean() for each in values if len(each)])
+        size, rms = float(np.sqrt(np.mean(centred**2))), float(np.sqrt(np.mean(whole**2)))
+        fit = 100.0 * (1.0 - rms / size) if size > 0.0 else -np.inf
+        found.append(ChannelScore(channel.name, fit, rms, min(map(ljung_box, off))))
+    return Score(tuple(found), *_events(problem, x))
+
+
+def _events(problem: FitProblem, x: Array) -> tuple[float | None, int, int]:
+    """Return the rms of the times of matched events, and how many of either side have no match."""
+    off: list[float] = []
+    missed = false = 0
+    any_times = False
+    curves = problem.model.at(problem.unknowns.keys(x))
+    for i, run in enumerate(problem.runs):
+        for channel in run.channels:
+            if not channel.of_events or channel.field != "time" or curves is None:
+                continue
+            any_times = True
+            begin = problem.begin(x, i)
+            first, last = max(run.from_s, run.first_s), min(run.until_s, run.last_s)
+            own = channel.values[first_of_series(channel.times_s)]
+            own = own[(own >= first) & (own <= last)]
+            model = curves[i].events_of(channel.kind)["time"] - begin
+            model = model[first_of_series(model)]
+            model = model[(model >= first) & (model <= last)]
+            places = matched(own, model)
+            off += (own - model[places])[places >= 0].tolist()
+            false += int(np.count_nonzero(places < 0))
+            missed += len(model) - int(np.count_nonzero(places >= 0))
+    return (float(np.sqrt(np.mean(np.square(off)))) if off else None if not any_times else np.nan), missed, false
+
+
+def ljung_box(residual: Array) -> float:
+    """Return the probability that white residuals are at least as correlated over the first lags."""
+    n = len(residual)
+    centred = residual - residual.mean() if n else residual
+    power = float(centred @ centred)
+    lags = min(LAGS, n // 4)
+    if lags < 1 or not np.isfinite(power) or power == 0.0:
+        return 0.0
+    correlations = np.array([float(centred[lag:] @ centred[:-lag]) / power for lag in range(1, lags + 1)])
+    statistic = n * (n + 2.0) * float(np.sum(correlations**2 / (n - np.arange(1, lags + 1))))
+    return float(stats.chi2.sf(statistic, lags))

@@ -1,0 +1,173 @@
+"""Standard errors of a fit: the widest of least squares, of blocks of the runs (sandwich), and of leaving parts out.
+
+Residuals of one stretch of a run are alike: an unmodelled motion, a sensor's own filter.  Blocks of a run, taken as
+independent of each other instead of its samples, give the middle of the sandwich::
+
+    C = H^-1 (sum over blocks of g g') H^-1,    g = J' r of the block,  H = J' J
+
+and leaving out one block, or one run, at a time gives the jackknife, here by one step of Newton from the whole fit.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+from scipy import stats
+
+from mech_twin.measurements.blocks import Array
+from mech_twin.studies.identification.least_squares_fit import LOSS_SCALE, Fitted
+from mech_twin.studies.identification.residuals import KEY_STEP
+
+OTHER_STEP = 3.0
+BLOCKS = 30  # of all runs together
+FEWEST_BLOCKS = 8  # of a run
+RANK = 1e-10  # of the largest singular value of the scaled derivatives
+NORMAL = float(stats.norm.ppf(0.975))
+
+
+@dataclass(frozen=True)
+class Linearised:
+    """A fit and its derivatives where it ended: robust weights are on rows of both.
+
+    Attributes
+    ----------
+    jacobian, other : ndarray
+        Shape (rows, unknowns), by unknowns over their scales; the other from a step `OTHER_STEP` times as long.
+    residuals : ndarray
+        Shape (rows,).
+    blocks : ndarray
+        Shape (rows,): block of each row, -1 of a row that is no sample (a prior).
+    runs : ndarray
+        Shape (rows,): run of each row, -1 likewise.
+    """
+
+    jacobian: Array
+    other: Array
+    residuals: Array
+    blocks: npt.NDArray[np.int64]
+    runs: npt.NDArray[np.int64]
+
+    def of(self, chosen: npt.NDArray[np.intp]) -> Linearised:
+        """Return the same for some of the unknowns, the others held where they are."""
+        return replace(self, jacobian=self.jacobian[:, chosen], other=self.other[:, chosen])
+
+
+def linearised(fitted: Fitted) -> Linearised:
+    """Return the derivatives of a fit where it ended."""
+    problem, comparison = fitted.problem, fitted.comparison
+    rows = problem.residuals(fitted.x, comparison)
+    jacobian, other = (problem.jacobian(fitted.x, comparison, KEY_STEP * factor) for factor in (1.0, OTHER_STEP))
+    weights = (1.0 + (rows / LOSS_SCALE) ** 2) ** -0.25
+    spans = [(run.first_s, max(min(run.last_s, run.until_s), run.first_s + 1e-9)) for run in problem.runs]
+    total = sum(last - first for first, last in spans)
+    counts = [max(FEWEST_BLOCKS, round(BLOCKS * (last - first) / total)) for first, last in spans]
+    before = np.concatenate([[0], np.cumsum(counts)])
+    blocks, runs = [], []
+    for run, place in problem.places():
+        times = problem.runs[run].channels[place].times_s[comparison.masks[run][place]]
+        first, last = spans[run]
+        own = np.clip(((times - first) / (last - first) * counts[run]).astype(np.int64), 0, counts[run] - 1)
+        blocks.append(own + before[run])
+        runs.append(np.full(len(times), run))
+    rest = np.full(len(rows) - sum(map(len, blocks)), -1)
+    return Linearised(
+        jacobian * weights[:, None],
+        other * weights[:, None],
+        rows * weights,
+        np.concatenate([*blocks, rest]).astype(np.int64),
+        np.concatenate([*runs, rest]).astype(np.int64),
+    )
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """What is known of the unknowns of a fit.
+
+    Attributes
+    ----------
+    errors, half_widths : ndarray
+        Shape (unknowns,): standard errors, and half widths of the 95 % intervals, over the scales.
+    covariance : ndarray
+        Shape (unknowns, unknowns): that of least squares, widened to these errors.
+    origin : tuple of str
+        Which of the errors was the widest, by unknown.
+    widening : float
+        Half widths over those that least squares alone would give a normal error, in the median.
+    """
+
+    errors: Array
+    half_widths: Array
+    covariance: Array
+    origin: tuple[str, ...]
+    widening: float
+
+
+def uncertainty(found: Linearised) -> Uncertainty:
+    """Return the standard errors of all unknowns: the widest of three, each with Student's t of its own freedom."""
+    inverse = inverse_information(found.jacobian)
+    freedom = max(len(found.residuals) - found.jacobian.shape[1], 1)
+    variance = float(found.residuals @ found.residuals) / freedom
+    plain = inverse * variance
+    candidates = [("least squares", np.sqrt(np.diag(plain)), float(stats.t.ppf(0.975, freedom)))]
+    groups = [("blocks", found.blocks)]
+    if found.runs.max(initial=0) > 0:
+        groups.append(("runs", found.runs))
+    for name, labels in groups:
+        scores = _scores(found, labels)
+        count = len(scores)
+        share = float(stats.t.ppf(0.975, count - 1))
+        middle = scores.T @ scores * count / (count - 1)
+        candidates.append((f"sandwich over {name}", np.sqrt(np.diag(inverse @ middle @ inverse)), share))
+        candidates.append((f"jackknife over {name}", _jackknife(found, labels), share))
+    widths = np.array([error * share for _, error, share in candidates])
+    widest = widths.argmax(axis=0)
+    errors = np.array([candidates[w][1][i] for i, w in enumerate(widest)])
+    half_widths = widths.max(axis=0) if len(widths[0]) else np.zeros(0)
+    own = np.sqrt(np.diag(plain))
+    grown = half_widths / NORMAL / np.where(own > 0.0, own, 1.0)
+    origin = tuple(candidates[w][0] for w in widest)
+    widening = float(np.median(grown)) if len(grown) else 1.0
+    return Uncertainty(errors, half_widths, plain * np.outer(grown, grown), origin, widening)
+
+
+def inverse_information(jacobian: Array) -> Array:
+    """Return the inverse of J'J of scaled columns; directions that nothing sees are left out, shape (n, n)."""
+    size = np.linalg.norm(jacobian, axis=0)
+    size = np.where(size > 0.0, size, 1.0)
+    _, singular, directions = np.linalg.svd(jacobian / size, full_matrices=False)
+    kept = singular > RANK * singular.max(initial=0.0)
+    scaled = directions[kept] / singular[kept, None]
+    return np.asarray(scaled.T @ scaled / np.outer(size, size))
+
+
+def _scores(found: Linearised, labels: npt.NDArray[np.int64]) -> Array:
+    """Return J'r of each group, shape (groups, unknowns); together they are zero where the fit ended."""
+    rows = found.jacobian * found.residuals[:, None]
+    groups = np.unique(labels[labels >= 0])
+    return np.array([rows[labels == group].sum(axis=0) for group in groups])
+
+
+def _jackknife(found: Linearised, labels: npt.NDArray[np.int64]) -> Array:
+    """Return the standard errors by leaving out one group at a time, one step of Newton each."""
+    groups = np.unique(labels[labels >= 0])
+    information = found.jacobian.T @ found.jacobian
+    moved = []
+    for group in groups:
+        out = found.jacobian[labels == group]
+        score = out.T @ found.residuals[labels == group]
+        moved.append(_solved(information - out.T @ out, score))
+    away = np.array(moved)
+    away = away - away.mean(axis=0)
+    return np.asarray(np.sqrt((len(groups) - 1) / len(groups) * np.sum(away**2, axis=0)))
+
+
+def _solved(information: Array, score: Array) -> Array:
+    """Return the step that the rest of the data take without a group; directions only it saw stay."""
+    size = np.sqrt(np.maximum(np.diag(information), 0.0))
+    size = np.where(size > 0.0, size, 1.0)
+    values, vectors = np.linalg.eigh(information / np.outer(size, size))
+    kept = values > RANK * values.max(initial=0.0)
+    along = vectors[:, kept]
+    return np.asarray((along / values[kept]) @ (along.T @ (score / size)) / size)

@@ -1,0 +1,233 @@
+"""The fit: robust least squares in stages, from the first part of the runs to the whole of them.
+
+A motion that goes on for long runs out of step where the keys are wrong, and the residual has many valleys then.  Its
+first part has one; its answer starts the next, longer part.  Standard deviations follow the residuals between rounds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from mech_twin.measurements.blocks import Array
+from mech_twin.studies.identification.channel_prediction import ColumnCurves
+from mech_twin.studies.identification.fit_runs import FitRun
+from mech_twin.studies.identification.residuals import FitProblem, Weighting
+from mech_twin.studies.identification.unknowns import BEGIN, GAIN, KEY, ZERO
+
+HORIZONS = (0.03, 0.06, 0.12, 0.25, 0.5, 1.0)  # shares of the run, one stage each
+HELD = 0.3  # of the scale of a key: standard deviation by which it is held near its start while few data tell it
+FEWEST_STEPS = 60  # coupling steps of a stage
+EVALUATIONS, FEWEST = 30, 10
+ROUNDS = 3  # of the last stage
+SETTLED = 0.02  # change of a standard deviation between rounds
+TRIED_BEGINS = 4000
+BEGIN_SAMPLES = 200
+LOSS, LOSS_SCALE = "soft_l1", 3.0
+LEAST_NOISE = 1e-6  # of the size of a channel
+NORMAL_MEDIAN = 0.6745
+
+Told = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """Where a fit ended.
+
+    Attributes
+    ----------
+    problem : FitProblem
+        What was fitted.
+    x : ndarray
+        Unknowns over their scales.
+    comparison : Weighting
+        What was compared.
+    cost : float
+        Sum of squared residuals over their number, in the standard deviations of the comparison.
+    """
+
+    problem: FitProblem
+    x: Array
+    comparison: Weighting
+    cost: float
+
+    @property
+    def key_values(self) -> Array:
+        """Values of the free keys."""
+        return self.problem.unknowns.keys(self.x)
+
+
+def quiet(_: str) -> None:
+    """Tell nobody."""
+
+
+def solved(problem: FitProblem, x: Array, told: Told = quiet, *, whole_only: bool = False) -> Fitted:
+    """Return the fit from a start, in stages; or on the whole runs at once."""
+    x = with_begins(problem, x)
+    for share in [1.0] if whole_only else stage_shares(problem.runs, problem.model.step_s):
+        told(f"first {100.0 * share:.0f} % of the runs" if share < 1.0 else "whole runs")
+        part = problem if share == 1.0 else _part(problem, share, x)
+        x = with_offsets(part, x)
+        fitted = _rounds(part, x, ROUNDS if share == 1.0 else 1, told)
+        x = fitted.x
+    return fitted
+
+
+def stage_shares(runs: Sequence[FitRun], step_s: float) -> list[float]:
+    """Return the shares of the runs that the stages look at, rising to 1; ``step_s`` is the coupling step."""
+    longest = max(min(run.last_s, run.until_s) - max(run.first_s, run.from_s) for run in runs)
+    return [share for share in HORIZONS if share == 1.0 or share * longest >= FEWEST_STEPS * step_s]
+
+
+def _part(problem: FitProblem, share: float, x: Array) -> FitProblem:
+    """Return the problem on the first share of each run; its roll-outs are as much shorter.
+
+    What so short a part does not tell of a key must not carry it away: each is held near where it is.
+    """
+    unknowns = problem.unknowns
+    held = {}
+    for i in unknowns.places(KEY):
+        key = unknowns.all[i]
+        held[key.name] = (float(x[i]) * key.scale, HELD * key.scale)
+    runs = [
+        replace(run, until_s=run.first_s + share * (min(run.last_s, run.until_s) - run.first_s)) for run in problem.runs
+    ]
+    return problem.over(runs, held)
+
+
+def _rounds(problem: FitProblem, x: Array, rounds: int, told: Told) -> Fitted:
+    sigmas = noise_floors(problem.runs)
+    low, high = problem.unknowns.bounds()
+    fitted: Fitted | None = None
+    for number in range(rounds):
+        sigmas_now = np.maximum(sigmas, spreads(problem, x, problem.comparison(x, sigmas)))
+        if fitted is not None and np.all(np.abs(sigmas_now / fitted.comparison.sigmas - 1.0) < SETTLED):
+            break
+        comparison = problem.comparison(x, sigmas_now)
+        if not len(x):
+            return _fitted(problem, x, comparison)
+        found = least_squares(
+            lambda y, c=comparison: problem.residuals(y, c),
+            np.clip(x, low, high),
+            lambda y, c=comparison: problem.jacobian(y, c),
+            bounds=(low, high),
+            x_scale="jac",
+            loss=LOSS,
+            f_scale=LOSS_SCALE,
+            max_nfev=EVALUATIONS if number == 0 else FEWEST,
+            xtol=1e-9,
+            ftol=1e-7,
+            gtol=1e-9,
+        )
+        x = found.x
+        told(f"{problem.model.rolled_out} runs of the model")
+        fitted = _fitted(problem, x, comparison)
+    sigmas = np.maximum(sigmas, spreads(problem, x, problem.comparison(x, sigmas)))
+    return _fitted(problem, x, problem.comparison(x, sigmas))
+
+
+def _fitted(problem: FitProblem, x: Array, comparison: Weighting) -> Fitted:
+    rows = problem.residuals(x, comparison)
+    return Fitted(problem, x, comparison, float(rows @ rows) / max(len(rows), 1))
+
+
+def noise_floors(runs: Sequence[FitRun]) -> Array:
+    """Return the least standard deviation of each channel, over all runs: known noise, or a trace of its size."""
+    found = []
+    for place in range(len(runs[0].channels)):
+        channels = [run.channels[place] for run in runs]
+        size = max((float(np.std(each.values)) for each in channels), default=0.0) or 1.0
+        known = [each.channel.sigma is not None and each.channel.sigma > 0.0 for each in channels]
+        noise = min(each.noise for each in channels) if all(known) else 0.0
+        found.append(max(noise, LEAST_NOISE * size))
+    return np.array(found)
+
+
+def spreads(problem: FitProblem, x: Array, comparison: Weighting) -> Array:
+    """Return the spread of the residuals of each channel, SI units: robust, and no less than a third of their rms."""
+    parts, found = problem.parts(x), []
+    for place in range(len(problem.runs[0].channels)):
+        kept = [parts[run][place][comparison.masks[run][place]] for run in range(len(problem.runs))]
+        off = np.concatenate(kept)
+        off = off[np.isfinite(off)]
+        if not len(off):
+            found.append(0.0)
+            continue
+        rms = float(np.sqrt(np.mean(off**2)))
+        found.append(max(float(np.median(np.abs(off))) / NORMAL_MEDIAN, rms / 3.0))
+    return np.array(found)
+
+
+def with_offsets(problem: FitProblem, x: Array) -> Array:
+    """Return the unknowns with the zeros and gains that fit best at these keys, channel by channel in closed form."""
+    x = x.copy()
+    unknowns = problem.unknowns
+    for i, unknown in enumerate(unknowns.all):
+        if unknown.kind not in (ZERO, GAIN):
+            continue
+        gain = unknowns.of_channel(GAIN, unknown.runs[0], unknown.place)
+        if unknown.kind == GAIN and unknowns.of_channel(ZERO, unknown.runs[0], unknown.place) is not None:
+            continue  # found together with the zero
+        measured, column = _paired(problem, x, unknown.runs, unknown.place)
+        if not len(measured):
+            continue
+        if unknown.kind == ZERO and gain is None:
+            x[i] = float(np.median(measured - column)) / unknown.scale
+        elif unknown.kind == GAIN:
+            x[i] = float(measured @ column) / max(float(column @ column), 1e-300)
+        else:
+            slope, offset = np.polyfit(column, measured, 1) if np.ptp(column) > 0.0 else (1.0, 0.0)
+            x[i], x[gain] = offset / unknown.scale, slope
+    return x
+
+
+def _paired(problem: FitProblem, x: Array, runs: Sequence[int], place: int) -> tuple[Array, Array]:
+    """Return measured values of a channel and the model's column beside them, over runs, where both count."""
+    plain = x.copy()
+    for i, unknown in enumerate(problem.unknowns.all):
+        if unknown.place == place and unknown.kind in (ZERO, GAIN):
+            plain[i] = 1.0 if unknown.kind == GAIN else 0.0
+    comparison, parts = problem.comparison(x, noise_floors(problem.runs)), problem.parts(plain)
+    measured, column = [], []
+    for run in runs:
+        mask = comparison.masks[run][place] & np.isfinite(parts[run][place])
+        values = problem.runs[run].channels[place].values[mask]
+        measured.append(values)
+        column.append(values - parts[run][place][mask])
+    return np.concatenate(measured), np.concatenate(column)
+
+
+def with_begins(problem: FitProblem, x: Array) -> Array:
+    """Return the unknowns with the beginning of each run where the model's run fits it best."""
+    x = x.copy()
+    curves = problem.model.at(problem.unknowns.keys(x))
+    for i, unknown in enumerate(problem.unknowns.all):
+        if unknown.kind != BEGIN or curves is None:
+            continue
+        tried = np.linspace(unknown.low, unknown.high, TRIED_BEGINS)
+        cost = _begin_costs(problem.runs[unknown.runs[0]], curves[unknown.runs[0]], tried)
+        x[i] = tried[int(np.argmin(cost))] / unknown.scale
+    return x
+
+
+def _begin_costs(run: FitRun, curves: ColumnCurves, begins_s: Array) -> Array:
+    """Return how far the run is off the model's for each beginning, over the size of its channels."""
+    cost = np.zeros(len(begins_s))
+    for channel in run.channels:
+        if channel.of_events:
+            continue
+        counts = np.flatnonzero(channel.times_s <= run.until_s)
+        counts = counts[:: max(1, len(counts) // BEGIN_SAMPLES)][:BEGIN_SAMPLES]
+        size = float(np.std(channel.values)) or 1.0
+        zero_open = isinstance(channel.channel.zero, str)
+        for j, begin in enumerate(begins_s.tolist()):
+            off = channel.values[counts] - curves.at(channel.name, channel.times_s[counts] + begin)
+            if channel.turns:
+                around = np.angle(np.mean(np.exp(1j * off))) if zero_open else 0.0
+                cost[j] += float(np.mean(np.abs(np.angle(np.exp(1j * (off - around))))))
+            else:
+                cost[j] += float(np.mean(np.abs(off - off.mean() if zero_open else off))) / size
+    return cost

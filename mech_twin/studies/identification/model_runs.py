@@ -1,0 +1,103 @@
+"""The model's own runs for values of the free keys, under the command of each measured run; the last are kept."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.measurements.blocks import Array
+from mech_twin.quantity import Parameters
+from mech_twin.studies.identification.channel_prediction import ColumnCurves, needed_columns
+from mech_twin.studies.identification.fit_runs import FitRun
+from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration, number_at
+from mech_twin.studies.rolling_out import rollouts
+
+Curves = tuple[ColumnCurves, ...]
+
+
+class ModelRuns:
+    """Roll-outs of a machine beside measured runs.
+
+    Parameters
+    ----------
+    keyed : KeyedConfiguration
+        The machine and its free keys.
+    runs : sequence of FitRun
+        The measured runs.
+    longest_begin_s : float
+        Latest time of the machine's own run in which a run of unknown beginning may begin.
+    cores : int, optional
+        Threads; all cores if absent.
+    """
+
+    def __init__(
+        self, keyed: KeyedConfiguration, runs: Sequence[FitRun], longest_begin_s: float = 0.0, cores: int | None = None
+    ) -> None:
+        self.keyed, self.runs, self.rolled_out = keyed, tuple(runs), 0
+        self._cores, self._longest_begin_s = cores, longest_begin_s
+        names = [channel.name for run in runs for channel in run.channels if not channel.of_events]
+        self._columns = needed_columns(names)
+        self._kept: tuple[bytes, Curves | None] | None = None
+
+    def over(self, runs: Sequence[FitRun]) -> ModelRuns:
+        """Return the same machine beside other stretches of the runs."""
+        return ModelRuns(self.keyed, runs, self._longest_begin_s, self._cores)
+
+    def at(self, values: Array) -> Curves | None:
+        """Return the columns of each run with these values of the keys, None where the machine refuses them."""
+        key = values.tobytes()
+        if self._kept is None or self._kept[0] != key:
+            self._kept = (key, self.many([values])[0])
+        return self._kept[1]
+
+    def many(self, members: Sequence[Array]) -> list[Curves | None]:
+        """Return the same for several values, computed on all cores."""
+        configured = [self._parameters(values) for values in members]
+        legal = [each for each in configured if each is not None]
+        columns: list[list[ColumnCurves | None]] = [[] for _ in legal]
+        for run in self.runs:
+            for place, curves in enumerate(self._rolled(run, legal)):
+                columns[place].append(curves)
+        whole = iter(columns)
+        found: list[Curves | None] = []
+        for each in configured:
+            rolled = [] if each is None else next(whole)
+            kept = tuple(curves for curves in rolled if curves is not None)
+            found.append(kept if rolled and len(kept) == len(self.runs) else None)
+        return found
+
+    @property
+    def step_s(self) -> float:
+        """The coupling step."""
+        return number_at(self.keyed.tree, "coupling.step_s", self.keyed.name)
+
+    def duration_s(self, run: FitRun) -> float:
+        """Return how long the model has to run beside a measured run."""
+        begin = self._longest_begin_s if run.begin_s is None else run.begin_s
+        return max(min(run.last_s, run.until_s), 0.0) + begin
+
+    def _rolled(self, run: FitRun, configured: Sequence[Parameters]) -> list[ColumnCurves | None]:
+        if not configured:
+            return []
+        duration_s = self.duration_s(run) + 2.0 * self.step_s
+        command = run.command or 1.0
+        self.rolled_out += len(configured)
+        members = rollouts(
+            self.keyed.name,
+            list(configured),
+            duration_s,
+            columns=self._columns,
+            commands=[command] * len(configured),
+            cores=self._cores,
+        )
+        return [None if member.error is not None else ColumnCurves(member) for member in members]
+
+    def _parameters(self, values: Array) -> Parameters | None:
+        if not np.isfinite(values).all():
+            return None
+        try:
+            return self.keyed.parameters(values)
+        except ConfigurationError:
+            return None

@@ -1,0 +1,274 @@
+"""Residuals of measured channels against roll-outs, and their derivatives inside one order of events.
+
+A sample is compared where no event of the model is near, if its column jumps at events; an event by its time and by
+the speeds across it, with the nearest one of its kind.  Everything is in standard deviations of its channel.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from mech_twin.measurements.blocks import Array
+from mech_twin.measurements.units import TURN
+from mech_twin.studies.identification.channel_prediction import ColumnCurves
+from mech_twin.studies.identification.event_matching import SHARE, first_of_series, matched, usual_spacing
+from mech_twin.studies.identification.fit_runs import FitChannel, FitRun
+from mech_twin.studies.identification.model_runs import Curves, ModelRuns
+from mech_twin.studies.identification.unknowns import BEGIN, GAIN, KEY, LAG, ZERO, Unknowns
+
+REFUSED = 1e3  # standard deviations where the machine refuses the values, or its motion ends
+GUARD_STEPS = 2.5  # coupling steps on either side of an event
+BEND_GUARD_STEPS = 1.5  # of a position, which bends there
+KEY_STEP = 1e-4  # of the scale of a key, in central differences
+HALVED, MOST_HALVINGS = 8.0, 1
+LEAST_BEND = 1e-3  # standard deviations: less is rounding
+CURVED = 0.3  # of the slopes on either side: more difference between them, and the order of events changed
+MOST_BENT = 0.2  # of the rows of a channel
+Mask = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Weighting:
+    """What is compared, fixed while a fit moves: standard deviations and samples that count."""
+
+    sigmas: Array
+    masks: tuple[tuple[Mask, ...], ...]
+
+
+class FitProblem:
+    """Residuals of a fit.
+
+    Parameters
+    ----------
+    model : ModelRuns
+        Machine, keys and measured runs.
+    unknowns : Unknowns
+        What is sought.
+    priors : mapping
+        Mean and standard deviation of keys that are known from elsewhere.
+    """
+
+    def __init__(
+        self, model: ModelRuns, unknowns: Unknowns, priors: Mapping[str, tuple[float, float]] | None = None
+    ) -> None:
+        self.model, self.unknowns = model, unknowns
+        self.runs = model.runs
+        self.priors = dict(priors or {})
+        self._priors = [(i, *self.priors[key]) for i, key in enumerate(model.keyed.keys) if key in self.priors]
+
+    def over(self, runs: Sequence[FitRun], held: Mapping[str, tuple[float, float]] | None = None) -> FitProblem:
+        """Return the same problem on other stretches of its runs, with keys held near values where nothing is known."""
+        return FitProblem(self.model.over(runs), self.unknowns, {**(held or {}), **self.priors})
+
+    def comparison(self, x: Array, sigmas: Array) -> Weighting:
+        """Return what is compared near ``x``: samples beside an event of the model are left out."""
+        curves = self.model.at(self.unknowns.keys(x))
+        masks = []
+        for i, run in enumerate(self.runs):
+            own = None if curves is None else curves[i]
+            masks.append(tuple(self._mask(x, i, run, place, own) for place in range(len(run.channels))))
+        return Weighting(sigmas, tuple(masks))
+
+    def _mask(self, x: Array, i: int, run: FitRun, place: int, curves: ColumnCurves | None) -> Mask:
+        channel = run.channels[place]
+        counts = (channel.times_s >= run.from_s) & (channel.times_s <= run.until_s)
+        if channel.of_events:
+            return counts & first_of_series(channel.times_s)
+        if curves is None:
+            return counts
+        at = self._model_times(x, i, place, channel.times_s)
+        counts &= at >= 0.0
+        guard = GUARD_STEPS if channel.jumps else BEND_GUARD_STEPS
+        return counts & ~curves.beside_event(at, guard * curves.step_s)
+
+    def _model_times(self, x: Array, run: int, place: int, times_s: Array) -> Array:
+        """Return the times of the machine's own run at which samples were taken."""
+        return times_s + self.begin(x, run) - self.unknowns.value(x, LAG, run, place, 0.0)
+
+    def begin(self, x: Array, run: int) -> float:
+        """Return the time of the machine's own run at which time 0 of a measured one stands."""
+        return self.unknowns.value(x, BEGIN, run, 0, self.runs[run].begin_s or 0.0)
+
+    def parts(self, x: Array) -> list[list[Array]]:
+        """Return measured less predicted of every sample of each channel in each run, in SI units."""
+        curves = self.model.at(self.unknowns.keys(x))
+        return [
+            [
+                np.full(len(channel.times_s), np.nan) if curves is None else self._off(x, i, place, channel, curves[i])
+                for place, channel in enumerate(run.channels)
+            ]
+            for i, run in enumerate(self.runs)
+        ]
+
+    def _off(self, x: Array, run: int, place: int, channel: FitChannel, curves: ColumnCurves) -> Array:
+        shown = self._shown(x, run, place, channel, curves)
+        off = channel.values - shown
+        if channel.turns and len(off):
+            off = off - TURN * np.round(np.median(off) / TURN)
+        return off
+
+    def _shown(self, x: Array, run: int, place: int, channel: FitChannel, curves: ColumnCurves) -> Array:
+        zero = self.unknowns.value(x, ZERO, run, place, 0.0)
+        inverse_gain = self.unknowns.value(x, GAIN, run, place, 1.0)
+        at = self._model_times(x, run, place, channel.times_s)
+        if channel.of_events:
+            column, _ = self._event_values(x, run, channel, curves, at)
+        else:
+            column = curves.at(channel.name, at)
+        return column * inverse_gain + zero
+
+    def _event_values(
+        self, x: Array, run: int, channel: FitChannel, curves: ColumnCurves, at_s: Array
+    ) -> tuple[Array, Array]:
+        """Return what the matched event of the model shows, and its time; an unmatched one is off by the limit."""
+        events = curves.events_of(channel.kind)
+        begins = first_of_series(events["time"])
+        times, values = events["time"][begins], events[channel.field][begins]
+        values = values - self.begin(x, run) if channel.field == "time" else values
+        limit = SHARE * min(usual_spacing(channel.times_s), 1e3) if channel.field == "time" else np.std(channel.values)
+        found = matched(at_s, times)
+        if not len(times):
+            return channel.values + limit, np.full(len(at_s), np.nan)
+        hit = found >= 0
+        return np.where(hit, values[found], channel.values + limit), np.where(hit, times[found], np.nan)
+
+    def residuals(self, x: Array, comparison: Weighting) -> Array:
+        """Return the residuals that count, in standard deviations, shape (rows,)."""
+        rows = []
+        for run, parts in enumerate(self.parts(x)):
+            for place, off in enumerate(parts):
+                kept = off[comparison.masks[run][place]] / comparison.sigmas[place]
+                rows.append(np.clip(np.nan_to_num(kept, nan=REFUSED), -REFUSED, REFUSED))
+        return np.concatenate([*rows, self._prior_rows(x)])
+
+    def _prior_rows(self, x: Array) -> Array:
+        keys = self.unknowns.keys(x)
+        return np.array([(keys[i] - mean) / deviation for i, mean, deviation in self._priors])
+
+    def jacobian(self, x: Array, comparison: Weighting, step: float = KEY_STEP) -> Array:
+        """Return the derivatives of `residuals`, shape (rows, unknowns); the keys move by ``step`` of their scales."""
+        rows = [self._columns(x, comparison, run, place) for run, place in self.places()]
+        keys = self._key_columns(x, comparison, step)
+        found = np.concatenate([*rows, np.zeros((len(self._priors), len(x)))])
+        found[: len(found) - len(self._priors), self.unknowns.places(KEY)] = keys
+        for row, (i, _, deviation) in enumerate(self._priors, len(found) - len(self._priors)):
+            found[row, i] = self.unknowns.all[i].scale / deviation
+        return found
+
+    def places(self) -> list[tuple[int, int]]:
+        """Return run and channel of each stretch of rows, in order."""
+        return [(run, place) for run, each in enumerate(self.runs) for place in range(len(each.channels))]
+
+    def _columns(self, x: Array, comparison: Weighting, run: int, place: int) -> Array:
+        """Return the derivatives by the unknowns that are no keys, of one channel in one run."""
+        channel, mask = self.runs[run].channels[place], comparison.masks[run][place]
+        found = np.zeros((int(mask.sum()), len(x)))
+        curves = self.model.at(self.unknowns.keys(x))
+        if curves is None:
+            return found
+        at = self._model_times(x, run, place, channel.times_s)[mask]
+        inverse_gain = self.unknowns.value(x, GAIN, run, place, 1.0)
+        if channel.of_events:
+            every = self._model_times(x, run, place, channel.times_s)
+            column = self._event_values(x, run, channel, curves[run], every)[0][mask]
+            slope = np.full(len(at), -1.0 if channel.field == "time" else 0.0)
+            by_lag = np.zeros(len(at))
+        else:
+            column, slope = curves[run].at(channel.name, at), curves[run].slope(channel.name, at)
+            by_lag = -slope
+        for kind, column_slope in (
+            (ZERO, np.ones(len(at))),
+            (GAIN, column),
+            (LAG, inverse_gain * by_lag),
+        ):
+            unknown = self.unknowns.of_channel(kind, run, place)
+            if unknown is not None:
+                found[:, unknown] = -column_slope * self.unknowns.all[unknown].scale / comparison.sigmas[place]
+        begin = next((i for i, u in enumerate(self.unknowns.all) if u.kind == BEGIN and run in u.runs), None)
+        if begin is not None:
+            found[:, begin] = -inverse_gain * slope * self.unknowns.all[begin].scale / comparison.sigmas[place]
+        return found
+
+    def _key_columns(self, x: Array, comparison: Weighting, step: float) -> Array:
+        """Return the derivatives by the keys: differences over a step that is halved where too many rows are bent."""
+        left = list(range(len(self.unknowns.places(KEY))))
+        centre = self.model.at(self.unknowns.keys(x))
+        found = np.zeros((sum(int(mask.sum()) for masks in comparison.masks for mask in masks), len(left)))
+        bent = dict.fromkeys(left, np.inf)
+        for _ in range(MOST_HALVINGS + 1):
+            if centre is None or not left:
+                break
+            rest = []
+            for place, (up, down) in zip(left, self._members(x, left, step), strict=True):
+                derivative, share = self._difference(x, comparison, (up, centre, down), step)
+                if share < bent[place]:
+                    found[:, place], bent[place] = derivative, share
+                if share > MOST_BENT:
+                    rest.append(place)
+            step, left = step / HALVED, rest
+        return found
+
+    def _members(self, x: Array, places: Sequence[int], step: float) -> list[tuple[Curves | None, Curves | None]]:
+        """Return the roll-outs on either side of the centre for each key."""
+        keys, scales = self.unknowns.keys(x), self.unknowns.scales[self.unknowns.places(KEY)]
+        asked = []
+        for place in places:
+            for sign in (1.0, -1.0):
+                moved = keys.copy()
+                moved[place] += sign * step * scales[place]
+                asked.append(moved)
+        rolled = self.model.many(asked)
+        return [(rolled[2 * i], rolled[2 * i + 1]) for i in range(len(places))]
+
+    def _difference(
+        self, x: Array, comparison: Weighting, members: tuple[Curves | None, Curves, Curves | None], step: float
+    ) -> tuple[Array, float]:
+        """Return the derivative of the rows by a key over its scale, and the largest share of bent rows in a channel.
+
+        Where the slopes on either side of the centre disagree, the order of events changed on one of them: the
+        smaller slope is that of the centre's own order.
+        """
+        centre, slopes, bent = members[1], [], 0.0
+        for run, place in self.places():
+            mask, sigma = comparison.masks[run][place], comparison.sigmas[place]
+            middle = self._moved(x, run, place, centre[run], centre[run], mask)
+            sides = [
+                sign * (self._moved(x, run, place, member[run], centre[run], mask) - middle) / step / sigma
+                for sign, member in ((1.0, members[0]), (-1.0, members[2]))
+                if member is not None
+            ]
+            if not sides:
+                slopes.append(np.zeros(len(middle)))
+                continue
+            first, last = sides[0], sides[-1]
+            size = np.abs(first) + np.abs(last)
+            bends = np.abs(first - last) > CURVED * size + LEAST_BEND / step
+            slopes.append(-np.where(bends, np.where(np.abs(first) < np.abs(last), first, last), 0.5 * (first + last)))
+            bent = max(bent, float(np.mean(bends)) if len(bends) else 0.0)
+        return np.concatenate(slopes), bent
+
+    def _moved(self, x: Array, run: int, place: int, curves: ColumnCurves, centre: ColumnCurves, mask: Mask) -> Array:
+        """Return what a channel shows of a roll-out near the centre: of events, those next to the centre's."""
+        channel = self.runs[run].channels[place]
+        if not channel.of_events:
+            at = self._model_times(x, run, place, channel.times_s)[mask]
+            return self.unknowns.value(x, GAIN, run, place, 1.0) * curves.at(channel.name, at)
+        at = self._model_times(x, run, place, channel.times_s)
+        shown, times = self._event_values(x, run, channel, centre, at)
+        inverse_gain = self.unknowns.value(x, GAIN, run, place, 1.0)
+        if curves is centre:
+            return inverse_gain * shown[mask]
+        own = curves.events_of(channel.kind)
+        begins = first_of_series(own["time"])
+        hit = np.isfinite(times)
+        next_to = np.full(len(times), -1, dtype=np.int64)
+        next_to[hit] = matched(times[hit], own["time"][begins])
+        values = own[channel.field][begins]
+        if not len(values):
+            return inverse_gain * shown[mask]
+        values = values - self.begin(x, run) if channel.field == "time" else values
+        return inverse_gain * np.where(next_to >= 0, values[next_to], shown)[mask]

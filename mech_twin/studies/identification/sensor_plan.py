@@ -1,0 +1,228 @@
+"""Which keys given sensors would find, and what would help most: the information matrix of simulated runs.
+
+The rows of the derivatives are those that a fit would have: sensors at their rates, over their own noise.  A further
+sensor adds rows, a manoeuvre replaces the run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from scipy import stats
+
+from mech_twin.configuration_tree import ConfigurationError, merged_tree
+from mech_twin.engine.rollout import column_names, roll_out
+from mech_twin.measurements.blocks import Array
+from mech_twin.measurements.machine_columns import joint_column
+from mech_twin.measurements.measurement_map import Channel, MeasurementMap
+from mech_twin.parameters.load import catalogue_entry, validated
+from mech_twin.studies.identification.combinations import Combination, base_keys, combinations, sight
+from mech_twin.studies.identification.fit_runs import FitChannel, FitRun
+from mech_twin.studies.identification.identification import LARGEST_LOG_ERROR, IdentificationQuestion
+from mech_twin.studies.identification.intervals import NORMAL, OTHER_STEP, inverse_information
+from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration
+from mech_twin.studies.identification.model_runs import ModelRuns
+from mech_twin.studies.identification.residuals import KEY_STEP, FitProblem, Weighting
+from mech_twin.studies.identification.unknowns import BEGIN, GAIN, KEY, LAG, ZERO, unknowns_of
+from mech_twin.studies.identification.verdicts import KeyEvidence, KeyVerdict, key_verdicts
+
+ADDED_NOISE = 1e-3  # of its swing: noise of a sensor that might be added
+ADDED_RATE_HZ = 500.0
+Command = tuple[tuple[float, float], ...]
+
+
+@dataclass(frozen=True)
+class Help:
+    """What a further sensor or a manoeuvre would bring.
+
+    Attributes
+    ----------
+    what : str
+        The sensor's column, or the manoeuvre.
+    identified : tuple of str
+        Keys that it would add to those that are found.
+    narrowed : float
+        By which factor it would narrow the intervals of those found already, in the median.
+    """
+
+    what: str
+    identified: tuple[str, ...]
+    narrowed: float
+
+
+@dataclass(frozen=True)
+class SensorPlan:
+    """What the sensors would find of a run: verdicts with intervals, combinations, and what would help, best first."""
+
+    keys: tuple[KeyVerdict, ...]
+    combinations: tuple[Combination, ...]
+    helps: tuple[Help, ...]
+
+
+@dataclass(frozen=True)
+class _PlannedRun:
+    """A run to be planned: its name, what it is configured and commanded with, and its keys' derivatives."""
+
+    name: str
+    question: IdentificationQuestion
+    command: Command
+
+
+def sensor_plan(
+    question: IdentificationQuestion, sensors: MeasurementMap, duration_s: float, opened: MeasurementMap | None = None
+) -> SensorPlan:
+    """Return what these sensors would find in a run of the machine.
+
+    Parameters
+    ----------
+    question : IdentificationQuestion
+        Machine, configuration and free keys.
+    sensors : MeasurementMap
+        The sensors, each with ``sigma`` or ``quantum``, as for ``simulate --sensors``.
+    duration_s : float
+        Length of the run.
+    opened : MeasurementMap, optional
+        The map of the fit, where zeros, gains and lags are open; the sensors' own if absent.
+
+    Raises
+    ------
+    ConfigurationError
+        A sensor has neither ``sigma`` nor ``quantum``: without noise, everything would be found.
+    """
+    channels = (opened or sensors).channels
+    noises = [_noise(channel, place) for place, channel in enumerate(sensors.channels)]
+    own = _PlannedRun("as it is", question, ())
+    samples = _samples(own, channels, sensors.channels, noises, duration_s)
+    keys, combined = _verdicts(own, samples)
+    found = {key.key for key in keys if key.verdict == "identified"}
+    widths = {key.key: key.high_95 - key.low_95 for key in keys}
+    helps = []
+    for what, run, more in _options(own, samples, duration_s):
+        other, _ = _verdicts(run, more)
+        now = {key.key for key in other if key.verdict == "identified"}
+        shares = [widths[key.key] / max(key.high_95 - key.low_95, 1e-300) for key in other if key.key in found & now]
+        helps.append(Help(what, tuple(sorted(now - found)), float(np.median(shares)) if shares else 1.0))
+    helps.sort(key=lambda each: (len(each.identified), each.narrowed), reverse=True)
+    return SensorPlan(tuple(keys), tuple(combined), tuple(helps))
+
+
+def _noise(channel: Channel, place: int) -> float:
+    """Return the standard deviation of a sensor in SI units of its column."""
+    shown = float(np.hypot(channel.sigma or 0.0, channel.quantum / 12.0**0.5))
+    if shown == 0.0:
+        raise ConfigurationError(
+            f"sensors: key 'channels.{place}.sigma', value {channel.sigma}: expected the noise of {channel.quantity}, "
+            "or a quantum"
+        )
+    gain = 1.0 if isinstance(channel.gain, str) else abs(channel.gain)
+    return shown * channel.si_factor * gain
+
+
+def _samples(
+    run: _PlannedRun,
+    channels: Sequence[Channel],
+    sensors: Sequence[Channel],
+    noises: Sequence[float],
+    duration_s: float,
+) -> FitRun:
+    """Return the run as the sensors would sample it: instants, and the model's own values."""
+    machine = catalogue_entry(run.question.machine).build(run.question.base)
+    rolled = roll_out(machine, duration_s, command=run.command or 1.0)
+    found = []
+    for channel, sensor, noise in zip(channels, sensors, noises, strict=True):
+        parts = channel.quantity.split(".")
+        if parts[0] == "event":
+            events = rolled.event_numbers
+            times = events.time_s[events.kind == parts[1]]
+            values = times if parts[2] == "time" else np.linspace(-1.0, 1.0, len(times))
+        else:
+            rate = sensor.rate_hz or 1.0 / machine.coupling_step_s
+            times = np.arange(0.0, duration_s, 1.0 / rate)
+            times = times[: len(times) - round(sensor.drop * len(times))] if sensor.drop else times
+            values = np.interp(times, rolled["time_s"], rolled[channel.quantity])
+        found.append(FitChannel(channel, times, values, noise))
+    return FitRun(Path(run.name), tuple(each for each in found if len(each.times_s)), run.command, 0.0)
+
+
+def _verdicts(run: _PlannedRun, samples: FitRun) -> tuple[list[KeyVerdict], list[Combination]]:
+    """Return what a fit of the keys would say, from the derivatives at the configuration itself."""
+    question = run.question
+    keyed = KeyedConfiguration(question.machine, question.base, question.keys)
+    bounds = keyed.bounds(question.bounds)
+    unknowns = unknowns_of(keyed, bounds, [samples])
+    problem = FitProblem(ModelRuns(keyed, [samples], 0.0, question.cores), unknowns, question.priors)
+    x = unknowns.start
+    sigmas = np.array([channel.noise for channel in samples.channels])
+    weighting = Weighting(sigmas, problem.comparison(x, sigmas).masks)
+    jacobian, other = (problem.jacobian(x, weighting, KEY_STEP * factor) for factor in (1.0, OTHER_STEP))
+    places = unknowns.places(KEY)
+    seen = sight(jacobian, other, places, x[places])
+    count = len(question.keys)
+    chosen = base_keys(seen, [i for i in range(count) if seen.effects[i] >= seen.least_effects[i]])
+    kept = np.concatenate([np.array(chosen, dtype=np.intp), unknowns.places(BEGIN, ZERO, GAIN, LAG)])
+    share = float(stats.t.ppf(0.975, max(len(jacobian) - len(kept), 1)))
+    errors, halves = np.full(count, np.nan), np.full(count, np.inf)
+    own = np.sqrt(np.diag(inverse_information(jacobian[:, kept])))
+    for place, i in enumerate(chosen):
+        errors[i] = own[place] * unknowns.scales[i]
+        halves[i] = errors[i] * share
+    values = keyed.values()
+    combined = combinations(seen, question.keys, values, LARGEST_LOG_ERROR, NORMAL)
+    fixed = frozenset(set(range(count)) - set(chosen))
+    evidence = KeyEvidence(
+        question.keys, values, values, errors, halves, _open(bounds), unknowns.scales[:count], seen, fixed, None
+    )
+    return key_verdicts(evidence, combined), combined
+
+
+def _open(bounds: Array) -> Array:
+    """Return bounds that no value stands on: a plan has no fit that could have stopped there."""
+    return np.array([np.full(bounds.shape[1], -np.inf), np.full(bounds.shape[1], np.inf)])
+
+
+def _options(own: _PlannedRun, samples: FitRun, duration_s: float) -> list[tuple[str, _PlannedRun, FitRun]]:
+    """Return what could be added: a sensor of each joint's motion and effort, or another manoeuvre."""
+    measured = {channel.name for channel in samples.channels}
+    machine = catalogue_entry(own.question.machine).build(own.question.base)
+    rolled = roll_out(machine, duration_s)
+    found = []
+    for column in column_names(machine):
+        parts = joint_column(column)
+        if parts is None or column in measured or not _tells(column, parts.role):
+            continue
+        swing = float(np.nanstd(rolled[column]))
+        if swing <= 0.0:
+            continue
+        channel = Channel.model_validate({"source": {"column": column}, "is": column, "rate_hz": ADDED_RATE_HZ})
+        times = np.arange(0.0, duration_s, 1.0 / ADDED_RATE_HZ)
+        values = np.interp(times, rolled["time_s"], rolled[column])
+        added = FitChannel(channel, times, values, ADDED_NOISE * swing)
+        found.append((f"sensor {column}", own, replace(samples, channels=(*samples.channels, added))))
+    return found + [(run.name, run, _again(run, samples, duration_s)) for run in _manoeuvres(own, duration_s)]
+
+
+def _tells(column: str, role: str) -> bool:
+    return role in ("linkage", "motor", "body") and ".memory." not in column
+
+
+def _again(run: _PlannedRun, samples: FitRun, duration_s: float) -> FitRun:
+    channels = [each.channel for each in samples.channels]
+    return _samples(run, channels, channels, [each.noise for each in samples.channels], duration_s)
+
+
+def _manoeuvres(own: _PlannedRun, duration_s: float) -> list[_PlannedRun]:
+    """Return other ways to run the machine: from rest, with a step of the speed, with the supply off at half time."""
+    base, half = own.question.base, 0.5 * duration_s
+    found = [
+        _PlannedRun("speed step to 0.6 at half time", own.question, ((0.0, 1.0), (half, 0.6))),
+        _PlannedRun("supply off at half time", own.question, ((0.0, 1.0), (half, 0.0))),
+    ]
+    tree = KeyedConfiguration(own.question.machine, base, ()).tree
+    if tree.get("supply", {}).get("initial_fraction"):
+        changed = merged_tree(tree, {"supply": {"initial_fraction": 0.0}})
+        started = validated(catalogue_entry(own.question.machine), changed, "a start from rest")
+        found.append(_PlannedRun("start from rest", replace(own.question, base=started), ()))
+    return found

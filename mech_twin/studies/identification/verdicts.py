@@ -1,0 +1,106 @@
+"""What may be said of each key after a fit, and why."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mech_twin.measurements.blocks import Array
+from mech_twin.studies.identification.combinations import ALONE, Combination, Sight
+
+IDENTIFIED, ONE_SIDED, COMBINATION = "identified", "one-sided", "only_in_combination"
+NOT_EXCITED, AT_BOUND, MODEL_ERROR = "not_excited", "at_bound", "model_error"
+WIDEST = 0.5  # half width over value: wider says no more than the order of magnitude
+NEAR_BOUND = 1e-6
+
+
+@dataclass(frozen=True)
+class KeyVerdict:
+    """A key with its interval and what may be said of it."""
+
+    key: str
+    before: float
+    estimate: float
+    standard_error: float
+    low_95: float
+    high_95: float
+    verdict: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class KeyEvidence:
+    """All that a verdict on the keys looks at; arrays have one entry a key, in SI units."""
+
+    names: Sequence[str]
+    before: Array
+    estimates: Array
+    errors: Array
+    half_widths: Array
+    bounds: Array
+    scales: Array
+    sight: Sight
+    fixed: frozenset[int]
+    model_error: str | None
+
+
+def key_verdicts(evidence: KeyEvidence, told: Sequence[Combination]) -> list[KeyVerdict]:
+    """Return the verdict on each key."""
+    tied = {i: group for group in evidence.sight.groups() for i in group}
+    formulas = {key: each.formula for each in reversed(told) for key in each.keys}
+    return [_verdict(evidence, i, tied, formulas) for i in range(len(evidence.names))]
+
+
+def _verdict(evidence: KeyEvidence, i: int, tied: Mapping[int, list[int]], formulas: Mapping[str, str]) -> KeyVerdict:
+    name, estimate, half = evidence.names[i], float(evidence.estimates[i]), float(evidence.half_widths[i])
+    verdict, reason = _word(evidence, i, tied, formulas)
+    if verdict in (NOT_EXCITED, COMBINATION) and i in evidence.fixed:
+        half = np.inf
+    low, high = max(estimate - half, float(evidence.bounds[0, i])), min(estimate + half, float(evidence.bounds[1, i]))
+    return KeyVerdict(name, float(evidence.before[i]), estimate, float(evidence.errors[i]), low, high, verdict, reason)
+
+
+def _word(evidence: KeyEvidence, i: int, tied: Mapping[int, list[int]], formulas: Mapping[str, str]) -> tuple[str, str]:
+    """Return the verdict on a key and its reason."""
+    unseen = _not_seen_alone(evidence, i, tied, formulas)
+    if unseen is not None:
+        return unseen
+    estimate, half = float(evidence.estimates[i]), float(evidence.half_widths[i])
+    low, high = evidence.bounds[:, i].tolist()
+    near = NEAR_BOUND * max(abs(estimate), float(evidence.scales[i]))
+    if estimate - low < near or high - estimate < near:
+        return AT_BOUND, f"the fit stopped at the bound {low if estimate - low < near else high:.6g}"
+    if evidence.model_error is not None:
+        return MODEL_ERROR, evidence.model_error
+    return _by_width(evidence, i, estimate, half)
+
+
+def _by_width(evidence: KeyEvidence, i: int, estimate: float, half: float) -> tuple[str, str]:
+    """Return whether the interval is narrow enough to speak of a number."""
+    if evidence.before[i] == 0.0:
+        if half > WIDEST * abs(estimate):
+            return NOT_EXCITED, f"the channels do not tell it from 0, to {half:.3g}"
+        return IDENTIFIED, "the channels see it"
+    size = max(float(evidence.scales[i]), abs(estimate))
+    if half > WIDEST * size:
+        return NOT_EXCITED, f"the channels leave it open by {100.0 * half / size:.0f} % on either side"
+    return IDENTIFIED, "the channels see it"
+
+
+def _not_seen_alone(
+    evidence: KeyEvidence, i: int, tied: Mapping[int, list[int]], formulas: Mapping[str, str]
+) -> tuple[str, str] | None:
+    """Return the verdict on a key that has no effect, or none of its own."""
+    sight = evidence.sight
+    if sight.effects[i] < sight.least_effects[i]:
+        return NOT_EXCITED, "no channel changes by more than its noise if the key changes by all of itself"
+    if sight.left[i] < ALONE:
+        return COMBINATION, "the channels see it only together with their zeros, gains and lags, or with the beginning"
+    if i not in tied:
+        return None
+    partners = ", ".join(evidence.names[j] for j in tied[i] if j != i)
+    formula = formulas.get(evidence.names[i])
+    seen = f": they see {formula}" if formula else ""
+    return COMBINATION, f"the channels see it only together with {partners}{seen}"

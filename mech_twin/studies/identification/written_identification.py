@@ -1,0 +1,128 @@
+"""What an identification leaves behind: a configuration with intervals beside its numbers, and everything as JSON."""
+
+from __future__ import annotations
+
+import hashlib
+import platform
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy
+import yaml
+
+from mech_twin import __version__
+from mech_twin.parameters.load import description_text
+from mech_twin.studies.identification.channel_fits import ChannelFit
+from mech_twin.studies.identification.held_out import Score
+from mech_twin.studies.identification.identification import Identification
+from mech_twin.studies.identification.verdicts import COMBINATION, IDENTIFIED, KeyVerdict
+
+HASHED_BLOCK = 1 << 20
+
+
+def configuration_text(found: Identification, runs: Sequence[str]) -> str:
+    """Return the configuration found as a parameter file; beside each key that was free stands what is known of it."""
+    text = description_text(found.question.machine, found.parameters)
+    notes = {key.key: _note(key, runs) for key in found.keys}
+    lines = text.splitlines()
+    for key, line in _scalar_lines(text):
+        if key in notes:
+            lines[line] += f"  # {notes[key]}"
+    return "\n".join(lines) + "\n"
+
+
+def _note(key: KeyVerdict, runs: Sequence[str]) -> str:
+    if key.verdict == IDENTIFIED:
+        half = 0.5 * (key.high_95 - key.low_95)
+        return f"identified {key.estimate:.6g} +- {half:.2g} (95 %) from {', '.join(runs)}"
+    if key.verdict == COMBINATION and key.estimate != key.before:
+        return f"in combination: {key.reason}"
+    return f"kept: {key.verdict}, {key.reason}"
+
+
+def _scalar_lines(text: str) -> Iterator[tuple[str, int]]:
+    """Yield each dotted key of a parameter file that has one value, and the line it stands in."""
+
+    def below(node: yaml.Node, prefix: str) -> Iterator[tuple[str, int]]:
+        if not isinstance(node, yaml.MappingNode):
+            return
+        for key, value in node.value:
+            name = str(key.value)
+            if isinstance(value, yaml.MappingNode):
+                yield from below(value, "" if name in ("/**", "ros__parameters") else f"{prefix}{name}.")
+            elif isinstance(value, yaml.ScalarNode):
+                yield prefix + name, value.start_mark.line
+
+    root = yaml.compose(text, Loader=yaml.SafeLoader)
+    if root is not None:
+        yield from below(root, "")
+
+
+def document(
+    found: Identification, runs: Sequence[Path], held_out: Sequence[Path], map_file: Path | None
+) -> dict[str, Any]:
+    """Return everything as plain values."""
+    files = [*runs, *held_out, *([] if map_file is None else [map_file])]
+    return {
+        "machine": found.question.machine,
+        "parameters": [asdict(key) for key in found.keys],
+        "combinations": [asdict(each) for each in found.combinations],
+        "channels": [_channel(each) for each in found.channels],
+        "held_out": None if found.held_out is None else held_out_record(found),
+        "begins_s": found.begins_s,
+        "correlation": {"keys": list(found.fitted_keys), "matrix": found.correlation.tolist()},
+        "better": found.better,
+        "runs": [str(run) for run in runs],
+        "held_out_runs": [str(run) for run in held_out],
+        "map": None if map_file is None else str(map_file),
+        "sha256": {str(file): digest(file) for file in files if file.exists()},
+        "versions": {
+            "mech_twin": __version__,
+            "python": platform.python_version(),
+            "numpy": np.__version__,
+            "scipy": scipy.__version__,
+        },
+        "seed": found.question.seed,
+        "model_runs": found.model_runs,
+        "seconds": found.seconds,
+    }
+
+
+def _channel(each: ChannelFit) -> dict[str, Any]:
+    numbers = asdict(each)
+    return {"is": numbers.pop("channel"), **numbers}
+
+
+def held_out_record(found: Identification) -> dict[str, Any]:
+    """Return the score on what was held out, beside those of the configuration before and of a constant."""
+    assert found.held_out is not None
+    assert found.before is not None
+    constant = {channel.channel: 0.0 for channel in found.held_out.channels}
+    return {**_score(found.held_out), "before": _score(found.before), "constant": {"fit_percent": constant}}
+
+
+def _score(each: Score) -> dict[str, Any]:
+    return {
+        "fit_percent": {channel.channel: channel.fit_percent for channel in each.channels},
+        "rms": {channel.channel: channel.rms for channel in each.channels},
+        "white_p": {channel.channel: channel.white_p for channel in each.channels},
+        "event_time_rms_s": each.event_time_rms_s,
+        "missed_events": each.missed,
+        "false_events": each.false,
+    }
+
+
+def digest(path: Path) -> str:
+    """Return the SHA-256 of a file, or of the files of a directory in the order of their names."""
+    found = hashlib.sha256()
+    files: Mapping[str, Path] = {"": path}
+    if path.is_dir():
+        files = {each.name: each for each in path.iterdir() if each.is_file()}
+    for name in sorted(files):
+        with files[name].open("rb") as stream:
+            while block := stream.read(HASHED_BLOCK):
+                found.update(block)
+    return found.hexdigest()
