@@ -12,7 +12,7 @@ from mech_twin.cli import completion
 from mech_twin.cli.command_group import CommandGroup
 from mech_twin.cli.failure import INTERRUPTED, CommandError, report_cli_errors
 from mech_twin.cli.many_values import ManyValues
-from mech_twin.cli.option_values import machine_name, seconds
+from mech_twin.cli.option_values import machine_name, time_option
 from mech_twin.cli.study import study_app
 from mech_twin.interruption import EXIT_CODE_BASE, end_at_once
 from mech_twin.output_file import check_output_directory
@@ -88,11 +88,7 @@ def run(
     pace: Annotated[str | None, typer.Option(help="realtime or max [run.pace, else realtime]")] = None,
     duration: Annotated[
         float | None,
-        typer.Option(
-            help="simulated time (10, 2min); 0: until stopped [run.duration_s, else 0]",
-            parser=seconds,
-            metavar="TIME",
-        ),
+        time_option("simulated time (10, 2min); 0: until stopped [run.duration_s, else 0]"),
     ] = None,
     record: Annotated[Path | None, typer.Option(help="recording directory [recordings/MACHINE-DATE]")] = None,
     no_record: Annotated[bool, typer.Option("--no-record", help="do not record")] = False,
@@ -172,7 +168,7 @@ def shadow(
 @app.command()
 def simulate(
     machine: MachineName,
-    duration: Annotated[float, typer.Option(help="simulated time (3, 500ms, 2min)", parser=seconds, metavar="TIME")],
+    duration: Annotated[float, time_option("simulated time (3, 500ms, 2min)")],
     bag: Annotated[Path | None, typer.Option(help="record the messages the nodes would publish")] = None,
     table: Annotated[Path | None, typer.Option(help="write every sample: .parquet, .csv or .tsv")] = None,
     sensors: Annotated[
@@ -228,8 +224,8 @@ def analyse(
 def replay(
     bag: Bag,
     rate: Annotated[float, typer.Option(help="playback rate: recorded seconds per second")] = 1.0,
-    start: Annotated[float, typer.Option(help="start time within the recording", parser=seconds, metavar="TIME")] = 0.0,
-    duration: Annotated[float | None, typer.Option(help="duration to replay", parser=seconds, metavar="TIME")] = None,
+    start: Annotated[float, time_option("start time within the recording")] = 0.0,
+    duration: Annotated[float | None, time_option("duration to replay")] = None,
     loop: Annotated[bool, typer.Option("--loop", help="repeat endlessly")] = False,
     clock: Annotated[bool, typer.Option("--clock", help="publish /clock from the playback time")] = False,
     topics: Annotated[list[str] | None, typer.Option("--topics", metavar="T...", help="only these topics")] = None,
@@ -327,7 +323,7 @@ def compare(
     tolerance: Annotated[float, typer.Option(help="relative difference that is allowed", min=0.0, max=1.0)] = 0.0,
     duration: Annotated[
         float | None,
-        typer.Option(help="time to simulate a configuration [the recording's, else 3]", parser=seconds, metavar="TIME"),
+        time_option("time to simulate a configuration [the recording's, else 3]"),
     ] = None,
     picture: Annotated[Path | None, typer.Option(help="file (.png or .svg) to draw what differs in")] = None,
     all_numbers: Annotated[bool, typer.Option("--all", help="all numbers, not only those that differ")] = False,
