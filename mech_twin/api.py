@@ -29,7 +29,7 @@ Settings = Mapping[str, Any]
 FilePath = str | PathLike[str]
 
 
-def machines() -> tuple[str, ...]:
+def machine_names() -> tuple[str, ...]:
     """Return the names of the machines."""
     return tuple(CATALOGUE)
 
@@ -49,7 +49,7 @@ def simulate(
     Parameters
     ----------
     machine : str
-        Machine of the catalogue, see `machines`.
+        Machine of the catalogue, see `machine_names`.
     duration_s : float
         Simulated time (s).
     settings : mapping, optional

@@ -105,7 +105,7 @@ class LinkageNode(RoleNode):
             self.revision = described.revision
         self.sample = last or self.machine.linkage.start()
         if last is not None:
-            self.get_logger().info(f"going on at step {last.step}")
+            self.get_logger().info(f"resuming at step {last.step}")
         self._warn_of_other_clocks()
         self._describe(self.sample.step)
         self._publish(self.sample, repeated=last is not None)
