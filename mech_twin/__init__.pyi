@@ -1,4 +1,5 @@
 from mech_twin.api import analyse as analyse
+from mech_twin.api import identify as identify
 from mech_twin.api import machines as machines
 from mech_twin.api import reproduce as reproduce
 from mech_twin.api import search as search

@@ -19,12 +19,8 @@ WORTH_AN_ESTIMATE_S = 60.0
 
 def print_json(document: Mapping[str, Any]) -> None:
     """Write a document as JSON; a number that is not finite becomes null."""
-    sys.stdout.write(json_text(document))
-
-
-def json_text(document: Mapping[str, Any]) -> str:
-    """Return a document as JSON; a number that is not finite becomes null."""
-    return json.dumps(_finite(document), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    json.dump(_finite(document), sys.stdout, indent=2, ensure_ascii=False, allow_nan=False)
+    sys.stdout.write("\n")
 
 
 def _finite(value: Any) -> Any:
