@@ -55,6 +55,8 @@ def caption(name: str) -> tuple[str, str]:
 
 def unit_of(name: str) -> str:
     """Return the unit in which a stored name ends, such as N m of ``forces.drive_torque_nm``; empty if pure."""
+    if "factor_of_" in name:  # a number over another of the same unit
+        return ""
     return caption(name.rpartition(".")[2])[1]
 
 

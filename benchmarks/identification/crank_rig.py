@@ -25,8 +25,12 @@ from mech_twin.studies.identification.geometry_report import geometry_report
 
 RUNS = ("run_5.5V.tsv", "run_7.5V.tsv", "run_9.5V.tsv")
 KEYS = ("crank_m", "rod_m", "offset_m")
-INDEPENDENT = {"crank_m": 0.07713, "rod_m": 0.2558, "offset_m": 0.1525}
-TAPE_MEASURE = {"slider": "below", "crank_m": 0.075, "rod_m": 0.254, "offset_m": 0.153}
+INDEPENDENT = {
+    "crank_m": 0.07713,
+    "rod_m": 0.2558,
+    "offset_m": -0.1525,
+}  # the slide runs below the crank, on its other side
+TAPE_MEASURE = {"slider": "below", "crank_m": 0.075, "rod_m": 0.254, "offset_m": -0.153}
 LEAST_FIT_PERCENT = 98.5
 SLIDE = "linkage.slider.position"
 MAP = {

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
-from mech_twin.cli.console import print_json, print_numbers, progress
+from mech_twin.captions import unit_of
+from mech_twin.cli.console import numbered, print_csv, print_json, print_numbers, print_table, progress
 from mech_twin.cli.failure import CommandError
 from mech_twin.configuration_tree import configuration_tree
 from mech_twin.parameters.load import assignments
@@ -14,9 +16,12 @@ from mech_twin.parameters.load import machine as built_machine
 from mech_twin.roles import Machine
 from mech_twin.studies.cycle_analysis import analysed_columns, cycle_positions
 
+EXTREMES = ("quantity", "least", "greatest", "unit")
+Shape = Literal["narrow", "wide", "csv", "json"]
+
 
 def analyse_machine(
-    name: str, crank_deg: float | None, cycle: int | None, config: Path | None, settings: list[str], *, as_json: bool
+    name: str, crank_deg: float | None, cycle: int | None, config: Path | None, settings: list[str], shape: Shape
 ) -> None:
     """Write one position, or one cycle in so many positions, and the machine's closed-form metrics."""
     if crank_deg is not None and cycle is not None:
@@ -31,20 +36,79 @@ def analyse_machine(
         document["position"] = machine.analyse(math.radians(crank_deg))
     if cycle is not None:
         document["cycle"] = cycle_columns(machine, cycle)
-    if as_json:
+    if shape == "json":
         print_json(document)
+    elif shape == "csv":
+        _write_csv(document)
+    else:
+        _show(document, wide=shape == "wide")
+
+
+def _write_csv(document: Mapping[str, Any]) -> None:
+    """Write the cycle as columns, else the position, else the metrics."""
+    if "cycle" in document:
+        columns = _scalar_columns(document["cycle"])
+        print_csv(tuple(columns), zip(*columns.values(), strict=True))
         return
+    print_csv(("quantity", "value", "unit"), numbered(_scalars(document.get("position", document["summary"]))))
+
+
+def _show(document: Mapping[str, Any], *, wide: bool) -> None:
+    name = document["machine"]
     print_numbers(f"{name}: one cycle", document["summary"])
-    if crank_deg is not None:
-        print_numbers(f"{name} at {crank_deg:g} degrees", document["position"])
-    if cycle is not None:
-        extremes = {f"{key} (least, greatest)": _extremes(column) for key, column in document["cycle"].items()}
-        print_numbers(f"{name}: {cycle} positions", extremes)
+    if "position" in document:
+        position = document["position"]
+        title = f"{name} at {document['crank_deg']:g} degrees"
+        print_numbers(title, {key: value for key, value in position.items() if not _is_row(value)})
+        _show_rows(title, {key: value for key, value in position.items() if _is_row(value)}, wide=wide)
+    if "cycle" in document:
+        rows = [(key, *_extremes(column), unit_of(key)) for key, column in _scalar_columns(document["cycle"]).items()]
+        print_table(f"{name}: {len(document['cycle'][next(iter(document['cycle']))])} positions", EXTREMES, rows)
 
 
-def _extremes(column: list[Any]) -> str:
+def _by_quantity(rows: Mapping[str, Sequence[Any]]) -> dict[str, list[Any]]:
+    """Return the quantities of which every cart has one, each as a row; a list of carts is turned round."""
+    turned: dict[str, list[Any]] = {}
+    for name, row in rows.items():
+        if row and isinstance(row[0], Mapping):
+            turned |= {key: [cart.get(key, "") for cart in row] for key in row[0]}
+        else:
+            turned[name] = list(row)
+    return turned
+
+
+def _show_rows(title: str, given: Mapping[str, Sequence[Any]], *, wide: bool) -> None:
+    """Write quantities of which every cart has one, side by side."""
+    rows = _by_quantity(given)
+    if rows:
+        count = max(len(row) for row in rows.values())
+        table = [(key, unit_of(key), *row, *[""] * (count - len(row))) for key, row in rows.items()]
+        print_table(
+            f"{title}, by cart", ("quantity", "unit", *map(str, range(1, count + 1))), table, wide=wide, more="--wide"
+        )
+
+
+def _is_row(value: Any) -> bool:
+    return isinstance(value, list | tuple)
+
+
+def _scalars(numbers: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the numbers, those of each cart by a name of its own: ``rod_force_n.1``."""
+    flat: dict[str, Any] = {key: value for key, value in numbers.items() if not _is_row(value)}
+    for name, value in _by_quantity({key: row for key, row in numbers.items() if _is_row(row)}).items():
+        flat |= {f"{name}.{i}": one for i, one in enumerate(value, 1)}
+    return flat
+
+
+def _scalar_columns(columns: Mapping[str, Sequence[Any]]) -> dict[str, list[Any]]:
+    """Return the columns, those of each cart by a name of its own."""
+    positions = [_scalars(dict(zip(columns, row, strict=True))) for row in zip(*columns.values(), strict=True)]
+    return {name: [position[name] for position in positions] for name in (positions[0] if positions else columns)}
+
+
+def _extremes(column: Sequence[Any]) -> tuple[Any, Any]:
     numbers = [value for value in column if isinstance(value, int | float)]
-    return f"{min(numbers):.7g}, {max(numbers):.7g}" if numbers else str(column[0])
+    return (min(numbers), max(numbers)) if numbers else (str(column[0]), str(column[-1]))
 
 
 def cycle_columns(machine: Machine, positions: int) -> dict[str, list[Any]]:

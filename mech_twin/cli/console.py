@@ -13,8 +13,13 @@ from typing import Any, TypeVar
 
 Item = TypeVar("Item")
 
+UNFOLDED = 10_000  # characters
+PIPED = 140  # characters, where no terminal says how wide it is
+LONGEST_WORD = 48  # beyond it a cell is folded rather than given room
+WORDS = ("unit", "kind", "contact", "state", "regime")  # columns that hold words
+VERDICT_STYLES = {"holds": "green", "binds": "yellow", "not met": "bold red", "broken": "bold red"}
 FIRST_ESTIMATE_S = 2.0
-WORTH_AN_ESTIMATE_S = 60.0
+BEYOND_REASON_S = 1e7  # a hundred days
 
 
 def print_json(document: Mapping[str, Any]) -> None:
@@ -42,30 +47,82 @@ def print_csv(columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
     writer.writerows(rows)
 
 
-def print_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[Any]], width: int | None = None) -> None:
-    """Write a table, as wide as the terminal unless a width is given."""
+def print_table(
+    title: str,
+    columns: Sequence[str],
+    rows: Iterable[Sequence[Any]],
+    width: int | None = None,
+    *,
+    wide: bool = False,
+    marked: int | None = None,
+    more: str = "",
+) -> None:
+    """Write a table, as wide as the terminal unless a width is given.
+
+    Parameters
+    ----------
+    title : str
+        What stands above it.
+    columns, rows : sequence
+        Heads, and cells; numbers are shown with six digits, words that are a verdict in its colour.
+    width : int, optional
+        Width to fold cells at; that of the terminal if absent.
+    wide : bool
+        Every column in one line, however long.
+    marked : int, optional
+        Row to mark, the best.
+    more : str
+        Option that shows every column: those that do not fit are left out then, else their cells are folded.
+    """
     from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
 
-    table = Table(title=title, title_justify="left", header_style="bold")
+    given = UNFOLDED if wide else width
+    console = Console(width=given or (None if sys.stdout.isatty() else PIPED), highlight=False)
+    cells = [[_shown(cell) for cell in row] for row in rows]
+    count = _fitting(columns, cells, console.width) if more and not given else len(columns)
+    table = Table(title=Text(title), title_justify="left", header_style="bold", box=None, pad_edge=False)
+    for i, column in enumerate(columns[:count]):
+        table.add_column(
+            Text(column), justify="left" if i == 0 or column in WORDS else "right", overflow="fold", no_wrap=wide
+        )
+    for i, row in enumerate(cells):
+        texts = [Text(cell, VERDICT_STYLES.get(cell, "")) for cell in row[:count]]
+        table.add_row(*texts, style="bold green" if i == marked else "")
+    console.print(table)
+    if count < len(columns):
+        console.print(f"{len(columns) - count} more columns with {more}: {', '.join(columns[count:])}", style="dim")
+
+
+def _fitting(columns: Sequence[str], cells: Sequence[Sequence[str]], width: int) -> int:
+    """Return how many columns fit side by side, two at least; long words may be folded."""
+    taken = 0
     for i, column in enumerate(columns):
-        table.add_column(column, justify="left" if i == 0 or column == "unit" else "right", overflow="fold")
-    for row in rows:
-        table.add_row(*(_shown(cell) for cell in row))
-    Console(width=width or (None if sys.stdout.isatty() else 140)).print(table)
+        taken += 2 + min(LONGEST_WORD, max([len(column), *(len(row[i]) for row in cells)]))
+        if taken > width + 2 and i >= 2:
+            return i
+    return len(columns)
 
 
 def _shown(cell: Any) -> str:
     if isinstance(cell, list | tuple):
         return " ".join(_shown(item) for item in cell)
+    if isinstance(cell, bool):
+        return "yes" if cell else "no"
     return f"{cell:.6g}" if isinstance(cell, float) else str(cell)
 
 
 def print_numbers(title: str, numbers: Mapping[str, Any]) -> None:
     """Write named numbers with their units, one a line."""
+    print_table(title, ("quantity", "value", "unit"), numbered(numbers))
+
+
+def numbered(numbers: Mapping[str, Any]) -> list[tuple[str, Any, str]]:
+    """Return a row of each number: name, value, unit."""
     from mech_twin.captions import unit_of
 
-    print_table(title, ("quantity", "value", "unit"), [(name, value, unit_of(name)) for name, value in numbers.items()])
+    return [(name, value, unit_of(name)) for name, value in numbers.items()]
 
 
 def say_result(line: str) -> None:
@@ -99,16 +156,31 @@ def estimate(done: int, total: int, elapsed_s: float) -> str:
 
 
 def _estimated(items: Iterable[Item], total: int, title: str) -> Iterator[Item]:
-    """Pass the items on; once `FIRST_ESTIMATE_S` have gone by, say how long it takes where that is a minute or more."""
+    """Pass the items on; once `FIRST_ESTIMATE_S` have gone by, say how long it takes where nobody can mean it."""
     begun = time.monotonic()
     said = False
     for done, item in enumerate(items):
         elapsed_s = time.monotonic() - begun
         if not said and elapsed_s > FIRST_ESTIMATE_S:
             said = True
-            if elapsed_s * (total - done) > WORTH_AN_ESTIMATE_S * max(done, 1):
+            if elapsed_s * (total - done) > BEYOND_REASON_S * max(done, 1):
                 say(f"{title}: {estimate(done, total, elapsed_s)}")
         yield item
+
+
+@contextmanager
+def busy(title: str) -> Iterator[None]:
+    """Show on a terminal that something is computed whose length is not known, and for how long already."""
+    if not sys.stderr.isatty():
+        yield
+        return
+    from rich.console import Console
+    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+    parts = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
+    with Progress(*parts, console=Console(stderr=True), transient=True) as bar:
+        bar.add_task(title, total=None)
+        yield
 
 
 @contextmanager

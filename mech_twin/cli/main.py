@@ -51,6 +51,9 @@ MapFile = Annotated[
 ]
 Force = Annotated[bool, typer.Option("--force", help="overwrite existing results")]
 Json = Annotated[bool, typer.Option("--json", help="print JSON to standard output")]
+Everything = Annotated[bool, typer.Option("--all", help="every number and event, not the headlines alone")]
+Csv = Annotated[bool, typer.Option("--csv", help="print comma-separated values")]
+Wide = Annotated[bool, typer.Option("--wide", help="every column, whatever the width of the terminal")]
 
 
 def _show_version(asked: bool) -> None:
@@ -97,6 +100,7 @@ def run(
         str, typer.Option(help="web (full or light by what draws the page), light, full, none, or a file NAME.rrd")
     ] = "web",
     view_port: Annotated[int, typer.Option(help="port of the web view; 0: any free port", min=0, max=65535)] = 0,
+    hold: Annotated[bool, typer.Option("--hold", help="keep the web view after the run, until Ctrl-C")] = False,
     processes: Annotated[bool, typer.Option("--processes", help="run each node in its own process")] = False,
     namespace: Namespace = None,
     open_to_other_hosts: Annotated[
@@ -105,6 +109,7 @@ def run(
     ] = False,
     config: Config = None,
     settings: Settings = None,
+    everything: Everything = False,
     force: Force = False,
     json: Json = False,
 ) -> None:
@@ -126,6 +131,8 @@ def run(
         open_to_other_hosts,
         namespace,
         force,
+        everything,
+        hold,
     )
     run_machine(request)
 
@@ -149,14 +156,17 @@ def shadow(
     black_box: Annotated[
         Path | None, typer.Option(help="folder for a recording of 10 s before and 5 s after each fault")
     ] = None,
+    advise: Annotated[
+        Path | None, typer.Option(help="advise on an output of the machine: file of what is wanted and allowed")
+    ] = None,
     force: Force = False,
     json: Json = False,
 ) -> None:
     """Follow a running machine by its topics: its state, forces and their uncertainty, below /MACHINE/twin."""
     from mech_twin.cli.shadow import ShadowRequest, shadow_machine
 
-    asked = (given_map, config, settings or [], record, duration, uncertain or [], monitor, black_box, force, json)
-    shadow_machine(ShadowRequest(machine, followed, *asked))
+    what = (given_map, config, settings or [], record, duration, uncertain or [])
+    shadow_machine(ShadowRequest(machine, followed, *what, monitor, black_box, advise, force, json))
 
 
 @app.command()
@@ -180,14 +190,18 @@ def simulate(
     samples: Annotated[bool, typer.Option("--samples", help="with --json: include every sample, as columns")] = False,
     config: Config = None,
     settings: Settings = None,
+    everything: Everything = False,
     force: Force = False,
+    csv: Csv = False,
     json: Json = False,
 ) -> None:
     """Simulate a machine in one process, without ROS communication."""
     from mech_twin.cli.simulate import SimulateRequest, simulate_machine
 
     asked = SimulateRequest(
-        machine, duration, bag, config, settings or [], json, samples, force, table, sensors, change or [], seed
+        *(machine, duration, bag, config, settings or [], json, samples, force, table, sensors, change or [], seed),
+        everything=everything,
+        as_csv=csv,
     )
     simulate_machine(asked)
 
@@ -199,12 +213,15 @@ def analyse(
     cycle: Annotated[int | None, typer.Option(help="number of positions over one cycle", min=2, max=1_000_000)] = None,
     config: Config = None,
     settings: Settings = None,
+    wide: Wide = False,
+    csv: Csv = False,
     json: Json = False,
 ) -> None:
     """Analyse one position or one cycle: kinematics, forces and machine constants."""
-    from mech_twin.cli.analyse import analyse_machine
+    from mech_twin.cli.analyse import Shape, analyse_machine
 
-    analyse_machine(machine, crank_deg, cycle, config, settings or [], as_json=json)
+    shape: Shape = "json" if json else "csv" if csv else "wide" if wide else "narrow"
+    analyse_machine(machine, crank_deg, cycle, config, settings or [], shape)
 
 
 @app.command(cls=ManyValues)
@@ -225,7 +242,7 @@ def replay(
     given_map: MapFile = None,
     config: Config = None,
     tolerance: Annotated[
-        float | None, typer.Option(help="with --map: share by which a channel may be off the model", min=0.0)
+        float | None, typer.Option(help="with --analyse: share by which a number may be off the model", min=0.0)
     ] = None,
     json: Json = False,
 ) -> None:
@@ -241,13 +258,15 @@ def replay(
 
         analyse_measured(bag, given_map, config, tolerance, as_json=json)
         return
-    if config is not None or tolerance is not None:
-        raise CommandError("--config and --tolerance go with --analyse --map: a recording of the twin holds its own")
+    if tolerance is not None and not analyse:
+        raise CommandError("--tolerance goes with --analyse: a run computed again from its start keeps no small error")
     if analyse or resimulate:
         from mech_twin.cli.recompute import recompute_bag
 
-        recompute_bag(bag, "analyse" if analyse else "resimulate", as_json=json)
+        recompute_bag(bag, "analyse" if analyse else "resimulate", config, tolerance or 0.0, as_json=json)
         return
+    if config is not None:
+        raise CommandError("--config goes with --analyse or --resimulate: a replay needs no configuration")
     from mech_twin.cli.replay import ReplayRequest, replay_bag
 
     replay_bag(ReplayRequest(bag, rate, start, duration, loop, clock, topics or [], listeners, namespace))
@@ -432,7 +451,7 @@ def recover(
     force: Force = False,
     json: Json = False,
 ) -> None:
-    """Salvage a damaged recording."""
+    """Recover what is whole of a damaged recording into a new one."""
     from mech_twin.cli.recover import recover_bag
 
     recover_bag(bag, out, force=force, as_json=json)

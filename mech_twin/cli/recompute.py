@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from mech_twin import __version__
 from mech_twin.cli.console import print_json, print_numbers, progress, say
+from mech_twin.cli.failure import CommandError
 from mech_twin.nodes.domain import settle_domain
+from mech_twin.parameters.load import MACHINE_KEY, description_text, file_tree, machine_parameters
 from mech_twin.studies.configuration_history import ConfigurationHistory
 from mech_twin.studies.resimulation import Verdict, analysed, resimulated
 
@@ -17,24 +19,44 @@ if TYPE_CHECKING:
 DIFFERENT = 1
 
 
-def recompute_bag(bag: Path, mode: Literal["analyse", "resimulate"], *, as_json: bool) -> None:
-    """Print the result of the comparison; exit code 1 if anything differs or nothing could be compared."""
+def recompute_bag(
+    bag: Path, mode: Literal["analyse", "resimulate"], config: Path | None, tolerance: float, *, as_json: bool
+) -> None:
+    """Print the result of the comparison; exit code 1 if anything differs or nothing could be compared.
+
+    ``config`` stands in for the configuration of a recording that holds none; ``tolerance`` is for the forces.
+    """
     settle_domain()
     from mech_twin.recording.bag_reader import open_bag
     from mech_twin.recording.bag_samples import BagSamples
 
     with open_bag(bag) as reader:
         samples = BagSamples(reader)
-        history = ConfigurationHistory(samples.descriptions(), str(bag))
+        history = _history(samples, bag, config)
         samples = BagSamples(reader, history.machine_at(0).coupling_step_s)
         if set(history.versions) != {__version__}:
             say(f"recorded with version {', '.join(history.versions)}; this is {__version__}: results may differ")
-        compared = analysed if mode == "analyse" else resimulated
         with progress(samples.steps(), samples.count, f"{mode[:-1]}ing") as steps:
-            verdict = compared(steps, history.machine_at)
+            if mode == "analyse":
+                verdict = analysed(steps, history.machine_at, tolerance)
+            else:
+                verdict = resimulated(steps, history.machine_at)
     _write(bag, mode, samples, history, verdict, as_json)
     if not verdict.identical:
         raise SystemExit(DIFFERENT)
+
+
+def _history(samples: BagSamples, bag: Path, config: Path | None) -> ConfigurationHistory:
+    """Return the configurations of a recording, or the given one where it holds none."""
+    texts = samples.descriptions()
+    if config is None:
+        if not texts:
+            raise CommandError(f"{bag}: holds no configuration of the machine; expected --config FILE beside it")
+        return ConfigurationHistory(texts, str(bag))
+    if texts:
+        raise CommandError(f"--config {config}: {bag} holds its own configuration, which says what ran")
+    name = str(file_tree(config).get(MACHINE_KEY, samples.machine))
+    return ConfigurationHistory([description_text(name, machine_parameters(name, config))], str(config))
 
 
 def _write(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
-from mech_twin.cli.console import print_json, progress, say
+from mech_twin.cli.console import busy, print_json, progress, say
 from mech_twin.cli.failure import CommandError
 from mech_twin.cli.reproduce_output import show_rows, show_wide_rows, write_csv
 from mech_twin.dependencies import require_extra
@@ -29,7 +29,8 @@ def reproduce_machines(
         if machine is None:
             raise CommandError("--config and --set change one machine: name it before them")
         parameters = machine_parameters(machine, config, assignments(settings))
-    rows = reproduce(machine, parameters)
+    with busy("computing published values"):
+        rows = reproduce(machine, parameters)
     files: list[Path] = []
     if figures is not None:
         from mech_twin.studies import draw_figures

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+from pydantic import ValidationError
+
 from mech_twin.cli.console import print_json, say
 from mech_twin.cli.failure import CommandError
+from mech_twin.cli.monitor import read_setup
 from mech_twin.nodes.domain import settle_domain
-from mech_twin.parameters.load import assignments, machine_parameters
+from mech_twin.parameters.errors import refusal
+from mech_twin.parameters.load import assignments, document_tree, machine_parameters
 from mech_twin.quantity import Parameters
 from mech_twin.recording.output_directory import check_recording_directory, remove_recording
-from mech_twin.studies.monitoring.monitor import MonitorSetup, setup_of_record
+from mech_twin.studies.advice_search import AdviceWish
 
 if TYPE_CHECKING:
     from mech_twin.measurements.measurement_map import MeasurementMap
@@ -34,6 +37,7 @@ class ShadowRequest(NamedTuple):
     uncertain: list[str]
     monitor: Path | None
     black_box: Path | None
+    advise: Path | None
     force: bool
     as_json: bool
 
@@ -45,9 +49,10 @@ def shadow_machine(request: ShadowRequest) -> None:
     parameters = machine_parameters(request.machine, request.config, assignments(request.settings))
     deviations = key_deviations(parameters, request.uncertain) if request.uncertain else None
     given = _map_of(request)
-    reference = None if request.monitor is None else monitor_setup(request.monitor, request.machine)
+    reference = None if request.monitor is None else read_setup(request.monitor, request.machine)
     if request.black_box is not None and reference is None:
         raise CommandError(f"--black-box {request.black_box}: expected --monitor FILE too, which finds the faults")
+    wish = None if request.advise is None else validated_wish(request.advise)
     settle_domain()
     from mech_twin.nodes.shadow_node import ShadowSetup
     from mech_twin.nodes.shadow_session import Company, follow, followed_namespace
@@ -62,28 +67,23 @@ def shadow_machine(request: ShadowRequest) -> None:
     def told(node: object) -> None:
         say(f"following {setup.namespace}; estimates below /{request.machine}/twin")
 
-    company = Company(request.record, reference, request.black_box)
+    company = Company(request.record, reference, request.black_box, wish)
     outcome = follow(request.machine, setup, parameters, company, request.duration_s, told)
     _report(request, outcome)
 
 
-def monitor_setup(path: Path, machine: str) -> MonitorSetup:
-    """Return the reference of a monitor, as `mech-twin monitor --save-baseline` writes it.
+def validated_wish(path: Path) -> AdviceWish:
+    """Return what an advisor is for, of a YAML file.
 
     Raises
     ------
-    CommandError
-        The file is none, or another machine's.
+    ConfigurationError
+        Naming file, key, value and what was expected.
     """
     try:
-        setup = setup_of_record(json.loads(path.read_text(encoding="utf-8")))
-    except OSError as error:
-        raise CommandError(f"{path}: cannot be read: {error.strerror}") from error
-    except (ValueError, KeyError, TypeError) as error:
-        raise CommandError(f"{path}: expected a baseline as `monitor --save-baseline` writes it ({error})") from error
-    if setup.machine != machine:
-        raise CommandError(f"{path}: key 'machine', value {setup.machine!r}: expected {machine!r}")
-    return setup
+        return AdviceWish.model_validate(document_tree(path))
+    except ValidationError as error:
+        raise refusal(str(path), error) from error
 
 
 def key_deviations(parameters: Parameters, told: Sequence[str]) -> dict[str, float]:

@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-from mech_twin.cli.console import print_json, print_numbers, print_table, progress, say
+from mech_twin.cli.console import busy, print_json, progress, say
 from mech_twin.cli.failure import CommandError
+from mech_twin.cli.run_summary import print_numbers_csv, show_events, show_numbers, show_residuals
 from mech_twin.cli.simulate_outputs import check_outputs, opened_outputs
 from mech_twin.engine.invariants import broken_lines
 from mech_twin.engine.run import frames, steps_for, warm_up_run
 from mech_twin.parameters.live_change import ChangingMachine, live_changes
 from mech_twin.parameters.load import assignments
 from mech_twin.parameters.load import machine as built_machine
-from mech_twin.samples import Event
-from mech_twin.studies.simulation import Simulation, event_record
+from mech_twin.studies.simulation import Simulation
 
-SHOWN_EVENTS = 12
 BROKEN_EXIT_CODE = 1
 
 
@@ -38,6 +37,8 @@ class SimulateRequest(NamedTuple):
     sensors: Path | None = None
     changes: Sequence[str] = ()
     seed: int = 0
+    everything: bool = False
+    as_csv: bool = False
 
 
 def simulate_machine(asked: SimulateRequest) -> None:
@@ -47,7 +48,8 @@ def simulate_machine(asked: SimulateRequest) -> None:
     check_outputs(asked.bag, asked.table, asked.sensors, force=asked.force)
     name = asked.machine
     machine = built_machine(name, asked.config, assignments(asked.settings))
-    warm_up_run(machine)  # a signal while kernels are compiled ends the process: no recording may be open then
+    with busy("compiling kernels, once after an installation or a change"):
+        warm_up_run(machine)  # a signal while kernels are compiled ends the process: no recording may be open then
     changing = ChangingMachine(machine, live_changes(asked.changes))
     simulation = Simulation(machine)
     run = frames(machine, asked.duration_s, machine_at=changing.at if asked.changes else None)
@@ -65,18 +67,15 @@ def simulate_machine(asked: SimulateRequest) -> None:
         document["samples"] = simulation.trajectory.columns()
     if asked.as_json:
         print_json(document)
+    elif asked.as_csv:
+        print_numbers_csv(document["summary"])
     else:
-        _show(f"{name}: {asked.duration_s:g} s", document, simulation.events)
+        show_numbers(
+            f"{name}: {asked.duration_s:g} s", document["summary"], machine.report(), everything=asked.everything
+        )
+        show_residuals(document["residuals"])
+        show_events(simulation.events, everything=asked.everything)
     broken = broken_lines(simulation.residuals())
     if broken:
         say(f"{name}: {'; '.join(broken)}")
         raise SystemExit(BROKEN_EXIT_CODE)
-
-
-def _show(title: str, document: Mapping[str, Any], events: list[Event]) -> None:
-    print_numbers(title, document["summary"])
-    rows = [(name, residual["worst"], residual["limit"]) for name, residual in document["residuals"].items()]
-    print_table("worst residuals", ("residual", "worst", "limit"), rows)
-    if events:
-        shown = [tuple(event_record(event).values()) for event in events[-SHOWN_EVENTS:]]
-        print_table(f"last {len(shown)} of {len(events)} events", tuple(event_record(events[0])), shown)

@@ -33,6 +33,8 @@ Settings = Annotated[
 ]
 Force = Annotated[bool, typer.Option("--force", help="overwrite existing results")]
 Json = Annotated[bool, typer.Option("--json", help="JSON on standard output")]
+Everything = Annotated[bool, typer.Option("--all", help="every row and column, not those alone that say most")]
+Csv = Annotated[bool, typer.Option("--csv", help="print comma-separated values")]
 Cores = Annotated[int | None, typer.Option(help="processes to spread over [all cores]", min=1, max=1024)]
 Scheduler = Annotated[str | None, typer.Option(metavar="ADDRESS", help="Dask scheduler, tcp://HOST:PORT")]
 Seed = Annotated[int, typer.Option(help="the same seed gives the same answer", min=0)]
@@ -94,7 +96,9 @@ def sweep(
     scheduler: Scheduler = None,
     config: Config = None,
     settings: Settings = None,
+    everything: Everything = False,
     force: Force = False,
+    csv: Csv = False,
     json: Json = False,
 ) -> None:
     """Sweep configuration keys over a grid; goes on where an interrupted sweep stopped."""
@@ -105,7 +109,7 @@ def sweep(
     if not no_picture:
         check_output_file(table.with_suffix(".png"), force=force)
     answer_sweep(
-        SweepRequest(context.obj, over, table, numbers, duration, not no_picture, cores, scheduler),
+        SweepRequest(context.obj, over, table, numbers, duration, not no_picture, cores, scheduler, everything, csv),
         config,
         settings or [],
         as_json=json,
@@ -223,12 +227,16 @@ def regimes(
     out: Annotated[Path | None, typer.Option(help="bifurcation picture to write [MACHINE-regimes.png]")] = None,
     config: Config = None,
     settings: Settings = None,
+    everything: Everything = False,
     force: Force = False,
+    csv: Csv = False,
     json: Json = False,
 ) -> None:
     """Map the long-run regimes of a machine over one key, with a bifurcation picture."""
+    from mech_twin.cli.analyse import Shape
     from mech_twin.cli.study_long_run import answer_regimes
 
     file = out or Path(f"{context.obj}-regimes.png")
     check_output_file(file, force=force, suffixes=PICTURE)
-    answer_regimes(context.obj, over, settling, file, config, settings or [], as_json=json)
+    shape: Shape = "json" if json else "csv" if csv else "wide" if everything else "narrow"
+    answer_regimes(context.obj, over, settling, file, config, settings or [], shape)

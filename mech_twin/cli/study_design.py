@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mech_twin.cli.console import print_json, print_numbers, print_table, say
+from mech_twin.cli.console import busy, print_json, print_numbers, print_table, say
 from mech_twin.cli.failure import CommandError
 from mech_twin.cli.study_options import counted, limits_of, notes_of, study_errors
 from mech_twin.dependencies import require_extra
@@ -52,7 +52,7 @@ def answer_search(
 ) -> None:
     """Search, write the configuration of the first design found, and show all."""
     parameters = machine_parameters(request.machine, request.config, assignments(request.settings))
-    with study_errors():
+    with study_errors(), busy(f"searching designs of {request.machine}"):
         found = search(
             request.machine,
             objectives,
@@ -71,7 +71,7 @@ def answer_search(
         print_json({**document, "designs": front, "configuration": str(out)})
         return
     title = f"Pareto front of {', '.join(objectives)}" if len(objectives) > 1 else "best design"
-    print_table(title, tuple(rows[0]), [tuple(row.values()) for row in rows])
+    print_table(title, tuple(rows[0]), [tuple(row.values()) for row in rows], marked=0 if len(rows) > 1 else None)
     near = sorted(found[0].margins.items(), key=lambda item: item[1])
     print_numbers("margins of the constraints (least first; 0 binds)", dict(near))
     say(f"wrote {out}" + (" (the first of the front)" if len(found) > 1 else ""))

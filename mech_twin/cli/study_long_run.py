@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from itertools import groupby
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from mech_twin.cli.console import print_json, print_table, say
+from mech_twin.cli.analyse import Shape
+from mech_twin.cli.console import busy, print_csv, print_json, print_table, say
 from mech_twin.cli.failure import CommandError
 from mech_twin.cli.study_options import axes_of, counted, notes_of, study_errors
 from mech_twin.dependencies import require_extra
@@ -38,7 +41,7 @@ def answer_synthesise(
     machine: str, request: SynthesisRequest, config: Path | None, settings: list[str], *, as_json: bool
 ) -> None:
     """Show the cycles side by side; write the configuration of the chosen one."""
-    with study_errors():
+    with study_errors(), busy(f"synthesising a cycle of {machine}"):
         parameters = machine_parameters(machine, config, assignments(settings))
         found = synthesise(
             machine,
@@ -66,10 +69,9 @@ def answer_regimes(
     out: Path,
     config: Path | None,
     settings: list[str],
-    *,
-    as_json: bool,
+    shape: Shape,
 ) -> None:
-    """Show the regime at each value; write the bifurcation picture."""
+    """Show the regime at each value, equal ones that follow each other in one row; write the bifurcation picture."""
     require_extra("plots")
     axes: dict[str, tuple[Any, ...]] = axes_of(over)
     if len(axes) != 1:
@@ -79,8 +81,30 @@ def answer_regimes(
         parameters = machine_parameters(machine, config, assignments(settings))
         found = regimes(machine, values, key, parameters=parameters, settling_periods=settling, progress=progress)
         found.write_picture(out)
-    if as_json:
+    if shape == "json":
         print_json({"machine": machine, "key": key, "regimes": found.records, "picture": str(out)})
         return
-    print_table("regimes", found.columns, found.rows)
+    if shape == "csv":
+        print_csv(found.columns, found.rows)
+    elif shape == "wide":
+        print_table("regimes", found.columns, found.rows, wide=True)
+    else:
+        spans = joined(found.rows)
+        print_table("regimes", ("from", "to", *found.columns[1:]), spans)
+        say(f"{len(found.rows)} values of {key} in {len(spans)} rows; each value with --all")
     say(f"wrote {out}")
+
+
+def joined(rows: Sequence[Sequence[Any]]) -> list[tuple[Any, ...]]:
+    """Return rows (value, regime, period, impacts, ..., blow) that follow each other with the same regime as one.
+
+    It has the first and the last value, and of the last column the least and the greatest.
+    """
+    spans: list[tuple[Any, ...]] = []
+    for _, run in groupby(rows, key=lambda row: tuple(row[1:-1])):
+        group = list(run)
+        blows = [row[-1] for row in group]
+        least, most = min(blows), max(blows)
+        shown = f"{least:.4g}" if least == most else f"{least:.4g} to {most:.4g}"
+        spans.append((group[0][0], group[-1][0], *group[0][1:-1], shown))
+    return spans

@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mech_twin.cli.console import print_json, print_numbers, print_table, say
+from mech_twin.capabilities.sizing import Sizing
+from mech_twin.captions import unit_of
+from mech_twin.cli.console import busy, print_csv, print_json, print_numbers, print_table, say
 from mech_twin.cli.study_options import axes_of, counted, limits_of, notes_of, study_errors
 from mech_twin.configuration_tree import configuration_tree
 from mech_twin.dependencies import require_extra
 from mech_twin.parameters.load import assignments, machine_parameters
 from mech_twin.parameters.written_configuration import write_configuration
 from mech_twin.studies import size, sweep
+from mech_twin.studies.parameter_sweep import Sweep
+from mech_twin.studies.sweep_points import Point
+from mech_twin.studies.sweep_table import varies
 
 SHOWN_ROWS = 20
-SHOWN_NUMBERS = 5
 
 
 @dataclass(frozen=True)
@@ -30,6 +36,8 @@ class SweepRequest:
     picture: bool
     cores: int | None
     scheduler: str | None
+    everything: bool = False
+    as_csv: bool = False
 
 
 def answer_sweep(request: SweepRequest, config: Path | None, settings: list[str], *, as_json: bool) -> None:
@@ -72,18 +80,34 @@ def answer_sweep(request: SweepRequest, config: Path | None, settings: list[str]
         }
         print_json(document)
         return
-    rows = [
-        (*done.asked.changes(point.index).values(), *(point.numbers.get(n, "refused") for n in names[:SHOWN_NUMBERS]))
-        for point in done.points[:SHOWN_ROWS]
-    ]
+    if request.as_csv:
+        print_csv((*keys, *names, "refused"), [_cells(done, point, names, "") for point in done.points])
+        return
+    varying = names if request.everything else _varying(done.points, names)
+    shown = done.points if request.everything else done.points[:SHOWN_ROWS]
     title = f"{request.machine}: {len(done.points)} points, {len(names)} numbers"
-    print_table(title, (*keys, *names[:SHOWN_NUMBERS]), rows)
+    rows = [_cells(done, point, varying, "refused")[:-1] for point in shown]
+    print_table(title, (*keys, *varying), rows, wide=request.everything, more="--all")
+    left = len(done.points) - len(shown)
+    if left or len(varying) < len(names):
+        say(f"{left} more points and {len(names) - len(varying)} numbers that do not vary with --all")
     refused = [point for point in done.points if point.refused]
     if refused:
         say(f"{len(refused)} points refused, the first: {refused[0].refused}")
     if done.resumed:
         say(f"{done.resumed} points were finished before")
     say(f"wrote {done.table}" + (f" and {done.picture}" if done.picture else ""))
+
+
+def _cells(done: Sweep, point: Point, names: Sequence[str], absent: str) -> tuple[Any, ...]:
+    numbers = (point.numbers.get(name, absent) for name in names)
+    return (*done.asked.changes(point.index).values(), *numbers, point.refused)
+
+
+def _varying(points: Sequence[Point], names: Sequence[str]) -> list[str]:
+    """Return the numbers that are not the same at every point, rounding apart."""
+    columns = {name: [point.numbers[name] for point in points if name in point.numbers] for name in names}
+    return [name for name, column in columns.items() if varies(column)]
 
 
 def answer_size(
@@ -99,7 +123,7 @@ def answer_size(
 ) -> None:
     """Size, write the configuration, and say which constraint binds."""
     parameters = machine_parameters(machine, config, assignments(settings))
-    with study_errors():
+    with study_errors(), busy(f"sizing {machine}"):
         answer = size(machine, parameters, limits=limits_of(limits), objective=objective, tolerance=tolerance)
         notes = notes_of(objective=answer.objective, tolerance=answer.tolerance, binding=answer.binding)
         write_configuration(answer.machine, answer.parameters, out, config, notes)
@@ -129,11 +153,31 @@ def answer_size(
         )
         return
     print_numbers(f"{machine}: sizes", {**answer.sizes, **answer.metrics})
-    rows = [(c.text, c.margin, "binds" if c.binds else "holds" if c.holds else "not met") for c in answer.constraints]
-    print_table("constraints", ("constraint", "margin", "state"), rows)
+    rows = [
+        (c.text, c.margin, unit_of(c.name), "binds" if c.binds else "holds" if c.holds else "not met")
+        for c in answer.constraints
+    ]
+    print_table("constraints", ("constraint", "margin", "unit", "state"), rows)
     if answer.trade_off:
-        print_table("trade-off", tuple(answer.trade_off[0]), [tuple(row.values()) for row in answer.trade_off])
+        trade_off = [tuple(row.values()) for row in answer.trade_off]
+        print_table("trade-off", tuple(answer.trade_off[0]), trade_off, marked=_chosen(answer))
     say(f"binding: {answer.binding}")
     if answer.tolerance > 0.0:
         say(f"holds with every assumed value off by up to {100.0 * answer.tolerance:g} %")
     say(f"wrote {out}")
+
+
+def _chosen(answer: Sizing) -> int | None:
+    """Return the row of the trade-off with the sizes that were chosen, if one has all of them."""
+    numbers = {**answer.metrics, **{key.replace(".", "_"): value for key, value in answer.sizes.items()}}
+    for i, row in enumerate(answer.trade_off):
+        shared = [name for name in row if name in numbers]
+        if shared and all(_near(row[name], numbers[name]) for name in shared):
+            return i
+    return None
+
+
+def _near(one: float | str, other: float | str) -> bool:
+    if isinstance(one, str) or isinstance(other, str):
+        return one == other
+    return math.isclose(one, other, rel_tol=1e-9)

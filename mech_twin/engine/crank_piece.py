@@ -57,13 +57,6 @@ class CrankPoint(NamedTuple):
 
 
 POINT = record_of(CrankPoint)
-POINT_SIZE = len(CrankPoint._fields)
-
-
-@kernel
-def point_of(numbers: Array) -> Any:
-    """Return a state of the crank (12,) as a record that shares its numbers."""
-    return numbers.view(POINT)[0]
 
 
 @kernel

@@ -9,7 +9,6 @@ import numpy as np
 
 from mech_twin.engine.compiled_steps import chosen
 from mech_twin.engine.crank_motion import ShaftDrive
-from mech_twin.engine.records import record_of
 from mech_twin.engine.sample_vectors import LINKAGE_JOINTS, Array
 from mech_twin.kernel import kernel
 from mech_twin.parts.induction_motor import MotorConstants, motor_torque_slope
@@ -42,15 +41,22 @@ class Memory(NamedTuple):
     initial_energy_j: float
 
 
-MEMORY = record_of(Memory)
 MEMORY_SIZE = len(Memory._fields)
 
 
 @kernel
-def memory_of(row: Array, joints: int) -> Any:
-    """Return the memory of a linkage row with so many joints as a record that shares its numbers."""
+def memory_of(row: Array, joints: int) -> Memory:
+    """Return the memory of a linkage row with so many joints."""
+    m = row[LINKAGE_JOINTS + 3 * joints :]
+    return Memory(m[0], m[1], m[2], m[3], m[4], m[5], m[6], m[7], m[8], m[9], m[10], m[11], m[12])
+
+
+@kernel
+def fill_memory(memory: Memory, row: Array, joints: int) -> None:
+    """Put the memory into a linkage row with so many joints."""
     begin = LINKAGE_JOINTS + 3 * joints
-    return row[begin : begin + MEMORY_SIZE].view(MEMORY)[0]
+    for i in range(MEMORY_SIZE):
+        row[begin + i] = memory[i]
 
 
 # The mechanism: functions of its constants, declared for their type with `compiled_steps.step_of`; crank angle f (rad),

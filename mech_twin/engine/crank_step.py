@@ -17,14 +17,15 @@ from mech_twin.engine.crank_driven import drive_on
 from mech_twin.engine.crank_led import holding_torque, lead
 from mech_twin.engine.crank_piece import (
     NO_TORQUE,
-    POINT_SIZE,
-    point_of,
+    POINT,
     sign_of,
     turned_over,
 )
 from mech_twin.engine.crank_state import (
     MEMORY_SIZE,
     Crank,
+    Memory,
+    fill_memory,
     mechanism_state,
     memory_of,
     shaft_drive,
@@ -50,9 +51,9 @@ class TurnedCrank(NamedTuple):
 
 @kernel
 def fill_row(
-    model: TurnedCrank, point: Array, command: float, held: float, initial_j: float, booked_j: float, out: Array
+    model: TurnedCrank, point: Any, command: float, held: float, initial_j: float, booked_j: float, out: Array
 ) -> bool:
-    """Fill a linkage row with a state (12,); return whether the crank torque is finite.
+    """Fill a linkage row with a state, an array of one `CrankPoint`; return whether the crank torque is finite.
 
     Parameters
     ----------
@@ -61,7 +62,7 @@ def fill_row(
     initial_j, booked_j : float
         Energy at the start of the run (nan: this is the start), and what changed parameters have brought since.
     """
-    crank, s = model.crank, point_of(point)
+    crank, s = model.crank, point[0]
     regime, mechanism = int(s.regime), under_load_share(model.mechanism, s.load_share)
     f, w, e = s.angle_rad, s.speed_rad_per_s, s.acceleration_rad_per_s2
     positions, velocities, torque, energy, closure = mechanism_state(mechanism, f, w, e, regime)
@@ -77,12 +78,11 @@ def fill_row(
         out[at], out[at + 1], out[at + 2] = positions[i], velocities[i], 0.0
         at += 3
     out[LINKAGE_JOINTS + 2] = torque - friction
-    memory = memory_of(out, len(positions))
-    memory.crank_acceleration_rad_per_s2, memory.friction_torque_nm, memory.turning_sense = e, friction, s.turning_sense
-    memory.stalled_1, memory.load_share, memory.turned_back_rad = s.stalled, s.load_share, s.turned_back_rad
-    memory.drive_work_j, memory.gear_loss_j = s.drive_work_j, s.gear_loss_j
-    memory.friction_loss_j, memory.load_work_j = s.friction_loss_j, s.load_work_j
-    memory.adjustment_work_j, memory.energy_j, memory.initial_energy_j = booked_j, energy, initial
+    memory = Memory(
+        e, friction, s.turning_sense, s.stalled, s.load_share, s.turned_back_rad, s.drive_work_j, s.gear_loss_j,
+        s.friction_loss_j, s.load_work_j, booked_j, energy, initial,
+    )  # fmt: skip
+    fill_memory(memory, out, len(positions))
     at += MEMORY_SIZE
     out[at], out[at + 1] = closure, miss / scale
     return math.isfinite(torque)
@@ -91,8 +91,8 @@ def fill_row(
 @kernel
 def start_row(model: TurnedCrank, f: float, w: float, command: float, regime: int, out: Array) -> bool:
     """Fill the row of a crank at its first angle and speed (rad, rad/s); return whether its torque is finite."""
-    point = np.zeros(POINT_SIZE)
-    s = point_of(point)
+    point = np.zeros(1, dtype=POINT)
+    s = point[0]
     s.angle_rad, s.speed_rad_per_s, s.turning_sense, s.regime, s.load_share = f, w, sign_of(w), regime, 1.0
     held = holding_torque(model, s) if w == 0.0 else 0.0
     return fill_row(model, point, command, held, math.nan, 0.0, out)
@@ -101,8 +101,8 @@ def start_row(model: TurnedCrank, f: float, w: float, command: float, regime: in
 @kernel
 def guided_row(model: TurnedCrank, f: float, w: float, e: float, command: float, regime: int, out: Array) -> bool:
     """Fill the row of a crank in a given motion (rad, rad/s, rad/s2); return whether its torque is finite."""
-    point = np.zeros(POINT_SIZE)
-    s = point_of(point)
+    point = np.zeros(1, dtype=POINT)
+    s = point[0]
     s.angle_rad, s.speed_rad_per_s, s.acceleration_rad_per_s2 = f, w, e
     s.turning_sense, s.regime, s.load_share = sign_of(w), regime, 1.0
     return fill_row(model, point, command, 0.0, math.nan, 0.0, out)
@@ -113,8 +113,8 @@ def crank_step(
     model: TurnedCrank, step: int, linkage: Array, motor: Array, body: Array, out: Array, log: Array
 ) -> tuple[Array, int]:
     """Fill in the linkage one step later, its changes of regime and instants of rest located inside the step."""
-    crank, point = model.crank, np.empty(POINT_SIZE)
-    s = point_of(point)
+    crank, point = model.crank, np.empty(1, dtype=POINT)
+    s = point[0]
     f, w, regime = linkage[LINKAGE_JOINTS], linkage[LINKAGE_JOINTS + 1], int(linkage[REGIME])
     positions, _, _, energy, _ = mechanism_state(model.mechanism, f, w, 0.0, regime)
     past = memory_of(linkage, len(positions))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import TransformStamped, Vector3Stamped, WrenchStamped
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
@@ -70,6 +70,8 @@ VIRTUAL = f"{TWIN}/virtual"  # below it, one topic a pin
 VIRTUAL_DRIVE = Topic(f"{VIRTUAL}/drive", WrenchStamped)
 VIRTUAL_PRESSING_FORCE = Topic(f"{VIRTUAL}/pressing_force", WrenchStamped)
 DETECTED_IMPACTS = Topic(f"{TWIN}/impacts", Vector3Stamped)
+RECOMMENDATION = Topic(f"{TWIN}/recommendation", DiagnosticStatus, LATCHED)
+DECISIONS = Topic(f"{TWIN}/decisions", DiagnosticStatus)
 CLOCK = Topic("/clock", Clock)
 DIAGNOSTICS = Topic("/diagnostics", DiagnosticArray)
 
@@ -93,7 +95,15 @@ def shadow_topics(pins: tuple[str, ...], has_body: bool) -> tuple[Topic, ...]:
     """Return the topics of a shadow."""
     body = (VIRTUAL_PRESSING_FORCE,) if has_body else ()
     estimated = (ESTIMATED, *map(virtual_pin, pins), VIRTUAL_DRIVE, *body)
-    return (*estimated, *map(sigma_of, estimated), RESIDUALS, STANDARD_RESIDUALS, DETECTED_IMPACTS)
+    return (
+        *estimated,
+        *map(sigma_of, estimated),
+        RESIDUALS,
+        STANDARD_RESIDUALS,
+        DETECTED_IMPACTS,
+        RECOMMENDATION,
+        DECISIONS,
+    )
 
 
 def step_topics(has_body: bool) -> tuple[Topic, ...]:

@@ -21,7 +21,14 @@ from mech_twin.messages.joint_state_cdr import CdrError
 from mech_twin.messages.topics import SPEED_COMMAND
 from mech_twin.nodes.base_node import TwinNode
 from mech_twin.nodes.options import RunOptions
-from mech_twin.nodes.shadow_inputs import COMMAND, FollowedTopic, followed_topics, own_map, sensed_channels
+from mech_twin.nodes.shadow_inputs import (
+    COMMAND,
+    FollowedTopic,
+    StampOrigin,
+    followed_topics,
+    own_map,
+    sensed_channels,
+)
 from mech_twin.nodes.shadow_outputs import ShadowOutputs
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.quantity import Parameters
@@ -72,6 +79,8 @@ class ShadowNode(TwinNode):
         given = setup.given or own_map(machine)
         channels = sensed_channels(given)
         self.level = "model"
+        self.setup = setup
+        self.is_obeyed: Callable[[], bool] = lambda: False
         self.on_sample: Callable[[SeenSample], None] = lambda sample: None
         self.observer = PhaseLockedObserver(machine, entry.build, channels, setup.options, setup.deviations)
         self.estimate: FrameEstimate | None = None
@@ -81,9 +90,11 @@ class ShadowNode(TwinNode):
         self._stale = False
         self._next_virtual_s = -np.inf
         columns = self.observer.columns
-        self._outputs = ShadowOutputs(partial(self.output, recorded=False), machine, columns, self.get_namespace())
+        self.origin = StampOrigin()
+        output = partial(self.output, recorded=False)
+        self._outputs = ShadowOutputs(output, machine, columns, self.get_namespace(), self.origin.stamp)
         self._command = next((i for i, channel in enumerate(given.channels) if channel.quantity == COMMAND), None)
-        self.followed = followed_topics(given, setup.namespace)
+        self.followed = followed_topics(given, setup.namespace, self.origin)
         for followed in self.followed:
             self.subscribe(followed.topic, partial(self._on_message, followed), qos=FOLLOWED, raw=True)
         command = SPEED_COMMAND._replace(name=f"{setup.namespace}/{SPEED_COMMAND.name}")
@@ -117,7 +128,7 @@ class ShadowNode(TwinNode):
             self.statistics.count(SPEED_COMMAND.name, "malformed", f"{message.data} is not between 0 and 1")
 
     def _publish(self, estimate: FrameEstimate) -> None:
-        self.estimate, self.time_s = estimate, estimate.time_s
+        self.estimate, self.time_s = estimate, self.origin.clock_s(estimate.time_s)
         self._outputs.send_joints(estimate.time_s, estimate.row, estimate.sigma)
         self._outputs.send_residuals(estimate, self.observer.channels)
         self._outputs.send_impacts(estimate.events)
@@ -137,7 +148,7 @@ class ShadowNode(TwinNode):
     def check_peers(self, now_s: float) -> None:
         """Hold the estimates, their sigma growing, while nothing comes."""
         locked = self.observer.state is ObserverState.LOCKED
-        self.level = "shadow" if locked and not self._stale else "model"
+        self.level = "model" if self._stale or not locked else "twin" if self.is_obeyed() else "shadow"
         silent_s = 0.0 if self._heard_s is None else now_s - self._heard_s
         if silent_s <= self.options.peer_timeout_s:
             self.diagnostics.state = self.observer.state.value

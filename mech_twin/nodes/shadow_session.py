@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import NamedTuple
@@ -13,6 +13,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from mech_twin.configuration_tree import ConfigurationError
 from mech_twin.messages.topics import ESTIMATED, RESIDUALS, TWIN, shadow_topics
+from mech_twin.nodes.advisor_node import AdvisorNode
 from mech_twin.nodes.base_node import TwinNode, destroy_nodes, sent_messages
 from mech_twin.nodes.monitor_node import MonitorNode
 from mech_twin.nodes.name_guard import NameGuard
@@ -24,7 +25,9 @@ from mech_twin.nodes.spinner import Spinner
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.quantity import Parameters
 from mech_twin.stop_signal import StopSignal
+from mech_twin.studies.advice_search import AdviceWish
 from mech_twin.studies.monitoring.monitor import MonitorSetup
+from mech_twin.studies.observer.lock_on import SeenSample
 
 
 class ShadowOutcome(NamedTuple):
@@ -36,11 +39,12 @@ class ShadowOutcome(NamedTuple):
 
 
 class Company(NamedTuple):
-    """What runs beside a shadow: recording of all of it, monitor with its reference, folder of the black box."""
+    """What runs beside a shadow: recording of all of it, monitor with its reference, black box, advisor."""
 
     record: Path | None = None
     monitor: MonitorSetup | None = None
     black_box: Path | None = None
+    advice: AdviceWish | None = None
 
 
 ALONE = Company()
@@ -119,11 +123,33 @@ def nodes_beside(machine_name: str, node: ShadowNode, parameters: Parameters, co
         found.append(ShadowRecorder(machine_name, company.record, own, heard, parameters))
     if company.monitor is not None:
         columns = [channel.column for channel in node.observer.channels]
-        monitor = MonitorNode(machine_name, company.monitor, columns, parameters)
+        monitor = MonitorNode(machine_name, company.monitor, columns, node.origin, parameters)
         node.on_sample = monitor.observe
         found.append(monitor)
         if company.black_box is not None:
             box = BlackBox(machine_name, company.black_box, own, heard, parameters)
-            monitor.on_active = lambda life: box.trigger(life.name, life.since_s)
+            monitor.on_active = lambda life: box.trigger(life.name, node.origin.clock_s(life.since_s))
             found.append(box)
+    if company.advice is not None:
+        found.append(advisor_beside(machine_name, node, parameters, company.advice, found))
     return found
+
+
+def advisor_beside(
+    machine_name: str, node: ShadowNode, parameters: Parameters, wish: AdviceWish, others: Sequence[TwinNode]
+) -> AdvisorNode:
+    """Return the advisor of a shadow, fed with its samples, and told of the faults of a monitor beside it."""
+    columns = [channel.column for channel in node.observer.channels]
+    advisor = AdvisorNode(machine_name, wish, node.setup.namespace, columns, parameters)
+    before = node.on_sample
+
+    def on_sample(sample: SeenSample) -> None:
+        before(sample)
+        advisor.observe(sample)
+
+    node.on_sample = on_sample
+    node.is_obeyed = lambda: advisor.state.in_force
+    monitor = next((each for each in others if isinstance(each, MonitorNode)), None)
+    if monitor is not None:
+        advisor.has_fault = lambda: monitor.has_active_fault
+    return advisor

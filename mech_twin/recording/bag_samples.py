@@ -145,7 +145,7 @@ class BagSamples:
                 followed &= set(self._named_sources("forces"))
             texts = [text for text in texts if _source_of(text) in followed]
         configuration = self._reader.info.configuration
-        return texts or ([] if configuration is None else [configuration])
+        return texts or ([configuration] if configuration else [])
 
     def _described(self) -> list[str]:
         name = full_name(self.machine, DESCRIPTION)

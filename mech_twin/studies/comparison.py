@@ -1,4 +1,4 @@
-"""Two samples compared to the last bit: the first field that differs."""
+"""Two samples compared to the last bit, or within a tolerance: the first field that differs."""
 
 from __future__ import annotations
 
@@ -7,9 +7,11 @@ from array import array
 from collections.abc import Iterator
 from typing import NamedTuple
 
+from mech_twin.captions import unit_of
 from mech_twin.samples import BodySample, ForceSample, LinkageSample, MotorSample, Named
 
 Sample = LinkageSample | MotorSample | ForceSample | BodySample
+RESIDUALS = "residuals."
 Value = float | str | None
 
 
@@ -24,8 +26,8 @@ class Difference(NamedTuple):
     computed: Value
 
 
-def first_difference(role: str, recorded: Sample, computed: Sample) -> Difference | None:
-    """Return the first field in which two samples of one step differ in any bit, or None.
+def first_difference(role: str, recorded: Sample, computed: Sample, tolerance: float = 0.0) -> Difference | None:
+    """Return the first field in which two samples of one step differ, or None.
 
     Parameters
     ----------
@@ -33,15 +35,38 @@ def first_difference(role: str, recorded: Sample, computed: Sample) -> Differenc
         Whose samples they are.
     recorded, computed
         The samples; names of joints, pins, memory and residuals count as well as their numbers.
+    tolerance : float
+        0 compares every bit.  Else a number may be off by this share of the largest recorded number of the sample in
+        the same unit, and residuals, which are rounding, are left out.
     """
     if _content(recorded) == _content(computed):
         return None
     computed_by_name, recorded_by_name = dict(fields(computed)), dict(fields(recorded))
+    sizes = _sizes(recorded_by_name)
     for name in {**recorded_by_name, **computed_by_name}:
         there, here = recorded_by_name.get(name), computed_by_name.get(name)
-        if name not in recorded_by_name or name not in computed_by_name or _bits(there) != _bits(here):
+        missing = name not in recorded_by_name or name not in computed_by_name
+        near = tolerance > 0.0 and _near(name, there, here, tolerance * sizes.get(unit_of(name), 0.0))
+        if missing or not (near or _bits(there) == _bits(here)):
             return Difference(recorded.step, recorded.time_s, role, name, there, here)
+    if tolerance > 0.0:
+        return None
     return Difference(recorded.step, recorded.time_s, role, "order of the entries", None, None)
+
+
+def _sizes(numbers: dict[str, Value]) -> dict[str, float]:
+    """Return the largest number in each unit."""
+    sizes: dict[str, float] = {}
+    for name, value in numbers.items():
+        if isinstance(value, float) and not name.startswith(RESIDUALS):
+            sizes[unit_of(name)] = max(sizes.get(unit_of(name), 0.0), abs(value))
+    return sizes
+
+
+def _near(name: str, there: Value, here: Value, allowed: float) -> bool:
+    if not isinstance(there, float) or not isinstance(here, float):
+        return False
+    return name.startswith(RESIDUALS) or abs(there - here) <= allowed
 
 
 def fields(sample: object, path: str = "") -> Iterator[tuple[str, Value]]:

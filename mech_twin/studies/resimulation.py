@@ -44,11 +44,11 @@ class Verdict:
 
     @property
     def identical(self) -> bool:
-        """Whether something was compared and nothing differed in any bit."""
+        """Whether something was compared and nothing differed: in any bit, or by more than the tolerance."""
         return self.samples > 0 and self.first is None
 
 
-def analysed(steps: Iterable[StepSamples], machine_at: MachineAt) -> Verdict:
+def analysed(steps: Iterable[StepSamples], machine_at: MachineAt, tolerance: float = 0.0) -> Verdict:
     """Return whether the recorded forces are those of the recorded motion; ends at the first that are not.
 
     Parameters
@@ -57,6 +57,8 @@ def analysed(steps: Iterable[StepSamples], machine_at: MachineAt) -> Verdict:
         The recording.
     machine_at : callable
         ``machine_at(step)``: the machine with the parameters in force at a step.
+    tolerance : float
+        See `first_difference`; 0 compares every bit.
     """
     verdict = Verdict()
     for known in steps:
@@ -66,7 +68,7 @@ def analysed(steps: Iterable[StepSamples], machine_at: MachineAt) -> Verdict:
         verdict.steps += 1
         verdict.samples += 1
         forces = machine_at(known.step).forces.analyse(known.linkage)
-        verdict.first = first_difference("forces", known.forces, forces)
+        verdict.first = first_difference("forces", known.forces, forces, tolerance)
         if verdict.first is not None:
             break
     return verdict

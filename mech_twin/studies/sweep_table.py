@@ -58,7 +58,7 @@ def write_picture(asked: Question, found: Sequence[Point], path: Path) -> bool:
     Over one key a line; over two a map; over more, lines over the first key, the others at their first values.
     """
     table = columns(asked, found)
-    names = [name for name in table if name not in (*asked.keys, REFUSED) and _varies(table[name])][:PANELS]
+    names = [name for name in table if name not in (*asked.keys, REFUSED) and varies(table[name])][:PANELS]
     if not names:
         return False
     from mech_twin.capabilities.plots import house_style
@@ -86,7 +86,8 @@ def _draw(asked: Question, table: dict[str, list[Any]], names: Sequence[str], pa
         figure.savefig(unfinished, dpi=DPI)
 
 
-def _varies(values: Sequence[float]) -> bool:
+def varies(values: Sequence[float]) -> bool:
+    """Return whether finite numbers differ by more than rounding."""
     finite = [value for value in values if math.isfinite(value)]
     return len(finite) > 1 and max(finite) - min(finite) > 1e-12 * max(map(abs, finite))
 

@@ -21,7 +21,7 @@ def offered(line: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFi
     with pytest.raises(SystemExit):
         typer.main.get_command(app)(prog_name="mech-twin")
     rows = re.findall(r'"((?:[^"\\]|\\.)*)":"((?:[^"\\]|\\.)*)"', capsys.readouterr().out)
-    return {name.replace("\\", ""): meaning.replace("\\", "") for name, meaning in rows}
+    return {name.replace("\\", ""): meaning.replace("\\", "").replace("''", "'") for name, meaning in rows}
 
 
 def test_machines_are_offered_with_their_titles(monkeypatch, capsys) -> None:

@@ -38,6 +38,7 @@ REMEMBERED = 150  # cycles of innovations kept for naming
 LEAST_NAMED = 6  # cycles beyond the settling from which a change is named
 UNKNOWN_AFTER = 25  # cycles beyond the settling from which it may be called unknown
 ONSET_CYCLES = 40  # after the alarm, in which the onset is still moved to where the jump is seen best
+NAMED_EACH_CYCLE, NAMED_EVERY = 25, 5  # after the alarm a change is named in each cycle, later in every fifth
 NAMING_CYCLES = 80  # after the alarm, in which a name may still change; then it stands
 Verdict = Literal["learning", "healthy", "pending", "named", "group", "unknown", "passing"]
 
@@ -234,7 +235,8 @@ class Monitor:
         verdict: Verdict = "healthy"
         found: tuple[Candidate, ...] = ()
         if episode is not None:
-            if episode.age <= NAMING_CYCLES and not episode.quiet:
+            often = episode.age <= NAMED_EACH_CYCLE or episode.age % NAMED_EVERY == 0
+            if often and episode.age <= NAMING_CYCLES and not episode.quiet:
                 episode.named = self._named(episode)
             verdict, found = episode.named
         announce = self._live_on(finding_name(verdict, found), vector.end_s)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mech_twin.configuration_tree import ConfigurationError, configuration_tree, merged_tree, tree_from_flat
+from mech_twin.configuration_tree import configuration_tree, merged_tree, tree_from_flat
 from mech_twin.engine.compiled_run import DONE, Indices
 from mech_twin.engine.sample_vectors import Array
 from mech_twin.quantity import Parameters
@@ -104,12 +104,21 @@ def _changed(
     parameters: Parameters, build: Callable[[Parameters], Machine], key: str, deviation: float
 ) -> Machine | None:
     """Return the machine with a key raised, or lowered where that is refused; None where both are."""
+    changed = changed_parameters(parameters, key, deviation)
+    try:
+        return None if changed is None else build(changed)
+    except ValueError:
+        return None
+
+
+def changed_parameters(parameters: Parameters, key: str, deviation: float) -> Parameters | None:
+    """Return the parameters with a key raised, or lowered where that is refused; None where both are."""
     tree = configuration_tree(parameters)
     for sign in (1.0, -1.0):
         changed = merged_tree(tree, tree_from_flat({key: key_value(parameters, key) + sign * deviation}))
         try:
-            return build(type(parameters).model_validate(changed))
-        except (ValueError, ConfigurationError):
+            return type(parameters).model_validate(changed)
+        except ValueError:
             continue
     return None
 

@@ -1,0 +1,88 @@
+"""The numbers of a run in groups - operation, impacts, bearings, design, checks - and the few that say most of each.
+
+Groups and rank follow from the names (docs/glossary.md), so that a machine added later is shown like the others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from mech_twin.captions import unit_of
+
+GROUPS = ("operation", "impacts", "bearings", "design", "checks")
+HEADLINES = {"operation": 5, "impacts": 4, "bearings": 2}
+FORCES = ("N", "kN", "N s")
+BEARING_WORDS = frozenset({"bearing", "pin", "shaft", "guide", "rod", "shaking"})
+IMPACT_WORDS = frozenset(
+    {"blow", "blows", "impact", "impacts", "striking", "hardest", "chatter", "contact", "stop", "releases"}
+    | {"gap", "lift", "feed", "body", "return", "press", "layer", "periods", "rests", "period"}
+)
+CHECK_WORDS = ("worst_", "energy_unbalanced")
+SPANS = ("steady", "turn", "run")  # the span that says most of a machine at work stands first
+# words of the numbers that say most, in order; a number takes the place of the first it has
+RANKS = {
+    "operation": (
+        *("blow_rate", "speed_mean", "speed_max", "largest_absolute_crank_speed", "fluctuation", "uniformity"),
+        *("power_mean", "motor_power", "torque_max", "torque_peak", "motor_torque", "heating", "velocity_max"),
+        *("radius", "turns", "drive_work"),
+    ),
+    "impacts": (
+        *("blow_rate", "blow_energy_j", "impact_speed", "blow_impulse_ns", "hardest", "feed", "gap", "stop_force"),
+        *("blows", "impacts", "contact_events", "layer_work"),
+    ),
+}
+
+
+def group_of(name: str, design: Iterable[str] = ()) -> str:
+    """Return the group of a number; ``design`` names those that follow from the configuration without a run."""
+    words = set(name.split("_"))
+    if name.startswith(CHECK_WORDS):
+        return "checks"
+    if name in design:
+        return "design"
+    if words & BEARING_WORDS and unit_of(name) in FORCES:
+        return "bearings"
+    return "impacts" if words & IMPACT_WORDS else "operation"
+
+
+def grouped(numbers: Mapping[str, Any], design: Iterable[str] = ()) -> dict[str, dict[str, Any]]:
+    """Return the numbers by group, in the order of `GROUPS`; empty groups are left out."""
+    known = frozenset(design)
+    found: dict[str, dict[str, Any]] = {group: {} for group in GROUPS}
+    for name, value in numbers.items():
+        found[group_of(name, known)][name] = value
+    return {group: values for group, values in found.items() if values}
+
+
+def headlines(numbers: Mapping[str, Any], group: str) -> dict[str, Any]:
+    """Return the few numbers of a group that say most: one of each kind, over the span that says most."""
+    if group not in HEADLINES:
+        return {}
+    order = sorted(numbers, key=lambda name: (_rank(name, numbers[name], group), _span(name)))
+    order = [name for name in order if group != "bearings" or not set(name.split("_")) & {"min", "smallest"}]
+    if group in RANKS:
+        ranks = [_rank(name, numbers[name], group)[0] for name in order]
+        order = [name for i, name in enumerate(order) if ranks[i] < len(RANKS[group]) and ranks[i] not in ranks[:i]]
+    first = dict.fromkeys(_stem(name) for name in order)
+    chosen = [next(name for name in order if _stem(name) == stem) for stem in first][: HEADLINES[group]]
+    return {name: numbers[name] for name in chosen}
+
+
+def _rank(name: str, value: Any, group: str) -> tuple[float, float]:
+    """Return the place of a number: forces by their size, others by the words in their names."""
+    if group not in RANKS:
+        return (0.0 if unit_of(name) in ("N", "kN") else 1.0, -abs(float(value)))
+    ranks = RANKS[group]
+    return (float(next((i for i, word in enumerate(ranks) if word in name), len(ranks))), 0.0)
+
+
+def _span(name: str) -> int:
+    first = name.partition("_")[0]
+    return SPANS.index(first) if first in SPANS else len(SPANS)
+
+
+def _stem(name: str) -> str:
+    """Return what a number is of, whatever span it is taken over."""
+    first, _, rest = name.partition("_")
+    return rest if first in SPANS else name

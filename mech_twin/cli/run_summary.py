@@ -1,0 +1,73 @@
+"""What a run came to, for people: numbers in groups, events that matter, worst residuals."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from mech_twin.cli.console import numbered, print_csv, print_table, say_result
+from mech_twin.cli.metric_groups import grouped, headlines
+from mech_twin.samples import Event
+
+SHOWN_EVENTS = 12
+HOLDS, BROKEN = "holds", "broken"
+AUDIBLE_M_PER_S = 1e-3  # slower impacts are the end of a series that dies out
+EVENT_COLUMNS = ("time, s", "kind", "contact", "before, m/s", "after, m/s", "impulse, N s")
+
+
+def show_numbers(title: str, numbers: Mapping[str, Any], design: Iterable[str], *, everything: bool) -> None:
+    """Write the numbers of a run in groups: the headlines, or all."""
+    rows: list[tuple[str, Any, str]] = []
+    for group, values in grouped(numbers, design).items():
+        shown = values if everything else headlines(values, group)
+        if shown:
+            rows += [(f"-- {group}", "", ""), *numbered(shown)]
+    print_table(title, ("quantity", "value", "unit"), rows)
+    left = len(numbers) - sum(not row[0].startswith("--") for row in rows)
+    if left:
+        say_result(f"{left} more numbers with --all; docs/glossary.md says what each is")
+
+
+def show_residuals(residuals: Mapping[str, Mapping[str, Any]]) -> None:
+    """Write the worst of each residual beside its limit, and whether it holds; NaN does not."""
+    rows = [(name, r["worst"], r["limit"], _state(r)) for name, r in residuals.items()]
+    print_table("worst residuals", ("residual", "worst", "limit", "state"), rows)
+    holding = sum(row[-1] == HOLDS for row in rows)
+    say_result(f"{holding} of {len(rows)} checks within their limits")
+
+
+def _state(residual: Mapping[str, Any]) -> str:
+    return HOLDS if residual["worst"] <= residual["limit"] else BROKEN
+
+
+def show_events(events: Sequence[Event], *, everything: bool) -> None:
+    """Write how many events of which kind there were, and the last that matter, or all."""
+    if not events:
+        return
+    counts = Counter(event.kind for event in events)
+    say_result(f"{len(events)} events: {', '.join(f'{count} {kind}' for kind, count in counts.most_common())}")
+    matter = events if everything else [event for event in events if is_notable(event)]
+    shown = matter if everything else matter[-SHOWN_EVENTS:]
+    left = len(events) - len(shown)
+    title = (
+        "events" if not left else f"last {len(shown)} events; {left} more with --all, impacts below 1 mm/s among them"
+    )
+    print_table(title, EVENT_COLUMNS, [_row(event) for event in shown])
+
+
+def is_notable(event: Event) -> bool:
+    """Return whether an event is a blow, an impact above 1 mm/s, or a change of state."""
+    return event.impulse_ns == 0.0 or abs(event.pre_velocity_m_per_s) > AUDIBLE_M_PER_S
+
+
+def print_numbers_csv(numbers: Mapping[str, Any]) -> None:
+    """Write every number with its unit as comma-separated values."""
+    print_csv(("quantity", "value", "unit"), numbered(numbers))
+
+
+def _row(event: Event) -> tuple[Any, ...]:
+    if event.impulse_ns == 0.0:
+        return (f"{event.time_s:.5f}", event.kind, event.contact, "-", "-", "-")
+    speeds = (event.pre_velocity_m_per_s, event.post_velocity_m_per_s)
+    return (f"{event.time_s:.5f}", event.kind, event.contact, *(f"{speed:.4g}" for speed in speeds), event.impulse_ns)

@@ -1,0 +1,222 @@
+r"""Life of an advice, as a pure state machine: offered, accepted, on trial, kept or taken back.
+
+::
+
+    idle --offer--> offered --accept--> trial --gain came--> idle (kept)
+                       |                  \--gain did not come, fault, silence, stop--> idle (reverted)
+                       \--reject, expiry, fault--> idle
+
+Nothing is sent without an acceptance; what is sent lies in the declared range, is at most a share of it away from the
+value in force, and at least a time after the change before.  Every transition is a decision with its reason.
+"""
+
+from __future__ import annotations
+
+from typing import Literal, NamedTuple
+
+Phase = Literal["idle", "offered", "trial"]
+
+
+class AdviceRules(NamedTuple):
+    """What an advisor may do.
+
+    Attributes
+    ----------
+    is_dry_run : bool
+        Nothing goes out, even when accepted.
+    interval_s : float
+        Least time between two changes.
+    settling_cycles, trial_cycles : int
+        Cycles after a change that are not judged, and that are.
+    promised_share : float
+        Share of the promised gain that must come.
+    silence_s : float
+        Time without a cycle after which a trial is ended.
+    """
+
+    is_dry_run: bool = True
+    interval_s: float = 60.0
+    settling_cycles: int = 5
+    trial_cycles: int = 10
+    promised_share: float = 0.5
+    silence_s: float = 5.0
+
+
+class Recommendation(NamedTuple):
+    """An advice.
+
+    Attributes
+    ----------
+    key : str
+        What is to be changed: ``motor/speed_command``, or a live parameter.
+    value, proposed : float
+        What it is, and what it should be.
+    low, high : float
+        Range it stays in.
+    figure : str
+        The number of a cycle that is to come nearer to what is wanted.
+    gain, gain_low, gain_high : float
+        By how much nearer, with the 95 % interval; in the figure's unit.
+    evidence : str
+        What it rests on.
+    expires_s : float
+        Stamp until which it holds.
+    """
+
+    key: str
+    value: float
+    proposed: float
+    low: float
+    high: float
+    figure: str
+    gain: float
+    gain_low: float
+    gain_high: float
+    evidence: str
+    expires_s: float
+
+
+class Setting(NamedTuple):
+    """What goes out to the machine."""
+
+    key: str
+    value: float
+
+
+class Decision(NamedTuple):
+    """What was decided, why, and what went out."""
+
+    time_s: float
+    what: str
+    reason: str
+    sent: Setting | None = None
+
+
+class AdviceState(NamedTuple):
+    """Where an advice stands.
+
+    Attributes
+    ----------
+    phase : str
+        ``idle``, ``offered`` or ``trial``.
+    advice : Recommendation or None
+        The one that is offered or on trial.
+    miss_before : float
+        Distance of the figure from what is wanted when it was accepted.
+    misses : tuple of float
+        The same of each cycle since.
+    newest_s : float
+        Stamp of the newest cycle.
+    changed_s : float
+        Stamp of the last change that went out.
+    in_force : bool
+        Whether an accepted advice acts on the machine.
+    """
+
+    phase: Phase = "idle"
+    advice: Recommendation | None = None
+    miss_before: float = 0.0
+    misses: tuple[float, ...] = ()
+    newest_s: float = float("-inf")
+    changed_s: float = float("-inf")
+    in_force: bool = False
+
+
+class AdviceStep(NamedTuple):
+    """A state, and the decision that led to it; None where there was none."""
+
+    state: AdviceState
+    decision: Decision | None = None
+
+
+def offered(state: AdviceState, advice: Recommendation, time_s: float) -> AdviceStep:
+    """Return the state with an advice; one that is on trial, or offered already, is left alone.
+
+    Raises
+    ------
+    ValueError
+        The proposed value lies outside its range.
+    """
+    if not advice.low <= advice.proposed <= advice.high:
+        raise ValueError(f"{advice.key} = {advice.proposed}: expected {advice.low} to {advice.high}")
+    if state.phase != "idle":
+        return AdviceStep(state)
+    decision = Decision(time_s, "offered", advice.evidence)
+    return AdviceStep(state._replace(phase="offered", advice=advice), decision)
+
+
+def accepted(state: AdviceState, miss: float, time_s: float, rules: AdviceRules) -> AdviceStep:
+    """Return the state after somebody has said yes; ``miss`` is how far the figure is from what is wanted."""
+    advice = state.advice
+    if state.phase != "offered" or advice is None:
+        return AdviceStep(state, Decision(time_s, "refused", "nothing is offered"))
+    if time_s > advice.expires_s:
+        return AdviceStep(_idle(state), Decision(time_s, "expired", f"it held until {advice.expires_s:.3f} s"))
+    if time_s - state.changed_s < rules.interval_s:
+        left_s = rules.interval_s - (time_s - state.changed_s)
+        return AdviceStep(state, Decision(time_s, "refused", f"the last change was too lately; {left_s:.1f} s to wait"))
+    if rules.is_dry_run:
+        return AdviceStep(_idle(state), Decision(time_s, "accepted", "dry run: nothing was sent"))
+    sent = Setting(advice.key, advice.proposed)
+    trial = state._replace(phase="trial", miss_before=miss, misses=(), newest_s=time_s, changed_s=time_s, in_force=True)
+    return AdviceStep(trial, Decision(time_s, "accepted", f"on trial for {rules.trial_cycles} cycles", sent))
+
+
+def rejected(state: AdviceState, time_s: float) -> AdviceStep:
+    """Return the state after somebody has said no; a trial is taken back."""
+    if state.phase == "trial":
+        return _reverted(state, time_s, "rejected")
+    if state.phase == "offered":
+        return AdviceStep(_idle(state), Decision(time_s, "rejected", "by the operator"))
+    return AdviceStep(state, Decision(time_s, "refused", "nothing is offered"))
+
+
+def after_machine_cycle(
+    state: AdviceState, miss: float, time_s: float, has_fault: bool, rules: AdviceRules
+) -> AdviceStep:
+    """Return the state after a cycle whose figure was this far from what is wanted."""
+    state = state._replace(newest_s=time_s)
+    if has_fault and state.phase != "idle":
+        if state.phase == "trial":
+            return _reverted(state, time_s, "a fault became active")
+        return AdviceStep(_idle(state), Decision(time_s, "withdrawn", "a fault became active"))
+    if state.phase == "offered" and state.advice is not None and time_s > state.advice.expires_s:
+        return AdviceStep(_idle(state), Decision(time_s, "expired", f"it held until {state.advice.expires_s:.3f} s"))
+    if state.phase != "trial" or state.advice is None:
+        return AdviceStep(state)
+    return _after_trial_cycle(state, state.advice, miss, rules)
+
+
+def _after_trial_cycle(state: AdviceState, advice: Recommendation, miss: float, rules: AdviceRules) -> AdviceStep:
+    state = state._replace(misses=(*state.misses, miss))
+    if len(state.misses) < rules.settling_cycles + rules.trial_cycles:
+        return AdviceStep(state)
+    judged = state.misses[rules.settling_cycles :]
+    gain = state.miss_before - sum(judged) / len(judged)
+    told = f"gain {gain:.4g} of {advice.gain:.4g} promised, over {len(judged)} cycles"
+    if gain < rules.promised_share * advice.gain:
+        return _reverted(state, state.newest_s, told)
+    return AdviceStep(_idle(state), Decision(state.newest_s, "kept", told))
+
+
+def watched(state: AdviceState, time_s: float, rules: AdviceRules) -> AdviceStep:
+    """Return the state at a time: a trial of which nothing is heard is taken back."""
+    if state.phase == "trial" and time_s - state.newest_s > rules.silence_s:
+        return _reverted(state, time_s, f"no cycle for {rules.silence_s:g} s")
+    return AdviceStep(state)
+
+
+def ended(state: AdviceState, time_s: float) -> AdviceStep:
+    """Return the state when the advisor ends: a trial is taken back."""
+    return _reverted(state, time_s, "the advisor ends") if state.phase == "trial" else AdviceStep(_idle(state))
+
+
+def _idle(state: AdviceState) -> AdviceState:
+    return state._replace(phase="idle", advice=None, misses=())
+
+
+def _reverted(state: AdviceState, time_s: float, reason: str) -> AdviceStep:
+    assert state.advice is not None
+    sent = Setting(state.advice.key, state.advice.value)
+    after = _idle(state)._replace(changed_s=time_s, in_force=False)
+    return AdviceStep(after, Decision(time_s, "reverted", reason, sent))

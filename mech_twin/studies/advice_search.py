@@ -1,0 +1,194 @@
+"""Which value of one output brings a number of the cycle nearest to what is wanted: asked of the model, by roll-outs.
+
+The model's number is scaled to what is measured now, ``F(new) = F_measured F_model(new)/F_model(now)``: an error of the
+model's size does not matter, only one of its slope.  The interval is that of the uncertain parameters, each changed by
+its standard deviation, and of the measured mean.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from math import isfinite, sqrt
+
+import numpy as np
+
+from mech_twin.capabilities.cycle import CycleFeatures
+from mech_twin.configuration_tree import ConfigurationError, configuration_tree, merged_tree, tree_from_flat
+from mech_twin.engine.rollout import roll_out
+from mech_twin.machines.catalog import Entry
+from mech_twin.quantity import Parameters, choice, quantity
+from mech_twin.roles import Machine
+from mech_twin.studies.advice import AdviceRules, Recommendation
+from mech_twin.studies.monitoring.cycle_features import FeatureFeed, available_features, feed_channels
+from mech_twin.studies.observer.parameter_error import changed_parameters, uncertain_keys
+
+COMMAND = "motor/speed_command"
+VALUES = 9  # that are asked of the model, within one step
+MODEL_CYCLES_S = 2.0  # of the model's run, at its end, that the number is the mean of
+USUAL_SHARE = 0.02  # standard deviation of an uncertain key
+TWO_SIDED = 1.96
+
+
+class AdviceOutput(Parameters):
+    """What the advisor may change, and the range it stays in."""
+
+    key: str = choice("motor/speed_command, or a live parameter of the machine")
+    low: float = quantity("1", "least value")
+    high: float = quantity("1", "largest value")
+    value: float = quantity("1", "value in force when the advisor starts")
+
+
+class AdviceWish(Parameters):
+    """What an advisor is for: a number of the cycle, what it should be, and what may be changed for it.
+
+    The limits of `AdviceRules` are its other keys.
+    """
+
+    figure: str = choice("feature of a cycle, as `mech-twin monitor` names it")
+    wanted: float = quantity("1", "what it should be, in its SI unit")
+    output: AdviceOutput = choice("what may be changed")
+    step_share: float = quantity("1", "largest change at once, as a share of the range", gt=0.0, le=1.0, default=0.1)
+    expiry_s: float = quantity("s", "time for which a recommendation holds", gt=0.0, default=600.0)
+    least_gain_share: float = quantity("1", "gain worth an advice, as a share of what is wanted", gt=0.0, default=0.01)
+    cycles: int = choice("cycles that the measured mean is of", default=10)
+    dry_run: bool = choice("nothing goes out, even when accepted", default=True)
+    interval_s: float = quantity("s", "least time between two changes", ge=0.0, default=60.0)
+    settling_cycles: int = choice("cycles after a change that are not judged", default=5)
+    trial_cycles: int = choice("cycles after those that are", default=10)
+    promised_share: float = quantity("1", "share of the promised gain that must come", ge=0.0, le=1.0, default=0.5)
+    silence_s: float = quantity("s", "time without a cycle that ends a trial", gt=0.0, default=5.0)
+
+    @property
+    def rules(self) -> AdviceRules:
+        """The limits of the state machine."""
+        return AdviceRules(
+            self.dry_run, self.interval_s, self.settling_cycles, self.trial_cycles, self.promised_share, self.silence_s
+        )
+
+
+@dataclass(frozen=True)
+class AdviceModel:
+    """The model that is asked.
+
+    Attributes
+    ----------
+    parameters, build
+        The machine.
+    declared : CycleFeatures
+        Its numbers of a cycle.
+    wish : AdviceWish
+        What is wanted.
+    deviations : mapping
+        Standard deviation of each uncertain key.
+    """
+
+    parameters: Parameters
+    build: Callable[[Parameters], Machine]
+    declared: CycleFeatures
+    wish: AdviceWish
+    deviations: Mapping[str, float]
+
+    def figure(self, value: float, parameters: Parameters | None = None) -> float:
+        """Return the model's number of the cycle with the output at this value; nan where the model has none."""
+        settings, command = parameters or self.parameters, 1.0
+        if self.wish.output.key == COMMAND:
+            command = value
+        else:
+            tree = merged_tree(configuration_tree(settings), tree_from_flat({self.wish.output.key: value}))
+            settings = type(settings).model_validate(tree)
+        feature = next(each for each in self.declared.features if each.name == self.wish.figure)
+        columns = list(dict.fromkeys((self.declared.reference.column, *feature.needs)))
+        run = roll_out(self.build(settings), self.declared.run_up_s + MODEL_CYCLES_S, columns, command=command)
+        late = run["time_s"] >= self.declared.run_up_s
+        channels = {name: (run["time_s"][late], run[name][late]) for name in columns}
+        vectors = feed_channels(FeatureFeed(self.declared, columns), channels)
+        values = [vector.values[vector.names.index(self.wish.figure)] for vector in vectors]
+        return float(np.mean(values)) if values else float("nan")
+
+
+def advice_model(entry: Entry, parameters: Parameters, wish: AdviceWish, columns: Sequence[str]) -> AdviceModel:
+    """Return the model that is asked, the wish checked against machine and channels.
+
+    Raises
+    ------
+    ConfigurationError
+        The figure is none that these channels give; the output is none of the machine, or its range is empty.
+    """
+    ask = entry.capabilities.features
+    if ask is None:
+        raise ConfigurationError(f"{entry.name} declares no features of a cycle; expected a machine that does")
+    declared = ask(parameters)
+    figures = [feature.name for feature in available_features(declared, columns)]
+    if wish.figure not in figures:
+        raise ConfigurationError(f"key 'figure', value {wish.figure!r}: expected one of {', '.join(figures)}")
+    output = wish.output
+    if not output.low <= output.value <= output.high or output.low == output.high:
+        raise ConfigurationError(f"key 'output.value', value {output.value}: expected {output.low} to {output.high}")
+    if output.key != COMMAND:
+        changed = changed_parameters(parameters, output.key, 0.0) if output.key in number_keys(parameters) else None
+        if changed is None:
+            raise ConfigurationError(f"key 'output.key', value {output.key!r}: expected {COMMAND} or a live parameter")
+    return AdviceModel(parameters, entry.build, declared, wish, uncertain_keys(parameters, USUAL_SHARE))
+
+
+def number_keys(parameters: Parameters, prefix: str = "") -> list[str]:
+    """Return the live parameters that are numbers."""
+    found = []
+    for name, field in type(parameters).model_fields.items():
+        value, extra = getattr(parameters, name), field.json_schema_extra
+        if isinstance(value, Parameters):
+            found += number_keys(value, f"{prefix}{name}.")
+        elif isinstance(value, float) and isinstance(extra, dict) and extra.get("live"):
+            found.append(prefix + name)
+    return found
+
+
+def recommendation(model: AdviceModel, value: float, measured: np.ndarray, time_s: float) -> Recommendation | None:
+    """Return the advice for a machine at this value of the output; None where no change is worth it.
+
+    Parameters
+    ----------
+    model : AdviceModel
+        The model, and what is wanted.
+    value : float
+        The output's value in force.
+    measured : ndarray
+        Shape (n,): the number of the last cycles.
+    time_s : float
+        Stamp of now.
+    """
+    wish, output = model.wish, model.wish.output
+    now, here = float(np.mean(measured)), model.figure(value)
+    reach = wish.step_share * (output.high - output.low)
+    low, high = max(output.low, value - reach), min(output.high, value + reach)
+    if not isfinite(here) or here == 0.0:
+        return None
+    found = {new: now * model.figure(new) / here for new in np.linspace(low, high, VALUES).tolist()}
+    best = min(found, key=lambda new: abs(found[new] - wish.wanted) if isfinite(found[new]) else float("inf"))
+    gain = abs(now - wish.wanted) - abs(found[best] - wish.wanted)
+    if not gain >= wish.least_gain_share * abs(wish.wanted):
+        return None
+    sigma = _gain_deviation(model, value, best, measured)
+    low_gain, high_gain = gain - TWO_SIDED * sigma, gain + TWO_SIDED * sigma
+    evidence = (
+        f"{wish.figure} is {now:.5g} over {len(measured)} cycles, wanted {wish.wanted:.5g}; the model has {here:.5g}; "
+        f"expected {found[best]:.5g} at {output.key} = {best:.5g}"
+    )
+    at = (output.key, value, best, output.low, output.high, wish.figure, gain, low_gain, high_gain, evidence)
+    return Recommendation(*at, time_s + wish.expiry_s)
+
+
+def _gain_deviation(model: AdviceModel, value: float, best: float, measured: np.ndarray) -> float:
+    """Return the standard deviation of the gain: that of the predicted ratio, and of the measured mean."""
+    now = float(np.mean(measured))
+    ratio = model.figure(best) / model.figure(value)
+    variance = (1.0 - ratio) ** 2 * float(np.var(measured)) / len(measured)
+    for key, deviation in model.deviations.items():
+        changed = changed_parameters(model.parameters, key, deviation)
+        if changed is None:
+            continue
+        other = model.figure(best, changed) / model.figure(value, changed)
+        if isfinite(other):
+            variance += (now * (other - ratio)) ** 2
+    return sqrt(variance)

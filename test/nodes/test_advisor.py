@@ -1,0 +1,159 @@
+"""An advisor beside the twin that plays a machine with hidden parameters, in another process and namespace."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+import rclpy
+from catalogue import built
+from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.signals import SignalHandlerOptions
+from std_msgs.msg import Float64
+from std_srvs.srv import SetBool
+
+from mech_twin.measurements.measurement_map import MeasurementMap
+from mech_twin.messages.topics import DATA, DECISIONS, LATCHED, RECOMMENDATION, full_name
+from mech_twin.nodes.advisor_node import AdvisorNode
+from mech_twin.nodes.base_node import TwinNode, destroy_nodes
+from mech_twin.nodes.shadow_node import ShadowNode, ShadowSetup
+from mech_twin.nodes.shadow_session import Company, nodes_beside
+from mech_twin.nodes.spinner import Spinner
+from mech_twin.studies.advice_search import COMMAND, AdviceOutput, AdviceWish
+
+pytestmark = pytest.mark.usefixtures("ros_domain")
+NAME, LIMIT_S = "vibration_crank", 60.0
+HIDDEN = ("masses.boom_kg=36.0", "masses.extra_kg=9.0")
+SOURCE = {"topic": "joint_states", "joint": "crank"}
+MAP = MeasurementMap.model_validate(
+    {
+        "machine": NAME,
+        "channels": [
+            {"source": {**SOURCE, "field": "position"}, "is": "linkage.crank.position", "sigma": 1e-3},
+            {"source": {**SOURCE, "field": "effort"}, "is": "linkage.crank.effort", "sigma": 1.0},
+        ],
+    }
+)
+WISH = {
+    "figure": "torque_peak_nm",
+    "wanted": 220.0,
+    "output": AdviceOutput(key=COMMAND, low=0.5, high=1.0, value=1.0),
+    "step_share": 0.2,
+    "cycles": 3,
+    "interval_s": 2.0,
+    "settling_cycles": 2,
+    "trial_cycles": 2,
+}
+
+
+@contextmanager
+def plant() -> Iterator[subprocess.Popen[bytes]]:
+    """Run the twin in the place of a machine."""
+    settings = [word for pair in HIDDEN for word in ("--set", pair)]
+    place = ["--namespace", "plant", "--no-record", "--view", "none", "--pace", "realtime"]
+    with subprocess.Popen([sys.executable, "-m", "mech_twin", "run", NAME, *place, *settings]) as process:
+        try:
+            yield process
+        finally:
+            process.terminate()
+
+
+class AdvisedMachine:
+    """Shadow and advisor of the plant, and an operator who hears them."""
+
+    def __init__(self, *, dry_run: bool) -> None:
+        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+        parameters = built(NAME).parameters
+        shadow = ShadowNode(NAME, ShadowSetup("/plant", MAP), parameters)
+        wish = AdviceWish.model_validate({**WISH, "dry_run": dry_run})
+        self.shadow = shadow
+        self.nodes: list[TwinNode] = [shadow, *nodes_beside(NAME, shadow, parameters, Company(advice=wish))]
+        self.operator = rclpy.create_node("operator")
+        self.commands: list[Float64] = []
+        self.decisions: list[str] = []
+        self.offers: list[DiagnosticStatus] = []
+        self.operator.create_subscription(Float64, "/plant/motor/speed_command", self.commands.append, DATA)
+        self.operator.create_subscription(
+            DiagnosticStatus, full_name(NAME, DECISIONS), lambda heard: self.decisions.append(heard.message), DATA
+        )
+        self.operator.create_subscription(
+            DiagnosticStatus, full_name(NAME, RECOMMENDATION), self.offers.append, LATCHED
+        )
+        self.spinner = Spinner([*self.nodes, self.operator])
+
+    @property
+    def advisor(self) -> AdvisorNode:
+        return next(node for node in self.nodes if isinstance(node, AdvisorNode))
+
+    def until(self, predicate: Callable[[], bool]) -> None:
+        end = time.monotonic() + LIMIT_S
+        self.spinner.until(lambda: predicate() or time.monotonic() > end)
+        assert predicate(), f"did not happen within the limit; decisions {self.decisions}"
+
+    def answer(self, service: str) -> SetBool.Response:
+        client = self.operator.create_client(SetBool, f"/{NAME}/advisor/{service}")
+        self.until(client.service_is_ready)
+        future = client.call_async(SetBool.Request(data=True))
+        self.until(future.done)
+        return future.result()
+
+    def figure(self) -> float:
+        """Return the mean figure of the next cycles."""
+        advisor = self.advisor
+        advisor._figures.clear()
+        self.until(lambda: len(advisor._figures) >= 2)
+        return float(np.mean(advisor._figures))
+
+    def __enter__(self) -> AdvisedMachine:
+        self.until(lambda: self.advisor.state.phase == "offered")
+        self.until(lambda: any("offered" in text for text in self.decisions))
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.spinner.__exit__(None, None, None)
+        destroy_nodes(self.nodes)
+        self.operator.destroy_node()
+        rclpy.try_shutdown()
+
+
+@pytest.mark.slow
+def test_accepted_advice_brings_the_figure_of_a_machine_with_hidden_parameters_as_promised() -> None:
+    with plant(), AdvisedMachine(dry_run=False) as bench:
+        before = bench.figure()
+        advice = bench.advisor.state.advice
+        assert advice is not None
+        assert bench.commands == []
+        assert bench.shadow.level == "shadow"
+        assert {value.key: value.value for value in bench.offers[-1].values}["key"] == COMMAND
+        assert bench.answer("accept").success
+        bench.until(lambda: any("kept" in text for text in bench.decisions))
+        assert [command.data for command in bench.commands] == [advice.proposed]
+        came = abs(before - 220.0) - abs(bench.figure() - 220.0)
+        assert came == pytest.approx(advice.gain, abs=max(advice.gain_high - advice.gain, 0.1 * advice.gain))
+        bench.until(lambda: bench.shadow.level == "twin")
+
+
+@pytest.mark.slow
+def test_refused_and_dry_advice_changes_nothing_and_a_lost_advisor_leaves_the_machine_where_it_was() -> None:
+    with plant(), AdvisedMachine(dry_run=True) as bench:
+        before = bench.figure()
+        assert bench.answer("reject").success
+        bench.until(lambda: bench.advisor.state.phase == "offered")
+        assert "dry run" in bench.answer("accept").message
+        after = bench.figure()
+        assert bench.operator.count_publishers("/plant/motor/speed_command") == 0
+        assert bench.commands == []
+        speed = bench.shadow.observer.columns["linkage.crank.velocity"]
+        told = bench.shadow.estimate
+        bench.spinner.remove(bench.advisor)
+        assert told is not None
+        bench.until(lambda: bench.shadow.time_s > told.time_s + 2.0)
+        assert bench.shadow.estimate is not None
+        assert bench.shadow.estimate.row[speed] == pytest.approx(told.row[speed], rel=0.02)
+        assert bench.commands == []
+    assert after == pytest.approx(before, rel=0.01)
