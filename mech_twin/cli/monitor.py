@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 
 from mech_twin.cli.console import say
 from mech_twin.cli.failure import CommandError
-from mech_twin.cli.measurement import columns_of, given_map, opened_run
 from mech_twin.cli.monitor_output import Judged, show_design, show_runs
 from mech_twin.engine.rollout import roll_out
 from mech_twin.measurements.blocks import RunReader
@@ -17,6 +16,7 @@ from mech_twin.measurements.machine_columns import is_event
 from mech_twin.measurements.measurement_map import Channel, MeasurementMap, Source
 from mech_twin.measurements.proposal import EXACT, map_of, proposed_channels
 from mech_twin.measurements.runs import MeasuredRun, read_run
+from mech_twin.nodes.opened_runs import columns_of, given_map, opened_run
 from mech_twin.output_file import check_output_file, written_file
 from mech_twin.parameters.load import assignments, catalogue_entry, machine_parameters
 from mech_twin.quantity import Parameters
