@@ -99,7 +99,7 @@ def _design(asked: MonitorRequest, parameters: Parameters) -> None:
 def _setup(asked: MonitorRequest, parameters: Parameters, first: _FeaturedRun) -> tuple[MonitorSetup, _FeaturedRun]:
     """Return the setup, and the first run without the cycles that were its baseline."""
     if asked.baseline is not None and asked.baseline.suffix == SETUP_SUFFIX:
-        return _read_setup(asked.baseline, asked.machine), first
+        return read_setup(asked.baseline, asked.machine), first
     if asked.baseline is not None:
         reference = _vectors(asked, asked.baseline, parameters)
         return fitted_setup(reference.monitored, reference.vectors, asked.arl0_h, asked.seed), first
@@ -109,7 +109,8 @@ def _setup(asked: MonitorRequest, parameters: Parameters, first: _FeaturedRun) -
     return setup, first._replace(vectors=first.vectors[kept:])
 
 
-def _read_setup(path: Path, machine: str) -> MonitorSetup:
+def read_setup(path: Path, machine: str) -> MonitorSetup:
+    """Return the reference of a monitor, as `--save-baseline` writes it; a file that is none is a line."""
     try:
         setup = setup_of_record(json.loads(path.read_text(encoding="utf-8")))
     except OSError as error:
