@@ -14,6 +14,20 @@ from mech_twin.cli.failure import INTERRUPTED, CommandError, report_cli_errors
 from mech_twin.cli.many_values import ManyValues
 from mech_twin.cli.option_values import machine_name, seconds
 from mech_twin.cli.study import study_app
+from mech_twin.cli.usual_options import (
+    Bag,
+    Config,
+    Csv,
+    Everything,
+    Force,
+    Json,
+    MachineName,
+    MapFile,
+    Namespace,
+    Settings,
+    Wide,
+)
+from mech_twin.cli.watching_verbs import monitor, shadow, view
 from mech_twin.interruption import EXIT_CODE_BASE, end_at_once
 from mech_twin.output_file import check_output_directory
 
@@ -25,35 +39,6 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
     pretty_exceptions_enable=False,
 )
-
-MachineName = Annotated[
-    str,
-    typer.Argument(
-        help="machine, or the beginning of its name (see `mech-twin list`)",
-        callback=machine_name,
-        autocompletion=completion.machines,
-    ),
-]
-Config = Annotated[Path | None, typer.Option("--config", help="configuration file instead of the installed one")]
-Settings = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--set",
-        metavar="KEY=VALUE...",
-        help="override configuration keys, such as body.spring_rate_n_per_m=4e4",
-        autocompletion=completion.settings,
-    ),
-]
-Namespace = Annotated[str | None, typer.Option(help="namespace of the nodes instead of the machine's name")]
-Bag = Annotated[Path, typer.Argument(help="recording: a directory, or one .mcap file")]
-MapFile = Annotated[
-    Path | None, typer.Option("--map", help="map of a measurement: which channel is what (see `mech-twin map`)")
-]
-Force = Annotated[bool, typer.Option("--force", help="overwrite existing results")]
-Json = Annotated[bool, typer.Option("--json", help="print JSON to standard output")]
-Everything = Annotated[bool, typer.Option("--all", help="every number and event, not the headlines alone")]
-Csv = Annotated[bool, typer.Option("--csv", help="print comma-separated values")]
-Wide = Annotated[bool, typer.Option("--wide", help="every column, whatever the width of the terminal")]
 
 
 def _show_version(asked: bool) -> None:
@@ -135,36 +120,7 @@ def run(
     run_machine(request)
 
 
-@app.command()
-def shadow(
-    machine: MachineName,
-    followed: Annotated[str, typer.Option("--from", metavar="NAMESPACE", help="namespace of the machine to follow")],
-    given_map: MapFile = None,
-    config: Config = None,
-    settings: Settings = None,
-    record: Annotated[Path | None, typer.Option(help="directory to record what is heard and said in")] = None,
-    duration: Annotated[float, typer.Option(help="time in s after which it ends; 0: until stopped", min=0.0)] = 0.0,
-    uncertain: Annotated[
-        list[str] | None,
-        typer.Option(metavar="KEY=2%", help="standard deviation of a configuration key; several [2 % of each force]"),
-    ] = None,
-    monitor: Annotated[
-        Path | None, typer.Option(help="judge each cycle by this reference (`mech-twin monitor --save-baseline`)")
-    ] = None,
-    black_box: Annotated[
-        Path | None, typer.Option(help="folder for a recording of 10 s before and 5 s after each fault")
-    ] = None,
-    advise: Annotated[
-        Path | None, typer.Option(help="advise on an output of the machine: file of what is wanted and allowed")
-    ] = None,
-    force: Force = False,
-    json: Json = False,
-) -> None:
-    """Follow a running machine by its topics: its state, forces and their uncertainty, below /MACHINE/twin."""
-    from mech_twin.cli.shadow import ShadowRequest, shadow_machine
-
-    what = (given_map, config, settings or [], record, duration, uncertain or [])
-    shadow_machine(ShadowRequest(machine, followed, *what, monitor, black_box, advise, force, json))
+app.command()(shadow)
 
 
 @app.command()
@@ -270,19 +226,7 @@ def replay(
     replay_bag(ReplayRequest(bag, rate, start, duration, loop, clock, topics or [], listeners, namespace))
 
 
-@app.command()
-def view(
-    bag: Bag,
-    given_map: MapFile = None,
-    config: Config = None,
-    save: Annotated[Path | None, typer.Option(help="write a file NAME.rrd instead of opening the view")] = None,
-    port: Annotated[int, typer.Option(help="port of the web view; 0: any free port", min=0, max=65535)] = 0,
-    force: Force = False,
-) -> None:
-    """Show a recording in the viewer; with a map, the mechanism in a measured motion."""
-    from mech_twin.cli.view import view_bag
-
-    view_bag(bag, save, port, given_map, config, force=force)
+app.command()(view)
 
 
 @app.command()
@@ -394,52 +338,7 @@ def identify(
     )  # fmt: skip
 
 
-@app.command()
-def monitor(
-    machine: MachineName,
-    runs: Annotated[list[Path] | None, typer.Argument(help="runs to be judged: bags or tables")] = None,
-    given_map: MapFile = None,
-    baseline: Annotated[
-        Path | None, typer.Option(help="healthy run, or a file that --save-baseline wrote [the first part of the runs]")
-    ] = None,
-    save_baseline: Annotated[
-        Path | None, typer.Option(help="file (.json) for baseline, thresholds, signatures")
-    ] = None,
-    arl0: Annotated[
-        float, typer.Option(help="stated mean time between false alarms of all charts together, h", min=1e-3)
-    ] = 24.0,
-    skip: Annotated[
-        float | None,
-        typer.Option(help="time at the start of each run that is left out, s [the machine's run-up]", min=0.0),
-    ] = None,
-    design: Annotated[bool, typer.Option("--design", help="judge a sensor set instead of runs")] = False,
-    sensors: Annotated[Path | None, typer.Option(help="with --design: the sensors, as for simulate")] = None,
-    seed: Annotated[int, typer.Option(help="of the draws that thresholds come from", min=0)] = 0,
-    config: Config = None,
-    settings: Settings = None,
-    force: Force = False,
-    json: Json = False,
-) -> None:
-    """Judge runs against a healthy one and name the faults (exit code 1: an alarm), or judge a sensor set."""
-    from mech_twin.cli.monitor import MonitorRequest, monitor_machine
-
-    asked = MonitorRequest(
-        machine,
-        runs or [],
-        given_map,
-        config,
-        settings or [],
-        baseline,
-        save_baseline,
-        arl0,
-        skip,
-        design,
-        sensors,
-        seed,
-        force,
-        json,
-    )
-    monitor_machine(asked)
+app.command()(monitor)
 
 
 @app.command()
