@@ -165,7 +165,8 @@ def test_silence_is_said_and_estimates_are_held_with_growing_sigma() -> None:
         bench.until(lambda: any("STALE" in s.message for array in said for s in array.status))
         last = len(sigma)
         bench.until(lambda: len(sigma) >= last + 3 and len(estimated) >= last + 3)
-        values = {v.key: v.value for array in said for s in array.status for v in s.values}
+        stale = next(s for array in said for s in array.status if "STALE" in s.message)
+        values = {v.key: v.value for v in stale.values}
         held, grown = estimated[last : last + 3], [message.position[0] for message in sigma[last : last + 3]]
         bench.show(ROWS[-1] + 10)
         bench.until(lambda: bench.shadow.diagnostics.state != "" and not bench.shadow._stale)
