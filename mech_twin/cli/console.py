@@ -19,7 +19,7 @@ LONGEST_WORD = 48  # beyond it a cell is folded rather than given room
 WORDS = ("unit", "kind", "contact", "state", "regime")  # columns that hold words
 VERDICT_STYLES = {"holds": "green", "binds": "yellow", "not met": "bold red", "broken": "bold red"}
 FIRST_ESTIMATE_S = 2.0
-WORTH_AN_ESTIMATE_S = 60.0
+BEYOND_REASON_S = 1e7  # a hundred days
 
 
 def print_json(document: Mapping[str, Any]) -> None:
@@ -160,14 +160,14 @@ def estimate(done: int, total: int, elapsed_s: float) -> str:
 
 
 def _estimated(items: Iterable[Item], total: int, title: str) -> Iterator[Item]:
-    """Pass the items on; once `FIRST_ESTIMATE_S` have gone by, say how long it takes where that is a minute or more."""
+    """Pass the items on; once `FIRST_ESTIMATE_S` have gone by, say how long it takes where nobody can mean it."""
     begun = time.monotonic()
     said = False
     for done, item in enumerate(items):
         elapsed_s = time.monotonic() - begun
         if not said and elapsed_s > FIRST_ESTIMATE_S:
             said = True
-            if elapsed_s * (total - done) > WORTH_AN_ESTIMATE_S * max(done, 1):
+            if elapsed_s * (total - done) > BEYOND_REASON_S * max(done, 1):
                 say(f"{title}: {estimate(done, total, elapsed_s)}")
         yield item
 

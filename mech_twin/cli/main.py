@@ -85,6 +85,7 @@ def run(
         str, typer.Option(help="web (full or light by what draws the page), light, full, none, or a file NAME.rrd")
     ] = "web",
     view_port: Annotated[int, typer.Option(help="port of the web view; 0: any free port", min=0, max=65535)] = 0,
+    hold: Annotated[bool, typer.Option("--hold", help="keep the web view after the run, until Ctrl-C")] = False,
     processes: Annotated[bool, typer.Option("--processes", help="run each node in its own process")] = False,
     namespace: Namespace = None,
     open_to_other_hosts: Annotated[
@@ -116,6 +117,7 @@ def run(
         namespace,
         force,
         everything,
+        hold,
     )
     run_machine(request)
 
@@ -348,7 +350,7 @@ def recover(
     force: Force = False,
     json: Json = False,
 ) -> None:
-    """Salvage a damaged recording."""
+    """Recover what is whole of a damaged recording into a new one."""
     from mech_twin.cli.recover import recover_bag
 
     recover_bag(bag, out, force=force, as_json=json)

@@ -99,7 +99,7 @@ def shown_samples(read: Read) -> Iterator[tuple[LinkageSample, ForceSample, Draw
 def show_measured(scene: RerunScene, read: Read, stop: StopSignal) -> None:
     """Draw the mechanism in the measured motion, with its forces."""
     if read.machine.mechanism is not None:
-        scene.know(read.machine.mechanism)
+        scene.know(read.machine.mechanism, read.machine.blow_energy)
     with progress(shown_samples(read), len(read.motion.times_s), "showing") as shown:
         for linkage, forces, drawing in shown:
             if stop.asked:

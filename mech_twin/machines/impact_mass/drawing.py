@@ -23,11 +23,11 @@ from mech_twin.samples import LinkageSample, Shape
 
 PUSH_COLOUR, PULL_COLOUR = CRANK, TOOL
 MASS_M = 0.08  # side of the drawn mass
-TRACK_M = 0.62  # drawn length of the guide
+TRACK_M = 0.46  # drawn length of the guide
 STOP_HALF_M, STOP_DEPTH_M = 0.10, 0.03
 ARROW_M = 0.12
-SCALE_S = 0.005  # drawn height of 1 m/s in the phase portrait
-PORTRAIT_M = -0.34  # height of the portrait's axis
+SCALE_S = 0.004  # drawn height of 1 m/s in the phase portrait
+PORTRAIT_M = -0.26  # height of the portrait's axis
 ARC_POINTS = 13
 
 

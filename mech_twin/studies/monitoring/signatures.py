@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from mech_twin.capabilities.cycle import Array, CycleFeatures
 from mech_twin.capabilities.errors import StudyError
-from mech_twin.capabilities.faults import Fault
+from mech_twin.capabilities.faults import MachineFault
 from mech_twin.capabilities.variation import varied
 from mech_twin.engine.errors import MotionError
 from mech_twin.engine.rollout import roll_out
@@ -77,7 +77,7 @@ class MonitoredMachine:
         return ask(self.parameters)
 
     @property
-    def faults(self) -> tuple[Fault, ...]:
+    def faults(self) -> tuple[MachineFault, ...]:
         """What can go wrong with it."""
         ask = self.entry.capabilities.faults
         return () if ask is None else ask(self.parameters)
@@ -129,7 +129,7 @@ def machine_signatures(monitored: MonitoredMachine, names: Iterable[str]) -> tup
 
 
 def _of_machine(
-    exact: MonitoredMachine, fault: Fault, reference: Array, duration_s: float, names: tuple[str, ...]
+    exact: MonitoredMachine, fault: MachineFault, reference: Array, duration_s: float, names: tuple[str, ...]
 ) -> Signature | None:
     responses = {0.0: np.zeros(len(names))}
     for size in fault.sizes:
