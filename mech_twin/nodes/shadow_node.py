@@ -147,15 +147,15 @@ class ShadowNode(TwinNode):
 
     def check_peers(self, now_s: float) -> None:
         """Hold the estimates, their sigma growing, while nothing comes."""
-        locked = self.observer.state is ObserverState.LOCKED
-        self.level = "model" if self._stale or not locked else "twin" if self.is_obeyed() else "shadow"
         silent_s = 0.0 if self._heard_s is None else now_s - self._heard_s
         if silent_s <= self.options.peer_timeout_s:
             self.diagnostics.state = self.observer.state.value
+            locked = self.observer.state is ObserverState.LOCKED
+            self.level = "model" if not locked else "twin" if self.is_obeyed() else "shadow"
             return
         if not self._stale:
             self.statistics.count(self.followed[0].topic.name, "timeout", "nothing from the machine")
-        self._stale = True
+        self._stale, self.level = True, "model"
         self.diagnostics.state = f"waiting: STALE, nothing from the machine for {silent_s:.1f} s"
         if self.estimate is not None:
             sigma = held_sigma(self.observer.run, self.estimate.sigma, silent_s)

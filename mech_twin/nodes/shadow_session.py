@@ -58,7 +58,10 @@ def followed_namespace(machine_name: str, told: str) -> str:
     ConfigurationError
         It is no name of ROS, or the shadow's own.
     """
-    full = run_namespace(machine_name, told)
+    try:
+        full = run_namespace(machine_name, told)
+    except ConfigurationError as error:
+        raise ConfigurationError(str(error).replace("--namespace", "--from", 1)) from error
     own = f"/{machine_name}/{TWIN}"
     if f"{full}/".startswith(f"{own}/"):
         raise ConfigurationError(f"--from {told}: expected the machine's namespace, {own} is the shadow's own")

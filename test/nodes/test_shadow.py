@@ -56,12 +56,12 @@ LIMIT_S = 30.0
 class FollowedMachine:
     """A foreign publisher of a machine's wheel, a shadow beside it, and a witness of all that is said."""
 
-    def __init__(self, directory: Path | None = None) -> None:
+    def __init__(self, directory: Path | None = None, silence_s: float = 1000.0) -> None:
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
         tree = merged_tree(configuration_tree(built(NAME).parameters), tree_from_flat(HIDDEN))
         entry = catalogue_entry(NAME)
         self.run = roll_out(entry.build(entry.parameters.model_validate(tree)), 2.5)
-        self.shadow = ShadowNode(NAME, ShadowSetup("/plant", MAP), options=RunOptions(peer_timeout_s=0.4))
+        self.shadow = ShadowNode(NAME, ShadowSetup("/plant", MAP), options=RunOptions(peer_timeout_s=silence_s))
         self.nodes: list[TwinNode] = [self.shadow]
         if directory is not None:
             self.nodes += nodes_beside(NAME, self.shadow, built(NAME).parameters, Company(directory))
@@ -155,17 +155,18 @@ def test_a_foreign_machine_with_hidden_parameters_is_followed(tmp_path: Path) ->
 
 
 def test_silence_is_said_and_estimates_are_held_with_growing_sigma() -> None:
-    with FollowedMachine() as bench:
+    with FollowedMachine(silence_s=0.4) as bench:
         sigma = bench.listen(full_name(NAME, sigma_of(ESTIMATED)), JointState)
         estimated = bench.listen(full_name(NAME, ESTIMATED), JointState)
         said = bench.listen(DIAGNOSTICS.name, DiagnosticArray)
         bench.play(ROWS)
         bench.until(lambda: len(estimated) > 20 and len(sigma) == len(estimated))
-        measured = sigma[-1].position[0]
+        measured = min(message.position[0] for message in sigma)
         bench.until(lambda: any("STALE" in s.message for array in said for s in array.status))
         last = len(sigma)
         bench.until(lambda: len(sigma) >= last + 3 and len(estimated) >= last + 3)
-        values = {v.key: v.value for array in said for s in array.status for v in s.values}
+        stale = next(s for array in said for s in array.status if "STALE" in s.message)
+        values = {v.key: v.value for v in stale.values}
         held, grown = estimated[last : last + 3], [message.position[0] for message in sigma[last : last + 3]]
         bench.show(ROWS[-1] + 10)
         bench.until(lambda: bench.shadow.diagnostics.state != "" and not bench.shadow._stale)
@@ -173,7 +174,7 @@ def test_silence_is_said_and_estimates_are_held_with_growing_sigma() -> None:
     assert grown[0] > 100.0 * measured
     assert all(later >= earlier for earlier, later in pairwise(grown))
     assert values["level"] == "model"
-    assert values["/plant/wheel: timeout"] == "1"
+    assert int(values["/plant/wheel: timeout"]) >= 1
 
 
 def test_garbage_on_a_followed_topic_is_counted_and_changes_nothing() -> None:
@@ -204,6 +205,8 @@ def _checked(guard: NameGuard, bench: FollowedMachine) -> bool:
 def test_a_shadow_never_follows_itself() -> None:
     with pytest.raises(ConfigurationError, match="the shadow's own"):
         followed_namespace(NAME, f"{NAME}/twin")
+    with pytest.raises(ConfigurationError, match="--from plant/: expected letters"):
+        followed_namespace(NAME, "plant/")
 
 
 def test_what_a_map_does_not_know_is_asked_for() -> None:
