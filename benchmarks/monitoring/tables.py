@@ -40,7 +40,7 @@ def fault_table(results: list[dict[str, Any]]) -> list[str]:
         for row in each["faults"]:
             delays = [f"{row[key]:.1f}" if row[key] is not None else "" for key in ("delay_median", "delay_95")]
             size = f"{100.0 * row['size']:.3g} %" if row["unit"] == "1" else f"{row['size']:.3g} {row['unit']}"
-            counts = [str(row[f"named_{kind}"]) for kind in ("right", "group", "unknown", "none", "wrong")]
+            counts = [str(row.get(f"named_{kind}", "")) for kind in ("right", "group", "unknown", "none", "wrong")]
             cells = [each["machine"], row["fault"], size, str(row["repeats"]), f"{100.0 * row['found']:.0f} %", *delays]
             lines.append(f"| {' | '.join([*cells, *counts])} |")
     return lines
@@ -49,7 +49,10 @@ def fault_table(results: list[dict[str, Any]]) -> list[str]:
 def summary(results: list[dict[str, Any]]) -> str:
     """Return how many runs were named wrongly, in a sentence."""
     rows = [row for each in results for row in each["faults"]]
-    runs, wrong = sum(row["repeats"] for row in rows), sum(row["named_wrong"] for row in rows)
+    named = [row for row in rows if "named_wrong" in row]
+    if not named:
+        return "Baseline, run lengths and delays are in cycles."
+    runs, wrong = sum(row["repeats"] for row in named), sum(row["named_wrong"] for row in named)
     return (
         f"Of {runs} runs with a fault, {wrong} ({100.0 * wrong / max(runs, 1):.1f} %) got a wrong single name or a "
         "group without the fault. Baseline, run lengths and delays are in cycles."

@@ -24,12 +24,8 @@ BEYOND_REASON_S = 1e7  # a hundred days
 
 def print_json(document: Mapping[str, Any]) -> None:
     """Write a document as JSON; a number that is not finite becomes null."""
-    sys.stdout.write(json_text(document))
-
-
-def json_text(document: Mapping[str, Any]) -> str:
-    """Return a document as JSON; a number that is not finite becomes null."""
-    return json.dumps(_finite(document), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    json.dump(_finite(document), sys.stdout, indent=2, ensure_ascii=False, allow_nan=False)
+    sys.stdout.write("\n")
 
 
 def _finite(value: Any) -> Any:

@@ -129,7 +129,7 @@ def _number_of(parameters: Parameters, key: str, word: str) -> float:
 def _map_of(request: ShadowRequest) -> MeasurementMap | None:
     if request.given_map is None:
         return None
-    from mech_twin.cli.measurement import given_map
+    from mech_twin.nodes.opened_runs import given_map
 
     given = given_map(request.given_map)
     if given.machine != request.machine:

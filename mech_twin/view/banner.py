@@ -95,11 +95,11 @@ class Banner:
     def _work(self, linkage: LinkageSample) -> list[str]:
         _forget(self._blows, linkage.time_s)
         hardest = max((energy for _, energy in self._blows), default=0.0)
-        real = [energy for _, energy in self._blows if energy > WEAK_SHARE * hardest]
-        if real:
-            span_s = min(RECENT_S, max(linkage.time_s, 1e-9))
-            mean_j = with_prefix(sum(real) / len(real), "J")
-            return [f"{len(real) / span_s:.1f} blows/s", f"{mean_j} a blow"]
+        real = [(time_s, energy) for time_s, energy in self._blows if energy > WEAK_SHARE * hardest]
+        if len(real) > 1:
+            rate_hz = (len(real) - 1) / (real[-1][0] - real[0][0])
+            mean_j = with_prefix(sum(energy for _, energy in real) / len(real), "J")
+            return [f"{rate_hz:.1f} blows/s", f"{mean_j} a blow"]
         if self._power:
             return [f"drive {with_prefix(sum(power for _, power in self._power) / len(self._power), 'W')} on average"]
         return []

@@ -8,11 +8,13 @@ from mech_twin.capabilities.figure import (
     FORCE,
     GROUND,
     MATERIAL,
+    MEASURE,
     ROD,
     STEEL,
     bearing,
     box,
     hatched,
+    label,
     measure,
     millimetres,
 )
@@ -73,5 +75,6 @@ def _layer(press: Press, load: tuple[float, float], *, pressed: bool) -> tuple[S
         Shape("ground", "line", hatched((left - 0.05, floor), (right + 0.05, floor), 0.02), GROUND, 0.005),
         Shape("layer", "line", box(left, floor, right, surface), MATERIAL, 0.006, "layer"),
         *(Shape(f"grain_{i}", "line", ((left, y), (right, y)), MATERIAL, 0.002) for i, y in enumerate(layers, 1)),
-        measure("stroke", (edge, bottom), (edge, top), f"stroke {millimetres(top - bottom)}", 0.03),
+        measure("stroke", (edge, bottom), (edge, top), "", 0.03),
+        label("stroke_name", (edge + 0.05, bottom - 0.02), f"stroke {millimetres(top - bottom)}", MEASURE),
     )
