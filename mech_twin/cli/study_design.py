@@ -42,7 +42,8 @@ def bounds_of(texts: list[str]) -> dict[str, tuple[float, float]]:
             raise CommandError(f"--bound {text}: expected NAME=LOW:HIGH")
         if high and float(low) > float(high):
             raise CommandError(
-                f"--bound {text}: the lower bound is above the upper one; expected {name.strip()}={high}:{low}"
+                f"--bound {text}: bounds of {name.strip()}: the lower bound is above the upper one; "
+                f"expected {name.strip()}={high}:{low}"
             )
     return bounds
 
