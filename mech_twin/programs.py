@@ -21,12 +21,17 @@ def end_by_signal() -> None:
         signal.signal(number, _end)
 
 
-def command() -> Any:
-    """Run the ``mech-twin`` command."""
+def command() -> None:
+    """Run the ``mech-twin`` command; at its end all is closed, and nothing is waited for."""
     end_by_signal()
     from mech_twin.cli.main import main
 
-    return main()
+    try:
+        main()
+    except SystemExit as end:
+        if isinstance(end.code, int):
+            end_at_once(end.code)
+        raise
 
 
 def _end(number: int, frame: FrameType | None) -> None:

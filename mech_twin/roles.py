@@ -17,7 +17,7 @@ from mech_twin.samples import BodySample, Event, ForceSample, Frame, LinkageSamp
 if TYPE_CHECKING:
     from mech_twin.capabilities.cycle import CycleFeatures
     from mech_twin.capabilities.design import DesignQuestion
-    from mech_twin.capabilities.faults import Fault
+    from mech_twin.capabilities.faults import MachineFault
     from mech_twin.capabilities.long_run import RegimeQuestion, SynthesisQuestion
     from mech_twin.capabilities.mechanism import FrameTree
     from mech_twin.capabilities.plots import Picture
@@ -256,4 +256,4 @@ class Capabilities:
     synthesis: SynthesisQuestion | None = None
     regimes: RegimeQuestion | None = None
     features: Callable[[Any], CycleFeatures] | None = None
-    faults: Callable[[Any], tuple[Fault, ...]] | None = None
+    faults: Callable[[Any], tuple[MachineFault, ...]] | None = None

@@ -143,6 +143,12 @@ VERBS = {
     "replay": Verb(
         ["replay", "SAMPLE", "--loop"], has_loaded(MIDDLEWARE), ("importing", "discovery", "under way"), True
     ),
+    "shadow": Verb(
+        ["shadow", "winding_drum", "--from", "elsewhere"],
+        has_loaded(MIDDLEWARE),
+        ("importing", "discovery", "under way"),
+        True,
+    ),
     "view": Verb(["view", "SAMPLE", "--port", "0"], has_said("complete"), ("importing", "starting", "under way"), True),
     "study": Verb(
         ["study", "winding_drum", *SWEEP, "--out", "OUT.csv"], has_workers, ("importing", "compiling", "under way")

@@ -18,8 +18,10 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "test"))
 os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
 os.environ.setdefault("ROS_DOMAIN_ID", "56")
 
-from measured import write_table
+from measured import add_rows, here
 from signal_cases import SIGNALS, VERBS, faults, seen_after
+
+COLUMNS = ("verb and moment", "signals sent", "exit codes", "longest time to the end", "wrong", "made")
 
 
 def row(name: str, moment: str, cache: Path) -> tuple[list[object], list[str]]:
@@ -35,7 +37,7 @@ def row(name: str, moment: str, cache: Path) -> tuple[list[object], list[str]]:
             codes.append(seen.code)
             longest = max(longest, seen.took_s)
     told = ", ".join(str(code) for code in dict.fromkeys(codes))
-    return [f"`{name}`", moment, len(codes), told, f"{longest:.2f} s", len(wrong)], wrong
+    return [f"`{name}`, {moment}", len(codes), told, f"{longest:.2f} s", len(wrong), here()], wrong
 
 
 def main() -> int:
@@ -44,17 +46,15 @@ def main() -> int:
     parser.add_argument("verbs", nargs="*", metavar="VERB", help=f"of {', '.join(VERBS)}")
     parser.add_argument("--write", action="store_true", help="write the table into docs/reliability.md")
     asked = parser.parse_args()
-    rows, broken = [], 0
+    broken = 0
     with tempfile.TemporaryDirectory() as cache:
         for name in asked.verbs or VERBS:
             for moment in VERBS[name].moments:
                 found, wrong = row(name, moment, Path(cache))
                 print(*found, *wrong, sep=" | ", flush=True)
-                rows.append(found)
                 broken += len(wrong)
-    if asked.write:
-        columns = ("verb", "moment", "signals sent", "exit codes", "longest time to the end", "wrong")
-        write_table("signals", columns, rows)
+                if asked.write:
+                    add_rows("signals", COLUMNS, [found])
     return int(broken > 0)
 
 

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from mech_twin.cli.console import print_json, print_numbers, print_table, progress, say
 from mech_twin.cli.failure import CommandError
-from mech_twin.cli.measurement import checked_run, given_map, opened_run
+from mech_twin.cli.measurement import checked_run
 from mech_twin.measurements.crank_motion import CrankMotion, crank_motion
 from mech_twin.measurements.model_turn import ModelTurn, model_turn
 from mech_twin.measurements.runs import MeasuredRun
+from mech_twin.nodes.opened_runs import given_map, opened_run
 from mech_twin.parameters.load import machine as built_machine
 from mech_twin.roles import Machine
 from mech_twin.samples import Drawing, ForceSample, LinkageSample

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import io
 import json
-import sys
-from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 import yaml
-
-from mech_twin.cli.main import main
+from command_line import mech_twin
 
 pytest.importorskip("pyarrow")
 pytestmark = [pytest.mark.usefixtures("ros_domain"), pytest.mark.slow]
@@ -39,24 +35,6 @@ SENSORS: dict[str, Any] = {
 CRANK, SLIDER = "linkage.crank.position", "linkage.slider.position"
 
 
-class Result(NamedTuple):
-    code: Any
-    out: str
-    err: str
-
-
-def mech_twin(*words: str | Path) -> Result:
-    output, errors = io.StringIO(), io.StringIO()
-    code: Any = 0
-    with pytest.MonkeyPatch.context() as patch, redirect_stdout(output), redirect_stderr(errors):
-        patch.setattr(sys, "argv", ["mech-twin", *map(str, words)])
-        try:
-            main()
-        except SystemExit as end:
-            code = end.code or 0
-    return Result(code, output.getvalue(), errors.getvalue())
-
-
 def written(path: Path, tree: dict[str, Any]) -> Path:
     path.write_text(yaml.safe_dump(tree, sort_keys=False), encoding="utf-8")
     return path
@@ -79,8 +57,8 @@ def plant(tmp_path_factory: pytest.TempPathFactory) -> Plant:
 
 
 def test_bag_and_table_show_the_same_samples(plant: Plant) -> None:
-    from mech_twin.cli.measurement import given_map, opened_run
     from mech_twin.measurements.runs import read_run
+    from mech_twin.nodes.opened_runs import given_map, opened_run
 
     given = given_map(plant.map)
     with opened_run(plant.bag) as bag, opened_run(plant.table) as table:

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import importlib.util
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from types import ModuleType
 
 import click
 import pytest
 import typer
 import yaml
+from ci_scripts import ci_script
 
 from mech_twin.cli.main import app
 from mech_twin.engine import crank_piece
@@ -41,16 +40,7 @@ MADE_ON_DEMAND = re.compile(r"[*<>{}]|[A-Z]{3}")  # a placeholder, not a path
 TOP = typer.main.get_command(app)
 
 
-def loaded(path: Path) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(path.stem, path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-SITE = loaded(ROOT / ".ci" / "site_pages.py")
+SITE = ci_script("site_pages")
 
 
 def page(name: str) -> str:

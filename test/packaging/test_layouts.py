@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import pytest
 import yaml
 from catalogue import NAMES, built
+from ci_scripts import ci_script
 
 from mech_twin.messages.frames import frame_id
 from mech_twin.messages.topics import FRAMES, ROBOT_DESCRIPTION, Topic, full_name, recorded_topics
@@ -21,16 +20,7 @@ ROOT = Path(__file__).resolve().parents[2]
 RVIZ_TYPES = {"RobotModel": "String", "MarkerArray": "MarkerArray", "Wrench": "WrenchStamped"}
 
 
-def loaded(path: Path) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(path.stem, path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-LAYOUTS = loaded(ROOT / ".ci" / "layouts.py")
+LAYOUTS = ci_script("layouts")
 
 
 def topics_of(name: str) -> dict[str, Topic]:

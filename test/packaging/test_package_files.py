@@ -11,7 +11,9 @@ from xml.etree import ElementTree
 import pytest
 
 from mech_twin import __version__
+from mech_twin import programs as programs_module
 from mech_twin.machines.catalog import CATALOGUE
+from mech_twin.nodes import executables
 from mech_twin.nodes.launch_plan import LaunchRequest, programs
 from mech_twin.parameters.load import MACHINE_KEY, file_tree
 
@@ -59,6 +61,16 @@ def test_every_program_can_be_loaded() -> None:
     for entry in entry_points(group="console_scripts"):
         if entry.value.startswith("mech_twin."):
             assert callable(entry.load())
+
+
+def test_every_program_begins_where_a_signal_is_answered_first() -> None:
+    text = (ROOT / "setup.py").read_text(encoding="utf-8")
+    assert '"mech-twin = mech_twin.programs:command"' in text
+    assert 'f"{node} = mech_twin.programs:{node}"' in text
+    assert callable(programs_module.command)
+    for node in NODES:
+        assert callable(getattr(programs_module, node)), node
+        assert callable(getattr(executables, node)), node
 
 
 @pytest.mark.parametrize("name", list(CATALOGUE))

@@ -15,19 +15,14 @@ from mech_twin.interruption import INTERRUPTED_LINE
 PROGRAM = """
 import os, sys
 from mech_twin.programs import {program}
-seen = []
 def heard(event, given):
     if event == "import":
-        seen.append(given[0])
+        if not {module!r}:
+            sys.stdout.write(given[0] + "\\n")
         if given[0] == {module!r}:
             os.kill(os.getpid(), {number})
 sys.addaudithook(heard)
-try:
-    {program}()
-finally:
-    if not {module!r}:
-        sys.stdout.write("\\n".join(seen))
-        sys.stdout.flush()
+{program}()
 """
 LOADED = {
     "command": {"typer", "mech_twin.cli.main", "mech_twin.cli.study"},

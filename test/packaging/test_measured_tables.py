@@ -1,0 +1,56 @@
+"""The tables of the page on faults are those of the scripts it names, each row with its date and machine."""
+
+from __future__ import annotations
+
+import re
+import sys
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+SCRIPTS = Path(__file__).resolve().parents[2] / "benchmarks" / "reliability"
+sys.path.insert(0, str(SCRIPTS))
+measured = import_module("measured")
+
+PAGE = measured.PAGE.read_text(encoding="utf-8")
+WRITERS = sorted(
+    path.stem
+    for path in SCRIPTS.glob("*.py")
+    if path.stem != "measured" and re.search(r"(write_table|add_rows)\(", path.read_text(encoding="utf-8"))
+)
+MADE = re.compile(r"\d{4}-\d\d-\d\d(, | on )\d+ cores of .+, Python \d")
+
+
+def test_every_script_of_the_room_writes_into_the_page() -> None:
+    assert sorted(path.stem for path in SCRIPTS.glob("*.py") if path.stem != "measured") == WRITERS
+
+
+@pytest.mark.parametrize("script", WRITERS)
+def test_a_script_that_writes_is_named_and_has_its_place(script: str) -> None:
+    begin, end = measured.marks(script)
+    assert PAGE.count(begin) == PAGE.count(end) == 1
+    assert f"python benchmarks/reliability/{script}.py" in PAGE
+    table = PAGE.partition(begin)[2].partition(end)[0]
+    rows = [line for line in table.splitlines() if line.startswith("|")][2:]
+    assert all(MADE.search(row) or MADE.search(table.partition("|")[0]) for row in rows)
+
+
+def test_tests_of_the_table_exist() -> None:
+    begin, end = measured.marks("claims")
+    for file in re.findall(r"test/[\w/]+\.py", PAGE.partition(begin)[2].partition(end)[0]):
+        assert (measured.PAGE.parents[1] / file).is_file()
+
+
+def test_rows_take_the_place_of_those_made_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("\n".join(["above", *measured.marks("flood"), "below"]) + "\n", encoding="utf-8")
+    monkeypatch.setattr(measured, "PAGE", page)
+    for rows in ([["a", 1], ["b", 2]], [["a", 3]]):
+        measured.add_rows("flood", ("what", "count"), rows)
+    written = page.read_text(encoding="utf-8").splitlines()
+    assert written[0] == "above"
+    assert written[-1] == "below"
+    assert written[2:-2] == ["| what | count |", "|---|---|", "| b | 2 |", "| a | 3 |"]
+    with pytest.raises(ValueError, match="has no marks"):
+        measured.add_rows("another", ("what",), [])
