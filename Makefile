@@ -12,8 +12,13 @@ EXTRAS := $(ROS),view,plots,tables
 INSTALL_HASHED = $(BIN)/python -m pip install -q --require-hashes --no-deps -r $(HASHES) && \
   $(BIN)/python -m pip install -q --no-deps --no-build-isolation -e .
 READERS := test/recording/npm
-# rooms whose tests neither talk over topics nor watch the clock: they share the cores, the others run one by one
-QUIET := $(wildcard $(addprefix test/,engine golden literature machines measurements packaging parameters parts studies test_captions.py test_kernel_cache.py))
+# rooms, and files of others, whose tests neither talk over topics nor watch the clock: they share the cores, the others
+# run one by one
+QUIET_ROOMS := engine golden literature machines measurements packaging parameters parts studies
+QUIET_FILES := $(addprefix cli/test_,completion.py errors.py reproduce.py run_options.py simulate_residuals.py) \
+  $(addprefix recording/test_,bag_writer.py fuzz.py message_writer.py recovery.py) view/test_decimation.py view/test_rerun_scene.py \
+  test_captions.py test_kernel_cache.py test_output_file.py test_random_configurations.py
+QUIET := $(wildcard $(addprefix test/,$(QUIET_ROOMS) $(QUIET_FILES)))
 SHARED := -n 2 --dist loadfile $(QUIET)
 ALONE := test $(addprefix --ignore=,$(QUIET) test/reliability)
 # these kill and stop processes of a run, beside which they listen: in a process that has not listened to others before

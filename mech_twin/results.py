@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,16 +22,17 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MOST_PANELS = 8
+Value = TypeVar("Value")
 
 
-class Numbers(Mapping[str, Any]):
-    """Named numbers that cannot be changed; the names end in their units."""
+class _WithUnits(Mapping[str, Value], Generic[Value]):
+    """What cannot be changed and is known by names that end in their units."""
 
-    def __init__(self, title: str, values: Mapping[str, Any]) -> None:
+    def __init__(self, title: str, values: Mapping[str, Value]) -> None:
         self.title = title
         self._values = dict(values)
 
-    def __getitem__(self, name: str) -> Any:
+    def __getitem__(self, name: str) -> Value:
         if name not in self._values:
             raise KeyError(_unknown(name, self._values))
         return self._values[name]
@@ -42,15 +43,19 @@ class Numbers(Mapping[str, Any]):
     def __len__(self) -> int:
         return len(self._values)
 
+    @property
+    def units(self) -> dict[str, str]:
+        """Unit of each name, empty for pure numbers and words."""
+        return {name: unit_of(name) for name in self._values}
+
+
+class Numbers(_WithUnits[Any]):
+    """Named numbers that cannot be changed; the names end in their units."""
+
     def __repr__(self) -> str:
         width = max((len(name) for name in self._values), default=0)
         rows = [f"  {name:<{width}}  {_shown(value)} {unit_of(name)}".rstrip() for name, value in self._values.items()]
         return "\n".join([self.title, *rows])
-
-    @property
-    def units(self) -> dict[str, str]:
-        """Unit of each number, empty for a pure number."""
-        return {name: unit_of(name) for name in self._values}
 
     def to_pandas(self) -> pandas.DataFrame:
         """Return a frame with the columns ``value`` and ``unit``, indexed by name; needs the extra 'pandas'."""
@@ -65,7 +70,7 @@ class Numbers(Mapping[str, Any]):
         return _arrow({name: [value] for name, value in self._values.items()})
 
 
-class Columns(Mapping[str, NDArray[Any]]):
+class Columns(_WithUnits[NDArray[Any]]):
     """Columns of equal length that cannot be changed; the names end in their units.
 
     Parameters
@@ -79,27 +84,11 @@ class Columns(Mapping[str, NDArray[Any]]):
     """
 
     def __init__(self, title: str, along: str, values: Mapping[str, Sequence[Any] | NDArray[Any]]) -> None:
-        self.title, self.along = title, along
-        self._values = {name: _frozen(column) for name, column in values.items()}
-
-    def __getitem__(self, name: str) -> NDArray[Any]:
-        if name not in self._values:
-            raise KeyError(_unknown(name, self._values))
-        return self._values[name]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._values)
-
-    def __len__(self) -> int:
-        return len(self._values)
+        super().__init__(title, {name: _frozen(column) for name, column in values.items()})
+        self.along = along
 
     def __repr__(self) -> str:
         return f"{self.title}: {len(self[self.along])} rows of {', '.join(self._values)}"
-
-    @property
-    def units(self) -> dict[str, str]:
-        """Unit of each column, empty for pure numbers and words."""
-        return {name: unit_of(name) for name in self._values}
 
     def to_pandas(self) -> pandas.DataFrame:
         """Return a frame, the units in its ``attrs``; needs the extra 'pandas'."""

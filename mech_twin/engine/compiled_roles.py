@@ -6,7 +6,7 @@ A role that derives from one of these has nothing to say but its constants (``mo
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
 
@@ -27,6 +27,7 @@ from mech_twin.engine.sample_vectors import (
 )
 from mech_twin.samples import BodySample, ForceSample, LinkageSample, MotorSample
 
+Layout = TypeVar("Layout")
 NO_NUMBERS = np.empty(0)
 NO_LOADS = np.empty((0, LOAD_WIDTH))
 NO_EVENTS = np.empty((0, EventLayout().width))
@@ -42,8 +43,8 @@ def failed(failures: tuple[str, ...], status: int, begin_s: float) -> MotionErro
     return MotionError(f"{failures[-1 - status]}, in the step from {begin_s:.6g} s")
 
 
-class CompiledMotor:
-    """A motor whose map is a kernel of `motor_step`; it is told the row of the linkage it drives."""
+class _Compiled(Generic[Layout]):
+    """A role whose map is a kernel."""
 
     if TYPE_CHECKING:
 
@@ -53,9 +54,13 @@ class CompiledMotor:
             ...
 
         @property
-        def layout(self) -> MotorLayout:
+        def layout(self) -> Layout:
             """Row of the samples."""
             ...
+
+
+class CompiledMotor(_Compiled[MotorLayout]):
+    """A motor whose map is a kernel of `motor_step`; it is told the row of the linkage it drives."""
 
     def respond(self, linkage: LinkageSample, target: float) -> MotorSample:
         """Return the drive at the linkage's step; ``target`` is the asked fraction of rated supply frequency."""
@@ -64,23 +69,11 @@ class CompiledMotor:
         return layout.sample(linkage.step, linkage.time_s, out.tolist())
 
 
-class CompiledLinkage:
+class CompiledLinkage(_Compiled[LinkageLayout]):
     """A linkage whose step is a kernel of `linkage_step`."""
 
     step_s: float
     failures: tuple[str, ...] = ()
-
-    if TYPE_CHECKING:
-
-        @property
-        def model(self) -> Any:
-            """Constants of the kernel."""
-            ...
-
-        @property
-        def layout(self) -> LinkageLayout:
-            """Row of the samples."""
-            ...
 
     def advance(self, linkage: LinkageSample, motor: MotorSample, body: BodySample | None) -> LinkageSample:
         """Return the linkage one coupling step later, its events located inside the step."""
@@ -96,20 +89,8 @@ class CompiledLinkage:
         return layout.sample(step, step * self.step_s, out.tolist(), layout.events.events(log[:count]))
 
 
-class CompiledForces:
+class CompiledForces(_Compiled[ForceLayout]):
     """A force analysis whose map is a kernel of `force_step`."""
-
-    if TYPE_CHECKING:
-
-        @property
-        def model(self) -> Any:
-            """Constants of the kernel."""
-            ...
-
-        @property
-        def layout(self) -> ForceLayout:
-            """Row of the samples."""
-            ...
 
     def analyse(self, linkage: LinkageSample) -> ForceSample:
         """Return every pin reaction, the derived quantities, and the loads on the body during the step."""
@@ -121,23 +102,13 @@ class CompiledForces:
         return layout.sample(linkage.step, linkage.time_s, out.tolist(), told)
 
 
-class CompiledBody:
+class CompiledBody(_Compiled[BodyLayout]):
     """A body whose step is a kernel of `body_step`; it reads the row of its forces and their loads."""
 
     step_s: float
     failures: tuple[str, ...] = ()
 
     if TYPE_CHECKING:
-
-        @property
-        def model(self) -> Any:
-            """Constants of the kernel."""
-            ...
-
-        @property
-        def layout(self) -> BodyLayout:
-            """Row of the samples."""
-            ...
 
         @property
         def force_layout(self) -> ForceLayout | None:

@@ -9,7 +9,7 @@ from mech_twin.samples import BodySample, ForceSample, MotorSample
 Answer = MotorSample | ForceSample | BodySample
 
 
-class Fault(NamedTuple):
+class AnswerFault(NamedTuple):
     """Why an answer is not used: a kind of `topic_statistics.KINDS`, and words for a person."""
 
     kind: str
@@ -62,21 +62,21 @@ class SteppingBarrier:
         """Begin a new step."""
         self._previous, self._answers = self._answers, {}
 
-    def take(self, peer: str, sample: Answer, step: int) -> Fault | None:
+    def take(self, peer: str, sample: Answer, step: int) -> AnswerFault | None:
         """Keep a peer's answer to this step; anything else is not kept, and the reason is returned."""
         fault = self._fault(peer, sample, step)
         if fault is None:
             self._answers[peer] = sample
         return fault
 
-    def _fault(self, peer: str, sample: Answer, step: int) -> Fault | None:
+    def _fault(self, peer: str, sample: Answer, step: int) -> AnswerFault | None:
         known = self._answers.get(peer) if sample.step == step else None
         if known is None and sample.step == step - 1:
             known = self._previous.get(peer)
         if known is not None and known == sample:
-            return Fault("repeated", f"step {sample.step}")
+            return AnswerFault("repeated", f"step {sample.step}")
         if known is not None:
-            return Fault("conflicting", f"another answer to step {sample.step}")
+            return AnswerFault("conflicting", f"another answer to step {sample.step}")
         if sample.step != step:
-            return Fault("late" if sample.step < step else "early", f"step {sample.step} at step {step}")
+            return AnswerFault("late" if sample.step < step else "early", f"step {sample.step} at step {step}")
         return None

@@ -27,7 +27,7 @@ from mech_twin.quantity import Parameters
 MOTOR = "motor"
 
 
-class Place(NamedTuple):
+class TextPlace(NamedTuple):
     """Where a value stands in a text, or, of no length, where a line may be inserted before the first of a group."""
 
     begin: int
@@ -95,7 +95,7 @@ def _of_catalogue(key: str, wanted: Mapping[str, Any]) -> bool:
     return key.startswith(f"{MOTOR}.") and f"{MOTOR}.{NAME_KEY}" in wanted
 
 
-def _replacing(text: str, place: Place, value: Any) -> str:
+def _replacing(text: str, place: TextPlace, value: Any) -> str:
     """Return a value and, at the beginning of the comment beside it, what stood there before."""
     return f"{_shown(value)}  # was {text[place.begin : place.end].strip()};"
 
@@ -104,7 +104,7 @@ def _line(values: Mapping[str, Any], column: int) -> str:
     return "".join(f"{key}: {_shown(value)}\n{' ' * column}" for key, value in values.items())
 
 
-def _by_group(new: Mapping[str, Any], groups: Mapping[str, Place]) -> dict[str, dict[str, Any]]:
+def _by_group(new: Mapping[str, Any], groups: Mapping[str, TextPlace]) -> dict[str, dict[str, Any]]:
     """Return values without a line by the innermost group that has one, below it as a tree."""
     found: dict[str, dict[str, Any]] = {}
     for key, value in new.items():
@@ -125,10 +125,10 @@ def _flat(tree: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]
             yield f"{prefix}{key}", value
 
 
-def _places(text: str) -> tuple[dict[str, Place], dict[str, Place]]:
+def _places(text: str) -> tuple[dict[str, TextPlace], dict[str, TextPlace]]:
     """Return where each value stands by its dotted key, and the beginning of each group by its key."""
-    values: dict[str, Place] = {}
-    groups: dict[str, Place] = {}
+    values: dict[str, TextPlace] = {}
+    groups: dict[str, TextPlace] = {}
     document = yaml.compose(text, Loader=yaml.SafeLoader)
     for _, section in document.value if isinstance(document, yaml.MappingNode) else ():
         for key, group in section.value if isinstance(section, yaml.MappingNode) else ():
@@ -137,16 +137,16 @@ def _places(text: str) -> tuple[dict[str, Place], dict[str, Place]]:
     return values, groups
 
 
-def _find(node: yaml.MappingNode, path: str, values: dict[str, Place], groups: dict[str, Place]) -> None:
+def _find(node: yaml.MappingNode, path: str, values: dict[str, TextPlace], groups: dict[str, TextPlace]) -> None:
     """Enter the places of a group and of all below it."""
     start = node.start_mark
-    groups.setdefault(path, Place(start.index, start.index, start.column))
+    groups.setdefault(path, TextPlace(start.index, start.index, start.column))
     for key, value in node.value:
         below = f"{path}.{key.value}" if path else str(key.value)
         if isinstance(value, yaml.MappingNode):
             _find(value, below, values, groups)
         else:
-            values.setdefault(below, Place(value.start_mark.index, value.end_mark.index, value.start_mark.column))
+            values.setdefault(below, TextPlace(value.start_mark.index, value.end_mark.index, value.start_mark.column))
 
 
 def _shown(value: Any) -> str:

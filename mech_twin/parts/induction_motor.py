@@ -31,6 +31,7 @@ from mech_twin.kernel import kernel
 from mech_twin.quantity import Parameters, choice, quantity
 
 RPM = pi / 30.0
+LONGEST_RUN_UP_S = 1e3  # of the rotor alone at rated power; motors take a fraction of a second
 LEAST_RATED_SLIP, MOST_RATED_SLIP = 1e-4, 0.5
 PRINTED_WITHIN = 1.25  # factor between a printed value and the one that follows from the name plate
 PRINTED_SLIP_WITHIN = 2.0  # the same of the breakdown slip, which is no name plate value
@@ -71,6 +72,13 @@ class InductionMotorParameters(Parameters):
                 f"and {self.synchronous_speed_rpm}"
             )
         constants = motor_constants(self)
+        run_up_s = self.rotor_inertia_kg_m2 * constants.synchronous_speed_rad_per_s**2 / self.rated_power_w
+        if run_up_s > LONGEST_RUN_UP_S:
+            raise ValueError(
+                f"rotor_inertia_kg_m2 must be at most {self.rotor_inertia_kg_m2 * LONGEST_RUN_UP_S / run_up_s:.6g}, "
+                f"which {self.rated_power_w:g} W bring to synchronous speed in {LONGEST_RUN_UP_S:g} s; "
+                f"got {self.rotor_inertia_kg_m2:g}"
+            )
         if not LEAST_RATED_SLIP <= constants.rated_slip <= MOST_RATED_SLIP:
             raise ValueError(
                 f"rated slip {LEAST_RATED_SLIP:g} to {MOST_RATED_SLIP:g} needed, got {constants.rated_slip:.4g} of "

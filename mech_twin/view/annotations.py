@@ -29,7 +29,7 @@ RAYS = 9
 SAME_PLACE = 0.01  # pins closer than this share of the width are written together
 
 
-class Blow(NamedTuple):
+class BlowMark(NamedTuple):
     """A blow: its time (s), the frame it falls on, and the energy it takes from the mechanism (J)."""
 
     time_s: float
@@ -50,7 +50,7 @@ class Annotations:
         self._tree = tree
         self._recent: deque[tuple[LinkageSample, ForceSample | None]] = deque(maxlen=KEPT_STEPS)
         self._largest_n = 0.0
-        self._blow: Blow | None = None
+        self._blow: BlowMark | None = None
 
     def add(self, linkage: LinkageSample, forces: ForceSample | None) -> None:
         """Take a step into account."""
@@ -67,7 +67,7 @@ class Annotations:
             return
         last = self._blow
         if last is None or event.time_s - last.time_s > FLASH_S or energy_j > last.energy_j:
-            self._blow = Blow(event.time_s, event.contact, energy_j)
+            self._blow = BlowMark(event.time_s, event.contact, energy_j)
 
     def shapes(self, time_s: float, bounds: Bounds | None) -> tuple[Shape, ...]:
         """Return what to add to the drawing of this time; nothing before the first step."""

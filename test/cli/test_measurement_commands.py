@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import io
 import json
-import sys
-from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 import yaml
-
-from mech_twin.cli.main import main
+from command_line import mech_twin
 
 pytest.importorskip("pyarrow")
 pytestmark = [pytest.mark.usefixtures("ros_domain"), pytest.mark.slow]
@@ -37,24 +33,6 @@ SENSORS: dict[str, Any] = {
     ],
 }  # fmt: skip
 CRANK, SLIDER = "linkage.crank.position", "linkage.slider.position"
-
-
-class Result(NamedTuple):
-    code: Any
-    out: str
-    err: str
-
-
-def mech_twin(*words: str | Path) -> Result:
-    output, errors = io.StringIO(), io.StringIO()
-    code: Any = 0
-    with pytest.MonkeyPatch.context() as patch, redirect_stdout(output), redirect_stderr(errors):
-        patch.setattr(sys, "argv", ["mech-twin", *map(str, words)])
-        try:
-            main()
-        except SystemExit as end:
-            code = end.code or 0
-    return Result(code, output.getvalue(), errors.getvalue())
 
 
 def written(path: Path, tree: dict[str, Any]) -> Path:

@@ -10,7 +10,7 @@ import click
 import pytest
 import typer
 import yaml
-from ci_scripts import ci_script
+from loaded_file import loaded
 
 from mech_twin.cli.main import app
 from mech_twin.engine import crank_piece
@@ -40,7 +40,7 @@ MADE_ON_DEMAND = re.compile(r"[*<>{}]|[A-Z]{3}")  # a placeholder, not a path
 TOP = typer.main.get_command(app)
 
 
-SITE = ci_script("site_pages")
+SITE = loaded(ROOT / ".ci" / "site_pages.py")
 
 
 def page(name: str) -> str:

@@ -47,7 +47,7 @@ def regime_at(stroke: Stroke, f: float, direction: float) -> int:
     return CONTACT_REVERSED if inside else FREE
 
 
-class Cycle(NamedTuple):
+class PressCycle(NamedTuple):
     """Columns over the way the crank turns, shape (n,): crank angle (rad), torques (N m), energies (J), inertia.
 
     ``load_torque`` is M_pr, ``drive_torque`` the torque at constant speed, ``work`` W of the constant mean torque and
@@ -86,7 +86,7 @@ def _columns(press: Press, angles: Array, regimes: Array, w: float) -> TurnTorqu
     return table
 
 
-def press_cycle(press: Press, stroke: Stroke, speed: float, count: int, kinks: bool = True) -> Cycle:
+def press_cycle(press: Press, stroke: Stroke, speed: float, count: int, kinks: bool = True) -> PressCycle:
     """Return one cycle at ``count`` evenly spread positions from crank angle 0 along the motion.
 
     The work is in closed form: weights have a potential, the layer's force one of its own in the height.  With
@@ -111,7 +111,7 @@ def press_cycle(press: Press, stroke: Stroke, speed: float, count: int, kinks: b
     loads = -(table.weights_j - table.weights_j[0]) - layer
     mean = whole / TURN
     work = mean * way + loads
-    return Cycle(
+    return PressCycle(
         np.asarray(sign * way, dtype=np.float64),
         table.moment_nm,
         table.drive_nm,

@@ -20,7 +20,7 @@ from mech_twin.capabilities.plots import (
     turn_axis,
 )
 from mech_twin.machines.compaction_press.batch import full_turn
-from mech_twin.machines.compaction_press.cycle import POSITIONS, Cycle, gains, press_cycle, regime_at
+from mech_twin.machines.compaction_press.cycle import POSITIONS, PressCycle, gains, press_cycle, regime_at
 from mech_twin.machines.compaction_press.dynamics import Press, press_pins, press_reduced
 from mech_twin.machines.compaction_press.parameters import CompactionPress, Stroke, press_constants
 from mech_twin.parts.flywheel import Tangents, wittenbauer
@@ -57,7 +57,7 @@ def _gain(press: Press) -> Picture:
     return Picture("compaction_press_gain", caption, figure)
 
 
-def _diagrams(cycle: Cycle, few: Cycle) -> Picture:
+def _diagrams(cycle: PressCycle, few: PressCycle) -> Picture:
     degrees, marks = np.degrees(cycle.angle_rad), np.degrees(few.angle_rad)
     figure, panels = sheet(3, 1, 7.2, 7.0, sharex=True)
     panels[0].plot(degrees, cycle.drive_torque_nm, color=BLUE, label="drive at constant speed")
@@ -79,7 +79,7 @@ def _diagrams(cycle: Cycle, few: Cycle) -> Picture:
     return Picture("compaction_press_diagrams", caption, figure)
 
 
-def _energy_mass(parameters: CompactionPress, cycle: Cycle, few: Cycle) -> Picture:
+def _energy_mass(parameters: CompactionPress, cycle: PressCycle, few: PressCycle) -> Picture:
     delta, w = parameters.flywheel.non_uniformity, abs(parameters.drive.speed_rad_per_s)
     cuts: Tangents = wittenbauer(cycle.work_j, cycle.inertia_kg_m2, delta, w)
     figure, (axes,) = sheet(1, 1, 7.2, 4.8)

@@ -161,7 +161,7 @@ def after_impact(
 def after_series(motion: MassMotion, system: ImpactSystem, tau_s: float) -> tuple[MotionEvent, MassMotion]:
     """Return the end of a series and the rest after it.
 
-    The impulse closes the momentum book.  Exact limit: the unlisted tail, sum (1 + R) v_i = R v_k (1 + R)/(1 - R)
+    The impulse closes the momentum balance.  Exact limit: the unlisted tail, sum (1 + R) v_i = R v_k (1 + R)/(1 - R)
     for all i > k.  Cut-off: the dropped impact stops the mass dead, R v_k.
     """
     r = system.restitution

@@ -52,12 +52,15 @@ class Motion(NamedTuple):
     tool: int
     dead_centre_rad: float  # crank angle of the rocker's next extreme
     senses: Senses
+    gear_sense: float  # sign of the gear's speed, in which its loss stays through the piece; 0: that of each instant
 
 
 @kernel
 def drive_torque(system: Motion, t: float, u: float, p: float) -> float:
     """Return the torque on the crank behind the gear (N m); a shaft that stands is taken to turn as the crank will."""
     b, motor = system.breaker, system.torque_nm + system.slope_nm_per_s * t
+    if system.gear_sense != 0.0:
+        return gear_torque(b.ratio, b.efficiency, motor, system.gear_sense) + system.compensation_nm
     if b.crank_coulomb_nm > 0.0 and u - b.frame_drive * p == 0.0:
         return gear_torque(b.ratio, b.efficiency, motor, system.senses.crank) + system.compensation_nm
     return crank_torque(b, motor, u, p) + system.compensation_nm
@@ -106,6 +109,7 @@ def going_on(system: Motion, senses: Senses, rests: bool, tool: int) -> Motion:
         tool,
         system.dead_centre_rad,
         senses,
+        0.0,
     )
 
 

@@ -10,7 +10,11 @@ from pydantic import model_validator
 
 from mech_twin.engine.coupling import ExtrapolatedCoupling, coupling_step
 from mech_twin.machines.mb10_breaker.constants import breaker
-from mech_twin.machines.mb10_breaker.coupling_limits import LARGEST_MISS_RAD_PER_S, longest_step_s
+from mech_twin.machines.mb10_breaker.coupling_limits import (
+    LARGEST_MISS_RAD_PER_S,
+    longest_step_s,
+    longest_swing_step_s,
+)
 from mech_twin.machines.mb10_breaker.pressed_body.parameters import (
     BodyParameters,
     ExcitationParameters,
@@ -28,6 +32,7 @@ STIFFEST_N_PER_M = 1e8  # of the springs, where the body follows the forces of t
 LONGEST_STEP_S = 0.005
 LONGEST_TURN_RAD = 0.135  # of the crank in a step: the moment on the body is a line between the ends of the step
 FASTEST_DECAY_PER_S = 100.0  # of the crank by the friction of its bearing: slow against the integrator's step
+FASTEST_STOP_RAD_PER_S2 = 1e5  # of crank and body by Coulomb friction: a stop is told from the blow before it
 MOST_DECAYS = 0.5  # of the shaft in a step; the extrapolated torque is stable below it
 MOST_MOVED = 100.0  # masses of coupler and rocker at the crank pin over the inertia of crank and rotor
 MOST_SWING_RAD = 500.0  # of the body on its spring in one coupling step
@@ -244,6 +249,16 @@ class BreakerParameters(Parameters):
                 f"friction.viscous_nms_per_rad must be at most {most:.4g}, {FASTEST_DECAY_PER_S:g}/s times "
                 f"linkage.crank_inertia_kg_m2; got {self.friction.viscous_nms_per_rad:g}"
             )
+        shaft = self.linkage.crank_inertia_kg_m2 + self.gear.ratio**2 * self.motor.rotor_inertia_kg_m2
+        for key, torque, inertia in (
+            ("friction.coulomb_nm", self.friction.coulomb_nm, shaft),
+            ("body.friction.coulomb_nm", self.body.friction.coulomb_nm, self.body.inertia_kg_m2),
+        ):
+            if torque > FASTEST_STOP_RAD_PER_S2 * inertia:
+                raise ValueError(
+                    f"{key} must be at most {FASTEST_STOP_RAD_PER_S2 * inertia:.6g} N m, "
+                    f"{FASTEST_STOP_RAD_PER_S2:g} rad/s2 of the inertia it stops; got {torque:g}"
+                )
         return self
 
     @model_validator(mode="after")
@@ -287,7 +302,15 @@ class BreakerParameters(Parameters):
     def _body_is_heavy_enough_for_the_step(self) -> BreakerParameters:
         if self.excitation.kind == "approximated":
             return self
-        longest = longest_step_s(breaker(self), self.synchronous_crank_rad_per_s)
+        constants = breaker(self)
+        longest = longest_swing_step_s(constants, self.synchronous_crank_rad_per_s)
+        if self.coupling.step_s > longest:
+            raise ValueError(
+                f"coupling.step_s = {self.coupling.step_s:g} s must be at most {longest:.4g} s with "
+                f"body.spring_rate_n_per_m {self.body.spring_rate_n_per_m:g}: the linkage's moment on a body that "
+                "swings on its spring, a line in each step, would miss its rate"
+            )
+        longest = longest_step_s(constants, self.synchronous_crank_rad_per_s)
         if self.coupling.step_s > longest:
             raise ValueError(
                 f"coupling.step_s = {self.coupling.step_s:g} s must be at most {longest:.4g} s with body.inertia_kg_m2 "

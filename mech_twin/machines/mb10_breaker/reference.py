@@ -237,14 +237,14 @@ class BreakerReference:
         state = state if start is None else ReferenceState(*start)
         samples, blows = np.empty((len(times_s), 4)), []
         samples[0], index, time = state, 1, 0.0
-        rests, waiting, hold = state.body_rad == 0.0, True, -1.0
+        rests, waiting, zero_at = state.body_rad == 0.0, True, -1.0
         while index < len(times_s):
             senses = self.senses(state, rests)
             here = self._stepper(time, state, rests, senses, float(times_s[-1]))
             while True:
                 here.step()
                 dense, low, high = here.dense_output(), float(here.t_old), float(here.t)
-                which, when = self._first(dense, low, high, rests, senses, waiting, hold)
+                which, when = self._first(dense, low, high, rests, senses, waiting, zero_at)
                 while index < len(times_s) and times_s[index] <= when:
                     samples[index] = dense(times_s[index])
                     index += 1
@@ -253,7 +253,7 @@ class BreakerReference:
                     waiting = True
                 if which is not None or here.status != "running":
                     break
-            state, time, hold = ReferenceState(*dense(when)), when, -1.0
+            state, time, zero_at = ReferenceState(*dense(when)), when, -1.0
             if which == "blow":
                 state, impulse = self.blow(state)
                 blows.append((when, impulse))
@@ -268,7 +268,7 @@ class BreakerReference:
                 state = state._replace(crank_rad_per_s=0.0)
             elif which == "body stops":
                 state = state._replace(body_rad_per_s=0.0)
-            hold = when if which not in (None, "missed") else -1.0
+            zero_at = when if which not in (None, "missed") else -1.0
         return ReferenceMotion(samples, np.array(blows).reshape(-1, 2))
 
     def _stepper(self, time: float, state: ReferenceState, rests: bool, senses: Array, end: float) -> Any:
@@ -300,18 +300,18 @@ class BreakerReference:
         rests: bool,
         senses: Array,
         waiting: bool,
-        hold: float,
+        zero_at: float,
     ) -> tuple[str | None, float]:
-        """Return the first event of a step and its time; ``hold``: time of an event whose signal may still be zero."""
+        """Return the first event of a step and its time; ``zero_at``: of an event whose signal may still be zero."""
         found: list[tuple[float, str]] = []
 
         def look(name: str, value: Callable[[float], float]) -> None:
-            places = [t for t in np.linspace(low, high, 5) if t > hold + 1e-12]
+            places = [t for t in np.linspace(low, high, 5) if t > zero_at + 1e-12]
             for a, b in itertools.pairwise(places):
                 if value(a) > 0.0 >= value(b):
                     found.append((float(brentq(value, a, b, xtol=1e-15, rtol=1e-15)), name))
                     return
-            if places and hold >= low and value(places[0]) <= 0.0 and not name.endswith("stops"):
+            if places and zero_at >= low and value(places[0]) <= 0.0 and not name.endswith("stops"):
                 found.append((float(places[0]), name))
 
         def at(t: float) -> ReferenceState:

@@ -28,7 +28,7 @@ from mech_twin.machines.mb10_breaker.bearing_events import (
     starting,
     watch_bearings,
 )
-from mech_twin.machines.mb10_breaker.bearing_friction import BearingTorques, rubs
+from mech_twin.machines.mb10_breaker.bearing_friction import BearingTorques, rubs, sign
 from mech_twin.machines.mb10_breaker.contact import apply_event
 from mech_twin.machines.mb10_breaker.dynamics import (
     BLOCKED,
@@ -240,8 +240,11 @@ def close_balances(b: Breaker, state: Any, memory: Any, before: Before) -> None:
 
 
 @kernel
-def next_piece(motion: Motion, state: Any, memory: Any, regime: int) -> Motion:
-    """Return the motion as it goes on from a state, in the regimes kept in the memory."""
+def next_piece(motion: Motion, state: Any, memory: Any, regime: int, lands: bool) -> Motion:
+    """Return the motion as it goes on from a state, in the regimes kept in the memory.
+
+    ``lands``: the gear keeps its sense through the piece, which ends where that turns.
+    """
     return Motion(
         motion.breaker,
         motion.torque_nm,
@@ -251,6 +254,7 @@ def next_piece(motion: Motion, state: Any, memory: Any, regime: int) -> Motion:
         int(memory.tool_regime),
         state.crank_rad + to_dead_centre(motion.breaker, state.crank_rad),
         Senses(memory.crank_sense, memory.body_sense),
+        sign(gear_speed(motion.breaker, state)) if lands else 0.0,
     )
 
 
@@ -276,14 +280,14 @@ def advance_step(
     memory.compensation_torque_nm = missed
     work, end, watches = workspace_of_motion(), np.empty(STATES), np.empty((10, 3), dtype=np.int64)
     first = starting(b, state, memory, regime != FLIGHT, int(memory.tool_regime))
-    motion = Motion(b, torque, slope, missed, regime != FLIGHT, int(memory.tool_regime), 0.0, first)
+    motion = Motion(b, torque, slope, missed, regime != FLIGHT, int(memory.tool_regime), 0.0, first, 0.0)
     before = begin_step(b, state, memory, torques_now(motion, 0.0, state))
     count, time, left, weighed, last, turns, reversals = 0, 0.0, 0.0, 0.0, NONE, 0, 0
     while step_s - time > 1e-16:
         turns += 1
         if turns > SUBSTEP_BUDGET:
             raise MotionError("mb10_breaker: more events in one step than are followed; shorten coupling.step_s")
-        motion = next_piece(motion, state, memory, regime)
+        motion = next_piece(motion, state, memory, regime, reversals < MOST_REVERSALS)
         knots = motion.tool in (PUSHED, BLOCKED) and not motion.rests
         longest = min(b.longest_substep_s, PUSHING_SUBSTEP_S if knots or motion.tool == PUSHED else 1.0)
         span = substep(state.crank_rad_per_s, step_s - time, longest)
@@ -316,7 +320,7 @@ def advance_step(
         count = log_bearings(motion, state, memory, regime, time, log, count)
         jump = abs(state.crank_rad_per_s - u - b.frame_drive * (state.body_rad_per_s - p))
         left, weighed = left + jump * (step_s - time), weighed + jump
-    now = torques_now(next_piece(motion, state, memory, regime), step_s, state)
+    now = torques_now(next_piece(motion, state, memory, regime, False), step_s, state)
     memory.tool_force_n, memory.crank_friction_nm, memory.body_friction_nm = now.tool_force_n, now.crank_nm, now.body_nm
     remember_torque_line(motion, state, memory, step_s, left, weighed)
     close_balances(b, state, memory, before)

@@ -17,7 +17,7 @@ from mech_twin.machines.mb10_breaker.dynamics import (
     masses_at,
     striker,
 )
-from mech_twin.machines.mb10_breaker.event_rows import begin_row, log_knot, log_post
+from mech_twin.machines.mb10_breaker.event_rows import begin_row, log_knot, log_post, set_off
 from mech_twin.machines.mb10_breaker.impacts import Blow, strike
 from mech_twin.machines.mb10_breaker.motion import (
     CRANK_MOTION,
@@ -25,6 +25,7 @@ from mech_twin.machines.mb10_breaker.motion import (
     WALL,
     Motion,
     drive_torque,
+    forces_now,
 )
 from mech_twin.machines.mb10_breaker.state import (
     BLOW,
@@ -168,13 +169,23 @@ def apply_stop(motion: Motion, state: Any, memory: Any, regime: int, time: float
 
 
 @kernel
+def leaves_held_body(motion: Motion, state: Any, memory: Any, regime: int, time: float) -> bool:
+    """Return whether a striker that turns back leaves a body which its pivot's friction held: it does not follow."""
+    if motion.senses.body != 0.0:
+        return False
+    memory.tool_regime = BLOCKED
+    return forces_now(set_off(motion, time, state, memory, regime), time, state).tool_force_n <= 0.0
+
+
+@kernel
 def apply_tool_stop(motion: Motion, state: Any, memory: Any, regime: int, time: float, log: Any, count: int) -> int:
     """Bring the tool to rest: the wall holds it under the striker, unless that turns back at its extreme."""
     state.tool_m_per_s = 0.0
     if motion.tool != PUSHED:
         memory.tool_regime = STANDING
         return count
-    if motion.rests and state.crank_rad_per_s > TURNING_RAD_PER_S:
+    turns = state.crank_rad_per_s > TURNING_RAD_PER_S
+    if turns and (motion.rests or leaves_held_body(motion, state, memory, regime, time)):
         memory.tool_regime = STANDING
         begin_row(motion, state, memory, RELEASED, time, log[count])
         log_post(motion, log[count], time, state, memory, regime)

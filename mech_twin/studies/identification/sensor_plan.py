@@ -63,7 +63,7 @@ class SensorPlan:
 
 
 @dataclass(frozen=True)
-class _Run:
+class _PlannedRun:
     """A run to be planned: its name, what it is configured and commanded with, and its keys' derivatives."""
 
     name: str
@@ -94,7 +94,7 @@ def sensor_plan(
     """
     channels = (opened or sensors).channels
     noises = [_noise(channel, place) for place, channel in enumerate(sensors.channels)]
-    own = _Run("as it is", question, ())
+    own = _PlannedRun("as it is", question, ())
     samples = _samples(own, channels, sensors.channels, noises, duration_s)
     keys, combined = _verdicts(own, samples)
     found = {key.key for key in keys if key.verdict == "identified"}
@@ -122,7 +122,11 @@ def _noise(channel: Channel, place: int) -> float:
 
 
 def _samples(
-    run: _Run, channels: Sequence[Channel], sensors: Sequence[Channel], noises: Sequence[float], duration_s: float
+    run: _PlannedRun,
+    channels: Sequence[Channel],
+    sensors: Sequence[Channel],
+    noises: Sequence[float],
+    duration_s: float,
 ) -> FitRun:
     """Return the run as the sensors would sample it: instants, and the model's own values."""
     machine = catalogue_entry(run.question.machine).build(run.question.base)
@@ -143,7 +147,7 @@ def _samples(
     return FitRun(Path(run.name), tuple(each for each in found if len(each.times_s)), run.command, 0.0)
 
 
-def _verdicts(run: _Run, samples: FitRun) -> tuple[list[KeyVerdict], list[Combination]]:
+def _verdicts(run: _PlannedRun, samples: FitRun) -> tuple[list[KeyVerdict], list[Combination]]:
     """Return what a fit of the keys would say, from the derivatives at the configuration itself."""
     question = run.question
     keyed = KeyedConfiguration(question.machine, question.base, question.keys)
@@ -179,7 +183,7 @@ def _open(bounds: Array) -> Array:
     return np.array([np.full(bounds.shape[1], -np.inf), np.full(bounds.shape[1], np.inf)])
 
 
-def _options(own: _Run, samples: FitRun, duration_s: float) -> list[tuple[str, _Run, FitRun]]:
+def _options(own: _PlannedRun, samples: FitRun, duration_s: float) -> list[tuple[str, _PlannedRun, FitRun]]:
     """Return what could be added: a sensor of each joint's motion and effort, or another manoeuvre."""
     measured = {channel.name for channel in samples.channels}
     machine = catalogue_entry(own.question.machine).build(own.question.base)
@@ -204,21 +208,21 @@ def _tells(column: str, role: str) -> bool:
     return role in ("linkage", "motor", "body") and ".memory." not in column
 
 
-def _again(run: _Run, samples: FitRun, duration_s: float) -> FitRun:
+def _again(run: _PlannedRun, samples: FitRun, duration_s: float) -> FitRun:
     channels = [each.channel for each in samples.channels]
     return _samples(run, channels, channels, [each.noise for each in samples.channels], duration_s)
 
 
-def _manoeuvres(own: _Run, duration_s: float) -> list[_Run]:
+def _manoeuvres(own: _PlannedRun, duration_s: float) -> list[_PlannedRun]:
     """Return other ways to run the machine: from rest, with a step of the speed, with the supply off at half time."""
     base, half = own.question.base, 0.5 * duration_s
     found = [
-        _Run("speed step to 0.6 at half time", own.question, ((0.0, 1.0), (half, 0.6))),
-        _Run("supply off at half time", own.question, ((0.0, 1.0), (half, 0.0))),
+        _PlannedRun("speed step to 0.6 at half time", own.question, ((0.0, 1.0), (half, 0.6))),
+        _PlannedRun("supply off at half time", own.question, ((0.0, 1.0), (half, 0.0))),
     ]
     tree = KeyedConfiguration(own.question.machine, base, ()).tree
     if tree.get("supply", {}).get("initial_fraction"):
         changed = merged_tree(tree, {"supply": {"initial_fraction": 0.0}})
         started = validated(catalogue_entry(own.question.machine), changed, "a start from rest")
-        found.append(_Run("start from rest", replace(own.question, base=started), ()))
+        found.append(_PlannedRun("start from rest", replace(own.question, base=started), ()))
     return found

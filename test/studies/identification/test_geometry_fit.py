@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from command import Ended, mech_twin
+from command_line import Ended, mech_twin
 
 from mech_twin.configuration_tree import ConfigurationError
 from mech_twin.parameters.load import machine_parameters

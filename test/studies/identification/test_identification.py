@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 import yaml
-from command import mech_twin
+from command_line import mech_twin
 
 from mech_twin.parameters.load import machine_parameters
 
