@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 from mech_twin.api import analyse as analyse
 from mech_twin.api import machines as machines
 from mech_twin.api import reproduce as reproduce

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A Python file that belongs to no package, as a module."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Run lengths of control charts against published tables.
 
 Two-sided CUSUM, k = 0.5: Lucas and Crosier, Technometrics 24 (1982) 199-205, table 1; reprinted in Montgomery,
