@@ -2,7 +2,8 @@
 """mech_twin: the digital twin of percussion and crank-linkage machines.
 
 From Python ``import mech_twin as mt`` and `mt.simulate`, `mt.analyse`, `mt.sweep`, `mt.size`, `mt.search`,
-`mt.reproduce`, `mt.machines`: see `mech_twin.api`; `mt.rollout`, `mt.rollouts`: see `mech_twin.studies.rolling_out`.
+`mt.identify`, `mt.reproduce`, `mt.machine_names`: see `mech_twin.api`; `mt.rollout`, `mt.rollouts`: see
+`mech_twin.studies.rolling_out`.
 They are loaded when first named, so that a node or a tool that needs one room of the package does not pay for the
 others.
 """
@@ -14,7 +15,18 @@ from typing import Any
 
 __version__ = "0.1.0"
 # what a type checker sees of these stands in __init__.pyi
-__all__ = ["analyse", "machines", "reproduce", "rollout", "rollouts", "search", "simulate", "size", "sweep"]
+__all__ = [
+    "analyse",
+    "identify",
+    "machine_names",
+    "reproduce",
+    "rollout",
+    "rollouts",
+    "search",
+    "simulate",
+    "size",
+    "sweep",
+]
 
 
 def __getattr__(name: str) -> Any:

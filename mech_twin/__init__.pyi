@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 from mech_twin.api import analyse as analyse
-from mech_twin.api import machines as machines
+from mech_twin.api import identify as identify
+from mech_twin.api import machine_names as machine_names
 from mech_twin.api import reproduce as reproduce
 from mech_twin.api import search as search
 from mech_twin.api import simulate as simulate

@@ -25,12 +25,13 @@ if TYPE_CHECKING:
     from mech_twin.capabilities.design import Design
     from mech_twin.capabilities.published import PublishedRow
     from mech_twin.capabilities.sizing import Sizing
+    from mech_twin.studies.identification.saved_identification import SavedIdentification
 
 Settings = Mapping[str, Any]
 FilePath = str | PathLike[str]
 
 
-def machines() -> tuple[str, ...]:
+def machine_names() -> tuple[str, ...]:
     """Return the names of the machines."""
     return tuple(CATALOGUE)
 
@@ -50,7 +51,7 @@ def simulate(
     Parameters
     ----------
     machine : str
-        Machine of the catalogue, see `machines`.
+        Machine of the catalogue, see `machine_names`.
     duration_s : float
         Simulated time (s).
     settings : mapping, optional
@@ -235,6 +236,88 @@ def search(
 
 
 @raising_interrupt()
+def identify(
+    machine: str,
+    runs: Sequence[FilePath],
+    given_map: FilePath,
+    free: Sequence[str] | Mapping[str, tuple[float, float]] = (),
+    settings: Settings | None = None,
+    *,
+    config: FilePath | None = None,
+    priors: Mapping[str, tuple[float, float]] | None = None,
+    held_out: Sequence[FilePath] = (),
+    share: float = 0.2,
+    latest_begin_s: float | None = None,
+    seed: int = 0,
+    cores: int | None = None,
+) -> SavedIdentification:
+    """Return keys of a configuration found by fitting the machine's own motion to measured runs.
+
+    Parameters
+    ----------
+    machine, settings, config
+        As in `simulate`; the configuration to start from.
+    runs : sequence of path
+        Bags or tables to fit.
+    given_map : path
+        Map that says what their channels are.
+    free : sequence or mapping
+        Keys that may change, or keys with their least and largest value; those that the configuration calls assumed
+        if empty.
+    priors : mapping, optional
+        Mean and standard deviation of keys known from elsewhere.
+    held_out : sequence of path
+        Runs that score the fit and are never fitted.
+    share : float
+        Share at the end of each run that is not fitted and scores the fit, where no run is held out.
+    latest_begin_s : float, optional
+        The runs begin at an unknown time of the machine's own run, at this one (s) at the latest; with the machine's
+        own start if absent.
+    seed, cores
+        Of further starts of the fit; threads.
+
+    Returns
+    -------
+    SavedIdentification
+        With ``table``, ``plot()`` and ``save(directory)``; ``better`` says whether it is worth saving.
+
+    Raises
+    ------
+    ConfigurationError, MeasurementError, StudyError
+        One line with file, key or channel, and what was expected.
+    """
+    from mech_twin.measurements.runs import read_run
+    from mech_twin.nodes.opened_runs import given_map as read_given
+    from mech_twin.nodes.opened_runs import opened_run
+    from mech_twin.studies.identification.fit_runs import FitRun, fit_run
+    from mech_twin.studies.identification.free_keys import assumed_keys
+    from mech_twin.studies.identification.identification import IdentificationQuestion, identified
+    from mech_twin.studies.identification.saved_identification import SavedIdentification
+
+    known = machine_parameters(machine, _path(config), settings)
+    map_file = Path(given_map)
+    channels = read_given(map_file)
+    if channels.machine != machine:
+        raise StudyError(f"{map_file}: key 'machine', value {channels.machine!r}: expected {machine!r}")
+
+    def read(path: FilePath) -> FitRun:
+        with opened_run(Path(path)) as reader:
+            return fit_run(read_run(reader, channels), begin_known=latest_begin_s is None)
+
+    question = IdentificationQuestion(
+        machine,
+        known,
+        tuple(free) or assumed_keys(machine, known, _path(config)),
+        free if isinstance(free, Mapping) else {},
+        priors or {},
+        latest_begin_s or 0.0,
+        seed,
+        cores,
+    )
+    found = identified(question, list(map(read, runs)), list(map(read, held_out)), 0.0 if held_out else share)
+    return SavedIdentification(found, tuple(map(Path, runs)), tuple(map(Path, held_out)), map_file)
+
+
 def reproduce(
     machine: str | None = None, settings: Settings | None = None, *, config: FilePath | None = None
 ) -> tuple[PublishedRow, ...]:

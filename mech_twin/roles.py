@@ -13,12 +13,12 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, runtime_checkable
 
 from mech_twin.quantity import Parameters
-from mech_twin.samples import BodySample, ForceSample, Frame, LinkageSample, MotorSample, Shape
+from mech_twin.samples import BodySample, Event, ForceSample, Frame, LinkageSample, MotorSample, Shape
 
 if TYPE_CHECKING:
     from mech_twin.capabilities.cycle import CycleFeatures
     from mech_twin.capabilities.design import DesignQuestion
-    from mech_twin.capabilities.faults import Fault
+    from mech_twin.capabilities.faults import MachineFault
     from mech_twin.capabilities.long_run import RegimeQuestion, SynthesisQuestion
     from mech_twin.capabilities.mechanism import FrameTree
     from mech_twin.capabilities.plots import Picture
@@ -206,6 +206,8 @@ class Machine:
         Frames of the links and pins, for TF and for the robot description; None where there are none.
     rests_when_supplied : bool
         Whether the drive stands still now and then in ordinary running, so that standing is no sign of a stall.
+    blow_energy : callable
+        Energy of an impact from its event (J), 0 for what is no blow; None where it is what the mechanism loses.
     """
 
     name: str
@@ -221,6 +223,7 @@ class Machine:
     observer: Callable[[], Observer]
     mechanism: FrameTree | None = None
     rests_when_supplied: bool = False
+    blow_energy: Callable[[Event], float] | None = None
 
 
 @dataclass(frozen=True)
@@ -254,4 +257,4 @@ class Capabilities:
     synthesis: SynthesisQuestion | None = None
     regimes: RegimeQuestion | None = None
     features: Callable[[Any], CycleFeatures] | None = None
-    faults: Callable[[Any], tuple[Fault, ...]] | None = None
+    faults: Callable[[Any], tuple[MachineFault, ...]] | None = None

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import io
 import os
+import re
 import shutil
 import time
 from collections.abc import Callable
@@ -27,7 +28,7 @@ FLAGS = [
     "--disable-background-networking",
     "--disable-component-update",
     "--disable-sync",
-    # the page asks other hosts for fonts and news: nothing but this machine is reachable
+    # nothing but this machine is reachable
     "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1",
     "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader",
@@ -35,6 +36,14 @@ FLAGS = [
 ]
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome", "chrome")
 NOISE = 12
+# the viewer's state, in which the name of the time line is followed by its kind and the time of the cursor (ns)
+STATE = "() => window._handle ? Array.from(window._handle.viewer_state()) : []"
+COUNT = """
+  window._frames = 0;
+  const ask = window.requestAnimationFrame.bind(window);
+  window.requestAnimationFrame = (draw) => ask((now) => { window._frames += 1; draw(now); });
+"""
+CURSOR = re.compile(rb"sim_time\x10\x02\x1a.\x10", re.DOTALL)
 
 
 def chromium() -> str:
@@ -57,9 +66,14 @@ class Page:
         Size of the picture in pixels.
     scheme : str
         ``dark`` or ``light``.
+    counted : bool
+        Whether to count the frames the page draws.
     """
 
-    def __init__(self, url: str, *, width: int = 1400, height: int = 900, scheme: str = "dark") -> None:
+    def __init__(
+        self, url: str, *, width: int = 1400, height: int = 900, scheme: str = "dark", counted: bool = False
+    ) -> None:
+        self._counted = counted
         self._url = url
         self._size = {"width": width, "height": height}
         self._scheme = scheme
@@ -70,6 +84,8 @@ class Page:
         self._browser = self._playwright.chromium.launch(executable_path=chromium(), headless=True, args=FLAGS)
         self._page = self._browser.new_page(viewport=self._size, color_scheme=self._scheme)
         self._page.on("console", lambda message: self.messages.append(message.text))
+        if self._counted:
+            self._page.add_init_script(COUNT)
         self._page.goto(self._url, wait_until="domcontentloaded", timeout=60_000)
         return self
 
@@ -82,6 +98,21 @@ class Page:
     def wait(self, seconds: float) -> None:
         """Let the page live for a while."""
         self._page.wait_for_timeout(1000.0 * seconds)
+
+    def frames(self) -> int:
+        """Return how many frames the page has drawn since it was last asked."""
+        return int(self._page.evaluate("() => { const n = window._frames; window._frames = 0; return n; }"))
+
+    def shown_s(self) -> float:
+        """Return the simulated time the page shows (s); 0 before it shows any."""
+        state = bytes(self._page.evaluate(STATE))
+        found = CURSOR.search(state)
+        value = 0
+        for place, byte in enumerate(state[found.end() :] if found else b""):
+            value |= (byte & 127) << 7 * place  # a variable-length integer: seven bits a byte, the lowest first
+            if byte < 128:
+                break
+        return value * 1e-9
 
     def picture(self, path: Path | None = None) -> Picture:
         """Return what the page shows, shape (height, width, 3); keep it as PNG too when a path is given."""

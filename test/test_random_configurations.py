@@ -22,7 +22,7 @@ COUNT = 12
 MOST_STEPS = 5000  # of a draw at the shortest coupling step, at which half a second takes minutes
 machines = pytest.mark.parametrize("name", NAMES)
 # the other machines' draws have findings that are not mended yet: docs/random-configurations.md counts them
-HELD = ("impact_mass", "vibration_crank", "winding_drum")
+HELD = ("compaction_press", "impact_mass", "vibration_crank", "winding_drum")
 
 
 @pytest.mark.slow

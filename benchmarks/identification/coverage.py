@@ -48,8 +48,8 @@ def main() -> None:
                 held[key.key] += key.low_95 <= true[key.key] <= key.high_95
                 if key.key in stand.never:
                     wrong.append((seed, key))
-            print(seed, {key.key: key.verdict for key in found.keys if key.verdict != "identified"}, flush=True)
-    print(f"{stand.name}: {asked.repeats} repeats, {sum(seconds) / len(seconds):.1f} s each in the mean")
+            print(f"seed {seed}, {seconds[-1]:.1f} s, {sum(held.values())} of {sum(told.values())} held", flush=True)
+    print(f"{stand.name}: {len(seconds)} repeats, {sum(seconds) / len(seconds):.1f} s each in the mean")
     for key in stand.keys:
         if told[key]:
             print(f"  {key}: identified {told[key]} times, held {held[key]} times, {100 * held[key] / told[key]:.1f} %")

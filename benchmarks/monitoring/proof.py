@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import poisson
 
-from mech_twin.capabilities.faults import Fault
+from mech_twin.capabilities.faults import MachineFault
 from mech_twin.cli.measurement import columns_of
 from mech_twin.engine.rollout import RollOut, roll_out
 from mech_twin.measurements.measurement_map import read_map
@@ -112,7 +112,7 @@ def false_alarms(setup: MonitorSetup, machine: MonitoredMachine, count: int, see
     return {"cycles": watched, "alarms": begun, "expected": expected, "low": low, "high": high}
 
 
-def three_sizes(fault: Fault) -> list[float]:
+def three_sizes(fault: MachineFault) -> list[float]:
     """Return a small, a middle and a large size, of one sign."""
     sizes = sorted(fault.sizes, key=abs)
     if len(sizes) == 1:
@@ -122,7 +122,7 @@ def three_sizes(fault: Fault) -> list[float]:
 
 
 def motions(
-    machine: MonitoredMachine, fault: Fault, size: float, period_s: float, seed: int
+    machine: MonitoredMachine, fault: MachineFault, size: float, period_s: float, seed: int
 ) -> list[tuple[RollOut, float]]:
     """Return roll-outs with the fault, and when it happens in each."""
     found = []
@@ -143,7 +143,7 @@ def motions(
 
 
 def tried(
-    setup: MonitorSetup, machine: MonitoredMachine, fault: Fault, size: float, repeats: int, seed: int
+    setup: MonitorSetup, machine: MonitoredMachine, fault: MachineFault, size: float, repeats: int, seed: int
 ) -> dict[str, Any]:
     """Return how often a fault is found, how soon, and how it is named."""
     period_s = setup.baseline.period_s

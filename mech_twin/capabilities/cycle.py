@@ -53,7 +53,7 @@ class SampledChannel(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Cycle:
+class SampledCycle:
     """One cycle: when it began and ended (s), and its channels by the column that each measures."""
 
     number: int
@@ -84,7 +84,7 @@ class CycleFeature(NamedTuple):
     unit: str
     meaning: str
     needs: tuple[str, ...]
-    of: Callable[[Cycle], float]
+    of: Callable[[SampledCycle], float]
 
 
 class CycleFeatures(NamedTuple):
@@ -124,7 +124,7 @@ def period() -> CycleFeature:
 def mean(name: str, unit: str, column: str, meaning: str) -> CycleFeature:
     """Return the mean of a channel over the cycle's angle."""
 
-    def of(cycle: Cycle) -> float:
+    def of(cycle: SampledCycle) -> float:
         channel = cycle.channels[column]
         return float(channel.weights @ channel.values)
 
@@ -135,7 +135,7 @@ def harmonic(name: str, unit: str, column: str, order: int, part: Literal["cos",
     """Return a Fourier coefficient of a channel over the cycle's angle, ``2 <x cos n phi>`` or with sin."""
     wave = np.cos if part == "cos" else np.sin
 
-    def of(cycle: Cycle) -> float:
+    def of(cycle: SampledCycle) -> float:
         channel = cycle.channels[column]
         return float(2.0 * (channel.weights * wave(order * channel.phase_rad)) @ channel.values)
 
@@ -149,7 +149,7 @@ def speed_harmonic(name: str, column: str, order: int, part: Literal["cos", "sin
     coefficient of cos n psi of the relative speed is n times that of sin n psi of d, that of sin -n times that of cos.
     """
 
-    def of(cycle: Cycle) -> float:
+    def of(cycle: SampledCycle) -> float:
         channel = cycle.channels[column]
         psi = TURN * (channel.times_s - cycle.begin_s) / cycle.period_s
         ahead = channel.phase_rad - psi
@@ -176,7 +176,7 @@ def upper(name: str, unit: str, column: str, meaning: str, share: float = 0.05) 
 def swing(name: str, unit: str, column: str, meaning: str, share: float = 0.05) -> CycleFeature:
     """Return the mean of the largest share of a channel's samples less that of the smallest."""
 
-    def of(cycle: Cycle) -> float:
+    def of(cycle: SampledCycle) -> float:
         values = cycle.channels[column].values
         return _extreme(values, share) - _extreme(values, -share)
 
@@ -186,7 +186,7 @@ def swing(name: str, unit: str, column: str, meaning: str, share: float = 0.05) 
 def share_above(name: str, column: str, part: float, meaning: str) -> CycleFeature:
     """Return the share of the cycle in which a channel lies above a part of the way from its low to its high."""
 
-    def of(cycle: Cycle) -> float:
+    def of(cycle: SampledCycle) -> float:
         channel = cycle.channels[column]
         low, high = _extreme(channel.values, -0.05), _extreme(channel.values, 0.05)
         return float(channel.weights[channel.values > low + part * (high - low)].sum())
@@ -203,7 +203,7 @@ def event_share(name: str, column: str, meaning: str, pick: Literal["first", "la
 def event_ratio(name: str, above: str, below: str, meaning: str) -> CycleFeature:
     """Return the sum of one channel of the cycle's events over that of another, its sign turned."""
 
-    def of(cycle: Cycle) -> float:
+    def of(cycle: SampledCycle) -> float:
         return float(-cycle.channels[above].values.sum() / cycle.channels[below].values.sum())
 
     return CycleFeature(name, "1", meaning, (above, below), of)

@@ -10,7 +10,7 @@ from mech_twin.configuration_tree import configuration_tree
 from mech_twin.quantity import Parameters
 
 
-class Fault(NamedTuple):
+class MachineFault(NamedTuple):
     """A fault of a machine.
 
     Attributes
@@ -46,27 +46,27 @@ def value_at(parameters: Parameters, key: str) -> Any:
     return found
 
 
-def share_of_key(name: str, meaning: str, key: str, sizes: Sequence[float]) -> Fault:
+def share_of_key(name: str, meaning: str, key: str, sizes: Sequence[float]) -> MachineFault:
     """Return the fault that changes a key by a share of its healthy value."""
 
     def changes(parameters: Parameters, size: float) -> dict[str, Any]:
         return {key: float(value_at(parameters, key)) * (1.0 + size)}
 
-    return Fault(name, meaning, "1", tuple(sizes), changes, key=key)
+    return MachineFault(name, meaning, "1", tuple(sizes), changes, key=key)
 
 
-def added_to_key(name: str, meaning: str, key: str, unit: str, sizes: Sequence[float]) -> Fault:
+def added_to_key(name: str, meaning: str, key: str, unit: str, sizes: Sequence[float]) -> MachineFault:
     """Return the fault that adds its size to a key."""
 
     def changes(parameters: Parameters, size: float) -> dict[str, Any]:
         return {key: float(value_at(parameters, key)) + size}
 
-    return Fault(name, meaning, unit, tuple(sizes), changes, key=key)
+    return MachineFault(name, meaning, unit, tuple(sizes), changes, key=key)
 
 
-def supply_sag(sizes: Sequence[float] = (-0.05, -0.03, -0.01)) -> Fault:
+def supply_sag(sizes: Sequence[float] = (-0.05, -0.03, -0.01)) -> MachineFault:
     """Return the fault of a supply whose frequency is too low by a share."""
-    return Fault(
+    return MachineFault(
         "supply_sag",
         "the supply's frequency is too low",
         "1",

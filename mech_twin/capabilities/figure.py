@@ -60,11 +60,13 @@ def hatched(begin: Point, end: Point, depth_m: float) -> Strip:
     return tuple(strip)
 
 
-def bearing(at: Point, size_m: float) -> Strip:
-    """Return a fixed bearing below a pin: a triangle on hatched ground."""
-    left, right = (at[0] - size_m, at[1] - 1.5 * size_m), (at[0] + size_m, at[1] - 1.5 * size_m)
-    begin, end = (at[0] - 1.6 * size_m, left[1]), (at[0] + 1.6 * size_m, left[1])
-    return (at, left, *hatched(begin, end, 0.6 * size_m), right, at)
+def bearing(at: Point, size_m: float, *, hanging: bool = False) -> Strip:
+    """Return a fixed bearing below a pin, or above it: a triangle on hatched ground."""
+    up = 1.0 if hanging else -1.0
+    y = at[1] + 1.5 * up * size_m
+    begin, end = (at[0] + 1.6 * up * size_m, y), (at[0] - 1.6 * up * size_m, y)
+    near, far = (at[0] + up * size_m, y), (at[0] - up * size_m, y)
+    return (at, near, *hatched(begin, end, 0.6 * size_m), far, at)
 
 
 def coil(begin: Point, end: Point, half_width_m: float, turns: int = 6) -> Strip:

@@ -80,11 +80,15 @@ class Pose(NamedTuple):
 
 
 class FrameTree(NamedTuple):
-    """The tree, parents before children; where it was opened; what its links look like."""
+    """The tree, parents before children; where it was opened; what its links look like.
+
+    ``lengths`` names the joints of linkage and motor whose positions are lengths (m) though they carry no frame.
+    """
 
     joints: tuple[Joint, ...]
     loops: tuple[Loop, ...] = ()
     bars: tuple[Bar, ...] = ()
+    lengths: tuple[str, ...] = ()
 
     @property
     def frames(self) -> tuple[str, ...]:

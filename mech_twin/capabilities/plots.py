@@ -29,7 +29,7 @@ BLUE, RED, GREEN, ORANGE, PURPLE, SKY, GREY = (
 )
 COLOURS = (BLUE, RED, GREEN, ORANGE, PURPLE, SKY)
 INK = "#2b2b2b"
-DPI = 110
+DPI = 200
 STYLE: Any = {
     "font.family": "DejaVu Sans",
     "font.size": 9.5,

@@ -20,17 +20,13 @@ LONGEST_WORD = 48  # beyond it a cell is folded rather than given room
 WORDS = ("unit", "kind", "contact", "state", "regime")  # columns that hold words
 VERDICT_STYLES = {"holds": "green", "binds": "yellow", "not met": "bold red", "broken": "bold red"}
 FIRST_ESTIMATE_S = 2.0
-WORTH_AN_ESTIMATE_S = 60.0
+BEYOND_REASON_S = 1e7  # a hundred days
 
 
 def print_json(document: Mapping[str, Any]) -> None:
     """Write a document as JSON; a number that is not finite becomes null."""
-    sys.stdout.write(json_text(document))
-
-
-def json_text(document: Mapping[str, Any]) -> str:
-    """Return a document as JSON; a number that is not finite becomes null."""
-    return json.dumps(_finite(document), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    json.dump(_finite(document), sys.stdout, indent=2, ensure_ascii=False, allow_nan=False)
+    sys.stdout.write("\n")
 
 
 def _finite(value: Any) -> Any:
@@ -161,14 +157,14 @@ def estimate(done: int, total: int, elapsed_s: float) -> str:
 
 
 def _estimated(items: Iterable[Item], total: int, title: str) -> Iterator[Item]:
-    """Pass the items on; once `FIRST_ESTIMATE_S` have gone by, say how long it takes where that is a minute or more."""
+    """Pass the items on; once `FIRST_ESTIMATE_S` have gone by, say how long it takes where nobody can mean it."""
     begun = time.monotonic()
     said = False
     for done, item in enumerate(items):
         elapsed_s = time.monotonic() - begun
         if not said and elapsed_s > FIRST_ESTIMATE_S:
             said = True
-            if elapsed_s * (total - done) > WORTH_AN_ESTIMATE_S * max(done, 1):
+            if elapsed_s * (total - done) > BEYOND_REASON_S * max(done, 1):
                 say(f"{title}: {estimate(done, total, elapsed_s)}")
         yield item
 

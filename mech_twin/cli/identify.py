@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
@@ -19,11 +19,11 @@ from mech_twin.cli.identify_request import (
     prior_keys,
     split_runs,
 )
-from mech_twin.cli.measurement import checked_run, opened_run
+from mech_twin.cli.measurement import checked_run
 from mech_twin.dependencies import extra_needed
 from mech_twin.measurements.machine_columns import joint_column
 from mech_twin.measurements.model_turn import TURNING, ModelTurn, model_turn
-from mech_twin.output_file import check_output_directory, check_output_file, written_file
+from mech_twin.nodes.opened_runs import opened_run
 from mech_twin.parameters.load import assignments, machine_parameters
 from mech_twin.parameters.load import machine as built_machine
 from mech_twin.quantity import Parameters
@@ -31,9 +31,7 @@ from mech_twin.roles import GuidedLinkage
 from mech_twin.studies.identification.fit_runs import FitRun, fit_run
 from mech_twin.studies.identification.free_keys import assumed_keys
 from mech_twin.studies.identification.identification import Identification, IdentificationQuestion, identified
-from mech_twin.studies.identification.written_identification import configuration_text, document
-
-FILE_SUFFIXES = (".yaml", ".yml")
+from mech_twin.studies.identification.saved_identification import SavedIdentification, check_out, is_file
 
 
 def identify_machine(asked: IdentifyRequest) -> None:
@@ -50,7 +48,8 @@ def identify_machine(asked: IdentifyRequest) -> None:
 
         identify_lengths(asked)
         return
-    _check_out(asked)
+    if asked.out is not None:
+        check_out(asked.out, force=asked.force)
     base = machine_parameters(asked.machine, asked.config, assignments(asked.settings))
     question = _question(asked, base)
     fitted, held_out = split_runs(asked.runs, asked.held_out_run)
@@ -60,16 +59,19 @@ def identify_machine(asked: IdentifyRequest) -> None:
     runs = [_run(path, asked, turn) for path in fitted]
     with _telling(asked) as told:
         found = identified(question, runs, [_run(path, asked, turn) for path in held], share, told)
-    told_of = document(found, fitted, held, asked.map_file)
+    saved = SavedIdentification(found, tuple(fitted), tuple(held), asked.known_map_file)
     if asked.as_json:
-        print_json(told_of)
+        print_json(saved.document)
     else:
         _show(found)
     if not found.better:
         say("what was held out is foretold no better than before; no configuration is written")
         raise SystemExit(NOT_BETTER)
     if asked.out is not None:
-        _write(asked, asked.out, found, told_of, [[path.name for path in paths] for paths in (fitted, held)])
+        for path in saved.save(asked.out, force=asked.force):
+            say(f"written to {path}")
+        if not is_file(asked.out) and find_spec("matplotlib") is None:
+            say(f"no report: {extra_needed('plots')}")
 
 
 def _plan(asked: IdentifyRequest) -> None:
@@ -157,47 +159,3 @@ def _show(found: Identification) -> None:
 
 def _numbers(values: dict[str, float]) -> str:
     return " ".join(f"{value:.5g}" for value in values.values())
-
-
-def _is_file(out: Path) -> bool:
-    return out.suffix in FILE_SUFFIXES
-
-
-def _check_out(asked: IdentifyRequest) -> None:
-    if asked.out is None:
-        return
-    if _is_file(asked.out):
-        check_output_file(asked.out, force=asked.force)
-    else:
-        check_output_directory(asked.out, force=asked.force)
-
-
-def _write(
-    asked: IdentifyRequest, out: Path, found: Identification, told_of: dict[str, object], runs: Sequence[Sequence[str]]
-) -> None:
-    """Write the configuration, and into a directory the document beside it."""
-    from mech_twin.cli.console import json_text
-
-    configuration = configuration_text(found, runs[0])
-    files = {out: configuration}
-    if not _is_file(out):
-        out.mkdir(parents=True, exist_ok=True)
-        files = {
-            out / f"{asked.machine}.yaml": configuration,
-            out / "identification.json": json_text(told_of),
-            **_report(out / "report.html", found, runs),
-        }
-    for path, text in files.items():
-        with written_file(path, force=asked.force) as file:
-            file.write_text(text, encoding="utf-8")
-        say(f"written to {path}")
-
-
-def _report(path: Path, found: Identification, runs: Sequence[Sequence[str]]) -> dict[Path, str]:
-    """Return the report by its file; none where nothing can draw it, which is said."""
-    if find_spec("matplotlib") is None:
-        say(f"{path}: left out, {extra_needed('plots')}")
-        return {}
-    from mech_twin.studies.identification.report_page import report_page
-
-    return {path: report_page(found, *runs)}

@@ -9,8 +9,8 @@ from functools import cached_property
 from pathlib import Path
 
 from mech_twin.cli.failure import CommandError
-from mech_twin.cli.measurement import given_map
 from mech_twin.measurements.measurement_map import MeasurementMap
+from mech_twin.nodes.opened_runs import given_map
 
 NOT_BETTER = 1
 FEWEST_RUNS_TO_HOLD_OUT = 3
@@ -58,12 +58,17 @@ class IdentifyRequest:
     @cached_property
     def given_map(self) -> MeasurementMap:
         """The map, checked to be of this machine."""
-        if self.map_file is None:
-            raise CommandError("--map: expected the map of the runs, as `mech-twin map` proposes it")
-        found = given_map(self.map_file)
+        found = given_map(self.known_map_file)
         if found.machine != self.machine:
             raise CommandError(f"{self.map_file}: key 'machine', value {found.machine!r}: expected {self.machine!r}")
         return found
+
+    @property
+    def known_map_file(self) -> Path:
+        """The file of the map."""
+        if self.map_file is None:
+            raise CommandError("--map: expected the map of the runs, as `mech-twin map` proposes it")
+        return self.map_file
 
     @property
     def held_out_run(self) -> Path | None:

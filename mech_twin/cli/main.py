@@ -13,7 +13,21 @@ from mech_twin.cli import completion
 from mech_twin.cli.command_group import CommandGroup
 from mech_twin.cli.failure import INTERRUPTED, CommandError, report_cli_errors
 from mech_twin.cli.many_values import ManyValues
-from mech_twin.cli.option_values import machine_name, seconds
+from mech_twin.cli.measurement_commands import identify, monitor, propose, shadow
+from mech_twin.cli.option_values import machine_name, time_option
+from mech_twin.cli.options import (
+    Bag,
+    Config,
+    Csv,
+    Everything,
+    Force,
+    Json,
+    MachineName,
+    MapFile,
+    Namespace,
+    Settings,
+    Wide,
+)
 from mech_twin.cli.study import study_app
 from mech_twin.interruption import EXIT_CODE_BASE, end_at_once
 from mech_twin.output_file import check_output_directory
@@ -26,35 +40,6 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
     pretty_exceptions_enable=False,
 )
-
-MachineName = Annotated[
-    str,
-    typer.Argument(
-        help="machine, or the beginning of its name (see `mech-twin list`)",
-        callback=machine_name,
-        autocompletion=completion.machines,
-    ),
-]
-Config = Annotated[Path | None, typer.Option("--config", help="configuration file instead of the installed one")]
-Settings = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--set",
-        metavar="KEY=VALUE...",
-        help="override configuration keys, such as body.spring_rate_n_per_m=4e4",
-        autocompletion=completion.settings,
-    ),
-]
-Namespace = Annotated[str | None, typer.Option(help="namespace of the nodes instead of the machine's name")]
-Bag = Annotated[Path, typer.Argument(help="recording: a directory, or one .mcap file")]
-MapFile = Annotated[
-    Path | None, typer.Option("--map", help="map of a measurement: which channel is what (see `mech-twin map`)")
-]
-Force = Annotated[bool, typer.Option("--force", help="overwrite existing results")]
-Json = Annotated[bool, typer.Option("--json", help="print JSON to standard output")]
-Everything = Annotated[bool, typer.Option("--all", help="every number and event, not the headlines alone")]
-Csv = Annotated[bool, typer.Option("--csv", help="print comma-separated values")]
-Wide = Annotated[bool, typer.Option("--wide", help="every column, whatever the width of the terminal")]
 
 
 def _show_version(asked: bool) -> None:
@@ -89,11 +74,7 @@ def run(
     pace: Annotated[str | None, typer.Option(help="realtime or max [run.pace, else realtime]")] = None,
     duration: Annotated[
         float | None,
-        typer.Option(
-            help="simulated time (10, 2min); 0: until stopped [run.duration_s, else 0]",
-            parser=seconds,
-            metavar="TIME",
-        ),
+        time_option("simulated time (10, 2min); 0: until stopped [run.duration_s, else 0]"),
     ] = None,
     record: Annotated[Path | None, typer.Option(help="recording directory [recordings/MACHINE-DATE]")] = None,
     no_record: Annotated[bool, typer.Option("--no-record", help="do not record")] = False,
@@ -101,6 +82,7 @@ def run(
         str, typer.Option(help="web (full or light by what draws the page), light, full, none, or a file NAME.rrd")
     ] = "web",
     view_port: Annotated[int, typer.Option(help="port of the web view; 0: any free port", min=0, max=65535)] = 0,
+    hold: Annotated[bool, typer.Option("--hold", help="keep the web view after the run, until Ctrl-C")] = False,
     processes: Annotated[bool, typer.Option("--processes", help="run each node in its own process")] = False,
     namespace: Namespace = None,
     open_to_other_hosts: Annotated[
@@ -132,46 +114,15 @@ def run(
         namespace,
         force,
         everything,
+        hold,
     )
     run_machine(request)
 
 
 @app.command()
-def shadow(
-    machine: MachineName,
-    followed: Annotated[str, typer.Option("--from", metavar="NAMESPACE", help="namespace of the machine to follow")],
-    given_map: MapFile = None,
-    config: Config = None,
-    settings: Settings = None,
-    record: Annotated[Path | None, typer.Option(help="directory to record what is heard and said in")] = None,
-    duration: Annotated[float, typer.Option(help="time in s after which it ends; 0: until stopped", min=0.0)] = 0.0,
-    uncertain: Annotated[
-        list[str] | None,
-        typer.Option(metavar="KEY=2%", help="standard deviation of a configuration key; several [2 % of each force]"),
-    ] = None,
-    monitor: Annotated[
-        Path | None, typer.Option(help="judge each cycle by this reference (`mech-twin monitor --save-baseline`)")
-    ] = None,
-    black_box: Annotated[
-        Path | None, typer.Option(help="folder for a recording of 10 s before and 5 s after each fault")
-    ] = None,
-    advise: Annotated[
-        Path | None, typer.Option(help="advise on an output of the machine: file of what is wanted and allowed")
-    ] = None,
-    force: Force = False,
-    json: Json = False,
-) -> None:
-    """Follow a running machine by its topics: its state, forces and their uncertainty, below /MACHINE/twin."""
-    from mech_twin.cli.shadow import ShadowRequest, shadow_machine
-
-    what = (given_map, config, settings or [], record, duration, uncertain or [])
-    shadow_machine(ShadowRequest(machine, followed, *what, monitor, black_box, advise, force, json))
-
-
-@app.command()
 def simulate(
     machine: MachineName,
-    duration: Annotated[float, typer.Option(help="simulated time (3, 500ms, 2min)", parser=seconds, metavar="TIME")],
+    duration: Annotated[float, time_option("simulated time (3, 500ms, 2min)")],
     bag: Annotated[Path | None, typer.Option(help="record the messages the nodes would publish")] = None,
     table: Annotated[Path | None, typer.Option(help="write every sample: .parquet, .csv or .tsv")] = None,
     sensors: Annotated[
@@ -227,8 +178,8 @@ def analyse(
 def replay(
     bag: Bag,
     rate: Annotated[float, typer.Option(help="playback rate: recorded seconds per second")] = 1.0,
-    start: Annotated[float, typer.Option(help="start time within the recording", parser=seconds, metavar="TIME")] = 0.0,
-    duration: Annotated[float | None, typer.Option(help="duration to replay", parser=seconds, metavar="TIME")] = None,
+    start: Annotated[float, time_option("start time within the recording")] = 0.0,
+    duration: Annotated[float | None, time_option("duration to replay")] = None,
     loop: Annotated[bool, typer.Option("--loop", help="repeat endlessly")] = False,
     clock: Annotated[bool, typer.Option("--clock", help="publish /clock from the playback time")] = False,
     topics: Annotated[list[str] | None, typer.Option("--topics", metavar="T...", help="only these topics")] = None,
@@ -305,20 +256,6 @@ def info(
     show_info(bag, as_json=json, as_csv=csv, wide=wide)
 
 
-@app.command("map")
-def propose(
-    measurement: Annotated[Path, typer.Argument(help="one run: a bag, or a table (.csv, .tsv, .parquet)")],
-    machine: MachineName,
-    out: Annotated[Path | None, typer.Option(help="file of the map instead of standard output")] = None,
-    force: Force = False,
-    json: Json = False,
-) -> None:
-    """Propose the map of a measurement, and show the quality of its data."""
-    from mech_twin.cli.map import propose_map
-
-    propose_map(measurement, machine, out, force=force, as_json=json)
-
-
 @app.command()
 def compare(
     first: Annotated[str, typer.Argument(metavar="A", help="recording, configuration file (.yaml) or machine")],
@@ -326,7 +263,7 @@ def compare(
     tolerance: Annotated[float, typer.Option(help="relative difference that is allowed", min=0.0, max=1.0)] = 0.0,
     duration: Annotated[
         float | None,
-        typer.Option(help="time to simulate a configuration [the recording's, else 3]", parser=seconds, metavar="TIME"),
+        time_option("time to simulate a configuration [the recording's, else 3]"),
     ] = None,
     picture: Annotated[Path | None, typer.Option(help="file (.png or .svg) to draw what differs in")] = None,
     all_numbers: Annotated[bool, typer.Option("--all", help="all numbers, not only those that differ")] = False,
@@ -340,117 +277,13 @@ def compare(
 
 
 @app.command()
-def identify(
-    machine: MachineName,
-    runs: Annotated[list[Path] | None, typer.Argument(help="runs: bags or tables")] = None,
-    given_map: Annotated[Path | None, typer.Option("--map", help="map of the runs (see `mech-twin map`)")] = None,
-    free: Annotated[
-        list[str] | None,
-        typer.Option(metavar="KEY[=LOW:HIGH]", help="key to be found [those the configuration calls assumed]"),
-    ] = None,
-    fix: Annotated[list[str] | None, typer.Option(metavar="KEY", help="key to be kept as it is")] = None,
-    prior: Annotated[
-        list[str] | None, typer.Option(metavar="KEY=MEAN,SD", help="what is known of a key from elsewhere")
-    ] = None,
-    hold_out: Annotated[
-        str | None, typer.Option(help="run, or share of each run, that scores the fit [the last of three or more, 0.2]")
-    ] = None,
-    motion: Annotated[str, typer.Option(help="what moves the model: auto, measured (the crank) or simulated")] = "auto",
-    begin: Annotated[
-        str, typer.Option(help="where the runs begin: start (of the machine's own run) or unknown")
-    ] = "start",
-    latest_begin: Annotated[
-        float, typer.Option(help="latest unknown beginning in s of the machine's run", min=0.0)
-    ] = 10.0,
-    plan: Annotated[bool, typer.Option("--plan", help="without runs: which keys these sensors would find")] = False,
-    sensors: Annotated[Path | None, typer.Option(help="with --plan: sensors as of `simulate --sensors`")] = None,
-    duration: Annotated[float | None, typer.Option(help="with --plan: length of the run in s", min=0.01)] = None,
-    seed: Annotated[int, typer.Option(help="of further starts of the fit", min=0)] = 0,
-    cores: Annotated[int | None, typer.Option(help="cores to use [all]", min=1)] = None,
-    out: Annotated[
-        Path | None, typer.Option(help="directory of the results, or file (.yaml) of the configuration")
-    ] = None,
-    config: Annotated[
-        Path | None, typer.Option("--config", "--base", help="configuration to start from instead of the installed one")
-    ] = None,
-    settings: Settings = None,
-    force: Force = False,
-    json: Json = False,
-) -> None:
-    """Find parameters of a machine from measured runs, with intervals, verdicts and a held-out score."""
-    from mech_twin.cli.identify import identify_machine
-    from mech_twin.cli.identify_request import IdentifyRequest
-
-    for option, value, words in (
-        ("--motion", motion, ("auto", "measured", "simulated")),
-        ("--begin", begin, ("start", "unknown")),
-    ):
-        if value not in words:
-            raise CommandError(f"{option} {value}: expected one of {', '.join(words)}")
-    identify_machine(
-        IdentifyRequest(
-            machine, runs or [], given_map, free or [], hold_out, config, settings or [], out, force, json,
-            fix or [], prior or [], motion, begin, latest_begin, seed, cores, plan, sensors, duration,
-        )
-    )  # fmt: skip
-
-
-@app.command()
-def monitor(
-    machine: MachineName,
-    runs: Annotated[list[Path] | None, typer.Argument(help="runs to be judged: bags or tables")] = None,
-    given_map: MapFile = None,
-    baseline: Annotated[
-        Path | None, typer.Option(help="healthy run, or a file that --save-baseline wrote [the first part of the runs]")
-    ] = None,
-    save_baseline: Annotated[
-        Path | None, typer.Option(help="file (.json) for baseline, thresholds, signatures")
-    ] = None,
-    arl0: Annotated[
-        float, typer.Option(help="stated mean time between false alarms of all charts together, h", min=1e-3)
-    ] = 24.0,
-    skip: Annotated[
-        float | None,
-        typer.Option(help="time at the start of each run that is left out, s [the machine's run-up]", min=0.0),
-    ] = None,
-    design: Annotated[bool, typer.Option("--design", help="judge a sensor set instead of runs")] = False,
-    sensors: Annotated[Path | None, typer.Option(help="with --design: the sensors, as for simulate")] = None,
-    seed: Annotated[int, typer.Option(help="of the draws that thresholds come from", min=0)] = 0,
-    config: Config = None,
-    settings: Settings = None,
-    force: Force = False,
-    json: Json = False,
-) -> None:
-    """Judge runs against a healthy one and name the faults (exit code 1: an alarm), or judge a sensor set."""
-    from mech_twin.cli.monitor import MonitorRequest, monitor_machine
-
-    asked = MonitorRequest(
-        machine,
-        runs or [],
-        given_map,
-        config,
-        settings or [],
-        baseline,
-        save_baseline,
-        arl0,
-        skip,
-        design,
-        sensors,
-        seed,
-        force,
-        json,
-    )
-    monitor_machine(asked)
-
-
-@app.command()
 def recover(
     bag: Bag,
     out: Annotated[Path, typer.Argument(help="directory of the new recording")],
     force: Force = False,
     json: Json = False,
 ) -> None:
-    """Salvage a damaged recording."""
+    """Recover what is whole of a damaged recording into a new one."""
     from mech_twin.cli.recover import recover_bag
 
     recover_bag(bag, out, force=force, as_json=json)
@@ -483,6 +316,10 @@ def reproduce(
     reproduce_machines(machine, figures, config, settings or [], shape=shape)
 
 
+app.command()(shadow)
+app.command("map")(propose)
+app.command()(identify)
+app.command()(monitor)
 app.add_typer(study_app, name="study")
 
 

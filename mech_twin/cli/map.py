@@ -9,7 +9,7 @@ from pathlib import Path
 
 from mech_twin.cli.console import print_json, say, say_result
 from mech_twin.cli.failure import CommandError
-from mech_twin.cli.measurement import columns_of, opened_run, quality_record, show_quality
+from mech_twin.cli.measurement import quality_record, show_quality
 from mech_twin.measurements.blocks import RunReader
 from mech_twin.measurements.errors import MeasurementError
 from mech_twin.measurements.measurement_map import MeasurementMap
@@ -18,6 +18,7 @@ from mech_twin.measurements.plausibility import implausible, pairs_with_crank
 from mech_twin.measurements.proposal import UNSURE, ProposedChannel, map_of, map_text, proposed_channels
 from mech_twin.measurements.quality import Quality
 from mech_twin.measurements.runs import MeasuredRun, channel_qualities, read_run
+from mech_twin.nodes.opened_runs import columns_of, opened_run
 from mech_twin.output_file import check_output_file, written_file
 from mech_twin.parameters.load import machine as built_machine
 

@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from mech_twin.cli.console import print_json, print_numbers, print_table, progress, say
 from mech_twin.cli.failure import CommandError
-from mech_twin.cli.measurement import checked_run, given_map, opened_run
+from mech_twin.cli.measurement import checked_run
 from mech_twin.measurements.crank_motion import CrankMotion, crank_motion
 from mech_twin.measurements.model_turn import ModelTurn, model_turn
 from mech_twin.measurements.runs import MeasuredRun
+from mech_twin.nodes.opened_runs import given_map, opened_run
 from mech_twin.parameters.load import machine as built_machine
 from mech_twin.roles import Machine
 from mech_twin.samples import Drawing, ForceSample, LinkageSample
@@ -100,7 +101,7 @@ def shown_samples(read: Read) -> Iterator[tuple[LinkageSample, ForceSample, Draw
 def show_measured(scene: RerunScene, read: Read, stop: StopSignal) -> None:
     """Draw the mechanism in the measured motion, with its forces."""
     if read.machine.mechanism is not None:
-        scene.know(read.machine.mechanism)
+        scene.know(read.machine.mechanism, read.machine.blow_energy)
     with progress(shown_samples(read), len(read.motion.times_s), "showing") as shown:
         for linkage, forces, drawing in shown:
             if stop.asked:

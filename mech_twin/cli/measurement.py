@@ -4,28 +4,25 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from functools import cache
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mech_twin.cli.console import print_json, print_table, say
-from mech_twin.cli.failure import CommandError
-from mech_twin.measurements.blocks import Block, RunReader, SourceColumn
-from mech_twin.measurements.machine_columns import machine_columns
-from mech_twin.measurements.measurement_map import MeasurementMap, Source, TimeSource, read_map
+from mech_twin.measurements.blocks import RunReader
+from mech_twin.measurements.measurement_map import MeasurementMap
 from mech_twin.measurements.model_turn import ModelTurn, model_turn
 from mech_twin.measurements.plausibility import implausible
 from mech_twin.measurements.quality import Quality
 from mech_twin.measurements.runs import MeasuredRun, channel_qualities, read_run
-from mech_twin.measurements.tables import TableReader, is_table
-from mech_twin.nodes.domain import settle_domain
+from mech_twin.nodes.opened_runs import columns_of, given_map, opened_run, topic_field
 from mech_twin.parameters.load import machine as built_machine
 
 if TYPE_CHECKING:
-    from mech_twin.recording.measured_topics import MeasuredTopics, TopicField
+    pass
 
+__all__ = ["checked_run", "columns_of", "examine", "examine_by_file", "given_map", "opened_run", "quality_record"]
+__all__ += ["show_quality", "topic_field"]
 QUALITY_HEADS = (
     *("channel", "unit", "samples", "rate, Hz", "jitter, ms", "gaps", "repeats", "back", "drift, ppm"),
     *("quantum", "saturated, %", "NaN", "noise", "low", "high"),
@@ -33,69 +30,6 @@ QUALITY_HEADS = (
 WIDE = 180  # columns of the table of data quality where no terminal says
 CONTRADICTED = 1  # exit code
 CHECKED_SAMPLES = 2_000_000  # of a run that is held against the model
-
-
-class BagRun:
-    """A bag as a run of a measurement."""
-
-    def __init__(self, topics: MeasuredTopics) -> None:
-        self.path = topics.path
-        self._topics = topics
-
-    def offered(self) -> list[SourceColumn]:
-        """Return every number in the messages of the known types."""
-        found = [Source(topic=item.topic, joint=item.joint, field=item.field) for item in self._topics.fields()]
-        return [SourceColumn(source, None) for source in found]
-
-    def proposed_time(self) -> TimeSource:
-        """Return the stamps in the headers."""
-        return TimeSource(stamps="header")
-
-    def blocks(self, sources: Sequence[Source], time: TimeSource) -> Iterator[Block]:
-        """Yield the samples of these channels; see `RunReader.blocks`."""
-        fields = [topic_field(source, str(self.path)) for source in sources]
-        for found in self._topics.blocks(fields, by_header=time.stamps != "log"):
-            yield Block(*found)
-
-
-def topic_field(source: Source, where: str) -> TopicField:
-    """Return the field of a topic that a channel stands in.
-
-    Raises
-    ------
-    CommandError
-        Its source is a column of a table alone.
-    """
-    from mech_twin.recording.measured_topics import TopicField
-
-    if source.topic is None or source.field is None:
-        raise CommandError(f"{where}: source {source.label!r} is a column, expected a topic and a field for a bag")
-    return TopicField(source.topic, source.joint, source.field)
-
-
-@contextmanager
-def opened_run(path: Path) -> Iterator[RunReader]:
-    """Open one run of a measurement, a bag or a table."""
-    if is_table(path):
-        yield TableReader(path)
-        return
-    settle_domain()
-    from mech_twin.recording.bag_reader import open_bag
-    from mech_twin.recording.measured_topics import MeasuredTopics
-
-    with open_bag(path) as reader:
-        yield BagRun(MeasuredTopics(reader))
-
-
-@cache
-def columns_of(name: str) -> Mapping[str, str]:
-    """Return the columns of an installed machine with their SI units."""
-    return machine_columns(built_machine(name))
-
-
-def given_map(path: Path) -> MeasurementMap:
-    """Return the map of a file, checked against the machine it names."""
-    return read_map(path, columns_of)
 
 
 def checked_run(reader: RunReader, given: MeasurementMap, turn: ModelTurn | None) -> tuple[MeasuredRun, list[str]]:

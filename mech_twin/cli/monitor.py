@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 
 from mech_twin.cli.console import say
 from mech_twin.cli.failure import CommandError
-from mech_twin.cli.measurement import columns_of, given_map, opened_run
 from mech_twin.cli.monitor_output import Judged, show_design, show_runs
 from mech_twin.engine.rollout import roll_out
 from mech_twin.measurements.blocks import RunReader
@@ -18,6 +17,7 @@ from mech_twin.measurements.machine_columns import is_event
 from mech_twin.measurements.measurement_map import Channel, MeasurementMap, Source
 from mech_twin.measurements.proposal import EXACT, map_of, proposed_channels
 from mech_twin.measurements.runs import MeasuredRun, read_run
+from mech_twin.nodes.opened_runs import columns_of, given_map, opened_run
 from mech_twin.output_file import check_output_file, written_file
 from mech_twin.parameters.load import assignments, catalogue_entry, machine_parameters
 from mech_twin.quantity import Parameters
@@ -77,7 +77,7 @@ def monitor_machine(asked: MonitorRequest) -> None:
         raise SystemExit(FAULT_FOUND)
 
 
-class _Run(NamedTuple):
+class _FeaturedRun(NamedTuple):
     """The features of a run, and what it was measured with."""
 
     path: Path
@@ -97,10 +97,10 @@ def _design(asked: MonitorRequest, parameters: Parameters) -> None:
     show_design(setup, sensor_design(setup), monitored.feed().features, as_json=asked.as_json)
 
 
-def _setup(asked: MonitorRequest, parameters: Parameters, first: _Run) -> tuple[MonitorSetup, _Run]:
+def _setup(asked: MonitorRequest, parameters: Parameters, first: _FeaturedRun) -> tuple[MonitorSetup, _FeaturedRun]:
     """Return the setup, and the first run without the cycles that were its baseline."""
     if asked.baseline is not None and asked.baseline.suffix == SETUP_SUFFIX:
-        return _read_setup(asked.baseline, asked.machine), first
+        return read_setup(asked.baseline, asked.machine), first
     if asked.baseline is not None:
         reference = _vectors(asked, asked.baseline, parameters)
         return fitted_setup(reference.monitored, reference.vectors, asked.arl0_h, asked.seed), first
@@ -110,7 +110,8 @@ def _setup(asked: MonitorRequest, parameters: Parameters, first: _Run) -> tuple[
     return setup, first._replace(vectors=first.vectors[kept:])
 
 
-def _read_setup(path: Path, machine: str) -> MonitorSetup:
+def read_setup(path: Path, machine: str) -> MonitorSetup:
+    """Return the reference of a monitor, as `--save-baseline` writes it; a file that is none is a line."""
     try:
         setup = setup_of_record(json.loads(path.read_text(encoding="utf-8")))
     except OSError as error:
@@ -122,7 +123,7 @@ def _read_setup(path: Path, machine: str) -> MonitorSetup:
     return setup
 
 
-def _vectors(asked: MonitorRequest, path: Path, parameters: Parameters) -> _Run:
+def _vectors(asked: MonitorRequest, path: Path, parameters: Parameters) -> _FeaturedRun:
     """Return the features of a run, its map proposed from the twin's own names where none is given."""
     with opened_run(path) as reader:
         given = given_map(asked.map_file) if asked.map_file is not None else _own_map(asked.machine, parameters, reader)
@@ -134,7 +135,7 @@ def _vectors(asked: MonitorRequest, path: Path, parameters: Parameters) -> _Run:
     feed = monitored.feed()
     vectors = _fed(monitored, run, skip_s, feed)
     units = {feature.name: feature.unit for feature in feed.features}
-    return _Run(path, vectors, feed.skipped, monitored, units)
+    return _FeaturedRun(path, vectors, feed.skipped, monitored, units)
 
 
 def _fed(monitored: MonitoredMachine, run: MeasuredRun, skip_s: float, feed: Any) -> list[FeatureVector]:

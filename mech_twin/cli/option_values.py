@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 import re
+from typing import Any
 
 import typer
 
@@ -30,6 +31,11 @@ def seconds(text: str | float) -> float:
     if not (math.isfinite(value) and value >= 0.0):
         raise typer.BadParameter(f"{text}: {EXPECTED}")
     return value
+
+
+def time_option(meaning: str) -> Any:
+    """Return an option whose value is a time."""
+    return typer.Option(help=meaning, parser=seconds, metavar="TIME")
 
 
 def machine_name(text: str | None) -> str | None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 import os
+import time
 from contextlib import ExitStack
 from datetime import datetime
 from pathlib import Path
@@ -23,12 +24,14 @@ from mech_twin.parameters.errors import refusal
 from mech_twin.parameters.load import RUN_GROUP, assignments, machine_parameters, run_group
 from mech_twin.quantity import Parameters
 from mech_twin.recording.output_directory import check_recording_directory, remove_recording
+from mech_twin.stop_signal import StopSignal
 from mech_twin.studies.simulation import event_record
 
 if TYPE_CHECKING:
     from mech_twin.nodes.composition import Outcome
     from mech_twin.nodes.options import RunOptions
 
+LOOK_S = 0.1
 PACES = ("realtime", "max")
 WEB_VIEWS = ("web", "light", "full")
 LIVE_HISTORY = "32MiB"  # a page opened later has to take all of it in before it shows the present
@@ -51,6 +54,7 @@ class RunRequest(NamedTuple):
     namespace: str | None = None
     force: bool = False
     everything: bool = False
+    hold: bool = False
 
 
 def run_machine(request: RunRequest) -> None:
@@ -62,9 +66,11 @@ def run_machine(request: RunRequest) -> None:
         check_recording_directory(directory, force=request.force)
     options = run_options(request, recorder=directory is not None, viewer=request.view != "none")
     with ExitStack() as stack:
-        destination = _opened_view(request, stack)
-        outcome = _run(request, parameters, options, directory, destination)
-    _write(request, parameters, outcome, directory)
+        view = _opened_view(request, stack)
+        outcome = _run(request, parameters, options, directory, view.destination)
+        _write(request, parameters, outcome, directory)
+        if request.hold:
+            hold_view(view.page)
 
 
 def _run(
@@ -121,6 +127,8 @@ def _check(request: RunRequest) -> None:
         raise CommandError(f"--duration {request.duration_s}: expected a finite number of seconds")
     if request.view not in (*WEB_VIEWS, "none") and not request.view.endswith(".rrd"):
         raise CommandError(f"--view {request.view}: expected web, light, full, none or a file NAME.rrd")
+    if request.hold and request.view not in WEB_VIEWS:
+        raise CommandError(f"--hold: expected --view web, which it keeps open; found --view {request.view}")
     if request.view.endswith(".rrd"):
         check_output_file(Path(request.view), force=request.force)
 
@@ -133,13 +141,19 @@ def _recording_directory(request: RunRequest) -> Path | None:
     return Path("recordings") / f"{request.machine}-{datetime.now():%Y%m%d-%H%M%S}"
 
 
-def _opened_view(request: RunRequest, stack: ExitStack) -> str | None:
-    """Return the destination of the view: the address of a viewer started here, a file, or None."""
+class OpenedView(NamedTuple):
+    """Where the view is sent - a viewer started here, a file, or nowhere - and the address of its page."""
+
+    destination: str | None
+    page: str = ""
+
+
+def _opened_view(request: RunRequest, stack: ExitStack) -> OpenedView:
     if request.view == "none":
-        return None
+        return OpenedView(None)
     require_extra("view")
     if request.view not in WEB_VIEWS:
-        return request.view
+        return OpenedView(request.view)
     from mech_twin.view.viewer_process import ViewerProcess
 
     viewer = stack.enter_context(
@@ -152,12 +166,20 @@ def _opened_view(request: RunRequest, stack: ExitStack) -> str | None:
         )
     )
     say(f"view: {viewer.web_url}")
-    return f"{viewer.grpc_url}#{layout_of(request.view, viewer.graphics_file)}"
+    return OpenedView(f"{viewer.grpc_url}#{layout_of(request.view, viewer.graphics_file)}", viewer.web_url)
 
 
 def layout_of(view: str, graphics_file: Path) -> str:
     """Return the layout of a view in the browser: what was asked for, else the full one on a graphics card alone."""
     return f"full-if={graphics_file}" if view == "web" else view
+
+
+def hold_view(page: str) -> None:
+    """Keep the view open until a signal."""
+    say(f"the view stays open until Ctrl-C: {page}")
+    with StopSignal() as stop:
+        while not stop.asked:
+            time.sleep(LOOK_S)
 
 
 def _write(request: RunRequest, parameters: Parameters, outcome: Outcome, directory: Path | None) -> None:
@@ -167,7 +189,7 @@ def _write(request: RunRequest, parameters: Parameters, outcome: Outcome, direct
         show_numbers(f"{request.machine}: metrics of the run", numbers, design, everything=request.everything)
         show_events(tuple(outcome.metrics.events), everything=request.everything)
         if directory is not None:
-            say(f"recorded in {directory}")
+            say(f"recorded in {directory}; `mech-twin view {directory}` shows it again")
         return
     print_json(
         {

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,13 +12,13 @@ from pydantic import ValidationError
 
 from mech_twin.cli.console import print_json, say
 from mech_twin.cli.failure import CommandError
+from mech_twin.cli.monitor import read_setup
 from mech_twin.nodes.domain import settle_domain
 from mech_twin.parameters.errors import refusal
 from mech_twin.parameters.load import assignments, document_tree, machine_parameters
 from mech_twin.quantity import Parameters
 from mech_twin.recording.output_directory import check_recording_directory, remove_recording
 from mech_twin.studies.advice_search import AdviceWish
-from mech_twin.studies.monitoring.monitor import MonitorSetup, setup_of_record
 
 if TYPE_CHECKING:
     from mech_twin.measurements.measurement_map import MeasurementMap
@@ -51,7 +50,7 @@ def shadow_machine(request: ShadowRequest) -> None:
     parameters = machine_parameters(request.machine, request.config, assignments(request.settings))
     deviations = key_deviations(parameters, request.uncertain) if request.uncertain else None
     given = _map_of(request)
-    reference = None if request.monitor is None else monitor_setup(request.monitor, request.machine)
+    reference = None if request.monitor is None else read_setup(request.monitor, request.machine)
     if request.black_box is not None and reference is None:
         raise CommandError(f"--black-box {request.black_box}: expected --monitor FILE too, which finds the faults")
     wish = None if request.advise is None else validated_wish(request.advise)
@@ -72,25 +71,6 @@ def shadow_machine(request: ShadowRequest) -> None:
     company = Company(request.record, reference, request.black_box, wish)
     outcome = follow(request.machine, setup, parameters, company, request.duration_s, told)
     _report(request, outcome)
-
-
-def monitor_setup(path: Path, machine: str) -> MonitorSetup:
-    """Return the reference of a monitor, as `mech-twin monitor --save-baseline` writes it.
-
-    Raises
-    ------
-    CommandError
-        The file is none, or another machine's.
-    """
-    try:
-        setup = setup_of_record(json.loads(path.read_text(encoding="utf-8")))
-    except OSError as error:
-        raise CommandError(f"{path}: cannot be read: {error.strerror}") from error
-    except (ValueError, KeyError, TypeError) as error:
-        raise CommandError(f"{path}: expected a baseline as `monitor --save-baseline` writes it ({error})") from error
-    if setup.machine != machine:
-        raise CommandError(f"{path}: key 'machine', value {setup.machine!r}: expected {machine!r}")
-    return setup
 
 
 def validated_wish(path: Path) -> AdviceWish:
@@ -150,7 +130,7 @@ def _number_of(parameters: Parameters, key: str, word: str) -> float:
 def _map_of(request: ShadowRequest) -> MeasurementMap | None:
     if request.given_map is None:
         return None
-    from mech_twin.cli.measurement import given_map
+    from mech_twin.nodes.opened_runs import given_map
 
     given = given_map(request.given_map)
     if given.machine != request.machine:

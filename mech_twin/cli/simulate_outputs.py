@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mech_twin.cli.failure import CommandError
-from mech_twin.cli.measurement import given_map, topic_field
 from mech_twin.engine.trajectory import frame_numbers
 from mech_twin.measurements.machine_columns import machine_columns
 from mech_twin.measurements.sensors import Reading, SensorBench
 from mech_twin.measurements.table_writer import WRITTEN_SUFFIXES, TableWriter, sensor_table
+from mech_twin.nodes.opened_runs import given_map, topic_field
 from mech_twin.output_file import check_output_file, written_file
 from mech_twin.parameters.live_change import ChangingMachine
 from mech_twin.parameters.load import description_text

@@ -11,7 +11,7 @@ import typer
 from mech_twin.cli import completion
 from mech_twin.cli.command_group import QuestionGroup
 from mech_twin.cli.failure import CommandError
-from mech_twin.cli.option_values import machine_name, seconds
+from mech_twin.cli.option_values import machine_name, time_option
 from mech_twin.output_file import check_output_file
 
 CONFIGURATION = (".yaml", ".yml")
@@ -89,9 +89,7 @@ def sweep(
     over: Over,
     out: Annotated[Path | None, typer.Option(help="NAME.parquet or NAME.csv [MACHINE-sweep.parquet]")] = None,
     number: Annotated[list[str] | None, typer.Option(help="summary number wanted [all]; repeat")] = None,
-    duration: Annotated[
-        float, typer.Option(help="time to simulate at each point (3, 500ms)", parser=seconds, metavar="TIME")
-    ] = 0.0,
+    duration: Annotated[float, time_option("time to simulate at each point (3, 500ms)")] = 0.0,
     no_picture: Annotated[bool, typer.Option("--no-picture", help="write the table alone")] = False,
     cores: Cores = None,
     scheduler: Scheduler = None,

@@ -97,9 +97,8 @@ def _viewer(stack: ExitStack, save: Path | None, port: int) -> str | None:
 
 def _show(scene: RerunScene, samples: BagSamples, stop: StopSignal) -> None:
     metrics = None if stop.asked else _metrics(samples)
-    tree = None if metrics is None else metrics.machine.mechanism
-    if tree is not None:
-        scene.know(tree)
+    if metrics is not None and (tree := metrics.machine.mechanism) is not None:
+        scene.know(tree, metrics.machine.blow_energy)
     with progress(samples.shown(), samples.count, "showing") as shown:
         for item in shown:
             if stop.asked:

@@ -68,6 +68,7 @@ class AdvisorNode(TwinNode):
         super().__init__("advisor", machine_name, parameters, options)
         self.model = advice_model(catalogue_entry(machine_name), self.initial_parameters, wish, columns)
         self.wish, self.state, self.number = wish, AdviceState(), 0
+        self._now_s = 0.0  # of the newest cycle, counted as its samples are
         self.has_fault: Callable[[], bool] = lambda: False
         self._columns = tuple(columns)
         self._feed = FeatureFeed(self.model.declared, list(dict.fromkeys(columns)))
@@ -95,7 +96,7 @@ class AdvisorNode(TwinNode):
         if self._thinking is not None and self._thinking.done():
             found, self._thinking = self._thinking.result(), None
             if found is not None:
-                self._take(offered(self.state, found, self.time_s))
+                self._take(offered(self.state, found, self._now_s))
         if self.state.phase == "trial":
             silent_s = now_s - self._heard_s
             self._take(watched(self.state, self.state.newest_s + silent_s, self.wish.rules))
@@ -112,25 +113,25 @@ class AdvisorNode(TwinNode):
 
     def close(self) -> None:
         """Take a trial back, and let go of the thread."""
-        self._take(ended(self.state, self.time_s))
+        self._take(ended(self.state, self._now_s))
         self._thread.shutdown(wait=True, cancel_futures=True)
 
     # -- the machine's cycles ---------------------------------------------------------------------------------------
 
     def _on_cycle(self, vector: FeatureVector) -> None:
-        self.time_s, self._heard_s = vector.end_s, time.monotonic()
+        self._now_s, self._heard_s = vector.end_s, time.monotonic()
         figure = float(vector.values[vector.names.index(self.wish.figure)])
         if not np.isfinite(figure):
             return
         self._figures.append(figure)
         miss = abs(figure - self.wish.wanted)
-        self._take(after_machine_cycle(self.state, miss, self.time_s, self.has_fault(), self.wish.rules))
+        self._take(after_machine_cycle(self.state, miss, self._now_s, self.has_fault(), self.wish.rules))
         is_free = self.state.phase == "idle" and self._thinking is None and not self.has_fault()
-        is_due = self.time_s - self._decided_s >= self.wish.interval_s
+        is_due = self._now_s - self._decided_s >= self.wish.interval_s
         if is_free and is_due and len(self._figures) == self.wish.cycles:
             measured = np.array(self._figures)
             self._figures.clear()
-            self._thinking = self._thread.submit(recommendation, self.model, self._value, measured, self.time_s)
+            self._thinking = self._thread.submit(recommendation, self.model, self._value, measured, self._now_s)
 
     def _miss(self) -> float:
         advice = self.state.advice
@@ -142,11 +143,11 @@ class AdvisorNode(TwinNode):
 
     def _accept(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         return self._answered(
-            request, response, lambda: accepted(self.state, self._miss(), self.time_s, self.wish.rules)
+            request, response, lambda: accepted(self.state, self._miss(), self._now_s, self.wish.rules)
         )
 
     def _reject(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        return self._answered(request, response, lambda: rejected(self.state, self.time_s))
+        return self._answered(request, response, lambda: rejected(self.state, self._now_s))
 
     def _answered(
         self, request: SetBool.Request, response: SetBool.Response, step: Callable[[], AdviceStep]

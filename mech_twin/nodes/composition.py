@@ -24,6 +24,7 @@ from mech_twin.nodes.namespace import ros_arguments, run_namespace
 from mech_twin.nodes.options import RunOptions
 from mech_twin.nodes.recorder_node import RecorderNode
 from mech_twin.nodes.role_node import RoleNode
+from mech_twin.nodes.run_console import attended
 from mech_twin.nodes.run_metrics import RunMetrics
 from mech_twin.nodes.spinner import Spinner
 from mech_twin.parameters.load import catalogue_entry
@@ -114,7 +115,8 @@ def run_in_process(
         metrics = _observed(roles, viewer)
         linkage = roles[-1]
         with Spinner(nodes) as spinner:
-            spinner.until(lambda: signal.asked or linkage.done)
+            with attended(machine_name, metrics, directory, spinner) as quits:
+                spinner.until(lambda: signal.asked or linkage.done or quits())
             drain(nodes, spinner)
         return Outcome(metrics, sent_messages(nodes), _recorded(nodes))
 

@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.parameter import Parameter
-from std_srvs.srv import Trigger
+from std_srvs.srv import SetBool, Trigger
 
 from mech_twin.configuration_tree import ConfigurationError
 from mech_twin.engine.coupling import restarted
@@ -37,6 +37,7 @@ class LinkageNode(RoleNode):
         self.sample: LinkageSample | None = None
         self._born_s = time.monotonic()
         self._reset_asked = False
+        self._paused = False
         self._live = LiveParameters(machine_name)
         self._pacer = StepPacer(self.machine.coupling_step_s, self.options.pace == "realtime")
         self._lag = LagNotice()
@@ -46,6 +47,7 @@ class LinkageNode(RoleNode):
         self._in = LinkageInputs(self, self._rejoin, self._wait, self._step_of_sample, self.tick)
         self._barrier = self._in.barrier
         self.create_service(Trigger, "reset", self._on_reset)
+        self.create_service(SetBool, "pause", self._on_pause)
         self.add_post_set_parameters_callback(self._on_parameters)
         self.every(RETRY_S, self._attend)
 
@@ -84,6 +86,9 @@ class LinkageNode(RoleNode):
         now = time.monotonic()
         if self.sample is None:
             self._begin_if_ready(now)
+        elif not self.done and self._paused and self._wait.due(now):
+            self._wait.stepped(now)
+            self._out.send_step(self.sample)  # so that nobody takes a pause for a linkage that is gone
         elif not self.done and not self._barrier.complete and self._wait.due(now):
             self._ask_again(self.sample, now)
 
@@ -101,7 +106,7 @@ class LinkageNode(RoleNode):
             self.revision = described.revision
         self.sample = last or self.machine.linkage.start()
         if last is not None:
-            self.get_logger().info(f"going on at step {last.step}")
+            self.get_logger().info(f"resuming at step {last.step}")
         self._warn_of_other_clocks()
         self._describe(self.sample.step)
         self._publish(self.sample, repeated=last is not None)
@@ -117,7 +122,7 @@ class LinkageNode(RoleNode):
 
     def tick(self) -> float:
         """Take the next step if it is due; return how long nothing more will be."""
-        if self.sample is None or self.done or not self._barrier.complete:
+        if self.sample is None or self.done or self._paused or not self._barrier.complete:
             return RETRY_S
         if self.sample.step >= self._last_step():
             self.done = True
@@ -217,4 +222,12 @@ class LinkageNode(RoleNode):
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._reset_asked = True
         response.success, response.message = True, "initial state at the next step"
+        return response
+
+    def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        """Take no step until told to go on; the time that passes meanwhile is not caught up."""
+        self._paused = request.data
+        self.diagnostics.state = "paused" if request.data else "running"
+        self._pacer.resume()
+        response.success, response.message = True, "paused" if request.data else "goes on"
         return response

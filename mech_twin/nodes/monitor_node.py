@@ -10,11 +10,11 @@ from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
 from mech_twin.configuration_tree import ConfigurationError
-from mech_twin.messages.joint_state_cdr import Header, StepMessage, encoded, stamp_of
-from mech_twin.messages.step_message import set_stamp
+from mech_twin.messages.joint_state_cdr import Header, StepMessage, encoded
 from mech_twin.messages.topics import DIAGNOSTICS, STANDARD_RESIDUALS
 from mech_twin.nodes.base_node import TwinNode
 from mech_twin.nodes.options import RunOptions
+from mech_twin.nodes.shadow_inputs import StampOrigin
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.quantity import Parameters
 from mech_twin.studies.live_monitor import LiveMonitor, fault_values
@@ -39,6 +39,8 @@ class MonitorNode(TwinNode):
         Frozen reference, as `mech-twin monitor --save-baseline` writes it.
     columns : sequence of str
         Column of each channel of the samples.
+    origin : StampOrigin
+        What times are counted from.
 
     Raises
     ------
@@ -51,6 +53,7 @@ class MonitorNode(TwinNode):
         machine_name: str,
         setup: MonitorSetup,
         columns: Sequence[str],
+        origin: StampOrigin,
         parameters: Parameters | None = None,
         options: RunOptions | None = None,
     ) -> None:
@@ -60,6 +63,7 @@ class MonitorNode(TwinNode):
             raise ConfigurationError(f"{machine_name} declares no features of a cycle; expected a machine that does")
         self.live = LiveMonitor(setup, ask(self.initial_parameters), columns)
         self.on_active: Callable[[FaultLife], None] = lambda life: None
+        self._origin, self._now_s = origin, 0.0
         self._states: dict[str, str] = {}
         self._standard = self.output(STANDARD_RESIDUALS, recorded=False)
         self._faults = self.output(DIAGNOSTICS, recorded=False)
@@ -71,7 +75,7 @@ class MonitorNode(TwinNode):
     def observe(self, sample: SeenSample) -> None:
         """Take a sample of the machine into account."""
         for found in self.live.take(sample):
-            self.time_s = found.time_s
+            self._now_s, self.time_s = found.time_s, self._origin.clock_s(found.time_s)
             self.diagnostics.state = found.finding or found.verdict
             self._send_standard(found)
             self._tell_changes(found)
@@ -94,7 +98,7 @@ class MonitorNode(TwinNode):
 
     def _send_standard(self, found: Findings) -> None:
         zeros = (0.0,) * len(found.names)
-        header = Header(stamp_of(found.time_s))
+        header = Header(self._origin.stamp(found.time_s))
         self._standard.send(encoded(StepMessage(header, found.names, tuple(found.standard.tolist()), zeros, zeros)))
 
     def _tell_changes(self, found: Findings) -> None:
@@ -109,15 +113,15 @@ class MonitorNode(TwinNode):
         self._states = states
 
     def _is_shelved(self, life: FaultLife) -> bool:
-        return not life.is_announced(self.time_s)
+        return not life.is_announced(self._now_s)
 
     def _send_faults(self, found: Findings) -> None:
         message = DiagnosticArray()
-        set_stamp(message.header, found.time_s)
+        message.header.stamp.sec, message.header.stamp.nanosec = self._origin.stamp(found.time_s)
         for life in self.live.monitor.lives.values():
             status = DiagnosticStatus(name=f"{self.get_fully_qualified_name()}: {life.name}", message=life.state)
             status.hardware_id = self.machine_name
-            seen = life.is_announced(self.time_s)
+            seen = life.is_announced(self._now_s)
             status.level = LEVELS.get(life.state, DiagnosticStatus.OK) if seen else DiagnosticStatus.OK
             values = fault_values(self.live.monitor.setup, life, found)
             status.values = [KeyValue(key=key, value=value) for key, value in values.items()]
@@ -135,11 +139,11 @@ class MonitorNode(TwinNode):
 
     def _acknowledge(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         for name in self._named():
-            self.live.monitor.acknowledge(name, self.time_s)
+            self.live.monitor.acknowledge(name, self._now_s)
         return self._answered(response, "acknowledged")
 
     def _shelve(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        until_s = self.time_s + float(self.get_parameter(SHELVE_S).value)
+        until_s = self._now_s + float(self.get_parameter(SHELVE_S).value)
         for name in self._named():
             self.live.monitor.shelve(name, until_s)
         return self._answered(response, "shelved")

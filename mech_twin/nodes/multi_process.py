@@ -24,6 +24,7 @@ from mech_twin.nodes.name_guard import NameGuard
 from mech_twin.nodes.namespace import ros_arguments
 from mech_twin.nodes.observer_node import ObserverNode
 from mech_twin.nodes.options import RunOptions
+from mech_twin.nodes.run_console import attended
 from mech_twin.nodes.spinner import Spinner
 from mech_twin.parameters.load import MACHINE_KEY, RUN_GROUP, catalogue_entry
 from mech_twin.quantity import Parameters
@@ -73,7 +74,8 @@ def run_processes(
             for name, arguments in _roster(catalogue_entry(machine_name).has_body, directory, place):
                 processes[name] = _started(name, [*arguments, *rules, *ROS_FILE, str(file)])
             with Spinner([observer]) as spinner:
-                spinner.until(lambda: stop.asked or _any_ended(processes))
+                with attended(machine_name, observer.run_metrics, directory, spinner) as quits:
+                    spinner.until(lambda: stop.asked or _any_ended(processes) or quits())
                 settled = time.monotonic() + SETTLE_S
                 spinner.until(lambda: stop.asked or time.monotonic() > settled)
         finally:

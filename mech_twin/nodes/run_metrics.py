@@ -27,6 +27,7 @@ class RunMetrics:
         self.events: deque[Event] = deque(maxlen=KEPT_EVENTS)
         self.event_count = 0
         self.frames = 0
+        self.last: Frame | None = None
         self._build = build
         self._machine: Machine | None = None
         self._observer: Observer | None = None
@@ -34,6 +35,7 @@ class RunMetrics:
     def observe(self, frame: Frame) -> tuple[Event, ...]:
         """Take one frame into account and return its events."""
         self.frames += 1
+        self.last = frame
         if self._observer is None:
             self._observer = self._built().observer()
         self._observer.observe(frame)
@@ -49,6 +51,11 @@ class RunMetrics:
     def running_numbers(self) -> dict[str, float]:
         """Return the metrics of the run alone."""
         return {} if self._observer is None else self._observer.numbers()
+
+    def regime(self, index: int) -> str:
+        """Return the name of a regime of the linkage, empty where the machine has none."""
+        regimes = self._built().linkage.regimes
+        return regimes[index] if regimes else ""
 
     @property
     def machine(self) -> Machine:

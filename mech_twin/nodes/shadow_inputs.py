@@ -15,14 +15,13 @@ from std_msgs.msg import Float64
 from mech_twin.configuration_tree import ConfigurationError
 from mech_twin.measurements.machine_columns import is_event
 from mech_twin.measurements.measurement_map import Channel, MeasurementMap
-from mech_twin.messages.joint_state_cdr import CdrError, Decoder
-from mech_twin.messages.step_message import stamp_s
+from mech_twin.messages.joint_state_cdr import CdrError, Decoder, Stamp, stamp_of
 from mech_twin.messages.topics import BODY_JOINT_STATES, JOINT_STATES, Topic
+from mech_twin.recording.measured_topics import EPOCH_NS, JOINT_FIELDS, SECOND_NS
 from mech_twin.roles import Machine
 from mech_twin.studies.observer.estimate import SensedChannel
 from mech_twin.studies.observer.lock_on import SeenSample
 
-JOINT_FIELDS = ("position", "velocity", "effort")
 TYPES: Mapping[str, Any] = {
     "wrench": WrenchStamped,
     "vector": Vector3Stamped,
@@ -31,6 +30,31 @@ TYPES: Mapping[str, Any] = {
     "data": Float64,
 }
 COMMAND = "motor.command"
+
+
+class StampOrigin:
+    """The second that times are counted from: 0, or that of the first stamp where stamps are those of a wall clock.
+
+    A float holds a wall clock's stamp to 0.2 us only; a recording is read with the same origin.
+    """
+
+    def __init__(self) -> None:
+        self.second: int | None = None
+
+    def seconds(self, stamp: Any) -> float:
+        """Return the time of a stamp since the origin."""
+        if self.second is None:
+            self.second = stamp.sec if stamp.sec * SECOND_NS > EPOCH_NS else 0
+        return float(((stamp.sec - self.second) * SECOND_NS + stamp.nanosec) * 1e-9)
+
+    def clock_s(self, time_s: float) -> float:
+        """Return the machine's clock at a time since the origin."""
+        return time_s + (self.second or 0)
+
+    def stamp(self, time_s: float) -> Stamp:
+        """Return the stamp of a time since the origin."""
+        found = stamp_of(time_s)
+        return Stamp(found.sec + (self.second or 0), found.nanosec)
 
 
 class FollowedField(NamedTuple):
@@ -54,9 +78,12 @@ class FollowedTopic:
         Full name.
     fields : sequence of FollowedField
         What of its messages is used.
+    origin : StampOrigin
+        Of all topics of the machine.
     """
 
-    def __init__(self, name: str, fields: Sequence[FollowedField]) -> None:
+    def __init__(self, name: str, fields: Sequence[FollowedField], origin: StampOrigin) -> None:
+        self._origin = origin
         self.fields = tuple(fields)
         kinds = {JointState if field.of_joint else _type_of(field.channel) for field in fields}
         if len(kinds) != 1:
@@ -81,7 +108,7 @@ class FollowedTopic:
         """
         joints = self.topic.type is JointState
         message: Any = self._decode(raw) if joints else _converted(raw, self.topic.type)
-        shown_s = stamp_s(message.header) if hasattr(message, "header") else now_s
+        shown_s = self._origin.seconds(message.header.stamp) if hasattr(message, "header") else now_s
         found = {f.place: (f.channel, _value(message, f)) for f in self.fields if _has(message, f)}
         if not found:
             return None
@@ -116,7 +143,7 @@ def sensed_channels(given: MeasurementMap) -> list[SensedChannel]:
     return [SensedChannel(channel.quantity, _sigma(channel)) for channel in given.channels]
 
 
-def followed_topics(given: MeasurementMap, namespace: str) -> list[FollowedTopic]:
+def followed_topics(given: MeasurementMap, namespace: str, origin: StampOrigin) -> list[FollowedTopic]:
     """Return the topics of a map; names without a leading slash stand below the namespace.
 
     Raises
@@ -131,7 +158,7 @@ def followed_topics(given: MeasurementMap, namespace: str) -> list[FollowedTopic
             raise ConfigurationError(f"key 'channels.{place}': expected a topic with a column of the machine to follow")
         full = name if name.startswith("/") else f"{namespace}/{name}"
         by_topic.setdefault(full, []).append(FollowedField(place, channel))
-    return [FollowedTopic(name, fields) for name, fields in by_topic.items()]
+    return [FollowedTopic(name, fields, origin) for name, fields in by_topic.items()]
 
 
 def own_map(machine: Machine) -> MeasurementMap:

@@ -22,7 +22,14 @@ from mech_twin.messages.joint_state_cdr import CdrError
 from mech_twin.messages.topics import SPEED_COMMAND
 from mech_twin.nodes.base_node import TwinNode
 from mech_twin.nodes.options import RunOptions
-from mech_twin.nodes.shadow_inputs import COMMAND, FollowedTopic, followed_topics, own_map, sensed_channels
+from mech_twin.nodes.shadow_inputs import (
+    COMMAND,
+    FollowedTopic,
+    StampOrigin,
+    followed_topics,
+    own_map,
+    sensed_channels,
+)
 from mech_twin.nodes.shadow_outputs import ShadowOutputs
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.quantity import Parameters
@@ -84,9 +91,11 @@ class ShadowNode(TwinNode):
         self._stale = False
         self._next_virtual_s = -np.inf
         columns = self.observer.columns
-        self._outputs = ShadowOutputs(partial(self.output, recorded=False), machine, columns, self.get_namespace())
+        self.origin = StampOrigin()
+        output = partial(self.output, recorded=False)
+        self._outputs = ShadowOutputs(output, machine, columns, self.get_namespace(), self.origin.stamp)
         self._command = next((i for i, channel in enumerate(given.channels) if channel.quantity == COMMAND), None)
-        self.followed = followed_topics(given, setup.namespace)
+        self.followed = followed_topics(given, setup.namespace, self.origin)
         for followed in self.followed:
             self.subscribe(followed.topic, partial(self._on_message, followed), qos=FOLLOWED, raw=True)
         command = SPEED_COMMAND._replace(name=f"{setup.namespace}/{SPEED_COMMAND.name}")
@@ -120,7 +129,7 @@ class ShadowNode(TwinNode):
             self.statistics.count(SPEED_COMMAND.name, "malformed", f"{message.data} is not between 0 and 1")
 
     def _publish(self, estimate: FrameEstimate) -> None:
-        self.estimate, self.time_s = estimate, estimate.time_s
+        self.estimate, self.time_s = estimate, self.origin.clock_s(estimate.time_s)
         self._outputs.send_joints(estimate.time_s, estimate.row, estimate.sigma)
         self._outputs.send_residuals(estimate, self.observer.channels)
         self._outputs.send_impacts(estimate.events)

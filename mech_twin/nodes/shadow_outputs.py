@@ -12,8 +12,7 @@ from geometry_msgs.msg import WrenchStamped
 from mech_twin.engine.sample_vectors import Array
 from mech_twin.measurements.machine_columns import joint_column, slides
 from mech_twin.messages import impact
-from mech_twin.messages.joint_state_cdr import Header, StepMessage, encoded, stamp_of
-from mech_twin.messages.step_message import set_stamp
+from mech_twin.messages.joint_state_cdr import Header, Stamp, StepMessage, encoded
 from mech_twin.messages.topics import (
     DETECTED_IMPACTS,
     ESTIMATED,
@@ -79,9 +78,19 @@ class ShadowOutputs:
         Places of a row by column.
     namespace : str
         Frames of the wrenches stand below it.
+    stamp : callable
+        Stamp of a time.
     """
 
-    def __init__(self, output: Output, machine: Machine, columns: Mapping[str, int], namespace: str) -> None:
+    def __init__(
+        self,
+        output: Output,
+        machine: Machine,
+        columns: Mapping[str, int],
+        namespace: str,
+        stamp: Callable[[float], Stamp],
+    ) -> None:
+        self._stamp = stamp
         self._joints = joint_table(columns)
         self._columns = columns
         self._estimated, self._sigma = output(ESTIMATED), output(sigma_of(ESTIMATED))
@@ -114,30 +123,32 @@ class ShadowOutputs:
             name, field = (parts.joint, parts.field) if parts else (channels[place].column, "effort")
             rows.setdefault(name, {})[field] = value
         position, velocity, effort = (tuple(row.get(field, nan) for row in rows.values()) for field in FIELDS)
-        header = Header(stamp_of(estimate.time_s))
+        header = Header(self._stamp(estimate.time_s))
         self._residuals.send(encoded(StepMessage(header, tuple(rows), position, velocity, effort)))
 
     def send_virtual(self, time_s: float, row: Array, sigma: Array) -> None:
         """Publish the virtual sensors."""
         for sensor in self._virtual:
-            sensor.value.send(_wrench(time_s, sensor, row))
-            sensor.sigma.send(_wrench(time_s, sensor, sigma))
+            sensor.value.send(_wrench(self._stamp(time_s), sensor, row))
+            sensor.sigma.send(_wrench(self._stamp(time_s), sensor, sigma))
 
     def send_impacts(self, events: tuple[Event, ...]) -> None:
         """Publish the events with an impulse."""
         for event in events:
             if event.impulse_ns != 0.0:
-                self._impacts.send(impact.to_message(event))
+                message = impact.to_message(event)
+                message.header.stamp.sec, message.header.stamp.nanosec = self._stamp(event.time_s)
+                self._impacts.send(message)
 
     def _joint_message(self, time_s: float, row: Array) -> StepMessage:
         names, *places = self._joints
         position, velocity, effort = (tuple(row[list(of_field)].tolist()) for of_field in places)
-        return StepMessage(Header(stamp_of(time_s)), names, position, velocity, effort)
+        return StepMessage(Header(self._stamp(time_s)), names, position, velocity, effort)
 
 
-def _wrench(time_s: float, sensor: VirtualSensor, row: Array) -> WrenchStamped:
+def _wrench(stamp: Stamp, sensor: VirtualSensor, row: Array) -> WrenchStamped:
     message = WrenchStamped()
-    set_stamp(message.header, time_s)
+    message.header.stamp.sec, message.header.stamp.nanosec = stamp
     message.header.frame_id = sensor.frame
     message.wrench.force.x = 0.0 if sensor.force_x is None else float(row[sensor.force_x])
     message.wrench.force.y = 0.0 if sensor.force_y is None else float(row[sensor.force_y])

@@ -124,12 +124,12 @@ def nodes_beside(machine_name: str, node: ShadowNode, parameters: Parameters, co
         found.append(ShadowRecorder(machine_name, company.record, own, heard, parameters))
     if company.monitor is not None:
         columns = [channel.column for channel in node.observer.channels]
-        monitor = MonitorNode(machine_name, company.monitor, columns, parameters)
+        monitor = MonitorNode(machine_name, company.monitor, columns, node.origin, parameters)
         node.on_sample = monitor.observe
         found.append(monitor)
         if company.black_box is not None:
             box = BlackBox(machine_name, company.black_box, own, heard, parameters)
-            monitor.on_active = lambda life: box.trigger(life.name, life.since_s)
+            monitor.on_active = lambda life: box.trigger(life.name, node.origin.clock_s(life.since_s))
             found.append(box)
     if company.advice is not None:
         found.append(advisor_beside(machine_name, node, parameters, company.advice, found))

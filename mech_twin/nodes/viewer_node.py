@@ -73,8 +73,8 @@ class ViewerNode(ObserverNode):
         """Show one whole frame."""
         self.diagnostics.state = "running"
         self.time_s = frame.linkage.time_s
-        if self.run_metrics.frames == 0 and self.run_metrics.machine.mechanism is not None:
-            self.rerun_scene.know(self.run_metrics.machine.mechanism)
+        if self.run_metrics.frames == 0 and (tree := self.run_metrics.machine.mechanism) is not None:
+            self.rerun_scene.know(tree, self.run_metrics.machine.blow_energy)
         self.rerun_scene.frame(motor=frame.motor, linkage=frame.linkage, forces=frame.forces, body=frame.body)
         for event in self.run_metrics.observe(frame):
             self.rerun_scene.event(event)

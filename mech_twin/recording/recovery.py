@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Salvages the intact records of a damaged or unfinished recording into a new one."""
+"""Recovers the intact records of a damaged or unfinished recording into a new one."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class RecoveryReport:
     Attributes
     ----------
     messages : Counter
-        Salvaged messages by topic, including the latched messages repeated in later splits.
+        Recovered messages by topic, including the latched messages repeated in later splits.
     unassigned : int
         Intact messages whose channel record is lost.
     bytes_read, bytes_skipped : int

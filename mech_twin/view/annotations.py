@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from mech_twin.capabilities.figure import FORCE, STEEL, Point, label, measure, millimetres
@@ -45,10 +45,13 @@ class Annotations:
     ----------
     tree : FrameTree
         Where pins and contacts lie.
+    energy : callable
+        Gives the energy of an impact (J).
     """
 
-    def __init__(self, tree: FrameTree) -> None:
+    def __init__(self, tree: FrameTree, energy: Callable[[Event], float]) -> None:
         self._tree = tree
+        self._energy = energy
         self._recent: deque[tuple[LinkageSample, ForceSample | None]] = deque(maxlen=KEPT_STEPS)
         self._largest_n = 0.0
         self._blow: BlowMark | None = None
@@ -63,7 +66,7 @@ class Annotations:
 
     def strike(self, event: Event) -> None:
         """Take an event into account: of the blows of the last moments the hardest one is shown."""
-        energy_j = blow_energy(event)
+        energy_j = self._energy(event)
         if energy_j <= 0.0 or event.contact not in self._tree.frames:
             return
         last = self._blow
@@ -119,8 +122,8 @@ class Annotations:
         ]
 
 
-def blow_energy(event: Event) -> float:
-    """Return the energy a blow takes from the mechanism (J): its impulse times the mean speed of the contact."""
+def lost_energy(event: Event) -> float:
+    """Return the energy an impact takes from the mechanism (J): its impulse times the mean speed of the contact."""
     return abs(event.impulse_ns * 0.5 * (event.pre_velocity_m_per_s + event.post_velocity_m_per_s))
 
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Callable
 
 from mech_twin.capabilities.mechanism import FrameTree
 from mech_twin.samples import Event, ForceSample, LinkageSample, MotorSample, Named
-from mech_twin.view.annotations import blow_energy
+from mech_twin.view.annotations import lost_energy
 from mech_twin.view.scale import with_prefix
 
 RECENT_S = 2.0  # over which rate, energy and power are taken
@@ -25,9 +26,12 @@ class Banner:
     ----------
     tree : FrameTree, optional
         Tells whether the leading joint turns or slides; without it its speed has no unit and is left out.
+    energy : callable
+        Gives the energy of an impact (J).
     """
 
-    def __init__(self, tree: FrameTree | None) -> None:
+    def __init__(self, tree: FrameTree | None, energy: Callable[[Event], float] = lost_energy) -> None:
+        self._energy = energy
         self._slides = sliding_joints(tree)
         self._known = tree is not None
         self._command = math.nan
@@ -49,7 +53,7 @@ class Banner:
 
     def strike(self, event: Event) -> None:
         """Take an event into account."""
-        energy_j = blow_energy(event)
+        energy_j = self._energy(event)
         if energy_j > 0.0:
             self._blows.append((event.time_s, energy_j))
             _forget(self._blows, event.time_s)
@@ -92,11 +96,11 @@ class Banner:
     def _work(self, linkage: LinkageSample) -> list[str]:
         _forget(self._blows, linkage.time_s)
         hardest = max((energy for _, energy in self._blows), default=0.0)
-        real = [energy for _, energy in self._blows if energy > WEAK_SHARE * hardest]
-        if real:
-            span_s = min(RECENT_S, max(linkage.time_s, 1e-9))
-            mean_j = with_prefix(sum(real) / len(real), "J")
-            return [f"{len(real) / span_s:.1f} blows/s", f"{mean_j} a blow"]
+        real = [(time_s, energy) for time_s, energy in self._blows if energy > WEAK_SHARE * hardest]
+        if len(real) > 1:
+            rate_hz = (len(real) - 1) / (real[-1][0] - real[0][0])
+            mean_j = with_prefix(sum(energy for _, energy in real) / len(real), "J")
+            return [f"{rate_hz:.1f} blows/s", f"{mean_j} a blow"]
         if self._power:
             return [f"drive {with_prefix(sum(power for _, power in self._power) / len(self._power), 'W')} on average"]
         return []
@@ -110,7 +114,9 @@ class Banner:
 
 def sliding_joints(tree: FrameTree | None) -> frozenset[str]:
     """Return the joints that slide: their positions are lengths (m)."""
-    return frozenset(joint.name for joint in (tree.joints if tree else ()) if joint.kind == "prismatic")
+    if tree is None:
+        return frozenset()
+    return frozenset((*tree.lengths, *(joint.name for joint in tree.joints if joint.kind == "prismatic")))
 
 
 def _named(numbers: Named, name: str) -> float:

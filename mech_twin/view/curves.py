@@ -88,12 +88,15 @@ def times(time_s: npt.ArrayLike, step: npt.ArrayLike | None = None) -> list[Time
     return columns
 
 
-def motor_groups(samples: Sequence[MotorSample]) -> Groups:
-    """Return speed and torque of the drive, and the fraction of rated supply frequency."""
+def motor_groups(samples: Sequence[MotorSample], sliding: frozenset[str] = frozenset()) -> Groups:
+    """Return speed and torque of the drive, where it slides its force, and the fraction of rated supply frequency."""
     joints = samples[0].joints
+    columns = {
+        "torque": _rows([sample.effort for sample in samples]),
+        "speed": _rows([sample.velocity for sample in samples]),
+    }
     return [
-        Group("motor/torque", joints, _rows([sample.effort for sample in samples])),
-        Group("motor/speed", joints, _rows([sample.velocity for sample in samples])),
+        *_by_unit_of_joint("motor", joints, columns, sliding),
         Group("motor/supply", ("supply fraction",), _rows([(sample.command,) for sample in samples])),
     ]
 
@@ -106,12 +109,7 @@ def linkage_groups(samples: Sequence[LinkageSample], sliding: frozenset[str] = f
         "speed": _rows([sample.velocity for sample in samples]),
         "effort": _rows([sample.effort for sample in samples]),
     }
-    groups = []
-    for path, slides in (("linkage", False), ("linkage_sliding", True)):
-        places = [place for place, joint in enumerate(joints) if (joint in sliding) == slides]
-        chosen = tuple(joints[place] for place in places)
-        groups += [Group(f"{path}/{kind}", chosen, values[:, places]) for kind, values in columns.items()]
-    return [*groups, *_residuals("linkage", samples)]
+    return [*_by_unit_of_joint("linkage", joints, columns, sliding), *_residuals("linkage", samples)]
 
 
 def force_groups(samples: Sequence[ForceSample]) -> Groups:
@@ -157,6 +155,18 @@ def quantity_path(unit: str) -> str:
     """Return the entity path of the derived quantities of a unit: ``quantities/n_m`` for N m."""
     word = unit.replace("²", "2").replace("³", "3").replace("/", " per ").replace("%", "percent").lower()
     return "quantities/" + ("_".join(word.split()) or "number")
+
+
+def _by_unit_of_joint(
+    role: str, joints: tuple[str, ...], columns: Mapping[str, npt.NDArray[np.float64]], sliding: frozenset[str]
+) -> Groups:
+    """Return the columns of the joints that turn, and under a path of their own those of the joints that slide."""
+    groups = []
+    for path, slides in ((role, False), (f"{role}_sliding", True)):
+        places = [place for place, joint in enumerate(joints) if (joint in sliding) == slides]
+        chosen = tuple(joints[place] for place in places)
+        groups += [Group(f"{path}/{kind}", chosen, values[:, places]) for kind, values in columns.items()]
+    return groups
 
 
 def _rows(values: Sequence[tuple[float, ...]]) -> npt.NDArray[np.float64]:

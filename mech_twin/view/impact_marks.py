@@ -34,14 +34,15 @@ class ImpactMarks:
         self._marks: dict[str, list[tuple[float, float]]] = {}
 
     @property
-    def any(self) -> bool:
-        """Whether there has been an impact."""
-        return bool(self._contacts)
+    def kinds(self) -> frozenset[str]:
+        """What there are marks of: ``impulse``, ``speed``."""
+        return frozenset(path.split("/")[1] for path in self._contacts)
 
     def add(self, event: Event) -> None:
-        """Take an event; one without impulse and speed leaves no mark."""
-        if event.impulse_ns != 0.0:
-            self._mark(f"{IMPACTS}/impulse/{event.contact}", event.contact, event.time_s, event.impulse_ns)
+        """Take an event; one without an impulse leaves no mark."""
+        if event.impulse_ns == 0.0:
+            return
+        self._mark(f"{IMPACTS}/impulse/{event.contact}", event.contact, event.time_s, event.impulse_ns)
         if event.pre_velocity_m_per_s != 0.0:
             self._mark(f"{IMPACTS}/speed/{event.contact}", event.contact, event.time_s, event.pre_velocity_m_per_s)
 

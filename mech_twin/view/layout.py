@@ -50,6 +50,7 @@ LIGHT_PLOTS: Mapping[str, tuple[str, ...]] = {
     "Speed, rad/s": ("linkage/speed",),
 }
 LIGHT_COUNT = 2
+FIRST_UNITS = ("W", "J", "m", "m/s", "N s")
 
 
 class Bounds(NamedTuple):
@@ -67,7 +68,7 @@ class SceneContents(NamedTuple):
     curves: Mapping[str, tuple[str, ...]]
     portraits: tuple[str, ...]
     bounds: Bounds | None
-    impacts: bool = True
+    impacts: frozenset[str] = frozenset(("impulse", "speed"))
     events: bool = True
     units: Mapping[str, str] = {}
 
@@ -137,17 +138,22 @@ def _curve_stack(contents: SceneContents, window_s: float, last: Sequence[rrb.Vi
     curves = contents.curves
     # without a body the moment on it is zero
     moment = present(curves, "body_moment", "body/effort") if present(curves, "body") else []
-    others = [path for path in present(curves, "quantities") if path not in (MOMENTS, FORCES)]
+    units = contents.units
+    others = sorted(
+        (path for path in present(curves, "quantities") if path not in (MOMENTS, FORCES)),
+        key=lambda path: FIRST_UNITS.index(units[path]) if units.get(path) in FIRST_UNITS else len(FIRST_UNITS),
+    )
     slots: list[dict[str, Sequence[str]]] = [
         {
             "Torque, N m": [*present(curves, "motor/torque"), *present(curves, MOMENTS)],
             "Moment on the body, N m": moment,
+            "Force, N": present(curves, "motor_sliding/torque"),
             "Effort, N m": present(curves, "linkage/effort"),
             "Effort, N": present(curves, "linkage_sliding/effort"),
         },
         {
             "Speed, rad/s": present(curves, "motor/speed", "linkage/speed"),
-            "Speed, m/s": present(curves, "linkage_sliding/speed"),
+            "Speed, m/s": present(curves, "motor_sliding/speed", "linkage_sliding/speed"),
             "Position, rad": present(curves, "linkage/position"),
             "Position, m": present(curves, "linkage_sliding/position"),
             "Supply, share": present(curves, "motor/supply"),
@@ -162,7 +168,7 @@ def _curve_stack(contents: SceneContents, window_s: float, last: Sequence[rrb.Vi
             "Pressing force, N": present(curves, "body/pressing_force"),
             "Body position, rad": present(curves, "body/position"),
             "Body speed, rad/s": present(curves, "body/speed"),
-            **{f"Quantities, {contents.units.get(path) or 'number'}": [path] for path in others},
+            **{f"Quantities, {units.get(path) or 'number'}": [path] for path in others},
             "Residuals, powers of ten": present(curves, "residuals"),
         },
     ]
@@ -207,8 +213,10 @@ def _lower_row(contents: SceneContents, window_s: float) -> list[rrb.View | rrb.
         text_log_columns=["loglevel", "body"],
     )
     log = rrb.TextLogView(origin="/", contents=[f"/{EVENTS}/**"], name="Events", columns=columns)
-    impulses = _plot("Impacts, N s", [f"{IMPACTS}/impulse"], window_s)
-    speeds = _plot("Impact speed, m/s", [f"{IMPACTS}/speed"], window_s)
-    happened = [*([impulses, speeds] if contents.impacts else []), *([log] if contents.events else [])]
+    titles = {"impulse": "Impacts, N s", "speed": "Impact speed, m/s"}
+    marks = [
+        _plot(title, [f"{IMPACTS}/{kind}"], window_s) for kind, title in titles.items() if kind in contents.impacts
+    ]
+    happened = [*marks, *([log] if contents.events else [])]
     slots = [_slot(portraits), _slot(happened), rrb.TextDocumentView(origin=f"/{METRICS}", name="Metrics")]
     return [panel for panel in slots if panel is not None]

@@ -19,6 +19,7 @@ MIRROR = [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]]
 KINDS = ("line", "points", "arrow", "text")
 FIGURE = f"{MECHANISM}/figure"
 TEXT_RADIUS_M = 1e-9
+PANEL_PX, LETTER_PX, LINE_PX = 700.0, 6.6, 20.0  # width of a usual panel, and of a letter, and height of a line in it
 
 
 class Mechanism:
@@ -48,7 +49,10 @@ class Mechanism:
             if shape.kind not in by_kind:
                 raise ValueError(f"shape {shape.name}: expected one of {', '.join(KINDS)}, got {shape.kind}")
             by_kind[shape.kind].append(shape)
-        points = [*by_kind["text"], *by_kind["points"]]
+        bounds = self.bounds()
+        width_m = 1.0 if bounds is None else bounds.right_m - bounds.left_m
+        beside = [written_beside(shape, width_m) for kind in ("line", "arrow") for shape in by_kind[kind] if shape.text]
+        points = [*by_kind["text"], *beside, *by_kind["points"]]
         self._stream.log(FIGURE, _lines(by_kind["line"]), _points(points), _arrows(by_kind["arrow"]))
 
     def widen(self, shapes: Sequence[Shape]) -> None:
@@ -91,6 +95,27 @@ class Mechanism:
         self._extent = Bounds(float(left), float(right), float(low), float(high))
 
 
+def written_beside(shape: Shape, width_m: float) -> Shape:
+    """Return the text of a line or arrow as a text of its own, next to the middle of it; inside one that is closed.
+
+    The viewer writes in pixels, centred below a point; a figure of this width (m) is taken to fill a usual panel.
+    """
+    points = np.array(shape.points_m)
+    pixel_m = width_m / PANEL_PX
+    text_m, line_m = (len(shape.text) * LETTER_PX + 12.0) * pixel_m, LINE_PX * pixel_m
+    if len(points) > 3 and np.array_equal(points[0], points[-1]):
+        middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    else:
+        place = (len(points) - 1) // 2
+        along = points[place + 1] - points[place]
+        normal = np.array([along[1], -along[0]]) / (np.hypot(*along) or 1.0)
+        normal *= 1.0 if normal[0] > 0.0 else -1.0  # to the right
+        away = 0.5 * np.abs(normal) @ (text_m, line_m) + 0.5 * shape.width_m + 3.0 * pixel_m
+        middle = 0.5 * (points[place] + points[place + 1]) + away * normal
+    top = (float(middle[0]), float(middle[1]) + 0.5 * line_m)
+    return Shape(f"{shape.name}_text", "text", (top,), shape.colour, line_m, shape.text)
+
+
 def _labelled_first(shapes: Sequence[Shape]) -> tuple[list[Shape], list[str]]:
     """Return the shapes with those first that are written at, and what is written.
 
@@ -102,13 +127,10 @@ def _labelled_first(shapes: Sequence[Shape]) -> tuple[list[Shape], list[str]]:
 
 
 def _lines(shapes: Sequence[Shape]) -> rr.LineStrips2D:
-    ordered, texts = _labelled_first(shapes)
     return rr.LineStrips2D(
-        [np.array(shape.points_m, dtype=np.float32) for shape in ordered],
-        colors=_colours([shape.colour for shape in ordered]),
-        radii=np.array([shape.width_m / 2.0 for shape in ordered], dtype=np.float32),
-        labels=texts,
-        show_labels=True,
+        [np.array(shape.points_m, dtype=np.float32) for shape in shapes],
+        colors=_colours([shape.colour for shape in shapes]),
+        radii=np.array([shape.width_m / 2.0 for shape in shapes], dtype=np.float32),
         draw_order=0.0,
     )
 
@@ -134,15 +156,12 @@ def _points(shapes: Sequence[Shape]) -> rr.Points2D:
 
 
 def _arrows(shapes: Sequence[Shape]) -> rr.Arrows2D:
-    ordered, texts = _labelled_first(shapes)
-    ends = np.array([shape.points_m for shape in ordered], dtype=np.float32).reshape(-1, 2, 2)
+    ends = np.array([shape.points_m for shape in shapes], dtype=np.float32).reshape(-1, 2, 2)
     return rr.Arrows2D(
         origins=ends[:, 0],
         vectors=ends[:, 1] - ends[:, 0],
-        colors=_colours([shape.colour for shape in ordered]),
-        radii=np.array([shape.width_m / 2.0 for shape in ordered], dtype=np.float32),
-        labels=texts,
-        show_labels=True,
+        colors=_colours([shape.colour for shape in shapes]),
+        radii=np.array([shape.width_m / 2.0 for shape in shapes], dtype=np.float32),
         draw_order=20.0,
     )
 

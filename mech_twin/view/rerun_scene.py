@@ -22,7 +22,7 @@ from mech_twin.capabilities.mechanism import FrameTree
 from mech_twin.captions import metrics_table
 from mech_twin.output_file import FILE_MODE
 from mech_twin.samples import BodySample, Drawing, Event, ForceSample, LinkageSample, MotorSample
-from mech_twin.view.annotations import Annotations
+from mech_twin.view.annotations import Annotations, lost_energy
 from mech_twin.view.banner import Banner, sliding_joints
 from mech_twin.view.curves import SIM_TIME, STEP, Track, body_groups, force_groups, linkage_groups, motor_groups, times
 from mech_twin.view.errors import RerunSceneError
@@ -103,11 +103,15 @@ class RerunScene:
         self._closed = False
         self._complete = True
 
-    def know(self, tree: FrameTree) -> None:
-        """Show also what needs the machine's frames: pin reactions, blows, units of joints; before the first step."""
+    def know(self, tree: FrameTree, blow_energy: Callable[[Event], float] | None = None) -> None:
+        """Show also what needs the machine's frames: pin reactions, blows, units of joints; before the first step.
+
+        ``blow_energy`` gives the energy of an impact (J); without it that is what the mechanism loses by it.
+        """
+        energy = lost_energy if blow_energy is None else blow_energy
         self._sliding = sliding_joints(tree)
-        self._banner = Banner(tree)
-        self._annotations = Annotations(tree)
+        self._banner = Banner(tree, energy)
+        self._annotations = Annotations(tree, energy)
 
     def frame(
         self,
@@ -237,7 +241,7 @@ class RerunScene:
         made = partial(
             Track, self._stream, window=self._sending.window, batch_s=self._sending.batch_s, shown=self._is_shown
         )
-        self._motor: Track[MotorSample] = made(motor_groups)
+        self._motor: Track[MotorSample] = made(lambda samples: motor_groups(samples, self._sliding))
         self._linkage: Track[LinkageSample] = made(lambda samples: linkage_groups(samples, self._sliding))
         self._forces: Track[ForceSample] = made(force_groups)
         self._body: Track[BodySample] = made(body_groups)
@@ -273,7 +277,7 @@ class RerunScene:
             curves=self._curves(),
             portraits=tuple(portrait.joint for portrait in self._portraits),
             bounds=None if self._shown is None else self._shown.bounds,
-            impacts=self._marks.any,
+            impacts=self._marks.kinds,
             events=self._told,
             units={path: unit for track in tracks for path, unit in track.units.items()},
         )

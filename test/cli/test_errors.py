@@ -91,6 +91,7 @@ MISTAKES = {
     "configuration of no kind": (PRESS + "search --out found.txt", ["found.txt", ".yaml or .yml"]),
     "picture of no kind": ("study impact_mass regimes --over restitution=0:1:9 --out map.doc", ["map.doc", ".png"]),
     "designs of no kind": (PRESS + "designs --out designs.csv", ["designs.csv", ".parquet"]),
+    "nothing to hold": ("run mb10_breaker --hold --view none", ["--hold", "expected --view web"]),
     "no such bag": ("info nothing", ["nothing: there is no such bag"]),
     "no such file": (SIMULATE + "--config none.yaml", ["none.yaml", "No such file"]),
     "no such place": ("reproduce --figures /proc/figures", ["/proc/figures", "cannot be written"]),

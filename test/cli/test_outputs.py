@@ -154,6 +154,9 @@ def test_outputs_follow_the_umask_and_are_never_writable_for_everyone(tmp_path):
         ["simulate", DRUM, "--duration", "1e6"],
         ["analyse", DRUM, "--cycle", "1000000"],
         ["view", "BAG", "--save", "OUT.rrd"],
+        ["reproduce", "--figures", "OUT"],
+        ["study", "compaction_press", "search", "--out", "OUT.yaml"],
+        ["study", "compaction_press", "designs", "--count", "1000000000", "--out", "OUT.parquet"],
     ],
 )
 def test_ctrl_c_is_one_line_and_leaves_no_file(words, tmp_path):

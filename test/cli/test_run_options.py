@@ -3,12 +3,15 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import threading
 from pathlib import Path
 
 import pytest
 import yaml
 
-from mech_twin.cli.run import RunRequest, run_options
+from mech_twin.cli.run import RunRequest, hold_view, run_options
 from mech_twin.configuration_tree import ConfigurationError
 from mech_twin.nodes.options import RunOptions
 from mech_twin.parameters.load import configuration_file
@@ -57,3 +60,11 @@ def test_a_bad_setting_is_refused_by_name_even_where_an_option_replaces_it(bad: 
 def test_recorder_and_viewer_are_what_the_command_starts() -> None:
     made = options("run.recorder=true", "run.viewer=false")
     assert (made.recorder, made.viewer) == (False, True)
+
+
+def test_a_view_is_held_until_a_signal(capsys: pytest.CaptureFixture[str]) -> None:
+    later = threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT))
+    later.start()
+    hold_view("http://127.0.0.1:1/page")
+    later.join()
+    assert "until Ctrl-C: http://127.0.0.1:1/page" in capsys.readouterr().err

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Run lengths of control charts against published tables.
 
-Two-sided CUSUM, k = 0.5: Lucas and Crosier, Technometrics 24 (1982) 199-205, table 1; reprinted in Montgomery,
-Introduction to Statistical Quality Control, table 9.3, with Siegmund's approximation (1985).
+Two-sided CUSUM, k = 0.5: LucasCusum1982, reprinted in MontgomeryQuality2013, with the approximation of
+SiegmundSequential1985.
 """
 
 from __future__ import annotations

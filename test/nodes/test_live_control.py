@@ -12,7 +12,7 @@ from bench_run import BenchRun
 from catalogue import NAMES, built
 from rcl_interfaces.srv import DescribeParameters
 from std_msgs.msg import Float64
-from std_srvs.srv import Trigger
+from std_srvs.srv import SetBool, Trigger
 
 from mech_twin.engine.run import frames
 from mech_twin.messages.topics import SPEED_COMMAND
@@ -66,6 +66,22 @@ def test_reset_begins_anew_while_time_goes_on() -> None:
             again = run.samples[at + offset]
             assert again.position == expected.position
             assert again.step == run.samples[at].step + offset
+
+
+def test_a_pause_takes_no_step_and_leaves_the_run_as_it_would_have_been() -> None:
+    with BenchRun(CRANK) as run:
+        run.steps(20)
+        assert run.call(SetBool, "pause", SetBool.Request(data=True)).message == "paused"
+        taken = len(run.samples)
+        run.spin_for(1.0)  # longer than a peer may be silent
+        assert len(run.samples) == taken
+        assert run.linkage.diagnostics.state == "paused"
+        assert not any(kind == "timeout" for node in run.nodes for _, kind in node.statistics.total)
+        assert run.call(SetBool, "pause", SetBool.Request(data=False)).success
+        run.steps(20)
+        alone = [frame.linkage for frame in frames(built(CRANK), 0.05)]
+        for sample in run.samples[: len(alone)]:
+            assert sample.position == alone[sample.step].position
 
 
 def test_a_live_parameter_takes_effect_at_the_next_step_in_all_roles() -> None:

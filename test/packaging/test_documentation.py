@@ -11,7 +11,7 @@ import click
 import pytest
 import typer
 import yaml
-from loaded_file import loaded
+from ci_scripts import ci_script
 
 from mech_twin.cli.main import app
 from mech_twin.engine import crank_piece
@@ -41,7 +41,7 @@ MADE_ON_DEMAND = re.compile(r"[*<>{}]|[A-Z]{3}")  # a placeholder, not a path
 TOP = typer.main.get_command(app)
 
 
-SITE = loaded(ROOT / ".ci" / "site_pages.py")
+SITE = ci_script("site_pages")
 
 
 def page(name: str) -> str:

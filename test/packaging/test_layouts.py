@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 import yaml
 from catalogue import NAMES, built
-from loaded_file import loaded
+from ci_scripts import ci_script
 
 from mech_twin.messages.frames import frame_id
 from mech_twin.messages.topics import FRAMES, ROBOT_DESCRIPTION, Topic, full_name, recorded_topics
@@ -21,7 +21,7 @@ ROOT = Path(__file__).resolve().parents[2]
 RVIZ_TYPES = {"RobotModel": "String", "MarkerArray": "MarkerArray", "Wrench": "WrenchStamped"}
 
 
-LAYOUTS = loaded(ROOT / ".ci" / "layouts.py")
+LAYOUTS = ci_script("layouts")
 
 
 def topics_of(name: str) -> dict[str, Topic]:

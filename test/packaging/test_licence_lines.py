@@ -5,12 +5,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from loaded_file import loaded
+from ci_scripts import ci_script
 
 ROOT = Path(__file__).resolve().parents[2]
 
 
-LINES = loaded(ROOT / ".ci" / "licence_lines.py")
+LINES = ci_script("licence_lines")
 
 
 def test_every_source_file_names_the_licence() -> None:

@@ -9,11 +9,13 @@ from mech_twin.capabilities.figure import (
     FORCE,
     GROUND,
     MATERIAL,
+    MEASURE,
     ROD,
     STEEL,
     bearing,
     box,
     hatched,
+    label,
     measure,
     millimetres,
 )
@@ -38,7 +40,7 @@ def drawing(press: Press, linkage: LinkageSample) -> tuple[Shape, ...]:
     return (
         *_layer(press, load, pressed=force > 0.0),
         Shape("frame", "line", bearing(o, 0.03), GROUND, 0.004),
-        Shape("pendulum_frame", "line", bearing(c, 0.03), GROUND, 0.004),
+        Shape("pendulum_frame", "line", bearing(c, 0.03, hanging=True), GROUND, 0.004),
         Shape("crank", "line", (o, a), CRANK, 0.02, "crank"),
         Shape("plate", "line", (a, b), ROD, 0.025, "plate"),
         Shape("pendulum", "line", (c, b), FOLLOWER, 0.015, "pendulum"),
@@ -69,10 +71,11 @@ def _layer(press: Press, load: tuple[float, float], *, pressed: bool) -> tuple[S
     left, right = middle - LAYER_HALF_M, middle + LAYER_HALF_M
     surface = min(top, load[1]) if pressed else top
     layers = [floor + share * (surface - floor) for share in (0.25, 0.5, 0.75)]
-    edge = right + 0.03
+    edge = right + 0.04
     return (
         Shape("ground", "line", hatched((left - 0.05, floor), (right + 0.05, floor), 0.02), GROUND, 0.005),
         Shape("layer", "line", box(left, floor, right, surface), MATERIAL, 0.006, "layer"),
         *(Shape(f"grain_{i}", "line", ((left, y), (right, y)), MATERIAL, 0.002) for i, y in enumerate(layers, 1)),
-        measure("stroke", (edge, bottom), (edge, top), f"stroke in the layer {millimetres(top - bottom)}", 0.03),
+        measure("stroke", (edge, bottom), (edge, top), "", 0.03),
+        label("stroke_name", (edge + 0.05, bottom - 0.02), f"stroke {millimetres(top - bottom)}", MEASURE),
     )

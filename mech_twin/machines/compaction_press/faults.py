@@ -3,11 +3,11 @@
 
 from __future__ import annotations
 
-from mech_twin.capabilities.faults import Fault, added_to_key, share_of_key, supply_sag
+from mech_twin.capabilities.faults import MachineFault, added_to_key, share_of_key, supply_sag
 from mech_twin.machines.compaction_press.parameters import CompactionPress
 
 
-def faults(parameters: CompactionPress) -> tuple[Fault, ...]:
+def faults(parameters: CompactionPress) -> tuple[MachineFault, ...]:
     """Return the faults of layer, joints, flywheel (where one is fitted) and supply."""
     found = [
         share_of_key(

@@ -24,11 +24,11 @@ from mech_twin.samples import LinkageSample, Shape
 
 PUSH_COLOUR, PULL_COLOUR = CRANK, TOOL
 MASS_M = 0.08  # side of the drawn mass
-TRACK_M = 0.62  # drawn length of the guide
+TRACK_M = 0.46  # drawn length of the guide
 STOP_HALF_M, STOP_DEPTH_M = 0.10, 0.03
 ARROW_M = 0.12
-SCALE_S = 0.005  # drawn height of 1 m/s in the phase portrait
-PORTRAIT_M = -0.34  # height of the portrait's axis
+SCALE_S = 0.004  # drawn height of 1 m/s in the phase portrait
+PORTRAIT_M = -0.26  # height of the portrait's axis
 ARC_POINTS = 13
 
 
@@ -49,12 +49,12 @@ def mass_drawing(stop_m: float, sample: LinkageSample) -> tuple[Shape, ...]:
         Shape(
             "stop_ground",
             "line",
-            hatched((stop_m + 0.01, STOP_HALF_M), (stop_m + 0.01, -STOP_HALF_M), 0.02)[::-1],
+            hatched((stop_m + 0.01, -STOP_HALF_M), (stop_m + 0.01, STOP_HALF_M), 0.02),
             GROUND,
             0.004,
         ),
         Shape("mass", "line", _square(tail, x), ROD, 0.008),
-        label("mass_name", (middle, 0.02), "mass", ROD),
+        label("mass_name", (middle - 0.01, 0.034), "mass", ROD),
         Shape("force", "arrow", arrow, colour, 0.008, f"force {force:.0f} N" if reach else ""),
         *gap_line,
         *_portrait(stop_m, sample, memory),

@@ -3,13 +3,13 @@
 
 from __future__ import annotations
 
-from mech_twin.capabilities.faults import Fault, added_to_key, share_of_key
+from mech_twin.capabilities.faults import MachineFault, added_to_key, share_of_key
 from mech_twin.machines.impact_mass.parameters import ImpactMass
 
 EITHER = (-0.2, -0.1, -0.05, 0.05, 0.1, 0.2)
 
 
-def faults(parameters: ImpactMass) -> tuple[Fault, ...]:
+def faults(parameters: ImpactMass) -> tuple[MachineFault, ...]:
     """Return the faults of stop and generator."""
     return (
         share_of_key("restitution", "the stop's face has changed", "restitution", EITHER),

@@ -36,9 +36,15 @@ from mech_twin.machines.impact_mass.mass_row import (
 from mech_twin.machines.impact_mass.memory import MassMemory
 from mech_twin.machines.impact_mass.states import IMPACT, KIND_NAMES, STUCK
 
-MODE, LAST_IMPULSE, LAST_IMPACTS, STEP_IMPULSE = (
+ANCHOR_PERIOD, MODE, LAST_IMPULSE, LAST_IMPACTS, STEP_IMPULSE = (
     MassMemory._fields.index(name)
-    for name in ("mode_1", "last_period_impulse_m_per_s", "last_period_impacts_1", "step_impulse_m_per_s")
+    for name in (
+        "anchor_period_1",
+        "mode_1",
+        "last_period_impulse_m_per_s",
+        "last_period_impacts_1",
+        "step_impulse_m_per_s",
+    )
 )
 
 
@@ -105,7 +111,7 @@ def stop_reaction(
         last_impulse_ns,
         last_impulse_ns / model.period_s,
         memory[LAST_IMPACTS],
-        memory[0],
+        memory[ANCHOR_PERIOD],
         memory[ENERGIES],
         memory[ENERGIES + 1],
         memory[ENERGIES + 2],

@@ -18,4 +18,5 @@ def mechanism(stop_m: float) -> FrameTree:
             Bar("mass", (-MASS_M, 0.0), (0.0, 0.0), MASS_M, (60, 90, 180)),
             Bar("stop", (0.0, -0.15), (0.0, 0.15), 0.012, (90, 90, 90)),
         ),
+        ("generator", "phase_1_level", "phase_2_level"),
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 
+from mech_twin.machines.mb10_breaker.blow_cycle_metrics import blow_energy
 from mech_twin.machines.mb10_breaker.constants import breaker
 from mech_twin.machines.mb10_breaker.coupling_limits import coupling_limits
 from mech_twin.machines.mb10_breaker.drawing import drawing
@@ -52,6 +53,7 @@ def build(parameters: Parameters) -> Machine:
         analyse=lambda crank_rad: position_metrics(p, constants, crank_rad),
         observer=lambda: BreakerObserver(p, constants),
         mechanism=mechanism(constants, p.linkage.striker_angle_deg),
+        blow_energy=lambda event: blow_energy(constants, event),
     )
 
 

@@ -20,6 +20,11 @@ def absolute_crank_speed(side: tuple[Coordinate, ...]) -> float:
     return crank.velocity - body.velocity
 
 
+def blow_energy(b: Breaker, event: Event) -> float:
+    """Return the energy the tool has from a blow, J^2/(2 m) (J); 0 for what does not fall on the tool."""
+    return 0.5 * event.impulse_ns**2 / b.tool_mass_kg if event.contact == "tool" else 0.0
+
+
 class BlowCycle:
     """Drive and mechanism from one blow to the next.
 
@@ -52,7 +57,7 @@ class BlowCycle:
 
     def metrics(self, b: Breaker, motor: MotorConstants, blow: Event, forces: ForceSample) -> dict[str, float]:
         """Return the metrics of the cycle that this blow (or miss) ends."""
-        energy = 0.5 * blow.impulse_ns**2 / b.tool_mass_kg
+        energy = blow_energy(b, blow)
         found = forces.quantities.as_dict()
         crank, *_ = blow.pre
         crank_after, body_after, *_ = blow.post

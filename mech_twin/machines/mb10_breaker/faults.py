@@ -3,14 +3,14 @@
 
 from __future__ import annotations
 
-from mech_twin.capabilities.faults import Fault, added_to_key, share_of_key, supply_sag
+from mech_twin.capabilities.faults import MachineFault, added_to_key, share_of_key, supply_sag
 from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
 
-LESS = (-0.6, -0.4, -0.2, -0.1, -0.05)
+LESS = (-0.6, -0.5, -0.4, -0.3, -0.2, -0.1, -0.05)
 EITHER = (-0.4, -0.2, -0.1, 0.1, 0.2, 0.4)
 
 
-def faults(parameters: BreakerParameters) -> tuple[Fault, ...]:
+def faults(parameters: BreakerParameters) -> tuple[MachineFault, ...]:
     """Return the faults of springs, collar, tool, bearings and supply."""
     return (
         share_of_key("spring_soft", "the body's springs are soft or broken", "body.spring_rate_n_per_m", LESS),

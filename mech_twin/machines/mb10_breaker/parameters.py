@@ -33,6 +33,7 @@ STIFFEST_N_PER_M = 1e8  # of the springs, where the body follows the forces of t
 LONGEST_STEP_S = 0.005
 LONGEST_TURN_RAD = 0.135  # of the crank in a step: the moment on the body is a line between the ends of the step
 FASTEST_DECAY_PER_S = 100.0  # of the crank by the friction of its bearing: slow against the integrator's step
+FASTEST_WALL_RAD_PER_S2 = 1e7  # of the crank by the wall: it stops within less than a substep can be halved to
 FASTEST_STOP_RAD_PER_S2 = 1e5  # of crank and body by Coulomb friction: a stop is told from the blow before it
 MOST_DECAYS = 0.5  # of the shaft in a step; the extrapolated torque is stable below it
 MOST_MOVED = 100.0  # masses of coupler and rocker at the crank pin over the inertia of crank and rotor
@@ -260,6 +261,18 @@ class BreakerParameters(Parameters):
                     f"{key} must be at most {FASTEST_STOP_RAD_PER_S2 * inertia:.6g} N m, "
                     f"{FASTEST_STOP_RAD_PER_S2:g} rad/s2 of the inertia it stops; got {torque:g}"
                 )
+        return self
+
+    @model_validator(mode="after")
+    def _wall_stops_the_crank_in_time(self) -> BreakerParameters:
+        link = self.linkage
+        shaft = link.crank_inertia_kg_m2 + self.gear.ratio**2 * self.motor.rotor_inertia_kg_m2
+        most = FASTEST_WALL_RAD_PER_S2 * shaft * link.rocker_m / (link.striker_arm_m * link.crank_m)
+        if self.tool.wall_force_n > most:
+            raise ValueError(
+                f"tool.wall_force_n must be at most {most:.6g} N, {FASTEST_WALL_RAD_PER_S2:g} rad/s2 of crank and "
+                f"rotor by way of the striker; got {self.tool.wall_force_n:g}"
+            )
         return self
 
     @model_validator(mode="after")

@@ -26,7 +26,7 @@ def former_drawing(former: Former, sample: LinkageSample) -> tuple[Shape, ...]:
     shapes = [*_standing(former), *_drive(former, joints.crank + joints.twist)]
     for index, (offset, x) in enumerate(carts):
         shapes += _cart_shapes(former, index, joints.crank + offset, x)
-    shapes.append(Shape("shaft", "points", ((0.0, 0.0),), STEEL, 0.05))
+    shapes.append(Shape("shaft", "points", ((0.0, 0.0),), STEEL, 0.06))
     return tuple(shapes)
 
 
@@ -35,9 +35,10 @@ def _standing(former: Former) -> list[Shape]:
     bank = former.bank
     left, right = bank.rod_m - bank.crank_m, bank.rod_m + bank.crank_m + bank.p_m + bank.b_m + 0.1
     surface = -bank.e_m - ROLLER_M
-    rails = (("upper_rail", BODY_HALF_HEIGHT_M, "rails"), ("lower_rail", -BODY_HALF_HEIGHT_M, ""))
+    rails = (("upper_rail", BODY_HALF_HEIGHT_M), ("lower_rail", -BODY_HALF_HEIGHT_M))
     return [
-        *(Shape(name, "line", ((left, y), (right, y)), GROUND, 0.008, text) for name, y, text in rails),
+        *(Shape(name, "line", ((left, y), (right, y)), GROUND, 0.008) for name, y in rails),
+        label("rails_name", (right - 0.1, 2.0 * BODY_HALF_HEIGHT_M), "rails", GROUND),
         Shape("mix", "line", box(left, surface - MIX_M, right, surface), MATERIAL, 0.012, "mix"),
         Shape("mix_grain", "line", ((left, surface - 0.5 * MIX_M), (right, surface - 0.5 * MIX_M)), MATERIAL, 0.004),
         Shape("form", "line", hatched((left, surface - MIX_M), (right, surface - MIX_M), 0.05), GROUND, 0.008),

@@ -48,6 +48,9 @@ class FormerState(NamedTuple):
     friction_work_j: float
 
 
+STATE_SIZE = len(FormerState._fields)
+
+
 SIZE = len(FormerState._fields)
 CRANK, SPEED, TWIST_RATE = (
     FormerState._fields.index(name) for name in ("crank_rad", "crank_speed_rad_per_s", "twist_rate_rad_per_s")
@@ -125,6 +128,13 @@ class TravelStretch(NamedTuple):
 def state_of(y: Array) -> FormerState:
     """Return the state by its names."""
     return FormerState(y[0], y[1], y[2], y[3], y[4], y[5], y[6], y[7])
+
+
+@kernel
+def fill_state(y: Array, state: FormerState) -> None:
+    """Put a state into an array (8,)."""
+    for i in range(STATE_SIZE):
+        y[i] = state[i]
 
 
 def state_array(crank_rad: float, crank_speed_rad_per_s: float) -> Array:

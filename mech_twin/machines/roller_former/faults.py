@@ -5,21 +5,23 @@ from __future__ import annotations
 
 from typing import Any
 
-from mech_twin.capabilities.faults import Fault, share_of_key, supply_sag
+from mech_twin.capabilities.faults import MachineFault, share_of_key, supply_sag
 from mech_twin.machines.roller_former.parameters import RollerFormer
 
 LESS = (-0.6, -0.4, -0.2, -0.1)
 EITHER = (-0.4, -0.2, -0.1, 0.1, 0.2, 0.4)
 
 
-def faults(parameters: RollerFormer) -> tuple[Fault, ...]:
+def faults(parameters: RollerFormer) -> tuple[MachineFault, ...]:
     """Return the faults of coupling, carts, guides, motor and supply."""
     found = [
         share_of_key("coupling_stiffness", "the coupling has gone soft", "drive.stiffness_nm_per_rad", LESS),
         share_of_key("coupling_damping", "the coupling damps less or more", "drive.damping_nms_per_rad", EITHER),
         share_of_key("cart_load", "the mix is stiffer or softer", "carts.roller_force_x_n", EITHER),
         share_of_key("guide_friction", "the guide rollers run hard", "carts.friction", (0.25, 0.5, 1.0, 2.0)),
-        Fault("phase_loss", "the motor has lost torque, as of a phase", "1", (-0.4, -0.3, -0.2, -0.1), _weaker_motor),
+        MachineFault(
+            "phase_loss", "the motor has lost torque, as of a phase", "1", (-0.4, -0.3, -0.2, -0.1), _weaker_motor
+        ),
         supply_sag(),
     ]
     states = parameters.carts.cart_states
@@ -34,11 +36,11 @@ def _weaker_motor(parameters: RollerFormer, size: float) -> dict[str, Any]:
     return {"motor.breakdown_torque_ratio": motor.breakdown_torque_ratio * (1.0 + size)}
 
 
-def _empty(cart: int, states: tuple[Any, ...]) -> Fault:
+def _empty(cart: int, states: tuple[Any, ...]) -> MachineFault:
     """Return the fault of a cart without mix; its size is 1."""
     changed = [*states[:cart], "empty", *states[cart + 1 :]]
 
     def changes(parameters: RollerFormer, size: float) -> dict[str, Any]:
         return {"carts.states": changed}
 
-    return Fault(f"cart_{cart + 1}_empty", f"cart {cart + 1} has no mix under its rollers", "1", (1.0,), changes)
+    return MachineFault(f"cart_{cart + 1}_empty", f"cart {cart + 1} has no mix under its rollers", "1", (1.0,), changes)

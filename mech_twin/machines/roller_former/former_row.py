@@ -13,11 +13,13 @@ from mech_twin.engine.sample_vectors import COMMAND, LINKAGE_JOINTS, MOTOR_COMMA
 from mech_twin.kernel import kernel
 from mech_twin.machines.roller_former.cart_statics import cart_load, cart_motion, load_moment, rod_weight_moment
 from mech_twin.machines.roller_former.dynamics import (
+    STATE_SIZE,
     DriveLine,
     Former,
     FormerState,
     Modes,
     coupling_moment,
+    fill_state,
     geared,
     holds_at_rest,
     state_of,
@@ -202,9 +204,9 @@ def former_step(
     """
     former, at = model.former, CARTS_AT + 6 * model.former.bank.offset_rad.size
     past, begin_s = linkage[at : at + MEMORY_SIZE], step * model.step_s
-    y = np.zeros(8)
-    y[0], y[1] = linkage[CRANK_AT], linkage[TWIST_AT]
-    y[2], y[3] = linkage[CRANK_AT + 1], linkage[TWIST_AT + 1]
+    y = np.empty(STATE_SIZE)
+    q, twist, u, rate = linkage[CRANK_AT], linkage[TWIST_AT], linkage[CRANK_AT + 1], linkage[TWIST_AT + 1]
+    fill_state(y, FormerState(q, twist, u, rate, 0.0, 0.0, 0.0, 0.0))
     shaft, command = motor[MOTOR_JOINTS + 2], motor[MOTOR_COMMAND]
     change = command - linkage[COMMAND]
     smooth = past[TORQUE_KNOWN] != 0.0 and abs(change - past[COMMAND_CHANGE]) <= KINK
@@ -217,7 +219,7 @@ def former_step(
         return log, -1 if done.status == TOO_SHORT else -2
     after = out[at : at + MEMORY_SIZE]
     book_step(past, shaft, change, done.modes, y, begun, stored, after)
-    if math.floor(y[0] / TURN) == math.floor(linkage[CRANK_AT] / TURN):
+    if math.floor(state_of(y).crank_rad / TURN) == math.floor(linkage[CRANK_AT] / TURN):
         after[TURN_ERROR] += past[TURN_ERROR]
         after[TURN_TURNOVER] += past[TURN_TURNOVER]
     fill_row(former, y, done.modes, shaft + slope * model.step_s, command, out)

@@ -33,16 +33,16 @@ def drawing(s: SliderCrank, linkage: LinkageSample) -> tuple[Shape, ...]:
     return (
         Shape("frame", "line", bearing((0.0, 0.0), 0.28 * s.crank_m), GROUND, 0.005),
         *(_boom(s, joint) if s.kind == BOOM else _slider(s, joint)),
-        Shape("crank", "line", (weight, (0.0, 0.0), crank), CRANK, 0.02, "crank"),
-        Shape("counterweight", "points", (weight,), STEEL, 0.06, "counterweight"),
-        Shape("rod", "line", (crank, end), ROD, 0.014, "rod"),
-        Shape("joints", "points", ((0.0, 0.0), crank, joint), STEEL, 0.018),
+        Shape("crank", "line", (weight, (0.0, 0.0), crank), CRANK, 0.024, "crank"),
+        Shape("counterweight", "points", (weight,), STEEL, 0.09, "counterweight"),
+        Shape("rod", "line", (crank, end), ROD, 0.018, "rod"),
+        Shape("joints", "points", ((0.0, 0.0), crank, joint), STEEL, 0.030),
     )
 
 
 def _slider(s: SliderCrank, joint: Point) -> list[Shape]:
     """Return the slider with the tree it holds, and its guide over the whole travel."""
-    half = 0.32 * s.crank_m
+    half = 0.45 * s.crank_m
     low, high = _travel(s)
     left, right = s.offset_m - 1.25 * half, s.offset_m + 1.25 * half
     grip = joint[1] + half
@@ -56,7 +56,7 @@ def _slider(s: SliderCrank, joint: Point) -> list[Shape]:
             0.005,
             "guide",
         ),
-        Shape("slider", "line", ((joint[0] - half, joint[1]), (joint[0] + half, joint[1])), FOLLOWER, 0.05, "slider"),
+        Shape("slider", "line", ((joint[0] - half, joint[1]), (joint[0] + half, joint[1])), FOLLOWER, 0.07, "slider"),
         Shape(
             "tree",
             "line",

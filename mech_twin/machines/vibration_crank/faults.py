@@ -3,13 +3,13 @@
 
 from __future__ import annotations
 
-from mech_twin.capabilities.faults import Fault, added_to_key, share_of_key, supply_sag
+from mech_twin.capabilities.faults import MachineFault, added_to_key, share_of_key, supply_sag
 from mech_twin.machines.vibration_crank.parameters import VibrationCrank
 
 EITHER = (-0.4, -0.2, -0.1, 0.1, 0.2, 0.4)
 
 
-def faults(parameters: VibrationCrank) -> tuple[Fault, ...]:
+def faults(parameters: VibrationCrank) -> tuple[MachineFault, ...]:
     """Return the faults of counterweight (where its mass is given), boom load, bearings and supply."""
     found = [
         share_of_key("boom_load", "the boom carries another load", "masses.tree_kg", EITHER),

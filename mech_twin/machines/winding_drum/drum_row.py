@@ -102,14 +102,14 @@ def drive(model: Drum, a: float, h: float, run: float, speed: float, out: Array)
     ``run`` is the yarn (m) that runs meanwhile, ``speed`` its speed at the end (m/s).
     """
     p, radius = model.package, out[RADIUS_AT]
-    y, good = driven(p, radius, out[DRUM_AT], out[YARN_AT + 1], a, h)
+    done, good = driven(p, radius, out[DRUM_AT], out[YARN_AT + 1], a, h)
     radius = radius_after(p, radius, run)
-    out[DRUM_AT], out[YARN_AT], out[RADIUS_AT] = y[0], out[YARN_AT] + run, radius
-    out[DRUM_AT + 1], out[YARN_AT + 1] = speed / tangent_arm(p, radius, y[0]), speed
+    out[DRUM_AT], out[YARN_AT], out[RADIUS_AT] = done.angle_rad, out[YARN_AT] + run, radius
+    out[DRUM_AT + 1], out[YARN_AT + 1] = speed / tangent_arm(p, radius, done.angle_rad), speed
     out[ACCELERATION] = a
-    out[DRIVE_WORK] += y[1]
-    out[GRAVITY_WORK] += y[2]
-    out[FRICTION_LOSS] += y[3]
+    out[DRIVE_WORK] += done.drive_work_j
+    out[GRAVITY_WORK] += done.gravity_work_j
+    out[FRICTION_LOSS] += done.friction_loss_j
     return good
 
 

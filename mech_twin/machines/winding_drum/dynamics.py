@@ -33,15 +33,49 @@ from mech_twin.parts.friction import released, sliding_torque
 
 Array = NDArray[np.float64]
 MOST_STEPS = 100_000
-# states that are integrated: under the yarn, and coasting
-ANGLE, DRIVE_WORK, GRAVITY_WORK, FRICTION_LOSS = 0, 1, 2, 3
-COASTING_ANGLE, COASTING_SPEED, COASTING_GRAVITY_WORK, COASTING_FRICTION_LOSS = 0, 1, 2, 3
-STATE_SIZE = 4
+STATE_SIZE = 4  # of a drum under the yarn, and of one that coasts
 RELATIVE = 1e-13  # error of a step over the size of what it integrates
 
 
+class DrivenState(NamedTuple):
+    """What is integrated under the yarn: the drum's angle, and works meanwhile."""
+
+    angle_rad: float
+    drive_work_j: float
+    gravity_work_j: float
+    friction_loss_j: float
+
+
+class CoastingState(NamedTuple):
+    """What is integrated without yarn and drive."""
+
+    angle_rad: float
+    speed_rad_per_s: float
+    gravity_work_j: float
+    friction_loss_j: float
+
+
+@kernel
+def driven_state(y: Array) -> DrivenState:
+    """Return a state under the yarn (4,) by name."""
+    return DrivenState(y[0], y[1], y[2], y[3])
+
+
+@kernel
+def coasting_state(y: Array) -> CoastingState:
+    """Return a coasting state (4,) by name."""
+    return CoastingState(y[0], y[1], y[2], y[3])
+
+
+@kernel
+def fill_state(y: Array, state: DrivenState | CoastingState) -> None:
+    """Put either state, or its rates, into an array (4,)."""
+    for i in range(STATE_SIZE):
+        y[i] = state[i]
+
+
 class Driven(NamedTuple):
-    """Drum under yarn of speed theta + a t; state: angle (rad), work of the drive, of gravity, friction loss (J)."""
+    """Drum under yarn of speed theta + a t; its state is a `DrivenState`."""
 
     package: Package
     radius_m: float
@@ -50,7 +84,7 @@ class Driven(NamedTuple):
 
 
 class Coasting(NamedTuple):
-    """Drum without yarn and drive; state: angle (rad), speed (rad/s), work of gravity, friction loss (J).
+    """Drum without yarn and drive; its state is a `CoastingState`.
 
     ``direction`` is the sense of turning, +1 or -1.
     """
@@ -78,29 +112,28 @@ def driven_rates(system: Driven, t: float, y: Array, out: Array) -> None:
     """Fill the rates of angle (rad/s), work of the drive, work of gravity and friction loss (W)."""
     p, theta, a = system.package, system.theta_m_per_s, system.acceleration_m_per_s2
     radius, speed = radius_after(p, system.radius_m, (theta + 0.5 * a * t) * t), theta + a * t
-    omega = speed / tangent_arm(p, radius, y[ANGLE])
-    out[ANGLE] = omega
-    out[DRIVE_WORK] = drive_torque(p, radius, y[ANGLE], speed, a) * omega
-    out[GRAVITY_WORK] = gravity_moment(p, radius, y[ANGLE]) * omega
-    out[FRICTION_LOSS] = -sliding_torque(p.coulomb_nm, p.viscous_nms_per_rad, omega, 1.0) * omega
+    phi = driven_state(y).angle_rad
+    omega = speed / tangent_arm(p, radius, phi)
+    drive, gravity = drive_torque(p, radius, phi, speed, a), gravity_moment(p, radius, phi)
+    lost = -sliding_torque(p.coulomb_nm, p.viscous_nms_per_rad, omega, 1.0) * omega
+    fill_state(out, DrivenState(omega, drive * omega, gravity * omega, lost))
 
 
 @rates_of(Coasting, DORMAND_PRINCE_8)
 def coasting_rates(system: Coasting, t: float, y: Array, out: Array) -> None:
     """Fill the rates of angle, speed, work of gravity and friction loss."""
-    p = system.package
-    speed, gravity = y[COASTING_SPEED], gravity_moment(p, system.radius_m, y[COASTING_ANGLE])
+    p, now = system.package, coasting_state(y)
+    speed, gravity = now.speed_rad_per_s, gravity_moment(p, system.radius_m, now.angle_rad)
     friction = sliding_torque(p.coulomb_nm, p.viscous_nms_per_rad, speed, system.direction)
-    out[COASTING_ANGLE] = speed
-    out[COASTING_SPEED] = (gravity + friction) / package_inertia(p, system.radius_m)
-    out[COASTING_GRAVITY_WORK], out[COASTING_FRICTION_LOSS] = gravity * speed, -friction * speed
+    acceleration = (gravity + friction) / package_inertia(p, system.radius_m)
+    fill_state(out, CoastingState(speed, acceleration, gravity * speed, -friction * speed))
 
 
 @signals_of(Coasting)
 def coasting_signal(system: Coasting, index: int, t: float, y: Array) -> tuple[float, float]:
     """Return the speed and its derivative: it comes to rest where the speed is zero."""
-    p = system.package
-    speed, gravity = y[COASTING_SPEED], gravity_moment(p, system.radius_m, y[COASTING_ANGLE])
+    p, now = system.package, coasting_state(y)
+    speed, gravity = now.speed_rad_per_s, gravity_moment(p, system.radius_m, now.angle_rad)
     friction = sliding_torque(p.coulomb_nm, p.viscous_nms_per_rad, speed, system.direction)
     return speed, (gravity + friction) / package_inertia(p, system.radius_m)
 
@@ -115,7 +148,7 @@ def drive_drum(system: Driven, y: Array, span: float, tolerance: Array) -> bool:
             return True
         start_step(system, t, y, work)
         h, wanted = controlled_step(system, t, y, min(wanted, span - t), tolerance, work)
-        if h == 0.0 or not np.isfinite(work.end[DRIVE_WORK]):
+        if h == 0.0 or not np.isfinite(driven_state(work.end).drive_work_j):
             return False
         y[:] = work.end
         t += h
@@ -136,15 +169,16 @@ def coast_drum(system: Coasting, y: Array, span: float, tolerance: Array) -> tup
             return span, True
         start_step(system, t, y, work)
         h, wanted = controlled_step(system, t, y, min(wanted, span - t), tolerance, work)
-        if h == 0.0 or not np.isfinite(work.end[COASTING_SPEED]):
+        if h == 0.0 or not np.isfinite(coasting_state(work.end).speed_rad_per_s):
             return t, False
         end[:] = work.end
-        watch = Watch(0, FALLING if system.direction > 0.0 else RISING, y[COASTING_SPEED] == 0.0)
+        stands = coasting_state(y).speed_rad_per_s == 0.0
+        watch = Watch(0, FALLING if system.direction > 0.0 else RISING, stands)
         rest = crossing(Step(system, t, y, h, work), watch, end)
-        if rest >= 0.0 and (rest > 0.0 or y[COASTING_SPEED] != 0.0):
+        if rest >= 0.0 and (rest > 0.0 or not stands):
             take_step(system, t, y, rest, work)
-            y[:] = work.end
-            y[COASTING_SPEED] = 0.0
+            now = coasting_state(work.end)
+            fill_state(y, CoastingState(now.angle_rad, 0.0, now.gravity_work_j, now.friction_loss_j))
             return t + rest, True
         y[:] = end
         t += h
@@ -152,8 +186,8 @@ def coast_drum(system: Coasting, y: Array, span: float, tolerance: Array) -> tup
 
 
 @kernel
-def driven(package: Package, radius: float, phi: float, theta: float, a: float, h: float) -> tuple[Array, bool]:
-    """Return after h seconds drum angle (rad), and meanwhile work of the drive, of gravity, and friction loss (J).
+def driven(package: Package, radius: float, phi: float, theta: float, a: float, h: float) -> tuple[DrivenState, bool]:
+    """Return the drum's angle after h seconds, and the works meanwhile.
 
     Parameters
     ----------
@@ -168,16 +202,18 @@ def driven(package: Package, radius: float, phi: float, theta: float, a: float, 
 
     Returns
     -------
-    ndarray, bool
-        The four numbers, and whether every step was small enough.
+    DrivenState, bool
+        The state, and whether every step was small enough.
     """
-    y, tolerance = np.zeros(4), np.empty(4)
-    y[0] = phi
+    y, tolerance = np.empty(STATE_SIZE), np.empty(STATE_SIZE)
+    fill_state(y, DrivenState(phi, 0.0, 0.0, 0.0))
     speed = (theta + max(a, 0.0) * h) / (radius - package.eccentricity_m)
     # an angle keeps no more digits than it has
-    tolerance[0] = max(1e-13 * max(1.0, speed * h), 1e-15 * abs(phi))
-    tolerance[1:] = _work_error(package, radius, theta + max(a, 0.0) * h, h)
-    return y, drive_drum(Driven(package, radius, theta, a), y, h, tolerance)
+    digits = max(1e-13 * max(1.0, speed * h), 1e-15 * abs(phi))
+    work = _work_error(package, radius, theta + max(a, 0.0) * h, h)
+    fill_state(tolerance, DrivenState(digits, work, work, work))
+    good = drive_drum(Driven(package, radius, theta, a), y, h, tolerance)
+    return driven_state(y), good
 
 
 class Coasted(NamedTuple):
@@ -203,13 +239,15 @@ def coasted(package: Package, radius: float, phi: float, omega: float, h: float)
     unbalance = package_mass(package, radius) * package.gravity * package.eccentricity_m
     if unbalance == 0.0:
         return _run_down(package, inertia, phi, omega, h)
-    y, tolerance = np.zeros(4), np.empty(4)
-    y[0], y[1] = phi, omega
+    y, tolerance = np.empty(STATE_SIZE), np.empty(STATE_SIZE)
+    fill_state(y, CoastingState(phi, omega, 0.0, 0.0))
     swing = sqrt(2.0 * package_mass(package, radius) * package.gravity * package.eccentricity_m / inertia)
-    tolerance[0], tolerance[1] = 1e-13, RELATIVE * (abs(omega) + swing + 1e-6)
-    tolerance[2:] = _energy_error(inertia, omega)
+    work = _energy_error(inertia, omega)
+    fill_state(tolerance, CoastingState(1e-13, RELATIVE * (abs(omega) + swing + 1e-6), work, work))
     time, good = coast_drum(Coasting(package, radius, direction), y, h, tolerance)
-    return Coasted(time if good else -1.0, y[0], y[1], y[2], y[3])
+    now = coasting_state(y)
+    ended = time if good else -1.0
+    return Coasted(ended, now.angle_rad, now.speed_rad_per_s, now.gravity_work_j, now.friction_loss_j)
 
 
 @kernel

@@ -3,11 +3,11 @@
 
 from __future__ import annotations
 
-from mech_twin.capabilities.faults import Fault, added_to_key, share_of_key
+from mech_twin.capabilities.faults import MachineFault, added_to_key, share_of_key
 from mech_twin.machines.winding_drum.parameters import WindingDrum
 
 
-def faults(parameters: WindingDrum) -> tuple[Fault, ...]:
+def faults(parameters: WindingDrum) -> tuple[MachineFault, ...]:
     """Return the faults of package and drum."""
     return (
         added_to_key(

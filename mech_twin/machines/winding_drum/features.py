@@ -11,7 +11,7 @@ from typing import Literal
 
 import numpy as np
 
-from mech_twin.capabilities.cycle import TURN, Cycle, CycleFeature, CycleFeatures, CycleReference, speed_harmonic
+from mech_twin.capabilities.cycle import TURN, CycleFeature, CycleFeatures, CycleReference, SampledCycle, speed_harmonic
 from mech_twin.machines.winding_drum.dynamics import drive_torque
 from mech_twin.machines.winding_drum.parameters import WindingDrum, package_constants
 from mech_twin.machines.winding_drum.wound_package import Package, package_mass
@@ -39,7 +39,7 @@ def features(parameters: WindingDrum) -> CycleFeatures:
     )
 
 
-def _yarn_per_radian(cycle: Cycle) -> float:
+def _yarn_per_radian(cycle: SampledCycle) -> float:
     """Return the slope of yarn over drum angle (m): the radius of the package."""
     yarn = cycle.channels[YARN]
     return float(np.polyfit(yarn.phase_rad, yarn.values, 1)[0])
@@ -52,7 +52,7 @@ def _torque_left(name: str, unit: str, package: Package, order: int, meaning: st
         wave = 1.0 if order == 0 else 2.0 * (np.cos(phase) if order > 0 else np.sin(phase))
         return float((weights * wave) @ torque)
 
-    def of(cycle: Cycle) -> float:
+    def of(cycle: SampledCycle) -> float:
         radius, measured = _yarn_per_radian(cycle), cycle.channels[TORQUE]
         yarn_m_per_s = radius * TURN / cycle.period_s
         model = np.array([drive_torque(package, radius, phi, yarn_m_per_s, 0.0) for phi in ANGLES])

@@ -22,4 +22,5 @@ def mechanism(package: Package, largest_radius_m: float) -> FrameTree:
             Bar("drum", (0.0, -package.core_m), (0.0, package.core_m), 0.004, (90, 90, 90)),
             Bar("yarn_exit", (-4.0 * package.core_m, 0.0), (0.0, 0.0), 0.002, (60, 90, 180)),
         ),
+        ("yarn", "motor"),
     )

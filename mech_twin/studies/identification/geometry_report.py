@@ -22,6 +22,7 @@ from mech_twin.studies.identification.geometry_fit import (
 from mech_twin.studies.identification.geometry_model import GeometryModel
 
 COMBINED = 0.1  # share of a key in directions that are not seen
+WIDEST = 0.5  # half width over value: wider says no more than the order of magnitude
 LEAST_FIT_PERCENT = 90.0  # of a channel: less, and the mechanism is another one
 IDENTIFIED, COMBINATION, NOT_EXCITED, MODEL_ERROR = "identified", "only_in_combination", "not_excited", "model_error"
 
@@ -103,6 +104,8 @@ def _keys(
         elif worst_fit < LEAST_FIT_PERCENT:
             verdict, reason = MODEL_ERROR, f"a channel fits to {worst_fit:.1f} % only: another assembly or mechanism?"
         value, width = float(fit.keys[i]), float(widths[i])
+        if verdict == IDENTIFIED and width > WIDEST * max(abs(value), abs(before)) > 0.0:
+            verdict, reason = NOT_EXCITED, "the channels leave it open by more than half of itself on either side"
         found.append(FittedKey(key, before, value, float(errors[i]), value - width, value + width, verdict, reason))
     return tuple(found)
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 import io
 from collections.abc import Iterable, Sequence
 from html import escape
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,6 +15,9 @@ from mech_twin.measurements.blocks import Array
 from mech_twin.studies.identification.held_out import beside
 from mech_twin.studies.identification.identification import Identification
 from mech_twin.studies.identification.residuals import FitProblem
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 MOST_POINTS = 1500  # of a curve
 SHOWN_SHARE = 0.2  # of a run, at its end
@@ -102,23 +105,31 @@ def _pictures(found: Identification) -> list[str]:
         shown = ["<h2>Intervals</h2>", _intervals(found)]
         if len(found.fitted_keys) > 1:
             shown += ["<h2>Correlation of the estimates</h2>", _correlation(found)]
-        problem, x = found.fitted.problem, found.fitted.x
-        before = beside(found.question.machine, found.question.base, problem.runs, found.question.longest_begin_s)
+        after, before = beside_whole_runs(found)
+        problem = after[0]
         for run in range(len(problem.runs)):
             shown.append(f"<h2>Channels: {escape(problem.runs[run].path.name)}</h2>")
             shown += [
-                _channel((problem, x), before, run, place)
+                _channel(after, before, run, place)
                 for place, channel in enumerate(problem.runs[run].channels)
                 if not channel.of_events
             ]
     return shown
 
 
-def _figure(width: float, height: float, rows: int = 1) -> tuple[Any, Any]:
-    from matplotlib.backends.backend_svg import FigureCanvasSVG
-    from matplotlib.figure import Figure
+def beside_whole_runs(found: Identification) -> tuple[tuple[FitProblem, Array], tuple[FitProblem, Array]]:
+    """Return the fit, and the configuration before, beside the whole of the fitted runs, what was held out included."""
+    problem, asked = found.fitted.problem, found.question
+    other, offsets = beside(asked.machine, asked.base, problem.runs, asked.longest_begin_s)
+    whole = [run.within(-np.inf, np.inf) for run in problem.runs]
+    return (problem.over(whole), found.fitted.x), (other.over(whole), offsets)
 
-    figure = Figure(figsize=(width, height), layout="constrained")
+
+def _figure(width: float, height: float, rows: int = 1) -> tuple[Figure, Any]:
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+    from matplotlib.figure import Figure as Drawn
+
+    figure = Drawn(figsize=(width, height), layout="constrained")
     FigureCanvasSVG(figure)
     return figure, figure.subplots(rows, 1, sharex=rows > 1)
 
@@ -130,10 +141,12 @@ def _svg(figure: Any) -> str:
 
 
 def _intervals(found: Identification) -> str:
-    """Return estimates with intervals over the values before."""
+    return _svg(interval_figure(found))
+
+
+def interval_figure(found: Identification) -> Figure:
+    """Return the estimates of the keys that were identified, with their intervals, over the values before."""
     shown = [key for key in found.keys if key.verdict == "identified" and key.before != 0.0]
-    if not shown:
-        return "<p>No key with a value before was identified.</p>"
     figure, axes = _figure(7.5, 0.6 + 0.32 * len(shown))
     for row, key in enumerate(reversed(shown)):
         low, middle, high = (100.0 * (each / key.before - 1.0) for each in (key.low_95, key.estimate, key.high_95))
@@ -142,7 +155,7 @@ def _intervals(found: Identification) -> str:
     axes.axvline(0.0, color=GREY, linewidth=0.8)
     axes.set_yticks(range(len(shown)), [key.key for key in reversed(shown)])
     axes.set_xlabel("change against the configuration before, %")
-    return _svg(figure)
+    return figure
 
 
 def _correlation(found: Identification) -> str:

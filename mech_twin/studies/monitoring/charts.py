@@ -7,7 +7,7 @@ With u the innovation of a feature over its standard deviation and z the whitene
     glr_t = max over n <= N of |z_(t-n+1) + ... + z_t|^2/n                                   (jump n cycles ago)
     chi_t = |z_t|^2                                                                    (one cycle that is off)
 
-Sources: Page 1954 (CUSUM), Siegmund 1985 (its run length), Lai 1995 (window-limited GLR), Hotelling 1947.
+Sources: PageInspection1954, SiegmundSequential1985 (run length), LaiSequential1995 (window), HotellingQuality1947.
 """
 
 from __future__ import annotations
@@ -126,7 +126,7 @@ def siegmund_run_length(threshold: float, allowance: float = ALLOWANCE, shift: f
     """Return Siegmund's approximate mean run length of the two-sided CUSUM of unit normal values.
 
     One-sided, with D = shift - k and b = h + 1.166: (exp(-2 D b) + 2 D b - 1)/(2 D^2), b^2 for D = 0; two-sided,
-    1/ARL = 1/ARL+ + 1/ARL-.  Source: Siegmund 1985, ch. II; Montgomery, eq. (9.7) and (9.8).
+    1/ARL = 1/ARL+ + 1/ARL-.  Source: SiegmundSequential1985; MontgomeryQuality2013, chapter 9.
     """
     b = threshold + 1.166
 

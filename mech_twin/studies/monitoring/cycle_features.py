@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mech_twin.capabilities.cycle import TURN, Array, Cycle, CycleFeature, CycleFeatures, CycleReference, sampled
+from mech_twin.capabilities.cycle import TURN, Array, CycleFeature, CycleFeatures, CycleReference, SampledCycle, sampled
 from mech_twin.capabilities.errors import StudyError
 
 PATIENCE_S = 1.0  # stamps by which the reference may run ahead of another channel
@@ -247,7 +247,7 @@ class FeatureFeed:
             if len(own_s) >= (1 if is_event_channel(column) else LEAST_SAMPLES):
                 phase = TURN * (own_s - begin_s) / period_s if angles is None else np.interp(own_s, inner, angles)
                 channels[column] = sampled(own_s, phase, own)
-        cycle = Cycle(self._number, begin_s, end_s, channels)
+        cycle = SampledCycle(self._number, begin_s, end_s, channels)
         numbers = np.array([_number(feature, cycle) for feature in self.features])
         return FeatureVector(self._number, begin_s, end_s, self._names, numbers)
 
@@ -300,7 +300,7 @@ def feed_channels(
     return [*found, *feed.finish()]
 
 
-def _number(feature: CycleFeature, cycle: Cycle) -> float:
+def _number(feature: CycleFeature, cycle: SampledCycle) -> float:
     if any(column not in cycle.channels for column in feature.needs):
         return np.nan
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -21,7 +21,7 @@ import numpy as np
 
 from mech_twin.capabilities.cycle import Array
 from mech_twin.studies.monitoring.baseline import Baseline, baseline_of_record
-from mech_twin.studies.monitoring.charts import CHARTS, WINDOW, ChartState, ChartValues
+from mech_twin.studies.monitoring.charts import WINDOW, ChartState, ChartValues
 from mech_twin.studies.monitoring.cycle_features import FeatureVector
 from mech_twin.studies.monitoring.fault_life import FaultLife, LifeRules, acknowledged, after_cycle, shelved
 from mech_twin.studies.monitoring.naming import (
@@ -330,8 +330,3 @@ def _row_of(vector: FeatureVector, names: tuple[str, ...]) -> tuple[Array, tuple
     known = dict(zip(vector.names, vector.values.tolist(), strict=True))
     row = np.array([known.get(name, np.nan) for name in names])
     return row, tuple(name for name, value in zip(names, row, strict=True) if not np.isfinite(value))
-
-
-def chart_limits_by_name(limits: ChartLimits) -> dict[str, float]:
-    """Return the alarm thresholds by the name of the chart."""
-    return dict(zip(CHARTS, limits.alarm, strict=True))

@@ -7,7 +7,8 @@ r_j(s), computed by roll-outs and interpolated over s.  What it leaves open is::
 
     open_j = min over s of (delta - r_j(s))' M (delta - r_j(s)),       all there is:  delta' M delta
 
-A model is never exact: ``MODEL_SHARE`` of the effect may be off, so that much of delta' M delta may stay open too.
+A model is never exact: ``MODEL_SHARE`` of what each feature does may be off, which is added to the scatter of delta
+before anything is compared, and so much of the whole may stay open too.
 Candidates are all faults that leave little more open than the best; one candidate is a name, several are a group,
 none that leaves little enough open is ``unknown``.
 """
@@ -137,8 +138,15 @@ def impulse_response(baseline: Baseline, cycles: int) -> Array:
     return found
 
 
-def candidates(change: Change, signatures: Sequence[Signature]) -> tuple[Candidate, ...]:
+def with_model_error(change: Change) -> Change:
+    """Return the change with the scatter of what a model may be off: a share of what each feature does."""
+    scatter = np.linalg.inv(change.information) + np.diag((MODEL_SHARE * change.delta) ** 2)
+    return Change(change.delta, np.linalg.inv(scatter))
+
+
+def candidates(measured: Change, signatures: Sequence[Signature]) -> tuple[Candidate, ...]:
     """Return the faults that explain a change, the best first; none where it is unknown."""
+    change = with_model_error(measured)
     tolerated = MODEL_SHARE**2 * change.weight
     fits = [(_fit(change, signature, tolerated), signature) for signature in signatures]
     fits.sort(key=lambda fit: fit[0][0])

@@ -3,17 +3,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from mech_twin.capabilities.cycle import Array
 from mech_twin.measurements.machine_columns import is_event
 from mech_twin.measurements.measurement_map import Channel, MeasurementMap, fixed
 from mech_twin.measurements.runs import MeasuredRun
 from mech_twin.studies.monitoring.charts import CHARTS
-from mech_twin.studies.monitoring.cycle_features import FeatureFeed, FeatureVector
+from mech_twin.studies.monitoring.cycle_features import FeatureVector
 from mech_twin.studies.monitoring.fault_life import FaultLife
 from mech_twin.studies.monitoring.monitor import Findings, Monitor
 from mech_twin.studies.monitoring.naming import Candidate
@@ -112,13 +111,3 @@ def _known(channel: Channel, rate_hz: float) -> Channel:
     rated = channel.rate_hz is None and not is_event(channel.quantity) and np.isfinite(rate_hz) and rate_hz > 0.0
     numbers = {"zero": fixed(channel.zero, 0.0), "gain": fixed(channel.gain, 1.0), "lag_s": fixed(channel.lag_s, 0.0)}
     return channel.model_copy(update=numbers | ({"rate_hz": float(rate_hz)} if rated else {}))
-
-
-def standard_rows(findings: Sequence[Findings]) -> Array:
-    """Return the innovations in standard deviations, (cycles, d); nan where a cycle was not judged."""
-    return np.array([found.standard for found in findings])
-
-
-def features_line(feed: FeatureFeed) -> str:
-    """Return the features a feed gives, with their units, in one line."""
-    return ", ".join(f"{feature.name} ({feature.unit})" for feature in feed.features)

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,7 +11,7 @@ import numpy as np
 from mech_twin.capabilities.cycle import TURN, Array
 from mech_twin.engine.rollout import Profile, RollOut, roll_out
 from mech_twin.measurements.machine_columns import is_angle, is_event
-from mech_twin.measurements.measurement_map import Channel, MeasurementMap, fixed
+from mech_twin.measurements.measurement_map import Channel, MeasurementMap
 from mech_twin.measurements.sensors import EVENT_FIELDS
 from mech_twin.roles import Machine
 
@@ -147,9 +147,3 @@ def _seen_events(
     events = [event for event in run.events if event.kind == kind and event.time_s >= begin_s]
     values = np.array([getattr(event, EVENT_FIELDS[what]) for event in events], dtype=np.float64)
     return np.array([event.time_s for event in events], dtype=np.float64), _shown(values, channel, random)
-
-
-def known_sigma(channels: Mapping[str, Channel], column: str) -> float:
-    """Return the standard deviation of a channel's noise in SI units; 0 where the file does not tell it."""
-    channel = channels[column]
-    return (channel.sigma or 0.0) * channel.si_factor * abs(fixed(channel.gain, 1.0))

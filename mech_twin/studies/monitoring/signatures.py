@@ -12,7 +12,7 @@ from pydantic import ValidationError
 
 from mech_twin.capabilities.cycle import Array, CycleFeatures
 from mech_twin.capabilities.errors import StudyError
-from mech_twin.capabilities.faults import Fault
+from mech_twin.capabilities.faults import MachineFault
 from mech_twin.capabilities.variation import varied
 from mech_twin.engine.errors import MotionError
 from mech_twin.engine.rollout import roll_out
@@ -23,10 +23,20 @@ from mech_twin.parameters.load import catalogue_entry
 from mech_twin.quantity import Parameters
 from mech_twin.studies.monitoring.cycle_features import FeatureFeed, FeatureVector, feed_channels
 from mech_twin.studies.monitoring.naming import Signature
-from mech_twin.studies.monitoring.sensing import Seen, SensorFault, seen_run, shifted, with_sensor_fault, without_noise
+from mech_twin.studies.monitoring.sensing import (
+    Seen,
+    SensorFault,
+    needed_columns,
+    seen_roll_out,
+    seen_run,
+    shifted,
+    with_sensor_fault,
+    without_noise,
+)
 
-STEADY_CYCLES = 30  # simulated beyond the run-up
-USED_CYCLES = 12  # at the end, whose mean counts
+STEADY_CYCLES = 40  # simulated beyond the run-up
+USED_CYCLES = 20  # at the end, whose mean counts
+DRAWS = 3  # of the sensors' noise
 LONGEST_S = 120.0
 SENSOR_SHARES = (-1.0, -0.3, -0.1, -0.03, 0.03, 0.1, 0.3, 1.0)
 LARGEST_BIAS = 0.3  # of the channel's swing
@@ -78,7 +88,7 @@ class MonitoredMachine:
         return ask(self.parameters)
 
     @property
-    def faults(self) -> tuple[Fault, ...]:
+    def faults(self) -> tuple[MachineFault, ...]:
         """What can go wrong with it."""
         ask = self.entry.capabilities.faults
         return () if ask is None else ask(self.parameters)
@@ -115,63 +125,66 @@ def mean_period_s(monitored: MonitoredMachine) -> float:
 
 
 def machine_signatures(monitored: MonitoredMachine, names: Iterable[str]) -> tuple[Signature, ...]:
-    """Return the signatures of every fault of machine and sensors, for these features."""
-    exact = MonitoredMachine(monitored.name, monitored.parameters, without_noise(monitored.sensors))
+    """Return the signatures of every fault of machine and sensors, for these features.
+
+    Healthy and faulty runs are seen with the same noise: features that are not linear in the samples, such as a share
+    or a maximum, depend on it, and what is linear loses it in the difference.
+    """
     wanted = tuple(names)
-    period_s = mean_period_s(exact)
-    duration_s = exact.declared.run_up_s + STEADY_CYCLES * period_s
-    healthy = _steady_seen(exact, exact.parameters, 1.0, duration_s)
-    reference = _steady(exact, healthy, wanted)
+    period_s = mean_period_s(monitored)
+    duration_s = monitored.declared.run_up_s + STEADY_CYCLES * period_s
+    healthy = _draws(monitored, monitored.parameters, 1.0, duration_s)
+    reference = _steady(monitored, healthy, wanted)
     if reference is None:
-        raise StudyError(f"{exact.name}: the simulated machine gives no steady cycles; expected some after its run-up")
-    found = [_of_machine(exact, fault, reference, duration_s, wanted) for fault in exact.faults]
-    found += _of_sensors(exact, healthy, reference, wanted, period_s)
+        raise StudyError(
+            f"{monitored.name}: the simulated machine gives no steady cycles; expected some after its run-up"
+        )
+    found = [_of_machine(monitored, fault, reference, duration_s, wanted) for fault in monitored.faults]
+    found += _of_sensors(monitored, healthy, reference, wanted, period_s)
     return tuple(signature for signature in found if signature is not None)
 
 
 def _of_machine(
-    exact: MonitoredMachine, fault: Fault, reference: Array, duration_s: float, names: tuple[str, ...]
+    monitored: MonitoredMachine, fault: MachineFault, reference: Array, duration_s: float, names: tuple[str, ...]
 ) -> Signature | None:
     responses = {0.0: np.zeros(len(names))}
     for size in fault.sizes:
         try:
-            parameters = exact.varied(fault.changes(exact.parameters, size))
-            seen = _steady_seen(exact, parameters, fault.command(size), duration_s)
+            parameters = monitored.varied(fault.changes(monitored.parameters, size))
+            draws = _draws(monitored, parameters, fault.command(size), duration_s)
         except (ValidationError, MotionError):
             continue  # this machine cannot have the fault at that size
-        steady = _steady(exact, seen, names)
+        steady = _steady(monitored, draws, names)
         if steady is not None:
             responses[size] = steady - reference
     return _signature(fault.name, fault.meaning, fault.unit, responses, fault.key)
 
 
 def _of_sensors(
-    exact: MonitoredMachine, healthy: Seen, reference: Array, names: tuple[str, ...], period_s: float
+    monitored: MonitoredMachine, healthy: list[Seen], reference: Array, names: tuple[str, ...], period_s: float
 ) -> list[Signature | None]:
     found = []
-    for column in exact.columns:
-        if not is_event(column):
-            for kind, unit, fault in _sensor_faults(exact, column, healthy, period_s):
-                responses = {0.0: np.zeros(len(names))}
-                for share in (1.0,) if kind == "stuck" else SENSOR_SHARES:
-                    steady = _steady(exact, with_sensor_fault(healthy, shifted(fault, share)), names)
-                    size = share if kind == "stuck" else share * (fault.bias or fault.gain or fault.lag_s)
-                    if steady is not None:
-                        responses[size] = steady - reference
-                meaning = (
-                    f"the sensor of {column} shows a wrong {kind}"
-                    if kind != "stuck"
-                    else f"the sensor of {column} is stuck"
-                )
-                found.append(_signature(f"sensor_{kind}:{column}", meaning, unit, responses, column))
+    for column in monitored.columns:
+        if is_event(column):
+            continue
+        for kind, unit, fault in _sensor_faults(monitored, column, healthy[0], period_s):
+            responses = {0.0: np.zeros(len(names))}
+            for share in (1.0,) if kind == "stuck" else SENSOR_SHARES:
+                wrong = [with_sensor_fault(seen, shifted(fault, share)) for seen in healthy]
+                steady = _steady(monitored, wrong, names)
+                size = share if kind == "stuck" else share * (fault.bias or fault.gain or fault.lag_s)
+                if steady is not None:
+                    responses[size] = steady - reference
+            meaning = f"the sensor of {column} is stuck" if kind == "stuck" else f"the sensor of {column}: wrong {kind}"
+            found.append(_signature(f"sensor_{kind}:{column}", meaning, unit, responses, column))
     return found
 
 
 def _sensor_faults(
-    exact: MonitoredMachine, column: str, healthy: Seen, period_s: float
+    monitored: MonitoredMachine, column: str, healthy: Seen, period_s: float
 ) -> list[tuple[str, str, SensorFault]]:
     """Return kind, unit of the size, and the largest fault of each kind that a sensor of this column may have."""
-    reference = exact.declared.reference
+    reference = monitored.declared.reference
     turning = column == reference.column and reference.kind == "turn"
     swing = LARGEST_TURN_BIAS_RAD if turning else LARGEST_BIAS * float(np.ptp(healthy[column][1]))
     found = [
@@ -185,14 +198,21 @@ def _sensor_faults(
     return found
 
 
-def _steady_seen(exact: MonitoredMachine, parameters: Parameters, command: float, duration_s: float) -> Seen:
-    machine = exact.entry.build(parameters)
-    return seen_run(machine, exact.sensors, duration_s, command=command, begin_s=exact.declared.run_up_s)
+def _draws(monitored: MonitoredMachine, parameters: Parameters, command: float, duration_s: float) -> list[Seen]:
+    """Return a run seen a few times, each time through other noise, the same for all parameters."""
+    machine, begin_s = monitored.entry.build(parameters), monitored.declared.run_up_s
+    run = roll_out(machine, duration_s, needed_columns(monitored.sensors), None, command)
+    if run.error is not None:
+        raise run.error
+    step_s = machine.coupling_step_s
+    return [
+        seen_roll_out(run, monitored.sensors, step_s, np.random.default_rng(draw), begin_s) for draw in range(DRAWS)
+    ]
 
 
-def _steady(exact: MonitoredMachine, seen: Seen, names: tuple[str, ...]) -> Array | None:
+def _steady(monitored: MonitoredMachine, draws: Iterable[Seen], names: tuple[str, ...]) -> Array | None:
     """Return the mean features of the last cycles, by what the healthy machine declares; None without a cycle."""
-    vectors = exact.vectors(seen)[-USED_CYCLES:]
+    vectors = [vector for seen in draws for vector in monitored.vectors(seen)[-USED_CYCLES:]]
     if not vectors:
         return None
     places = [vectors[0].names.index(name) for name in names]
@@ -205,8 +225,3 @@ def _signature(name: str, meaning: str, unit: str, responses: Mapping[float, Arr
         return None
     sizes = sorted(responses)
     return Signature(name, meaning, unit, np.array(sizes), np.array([responses[size] for size in sizes]), key)
-
-
-def warmed(monitored: MonitoredMachine) -> None:
-    """Compile the kernels of a machine's roll-out, before anything is timed or spread over threads."""
-    roll_out(monitored.entry.build(monitored.parameters), monitored.parameters.model_dump()["coupling"]["step_s"])

@@ -7,7 +7,7 @@ length: a short baseline makes wider thresholds.  With M the largest value in a 
 at a threshold h is r(h) = -ln P(M <= h)/B; beyond what the draws show, ln r goes on in a straight line.  Charts share
 the rate evenly; what they have in common is taken out by counting blocks in which any of them is over.
 
-Sources: Siegmund 1985 (run lengths), Kuensch 1989 (block bootstrap), Jensen et al. 2006 (estimated parameters).
+Sources: KunschBootstrap1989 (moving blocks), JensenEstimated2006 (estimated parameters).
 """
 
 from __future__ import annotations

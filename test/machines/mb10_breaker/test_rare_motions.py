@@ -67,6 +67,11 @@ def test_gear_that_turns_back_within_a_step_loses_no_energy_unseen():
         ({"motor.rotor_inertia_kg_m2": 100.0}, "rotor_inertia_kg_m2 must be at most 60.79"),
         ({"body.friction.coulomb_nm": 1e6}, "body.friction.coulomb_nm must be at most 600000 N m"),
         ({"friction.coulomb_nm": 1e6}, "friction.coulomb_nm must be at most 31848.4 N m"),
+        (
+            {"tool.wall_force_n": 1e7, "linkage.crank_inertia_kg_m2": 1e-3, "motor.rotor_inertia_kg_m2": 1e-4}
+            | {"coupling.step_s": 2e-5},
+            "tool.wall_force_n must be at most",
+        ),
         (STIFF_SPRING, "on a body that swings on its spring"),
         (
             {"linkage.coupler_mass_kg": 3e4, "linkage.crank_inertia_kg_m2": 0.3, "body.inertia_kg_m2": 0.5}

@@ -38,7 +38,7 @@ def test_angular_acceleration_is_the_derivative_of_speed_along_the_motion(windin
 
     def after(phi, t):
         now = float(radius_after(package, start, theta * t + 0.5 * a * t * t))
-        return now, float(driven(package, start, phi, theta, a, t)[0][0]), theta + a * t
+        return now, float(driven(package, start, phi, theta, a, t)[0].angle_rad), theta + a * t
 
     def speed(phi, t):
         radius, later, yarn = after(phi, t)

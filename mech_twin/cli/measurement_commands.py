@@ -1,0 +1,158 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Commands that compare a machine with measured runs; ``main`` names them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from mech_twin.cli.failure import CommandError
+from mech_twin.cli.options import Config, Force, Json, MachineName, MapFile, Settings
+
+
+def shadow(
+    machine: MachineName,
+    followed: Annotated[str, typer.Option("--from", metavar="NAMESPACE", help="namespace of the machine to follow")],
+    given_map: MapFile = None,
+    config: Config = None,
+    settings: Settings = None,
+    record: Annotated[Path | None, typer.Option(help="directory to record what is heard and said in")] = None,
+    duration: Annotated[float, typer.Option(help="time in s after which it ends; 0: until stopped", min=0.0)] = 0.0,
+    uncertain: Annotated[
+        list[str] | None,
+        typer.Option(metavar="KEY=2%", help="standard deviation of a configuration key; several [2 % of each force]"),
+    ] = None,
+    monitor: Annotated[
+        Path | None, typer.Option(help="judge each cycle by this reference (`mech-twin monitor --save-baseline`)")
+    ] = None,
+    black_box: Annotated[
+        Path | None, typer.Option(help="folder for a recording of 10 s before and 5 s after each fault")
+    ] = None,
+    advise: Annotated[
+        Path | None, typer.Option(help="advise on an output of the machine: file of what is wanted and allowed")
+    ] = None,
+    force: Force = False,
+    json: Json = False,
+) -> None:
+    """Follow a running machine by its topics: its state, forces and their uncertainty, below /MACHINE/twin."""
+    from mech_twin.cli.shadow import ShadowRequest, shadow_machine
+
+    what = (given_map, config, settings or [], record, duration, uncertain or [])
+    shadow_machine(ShadowRequest(machine, followed, *what, monitor, black_box, advise, force, json))
+
+
+def propose(
+    measurement: Annotated[Path, typer.Argument(help="one run: a bag, or a table (.csv, .tsv, .parquet)")],
+    machine: MachineName,
+    out: Annotated[Path | None, typer.Option(help="file of the map instead of standard output")] = None,
+    force: Force = False,
+    json: Json = False,
+) -> None:
+    """Propose the map of a measurement, and show the quality of its data."""
+    from mech_twin.cli.map import propose_map
+
+    propose_map(measurement, machine, out, force=force, as_json=json)
+
+
+def identify(
+    machine: MachineName,
+    runs: Annotated[list[Path] | None, typer.Argument(help="runs: bags or tables")] = None,
+    given_map: Annotated[Path | None, typer.Option("--map", help="map of the runs (see `mech-twin map`)")] = None,
+    free: Annotated[
+        list[str] | None,
+        typer.Option(metavar="KEY[=LOW:HIGH]", help="key to be found [those the configuration calls assumed]"),
+    ] = None,
+    fix: Annotated[list[str] | None, typer.Option(metavar="KEY", help="key to be kept as it is")] = None,
+    prior: Annotated[
+        list[str] | None, typer.Option(metavar="KEY=MEAN,SD", help="what is known of a key from elsewhere")
+    ] = None,
+    hold_out: Annotated[
+        str | None, typer.Option(help="run, or share of each run, that scores the fit [the last of three or more, 0.2]")
+    ] = None,
+    motion: Annotated[str, typer.Option(help="what moves the model: auto, measured (the crank) or simulated")] = "auto",
+    begin: Annotated[
+        str, typer.Option(help="where the runs begin: start (of the machine's own run) or unknown")
+    ] = "start",
+    latest_begin: Annotated[
+        float, typer.Option(help="latest unknown beginning in s of the machine's run", min=0.0)
+    ] = 10.0,
+    plan: Annotated[bool, typer.Option("--plan", help="without runs: which keys these sensors would find")] = False,
+    sensors: Annotated[Path | None, typer.Option(help="with --plan: sensors as of `simulate --sensors`")] = None,
+    duration: Annotated[float | None, typer.Option(help="with --plan: length of the run in s", min=0.01)] = None,
+    seed: Annotated[int, typer.Option(help="of further starts of the fit", min=0)] = 0,
+    cores: Annotated[int | None, typer.Option(help="cores to use [all]", min=1)] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="directory of the results, or file (.yaml) of the configuration")
+    ] = None,
+    config: Annotated[
+        Path | None, typer.Option("--config", "--base", help="configuration to start from instead of the installed one")
+    ] = None,
+    settings: Settings = None,
+    force: Force = False,
+    json: Json = False,
+) -> None:
+    """Find parameters of a machine from measured runs, with intervals, verdicts and a held-out score."""
+    from mech_twin.cli.identify import identify_machine
+    from mech_twin.cli.identify_request import IdentifyRequest
+
+    for option, value, words in (
+        ("--motion", motion, ("auto", "measured", "simulated")),
+        ("--begin", begin, ("start", "unknown")),
+    ):
+        if value not in words:
+            raise CommandError(f"{option} {value}: expected one of {', '.join(words)}")
+    identify_machine(
+        IdentifyRequest(
+            machine, runs or [], given_map, free or [], hold_out, config, settings or [], out, force, json,
+            fix or [], prior or [], motion, begin, latest_begin, seed, cores, plan, sensors, duration,
+        )
+    )  # fmt: skip
+
+
+def monitor(
+    machine: MachineName,
+    runs: Annotated[list[Path] | None, typer.Argument(help="runs to be judged: bags or tables")] = None,
+    given_map: MapFile = None,
+    baseline: Annotated[
+        Path | None, typer.Option(help="healthy run, or a file that --save-baseline wrote [the first part of the runs]")
+    ] = None,
+    save_baseline: Annotated[
+        Path | None, typer.Option(help="file (.json) for baseline, thresholds, signatures")
+    ] = None,
+    arl0: Annotated[
+        float, typer.Option(help="stated mean time between false alarms of all charts together, h", min=1e-3)
+    ] = 24.0,
+    skip: Annotated[
+        float | None,
+        typer.Option(help="time at the start of each run that is left out, s [the machine's run-up]", min=0.0),
+    ] = None,
+    design: Annotated[bool, typer.Option("--design", help="judge a sensor set instead of runs")] = False,
+    sensors: Annotated[Path | None, typer.Option(help="with --design: the sensors, as for simulate")] = None,
+    seed: Annotated[int, typer.Option(help="of the draws that thresholds come from", min=0)] = 0,
+    config: Config = None,
+    settings: Settings = None,
+    force: Force = False,
+    json: Json = False,
+) -> None:
+    """Judge runs against a healthy one and name the faults (exit code 1: an alarm), or judge a sensor set."""
+    from mech_twin.cli.monitor import MonitorRequest, monitor_machine
+
+    asked = MonitorRequest(
+        machine,
+        runs or [],
+        given_map,
+        config,
+        settings or [],
+        baseline,
+        save_baseline,
+        arl0,
+        skip,
+        design,
+        sensors,
+        seed,
+        force,
+        json,
+    )
+    monitor_machine(asked)

@@ -1,0 +1,134 @@
+# SPDX-License-Identifier: Apache-2.0
+"""An identification with the files it came from: as a table, drawn, and saved."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from mech_twin.dependencies import require_extra
+from mech_twin.output_file import check_output_directory, check_output_file, written_file
+from mech_twin.quantity import Parameters
+from mech_twin.studies.identification.identification import Identification
+from mech_twin.studies.identification.written_identification import configuration_text, document
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+FILE_SUFFIXES = (".yaml", ".yml")
+
+
+@dataclass(frozen=True)
+class SavedIdentification:
+    """What an identification found, and the files of its runs.
+
+    Attributes
+    ----------
+    found : Identification
+        Verdicts, channels and scores.
+    runs, held_out : tuple of Path
+        Runs that were fitted, and those that were not.
+    map_file : Path
+        Their map.
+    """
+
+    found: Identification
+    runs: tuple[Path, ...]
+    held_out: tuple[Path, ...]
+    map_file: Path
+
+    @property
+    def parameters(self) -> Parameters:
+        """The configuration found."""
+        return self.found.parameters
+
+    @property
+    def better(self) -> bool:
+        """Whether what was held out is foretold better than before, and than by a constant."""
+        return self.found.better
+
+    @property
+    def table(self) -> list[dict[str, Any]]:
+        """A row a key: before, estimate, standard error, interval, verdict and reason."""
+        return [asdict(key) for key in self.found.keys]
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """Everything as plain values, as ``identification.json`` holds it."""
+        return document(self.found, self.runs, self.held_out, self.map_file)
+
+    def __repr__(self) -> str:
+        rows = [
+            f"  {key.key:<36} {key.before:>12.6g} -> {key.estimate:>12.6g}  "
+            f"[{key.low_95:.6g}, {key.high_95:.6g}]  {key.verdict}"
+            for key in self.found.keys
+        ]
+        return "\n".join([f"{self.found.question.machine}: identified in {self.found.seconds:.1f} s", *rows])
+
+    def plot(self) -> Figure:
+        """Return the estimates with their intervals, over the values before; needs the extra 'plots'."""
+        require_extra("plots")
+        from mech_twin.capabilities.plots import house_style
+        from mech_twin.studies.identification.report_page import interval_figure
+
+        with house_style():
+            return interval_figure(self.found)
+
+    def save(self, out: Path | str, *, force: bool = False) -> list[Path]:
+        """Write configuration, JSON and report into a directory, or the configuration alone into a ``.yaml`` file.
+
+        Returns
+        -------
+        list of Path
+            What was written; the report only where matplotlib is installed.
+        """
+        out = Path(out)
+        check_out(out, force=force)
+        configuration = configuration_text(self.found, [path.name for path in self.runs])
+        texts = {out: configuration}
+        if not is_file(out):
+            out.mkdir(parents=True, exist_ok=True)
+            machine = self.found.question.machine
+            texts = {out / f"{machine}.yaml": configuration, out / "identification.json": _json(self.document)}
+            if find_spec("matplotlib") is not None:
+                from mech_twin.studies.identification.report_page import report_page
+
+                names = [[path.name for path in paths] for paths in (self.runs, self.held_out)]
+                texts[out / "report.html"] = report_page(self.found, *names)
+        for path, text in texts.items():
+            with written_file(path, force=force) as file:
+                file.write_text(text, encoding="utf-8")
+        return list(texts)
+
+
+def is_file(out: Path) -> bool:
+    """Return whether an output is one file, the configuration, and no directory."""
+    return out.suffix in FILE_SUFFIXES
+
+
+def check_out(out: Path, *, force: bool = False) -> None:
+    """Raise an OutputError where an identification could not be written."""
+    if is_file(out):
+        check_output_file(out, force=force)
+    else:
+        check_output_directory(out, force=force)
+
+
+def _json(tree: Mapping[str, Any]) -> str:
+    return json.dumps(_finite(tree), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _finite(value: Any) -> Any:
+    """Return a value with null in place of each number that is not finite, which JSON does not know."""
+    if isinstance(value, float):
+        return float(value) if math.isfinite(value) else None
+    if isinstance(value, Mapping):
+        return {str(key): _finite(item) for key, item in value.items()}
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return [_finite(item) for item in value]
+    return value

@@ -1,0 +1,188 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The monitor inside a shadow: live as of a recording; life of a fault, services, black box."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import rclpy
+from catalogue import built
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.parameter import Parameter
+from rclpy.signals import SignalHandlerOptions
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+
+from mech_twin.cli.measurement import opened_run
+from mech_twin.configuration_tree import configuration_tree, merged_tree, tree_from_flat
+from mech_twin.engine.rollout import RollOut, roll_out
+from mech_twin.measurements.measurement_map import MeasurementMap
+from mech_twin.measurements.runs import read_run
+from mech_twin.messages.joint_state_cdr import Header, StepMessage, encoded, stamp_of
+from mech_twin.messages.topics import DATA, DIAGNOSTICS, STANDARD_RESIDUALS, full_name
+from mech_twin.nodes.base_node import TwinNode, destroy_nodes
+from mech_twin.nodes.monitor_node import FAULT, MonitorNode
+from mech_twin.nodes.shadow_node import ShadowNode, ShadowSetup
+from mech_twin.nodes.shadow_recorder import BlackBox, ShadowRecorder
+from mech_twin.nodes.shadow_session import Company, nodes_beside
+from mech_twin.nodes.spinner import Spinner
+from mech_twin.parameters.load import catalogue_entry
+from mech_twin.recording.bag_reader import open_bag
+from mech_twin.studies.monitoring.baseline import fitted_baseline
+from mech_twin.studies.monitoring.cycle_features import FeatureFeed, FeatureVector, feed_channels
+from mech_twin.studies.monitoring.monitor import Findings, Monitor, MonitorSetup
+from mech_twin.studies.monitoring.report import standard_rows
+from mech_twin.studies.monitoring.thresholds import chart_limits
+
+pytestmark = [pytest.mark.usefixtures("ros_domain"), pytest.mark.slow]
+NAME, LIMIT_S, EVERY, BURST = "vibration_crank", 60.0, 20, 50
+SOURCE = {"topic": "/plant/wheel", "joint": "main_shaft"}
+MAP = MeasurementMap.model_validate(
+    {
+        "machine": NAME,
+        "channels": [
+            {"source": {**SOURCE, "field": "position"}, "is": "linkage.crank.position", "sigma": 1e-3},
+            {"source": {**SOURCE, "field": "effort"}, "is": "linkage.crank.effort", "sigma": 2.0},
+        ],
+    }
+)
+COLUMNS = ("linkage.crank.position", "linkage.crank.effort")
+
+
+def run_of(seconds: float, **changes: float) -> RollOut:
+    entry = catalogue_entry(NAME)
+    tree = configuration_tree(built(NAME).parameters)
+    flat = {key.replace("__", "."): value for key, value in changes.items()}
+    return roll_out(entry.build(entry.parameters.model_validate(merged_tree(tree, tree_from_flat(flat)))), seconds)
+
+
+def noisy(run: RollOut, seed: int) -> dict[str, np.ndarray]:
+    random = np.random.default_rng(seed)
+    times = run["time_s"][::EVERY]
+    shown = {name: run[name][::EVERY] for name in COLUMNS}
+    sigma = dict(zip(COLUMNS, (1e-3, 2.0), strict=True))
+    return {"time_s": times} | {n: x + sigma[n] * random.standard_normal(len(x)) for n, x in shown.items()}
+
+
+def vectors_of(channels: dict[str, tuple[np.ndarray, np.ndarray]]) -> list[FeatureVector]:
+    ask = catalogue_entry(NAME).capabilities.features
+    assert ask is not None
+    return feed_channels(FeatureFeed(ask(built(NAME).parameters), COLUMNS), channels)
+
+
+@pytest.fixture(scope="module")
+def setup() -> MonitorSetup:
+    shown = noisy(run_of(160.0), 1)
+    vectors = vectors_of({name: (shown["time_s"], shown[name]) for name in COLUMNS})
+    baseline, innovations = fitted_baseline(vectors)
+    return MonitorSetup(NAME, baseline, chart_limits(baseline, innovations, 1000.0), (), settling_cycles=1)
+
+
+class MonitoredPlant:
+    """A foreign publisher, a shadow with monitor, recorder and black box, and an operator."""
+
+    def __init__(self, setup: MonitorSetup, folder: Path) -> None:
+        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+        parameters = built(NAME).parameters
+        shadow = ShadowNode(NAME, ShadowSetup("/plant", MAP), parameters)
+        company = Company(folder / "bag", setup, folder / "faults")
+        self.nodes: list[TwinNode] = [shadow, *nodes_beside(NAME, shadow, parameters, company)]
+        self.findings: list[Findings] = []
+        take = self.of(MonitorNode).live.take
+
+        def told(sample: Any) -> list[Findings]:
+            found = take(sample)
+            self.findings += found
+            return found
+
+        self.of(MonitorNode).live.take = told  # type: ignore[method-assign]
+        self.operator = rclpy.create_node("operator")
+        self.wheel = self.operator.create_publisher(JointState, "/plant/wheel", DATA)
+        self.standard: list[JointState] = []
+        self.said: list[DiagnosticArray] = []
+        self.operator.create_subscription(JointState, full_name(NAME, STANDARD_RESIDUALS), self.standard.append, DATA)
+        self.operator.create_subscription(DiagnosticArray, DIAGNOSTICS.name, self.said.append, DATA)
+        self.spinner = Spinner([*self.nodes, self.operator])
+
+    def of(self, kind: type[Any]) -> Any:
+        return next(node for node in self.nodes if isinstance(node, kind))
+
+    def until(self, predicate: Callable[[], bool]) -> None:
+        end = time.monotonic() + LIMIT_S
+        self.spinner.until(lambda: predicate() or time.monotonic() > end)
+        assert predicate(), "did not happen within the limit"
+
+    def play(self, shown: dict[str, np.ndarray], from_s: float) -> None:
+        recorder = self.of(ShadowRecorder)
+        for i, (at, crank, torque) in enumerate(zip(*shown.values(), strict=True), 1):
+            header = Header(stamp_of(from_s + float(at)))
+            self.wheel.publish(encoded(StepMessage(header, ("main_shaft",), (float(crank),), (0.0,), (float(torque),))))
+            self.sent += 1
+            if i % BURST == 0:
+                self.until(lambda: recorder.received.get("/plant/wheel", 0) >= self.sent)
+
+    def call(self, service: str) -> Trigger.Response:
+        client = self.operator.create_client(Trigger, f"/{NAME}/monitor/{service}")
+        self.until(client.service_is_ready)
+        future = client.call_async(Trigger.Request())
+        self.until(future.done)
+        return future.result()
+
+    def __enter__(self) -> MonitoredPlant:
+        self.sent = 0
+        self.until(lambda: self.wheel.get_subscription_count() >= 3)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.spinner.__exit__(None, None, None)
+        destroy_nodes(self.nodes)
+        self.operator.destroy_node()
+        rclpy.try_shutdown()
+
+
+def test_live_is_what_a_recording_says_and_a_fault_is_told_kept_and_acknowledged(
+    setup: MonitorSetup, tmp_path: Path
+) -> None:
+    with MonitoredPlant(setup, tmp_path) as bench:
+        monitor = bench.of(MonitorNode)
+        bench.play(noisy(run_of(16.0), 2), 0.0)
+        assert not monitor.has_active_fault
+        assert bench.call("acknowledge").success is False
+        heavy = run_of(36.0, masses__extra_kg=10.0)
+        bench.play({name: values[801:] for name, values in noisy(heavy, 3).items()}, 0.0)
+        assert monitor.has_active_fault
+        bench.until(lambda: any(s.name.endswith(": unknown") for array in bench.said for s in array.status))
+        status = [s for array in bench.said for s in array.status if s.name.endswith(": unknown")][-1]
+        monitor.set_parameters([Parameter(FAULT, value="another")])
+        refused = bench.call("shelve")
+        monitor.set_parameters([Parameter(FAULT, value="unknown")])
+        assert bench.call("acknowledge").success
+        assert bench.call("shelve").message == "shelved: unknown"
+        bench.until(lambda: len(bench.standard) >= len(bench.findings))
+        live, boxes = bench.findings, bench.of(BlackBox).bags
+        (life,) = monitor.live.monitor.lives.values()
+    values = {value.key: value.value for value in status.values}
+    assert status.hardware_id == NAME
+    assert values["state"] == "active"
+    assert float(values["arl0 h"]) == pytest.approx(1000.0 * setup.baseline.period_s / 3600.0, rel=1e-3)
+    assert not refused.success
+    assert life.is_acknowledged
+    assert life.shelved_until_s > live[-1].time_s
+    with opened_run(tmp_path / "bag") as reader:
+        run = read_run(reader, MAP)
+    offline = Monitor(setup)
+    again = [offline.observe(v) for v in vectors_of({c.name: (c.times_s, c.values) for c in run.channels})][: len(live)]
+    assert np.array_equal(standard_rows(live), standard_rows(again), equal_nan=True)
+    assert [(found.verdict, found.alarm) for found in live] == [(found.verdict, found.alarm) for found in again]
+    active_s = next(f.time_s for f in live if any(each.state == "active" for each in f.faults))
+    (box,) = boxes
+    with open_bag(box) as reader:
+        assert reader.start_ns is not None
+        assert reader.end_ns is not None
+        assert reader.start_ns * 1e-9 == pytest.approx(active_s - 10.0, abs=0.1)
+        assert reader.end_ns * 1e-9 == pytest.approx(active_s + 5.0, abs=0.1)

@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Every machine under its sensors: features that are numbers, faults that are configurations, one answer live."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from mech_twin.cli.measurement import columns_of
+from mech_twin.machines.catalog import CATALOGUE
+from mech_twin.measurements.measurement_map import read_map
+from mech_twin.measurements.units import UNITS
+from mech_twin.parameters.load import machine_parameters
+from mech_twin.studies.monitoring.cycle_features import FeatureVector
+from mech_twin.studies.monitoring.design import fitted_setup, simulated_vectors
+from mech_twin.studies.monitoring.monitor import Findings, Monitor
+from mech_twin.studies.monitoring.report import judged
+from mech_twin.studies.monitoring.sensing import SensorFault, seen_run, with_sensor_fault, without_noise
+from mech_twin.studies.monitoring.signatures import MonitoredMachine
+
+SENSORS = Path(__file__).resolve().parents[3] / "benchmarks" / "monitoring" / "sensors"
+MONITORED = [name for name in CATALOGUE if (SENSORS / f"{name}.yaml").exists()]
+SIX = {"mb10_breaker", "compaction_press", "vibration_crank", "impact_mass", "roller_former", "winding_drum"}
+
+
+def monitored(name: str) -> MonitoredMachine:
+    return MonitoredMachine(name, machine_parameters(name), read_map(SENSORS / f"{name}.yaml", columns_of))
+
+
+def test_the_six_machines_are_monitored() -> None:
+    assert set(MONITORED) >= SIX
+
+
+@pytest.mark.parametrize("name", MONITORED)
+def test_each_feature_of_a_machine_is_a_number_with_a_unit(name: str) -> None:
+    machine = monitored(name)
+    exact = MonitoredMachine(name, machine.parameters, without_noise(machine.sensors))
+    begin_s = exact.declared.run_up_s
+    seen = seen_run(exact.entry.build(exact.parameters), exact.sensors, begin_s + 3.0, begin_s=begin_s)
+    feed = exact.feed()
+    declared = {feature.name for feature in exact.declared.features}
+    assert len(declared) == len(exact.declared.features)
+    assert {feature.unit for feature in feed.features} <= {*UNITS, "1"}
+    vectors = exact.vectors(seen)
+    assert len(vectors) >= 2 and len(vectors[0].values) >= 5
+    assert all(np.isfinite(vector.values).all() for vector in vectors)
+    numbers = np.array([vector.values for vector in vectors])
+    scale = np.maximum(np.abs(numbers).max(axis=0), 1e-3)
+    assert (np.ptp(numbers, axis=0) / scale).max() < 2.1  # a steady machine: nothing runs away
+
+
+@pytest.mark.parametrize("name", MONITORED)
+def test_each_fault_is_a_legal_configuration_at_some_size(name: str) -> None:
+    machine = monitored(name)
+    assert len({fault.name for fault in machine.faults}) == len(machine.faults) >= 3
+    for fault in machine.faults:
+        assert list(fault.sizes) == sorted(fault.sizes) and 0.0 not in fault.sizes
+        legal = 0
+        for size in fault.sizes:
+            changes = fault.changes(machine.parameters, size)
+            assert changes or fault.command(size) != 1.0
+            try:
+                legal += machine.varied(changes) != machine.parameters or not changes
+            except ValidationError:
+                continue
+        assert legal, fault.name
+
+
+def told(vectors: list[FeatureVector], monitor: Monitor) -> list[Findings]:
+    return [monitor.observe(vector) for vector in vectors]
+
+
+@pytest.mark.slow
+def test_live_and_recorded_give_the_same_findings() -> None:
+    machine = monitored("vibration_crank")
+    vectors = simulated_vectors(machine, 120, 1)
+    setup = fitted_setup(machine, vectors, 1.0)
+    begin_s = machine.declared.run_up_s
+    seen = seen_run(
+        machine.entry.build(machine.parameters), machine.sensors, begin_s + 24.0,
+        random=np.random.default_rng(7), begin_s=begin_s,
+    )  # fmt: skip
+    seen = with_sensor_fault(seen, SensorFault("linkage.slider.position", gain=0.05), begin_s + 10.0)
+    recorded = told(machine.vectors(seen), Monitor(setup))
+    feed, monitor, live = machine.feed(), Monitor(setup), []
+    for first in range(0, 12_000, 20):  # forty milliseconds at a time, the reference first
+        for column, (times, values) in seen.items():
+            live += told(feed.feed(column, times[first : first + 20], values[first : first + 20]), monitor)
+    live += told(feed.finish(), monitor)
+    assert len(recorded) == len(live) > 50
+    assert any(found.finding == "sensor_gain:linkage.slider.position" for found in live)
+    for one, other in zip(recorded, live, strict=True):
+        np.testing.assert_array_equal(one.standard, other.standard)
+        assert (one.charts, one.verdict, one.candidates, one.faults) == (
+            other.charts, other.verdict, other.candidates, other.faults,
+        )  # fmt: skip
+
+
+@pytest.mark.slow
+def test_a_fifth_off_the_breakers_spring_rate_is_found_within_fifty_blows() -> None:
+    machine = monitored("mb10_breaker")
+    setup = fitted_setup(machine, simulated_vectors(machine, 150, 1), 24.0)
+    begin_s, period_s = machine.declared.run_up_s, setup.baseline.period_s
+    change_s = begin_s + 20.4 * period_s
+    faulty = machine.entry.build(machine.varied({"body.spring_rate_n_per_m": 0.8 * 53300.0}))
+    seen = seen_run(
+        machine.entry.build(machine.parameters), machine.sensors, change_s + 52.0 * period_s,
+        random=np.random.default_rng(7), begin_s=begin_s, changes=[(change_s, faulty)],
+    )  # fmt: skip
+    found = judged(Monitor(setup), machine.vectors(seen))
+    (alarm,) = found.alarms
+    assert 0.0 <= alarm.alarm_s - change_s <= 50.0 * period_s
+    spring = next(candidate for candidate in alarm.candidates if candidate.name == "spring_soft")
+    assert spring.low_95 <= -0.2 <= spring.high_95
+    assert {candidate.name for candidate in alarm.candidates} <= {"spring_soft", "preload_lost"}

@@ -1,0 +1,129 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is written over a drawing: forces to scale at their pins, blows with their energy, the line above."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from catalogue import NAMES, built
+
+from mech_twin.capabilities.mechanism import poses
+from mech_twin.engine.run import frames
+from mech_twin.engine.trajectory import frame_events
+from mech_twin.samples import Event
+from mech_twin.view.annotations import FLASH_S, Annotations, lost_energy
+from mech_twin.view.banner import Banner, sliding_joints
+from mech_twin.view.impact_marks import is_told
+from mech_twin.view.layout import Bounds
+from mech_twin.view.mechanism import written_beside
+from mech_twin.view.scale import with_prefix
+
+BOUNDS = Bounds(-1.0, 1.0, -0.8, 0.8)
+
+
+def run_of(name, seconds):
+    machine = built(name)
+    notes = Annotations(machine.mechanism, machine.blow_energy or lost_energy)
+    banner = Banner(machine.mechanism, machine.blow_energy or lost_energy)
+    for frame in frames(machine, seconds):
+        notes.add(frame.linkage, frame.forces)
+        banner.add(frame.motor, frame.linkage, frame.forces)
+        for event in frame_events(frame):
+            notes.strike(event)
+            banner.strike(event)
+    return machine, frame, notes, banner
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_arrows_of_the_pin_reactions_stand_at_their_pins_in_one_scale(name):
+    _, frame, notes, _ = run_of(name, 0.3)
+    machine = built(name)
+    at = poses(machine.mechanism, dict(zip(frame.linkage.joints, frame.linkage.position, strict=True)))
+    shapes = {shape.name: shape for shape in notes.shapes(frame.linkage.time_s, BOUNDS)}
+    bar = shapes["force_scale"]
+    value, unit = bar.text.split()
+    newtons_per_m = float(value) * {"N": 1.0, "kN": 1e3}[unit] / math.dist(*bar.points_m)
+    drawn = 0
+    for pin, wrench in zip(frame.forces.pins, frame.forces.wrenches, strict=True):
+        if f"force_{pin}" not in shapes:
+            continue
+        (x, y), (head_x, head_y) = shapes[f"force_{pin}"].points_m
+        assert (x, y) == pytest.approx((at[pin].x_m, at[pin].y_m), abs=1e-12)
+        assert newtons_per_m * (head_x - x) == pytest.approx(wrench.force_x_n, rel=1e-9, abs=1e-9)
+        assert newtons_per_m * (head_y - y) == pytest.approx(wrench.force_y_n, rel=1e-9, abs=1e-9)
+        assert pin.replace("_", " ") in shapes["pin_forces"].text
+        drawn += 1
+    assert drawn > 0 or name == "impact_mass"
+
+
+def test_the_length_scale_is_as_long_as_it_says():
+    _, frame, notes, _ = run_of("winding_drum", 0.05)
+    bar = next(shape for shape in notes.shapes(frame.linkage.time_s, BOUNDS) if shape.name == "length_scale")
+    begin, end = bar.points_m[2:4]
+    assert bar.text == "200 mm"
+    assert math.dist(begin, end) == pytest.approx(0.2)
+
+
+def test_a_blow_is_shown_where_it_falls_with_the_energy_the_machine_reports():
+    machine, _frame, notes, banner = run_of("mb10_breaker", 1.4)
+    assert lost_energy(Event(0.0, "blow", "tool", 2.0, -1.0, 10.0)) == 5.0
+    observer = machine.observer()
+    for each in frames(machine, 1.4):
+        observer.observe(each)
+    last = observer.numbers()["blows"]
+    assert last > 5
+    energy = observer.numbers().get("steady_blow_energy_j", 18.79)
+    at = notes._blow.time_s  # the time of the last blow
+    shapes = {shape.name: shape for shape in notes.shapes(at + 0.5 * FLASH_S, BOUNDS)}
+    assert shapes["blow_energy"].text == with_prefix(energy, "J")
+    assert "blow" not in {shape.name for shape in notes.shapes(at + 1.01 * FLASH_S, BOUNDS)}
+    assert "J a blow" in banner.text()
+    assert "no alarm" in banner.text()
+
+
+def test_the_line_above_says_state_and_speed_in_their_units():
+    assert "rpm" in run_of("compaction_press", 0.1)[3].text()
+    assert "m/s" in run_of("impact_mass", 0.1)[3].text()
+    _machine, frame, _, banner = run_of("compaction_press", 0.1)
+    banner.add(frame.motor._replace(command=0.0), None, None)
+    assert "running down" in banner.text()
+    broken = frame.linkage._replace(position=(math.nan, *frame.linkage.position[1:]))
+    banner.add(None, broken, None)
+    assert "ALARM: crank is not finite" in banner.text()
+
+
+def test_joints_that_slide_are_known_by_name():
+    assert sliding_joints(built("impact_mass").mechanism) >= {"mass", "generator"}
+    assert sliding_joints(built("winding_drum").mechanism) >= {"yarn", "package_radius"}
+    assert not sliding_joints(built("mb10_breaker").mechanism)
+
+
+@pytest.mark.parametrize(
+    ("event", "told"),
+    [
+        (Event(0.0, "touchdown", "collar", -2e-7, 1e-7, 4e-8), False),
+        (Event(0.0, "touchdown", "collar", -0.1, 0.04, 1.0), True),
+        (Event(0.0, "load_engaged", "crank"), True),
+    ],
+)
+def test_changes_of_state_and_impacts_are_told_touches_are_not(event, told):
+    assert is_told(event) == told
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_what_is_written_beside_a_line_does_not_lie_on_it(name):
+    machine = built(name)
+    start = machine.linkage.start()
+    body = None if machine.body is None else machine.body.start()
+    width = 2.0
+    written = [shape for shape in machine.draw(start, body) if shape.text and len(shape.points_m) == 2]
+    assert written or name in ("impact_mass", "winding_drum")
+    for shape in written:
+        text = written_beside(shape, width)
+        half = 0.5 * len(shape.text) * 6.6 * width / 700.0
+        (x, top), height = text.points_m[0], 20.0 * width / 700.0
+        (ax, ay), (bx, by) = shape.points_m
+        for i in range(101):
+            px, py = ax + (bx - ax) * i / 100.0, ay + (by - ay) * i / 100.0
+            assert not (abs(px - x) < half and top - height < py < top), shape.name
