@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 # The two commands: `make run` sets up and watches the breaker hammer, `make test` sets up and passes the tests.
 PYTHON ?= python3
 PYTHON_MINIMUM := 3.11

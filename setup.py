@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Installs mech_twin with pip and with colcon alike; exact versions of a tried set are in constraints/."""
 
 import re

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Checks what is installed against known vulnerabilities; fails if one is found, or if one could not be asked about.
 
 Usage: audit.py VENV_BIN TOOLS_BIN

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Writes the pins with the hashes of their files, one list for each ROS 2 line; asks the package index.
 
 Usage: hashes.py TOOLS_BIN

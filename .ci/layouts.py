@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Writes an RViz configuration and a Foxglove layout of each machine: ``python .ci/layouts.py``."""
 
 from __future__ import annotations

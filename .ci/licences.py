@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Writes the licences of all distributions of an environment, as their metadata state them.
 
 Usage: licences.py VENV_BIN TOOLS_BIN FILE

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Breaks the physics in small ways, one at a time, and lists what no test noticed (cosmic-ray, in a copy of the tree).
 
 Usage: mutate.py VENV_BIN TOOLS_BIN [TARGET...]; targets stand in .ci/mutation.toml, all without one.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Looks for what no file of the project may hold; one line for each fault, exit code 1 if there is one.
 
 Usage: plain_files.py FILE...

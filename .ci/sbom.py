@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Writes the bill of materials (CycloneDX, JSON) of an environment, without a path of this machine in it.
 
 Usage: sbom.py VENV_BIN TOOLS_BIN FILE

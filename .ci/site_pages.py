@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Hook of the documentation site: pages generated from the code, and links that leave docs/.
 
 mkdocs calls `on_files` and `on_page_markdown`.  The tables are functions of the code alone, so tests read them too.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Table of the breaker's coupling error over the coupling step, against the motion solved as one.
 
 python benchmarks/breaker_coupling_error.py

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The breaker's two excitations on one picture, from its installed configuration.
 
 python benchmarks/breaker_excitations.py docs/images

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Worst residuals of a machine over hours of simulated time.
 
 python benchmarks/long_balance.py MACHINE [--hours 8] [--step largest]

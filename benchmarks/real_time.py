@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Does a run hold real time?  ``python benchmarks/real_time.py [SECONDS]`` runs the breaker, recorded and shown.
 
 Prints what was sent and recorded, how late the latest step was, and the margin: how fast the same run goes when

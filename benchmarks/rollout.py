@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How fast is a roll-out?  ``python benchmarks/rollout.py [--write]`` measures each machine on one core.
 
 Prints simulated seconds per second of processor time, of a roll-out and of the roles called one by one in Python, and

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a shadow's sigma is worth: share of true values inside two sigma, on machines with wrong parameters and noise.
 
     python benchmarks/shadow_coverage.py [--draws 10] [--rate-hz 1000] [MACHINE ...]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Latency of a shadow from a sample to its estimate, over topics, at a steady rate.
 
     python benchmarks/shadow_latency.py [--rate-hz 1000] [--seconds 10] [MACHINE ...]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Throughput of the four-bar beside its peers, in one run on one machine: read the ratios, not the seconds.
 
 Run with ``pytest benchmarks/test_four_bar_throughput.py``; each benchmark says in ``extra_info`` how many million

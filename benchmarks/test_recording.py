@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Messages recorded and read per second, beside the bare `mcap` writer and other readers, in the same run.
 
 Every writer gets the same joint states (12 joints, some 400 bytes) into zstd chunks of 256 KiB; ours also keeps

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The roller former's integrator against real time, against scipy's DOP853, and against MuJoCo with the same carts.
 
 Motor on, table set, k = 8000 N m s/rad.  ``scipy``: the same equations, the same method and tolerance, right-hand side

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Steps per second over real topics, beside four bare rclpy nodes that exchange the same messages without physics."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where the time of a step over topics goes: ``python benchmarks/topic_loop_shares.py [MACHINE]``.
 
 Each share is the processor time of its own calls in a loop (the smallest of several rounds), beside the processor time

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How far the browser's view lags behind a run, what a frame costs, and the memory of browser and server.
 
 A machine runs in this process in real time into the viewer; Chromium without a window opens the page.  The time the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Launches several machines at once, each in a namespace and with a clock of its own.
 
 ``ros2 launch mech_twin machines.launch.py machines:=mb10_breaker,left=winding_drum,right=winding_drum``

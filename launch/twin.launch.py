@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Launches the nodes of a machine on a native ROS 2 installation.
 
 ``ros2 launch mech_twin twin.launch.py machine:=mb10_breaker pace:=realtime record:=DIR view:=NAME.rrd``

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """mech_twin: the digital twin of percussion and crank-linkage machines.
 
 From Python ``import mech_twin as mt`` and `mt.simulate`, `mt.analyse`, `mt.sweep`, `mt.size`, `mt.search`,

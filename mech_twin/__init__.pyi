@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 from mech_twin.api import analyse as analyse
 from mech_twin.api import identify as identify
 from mech_twin.api import machine_names as machine_names

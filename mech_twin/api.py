@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The twin from Python: ``import mech_twin as mt; mt.simulate("mb10_breaker", 3.0)``.
 
 Every function takes the name of a machine, settings by dotted configuration key, and the path of a configuration file;

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Display names and units, derived from stored names that end in their unit."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A configuration as nested groups of plain values, and how values are laid over it."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the package needs of others: versions at start, extras when they are used; each fault is one line."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where a signal may raise an exception, and how a process ends where it may not."""
 
 from __future__ import annotations

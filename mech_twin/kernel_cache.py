@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The cache numba asks for a kernel's compiled code: the key is content, so that an edit is never missed.
 
 numba's own cache looks at the file a kernel stands in and at no other, so code with an older callee in line stays in

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The sources a kernel is compiled from: its module and the modules of its package that module imports, at any remove.
 
 A kernel can call functions, freeze constants and take tuples apart from any of these, and compiled code has all of

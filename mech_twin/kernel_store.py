@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where compiled kernels are kept on disk: directories tried in turn, files that are whole or not there.
 
 Each file holds the code of one kernel for one signature, under a name made of its key, and is put in place whole.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Output files: checked before a computation starts, written completely or not at all, never through a symlink."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A process that ends when the one that started it does, even by SIGKILL (Linux)."""
 
 from __future__ import annotations

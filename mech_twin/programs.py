@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where every program of the package begins: it answers a signal before anything large is imported.
 
 To import the libraries takes up to a second.  Nothing is open then, so the process ends at once; what comes after sets

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Values to propose where one was refused: short to type, and clear of the limit that the refused one broke."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How a parameter is declared: one frozen model per part, each number with unit, bounds and meaning, once.
 
 The YAML check, the ROS parameter descriptor and the tables in the documentation are all read off these

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Results as Python objects: named numbers and columns that know their units, as frames, tables and pictures."""
 
 from __future__ import annotations

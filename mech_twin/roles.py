@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The four roles a machine shows, and the machine that binds them.
 
 A role is a pure map between samples.  It holds immutable parameters and nothing else: all state is in the samples,

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The samples: what crosses a border, in one process, over topics and in a bag alike.
 
 A sample is the *whole* state of what it describes at one coupling step.  No role keeps anything beside the

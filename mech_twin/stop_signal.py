@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """SIGINT, SIGTERM and SIGHUP: as exceptions where those are safe, or as a request to stop that is asked for later.
 
 Where an exception is not safe (`mech_twin.interruption`) the signal is sent again a little later, or, while a kernel is

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the system may lack: an error that comes from it as one line that says what is missing."""
 
 from __future__ import annotations

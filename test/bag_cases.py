@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bags for the tests of the recording room, and the messages in them."""
 
 from __future__ import annotations

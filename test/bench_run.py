@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A machine's nodes on a bench: spun by the test itself, with a client beside them."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Chromium without a window, looking at the viewer's page: what the picture holds and whether it moves."""
 
 from __future__ import annotations

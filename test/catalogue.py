@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The machines the contract tests run over, each built from its installed configuration."""
 
 from __future__ import annotations

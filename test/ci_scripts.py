@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The scripts of ``.ci``, which is no package, as modules."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Random legal configurations of any machine, drawn from what its parameter model declares.
 
 A draw starts from an installed configuration, is scaled to another size of machine, and goes through the keys in random

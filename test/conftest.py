@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Fixtures of every room: a place in ROS of a test's own."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Overrides of crank machines that several of their tests share: induction motors behind a gear, a boom."""
 
 from __future__ import annotations

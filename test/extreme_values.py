@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One key of a configuration at an extreme value, through the command: what becomes of it.
 
 An answer is whole and finite, or a refusal of one line that names the key or says what cannot be computed.

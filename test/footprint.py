@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What processes hold while they run: memory, threads, open files."""
 
 from __future__ import annotations

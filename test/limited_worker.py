@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A process that takes one piece of work at a time, and is ended where it does not come back."""
 
 from __future__ import annotations

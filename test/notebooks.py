@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The notebooks of the documentation, run as a reader would run them: cell by cell in one namespace.
 
 ``python test/notebooks.py`` runs them and writes what their cells show into them.

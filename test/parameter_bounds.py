@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a parameter model accepts, and which of its numbers may change while a machine runs."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A machine's nodes as real processes, to be killed, stopped and restarted, with a witness that hears it all."""
 
 from __future__ import annotations

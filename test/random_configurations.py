@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Many random legal configurations of a machine, and what each must keep: the long form of a test.
 
 python test/random_configurations.py MACHINE COUNT [--seed SEED]     goes on where it was ended

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Recipes of the documentation, applied to a copy of the project block by block.
 
 A block is marked after its language: ``file=PATH`` is a new file, ``line=PATH`` a line at the end of the catalogue, and

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Recordings for tests: one-process runs, and bags written message by message."""
 
 from __future__ import annotations

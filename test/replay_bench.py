@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A replay on a bench: the node driven by the test itself, and somebody who listens."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The roller former's configurations, as the tests of several rooms use them."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Random legal configurations of the roller former, corners included, and what each must keep.
 
 ``python test/roller_former_random.py 2000`` runs the long form.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A signal at a moment of a verb: the programs, how a moment is known to have come, and what is seen at the end."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A disk of one MiB: a tmpfs where mounting is allowed, else the same refusals injected below the writer."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A synthetic four-bar with a hammered body: samples that move as a real machine's do, without one."""
 
 from __future__ import annotations

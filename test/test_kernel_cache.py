@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Compiled kernels: never older than any source they are made of, shared by content, safe among processes."""
 
 import json

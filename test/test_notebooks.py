@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Notebooks of the documentation show what they compute."""
 
 from __future__ import annotations

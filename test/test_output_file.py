@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Outputs are checked before the work, complete or absent after it, and never written through a symbolic link."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The functions of ``import mech_twin as mt``: what they return is what the rooms below give, with units."""
 
 import csv

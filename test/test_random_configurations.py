@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """No legal configuration of any machine ends in a trace, a number that is not finite, or a broken residual.
 
 The short form of `random_configurations.py`, with fixed seeds.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The recipes of the documentation are true: what is made by them alone works in nodes, recordings and commands."""
 
 from __future__ import annotations

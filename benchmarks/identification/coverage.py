@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How often the 95 % intervals hold the truth: seeded repeats of a synthetic measurement, each identified anew.
 
     python benchmarks/identification/coverage.py MACHINE [--repeats N] [--first SEED]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Lengths of a real slider-crank from three runs: keys, lag and score, beside what an independent fit found.
 
     python benchmarks/identification/crank_rig.py DIRECTORY

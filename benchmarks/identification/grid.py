@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is found of each machine on a synthetic stand, beside the truth, and what is never to be called identified.
 
     python benchmarks/identification/grid.py [MACHINE]...

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A test stand that does not exist: a machine with other numbers, seen through sensors, read back by a map."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Onset of a change: the monitor beside an offline change-point library, ruptures, on the same runs.
 
     python benchmarks/monitoring/offline_peer.py [--machine NAME] [--repeats N]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Proof of the monitor on simulated machines: false alarms on healthy cycles, and every fault at three sizes.
 
     python benchmarks/monitoring/proof.py MACHINE [--healthy CYCLES] [--repeats N] [--arl0 CYCLES] [--out FILE.json]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tables of docs/monitoring.md from the results of `proof.py`.
 
 python benchmarks/monitoring/tables.py RESULT.json ... [--write]

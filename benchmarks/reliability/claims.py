@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Run every test that docs/reliability.md names, and write the counts into that page.
 
     python benchmarks/reliability/claims.py [TEST_FILE ...]

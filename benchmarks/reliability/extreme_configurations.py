@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Set every number of every machine's configuration to extreme values, and analyse and simulate each.
 
     python benchmarks/reliability/extreme_configurations.py [MACHINE ...] [--share 0.1] [--write]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Does the recorder keep up?  ``python benchmarks/reliability/flood.py [SECONDS] [RATE] [--write]`` floods it.
 
 The recorder is a process of its own; the messages come from this one, at a steady pace, as whole step messages.

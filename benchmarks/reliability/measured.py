@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Writes what a script measured into docs/reliability.md, between the marks that bear its name."""
 
 from __future__ import annotations

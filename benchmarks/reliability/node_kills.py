@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Kill each node of a running machine with SIGKILL and restart it, in turn, and hold every step against the engine.
 
     python benchmarks/reliability/node_kills.py --machine winding_drum --kills 100 [--write]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Send every signal to every verb at every moment, and look at how it ends.
 
     python benchmarks/reliability/signals.py [VERB ...] [--write]

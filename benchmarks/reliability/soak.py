@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Run a machine's nodes, recorded, and watch memory, threads and open files of every process, balances, lag and losses.
 
     python benchmarks/reliability/soak.py --machine winding_drum --minutes 30    at full pace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Step the wall clock of running nodes by hours, forward and back, and hold every step against the engine.
 
     apt-get install libfaketime

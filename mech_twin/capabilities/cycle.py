@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One cycle of a machine as channels of samples, and how the numbers that describe it are declared.
 
 A channel keeps its own instants.  Its samples are weighed by the phase they stand for, so that a mean or a harmonic

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A machine's design question: what may be chosen, what must hold, what is to be made small or large."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A study that cannot be carried out as asked."""
 
 from __future__ import annotations

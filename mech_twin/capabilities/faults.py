@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What can go wrong with a machine: faults as changes of its parameters, each by a size."""
 
 from __future__ import annotations

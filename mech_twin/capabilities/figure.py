@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 r"""Elements of a mechanism's figure, as in textbooks: hatched ground, fixed bearings, guides, springs, circles.
 
 ::

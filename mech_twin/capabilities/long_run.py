@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Questions on the long run of a periodically driven machine: a cycle to a specification, and regimes over a key."""
 
 from __future__ import annotations

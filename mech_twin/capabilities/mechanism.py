@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 r"""A planar mechanism as a tree of frames: for frames in space (TF) and for a description (URDF).
 
 A closed chain has no tree: it is opened at one pin, and ``Loop`` says which two frames coincide there.  ::

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How the figures look: size, fonts, colours that the colour-blind can tell apart, and how they are written."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One row of the comparison: a published number, ours, how far apart they are, and what to think of it."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The box of tolerances round a configuration: each assumed number off by up to a part of its value."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A mechanism as text in the Unified Robot Description Format (URDF), for robot_state_publisher, RViz and Foxglove.
 
 Joints have the names of the machine's joints, so that its joint states move the description as they stand.  A joint

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A configuration with some keys changed, validated anew."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The mech-twin command, one file per verb."""
 
 from mech_twin.dependencies import require_versions

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What every verb understands on the command line: several values after one option, names and orders that are meant."""
 
 from __future__ import annotations

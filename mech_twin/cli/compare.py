@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``mech-twin compare``: two recordings, configurations or machines side by side."""
 
 from __future__ import annotations

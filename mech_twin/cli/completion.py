@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the shell completes: machines, configuration keys with their units, limits and objectives of a study."""
 
 from __future__ import annotations

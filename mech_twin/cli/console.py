@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Output: tables, progress bars on a terminal, JSON."""
 
 from __future__ import annotations

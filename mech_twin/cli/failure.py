@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Error reporting: one line on standard error; exit code 2 for errors in the input, 128 + N after signal N."""
 
 from __future__ import annotations

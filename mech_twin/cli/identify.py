@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``mech-twin identify``: keys of a configuration from measured runs, with intervals, verdicts and a held-out score."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``mech-twin identify`` in the measured motion of the crank: lengths from positions, with a held-out score."""
 
 from __future__ import annotations

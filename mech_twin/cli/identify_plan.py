@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``mech-twin identify MACHINE --plan``: which keys given sensors would find, and what would help most."""
 
 from __future__ import annotations

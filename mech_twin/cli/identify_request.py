@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What `mech-twin identify` was asked for, and which runs it fits."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``mech-twin info``: contents and losses of a recording."""
 
 from __future__ import annotations

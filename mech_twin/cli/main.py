@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The ``mech-twin`` command: its verbs and their options.  Each verb is implemented in a file of its own."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Options that accept several values: ``--topics A B C``."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``mech-twin map``: which channel of a measurement is which column of a machine, and what the data are worth."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A measured run: its forces computed (`replay --analyse --map`), the mechanism drawn (`view --map`)."""
 
 from __future__ import annotations

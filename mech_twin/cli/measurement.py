@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Measurements of the command line: bags and tables opened alike, maps read, data quality shown."""
 
 from __future__ import annotations

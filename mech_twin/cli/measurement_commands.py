@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Commands that compare a machine with measured runs; ``main`` names them."""
 
 from __future__ import annotations

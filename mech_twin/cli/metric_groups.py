@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The numbers of a run in groups - operation, impacts, bearings, design, checks - and the few that say most of each.
 
 Groups and rank follow from the names (docs/glossary.md), so that a machine added later is shown like the others.

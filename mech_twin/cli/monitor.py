@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``mech-twin monitor``: a recorded run judged against a healthy one, its faults named; or a sensor set judged."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Values of options and arguments that are more than a word: a machine, a time."""
 
 from __future__ import annotations

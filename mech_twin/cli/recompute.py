@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``mech-twin replay --analyse`` and ``--resimulate``: a recording recomputed and compared bit for bit."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``mech-twin recover``: salvage of a damaged recording."""
 
 from __future__ import annotations

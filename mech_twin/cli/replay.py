@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``mech-twin replay``: publishes a recording on its topics."""
 
 from __future__ import annotations

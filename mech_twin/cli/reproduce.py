@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``mech-twin reproduce``."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How ``mech-twin reproduce`` writes its rows: a table that fits 80 columns, every column of it, or CSV."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``mech-twin run``: runs the nodes of a machine for a duration or until a signal."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a run came to, for people: numbers in groups, events that matter, worst residuals."""
 
 from __future__ import annotations

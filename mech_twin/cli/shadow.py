@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``mech-twin shadow``: follows a running machine by its topics and publishes what the model says of it."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``mech-twin simulate``: the one-process run."""
 
 from __future__ import annotations

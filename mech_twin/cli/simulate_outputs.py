@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where a simulated run goes besides the screen: a bag or a table, as it is or as sensors would show it."""
 
 from __future__ import annotations

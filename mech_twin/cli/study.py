@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``mech-twin study MACHINE QUESTION``: the questions and their options; what they write is in `study_output`."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Answers of ``mech-twin study MACHINE search`` and ``designs``, of any machine that has a design question."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Answers of ``mech-twin study MACHINE synthesise`` and ``regimes``."""
 
 from __future__ import annotations

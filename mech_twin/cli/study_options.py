@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the options of ``mech-twin study`` are written in: axes, limits, bounds; and what all answers share."""
 
 from __future__ import annotations

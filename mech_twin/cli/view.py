@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``mech-twin view``: shows a recording in the viewer, with the layout of a live run."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Steps put together from samples that arrive one by one, from topics or from a recording."""
 
 from __future__ import annotations

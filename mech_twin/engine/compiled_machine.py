@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A machine whose roles are all faces of kernels: what the compiled run needs to know of it."""
 
 from __future__ import annotations

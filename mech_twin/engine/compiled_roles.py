@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Roles as faces of their kernels: sample to row, the kernel of `compiled_steps`, row to sample.
 
 A role that derives from one of these has nothing to say but its constants (``model``) and where its numbers stand

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The coupling scheme of `coupling`, compiled: many steps of a machine's kernels without a sample or Python between.
 
 At step n::

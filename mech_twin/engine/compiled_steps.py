@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the roles compute in a step, as kernels: declared for the type of a role's constants, called by one scheme.
 
 A role's author declares its constants as a `NamedTuple` and, with `step_of`, the kernel of its step::

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The one coupling scheme: what is computed from what at a step, in one process and over topics alike.
 
 At step n::

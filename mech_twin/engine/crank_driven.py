@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A coupling step of a crank behind a motor: the cuts are found on the integrated motion; it sticks, and sets off."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A coupling step of a crank at prescribed speed: its angle is a parabola in time, and the cuts are roots of it."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Linkage with one freedom, turned at its crank: prescribed speed or motor torque, with exact changes of regime.
 
 What a step does is in `crank_step`; the mechanism itself comes as the kernels that `crank_state` names.

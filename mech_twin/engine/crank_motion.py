@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 r"""Motion of a linkage with one freedom between two events: its crank turned at a prescribed speed, or by a motor.
 
 ::

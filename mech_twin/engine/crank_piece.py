@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """State of a crank within a coupling step, and the boundaries between its smooth pieces, as kernels."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a crank linkage is made of: its mechanism as kernels, the boundaries of its load, drive, friction and state."""
 
 from __future__ import annotations

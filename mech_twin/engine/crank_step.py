@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One coupling step of a linkage with one freedom, as kernels over any mechanism of `crank_state`.
 
 Between two boundaries of the crank angle the regime is constant, and between two instants of rest the sense of turning

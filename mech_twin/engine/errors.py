@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A motion that cannot be computed."""
 
 from __future__ import annotations

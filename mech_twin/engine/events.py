@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where within a step of a motion something happens: signals, their roots, and the first event of several.
 
 A signal is a smooth function of the state that crosses zero at the instant of its event; a machine declares the value

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 r"""Time integration of ordinary differential equations, once for every machine: tableaus as data, one compiled step.
 
 A machine declares the constants of its motion as a `NamedTuple`, and with `rates_of` the equation and the method::

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The worst of each residual over a window, against its limit: what diagnostics and ``simulate`` judge a run by."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Rows of numbers by name: records that share the numbers of an array, in compiled code and out of it.
 
 ``array.view(dtype)[0]`` is such a record.  In compiled code it does not keep the array alive: make it where the array

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Roll-out of a machine: a run as arrays, computed without a sample or Python between two steps.
 
 A machine whose roles are faces of kernels runs through `compiled_run`; any other through its roles, with the same

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Samples as rows of numbers, for kernels: where each number of a sample stands, and both ways of conversion.
 
 =========  ==========================================================================================

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whether a machine that is switched on will turn: its own roles computed ahead."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The samples known of one step: a frame in which some may be missing, as recordings and topics give it."""
 
 from __future__ import annotations

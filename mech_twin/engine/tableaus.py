@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The Runge and Kutta methods in use, as data: see `mech_twin.engine.integration` for the fields.
 
 ``COOPER_VERNER_8``: 11 stages, order 8, no error estimate; for motions cut into short steps by their events.

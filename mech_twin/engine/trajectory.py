@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A run as columns: one array for each number of a frame."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The machines there are, written out by hand."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Numbers of a run of a crank machine: extremes, means from the energy balance, the last whole turn, the motor's load.
 
 Numbers of a run start with ``run_`` and those of its last whole turn with ``turn_``: a cycle at constant speed, which

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Drive of a crank: a speed that is prescribed, or an induction motor; shared by the machines that have one.
 
 ::

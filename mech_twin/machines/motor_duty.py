@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a motor has done over a time: work, torque, and the heat in its rotor, against its rating.
 
 The heat of an induction motor's rotor is the power that crosses the air gap and does not leave by the shaft,

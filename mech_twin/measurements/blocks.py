@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How a measurement is read: block by block, so that memory does not grow with its length."""
 
 from __future__ import annotations

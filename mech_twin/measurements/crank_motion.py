@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The motion of the crank out of a measured run: zero, sense, speed and acceleration, at its own instants."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Errors of measurements: the file, what is wrong in it and what was expected, in one line."""
 
 from __future__ import annotations

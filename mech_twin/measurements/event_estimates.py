@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """First estimates from times and speeds of events: restitution, period; missed and false events are named.
 
 A mass that bounces under a constant force flies twice its speed over its acceleration, and each impact leaves the share

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What of a machine can be measured: the columns of a run and its events, each with its SI unit."""
 
 from __future__ import annotations

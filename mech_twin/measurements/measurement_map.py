@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The mapping file: which channel of a measurement is which column of the machine, and in which unit.
 
 A channel shows ``sign * of_the_machine / gain + zero``, in its own unit and later by its lag; reading inverts that::

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One turn of the crank of the model's own run, against which a measured run is held: sign, zero, plausibility."""
 
 from __future__ import annotations

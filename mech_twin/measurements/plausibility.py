@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whether a measured run can be one of this machine: units, swapped channels, another machine, no whole cycle."""
 
 from __future__ import annotations

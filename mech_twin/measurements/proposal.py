@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A map proposed for a measurement: by names, by the units in headers, by correlation with the model's own run."""
 
 from __future__ import annotations

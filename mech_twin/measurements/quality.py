@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the samples of a channel are worth: rate, gaps, noise and the like, gathered in bounded memory."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A measurement read by its map: channels in SI units, each at instants of its own."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A run seen through sensors: sampled at their own instants, late, noisy, in steps, with losses.
 
 A sensor samples the machine at ``k / rate_hz`` and a jitter, and stamps the sample later by its lag::

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Readings of sensors as a table: a row an instant, an empty cell where a channel was not sampled then."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tables as measurements: CSV, TSV and Parquet, read block by block."""
 
 from __future__ import annotations

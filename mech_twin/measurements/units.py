@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Units of measured channels: kind of quantity and factor to SI."""
 
 from __future__ import annotations

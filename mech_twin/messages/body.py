@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """BodySample <-> sensor_msgs/JointState on ``step/body``, and the pressing force as a wrench."""
 
 from __future__ import annotations

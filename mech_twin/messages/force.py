@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """ForceSample <-> sensor_msgs/JointState on ``step/forces``, and each pin reaction as a wrench.
 
 Every row is an effort.  A pin has three rows, ``PIN/force_x_n``, ``PIN/force_y_n`` and ``PIN/moment_nm``.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Frames of a mechanism <-> geometry_msgs/TransformStamped on ``frames``, and on ``/tf`` where tf2_msgs is installed.
 
 Names of frames bear the namespace of the run, so that several runs have one tree each: ``winding_drum/shaft``.

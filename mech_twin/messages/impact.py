@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Event -> geometry_msgs/Vector3Stamped on ``impacts``: x speed before, y speed after, z impulse.
 
 The stamp is the event's time, rounded to the nanosecond a stamp can hold.  The unrounded time travels with the step

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Step messages as CDR bytes.  The row names of a stream hardly ever change, so they are encoded once.
 
 The middleware's own converter turns every name of every message into a string and back, which is most of what a

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Plain joint states for people and other tools: the joints of a sample, or the efforts of a force sample, and no more.
 
 What the roles exchange are the step messages; from these nothing is read back.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """LinkageSample <-> sensor_msgs/JointState on ``step/linkage``."""
 
 from __future__ import annotations

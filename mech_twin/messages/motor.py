@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """MotorSample <-> sensor_msgs/JointState on ``step/motor``."""
 
 from __future__ import annotations

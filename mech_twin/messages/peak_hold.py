@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Decimation that keeps extremes: of each window the greatest goes out, so that spikes survive."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Drawing <-> visualization_msgs/MarkerArray on ``scene``."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a recorder needs of a step message: when, of which step, from whom; the other numbers are not decoded."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The step message: one whole sample as the named rows of a sensor_msgs/JointState.
 
 The rows of the joints come first, under their own names.  What a sample carries beyond its joints follows in rows
@@ -25,7 +26,6 @@ SOURCE = "~source"
 MEMORY = "~memory/"
 RESIDUAL = "~residual/"
 EVENT = "~event/"
-
 LARGEST_STEP = 2.0**53
 COLUMNS = ("position", "velocity", "effort")
 SHOWN_NAMES = 6

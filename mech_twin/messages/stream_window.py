@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Decimation of a stream of whole samples, in which impacts keep the samples on both their sides.
 
 ::

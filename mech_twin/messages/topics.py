@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Names, types and quality of service of every topic, relative to the machine's namespace."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """ROS 2 nodes: thin shells around the roles."""
 
 from mech_twin.dependencies import require_versions

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The one way from an advisor to a machine: its speed command, or a live parameter of its linkage."""
 
 from __future__ import annotations

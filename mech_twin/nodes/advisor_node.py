@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The advisor node: offers a change that brings a number of the cycle nearer to what is wanted, and waits for a yes."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What every node of the twin shares: options, parameters, counted publishers, diagnostics, steady timers.
 
 Nothing here knows a role or builds a machine, so that a process that only records or shows compiles no kernel.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The body node: angle, contact and pressing force of the body at each step."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The nodes of a machine composed in one process, spun on one executor until the run is over."""
 
 from __future__ import annotations

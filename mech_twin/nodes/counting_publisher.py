@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A publisher that counts what it sent and knows who must listen."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The configurations that were described, by who described them: a role adopts the one its questions name.  No ROS."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Diagnostics of one node: worst residual of each window against its limit, loss counters, state."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The process's place in ROS: discovery stays on this machine unless the user says otherwise."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What goes wrong with nodes as a whole; importing this needs no ROS."""
 
 from __future__ import annotations

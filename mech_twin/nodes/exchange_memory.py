@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The last steps a follower answered, so that one asked again is answered with the same sample.  Knows no ROS."""
 
 from __future__ import annotations

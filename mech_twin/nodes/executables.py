@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Each node as a program of its own: ``linkage_node --ros-args --params-file config/mb10_breaker.yaml``."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A role node that answers a step message with a step message: motor, force analysis and body."""
 
 from __future__ import annotations

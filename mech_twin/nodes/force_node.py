@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The force analysis node: every pin reaction, and the loads on the body, at each step."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The frames node: where every link and pin is, for TF, and what the machine looks like, for the robot description.
 
 It listens to the joint states of a run, or of a replay, and is no part of the exchange of steps.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the launch files start: programs, parameters, names.  Nothing here needs the launch library."""
 
 from __future__ import annotations

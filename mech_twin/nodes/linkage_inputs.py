@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the linkage node hears from its peers: one answer a step from each, of the publisher that is followed."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The linkage node: time authority of a run.  It steps when its peers have answered, and waits while one is missing."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the linkage node publishes: step messages, clock, impacts, drawing, configuration."""
 
 from __future__ import annotations

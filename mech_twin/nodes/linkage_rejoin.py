@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The linkage's part in coming back and in letting others come back, on the topics ``rejoin`` and ``rejoin/*``."""
 
 from __future__ import annotations

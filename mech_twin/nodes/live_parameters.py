@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A change of live parameters, from being asked for to the step it takes effect at.  Knows no ROS."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The monitor node: judges each cycle of the machine a shadow follows, and names what is wrong with it."""
 
 from __future__ import annotations

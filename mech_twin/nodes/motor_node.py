@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The motor node: torque of the drive at each step, the speed command, start and stop."""
 
 from __future__ import annotations

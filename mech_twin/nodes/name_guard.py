@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Refuses to start beside a living publisher of the same step messages.
 
 A name on the graph alone proves nothing: what was killed stays there for the lease of the middleware (20 s).  So a

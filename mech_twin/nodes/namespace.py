@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The namespace of a run, as arguments of ROS.
 
 A run lives in ``/MACHINE`` unless it is told otherwise.  In a namespace of its own it also has a clock of its own, so

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A node that hears every step message and puts the frames together again: base of the viewer, metrics of a run."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Runs of a measurement opened by their path, bags and tables alike, and maps read by the columns of their machine."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How a node is run, as opposed to what the machine is: the ``run`` group of a node's parameters."""
 
 from __future__ import annotations

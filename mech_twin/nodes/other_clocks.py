@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Who else tells simulation time on the clock's topic: two clocks on one topic make time jump for who follows it."""
 
 from __future__ import annotations

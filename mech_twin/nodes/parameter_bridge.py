@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Parameter models <-> ROS 2 parameters: every key declared with type, range, unit and description."""
 
 from __future__ import annotations

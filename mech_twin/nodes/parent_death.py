@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A node's process that ends when its launch does, even by SIGKILL (Linux)."""
 
 from __future__ import annotations

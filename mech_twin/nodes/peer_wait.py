@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """When a missing answer is asked for again, and from when its peer counts as gone.  Knows no ROS, reads no clock."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The recorder node: every topic of a machine, raw, to an MCAP recording."""
 
 from __future__ import annotations

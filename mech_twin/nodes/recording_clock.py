@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The time of a recording: that of the newest step of the run that is followed.  Knows no ROS."""
 
 from __future__ import annotations

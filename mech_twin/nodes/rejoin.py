@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A linkage that starts asks its peers where the run is: the state of that question.  Knows no ROS, reads no clock.
 
 See ``docs/decisions/0008-a-restarted-node-asks-its-peers.md``.

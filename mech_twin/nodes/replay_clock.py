@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Position in a recording against the wall clock: rate, pause, jumps.  Knows no ROS and reads no clock itself."""
 
 from __future__ import annotations

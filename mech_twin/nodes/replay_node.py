@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The replay node: a recording published on its topics again, steered while it runs."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A replayed topic's publisher: counts, and gives listeners the time to take what they must not miss."""
 
 from __future__ import annotations

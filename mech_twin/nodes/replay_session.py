@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A replay from beginning to end: the node spun, keys obeyed, progress told."""
 
 from __future__ import annotations

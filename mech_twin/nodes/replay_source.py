@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is replayed of a bag: the messages that are sound, from any position, in memory that does not grow."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the four role nodes share: the machine, and the configuration the linkage publishes."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A run attended at a terminal: a line that says how it goes, and keys that command it over the run's own services."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The metrics and events of a run, gathered frame by frame."""
 
 from __future__ import annotations

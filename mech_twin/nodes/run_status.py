@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One line on how a run goes: time, speed, blows a second, energy of a blow, state, lag, size of the recording."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a shadow listens to: the topics of a map, or the twin's own, and the samples in their messages."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The shadow node: follows a machine's topics with the observer, and publishes what it says of the machine.
 
 It listens to the machine and publishes below ``twin``; it is no part of the machine's exchange of steps and never

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a shadow publishes of an estimate: states, residuals, virtual sensors, each with its standard deviation."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Records what a shadow hears and what it says: all of it in one bag, or what surrounds a fault (the black box)."""
 
 from __future__ import annotations

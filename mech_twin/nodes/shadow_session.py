@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A shadow from beginning to end: the name checked, the node spun until a signal or its time is over."""
 
 from __future__ import annotations

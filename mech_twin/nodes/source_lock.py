@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which publisher is followed on a topic: one at a time, another only when the first is gone.  Knows no ROS.
 
 Each node signs its step messages with a number of its own (row ``~source``).  A message without one comes from

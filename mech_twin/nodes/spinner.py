@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The one executor of a process: serves its nodes until something holds."""
 
 from __future__ import annotations

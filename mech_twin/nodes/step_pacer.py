@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """When a step is due: at once, or when the wall clock has come as far.  Reads the steady clock and nothing else."""
 
 from __future__ import annotations

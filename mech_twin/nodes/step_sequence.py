@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The steps of one topic as they arrive: what is missing, repeated or late.  Knows no ROS."""
 
 from __future__ import annotations

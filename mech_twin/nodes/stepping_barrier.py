@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The answers to one step: the run goes on when every peer has given one.  Knows no ROS."""
 
 from __future__ import annotations

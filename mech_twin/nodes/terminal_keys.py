@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Single keys from the terminal, where somebody sits at one."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Counters of what went wrong on a topic, so that no loss is silent.  Knows no ROS, so it can be tested alone."""
 
 from __future__ import annotations

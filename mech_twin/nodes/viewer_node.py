@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The viewer node: what the topics say, handed to a rerun scene; metrics of the run about once a second."""
 
 from __future__ import annotations

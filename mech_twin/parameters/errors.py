@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How a configuration is refused: file, key, line, value, and what was expected."""
 
 from __future__ import annotations

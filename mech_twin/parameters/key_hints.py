@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The keys that a configuration may hold, their units, and which of them an unknown key was probably meant for."""
 
 from __future__ import annotations

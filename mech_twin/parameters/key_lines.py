@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """On which line of a parameter file a key stands."""
 
 from __future__ import annotations

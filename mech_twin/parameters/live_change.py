@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Live parameters changed at a time of the run: ``body.spring_rate_n_per_m=-20%@12``, a fault to be found."""
 
 from __future__ import annotations

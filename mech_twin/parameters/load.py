@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """YAML configuration -> validated parameter models.  The only place that reads configuration.
 
 A configuration file has the form of a ROS 2 parameter file, so that one file serves a node and the engine::

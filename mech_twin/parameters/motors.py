@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The motor table: a configuration may name a catalogue motor instead of giving its data."""
 
 from __future__ import annotations

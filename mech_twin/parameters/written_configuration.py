@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A configuration that a study chose, written as the file it was derived from: with its comments, and what changed."""
 
 from __future__ import annotations

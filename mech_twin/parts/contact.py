@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 r"""A blow through a contact of finite stiffness: force, duration, and what it passes on beside a rigid one.
 
 ::

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 r"""Flywheel that keeps a cyclic machine's speed within bounds, from its work and its reduced inertia.
 
 ::

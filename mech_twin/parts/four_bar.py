@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 r"""Four-bar linkage: where its joints are, how they move, and what its pins carry.
 
 ::

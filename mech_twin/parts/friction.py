@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 r"""Friction of a turning joint: Coulomb and viscous, with sticking and release told exactly.
 
 ::

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 r"""Gear between a motor and a crank: one ratio, and one rule of efficiency, by the sign of power.
 
 ::

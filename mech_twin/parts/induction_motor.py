@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 r"""Three-phase induction motor: torque as a map of speed and supply fraction (Kloss).
 
 ::

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Supply of a drive: the fraction of rated frequency in force, following what was asked at a limited rate.
 
 ::

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a recording holds: messages, topics, files, totals."""
 
 from __future__ import annotations

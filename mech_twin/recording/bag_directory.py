@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The files of a rosbag2 directory: found, ordered, and never outside it."""
 
 from __future__ import annotations

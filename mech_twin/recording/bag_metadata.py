@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`metadata.yaml` (version 9) of a rosbag2 directory: written and read."""
 
 from __future__ import annotations

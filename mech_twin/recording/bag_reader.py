@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Reads a recording in order of log time, in memory that does not grow with its size."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A recording decoded to samples, step by step, each step once."""
 
 from __future__ import annotations

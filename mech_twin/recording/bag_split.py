@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One split of a recording: a complete MCAP file that can be opened on its own.
 
 | record     | what                | holds                                                                            |

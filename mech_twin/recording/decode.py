@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Decodes raw CDR to Python objects, by the message definitions stored in the bag."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Errors of recordings: file, reason and, if there is one, the remedy, in one line."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Index of one MCAP file: where its chunks, attachments and metadata are."""
 
 from __future__ import annotations

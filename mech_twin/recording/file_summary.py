@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Index of an MCAP file, read from its summary section."""
 
 from __future__ import annotations

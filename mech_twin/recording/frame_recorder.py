@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Records the frames of a one-process run as the messages that the nodes would have published."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Index of an MCAP file built by a linear scan, which works on damaged and truncated files."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Records of an MCAP file, parsed with every length and checksum verified.
 
 The `mcap` package parses the fields.  This module adds the checks it omits: a record must lie within its file and be

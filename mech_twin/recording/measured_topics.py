@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A bag of foreign topics as channels of numbers: joints of JointState, dotted fields of any other message."""
 
 from __future__ import annotations

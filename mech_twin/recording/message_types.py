@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Message types of a bag: the installed classes, decoding, and the recorded quality of service."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The `mcap` writer with a faster path for messages: a record is packed at once instead of field by field.
 
 The output is byte for byte that of `mcap.writer.Writer`, as a test checks.  The fast path uses private members of that

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What every reader of a bag is: files that are open until it is closed, by a call or at the end of a context."""
 
 from __future__ import annotations

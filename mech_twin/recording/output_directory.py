@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The directory of a new recording: checked before a run, created for it, never shared with other files."""
 
 from __future__ import annotations

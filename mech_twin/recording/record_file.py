@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """An MCAP file read record by record; a scan resynchronises after damage."""
 
 from __future__ import annotations

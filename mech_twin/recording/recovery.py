@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Recovers the intact records of a damaged or unfinished recording into a new one."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The name of the ROS 2 release that runs, as recordings tell it."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Message definitions as stored in a bag, collected from the installed message packages.
 
 Every package installs `share/<package>/msg/<Type>.msg` and a type description (`.json`, REP-2011, REP-2016) that

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Readings of sensors as a bag of foreign topics: the messages a real machine's own nodes would send."""
 
 from __future__ import annotations

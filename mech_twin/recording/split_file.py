@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Output file of one split, written in transactions.
 
 The output of the MCAP writer is buffered in memory and written by `commit`, completely or not at all, so that a full

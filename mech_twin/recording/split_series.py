@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The consecutive splits of a recording, and the `metadata.yaml` that lists the finished ones."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Reads rosbag2 recordings in sqlite3 storage (`.db3`), by means of rosbags."""
 
 from __future__ import annotations

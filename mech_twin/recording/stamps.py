@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Header stamp of a message, read from its CDR bytes."""
 
 from __future__ import annotations

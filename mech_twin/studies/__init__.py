@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Questions asked of a machine, under the names they have on the command line.
 
 Each function imports what it needs when it is called, so that naming one costs nothing.

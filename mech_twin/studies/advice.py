@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 r"""Life of an advice, as a pure state machine: offered, accepted, on trial, kept or taken back.
 
 ::

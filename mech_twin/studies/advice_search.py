@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which value of one output brings a number of the cycle nearest to what is wanted: asked of the model, by roll-outs.
 
 The model's number is scaled to what is measured now, ``F(new) = F_measured F_model(new)/F_model(now)``: an error of the

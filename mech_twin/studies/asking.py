@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A question put to a machine through its declared capabilities."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Two samples compared to the last bit, or within a tolerance: the first field that differs."""
 
 from __future__ import annotations

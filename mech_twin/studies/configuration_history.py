@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which parameters were in force at which step of a recorded run."""
 
 from __future__ import annotations

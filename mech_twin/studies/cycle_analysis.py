@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A machine's analysis over one turn of the crank, as columns."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Scan of a machine's design space: very many random designs, spread over cores or a cluster."""
 
 from __future__ import annotations

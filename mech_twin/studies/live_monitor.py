@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The monitor fed by the samples a shadow hears; what it says is what the monitor says of a recording of them."""
 
 from __future__ import annotations

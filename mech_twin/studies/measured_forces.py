@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The mechanism in a measured motion: every joint, and the forces that the motion needs (inverse dynamics)."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Sweep of configuration keys: the summary numbers at every point of a grid."""
 
 from __future__ import annotations

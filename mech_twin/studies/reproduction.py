@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Every published number of the machines' sources beside the computed one, worked out when asked."""
 
 from __future__ import annotations

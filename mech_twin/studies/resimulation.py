@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A recorded run computed again, and its forces again from its motion, to see whether they come out the same.
 
 The roles are pure maps between samples, so the recorded configuration, commands and resets determine every sample.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Roll-outs by name of machine, configuration and changed keys, one or many at once on all cores."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Two runs, or two configurations run alike, side by side: settings, numbers and columns that differ."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A run in one process: the numbers, worst residuals and events gathered frame by frame."""
 
 from __future__ import annotations

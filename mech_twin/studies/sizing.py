@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Sizes of a machine's parts: each gives a configuration, the constraints it meets and which of them binds."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Work spread over processes of this machine, or over a Dask cluster.
 
 A batch is computed by a pure function, so it may be computed again elsewhere when a worker is lost; whoever takes the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Journal of a sweep: finished points on disk, so that an interrupted sweep goes on where it stopped.
 
 One JSON document a line: first the question, then a line per finished point, written when it is finished.  A line that

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Points of a sweep: which configurations, and the numbers of one of them."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A sweep as a table (Parquet or CSV) and as a picture."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a figure writes into the drawing of a mechanism: pin reactions as arrows, their values, scales, blows.
 
 ::

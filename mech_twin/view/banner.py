@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The line above the picture: state, time, speed, rate and energy of the blows or power, alarm."""
 
 from __future__ import annotations

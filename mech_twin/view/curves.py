@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Time series of the samples, and how they are logged to rerun.
 
 Curves that belong together (one quantity of all joints, one component of all pins) share one entity, one time column

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 r"""Decimation that keeps extremes: a spike of one sample remains in the decimated curve.
 
 ::

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the view cannot do; apart from the scene, so that it can be named where rerun is not installed."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Impacts in the plots: a vertical mark at the exact time of each, as high as its impulse or its speed."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Layout of the panels; each plot has one unit, which its title names.
 
 The full one::

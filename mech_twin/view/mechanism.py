@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The drawing of the mechanism in rerun: lines, points and arrows, and the range of the plane they cover."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The viewer's page, served with a policy under which a browser asks this machine alone.
 
 The page that rerun serves asks other hosts for a font, for news of releases and for telemetry.  Here its files are

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 r"""The phase portrait of a body joint: rate against angle over the recent past, older points fainter.
 
 ::

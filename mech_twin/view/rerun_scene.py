@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Shows samples in rerun as they arrive, live or into a file.
 
 Everything is logged at simulation time, never wall-clock time.  The names of joints and pins come from the samples, so

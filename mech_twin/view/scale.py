@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Round numbers for axes and scale bars, and values as they are written in a figure."""
 
 from __future__ import annotations

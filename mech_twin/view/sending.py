@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How much goes to a viewer, and how often.
 
 A browser takes in a limited number of messages with each frame it draws.  What comes faster queues up, and the picture

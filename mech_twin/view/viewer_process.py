@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The rerun server as a child process, bound to the loopback interface.
 
 The Python function that serves the viewer always binds all interfaces, and the wrapper script leaves an orphaned

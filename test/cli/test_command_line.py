@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The command as a person types it: quick help, numbers for machines, bad input in one line."""
 
 from __future__ import annotations

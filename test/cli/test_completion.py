@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the shell offers for a command line that is being written."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a user gets wrong is answered in one line that says what was meant; nothing is computed, nothing written."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A person runs the breaker and looks: the web view of the run, in a real browser, shows it and moves."""
 
 from __future__ import annotations

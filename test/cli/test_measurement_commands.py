@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Measurements on the command line: simulated through sensors, mapped, examined; faults in one line each."""
 
 from __future__ import annotations

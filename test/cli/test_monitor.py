@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`mech-twin monitor`: a recorded run judged, a sensor set judged, and what is wrong told in one line."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Verbs that write files check them before they compute, keep existing results, and leave nothing half-written."""
 
 from __future__ import annotations

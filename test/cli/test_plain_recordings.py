@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A recording without a configuration is recomputed by a given one; a small bias is within a tolerance or not."""
 
 from __future__ import annotations

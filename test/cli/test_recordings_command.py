@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Recordings on the command line: replayed, compared, shown, described, recovered; bad ones in one line."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``mech-twin reproduce``: the table, its document, its exit code."""
 
 import csv

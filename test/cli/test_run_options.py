@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How a run is run: an option of the command comes before the group `run`, which counts where there is none."""
 
 from __future__ import annotations

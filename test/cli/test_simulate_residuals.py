@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``simulate`` shows the worst residuals with their limits and fails where one is broken."""
 
 from __future__ import annotations

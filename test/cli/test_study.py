@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``mech-twin study``: the questions as they are asked on the command line."""
 
 import json

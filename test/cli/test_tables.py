@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tables fit a terminal of 80 columns, leave nothing out in silence, and show all where they are asked to."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Samples arriving one by one become steps: each once, in order, whole unless a sample of it was lost."""
 
 from hypothesis import given, settings

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is computed from what at a step: the linkage leads, the body follows, a reset begins both anew."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Crank linkage behind a motor against a second implementation: own kinematics, own motor curve, SciPy's DOP853.
 
 The machine is the vibration crank with a finite rod: y = r sin th + sqrt(L^2 - r^2 cos^2 th), everything written anew.

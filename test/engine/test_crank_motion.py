@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A piece of motion ends where it says: rest, angle or span on the integrated motion itself."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Events within a step: roots at the start, dips through zero and back, two at once, direction, the first in time.
 
 The motions have closed solutions (a ball thrown up, an oscillation), written out here.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Each Runge and Kutta method has the order it is named for, and its dense output and error estimate theirs.
 
 The problems are Kepler's ellipse with its exact position by Kepler's equation, and a growth whose rate changes with

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A residual over its limit is broken, and so is one that is no number or has no limit."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A run has the first frame and one for each step of its duration, every one from the frame before it."""
 
 from dataclasses import replace

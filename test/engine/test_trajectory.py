@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Every number of a frame has its own column, and the events of a step come in time order, whoever saw them."""
 
 import pytest

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Golden values of press, vibration crank and drum: our own earlier report and run.
 
 A change that moves them on purpose rewrites them: ``python test/golden/test_crank_machines_golden.py``.

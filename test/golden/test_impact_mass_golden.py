@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Our own earlier numbers: first blow of each period for the cases of figs. 2, 3a and 3b."""
 
 from __future__ import annotations

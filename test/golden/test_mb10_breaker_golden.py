@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Golden values of the breaker: our own earlier report, steady figures and blows.
 
 A change that moves them on purpose rewrites them: ``python test/golden/test_mb10_breaker_golden.py``.

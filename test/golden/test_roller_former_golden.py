@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Golden values of the roller former, one to four carts: our own earlier summary and run.
 
 A change that moves them on purpose rewrites them: ``python test/golden/test_roller_former_golden.py`` with ``test`` on

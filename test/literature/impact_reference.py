@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The impact mass in 60 digits: the same law written again, with decimals and no shared code."""
 
 from __future__ import annotations

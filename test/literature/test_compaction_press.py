@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Asfandiyarov et al. 2019: what the paper claims, and the numbers of the assumed press behind it."""
 
 from math import cos, degrees, pi, radians

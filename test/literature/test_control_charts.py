@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Run lengths of control charts against published tables.
 
 Two-sided CUSUM, k = 0.5: LucasCusum1982, reprinted in MontgomeryQuality2013, with the approximation of

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Published figures of Manzhosov and Novikov, and what exact computation gives for them."""
 
 from __future__ import annotations

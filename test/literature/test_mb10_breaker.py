@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The breaker against its reference metrics: body held, crank and body together, and the preload trade-off.
 
 The reference prints its numbers rounded; one is met when it rounds to the print.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The spring-pressed body against the figures worked out for it elsewhere."""
 
 import math

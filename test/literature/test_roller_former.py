@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Loveikin, Pochka, Romasevych, Loveikin 2018: Tables 1 and 2, the motor, the inertia, what the print does not give."""
 
 from functools import cache

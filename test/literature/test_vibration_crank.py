@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Lastochkin et al. 2024: masses, peaks and what the print allows."""
 
 from math import cos, inf, pi, sin

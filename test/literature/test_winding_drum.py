@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The fragment on the winding drum, formulas (23)-(25): what it says of the three components."""
 
 from math import cos, pi, sin

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The recipe of the documentation is true: a machine made from its blocks alone keeps every contract."""
 
 from __future__ import annotations

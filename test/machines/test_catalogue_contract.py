@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What every machine of the catalogue must keep, without ROS."""
 
 from __future__ import annotations

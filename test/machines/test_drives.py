@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Drives: the promised rates hold, also where the rated speed is changed while running, and either way round."""
 
 from __future__ import annotations

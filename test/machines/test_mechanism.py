@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Frames of every machine lie where its drawing has its pins, its chains close, and a foreign parser agrees."""
 
 from __future__ import annotations

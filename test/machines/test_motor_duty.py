@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Duty of a motor: integrals of linear courses are exact, and rated load is a share of one."""
 
 import numpy as np

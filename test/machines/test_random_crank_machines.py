@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Random legal presses and vibration cranks, corners included: finite, balanced, or refused in one line."""
 
 from __future__ import annotations

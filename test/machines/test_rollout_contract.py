@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A roll-out is what the roles compute step by step, to the bit: every machine, any command, change, start and step."""
 
 from __future__ import annotations

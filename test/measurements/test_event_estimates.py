@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """First estimates from events: exact on exact events, and missed and false ones are named, not averaged."""
 
 from __future__ import annotations

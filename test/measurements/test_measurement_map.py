@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The mapping file is checked line by line, and each refusal names file, key, value and what was expected."""
 
 from __future__ import annotations

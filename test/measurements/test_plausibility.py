@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A run that is none of this machine is said to be so, in one line; one that is passes in silence."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The table of data quality finds what was put in, however the samples are cut into blocks."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A run seen through sensors and read back by the same map is the run, within what the sensors state."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tables of any dialect give the same numbers, block by block."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is read and written without the converter is what the converter reads and writes."""
 
 import struct

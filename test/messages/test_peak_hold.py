@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A decimated stream keeps the extreme of every window."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Samples survive their messages to the bit, through the wire format."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The head that a recorder reads of a step message is that of the decoded message, for any bytes."""
 
 from __future__ import annotations

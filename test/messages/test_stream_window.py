@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A decimated stream keeps the first sample of each window, both sides of an impact, and the window's greatest."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """An advisor beside the twin that plays a machine with hidden parameters, in another process and namespace."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A run that cannot keep up with the wall clock says by how much, in the log and in its diagnostics, and catches up."""
 
 from __future__ import annotations

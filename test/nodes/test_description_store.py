@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A role adopts the configuration its questions name, of the source they name, and no other.  Without ROS."""
 
 from __future__ import annotations

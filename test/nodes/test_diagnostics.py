@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a node says of a window: OK, WARN for what was lost, ERROR for what must not be."""
 
 from __future__ import annotations

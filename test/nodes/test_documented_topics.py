@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The topics on the wire and those of docs/topics.md are one list, for every machine."""
 
 from __future__ import annotations

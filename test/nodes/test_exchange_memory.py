@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A step asked again is answered with the same sample, and who goes back is followed back.  Without ROS."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Frames published beside a run are those of its joint states, and every wrench and marker has one."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Joint state topics hold joints and nothing else, at their rate, and are what the engine computed."""
 
 from __future__ import annotations

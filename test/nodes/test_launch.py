@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the launch files start and end: their plan always, the launch itself where the launch library is installed."""
 
 from __future__ import annotations

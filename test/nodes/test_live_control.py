@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a user does to a running machine: commands, services, live parameters."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Changes of live parameters add up until a step adopts them, and a bad one changes nothing.  Without ROS."""
 
 from __future__ import annotations

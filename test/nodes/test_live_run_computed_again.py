@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A live run, with all that a user does to it, comes out the same when its recording is computed again."""
 
 from __future__ import annotations

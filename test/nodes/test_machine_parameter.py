@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which machine a node is of is a parameter: resolved by rcl for the node's name, read-only, without default."""
 
 from __future__ import annotations

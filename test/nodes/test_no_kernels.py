@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A process that records, shows or observes compiles no kernel but those that check a configuration."""
 
 from __future__ import annotations

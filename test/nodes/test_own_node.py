@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The programs of the page on own nodes run against a live machine, and mistakes are told in the words of that page."""
 
 from __future__ import annotations

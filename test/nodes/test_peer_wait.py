@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A missing answer is asked for again, and its peer counts as gone after the timeout: without ROS, without a clock."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A peer that is gone is waited for, one that comes back rejoins, and the run is the same as if it had stayed."""
 
 from __future__ import annotations

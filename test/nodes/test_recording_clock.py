@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The time of a recording is that of the run that is followed, and gaps are its gaps.  Without ROS."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A starting linkage asks its peers where the run is, for as long as somebody may know.  No ROS, no clock."""
 
 from __future__ import annotations

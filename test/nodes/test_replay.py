@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A replay publishes what was recorded: in order, once, with its quality of service, and says what it leaves out."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The position of a replay: it runs at its rate, stands still while paused, and never floods."""
 
 from __future__ import annotations

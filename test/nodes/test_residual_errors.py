@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A residual over its limit is an ERROR in the diagnostics a node publishes, through real topics."""
 
 from __future__ import annotations

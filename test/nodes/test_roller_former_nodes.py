@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The roller former's carts, one to four, over topics: the one-process run to the bit; a stall is seen from outside."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A run attended at a terminal: what its status line says, and what its keys do."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A second run under a living name is refused; in a namespace of its own it runs beside the first."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A shadow beside a machine that plays a foreign one: other names, units and clock, hidden parameters, noise."""
 
 from __future__ import annotations

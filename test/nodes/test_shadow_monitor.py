@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The monitor inside a shadow: live as of a recording; life of a fault, services, black box."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One publisher is followed at a time: the laws of the source lock, without ROS."""
 
 from __future__ import annotations

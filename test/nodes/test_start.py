@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`start` says whether the machine turns: if not, it is refused with the reason, and the supply stays off."""
 
 from __future__ import annotations

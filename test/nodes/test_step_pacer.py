@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A step is due when the steady clock has come as far; a lag is told, and caught up or given up.  Without ROS."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The run goes on when every peer has given its one answer to the step; nothing else counts.  Without ROS."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Nothing is lost silently: the laws of the loss counters, without ROS."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A run over topics is the one-process run, to the bit, through real DDS and a real recording."""
 
 from __future__ import annotations

@@ -1,4 +1,5 @@
 #!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
 # Builds and tests the package with colcon, away from the source tree, and uses what was installed.
 # Usage: colcon_build.sh VENV_BIN
 set -euo pipefail

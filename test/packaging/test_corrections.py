@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Every test that the page of corrections names exists where it says, and every row has a test and a page."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the package imports it declares, and nothing else; what is lacking is said in one line."""
 
 from __future__ import annotations

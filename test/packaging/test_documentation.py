@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the pages name exists, and what the code names stands in the pages."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The tables of the page on faults are those of the scripts it names, each row with its date and machine."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A name stands for one thing: no two classes of the package share one, and no file is called after nothing."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is written in more than one file agrees: the version, the oldest Python, the pins and their hashes."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The files ROS installations read: manifest, launch file, entry points, pins."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Every source that code, configuration and pages name stands in the bibliography, and nothing stands there twice."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What pip installs: the types' marker, the programs in both places, configuration; tried from a wheel made here."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Live parameters changed at a time: checked before the run, in force from the first step at or after it."""
 
 from __future__ import annotations

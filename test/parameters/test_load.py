@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A configuration is refused in one line that names file, key, value and what was expected."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Naming a catalogue motor in a configuration: one line, and no silent contradiction."""
 
 import pytest

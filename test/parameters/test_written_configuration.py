@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A configuration that was chosen is written as the file it came from: with comments, and with what was before."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A blow through a contact of finite stiffness: against an integrator, the closed forms, and the rigid blow."""
 
 import math

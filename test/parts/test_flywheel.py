@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A flywheel keeps the speed between its bounds and touches both; the simpler formulas are its limits."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Laws of the four-bar: lengths, derivatives, mirror, equilibrium, power."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Coulomb and viscous friction: it takes energy, sticks within its limit and lets go just above it."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A gear never creates energy: what comes out is eta of what goes in, whichever way it goes."""
 
 import pytest

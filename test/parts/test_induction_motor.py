@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Laws of the induction motor: rated point, breakdown, generating branch, reduced supply, corrected curve."""
 
 import math

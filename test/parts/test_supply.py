@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The supply follows what is asked at its rate, reaches it exactly and never leaves 0..1."""
 
 import pytest

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bags are read in order with flat memory, and what is wrong with a bag is said in one line."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A bag gives back the samples that went into it: each step once, whatever else it holds."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A recording loses a bounded, counted amount, overwrites nothing, and every split of it opens alone."""
 
 from __future__ import annotations

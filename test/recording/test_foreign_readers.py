@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Readers of other hands find in a recording what was put in: equal counts, equal decoded values."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A disk that is full or fails stops nothing: what was written stays valid, what is dropped is counted."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A thousand damaged bags end in a reading, a recovery, or one line; never in a traceback."""
 
 from __future__ import annotations

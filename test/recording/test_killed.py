@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A recorder killed at any moment loses at most `max_loss_s` of any topic, slow ones too."""
 
 from __future__ import annotations

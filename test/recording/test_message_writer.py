@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The faster writer writes the very bytes of the mcap package's own."""
 
 import io

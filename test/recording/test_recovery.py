@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whatever happens to a file, what is intact of it comes back, and what is lost is said."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A recording names the ROS 2 release it was made with, not the one the project is pinned to."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Definitions come from the installed packages, with nothing of ROS in the environment."""
 
 from __future__ import annotations

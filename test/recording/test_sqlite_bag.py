@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A recording in sqlite3 storage gives the same messages, samples and comparison as the MCAP it was made from."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Nothing but the steady clock is read: a stopped, jumping or foreign clock has no effect on a run."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a run opens to the network: nothing by default, and with one explicit option what it says."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Every number of a configuration has a declared range, and at its extremes it is an answer or one line.
 
 The whole of it is ``benchmarks/reliability/extreme_configurations.py``.

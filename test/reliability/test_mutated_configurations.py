@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A configuration that was damaged is parameters or a ConfigurationError, never anything else."""
 
 from __future__ import annotations

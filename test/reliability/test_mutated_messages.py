@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A step message that was damaged is a sample or a MessageError, never anything else."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where the system lacks something the command works, or says in one line what is missing."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Nodes that are killed, stopped and restarted as real processes: the run goes on where it held, to the bit."""
 
 from __future__ import annotations

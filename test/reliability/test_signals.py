@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A signal at any moment ends every verb soon, with its exit code or a closed recording, and leaves nobody behind.
 
 Each verb meets each of its moments here, run and simulation with every signal; the whole matrix is

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Ctrl-C ends a compiled run of hours within a moment, called from plain Python, alone or on many threads."""
 
 from __future__ import annotations

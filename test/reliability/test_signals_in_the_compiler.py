@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A signal that arrives where the compiler drops exceptions ends the process all the same, and at once."""
 
 from __future__ import annotations

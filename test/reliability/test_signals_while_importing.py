@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A signal that arrives while a program is being imported ends it with 128 + N and no trace, whatever was under way."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Memory, threads and open files of a run do not grow: the short form of ``benchmarks/reliability/soak.py``."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Who else speaks on a running machine's topics is counted, reported once a window, never used, never fatal."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """An advice goes out only after a yes, inside its limits, and is taken back where it does not do what it promised."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A sweep over a Dask cluster of two worker processes: one is killed, nothing is lost, nothing counted twice."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The sources' figures: drawn for every machine, vector and raster, labelled, small enough for a page."""
 
 import pytest

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Inverse dynamics: the motion of the crank alone tells the joints and forces that made it."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The observer on simulated machines: uncertainty through an impact, worth of its sigma, samples that are no news."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The comparison with the sources: it holds, it is computed, and it notices."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A run computed again comes out the same to the last bit, and the first bit that does not is named."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Two sides compared: the relative difference, what counts as differing, and what is drawn."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Sizes: what is chosen keeps its limits, a little less would not, and a machine can be built of it."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A sweep: every point once, whoever computes it and however often it is interrupted."""
 
 import csv

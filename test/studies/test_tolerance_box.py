@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The box of tolerances: its corners, its inside, and a configuration scaled and validated."""
 
 import pytest

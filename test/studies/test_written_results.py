@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Results are complete or not there: a disk that fills up in the middle leaves what stood there before."""
 
 from __future__ import annotations

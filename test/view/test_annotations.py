@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is written over a drawing: forces to scale at their pins, blows with their energy, the line above."""
 
 from __future__ import annotations

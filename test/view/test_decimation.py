@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 import hypothesis.strategies as st
 import numpy as np
 import pytest

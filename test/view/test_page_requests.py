@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the page asks of the network, counted where it would leave the machine: at a proxy for every other host."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The viewer's page reaches the browser without links to other hosts and under a policy that allows none."""
 
 from __future__ import annotations

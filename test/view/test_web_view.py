@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The page as a person sees it: Chromium opens the viewer while samples come, and the picture moves."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Four-bar shock-vibration compaction press: exact kinematics, every pin force, gain and flywheel."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One cycle of the press: torque, work, energy and inertia along the crank's turn, and the flywheel they ask for."""
 
 from __future__ import annotations

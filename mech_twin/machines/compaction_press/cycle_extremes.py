@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Extremes of one cycle on the continuous curve: gamma, torque, and what the flywheel must even out.
 
 The turn has two smooth parts, contact to bottom and bottom to contact.  Each is sampled with both ends; every local

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From a configuration of the press to its design problem, and from a design back to a configuration."""
 
 from __future__ import annotations

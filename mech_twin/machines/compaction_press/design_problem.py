@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Design problem of the press: objectives and constraint margins of many designs (r, l, h, R) at once.
 
 A design is a configuration's press with other lengths: the plate is as long as the bearings are apart (R1 = l, the

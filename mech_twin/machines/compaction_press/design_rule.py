@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How the links of a design follow its lengths: by the mass per metre of the configuration it starts from.
 
 Mass along a link goes with its length, inertia about the centroid with its cube (a bar's m L^2/12), a centroid stays at

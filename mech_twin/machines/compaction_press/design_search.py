@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Search for a press: the best design for one objective, the Pareto front of several, or why there is none.
 
 A compiled scan of a Sobol sequence at 72 crank positions finds where the space is feasible; differential evolution

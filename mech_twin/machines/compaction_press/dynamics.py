@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Motion of the press: reduced quantities, equations of motion at a prescribed speed and behind a motor."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What sensors tell of one stroke of the press."""
 
 from __future__ import annotations

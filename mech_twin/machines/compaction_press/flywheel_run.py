@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Time run of the press under a constant torque with a flywheel: the proof of the flywheel's size."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Force analysis of the press: every pin force, gains and reduced quantities, from the linkage's sample alone."""
 
 from __future__ import annotations

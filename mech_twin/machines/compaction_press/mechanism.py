@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Frames of the press, and what its links look like."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Numbers of the press: one position, one cycle, the paper's closing conditions."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Parameters of the press, the constants of its kernels, and where on a turn the layer is pressed."""
 
 from __future__ import annotations

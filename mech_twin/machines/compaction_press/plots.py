@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Figures of the press: gain, torque, work and energy, energy-mass curve, pin forces."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Published claims of the press, and the numbers of the assumed press behind them."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Linkage role of the press: its regimes, and the boundaries of the layer along the crank's turn."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Flywheel of the press, for the worst machine within the tolerance of what is assumed."""
 
 from __future__ import annotations

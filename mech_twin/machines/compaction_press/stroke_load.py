@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Force of a layer that is pressed: it grows with the depth of a stroke and is gone on the return.
 
 ::

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Worst case of the press over a box: every assumed number off by up to a share of its value.
 
 The lengths are drawn and built, and stand outside the box; load, masses, inertias and speed are assumed.  For a fixed

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Impact mass: a mass under a two-level periodic force, striking a stop; exact events, no time step."""
 
 from __future__ import annotations

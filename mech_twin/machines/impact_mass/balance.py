@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Momentum and energy balance of one coupling step, kept piece by piece between events, per unit of mass.
 
 Momentum: the impulse of the force against the impulses of the stop.  Energy: the work of the force against the losses

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The event walk at length: millions of events in flat memory, and the fate of a start."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Peak force, contact time and loss of an impact at a stop of finite stiffness, as an estimate beside the impulse.
 
 ::

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One-impact cycles of the impact mass under judgement: multipliers, margin, basin, endurance."""
 
 from __future__ import annotations

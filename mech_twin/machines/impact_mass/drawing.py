@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Drawing of the impact mass: mass on its guide, stop, force, and the phase portrait below."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The event walk of the impact mass: from one event to the next, in closed form, without a time step.
 
 A motion is anchored at its last event: the number of the period, the time tau within it, gap and velocity there.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Force analysis of the impact mass: reaction of the stop, and what an impact takes at a stop of finite stiffness."""
 
 from __future__ import annotations

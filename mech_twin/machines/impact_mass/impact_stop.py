@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A mass on a straight line in front of a rigid stop: flight, blow, chatter, all in closed form.
 
 ::

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The impact mass as rows of numbers: its generator and a coupling step of its motion, as kernels."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Frames of the impact mass: its face, and the stop."""
 
 from __future__ import annotations

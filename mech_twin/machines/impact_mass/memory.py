@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the impact mass remembers from step to step, by name."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Metrics of the impact mass in closed form: report of the configuration, state at one angle of the period."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The motion with one impact per period: synthesis, closed form, multipliers.
 
 ::

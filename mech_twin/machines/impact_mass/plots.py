@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Figures of the impact mass: motions, velocities and phase portraits of figs. 2, 3 and 4."""
 
 from __future__ import annotations

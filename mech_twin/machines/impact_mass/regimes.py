@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Long-run regimes of the impact mass over a sweep of one parameter, and their bifurcation picture.
 
 How regimes are told apart (every rule but the last two is exact):

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Roles of the impact mass: force generator (motor) and mass (linkage); the force analysis is in `forces`."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Named states and events of the impact mass.
 
 They are floats, because they stand beside numbers in the arrays and samples of the compiled event walk.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One coupling step of the impact mass: its events, the sample at its end, and its balance.
 
 The state never leaves its anchor at the last event, so the answer does not depend on the coupling step: a finer grid

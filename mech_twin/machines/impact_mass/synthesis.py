@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Synthesis of a one-impact cycle of the impact mass: as published, and one that survives.
 
 The published synthesis with v0 = 0 always lands on P2 = R^2 P1, where the blow falls on the change of the force: the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Growth of a small difference of two motions, in closed form: flight, impact, and a whole series of impacts.
 
 A difference is (dx, dv) at one time, lengths scaled by the period so that both are speeds.  Flight: (1 t; 0 1).

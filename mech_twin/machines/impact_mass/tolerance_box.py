@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The worst case of a one-impact cycle over a box of tolerances of P1, P2, t1, T and R.
 
 Every point of the box is a machine of its own: its cycle must exist, be admissible and stable, and the asked share of

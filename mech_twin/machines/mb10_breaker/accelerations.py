@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Accelerations of crank and body under what acts on them: free, the striker pushing the tool, the tool held fast.
 
 Symbols and equations as in `dynamics`.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What happens in the breaker's bearings: crank and body come to rest, stay held, are let go, turn back."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Coulomb friction of the breaker's two bearings at rest: what holds crank and body, and in which sense they set off.
 
 ::

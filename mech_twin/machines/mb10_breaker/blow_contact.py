@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A blow through a contact of finite stiffness: peak force, contact time and loss of energy beside the impulse.
 
 The closing motion y(q) - r_tool phi - (tool) is reduced to one mass and one rate: the reduced mass of tool and of what

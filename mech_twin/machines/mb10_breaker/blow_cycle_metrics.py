@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is gathered of drive and mechanism from one blow on the tool to the next."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is gathered of the body's motion in one cycle of its excitation: lift, spring force, returns, contact."""
 
 from __future__ import annotations

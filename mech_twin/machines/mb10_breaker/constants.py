@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Constants of the breaker's motion, derived from its parameters."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What an event does to the breaker: the body on its collar, dead centres; the striker's are in `tool_contact`."""
 
 from __future__ import annotations

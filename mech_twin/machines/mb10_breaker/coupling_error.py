@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How far the coupled run of the breaker lies from the motion solved as one, and the order in the coupling step.
 
 The judge is `reference`, which shares no code with the motion of the machine.

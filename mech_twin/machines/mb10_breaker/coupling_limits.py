@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How far the body's own motion may lie from the one the linkage led it to, by the step and by what the body weighs.
 
 Over a coupling step h the body takes the linkage's moment as a line between knots.  The moment of a linkage that turns

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The breaker drawn: body, spring, linkage, tool and wall in the machine's frame."""
 
 from __future__ import annotations

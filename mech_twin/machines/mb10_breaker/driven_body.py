@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The breaker's body under the moments and impulses of the force analysis: closed form between knots, no stepping.
 
 J p' + d p + c (l phi + a) l + c_phi sign p = M0 + M1 t on each piece between knots; the knots are the ends of the step

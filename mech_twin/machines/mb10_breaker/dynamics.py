@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 r"""Crank and body of the breaker, solved together: masses, forces, accelerations, energies.
 
 ::

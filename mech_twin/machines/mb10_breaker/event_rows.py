@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Rows of the breaker's log of events: state and torques on both sides of an event."""
 
 from __future__ import annotations

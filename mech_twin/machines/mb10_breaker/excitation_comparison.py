@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The breaker's two excitations side by side: the assumed half sine and the moment the running linkage gives."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What sensors tell of one turn of the breaker's crank."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The breaker's force analysis as a row of numbers: every pin, and what loads the body in the step, as a kernel."""
 
 from __future__ import annotations

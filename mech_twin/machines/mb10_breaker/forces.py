@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Every pin of the breaker by the equilibrium of the dyad, between impacts and across them.
 
 The accelerations follow from the joint states and the crank's torque by the reduced masses; the pins then follow from

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The breaker's body under the paper's half sine: samples off the exact chain of pieces.
 
 The forces sample only says which step it is; moment and blow come from the excitation's own clock, whose origin is the

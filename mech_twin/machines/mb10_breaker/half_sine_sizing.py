@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Preload of the breaker's body under the half sine: the worst case over every corner of the tolerances."""
 
 from __future__ import annotations

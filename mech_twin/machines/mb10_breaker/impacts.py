@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 r"""Impacts of the breaker: the striker on the tool, the body on its collar; crank and body respond together.
 
 Symbols as in ``dynamics``.

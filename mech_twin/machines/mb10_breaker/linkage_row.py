@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The breaker's linkage as rows of numbers: where they stand, a coupling step and the motor's shaft as kernels."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Frames of the breaker: the body turns clockwise, everything but tool and wall is carried by it."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Metrics of the breaker in closed form: one cycle at rated speed, and one position of the crank."""
 
 from __future__ import annotations

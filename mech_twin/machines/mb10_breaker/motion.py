@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The breaker between two events as a system of the engine: equation of motion, method, signals of its events."""
 
 from __future__ import annotations

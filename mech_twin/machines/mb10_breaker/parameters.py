@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The breaker's configuration: its parameter model, and the conditions that tie its numbers together."""
 
 from __future__ import annotations

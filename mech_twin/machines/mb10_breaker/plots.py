@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Plots of the breaker's body: amplitude and pressing force against the spring, the preload, both excitations."""
 
 from __future__ import annotations

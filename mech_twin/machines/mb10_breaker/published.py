@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Published numbers of the breaker: its body under the half sine, its motor."""
 
 from __future__ import annotations

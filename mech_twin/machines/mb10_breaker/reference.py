@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The breaker solved as one by other means: judge of the coupled run, sharing no code with the machine.
 
 Kinematics by complex numbers and implicit differentiation, equations of motion by virtual work of every link's mass

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The breaker's motor, linkage and force analysis as pure maps between samples: faces of their kernels."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Running metrics of the breaker: the whole run, and its last cycles, in memory that does not grow.
 
 Mechanism and drive are cut into cycles at the blows on the tool.  The body is cut at the same blows where it is driven

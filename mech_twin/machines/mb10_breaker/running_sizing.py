@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Preload of the running breaker: the tool seated before every blow, in the worst case over the tolerances.
 
 The worst corner is looked for one number at a time, by the gap that a preload below the edge leaves, and then proved:

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A run of the breaker from standstill until it is steady, and the breaker with another preload."""
 
 from __future__ import annotations

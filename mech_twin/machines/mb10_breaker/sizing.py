@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Spring and preload of the breaker: which question is asked, and what both answers share.
 
 The limits hold in the worst case over a box of tolerances: every number that is assumed, not published, off by up to

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The body over spring rate and preload: amplitude, pressing force, metrics on the collar, the rational range.
 
 The paper's two figures first (amplitude and largest pressing force against spring rate, no preload, no collar), then

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The breaker's state by name: what is integrated, what a linkage sample carries beside, a row of the log of events."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One coupling step of the breaker's linkage: the motion led from t_n to t_n+1 through every event on the way.
 
 Motor torque inside the step: linear from the last two motor samples, restarted (held) after a step with an impact,

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What happens between striker and tool: the blow and its sequels, the tool's stop, its wall, its release."""
 
 from __future__ import annotations

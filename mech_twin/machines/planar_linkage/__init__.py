@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Linkage of one's own: a crank that drives up to four dyads, from a page of configuration."""
 
 from __future__ import annotations

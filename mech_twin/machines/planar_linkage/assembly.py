@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Constants of the kernels from the parameters, and whether the crank makes a full turn."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 r"""Kinematics of a crank that drives a chain of dyads: every link's place and its derivatives in the crank angle.
 
 ::

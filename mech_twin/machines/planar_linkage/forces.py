@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Force analysis of the planar linkage: every pin force and the force on the frame, from the linkage's sample."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The linkage with its masses and loads: reduced inertia and moment, energy, the working stroke."""
 
 from __future__ import annotations

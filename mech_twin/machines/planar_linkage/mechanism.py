@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Frames of the planar linkage: each link, the pins at its ends, and the loops that the dyads close."""
 
 from __future__ import annotations

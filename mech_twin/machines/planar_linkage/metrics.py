@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Numbers of the planar linkage: one position, one cycle at rated speed, and its flywheel."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Parameters of a planar linkage of one's own: a crank, up to four dyads, masses, loads, springs, a working stroke."""
 
 from __future__ import annotations

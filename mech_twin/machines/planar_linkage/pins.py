@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Every pin force of the linkage, by equilibrium of its links, dyad by dyad from the last to the crank.
 
 A second route to the drive torque: nothing of the reduced inertia and moment enters it.  Each dyad is statically

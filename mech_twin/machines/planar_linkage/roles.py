@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where the working stroke begins and ends along the crank's turn, and the linkage role."""
 
 from __future__ import annotations

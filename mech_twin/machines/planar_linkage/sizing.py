@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Flywheel on the crank shaft of a planar linkage, for an asked non-uniformity of its speed."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Carts of a roller former: geometry, masses, loads, and what the kernels need of them."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 r"""Roller forming cart on a crank: where it is, what the rod and the guides carry, what moment it asks.
 
 ::

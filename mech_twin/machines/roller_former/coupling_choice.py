@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Loads in the coupling of the roller former: the installations of 1 to 4 carts, sweeps over stiffness and damping."""
 
 from __future__ import annotations

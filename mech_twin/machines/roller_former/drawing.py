@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Drawing of the roller former: motor, shaft, cranks, rods, carts with their rollers, rails and mix."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 r"""State of the roller former, its constants, and the moments and energies that follow from both.
 
 ::

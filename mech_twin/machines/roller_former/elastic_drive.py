@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 r"""Elastic drive between a motor and a crank shaft, reduced to the crank.
 
 ::

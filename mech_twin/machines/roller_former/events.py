@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What happens to the roller former at its events, and the log of those a user is told of.
 
 Events are dead centres (kinks of the load), reversals of crank and drive, the load coming on, a stuck crank or drive

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Force analysis of the roller former: rods, guides, coupling and frame, from angles, rates and efforts of the joints.
 
 The mass of a rod is halved to its ends (the page's model), so pin forces are those on crank and cart with their

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The roller former as rows of numbers: a coupling step of its linkage, as a kernel."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Integration of the roller former between two instants: one compiled kernel with error control.
 
 Method: Dormand and Prince, eighth order with embedded fifth and third (`engine.tableaus`).  Every step ends at the

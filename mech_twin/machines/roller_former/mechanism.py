@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Frames of the roller former: drive and crank shaft, and of each cart its crank pin, rod, cart and guide rollers."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """State of the roller former that is no joint: modes, works, and the energy balance they make."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Metrics of the roller former: one position, static moments, the steady turn, and those of a run as it goes."""
 
 from __future__ import annotations

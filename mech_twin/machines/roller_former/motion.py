@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The system that is integrated: rates of the roller former's state, and the signals whose roots are its events.
 
 Signals are numbers that turn positive when their event has happened.  Which of them can happen is decided when a

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Motor of the roller former: what power the mean moment asks for, and whether a motor carries and starts the load."""
 
 from __future__ import annotations

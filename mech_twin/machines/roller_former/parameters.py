@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Parameters of the roller former, and the constants its kernels need."""
 
 from __future__ import annotations

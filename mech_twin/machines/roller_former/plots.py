@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Plots of the roller former: reactions, rod forces, moments, coupling moment against damping, phase pictures."""
 
 from __future__ import annotations

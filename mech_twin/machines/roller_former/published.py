@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Published numbers of the roller former beside the computed ones."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Linkage of the roller former: both masses, the elastic drive and all carts.  The motor is the shared `KlossDrive`."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Motor, stiffness and damping of the roller former, in the worst case over a box of tolerances."""
 
 from __future__ import annotations

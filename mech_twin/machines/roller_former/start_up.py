@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Start of the roller former: run until load and speed are steady, or the motor has stalled."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Steady turn of the roller former under full load, motor and mechanism solved together."""
 
 from __future__ import annotations

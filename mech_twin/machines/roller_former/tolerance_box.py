@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is assumed of a roller former, each within a tolerance: corners of the box they span, and points inside it.
 
 Assumed are the loads (the print's, divided by what makes its tables come out: forces, weight and mass go together), the

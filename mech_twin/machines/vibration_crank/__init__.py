@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Crank vibration mechanism with counterweight: drive moment, pin forces and the force it leaves on the frame."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 r"""Masses of a crank vibration mechanism, and the counterweight that balances part of them.
 
 ::

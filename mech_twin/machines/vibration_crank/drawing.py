@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Drawing of the vibration crank in the frame of its crank bearing."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Frames of the vibration crank: crank with counterweight, rod, and slider or boom."""
 
 from __future__ import annotations

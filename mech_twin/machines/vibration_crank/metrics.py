@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Numbers of the vibration crank: one position, one cycle, the balance, and the influence of speed."""
 
 from __future__ import annotations

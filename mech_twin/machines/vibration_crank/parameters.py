@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Parameters of the vibration crank, and the constants of its kernels."""
 
 from __future__ import annotations

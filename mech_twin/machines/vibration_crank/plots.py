@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Figures of the vibration crank: moments over a turn, polar diagram of the force on the frame, benefit with speed."""
 
 from __future__ import annotations

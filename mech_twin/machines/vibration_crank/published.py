@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Published numbers of the vibration crank."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Numbers of a run of the vibration crank."""
 
 from __future__ import annotations

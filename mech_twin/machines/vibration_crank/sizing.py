@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Counterweight and balancing fraction of the vibration crank, for the worst machine within a tolerance.
 
 The counterweight is built from the configured masses; what turns out otherwise are the masses it balances, the working

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Crank that shakes a mass: vertical slider (finite or infinite rod) or boom as a rocker, with a counterweight.
 
 ::

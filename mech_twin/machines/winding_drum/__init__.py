@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Winding drum: the dynamic torque of a winding or unwinding package, until it is full or empty."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Drawing of the winding drum: package, core, eccentricity with its direction, and the yarn."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The drum as rows of numbers: a coupling step of its linkage and its force analysis, as kernels."""
 
 from __future__ import annotations

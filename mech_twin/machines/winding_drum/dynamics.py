@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Motion of the drum within a step: driven by the yarn's prescribed speed, or coasting once yarn and drive let go."""
 
 from __future__ import annotations

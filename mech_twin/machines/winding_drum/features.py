@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What sensors tell of one turn of the winding drum.
 
 The package changes all the time, so a turn is compared with the model's own torque at the radius that the yarn of that

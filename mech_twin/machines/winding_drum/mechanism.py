@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Frames of the winding drum: the drum, the middle of its package, and the point the yarn leaves at."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Metrics of the winding drum: of one position, of one package, of one run."""
 
 from __future__ import annotations

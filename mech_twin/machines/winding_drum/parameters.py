@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Parameters of the winding drum, and the constants of its motion."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Figure of the winding drum: the terms of the torque over a turn."""
 
 from __future__ import annotations

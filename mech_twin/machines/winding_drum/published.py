@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Published formulas of the winding drum: a fragment without numbers."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Roles of the winding drum: the linkage that owns the package, and its force analysis."""
 
 from __future__ import annotations

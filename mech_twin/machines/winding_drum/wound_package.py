@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 r"""Yarn package on a drum: its radius, its speed and the torque that its changing mass asks for.
 
 ::

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How a fit stands beside its channels: residuals, what was found of each sensor, and errors of the model."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the sensors of a machine would show of a roll-out, at their own instants.
 
 Between coupling steps a position follows the cubic through positions and speeds, everything else a straight line; in a

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the channels see of the keys together: directions without effect, and the combinations that remain.
 
 Derivatives by the logarithm of each key, cleared of what zeros, gains, lags and beginnings explain as well, are split

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which event of the model is which measured one: the nearest of each other, and not far off."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One measured run ready for a fit: its channels in SI units, its events, and the command it was run with."""
 
 from __future__ import annotations

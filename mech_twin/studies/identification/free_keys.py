@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which keys a fit may change: by default those that the configuration calls assumed."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Lengths of a mechanism from measured positions: least squares over several runs, intervals that hold between runs.
 
 The crank angle drives the mechanism, every other measured position is compared with it at its own instants::

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Positions of a mechanism that its crank leads, as functions of the crank angle and of free configuration keys."""
 
 from __future__ import annotations

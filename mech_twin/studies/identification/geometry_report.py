@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a fit of lengths comes to: verdict and interval for each key, and a score on a run that it never saw."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How well a configuration foretells what it was not fitted to: fit of each channel, events, whiteness of the rest."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Identification: from measured runs to keys of a configuration, each with an interval and a verdict."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Standard errors of a fit: the widest of least squares, of blocks of the runs (sandwich), and of leaving parts out.
 
 Residuals of one stretch of a run are alike: an unmodelled motion, a sensor's own filter.  Blocks of a run, taken as

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A configuration as a function of some of its keys: values in, parameters and machine out, with scale and bounds."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The fit: robust least squares in stages, from the first part of the runs to the whole of them.
 
 A motion that goes on for long runs out of step where the keys are wrong, and the residual has many valleys then.  Its

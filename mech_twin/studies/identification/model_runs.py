@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The model's own runs for values of the free keys, under the command of each measured run; the last are kept."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The report of an identification: one HTML file that needs no network, with its pictures inside."""
 
 from __future__ import annotations

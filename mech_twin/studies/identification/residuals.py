@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Residuals of measured channels against roll-outs, and their derivatives inside one order of events.
 
 A sample is compared where no event of the model is near, if its column jumps at events; an event by its time and by

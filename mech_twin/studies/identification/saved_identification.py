@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """An identification with the files it came from: as a table, drawn, and saved."""
 
 from __future__ import annotations

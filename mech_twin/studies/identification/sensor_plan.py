@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which keys given sensors would find, and what would help most: the information matrix of simulated runs.
 
 The rows of the derivatives are those that a fit would have: sensors at their rates, over their own noise.  A further

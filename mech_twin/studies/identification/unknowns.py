@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The unknowns of a fit: keys, beginnings of runs, and what the map leaves open of each channel."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What may be said of each key after a fit, and why."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What an identification leaves behind: a configuration with intervals beside its numbers, and everything as JSON."""
 
 from __future__ import annotations

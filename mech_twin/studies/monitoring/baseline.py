@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The frozen reference of a healthy machine: mean, autoregression and covariance of its features.
 
 The charts count on values that are independent from cycle to cycle.  So each feature is prewhitened by an

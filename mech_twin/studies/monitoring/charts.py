@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Control charts of prewhitened features: two-sided CUSUM of each, jump of the vector (GLR), chi-square of the vector.
 
 With u the innovation of a feature over its standard deviation and z the whitened vector::

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a sensor set would find, before it is bought: effects, delays, and which faults it can tell apart.
 
 An effect r (d,) of a fault counts by w = sqrt(r' D S^-1 D r) standard deviations in every cycle, D = 1 - sum of a_i.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 r"""Life of a fault on the panel, as a pure state machine: what it was, what is seen now, what it is.
 
 ::

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The monitor: feature vectors in, findings out, cycle by cycle; the same live and on a recording.
 
 ::

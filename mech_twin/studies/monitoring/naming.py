@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which fault explains the features: signatures by size, a generalised likelihood ratio over all of them.
 
 From the innovations after an onset the change delta of the features is estimated with its information matrix M; what

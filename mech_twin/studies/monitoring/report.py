@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A whole run judged: its alarms, each with the fault it was given."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A roll-out seen through sensors, as arrays: sampled at their own instants, with noise, steps and losses."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Signatures by roll-out: what each fault of a machine, and of its sensors, does to the features of a cycle."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Thresholds from one stated mean time between false alarms (ARL0) over all charts together.
 
 The charts run over long sequences drawn from the healthy innovations (moving blocks, so that what the prewhitening

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the observer says of a machine at a sample."""
 
 from __future__ import annotations

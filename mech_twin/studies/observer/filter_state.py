@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Extended Kalman filter on the machine's own steps: state and covariance in sizes of the state, one step at a time.
 
 The filter stands at the frame *before* the sample, with the process noise of the step already in its covariance; a

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Estimates while nothing is measured: the last ones, known ever less."""
 
 from __future__ import annotations

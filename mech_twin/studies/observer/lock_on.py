@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where in its own run the machine is: the frame of the model's run that a stretch of samples fits best."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The machine's own run, whole rows of it: where the observer locks on, and how large everything is."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The phase-locked observer: samples of a running machine in, estimates of its whole frame out."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What wrong parameters do to the numbers of a frame: their standard deviation by phase, from perturbed models.
 
 For each uncertain key the model with that key changed by its standard deviation takes one step from frames of the

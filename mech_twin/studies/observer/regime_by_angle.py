@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The regime that belongs to a crank angle, for machines whose load changes at fixed angles.
 
 A correction that moves the crank past such an angle moves it past the event too, which then never comes; the regime

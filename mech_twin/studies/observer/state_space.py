@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which numbers of a frame are its state, found by asking: a number is one if the next frame's motion follows from it.
 
 The dependent joints of a frame are written anew each step, so changing them changes nothing; the motor's speed or

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A bank of frames carried on by one coupling step together, each by the machine's own compiled roles."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The batch kernels give what the scalar ones give, design by design."""
 
 import numpy as np

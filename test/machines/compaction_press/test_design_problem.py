@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Design problem of the press: what is evaluated is the configuration's machine, checked by kinematics of its own."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Design search of the press: the reference problem, repeatability, reasons, the front."""
 
 import numpy as np

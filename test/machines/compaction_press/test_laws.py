@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Laws of the press: equilibrium, power, mirror symmetry, events, energy; any design, either direction."""
 
 from math import atan2, cos, hypot, pi, sin

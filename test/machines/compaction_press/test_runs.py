@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Runs of the press: works and means from the energy balance, the layer's singular start, the events of a run."""
 
 from __future__ import annotations

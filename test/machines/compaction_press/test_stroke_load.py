@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Force of the layer: its law, its work as the force's integral, and what it is at the ends."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Random legal configurations of the impact mass, corners of every range included, and what each must keep.
 
 Run ``python test/machines/impact_mass/legal_configurations.py 2000`` from the project's root for the long form.

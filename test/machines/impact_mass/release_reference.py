@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The period of a motion that is released from rest, in 200 digits: own event walk, no code shared with the twin."""
 
 from __future__ import annotations

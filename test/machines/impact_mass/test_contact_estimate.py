@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Peak force, contact time and loss of a compliant contact, against its own equation of motion integrated anew."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Laws of the event walk and of the roles: ties, grazing, rest, balance, independence of the coupling step."""
 
 from __future__ import annotations

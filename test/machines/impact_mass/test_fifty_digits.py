@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The motion of random machines against 50 digits: another event walk, in mpmath, from the samples' side."""
 
 from __future__ import annotations

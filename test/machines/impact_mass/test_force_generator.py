@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The two-level force: its mean, its phases, and how it reaches the mass."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Laws of flight, blow and chatter, against exact arithmetic."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """No legal configuration ends in a trace, a number that is not finite, or a balance over its limit."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Running metrics: energy over live changes, the steady impact speed, counts; and what the residuals notice."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Laws of the one-impact cycle: closure, closed form, multipliers and limits."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Long-run regimes: each told by its stated rule."""
 
 from __future__ import annotations

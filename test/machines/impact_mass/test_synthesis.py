@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The published cycle does not survive; the robust one does."""
 
 from __future__ import annotations

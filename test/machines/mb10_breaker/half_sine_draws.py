@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Random legal bodies under the half sine, corners of every bound among them; run it for the long form.
 
 python test/machines/mb10_breaker/half_sine_draws.py 2000

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bodies to try, and an integrator that knows nothing of the closed forms."""
 
 from math import asin, pi, sin

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A blow through a contact stiffness, against crank, body and tool integrated together by a code of its own.
 
 The reference knows the four-bar from its loop closure, the masses from the kinetic energy, and the contact as a spring

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Events on the one-sided collar: against an independent integrator, closed forms, and what must always hold."""
 
 import math

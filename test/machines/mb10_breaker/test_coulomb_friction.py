@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Coulomb friction of the breaker's bearings: closed forms, the motion solved as one, balances, nothing hidden."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The drawing keeps the lengths of the links, the tool's line and the body's turn."""
 
 import math

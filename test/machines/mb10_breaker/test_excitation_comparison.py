@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The two excitations side by side: their impulses follow from the motions they belong to."""
 
 import math

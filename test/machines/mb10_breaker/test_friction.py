@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Friction of the breaker's bearings: against the motion solved as one, in the balances, down to rest."""
 
 import math

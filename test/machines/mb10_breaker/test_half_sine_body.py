@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The breaker's body under the half sine: one chain of events, whatever the step, however it is continued."""
 
 import pytest

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Any legal body under the half sine runs: finite, within its residuals, in time; the rest is refused in one line."""
 
 import math

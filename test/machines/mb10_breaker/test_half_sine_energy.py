@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The energy of the half sine's body, by quadrature: closed for the true motion, open for one that is not."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Laws of the breaker: momentum and energy across impacts, routes to one result, events at their own time."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The longest coupling step of a breaker: every residual holds at it, and a longer one is refused in one line."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Closed-form metrics of a cycle: what one of them says of another, and what a run shows of them."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The free swing against a high-order integrator, and the laws of the linear cycle map."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Rows of the comparison: each holds, each compares the twin with a number from elsewhere, and each can fail."""
 
 import pytest

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Motions that random legal breakers came upon: each keeps every residual, or is refused with the bound it passes."""
 
 from __future__ import annotations

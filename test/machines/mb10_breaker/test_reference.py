@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The coupled run against the motion solved as one by other means, for random machines: blows, crank and body."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Running metrics: means from the work done, cycles cut where they belong, a run's numbers under a run's names."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Spring and preload: seated means one thing, the choice holds over its tolerances, a little less does not."""
 
 import pytest

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The tool in the wall: it stops where its energy is spent, is caught up and pushed, or holds the striker fast."""
 
 import itertools

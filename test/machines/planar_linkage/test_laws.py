@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Laws of the planar linkage: derivatives, the machines that are special cases of it, and what it refuses."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Laws of one cart: equilibrium, kinematics, the load kinds, missing and empty carts."""
 
 import math

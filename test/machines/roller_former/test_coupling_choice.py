@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Coupling of the roller former: trends with damping, what the sweeps say of the published stiffness."""
 
 import pytest

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Laws of the drive: the gear loses in both directions, friction of the shaft, weight of the rods, steps and motor."""
 
 from __future__ import annotations

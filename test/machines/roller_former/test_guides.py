@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Guides of the carts: friction that would drive, guides that lock, and what they carry before the load is on."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The motion against a second implementation: own kinematics, own Kloss curve, own load, scipy's DOP853 at 1e-12.
 
 Nothing here comes from `mech_twin.parts` or `mech_twin.machines` but the numbers of the configuration.  The second

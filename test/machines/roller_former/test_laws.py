@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Laws of the roller former's motion: order of coupling, convergence, energy, stall, holding at rest, live change."""
 
 from __future__ import annotations

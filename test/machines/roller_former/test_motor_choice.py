@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Motor of the roller former: power from the mean moment, and whether a motor carries and starts the load."""
 
 import pytest

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Balance of the vibration crank: the force on the frame by momentum, a boom's load by its arm."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Laws of the vibration crank: rod length, derivatives, equilibrium, energy; slider and boom, both drives."""
 
 from math import inf, pi

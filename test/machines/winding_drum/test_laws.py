@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Laws of the winding drum: variable mass, area, energy, the end of the package."""
 
 from itertools import islice

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Metrics of the winding drum against what they are defined by: closed forms of one package, frames of one run."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a winding drum may be: each size to its bound and not past it, told in one line, and what follows from them."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Prints, as one JSON object, what the npm readers find in an MCAP file: counts by topic and the last joint state.
 import { open } from "node:fs/promises";
 import { McapIndexedReader } from "@mcap/core";

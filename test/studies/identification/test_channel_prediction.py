@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a channel is predicted to show is what the sensors of a run show, sample by sample."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Lengths found from positions are those of the machine that was measured, and what cannot be seen is not claimed."""
 
 from __future__ import annotations

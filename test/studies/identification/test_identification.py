@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Keys found by fitting the model's motion are those of the machine that was measured, within their intervals."""
 
 from __future__ import annotations

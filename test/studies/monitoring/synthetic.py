@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Features without a machine: autoregressive vectors with a known change."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Prewhitening, thresholds from a stated run length, and the life of a fault."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Features of a cycle: laws of each number, and one answer however the samples come."""
 
 from __future__ import annotations

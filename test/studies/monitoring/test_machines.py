@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Every machine under its sensors: features that are numbers, faults that are configurations, one answer live."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Faults named by what they do to the features: by size, as a group, or unknown."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 r"""The body on the one-sided collar of the tool: phi >= 0, restitution e, every event exact.
 
 ::

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Energy of the body in free swing: what its speed gained against the work of spring, load and damper, by quadrature.
 
 ::

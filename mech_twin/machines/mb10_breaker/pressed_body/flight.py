@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Exact motion of the body off its collar: one stretch of free swing, with or without the half sine.
 
 ::

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The body as published: a free swing over whole cycles, the half sine at the end of each.
 
 ::

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Metrics of the body on its collar, cycle by cycle, the steady cycle, and the rational range of the preload."""
 
 from __future__ import annotations

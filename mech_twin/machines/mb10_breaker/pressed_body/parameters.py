@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is declared of the spring-pressed body and of its excitation, and the constants the kernels take.
 
 ::

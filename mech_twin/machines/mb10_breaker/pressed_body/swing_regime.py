@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the freely swinging body comes to: a periodic regime, a beat about it, or growth without end."""
 
 from __future__ import annotations
