@@ -26,7 +26,7 @@ from mech_twin.machines.mb10_breaker.linkage_row import (
     fill_row,
     start_row,
 )
-from mech_twin.machines.mb10_breaker.state import EVENT_ROWS, KINDS, STATES, BreakerMemory, EventSide, named
+from mech_twin.machines.mb10_breaker.state import EVENT_ROWS, KINDS, BreakerMemory, BreakerState, EventSide
 from mech_twin.parts.induction_motor import MotorConstants
 from mech_twin.roles import CrankState
 from mech_twin.samples import LinkageSample
@@ -125,10 +125,10 @@ class BreakerLinkage(CompiledLinkage):
         regime = HELD if self._b.held else FLIGHT if off else REST
         body, rate = (phi, p) if off and phi is not None else (0.0, 0.0)
         idle, loaded = (pin_forces(self._b, q, u, body, rate, t, regime, 0.0).crank_acceleration for t in (0.0, 1.0))
-        y, out = np.zeros(STATES), np.empty(self.layout.size)
-        state = named(y)
-        state.crank_rad, state.crank_rad_per_s = q % (2.0 * math.pi), u
-        state.body_rad, state.body_rad_per_s = body, rate
+        at_rest = BreakerState(*(0.0 for _ in BreakerState._fields))
+        angle = q % (2.0 * math.pi)
+        state = at_rest._replace(crank_rad=angle, crank_rad_per_s=u, body_rad=body, body_rad_per_s=rate)
+        y, out = np.array(state), np.empty(self.layout.size)
         out[MEMORY_AT:RESIDUALS_AT] = BreakerMemory(begin_crank_rad=q, begin_crank_rad_per_s=u, begin_body_rad=body)
         fill_row(self._b, y, regime, float((acceleration - idle) / (loaded - idle)), self._command, 0.0, out)
         return self.layout.sample(step, time_s, out.tolist(), ())
