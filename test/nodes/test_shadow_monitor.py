@@ -36,7 +36,6 @@ from mech_twin.recording.bag_reader import open_bag
 from mech_twin.studies.monitoring.baseline import fitted_baseline
 from mech_twin.studies.monitoring.cycle_features import FeatureFeed, FeatureVector, feed_channels
 from mech_twin.studies.monitoring.monitor import Findings, Monitor, MonitorSetup
-from mech_twin.studies.monitoring.report import standard_rows
 from mech_twin.studies.monitoring.thresholds import chart_limits
 
 pytestmark = [pytest.mark.usefixtures("ros_domain"), pytest.mark.slow]
@@ -177,7 +176,8 @@ def test_live_is_what_a_recording_says_and_a_fault_is_told_kept_and_acknowledged
         run = read_run(reader, MAP)
     offline = Monitor(setup)
     again = [offline.observe(v) for v in vectors_of({c.name: (c.times_s, c.values) for c in run.channels})][: len(live)]
-    assert np.array_equal(standard_rows(live), standard_rows(again), equal_nan=True)
+    innovations = [np.array([found.standard for found in findings]) for findings in (live, again)]
+    assert np.array_equal(*innovations, equal_nan=True)
     assert [(found.verdict, found.alarm) for found in live] == [(found.verdict, found.alarm) for found in again]
     active_s = next(f.time_s for f in live if any(each.state == "active" for each in f.faults))
     (box,) = boxes
