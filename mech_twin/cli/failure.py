@@ -56,6 +56,9 @@ def _plain(message: str) -> str:
     if found is None:
         return message
     said = re.sub(r"^Input should be (.*?)(, unable to parse.*)?$", r"expected \1", found.group(2))
+    typed = re.fullmatch(r"(\S+): (expected .*)", said, re.DOTALL)
+    if typed is not None:  # what was typed stands beside its option, as in every other line
+        return f"{found.group(1)} {typed.group(1)}: {typed.group(2)}"
     return f"{found.group(1)}: {said.replace('expected a valid', 'expected a')}"
 
 

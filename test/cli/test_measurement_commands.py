@@ -204,7 +204,7 @@ def test_a_measured_run_is_drawn_by_the_mechanism(plant: Plant, tmp_path: Path) 
     ("words", "expected"),
     [
         (("replay", "{table}", "--map", "{map}"), ("--analyse",)),
-        (("replay", "{bag}", "--tolerance", "0.1"), ("--analyse --map",)),
+        (("replay", "{bag}", "--tolerance", "0.1"), ("--tolerance goes with --analyse",)),
         (("replay", "{table}", "--analyse", "--map", "{nowhere}"), ("cannot be read",)),
     ],
 )  # fmt: skip

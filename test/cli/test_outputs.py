@@ -201,7 +201,7 @@ def test_info_fits_80_columns_with_every_topic_in_one_piece(tmp_path: Path) -> N
     lines = in_a_terminal(["info", str(tmp_path / "bag")], 80)
     assert max(map(len, lines)) <= 80
     for name in names:
-        assert sum(f" {name} " in line for line in lines) == 1
+        assert sum(f" {name} " in f" {line}" for line in lines) == 1
     wide = in_a_terminal(["info", str(tmp_path / "bag"), "--wide"], 80)
     assert joint_states == 8  # of each role its step and its plain one
     assert sum("sensor_msgs/msg/JointState" in line for line in wide) == joint_states

@@ -343,7 +343,7 @@ def test_a_flipped_bit_is_refused_in_one_line(verb: list[str], bag: Path, tmp_pa
     [
         (["--rate", "0"], "--rate 0: expected"),
         (["--rate", "nan"], "--rate nan: expected"),
-        (["--start", "-1"], "--start -1.0: expected"),
+        (["--start", "-1"], "--start -1: expected"),
         (["--start", "9"], "--start 9 is beyond its end"),
         (["--duration", "inf"], "--duration inf: expected"),
         (["--topics", "nonsense"], "has no topic 'nonsense'"),

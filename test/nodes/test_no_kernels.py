@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 # positions and masses of a linkage, of which limits of a configuration are made: no kernel of a motion
-POSITIONS = {"coefficients", "link_angles", "loaded_height", "masses_at", "position"}
+POSITIONS = {"coefficients", "link_angles", "loaded_height", "masses_at", "position", "weight_moments"}
 SCRIPT = """
 import sys
 import rclpy

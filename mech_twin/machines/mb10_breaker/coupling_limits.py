@@ -18,7 +18,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mech_twin.machines.mb10_breaker.dynamics import Breaker, energies, masses_at
+from mech_twin.machines.mb10_breaker.dynamics import Breaker, masses_at, weight_moments
+from mech_twin.parts.four_bar import position
 
 POSITIONS = 360
 ALLOWED = 5.0  # times what the line misses: impacts and the spring add to it
@@ -50,7 +51,7 @@ def fastest_rad_per_s(b: Breaker, speed: float) -> float:
     Half of M11 u^2 is at most what the weights lose between the highest and the lowest of their positions.
     """
     angles = 2.0 * math.pi * np.arange(POSITIONS) / POSITIONS
-    weights = [energies(b, angle, 0.0, 0.0, 0.0)[1] for angle in angles]
+    weights = [b.gravity_m_per_s2 * weight_moments(b, position(b.bar, angle))[1] for angle in angles]
     lightest = min(masses_at(b, angle, 0.0).m11 for angle in angles)
     return max(speed, math.sqrt(2.0 * (max(weights) - min(weights)) / lightest))
 
