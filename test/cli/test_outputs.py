@@ -27,6 +27,8 @@ from mech_twin.recording.bag_reader import BagReader
 pytestmark = pytest.mark.usefixtures("ros_domain")
 COMMAND = [sys.executable, "-c", "from mech_twin.cli.main import main; main()"]
 DRUM = "winding_drum"
+# two objectives: a whole front, which takes much longer than the test
+SEARCH = "study compaction_press search --objective flywheel_inertia_kg_m2 --objective peak_torque_nm".split()
 FILE_VERBS = {
     "run --view": ["run", DRUM, "--no-record", "--view", "OUT.rrd"],
     "view --save": ["view", "BAG", "--save", "OUT.rrd"],
@@ -155,7 +157,7 @@ def test_outputs_follow_the_umask_and_are_never_writable_for_everyone(tmp_path):
         ["analyse", DRUM, "--cycle", "1000000"],
         ["view", "BAG", "--save", "OUT.rrd"],
         ["reproduce", "--figures", "OUT"],
-        ["study", "compaction_press", "search", "--out", "OUT.yaml"],
+        [*SEARCH, "--points", "1000", "--out", "OUT.yaml"],
         ["study", "compaction_press", "designs", "--count", "1000000000", "--out", "OUT.parquet"],
     ],
 )
