@@ -28,7 +28,15 @@ pytestmark = pytest.mark.usefixtures("ros_domain")
 COMMAND = [sys.executable, "-c", "from mech_twin.cli.main import main; main()"]
 DRUM = "winding_drum"
 # two objectives: a whole front, which takes much longer than the test
-SEARCH = "study compaction_press search --objective flywheel_inertia_kg_m2 --objective peak_torque_nm".split()
+SEARCH = [
+    "study",
+    "compaction_press",
+    "search",
+    "--objective",
+    "flywheel_inertia_kg_m2",
+    "--objective",
+    "peak_torque_nm",
+]
 FILE_VERBS = {
     "run --view": ["run", DRUM, "--no-record", "--view", "OUT.rrd"],
     "view --save": ["view", "BAG", "--save", "OUT.rrd"],
