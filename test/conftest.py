@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+import signal
 from collections.abc import Iterator
 from itertools import count
 
@@ -22,6 +23,13 @@ settings.load_profile("compiled")
 FIRST_DOMAIN = 60  # below are those people use by hand
 DOMAINS = 41  # 60-100: ports of domains from 101 on overlap the range Linux hands out to clients
 _handed_out = count()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def hangup_is_answered() -> None:
+    """Let programs that tests start answer SIGHUP; under ``nohup`` they would inherit that it is ignored."""
+    if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
+        signal.signal(signal.SIGHUP, lambda *_: None)
 
 
 def next_domain() -> int:

@@ -137,7 +137,8 @@ class ViewerProcess:
         if open_to_other_hosts:
             announce(
                 f"viewer: OPEN TO OTHER HOSTS, without authentication: web page on port {self.web_port}, "
-                f"data on port {self.grpc_port}, all interfaces of {socket.gethostname()}"
+                f"its files on port {self.files_port}, data on port {self.grpc_port}, all interfaces of "
+                f"{socket.gethostname()}"
             )
 
     _process: subprocess.Popen[bytes] | None = None
