@@ -26,10 +26,12 @@ _handed_out = count()
 
 
 @pytest.fixture(scope="session", autouse=True)
-def hangup_is_answered() -> None:
-    """Let programs that tests start answer SIGHUP; under ``nohup`` they would inherit that it is ignored."""
+def signals_are_answered() -> None:
+    """Let programs that tests start answer signals that a shell ignores for ``nohup`` and for work in the background."""
     if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
         signal.signal(signal.SIGHUP, lambda *_: None)
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def next_domain() -> int:
