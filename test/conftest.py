@@ -27,7 +27,7 @@ _handed_out = count()
 
 @pytest.fixture(scope="session", autouse=True)
 def signals_are_answered() -> None:
-    """Let programs that tests start answer signals that a shell ignores for ``nohup`` and for work in the background."""
+    """Let programs that tests start answer signals that a shell ignores for ``nohup`` or in the background."""
     if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
         signal.signal(signal.SIGHUP, lambda *_: None)
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
