@@ -11,8 +11,9 @@ import math
 import pytest
 from catalogue import NAMES
 from configuration_draws import Draw, leaves, value_at
-from random_configurations import RUN_S, bad_refusal, run, worst_margin
+from random_configurations import BROKEN, RAN, REFUSED_IN_RUN, RUN_S, bad_refusal, outcome_of, run, worst_margin
 
+from mech_twin.engine.errors import MotionError
 from mech_twin.engine.run import frames
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.parameters.load import description_text
@@ -66,3 +67,23 @@ def test_a_residual_over_its_limit_and_one_that_is_nan_are_seen() -> None:
     assert margin(0.0) <= 1.0
     assert margin(2.0 * machine.linkage.residual_limits[residuals.names[0]]) == pytest.approx(2.0)
     assert margin(math.nan) == math.inf
+
+
+@pytest.mark.parametrize(
+    ("refusal", "end"),
+    [
+        (MotionError("coupling.step_s 0.1: must be at most 0.05 s"), REFUSED_IN_RUN),
+        (MotionError("no step is small enough"), BROKEN),
+        (MotionError("coupling.step_s 0.1:\nmust be at most 0.05 s"), BROKEN),
+        (ZeroDivisionError("float division by zero of coupling.step_s 0.1"), BROKEN),
+        (None, RAN),
+    ],
+)
+def test_a_run_that_ends_is_refused_in_one_line_with_key_and_number_or_broken(monkeypatch, refusal, end):
+    def ending(*_: object) -> tuple[str, float]:
+        if refusal is not None:
+            raise refusal
+        return "", 0.0
+
+    monkeypatch.setattr("random_configurations.run", ending)
+    assert outcome_of("winding_drum", SEED, 0).end == end
