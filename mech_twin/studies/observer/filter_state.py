@@ -80,6 +80,8 @@ class SaltedFilter:
 
     def __init__(self, bank: StepBank, space: StateSpace, angles: Indices) -> None:
         self._bank, self._space, self._angles = bank, space, angles
+        self._led = np.flatnonzero(np.isfinite(space.led))
+        self._unit = np.eye(len(space.places))
         self._is_angle = np.zeros(len(bank.columns), dtype=bool)
         self._is_angle[angles] = True
 
@@ -92,7 +94,7 @@ class SaltedFilter:
             The roles cannot follow the motion.
         """
         size = len(self._space.places)
-        bank = np.tile(self._begun(state), (size + 1, 1))
+        bank = np.repeat(self._begun(state)[None, :], size + 1, axis=0)
         change = CHANGE * self._space.scales
         bank[np.arange(1, size + 1), self._space.places] += change
         later = self._bank.advanced(state.step, bank, target)
@@ -128,13 +130,13 @@ class SaltedFilter:
         wrapped = self._is_angle[seen.places]
         innovations[wrapped] = without_turns(innovations[wrapped])
         slopes = prediction.slopes[seen.places]
-        own = np.einsum("ij,jk,ik->i", slopes, state.covariance, slopes) + seen.variances
+        own = ((slopes @ state.covariance) * slopes).sum(axis=1) + seen.variances
         used = innovations**2 <= GATE * own
         if not used.any():
             return Correction(state, prediction, innovations, used)
         h, noise = slopes[used], np.diag(seen.variances[used])
         gain = np.linalg.solve(h @ state.covariance @ h.T + noise, h @ state.covariance).T
-        rest = np.eye(len(state.covariance)) - gain @ h
+        rest = self._unit - gain @ h
         covariance = rest @ state.covariance @ rest.T + gain @ noise @ gain.T
         moved = self._moved(state, gain @ innovations[used], 0.5 * (covariance + covariance.T))
         return Correction(moved, self.again(moved, target, prediction.slopes), innovations, used)
@@ -142,7 +144,7 @@ class SaltedFilter:
     def committed(self, state: FilterState, prediction: Prediction, noise: Array) -> FilterState:
         """Return the filter at the predicted frame, the process noise of the next step (n + k, n + k) added."""
         size, scales = self._space.states, self._space.scales
-        transition = np.eye(len(scales))
+        transition = self._unit.copy()
         transition[:size] = prediction.slopes[self._space.state_places] / scales[:size, None]
         covariance = transition @ state.covariance @ transition.T + noise
         row = prediction.row.copy()
@@ -160,10 +162,11 @@ class SaltedFilter:
         A prescribed speed is that of the command: the model's own approaches it from the speed the machine has, which
         would bring the machine back to rated speed in one step.
         """
-        space = self._space
-        led = np.isfinite(space.led)
-        rows[:, space.input_places[led]] = rows[:, space.command, None] * space.led[led]
-        rows[:, space.input_places] += offsets
+        space, led = self._space, self._led
+        if len(led):
+            rows[:, space.input_places[led]] = rows[:, space.command, None] * space.led[led]
+        if len(offsets):
+            rows[:, space.input_places] += offsets
 
     def _with_offsets(self, rows: Array, offsets: Array, change: float) -> Array:
         """Return frames whose motors tell what the drive does, offsets included; row 1 + i has input i changed."""
@@ -203,7 +206,7 @@ class SaltedFilter:
 
 def output_variance(prediction: Prediction, covariance: Array) -> Array:
     """Return the variance of each column of a predicted frame by the uncertainty of the state."""
-    spread: Array = np.einsum("ij,jk,ik->i", prediction.slopes, covariance, prediction.slopes)
+    spread: Array = ((prediction.slopes @ covariance) * prediction.slopes).sum(axis=1)
     return np.maximum(spread, 0.0)
 
 

@@ -15,7 +15,7 @@ from mech_twin.engine.errors import MotionError
 from mech_twin.engine.sample_vectors import Array
 from mech_twin.quantity import Parameters
 from mech_twin.roles import Machine
-from mech_twin.samples import Event
+from mech_twin.samples import Event, Frame
 from mech_twin.studies.observer.estimate import FrameEstimate, ObserverState, SensedChannel
 from mech_twin.studies.observer.filter_state import (
     FilterState,
@@ -282,13 +282,16 @@ class PhaseLockedObserver:
         assert self._base is not None and self._ahead is not None
         row = self._ahead.row + self._rates * (sample.time_s - self._origin_s - (self._base.step + 1) * self.step_s)
         row[self.undetermined] = np.nan
-        frame = self.run.bank.compiled.layout.frame(self._base.step + 1, [sample.time_s, *row[1:].tolist()])
         events, self._passed = tuple(self._passed), []
         shifted = tuple(event._replace(time_s=self._origin_s + event.time_s) for event in events)
         told = tuple(float(value) for value in innovations)
         return FrameEstimate(
-            sample.time_s, frame, row, sigma, sample.channels, told, tuple(bool(each) for each in used), shifted
+            sample.time_s, self._base.step + 1, row, sigma, sample.channels, told, tuple(map(bool, used)), shifted
         )
+
+    def frame(self, estimate: FrameEstimate) -> Frame:
+        """Return every sample of the machine at an estimate; ``time_s`` in them is the machine's time."""
+        return self.run.bank.compiled.layout.frame(estimate.step, [estimate.time_s, *estimate.row[1:].tolist()])
 
     @property
     def step_s(self) -> float:
