@@ -96,7 +96,7 @@ class SaltedFilter:
         size = len(self._space.places)
         bank = np.repeat(self._begun(state)[None, :], size + 1, axis=0)
         change = CHANGE * self._space.scales
-        bank[np.arange(1, size + 1), self._space.places] += change
+        bank[1:] += change[:, None] * self._space.directions
         later = self._bank.advanced(state.step, bank, target)
         if later.failed[0] != DONE:
             raise MotionError(f"the estimated motion cannot be followed at step {state.step}")
@@ -145,7 +145,7 @@ class SaltedFilter:
         """Return the filter at the predicted frame, the process noise of the next step (n + k, n + k) added."""
         size, scales = self._space.states, self._space.scales
         transition = self._unit.copy()
-        transition[:size] = prediction.slopes[self._space.state_places] / scales[:size, None]
+        transition[:size] = self._space.signs[:, None] * prediction.slopes[self._space.later] / scales[:size, None]
         covariance = transition @ state.covariance @ transition.T + noise
         row = prediction.row.copy()
         row[self._space.input_places] -= state.offsets
@@ -185,7 +185,7 @@ class SaltedFilter:
     def _other_side(self, state: FilterState, target: float, i: int, row: Array, told: int) -> Array:
         """Return derivatives by the difference to the other side; those of no change where that fails too."""
         bank = self._begun(state)[None, :]
-        bank[0, self._space.places[i]] -= CHANGE * self._space.scales[i]
+        bank[0] -= CHANGE * self._space.scales[i] * self._space.directions[i]
         later = self._bank.advanced(state.step, bank, target)
         rows = self._with_offsets(later.rows, state.offsets, 0.0)
         if i >= self._space.states:
@@ -195,12 +195,15 @@ class SaltedFilter:
             return beside
         slopes = np.zeros(len(row))
         slopes[self._space.places[i]] = self._space.scales[i]
+        if i < self._space.states:
+            slopes[self._space.later[i]] = self._space.signs[i] * self._space.scales[i]
         return slopes
 
     def _moved(self, state: FilterState, by: Array, covariance: Array) -> FilterState:
         states, scales = self._space.states, self._space.scales
         row = state.row.copy()
-        row[self._space.state_places] += by[:states] * scales[:states]
+        row += (by[:states] * scales[:states]) @ self._space.directions[:states]
+        row[self._space.state_places] = np.maximum(row[self._space.state_places], self._space.least)
         return FilterState(state.step, row, state.offsets + by[states:] * scales[states:], covariance)
 
 
