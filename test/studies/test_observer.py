@@ -14,6 +14,7 @@ from mech_twin.configuration_tree import ConfigurationError, configuration_tree,
 from mech_twin.engine.rollout import roll_out
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.roles import Machine
+from mech_twin.studies.observer.anchor_now import AnchorNow
 from mech_twin.studies.observer.estimate import FrameEstimate, ObserverState, SensedChannel
 from mech_twin.studies.observer.filter_state import FilterState, SaltedFilter
 from mech_twin.studies.observer.held import held_sigma
@@ -96,6 +97,35 @@ def test_slopes_through_an_impact_are_the_saltation_matrix() -> None:
     places = [columns["linkage.mass.position"], columns["linkage.mass.velocity"]]
     found = np.diag([-1.0, 1.0]) @ slopes[np.ix_(places, by_state)] / space.scales[by_state]
     assert found == pytest.approx(expected, rel=1e-4, abs=1e-6 * np.abs(expected).max())
+
+
+def test_a_frame_told_from_now_on_moves_as_before_through_its_impacts() -> None:
+    run = model_run(built("impact_mass"), 1.0)
+    columns, anchor = run.bank.columns, AnchorNow(run, "impact_mass")
+    places = [columns[f"linkage.mass.{name}"] for name in ("position", "velocity", "effort")]
+    sizes, events, moved = np.ptp(run.rows[:, places], axis=0), 0, 0
+    for step in range(200, 500):
+        row = anchor.restated(run.rows[step], step)
+        moved += not np.array_equal(row, run.rows[step])
+        pair = run.bank.advanced(step, np.array([run.rows[step], row]), 1.0)
+        if row[columns["linkage.memory.mode_1"]] == run.rows[step, columns["linkage.memory.mode_1"]]:
+            assert pair.told[0] == pair.told[1]  # a series of impacts that is told anew lists its small ones anew
+        assert pair.rows[1, places] == pytest.approx(pair.rows[0, places], abs=1e-9 * sizes.max())
+        events += int(pair.told[0])
+    assert events > 30
+    assert moved > 200
+
+
+def test_the_sigma_of_the_impact_mass_holds_with_noise_and_wrong_parameters() -> None:
+    channels = [("linkage.mass.position", 1e-4), ("linkage.mass.velocity", 1e-2)]
+    names = ["linkage.mass.position", "linkage.mass.velocity", "linkage.mass.effort", "forces.stop.force_x_n"]
+    inside = []
+    for seed in range(6):
+        observer = observer_of("impact_mass", channels)
+        pairs = followed(observer, wrong_machine("impact_mass", seed), channels, 500.0, seed)
+        assert observer.counts["lost"] == 0
+        inside.append(share_inside(observer, pairs, names))
+    assert np.mean(inside) >= 0.95
 
 
 def test_the_state_of_a_frame_is_found_and_drives_have_an_unknown_offset() -> None:
