@@ -52,6 +52,9 @@ def assert_same(found, run, first=0):
         assert differing.size == 0, (name, run[differing[0]].linkage.step)
     told = [(frame.linkage.step, event) for frame in run[1:] for event in frame_events(frame)]
     assert list(found.stepped_events) == told
+    numbers = found.event_numbers
+    arrays = zip(numbers.step.tolist(), numbers.time_s.tolist(), numbers.kind.tolist(), strict=True)
+    assert list(arrays) == [(step, event.time_s, event.kind) for step, event in told]
     assert found.final == run[-1]
     assert first == run[0].linkage.step
 
