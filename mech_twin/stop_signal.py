@@ -68,9 +68,9 @@ class StopSignal:
 
     @contextmanager
     def interrupting(self) -> Iterator[None]:
-        """Let a signal end what is done here, code 128 + signal number: the process at once while it compiles or imports.
+        """Let a signal end what is done here with SystemExit 128 + N, and at once while it compiles or imports.
 
-        So nothing may be open here that needs closing; elsewhere it is SystemExit.
+        So nothing may be open here that needs closing.
         """
         self._interrupts = True
         try:

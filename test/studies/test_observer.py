@@ -21,32 +21,11 @@ from mech_twin.studies.observer.held import held_sigma
 from mech_twin.studies.observer.lock_on import SeenSample
 from mech_twin.studies.observer.model_run import model_run, without_turns
 from mech_twin.studies.observer.observer import PhaseLockedObserver
-from mech_twin.studies.observer.parameter_error import uncertain_keys
+from mech_twin.studies.observer.parameter_error import wrong_machine
 from mech_twin.studies.observer.state_space import state_space
 
 LATER_S = 1000.0  # clocks of a machine and of a model have nothing to do with each other
 CRANK = ("linkage.crank.position", 1e-3)
-
-
-def wrong_machine(name: str, seed: int, share: float = 0.02) -> Machine:
-    """Return the machine with every mass, force and stiffness wrong by a normally distributed share."""
-    parameters, build = built(name).parameters, catalogue_entry(name).build
-    tree, random = configuration_tree(parameters), np.random.default_rng(seed)
-    for key, deviation in uncertain_keys(parameters, share).items():
-        value = configuration_value(parameters, key) + deviation * random.standard_normal()
-        changed = merged_tree(tree, tree_from_flat({key: value}))
-        try:
-            build(type(parameters).model_validate(changed))
-        except (ValueError, ConfigurationError):
-            continue
-        tree = changed
-    return build(type(parameters).model_validate(tree))
-
-
-def configuration_value(parameters: object, key: str) -> float:
-    for word in key.split("."):
-        parameters = getattr(parameters, word)
-    return float(str(parameters))
 
 
 def samples(
@@ -158,11 +137,12 @@ def test_the_state_of_a_frame_is_found_and_drives_have_an_unknown_offset() -> No
 def test_two_sigma_hold_95_percent_with_noise_and_wrong_parameters() -> None:
     inside = []
     for seed in range(6):
-        observer = observer_of("vibration_crank", [CRANK])
+        observer, build = observer_of("vibration_crank", [CRANK]), catalogue_entry("vibration_crank").build
         forces = [name for name in observer.columns if name.startswith("forces.") and name.endswith("_n")]
         names = [*forces, "linkage.crank.effort", "linkage.slider.position", "linkage.slider.velocity"]
         moving = [name for name in names if np.ptp(observer.run.settled[:, observer.columns[name]]) > 0.0]
-        pairs = followed(observer, wrong_machine("vibration_crank", seed), [CRANK], 100.0, seed)
+        wrong = wrong_machine(built("vibration_crank").parameters, build, seed)
+        pairs = followed(observer, wrong, [CRANK], 100.0, seed)
         assert len(pairs) > 80
         inside.append(share_inside(observer, pairs, moving))
     assert np.mean(inside) >= 0.95
