@@ -84,7 +84,7 @@ def beside(words: list[str], shown: bool = True) -> Iterator[subprocess.Popen[by
         try:
             yield process
         finally:
-            process.send_signal(signal.SIGINT)
+            process.send_signal(signal.SIGTERM)
             process.wait(60.0)
 
 
