@@ -15,16 +15,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mech_twin.configuration_tree import ConfigurationError, configuration_tree, merged_tree, tree_from_flat
 from mech_twin.engine.rollout import RollOut, roll_out
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.parameters.load import catalogue_entry, machine_parameters
-from mech_twin.roles import Machine
 from mech_twin.studies.observer.estimate import SensedChannel
 from mech_twin.studies.observer.lock_on import SeenSample
 from mech_twin.studies.observer.model_run import without_turns
 from mech_twin.studies.observer.observer import PhaseLockedObserver
-from mech_twin.studies.observer.parameter_error import key_value, uncertain_keys
+from mech_twin.studies.observer.parameter_error import wrong_machine
 
 SENSORS: dict[str, tuple[tuple[str, float], ...]] = {
     "mb10_breaker": (("linkage.crank.position", 1e-3), ("body.body.position", 5e-4)),
@@ -49,21 +47,6 @@ class Draw(NamedTuple):
     estimates: int
     samples: int
     seconds: float
-
-
-def wrong_machine(name: str, seed: int, share: float = 0.02) -> Machine:
-    """Return the machine with every uncertain key wrong by a normally distributed share."""
-    parameters, build = machine_parameters(name), catalogue_entry(name).build
-    tree, random = configuration_tree(parameters), np.random.default_rng(seed)
-    for key, deviation in uncertain_keys(parameters, share).items():
-        value = key_value(parameters, key) + deviation * random.standard_normal()
-        changed = merged_tree(tree, tree_from_flat({key: value}))
-        try:
-            build(type(parameters).model_validate(changed))
-        except (ValueError, ConfigurationError):
-            continue
-        tree = changed
-    return build(type(parameters).model_validate(tree))
 
 
 def followed(
@@ -108,7 +91,7 @@ def main() -> None:
         entry, channels = catalogue_entry(name), SENSORS[name]
         draws = []
         for seed in range(asked.draws):
-            true = wrong_machine(name, seed)
+            true = wrong_machine(machine_parameters(name), entry.build, seed)
             observer = PhaseLockedObserver(
                 entry.build(machine_parameters(name)), entry.build, [SensedChannel(*channel) for channel in channels]
             )

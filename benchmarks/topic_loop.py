@@ -23,7 +23,8 @@ from mech_twin.engine.run import frames
 from mech_twin.messages import body, force, linkage, motor
 from mech_twin.messages.joint_state_cdr import Decoder, encoded
 from mech_twin.messages.step_head import StepHeadReader
-from mech_twin.messages.step_message import Row, revision_row
+from mech_twin.messages.step_marks import revision_row
+from mech_twin.messages.step_message import Row
 from mech_twin.nodes.composition import run_in_process
 from mech_twin.nodes.linkage_node import LinkageNode
 from mech_twin.nodes.options import RunOptions

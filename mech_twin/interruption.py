@@ -6,6 +6,7 @@ from __future__ import annotations
 import os
 import sys
 import threading
+from contextlib import suppress
 from signal import SIG_IGN, SIGHUP, SIGINT, SIGTERM, Signals, getsignal, pthread_kill
 from types import FrameType
 from typing import NoReturn
@@ -15,6 +16,7 @@ EXIT_CODE_BASE = 128  # of a process that a signal ends, and its number
 INTERRUPTED_LINE = "mech-twin: interrupted\n"
 RETRY_S = 0.005
 COMPILER = ("numba", "llvmlite")
+IMPORTING = "importlib._bootstrap"
 
 
 def answered_signals() -> tuple[Signals, ...]:
@@ -43,6 +45,25 @@ def is_in_compiler(frame: FrameType | None) -> bool:
     return False
 
 
+def is_importing(frame: FrameType | None) -> bool:
+    """Return whether a module is being imported.
+
+    An exception there may be dropped by a callback of the import system, or turned into another one by the class that
+    is being made.
+    """
+    while frame is not None:
+        if frame.f_globals.get("__name__") == IMPORTING:
+            return True
+        frame = frame.f_back
+    return False
+
+
+def tell_interrupted() -> None:
+    """Write the line of an interrupted program to standard error, if that can be done now."""
+    with suppress(OSError, ValueError, AttributeError, RuntimeError):  # RuntimeError: it is being written to
+        sys.stderr.write(INTERRUPTED_LINE)
+
+
 def send_again(number: int) -> None:
     """Send the main thread the signal again a little later."""
     again = threading.Timer(RETRY_S, pthread_kill, (threading.main_thread().ident, number))
@@ -53,8 +74,7 @@ def send_again(number: int) -> None:
 def end_at_once(code: int) -> NoReturn:
     """End the process without taking down interpreter and compiler, which takes up to a second; all is closed."""
     for stream in (sys.stdout, sys.stderr):
-        try:
+        # nobody reads it any more, there is none, or it is being written to
+        with suppress(OSError, ValueError, AttributeError, RuntimeError):
             stream.flush()
-        except (OSError, ValueError, AttributeError):  # nobody reads it any more, or there is none
-            continue
     os._exit(code)

@@ -8,12 +8,11 @@ handlers of its own (`mech_twin.stop_signal`).
 from __future__ import annotations
 
 import signal
-import sys
 from functools import partial
 from types import FrameType
 from typing import Any
 
-from mech_twin.interruption import EXIT_CODE_BASE, INTERRUPTED_LINE, answered_signals, end_at_once
+from mech_twin.interruption import EXIT_CODE_BASE, answered_signals, end_at_once, tell_interrupted
 
 
 def end_by_signal() -> None:
@@ -37,7 +36,7 @@ def command() -> None:
 
 def _end(number: int, frame: FrameType | None) -> None:
     if number == signal.SIGINT:
-        sys.stderr.write(INTERRUPTED_LINE)
+        tell_interrupted()
     end_at_once(EXIT_CODE_BASE + number)
 
 

@@ -2,13 +2,12 @@
 """SIGINT, SIGTERM and SIGHUP: as exceptions where those are safe, or as a request to stop that is asked for later.
 
 Where an exception is not safe (`mech_twin.interruption`) the signal is sent again a little later, or, while a kernel is
-compiled, the process ends at once.
+compiled or a module is imported, the process ends at once.
 """
 
 from __future__ import annotations
 
 import signal
-import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -17,12 +16,13 @@ from typing import Any
 
 from mech_twin.interruption import (
     EXIT_CODE_BASE,
-    INTERRUPTED_LINE,
     answered_signals,
     end_at_once,
+    is_importing,
     is_in_compiler,
     is_in_wrapper,
     send_again,
+    tell_interrupted,
 )
 
 Handler = Callable[[int, FrameType | None], None]
@@ -68,9 +68,9 @@ class StopSignal:
 
     @contextmanager
     def interrupting(self) -> Iterator[None]:
-        """Let a signal end what is done here, code 128 + signal number: the process at once while it compiles.
+        """Let a signal end what is done here with SystemExit 128 + N, and at once while it compiles or imports.
 
-        So nothing may be open here that needs closing; elsewhere than in the compiler it is SystemExit.
+        So nothing may be open here that needs closing.
         """
         self._interrupts = True
         try:
@@ -93,7 +93,7 @@ class StopSignal:
         self.asked = True
         if not self._interrupts or _sent_again(number, frame):
             return
-        if is_in_compiler(frame):
+        if is_in_compiler(frame) or is_importing(frame):
             end_at_once(EXIT_CODE_BASE + number)
         self._interrupts = False  # a second one must not interrupt the clearing up
         raise SystemExit(EXIT_CODE_BASE + number)
@@ -107,9 +107,9 @@ def _handled(handler: Handler) -> dict[signal.Signals, Any]:
 def _raise(number: int, frame: FrameType | None) -> None:
     if _sent_again(number, frame):
         return
-    if is_in_compiler(frame):
+    if is_in_compiler(frame) or is_importing(frame):
         if number == signal.SIGINT:
-            sys.stderr.write(INTERRUPTED_LINE)
+            tell_interrupted()
         end_at_once(EXIT_CODE_BASE + number)
     if number == signal.SIGINT:
         raise KeyboardInterrupt

@@ -22,7 +22,7 @@ RUN = ["run", "winding_drum", "--view", "none", "--record", "BAG"]
 START_LIMIT_S = 90.0
 END_LIMIT_S = 30.0
 WORKERS = 2
-IMPORTING_S, COMPILING_S, BRIEFLY_S = 0.6, 3.0, 0.5
+IMPORTING_S, COMPILING_S, BRIEFLY_S = 0.5, 3.0, 0.5
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 MIDDLEWARE, DRAWING = "librmw_fastrtps", "matplotlib"
 
@@ -92,6 +92,12 @@ def alive(pid: int) -> bool:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
     except OSError:
         return False
+
+
+def answers(pid: int, number: signal.Signals) -> bool:
+    """Return whether a process has a handler for a signal: before, its interpreter is not ready."""
+    caught = next(line for line in Path(f"/proc/{pid}/status").read_text().splitlines() if line.startswith("SigCgt:"))
+    return bool(int(caught.split()[1], 16) >> (number - 1) & 1)
 
 
 def has_loaded(library: str) -> Callable[[Started], bool]:
@@ -181,6 +187,7 @@ def wait_for(moment: str, verb: Verb, started: Started) -> None:
     """Wait until a moment has come."""
     match moment:
         case "importing":
+            until(lambda: answers(started.process.pid, SIGNALS[-1]))  # the last to be set
             time.sleep(IMPORTING_S)
         case "compiling":
             time.sleep(COMPILING_S)

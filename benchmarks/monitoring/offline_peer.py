@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Onset of a change: the monitor beside an offline change-point library, ruptures, on the same runs.
 
-    python benchmarks/monitoring/offline_peer.py [--machine NAME] [--repeats N]
+    python benchmarks/monitoring/offline_peer.py [MACHINE ...] [--repeats N] [--write]
 
 The peer sees the whole run at once, whitened by the same baseline, and is told that there is one change (dynamic
 programming, least squares); the monitor sees cycle after cycle and is told nothing.  The error of the onset, in cycles.
@@ -10,56 +10,100 @@ programming, least squares); the monitor sees cycle after cycle and is told noth
 from __future__ import annotations
 
 import argparse
+from typing import NamedTuple
 
 import numpy as np
 import ruptures
-from proof import BEFORE, monitored_machine, motions, numbered, three_sizes
-from proof import healthy_cycles as healthy_runs
+from plants import faulty_run, healthy_cycles, monitored_machine, three_sizes
+from tables import PAGE
 
+from mech_twin.capabilities.faults import MachineFault
 from mech_twin.studies.monitoring.baseline import fitted_baseline
 from mech_twin.studies.monitoring.cycle_features import feed_channels
 from mech_twin.studies.monitoring.monitor import Monitor, MonitorSetup
 from mech_twin.studies.monitoring.report import judged
 from mech_twin.studies.monitoring.sensing import seen_roll_out
+from mech_twin.studies.monitoring.signatures import MonitoredMachine
 from mech_twin.studies.monitoring.thresholds import chart_limits
+
+BEGIN, END = "<!-- offline peer: begin -->", "<!-- offline peer: end -->"
+HEAD = (
+    "| machine | fault | size | runs | no alarm | monitor, median | 90 % | ruptures, median | 90 % |",
+    f"|{'---|' * 9}",
+)
+NOISES = 5  # repeats of one motion
+
+
+class Errors(NamedTuple):
+    """Errors of the onset in cycles, of the monitor where it gave alarm and of the peer; runs."""
+
+    own: list[float]
+    peer: list[float]
+    runs: int
+
+
+def onset_errors(machine: MonitoredMachine, setup: MonitorSetup, fault: MachineFault, size: float, runs: int) -> Errors:
+    """Return the errors of the onset of a fault in so many runs."""
+    baseline, found = setup.baseline, Errors([], [], runs)
+    step_s, begin_s = machine.entry.build(machine.parameters).coupling_step_s, machine.declared.run_up_s
+    random = np.random.default_rng([7, round(1e6 * abs(size))])
+    for repeat in range(runs):
+        if repeat % NOISES == 0:
+            rolled = faulty_run(machine, fault, size, baseline.period_s, random)
+        if rolled is None:
+            return Errors([], [], 0)
+        run, change_s = rolled
+        vectors = feed_channels(machine.feed(), seen_roll_out(run, machine.sensors, step_s, random, begin_s))
+        told = judged(Monitor(setup), vectors)
+        if told.alarms:
+            found.own.append(abs(told.alarms[0].onset_s - change_s) / baseline.period_s)
+        rows = np.array([v.values[[v.names.index(name) for name in baseline.names]] for v in vectors])
+        white = baseline.whitened(baseline.innovations(rows))
+        place = ruptures.Dynp(model="l2", min_size=3, jump=1).fit(white).predict(n_bkps=1)[0] + baseline.order
+        begun_s = vectors[min(place, len(vectors) - 1)].begin_s
+        found.peer.append(abs(begun_s - change_s) / baseline.period_s)
+    return found
 
 
 def _shown(errors: list[float]) -> str:
-    return f"{np.median(errors):6.2f} {np.quantile(errors, 0.9):8.2f}" if errors else "     -        -"
+    return f"{np.median(errors):.1f} | {np.quantile(errors, 0.9):.1f}" if errors else " | "
+
+
+def machine_rows(name: str, runs: int, baseline_cycles: int) -> list[str]:
+    """Return the rows of a machine."""
+    machine = monitored_machine(name)
+    baseline, innovations = fitted_baseline(healthy_cycles(machine, baseline_cycles, np.random.default_rng(1)))
+    setup = MonitorSetup(name, baseline, chart_limits(baseline, innovations, 1e5))
+    rows = []
+    for fault in machine.faults:
+        for size in three_sizes(fault):
+            found = onset_errors(machine, setup, fault, size, runs)
+            if not found.runs:
+                continue
+            told = f"{100.0 * size:.3g} %" if fault.unit == "1" else f"{size:.3g} {fault.unit}"
+            missed = found.runs - len(found.own)
+            rows.append(
+                f"| {name} | {fault.name} | {told} | {found.runs} | {missed} "
+                f"| {_shown(found.own)} | {_shown(found.peer)} |"
+            )
+            print(rows[-1], flush=True)
+    return rows
 
 
 def main() -> None:
+    """Print the table, or write it into the page."""
     asked = argparse.ArgumentParser(description="onset of a change, beside an offline library")
-    asked.add_argument("--machine", default="impact_mass")
+    asked.add_argument("machines", nargs="*", default=["impact_mass", "vibration_crank"])
     asked.add_argument("--repeats", type=int, default=30)
     asked.add_argument("--baseline", type=int, default=2000)
+    asked.add_argument("--write", action="store_true", help="into docs/monitoring.md")
     given = asked.parse_args()
-    machine = monitored_machine(given.machine)
-    runs = list(healthy_runs(machine, given.baseline, np.random.default_rng(1)))
-    baseline, innovations = fitted_baseline(numbered(runs))
-    setup = MonitorSetup(machine.name, baseline, chart_limits(baseline, innovations, 1e5), ())
-    step_s = machine.entry.build(machine.parameters).coupling_step_s
-    print("fault                 size      missed  monitor: median error, 90 %   ruptures: median error, 90 %")
-    for fault in machine.faults:
-        for size in three_sizes(fault):
-            own, peer = [], []
-            rolled = motions(machine, fault, size, baseline.period_s, 7)
-            for repeat in range(given.repeats):
-                run, change_s = rolled[repeat % len(rolled)]
-                random, begin_s = np.random.default_rng(repeat), machine.declared.run_up_s
-                seen = seen_roll_out(run, machine.sensors, step_s, random, begin_s)
-                vectors = feed_channels(machine.feed(), seen)
-                found = judged(Monitor(setup), vectors)
-                if found.alarms:
-                    own.append(abs(found.alarms[0].onset_s - change_s) / baseline.period_s)
-                rows = np.array([v.values[[v.names.index(name) for name in baseline.names]] for v in vectors])
-                white = baseline.whitened(baseline.innovations(rows))
-                place = ruptures.Dynp(model="l2", min_size=3).fit(white).predict(n_bkps=1)[0]
-                begun_s = vectors[place + baseline.order].begin_s if place + baseline.order < len(vectors) else np.nan
-                peer.append(abs(begun_s - change_s) / baseline.period_s)
-            told = [_shown(errors) for errors in (own, peer)]
-            print(f"{fault.name:20s} {size:8.3g} {given.repeats - len(own):8d}  {told[0]:28s}  {told[1]}", flush=True)
-    print(f"{BEFORE} healthy cycles before each change")
+    print("\n".join(HEAD))
+    rows = [row for name in given.machines for row in machine_rows(name, given.repeats, given.baseline)]
+    if given.write:
+        head, _, rest = PAGE.read_text(encoding="utf-8").partition(BEGIN)
+        table = "\n".join([f"{head}{BEGIN}", "", *HEAD, *rows, "", END])
+        PAGE.write_text(table + rest.partition(END)[2], encoding="utf-8")
 
 
 if __name__ == "__main__":

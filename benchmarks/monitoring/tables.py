@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tables of docs/monitoring.md from the results of `proof.py`.
 
-python benchmarks/monitoring/tables.py RESULT.json ... [--write]
+python benchmarks/monitoring/tables.py [RESULT.json ...] [--write]
 """
 
 from __future__ import annotations
@@ -11,22 +11,29 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from scipy.stats import poisson
+
+RESULTS = Path(__file__).parent / "results"
 PAGE = Path(__file__).parents[2] / "docs" / "monitoring.md"
 BEGIN, END = "<!-- proof: begin -->", "<!-- proof: end -->"
 
 
 def healthy_table(results: list[dict[str, Any]]) -> list[str]:
-    """Return the rows on false alarms."""
+    """Return the rows on false alarms, beside the 95 % interval of a Poisson count at the stated rate."""
     lines = [
         "| machine | features | order | baseline | healthy cycles | ARL0 | alarms | expected | 95 % of them |",
         "|---|---|---|---|---|---|---|---|---|",
     ]
     for each in results:
-        healthy = each["healthy"]
+        healthy, arl0 = each["healthy"], each["asked"]["arl0"]
+        if not healthy["cycles"]:
+            continue
+        expected = healthy["cycles"] / arl0
+        low, high = poisson.interval(0.95, expected)
         lines.append(
             f"| {each['machine']} | {each['features']} | {each['order']} | {each['baseline_cycles']} "
-            f"| {healthy['cycles']} | {each['arl0_cycles']:g} | {healthy['alarms']} | {healthy['expected']:.1f} "
-            f"| {healthy['low']:g} to {healthy['high']:g} |"
+            f"| {healthy['cycles']} | {arl0:g} | {healthy['alarms']} | {expected:.1f} | {low:g} to {high:g} |"
         )
     return lines
 
@@ -34,36 +41,45 @@ def healthy_table(results: list[dict[str, Any]]) -> list[str]:
 def fault_table(results: list[dict[str, Any]]) -> list[str]:
     """Return the rows on faults."""
     lines = [
-        "| machine | fault | size | runs | found | delay, median | 95 % | one name | group | unknown | none | wrong |",
-        "|---|---|---|---|---|---|---|---|---|---|---|---|",
+        "| machine | fault | size | runs | found | delay, median | 95 % | one name | group | unknown | none "
+        "| wrong group | wrong name |",
+        f"|{'---|' * 13}",
     ]
     for each in results:
-        for row in each["faults"]:
-            delays = [f"{row[key]:.1f}" if row[key] is not None else "" for key in ("delay_median", "delay_95")]
+        for row in each["faults"].values():
+            runs, delays = runs_of(row), row["delays"]
+            if not runs:
+                continue
+            shown = [f"{np.quantile(delays, q):.1f}" if delays else "" for q in (0.5, 0.95)]
             size = f"{100.0 * row['size']:.3g} %" if row["unit"] == "1" else f"{row['size']:.3g} {row['unit']}"
-            counts = [str(row.get(f"named_{kind}", "")) for kind in ("right", "group", "unknown", "none", "wrong")]
-            cells = [each["machine"], row["fault"], size, str(row["repeats"]), f"{100.0 * row['found']:.0f} %", *delays]
+            kinds = ("right", "group", "unknown", "none", "wrong_group", "wrong")
+            counts = [str(row["kinds"].get(kind, 0)) for kind in kinds]
+            cells = [each["machine"], row["fault"], size, str(runs), f"{100.0 * len(delays) / runs:.0f} %", *shown]
             lines.append(f"| {' | '.join([*cells, *counts])} |")
     return lines
 
 
+def runs_of(row: dict[str, Any]) -> int:
+    """Return the runs of a row, those with an alarm before the fault left out."""
+    return sum(row["kinds"].values())
+
+
 def summary(results: list[dict[str, Any]]) -> str:
     """Return how many runs were named wrongly, in a sentence."""
-    rows = [row for each in results for row in each["faults"]]
-    named = [row for row in rows if "named_wrong" in row]
-    if not named:
-        return "Baseline, run lengths and delays are in cycles."
-    runs, wrong = sum(row["repeats"] for row in named), sum(row["named_wrong"] for row in named)
+    rows = [row for each in results for row in each["faults"].values()]
+    runs, early = sum(map(runs_of, rows)), sum(row["early"] for row in rows)
+    wrong, groups = (sum(row["kinds"].get(kind, 0) for row in rows) for kind in ("wrong", "wrong_group"))
     return (
-        f"Of {runs} runs with a fault, {wrong} ({100.0 * wrong / max(runs, 1):.1f} %) got a wrong single name or a "
-        "group without the fault. Baseline, run lengths and delays are in cycles."
+        f"Of {runs} runs with a fault, {wrong} ({100.0 * wrong / max(runs, 1):.2f} %) got a wrong single name and "
+        f"{groups} ({100.0 * groups / max(runs, 1):.2f} %) a group without the fault; {early} more had an alarm before "
+        "it and are not counted. Baseline, run lengths and delays are in cycles."
     )
 
 
 def main() -> None:
     """Print the tables, or write them into the page."""
     asked = argparse.ArgumentParser(description="tables of the monitor's proof")
-    asked.add_argument("results", type=Path, nargs="+")
+    asked.add_argument("results", type=Path, nargs="*", default=sorted(RESULTS.glob("*[!p].json")))
     asked.add_argument("--write", action="store_true", help="into docs/monitoring.md")
     given = asked.parse_args()
     results = [json.loads(path.read_text(encoding="utf-8")) for path in given.results]

@@ -10,6 +10,10 @@ from typing import Any, NamedTuple
 
 from mech_twin.quantity import Parameters
 
+MOST_STARTS = 1_000_000  # of a basin: each is followed to its end at every point of the box of tolerances
+MOST_ENDURANCE_PERIODS = 1_000_000_000  # minutes of computing
+MOST_SETTLING_PERIODS = 100_000  # every period is kept, and there are up to 16 times as many
+
 
 @dataclass(frozen=True)
 class CycleAnswer:

@@ -162,10 +162,12 @@ class CompiledMachine:
     def event_numbers(self, table: Array) -> EventNumbers:
         """Return the events in the table of a run as arrays, in time order."""
         rows = table[:, TABLE_EXTRA:]
-        kinds = self.layout.linkage.events.kind_names(rows)
-        body = self.layout.body
-        if body is not None:
-            kinds = np.where(table[:, SOURCE] == FROM_BODY, body.events.kind_names(rows), kinds)
+        kinds = np.empty(len(table), dtype=object)
+        of_body = table[:, SOURCE] == FROM_BODY
+        kinds[~of_body] = self.layout.linkage.events.kind_names(rows[~of_body])
+        if self.layout.body is not None:
+            kinds[of_body] = self.layout.body.events.kind_names(rows[of_body])
+        kinds = kinds.astype(np.str_)
         order = np.lexsort((rows[:, TIME], table[:, STEP]))
         speeds = (rows[order, PRE_VELOCITY], rows[order, POST_VELOCITY], rows[order, IMPULSE])
         return EventNumbers(table[order, STEP].astype(np.int64), rows[order, TIME], kinds[order], *speeds)

@@ -33,6 +33,13 @@ class HeardMessage(NamedTuple):
     at_ns: int
 
 
+class ShadowTopics(NamedTuple):
+    """What the shadow says, and what it hears."""
+
+    own: tuple[Topic, ...]
+    followed: tuple[Topic, ...]
+
+
 class ShadowListener(TwinNode):
     """Hears the topics of the machine and of its shadow; see `TwinNode` for the other arguments.
 
@@ -40,25 +47,26 @@ class ShadowListener(TwinNode):
 
     Parameters
     ----------
-    own, followed : sequence of Topic
-        What the shadow says, and what it hears.
+    topics : ShadowTopics
+        What is heard here.
     """
 
     def __init__(
         self,
         name: str,
         machine_name: str,
-        own: tuple[Topic, ...],
-        followed: tuple[Topic, ...],
+        topics: ShadowTopics,
         parameters: Parameters | None = None,
         options: RunOptions | None = None,
     ) -> None:
         super().__init__(name, machine_name, parameters, options)
         self.newest_ns = 0
-        self.topics = {self.resolve_topic_name(topic.name): topic for topic in (*own, DIAGNOSTICS, *followed)}
+        self.topics = {
+            self.resolve_topic_name(topic.name): topic for topic in (*topics.own, DIAGNOSTICS, *topics.followed)
+        }
         self.described = description_text(machine_name, self.initial_parameters)
         for full, topic in self.topics.items():
-            self._listen(full, topic, FOLLOWED if topic in followed else EVERY)
+            self._listen(full, topic, FOLLOWED if topic in topics.followed else EVERY)
         self.every(TICK_S, self.tick_writer)
 
     def take(self, message: HeardMessage) -> None:
@@ -96,14 +104,9 @@ class ShadowRecorder(ShadowListener):
     """
 
     def __init__(
-        self,
-        machine_name: str,
-        directory: Path,
-        own: tuple[Topic, ...],
-        followed: tuple[Topic, ...],
-        parameters: Parameters | None = None,
+        self, machine_name: str, directory: Path, topics: ShadowTopics, parameters: Parameters | None = None
     ) -> None:
-        super().__init__("shadow_recorder", machine_name, own, followed, parameters)
+        super().__init__("shadow_recorder", machine_name, topics, parameters)
         self.writer = self.opened(directory)
 
     @property
@@ -140,14 +143,9 @@ class BlackBox(ShadowListener):
     """
 
     def __init__(
-        self,
-        machine_name: str,
-        directory: Path,
-        own: tuple[Topic, ...],
-        followed: tuple[Topic, ...],
-        parameters: Parameters | None = None,
+        self, machine_name: str, directory: Path, topics: ShadowTopics, parameters: Parameters | None = None
     ) -> None:
-        super().__init__("black_box", machine_name, own, followed, parameters)
+        super().__init__("black_box", machine_name, topics, parameters)
         self.bags: list[Path] = []
         self._directory = directory
         self._kept: deque[HeardMessage] = deque()

@@ -21,7 +21,7 @@ from mech_twin.nodes.name_guard import NameGuard
 from mech_twin.nodes.namespace import run_namespace
 from mech_twin.nodes.options import RunOptions
 from mech_twin.nodes.shadow_node import ShadowNode, ShadowSetup
-from mech_twin.nodes.shadow_recorder import BlackBox, ShadowRecorder
+from mech_twin.nodes.shadow_recorder import BlackBox, ShadowRecorder, ShadowTopics
 from mech_twin.nodes.spinner import Spinner
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.quantity import Parameters
@@ -120,18 +120,20 @@ def follow(
 def nodes_beside(machine_name: str, node: ShadowNode, parameters: Parameters, company: Company) -> list[TwinNode]:
     """Return recorder, monitor and black box of a shadow, wired to it."""
     machine = catalogue_entry(machine_name).build(parameters)
-    own = shadow_topics(machine.forces.pins, machine.body is not None)
-    heard = tuple(followed.topic for followed in node.followed)
+    topics = ShadowTopics(
+        shadow_topics(machine.forces.pins, machine.body is not None),
+        tuple(followed.topic for followed in node.followed),
+    )
     found: list[TwinNode] = []
     if company.record is not None:
-        found.append(ShadowRecorder(machine_name, company.record, own, heard, parameters))
+        found.append(ShadowRecorder(machine_name, company.record, topics, parameters))
     if company.monitor is not None:
         columns = [channel.column for channel in node.observer.channels]
         monitor = MonitorNode(machine_name, company.monitor, columns, node.origin, parameters)
         node.on_sample = monitor.observe
         found.append(monitor)
         if company.black_box is not None:
-            box = BlackBox(machine_name, company.black_box, own, heard, parameters)
+            box = BlackBox(machine_name, company.black_box, topics, parameters)
             monitor.on_active = lambda life: box.trigger(life.name, node.origin.clock_s(life.since_s))
             found.append(box)
     if company.advice is not None:
@@ -155,5 +157,6 @@ def advisor_beside(
     node.is_obeyed = lambda: advisor.state.in_force
     monitor = next((each for each in others if isinstance(each, MonitorNode)), None)
     if monitor is not None:
-        advisor.has_fault = lambda: monitor.has_active_fault
+        advisor.has_fault = lambda: monitor.has_news
+        advisor.known_changes = lambda: monitor.known_changes
     return advisor

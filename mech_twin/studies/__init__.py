@@ -240,11 +240,20 @@ def synthesise(
         What is asked of the robust cycle, where it differs from the usual.
     periods : int
         How long the endurance runs are.
+
+    Raises
+    ------
+    StudyError
+        If the number of periods or of starts is out of its range, or there is no such cycle.
     """
+    from mech_twin.capabilities.long_run import MOST_ENDURANCE_PERIODS, MOST_STARTS
     from mech_twin.parameters.load import machine_parameters
-    from mech_twin.studies.asking import asked_of
+    from mech_twin.studies.asking import asked_of, counted_within
 
     question: SynthesisQuestion = asked_of(machine, "synthesis", "no cycle to synthesise")
+    counted_within("periods", periods, MOST_ENDURANCE_PERIODS)
+    if options and "starts" in options:
+        counted_within("starts", options["starts"], MOST_STARTS)
     return question.answer(parameters or machine_parameters(machine), impact_speed_m_per_s, options or {}, periods)
 
 
@@ -273,10 +282,17 @@ def regimes(
         Periods left out before a regime is looked for.
     progress : callable, optional
         ``progress(done, all)``.
+
+    Raises
+    ------
+    StudyError
+        If the number of periods is out of its range.
     """
+    from mech_twin.capabilities.long_run import MOST_SETTLING_PERIODS
     from mech_twin.parameters.load import machine_parameters
-    from mech_twin.studies.asking import asked_of
+    from mech_twin.studies.asking import asked_of, counted_within
 
     question: RegimeQuestion = asked_of(machine, "regimes", "no regimes to map")
+    counted_within("settling", settling_periods, MOST_SETTLING_PERIODS)
     known = parameters or machine_parameters(machine)
     return question.answer(known, values, key or question.usual_key, settling_periods, progress)

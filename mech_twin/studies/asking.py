@@ -47,3 +47,16 @@ def questions_of(machine: str) -> tuple[str, ...]:
         "regimes": able.regimes,
     }
     return tuple(name for name, capability in answered.items() if capability)
+
+
+def counted_within(name: str, value: float, most: int) -> int:
+    """Return a count that is asked for.
+
+    Raises
+    ------
+    StudyError
+        If it is no whole number from 1 to ``most``.
+    """
+    if isinstance(value, bool) or not 1 <= value <= most or value != int(value):
+        raise StudyError(f"{name}: expected a whole number from 1 to {most}, got {value}")
+    return int(value)

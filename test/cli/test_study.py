@@ -74,6 +74,12 @@ def test_sizes_are_written_as_a_configuration_that_runs(tmp_path):
         ),
         (("vibration_crank", "size", "--out", "no/where.yaml"), "cannot be written"),
         (("impact_mass", "synthesise", "--impact-speed", "-1"), "impact_speed_m_per_s > 0"),
+        (("impact_mass", "synthesise", "--periods", "1000000000000"), "periods: expected a whole number from 1 to"),
+        (("impact_mass", "synthesise", "--starts", "1000000000000"), "starts: expected a whole number from 1 to"),
+        (
+            ("impact_mass", "regimes", "--over", "restitution=0.5", "--settling", "1000000000000"),
+            "settling: expected a whole number from 1 to 100000",
+        ),
         (("impact_mass", "regimes", "--over", "restitution=0.5,1.5"), "restitution"),
         (("compaction_press", "search", "--bound", "crank=0.2:0.1"), "bounds of crank"),
     ],

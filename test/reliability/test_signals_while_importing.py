@@ -3,10 +3,12 @@
 
 from __future__ import annotations
 
+import os
 import random
 import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -31,6 +33,7 @@ LOADED = {
 }
 WORDS = {"command": ["--version"], "linkage_node": ["--help"]}
 MOMENTS = 4
+ROOT = Path(__file__).resolve().parents[2]
 
 
 def done(program: str, module: str = "", number: int = 0, **options: object) -> subprocess.CompletedProcess[str]:
@@ -55,3 +58,49 @@ def test_a_program_that_is_told_to_outlive_its_terminal_does() -> None:
     ended = done("command", "typer", signal.SIGHUP, preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_IGN))
     assert (ended.returncode, ended.stderr) == (0, "")
     assert ended.stdout.startswith("mech-twin ")
+
+
+# the signal comes where Python 3.11 turns an exception into another one, and where a callback drops it
+IN_A_CLASS = """
+import os
+class Field:
+    def __set_name__(self, owner, name):
+        os.kill(os.getpid(), {number})
+class Model:
+    field = Field()
+"""
+IN_A_CALLBACK = """
+import os, weakref
+class Gone:
+    pass
+gone = Gone()
+kept = weakref.ref(gone, lambda reference: os.kill(os.getpid(), {number}))
+del gone
+"""
+UNDER_WAY = {
+    "a verb": "from mech_twin.stop_signal import interruptible as answering",
+    "a node": "from mech_twin.stop_signal import StopSignal\ndef answering():\n    return stop.interrupting()",
+}
+IMPORT = """
+from contextlib import nullcontext
+{opening}
+with {around} as stop, answering():
+    import imported
+    print("went on")
+"""
+
+
+@pytest.mark.parametrize("module", [IN_A_CLASS, IN_A_CALLBACK])
+@pytest.mark.parametrize("kind", UNDER_WAY)
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_while_a_machine_is_imported_is_neither_lost_nor_changed(
+    module: str, kind: str, number: signal.Signals, tmp_path: Path
+) -> None:
+    (tmp_path / "imported.py").write_text(module.format(number=int(number)))
+    around = "StopSignal()" if kind == "a node" else "nullcontext()"
+    (tmp_path / "program.py").write_text(IMPORT.format(opening=UNDER_WAY[kind], around=around))
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(tmp_path)])}
+    command = [sys.executable, str(tmp_path / "program.py")]
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False, env=environment)
+    line = INTERRUPTED_LINE if number == signal.SIGINT and kind == "a verb" else ""
+    assert (ended.returncode, ended.stdout, ended.stderr) == (128 + number, "", line)

@@ -154,13 +154,13 @@ def settled_at(
 
 
 @kernel
-def collapse_period(motion: MassMotion, system: ImpactSystem, limit: float) -> float:
-    """Return the number of the period (from 0) in which the mass comes to rest for good, or -1 before ``limit``."""
+def collapse_period(motion: MassMotion, system: ImpactSystem, limit: float) -> tuple[MassMotion, float]:
+    """Return the last motion, and the number of the period (from 0) of rest for good, or -1 before ``limit``."""
     while motion.period < limit:
         if rests_for_good(motion, system):
-            return motion.period
+            return motion, motion.period
         motion = next_event(motion, system)[1]
-    return -1.0
+    return motion, -1.0
 
 
 @kernel
@@ -180,16 +180,24 @@ def fates(
     return found
 
 
+class SingleBlows(NamedTuple):
+    """Periods in a row with exactly one impact and no rest, and the least and largest speed of it (m/s; 0 if none)."""
+
+    periods: int
+    least_m_per_s: float
+    largest_m_per_s: float
+
+
 @kernel
-def single_blows(motion: MassMotion, system: ImpactSystem, periods: int) -> tuple[float, float, float]:
-    """Return how many periods in a row had exactly one impact and no rest, and the least and largest speed of it."""
+def single_blows(motion: MassMotion, system: ImpactSystem, periods: int) -> tuple[MassMotion, SingleBlows]:
+    """Return the motion after so many periods with one impact each, or after the first other one, and what they had."""
     least, largest = 0.0, 0.0
     for number in range(periods):
         period = next_period(motion, system)
         motion = period.motion
         if period.impacts != 1.0 or period.chatter_ends > 0.0:
-            return float(number), least, largest
+            return motion, SingleBlows(number, least, largest)
         speed = period.largest_blow_m_per_s
         least = speed if number == 0 else min(least, speed)
         largest = max(largest, speed)
-    return float(periods), least, largest
+    return motion, SingleBlows(periods, least, largest)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mech_twin.machines.impact_mass.batch import AT_REST, LEFT, collapse_period, fates, single_blows
+from mech_twin.machines.impact_mass.batch import AT_REST, LEFT, SingleBlows, collapse_period, fates, single_blows
 from mech_twin.machines.impact_mass.dynamics import (
     ImpactSystem,
     MassMotion,
@@ -23,6 +23,8 @@ from mech_twin.machines.impact_mass.states import (
 BORDER = 1e-9  # of a phase: a blow this near the change of the force stands on the border of existence
 NEAR = 1e-6  # of the stroke and of the blow's speed: a start this near the cycle at three period starts is at it
 BASIN_PERIODS = 5000
+BATCH_STARTS = 1000  # of one kernel call: between two calls a signal is answered
+BATCH_PERIODS = 100_000
 
 
 @dataclass(frozen=True)
@@ -115,7 +117,13 @@ def basin(system: ImpactSystem, cycle: OneImpactCycle, box: StartBox, periods: i
     gaps = random.uniform(0.0, box.gap_max_m, box.starts)
     velocities = random.uniform(box.velocity_min_m_per_s, box.velocity_max_m_per_s, box.starts)
     tolerances = (NEAR * box.gap_max_m, NEAR * cycle.impact_speed_m_per_s)
-    found = fates(gaps, velocities, system, cycle_start(cycle), tolerances, periods)
+    target, batches = cycle_start(cycle), range(0, box.starts, BATCH_STARTS)
+    found = np.concatenate(
+        [
+            fates(gaps[i : i + BATCH_STARTS], velocities[i : i + BATCH_STARTS], system, target, tolerances, periods)
+            for i in batches
+        ]
+    )
     reached, rest, left = int(np.sum(found >= 0)), int(np.sum(found == AT_REST)), int(np.sum(found == LEFT))
     slowest = int(found.max()) if reached else 0
     other = box.starts - reached - rest - left
@@ -162,6 +170,28 @@ def endurance(parameters: ImpactMass, periods: int) -> Endurance:
     """Return how many periods from the configured start have exactly one impact, and when the mass comes to rest."""
     p, system = parameters, parameters.system
     start = initial_motion(p.initial_gap_m, p.initial_velocity_m_per_s, system)
-    held, least, largest = single_blows(start, system, periods)
-    rest = int(collapse_period(start, system, float(periods))) + 1 if held < periods else 0
-    return Endurance(p.period_s, periods, int(held), rest, least, largest)
+    held = _held(start, system, periods)
+    rest = _rest_period(start, system, periods) + 1 if held.periods < periods else 0
+    return Endurance(p.period_s, periods, held.periods, rest, held.least_m_per_s, held.largest_m_per_s)
+
+
+def _held(motion: MassMotion, system: ImpactSystem, periods: int) -> SingleBlows:
+    """Return the single blows from a motion on, counted in batches."""
+    motion, total = single_blows(motion, system, min(periods, BATCH_PERIODS))
+    asked = BATCH_PERIODS
+    while total.periods == asked < periods:
+        batch = min(periods - asked, BATCH_PERIODS)
+        motion, more = single_blows(motion, system, batch)
+        least = min(total.least_m_per_s, more.least_m_per_s) if more.periods else total.least_m_per_s
+        largest = max(total.largest_m_per_s, more.largest_m_per_s)
+        total, asked = SingleBlows(total.periods + more.periods, least, largest), asked + batch
+    return total
+
+
+def _rest_period(motion: MassMotion, system: ImpactSystem, periods: int) -> int:
+    """Return the period (from 0) in which the mass comes to rest for good, or -1 before so many, walked in batches."""
+    for limit in (*range(BATCH_PERIODS, periods, BATCH_PERIODS), periods):
+        motion, found = collapse_period(motion, system, float(limit))
+        if found >= 0.0:
+            return int(found)
+    return -1

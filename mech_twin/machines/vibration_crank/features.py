@@ -3,16 +3,8 @@
 
 from __future__ import annotations
 
-from mech_twin.capabilities.cycle import (
-    CycleFeatures,
-    CycleReference,
-    harmonic,
-    mean,
-    period,
-    speed_harmonic,
-    swing,
-    upper,
-)
+from mech_twin.capabilities.crank_features import crank_features
+from mech_twin.capabilities.cycle import CycleFeatures, CycleReference, harmonic, mean, swing
 from mech_twin.machines.vibration_crank.parameters import VibrationCrank
 
 CRANK, TORQUE, SLIDER = "linkage.crank.position", "linkage.crank.effort", "linkage.slider.position"
@@ -24,17 +16,7 @@ def features(parameters: VibrationCrank) -> CycleFeatures:
     return CycleFeatures(
         CycleReference(CRANK),
         (
-            period(),
-            speed_harmonic("speed_cos_1", CRANK, 1, "cos", "relative crank speed, cosine of the turn"),
-            speed_harmonic("speed_sin_1", CRANK, 1, "sin", "relative crank speed, sine of the turn"),
-            speed_harmonic("speed_cos_2", CRANK, 2, "cos", "relative crank speed, cosine of half a turn"),
-            speed_harmonic("speed_sin_2", CRANK, 2, "sin", "relative crank speed, sine of half a turn"),
-            mean("torque_mean_nm", "N.m", TORQUE, "mean driving torque"),
-            upper("torque_peak_nm", "N.m", TORQUE, "largest driving torque"),
-            harmonic("torque_cos_1_nm", "N.m", TORQUE, 1, "cos", "driving torque, cosine of the turn"),
-            harmonic("torque_sin_1_nm", "N.m", TORQUE, 1, "sin", "driving torque, sine of the turn"),
-            harmonic("torque_cos_2_nm", "N.m", TORQUE, 2, "cos", "driving torque, cosine of half a turn"),
-            harmonic("torque_sin_2_nm", "N.m", TORQUE, 2, "sin", "driving torque, sine of half a turn"),
+            *crank_features(CRANK, TORQUE),
             swing("stroke_m", "m", SLIDER, "stroke of the slider"),
             mean("slider_mean_m", "m", SLIDER, "mean place of the slider"),
             mean("frame_x_mean_n", "N", FRAME_X, "mean force on the frame across"),

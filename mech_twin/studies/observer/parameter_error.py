@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mech_twin.configuration_tree import configuration_tree, merged_tree, tree_from_flat
+from mech_twin.configuration_tree import ConfigurationError, configuration_tree, merged_tree, tree_from_flat
 from mech_twin.engine.compiled_run import DONE, Indices
 from mech_twin.engine.sample_vectors import Array
 from mech_twin.quantity import Parameters
@@ -122,6 +122,25 @@ def changed_parameters(parameters: Parameters, key: str, deviation: float) -> Pa
         except ValueError:
             continue
     return None
+
+
+def wrong_machine(
+    parameters: Parameters, build: Callable[[Parameters], Machine], seed: int, share: float = 0.02
+) -> Machine:
+    """Return a machine with every uncertain key wrong by a normally distributed share, the same one for a seed.
+
+    What an observer is tried on: it knows the machine as configured.  A change that the machine refuses is left out.
+    """
+    tree, random = configuration_tree(parameters), np.random.default_rng(seed)
+    for key, deviation in uncertain_keys(parameters, share).items():
+        value = key_value(parameters, key) + deviation * random.standard_normal()
+        changed = merged_tree(tree, tree_from_flat({key: value}))
+        try:
+            build(type(parameters).model_validate(changed))
+        except (ValueError, ConfigurationError):
+            continue
+        tree = changed
+    return build(type(parameters).model_validate(tree))
 
 
 def key_value(parameters: Parameters, key: str) -> float:

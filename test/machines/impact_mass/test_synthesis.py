@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from mech_twin.engine.run import frames
-from mech_twin.machines.impact_mass import PARAMETERS, build
-from mech_twin.machines.impact_mass.cycle_verdict import default_box, endurance, verdict
+from mech_twin.machines.impact_mass import PARAMETERS, build, cycle_verdict
+from mech_twin.machines.impact_mass.cycle_verdict import basin, default_box, endurance, phase2_cycle, verdict
 from mech_twin.machines.impact_mass.synthesis import (
     CycleSpec,
     RobustnessSpec,
@@ -46,6 +46,19 @@ def test_the_published_cycle_stands_on_the_border_and_has_no_basin(both):
 def test_the_published_cycle_collapses_with_the_period_as_printed(period_s, periods):
     printed = published_parameters(PAPER).model_copy(update={"period_s": period_s})
     assert endurance(printed, 1000).rests_in_period == periods
+
+
+@pytest.mark.parametrize("batch", [1, 3, 7, 50])
+def test_runs_and_starts_counted_in_batches_are_those_counted_at_once(both, monkeypatch, batch):
+    fails, holds = published_parameters(PAPER), both.robust.parameters
+    collapses = fails.model_copy(update={"period_s": 0.216})
+    found = [endurance(case, 100) for case in (fails, collapses, holds)]
+    cycle, few = phase2_cycle(holds), replace(BOX, starts=100)
+    whole = basin(holds.system, cycle, few)
+    monkeypatch.setattr(cycle_verdict, "BATCH_PERIODS", batch)
+    monkeypatch.setattr(cycle_verdict, "BATCH_STARTS", batch)
+    assert [endurance(case, 100) for case in (fails, collapses, holds)] == found
+    assert basin(holds.system, cycle, few) == whole
 
 
 def test_the_robust_cycle_holds_for_a_million_periods_at_every_printed_period(both):

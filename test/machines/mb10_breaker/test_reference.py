@@ -1,13 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """The coupled run against the motion solved as one by other means, for random machines: blows, crank and body."""
 
+import ast
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from mech_twin.engine.run import frames
 from mech_twin.machines.mb10_breaker import build
+from mech_twin.machines.mb10_breaker import reference as second_implementation
 from mech_twin.machines.mb10_breaker.reference import BreakerReference
 from mech_twin.machines.mb10_breaker.state import BreakerMemory
 from mech_twin.parameters.load import machine_parameters
@@ -62,3 +65,21 @@ def test_coupled_run_is_the_motion_solved_as_one(seed):
     turned = [f.linkage.position[0] + 2.0 * math.pi * BreakerMemory(*f.linkage.memory.values).turns for f in run]
     assert np.abs(np.array(turned) - reference.samples[:, 0]).max() <= 1e-4
     assert np.abs(np.array([f.linkage.position[3] for f in run]) - reference.samples[:, 2]).max() <= 1e-5
+
+
+@pytest.mark.parametrize(
+    ("module", "taken"),
+    [
+        (Path(second_implementation.__file__), {"mech_twin.machines.mb10_breaker.parameters"}),
+        (Path(__file__).parents[1] / "impact_mass" / "release_reference.py", set()),
+    ],
+    ids=["breaker", "impact_mass"],
+)
+def test_a_second_implementation_takes_nothing_from_the_twin_but_a_configuration(module, taken):
+    tree = ast.walk(ast.parse(module.read_text(encoding="utf-8")))
+    found = [
+        [node.module] if isinstance(node, ast.ImportFrom) else [a.name for a in node.names]
+        for node in tree
+        if isinstance(node, ast.Import | ast.ImportFrom)
+    ]
+    assert {name for names in found for name in names if name.startswith("mech_twin")} == taken
