@@ -16,7 +16,14 @@ from mech_twin.engine.sample_vectors import (
 )
 from mech_twin.kernel import kernel
 from mech_twin.machines.impact_mass.dynamics import ImpactSystem
-from mech_twin.machines.impact_mass.memory import RESIDUALS_AT, counts_of, fill_memory, memory_of, motion_of
+from mech_twin.machines.impact_mass.memory import (
+    RESIDUALS_AT,
+    counts_of,
+    fill_memory,
+    fill_motion,
+    memory_of,
+    motion_of,
+)
 from mech_twin.machines.impact_mass.states import KIND_CONTACTS, PHASE_1
 from mech_twin.machines.impact_mass.step import mass_step, reanchored, rescaled
 from mech_twin.parts.supply import limited_command
@@ -75,6 +82,15 @@ def acted_before(now: ImpactSystem, memory: Any) -> ImpactSystem:
         now.listed,
         now.exact,
     )
+
+
+@kernel
+def anchor_at(model: StoppedMass, linkage: Array, step: int) -> None:
+    """Tell the motion of a linkage row from this step on, not from its last event: the same motion."""
+    memory = memory_of(linkage)
+    before = acted_before(model.system, memory)
+    motion = reanchored(motion_of(memory), before, before, step - memory.origin_step_1, model.step_s)
+    fill_motion(motion, memory)
 
 
 @step_of(linkage_step, StoppedMass)

@@ -115,12 +115,18 @@ def counts_of(memory: Any) -> RunningCounts:
 
 
 @kernel
-def fill_memory(motion: MassMotion, counts: RunningCounts, system: ImpactSystem, memory: Any) -> None:
-    """Fill in motion, counts and what acts; origin, mass and energies are left as they are."""
+def fill_motion(motion: MassMotion, memory: Any) -> None:
+    """Fill in the motion at its anchor; all else is left as it is."""
     memory.anchor_period_1, memory.anchor_tau_s, memory.phase_1 = motion.period, motion.tau_s, motion.phase
     memory.anchor_gap_m, memory.anchor_velocity_m_per_s = motion.gap_m, motion.velocity_m_per_s
     memory.mode_1, memory.series_number_1 = motion.mode, motion.series_number
     memory.series_speed_m_per_s, memory.series_tau_s = motion.series_speed_m_per_s, motion.series_tau_s
+
+
+@kernel
+def fill_memory(motion: MassMotion, counts: RunningCounts, system: ImpactSystem, memory: Any) -> None:
+    """Fill in motion, counts and what acts; origin, mass and energies are left as they are."""
+    fill_motion(motion, memory)
     memory.impacts_1, memory.chatter_ends_1 = counts.impacts, counts.chatter_ends
     memory.period_impacts_1, memory.last_period_impacts_1 = counts.period_impacts, counts.last_period_impacts
     memory.period_impulse_m_per_s = counts.period_impulse_m_per_s
