@@ -91,7 +91,7 @@ def _moments(parameters: RollerFormer) -> Picture:
         axes.plot(DEGREES, total, color=BLUE, label="total")
         most = MAX_NM[count]
         axes.axhline(most, color=INK, linewidth=0.9, linestyle="--", label=f"published maximum {most:g}")
-        axes.set_ylim(0.0, 2450.0)
+        axes.set_ylim(0.0, 3000.0)
         turn_axis(axes, "crank angle, degrees" if count > 2 else "")
         axes.set_title(f"{count} cart{'s' if count > 1 else ''}: {total.max():.1f} N m")
         axes.legend(loc="upper right")
