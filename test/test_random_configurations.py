@@ -11,8 +11,9 @@ import math
 import pytest
 from catalogue import NAMES
 from configuration_draws import Draw, leaves, value_at
-from random_configurations import RUN_S, bad_refusal, run, worst_margin
+from random_configurations import BROKEN, RAN, REFUSED_IN_RUN, RUN_S, bad_refusal, outcome_of, run, worst_margin
 
+from mech_twin.engine.errors import MotionError
 from mech_twin.engine.run import frames
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.parameters.load import description_text
@@ -22,7 +23,7 @@ COUNT = 12
 MOST_STEPS = 5000  # of a draw at the shortest coupling step, at which half a second takes minutes
 machines = pytest.mark.parametrize("name", NAMES)
 # the other machines' draws have findings that are not mended yet: docs/random-configurations.md counts them
-HELD = ("compaction_press", "impact_mass", "vibration_crank", "winding_drum")
+HELD = ("compaction_press", "impact_mass", "planar_linkage", "vibration_crank", "winding_drum")
 
 
 @pytest.mark.slow
@@ -37,7 +38,7 @@ def test_a_legal_configuration_runs_and_what_is_refused_is_refused_in_one_line(n
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", HELD)
+@pytest.mark.parametrize("name", sorted(set(HELD) - {"planar_linkage"}))  # a dyad's kind changes only with its lengths
 def test_the_draws_reach_every_key_and_are_refused_at_times(name: str) -> None:
     """What is optional may stay absent: a printed value has to fit the others closely."""
     draws = [Draw(name, SEED, number) for number in range(24)]
@@ -67,3 +68,23 @@ def test_a_residual_over_its_limit_and_one_that_is_nan_are_seen() -> None:
     assert margin(0.0) <= 1.0
     assert margin(2.0 * machine.linkage.residual_limits[residuals.names[0]]) == pytest.approx(2.0)
     assert margin(math.nan) == math.inf
+
+
+@pytest.mark.parametrize(
+    ("refusal", "end"),
+    [
+        (MotionError("coupling.step_s 0.1: must be at most 0.05 s"), REFUSED_IN_RUN),
+        (MotionError("no step is small enough"), BROKEN),
+        (MotionError("coupling.step_s 0.1:\nmust be at most 0.05 s"), BROKEN),
+        (ZeroDivisionError("float division by zero of coupling.step_s 0.1"), BROKEN),
+        (None, RAN),
+    ],
+)
+def test_a_run_that_ends_is_refused_in_one_line_with_key_and_number_or_broken(monkeypatch, refusal, end):
+    def ending(*_: object) -> tuple[str, float]:
+        if refusal is not None:
+            raise refusal
+        return "", 0.0
+
+    monkeypatch.setattr("random_configurations.run", ending)
+    assert outcome_of("winding_drum", SEED, 0).end == end

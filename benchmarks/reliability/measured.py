@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Writes what a script measured into docs/reliability.md, between the marks that bear its name."""
+"""Writes what a script measured into its page of the documentation, between the marks that bear its name."""
 
 from __future__ import annotations
 
@@ -9,7 +9,14 @@ from collections.abc import Iterable, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
-PAGE = Path(__file__).resolve().parents[2] / "docs" / "reliability.md"
+DOCS = Path(__file__).resolve().parents[2] / "docs"
+PAGE = DOCS / "reliability.md"
+OTHER_PAGES = {"random_draws": DOCS / "random-configurations.md"}
+
+
+def page_of(script: str) -> Path:
+    """Return the page that a script, named by its file without ending, writes into."""
+    return OTHER_PAGES.get(script, PAGE)
 
 
 def today() -> str:
@@ -74,17 +81,17 @@ def _lines(rows: Iterable[Sequence[object]]) -> list[str]:
 
 def _between(script: str) -> tuple[str, str, str]:
     begin, end = marks(script)
-    page = PAGE.read_text(encoding="utf-8")
-    head, found, rest = page.partition(begin)
+    page = page_of(script)
+    head, found, rest = page.read_text(encoding="utf-8").partition(begin)
     if not found or end not in rest:
-        raise ValueError(f"{PAGE.name} has no marks {begin} ... {end}")
+        raise ValueError(f"{page.name} has no marks {begin} ... {end}")
     old, _, tail = rest.partition(end)
     return head + begin, old, end + tail
 
 
 def _replace(script: str, lines: list[str]) -> None:
     head, _, tail = _between(script)
-    PAGE.write_text("\n".join([head, *lines, tail]), encoding="utf-8")
+    page_of(script).write_text("\n".join([head, *lines, tail]), encoding="utf-8")
 
 
 def _processor() -> str:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The tables of the page on faults are those of the scripts it names, each row with its date and machine."""
+"""The tables of the pages on faults and on draws are those of the scripts they name, each row with date and machine."""
 
 from __future__ import annotations
 
@@ -23,16 +23,17 @@ WRITERS = sorted(
 MADE = re.compile(r"\d{4}-\d\d-\d\d(, | on )\d+ cores of .+, Python \d")
 
 
-def test_every_script_of_the_room_writes_into_the_page() -> None:
+def test_every_script_of_the_room_writes_into_a_page() -> None:
     assert sorted(path.stem for path in SCRIPTS.glob("*.py") if path.stem != "measured") == WRITERS
 
 
 @pytest.mark.parametrize("script", WRITERS)
 def test_a_script_that_writes_is_named_and_has_its_place(script: str) -> None:
     begin, end = measured.marks(script)
-    assert PAGE.count(begin) == PAGE.count(end) == 1
-    assert f"python benchmarks/reliability/{script}.py" in PAGE
-    table = PAGE.partition(begin)[2].partition(end)[0]
+    page = measured.page_of(script).read_text(encoding="utf-8")
+    assert page.count(begin) == page.count(end) == 1
+    assert f"python benchmarks/reliability/{script}.py" in page
+    table = page.partition(begin)[2].partition(end)[0]
     rows = [line for line in table.splitlines() if line.startswith("|")][2:]
     assert all(MADE.search(row) or MADE.search(table.partition("|")[0]) for row in rows)
 

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 LONGEST_SUBSTEP_S = 5e-4
 SWING_IN_SUBSTEP_RAD = 0.1  # of the fastest free swing: truncation below rounding
+GEAR_GRIP = 1e-12  # of the rated torque: least friction of a crank that its gear may hold
 ANGLES = 90  # at which the fastest swing is looked for
 
 
@@ -55,6 +56,17 @@ def extremes(bar: FourBar) -> tuple[float, float]:
             else:
                 retreating = found
     return striking, retreating
+
+
+def crank_coulomb_nm(p: BreakerParameters) -> float:
+    """Return the Coulomb friction of the crank's bearing (N m): next to none where the gear alone may hold the weight.
+
+    A gear with losses holds a crank whose load at rest lies between eta tau and tau/eta; that is followed together with
+    the friction of the bearing.
+    """
+    if p.friction.coulomb_nm > 0.0 or p.gravity_m_per_s2 == 0.0 or p.gear.efficiency == 1.0:
+        return p.friction.coulomb_nm
+    return GEAR_GRIP * p.gear.ratio * p.motor.rated_power_w / (p.motor.rated_speed_rpm * math.pi / 30.0)
 
 
 def breaker(p: BreakerParameters) -> Breaker:
@@ -115,7 +127,7 @@ def breaker(p: BreakerParameters) -> Breaker:
         gravity_m_per_s2=p.gravity_m_per_s2,
         held=p.excitation.kind == "approximated",
         crank_viscous_nms_per_rad=p.friction.viscous_nms_per_rad,
-        crank_coulomb_nm=p.friction.coulomb_nm,
+        crank_coulomb_nm=crank_coulomb_nm(p),
         body_coulomb_nm=p.body.friction.coulomb_nm,
     )
     swing = max(fastest_swing_rad_per_s(found), found.body_damping_nms_per_rad / found.body_inertia_kg_m2, 1e-9)

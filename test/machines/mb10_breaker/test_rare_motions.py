@@ -4,10 +4,13 @@
 from __future__ import annotations
 
 import pytest
+from random_configurations import worst_margin
 
 from mech_twin.configuration_tree import ConfigurationError
 from mech_twin.engine.invariants import broken_lines
 from mech_twin.engine.rollout import roll_out
+from mech_twin.engine.run import frames
+from mech_twin.machines.mb10_breaker.reference import BreakerReference
 from mech_twin.parameters.load import machine
 
 # the pivot's friction holds the lifted body while the striker pushes the tool up to the rocker's extreme
@@ -38,6 +41,23 @@ THROWN_BACK = {
     "motor.starting_torque_ratio": 1.618414428142375e-08,
     "tool.mass_kg": 1052.9754180454938,
 }
+# the weight of the links would turn the crank against a supply that sets in, but not against its gear
+HELD_BY_GEAR = {
+    "motor.breakdown_torque_ratio": 5.65073504962551,
+    "motor.rotor_inertia_kg_m2": 1e-12,
+    "gear.efficiency": 0.05,
+    "linkage.crank_m": 0.014382909192002535,
+    "linkage.coupler_mass_kg": 0.9460243984553739,
+    "linkage.coupler_centroid_across_m": -2.0,
+    "linkage.rocker_centroid_along_m": 0.05657978228304977,
+    "tool.mass_kg": 1e-9,
+    "tool.wall_force_n": 3.9e-4,
+    "gravity_m_per_s2": 100.0,
+    "body.preload_deflection_m": 0.9779436599518719,
+    "supply.initial_fraction": 0.4,
+    "supply.rate_per_s": 20.0,
+    "coupling.step_s": 0.0005,
+}
 STIFF_SPRING = {"body.spring_arm_m": 10.0, "body.spring_rate_n_per_m": 2e6, "body.inertia_kg_m2": 3.9}
 
 
@@ -59,6 +79,26 @@ def test_striker_that_turns_back_leaves_a_body_held_by_friction_at_once():
 def test_gear_that_turns_back_within_a_step_loses_no_energy_unseen():
     broken, _ = residuals_of(THROWN_BACK, (1.0, 0.9213070926481903, 0.0, 1.0))
     assert broken == []
+
+
+@pytest.mark.parametrize("mount", ["body", "frame"])
+def test_crank_without_bearing_friction_stands_while_its_gear_holds_the_weight(mount):
+    """It stands while eta tau < W < tau/eta, and is let go where eta tau is the moment W of the weight."""
+    built = machine("mb10_breaker", overrides={**HELD_BY_GEAR, "drive_mount": mount})
+    eta, ratio = built.parameters.gear.efficiency, built.parameters.gear.ratio
+    weight = BreakerReference(built.parameters).mass_and_bias(0.0, 0.0, 0.0, 0.0)[1][0]
+    taken = list(frames(built, 0.012))
+    assert max(worst_margin(built, frame)[0] for frame in taken) <= 1.0
+    (started,) = [e for frame in taken for e in frame.linkage.events if e.kind == "crank_started"]
+    assert started.pre[0].effort == pytest.approx(weight, rel=1e-9)
+    before = [frame for frame in taken if frame.linkage.time_s < started.time_s]
+    assert len(before) > 3
+    for frame in before:
+        tau = ratio * frame.motor.effort[0]
+        assert eta * tau < weight < tau / eta
+        assert frame.linkage.velocity[0] == 0.0
+    after = [frame.linkage.velocity[0] for frame in taken if frame.linkage.time_s > started.time_s]
+    assert min(after) > 0.0
 
 
 @pytest.mark.parametrize(
