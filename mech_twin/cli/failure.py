@@ -64,6 +64,9 @@ def _message(error: Exception) -> str:
     if isinstance(error, ImportError):
         return missing_extra(error) or str(error)
     format_message = getattr(error, "format_message", None)  # of the command line library
+    asked = getattr(error, "param", None)
+    if asked is not None and format_message is not None and format_message().startswith("Missing option"):
+        return f"missing option {asked.opts[0]} {asked.metavar or ''}: expected {asked.help}".replace(" :", ":")
     return _plain(str(format_message())) if format_message else str(error)
 
 
