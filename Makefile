@@ -24,25 +24,40 @@ SHARED := -n 2 --dist loadfile $(QUIET)
 ALONE := test $(addprefix --ignore=,$(QUIET) test/reliability)
 # these kill and stop processes of a run, beside which they listen: in a process that has not listened to others before
 FAULTS := test/reliability
+MAIN := not browser and not slow
+REST := not browser and slow
 ARGS ?=
 
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
-.PHONY: run test test-fast explore test-browser test-ros test-oldest lint coverage bench colcon mutation hooks
-.PHONY: audit sbom licences hashes docs clean soak faults
+.PHONY: run test test-fast test-rest test-all kernels explore test-browser test-ros test-oldest lint coverage bench
+.PHONY: colcon mutation hooks audit sbom licences hashes docs clean soak faults
 
 run: $(VENV)/.run
 	$(BIN)/mech-twin run $(ARGS)
 
-test: lint
-	$(BIN)/python -m pytest -m "not browser" $(SHARED) $(ARGS)
-	$(BIN)/python -m pytest -m "not browser" $(ALONE) $(ARGS)
-	$(BIN)/python -m pytest -m "not browser" $(FAULTS) $(ARGS)
+test: lint kernels # every room, without the slow tests
+	$(BIN)/python -m pytest -m "$(MAIN)" $(SHARED) $(ARGS)
+	$(BIN)/python -m pytest -m "$(MAIN)" $(ALONE) $(ARGS)
+	$(BIN)/python -m pytest -m "$(MAIN)" $(FAULTS) $(ARGS)
 
-test-fast: $(VENV)/.test
-	$(BIN)/python -m pytest -m "not browser and not slow" $(SHARED) $(ARGS)
-	$(BIN)/python -m pytest -m "not browser and not slow" $(ALONE) $(ARGS)
-	$(BIN)/python -m pytest -m "not browser and not slow" $(FAULTS) $(ARGS)
+test-fast: $(VENV)/.test # of those the ones without topics
+	$(BIN)/python -m pytest -m "$(MAIN)" $(SHARED) $(ARGS)
+
+test-rest: $(VENV)/.test # what `make test` leaves out
+	$(BIN)/python -m pytest -m "$(REST)" $(SHARED) $(ARGS)
+	$(BIN)/python -m pytest -m "$(REST)" $(ALONE) $(ARGS)
+	$(BIN)/python -m pytest -m "$(REST)" $(FAULTS) $(ARGS)
+	$(MAKE) test-browser
+	$(MAKE) colcon
+	$(MAKE) test-ros ROS=kilted
+
+test-all:
+	$(MAKE) test
+	$(MAKE) test-rest
+
+kernels: $(VENV)/.test # all cores compile, and no kernel twice, before tests run side by side
+	$(BIN)/python test/compile_kernels.py
 
 explore: $(VENV)/.test # the property tests with examples of their own each time
 	$(BIN)/python -m pytest -m "not browser" $(SHARED) --hypothesis-profile=explore $(ARGS)
@@ -62,11 +77,11 @@ lint: $(VENV)/.test
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-coverage: $(VENV)/.test # of the fast tests; lines inside compiled kernels are not seen, mutation testing looks at those
+coverage: $(VENV)/.test # without the slow tests; lines inside compiled kernels are not seen, mutation testing looks at those
 	$(BIN)/python -m pytest -m "not browser and not slow" --timeout=600 --cov --cov-report=term:skip-covered --cov-report=xml $(ARGS)
 
-bench: $(VENV)/.bench
-	$(BIN)/python -m pytest benchmarks --benchmark-only $(ARGS)
+bench: $(VENV)/.bench # writes the tables of docs/performance.md; ARGS: groups, all without; --list names them
+	$(BIN)/python benchmarks/performance.py $(ARGS)
 
 colcon: $(VENV)/.test
 	bash test/packaging/colcon_build.sh $(BIN)

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Writes the licences of all distributions of an environment, as their metadata state them.
+"""Writes the licences of the distributions that `make test` installs, as their metadata state them.
+
+What else an environment holds is left out: constraints/hashes/jazzy.txt says what belongs to it.
 
 Usage: licences.py VENV_BIN TOOLS_BIN FILE
 """
@@ -7,10 +9,13 @@ Usage: licences.py VENV_BIN TOOLS_BIN FILE
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
 
+# what states its licence elsewhere than in its metadata
+STATED_ELSEWHERE = {"urdf_parser_py": "BSD (by its package.xml)"}
 HEAD = """# Licences
 
 What an installation for development brings (`make test`), with the licence each distribution states;
@@ -24,6 +29,17 @@ They are counted below and not listed one by one: {ros}.
 | distribution | version | licence |
 |---|---|---|
 """
+
+
+def canonical(name: str) -> str:
+    """Return a distribution's name as package indexes compare it."""
+    return re.sub(r"[-_.]+", "-", name).lower()
+
+
+def listed() -> set[str]:
+    """Return the distributions that `make test` installs."""
+    pins = Path("constraints", "hashes", "jazzy.txt").read_text(encoding="utf-8")
+    return set(re.findall(r"^([a-z0-9.-]+)==", pins, re.MULTILINE))
 
 
 def rows(project: Path, tools: Path) -> list[dict[str, str]]:
@@ -43,12 +59,19 @@ def is_ros_message(row: dict[str, str]) -> bool:
     return row["License"] == "UNKNOWN" and row["Name"].endswith(("_msgs", "_interfaces", "_srvs"))
 
 
+def licence(row: dict[str, str]) -> str:
+    """Return the licence of a distribution, in one line."""
+    return STATED_ELSEWHERE.get(row["Name"], row["License"]).replace("\n", " ")
+
+
 def main(project: Path, tools: Path, file: Path) -> None:
     """Write the page."""
     found = rows(project, tools)
-    own = [row for row in found if not is_ros(row) and not is_ros_message(row)]
-    lines = [f"| {row['Name']} | {row['Version']} | {row['License'].replace(chr(10), ' ')} |" for row in own]
-    file.write_text(HEAD.format(ros=len(found) - len(own)) + "\n".join(lines) + "\n", encoding="utf-8")
+    ros = sum(is_ros(row) or is_ros_message(row) for row in found)
+    named = listed()
+    own = [row for row in found if canonical(row["Name"]) in named and not is_ros(row)]
+    lines = [f"| {row['Name']} | {row['Version']} | {licence(row)} |" for row in own]
+    file.write_text(HEAD.format(ros=ros) + "\n".join(lines) + "\n", encoding="utf-8")
     sys.stdout.write(f"wrote {file}\n")
 
 

@@ -24,6 +24,7 @@ from mech_twin.cli.main import main
 from mech_twin.configuration_tree import configuration_tree
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.parameters.load import machine_parameters
+from mech_twin.quantity import Parameters
 
 MAGNITUDES = (5e-324, 1e-300, 1e-30, 1e-9, 1e9, 1e21, 1e30, 1e300)
 FACTORS = (1e-6, 1e-3, 1e3, 1e6)
@@ -73,12 +74,21 @@ def values_of(leaf: Leaf, now: Any) -> Iterator[float]:
 def cases(name: str) -> list[Case]:
     """Return the cases of a machine, each once: every key that is a number, at every extreme."""
     tree, found = configuration_tree(machine_parameters(name)), []
-    for leaf in leaves(CATALOGUE[name].parameters):
+    for leaf in present_leaves(CATALOGUE[name].parameters, tree):
         if is_group(leaf.kinds) or get_origin(leaf.kinds[0]) is not None or float not in _numeric(leaf):
             continue
         values = dict.fromkeys(values_of(leaf, value_at(tree, leaf.path)))
         found += [Case(name, ".".join(leaf.path), value) for value in values]
     return found
+
+
+def present_leaves(model: type[Parameters], tree: dict[str, Any], path: tuple[str, ...] = ()) -> Iterator[Leaf]:
+    """Yield every key of a model, those of an optional group too where the configuration has that group."""
+    for leaf in leaves(model, path):
+        if leaf.optional and is_group(leaf.kinds) and value_at(tree, leaf.path) is not None:
+            yield from present_leaves(leaf.kinds[0], tree, leaf.path)
+        else:
+            yield leaf
 
 
 def _numeric(leaf: Leaf) -> tuple[Any, ...]:

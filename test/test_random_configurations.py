@@ -49,8 +49,9 @@ def test_the_draws_reach_every_key_and_are_refused_at_times(name: str) -> None:
 
 @machines
 def test_a_draw_is_the_same_each_time(name: str) -> None:
-    assert Draw(name, SEED, 3).parameters == Draw(name, SEED, 3).parameters
-    assert Draw(name, SEED, 3).parameters != Draw(name, SEED, 4).parameters
+    drawn = Draw(name, SEED, 3).parameters
+    assert Draw(name, SEED, 3).parameters == drawn
+    assert Draw(name, SEED, 4).parameters != drawn
 
 
 def test_a_residual_over_its_limit_and_one_that_is_nan_are_seen() -> None:

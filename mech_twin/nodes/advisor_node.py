@@ -5,8 +5,9 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
@@ -70,6 +71,7 @@ class AdvisorNode(TwinNode):
         self.wish, self.state, self.number = wish, AdviceState(), 0
         self._now_s = 0.0  # of the newest cycle, counted as its samples are
         self.has_fault: Callable[[], bool] = lambda: False
+        self.known_changes: Callable[[], Mapping[str, Any]] = dict
         self._columns = tuple(columns)
         self._feed = FeatureFeed(self.model.declared, list(dict.fromkeys(columns)))
         self._value = wish.output.value
@@ -131,7 +133,8 @@ class AdvisorNode(TwinNode):
         if is_free and is_due and len(self._figures) == self.wish.cycles:
             measured = np.array(self._figures)
             self._figures.clear()
-            self._thinking = self._thread.submit(recommendation, self.model, self._value, measured, self._now_s)
+            model = self.model.under(self.known_changes())
+            self._thinking = self._thread.submit(recommendation, model, self._value, measured, self._now_s)
 
     def _miss(self) -> float:
         advice = self.state.advice

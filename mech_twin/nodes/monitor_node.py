@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.parameter import Parameter
@@ -17,7 +18,7 @@ from mech_twin.nodes.options import RunOptions
 from mech_twin.nodes.shadow_inputs import StampOrigin
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.quantity import Parameters
-from mech_twin.studies.live_monitor import LiveMonitor, fault_values
+from mech_twin.studies.live_monitor import LiveMonitor, changes_by_faults, fault_values, has_news
 from mech_twin.studies.monitoring.fault_life import FaultLife
 from mech_twin.studies.monitoring.monitor import Findings, MonitorSetup
 from mech_twin.studies.observer.lock_on import SeenSample
@@ -84,6 +85,18 @@ class MonitorNode(TwinNode):
     def has_active_fault(self) -> bool:
         """Whether a fault is active, shelved or not."""
         return any(life.state == "active" for life in self.live.monitor.lives.values())
+
+    @property
+    def has_news(self) -> bool:
+        """Whether a fault is active that nobody has acknowledged."""
+        return has_news(self.live.monitor.lives.values())
+
+    @property
+    def known_changes(self) -> dict[str, Any]:
+        """Keys of the configuration as the fault that is acknowledged has changed them."""
+        ask = catalogue_entry(self.machine_name).capabilities.faults
+        faults = () if ask is None else ask(self.initial_parameters)
+        return changes_by_faults(self.initial_parameters, faults, self.live.monitor, self.live.newest)
 
     def diagnostic_values(self) -> dict[str, str]:
         """Return the newest cycle and its verdict."""

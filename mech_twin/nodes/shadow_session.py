@@ -157,5 +157,6 @@ def advisor_beside(
     node.is_obeyed = lambda: advisor.state.in_force
     monitor = next((each for each in others if isinstance(each, MonitorNode)), None)
     if monitor is not None:
-        advisor.has_fault = lambda: monitor.has_active_fault
+        advisor.has_fault = lambda: monitor.has_news
+        advisor.known_changes = lambda: monitor.known_changes
     return advisor

@@ -9,12 +9,14 @@ its standard deviation, and of the measured mean.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import isfinite, sqrt
+from typing import Any
 
 import numpy as np
 
 from mech_twin.capabilities.cycle import CycleFeatures
+from mech_twin.capabilities.variation import varied
 from mech_twin.configuration_tree import ConfigurationError, configuration_tree, merged_tree, tree_from_flat
 from mech_twin.engine.rollout import roll_out
 from mech_twin.machines.catalog import Entry
@@ -82,6 +84,8 @@ class AdviceModel:
         What is wanted.
     deviations : mapping
         Standard deviation of each uncertain key.
+    faults : tuple of str
+        What a known fault has changed.
     """
 
     parameters: Parameters
@@ -89,6 +93,14 @@ class AdviceModel:
     declared: CycleFeatures
     wish: AdviceWish
     deviations: Mapping[str, float]
+    faults: tuple[str, ...] = ()
+
+    def under(self, changes: Mapping[str, Any]) -> AdviceModel:
+        """Return the model of the machine with a fault that is known: these keys changed, and told in the evidence."""
+        if not changes:
+            return self
+        told = tuple(f"{key} = {value:.5g}" for key, value in changes.items())
+        return replace(self, parameters=varied(self.parameters, changes), faults=told)
 
     def figure(self, value: float, parameters: Parameters | None = None) -> float:
         """Return the model's number of the cycle with the output at this value; nan where the model has none."""
@@ -175,6 +187,7 @@ def recommendation(model: AdviceModel, value: float, measured: np.ndarray, time_
     evidence = (
         f"{wish.figure} is {now:.5g} over {len(measured)} cycles, wanted {wish.wanted:.5g}; the model has {here:.5g}; "
         f"expected {found[best]:.5g} at {output.key} = {best:.5g}"
+        f"{'; the model has the fault that was found: ' if model.faults else ''}{', '.join(model.faults)}"
     )
     at = (output.key, value, best, output.low, output.high, wish.figure, gain, low_gain, high_gain, evidence)
     return Recommendation(*at, time_s + wish.expiry_s)

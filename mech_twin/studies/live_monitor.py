@@ -3,9 +3,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from typing import Any
 
 from mech_twin.capabilities.cycle import CycleFeatures
+from mech_twin.capabilities.faults import MachineFault
+from mech_twin.quantity import Parameters
 from mech_twin.studies.monitoring.charts import CHARTS
 from mech_twin.studies.monitoring.cycle_features import FeatureFeed
 from mech_twin.studies.monitoring.fault_life import FaultLife
@@ -52,6 +55,32 @@ class LiveMonitor:
             found += [self.monitor.observe(vector) for vector in vectors]
         self.newest = found[-1] if found else self.newest
         return found
+
+
+def has_news(lives: Iterable[FaultLife]) -> bool:
+    """Return whether a fault is active that nobody has acknowledged."""
+    return any(life.state == "active" and not life.is_acknowledged for life in lives)
+
+
+def changes_by_faults(
+    parameters: Parameters, faults: Sequence[MachineFault], monitor: Monitor, found: Findings | None
+) -> dict[str, Any]:
+    """Return the keys of the configuration as an acknowledged fault has changed them, at the size that was found.
+
+    Of a group the best candidate counts; a sensor's fault changes nothing of the machine.
+    """
+    if found is None or not found.candidates:
+        return {}
+    life = monitor.lives.get(found.finding)
+    if life is None or life.state != "active" or not life.is_acknowledged:
+        return {}
+    best = found.candidates[0]
+    return {
+        key: value
+        for each in faults
+        if each.name == best.name
+        for key, value in each.changes(parameters, best.size).items()
+    }
 
 
 def fault_values(setup: MonitorSetup, life: FaultLife, found: Findings) -> dict[str, str]:

@@ -48,6 +48,7 @@ def test_the_table_shows_the_awkward_rows(capsys):
     assert "435.8" in shown
 
 
+@pytest.mark.slow
 def test_the_table_fits_80_columns(capsys):
     reproduce_machines(None, None, None, [])
     assert max(len(line) for line in capsys.readouterr().out.splitlines()) <= 80

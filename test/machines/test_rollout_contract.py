@@ -9,6 +9,7 @@ import re
 
 import numpy as np
 import pytest
+from rollout_cases import CASES, IDS
 
 import mech_twin
 from mech_twin.engine.coupling import complete_frame, next_frame
@@ -18,29 +19,6 @@ from mech_twin.engine.trajectory import frame_events
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.parameters.load import machine, machine_parameters
 from mech_twin.studies.rolling_out import changed, live_keys
-
-KLOSS = {
-    "drive.kind": "kloss",
-    "motor.rated_power_w": 7500.0,
-    "motor.rated_speed_rpm": 1440.0,
-    "motor.synchronous_speed_rpm": 1500.0,
-    "motor.breakdown_torque_ratio": 2.5,
-    "motor.starting_torque_ratio": 2.0,
-    "motor.rotor_inertia_kg_m2": 0.03,
-    "gear.ratio": 9.6,
-    "gear.efficiency": 0.95,
-    "friction.coulomb_nm": 20.0,
-}
-CASES = [
-    *((name, {}) for name in CATALOGUE),
-    ("compaction_press", KLOSS),
-    ("vibration_crank", KLOSS),
-    ("mb10_breaker", {"excitation.kind": "approximated"}),
-    ("mb10_breaker", {"friction.coulomb_nm": 2.0, "body.friction.coulomb_nm": 8.0}),
-    ("impact_mass", {"contact_stiffness_n_per_m": 1e7}),
-    ("winding_drum", {"package_radius_m": 0.0812, "supply.initial_fraction": 1.0, "friction.coulomb_nm": 20.0}),
-]
-IDS = [f"{name}-{len(overrides)}" for name, overrides in CASES]
 
 
 def engine_frames(built, targets, machines=None):

@@ -66,6 +66,7 @@ def test_it_can_be_derived_from_a_file_of_ones_own(tmp_path: Path) -> None:
     assert machine_parameters("compaction_press", second).model_dump()["linkage"]["crank_m"] == 0.045
 
 
+@pytest.mark.slow
 @given(st.floats(0.001, 0.2), st.floats(10.0, 1e5))
 def test_every_number_is_written_to_the_last_digit(preload_m: float, rate: float) -> None:
     wanted = {"body.preload_deflection_m": preload_m, "body.spring_rate_n_per_m": rate}

@@ -11,10 +11,12 @@ import random
 
 import pytest
 from catalogue import NAMES
-from configuration_draws import is_group, leaves
-from extreme_values import FINE, MAGNITUDES, REFUSED, cases, outcome_of
+from configuration_draws import is_group
+from extreme_values import FINE, MAGNITUDES, REFUSED, cases, outcome_of, present_leaves
 
+from mech_twin.configuration_tree import configuration_tree
 from mech_twin.machines.catalog import CATALOGUE
+from mech_twin.parameters.load import machine_parameters
 from mech_twin.quantity import RANGES
 
 SHOWN = 8  # of each machine
@@ -24,7 +26,7 @@ SHOWN = 8  # of each machine
 def test_every_number_declares_a_range(name: str) -> None:
     numbers = {case.key for case in cases(name)}
     assert len(numbers) > 10
-    for leaf in leaves(CATALOGUE[name].parameters):
+    for leaf in present_leaves(CATALOGUE[name].parameters, configuration_tree(machine_parameters(name))):
         if ".".join(leaf.path) in numbers and not is_group(leaf.kinds):
             assert leaf.unit in RANGES, leaf.path
             low, high = leaf.bounds

@@ -14,6 +14,7 @@ from mech_twin.configuration_tree import ConfigurationError, configuration_tree,
 from mech_twin.engine.rollout import roll_out
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.roles import Machine
+from mech_twin.studies.observer.anchor_now import AnchorNow
 from mech_twin.studies.observer.estimate import FrameEstimate, ObserverState, SensedChannel
 from mech_twin.studies.observer.filter_state import FilterState, SaltedFilter
 from mech_twin.studies.observer.held import held_sigma
@@ -43,6 +44,10 @@ def observer_of(name: str, channels: list[tuple[str, float]]) -> PhaseLockedObse
     return PhaseLockedObserver(
         built(name), catalogue_entry(name).build, [SensedChannel(*channel) for channel in channels]
     )
+
+
+def wrong_of(name: str, seed: int) -> Machine:
+    return wrong_machine(built(name).parameters, catalogue_entry(name).build, seed)
 
 
 def followed(
@@ -98,6 +103,35 @@ def test_slopes_through_an_impact_are_the_saltation_matrix() -> None:
     assert found == pytest.approx(expected, rel=1e-4, abs=1e-6 * np.abs(expected).max())
 
 
+def test_a_frame_told_from_now_on_moves_as_before_through_its_impacts() -> None:
+    run = model_run(built("impact_mass"), 1.0)
+    columns, anchor = run.bank.columns, AnchorNow(run, "impact_mass")
+    places = [columns[f"linkage.mass.{name}"] for name in ("position", "velocity", "effort")]
+    sizes, events, moved = np.ptp(run.rows[:, places], axis=0), 0, 0
+    for step in range(200, 500):
+        row = anchor.restated(run.rows[step], step)
+        moved += not np.array_equal(row, run.rows[step])
+        pair = run.bank.advanced(step, np.array([run.rows[step], row]), 1.0)
+        if row[columns["linkage.memory.mode_1"]] == run.rows[step, columns["linkage.memory.mode_1"]]:
+            assert pair.told[0] == pair.told[1]  # a series of impacts that is told anew lists its small ones anew
+        assert pair.rows[1, places] == pytest.approx(pair.rows[0, places], abs=1e-9 * sizes.max())
+        events += int(pair.told[0])
+    assert events > 30
+    assert moved > 200
+
+
+def test_the_sigma_of_the_impact_mass_holds_with_noise_and_wrong_parameters() -> None:
+    channels = [("linkage.mass.position", 1e-4), ("linkage.mass.velocity", 1e-2)]
+    names = ["linkage.mass.position", "linkage.mass.velocity", "linkage.mass.effort", "forces.stop.force_x_n"]
+    inside = []
+    for seed in range(6):
+        observer = observer_of("impact_mass", channels)
+        pairs = followed(observer, wrong_of("impact_mass", seed), channels, 500.0, seed)
+        assert observer.counts["lost"] == 0
+        inside.append(share_inside(observer, pairs, names))
+    assert np.mean(inside) >= 0.95
+
+
 def test_the_state_of_a_frame_is_found_and_drives_have_an_unknown_offset() -> None:
     space = state_space(model_run(built("vibration_crank"), 1.0), "vibration_crank")
     assert space.names == ("linkage.crank.position", "linkage.crank.velocity", "motor.motor.velocity")
@@ -107,12 +141,11 @@ def test_the_state_of_a_frame_is_found_and_drives_have_an_unknown_offset() -> No
 def test_two_sigma_hold_95_percent_with_noise_and_wrong_parameters() -> None:
     inside = []
     for seed in range(6):
-        observer, build = observer_of("vibration_crank", [CRANK]), catalogue_entry("vibration_crank").build
+        observer = observer_of("vibration_crank", [CRANK])
         forces = [name for name in observer.columns if name.startswith("forces.") and name.endswith("_n")]
         names = [*forces, "linkage.crank.effort", "linkage.slider.position", "linkage.slider.velocity"]
         moving = [name for name in names if np.ptp(observer.run.settled[:, observer.columns[name]]) > 0.0]
-        wrong = wrong_machine(built("vibration_crank").parameters, build, seed)
-        pairs = followed(observer, wrong, [CRANK], 100.0, seed)
+        pairs = followed(observer, wrong_of("vibration_crank", seed), [CRANK], 100.0, seed)
         assert len(pairs) > 80
         inside.append(share_inside(observer, pairs, moving))
     assert np.mean(inside) >= 0.95

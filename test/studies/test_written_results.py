@@ -42,6 +42,7 @@ except OutputError as error:
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "name"),
     [("yaml", "found.yaml"), ("csv", "sweep.csv"), ("parquet", "sweep.parquet"), ("designs", "designs.parquet")],

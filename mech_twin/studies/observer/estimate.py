@@ -7,7 +7,7 @@ from enum import Enum
 from typing import NamedTuple
 
 from mech_twin.engine.sample_vectors import Array
-from mech_twin.samples import Event, Frame
+from mech_twin.samples import Event
 
 
 class ObserverState(Enum):
@@ -31,10 +31,11 @@ class FrameEstimate(NamedTuple):
     ----------
     time_s : float
         The machine's time.
-    frame : Frame
-        Every sample of the machine, as its roles compute them; ``time_s`` in them is the machine's time.
+    step : int
+        Step of the model at or after the sample.
     row, sigma : ndarray, shape (w,)
-        The frame as a row, and the standard deviation of each of its numbers.
+        Every number of the frame, as the roles compute them (`PhaseLockedObserver.frame` makes samples of it), and the
+        standard deviation of each.
     channels, innovations : tuple
         Which channels the sample had, and how much more they showed than was predicted (SI units).
     used : tuple of bool
@@ -44,7 +45,7 @@ class FrameEstimate(NamedTuple):
     """
 
     time_s: float
-    frame: Frame
+    step: int
     row: Array
     sigma: Array
     channels: tuple[int, ...]

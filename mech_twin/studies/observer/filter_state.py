@@ -80,6 +80,8 @@ class SaltedFilter:
 
     def __init__(self, bank: StepBank, space: StateSpace, angles: Indices) -> None:
         self._bank, self._space, self._angles = bank, space, angles
+        self._led = np.flatnonzero(np.isfinite(space.led))
+        self._unit = np.eye(len(space.places))
         self._is_angle = np.zeros(len(bank.columns), dtype=bool)
         self._is_angle[angles] = True
 
@@ -92,9 +94,9 @@ class SaltedFilter:
             The roles cannot follow the motion.
         """
         size = len(self._space.places)
-        bank = np.tile(self._begun(state), (size + 1, 1))
+        bank = np.repeat(self._begun(state)[None, :], size + 1, axis=0)
         change = CHANGE * self._space.scales
-        bank[np.arange(1, size + 1), self._space.places] += change
+        bank[1:] += change[:, None] * self._space.directions
         later = self._bank.advanced(state.step, bank, target)
         if later.failed[0] != DONE:
             raise MotionError(f"the estimated motion cannot be followed at step {state.step}")
@@ -128,13 +130,13 @@ class SaltedFilter:
         wrapped = self._is_angle[seen.places]
         innovations[wrapped] = without_turns(innovations[wrapped])
         slopes = prediction.slopes[seen.places]
-        own = np.einsum("ij,jk,ik->i", slopes, state.covariance, slopes) + seen.variances
+        own = ((slopes @ state.covariance) * slopes).sum(axis=1) + seen.variances
         used = innovations**2 <= GATE * own
         if not used.any():
             return Correction(state, prediction, innovations, used)
         h, noise = slopes[used], np.diag(seen.variances[used])
         gain = np.linalg.solve(h @ state.covariance @ h.T + noise, h @ state.covariance).T
-        rest = np.eye(len(state.covariance)) - gain @ h
+        rest = self._unit - gain @ h
         covariance = rest @ state.covariance @ rest.T + gain @ noise @ gain.T
         moved = self._moved(state, gain @ innovations[used], 0.5 * (covariance + covariance.T))
         return Correction(moved, self.again(moved, target, prediction.slopes), innovations, used)
@@ -142,8 +144,8 @@ class SaltedFilter:
     def committed(self, state: FilterState, prediction: Prediction, noise: Array) -> FilterState:
         """Return the filter at the predicted frame, the process noise of the next step (n + k, n + k) added."""
         size, scales = self._space.states, self._space.scales
-        transition = np.eye(len(scales))
-        transition[:size] = prediction.slopes[self._space.state_places] / scales[:size, None]
+        transition = self._unit.copy()
+        transition[:size] = self._space.signs[:, None] * prediction.slopes[self._space.later] / scales[:size, None]
         covariance = transition @ state.covariance @ transition.T + noise
         row = prediction.row.copy()
         row[self._space.input_places] -= state.offsets
@@ -160,10 +162,11 @@ class SaltedFilter:
         A prescribed speed is that of the command: the model's own approaches it from the speed the machine has, which
         would bring the machine back to rated speed in one step.
         """
-        space = self._space
-        led = np.isfinite(space.led)
-        rows[:, space.input_places[led]] = rows[:, space.command, None] * space.led[led]
-        rows[:, space.input_places] += offsets
+        space, led = self._space, self._led
+        if len(led):
+            rows[:, space.input_places[led]] = rows[:, space.command, None] * space.led[led]
+        if len(offsets):
+            rows[:, space.input_places] += offsets
 
     def _with_offsets(self, rows: Array, offsets: Array, change: float) -> Array:
         """Return frames whose motors tell what the drive does, offsets included; row 1 + i has input i changed."""
@@ -182,7 +185,7 @@ class SaltedFilter:
     def _other_side(self, state: FilterState, target: float, i: int, row: Array, told: int) -> Array:
         """Return derivatives by the difference to the other side; those of no change where that fails too."""
         bank = self._begun(state)[None, :]
-        bank[0, self._space.places[i]] -= CHANGE * self._space.scales[i]
+        bank[0] -= CHANGE * self._space.scales[i] * self._space.directions[i]
         later = self._bank.advanced(state.step, bank, target)
         rows = self._with_offsets(later.rows, state.offsets, 0.0)
         if i >= self._space.states:
@@ -192,18 +195,21 @@ class SaltedFilter:
             return beside
         slopes = np.zeros(len(row))
         slopes[self._space.places[i]] = self._space.scales[i]
+        if i < self._space.states:
+            slopes[self._space.later[i]] = self._space.signs[i] * self._space.scales[i]
         return slopes
 
     def _moved(self, state: FilterState, by: Array, covariance: Array) -> FilterState:
         states, scales = self._space.states, self._space.scales
         row = state.row.copy()
-        row[self._space.state_places] += by[:states] * scales[:states]
+        row += (by[:states] * scales[:states]) @ self._space.directions[:states]
+        row[self._space.state_places] = np.maximum(row[self._space.state_places], self._space.least)
         return FilterState(state.step, row, state.offsets + by[states:] * scales[states:], covariance)
 
 
 def output_variance(prediction: Prediction, covariance: Array) -> Array:
     """Return the variance of each column of a predicted frame by the uncertainty of the state."""
-    spread: Array = np.einsum("ij,jk,ik->i", prediction.slopes, covariance, prediction.slopes)
+    spread: Array = ((prediction.slopes @ covariance) * prediction.slopes).sum(axis=1)
     return np.maximum(spread, 0.0)
 
 

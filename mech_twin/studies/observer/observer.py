@@ -15,7 +15,8 @@ from mech_twin.engine.errors import MotionError
 from mech_twin.engine.sample_vectors import Array
 from mech_twin.quantity import Parameters
 from mech_twin.roles import Machine
-from mech_twin.samples import Event
+from mech_twin.samples import Event, Frame
+from mech_twin.studies.observer.anchor_now import AnchorNow
 from mech_twin.studies.observer.estimate import FrameEstimate, ObserverState, SensedChannel
 from mech_twin.studies.observer.filter_state import (
     FilterState,
@@ -28,10 +29,11 @@ from mech_twin.studies.observer.lock_on import ACCEPTED, SeenSample, located
 from mech_twin.studies.observer.model_run import model_run
 from mech_twin.studies.observer.parameter_error import parameter_error, uncertain_keys
 from mech_twin.studies.observer.regime_by_angle import RegimeByAngle
-from mech_twin.studies.observer.state_space import state_space, undetermined
+from mech_twin.studies.observer.state_space import ORIGIN, state_space, undetermined
 
 ON_STEP = 1e-6  # of a step: a stamp this little after a step counts as on it
 UNKNOWN_SIGMA = 5e-4  # of a column's range: standard deviation of a sensor of which none is told
+UNKNOWN_IN_STEP = 0.3  # of a step: standard deviation of an instant of which the step is known
 JUDGED = 40  # samples by which it is judged whether the machine is lost
 
 
@@ -120,6 +122,7 @@ class PhaseLockedObserver:
         keys = uncertain_keys(machine.parameters, options.parameter_share) if deviations is None else deviations
         self.parameters = parameter_error(self.run, machine.parameters, build, keys, self._angle())
         self.undetermined = undetermined(self.run, self.space)
+        self._anchor = AnchorNow(self.run, machine.name)
         self._regimes = RegimeByAngle(self.run, self._angle(), has_body=machine.body is not None)
         self._filter = SaltedFilter(self.run.bank, self.space, self.run.angles)
         self._noise = _process_noise(self, options)
@@ -208,11 +211,13 @@ class PhaseLockedObserver:
         space, spread = self.space, self.run.spread
         deviation = 0.1 * spread[space.places] / space.scales
         deviation[np.isin(space.places, self.run.angles)] = 0.1
+        deviation[[name == ORIGIN for name in space.names]] = UNKNOWN_IN_STEP
         self._origin_s = sample.time_s - step * self.run.bank.step_s
         offsets = np.zeros(len(space.places) - space.states)
         deviation[space.states :] = 0.1
         covariance = np.diag(deviation**2) + self._noise
-        self._base = FilterState(step - 1, self.run.rows[step - 1].copy(), offsets, covariance)
+        row = self._anchor.restated(self.run.rows[step - 1].copy(), step - 1)
+        self._base = FilterState(step - 1, row, offsets, covariance)
         self._ahead = self._filter.predicted(self._base, self._target_at(step))
         self._keep_rates()
         self._believed.clear()
@@ -241,7 +246,7 @@ class PhaseLockedObserver:
         assert self._base is not None and self._ahead is not None
         self._passed += self._ahead.events
         base = self._filter.committed(self._base, self._ahead, self._noise)
-        self._base = base._replace(row=self._regimes.repaired(base.row))
+        self._base = base._replace(row=self._anchor.restated(self._regimes.repaired(base.row), base.step))
         self._ahead = self._filter.predicted(self._base, self._target_at(self._base.step + 1))
         self._keep_rates()
 
@@ -282,13 +287,16 @@ class PhaseLockedObserver:
         assert self._base is not None and self._ahead is not None
         row = self._ahead.row + self._rates * (sample.time_s - self._origin_s - (self._base.step + 1) * self.step_s)
         row[self.undetermined] = np.nan
-        frame = self.run.bank.compiled.layout.frame(self._base.step + 1, [sample.time_s, *row[1:].tolist()])
         events, self._passed = tuple(self._passed), []
         shifted = tuple(event._replace(time_s=self._origin_s + event.time_s) for event in events)
         told = tuple(float(value) for value in innovations)
         return FrameEstimate(
-            sample.time_s, frame, row, sigma, sample.channels, told, tuple(bool(each) for each in used), shifted
+            sample.time_s, self._base.step + 1, row, sigma, sample.channels, told, tuple(map(bool, used)), shifted
         )
+
+    def frame(self, estimate: FrameEstimate) -> Frame:
+        """Return every sample of the machine at an estimate; ``time_s`` in them is the machine's time."""
+        return self.run.bank.compiled.layout.frame(estimate.step, [estimate.time_s, *estimate.row[1:].tolist()])
 
     @property
     def step_s(self) -> float:
@@ -323,7 +331,7 @@ def _process_noise(observer: PhaseLockedObserver, options: ObserverOptions) -> A
             walk = options.led_walk if name.endswith(".velocity") else options.drive_walk
             variance[i] = walk**2 * run.bank.step_s
         elif name.endswith(("velocity", "velocity_m_per_s")):
-            usual = float(np.quantile(np.abs(np.diff(run.settled[:, space.places[i]])), 0.95)) / run.bank.step_s
+            usual = float(np.quantile(np.abs(np.diff(run.settled[:, space.later[i]])), 0.95)) / run.bank.step_s
             missing = options.acceleration_share * usual / space.scales[i]
             variance[i] = missing**2 * options.acceleration_s * run.bank.step_s
     return np.diag(variance)

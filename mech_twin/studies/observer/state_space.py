@@ -7,6 +7,7 @@ torque acts on the next step and is where an unknown offset of the drive is put.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,14 +21,17 @@ PROBES = 12  # rows of the settled run in which columns are changed
 CHANGE = 1e-6  # of a column's size
 EFFECT = 1e-5  # of that change, in the size of the motion it causes, from which on a column counts
 WHOLE = 1e-2  # a gear ratio this near to a whole number is one, a coupling's twist included
-# a machine that goes on from its last event keeps its state in the memory of that
+ORIGIN, TAU = "linkage.memory.origin_step_1", "linkage.memory.anchor_tau_s"
+# a machine that goes on from its last event keeps its state in the memory of that; where it stands one step later, with
+# its sign: the observer's frames are anchored at their own instant (`anchor_now`)
 BESIDE_JOINTS = {
-    "impact_mass": (
-        "linkage.memory.anchor_gap_m",
-        "linkage.memory.anchor_velocity_m_per_s",
-        "linkage.memory.origin_step_1",
-    ),
+    "impact_mass": {
+        "linkage.memory.anchor_gap_m": ("linkage.mass.position", -1.0),
+        "linkage.memory.anchor_velocity_m_per_s": ("linkage.mass.velocity", 1.0),
+        ORIGIN: (ORIGIN, 1.0),
+    },
 }
+NOT_BELOW_ZERO = ("linkage.memory.anchor_gap_m",)  # the mass cannot be beyond the stop
 
 
 @dataclass(frozen=True)
@@ -48,6 +52,14 @@ class StateSpace:
         Speed of each input at full command where the drive leads the machine at a prescribed speed; nan of a torque.
     command : int
         Place of the command in force.
+    later : ndarray, shape (n,)
+        Places where the states stand in the frame one step later.
+    signs : ndarray, shape (n,)
+        With which sign they stand there.
+    directions : ndarray, shape (n + k, w)
+        What a change of each by 1 does to a row.
+    least : ndarray, shape (n,)
+        The least value each state can have.
     """
 
     names: tuple[str, ...]
@@ -56,6 +68,10 @@ class StateSpace:
     scales: Array
     led: Array
     command: int
+    later: Indices
+    signs: Array
+    directions: Array
+    least: Array
 
     @property
     def state_places(self) -> Indices:
@@ -79,7 +95,8 @@ def state_space(run: ModelRun, machine_name: str) -> StateSpace:
     columns = run.bank.columns
     joints = [name for name in columns if name.endswith((".position", ".velocity"))]
     told = [name for name in joints if not name.startswith("motor.")]
-    states = _acting(run, [*told, *BESIDE_JOINTS.get(machine_name, ())])
+    beside = BESIDE_JOINTS.get(machine_name, {})
+    states = _acting(run, [*told, *beside])
     if not states:
         raise ConfigurationError(
             f"{machine_name}: no number of a frame acts on the next one; expected a running machine"
@@ -89,7 +106,30 @@ def state_space(run: ModelRun, machine_name: str) -> StateSpace:
     names = (*states, *inputs)
     places = np.array([columns[name] for name in names], dtype=np.int64)
     led = np.array([_speed_at_full_command(run, name) for name in inputs])
-    return StateSpace(names, places, len(states), _sizes(run)[places], led, columns["motor.command"])
+    later = [beside.get(name, (name, 1.0)) for name in states]
+    return StateSpace(
+        names,
+        places,
+        len(states),
+        _sizes(run)[places],
+        led,
+        columns["motor.command"],
+        np.array([columns[name] for name, _ in later], dtype=np.int64),
+        np.array([sign for _, sign in later]),
+        _directions(run, names),
+        np.array([0.0 if name in NOT_BELOW_ZERO else -np.inf for name in states]),
+    )
+
+
+def _directions(run: ModelRun, names: Sequence[str]) -> Array:
+    """Return what a change of each number does to a row; of the origin of time, that now has another time."""
+    columns = run.bank.columns
+    found = np.zeros((len(names), len(columns)))
+    for i, name in enumerate(names):
+        found[i, columns[name]] = 1.0
+        if name == ORIGIN:
+            found[i, columns[TAU]] = -run.bank.step_s
+    return found
 
 
 def _speed_at_full_command(run: ModelRun, name: str) -> float:

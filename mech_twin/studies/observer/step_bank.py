@@ -85,7 +85,7 @@ class StepBank:
 
     def events(self, table: Array) -> tuple[Event, ...]:
         """Return the events in a table of one step, in time order."""
-        return tuple(event for _, event in self.compiled.events_in_order(table))
+        return tuple(event for _, event in self.compiled.events_in_order(table)) if len(table) else ()
 
 
 def all_went_on(step: BankStep) -> bool:

@@ -182,6 +182,7 @@ def test_motor_generates_before_the_blow():
     assert min(f.motor.effort[0] for f in taken[800:]) < 0.0 < max(f.motor.effort[0] for f in taken[800:])
 
 
+@pytest.mark.slow
 def test_coupling_is_of_second_order():
     coarse = coupling_error(PARAMETERS, 2e-3, 1.2)
     fine = coupling_error(PARAMETERS, 5e-4, 1.2)

@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Compile the kernels of every machine ahead of the tests, one machine a process, as many at a time as there are cores.
+
+    python test/compile_kernels.py
+
+Tests that run side by side would each compile a kernel that neither finds.  What is compiled already is loaded.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import sys
+import time
+from concurrent.futures import ProcessPoolExecutor, as_completed
+
+from rollout_cases import CASES
+
+import mech_twin
+from mech_twin.engine.run import warm_up, warm_up_run
+from mech_twin.kernel import compiled_count
+from mech_twin.parameters.load import machine
+
+LONGEST_FIRST = ("planar_linkage", "roller_former", "mb10_breaker")
+
+
+def compiled(name: str) -> tuple[str, int, float]:
+    """Take steps of a machine in each way there is; return its name, how many kernels that compiled, and the time."""
+    begun = time.perf_counter()
+    for built in (machine(name, None, overrides) for case, overrides in CASES if case == name):
+        warm_up(built)
+        warm_up_run(built)
+        mech_twin.rollout(built, duration_s=2 * built.coupling_step_s)
+    return name, compiled_count(), time.perf_counter() - begun
+
+
+def main() -> None:
+    """Compile, and say what each machine took."""
+    names = sorted({name for name, _ in CASES}, key=lambda name: (name not in LONGEST_FIRST, name))
+    cores = len(os.sched_getaffinity(0))
+    spawning = multiprocessing.get_context("spawn")  # no state of this process in the others
+    with ProcessPoolExecutor(min(cores, len(names)), mp_context=spawning, max_tasks_per_child=1) as pool:
+        for done in as_completed([pool.submit(compiled, name) for name in names]):
+            name, count, took_s = done.result()
+            sys.stdout.write(f"{name}: {count} kernels compiled, {took_s:.0f} s\n")
+            sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    main()
