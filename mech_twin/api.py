@@ -291,7 +291,8 @@ def identify(
     from mech_twin.nodes.opened_runs import opened_run
     from mech_twin.studies.identification.fit_runs import FitRun, fit_run
     from mech_twin.studies.identification.free_keys import assumed_keys
-    from mech_twin.studies.identification.identification import IdentificationQuestion, identified
+    from mech_twin.studies.identification.identification import identified
+    from mech_twin.studies.identification.question import IdentificationQuestion
     from mech_twin.studies.identification.saved_identification import SavedIdentification
 
     known = machine_parameters(machine, _path(config), settings)

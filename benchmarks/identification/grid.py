@@ -1,56 +1,86 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is found of each machine on a synthetic stand, beside the truth, and what is never to be called identified.
 
-    python benchmarks/identification/grid.py [MACHINE]...
+    python benchmarks/identification/grid.py [MACHINE]... [--seed N] [--write]
 
-Ends with exit code 1 where a key that cannot be told is called identified, or an interval misses the truth by more
-than its own width.
+Ends with exit code 1 where a key that cannot be told is called identified, or where an interval of a key that is
+called identified misses the truth by more than its own half width.
 """
 
 from __future__ import annotations
 
+import argparse
 import sys
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parent))
-from synthetic_stand import STANDS
+import numpy as np
 
-from mech_twin.parameters.load import machine_parameters
-from mech_twin.studies.identification.identification import IdentificationQuestion, identified
-from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration
+sys.path.insert(0, str(Path(__file__).parent))
+from evidence import write_rows
+from interval_coverage import question_of
+from synthetic_stand import STANDS, Stand
+
+from mech_twin.studies.identification.identification import Identification, identified
+from mech_twin.studies.identification.verdicts import KeyVerdict
+
+HEADS = ("machine", "key", "true", "configured", "found", "95 % from", "to", "verdict", "holds")
+
+
+def holds(key: KeyVerdict, true: float, margin: float = 0.0) -> bool:
+    """Return whether an interval, made wider by a share of its half width, holds the truth."""
+    far = margin * 0.5 * (key.high_95 - key.low_95)
+    return key.low_95 - far <= true <= key.high_95 + far
+
+
+def rows_of(stand: Stand, found: Identification) -> Iterator[tuple[object, ...]]:
+    """Yield a row of each key and of each combination."""
+    true = stand.truth()
+    for key in found.keys:
+        numbers = (true[key.key], key.before, key.estimate, key.low_95, key.high_95)
+        told = key.verdict == "identified"
+        yield (
+            *(f"{stand.name}, {stand.duration_s:g} s", key.key, *(f"{number:.6g}" for number in numbers)),
+            *(key.verdict, ("yes" if holds(key, true[key.key]) else "no") if told else ""),
+        )
+    for each in found.combinations:
+        powers = zip(each.keys, each.exponents, strict=True)
+        product = float(np.prod([true[name] ** power for name, power in powers]))
+        numbers = (product, each.estimate, each.low_95, each.high_95)
+        true_one, *rest = (f"{number:.6g}" for number in numbers)
+        kept = "yes" if each.low_95 <= product <= each.high_95 else "no"
+        yield (f"{stand.name}, {stand.duration_s:g} s", each.formula, true_one, "", *rest, "combination", kept)
+
+
+def wrong_keys(stand: Stand, found: Identification) -> list[str]:
+    """Return the keys that are called identified and cannot be, or are far outside their interval."""
+    true = stand.truth()
+    told = [key for key in found.keys if key.verdict == "identified"]
+    return [key.key for key in told if key.key in stand.never or not holds(key, true[key.key], 1.0)]
 
 
 def main() -> None:
-    wrong = False
-    for name in sys.argv[1:] or STANDS:
+    words = argparse.ArgumentParser()
+    words.add_argument("machines", nargs="*", default=list(STANDS))
+    words.add_argument("--seed", type=int, default=0)
+    words.add_argument("--write", action="store_true", help="into docs/identification.md")
+    asked = words.parse_args()
+    wrong: list[str] = []
+    for name in asked.machines:
         stand = STANDS[name]
-        base = machine_parameters(name)
-        keyed = KeyedConfiguration(name, base, stand.keys)
-        true = {**dict(zip(stand.keys, keyed.values().tolist(), strict=True)), **stand.true}
         with tempfile.TemporaryDirectory() as folder:
-            run = stand.run(Path(folder), 0)
-            found = identified(IdentificationQuestion(name, base, stand.keys), [run])
-        print(f"{name}: {stand.duration_s:g} s of run, {found.seconds:.1f} s")
-        for key in found.keys:
-            numbers = (
-                f"{true[key.key]:12.6g} {key.before:12.6g} {key.estimate:12.6g} [{key.low_95:.6g}, {key.high_95:.6g}]"
-            )
-            print(f"  {key.key:34} {numbers} {key.verdict}")
-            if key.verdict == "identified":
-                far = 0.5 * (key.high_95 - key.low_95)
-                outside = not key.low_95 - far <= true[key.key] <= key.high_95 + far
-                if outside or key.key in stand.never:
-                    wrong = True
-                    print("    WRONG")
-        for each in found.combinations:
-            print(f"  {each.formula}: {each.estimate:.6g} [{each.low_95:.6g}, {each.high_95:.6g}]")
-        print(
-            "  fit of the channels, %:",
-            ", ".join(f"{c.channel} {c.fit_percent:.2f}" for c in found.channels),
-            flush=True,
-        )
-    sys.exit(int(wrong))
+            found = identified(question_of(stand, None), [stand.run(Path(folder), asked.seed)])
+        rows = list(rows_of(stand, found))
+        for row in rows:
+            print(*row, sep="; ")
+        wrong += [f"{name} {key}" for key in wrong_keys(stand, found)]
+        fits = ", ".join(f"{each.channel} {each.fit_percent:.2f}" for each in found.channels)
+        print(f"{found.seconds:.1f} s; fit of the channels, %: {fits}", flush=True)
+        if asked.write:
+            write_rows("grid", HEADS, rows)
+    print("wrongly identified:", wrong or "none")
+    sys.exit(int(bool(wrong)))
 
 
 if __name__ == "__main__":

@@ -14,8 +14,9 @@ from mech_twin.measurements.runs import read_run
 from mech_twin.measurements.sensors import SensorBench
 from mech_twin.measurements.table_writer import sensor_table
 from mech_twin.measurements.tables import TableReader
-from mech_twin.parameters.load import machine
+from mech_twin.parameters.load import machine, machine_parameters
 from mech_twin.studies.identification.fit_runs import FitRun, fit_run
+from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration
 
 
 @dataclass(frozen=True)
@@ -60,8 +61,17 @@ class Stand:
                     writer.read(reading)
             for reading in bench.rest():
                 writer.read(reading)
+        return fit_run(read_run(TableReader(path), self.maps()[1]), begin_known=True)
+
+    def maps(self) -> tuple[MeasurementMap, MeasurementMap]:
+        """Return the sensors, and the map of their runs, which leaves some of them open."""
         opened = [{**each, **self.opened.get(each["is"], {})} for each in self.sensors]
-        return fit_run(read_run(TableReader(path), self._map(opened)), begin_known=True)
+        return self._map(self.sensors), self._map(opened)
+
+    def truth(self) -> dict[str, float]:
+        """Return the keys that a fit may change as the machine on the stand has them."""
+        keyed = KeyedConfiguration(self.name, machine_parameters(self.name), self.keys)
+        return {**dict(zip(self.keys, keyed.values().tolist(), strict=True)), **self.true}
 
     def _map(self, channels: list[dict[str, Any]]) -> MeasurementMap:
         tree = {"machine": self.name, "time": {"column": "time_s"}, "channels": channels}
@@ -178,6 +188,7 @@ STANDS = {
             {
                 "body.spring_rate_n_per_m": 56000.0, "body.preload_deflection_m": 0.0135, "body.inertia_kg_m2": 6.4,
                 "body.restitution": 0.36, "tool.overtravel_m": 0.0034, "linkage.crank_inertia_kg_m2": 0.33,
+                "tool.mass_kg": 11.0, "tool.restitution": 0.40,
             },
             [
                 sensor("linkage.crank.position", 400.0, 0.002),

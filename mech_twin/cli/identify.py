@@ -30,7 +30,8 @@ from mech_twin.quantity import Parameters
 from mech_twin.roles import GuidedLinkage
 from mech_twin.studies.identification.fit_runs import FitRun, fit_run
 from mech_twin.studies.identification.free_keys import assumed_keys
-from mech_twin.studies.identification.identification import Identification, IdentificationQuestion, identified
+from mech_twin.studies.identification.identification import Identification, identified
+from mech_twin.studies.identification.question import IdentificationQuestion
 from mech_twin.studies.identification.saved_identification import SavedIdentification, check_out, is_file
 
 

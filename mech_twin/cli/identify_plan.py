@@ -9,7 +9,7 @@ from pathlib import Path
 from mech_twin.cli.console import print_json, print_table, say
 from mech_twin.cli.failure import CommandError
 from mech_twin.nodes.opened_runs import given_map
-from mech_twin.studies.identification.identification import IdentificationQuestion
+from mech_twin.studies.identification.question import IdentificationQuestion
 from mech_twin.studies.identification.sensor_plan import sensor_plan
 
 MOST_SHOWN = 12

@@ -152,12 +152,25 @@ def combinations(
     for group in found.groups():
         if any(values[i] <= 0.0 for i in group):
             continue
-        _, singular, directions = np.linalg.svd(found.jacobian[:, group], full_matrices=False)
+        _, singular, directions = np.linalg.svd(_cleared(found, group), full_matrices=False)
         for size, direction in zip(singular, directions, strict=True):
             if size * largest_error < 1.0 or _is_unseen(found, group, direction):
                 continue
             told.append(_combination([names[i] for i in group], values[group], direction, share / size))
     return told
+
+
+def _cleared(found: Sight, group: Sequence[int]) -> Array:
+    """Return the derivatives by the keys of a group, less what other keys that are seen explain as well."""
+    rest = [i for i in range(len(found.effects)) if i not in group and found.effects[i] >= found.least_effects[i]]
+    own, others = found.jacobian[:, group], found.jacobian[:, rest]
+    sizes = np.linalg.norm(others, axis=0)
+    others = others[:, sizes > 0.0] / sizes[sizes > 0.0]
+    if not others.shape[1]:
+        return own
+    basis, singular, _ = np.linalg.svd(others, full_matrices=False)
+    basis = basis[:, singular > UNSEEN]
+    return np.asarray(own - basis @ (basis.T @ own))
 
 
 def _is_unseen(found: Sight, group: Sequence[int], direction: Array) -> bool:

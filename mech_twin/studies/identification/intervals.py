@@ -7,6 +7,10 @@ independent of each other instead of its samples, give the middle of the sandwic
     C = H^-1 (sum over blocks of g g') H^-1,    g = J' r of the block,  H = J' J
 
 and leaving out one block, or one run, at a time gives the jackknife, here by one step of Newton from the whole fit.
+
+Two things that no residual tells are added: how far one more step of Gauss and Newton would lead, where the fit ended
+before its minimum (the offset of Bates and Watts 1981), and how far a key would move if keys that stay as configured,
+because the runs do not tell them apart, were off by half of themselves (consider parameters: Schmidt 1966).
 """
 
 from __future__ import annotations
@@ -26,6 +30,7 @@ BLOCKS = 30  # of all runs together
 FEWEST_BLOCKS = 8  # of a run
 RANK = 1e-10  # of the largest singular value of the scaled derivatives
 NORMAL = float(stats.norm.ppf(0.975))
+HELD_OFF = 0.5  # of its size: by how much a free key that stays as configured may be off
 
 
 @dataclass(frozen=True)
@@ -53,6 +58,10 @@ class Linearised:
     def of(self, chosen: npt.NDArray[np.intp]) -> Linearised:
         """Return the same for some of the unknowns, the others held where they are."""
         return replace(self, jacobian=self.jacobian[:, chosen], other=self.other[:, chosen])
+
+    def over(self, factors: Array) -> Linearised:
+        """Return the same by unknowns over scales that are so many times as large, shape (unknowns,)."""
+        return replace(self, jacobian=self.jacobian * factors, other=self.other * factors)
 
 
 def linearised(fitted: Fitted) -> Linearised:
@@ -88,8 +97,10 @@ class Uncertainty:
 
     Attributes
     ----------
-    errors, half_widths : ndarray
-        Shape (unknowns,): standard errors, and half widths of the 95 % intervals, over the scales.
+    errors : ndarray
+        Shape (unknowns,): standard errors over the scales.
+    half_widths : ndarray
+        Shape (2, unknowns): from the estimate down and up to the ends of the 95 % interval, over the scales.
     covariance : ndarray
         Shape (unknowns, unknowns): that of least squares, widened to these errors.
     origin : tuple of str
@@ -125,12 +136,31 @@ def uncertainty(found: Linearised) -> Uncertainty:
     widths = np.array([error * share for _, error, share in candidates])
     widest = widths.argmax(axis=0)
     errors = np.array([candidates[w][1][i] for i, w in enumerate(widest)])
-    half_widths = widths.max(axis=0) if len(widths[0]) else np.zeros(0)
+    half_widths = widths.max(axis=0)
     own = np.sqrt(np.diag(plain))
     grown = half_widths / NORMAL / np.where(own > 0.0, own, 1.0)
     origin = tuple(candidates[w][0] for w in widest)
     widening = float(np.median(grown)) if len(grown) else 1.0
-    return Uncertainty(errors, half_widths, plain * np.outer(grown, grown), origin, widening)
+    return Uncertainty(errors, np.array([half_widths, half_widths]), plain * np.outer(grown, grown), origin, widening)
+
+
+def last_step(found: Linearised) -> Array:
+    """Return the step of Gauss and Newton that a fit has not taken, over the scales, shape (unknowns,)."""
+    return -inverse_information(found.jacobian) @ (found.jacobian.T @ found.residuals)
+
+
+def moved_by_held(found: Linearised, held: Array) -> Array:
+    """Return how far the unknowns move if keys that were held are off by half of themselves, shape (unknowns,).
+
+    Parameters
+    ----------
+    found : Linearised
+        Derivatives by the unknowns of the fit.
+    held : ndarray
+        Shape (rows, keys held): derivatives by the logarithms of those that were held.
+    """
+    moves = inverse_information(found.jacobian) @ (found.jacobian.T @ held)
+    return np.asarray(HELD_OFF * np.sqrt(np.sum(moves**2, axis=1)))
 
 
 def inverse_information(jacobian: Array) -> Array:

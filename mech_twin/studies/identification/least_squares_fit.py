@@ -25,6 +25,7 @@ FEWEST_STEPS = 60  # coupling steps of a stage
 EVALUATIONS, FEWEST = 30, 10
 ROUNDS = 3  # of the last stage
 SETTLED = 0.02  # change of a standard deviation between rounds
+STAGE_ENDS = 1e-3  # relative change of cost or unknowns with which an earlier stage ends
 TRIED_BEGINS = 4000
 BEGIN_SAMPLES = 200
 LOSS, LOSS_SCALE = "soft_l1", 3.0
@@ -72,9 +73,14 @@ def solved(problem: FitProblem, x: Array, told: Told = quiet, *, whole_only: boo
         told(f"first {100.0 * share:.0f} % of the runs" if share < 1.0 else "whole runs")
         part = problem if share == 1.0 else _part(problem, share, x)
         x = with_offsets(part, x)
-        fitted = _rounds(part, x, ROUNDS if share == 1.0 else 1, told)
+        fitted = _rounds(part, x, told, last=share == 1.0)
         x = fitted.x
     return fitted
+
+
+def refined(problem: FitProblem, x: Array, told: Told = quiet) -> Fitted:
+    """Return the fit of the whole runs from where another one ended."""
+    return _rounds(problem, x, told, last=True)
 
 
 def stage_shares(runs: Sequence[FitRun], step_s: float) -> list[float]:
@@ -99,11 +105,11 @@ def _part(problem: FitProblem, share: float, x: Array) -> FitProblem:
     return problem.over(runs, held)
 
 
-def _rounds(problem: FitProblem, x: Array, rounds: int, told: Told) -> Fitted:
+def _rounds(problem: FitProblem, x: Array, told: Told, *, last: bool) -> Fitted:
     sigmas = noise_floors(problem.runs)
     low, high = problem.unknowns.bounds()
     fitted: Fitted | None = None
-    for number in range(rounds):
+    for number in range(ROUNDS if last else 1):
         sigmas_now = np.maximum(sigmas, spreads(problem, x, problem.comparison(x, sigmas)))
         if fitted is not None and np.all(np.abs(sigmas_now / fitted.comparison.sigmas - 1.0) < SETTLED):
             break
@@ -119,8 +125,8 @@ def _rounds(problem: FitProblem, x: Array, rounds: int, told: Told) -> Fitted:
             loss=LOSS,
             f_scale=LOSS_SCALE,
             max_nfev=EVALUATIONS if number == 0 else FEWEST,
-            xtol=1e-9,
-            ftol=1e-7,
+            xtol=1e-9 if last else STAGE_ENDS,
+            ftol=1e-7 if last else STAGE_ENDS,
             gtol=1e-9,
         )
         x = found.x

@@ -22,10 +22,11 @@ from mech_twin.measurements.measurement_map import Channel, MeasurementMap
 from mech_twin.parameters.load import catalogue_entry, validated
 from mech_twin.studies.identification.combinations import Combination, base_keys, combinations, sight
 from mech_twin.studies.identification.fit_runs import FitChannel, FitRun
-from mech_twin.studies.identification.identification import LARGEST_LOG_ERROR, IdentificationQuestion
 from mech_twin.studies.identification.intervals import NORMAL, OTHER_STEP, inverse_information
+from mech_twin.studies.identification.key_knowledge import LARGEST_LOG_ERROR
 from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration
 from mech_twin.studies.identification.model_runs import ModelRuns
+from mech_twin.studies.identification.question import IdentificationQuestion
 from mech_twin.studies.identification.residuals import KEY_STEP, FitProblem, Weighting
 from mech_twin.studies.identification.unknowns import BEGIN, GAIN, KEY, LAG, ZERO, unknowns_of
 from mech_twin.studies.identification.verdicts import KeyEvidence, KeyVerdict, key_verdicts
@@ -73,7 +74,12 @@ class _PlannedRun:
 
 
 def sensor_plan(
-    question: IdentificationQuestion, sensors: MeasurementMap, duration_s: float, opened: MeasurementMap | None = None
+    question: IdentificationQuestion,
+    sensors: MeasurementMap,
+    duration_s: float,
+    opened: MeasurementMap | None = None,
+    *,
+    helps: bool = True,
 ) -> SensorPlan:
     """Return what these sensors would find in a run of the machine.
 
@@ -87,6 +93,8 @@ def sensor_plan(
         Length of the run.
     opened : MeasurementMap, optional
         The map of the fit, where zeros, gains and lags are open; the sensors' own if absent.
+    helps : bool
+        Whether to look for what would help as well.
 
     Raises
     ------
@@ -100,14 +108,14 @@ def sensor_plan(
     keys, combined = _verdicts(own, samples)
     found = {key.key for key in keys if key.verdict == "identified"}
     widths = {key.key: key.high_95 - key.low_95 for key in keys}
-    helps = []
-    for what, run, more in _options(own, samples, duration_s):
+    found_helps = []
+    for what, run, more in _options(own, samples, duration_s) if helps else ():
         other, _ = _verdicts(run, more)
         now = {key.key for key in other if key.verdict == "identified"}
         shares = [widths[key.key] / max(key.high_95 - key.low_95, 1e-300) for key in other if key.key in found & now]
-        helps.append(Help(what, tuple(sorted(now - found)), float(np.median(shares)) if shares else 1.0))
-    helps.sort(key=lambda each: (len(each.identified), each.narrowed), reverse=True)
-    return SensorPlan(tuple(keys), tuple(combined), tuple(helps))
+        found_helps.append(Help(what, tuple(sorted(now - found)), float(np.median(shares)) if shares else 1.0))
+    found_helps.sort(key=lambda each: (len(each.identified), each.narrowed), reverse=True)
+    return SensorPlan(tuple(keys), tuple(combined), tuple(found_helps))
 
 
 def _noise(channel: Channel, place: int) -> float:
@@ -173,9 +181,9 @@ def _verdicts(run: _PlannedRun, samples: FitRun) -> tuple[list[KeyVerdict], list
     values = keyed.values()
     combined = combinations(seen, question.keys, values, LARGEST_LOG_ERROR, NORMAL)
     fixed = frozenset(set(range(count)) - set(chosen))
-    evidence = KeyEvidence(
-        question.keys, values, values, errors, halves, _open(bounds), unknowns.scales[:count], seen, fixed, None
-    )
+    both = np.array([halves, halves])
+    scales = unknowns.scales[:count]
+    evidence = KeyEvidence(question.keys, values, values, errors, both, _open(bounds), scales, seen, fixed, None)
     return key_verdicts(evidence, combined), combined
 
 

@@ -33,7 +33,7 @@ class KeyVerdict:
 
 @dataclass(frozen=True)
 class KeyEvidence:
-    """All that a verdict on the keys looks at; arrays have one entry a key, in SI units."""
+    """All that a verdict on the keys looks at; arrays have one entry a key, in SI units, half widths two: down, up."""
 
     names: Sequence[str]
     before: Array
@@ -55,11 +55,12 @@ def key_verdicts(evidence: KeyEvidence, told: Sequence[Combination]) -> list[Key
 
 
 def _verdict(evidence: KeyEvidence, i: int, tied: Mapping[int, list[int]], formulas: Mapping[str, str]) -> KeyVerdict:
-    name, estimate, half = evidence.names[i], float(evidence.estimates[i]), float(evidence.half_widths[i])
+    name, estimate = evidence.names[i], float(evidence.estimates[i])
+    down, up = evidence.half_widths[:, i].tolist()
     verdict, reason = _word(evidence, i, tied, formulas)
     if verdict in (NOT_EXCITED, COMBINATION) and i in evidence.fixed:
-        half = np.inf
-    low, high = max(estimate - half, float(evidence.bounds[0, i])), min(estimate + half, float(evidence.bounds[1, i]))
+        down = up = np.inf
+    low, high = max(estimate - down, float(evidence.bounds[0, i])), min(estimate + up, float(evidence.bounds[1, i]))
     return KeyVerdict(name, float(evidence.before[i]), estimate, float(evidence.errors[i]), low, high, verdict, reason)
 
 
@@ -68,18 +69,24 @@ def _word(evidence: KeyEvidence, i: int, tied: Mapping[int, list[int]], formulas
     unseen = _not_seen_alone(evidence, i, tied, formulas)
     if unseen is not None:
         return unseen
-    estimate, half = float(evidence.estimates[i]), float(evidence.half_widths[i])
+    estimate = float(evidence.estimates[i])
     low, high = evidence.bounds[:, i].tolist()
     near = NEAR_BOUND * max(abs(estimate), float(evidence.scales[i]))
     if estimate - low < near or high - estimate < near:
         return AT_BOUND, f"the fit stopped at the bound {low if estimate - low < near else high:.6g}"
     if evidence.model_error is not None:
         return MODEL_ERROR, evidence.model_error
-    return _by_width(evidence, i, estimate, half)
+    down, up = evidence.half_widths[:, i].tolist()
+    if np.isfinite(down) != np.isfinite(up):
+        end = f"at least {estimate - down:.6g}" if np.isfinite(down) else f"at most {estimate + up:.6g}"
+        return ONE_SIDED, f"the channels tell only that it is {end}: to the other side the misfit does not rise"
+    return _by_width(evidence, i, estimate, max(down, up))
 
 
 def _by_width(evidence: KeyEvidence, i: int, estimate: float, half: float) -> tuple[str, str]:
     """Return whether the interval is narrow enough to speak of a number."""
+    if not np.isfinite(half):
+        return NOT_EXCITED, "the misfit rises to neither side"
     if evidence.before[i] == 0.0:
         if half > WIDEST * abs(estimate):
             return NOT_EXCITED, f"the channels do not tell it from 0, to {half:.3g}"

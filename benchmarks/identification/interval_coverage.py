@@ -1,0 +1,140 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How often the 95 % intervals hold the truth: seeded repeats of a synthetic measurement, each identified anew.
+
+    python benchmarks/identification/interval_coverage.py MACHINE [--repeats N] [--first SEED] [--minutes M] [--write]
+
+A row a key: how often it was called identified, how often its interval then held the truth, with the 95 % interval of
+that share, and the mean half width over that which ``--plan`` foretells; and every key that was called identified
+though it cannot be.  After M minutes no further repeat is begun.  ``--scheduler`` spreads the repeats over a Dask
+cluster.  Ends with exit code 1 where a key that cannot be told was called identified.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import closing
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parent))
+from evidence import share_interval, write_rows
+from synthetic_stand import STANDS, Stand
+
+from mech_twin.parameters.load import machine_parameters
+from mech_twin.studies.identification.identification import identified
+from mech_twin.studies.identification.question import IdentificationQuestion
+from mech_twin.studies.identification.sensor_plan import sensor_plan
+from mech_twin.studies.identification.verdicts import KeyVerdict
+from mech_twin.studies.spreading import spread
+
+HEADS = ("machine and key", "repeats", "identified", "held", "share, %", "95 % of it", "half width over plan's")
+
+
+@dataclass(frozen=True)
+class Repeat:
+    """One measurement and what was found of it."""
+
+    seed: int
+    keys: tuple[KeyVerdict, ...]
+    combinations: int
+    combinations_held: int
+    seconds: float
+
+
+def question_of(stand: Stand, cores: int | None = 1) -> IdentificationQuestion:
+    """Return what is asked of a stand's runs."""
+    return IdentificationQuestion(stand.name, machine_parameters(stand.name), stand.keys, cores=cores)
+
+
+def repeated(name: str, seed: int) -> Repeat:
+    """Return one repeat."""
+    stand = STANDS[name]
+    true = stand.truth()
+    with tempfile.TemporaryDirectory() as folder:
+        run = stand.run(Path(folder), seed)
+    found = identified(question_of(stand), [run])
+    products = [
+        (each, float(np.prod([true[key] ** power for key, power in zip(each.keys, each.exponents, strict=True)])))
+        for each in found.combinations
+    ]
+    held = sum(each.low_95 <= product <= each.high_95 for each, product in products)
+    return Repeat(seed, found.keys, len(products), held, found.seconds)
+
+
+def repeats_of(name: str, seeds: range, minutes: float, cores: int, scheduler: str | None) -> Iterator[Repeat]:
+    """Yield repeats as they are ready, until the time is over."""
+    until = time.monotonic() + 60.0 * minutes
+    with closing(spread(partial(repeated, name), list(seeds), cores, scheduler)) as results:
+        for result in results:
+            yield result
+            if time.monotonic() > until:
+                return
+
+
+def planned(stand: Stand) -> dict[str, float]:
+    """Return the half widths that a plan foretells of the stand's keys at their true values."""
+    question = IdentificationQuestion(stand.name, machine_parameters(stand.name, None, stand.true), stand.keys, cores=1)
+    sensors, opened = stand.maps()
+    keys = sensor_plan(question, sensors, stand.duration_s, opened, helps=False).keys
+    return {key.key: 0.5 * (key.high_95 - key.low_95) for key in keys if key.verdict == "identified"}
+
+
+def rows_of(stand: Stand, repeats: list[Repeat], plan: dict[str, float]) -> Iterator[tuple[object, ...]]:
+    """Yield the table's rows: a key each, all keys, and the combinations."""
+    true, every, every_held = stand.truth(), 0, 0
+    for key in stand.keys:
+        told = [v for each in repeats for v in each.keys if v.key == key and v.verdict == "identified"]
+        held = sum(v.low_95 <= true[key] <= v.high_95 for v in told)
+        every, every_held = every + len(told), every_held + held
+        halves = [0.5 * (v.high_95 - v.low_95) for v in told]
+        over = f"{np.median(halves) / plan[key]:.2f}" if told and key in plan else ""
+        yield (f"{stand.name} {key}", len(repeats), *_share(held, len(told)), over)
+    yield (f"{stand.name}, all keys", len(repeats), *_share(every_held, every), "")
+    told_products = sum(each.combinations for each in repeats)
+    held_products = sum(each.combinations_held for each in repeats)
+    yield (f"{stand.name}, combinations", len(repeats), *_share(held_products, told_products), "")
+
+
+def _share(held: int, told: int) -> tuple[object, ...]:
+    if not told:
+        return (0, 0, "", "")
+    low, high = share_interval(held, told)
+    return (told, held, f"{100.0 * held / told:.1f}", f"{low:.1f} to {high:.1f}")
+
+
+def main() -> None:
+    words = argparse.ArgumentParser()
+    words.add_argument("machine", choices=list(STANDS))
+    words.add_argument("--repeats", type=int, default=200)
+    words.add_argument("--first", type=int, default=0)
+    words.add_argument("--minutes", type=float, default=1e6)
+    words.add_argument("--cores", type=int, default=1, help="processes, one repeat each")
+    words.add_argument("--scheduler", help="address of a Dask scheduler in their place")
+    words.add_argument("--write", action="store_true", help="into docs/identification.md")
+    asked = words.parse_args()
+    stand, repeats, wrong = STANDS[asked.machine], [], []
+    seeds = range(asked.first, asked.first + asked.repeats)
+    for each in repeats_of(stand.name, seeds, asked.minutes, asked.cores, asked.scheduler):
+        repeats.append(each)
+        wrong += [(each.seed, v) for v in each.keys if v.verdict == "identified" and v.key in stand.never]
+        told = [v for v in each.keys if v.verdict == "identified"]
+        out = [v.key for v in told if not v.low_95 <= stand.truth()[v.key] <= v.high_95]
+        print(f"seed {each.seed}: {each.seconds:.1f} s, {len(told)} identified, outside: {out}", flush=True)
+    rows = list(rows_of(stand, repeats, planned(stand)))
+    for row in [HEADS, *rows]:
+        print(*row, sep="; ")
+    print("wrongly identified:", wrong or "none")
+    if asked.write:
+        write_rows("interval_coverage", HEADS, rows)
+    sys.exit(int(bool(wrong)))
+
+
+if __name__ == "__main__":
+    main()

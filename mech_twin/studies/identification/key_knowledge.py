@@ -1,0 +1,178 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a fit knows of all free keys: derivatives where it ended, intervals, and the evidence for a verdict on each."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mech_twin.measurements.blocks import Array
+from mech_twin.studies.identification.channel_fits import model_error
+from mech_twin.studies.identification.combinations import Combination, Sight, combinations, sight
+from mech_twin.studies.identification.fit_runs import FitRun
+from mech_twin.studies.identification.intervals import (
+    NORMAL,
+    Linearised,
+    Uncertainty,
+    last_step,
+    linearised,
+    moved_by_held,
+    uncertainty,
+)
+from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration
+from mech_twin.studies.identification.least_squares_fit import Fitted, Told, noise_floors, quiet, refined, spreads
+from mech_twin.studies.identification.model_runs import ModelRuns
+from mech_twin.studies.identification.profile_likelihood import Profile, no_profile, profiled
+from mech_twin.studies.identification.question import IdentificationQuestion
+from mech_twin.studies.identification.residuals import FitProblem
+from mech_twin.studies.identification.unknowns import BEGIN, GAIN, KEY, LAG, ZERO, Unknowns, unknowns_of
+from mech_twin.studies.identification.verdicts import KeyEvidence, KeyVerdict, key_verdicts
+
+LARGEST_LOG_ERROR = 0.25  # of a combination that is told
+REFITS = 2  # where a step or a profile shows that the fit had not ended
+FARTHEST = 1.0  # logarithm by which a key may move where another goes back to what is configured
+OFFSET = 0.1  # of a half width: a step left over that is longer
+
+
+@dataclass(frozen=True)
+class AroundFit:
+    """A fit of some of the free keys, and derivatives by all of them where it ended."""
+
+    fitted: Fitted
+    whole: FitProblem
+    line: Linearised
+    seen: Sight
+
+
+def problem_of(question: IdentificationQuestion, keyed: KeyedConfiguration, runs: Sequence[FitRun]) -> FitProblem:
+    """Return the residuals of runs with some of the keys of a question free."""
+    bounds = keyed.bounds(question.bounds)
+    unknowns = unknowns_of(keyed, bounds, runs, question.longest_begin_s)
+    priors = {key: prior for key, prior in question.priors.items() if key in keyed.keys}
+    return FitProblem(ModelRuns(keyed, runs, question.longest_begin_s, question.cores), unknowns, priors)
+
+
+def sight_at(problem: FitProblem, x: Array) -> Sight:
+    """Return how the channels see the keys before anything is fitted."""
+    floors = noise_floors(problem.runs)
+    sigmas = np.maximum(floors, spreads(problem, x, problem.comparison(x, floors)))
+    return _sight(Fitted(problem, x, problem.comparison(x, sigmas), 0.0))[0]
+
+
+def _sight(fitted: Fitted) -> tuple[Sight, Linearised]:
+    line = linearised(fitted)
+    places = fitted.problem.unknowns.places(KEY)
+    return sight(line.jacobian, line.other, places, fitted.x[places]), line
+
+
+def carried_over(fitted: Fitted, unknowns: Unknowns) -> Array:
+    """Return the start of other unknowns, with what a fit found of them."""
+    found = {(u.kind, u.name, u.runs): fitted.x[i] * u.scale for i, u in enumerate(fitted.problem.unknowns.all)}
+    pairs = zip(unknowns.all, unknowns.start, strict=True)
+    return np.array([found.get((u.kind, u.name, u.runs), start * u.scale) / u.scale for u, start in pairs])
+
+
+def around_fit(question: IdentificationQuestion, fitted: Fitted) -> AroundFit:
+    """Return derivatives by all free keys where the fit of some of them ended."""
+    base = fitted.problem.model.keyed.parameters(fitted.key_values)
+    keyed = KeyedConfiguration(question.machine, base, question.keys)
+    whole = problem_of(question, keyed, fitted.problem.runs)
+    x = carried_over(fitted, whole.unknowns)
+    seen, line = _sight(Fitted(whole, x, fitted.comparison, fitted.cost))
+    return AroundFit(fitted, whole, line, seen)
+
+
+def with_held_as_configured(question: IdentificationQuestion, around: AroundFit, chosen: Sequence[int]) -> Array:
+    """Return values of all free keys that fit as well, those that are to be held as configured, shape (keys,).
+
+    Along a direction that the channels do not see, the fit does not change: on it the held keys go back.
+    """
+    keyed = KeyedConfiguration(question.machine, question.base, question.keys)
+    before, values = keyed.values(), around.whole.unknowns.keys(around.whole.unknowns.start)
+    logs = np.log(np.where(before * values > 0.0, before / np.where(values == 0.0, 1.0, values), 1.0))
+    sizes = np.linalg.norm(around.seen.jacobian, axis=0)
+    directions = around.seen.unseen / np.where(sizes > 0.0, sizes, np.inf)[:, None]
+    held = np.setdiff1d(np.arange(len(values)), np.array(chosen, dtype=np.intp))
+    along, *_ = np.linalg.lstsq(directions[held], logs[held], rcond=None)
+    moved = values * np.exp(np.clip(directions @ along, -FARTHEST, FARTHEST))
+    return np.asarray(
+        np.clip(np.where(np.isin(np.arange(len(values)), held), before, moved), *keyed.bounds(question.bounds))
+    )
+
+
+def settled(
+    question: IdentificationQuestion, around: AroundFit, chosen: Sequence[int], told: Told = quiet
+) -> tuple[AroundFit, Uncertainty]:
+    """Return the fit where it truly ends, and what is known there of its unknowns.
+
+    Parameters
+    ----------
+    question : IdentificationQuestion
+        What is asked.
+    around : AroundFit
+        A fit and derivatives by all free keys.
+    chosen : sequence of int
+        Which of the free keys it estimates; the others it holds.
+    told : callable, optional
+        Takes a line on the progress.
+    """
+    kept = np.concatenate([np.array(chosen, dtype=np.intp), around.whole.unknowns.places(BEGIN, ZERO, GAIN, LAG)])
+    for left in reversed(range(REFITS + 1)):
+        fitted = around.fitted
+        own = around.line.of(kept).over(fitted.problem.unknowns.scales / around.whole.unknowns.scales[kept])
+        known, left_over = uncertainty(own), _left_over(fitted, own)
+        profile = no_profile(len(fitted.x)) if model_error(fitted) else profiled(fitted, own, told)
+        ended = profile.better is None and np.all(np.abs(left_over) <= OFFSET * known.half_widths[0])
+        if ended or left == 0:
+            break
+        told("the fit once more, from where it had not ended")
+        x = fitted.x if profile.better is None else profile.better
+        around = around_fit(question, refined(fitted.problem, x, told))
+    held = np.setdiff1d(np.arange(len(question.keys)), np.array(chosen, dtype=np.intp))
+    moved = moved_by_held(own, around.seen.jacobian[:, held])
+    return around, _widened(known, moved, np.abs(left_over), profile)
+
+
+def _left_over(fitted: Fitted, own: Linearised) -> Array:
+    """Return the step that a fit has not taken; what stands at a bound takes none."""
+    low, high = fitted.problem.unknowns.bounds()
+    inside = np.flatnonzero((fitted.x > low) & (fitted.x < high))
+    found = np.zeros(len(fitted.x))
+    found[inside] = last_step(own.of(inside))
+    return found
+
+
+def _widened(known: Uncertainty, by_held: Array, left_over: Array, profile: Profile) -> Uncertainty:
+    """Return intervals that hold what keys held, steps left over and profiles add to them."""
+    halves = np.hypot(known.half_widths, by_held) + left_over
+    halves = np.fmax(halves, np.array([profile.lower, profile.upper]))
+    return replace(known, half_widths=halves)
+
+
+def verdicts_of(
+    question: IdentificationQuestion,
+    around: AroundFit,
+    chosen: Sequence[int],
+    known: Uncertainty,
+) -> tuple[list[KeyVerdict], list[Combination]]:
+    """Return the verdict on each free key, and what is seen of keys that are not seen alone."""
+    count, line, seen = len(question.keys), around.line, around.seen
+    scales = around.whole.unknowns.scales[:count]
+    keyed = KeyedConfiguration(question.machine, question.base, question.keys)
+    before, fitted = keyed.values(), around.fitted
+    estimates, errors, halves = before.copy(), np.full(count, np.nan), np.full((2, count), np.inf)
+    values = dict(zip(fitted.problem.model.keyed.keys, fitted.key_values.tolist(), strict=True))
+    for place, i in enumerate(chosen):
+        estimates[i], scale = values[question.keys[i]], fitted.problem.unknowns.all[place].scale
+        errors[i], halves[:, i] = known.errors[place] * scale, known.half_widths[:, place] * scale
+    freedom = max(len(line.residuals) - line.jacobian.shape[1], 1)
+    spread = float(np.sqrt(line.residuals @ line.residuals / freedom))
+    combined = combinations(seen, question.keys, estimates, LARGEST_LOG_ERROR, NORMAL * spread * known.widening)
+    held = frozenset(set(range(count)) - set(chosen))
+    evidence = KeyEvidence(
+        *(question.keys, before, estimates, errors, halves, keyed.bounds(question.bounds)),
+        *(scales, seen, held, model_error(fitted)),
+    )
+    return key_verdicts(evidence, combined), combined

@@ -1,0 +1,205 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Profile likelihood: how far a key can go, everything else fitted anew, before the runs speak against it.
+
+Derivatives tell the interval of a key where the fit ended.  Where the misfit is no parabola in the key - its effect
+saturates, a valley is curved - they tell it wrong.  Here the key is put aside step by step, the other unknowns follow,
+and the interval ends where the cost has risen by ``t^2`` times the variance of the residuals (Raue et al. 2009,
+doi:10.1093/bioinformatics/btp358).  Keys are checked first at the two ends of the interval that derivatives give, along
+the line on which the others follow; only those whose rise there is another are followed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from mech_twin.measurements.blocks import Array
+from mech_twin.studies.identification.intervals import Linearised, inverse_information
+from mech_twin.studies.identification.least_squares_fit import LOSS_SCALE, Fitted, Told, quiet
+from mech_twin.studies.identification.unknowns import KEY
+
+LEAST_RISE, MOST_RISE = 0.6, 1.6  # of the rise that a parabola has: another one is followed
+WEAK = 0.03  # of the effect of a key that no other unknown repeats: less is followed whatever the rise
+WIDE = 0.5  # half width over value: may be open to one side
+POINTS = 8  # on either side
+CLOSE = 0.1  # of the root of the rise sought: an end
+INNERMOST = 0.2  # of the way between two points: a next one nearer to either is put into the middle
+LEAST_GROWTH, MOST_GROWTH = 1.3, 3.0  # of the distance from point to point
+FOLLOWING = 4  # steps of the other unknowns at a point, before and after their derivatives are taken anew
+SETTLED = 0.02  # of the rise sought: a step that wins less is the last
+IMPROVED = 0.1  # of the rise sought: a point lower than the fit by more shows that the fit had not ended
+
+
+@dataclass(frozen=True)
+class Profile:
+    """How far the keys of a fit can go.
+
+    Attributes
+    ----------
+    lower, upper : ndarray
+        Shape (unknowns,), over the scales: distance from the estimate to either end; nan where nothing was followed,
+        inf where no end was found within the bounds.
+    better : ndarray or None
+        Unknowns that fit better than where the fit ended, if any were met.
+    followed : tuple of int
+        Places of the keys that were followed.
+    """
+
+    lower: Array
+    upper: Array
+    better: Array | None
+    followed: tuple[int, ...]
+
+
+def no_profile(count: int) -> Profile:
+    """Return the profile of so many unknowns of which none was followed."""
+    return Profile(np.full(count, np.nan), np.full(count, np.nan), None, ())
+
+
+def profiled(fitted: Fitted, found: Linearised, told: Told = quiet) -> Profile:
+    """Return the profile of the keys of which derivatives do not tell the interval.
+
+    Parameters
+    ----------
+    fitted : Fitted
+        Where the fit ended.
+    found : Linearised
+        Derivatives there by the unknowns of the fit, in its order.
+    told : callable, optional
+        Takes a line on the progress.
+    """
+    count = len(fitted.x)
+    lower, upper = np.full(count, np.nan), np.full(count, np.nan)
+    followed = []
+    walk = _Walk(fitted, found)
+    for place in fitted.problem.unknowns.places(KEY).tolist():
+        if walk.sought <= 0.0 or not walk.doubtful(place):
+            continue
+        told(f"profile of {fitted.problem.unknowns.all[place].name}")
+        followed.append(place)
+        lower[place], upper[place] = walk.end(place, -1.0), walk.end(place, 1.0)
+    return Profile(lower, upper, walk.better, tuple(followed))
+
+
+class _Walk:
+    """Points on the profiles of one fit; remembers the best point met."""
+
+    def __init__(self, fitted: Fitted, found: Linearised) -> None:
+        self.problem, self.comparison, self.x = fitted.problem, fitted.comparison, fitted.x
+        self.jacobian = found.jacobian
+        freedom = max(len(found.residuals) - len(self.x), 1)
+        variance = float(found.residuals @ found.residuals) / freedom
+        share = float(stats.t.ppf(0.975, freedom))
+        self.sought, self.deviation = variance * share**2, float(np.sqrt(variance))
+        self.covariance = inverse_information(found.jacobian) * variance
+        self.reach = share * np.sqrt(np.diag(self.covariance))
+        self.low, self.high = fitted.problem.unknowns.bounds()
+        self.least = self.cost(self.x)
+        self.better: Array | None = None
+        self._best = self.least - IMPROVED * self.sought
+
+    def cost(self, x: Array) -> float:
+        """Return the robust sum of squares."""
+        rows = self.problem.residuals(x, self.comparison)
+        return float(np.sum(2.0 * LOSS_SCALE**2 * (np.sqrt(1.0 + (rows / LOSS_SCALE) ** 2) - 1.0)))
+
+    def doubtful(self, place: int) -> bool:
+        """Return whether the derivatives do not tell the interval of a key."""
+        reach = float(self.reach[place])
+        if not np.isfinite(reach) or reach <= 0.0:
+            return False
+        own = float(np.linalg.norm(self.jacobian[:, place]))
+        alone = self.deviation / float(np.sqrt(self.covariance[place, place]))
+        if alone < WEAK * own or reach > WIDE * max(abs(float(self.x[place])), 1.0):
+            return True
+        return not all(self._as_parabola(place, sign * reach) for sign in (-1.0, 1.0))
+
+    def _as_parabola(self, place: int, away: float) -> bool:
+        """Return whether the cost rises as the derivatives foretell, the other unknowns put where they say or near."""
+        others = np.arange(len(self.x)) != place
+        x = self._along(place, away)
+        rise = self._noted(x)
+        if not LEAST_RISE * self.sought <= rise <= MOST_RISE * self.sought:
+            rise = self._noted(self._descended(x, others, self.jacobian)[0])
+        return LEAST_RISE * self.sought <= rise <= MOST_RISE * self.sought
+
+    def end(self, place: int, sign: float) -> float:
+        """Return the distance at which the cost has risen by as much as is sought, inf where it does not."""
+        bound = float(self.high[place] - self.x[place] if sign > 0.0 else self.x[place] - self.low[place])
+        goal, start = float(np.sqrt(self.sought)), self.x
+        near = far = (0.0, 0.0)  # distance and root of the rise: within the interval, and beyond its end
+        away = min(float(self.reach[place]), bound)
+        for _ in range(POINTS):
+            start = self._followed(place, self.x[place] + sign * away, start)
+            root = float(np.sqrt(max(self._noted(start), 0.0)))
+            if abs(root - goal) <= CLOSE * goal:
+                return away
+            if root > goal:
+                far = (away, root)
+            elif away >= bound:
+                return np.inf
+            else:
+                near = (away, root)
+            away = min(_next(near, far, goal), bound)
+        return far[0] if far[0] > 0.0 else np.inf
+
+    def _along(self, place: int, away: float) -> Array:
+        """Return the unknowns with a key put aside and the others where their derivatives put them."""
+        moved: Array = self.x + self.covariance[:, place] / self.covariance[place, place] * away
+        return np.asarray(np.clip(moved, self.low, self.high))
+
+    def _noted(self, x: Array) -> float:
+        """Return the rise of the cost at a point, and remember the point if it is the best."""
+        cost = self.cost(x)
+        if cost < self._best:
+            self.better, self._best = x.copy(), cost
+        return cost - self.least
+
+    def _followed(self, place: int, value: float, start: Array) -> Array:
+        """Return the unknowns that fit best with a key held at a value."""
+        others = np.arange(len(self.x)) != place
+        x = self._along(place, value - float(self.x[place]))
+        if self.cost(again := np.where(others, start, value)) < self.cost(x):
+            x = again
+        x, won = self._descended(x, others, self.jacobian)
+        if won <= SETTLED * self.sought:
+            return x
+        fresh = self.problem.jacobian(x, self.comparison)
+        return self._descended(x, others, fresh * self._weights(x)[:, None])[0]
+
+    def _weights(self, x: Array) -> Array:
+        rows = self.problem.residuals(x, self.comparison)
+        return np.asarray((1.0 + (rows / LOSS_SCALE) ** 2) ** -0.25)
+
+    def _descended(self, x: Array, others: Array, jacobian: Array) -> tuple[Array, float]:
+        """Return where steps of these derivatives lead while the cost falls, and what the last one won."""
+        solve: Callable[[Array], Array] = _pseudo_inverse(jacobian[:, others])
+        cost, won = self.cost(x), np.inf
+        for _ in range(FOLLOWING):
+            weights = self._weights(x)
+            moved = x.copy()
+            moved[others] -= solve(weights * self.problem.residuals(x, self.comparison))
+            moved = np.clip(moved, self.low, self.high)
+            now = self.cost(moved)
+            if now >= cost:
+                return x, 0.0 if won < np.inf else self.sought
+            x, cost, won = moved, now, cost - now
+            if won <= SETTLED * self.sought:
+                break
+        return x, won
+
+
+def _next(near: tuple[float, float], far: tuple[float, float], goal: float) -> float:
+    """Return the next distance to try, from distances and roots of the rise; ``far`` is zero while none is known."""
+    if far[0] == 0.0:
+        return near[0] * float(np.clip(goal / near[1] if near[1] > 0.0 else MOST_GROWTH, LEAST_GROWTH, MOST_GROWTH))
+    share = (goal - near[1]) / (far[1] - near[1])
+    return near[0] + (far[0] - near[0]) * (share if INNERMOST <= share <= 1.0 - INNERMOST else 0.5)
+
+
+def _pseudo_inverse(jacobian: Array) -> Callable[[Array], Array]:
+    inverse = inverse_information(jacobian)
+    return lambda rows: np.asarray(inverse @ (jacobian.T @ rows))
