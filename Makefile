@@ -80,8 +80,8 @@ lint: $(VENV)/.test
 coverage: $(VENV)/.test # without the slow tests; lines inside compiled kernels are not seen, mutation testing looks at those
 	$(BIN)/python -m pytest -m "not browser and not slow" --timeout=600 --cov --cov-report=term:skip-covered --cov-report=xml $(ARGS)
 
-bench: $(VENV)/.bench
-	$(BIN)/python -m pytest benchmarks --benchmark-only $(ARGS)
+bench: $(VENV)/.bench # writes the tables of docs/performance.md; ARGS: groups, all without; --list names them
+	$(BIN)/python benchmarks/performance.py $(ARGS)
 
 colcon: $(VENV)/.test
 	bash test/packaging/colcon_build.sh $(BIN)

@@ -86,7 +86,7 @@ setup(
             "rosbags", "pandas", "ruff", "mypy", "import-linter", "types-PyYAML", "colcon-common-extensions",
             "urdf-parser-py",
         ],
-        "bench": ["pytest-benchmark", "pylinkage", "mujoco", "ruptures"],
+        "bench": ["pylinkage", "mujoco", "ruptures"],
         "docs": ["mkdocs<2", "mkdocs-material", "mkdocstrings", "mkdocstrings-python"],
     },
     entry_points={

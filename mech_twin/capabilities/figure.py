@@ -20,11 +20,11 @@ Point = tuple[float, float]
 Strip = tuple[Point, ...]
 Colour = tuple[int, int, int]
 
-# one colour one thing, in all machines; all are legible on paper and, as writing, on a dark ground
+# one colour one thing, in all machines; all are legible on the light and on the dark theme
 CRANK: Colour = (200, 60, 40)
 ROD: Colour = (60, 110, 180)
 FOLLOWER: Colour = (80, 140, 60)
-STEEL: Colour = (60, 60, 60)
+STEEL: Colour = (112, 118, 126)
 GROUND: Colour = (125, 125, 125)
 TOOL: Colour = (205, 133, 63)
 SPRING: Colour = (150, 100, 30)

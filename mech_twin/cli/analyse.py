@@ -17,6 +17,7 @@ from mech_twin.parameters.load import machine as built_machine
 from mech_twin.roles import Machine
 from mech_twin.studies.cycle_analysis import analysed_columns, cycle_positions
 
+COMPONENTS = ("along x", "along y", "along z")
 EXTREMES = ("quantity", "least", "greatest", "unit")
 Shape = Literal["narrow", "wide", "csv", "json"]
 
@@ -79,14 +80,16 @@ def _by_quantity(rows: Mapping[str, Sequence[Any]]) -> dict[str, list[Any]]:
 
 
 def _show_rows(title: str, given: Mapping[str, Sequence[Any]], *, wide: bool) -> None:
-    """Write quantities of which every cart has one, side by side."""
+    """Write quantities of which every cart has one, and those with a component along each axis, side by side."""
     rows = _by_quantity(given)
-    if rows:
-        count = max(len(row) for row in rows.values())
-        table = [(key, unit_of(key), *row, *[""] * (count - len(row))) for key, row in rows.items()]
-        print_table(
-            f"{title}, by cart", ("quantity", "unit", *map(str, range(1, count + 1))), table, wide=wide, more="--wide"
-        )
+    if not rows:
+        return
+    count = max(len(row) for row in rows.values())
+    table = [(key, unit_of(key), *row, *[""] * (count - len(row))) for key, row in rows.items()]
+    of_carts = any(isinstance(item, Mapping) for row in given.values() for item in row)
+    heads = tuple(map(str, range(1, count + 1))) if of_carts else COMPONENTS[:count]
+    title = f"{title}, by cart" if of_carts else f"{title}, components"
+    print_table(title, ("quantity", "unit", *heads), table, wide=wide, more="--wide")
 
 
 def _is_row(value: Any) -> bool:

@@ -18,12 +18,12 @@ if TYPE_CHECKING:
 
 COUNTERS = ("received", "written", "dropped", "missed", "late")
 LOSSES = ("dropped", "missed", "late")
-CAPTIONS = {
-    "machine": "machine",
-    "version": "version",
-    "finished": "finished",
-    "duration_s": "duration, s",
-    "message_count": "messages",
+GROUPS = {  # by what a topic's path begins with, below the machine's namespace; the last takes the others
+    "motion": ("joint_states", "motor/joint_states", "body/joint_states", "scene", "frames"),
+    "forces and blows": ("forces/", "body/pressing_force", "impacts"),
+    "shadow": ("twin/",),
+    "steps of the roles": ("step/",),
+    "commands, clock and state": ("",),
 }
 WIDE = 400
 
@@ -51,13 +51,46 @@ def show_info(bag: Path, *, as_json: bool, as_csv: bool = False, wide: bool = Fa
     if as_csv:
         print_csv(("topic", "type", "messages", *COUNTERS), [_counted(*item) for item in document["topics"].items()])
         return
-    for name in ("machine", "version", "finished", "duration_s", "message_count"):
-        say_result(f"{CAPTIONS[name]:<12}{_text(document[name])}")
+    _print_head(document)
     _print_topics(document["topics"], wide)
     rows = [tuple("-" if value is None else value for value in split.values()) for split in document["splits"]]
     print_table("files", ("file", "bytes", "start, s", "end, s", "messages"), rows)
     for problem in document["problems"]:
         say(problem)
+
+
+def _print_head(document: dict[str, Any]) -> None:
+    """Write what is recorded, how long, and whether it is whole; then by what, how much, and what is missing."""
+    duration, losses = document["duration_s"], _losses(document["topics"])
+    length = "length unknown" if duration is None else f"{duration:.6g} s"
+    whole = "complete" if document["finished"] else "not complete: the recording was not closed"
+    counted = any(topic["counters"] for topic in document["topics"].values())
+    lost = ", ".join(f"{count} {name}" for name, count in losses.items() if count) or (
+        "nothing lost" if counted else ""
+    )
+    say_result("; ".join(filter(None, [f"{document['machine'] or 'unknown machine'}, {length}", whole, lost])))
+    size = sum(split["size_bytes"] or 0 for split in document["splits"])
+    files = f"{len(document['splits'])} file{'' if len(document['splits']) == 1 else 's'}"
+    say_result(f"{document['message_count']} messages of {len(document['topics'])} topics, {_bytes(size)} in {files}")
+    say_result(f"recorded by mech_twin {document['version']}" if document["version"] else "recorded by other software")
+
+
+def _losses(topics: dict[str, Any]) -> dict[str, int]:
+    """Return how many messages of all topics were lost, by how."""
+    return {key: sum(topic["counters"].get(key, 0) for topic in topics.values()) for key in LOSSES}
+
+
+def _bytes(size: int) -> str:
+    """Return a size in decimal units: ``1.93 MB``."""
+    for factor, unit in ((1e9, "GB"), (1e6, "MB"), (1e3, "kB")):
+        if size >= factor:
+            return f"{size / factor:.3g} {unit}"
+    return f"{size} bytes"
+
+
+def _group(name: str) -> str:
+    """Return the group of a topic, its name without the machine's namespace."""
+    return next(group for group, heads in GROUPS.items() if name.startswith(heads))
 
 
 def _print_topics(topics: dict[str, Any], wide: bool) -> None:
@@ -68,11 +101,13 @@ def _print_topics(topics: dict[str, Any], wide: bool) -> None:
     counted = any(topic["counters"] for topic in topics.values())
     columns = ("topic", "messages", *(LOSSES if counted else ()))
     shared = _namespace(list(topics))
-    rows = [
-        (name.removeprefix(shared), topic["messages"], *(topic["counters"].get(key, "-") for key in LOSSES if counted))
-        for name, topic in topics.items()
-    ]
-    print_table(f"topics below {shared}" if shared else "topics", columns, rows)
+    found: dict[str, list[tuple[Any, ...]]] = {group: [] for group in GROUPS}
+    for full, topic in topics.items():
+        name = full.removeprefix(shared)
+        losses = (topic["counters"].get(key, "-") for key in LOSSES if counted)
+        found[_group(name)].append((f"  {name}", topic["messages"], *losses))
+    grouped = [row for group, own in found.items() if own for row in ((group, *[""] * (len(columns) - 1)), *own)]
+    print_table(f"topics below {shared}" if shared else "topics", columns, grouped)
 
 
 def _counted(name: str, topic: dict[str, Any]) -> tuple[Any, ...]:
@@ -84,10 +119,6 @@ def _namespace(names: list[str]) -> str:
     spaces = Counter(name[: name.index("/", 1) + 1] for name in names if "/" in name[1:])
     space, count = spaces.most_common(1)[0] if spaces else ("", 0)
     return space if count > len(names) / 2 else ""
-
-
-def _text(value: Any) -> str:
-    return f"{value:.6g}" if isinstance(value, float) else "-" if value is None else str(value)
 
 
 def info_record(info: BagInfo) -> dict[str, Any]:

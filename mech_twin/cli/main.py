@@ -245,7 +245,7 @@ def info(
     csv: Annotated[bool, typer.Option("--csv", help="print the table of topics as CSV")] = False,
     json: Json = False,
 ) -> None:
-    """Show topics, message counts and losses of a recording; with a map, the quality of a measurement's channels."""
+    """Describe a recording: what, how long, whether complete; with a map, the quality of a measurement's channels."""
     from mech_twin.cli.info import show_info
 
     if given_map is not None:
@@ -283,7 +283,7 @@ def recover(
     force: Force = False,
     json: Json = False,
 ) -> None:
-    """Recover what is whole of a damaged recording into a new one."""
+    """Salvage a damaged recording: write its intact part into a new one."""
     from mech_twin.cli.recover import recover_bag
 
     recover_bag(bag, out, force=force, as_json=json)

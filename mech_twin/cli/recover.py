@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``mech-twin recover``: salvage of a damaged recording."""
+"""``mech-twin recover``: salvage a damaged recording."""
 
 from __future__ import annotations
 

@@ -27,6 +27,7 @@ WIDE_COLUMNS = (
 )
 WIDE = 240
 NARROW = 80
+ROUNDING = 1e-12  # an error below is that of floating point and is written as zero
 STYLES = {"reproduced": "green", "reproduced with a stated change": "green", "not reproduced": "bold red"}
 
 
@@ -39,6 +40,7 @@ def show_rows(rows: Sequence[PublishedRow]) -> None:
     console = Console(width=None if sys.stdout.isatty() else NARROW, highlight=False)
     for (source, item), found in groupby(rows, key=lambda row: (row.source, row.figure_or_equation)):
         group = list(found)
+        shared = _shared_inputs(group)
         table = Table(
             title=escape(f"{source}: {item}"), title_justify="left", header_style="bold", box=None, pad_edge=False
         )
@@ -48,8 +50,15 @@ def show_rows(rows: Sequence[PublishedRow]) -> None:
         table.add_column("verdict", overflow="fold", width=16)
         for row in group:
             numbers = (_short(row.published), _short(row.computed), _error(row))
-            table.add_row(f"{escape(row.quantity)}, [dim]{escape(row.inputs)}[/]", *numbers, _verdict(row))
+            own = [words for words in row.inputs.split(", ") if words not in shared]
+            table.add_row(
+                ", ".join([escape(row.quantity), *(f"[dim]{escape(words)}[/]" for words in own)]),
+                *numbers,
+                _verdict(row),
+            )
         console.print(table)
+        if shared:
+            console.print(f"  [dim]all with {escape(', '.join(shared))}[/]")
         for reason in dict.fromkeys(row.reason for row in group if row.verdict != "reproduced" and row.reason):
             console.print(f"  [dim]{escape(reason)}[/]")
         console.print()
@@ -99,6 +108,13 @@ def _cells(row: PublishedRow) -> tuple[str, ...]:
     )
 
 
+def _shared_inputs(group: Sequence[PublishedRow]) -> list[str]:
+    """Return the inputs that all rows of a table have, which are written once below it."""
+    if len(group) == 1:
+        return []
+    return [words for words in group[0].inputs.split(", ") if all(words in row.inputs.split(", ") for row in group)]
+
+
 def _verdict(row: PublishedRow) -> str:
     style = STYLES.get(row.verdict, "yellow")
     return f"[{style}]{row.verdict}[/]"
@@ -115,7 +131,8 @@ def _number(value: float | None) -> str:
 def _error(row: PublishedRow) -> str:
     if row.error is None:
         return "-"
-    return f"{100.0 * row.error:+.3g} %" if row.measure == "relative" else f"{row.error:+.3g}"
+    shown = 0.0 if abs(row.error) < ROUNDING else row.error
+    return f"{100.0 * shown:+.3g} %" if row.measure == "relative" else f"{shown:+.3g}"
 
 
 def _tolerance(row: PublishedRow) -> str:

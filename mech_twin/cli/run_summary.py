@@ -47,13 +47,12 @@ def show_events(events: Sequence[Event], *, everything: bool) -> None:
     if not events:
         return
     counts = Counter(event.kind for event in events)
-    say_result(f"{len(events)} events: {', '.join(f'{count} {kind}' for kind, count in counts.most_common())}")
+    kinds = ", ".join(f"{count} {kind}" for kind, count in counts.most_common())
+    say_result(f"{len(events)} event{'s' if len(events) > 1 else ''}: {kinds}")
     matter = events if everything else [event for event in events if is_notable(event)]
     shown = matter if everything else matter[-SHOWN_EVENTS:]
     left = len(events) - len(shown)
-    title = (
-        "events" if not left else f"last {len(shown)} events; {left} more with --all, impacts below 1 mm/s among them"
-    )
+    title = "events" if not left else f"last {len(shown)} events; {left} more with --all, also below 1 mm/s"
     print_table(title, EVENT_COLUMNS, [_row(event) for event in shown])
 
 

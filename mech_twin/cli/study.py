@@ -88,7 +88,9 @@ def sweep(
     context: typer.Context,
     over: Over,
     out: Annotated[Path | None, typer.Option(help="NAME.parquet or NAME.csv [MACHINE-sweep.parquet]")] = None,
-    number: Annotated[list[str] | None, typer.Option(help="summary number wanted [all]; repeat")] = None,
+    number: Annotated[
+        list[str] | None, typer.Option(help="number to tabulate; may be given several times [all]")
+    ] = None,
     duration: Annotated[float, time_option("time to simulate at each point (3, 500ms)")] = 0.0,
     no_picture: Annotated[bool, typer.Option("--no-picture", help="write the table alone")] = False,
     cores: Cores = None,

@@ -90,8 +90,10 @@ def answer_sweep(request: SweepRequest, config: Path | None, settings: list[str]
     rows = [_cells(done, point, varying, "refused")[:-1] for point in shown]
     print_table(title, (*keys, *varying), rows, wide=request.everything, more="--all")
     left = len(done.points) - len(shown)
-    if left or len(varying) < len(names):
-        say(f"{left} more points and {len(names) - len(varying)} numbers that do not vary with --all")
+    fixed = len(names) - len(varying)
+    omitted = [f"{left} more points"] * (left > 0) + [f"{fixed} numbers that do not vary"] * (fixed > 0)
+    if omitted:
+        say(f"{' and '.join(omitted)} with --all")
     refused = [point for point in done.points if point.refused]
     if refused:
         say(f"{len(refused)} points refused, the first: {refused[0].refused}")

@@ -7,7 +7,8 @@ from geometry_msgs.msg import WrenchStamped
 from sensor_msgs.msg import JointState
 
 from mech_twin.messages.joint_state_cdr import AnyStep, StepMessage, joint_state
-from mech_twin.messages.step_message import REGIME, STEP, Row, joint_columns, packed, set_stamp, table
+from mech_twin.messages.step_message import REGIME, STEP, Row, packed, set_stamp
+from mech_twin.messages.step_table import joint_columns, table
 from mech_twin.samples import BodySample
 
 PRESSING_FORCE = "~pressing_force_n"

@@ -14,7 +14,8 @@ from geometry_msgs.msg import WrenchStamped
 from sensor_msgs.msg import JointState
 
 from mech_twin.messages.joint_state_cdr import AnyStep, Header, StepMessage, joint_state, stamp_of
-from mech_twin.messages.step_message import MARK, RESIDUAL, STEP, MessageError, Row, set_stamp, step_and_time, table
+from mech_twin.messages.step_message import MARK, RESIDUAL, STEP, MessageError, Row, set_stamp
+from mech_twin.messages.step_table import step_and_time, table
 from mech_twin.samples import ForceSample, Load, Named, Wrench
 
 BODY_MOMENT = "~body_moment_nm"

@@ -8,7 +8,8 @@ from functools import lru_cache
 from sensor_msgs.msg import JointState
 
 from mech_twin.messages.joint_state_cdr import AnyStep, StepMessage, joint_state, received_message
-from mech_twin.messages.step_message import COMMAND, REGIME, STEP, Row, arranged, joint_columns, packed, table
+from mech_twin.messages.step_message import COMMAND, REGIME, STEP, Row, packed
+from mech_twin.messages.step_table import arranged, joint_columns, table
 from mech_twin.samples import LinkageSample
 
 

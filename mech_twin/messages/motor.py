@@ -6,7 +6,8 @@ from __future__ import annotations
 from sensor_msgs.msg import JointState
 
 from mech_twin.messages.joint_state_cdr import AnyStep, StepMessage, joint_state
-from mech_twin.messages.step_message import COMMAND, STEP, Row, joint_columns, packed, table
+from mech_twin.messages.step_message import COMMAND, STEP, Row, packed
+from mech_twin.messages.step_table import joint_columns, table
 from mech_twin.samples import MotorSample
 
 

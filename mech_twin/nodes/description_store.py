@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from mech_twin.messages.step_message import ConfigurationMark
+from mech_twin.messages.step_marks import ConfigurationMark
 from mech_twin.parameters.load import Description
 
 REMEMBERED_SOURCES = 8

@@ -9,7 +9,8 @@ from typing import Any
 from std_msgs.msg import String
 
 from mech_twin.messages.joint_state_cdr import StepMessage
-from mech_twin.messages.step_message import ConfigurationMark, MessageError, configuration_mark, source
+from mech_twin.messages.step_marks import ConfigurationMark, configuration_mark, source
+from mech_twin.messages.step_message import MessageError
 from mech_twin.messages.topics import DESCRIPTION, EVERY_LATCHED, REJOIN, Topic
 from mech_twin.nodes.description_store import DescriptionStore
 from mech_twin.nodes.exchange_memory import ExchangeMemory

@@ -11,7 +11,9 @@ from mech_twin.messages import body as body_messages
 from mech_twin.messages import force as force_messages
 from mech_twin.messages import motor as motor_messages
 from mech_twin.messages.joint_state_cdr import StepMessage
-from mech_twin.messages.step_message import MessageError, arranged, source
+from mech_twin.messages.step_marks import source
+from mech_twin.messages.step_message import MessageError
+from mech_twin.messages.step_table import arranged
 from mech_twin.messages.topics import STEP_BODY, STEP_FORCES, STEP_MOTOR, Topic
 from mech_twin.nodes.linkage_rejoin import LinkageRejoin
 from mech_twin.nodes.peer_wait import PeerWait

@@ -14,7 +14,8 @@ from mech_twin.messages import linkage as linkage_messages
 from mech_twin.messages import motor as motor_messages
 from mech_twin.messages.joint_state_cdr import StepMessage
 from mech_twin.messages.joint_states import has_impact, joints_message
-from mech_twin.messages.step_message import TARGET, MessageError, Row, marked
+from mech_twin.messages.step_marks import marked
+from mech_twin.messages.step_message import TARGET, MessageError, Row
 from mech_twin.messages.topics import (
     MOTOR_JOINT_STATES,
     REJOIN,

@@ -9,7 +9,8 @@ from rcl_interfaces.msg import SetParametersResult
 from rclpy.parameter import Parameter
 
 from mech_twin.engine.run import warm_up
-from mech_twin.messages.step_message import SOURCE, Row, revision_row
+from mech_twin.messages.step_marks import revision_row
+from mech_twin.messages.step_message import SOURCE, Row
 from mech_twin.messages.stream_window import steps_per_window
 from mech_twin.nodes.base_node import TwinNode
 from mech_twin.nodes.options import RunOptions

@@ -10,7 +10,7 @@ from mech_twin.engine.trajectory import frame_events
 from mech_twin.roles import Machine, Observer
 from mech_twin.samples import Event, Frame
 
-KEPT_EVENTS = 100_000
+KEPT_EVENTS = 20_000  # 2 kB each: more would grow a process for hours
 
 
 class RunMetrics:

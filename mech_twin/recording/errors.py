@@ -35,7 +35,7 @@ class UnfinishedBagError(BagError):
     """The recording was never closed, or is still being written."""
 
     def __init__(self, file: Path | str, reason: str) -> None:
-        super().__init__(file, f"{reason}; if no recorder is running, recover it: mech-twin recover {file} OUT")
+        super().__init__(file, f"{reason}; if no recorder is running, salvage it: mech-twin recover {file} OUT")
 
 
 class DamagedBagError(BagError):

@@ -13,7 +13,7 @@ from std_msgs.msg import String
 from mech_twin.engine.trajectory import frame_events
 from mech_twin.messages import body as body_messages
 from mech_twin.messages import force as force_messages
-from mech_twin.messages import impact, motor, scene, step_message
+from mech_twin.messages import impact, motor, scene, step_marks
 from mech_twin.messages import linkage as linkage_messages
 from mech_twin.messages.frames import frame_id
 from mech_twin.messages.joint_state_cdr import StepMessage, encoded, stamp_of
@@ -96,7 +96,7 @@ class FrameRecorder:
         """Record one frame."""
         linkage, forces, body = frame.linkage, frame.forces, frame.body
         self._now_ns = round(linkage.time_s * 1e9)
-        marks = (step_message.revision_row(self._revision),)
+        marks = (step_marks.revision_row(self._revision),)
         self._put(STEP_LINKAGE, linkage_messages.to_step(linkage, marks))
         self._put(STEP_MOTOR, motor.to_step(frame.motor))
         self._put(STEP_FORCES, force_messages.to_step(forces, marks))

@@ -25,7 +25,7 @@ LETTERS = "ABCDEFGHJKLMNPQRSTUVWXYZ"
 KEPT_STEPS = 256  # steps that a drawing may come behind its forces
 ARROW_SHARE = 0.20  # length of the arrow of the greatest force, in widths of the figure
 FLASH_S = 0.15
-FLASH = (240, 150, 0)
+FLASH = (225, 130, 0)
 RAYS = 9
 SAME_PLACE = 0.01  # pins closer than this share of the width are written together
 

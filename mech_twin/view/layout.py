@@ -37,7 +37,6 @@ IMPACTS = "impacts"
 METRICS = "metrics"
 BANNER = "banner"
 PHASE_PORTRAIT = "phase_portrait"
-PAPER = (244, 244, 240)
 ASPECT = 2.0
 LEGEND_SHARE = 0.45  # of the time shown, kept free right of the curves for their legend
 MOMENTS, FORCES = quantity_path("N m"), quantity_path("N")
@@ -126,12 +125,11 @@ def _banner() -> rrb.TextDocumentView:
 
 
 def _mechanism(bounds: Bounds | None) -> rrb.Spatial2DView:
+    # the ground is the theme's: the viewer's labels are light boxes on the light one, dark boxes on the dark one
     visible = None
     if bounds is not None:
         visible = rrb.VisualBounds2D(x_range=(bounds.left_m, bounds.right_m), y_range=(-bounds.high_m, -bounds.low_m))
-    return rrb.Spatial2DView(
-        origin="/", contents=[f"/{MECHANISM}/**"], name="Mechanism", background=PAPER, visual_bounds=visible
-    )
+    return rrb.Spatial2DView(origin="/", contents=[f"/{MECHANISM}/**"], name="Mechanism", visual_bounds=visible)
 
 
 def _curve_stack(contents: SceneContents, window_s: float, last: Sequence[rrb.View | rrb.Tabs]) -> rrb.Vertical | None:

@@ -33,6 +33,7 @@ from mech_twin.view.phase_portrait import PhasePortrait
 from mech_twin.view.sending import AT_ONCE, Sending
 
 VIEW_RATE_HZ = 30.0
+ROUNDING_M_PER_S = 1e-9  # a slower contact is at rest but for rounding
 FLUSH_S = 0.1  # drawings of this time (s) go to the viewer in one message
 
 
@@ -301,7 +302,7 @@ def _picture(time_s: float) -> int:
 def event_line(event: Event) -> str:
     """Return the event as text: kind, contact, velocities before and after, impulse, cycle."""
     words = [f"{event.time_s:.6f} s  {event.kind} ({event.contact})"]
-    if event.pre_velocity_m_per_s != 0.0 or event.post_velocity_m_per_s != 0.0:
+    if max(abs(event.pre_velocity_m_per_s), abs(event.post_velocity_m_per_s)) > ROUNDING_M_PER_S:
         words.append(f"{event.pre_velocity_m_per_s:+.4g} -> {event.post_velocity_m_per_s:+.4g} m/s")
     if event.impulse_ns != 0.0:
         words.append(f"{event.impulse_ns:.4g} N s")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the README shows works as it stands there."""
+"""What the README and the page on own nodes show works as it stands there."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
 def test_the_integration_example_halves_the_speed_of_a_running_machine(ros_domain: int, tmp_path: Path) -> None:
-    integrating = README[README.index("## Integrating over topics") :]
-    example = re.search(r"```python\n(.*?)```", integrating, re.DOTALL)
+    page = (ROOT / "docs" / "tutorials" / "own-node.md").read_text(encoding="utf-8")
+    example = re.search(r"```python\n(.*?)```", page, re.DOTALL)
     assert example is not None
     (tmp_path / "example.py").write_text(example.group(1), encoding="utf-8")
     words = ["run", "vibration_crank", "--no-record", "--view", "none"]

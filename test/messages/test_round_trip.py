@@ -12,7 +12,7 @@ from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
 
 from mech_twin.engine.run import frames
-from mech_twin.messages import body, force, linkage, motor, scene, step_message
+from mech_twin.messages import body, force, linkage, motor, scene, step_message, step_table
 from mech_twin.samples import Coordinate, Drawing, Event, LinkageSample, Named
 
 
@@ -69,12 +69,12 @@ def test_joints_are_matched_by_name() -> None:
     shuffled = sample()._replace(
         joints=("rocker", "crank"), position=(2.0, 1.0), velocity=(4.0, 3.0), effort=(6.0, 5.0)
     )
-    assert step_message.arranged(shuffled, ("crank", "rocker")) == sample()
+    assert step_table.arranged(shuffled, ("crank", "rocker")) == sample()
 
 
 def test_a_missing_joint_is_named() -> None:
     with pytest.raises(step_message.MessageError, match="coupler"):
-        step_message.arranged(sample(), ("crank", "coupler"))
+        step_table.arranged(sample(), ("crank", "coupler"))
 
 
 @pytest.mark.parametrize("bad", [float("nan"), float("inf"), -float("inf")])

@@ -14,7 +14,8 @@ from mech_twin.engine.run import frames
 from mech_twin.messages import force, linkage, motor
 from mech_twin.messages.joint_state_cdr import CdrError, Decoder, encoded
 from mech_twin.messages.step_head import StepHead, StepHeadReader
-from mech_twin.messages.step_message import SOURCE, STEP, MessageError, Row, revision_row, source, step_index
+from mech_twin.messages.step_marks import revision_row, source
+from mech_twin.messages.step_message import SOURCE, STEP, MessageError, Row, step_index
 
 MARKS = (revision_row(3, 17.0), Row(SOURCE, 2.0**47 + 1.0))
 

@@ -132,13 +132,12 @@ def test_manifest_names_every_key_that_rosdep_has() -> None:
 
 
 def test_what_rosdep_lacks_stands_in_the_page_on_native_installation() -> None:
-    for name in ("docs/native.md", "README.md"):
-        page = (ROOT / name).read_text(encoding="utf-8")
-        command = re.search(r"^pip install ('.+)$", page, re.MULTILINE)
-        assert command is not None
-        named = {word.strip("'") for word in command.group(1).split()}
-        assert {canonical(re.split(r">=", word)[0]) for word in named} >= DECLARED[""] - set(ROSDEP)
-        assert named <= set(REQUIRED), "a bound differs from that of setup.py"
+    page = (ROOT / "docs" / "native.md").read_text(encoding="utf-8")
+    command = re.search(r"^pip install ('.+)$", page, re.MULTILINE)
+    assert command is not None
+    named = {word.strip("'") for word in command.group(1).split()}
+    assert {canonical(re.split(r">=", word)[0]) for word in named} >= DECLARED[""] - set(ROSDEP)
+    assert named <= set(REQUIRED), "a bound differs from that of setup.py"
 
 
 HEADLESS = """

@@ -14,6 +14,7 @@ import yaml
 from ci_scripts import ci_script
 
 from mech_twin.cli.main import app
+from mech_twin.cli.metric_groups import grouped, headlines
 from mech_twin.engine import crank_piece
 from mech_twin.engine.coupling import RESET
 from mech_twin.engine.run import frames
@@ -199,6 +200,23 @@ WORDS = {
 @pytest.mark.parametrize(("kind", "word"), [(kind, word) for kind in WORDS for word in sorted(WORDS[kind])])
 def test_glossary_explains_every_name_a_run_shows(kind: str, word: str) -> None:
     assert re.search(rf"^\| [^|]*`{re.escape(word)}`", page("glossary.md"), re.MULTILINE), f"{kind} {word}"
+
+
+def run_numbers(name: str, duration_s: float) -> dict[str, float]:
+    machine = CATALOGUE[name].build(machine_parameters(name))
+    observer = machine.observer()
+    for frame in frames(machine, duration_s):
+        observer.observe(frame)
+    return dict(observer.numbers())
+
+
+@pytest.mark.parametrize("name", CATALOGUE)
+def test_glossary_explains_every_headline_of_a_run(name: str) -> None:
+    table = page("glossary.md").partition("## Headline metrics")[2].partition("\n## ")[0]
+    explained = {word for row in table.splitlines() if row.startswith("| `") for word in re.findall(r"`(\w+)`", row)}
+    shown = {key for group, own in grouped(run_numbers(name, 0.6)).items() for key in headlines(own, group)}
+    assert shown
+    assert shown <= explained
 
 
 @pytest.mark.slow

@@ -13,17 +13,9 @@ from sensor_msgs.msg import JointState
 
 from mech_twin.engine.run import frames
 from mech_twin.messages import body, force, linkage, motor
-from mech_twin.messages.step_message import (
-    EVENT,
-    MEMORY,
-    RESIDUAL,
-    REVISION,
-    STEP,
-    MessageError,
-    arranged,
-    revision,
-    source,
-)
+from mech_twin.messages.step_marks import revision, source
+from mech_twin.messages.step_message import EVENT, MEMORY, RESIDUAL, REVISION, STEP, MessageError
+from mech_twin.messages.step_table import arranged
 
 MUTATIONS = 1000
 NUMBERS = (float("nan"), float("inf"), -float("inf"), 0.0, -1.0, 1e300, -1e300, 5e-324, 2.0**63)

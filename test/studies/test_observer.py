@@ -46,6 +46,10 @@ def observer_of(name: str, channels: list[tuple[str, float]]) -> PhaseLockedObse
     )
 
 
+def wrong_of(name: str, seed: int) -> Machine:
+    return wrong_machine(built(name).parameters, catalogue_entry(name).build, seed)
+
+
 def followed(
     observer: PhaseLockedObserver, machine: Machine, channels: list[tuple[str, float]], rate_hz: float, seed: int
 ) -> list[tuple[FrameEstimate, np.ndarray]]:
@@ -122,7 +126,7 @@ def test_the_sigma_of_the_impact_mass_holds_with_noise_and_wrong_parameters() ->
     inside = []
     for seed in range(6):
         observer = observer_of("impact_mass", channels)
-        pairs = followed(observer, wrong_machine("impact_mass", seed), channels, 500.0, seed)
+        pairs = followed(observer, wrong_of("impact_mass", seed), channels, 500.0, seed)
         assert observer.counts["lost"] == 0
         inside.append(share_inside(observer, pairs, names))
     assert np.mean(inside) >= 0.95
@@ -137,12 +141,11 @@ def test_the_state_of_a_frame_is_found_and_drives_have_an_unknown_offset() -> No
 def test_two_sigma_hold_95_percent_with_noise_and_wrong_parameters() -> None:
     inside = []
     for seed in range(6):
-        observer, build = observer_of("vibration_crank", [CRANK]), catalogue_entry("vibration_crank").build
+        observer = observer_of("vibration_crank", [CRANK])
         forces = [name for name in observer.columns if name.startswith("forces.") and name.endswith("_n")]
         names = [*forces, "linkage.crank.effort", "linkage.slider.position", "linkage.slider.velocity"]
         moving = [name for name in names if np.ptp(observer.run.settled[:, observer.columns[name]]) > 0.0]
-        wrong = wrong_machine(built("vibration_crank").parameters, build, seed)
-        pairs = followed(observer, wrong, [CRANK], 100.0, seed)
+        pairs = followed(observer, wrong_of("vibration_crank", seed), [CRANK], 100.0, seed)
         assert len(pairs) > 80
         inside.append(share_inside(observer, pairs, moving))
     assert np.mean(inside) >= 0.95

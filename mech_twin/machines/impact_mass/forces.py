@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from mech_twin.engine.compiled_roles import CompiledForces
 from mech_twin.engine.compiled_steps import force_step, step_of
@@ -23,29 +23,9 @@ from mech_twin.engine.sample_vectors import (
 )
 from mech_twin.kernel import kernel
 from mech_twin.machines.impact_mass.contact_estimate import ContactEstimate, contact_estimate
-from mech_twin.machines.impact_mass.mass_row import (
-    CONTACTS,
-    ENERGIES,
-    FIRST_ACCELERATION,
-    MASS,
-    MEMORY_AT,
-    ORIGIN_STEP,
-    RESTITUTION,
-    SECOND_ACCELERATION,
-)
-from mech_twin.machines.impact_mass.memory import MassMemory
+from mech_twin.machines.impact_mass.mass_row import CONTACTS
+from mech_twin.machines.impact_mass.memory import memory_of
 from mech_twin.machines.impact_mass.states import IMPACT, KIND_NAMES, STUCK
-
-ANCHOR_PERIOD, MODE, LAST_IMPULSE, LAST_IMPACTS, STEP_IMPULSE = (
-    MassMemory._fields.index(name)
-    for name in (
-        "anchor_period_1",
-        "mode_1",
-        "last_period_impulse_m_per_s",
-        "last_period_impacts_1",
-        "step_impulse_m_per_s",
-    )
-)
 
 
 class StopQuantities(NamedTuple):
@@ -78,7 +58,7 @@ class Stop(NamedTuple):
 
 
 @kernel
-def hardest_contact(model: Stop, memory: Array, log: Array, count: int) -> ContactEstimate:
+def hardest_contact(model: Stop, memory: Any, log: Array, count: int) -> ContactEstimate:
     """Return the contact of the fastest impact among the events."""
     hardest = -1
     for i in range(count):
@@ -87,11 +67,11 @@ def hardest_contact(model: Stop, memory: Array, log: Array, count: int) -> Conta
     if not model.stiff or hardest < 0:
         return ContactEstimate(0.0, 0.0, 0.0, 0.0)
     event = log[hardest]
-    tau_s = event[TIME] - memory[ORIGIN_STEP] * model.step_s - event[PERIOD] * model.period_s
-    acting = memory[FIRST_ACCELERATION] if tau_s <= model.phase1_s else memory[SECOND_ACCELERATION]
-    mass_kg = memory[MASS]
+    tau_s = event[TIME] - memory.origin_step_1 * model.step_s - event[PERIOD] * model.period_s
+    acting = memory.phase1_acceleration_m_per_s2 if tau_s <= model.phase1_s else memory.phase2_acceleration_m_per_s2
+    mass_kg = memory.mass_kg
     return contact_estimate(
-        mass_kg, event[PRE_VELOCITY], memory[RESTITUTION], model.stiffness_n_per_m, acting * mass_kg
+        mass_kg, event[PRE_VELOCITY], memory.restitution_1, model.stiffness_n_per_m, acting * mass_kg
     )
 
 
@@ -100,22 +80,22 @@ def stop_reaction(
     model: Stop, step: int, linkage: Array, log: Array, count: int, out: Array, loads: Array
 ) -> tuple[Array, int]:
     """Fill in the stop's reaction on the mass, its impulse in this step and its mean over the last full period."""
-    memory, force = linkage[MEMORY_AT:], linkage[LINKAGE_JOINTS + 2]
-    reaction = max(force, 0.0) if memory[MODE] == STUCK else 0.0
-    last_impulse_ns = memory[LAST_IMPULSE] * memory[MASS]
+    memory, force = memory_of(linkage), linkage[LINKAGE_JOINTS + 2]
+    reaction = max(force, 0.0) if memory.mode_1 == STUCK else 0.0
+    last_impulse_ns = memory.last_period_impulse_m_per_s * memory.mass_kg
     contact = hardest_contact(model, memory, log, count)
     values = StopQuantities(
-        memory[STEP_IMPULSE] * memory[MASS],
+        memory.step_impulse_m_per_s * memory.mass_kg,
         reaction,
         force,
         last_impulse_ns,
         last_impulse_ns / model.period_s,
-        memory[LAST_IMPACTS],
-        memory[ANCHOR_PERIOD],
-        memory[ENERGIES],
-        memory[ENERGIES + 1],
-        memory[ENERGIES + 2],
-        memory[ENERGIES + 3],
+        memory.last_period_impacts_1,
+        memory.anchor_period_1,
+        memory.step_drive_work_j,
+        memory.step_stop_loss_j,
+        memory.step_change_work_j,
+        memory.step_change_momentum_ns,
         contact.peak_force_n,
         contact.contact_time_s,
         contact.loss_j,

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from mech_twin.engine.compiled_steps import linkage_step, log_event, motor_step, step_of
 from mech_twin.engine.sample_vectors import (
@@ -15,28 +15,21 @@ from mech_twin.engine.sample_vectors import (
     Array,
 )
 from mech_twin.kernel import kernel
-from mech_twin.machines.impact_mass.dynamics import ImpactSystem, MassMotion
-from mech_twin.machines.impact_mass.memory import UNPACKED_COUNTS, UNPACKED_MOTION, MassMemory
+from mech_twin.machines.impact_mass.dynamics import ImpactSystem
+from mech_twin.machines.impact_mass.memory import (
+    RESIDUALS_AT,
+    counts_of,
+    fill_memory,
+    fill_motion,
+    memory_of,
+    motion_of,
+)
 from mech_twin.machines.impact_mass.states import KIND_CONTACTS, PHASE_1
-from mech_twin.machines.impact_mass.step import RunningCounts, mass_step, reanchored, rescaled
+from mech_twin.machines.impact_mass.step import mass_step, reanchored, rescaled
 from mech_twin.parts.supply import limited_command
 
 CONTACTS = tuple(dict.fromkeys(KIND_CONTACTS))
 CONTACT_OF_KIND = tuple(CONTACTS.index(contact) for contact in KIND_CONTACTS)
-MEMORY_AT = LINKAGE_JOINTS + 3
-RESIDUALS_AT = MEMORY_AT + len(MassMemory._fields)
-PHASE, FIRST_ACCELERATION, SECOND_ACCELERATION, RESTITUTION, ORIGIN_STEP, MASS = (
-    MassMemory._fields.index(name)
-    for name in (
-        "phase_1",
-        "phase1_acceleration_m_per_s2",
-        "phase2_acceleration_m_per_s2",
-        "restitution_1",
-        "origin_step_1",
-        "mass_kg",
-    )
-)
-ENERGIES = MassMemory._fields.index("step_drive_work_j")
 
 
 class Generator(NamedTuple):
@@ -65,7 +58,7 @@ def generator_force(model: Generator, linkage: Array, target: float, out: Array)
     out[:] = 0.0
     out[MOTOR_COMMAND] = command
     out[MOTOR_JOINTS], out[MOTOR_JOINTS + 1] = linkage[LINKAGE_JOINTS], linkage[LINKAGE_JOINTS + 1]
-    out[MOTOR_JOINTS + 2] = level1 if linkage[MEMORY_AT + PHASE] == PHASE_1 else level2
+    out[MOTOR_JOINTS + 2] = level1 if memory_of(linkage).phase_1 == PHASE_1 else level2
     out[MOTOR_JOINTS + 5], out[MOTOR_JOINTS + 8] = level1, level2
 
 
@@ -78,41 +71,26 @@ def under_levels(model: StoppedMass, level1_n: float, level2_n: float) -> Impact
 
 
 @kernel
-def motion_of(memory: Array) -> MassMotion:
-    """Return the motion at its anchor."""
-    return MassMotion(memory[0], memory[1], memory[2], memory[3], memory[4], memory[5], memory[6], memory[7], memory[8])
-
-
-@kernel
-def counts_of(memory: Array) -> RunningCounts:
-    """Return the running counts."""
-    m = memory[UNPACKED_MOTION:UNPACKED_COUNTS]
-    return RunningCounts(m[0], m[1], m[2], m[3], m[4], m[5], m[6])
-
-
-@kernel
-def acted_before(now: ImpactSystem, memory: Array) -> ImpactSystem:
+def acted_before(now: ImpactSystem, memory: Any) -> ImpactSystem:
     """Return what acted on the mass in the step before; ``now`` gives times and the rule of the series."""
     return ImpactSystem(
         now.period_s,
         now.phase1_s,
-        memory[FIRST_ACCELERATION],
-        memory[SECOND_ACCELERATION],
-        memory[RESTITUTION],
+        memory.phase1_acceleration_m_per_s2,
+        memory.phase2_acceleration_m_per_s2,
+        memory.restitution_1,
         now.listed,
         now.exact,
     )
 
 
 @kernel
-def fill_memory(motion: MassMotion, counts: RunningCounts, system: ImpactSystem, memory: Array) -> None:
-    """Fill in motion, counts and what acts; origin, mass and energies are left as they are."""
-    for i in range(len(motion)):
-        memory[i] = motion[i]
-    for i in range(len(counts)):
-        memory[UNPACKED_MOTION + i] = counts[i]
-    memory[FIRST_ACCELERATION], memory[SECOND_ACCELERATION] = system.acceleration1, system.acceleration2
-    memory[RESTITUTION] = system.restitution
+def anchor_at(model: StoppedMass, linkage: Array, step: int) -> None:
+    """Tell the motion of a linkage row from this step on, not from its last event: the same motion."""
+    memory = memory_of(linkage)
+    before = acted_before(model.system, memory)
+    motion = reanchored(motion_of(memory), before, before, step - memory.origin_step_1, model.step_s)
+    fill_motion(motion, memory)
 
 
 @step_of(linkage_step, StoppedMass)
@@ -120,27 +98,27 @@ def mass_on_stop(
     model: StoppedMass, step: int, linkage: Array, motor: Array, body: Array, out: Array, log: Array
 ) -> tuple[Array, int]:
     """Fill in the mass one coupling step later, with every event in between at its own time."""
-    memory, levels = linkage[MEMORY_AT:RESIDUALS_AT], (motor[MOTOR_JOINTS + 5], motor[MOTOR_JOINTS + 8])
+    memory, levels = memory_of(linkage), (motor[MOTOR_JOINTS + 5], motor[MOTOR_JOINTS + 8])
     system = under_levels(model, levels[0], levels[1])
-    steps, before = step - memory[ORIGIN_STEP], acted_before(system, memory)
+    steps, before = step - memory.origin_step_1, acted_before(system, memory)
     motion = motion_of(memory)
     if before != system:
         motion = reanchored(motion, before, system, steps, model.step_s)
-    counts = rescaled(counts_of(memory), memory[MASS] / model.mass_kg)
+    counts = rescaled(counts_of(memory), memory.mass_kg / model.mass_kg)
     done = mass_step(motion, system, counts, steps + 1.0, model.step_s)
-    velocity, added_kg = linkage[LINKAGE_JOINTS + 1], model.mass_kg - memory[MASS]
-    after = out[MEMORY_AT:RESIDUALS_AT]
+    velocity, added_kg = linkage[LINKAGE_JOINTS + 1], model.mass_kg - memory.mass_kg
+    after = memory_of(out)
     fill_memory(done.motion, done.counts, system, after)
-    after[ORIGIN_STEP], after[MASS] = memory[ORIGIN_STEP], model.mass_kg
-    after[ENERGIES] = done.balance.drive_work_m2_per_s2 * model.mass_kg
-    after[ENERGIES + 1] = done.balance.stop_loss_m2_per_s2 * model.mass_kg
-    after[ENERGIES + 2] = 0.5 * added_kg * (velocity * velocity)
-    after[ENERGIES + 3] = added_kg * velocity if added_kg != 0.0 else 0.0
+    after.origin_step_1, after.mass_kg = memory.origin_step_1, model.mass_kg
+    after.step_drive_work_j = done.balance.drive_work_m2_per_s2 * model.mass_kg
+    after.step_stop_loss_j = done.balance.stop_loss_m2_per_s2 * model.mass_kg
+    after.step_change_work_j = 0.5 * added_kg * (velocity * velocity)
+    after.step_change_momentum_ns = added_kg * velocity if added_kg != 0.0 else 0.0
     out[REGIME], out[COMMAND] = done.regime, motor[MOTOR_COMMAND]
     out[LINKAGE_JOINTS], out[LINKAGE_JOINTS + 1] = model.stop_m - done.gap_m, done.velocity_m_per_s
     out[LINKAGE_JOINTS + 2] = levels[0] if done.motion.phase == PHASE_1 else levels[1]
     out[RESIDUALS_AT], out[RESIDUALS_AT + 1] = done.residuals.momentum_balance, done.residuals.energy_balance
-    origin_s, latest_s = memory[ORIGIN_STEP] * model.step_s, (step + 1) * model.step_s
+    origin_s, latest_s = memory.origin_step_1 * model.step_s, (step + 1) * model.step_s
     for i in range(len(done.rows)):
         kind, period, tau, pre, post, impulse = done.rows[i, :6]
         time_s = min(origin_s + (period * system.period_s + tau), latest_s)

@@ -4,13 +4,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+from mech_twin.engine.records import record_of
+from mech_twin.engine.sample_vectors import LINKAGE_JOINTS, Array
+from mech_twin.kernel import kernel
 from mech_twin.machines.impact_mass.dynamics import ImpactSystem, MassMotion
 from mech_twin.machines.impact_mass.step import RunningCounts
-
-UNPACKED_MOTION = len(MassMotion._fields)
-UNPACKED_COUNTS = UNPACKED_MOTION + len(RunningCounts._fields)
 
 
 class MassMemory(NamedTuple):
@@ -71,3 +71,67 @@ def packed(
     """Return the memory of a step."""
     acting = (system.acceleration1, system.acceleration2, system.restitution)
     return MassMemory(*motion, *counts, *acting, origin_step, mass_kg, *energies)
+
+
+MEMORY = record_of(MassMemory)
+MEMORY_AT = LINKAGE_JOINTS + 3
+RESIDUALS_AT = MEMORY_AT + len(MassMemory._fields)
+
+
+@kernel
+def memory_of(row: Array) -> Any:
+    """Return the memory of a linkage row as a record that shares its numbers (see `engine.records`)."""
+    return row[MEMORY_AT:RESIDUALS_AT].view(MEMORY)[0]
+
+
+@kernel
+def motion_of(memory: Any) -> MassMotion:
+    """Return the motion at its anchor."""
+    return MassMotion(
+        memory.anchor_period_1,
+        memory.anchor_tau_s,
+        memory.phase_1,
+        memory.anchor_gap_m,
+        memory.anchor_velocity_m_per_s,
+        memory.mode_1,
+        memory.series_number_1,
+        memory.series_speed_m_per_s,
+        memory.series_tau_s,
+    )
+
+
+@kernel
+def counts_of(memory: Any) -> RunningCounts:
+    """Return the running counts."""
+    return RunningCounts(
+        memory.impacts_1,
+        memory.chatter_ends_1,
+        memory.period_impacts_1,
+        memory.last_period_impacts_1,
+        memory.period_impulse_m_per_s,
+        memory.last_period_impulse_m_per_s,
+        memory.step_impulse_m_per_s,
+    )
+
+
+@kernel
+def fill_motion(motion: MassMotion, memory: Any) -> None:
+    """Fill in the motion at its anchor; all else is left as it is."""
+    memory.anchor_period_1, memory.anchor_tau_s, memory.phase_1 = motion.period, motion.tau_s, motion.phase
+    memory.anchor_gap_m, memory.anchor_velocity_m_per_s = motion.gap_m, motion.velocity_m_per_s
+    memory.mode_1, memory.series_number_1 = motion.mode, motion.series_number
+    memory.series_speed_m_per_s, memory.series_tau_s = motion.series_speed_m_per_s, motion.series_tau_s
+
+
+@kernel
+def fill_memory(motion: MassMotion, counts: RunningCounts, system: ImpactSystem, memory: Any) -> None:
+    """Fill in motion, counts and what acts; origin, mass and energies are left as they are."""
+    fill_motion(motion, memory)
+    memory.impacts_1, memory.chatter_ends_1 = counts.impacts, counts.chatter_ends
+    memory.period_impacts_1, memory.last_period_impacts_1 = counts.period_impacts, counts.last_period_impacts
+    memory.period_impulse_m_per_s = counts.period_impulse_m_per_s
+    memory.last_period_impulse_m_per_s = counts.last_period_impulse_m_per_s
+    memory.step_impulse_m_per_s = counts.step_impulse_m_per_s
+    memory.phase1_acceleration_m_per_s2 = system.acceleration1
+    memory.phase2_acceleration_m_per_s2 = system.acceleration2
+    memory.restitution_1 = system.restitution

@@ -56,8 +56,8 @@ def pictures(parameters: ImpactMass) -> Iterator[Picture]:
 def _motion_panels(panels: list[Axes], shown: MotionCurves, period_s: float) -> None:
     panels[0].plot(1000.0 * shown.time_s, shown.position_m, color=BLUE)
     panels[1].plot(1000.0 * shown.time_s, shown.velocity_m_per_s, color=BLUE, linewidth=1.1)
-    panels[0].set_ylabel("position x, m")
-    panels[1].set_ylabel("velocity, m/s")
+    panels[0].set_ylabel(r"position $x$, m")
+    panels[1].set_ylabel(r"velocity $\dot{x}$, m/s")
     panels[1].set_xlabel("time, ms")
     for axes in panels[:2]:
         axes.set_xlim(0.0, 1000.0 * shown.time_s[-1])
@@ -83,9 +83,9 @@ def _figure_3(parameters: ImpactMass, name: str, t1: float, periods: int) -> Pic
     panels = [figure.add_subplot(grid[0, 0]), figure.add_subplot(grid[1, 0]), figure.add_subplot(grid[:, 1])]
     _motion_panels(panels, shown, case.period_s)
     panels[2].plot(later.position_m, later.velocity_m_per_s, color=RED, linewidth=0.8)
-    panels[2].set_xlabel("position x, m")
-    panels[2].set_ylabel("velocity, m/s")
-    panels[0].set_title(f"t1 = {1000.0 * t1:g} ms (Fig. 3{name})")
+    panels[2].set_xlabel(r"position $x$, m")
+    panels[2].set_ylabel(r"velocity $\dot{x}$, m/s")
+    panels[0].set_title(f"$t_1 = {1000.0 * t1:g}$ ms (Fig. 3{name})")
     panels[2].set_title(f"phase portrait, {periods} periods")
     ends = "1, 0, 1, 1, 1, then an endless series"
     if name == "b":
@@ -99,17 +99,17 @@ def _figure_4(parameters: ImpactMass) -> Picture:
     robust = with_phase2_force(made, BLOW_M_PER_S, -20.0)
     figure, panels = sheet(3, 1, 7.2, 6.4, sharex=True)
     for axes, case, title, colour in (
-        (panels[0], made, "synthesised cycle, T in full (Fig. 4)", BLUE),
-        (panels[1], rounded, "the same, T = 0.216 s as printed", RED),
-        (panels[2], robust.model_copy(update={"period_s": 0.216}), "robust cycle, T = 0.216 s", BLUE),
+        (panels[0], made, r"synthesised cycle, $T$ in full (Fig. 4)", BLUE),
+        (panels[1], rounded, r"the same, $T = 0.216$ s as printed", RED),
+        (panels[2], robust.model_copy(update={"period_s": 0.216}), r"robust cycle, $T = 0.216$ s", BLUE),
     ):
         shown = path(case, 10)
         axes.plot(shown.time_s, shown.velocity_m_per_s, color=colour)
-        axes.set_ylabel("velocity, m/s")
+        axes.set_ylabel(r"velocity $\dot{x}$, m/s")
         axes.set_title(title)
         axes.set_ylim(-16.0, 24.0)
     blows = [0.05 + n * made.period_s for n in range(10)]
-    published(panels[0], blows, [BLOW_M_PER_S] * 10, "published v- 20, v+ -6 m/s")
+    published(panels[0], blows, [BLOW_M_PER_S] * 10, r"published $v^- = 20$, $v^+ = -6$ m/s")
     published(panels[0], blows, [-parameters.restitution * BLOW_M_PER_S] * 10, "")
     panels[0].legend(loc="lower right")
     panels[2].set_xlabel("time, s")

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import cmath
 import math
 from typing import Literal
 
@@ -16,19 +15,18 @@ from mech_twin.machines.mb10_breaker.coupling_limits import (
     longest_step_s,
     longest_swing_step_s,
 )
+from mech_twin.machines.mb10_breaker.linkage_parameters import LinkageParameters, rocker_angle, start_angle
 from mech_twin.machines.mb10_breaker.pressed_body.parameters import (
     BodyParameters,
     ExcitationParameters,
     stiffness_refusal,
 )
-from mech_twin.parts.four_bar import OPEN, FourBar, failing_inequality
 from mech_twin.parts.friction import Friction
 from mech_twin.parts.gear import Gear
 from mech_twin.parts.induction_motor import InductionMotorParameters, motor_constants
 from mech_twin.parts.supply import SupplyParameters
 from mech_twin.quantity import Parameters, choice, quantity
 
-LEAST_TRANSMISSION_DEG = 5.0
 STIFFEST_N_PER_M = 1e8  # of the springs, where the body follows the forces of the linkage
 LONGEST_STEP_S = 0.005
 LONGEST_TURN_RAD = 0.135  # of the crank in a step: the moment on the body is a line between the ends of the step
@@ -38,111 +36,7 @@ FASTEST_STOP_RAD_PER_S2 = 1e5  # of crank and body by Coulomb friction: a stop i
 MOST_DECAYS = 0.5  # of the shaft in a step; the extrapolated torque is stable below it
 MOST_MOVED = 100.0  # masses of coupler and rocker at the crank pin over the inertia of crank and rotor
 MOST_SWING_RAD = 500.0  # of the body on its spring in one coupling step
-MOST_REACH = 10.0  # of centroids and striker, in lengths of the longest link
 LARGEST_OVERTRAVEL = 0.5  # of the striker's stroke: the tool stands in its way in the first half of its way back
-
-
-class LinkageParameters(Parameters):
-    """The crank-rocker MO-10: lengths, masses and the arm that strikes."""
-
-    crank_m: float = quantity("m", "crank length", gt=0.0)
-    coupler_m: float = quantity("m", "coupler length", gt=0.0)
-    rocker_m: float = quantity("m", "rocker length, bearing to coupler pin", gt=0.0)
-    ground_m: float = quantity("m", "distance of the crank and rocker bearings on the body", gt=0.0)
-    striker_arm_m: float = quantity("m", "arm of the striking face about the rocker bearing", gt=0.0)
-    striker_angle_deg: float = quantity("deg", "angle from the rocker to the striker arm", ge=-180.0, le=180.0)
-    crank_mass_kg: float = quantity("kg", "mass of crank and flywheel", gt=0.0)
-    crank_inertia_kg_m2: float = quantity("kg m^2", "inertia of crank and flywheel about the crank axis", gt=0.0)
-    crank_centroid_along_m: float = quantity("m", "crank centroid from its axis along the crank", default=0.0)
-    crank_centroid_across_m: float = quantity("m", "crank centroid across the crank", default=0.0)
-    coupler_mass_kg: float = quantity("kg", "mass of the coupler", gt=0.0)
-    coupler_inertia_kg_m2: float = quantity("kg m^2", "inertia of the coupler about its centroid", ge=0.0)
-    coupler_centroid_along_m: float = quantity("m", "coupler centroid from the crank pin along the coupler")
-    coupler_centroid_across_m: float = quantity("m", "coupler centroid across the coupler", default=0.0)
-    rocker_mass_kg: float = quantity("kg", "mass of rocker and striker", gt=0.0)
-    rocker_inertia_kg_m2: float = quantity("kg m^2", "inertia of rocker and striker about the rocker bearing", gt=0.0)
-    rocker_centroid_along_m: float = quantity("m", "rocker centroid from its bearing along the rocker")
-    rocker_centroid_across_m: float = quantity("m", "rocker centroid across the rocker", default=0.0)
-    initial_crank_deg: float = quantity("deg", "crank angle at the start, from the line of the bearings", default=0.0)
-
-    @property
-    def four_bar(self) -> FourBar:
-        """The linkage in the body's frame: origin on the crank axis, x towards the rocker bearing."""
-        return FourBar(self.crank_m, self.coupler_m, self.rocker_m, self.ground_m, 0.0, OPEN)
-
-    @model_validator(mode="after")
-    def _turns_fully(self) -> LinkageParameters:
-        failing = failing_inequality(self.four_bar, crank_rocker=True)
-        if failing:
-            raise ValueError(failing)
-        sharpest = min(
-            transmission_deg(self, self.ground_m - self.crank_m), transmission_deg(self, self.ground_m + self.crank_m)
-        )
-        if sharpest < LEAST_TRANSMISSION_DEG:
-            raise ValueError(
-                f"the transmission angle between coupler_m and rocker_m falls to {sharpest:.3g} deg with ground_m "
-                f"{self.ground_m:g}: at least {LEAST_TRANSMISSION_DEG:g} deg keep the linkage from a change point"
-            )
-        reach = MOST_REACH * max(self.ground_m, self.coupler_m, self.rocker_m)
-        for link in ("crank", "coupler", "rocker"):
-            for key in (f"{link}_centroid_along_m", f"{link}_centroid_across_m"):
-                if abs(getattr(self, key)) > reach:
-                    raise ValueError(
-                        f"{key} must be at most {reach:.6g} m either way, {MOST_REACH:g} times the longest link; "
-                        f"got {getattr(self, key):g}"
-                    )
-        for link in ("crank", "coupler", "rocker"):
-            inertia, most = getattr(self, f"{link}_inertia_kg_m2"), getattr(self, f"{link}_mass_kg") * reach * reach
-            if inertia > most:
-                raise ValueError(
-                    f"{link}_inertia_kg_m2 must be at most {most:.6g}, {link}_mass_kg at {MOST_REACH:g} times the "
-                    f"longest link; got {inertia:g}"
-                )
-        if self.striker_arm_m > reach:
-            raise ValueError(
-                f"striker_arm_m must be at most {reach:.6g} m, {MOST_REACH:g} times the longest link; "
-                f"got {self.striker_arm_m:g}"
-            )
-        own = self.crank_mass_kg * (self.crank_centroid_along_m**2 + self.crank_centroid_across_m**2)
-        if self.crank_inertia_kg_m2 < own:
-            raise ValueError(
-                f"crank_inertia_kg_m2 is about the crank axis and must be at least mass x centroid distance squared = "
-                f"{own:.6g} kg m^2; got {self.crank_inertia_kg_m2:g}"
-            )
-        own = self.rocker_mass_kg * (self.rocker_centroid_along_m**2 + self.rocker_centroid_across_m**2)
-        if self.rocker_inertia_kg_m2 <= own:
-            raise ValueError(
-                f"rocker_inertia_kg_m2 is about the bearing and must exceed mass x centroid distance squared = "
-                f"{own:.6g} kg m^2; got {self.rocker_inertia_kg_m2:g}"
-            )
-        return self
-
-
-def _angle_between(first_m: float, second_m: float, across_m: float) -> float:
-    """Return the angle (rad) between two sides of a triangle from the length of the third."""
-    cosine = (first_m**2 + second_m**2 - across_m**2) / (2.0 * first_m * second_m)
-    return math.acos(min(max(cosine, -1.0), 1.0))
-
-
-def transmission_deg(link: LinkageParameters, across_m: float) -> float:
-    """Return the acute angle (deg) of coupler and rocker, the crank pin this far (m) from the rocker bearing."""
-    angle = math.degrees(_angle_between(link.coupler_m, link.rocker_m, across_m))
-    return min(angle, 180.0 - angle)
-
-
-def rocker_angle(link: LinkageParameters, reach_m: float) -> float:
-    """Return the angle (rad) between rocker and ground link, the rocker pin this far (m) from the crank axis."""
-    return _angle_between(link.rocker_m, link.ground_m, reach_m)
-
-
-def start_angle(link: LinkageParameters) -> float:
-    """Return the angle (rad) between rocker and ground link at the start."""
-    pin = cmath.rect(link.crank_m, math.radians(link.initial_crank_deg))
-    span = link.ground_m - pin
-    joint = pin + cmath.rect(
-        link.coupler_m, cmath.phase(span) - _angle_between(abs(span), link.coupler_m, link.rocker_m)
-    )
-    return rocker_angle(link, abs(joint))
 
 
 class ToolParameters(Parameters):
@@ -222,8 +116,7 @@ class BreakerParameters(Parameters):
 
     @model_validator(mode="after")
     def _crank_turns_the_linkage(self) -> BreakerParameters:
-        shaft = self.linkage.crank_inertia_kg_m2 + self.gear.ratio**2 * self.motor.rotor_inertia_kg_m2
-        most = MOST_MOVED * shaft / self.linkage.crank_m**2
+        most = MOST_MOVED * self.shaft_inertia_kg_m2 / self.linkage.crank_m**2
         moved = self.linkage.coupler_mass_kg + self.linkage.rocker_mass_kg
         if moved > most:
             raise ValueError(
@@ -251,9 +144,8 @@ class BreakerParameters(Parameters):
                 f"friction.viscous_nms_per_rad must be at most {most:.4g}, {FASTEST_DECAY_PER_S:g}/s times "
                 f"linkage.crank_inertia_kg_m2; got {self.friction.viscous_nms_per_rad:g}"
             )
-        shaft = self.linkage.crank_inertia_kg_m2 + self.gear.ratio**2 * self.motor.rotor_inertia_kg_m2
         for key, torque, inertia in (
-            ("friction.coulomb_nm", self.friction.coulomb_nm, shaft),
+            ("friction.coulomb_nm", self.friction.coulomb_nm, self.shaft_inertia_kg_m2),
             ("body.friction.coulomb_nm", self.body.friction.coulomb_nm, self.body.inertia_kg_m2),
         ):
             if torque > FASTEST_STOP_RAD_PER_S2 * inertia:
@@ -266,8 +158,7 @@ class BreakerParameters(Parameters):
     @model_validator(mode="after")
     def _wall_stops_the_crank_in_time(self) -> BreakerParameters:
         link = self.linkage
-        shaft = link.crank_inertia_kg_m2 + self.gear.ratio**2 * self.motor.rotor_inertia_kg_m2
-        most = FASTEST_WALL_RAD_PER_S2 * shaft * link.rocker_m / (link.striker_arm_m * link.crank_m)
+        most = FASTEST_WALL_RAD_PER_S2 * self.shaft_inertia_kg_m2 * link.rocker_m / (link.striker_arm_m * link.crank_m)
         if self.tool.wall_force_n > most:
             raise ValueError(
                 f"tool.wall_force_n must be at most {most:.6g} N, {FASTEST_WALL_RAD_PER_S2:g} rad/s2 of crank and "
@@ -337,6 +228,11 @@ class BreakerParameters(Parameters):
     def synchronous_crank_rad_per_s(self) -> float:
         """Crank speed (rad/s) at which the motor would turn with its field."""
         return self.motor.synchronous_speed_rpm * math.pi / 30.0 / self.gear.ratio
+
+    @property
+    def shaft_inertia_kg_m2(self) -> float:
+        """Inertia of crank and flywheel, and of the rotor as the gear's output carries it."""
+        return self.linkage.crank_inertia_kg_m2 + self.gear.ratio**2 * self.motor.rotor_inertia_kg_m2
 
 
 def shaft_time_s(p: BreakerParameters) -> float:

@@ -36,7 +36,7 @@ def _spring(parameters: BreakerParameters) -> Picture:
     for preload, colour, style in ((0.0, BLUE, "-"), (PRELOAD_M, RED, "--")):
         points = swing_curve(body, excitation, [float(rate) for rate in RATES], preload)
         rates = [point.spring_rate_n_per_m / 1000.0 for point in points]
-        label = f"a = {1000.0 * preload:g} mm"
+        label = rf"$a = {1000.0 * preload:g}$ mm"
         if preload == 0.0:
             amplitude = [min(1000.0 * point.amplitude_rad, 1e4) for point in points]
             panels[0].loglog(rates, amplitude, color=colour, linestyle=style, label=f"periodic regime, {label}")
@@ -54,7 +54,7 @@ def _spring(parameters: BreakerParameters) -> Picture:
     panels[1].set_ylim(5.0, 2e4)
     panels[0].set_ylabel("amplitude of the swing, mrad")
     panels[1].set_ylabel("largest pressing force, N")
-    panels[1].set_xlabel("spring rate c, kN/m")
+    panels[1].set_xlabel(r"spring rate $c$, kN/m")
     panels[0].set_title("Swing of the body against spring rate, no collar")
     caption = (
         "Undamped, from rest, it never settles but beats about the periodic regime. Dotted: resonances k = n omega."
@@ -81,8 +81,8 @@ def _preload(parameters: BreakerParameters) -> Picture:
         axes.set_ylabel(name)
         axes.set_ylim(bottom=0.0)
     panels[0].legend(loc="upper right")
-    panels[0].set_title("What preload buys: the rational range, k = 0.3 omega, half sine")
-    panels[2].set_xlabel("preload ratio p = c a l/|H|")
+    panels[0].set_title("What preload buys: the rational range, $k = 0.3 \\omega$, half sine")
+    panels[2].set_xlabel(r"preload ratio $p = c\,a\,l/|H|$")
     panels[2].set_xlim(0.0, 1.02)
     caption = "Shaded: settled before the next load. Dashed: the first return comes before the blow. Steady cycles."
     return Picture("mb10_breaker_preload", caption, figure)
@@ -96,7 +96,7 @@ def _pulses(approximated: BreakerParameters, parameters: BreakerParameters) -> P
     panels[0].plot(running.share, running.moment_nm, color=RED, label="running linkage, between blows")
     panels[0].plot([1.0, 1.0], [0.0, 60.0], color=RED, linewidth=4.0, alpha=0.5, label="blow")
     panels[0].set_xlim(0.0, 1.02)
-    panels[0].set_xlabel("part of the cycle t/T")
+    panels[0].set_xlabel(r"part of the cycle $t/T$")
     panels[0].set_ylabel("moment on the body, N m")
     panels[0].set_title("What loads the body (Fig. 3)")
     panels[0].legend(loc="lower center")

@@ -8,7 +8,7 @@ from math import radians
 from mech_twin.capabilities.mechanism import ROOT, Bar, FrameTree, Joint, Loop, Point, fixed, sliding, turning
 from mech_twin.machines.planar_linkage.parameters import Dyad, PlanarLinkageParameters
 
-COLOURS = ((60, 90, 180), (90, 140, 60), (200, 140, 40), (130, 80, 160))
+COLOURS = ((75, 115, 205), (90, 140, 60), (200, 140, 40), (150, 95, 185))
 RED = (200, 60, 40)
 
 

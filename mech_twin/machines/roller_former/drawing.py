@@ -80,7 +80,7 @@ def _cart_shapes(former: Former, index: int, psi: float, x: float) -> list[Shape
             f"guide_rollers_{number}",
             "points",
             ((middle - bank.b_m, 0.0), (middle + bank.b_m, 0.0)),
-            (60, 60, 60),
+            STEEL,
             0.06,
         ),
         Shape(f"forming_rollers_{number}", "points", tuple(rollers), (90, 90, 90), 0.03),

@@ -21,7 +21,7 @@ from mech_twin.kernel import kernel
 from mech_twin.machines.roller_former.cart_parameters import REVERSING
 from mech_twin.machines.roller_former.cart_statics import cart_motion, guide_reactions, rod_force, rod_weight_moment
 from mech_twin.machines.roller_former.dynamics import Array, Former, at_motor
-from mech_twin.machines.roller_former.former_row import CARTS_AT, CRANK_AT, DRIVE_AT, TWIST_AT
+from mech_twin.machines.roller_former.memory import CARTS_AT, shaft_of
 
 
 class FormerQuantities(NamedTuple):
@@ -192,9 +192,11 @@ def fill_forces(
     pulls = np.empty(carts)
     for cart in range(carts):
         pulls[cart] = linkage[CARTS_AT + 6 * cart + 2]
-    efforts = (linkage[DRIVE_AT + 2], linkage[CRANK_AT + 2], linkage[TWIST_AT + 2])
-    crank, speed, drive_speed = linkage[CRANK_AT], linkage[CRANK_AT + 1], linkage[DRIVE_AT + 1]
-    forces, shaft, quantities, residual = former_forces(former, crank, speed, drive_speed, efforts, pulls)
+    now = shaft_of(linkage)
+    efforts = (now.drive_nm, now.crank_nm, now.twist_nm)
+    forces, shaft, quantities, residual = former_forces(
+        former, now.crank_rad, now.crank_rad_per_s, now.drive_rad_per_s, efforts, pulls
+    )
     out[BODY_MOMENT] = 0.0
     out[PINS], out[PINS + 1], out[PINS + 2] = -shaft.x_n, -shaft.y_n, quantities.coupling_moment_nm
     at = PINS + 3

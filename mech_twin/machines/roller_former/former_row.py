@@ -4,12 +4,12 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from mech_twin.engine.compiled_steps import linkage_step, log_event, step_of
-from mech_twin.engine.sample_vectors import COMMAND, LINKAGE_JOINTS, MOTOR_COMMAND, MOTOR_JOINTS, REGIME, Array
+from mech_twin.engine.sample_vectors import MOTOR_COMMAND, MOTOR_JOINTS, Array
 from mech_twin.kernel import kernel
 from mech_twin.machines.roller_former.cart_statics import cart_load, cart_motion, load_moment, rod_weight_moment
 from mech_twin.machines.roller_former.dynamics import (
@@ -27,18 +27,11 @@ from mech_twin.machines.roller_former.dynamics import (
 )
 from mech_twin.machines.roller_former.events import EventLog, empty_log
 from mech_twin.machines.roller_former.integration import DONE, MOST_STEPS, TOO_SHORT, Advance, advance_motion
-from mech_twin.machines.roller_former.memory import FormerMemory
+from mech_twin.machines.roller_former.memory import CARTS_AT, memory_of, residuals_of, shaft_of
 
 KINK = 1e-9  # a second difference of the command above this is a corner: the torque before it tells nothing of after
 TURN = 2.0 * np.pi
 RUNNING, HELD, STALLED = 0, 1, 2
-# places in a row: joints of the shaft, then cart and rod of each crank
-DRIVE_AT, CRANK_AT, TWIST_AT, CARTS_AT = (LINKAGE_JOINTS + 3 * joint for joint in range(4))
-MEMORY_SIZE = len(FormerMemory._fields)
-(
-    MOTOR_TORQUE, TORQUE_KNOWN, COMMAND_CHANGE, DIRECTION, DRIVE_DIRECTION, LOAD_ON, LOAD_SHARE, SLOW, IS_STALLED,
-    MOTOR_WORK, DAMPING_WORK, LOAD_WORK, FRICTION_WORK, CHANGE_WORK, STORED, TURN_ERROR, TURN_TURNOVER,
-) = range(MEMORY_SIZE)  # fmt: skip
 FAILURES = (
     "roller_former: no integration step is small enough: integrator.tolerance is too tight",
     f"roller_former: more than {MOST_STEPS} integration steps: drive or carts are too stiff for coupling.step_s",
@@ -114,28 +107,30 @@ def coupled_step(
 
 
 @kernel
-def modes_of(memory: Array) -> Modes:
+def modes_of(memory: Any) -> Modes:
     """Return the modes of a memory; sense of the torque and first step to try are found anew in each step."""
     return Modes(
-        memory[DIRECTION],
-        memory[DRIVE_DIRECTION],
+        memory.direction_1,
+        memory.drive_direction_1,
         1.0,
-        memory[LOAD_ON] > 0.0,
-        memory[LOAD_SHARE],
-        memory[SLOW],
-        memory[IS_STALLED] > 0.0,
+        memory.load_on_1 > 0.0,
+        memory.load_share_1,
+        memory.slow_s,
+        memory.stalled_1 > 0.0,
         0.0,
     )
 
 
 @kernel
 def book_step(
-    past: Array, shaft_nm: float, change: float, modes: Modes, y: Array, begun_j: float, stored_j: float, after: Array
+    past: Any, shaft_nm: float, change: float, modes: Modes, y: Array, begun_j: float, stored_j: float, after: Any
 ) -> None:
     """Fill the memory after a step: modes, works, and the balance of their energies since the last whole turn.
 
     Parameters
     ----------
+    past, after : record
+        Memory before and after, of two rows.
     shaft_nm, change : float
         The motor's torque (N m), and the change of its command.
     begun_j, stored_j : float
@@ -144,52 +139,53 @@ def book_step(
     """
     works = state_of(y)
     put_in, loss = works.motor_work_j, works.damping_work_j + works.load_work_j + works.friction_work_j
-    changed = begun_j - past[STORED]
-    error = stored_j - past[STORED] - put_in + loss - changed
+    changed = begun_j - past.stored_energy_j
+    error = stored_j - past.stored_energy_j - put_in + loss - changed
     losses = abs(works.damping_work_j) + abs(works.load_work_j) + abs(works.friction_work_j)
     turnover = abs(put_in) + losses + abs(changed)
-    after[MOTOR_TORQUE], after[TORQUE_KNOWN], after[COMMAND_CHANGE] = shaft_nm, 1.0, change
-    after[DIRECTION], after[DRIVE_DIRECTION] = modes.direction, modes.drive_direction
-    after[LOAD_ON], after[LOAD_SHARE] = 1.0 if modes.load_on else 0.0, modes.load_share
-    after[SLOW], after[IS_STALLED] = modes.slow_s, 1.0 if modes.stalled else 0.0
-    after[MOTOR_WORK] = past[MOTOR_WORK] + put_in
-    after[DAMPING_WORK] = past[DAMPING_WORK] + works.damping_work_j
-    after[LOAD_WORK] = past[LOAD_WORK] + works.load_work_j
-    after[FRICTION_WORK] = past[FRICTION_WORK] + works.friction_work_j
-    after[CHANGE_WORK], after[STORED] = past[CHANGE_WORK] + changed, stored_j
-    after[TURN_ERROR], after[TURN_TURNOVER] = error, turnover
+    after.motor_torque_nm, after.torque_known_1, after.command_change_1 = shaft_nm, 1.0, change
+    after.direction_1, after.drive_direction_1 = modes.direction, modes.drive_direction
+    after.load_on_1, after.load_share_1 = 1.0 if modes.load_on else 0.0, modes.load_share
+    after.slow_s, after.stalled_1 = modes.slow_s, 1.0 if modes.stalled else 0.0
+    after.motor_work_j = past.motor_work_j + put_in
+    after.damping_work_j = past.damping_work_j + works.damping_work_j
+    after.load_work_j = past.load_work_j + works.load_work_j
+    after.friction_work_j = past.friction_work_j + works.friction_work_j
+    after.change_work_j, after.stored_energy_j = past.change_work_j + changed, stored_j
+    after.turn_balance_error_j, after.turn_turnover_j = error, turnover
 
 
 @kernel
 def fill_row(former: Former, y: Array, modes: Modes, shaft_nm: float, command: float, out: Array) -> None:
     """Fill a linkage row whose memory is in place; ``shaft_nm`` is the motor's torque at its step (N m)."""
-    now, carts = state_of(y), cart_joints(former, y, modes)
+    now, carts, shaft = state_of(y), cart_joints(former, y, modes), shaft_of(out)
     transmitted = coupling_moment(former, now)
-    moment = transmitted if modes.drive_direction == 0.0 else geared(former, shaft_nm, modes.drive_direction)
-    out[REGIME] = STALLED if modes.stalled else HELD if modes.direction == 0.0 else RUNNING
-    out[COMMAND] = command
-    out[DRIVE_AT] = now.crank_rad + now.twist_rad
-    out[DRIVE_AT + 1], out[DRIVE_AT + 2] = now.crank_speed_rad_per_s + now.twist_rate_rad_per_s, moment
-    out[CRANK_AT], out[CRANK_AT + 1], out[CRANK_AT + 2] = now.crank_rad, now.crank_speed_rad_per_s, transmitted
-    out[TWIST_AT], out[TWIST_AT + 1] = now.twist_rad, now.twist_rate_rad_per_s
-    out[TWIST_AT + 2] = former.stiffness_nm_per_rad * now.twist_rad
+    shaft.drive_nm = transmitted if modes.drive_direction == 0.0 else geared(former, shaft_nm, modes.drive_direction)
+    shaft.regime = STALLED if modes.stalled else HELD if modes.direction == 0.0 else RUNNING
+    shaft.command = command
+    shaft.drive_rad = now.crank_rad + now.twist_rad
+    shaft.drive_rad_per_s = now.crank_speed_rad_per_s + now.twist_rate_rad_per_s
+    shaft.crank_rad, shaft.crank_rad_per_s, shaft.crank_nm = now.crank_rad, now.crank_speed_rad_per_s, transmitted
+    shaft.twist_rad, shaft.twist_rad_per_s = now.twist_rad, now.twist_rate_rad_per_s
+    shaft.twist_nm = former.stiffness_nm_per_rad * now.twist_rad
     at = CARTS_AT
     for joint in range(carts.position.size):
         out[at], out[at + 1], out[at + 2] = carts.position[joint], carts.velocity[joint], carts.effort[joint]
         at += 3
-    scale = former.scales.motor_work_j + out[at + TURN_TURNOVER]
-    out[at + MEMORY_SIZE], out[at + MEMORY_SIZE + 1] = out[at + TURN_ERROR] / scale, carts.rod_length
+    count = former.bank.offset_rad.size
+    memory, residuals = memory_of(out, count), residuals_of(out, count)
+    residuals.energy_balance = memory.turn_balance_error_j / (former.scales.motor_work_j + memory.turn_turnover_j)
+    residuals.rod_length = carts.rod_length
 
 
 @kernel
 def start_row(former: Former, y: Array, modes: Modes, command: float, out: Array) -> None:
     """Fill the row of the machine in its initial state."""
-    at = CARTS_AT + 6 * former.bank.offset_rad.size
-    memory = out[at : at + MEMORY_SIZE]
-    memory[:] = 0.0
-    memory[DIRECTION], memory[DRIVE_DIRECTION], memory[SLOW] = modes.direction, 1.0, -1.0
-    memory[LOAD_ON], memory[LOAD_SHARE] = 1.0 if modes.load_on else 0.0, modes.load_share
-    memory[STORED] = stored_energy(former, state_of(y), np.ones(former.bank.offset_rad.size))
+    out[:] = 0.0
+    memory = memory_of(out, former.bank.offset_rad.size)
+    memory.direction_1, memory.drive_direction_1, memory.slow_s = modes.direction, 1.0, -1.0
+    memory.load_on_1, memory.load_share_1 = 1.0 if modes.load_on else 0.0, modes.load_share
+    memory.stored_energy_j = stored_energy(former, state_of(y), np.ones(former.bank.offset_rad.size))
     fill_row(former, y, modes, 0.0, command, out)
 
 
@@ -202,26 +198,28 @@ def former_step(
     The motor's torque is the straight line through its last two values, which makes the coupling second order; it is
     held where there is none before, or the command has a corner.
     """
-    former, at = model.former, CARTS_AT + 6 * model.former.bank.offset_rad.size
-    past, begin_s = linkage[at : at + MEMORY_SIZE], step * model.step_s
-    y = np.empty(STATE_SIZE)
-    q, twist, u, rate = linkage[CRANK_AT], linkage[TWIST_AT], linkage[CRANK_AT + 1], linkage[TWIST_AT + 1]
-    fill_state(y, FormerState(q, twist, u, rate, 0.0, 0.0, 0.0, 0.0))
+    former, begin_s, y = model.former, step * model.step_s, np.empty(STATE_SIZE)
+    past, before = memory_of(linkage, former.bank.offset_rad.size), shaft_of(linkage)
+    crank_rad = before.crank_rad
+    fill_state(
+        y,
+        FormerState(crank_rad, before.twist_rad, before.crank_rad_per_s, before.twist_rad_per_s, 0.0, 0.0, 0.0, 0.0),
+    )
     shaft, command = motor[MOTOR_JOINTS + 2], motor[MOTOR_COMMAND]
-    change = command - linkage[COMMAND]
-    smooth = past[TORQUE_KNOWN] != 0.0 and abs(change - past[COMMAND_CHANGE]) <= KINK
-    smooth = smooth and min(command, linkage[COMMAND]) > 0.0
-    slope = (shaft - past[MOTOR_TORQUE]) / model.step_s if smooth else 0.0
+    change = command - before.command
+    smooth = past.torque_known_1 != 0.0 and abs(change - past.command_change_1) <= KINK
+    smooth = smooth and min(command, before.command) > 0.0
+    slope = (shaft - past.motor_torque_nm) / model.step_s if smooth else 0.0
     torque = DriveLine(False, command, shaft, slope, begin_s)
     happened, end_s = empty_log(), (step + 1) * model.step_s
     done, begun, stored = coupled_step(former, torque, begin_s, end_s, y, modes_of(past), happened)
     if done.status != DONE:
         return log, -1 if done.status == TOO_SHORT else -2
-    after = out[at : at + MEMORY_SIZE]
+    after = memory_of(out, former.bank.offset_rad.size)
     book_step(past, shaft, change, done.modes, y, begun, stored, after)
-    if math.floor(state_of(y).crank_rad / TURN) == math.floor(linkage[CRANK_AT] / TURN):
-        after[TURN_ERROR] += past[TURN_ERROR]
-        after[TURN_TURNOVER] += past[TURN_TURNOVER]
+    if math.floor(state_of(y).crank_rad / TURN) == math.floor(crank_rad / TURN):
+        after.turn_balance_error_j = after.turn_balance_error_j + past.turn_balance_error_j
+        after.turn_turnover_j = after.turn_turnover_j + past.turn_turnover_j
     fill_row(former, y, done.modes, shaft + slope * model.step_s, command, out)
     for i in range(done.events):
         turn = float(happened.turn[i])

@@ -16,7 +16,6 @@ from mech_twin.machines.roller_former.coupling_choice import (
 )
 from mech_twin.machines.roller_former.parameters import RollerFormer, bank_of, former_of
 from mech_twin.machines.roller_former.published import (
-    COLUMNS,
     MAX_NM,
     TABLE_2,
     table_1_case,
@@ -27,6 +26,17 @@ from mech_twin.machines.roller_former.steady import steady_turn
 
 DEGREES = np.arange(0.0, 360.5, 0.5)
 CARTS = (2, 3, 4)
+TWISTS = (
+    r"$\varphi_1 - \varphi_2$, mrad",
+    r"$\dot\varphi_1 - \dot\varphi_2$, rad/s",
+    r"$\ddot\varphi_1 - \ddot\varphi_2$, rad/s²",
+)
+DEVIATIONS = (  # in the order of the columns of Table 2
+    r"$\Delta M$ per cart, N m",
+    r"$\Delta(\varphi_1 - \varphi_2)$, rad",
+    r"$\Delta(\dot\varphi_1 - \dot\varphi_2)$, rad/s",
+    r"$\Delta(\ddot\varphi_1 - \ddot\varphi_2)$, rad/s²",
+)
 
 
 def pictures(parameters: RollerFormer) -> Iterator[Picture]:
@@ -46,8 +56,8 @@ def _reactions(parameters: RollerFormer) -> Picture:
     for cart in range(2):
         loads = [cart_load(bank, cart, angle, 1.0) for angle in np.radians(DEGREES)]
         style = "-" if cart == 0 else "--"
-        axes.plot(DEGREES, [load.front_n for load in loads], style, color=BLUE, label=f"N{cart + 1}1")
-        axes.plot(DEGREES, [load.rear_n for load in loads], style, color=RED, label=f"N{cart + 1}2")
+        axes.plot(DEGREES, [load.front_n for load in loads], style, color=BLUE, label=f"$N_{{{cart + 1}1}}$")
+        axes.plot(DEGREES, [load.rear_n for load in loads], style, color=RED, label=f"$N_{{{cart + 1}2}}$")
     turn_axis(axes)
     axes.set_ylabel("guide reaction, N")
     axes.set_title("Reactions of the guide rollers, two carts (Fig. 7)")
@@ -61,7 +71,7 @@ def _rods(parameters: RollerFormer) -> Picture:
     figure, (axes,) = sheet()
     for cart, colour in ((0, BLUE), (1, RED)):
         force = [cart_load(bank, cart, angle, 1.0).rod_force_n for angle in np.radians(DEGREES)]
-        axes.plot(DEGREES, force, color=colour, label=f"F{cart + 1}")
+        axes.plot(DEGREES, force, color=colour, label=f"$F_{cart + 1}$")
     turn_axis(axes)
     axes.set_ylabel("rod force, N")
     axes.set_title("Forces in the connecting rods, two carts (Fig. 8)")
@@ -117,7 +127,7 @@ def _damping(parameters: RollerFormer) -> Picture:
         for damping in STUDIED_DAMPING:
             axes.axvline(damping, color=GREY, linewidth=0.8, linestyle="--")
         axes.set_xlim(0.0, SWEEP_DAMPING[-1])
-        axes.set_xlabel("damping k, N m s/rad")
+        axes.set_xlabel(r"damping $k$, N m s/rad")
         axes.set_ylabel(f"{name} in the coupling, N m")
         axes.set_ylim(bottom=0.0)
         axes.legend()
@@ -128,7 +138,6 @@ def _damping(parameters: RollerFormer) -> Picture:
 
 def _phases(parameters: RollerFormer) -> Picture:
     figure, panels = sheet(3, 3, 9.2, 8.2)
-    names = ("phi1 - phi2, mrad", "phi1' - phi2', rad/s", "phi1'' - phi2'', rad/s²")
     pairs = ((0, 1), (1, 2), (0, 2))
     for row, count in enumerate(CARTS):
         for damping, colour in zip(STUDIED_DAMPING, (BLUE, RED), strict=True):
@@ -143,10 +152,10 @@ def _phases(parameters: RollerFormer) -> Picture:
             for place, (x, y) in enumerate(pairs):
                 axes = panels[3 * row + place]
                 axes.plot(
-                    *(np.append(columns[i], columns[i][0]) for i in (x, y)), color=colour, label=f"k = {damping:g}"
+                    *(np.append(columns[i], columns[i][0]) for i in (x, y)), color=colour, label=f"$k = {damping:g}$"
                 )
-                axes.set_xlabel(names[x])
-                axes.set_ylabel(names[y])
+                axes.set_xlabel(TWISTS[x])
+                axes.set_ylabel(TWISTS[y])
         panels[3 * row].set_title(f"{count} carts")
     panels[2].legend(loc="upper right")
     caption = "Phase pictures of the coupling's twist, steady turn without load (Figs. 13 to 15 and 22 to 24)."
@@ -155,17 +164,17 @@ def _phases(parameters: RollerFormer) -> Picture:
 
 def _deviations(parameters: RollerFormer) -> Picture:
     figure, panels = sheet(2, 2, 8.6, 5.6)
-    for place, (axes, name) in enumerate(zip(panels, COLUMNS, strict=True)):
+    for place, (axes, symbol) in enumerate(zip(panels, DEVIATIONS, strict=True)):
         for damping, colour, shift in zip(STUDIED_DAMPING, (BLUE, RED), (-0.19, 0.19), strict=True):
             spots = [count + shift for count in CARTS]
             found = [table_2_metrics(parameters, count, damping) for count in CARTS]
             values = [0.0 if numbers is None else numbers[place] for numbers in found]
-            axes.bar(spots, values, width=0.34, color=colour, alpha=0.85, label=f"k = {damping:g}")
+            axes.bar(spots, values, width=0.34, color=colour, alpha=0.85, label=f"$k = {damping:g}$")
             theirs = [TABLE_2[count, damping][place] for count in CARTS]
             published(axes, spots, theirs, "published" if damping == STUDIED_DAMPING[0] else "")
         axes.set_xticks(CARTS)
         axes.set_xlabel("carts")
-        axes.set_ylabel(name)
+        axes.set_ylabel(symbol)
     panels[0].legend()
     panels[0].set_title("Deviations in the coupling, peak to peak (Figs. 25 to 28)")
     caption = "Table 2: no load, masses divided by 4.5, the moment read as 2 c (phi1 - phi2) per cart."

@@ -14,10 +14,9 @@ from mech_twin.engine.sample_vectors import EventLayout, LinkageLayout
 from mech_twin.machines.roller_former.dynamics import Former, Modes, may_stick, state_array
 from mech_twin.machines.roller_former.events import EVENT_KINDS
 from mech_twin.machines.roller_former.former_row import FAILURES, CoupledFormer, start_row
-from mech_twin.machines.roller_former.memory import FormerMemory
+from mech_twin.machines.roller_former.memory import FormerMemory, FormerResiduals
 from mech_twin.samples import LinkageSample
 
-RESIDUALS = ("energy_balance", "rod_length")
 REGIMES = ("running", "held", "stalled")  # by the numbers of `former_row`
 
 
@@ -75,7 +74,9 @@ class FormerLinkage(CompiledLinkage):
     @cached_property
     def layout(self) -> LinkageLayout:
         """Row of the samples."""
-        return LinkageLayout(self.joints, FormerMemory._fields, RESIDUALS, EventLayout(EVENT_KINDS, ("crank",)))
+        return LinkageLayout(
+            self.joints, FormerMemory._fields, FormerResiduals._fields, EventLayout(EVENT_KINDS, ("crank",))
+        )
 
     def start(self, step: int = 0) -> LinkageSample:
         """Return the machine in its initial state: untwisted, the load on or still off as configured."""

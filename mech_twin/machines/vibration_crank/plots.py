@@ -45,7 +45,7 @@ def _moments(parameters: VibrationCrank) -> Picture:
         axes.text(178.0, peak + 6.0, f"published peak {peak:g} N m", color=colour, fontsize=8)
     turn_axis(axes)
     axes.set_ylim(-580.0, 500.0)
-    axes.set_ylabel("drive moment, N m")
+    axes.set_ylabel(r"drive moment $M$, N m")
     axes.set_title(f"Moment on the crank shaft at {parameters.drive.speed_rpm:g} rpm (Fig. 3)")
     axes.legend(loc="lower left", ncols=2)
     caption = (
@@ -60,16 +60,16 @@ def _polar(parameters: VibrationCrank) -> Picture:
     figure, panels = sheet(1, 2, 8.2, 4.3)
     for axes, p, name in (
         (panels[0], varied(parameters, {"rod_m": inf}), "infinite rod"),
-        (panels[1], parameters, f"rod {parameters.rod_m:g} m"),
+        (panels[1], parameters, rf"rod $l = {parameters.rod_m:g}$ m"),
     ):
         for (fraction, table), colour in zip(polar_diagram(p).items(), COLOURS, strict=False):
             x, y = (np.append(row, row[0]) / 1000.0 for row in table[:2])
-            axes.plot(x, y, color=colour, label=f"kappa = {fraction:g}")
+            axes.plot(x, y, color=colour, label=rf"$\kappa = {fraction:g}$")
         axes.set_aspect("equal")
         axes.set_xlim(-5.5, 5.5)
         axes.set_ylim(-5.5, 5.5)
-        axes.set_xlabel("force on the frame, horizontal, kN")
-        axes.set_ylabel("vertical, kN")
+        axes.set_xlabel(r"force on the frame, horizontal $F_x$, kN")
+        axes.set_ylabel(r"vertical $F_y$, kN")
         axes.set_title(name)
     panels[1].legend(loc="lower right")
     caption = (
@@ -83,7 +83,7 @@ def _speed(parameters: VibrationCrank) -> Picture:
     figure, (axes,) = sheet()
     for p, name, colour in (
         (varied(parameters, {"rod_m": inf}), "infinite rod", BLUE),
-        (parameters, f"rod {parameters.rod_m:g} m", RED),
+        (parameters, rf"rod $l = {parameters.rod_m:g}$ m", RED),
     ):
         change = benefit_against_speed(slider_crank_constants(p), speeds)
         axes.plot(list(change), [100.0 * value for value in change.values()], color=colour, label=name)

@@ -8,17 +8,16 @@ from typing import NamedTuple
 
 from mech_twin.engine.compiled_steps import force_step, linkage_step, log_event, step_of
 from mech_twin.engine.sample_vectors import (
-    COMMAND,
     EVENT_WIDTH,
-    LINKAGE_JOINTS,
     MOTOR_COMMAND,
     MOTOR_JOINTS,
-    REGIME,
+    PRE_VELOCITY,
     SIDES,
     Array,
 )
 from mech_twin.kernel import kernel
 from mech_twin.machines.winding_drum.dynamics import coasted, drive_torque, driven, start_sense
+from mech_twin.machines.winding_drum.memory import memory_of, motion_of, residuals_of
 from mech_twin.machines.winding_drum.wound_package import (
     Package,
     gravity_moment,
@@ -36,10 +35,6 @@ from mech_twin.parts.friction import sliding_torque
 RUNNING, ENDED, STUCK = 0, 1, 2
 END_KIND, STICK_KIND, RELEASE_KIND = 0, 1, 2
 PACKAGE_CONTACT, DRUM_CONTACT = 0, 1
-# places in a row: drum, yarn that has run, radius of the package; memory; residuals
-DRUM_AT, YARN_AT, RADIUS_AT, MEMORY_AT = (LINKAGE_JOINTS + 3 * joint for joint in range(4))
-ACCELERATION, DRIVE_WORK, GRAVITY_WORK, FRICTION_LOSS, INITIAL_ENERGY, LARGEST_ENERGY = range(MEMORY_AT, MEMORY_AT + 6)
-AREA_BALANCE, ENERGY_BALANCE = MEMORY_AT + 6, MEMORY_AT + 7
 FAILURES = ("winding_drum: no integration step is small enough for the drum",)
 TOO_SHORT = -1
 
@@ -68,30 +63,31 @@ def turning_energy(p: Package, radius: float, omega: float) -> float:
 @kernel
 def fill_row(model: Drum, regime: int, command: float, out: Array) -> None:
     """Fill in what follows from angle, rates, radius and memory, which are in place: efforts, residuals."""
-    p, radius, theta = model.package, out[RADIUS_AT], out[YARN_AT + 1]
-    out[REGIME], out[COMMAND] = regime, command
-    out[DRUM_AT + 2], out[YARN_AT + 2], out[RADIUS_AT + 1], out[RADIUS_AT + 2] = 0.0, 0.0, 0.0, 0.0
+    p, now, past, residuals = model.package, motion_of(out), memory_of(out), residuals_of(out)
+    radius, theta = now.radius_m, now.yarn_m_per_s
+    now.regime, now.command = regime, command
+    now.drum_nm, now.yarn_n, now.radius_m_per_s, now.radius_n = 0.0, 0.0, 0.0, 0.0
     if regime == RUNNING:
-        out[RADIUS_AT + 1] = -p.layer_m * theta / radius
-        out[DRUM_AT + 2] = drive_torque(p, radius, out[DRUM_AT], theta, out[ACCELERATION])
+        now.radius_m_per_s = -p.layer_m * theta / radius
+        now.drum_nm = drive_torque(p, radius, now.drum_rad, theta, past.yarn_acceleration_m_per_s2)
     first, last = model.start_radius_m, model.end_radius_m
     lost = first * first - radius * radius
-    out[AREA_BALANCE] = (lost - 2.0 * p.layer_m * out[YARN_AT]) / abs(first * first - last * last)
-    work = out[DRIVE_WORK] + out[GRAVITY_WORK] - out[FRICTION_LOSS]
-    turned_over = out[INITIAL_ENERGY] + abs(out[DRIVE_WORK]) + out[FRICTION_LOSS]
-    held = turning_energy(p, radius, out[DRUM_AT + 1])
-    out[LARGEST_ENERGY] = max(out[LARGEST_ENERGY], held)
-    turned_over = max(turned_over, out[LARGEST_ENERGY])  # a stop gives the drive back what it gave
-    out[ENERGY_BALANCE] = (out[INITIAL_ENERGY] + work - held) / max(1.0, turned_over)
+    residuals.area_balance = (lost - 2.0 * p.layer_m * now.yarn_m) / abs(first * first - last * last)
+    work = past.drive_work_j + past.gravity_work_j - past.friction_loss_j
+    turned_over = past.initial_energy_j + abs(past.drive_work_j) + past.friction_loss_j
+    held = turning_energy(p, radius, now.drum_rad_per_s)
+    past.largest_energy_j = max(past.largest_energy_j, held)
+    turned_over = max(turned_over, past.largest_energy_j)  # a stop gives the drive back what it gave
+    residuals.energy_balance = (past.initial_energy_j + work - held) / max(1.0, turned_over)
 
 
 @kernel
 def start_row(model: Drum, theta: float, command: float, out: Array) -> None:
     """Fill the row of the package at its first radius, the yarn at a speed (m/s)."""
     out[:] = 0.0
-    omega = theta / tangent_arm(model.package, model.start_radius_m, 0.0)
-    out[DRUM_AT + 1], out[YARN_AT + 1], out[RADIUS_AT] = omega, theta, model.start_radius_m
-    out[INITIAL_ENERGY] = turning_energy(model.package, model.start_radius_m, omega)
+    omega, now, past = theta / tangent_arm(model.package, model.start_radius_m, 0.0), motion_of(out), memory_of(out)
+    now.drum_rad_per_s, now.yarn_m_per_s, now.radius_m = omega, theta, model.start_radius_m
+    past.initial_energy_j = turning_energy(model.package, model.start_radius_m, omega)
     fill_row(model, RUNNING, command, out)
 
 
@@ -101,15 +97,15 @@ def drive(model: Drum, a: float, h: float, run: float, speed: float, out: Array)
 
     ``run`` is the yarn (m) that runs meanwhile, ``speed`` its speed at the end (m/s).
     """
-    p, radius = model.package, out[RADIUS_AT]
-    done, good = driven(p, radius, out[DRUM_AT], out[YARN_AT + 1], a, h)
-    radius = radius_after(p, radius, run)
-    out[DRUM_AT], out[YARN_AT], out[RADIUS_AT] = done.angle_rad, out[YARN_AT] + run, radius
-    out[DRUM_AT + 1], out[YARN_AT + 1] = speed / tangent_arm(p, radius, done.angle_rad), speed
-    out[ACCELERATION] = a
-    out[DRIVE_WORK] += done.drive_work_j
-    out[GRAVITY_WORK] += done.gravity_work_j
-    out[FRICTION_LOSS] += done.friction_loss_j
+    p, now, past = model.package, motion_of(out), memory_of(out)
+    done, good = driven(p, now.radius_m, now.drum_rad, now.yarn_m_per_s, a, h)
+    radius = radius_after(p, now.radius_m, run)
+    now.drum_rad, now.yarn_m, now.radius_m = done.angle_rad, now.yarn_m + run, radius
+    now.drum_rad_per_s, now.yarn_m_per_s = speed / tangent_arm(p, radius, done.angle_rad), speed
+    past.yarn_acceleration_m_per_s2 = a
+    past.drive_work_j = past.drive_work_j + done.drive_work_j
+    past.gravity_work_j = past.gravity_work_j + done.gravity_work_j
+    past.friction_loss_j = past.friction_loss_j + done.friction_loss_j
     return good
 
 
@@ -128,25 +124,25 @@ def coast(
     model: Drum, step: int, regime: int, done: float, out: Array, log: Array, count: int
 ) -> tuple[Array, int, int]:
     """Let the drum coast from ``done`` (s) of the step on; return the events, their number and the regime."""
-    p, radius, step_s = model.package, out[RADIUS_AT], model.step_s
-    begin = step * step_s
+    p, step_s, now, past = model.package, model.step_s, motion_of(out), memory_of(out)
+    radius, begin = now.radius_m, step * step_s
     while step_s - done > 1e-15 * step_s:
-        if out[DRUM_AT + 1] == 0.0:
-            sense = start_sense(p, radius, out[DRUM_AT])
+        if now.drum_rad_per_s == 0.0:
+            sense = start_sense(p, radius, now.drum_rad)
             if (regime == STUCK) == (sense != 0.0):
                 regime = ENDED if sense != 0.0 else STUCK
                 kind = RELEASE_KIND if sense != 0.0 else STICK_KIND
-                log = log_drum(log, count, begin + done, kind, DRUM_CONTACT, out[DRUM_AT], 0.0)
+                log = log_drum(log, count, begin + done, kind, DRUM_CONTACT, now.drum_rad, 0.0)
                 count += 1
             if sense == 0.0:
                 break
-        piece = coasted(p, radius, out[DRUM_AT], out[DRUM_AT + 1], step_s - done)
+        piece = coasted(p, radius, now.drum_rad, now.drum_rad_per_s, step_s - done)
         if piece.time_s < 0.0:
             return log, TOO_SHORT, regime
         done += piece.time_s
-        out[DRUM_AT], out[DRUM_AT + 1] = piece.phi_rad, piece.omega_rad_per_s
-        out[GRAVITY_WORK] += piece.gravity_work_j
-        out[FRICTION_LOSS] += piece.friction_loss_j
+        now.drum_rad, now.drum_rad_per_s = piece.phi_rad, piece.omega_rad_per_s
+        past.gravity_work_j = past.gravity_work_j + piece.gravity_work_j
+        past.friction_loss_j = past.friction_loss_j + piece.friction_loss_j
     return log, count, regime
 
 
@@ -155,11 +151,12 @@ def drum_step(
     model: Drum, step: int, linkage: Array, motor: Array, body: Array, out: Array, log: Array
 ) -> tuple[Array, int]:
     """Fill in the drum one step later; the end of the package is located exactly inside the step."""
-    p, h, regime, command = model.package, model.step_s, int(linkage[REGIME]), motor[MOTOR_COMMAND]
+    p, h, command = model.package, model.step_s, motor[MOTOR_COMMAND]
     out[:] = linkage
-    count, done = 0, 0.0
+    now, past, count, done = motion_of(out), memory_of(out), 0, 0.0
+    regime = int(now.regime)
     if regime == RUNNING:
-        theta, radius, speed = linkage[YARN_AT + 1], linkage[RADIUS_AT], motor[MOTOR_JOINTS + 1]
+        theta, radius, speed = now.yarn_m_per_s, now.radius_m, motor[MOTOR_JOINTS + 1]
         a, run = (speed - theta) / h, 0.5 * (theta + speed) * h
         left = (radius * radius - model.end_radius_m * model.end_radius_m) / (2.0 * p.layer_m)
         if run < left:
@@ -169,15 +166,11 @@ def drum_step(
         done = time_of_length(theta, a, left)
         if not drive(model, a, done, left, theta + a * done, out):
             return log, TOO_SHORT
-        out[RADIUS_AT], regime, count = model.end_radius_m, ENDED, 1
-        torque = drive_torque(p, model.end_radius_m, out[DRUM_AT], out[YARN_AT + 1], a)
-        log = log_drum(log, 0, step * h + done, END_KIND, PACKAGE_CONTACT, out[DRUM_AT], torque)
-        log[0, 3], log[0, EVENT_WIDTH + 1], log[0, EVENT_WIDTH + 4] = (
-            out[YARN_AT + 1],
-            out[DRUM_AT + 1],
-            out[DRUM_AT + 1],
-        )
-        out[YARN_AT + 1], out[ACCELERATION] = 0.0, 0.0
+        now.radius_m, regime, count = model.end_radius_m, ENDED, 1
+        torque, omega = drive_torque(p, model.end_radius_m, now.drum_rad, now.yarn_m_per_s, a), now.drum_rad_per_s
+        log = log_drum(log, 0, step * h + done, END_KIND, PACKAGE_CONTACT, now.drum_rad, torque)
+        log[0, PRE_VELOCITY], log[0, EVENT_WIDTH + 1], log[0, EVENT_WIDTH + 4] = now.yarn_m_per_s, omega, omega
+        now.yarn_m_per_s, past.yarn_acceleration_m_per_s2 = 0.0, 0.0
     log, count, regime = coast(model, step, regime, done, out, log, count)
     fill_row(model, regime, command, out)
     return log, count
@@ -193,12 +186,12 @@ def drum_forces(
     force is what accelerates the centre c of the package, and its weight: c'' = -omega^2 c + alpha k x c with
     c = e (-sin(phi), cos(phi)).
     """
-    p, torque, theta, a = model.package, linkage[DRUM_AT + 2], linkage[YARN_AT + 1], linkage[ACCELERATION]
-    phi, radius, omega = linkage[DRUM_AT], linkage[RADIUS_AT], linkage[DRUM_AT + 1]
+    p, now, a = model.package, motion_of(linkage), memory_of(linkage).yarn_acceleration_m_per_s2
+    torque, theta, phi, radius, omega = now.drum_nm, now.yarn_m_per_s, now.drum_rad, now.radius_m, now.drum_rad_per_s
     gravity, inertia, mass = gravity_moment(p, radius, phi), package_inertia(p, radius), package_mass(p, radius)
     terms, (first, second, third) = torque_terms(p, radius, phi, theta, a), speed_terms(p, radius, phi, theta, a)
     alpha, friction, difference = first + second + third, 0.0, 0.0
-    if linkage[REGIME] == RUNNING:
+    if now.regime == RUNNING:
         friction = torque - terms.total + gravity
         if omega > 0.0 or a > 0.0:
             friction = -sliding_torque(p.coulomb_nm, p.viscous_nms_per_rad, omega, 1.0)

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from mech_twin.machines.winding_drum.dynamics import drive_torque
+from mech_twin.machines.winding_drum.memory import DrumMemory
 from mech_twin.machines.winding_drum.parameters import WoundPackage
-from mech_twin.machines.winding_drum.roles import DrumMemory, place_of
+from mech_twin.machines.winding_drum.roles import place_of
 from mech_twin.machines.winding_drum.wound_package import (
     Package,
     gravity_moment,

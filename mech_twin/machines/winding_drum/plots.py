@@ -24,10 +24,10 @@ def pictures(parameters: WindingDrum) -> Iterator[Picture]:
     panels[0].plot(np.degrees(angles), turn.total, color=BLUE, linestyle="--", label="sum, steady")
     panels[1].plot(np.degrees(angles), turn.radius, color=GREEN, label="radius")
     panels[1].plot(np.degrees(angles), turn.mass, color=ORANGE, label="mass")
-    for axes, title in zip(panels, ("eccentric package", "terms of the ideal package"), strict=True):
-        turn_axis(axes, "drum angle, degrees")
+    for axes, title in zip(panels, ("eccentric package (eqs. (24), (25))", "terms of the ideal package"), strict=True):
+        turn_axis(axes, r"drum angle $\varphi$, degrees")
         axes.set_title(title)
-        axes.set_ylabel("torque, N m")
+        axes.set_ylabel(r"torque $M$, N m")
         axes.legend()
     caption = (
         "Eqs. (24), (25), steady unwinding: the eccentric term is nearly harmonic and changes sign twice a turn, the"

@@ -12,12 +12,12 @@ import numpy as np
 from mech_twin.engine.compiled_roles import CompiledForces, CompiledLinkage
 from mech_twin.engine.sample_vectors import EventLayout, ForceLayout, LinkageLayout
 from mech_twin.machines.winding_drum.drum_row import FAILURES, Drum, LoadedDrum, start_row
+from mech_twin.machines.winding_drum.memory import DrumMemory, DrumResiduals
 from mech_twin.machines.winding_drum.wound_package import Package
 from mech_twin.samples import LinkageSample
 
 REGIMES = ("running", "ended", "stuck")
 JOINTS = ("drum", "yarn", "package_radius")
-RESIDUALS = ("area_balance", "energy_balance")
 QUANTITIES = (
     "acceleration_torque_nm",
     "radius_torque_nm",
@@ -34,17 +34,6 @@ QUANTITIES = (
     "yarn_acceleration_m_per_s2",
     "drive_power_w",
 )
-
-
-class DrumMemory(NamedTuple):
-    """What the linkage carries beside its joints."""
-
-    yarn_acceleration_m_per_s2: float
-    drive_work_j: float
-    gravity_work_j: float
-    friction_loss_j: float
-    initial_energy_j: float
-    largest_energy_j: float
 
 
 class Place(NamedTuple):
@@ -86,7 +75,7 @@ class DrumLinkage(CompiledLinkage):
     @property
     def residual_limits(self) -> dict[str, float]:
         """Limits of the residuals."""
-        return dict.fromkeys(RESIDUALS, 1e-9)
+        return dict.fromkeys(DrumResiduals._fields, 1e-9)
 
     @cached_property
     def model(self) -> Drum:
@@ -97,7 +86,7 @@ class DrumLinkage(CompiledLinkage):
     def layout(self) -> LinkageLayout:
         """Row of the samples."""
         events = EventLayout((self.end_kind, "stick", "release"), ("package", "drum"), len(self.coordinates))
-        return LinkageLayout(self.joints, DrumMemory._fields, RESIDUALS, events)
+        return LinkageLayout(self.joints, DrumMemory._fields, DrumResiduals._fields, events)
 
     def start(self, step: int = 0) -> LinkageSample:
         """Return the package at its first radius, the yarn at the configured share of its speed."""

@@ -20,25 +20,17 @@ from mech_twin.studies.identification.geometry_fit import (
     unseen,
 )
 from mech_twin.studies.identification.geometry_model import GeometryModel
+from mech_twin.studies.identification.verdicts import (
+    COMBINATION,
+    IDENTIFIED,
+    MODEL_ERROR,
+    NOT_EXCITED,
+    WIDEST,
+    KeyVerdict,
+)
 
 COMBINED = 0.1  # share of a key in directions that are not seen
-WIDEST = 0.5  # half width over value: wider says no more than the order of magnitude
 LEAST_FIT_PERCENT = 90.0  # of a channel: less, and the mechanism is another one
-IDENTIFIED, COMBINATION, NOT_EXCITED, MODEL_ERROR = "identified", "only_in_combination", "not_excited", "model_error"
-
-
-@dataclass(frozen=True)
-class FittedKey:
-    """A key with its interval and what may be said of it."""
-
-    key: str
-    before: float
-    estimate: float
-    standard_error: float
-    low_95: float
-    high_95: float
-    verdict: str
-    reason: str
 
 
 @dataclass(frozen=True)
@@ -55,7 +47,7 @@ class HeldOut:
 class GeometryReport:
     """Keys, fits of the channels over the fitted runs, and the score on the run held out."""
 
-    keys: tuple[FittedKey, ...]
+    keys: tuple[KeyVerdict, ...]
     fit_percent: dict[str, float]
     lags_s: tuple[float, ...]
     held_out: tuple[HeldOut, ...]
@@ -92,7 +84,7 @@ def geometry_report(
 
 def _keys(
     model: GeometryModel, fit: GeometryFit, errors: Array, widths: Array, worst_fit: float
-) -> tuple[FittedKey, ...]:
+) -> tuple[KeyVerdict, ...]:
     shares, found = unseen(fit, len(model.keys)), []
     for i, (key, before) in enumerate(zip(model.keys, model.values().tolist(), strict=True)):
         verdict, reason = IDENTIFIED, "the channels see it"
@@ -106,7 +98,7 @@ def _keys(
         value, width = float(fit.keys[i]), float(widths[i])
         if verdict == IDENTIFIED and width > WIDEST * max(abs(value), abs(before)) > 0.0:
             verdict, reason = NOT_EXCITED, "the channels leave it open by more than half of itself on either side"
-        found.append(FittedKey(key, before, value, float(errors[i]), value - width, value + width, verdict, reason))
+        found.append(KeyVerdict(key, before, value, float(errors[i]), value - width, value + width, verdict, reason))
     return tuple(found)
 
 

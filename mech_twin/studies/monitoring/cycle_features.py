@@ -15,13 +15,19 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from math import ceil, floor, isfinite, pi
+from math import ceil, floor, isfinite
 from typing import NamedTuple
 
 import numpy as np
 
-from mech_twin.capabilities.cycle import TURN, Array, CycleFeature, CycleFeatures, CycleReference, SampledCycle, sampled
+from mech_twin.capabilities.cycle import TURN, Array, CycleFeature, CycleFeatures, SampledCycle, sampled
 from mech_twin.capabilities.errors import StudyError
+from mech_twin.studies.monitoring.cycle_boundaries import (
+    CROSSING_RAD,
+    ChannelBuffer,
+    rise_crossing,
+    turn_crossing,
+)
 
 PATIENCE_S = 1.0  # stamps by which the reference may run ahead of another channel
 EVENT_WAIT_S = 0.1  # and ahead of an event channel, which is silent while nothing happens
@@ -31,7 +37,6 @@ CLOCK_GAIN = 0.02  # by which a rise corrects the clock, once as many have been 
 CLOCK_RISES = 20  # that are averaged before the first cycle is counted
 CLOCK_TRUST = 0.25  # of a cycle: a rise farther from where the clock expects it begins the clock anew
 LONGEST_CYCLE = 10.0  # of the cycle before: a longer one is a standstill
-CROSSING_RAD = pi / 12.0  # on either side of a boundary: the samples whose line gives the instant of crossing
 
 
 class FeatureVector(NamedTuple):
@@ -54,35 +59,6 @@ class FeatureVector(NamedTuple):
     end_s: float
     names: tuple[str, ...]
     values: Array
-
-
-@dataclass
-class _Buffer:
-    """Samples of a channel that may still be needed, and the newest stamp."""
-
-    times_s: Array = field(default_factory=lambda: np.empty(0))
-    values: Array = field(default_factory=lambda: np.empty(0))
-    newest_s: float = -np.inf
-
-    def add(self, times_s: Array, values: Array) -> None:
-        """Append samples that are later than what is there; others, and what is no number, are left out."""
-        latest = np.maximum.accumulate(np.concatenate([[self.newest_s], times_s]))
-        kept = (times_s > latest[:-1]) & np.isfinite(values) & np.isfinite(times_s)
-        self.times_s = np.concatenate([self.times_s, times_s[kept]])
-        self.values = np.concatenate([self.values, values[kept]])
-        if kept.any():
-            self.newest_s = float(self.times_s[-1])
-
-    def between(self, begin_s: float, end_s: float) -> tuple[Array, Array]:
-        """Return the samples of [begin, end)."""
-        first, last = np.searchsorted(self.times_s, [begin_s, end_s])
-        return self.times_s[first:last], self.values[first:last]
-
-    def forget(self, before_s: float) -> None:
-        """Drop the samples before an instant."""
-        first = int(np.searchsorted(self.times_s, before_s))
-        if first > 0:
-            self.times_s, self.values = self.times_s[first:], self.values[first:]
 
 
 @dataclass
@@ -112,7 +88,7 @@ class FeatureFeed:
     declared: CycleFeatures
     columns: Sequence[str]
     skipped: int = 0
-    _buffers: dict[str, _Buffer] = field(default_factory=dict)
+    _buffers: dict[str, ChannelBuffer] = field(default_factory=dict)
     _boundaries: list[float] = field(default_factory=list)
     _number: int = 0
     _turns: float = 0.0
@@ -128,7 +104,7 @@ class FeatureFeed:
         if reference not in self.columns:
             raise StudyError(f"no channel is {reference}, which cycles are counted by; expected one")
         self.features = available_features(self.declared, self.columns)
-        self._buffers = {column: _Buffer() for column in dict.fromkeys(self.columns)}
+        self._buffers = {column: ChannelBuffer() for column in dict.fromkeys(self.columns)}
         self._names = tuple(feature.name for feature in self.features)
 
     def feed(
@@ -173,7 +149,7 @@ class FeatureFeed:
 
     def _find_boundaries(self) -> None:
         buffer = self._buffers[self.declared.reference.column]
-        find = _turn_crossing if self.declared.reference.kind == "turn" else _rise_crossing
+        find = turn_crossing if self.declared.reference.kind == "turn" else rise_crossing
         since = self._crossed_s
         while len(buffer.times_s):
             found = find(self.declared.reference, buffer, self._next_angle, since)
@@ -306,48 +282,3 @@ def _number(feature: CycleFeature, cycle: SampledCycle) -> float:
     with np.errstate(divide="ignore", invalid="ignore"):
         found = feature.of(cycle)
     return found if isfinite(found) else np.nan
-
-
-def _turn_crossing(
-    reference: CycleReference, buffer: _Buffer, boundary: float | None, since_s: float
-) -> tuple[float, float] | None:
-    """Return when the angle first crosses the boundary, from the line through the samples about it; and the next one.
-
-    None while samples are missing.  The first boundary is the first one ahead of the first sample.
-    """
-    angles = buffer.values
-    if boundary is None:
-        turns = ceil((angles[0] + CROSSING_RAD - reference.begin) / TURN)
-        boundary = reference.begin + TURN * turns
-    beyond = np.flatnonzero(angles >= boundary + CROSSING_RAD)
-    if not len(beyond):
-        return None
-    last = int(beyond[0])
-    while angles[last] - boundary >= TURN:  # a gap of whole turns: the boundaries in it are not seen
-        boundary += TURN
-    before = np.flatnonzero(angles[: last + 1] < boundary)
-    if not len(before):
-        return float(buffer.times_s[last]), boundary + TURN
-    crossing = int(before[-1])
-    low = int(np.flatnonzero(np.append(True, angles[: crossing + 1] < boundary - CROSSING_RAD))[-1])
-    chosen = slice(low, last)
-    if last - low < 3:
-        chosen = slice(crossing, last + 1)
-    span, times = angles[chosen] - boundary, buffer.times_s[chosen] - buffer.times_s[crossing]
-    mid = span.mean()
-    slope = float((span - mid) @ times / ((span - mid) @ (span - mid)))
-    return float(buffer.times_s[crossing] + times.mean() - slope * mid), boundary + TURN
-
-
-def _rise_crossing(
-    reference: CycleReference, buffer: _Buffer, boundary: float | None, since_s: float
-) -> tuple[float, float] | None:
-    """Return the first rise through the level after the boundary before, between two samples."""
-    first = int(np.searchsorted(buffer.times_s, since_s)) if isfinite(since_s) else 0
-    above = buffer.values[first:] >= reference.begin
-    rises = np.flatnonzero(~above[:-1] & above[1:])
-    if not len(rises):
-        return None
-    place = first + int(rises[0])
-    (t0, t1), (x0, x1) = buffer.times_s[place : place + 2], buffer.values[place : place + 2]
-    return float(t0 + (t1 - t0) * (reference.begin - x0) / (x1 - x0)), 0.0

@@ -12,8 +12,7 @@ from __future__ import annotations
 from typing import Any
 
 from mech_twin.engine.sample_vectors import Array
-from mech_twin.machines.impact_mass.mass_row import MEMORY_AT, ORIGIN_STEP, RESIDUALS_AT, acted_before, motion_of
-from mech_twin.machines.impact_mass.step import reanchored
+from mech_twin.machines.impact_mass.mass_row import anchor_at
 from mech_twin.studies.observer.model_run import ModelRun
 
 NAME = "impact_mass"
@@ -33,16 +32,12 @@ class AnchorNow:
     def __init__(self, run: ModelRun, machine_name: str) -> None:
         self.in_use = machine_name == NAME
         self._linkage = run.bank.compiled.layout.places.linkage
-        self._system: Any = run.bank.compiled.models.linkage.system if self.in_use else None
-        self._step_s = run.bank.step_s
+        self._model: Any = run.bank.compiled.models.linkage
 
     def restated(self, row: Array, step: int) -> Array:
         """Return a frame at a step with the same motion, anchored there."""
         if not self.in_use:
             return row
         found: Array = row.copy()
-        memory = found[self._linkage + MEMORY_AT : self._linkage + RESIDUALS_AT]
-        before = acted_before(self._system, memory)
-        motion = reanchored(motion_of(memory), before, before, step - memory[ORIGIN_STEP], self._step_s)
-        memory[: len(motion)] = motion
+        anchor_at(self._model, found[self._linkage :], step)
         return found

@@ -7,22 +7,19 @@ of negligible mass with half of it at either end, sliding carts closed by a conn
 hinge with spring and damper, Kloss torque applied each step; no load, since MuJoCo has no friction that the page's (12)
 would be.  Accuracy: the range of the twist over one steady turn against ours at a tolerance of 1e-12.
 
-Run ``pytest benchmarks/test_roller_former.py -s`` for the ratios; nothing here asserts a time.
+``python benchmarks/roller_former.py [--write]``.
 """
 
 from __future__ import annotations
 
 import sys
-import time
-from collections.abc import Callable
+from pathlib import Path
 
 import mujoco
 import numpy as np
-import pytest
-from roller_former_cases import machine_for, parameters_for
+from comparison import Table, in_turn, measure, ratio
 from scipy.integrate import solve_ivp
 
-from mech_twin.engine.run import frames
 from mech_twin.machines.roller_former.cart_statics import load_moment, shaft_terms
 from mech_twin.machines.roller_former.dynamics import DriveLine, Former, Modes, state_array
 from mech_twin.machines.roller_former.events import empty_log
@@ -31,24 +28,13 @@ from mech_twin.machines.roller_former.parameters import former_of
 from mech_twin.machines.roller_former.steady import steady_turn
 from mech_twin.parts.induction_motor import motor_torque
 
-SIMULATED_S = 20.0
-PEER_S = 2.0
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "test"))
+from roller_former_cases import parameters_for
+
+SIMULATED_S, PEER_S, ROUNDS = 5.0, 2.0, 5
 SYNCHRONOUS = 1000.0 * np.pi / 30.0 / 9.8
-
-
-def said(text: str) -> None:
-    sys.stdout.write(f"\n{text}")
-
-
-def best_of(times: int, task: Callable[[], object]) -> float:
-    """Return the shortest time of a few runs, the first one not counted."""
-    task()
-    spent = []
-    for _ in range(times):
-        begin = time.perf_counter()
-        task()
-        spent.append(time.perf_counter() - begin)
-    return min(spent)
+LOADS = ("none", "reversing")
+SETTINGS = ((1e-3, "implicitfast"), (2.5e-4, "implicitfast"), (2.5e-4, "RK4"))
 
 
 def ours(former: Former, duration_s: float) -> np.ndarray:
@@ -74,34 +60,6 @@ def peer(former: Former, duration_s: float) -> np.ndarray:
     begin = [0.0, 0.0, SYNCHRONOUS, 0.0]
     run = solve_ivp(slope, (0.0, duration_s), begin, "DOP853", rtol=1e-9, atol=1e-11)
     return np.asarray(run.y[:, -1])
-
-
-@pytest.mark.parametrize("load", ["none", "reversing"])
-@pytest.mark.parametrize("carts", [1, 2, 3, 4])
-def test_times_real_time(carts: int, load: str) -> None:
-    former = former_of(parameters_for(carts, {"load": load}))
-    faster = SIMULATED_S / best_of(5, lambda: ours(former, SIMULATED_S))
-    said(f"{carts} carts, load {load:9s}: integrator {faster:7.0f} x real time")
-
-
-@pytest.mark.parametrize("load", ["none", "reversing"])
-def test_against_scipy(load: str) -> None:
-    former = former_of(parameters_for(4, {"load": load}))
-    we, they = best_of(3, lambda: ours(former, PEER_S)), best_of(1, lambda: peer(former, PEER_S))
-    exact = ours(former._replace(tolerance=1e-13), PEER_S)[:4]
-    our_error, their_error = (abs(f(former, PEER_S)[:4] - exact)[1] / abs(exact[1]) for f in (ours, peer))
-    said(
-        f"4 carts, load {load:9s}: scipy DOP853 takes {they / we:6.0f} x our time; "
-        f"error of the twist {our_error:.1e} (ours) and {their_error:.1e} (scipy)"
-    )
-    assert our_error < 1e-7
-
-
-def test_roles_one_process() -> None:
-    machine = machine_for(4)
-    steps = 2000
-    spent = best_of(2, lambda: list(frames(machine, steps * machine.coupling_step_s)))
-    said(f"4 carts, all roles in one process: {steps / spent:6.0f} coupling steps per second")
 
 
 def mujoco_model(former: Former, timestep_s: float, integrator: str) -> mujoco.MjModel:
@@ -137,21 +95,19 @@ def mujoco_model(former: Former, timestep_s: float, integrator: str) -> mujoco.M
     return mujoco.MjModel.from_xml_string(xml)
 
 
-def mujoco_run(former: Former, timestep_s: float, integrator: str, duration_s: float) -> tuple[float, float]:
-    """Return the twist's range over the last turn (rad), and the seconds spent."""
+def mujoco_run(former: Former, timestep_s: float, integrator: str) -> float:
+    """Return the twist's range over the last turn (rad)."""
     model = mujoco_model(former, timestep_s, integrator)
     state = mujoco.MjData(model)
     mujoco.mj_forward(model, state)
     start_speeds(former, model, state)
     twists, gain = [], former.ratio * former.efficiency
-    begin = time.perf_counter()
-    for _ in range(round(duration_s / timestep_s)):
+    for _ in range(round(PEER_S / timestep_s)):
         state.qfrc_applied[0] = motor_torque(former.motor, state.qvel[0] * former.ratio, 1.0) * gain
         mujoco.mj_step(model, state)
         twists.append(state.qpos[1])
-    spent = time.perf_counter() - begin
     turn = np.array(twists[-round(2.0 * np.pi / SYNCHRONOUS / timestep_s) :])
-    return float(np.ptp(turn)), spent
+    return float(np.ptp(turn))
 
 
 def start_speeds(former: Former, model: mujoco.MjModel, state: mujoco.MjData) -> None:
@@ -168,18 +124,60 @@ def start_speeds(former: Former, model: mujoco.MjModel, state: mujoco.MjData) ->
         state.qvel[2 + bank.offset_rad.size + i] = travel * SYNCHRONOUS
 
 
-@pytest.mark.parametrize(
-    ("timestep_s", "integrator"), [(1e-3, "implicitfast"), (2.5e-4, "implicitfast"), (2.5e-4, "RK4")]
-)
-def test_against_mujoco(timestep_s: float, integrator: str) -> None:
+def times_real_time() -> Table:
+    """Return the speed of the integrator with one to four carts."""
+    rows = []
+    for carts in range(1, 5):
+        formers = [former_of(parameters_for(carts, {"load": load})) for load in LOADS]
+        tasks = {load: lambda f=f: ours(f, SIMULATED_S) for load, f in zip(LOADS, formers, strict=True)}
+        times = in_turn(tasks, ROUNDS)
+        rows.append((carts, *(f"{SIMULATED_S / min(times[load]):.0f}" for load in LOADS)))
+    how = f"Integrator alone, times real time, one core, processor time, best of {ROUNDS} rounds."
+    return Table(how, ("carts", "no load", "reversing load"), rows)
+
+
+def beside_scipy() -> Table:
+    """Return the comparison with DOP853 in Python on the same compiled right-hand side."""
+    rows = []
+    for load in LOADS:
+        former = former_of(parameters_for(4, {"load": load}))
+        times = in_turn({"ours": lambda f=former: ours(f, PEER_S), "theirs": lambda f=former: peer(f, PEER_S)}, 3)
+        exact = ours(former._replace(tolerance=1e-13), PEER_S)[:4]
+        off = [abs(f(former, PEER_S)[:4] - exact)[1] / abs(exact[1]) for f in (ours, peer)]
+        if not off[0] < 1e-7:
+            raise SystemExit(f"roller_former: the twist is off by {off[0]:g}, 1e-7 allowed")
+        rows.append((load, ratio(times, "theirs", "ours"), f"{off[0]:.1e}", f"{off[1]:.1e}"))
+    how = "scipy's DOP853, the same equations and tolerance, four carts: its time over ours; errors of the twist."
+    return Table(how, ("load", "ratio (spread)", "our error", "its error"), rows)
+
+
+def beside_mujoco() -> Table:
+    """Return the comparison with MuJoCo, three carts."""
     former = former_of(parameters_for(3, {"load": "none"}))
     turn = steady_turn(former._replace(tolerance=1e-12))
-    assert turn is not None
-    exact = float(np.ptp(turn.extremes(3)))
-    found, they = mujoco_run(former, timestep_s, integrator, PEER_S)
-    we = best_of(3, lambda: ours(former, PEER_S))
-    said(
-        f"3 carts: MuJoCo {integrator} at {1e3 * timestep_s:g} ms takes {they / we:6.0f} x our time, "
-        f"its twist range is off by {found / exact - 1.0:+.1e}"
-    )
-    assert found == pytest.approx(exact, rel=0.2)  # the same machine
+    if turn is None:
+        raise SystemExit("roller_former: no steady turn")
+    exact, rows = float(np.ptp(turn.extremes(3))), []
+    for timestep_s, integrator in SETTINGS:
+        found = mujoco_run(former, timestep_s, integrator)
+        if abs(found / exact - 1.0) > 0.2:
+            raise SystemExit(f"roller_former: not the same machine: twist range {found:g}, {exact:g} expected")
+        tasks = {
+            "ours": lambda: ours(former, PEER_S),
+            "theirs": lambda h=timestep_s, i=integrator: mujoco_run(former, h, i),
+        }
+        times = in_turn(tasks, 3)
+        rows.append(
+            (f"{integrator}, {1e3 * timestep_s:g} ms", ratio(times, "theirs", "ours"), f"{found / exact - 1:+.1e}")
+        )
+    how = "MuJoCo with three carts, motor torque set each step: its time over ours; error of the twist's range."
+    return Table(how, ("MuJoCo", "ratio (spread)", "its error"), rows)
+
+
+def measured() -> list[Table]:
+    """Return all tables."""
+    return [times_real_time(), beside_scipy(), beside_mujoco()]
+
+
+if __name__ == "__main__":
+    measure("roller_former", measured)

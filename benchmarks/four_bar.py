@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Throughput of the four-bar beside its peers, in one run on one machine: read the ratios, not the seconds.
+"""Throughput of the four-bar beside its peers, in turn in one run on one core.
 
-Run with ``pytest benchmarks/test_four_bar_throughput.py``; each benchmark says in ``extra_info`` how many million
-evaluations a second it reached.  Results are compared, times never asserted.
+``python benchmarks/four_bar.py [--write]``: positions and derivatives beside pylinkage's compiled model of the same
+linkage, forces beside a batched solution of the 9x9 systems of equilibrium by numpy, which gets its kinematics from our
+batch, a time step beside MuJoCo's of a loop closed by a soft constraint.  Results are compared before they are timed.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import math
 import mujoco
 import numpy as np
 import pylinkage
-import pytest
+from comparison import Table, in_turn, measure, ratio
 from pylinkage.simulation import Linkage
 
 from mech_twin.machines.compaction_press.batch import (
@@ -26,6 +27,7 @@ from mech_twin.machines.compaction_press.batch import (
 from mech_twin.parameters.load import machine
 
 COUNT = 100_000
+SOLVED, STEPS, ROUNDS, CRANK_NM = 10_000, 1000, 11, 60.0
 SPEED = 10.0 * math.pi
 PRESS = machine("compaction_press").linkage.mechanism
 BAR = PRESS.bar
@@ -55,12 +57,6 @@ LOOP = """
   <equality><connect site1="plate_b" site2="pendulum_b"/></equality>
 </mujoco>
 """
-
-
-def rate(benchmark, count):
-    """Note how many million evaluations a second the best round reached."""
-    if benchmark.stats is not None:
-        benchmark.extra_info["million_per_s"] = round(count / benchmark.stats.stats.min / 1e6, 3)
 
 
 def peer_linkage():
@@ -107,81 +103,65 @@ def newton_euler_systems(count):
     return m, right
 
 
-@pytest.mark.benchmark(group="positions")
-def test_positions(benchmark):
-    result = benchmark(batch_positions, DESIGNS, ANGLES)
-    assert np.isfinite(result).all()
-    rate(benchmark, COUNT)
+def checked(ours: np.ndarray, theirs: np.ndarray, tolerance: float) -> None:
+    """End the benchmark if two answers to the same question differ."""
+    worst = float(np.abs(ours - theirs).max())
+    if not worst <= tolerance:
+        raise SystemExit(f"four_bar: the answers differ by {worst:g}, {tolerance:g} allowed")
 
 
-@pytest.mark.benchmark(group="positions")
-def test_positions_pylinkage(benchmark):
+def compiled_peer() -> Linkage:
+    """Return pylinkage's model, compiled, after a turn that agrees with ours; their first step is one increment on."""
     linkage = peer_linkage()
     linkage.compile()
-    theirs = linkage.step_fast(COUNT)
-    ours = batch_positions(DESIGNS, ANGLES)[0]
-    # their first step is one increment on
-    assert theirs[:-1, 3] == pytest.approx(ours[2:, 1:].T, abs=1e-6)
-    benchmark(linkage.step_fast, COUNT)
-    rate(benchmark, COUNT)
+    checked(batch_positions(DESIGNS, ANGLES)[0, 2:, 1:].T, linkage.step_fast(COUNT)[:-1, 3], 1e-6)
+    return linkage
 
 
-@pytest.mark.benchmark(group="positions with derivatives")
-def test_motions(benchmark):
-    benchmark(batch_motions, DESIGNS, ANGLES, SPEED, 0.0)
-    rate(benchmark, COUNT)
+def solved_forces() -> np.ndarray:
+    """Return the forces of a tenth of the angles by the batched solution, after one that agrees with ours."""
+    systems, right = newton_euler_systems(SOLVED)
+    return np.linalg.solve(systems, right[:, :, None])[:, :, 0]
 
 
-@pytest.mark.benchmark(group="positions with derivatives")
-def test_motions_pylinkage(benchmark):
-    linkage = peer_linkage()
-    linkage.compile()
-    linkage.step_fast_with_kinematics(10)
-    benchmark(linkage.step_fast_with_kinematics, COUNT)
-    rate(benchmark, COUNT)
-
-
-@pytest.mark.benchmark(group="full force analysis")
-def test_forces(benchmark):
-    benchmark(batch_forces, PRESS, DESIGNS, ANGLES, SPEED, 0.0, LOADS)
-    rate(benchmark, COUNT)
-
-
-@pytest.mark.benchmark(group="full force analysis")
-def test_forces_by_batched_solve(benchmark):
-    """The peer gets its kinematics from our compiled batch; its time is mostly assembly and solution of the systems."""
-    count = 10_000
-
-    def solved():
-        systems, right = newton_euler_systems(count)
-        return np.linalg.solve(systems, right[:, :, None])[:, :, 0]
-
-    step = COUNT // count
-    ours = batch_forces(PRESS, DESIGNS, ANGLES[::step], SPEED, 0.0, LOADS[::step])[0]
-    assert solved() == pytest.approx(ours.T, abs=1e-7)
-    benchmark(solved)
-    rate(benchmark, count)
-
-
-@pytest.mark.benchmark(group="time step of the closed loop")
-def test_driven_step(benchmark):
-    benchmark(driven_run, PRESS, 0.0, 0.0, 0.0, 60.0, 0.001, 1000)
-    rate(benchmark, 1000)
-
-
-@pytest.mark.benchmark(group="time step of the closed loop")
-def test_step_mujoco(benchmark):
+def mujoco_loop() -> tuple[mujoco.MjModel, mujoco.MjData]:
+    """Return the linkage as MuJoCo bodies, assembled."""
     _, _, b_x, b_y = batch_positions(DESIGNS, np.zeros(1))[0, :, 0]
     plate = math.degrees(math.atan2(b_y, b_x - BAR.crank_m))
     pendulum = math.degrees(math.atan2(b_y - BAR.pivot_y_m, b_x - BAR.pivot_x_m))
     model = mujoco.MjModel.from_xml_string(LOOP.format(plate=plate, pendulum=pendulum))
     state = mujoco.MjData(model)
     mujoco.mj_forward(model, state)
-    assert np.linalg.norm(state.site("plate_b").xpos - state.site("pendulum_b").xpos) < 1e-9
+    checked(state.site("plate_b").xpos, state.site("pendulum_b").xpos, 1e-9)
+    state.qfrc_applied[0] = CRANK_NM
+    return model, state
 
-    def run():
-        state.qfrc_applied[0] = 60.0
-        mujoco.mj_step(model, state, nstep=1000)
 
-    benchmark(run)
-    rate(benchmark, 1000)
+def measured() -> list[Table]:
+    """Return the table of all four comparisons."""
+    linkage, (model, state) = compiled_peer(), mujoco_loop()
+    every = COUNT // SOLVED
+    checked(batch_forces(PRESS, DESIGNS, ANGLES[::every], SPEED, 0.0, LOADS[::every])[0].T, solved_forces(), 1e-7)
+    pairs = (
+        ("positions", "pylinkage", COUNT, COUNT,
+         lambda: batch_positions(DESIGNS, ANGLES), lambda: linkage.step_fast(COUNT)),
+        ("positions, speeds, accelerations", "pylinkage", COUNT, COUNT,
+         lambda: batch_motions(DESIGNS, ANGLES, SPEED, 0.0), lambda: linkage.step_fast_with_kinematics(COUNT)),
+        ("full force analysis", "numpy.linalg.solve", COUNT, SOLVED,
+         lambda: batch_forces(PRESS, DESIGNS, ANGLES, SPEED, 0.0, LOADS), solved_forces),
+        ("time step of 1 ms of the closed loop", "MuJoCo", STEPS, STEPS,
+         lambda: driven_run(PRESS, 0.0, 0.0, 0.0, CRANK_NM, 0.001, STEPS),
+         lambda: mujoco.mj_step(model, state, nstep=STEPS)),
+    )  # fmt: skip
+    rows = []
+    for what, peer, our_count, their_count, ours, theirs in pairs:
+        times = in_turn({"ours": ours, "theirs": theirs}, ROUNDS)
+        rates = [f"{n / min(times[who]) / 1e6:.3g}" for who, n in (("ours", our_count), ("theirs", their_count))]
+        each = {"ours": [t / our_count for t in times["ours"]], "theirs": [t / their_count for t in times["theirs"]]}
+        rows.append((what, rates[0], peer, rates[1], ratio(each, "theirs", "ours")))
+    how = f"One core, processor time, {ROUNDS} rounds in turn; million evaluations a second of the best round."
+    return [Table(how, ("what", "ours", "peer", "the peer's", "ratio (spread)"), rows)]
+
+
+if __name__ == "__main__":
+    measure("four_bar", measured)

@@ -6,7 +6,7 @@ P2 = -20 N); the first five periods of fig. 3b, which end before the first endle
 and one glancing blow.  The peer gets a terminal event, a restart after every blow and at every
 change of the force, and tight tolerances; with free steps it may step over a root, so it also runs with short ones.
 
-Run ``pytest benchmarks/test_impact_mass.py -s`` for the ratios; nothing here asserts a time.
+``python benchmarks/impact_mass.py [--write]``.
 """
 
 from __future__ import annotations
@@ -14,22 +14,21 @@ from __future__ import annotations
 import resource
 import sys
 import time
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import pytest
-from literature.impact_reference import number, walk
+from comparison import Table, in_turn, measure, ratio
 from scipy.integrate import solve_ivp
 
 from mech_twin.machines.impact_mass.batch import empty_tally, event_batch
-from mech_twin.machines.impact_mass.dynamics import (
-    impact_system,
-    initial_motion,
-    next_event,
-)
-from mech_twin.machines.impact_mass.states import (
-    IMPACT,
-)
+from mech_twin.machines.impact_mass.dynamics import impact_system, initial_motion, next_event
+from mech_twin.machines.impact_mass.states import IMPACT
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "test"))
+from literature.impact_reference import number, walk
+
+ROUNDS, EVENTS, MEMORY_BLOCKS = 7, 1_000_000, 10
 
 
 class Case(NamedTuple):
@@ -100,42 +99,57 @@ def largest_error(times: list[float], exact: list[float]) -> str:
     return f"{error:.1e} s, {len(times)} of {len(exact)} impacts"
 
 
-def told(line: str) -> None:
-    sys.stdout.write(f"\n{line}\n")
-
-
-def test_impacts_per_second(benchmark):
+def speed() -> Table:
+    """Return impacts a second of both in the stable motion."""
     system, start = started(STEADY)
-    event_batch(start, system, empty_tally(start), 10, 1e9)
-    tally = benchmark(lambda: event_batch(start, system, empty_tally(start), 3_000_000, 1e9)[1])
-    ours = tally.impacts / benchmark.stats.stats.min
-    begun = time.perf_counter()
-    peer = len(peer_times(STEADY)) / (time.perf_counter() - begun)
-    told(f"impacts per second: ours {ours:.3g}, solve_ivp {peer:.3g}, ratio {ours / peer:.3g}")
+    impacts = event_batch(start, system, empty_tally(start), EVENTS, 1e9)[1].impacts
+    theirs = len(peer_times(STEADY))
+    times = in_turn(
+        {
+            "ours": lambda: event_batch(start, system, empty_tally(start), EVENTS, 1e9),
+            "theirs": lambda: peer_times(STEADY),
+        },
+        ROUNDS,
+    )
+    each = {"ours": [t / impacts for t in times["ours"]], "theirs": [t / theirs for t in times["theirs"]]}
+    rates = [f"{1.0 / min(each[who]):.2g}" for who in ("ours", "theirs")]
+    how = f"Impacts a second in one stable motion, one core, processor time, best of {ROUNDS} rounds in turn."
+    return Table(how, ("ours", "`solve_ivp` with events", "ratio (spread)"), [(*rates, ratio(each, "theirs", "ours"))])
 
 
-@pytest.mark.parametrize("case", [STEADY, FIG3B, GLANCING], ids=["steady", "fig_3b", "glancing"])
-def test_largest_time_error(case):
-    exact = exact_times(case)
-    ours = our_times(case)
-    told(f"largest time error: ours {largest_error(ours, exact)}")
-    told(f"  solve_ivp, free steps: {largest_error(peer_times(case), exact)}")
-    short = case.period_s / 50.0
-    told(f"  solve_ivp, steps of T/50 at most: {largest_error(peer_times(case, short), exact)}")
-    assert ours == pytest.approx(exact, rel=1e-9)
+def errors() -> Table:
+    """Return the largest time errors of all cases."""
+    rows = []
+    for name, case in {"200 stable periods": STEADY, "five of fig. 3b": FIG3B, "one glancing blow": GLANCING}.items():
+        exact, ours = exact_times(case), our_times(case)
+        if len(ours) != len(exact) or not np.allclose(ours, exact, rtol=1e-9, atol=0.0):
+            raise SystemExit(f"impact_mass: {name}: ours differs from 60 digits")
+        short = peer_times(case, case.period_s / 50.0)
+        rows.append((name, *(largest_error(times, exact) for times in (ours, peer_times(case), short))))
+    how = "Largest error of an impact's time against 60 digits; impacts found of those there are."
+    return Table(how, ("case", "ours", "`solve_ivp`, free steps", "`solve_ivp`, steps of T/50 at most"), rows)
 
 
-@pytest.mark.slow
-def test_ten_million_events_in_flat_memory_at_constant_speed():
+def memory() -> Table:
+    """Return speed and growth of memory over ten million events."""
     system, motion = started(STEADY)
     tally, rates = empty_tally(motion), []
     event_batch(motion, system, tally, 10, 1e9)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    for _ in range(10):
-        begun = time.perf_counter()
-        motion, tally = event_batch(motion, system, tally, 1_000_000, 1e12)
-        rates.append(1e6 / (time.perf_counter() - begun))
+    for _ in range(MEMORY_BLOCKS):
+        begun = time.process_time()
+        motion, tally = event_batch(motion, system, tally, EVENTS, 1e12)
+        rates.append(EVENTS / (time.process_time() - begun))
     grown = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before
-    told(f"{tally.events:.0f} events: {min(rates):.3g} to {max(rates):.3g} a second; memory grew by {grown} KiB")
-    assert tally.events == 10_000_000
-    assert grown < 2_000
+    how = "Events one after the other, without an end to memory's growth if there were one."
+    columns = ("events", "a second, slowest million", "fastest million", "memory grew by")
+    return Table(how, columns, [(f"{tally.events:.0f}", f"{min(rates):.2g}", f"{max(rates):.2g}", f"{grown} KiB")])
+
+
+def measured() -> list[Table]:
+    """Return all tables."""
+    return [speed(), errors(), memory()]
+
+
+if __name__ == "__main__":
+    measure("impact_mass", measured)

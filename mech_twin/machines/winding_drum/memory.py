@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The numbers of the drum's linkage row by name: what its motion is, what it carries beside, its residuals."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from mech_twin.engine.records import record_of
+from mech_twin.engine.sample_vectors import Array
+from mech_twin.kernel import kernel
+
+
+class DrumMotion(NamedTuple):
+    """What the row begins with: regime, command of the motor; angle, rate, effort of each joint.
+
+    The joints are the drum, the yarn that has run, and the radius of the package.
+    """
+
+    regime: float
+    command: float
+    drum_rad: float
+    drum_rad_per_s: float
+    drum_nm: float
+    yarn_m: float
+    yarn_m_per_s: float
+    yarn_n: float
+    radius_m: float
+    radius_m_per_s: float
+    radius_n: float
+
+
+class DrumMemory(NamedTuple):
+    """What the linkage carries beside its joints."""
+
+    yarn_acceleration_m_per_s2: float
+    drive_work_j: float
+    gravity_work_j: float
+    friction_loss_j: float
+    initial_energy_j: float
+    largest_energy_j: float
+
+
+class DrumResiduals(NamedTuple):
+    """What must be zero but for rounding: area of the layers against the yarn, energy."""
+
+    area_balance: float
+    energy_balance: float
+
+
+MOTION, MEMORY, RESIDUALS = record_of(DrumMotion), record_of(DrumMemory), record_of(DrumResiduals)
+MEMORY_AT = len(DrumMotion._fields)
+RESIDUALS_AT = MEMORY_AT + len(DrumMemory._fields)
+
+
+@kernel
+def motion_of(row: Array) -> Any:
+    """Return what a linkage row begins with, as a record that shares its numbers (see `engine.records`)."""
+    return row[:MEMORY_AT].view(MOTION)[0]
+
+
+@kernel
+def memory_of(row: Array) -> Any:
+    """Return the memory of a linkage row as a record that shares its numbers."""
+    return row[MEMORY_AT:RESIDUALS_AT].view(MEMORY)[0]
+
+
+@kernel
+def residuals_of(row: Array) -> Any:
+    """Return the residuals of a linkage row as a record that shares its numbers."""
+    return row[RESIDUALS_AT:].view(RESIDUALS)[0]

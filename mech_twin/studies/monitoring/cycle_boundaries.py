@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where a cycle begins: the instant an angle crosses its boundary, or a signal rises through its level."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from math import ceil, isfinite, pi
+
+import numpy as np
+
+from mech_twin.capabilities.cycle import TURN, Array, CycleReference
+
+CROSSING_RAD = pi / 12.0  # on either side of a boundary: the samples whose line gives the instant of crossing
+
+
+@dataclass
+class ChannelBuffer:
+    """Samples of a channel that may still be needed, and the newest stamp."""
+
+    times_s: Array = field(default_factory=lambda: np.empty(0))
+    values: Array = field(default_factory=lambda: np.empty(0))
+    newest_s: float = -np.inf
+
+    def add(self, times_s: Array, values: Array) -> None:
+        """Append samples that are later than what is there; others, and what is no number, are left out."""
+        latest = np.maximum.accumulate(np.concatenate([[self.newest_s], times_s]))
+        kept = (times_s > latest[:-1]) & np.isfinite(values) & np.isfinite(times_s)
+        self.times_s = np.concatenate([self.times_s, times_s[kept]])
+        self.values = np.concatenate([self.values, values[kept]])
+        if kept.any():
+            self.newest_s = float(self.times_s[-1])
+
+    def between(self, begin_s: float, end_s: float) -> tuple[Array, Array]:
+        """Return the samples of [begin, end)."""
+        first, last = np.searchsorted(self.times_s, [begin_s, end_s])
+        return self.times_s[first:last], self.values[first:last]
+
+    def forget(self, before_s: float) -> None:
+        """Drop the samples before an instant."""
+        first = int(np.searchsorted(self.times_s, before_s))
+        if first > 0:
+            self.times_s, self.values = self.times_s[first:], self.values[first:]
+
+
+def turn_crossing(
+    reference: CycleReference, buffer: ChannelBuffer, boundary: float | None, since_s: float
+) -> tuple[float, float] | None:
+    """Return when the angle first crosses the boundary, from the line through the samples about it; and the next one.
+
+    None while samples are missing.  The first boundary is the first one ahead of the first sample.
+    """
+    angles = buffer.values
+    if boundary is None:
+        turns = ceil((angles[0] + CROSSING_RAD - reference.begin) / TURN)
+        boundary = reference.begin + TURN * turns
+    beyond = np.flatnonzero(angles >= boundary + CROSSING_RAD)
+    if not len(beyond):
+        return None
+    last = int(beyond[0])
+    while angles[last] - boundary >= TURN:  # a gap of whole turns: the boundaries in it are not seen
+        boundary += TURN
+    before = np.flatnonzero(angles[: last + 1] < boundary)
+    if not len(before):
+        return float(buffer.times_s[last]), boundary + TURN
+    crossing = int(before[-1])
+    low = int(np.flatnonzero(np.append(True, angles[: crossing + 1] < boundary - CROSSING_RAD))[-1])
+    chosen = slice(low, last)
+    if last - low < 3:
+        chosen = slice(crossing, last + 1)
+    span, times = angles[chosen] - boundary, buffer.times_s[chosen] - buffer.times_s[crossing]
+    mid = span.mean()
+    slope = float((span - mid) @ times / ((span - mid) @ (span - mid)))
+    return float(buffer.times_s[crossing] + times.mean() - slope * mid), boundary + TURN
+
+
+def rise_crossing(
+    reference: CycleReference, buffer: ChannelBuffer, boundary: float | None, since_s: float
+) -> tuple[float, float] | None:
+    """Return the first rise through the level after the boundary before, between two samples."""
+    first = int(np.searchsorted(buffer.times_s, since_s)) if isfinite(since_s) else 0
+    above = buffer.values[first:] >= reference.begin
+    rises = np.flatnonzero(~above[:-1] & above[1:])
+    if not len(rises):
+        return None
+    place = first + int(rises[0])
+    (t0, t1), (x0, x1) = buffer.times_s[place : place + 2], buffer.values[place : place + 2]
+    return float(t0 + (t1 - t0) * (reference.begin - x0) / (x1 - x0)), 0.0

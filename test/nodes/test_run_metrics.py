@@ -1,0 +1,31 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a node gathers of a run stays small however long the run is."""
+
+from __future__ import annotations
+
+import tracemalloc
+
+from catalogue import built
+
+from mech_twin.engine.run import frames
+from mech_twin.nodes.run_metrics import KEPT_EVENTS, RunMetrics
+
+MOST_BYTES = 64 * 2**20
+
+
+def test_the_events_of_a_long_run_weigh_less_than_64_mib() -> None:
+    machine = built("mb10_breaker")
+    metrics = RunMetrics(lambda: machine)
+    tracemalloc.start()
+    try:
+        for frame in frames(machine, 2.0):
+            metrics.observe(frame)
+        kept = tracemalloc.get_traced_memory()[0]
+        count = len(metrics.events)
+        metrics.events.clear()
+        weight = (kept - tracemalloc.get_traced_memory()[0]) / count
+    finally:
+        tracemalloc.stop()
+    assert count > 200
+    assert weight > 500.0  # an event has the state of every joint on both sides
+    assert weight * KEPT_EVENTS < MOST_BYTES
