@@ -290,7 +290,7 @@ def pictures(folder: Path, out: Path) -> None:
     values = [1e3 * vector.values[vector.names.index(FIGURE)] for vector in vectors]
     upper.plot(times, values, ".", ms=3, color="tab:blue")
     upper.axhline(1e3 * told_["wanted"], color="tab:green", lw=1, label="wanted")
-    upper.set_ylabel("body off its seat, mean of a turn, mrad")
+    upper.set_ylabel("body off its seat, mrad")
     charts = np.array([[np.nan] * 3 if f.charts is None else f.charts.statistics for f in found])
     for column, (name, limit) in enumerate(zip(("cusum", "glr", "chi-square"), setup.limits.alarm, strict=True)):
         lower.semilogy(times, np.maximum(charts[:, column] / limit, 1e-2), lw=1, label=name)
