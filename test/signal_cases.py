@@ -13,6 +13,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import NamedTuple
 
+from mech_twin.kernel_store import DIRECTORY_VARIABLE
 from mech_twin.recording.bag_reader import BagReader
 
 COMMAND = "from mech_twin.programs import {program}; {program}()"
@@ -22,7 +23,7 @@ RUN = ["run", "winding_drum", "--view", "none", "--record", "BAG"]
 START_LIMIT_S = 90.0
 END_LIMIT_S = 30.0
 WORKERS = 2
-IMPORTING_S, COMPILING_S, BRIEFLY_S = 0.5, 3.0, 0.5
+IMPORTING_S, BRIEFLY_S = 0.5, 0.5
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 MIDDLEWARE, DRAWING = "librmw_fastrtps", "matplotlib"
 
@@ -165,12 +166,15 @@ VERBS = {
 
 
 @contextmanager
-def running(verb: Verb, folder: Path, cache: Path) -> Iterator[Started]:
-    """Start a verb in a process group of its own; what is left of it at the end is killed."""
+def running(verb: Verb, folder: Path, cache: Path | None = None) -> Iterator[Started]:
+    """Start a verb in a process group of its own, with kernels of its own in a cache where one is given.
+
+    What is left of it at the end is killed.
+    """
     places = {"BAG": str(folder / "bag"), "OUT": str(folder / "out"), "OUT.csv": str(folder / "out.csv")}
     words = [places.get(word, word.replace("SAMPLE", SAMPLE_BAG)) for word in verb.words]
     command = [sys.executable, "-c", COMMAND.format(program=verb.program), *words]
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(cache)}
+    environment = {**os.environ, **({} if cache is None else {DIRECTORY_VARIABLE: str(cache)})}
     with (folder / "errors").open("wb") as errors:
         process = subprocess.Popen(
             command, stdout=subprocess.DEVNULL, stderr=errors, env=environment, start_new_session=True
@@ -183,14 +187,14 @@ def running(verb: Verb, folder: Path, cache: Path) -> Iterator[Started]:
         process.wait()
 
 
-def wait_for(moment: str, verb: Verb, started: Started) -> None:
-    """Wait until a moment has come."""
+def wait_for(moment: str, verb: Verb, started: Started, cache: Path) -> None:
+    """Wait until a moment has come; kernels are being compiled from the first in the cache on, with dozens to come."""
     match moment:
         case "importing":
             until(lambda: answers(started.process.pid, SIGNALS[-1]))  # the last to be set
             time.sleep(IMPORTING_S)
         case "compiling":
-            time.sleep(COMPILING_S)
+            until(lambda: any(path.is_file() for path in cache.rglob("*")))
         case "discovery":
             until(lambda: MIDDLEWARE in Path(f"/proc/{started.process.pid}/maps").read_text())
         case "starting":
@@ -199,7 +203,7 @@ def wait_for(moment: str, verb: Verb, started: Started) -> None:
             until(lambda: verb.under_way(started))
 
 
-def seen_after(verb: Verb, moment: str, number: signal.Signals, folder: Path, cache: Path, group: bool = False) -> Seen:
+def seen_after(verb: Verb, moment: str, number: signal.Signals, folder: Path, group: bool = False) -> Seen:
     """Start a verb, send it a signal at a moment, and return what was seen.
 
     Parameters
@@ -211,14 +215,13 @@ def seen_after(verb: Verb, moment: str, number: signal.Signals, folder: Path, ca
     number : Signals
         What to send.
     folder : Path
-        For all it writes.
-    cache : Path
-        Of compiled kernels; an empty one where the moment is "compiling".
+        For all it writes, and for its kernels where the moment is "compiling".
     group : bool
         Whether its children get the signal too, as from a terminal.
     """
-    with running(verb, folder, cache) as started:
-        wait_for(moment, verb, started)
+    cache = folder / "kernels"
+    with running(verb, folder, cache if moment == "compiling" else None) as started:
+        wait_for(moment, verb, started, cache)
         children = descendants(started.process.pid)
         asked = time.monotonic()
         if group:

@@ -94,9 +94,8 @@ def turn_axis(axes: Axes, label: str = "crank angle, degrees") -> None:
 
 def published(axes: Axes, x: Sequence[float], y: Sequence[float], label: str = "published", colour: str = INK) -> None:
     """Mark published points."""
-    axes.plot(
-        x, y, "o", color="none", markeredgecolor=colour, markersize=6.5, markeredgewidth=1.4, label=label, zorder=5
-    )
+    ring: Any = {"color": "none", "markeredgecolor": colour, "markersize": 6.5, "markeredgewidth": 1.4}
+    axes.plot(x, y, "o", label=label, zorder=5, clip_on=False, **ring)
 
 
 def _raster(figure: Figure) -> Image.Image:

@@ -3,18 +3,25 @@
 
 from __future__ import annotations
 
+import os
 import re
 import signal
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 from mech_twin.dependencies import missing_extra
 from mech_twin.interruption import EXIT_CODE_BASE, INTERRUPTED_LINE
 from mech_twin.stop_signal import interruptible
 from mech_twin.surroundings import lacking
 
+if TYPE_CHECKING:
+    from sys import UnraisableHookArgs
+
 EXIT_CODE = 2
+STANDARD_ERROR = 2
+_NO_MEMORY_LINE = b"mech-twin: not enough memory to clean up\n"
 INTERRUPTED = EXIT_CODE_BASE + signal.SIGINT
 
 
@@ -22,9 +29,19 @@ class CommandError(Exception):
     """A command that cannot be carried out as given; the message is one line."""
 
 
+def _without_memory(unraisable: UnraisableHookArgs) -> None:
+    """Tell of a finalizer or a callback that found no memory in one line, made before; of all others as Python does."""
+    if unraisable.exc_type is MemoryError:
+        os.write(STANDARD_ERROR, _NO_MEMORY_LINE)
+        return
+    sys.__unraisablehook__(unraisable)
+
+
 @contextmanager
 def report_cli_errors() -> Iterator[None]:
     """Report errors in the input and signals in one line; internal errors keep their traceback."""
+    if sys.unraisablehook is sys.__unraisablehook__:
+        sys.unraisablehook = _without_memory  # to the end of the process: finalizers run at its exit too
     try:
         with interruptible():
             yield
@@ -47,6 +64,9 @@ def _message(error: Exception) -> str:
     if isinstance(error, ImportError):
         return missing_extra(error) or str(error)
     format_message = getattr(error, "format_message", None)  # of the command line library
+    asked = getattr(error, "param", None)
+    if asked is not None and format_message is not None and format_message().startswith("Missing option"):
+        return f"missing option {asked.opts[0]} {asked.metavar or ''}: expected {asked.help}".replace(" :", ":")
     return _plain(str(format_message())) if format_message else str(error)
 
 

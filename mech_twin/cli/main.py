@@ -11,6 +11,7 @@ import typer
 from mech_twin import __version__
 from mech_twin.cli import completion
 from mech_twin.cli.command_group import CommandGroup
+from mech_twin.cli.compile_progress import compiling_shown
 from mech_twin.cli.failure import INTERRUPTED, CommandError, report_cli_errors
 from mech_twin.cli.many_values import ManyValues
 from mech_twin.cli.measurement_commands import identify, monitor, propose, shadow
@@ -326,7 +327,7 @@ app.add_typer(study_app, name="study")
 def main() -> None:
     """Run the command line."""
     try:
-        with report_cli_errors():
+        with report_cli_errors(), compiling_shown():
             code = app(standalone_mode=False)
             if code == INTERRUPTED:  # the command line library turns KeyboardInterrupt into this code
                 raise KeyboardInterrupt

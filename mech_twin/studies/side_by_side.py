@@ -73,7 +73,7 @@ def compared(first: ComparedRun, second: ComparedRun, tolerance: float = 0.0) ->
     """
     if first.machine != second.machine:
         raise StudyError(
-            f"A ({first.label}) is a {first.machine}, B ({second.label}) a {second.machine}; expected the same machine"
+            f"A ({first.label}) is {first.machine}, B ({second.label}) {second.machine}; expected one machine"
         )
     if not 0.0 <= tolerance <= 1.0:
         raise StudyError(f"tolerance {tolerance:g}: expected 0 to 1, a part of the larger of two numbers")

@@ -23,6 +23,8 @@ TIMES = "expected a time such as 3, 3s, 500ms, 2min or 1h"
 
 # what is typed, and what the one line must say
 MISTAKES = {
+    "duration left out": ("simulate mb10", ["--duration TIME", "2min"]),
+    "axis of regimes left out": ("study impact_mass regimes", ["--over KEY=VALUES", "from:to:count"]),
     "part of a name": ("simulate drum --duration 1", ["no machine 'drum'", "did you mean 'winding_drum'"]),
     "misspelt machine": ("analyse mb10_braker", ["did you mean 'mb10_breaker'"]),
     "key without its unit": (

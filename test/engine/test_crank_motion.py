@@ -43,6 +43,21 @@ def disc_rates(disc, t, y, out):
     crank_rates(disc.drive, t, y, disc.inertia_kg_m2, 0.0, -disc.stiffness_nm * np.sin(shaft_state(y).angle_rad), out)
 
 
+class Eccentric(NamedTuple):
+    """A mechanism of inertia I0 + I1 cos f (kg m2) at the crank, turned by a shaft drive, under no moment."""
+
+    drive: ShaftDrive
+    mean_kg_m2: float
+    swing_kg_m2: float
+
+
+@rates_of(Eccentric, DORMAND_PRINCE_8)
+def eccentric_rates(system, t, y, out):
+    """Fill the rates of a mechanism of changing inertia."""
+    angle, swing = shaft_state(y).angle_rad, system.swing_kg_m2
+    crank_rates(system.drive, t, y, system.mean_kg_m2 + swing * np.cos(angle), -swing * np.sin(angle), 0.0, out)
+
+
 def turned(disc, speed, span, direction=1.0, aim=inf, tolerance=EXACT, angle=0.0):
     y = np.array([angle, speed, 0.0, 0.0, 0.0])
     time, what, acceleration = turn_crank(disc, 0.0, y, span, direction, aim, tolerance)
@@ -73,6 +88,18 @@ def test_a_disc_under_a_ramped_torque_follows_the_cubic(direction):
     assert shaft_state(y).drive_work_j == pytest.approx(1.5 * angle + 0.5 * 0.6 * (speed**2 - 0.25), rel=1e-12)
 
 
+@pytest.mark.parametrize("tolerance", [EXACT, ANY], ids=["small steps", "one step"])
+def test_a_motion_that_begins_late_in_the_coupling_step_has_the_torque_of_then(tolerance):
+    begin, span, drive = 0.4, 0.3, FREE._replace(torque_nm=2.0, time_slope=5.0)
+    y = np.array([0.0, 1.0, 0.0, 0.0, 0.0])
+    time, what, acceleration = turn_crank(Disc(drive, 2.0, 0.0), begin, y, span, 1.0, inf, tolerance)
+    gained = (2.0 * span + 2.5 * ((begin + span) ** 2 - begin**2)) / 2.0
+    assert (time, what) == (span, SPAN_ENDED)
+    assert shaft_state(y).speed_rad_per_s == pytest.approx(1.0 + gained, rel=1e-13)
+    assert acceleration == pytest.approx((2.0 + 5.0 * (begin + span)) / 2.0, rel=1e-13)
+    assert shaft_state(y).drive_work_j == pytest.approx((1.0 + gained) ** 2 - 1.0, rel=1e-12)
+
+
 def test_torque_falls_with_speed_rises_with_time_and_stays_within_its_limit():
     drive = FREE._replace(ratio=3.0, torque_nm=2.0, speed_slope=-0.5, time_slope=4.0, speed=10.0, torque_limit_nm=6.0)
     assert line_torque(drive, 0.0, 10.0) == 2.0
@@ -100,6 +127,19 @@ def test_what_ends_a_motion_lies_on_the_integrated_motion_itself(tolerance, dire
     else:  # w^2/2 = w0^2/2 - k (1 - cos f)
         left = 1.3**2 / 2.0 - 4.0 * (1.0 - cos(shaft_state(y).angle_rad)) - shaft_state(y).speed_rad_per_s ** 2 / 2.0
         assert abs(left) < 1e-11
+
+
+@pytest.mark.parametrize("speed", [6.0, -6.0])
+def test_a_mechanism_of_changing_inertia_left_to_itself_keeps_its_energy(speed):
+    """I(f) w^2/2 is constant: it turns slower where its inertia is larger."""
+    direction = 1.0 if speed > 0.0 else -1.0
+    y, _, what, _ = turned(
+        Eccentric(FREE._replace(direction=direction), 2.0, 1.5), speed, 0.4, direction, aim=inf * direction
+    )
+    end = shaft_state(y)
+    assert what == SPAN_ENDED
+    assert 2.0 < abs(end.angle_rad) < 4.0
+    assert end.speed_rad_per_s**2 * (2.0 + 1.5 * cos(end.angle_rad)) == pytest.approx(36.0 * 3.5, rel=1e-11)
 
 
 def test_a_disc_braked_by_friction_rests_when_its_momentum_is_used_up():

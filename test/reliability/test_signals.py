@@ -7,7 +7,6 @@ Each verb meets each of its moments here, run and simulation with every signal; 
 
 from __future__ import annotations
 
-import os
 import signal
 import time
 from itertools import product
@@ -40,14 +39,9 @@ CASES += [(verb, moment, SIGNALS[i % 3], True) for i, (verb, moment) in enumerat
 CASES += [("processes", "importing", signal.SIGINT, True), ("processes", "under way", signal.SIGINT, True)]
 
 
-def kernels(tmp_path: Path) -> Path:
-    return Path(os.environ.get("MECH_TWIN_TEST_CACHE", tmp_path.parent / "kernels"))
-
-
 @pytest.mark.parametrize(("verb", "moment", "number", "group"), CASES)
 def test_a_signal_ends_everything(verb: str, moment: str, number: signal.Signals, group: bool, tmp_path: Path) -> None:
-    cache = tmp_path / "fresh" if moment == "compiling" else kernels(tmp_path)
-    seen = seen_after(VERBS[verb], moment, number, tmp_path, cache, group)
+    seen = seen_after(VERBS[verb], moment, number, tmp_path, group)
     assert faults(VERBS[verb], moment, number, seen, tmp_path) == []
     assert seen.took_s < LIMIT_S
 
@@ -60,7 +54,7 @@ def test_every_signal_meets_a_verb_of_every_kind() -> None:
 
 
 def test_killing_the_parent_leaves_no_orphan_and_a_recording_that_is_closed(tmp_path: Path) -> None:
-    with running(VERBS["processes"], tmp_path, kernels(tmp_path)) as started:
+    with running(VERBS["processes"], tmp_path) as started:
         until(lambda: has_recorded(started))
         children = descendants(started.process.pid)
         assert len(children) >= 4
@@ -71,7 +65,7 @@ def test_killing_the_parent_leaves_no_orphan_and_a_recording_that_is_closed(tmp_
 
 
 def test_killing_a_study_leaves_no_worker(tmp_path: Path) -> None:
-    with running(VERBS["study"], tmp_path, kernels(tmp_path)) as started:
+    with running(VERBS["study"], tmp_path) as started:
         until(lambda: has_workers(started))
         children = descendants(started.process.pid)
         started.process.kill()
@@ -79,7 +73,7 @@ def test_killing_a_study_leaves_no_worker(tmp_path: Path) -> None:
 
 
 def test_a_second_signal_does_not_spoil_the_recording(tmp_path: Path) -> None:
-    with running(VERBS["run"], tmp_path, kernels(tmp_path)) as started:
+    with running(VERBS["run"], tmp_path) as started:
         until(lambda: has_recorded(started))
         for _ in range(5):
             started.process.send_signal(signal.SIGINT)

@@ -8,14 +8,10 @@ from math import nan, pi
 
 from mech_twin.capabilities.design import Design
 from mech_twin.capabilities.variation import varied
-from mech_twin.machines.compaction_press.design_problem import (
-    Duty,
-    Limits,
-    PressStroke,
-    Problem,
-    continuous_press,
-)
+from mech_twin.machines.compaction_press.design_evaluation import continuous_press
+from mech_twin.machines.compaction_press.design_problem import Duty, Limits, Problem
 from mech_twin.machines.compaction_press.design_rule import Lengths, mass_rule, scaled_press
+from mech_twin.machines.compaction_press.design_stroke import PressStroke
 from mech_twin.machines.compaction_press.parameters import CompactionPress, press_constants
 
 TURN = 2.0 * pi

@@ -39,7 +39,7 @@ def _spring(parameters: BreakerParameters) -> Picture:
         label = rf"$a = {1000.0 * preload:g}$ mm"
         if preload == 0.0:
             amplitude = [min(1000.0 * point.amplitude_rad, 1e4) for point in points]
-            panels[0].loglog(rates, amplitude, color=colour, linestyle=style, label=f"periodic regime, {label}")
+            panels[0].loglog(rates, amplitude, color=GREEN, label=f"periodic regime, {label}")
         bound = [min(point.regime.largest_force_n, 1e6) for point in points]
         panels[1].loglog(rates, bound, color=colour, linestyle=style, label=f"from rest (bound of the beat), {label}")
         if preload == 0.0:
@@ -81,7 +81,7 @@ def _preload(parameters: BreakerParameters) -> Picture:
         axes.set_ylabel(name)
         axes.set_ylim(bottom=0.0)
     panels[0].legend(loc="upper right")
-    panels[0].set_title("What preload buys: the rational range, $k = 0.3 \\omega$, half sine")
+    panels[0].set_title("The body against its preload: the rational range, $k = 0.3 \\omega$, half sine")
     panels[2].set_xlabel(r"preload ratio $p = c\,a\,l/|H|$")
     panels[2].set_xlim(0.0, 1.02)
     caption = "Shaded: settled before the next load. Dashed: the first return comes before the blow. Steady cycles."

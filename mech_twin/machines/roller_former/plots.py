@@ -85,12 +85,13 @@ def _moments(parameters: RollerFormer) -> Picture:
         bank = bank_of(table_1_case(parameters, count))
         for cart in range(count if count > 1 else 0):
             single = [cart_load(bank, cart, angle, 1.0).moment_nm for angle in np.radians(DEGREES)]
-            axes.plot(DEGREES, single, color=COLOURS[cart + 1], linewidth=0.9)
+            label = "single carts" if cart == 0 else None
+            axes.plot(DEGREES, single, color=COLOURS[cart + 1], linewidth=0.9, label=label)
         total = load_moments(bank, np.radians(DEGREES), 1.0)
         axes.plot(DEGREES, total, color=BLUE, label="total")
         most = MAX_NM[count]
         axes.axhline(most, color=INK, linewidth=0.9, linestyle="--", label=f"published maximum {most:g}")
-        axes.set_ylim(0.0, 2450.0)
+        axes.set_ylim(0.0, 3000.0)
         turn_axis(axes, "crank angle, degrees" if count > 2 else "")
         axes.set_title(f"{count} cart{'s' if count > 1 else ''}: {total.max():.1f} N m")
         axes.legend(loc="upper right")
@@ -130,7 +131,7 @@ def _damping(parameters: RollerFormer) -> Picture:
         axes.set_xlabel(r"damping $k$, N m s/rad")
         axes.set_ylabel(f"{name} in the coupling, N m")
         axes.set_ylim(bottom=0.0)
-        axes.legend()
+        axes.legend(loc="center right")
     panels[0].set_title("Coupling moment against damping (Figs. 10, 11, 19, 20)")
     caption = "Without load, expanded kinematics; dashed: the two dampings studied. Gaps: no steady turn found."
     return Picture("roller_former_damping", caption, figure)

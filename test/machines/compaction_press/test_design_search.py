@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from mech_twin.machines.compaction_press.cycle import flywheel_metrics
-from mech_twin.machines.compaction_press.design_problem import SENSES, evaluation
+from mech_twin.machines.compaction_press.design_evaluation import evaluation
+from mech_twin.machines.compaction_press.design_problem import SENSES
 from mech_twin.machines.compaction_press.design_rule import Lengths, scaled_press
 from mech_twin.machines.compaction_press.design_search import (
     OBJECTIVES,

@@ -1,0 +1,55 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A terminal is told that kernels compile, how many, and that they are kept; warnings of the compiler are passed on."""
+
+from __future__ import annotations
+
+import logging
+import subprocess
+import sys
+
+from mech_twin.cli.compile_progress import FIRST_TOLD_S, CompileProgress
+
+COMPILING_FOR_REAL = """
+import logging, sys
+from mech_twin.cli import compile_progress
+now, lines = [0.0], []
+handler = compile_progress.CompileProgress(lines.append, lambda: now[0])
+logger = logging.getLogger(compile_progress.LOGGER)
+logger.addHandler(handler)
+logger.setLevel(logging.INFO)
+assert "numba" not in sys.modules, "the command line does not load the compiler for it"
+from mech_twin.kernel import kernel
+from mech_twin.kernel_cache import COMPILING
+doubled, halved = kernel(lambda x: 2.0 * x), kernel(lambda x: 0.5 * x)
+assert (doubled(1.0), lines) == (2.0, [f"{COMPILING}\\n"])
+now[0] = 7.0
+assert halved(1.0) == 0.5
+assert lines[1:] == ["  kernels compiled: 1 in 7 s, going on\\n"], lines
+handler.close()
+assert lines[2:] == ["  kernels compiled: 2; they are kept, the next time begins at once\\n"], lines
+assert doubled(1) == 2.0
+assert len(lines) == 3, "after its end it observes no longer"
+"""
+
+
+def test_each_compilation_is_counted_and_the_end_is_told() -> None:
+    subprocess.run([sys.executable, "-c", COMPILING_FOR_REAL], check=True, timeout=250)
+
+
+def test_lines_come_at_growing_intervals() -> None:
+    now, lines = [0.0], []
+    handler = CompileProgress(lines.append, lambda: now[0])
+    for second in range(100):
+        now[0] = float(second)
+        handler.compiling("a kernel", second + 1)
+    told_s = [int(line.split(" in ")[1].split()[0]) for line in lines]
+    assert told_s == [5, 10, 20, 40, 80]
+    assert told_s[0] == FIRST_TOLD_S
+
+
+def test_a_warning_of_the_compiler_is_passed_on_and_begins_nothing() -> None:
+    lines: list[str] = []
+    handler = CompileProgress(lines.append)
+    handler.handle(logging.LogRecord("mech_twin.kernel", logging.WARNING, __file__, 1, "%s: damaged", ("file",), None))
+    handler.close()
+    assert lines == ["file: damaged\n"]
