@@ -5,7 +5,8 @@
 
 A breaker with hidden parameters runs in another process; its sensors, noisy, are another one.  It is recorded,
 identified, watched; its spring weakens; the operator acknowledges the fault and accepts the advice.  Times are the
-machine's, so a busy computer makes it slower and nothing else.
+machine's, so a busy computer makes it slower and nothing else.  A recording or a configuration that is in the folder
+already is not made again.
 """
 
 from __future__ import annotations
@@ -214,16 +215,19 @@ def story(healthy_s: float) -> None:
     operator = Operator()
     with ExitStack() as at_end:
         at_end.enter_context(beside([sys.executable, str(HERE), "--sensors"], shown=False))
-        with listening(operator, "start"), beside(plant()):
-            operator.until(lambda: operator.clock_s >= 4.0, "the first four seconds")
-        operator.clock_s = 0.0
-        free = ("--free", "body.inertia_kg_m2")
-        told("identify", NAME, "start", "--map", "map.yaml", *free, "--out", "found", "--force")
+        if not Path("start").exists():
+            with listening(operator, "start"), beside(plant()):
+                operator.until(lambda: operator.clock_s >= 4.0, "the first four seconds")
+            operator.clock_s = 0.0
+        if not Path("found").exists():
+            free = ("--free", "body.inertia_kg_m2", "--free", "tool.restitution")
+            told("identify", NAME, "start", "--map", "map.yaml", *free, "--out", "found")
         at_end.enter_context(beside(plant("--pace", "realtime")))
         operator.until(lambda: operator.clock_s >= 3.0, "the run-up")
         config = ("--config", f"found/{NAME}.yaml")
-        with listening(operator, "healthy", *config):
-            operator.runs(healthy_s)
+        if not Path("healthy").exists():
+            with listening(operator, "healthy", *config):
+                operator.runs(healthy_s)
         told(
             "monitor", NAME, "healthy", "--map", "map.yaml", *config, "--baseline", "healthy", "--arl0", "0.5",
             "--skip", "0.5", "--save-baseline", "healthy.json", "--force",
@@ -286,7 +290,7 @@ def pictures(folder: Path, out: Path) -> None:
     values = [1e3 * vector.values[vector.names.index(FIGURE)] for vector in vectors]
     upper.plot(times, values, ".", ms=3, color="tab:blue")
     upper.axhline(1e3 * told_["wanted"], color="tab:green", lw=1, label="wanted")
-    upper.set_ylabel("body off its seat, mean of a turn, mrad")
+    upper.set_ylabel("body off its seat, mrad")
     charts = np.array([[np.nan] * 3 if f.charts is None else f.charts.statistics for f in found])
     for column, (name, limit) in enumerate(zip(("cusum", "glr", "chi-square"), setup.limits.alarm, strict=True)):
         lower.semilogy(times, np.maximum(charts[:, column] / limit, 1e-2), lw=1, label=name)
