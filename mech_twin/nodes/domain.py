@@ -4,16 +4,18 @@
 from __future__ import annotations
 
 import os
+import resource
 import sys
 import tempfile
 from pathlib import Path
 
-from mech_twin.surroundings import SurroundingsError
+from mech_twin.surroundings import MIB, SurroundingsError
 
 DISCOVERY = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 THIS_HOST = "LOCALHOST"
 OTHER_HOSTS = "SUBNET"
 LOG_DIRECTORY = "ROS_LOG_DIR"
+ADDRESS_SPACE_BYTES = 1 << 30  # with less, threads and libraries of the middleware fail at places of their own
 SHARED_MEMORY = Path("/dev/shm")
 SHARED_MEMORY_BYTES = 4 << 20  # each process of a run takes 0.6 MB
 
@@ -34,13 +36,14 @@ def settle_domain(open_to_other_hosts: bool = False) -> str:
     Raises
     ------
     SurroundingsError
-        If shared memory is full.
+        If shared memory is full, or the address space too small.
     """
     os.environ.setdefault(DISCOVERY, OTHER_HOSTS if open_to_other_hosts else THIS_HOST)
     os.environ.setdefault("AMENT_PREFIX_PATH", sys.prefix)
     if "HOME" not in os.environ:
         os.environ.setdefault(LOG_DIRECTORY, tempfile.gettempdir())
     _check_log_directory()
+    _check_address_space()
     _check_shared_memory()
     return os.environ[DISCOVERY]
 
@@ -56,6 +59,14 @@ def _check_log_directory() -> None:
         raise SurroundingsError(f"{LOG_DIRECTORY} {named}: cannot be made ({error.strerror})") from error
     if not os.access(named, os.W_OK):
         raise SurroundingsError(f"{LOG_DIRECTORY} {named}: cannot be written")
+
+
+def _check_address_space() -> None:
+    """Raise where the middleware would find no memory halfway: it ends or waits for ever, wherever it happens to be."""
+    limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+    if limit != resource.RLIM_INFINITY and limit < ADDRESS_SPACE_BYTES:
+        told = f"limit of address space {limit // MIB} MiB, ROS 2 takes {ADDRESS_SPACE_BYTES // MIB} MiB"
+        raise SurroundingsError(f"not enough memory ({told}): raise it, ulimit -v unlimited")
 
 
 def _check_shared_memory() -> None:
