@@ -16,6 +16,7 @@ from mech_twin.quantity import Parameters
 from mech_twin.samples import BodySample, Event, ForceSample, Frame, LinkageSample, MotorSample, Shape
 
 if TYPE_CHECKING:
+    from mech_twin.capabilities.anchored_motion import AnchoredMotion
     from mech_twin.capabilities.cycle import CycleFeatures
     from mech_twin.capabilities.design import DesignQuestion
     from mech_twin.capabilities.faults import MachineFault
@@ -248,6 +249,8 @@ class Capabilities:
         ``features(parameters)``: the numbers that describe one cycle as sensors see it.
     faults : callable
         ``faults(parameters)``: what can go wrong, as changes of parameters.
+    anchored_motion : AnchoredMotion
+        The state of a machine that goes on from its last event, for an observer.
     """
 
     published: Callable[[Any], Iterable[PublishedRow]] | None = None
@@ -258,3 +261,4 @@ class Capabilities:
     regimes: RegimeQuestion | None = None
     features: Callable[[Any], CycleFeatures] | None = None
     faults: Callable[[Any], tuple[MachineFault, ...]] | None = None
+    anchored_motion: AnchoredMotion | None = None

@@ -56,6 +56,10 @@ class ImpactMarks:
             ]
             time_s, values = zip(*stems, strict=True)
             self._stream.send_columns(path, times(time_s), rr.Scalars.columns(scalars=values))
+        self.drop()
+
+    def drop(self) -> None:
+        """Forget what has been added and not been sent."""
         self._marks.clear()
 
     def _mark(self, path: str, name: str, time_s: float, value: float) -> None:

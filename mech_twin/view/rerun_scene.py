@@ -260,7 +260,9 @@ class RerunScene:
         self._stream.log(BANNER, text)
 
     def _send_events(self) -> None:
-        if not self._is_light:
+        if self._is_light:
+            self._marks.drop()
+        else:
             self._marks.send()
         if not self._events:
             return

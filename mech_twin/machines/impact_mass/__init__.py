@@ -76,6 +76,7 @@ def capabilities() -> Capabilities:
     """Return what the machine answers beside running."""
     from mech_twin.capabilities.long_run import RegimeQuestion, SynthesisQuestion
     from mech_twin.machines.impact_mass import faults, features, long_run_answers, plots, published
+    from mech_twin.machines.impact_mass.anchored_motion import ANCHORED_MOTION
 
     return Capabilities(
         published=published.rows,
@@ -84,4 +85,5 @@ def capabilities() -> Capabilities:
         regimes=RegimeQuestion(long_run_answers.USUAL_KEY, long_run_answers.regime_answer),
         features=features.features,
         faults=faults.faults,
+        anchored_motion=ANCHORED_MOTION,
     )

@@ -1,25 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The impact mass told from now on, not from its last event.
-
-Its memory holds the motion at the last event: an impact, a change of the force, a change of what acts.  There the gap
-is 0 exactly and what is uncertain is the instant, so gap and velocity at the anchor cannot carry the covariance through
-an impact; and two frames of one motion with anchors at different instants have differences that mean nothing.  Told
-from now on, gap and velocity are those of the mass, whatever has happened before.
-"""
+"""Frames of a machine that goes on from its last event, told from their own instant."""
 
 from __future__ import annotations
 
 from typing import Any
 
 from mech_twin.engine.sample_vectors import Array
-from mech_twin.machines.impact_mass.mass_row import anchor_at
+from mech_twin.parameters.load import catalogue_entry
 from mech_twin.studies.observer.model_run import ModelRun
-
-NAME = "impact_mass"
 
 
 class AnchorNow:
-    """Anchors frames of the impact mass at their own instant; frames of other machines stay as they are.
+    """Anchors frames at their own instant where a machine has an anchor; frames of other machines stay as they are.
 
     Parameters
     ----------
@@ -30,14 +22,14 @@ class AnchorNow:
     """
 
     def __init__(self, run: ModelRun, machine_name: str) -> None:
-        self.in_use = machine_name == NAME
+        self._motion = catalogue_entry(machine_name).capabilities.anchored_motion
         self._linkage = run.bank.compiled.layout.places.linkage
         self._model: Any = run.bank.compiled.models.linkage
 
     def restated(self, row: Array, step: int) -> Array:
         """Return a frame at a step with the same motion, anchored there."""
-        if not self.in_use:
+        if self._motion is None:
             return row
         found: Array = row.copy()
-        anchor_at(self._model, found[self._linkage :], step)
+        self._motion.anchor_at(self._model, found[self._linkage :], step)
         return found

@@ -29,7 +29,7 @@ from mech_twin.studies.observer.lock_on import ACCEPTED, SeenSample, located
 from mech_twin.studies.observer.model_run import model_run
 from mech_twin.studies.observer.parameter_error import parameter_error, uncertain_keys
 from mech_twin.studies.observer.regime_by_angle import RegimeByAngle
-from mech_twin.studies.observer.state_space import ORIGIN, state_space, undetermined
+from mech_twin.studies.observer.state_space import state_space, undetermined
 
 ON_STEP = 1e-6  # of a step: a stamp this little after a step counts as on it
 UNKNOWN_SIGMA = 5e-4  # of a column's range: standard deviation of a sensor of which none is told
@@ -211,7 +211,7 @@ class PhaseLockedObserver:
         space, spread = self.space, self.run.spread
         deviation = 0.1 * spread[space.places] / space.scales
         deviation[np.isin(space.places, self.run.angles)] = 0.1
-        deviation[[name == ORIGIN for name in space.names]] = UNKNOWN_IN_STEP
+        deviation[space.of_time] = UNKNOWN_IN_STEP
         self._origin_s = sample.time_s - step * self.run.bank.step_s
         offsets = np.zeros(len(space.places) - space.states)
         deviation[space.states :] = 0.1

@@ -12,26 +12,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mech_twin.capabilities.anchored_motion import AnchoredMotion
 from mech_twin.configuration_tree import ConfigurationError
 from mech_twin.engine.compiled_run import DONE, Indices
 from mech_twin.engine.sample_vectors import Array
+from mech_twin.parameters.load import catalogue_entry
 from mech_twin.studies.observer.model_run import ModelRun, without_turns
 
 PROBES = 12  # rows of the settled run in which columns are changed
 CHANGE = 1e-6  # of a column's size
 EFFECT = 1e-5  # of that change, in the size of the motion it causes, from which on a column counts
+NO_ANCHOR = AnchoredMotion({}, "", "", (), lambda model, row, step: None)
 WHOLE = 1e-2  # a gear ratio this near to a whole number is one, a coupling's twist included
-ORIGIN, TAU = "linkage.memory.origin_step_1", "linkage.memory.anchor_tau_s"
-# a machine that goes on from its last event keeps its state in the memory of that; where it stands one step later, with
-# its sign: the observer's frames are anchored at their own instant (`anchor_now`)
-BESIDE_JOINTS = {
-    "impact_mass": {
-        "linkage.memory.anchor_gap_m": ("linkage.mass.position", -1.0),
-        "linkage.memory.anchor_velocity_m_per_s": ("linkage.mass.velocity", 1.0),
-        ORIGIN: (ORIGIN, 1.0),
-    },
-}
-NOT_BELOW_ZERO = ("linkage.memory.anchor_gap_m",)  # the mass cannot be beyond the stop
 
 
 @dataclass(frozen=True)
@@ -60,6 +52,8 @@ class StateSpace:
         What a change of each by 1 does to a row.
     least : ndarray, shape (n,)
         The least value each state can have.
+    of_time : ndarray of bool, shape (n + k,)
+        Which is the step from which the time of an anchor counts.
     """
 
     names: tuple[str, ...]
@@ -72,6 +66,7 @@ class StateSpace:
     signs: Array
     directions: Array
     least: Array
+    of_time: Array
 
     @property
     def state_places(self) -> Indices:
@@ -95,8 +90,8 @@ def state_space(run: ModelRun, machine_name: str) -> StateSpace:
     columns = run.bank.columns
     joints = [name for name in columns if name.endswith((".position", ".velocity"))]
     told = [name for name in joints if not name.startswith("motor.")]
-    beside = BESIDE_JOINTS.get(machine_name, {})
-    states = _acting(run, [*told, *beside])
+    anchored = catalogue_entry(machine_name).capabilities.anchored_motion or NO_ANCHOR
+    states = _acting(run, [*told, *anchored.later])
     if not states:
         raise ConfigurationError(
             f"{machine_name}: no number of a frame acts on the next one; expected a running machine"
@@ -106,7 +101,7 @@ def state_space(run: ModelRun, machine_name: str) -> StateSpace:
     names = (*states, *inputs)
     places = np.array([columns[name] for name in names], dtype=np.int64)
     led = np.array([_speed_at_full_command(run, name) for name in inputs])
-    later = [beside.get(name, (name, 1.0)) for name in states]
+    later = [anchored.later.get(name, (name, 1.0)) for name in states]
     return StateSpace(
         names,
         places,
@@ -116,19 +111,20 @@ def state_space(run: ModelRun, machine_name: str) -> StateSpace:
         columns["motor.command"],
         np.array([columns[name] for name, _ in later], dtype=np.int64),
         np.array([sign for _, sign in later]),
-        _directions(run, names),
-        np.array([0.0 if name in NOT_BELOW_ZERO else -np.inf for name in states]),
+        _directions(run, names, anchored),
+        np.array([0.0 if name in anchored.not_below_zero else -np.inf for name in states]),
+        np.array([name == anchored.origin for name in names]),
     )
 
 
-def _directions(run: ModelRun, names: Sequence[str]) -> Array:
+def _directions(run: ModelRun, names: Sequence[str], anchored: AnchoredMotion) -> Array:
     """Return what a change of each number does to a row; of the origin of time, that now has another time."""
     columns = run.bank.columns
     found = np.zeros((len(names), len(columns)))
     for i, name in enumerate(names):
         found[i, columns[name]] = 1.0
-        if name == ORIGIN:
-            found[i, columns[TAU]] = -run.bank.step_s
+        if name == anchored.origin:
+            found[i, columns[anchored.tau]] = -run.bank.step_s
     return found
 
 
