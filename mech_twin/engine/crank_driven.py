@@ -40,11 +40,11 @@ from mech_twin.engine.crank_piece import (
     work_scale,
 )
 from mech_twin.engine.crank_state import (
-    driven_system,
     mechanism_load_work,
     turning,
     within_a_turn,
 )
+from mech_twin.engine.crank_systems import DrivenMechanism
 from mech_twin.engine.sample_vectors import (
     Array,
 )
@@ -151,7 +151,7 @@ def turn(model: TurnedCrank, s: Any, drive: ShaftDrive, t: float, left: float, a
     before, near, regime = s.angle_rad, within_a_turn(s.angle_rad), int(s.regime)
     fill_shaft(y, ShaftState(near, s.speed_rad_per_s, s.drive_work_j, s.gear_loss_j, s.friction_loss_j))
     fill_shaft(tolerance, ShaftState(TOLERANCE * 1.0, TOLERANCE * (1.0 + abs(s.speed_rad_per_s)), size, size, size))
-    system = driven_system(model.mechanism, turning(drive, s.turning_sense), regime)
+    system = DrivenMechanism(model.mechanism, turning(drive, s.turning_sense), regime)
     span, what, e = turn_crank(system, t, y, left, s.turning_sense, aim - (before - near), tolerance)
     if what == NOT_INTEGRATED:
         return span, what

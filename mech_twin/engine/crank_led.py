@@ -28,10 +28,10 @@ from mech_twin.engine.crank_piece import (
 )
 from mech_twin.engine.crank_state import (
     LARGE_ANGLE,
-    led_system,
     mechanism_load_work,
     within_a_turn,
 )
+from mech_twin.engine.crank_systems import LedMechanism
 from mech_twin.engine.sample_vectors import (
     Array,
 )
@@ -49,7 +49,7 @@ def led_state(model: TurnedCrank, s: Any, h: float, end: float) -> bool:
     lost += friction.viscous_nms_per_rad * h * (w * w + w * e * h + e * e * h * h / 3.0)
     work, regime, after = 0.0, int(s.regime), w + e * h
     if h > 0.0:
-        system = led_system(model.mechanism, within_a_turn(s.angle_rad), w, e, regime)
+        system = LedMechanism(model.mechanism, within_a_turn(s.angle_rad), w, e, regime)
         fastest = max(abs(w), abs(after), 1e-9)
         work = integrated_work(system, h, TOLERANCE * work_scale(model, s, h), LONGEST_TURN_RAD / fastest)
     if abs(end) >= LARGE_ANGLE:

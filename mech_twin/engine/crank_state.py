@@ -79,14 +79,14 @@ def mechanism_load_speed(mechanism: Any, f: float, w: float) -> float:
     return float(chosen(mechanism_load_speed, mechanism)(mechanism, f, w))
 
 
-def led_system(mechanism: Any, f: float, w: float, e: float, regime: int) -> Any:
-    """Return the system whose one rate is the power the drive gives the mechanism (W), for `engine.integration`."""
-    return chosen(led_system, mechanism)(mechanism, f, w, e, regime)
+def mechanism_drive_moment(mechanism: Any, f: float, w: float, e: float, regime: int) -> float:
+    """Return the moment (N m) at the crank that the pin forces give."""
+    return float(chosen(mechanism_drive_moment, mechanism)(mechanism, f, w, e, regime))
 
 
-def driven_system(mechanism: Any, drive: ShaftDrive, regime: int) -> Any:
-    """Return the system whose rates are `crank_rates`, for `engine.integration`."""
-    return chosen(driven_system, mechanism)(mechanism, drive, regime)
+def mechanism_reduced(mechanism: Any, f: float, regime: int) -> tuple[float, float, float]:
+    """Return inertia (kg m2), its slope (kg m2/rad) and moment of weights and loads (N m), reduced to the crank."""
+    return chosen(mechanism_reduced, mechanism)(mechanism, f, regime)  # type: ignore[no-any-return]
 
 
 def under_load_share(mechanism: Any, share: float) -> Any:

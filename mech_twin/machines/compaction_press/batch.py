@@ -13,9 +13,10 @@ from numba import prange
 from numpy.typing import NDArray
 
 from mech_twin.engine.crank_motion import ShaftDrive
+from mech_twin.engine.crank_systems import DrivenMechanism
 from mech_twin.engine.integration import Workspace, method_of, start_step, take_step
 from mech_twin.kernel import kernel, parallel_kernel
-from mech_twin.machines.compaction_press.dynamics import FREE, DrivenPress, Press
+from mech_twin.machines.compaction_press.dynamics import FREE, Press
 from mech_twin.parts.four_bar import FourBar, Link, coefficients, motion, pin_forces, position
 
 Array = NDArray[np.float64]
@@ -151,7 +152,7 @@ def driven_run(
 ) -> tuple[float, float]:
     """Return crank angle (rad) and rate (rad/s) after many steps of ``h`` seconds under a constant torque, no layer."""
     drive = ShaftDrive(shaft, 1.0, 1.0, torque, 0.0, 0.0, 0.0, math.inf, 0.0, 0.0, 1.0)
-    system = DrivenPress(press, drive, FREE)
+    system = DrivenMechanism(press, drive, FREE)
     rows, y = len(method_of(system).nodes), np.array([f, w, 0.0, 0.0, 0.0])
     work = Workspace(np.empty((rows, y.size)), np.empty(y.size), np.empty(y.size))
     for _ in range(steps):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Motion of the press: reduced quantities, equations of motion at a prescribed speed and behind a motor."""
+"""The press as a mechanism of the crank linkage: its state, what is reduced to its crank, its pin forces, its load."""
 
 from __future__ import annotations
 
@@ -9,17 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mech_twin.engine.compiled_steps import step_of
-from mech_twin.engine.crank_motion import DRIVE_POWER, ShaftDrive, crank_rates, shaft_state
 from mech_twin.engine.crank_state import (
-    driven_system,
-    led_system,
+    mechanism_drive_moment,
     mechanism_load_speed,
     mechanism_load_work,
+    mechanism_reduced,
     mechanism_state,
     under_load_share,
 )
-from mech_twin.engine.integration import rates_of
-from mech_twin.engine.tableaus import DORMAND_PRINCE_8
 from mech_twin.kernel import kernel
 from mech_twin.machines.compaction_press.stroke_load import StrokeLoad, layer_force, layer_work, with_peak
 from mech_twin.parts.four_bar import (
@@ -169,52 +166,17 @@ def press_load_speed(press: Press, f: float, w: float) -> float:
     return -loaded_height(press, f)[1] * w
 
 
-class LedPress(NamedTuple):
-    """The press at a prescribed speed: angle (rad), speed (rad/s) at time 0, acceleration (rad/s2), regime."""
-
-    press: Press
-    f: float
-    w: float
-    e: float
-    regime: int
+@step_of(mechanism_drive_moment, Press)
+def press_drive_moment(press: Press, f: float, w: float, e: float, regime: int) -> float:
+    """Return the moment (N m) at the crank that the pin forces give."""
+    return press_pins(press, f, w, e, press_reduced(press, f, regime).force).moment
 
 
-@rates_of(LedPress, DORMAND_PRINCE_8)
-def led_press_power(led: LedPress, t: float, y: Array, out: Array) -> None:
-    """Fill in the power of the drive (W), from the moment that the pin forces give.
-
-    The layer's work is in closed form and the energy from the reduced inertia, so the balance compares three routes.
-    """
-    w, f = led.w + led.e * t, led.f + (led.w + 0.5 * led.e * t) * t
-    force = press_reduced(led.press, f, led.regime).force
-    out[DRIVE_POWER] = press_pins(led.press, f, w, led.e, force).moment * w
-
-
-class DrivenPress(NamedTuple):
-    """The press behind a motor, and the regime of its layer."""
-
-    press: Press
-    drive: ShaftDrive
-    regime: int
-
-
-@rates_of(DrivenPress, DORMAND_PRINCE_8)
-def driven_press_rates(driven: DrivenPress, t: float, y: Array, out: Array) -> None:
-    """Fill in the rates of crank angle, speed, drive work, gear loss and friction loss."""
-    now = press_reduced(driven.press, shaft_state(y).angle_rad, driven.regime)
-    crank_rates(driven.drive, t, y, now.inertia, now.slope, now.moment, out)
-
-
-@step_of(led_system, Press)
-def led_press(press: Press, f: float, w: float, e: float, regime: int) -> LedPress:
-    """Return the press at a prescribed speed."""
-    return LedPress(press, f, w, e, regime)
-
-
-@step_of(driven_system, Press)
-def driven_press(press: Press, drive: ShaftDrive, regime: int) -> DrivenPress:
-    """Return the press behind a motor."""
-    return DrivenPress(press, drive, regime)
+@step_of(mechanism_reduced, Press)
+def press_at_crank(press: Press, f: float, regime: int) -> tuple[float, float, float]:
+    """Return inertia (kg m2), its slope (kg m2/rad) and moment (N m) reduced to the crank."""
+    now = press_reduced(press, f, regime)
+    return now.inertia, now.slope, now.moment
 
 
 @step_of(under_load_share, Press)

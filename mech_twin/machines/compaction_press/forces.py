@@ -3,15 +3,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
-from mech_twin.engine.compiled_roles import CompiledForces
 from mech_twin.engine.compiled_steps import force_step, step_of
+from mech_twin.engine.crank_forces import CrankForces, route_miss
 from mech_twin.engine.crank_state import memory_of
-from mech_twin.engine.sample_vectors import LINKAGE_JOINTS, REGIME, Array, ForceLayout
+from mech_twin.engine.sample_vectors import LINKAGE_JOINTS, REGIME, Array
 from mech_twin.machines.compaction_press.cycle import gains
 from mech_twin.machines.compaction_press.dynamics import Press, press_pins, press_reduced, with_load_share
 from mech_twin.parts.four_bar import acute_angles, coefficients, motion, position
@@ -93,31 +92,21 @@ def press_forces(
     )  # fmt: skip
     for i in range(len(numbers)):
         out[i] = numbers[i]
-    scale = max(model.moment_scale_nm, abs(torque), now.inertia * abs(e), 1e-9)
-    out[len(numbers)] = (pins.moment - torque - memory.friction_torque_nm) / scale
+    out[len(numbers)] = route_miss(pins.moment, torque, now.inertia, memory, model.moment_scale_nm)
     return loads, 0
 
 
 @dataclass(frozen=True)
-class PressForces(CompiledForces):
+class PressForces(CrankForces):
     """Every pin force from one equilibrium of the dyad, then the crank; pins named as in every four-bar."""
 
+    QUANTITIES: ClassVar = QUANTITIES
     press: Press
     moment_scale: float
     pins: tuple[str, ...] = ("crank_bearing", "crank_pin", "rocker_pin", "rocker_bearing")
     acts_on: tuple[str, ...] = ("crank", "plate", "plate", "pendulum")
 
-    @property
-    def residual_limits(self) -> Mapping[str, float]:
-        """Limit of the residual: the two routes to the drive torque, over the peak torque."""
-        return {"drive_torque_routes": 1e-10}
-
     @cached_property
     def model(self) -> LoadedPress:
         """Constants of the kernel."""
         return LoadedPress(self.press, float(self.moment_scale))
-
-    @cached_property
-    def layout(self) -> ForceLayout:
-        """Row of the samples."""
-        return ForceLayout(self.pins, QUANTITIES, ("drive_torque_routes",))

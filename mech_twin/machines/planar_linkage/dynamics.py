@@ -1,22 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Motion of the linkage: its state, equations of motion at a prescribed speed and behind a motor."""
+"""The linkage as a mechanism of the crank linkage: its state, what is reduced to its crank, its load."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
 from mech_twin.engine.compiled_steps import step_of
-from mech_twin.engine.crank_motion import DRIVE_POWER, ShaftDrive, crank_rates, shaft_state
 from mech_twin.engine.crank_state import (
-    driven_system,
-    led_system,
+    mechanism_drive_moment,
     mechanism_load_speed,
     mechanism_load_work,
+    mechanism_reduced,
     mechanism_state,
     under_load_share,
 )
-from mech_twin.engine.integration import rates_of
-from mech_twin.engine.tableaus import DORMAND_PRINCE_8
 from mech_twin.machines.planar_linkage.chain import CRANK, Array, chain_motion, closure_error
 from mech_twin.machines.planar_linkage.linkage import (
     PlanarLinkage,
@@ -64,48 +61,17 @@ def linkage_load_speed(mechanism: TurnedLinkage, f: float, w: float) -> float:
     return stroke_point(p, chain_motion(p.dyads, f)[0])[1] * w
 
 
-class LedLinkage(NamedTuple):
-    """The linkage at a prescribed speed: angle (rad), speed (rad/s) at time 0, acceleration (rad/s2), regime."""
-
-    chain: PlanarLinkage
-    f: float
-    w: float
-    e: float
-    regime: int
+@step_of(mechanism_drive_moment, TurnedLinkage)
+def linkage_drive_moment(mechanism: TurnedLinkage, f: float, w: float, e: float, regime: int) -> float:
+    """Return the moment (N m) at the crank that the pin forces give."""
+    return pin_forces(mechanism.chain, f, w, e, regime).drive_nm
 
 
-@rates_of(LedLinkage, DORMAND_PRINCE_8)
-def led_linkage_power(led: LedLinkage, t: float, y: Array, out: Array) -> None:
-    """Fill in the power of the drive (W), from the moment that the pin forces give."""
-    w, f = led.w + led.e * t, led.f + (led.w + 0.5 * led.e * t) * t
-    out[DRIVE_POWER] = pin_forces(led.chain, f, w, led.e, led.regime).drive_nm * w
-
-
-class DrivenLinkage(NamedTuple):
-    """The linkage behind a motor, and its regime."""
-
-    chain: PlanarLinkage
-    drive: ShaftDrive
-    regime: int
-
-
-@rates_of(DrivenLinkage, DORMAND_PRINCE_8)
-def driven_linkage_rates(driven: DrivenLinkage, t: float, y: Array, out: Array) -> None:
-    """Fill in the rates of crank angle, speed, drive work, gear loss and friction loss."""
-    now = reduced(driven.chain, shaft_state(y).angle_rad, driven.regime)
-    crank_rates(driven.drive, t, y, now.inertia, now.slope, now.moment, out)
-
-
-@step_of(led_system, TurnedLinkage)
-def led_linkage(mechanism: TurnedLinkage, f: float, w: float, e: float, regime: int) -> LedLinkage:
-    """Return the linkage at a prescribed speed."""
-    return LedLinkage(mechanism.chain, f, w, e, regime)
-
-
-@step_of(driven_system, TurnedLinkage)
-def driven_linkage(mechanism: TurnedLinkage, drive: ShaftDrive, regime: int) -> DrivenLinkage:
-    """Return the linkage behind a motor."""
-    return DrivenLinkage(mechanism.chain, drive, regime)
+@step_of(mechanism_reduced, TurnedLinkage)
+def linkage_reduced(mechanism: TurnedLinkage, f: float, regime: int) -> tuple[float, float, float]:
+    """Return inertia (kg m2), its slope (kg m2/rad) and moment (N m) reduced to the crank."""
+    now = reduced(mechanism.chain, f, regime)
+    return now.inertia, now.slope, now.moment
 
 
 @step_of(under_load_share, TurnedLinkage)

@@ -3,17 +3,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from mech_twin.engine.compiled_roles import CompiledForces
 from mech_twin.engine.compiled_steps import force_step, step_of
+from mech_twin.engine.crank_forces import CrankForces, route_miss
 from mech_twin.engine.crank_state import memory_of
-from mech_twin.engine.sample_vectors import LINKAGE_JOINTS, REGIME, Array, ForceLayout
+from mech_twin.engine.sample_vectors import LINKAGE_JOINTS, REGIME, Array
 from mech_twin.machines.planar_linkage.dynamics import TurnedLinkage, with_load_share
 from mech_twin.machines.planar_linkage.linkage import PlanarLinkage, is_working, reduced
 from mech_twin.machines.planar_linkage.pins import pin_forces
@@ -69,31 +68,21 @@ def linkage_forces(
     )
     for i in range(len(numbers)):
         out[place + i] = numbers[i]
-    scale = max(model.moment_scale_nm, abs(torque), by.inertia * abs(e), 1e-9)
-    out[place + len(numbers)] = (at.drive_nm - torque - memory.friction_torque_nm) / scale
+    out[place + len(numbers)] = route_miss(at.drive_nm, torque, by.inertia, memory, model.moment_scale_nm)
     return loads, 0
 
 
 @dataclass(frozen=True)
-class LinkageForces(CompiledForces):
+class LinkageForces(CrankForces):
     """Every pin force, from equilibrium of the links."""
 
+    QUANTITIES: ClassVar = QUANTITIES
     mechanism: PlanarLinkage
     moment_scale: float
     pins: tuple[str, ...]
     acts_on: tuple[str, ...]
 
-    @property
-    def residual_limits(self) -> Mapping[str, float]:
-        """Limit of the residual: the two routes to the drive torque, over the peak torque."""
-        return {"drive_torque_routes": 1e-10}
-
     @cached_property
     def model(self) -> LoadedLinkage:
         """Constants of the kernel."""
         return LoadedLinkage(TurnedLinkage(self.mechanism), float(self.moment_scale))
-
-    @cached_property
-    def layout(self) -> ForceLayout:
-        """Row of the samples."""
-        return ForceLayout(self.pins, QUANTITIES, ("drive_torque_routes",))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Motion of the vibration crank: its state, equations of motion at a prescribed speed and behind a motor."""
+"""The vibration crank as a mechanism of the crank linkage: its state, and what is reduced to its crank."""
 
 from __future__ import annotations
 
@@ -10,17 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mech_twin.engine.compiled_steps import step_of
-from mech_twin.engine.crank_motion import DRIVE_POWER, ShaftDrive, crank_rates, shaft_state
 from mech_twin.engine.crank_state import (
-    driven_system,
-    led_system,
+    mechanism_drive_moment,
     mechanism_load_speed,
     mechanism_load_work,
+    mechanism_reduced,
     mechanism_state,
     under_load_share,
 )
-from mech_twin.engine.integration import rates_of
-from mech_twin.engine.tableaus import DORMAND_PRINCE_8
 from mech_twin.machines.vibration_crank.slider_crank import (
     FINITE_ROD,
     SliderCrank,
@@ -74,48 +71,16 @@ def crank_load_speed(mechanism: ShakingCrank, f: float, w: float) -> float:
     return follower(mechanism.slider, f).z1 * w
 
 
-class LedCrank(NamedTuple):
-    """The mechanism at a prescribed speed: angle (rad), speed (rad/s) at time 0, acceleration (rad/s2)."""
-
-    mechanism: SliderCrank
-    f: float
-    w: float
-    e: float
-    regime: int
+@step_of(mechanism_drive_moment, ShakingCrank)
+def crank_drive_moment(mechanism: ShakingCrank, f: float, w: float, e: float, regime: int) -> float:
+    """Return the moment (N m) at the crank that the pin forces give."""
+    return pin_forces(mechanism.slider, f, w, e).moment
 
 
-@rates_of(LedCrank, DORMAND_PRINCE_8)
-def led_crank_power(led: LedCrank, t: float, y: Array, out: Array) -> None:
-    """Fill in the power of the drive (W), from the moment that the pin forces give."""
-    w = led.w + led.e * t
-    out[DRIVE_POWER] = pin_forces(led.mechanism, led.f + (led.w + 0.5 * led.e * t) * t, w, led.e).moment * w
-
-
-class DrivenSliderCrank(NamedTuple):
-    """The mechanism behind a motor."""
-
-    mechanism: SliderCrank
-    drive: ShaftDrive
-    regime: int
-
-
-@rates_of(DrivenSliderCrank, DORMAND_PRINCE_8)
-def driven_crank_rates(driven: DrivenSliderCrank, t: float, y: Array, out: Array) -> None:
-    """Fill in the rates of crank angle, speed, drive work, gear loss and friction loss."""
-    inertia, slope, load = reduced(driven.mechanism, shaft_state(y).angle_rad)
-    crank_rates(driven.drive, t, y, inertia, slope, load, out)
-
-
-@step_of(led_system, ShakingCrank)
-def led_crank(mechanism: ShakingCrank, f: float, w: float, e: float, regime: int) -> LedCrank:
-    """Return the mechanism at a prescribed speed."""
-    return LedCrank(mechanism.slider, f, w, e, regime)
-
-
-@step_of(driven_system, ShakingCrank)
-def driven_crank(mechanism: ShakingCrank, drive: ShaftDrive, regime: int) -> DrivenSliderCrank:
-    """Return the mechanism behind a motor."""
-    return DrivenSliderCrank(mechanism.slider, drive, regime)
+@step_of(mechanism_reduced, ShakingCrank)
+def crank_reduced(mechanism: ShakingCrank, f: float, regime: int) -> tuple[float, float, float]:
+    """Return inertia (kg m2), its slope (kg m2/rad) and moment (N m) reduced to the crank."""
+    return reduced(mechanism.slider, f)
 
 
 @step_of(under_load_share, ShakingCrank)

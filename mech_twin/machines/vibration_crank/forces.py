@@ -3,15 +3,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
-from mech_twin.engine.compiled_roles import CompiledForces
 from mech_twin.engine.compiled_steps import force_step, step_of
+from mech_twin.engine.crank_forces import CrankForces, route_miss
 from mech_twin.engine.crank_state import memory_of
-from mech_twin.engine.sample_vectors import LINKAGE_JOINTS, Array, ForceLayout
+from mech_twin.engine.sample_vectors import LINKAGE_JOINTS, Array
 from mech_twin.machines.vibration_crank.slider_crank import SliderCrank, drive_moment, pin_forces, reduced
 
 QUANTITIES = (
@@ -66,31 +65,21 @@ def crank_forces(
     )  # fmt: skip
     for i in range(len(numbers)):
         out[i] = numbers[i]
-    scale = max(model.moment_scale_nm, abs(torque), inertia * abs(e), 1e-9)
-    out[len(numbers)] = (at.moment - torque - memory.friction_torque_nm) / scale
+    out[len(numbers)] = route_miss(at.moment, torque, inertia, memory, model.moment_scale_nm)
     return loads, 0
 
 
 @dataclass(frozen=True)
-class SliderCrankForces(CompiledForces):
+class SliderCrankForces(CrankForces):
     """Every pin force from equilibrium of follower, rod and crank."""
 
+    QUANTITIES: ClassVar = QUANTITIES
     mechanism: SliderCrank
     moment_scale: float
     pins: tuple[str, ...]
     acts_on: tuple[str, ...]
 
-    @property
-    def residual_limits(self) -> Mapping[str, float]:
-        """Limit of the residual: the two routes to the drive torque, over the peak torque."""
-        return {"drive_torque_routes": 1e-10}
-
     @cached_property
     def model(self) -> LoadedCrank:
         """Constants of the kernel."""
         return LoadedCrank(self.mechanism, self.mechanism._replace(counter_mass=0.0), float(self.moment_scale))
-
-    @cached_property
-    def layout(self) -> ForceLayout:
-        """Row of the samples."""
-        return ForceLayout(self.pins, QUANTITIES, ("drive_torque_routes",))

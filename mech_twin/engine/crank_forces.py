@@ -1,0 +1,51 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Force analysis of a crank linkage: what it reads of the linkage's row, and the two routes to the drive torque."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cached_property
+from typing import ClassVar
+
+from mech_twin.engine.compiled_roles import CompiledForces
+from mech_twin.engine.crank_state import Memory
+from mech_twin.engine.sample_vectors import ForceLayout
+from mech_twin.kernel import kernel
+
+RESIDUAL, LIMIT = "drive_torque_routes", 1e-10
+
+
+@kernel
+def route_miss(drive_nm: float, torque_nm: float, inertia: float, memory: Memory, scale_nm: float) -> float:
+    """Return by how much two routes to the drive torque differ, over the largest torque in sight.
+
+    Parameters
+    ----------
+    drive_nm, torque_nm : float
+        Torque at the crank by the equilibrium of the links, and that of the linkage's row, friction included (N m).
+    inertia : float
+        Inertia of the mechanism reduced to its crank (kg m2).
+    memory : Memory
+        That of the linkage's row.
+    scale_nm : float
+        Largest torque of a cycle (N m).
+    """
+    scale = max(scale_nm, abs(torque_nm), inertia * abs(memory.crank_acceleration_rad_per_s2), 1e-9)
+    return (drive_nm - torque_nm - memory.friction_torque_nm) / scale
+
+
+class CrankForces(CompiledForces):
+    """Every pin force, from equilibrium of the links; its one residual is `route_miss`."""
+
+    QUANTITIES: ClassVar[tuple[str, ...]]
+    pins: tuple[str, ...]
+
+    @property
+    def residual_limits(self) -> Mapping[str, float]:
+        """Limit of the residual: the two routes to the drive torque, over the peak torque."""
+        return {RESIDUAL: LIMIT}
+
+    @cached_property
+    def layout(self) -> ForceLayout:
+        """Row of the samples."""
+        return ForceLayout(self.pins, self.QUANTITIES, (RESIDUAL,))
