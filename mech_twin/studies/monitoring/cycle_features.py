@@ -7,8 +7,9 @@ Feed what comes, channel by channel, in chunks of any length and in any interlea
     for vector in feed.feed("linkage.crank.position", times_s, values): ...
 
 A cycle is given out when every channel has passed its end; one that is silent is waited for until the reference has
-gone on for ``PATIENCE_S``, and its features are then nan.  What a vector holds depends on the samples and their stamps
-alone, not on how they were cut into chunks.  Samples are in SI units, a known lag taken off their stamps.
+gone on for ``PATIENCE_S``.  Features of a channel that is silent or has a gap are nan.  What a vector holds depends on
+the samples and their stamps alone, not on how they were cut into chunks.  Samples are in SI units, a known lag taken
+off their stamps.
 """
 
 from __future__ import annotations
@@ -32,7 +33,8 @@ from mech_twin.studies.monitoring.cycle_boundaries import (
 PATIENCE_S = 1.0  # stamps by which the reference may run ahead of another channel
 EVENT_WAIT_S = 0.1  # and ahead of an event channel, which is silent while nothing happens
 LEAST_SAMPLES = 6  # of a channel in a cycle; events need one
-LARGEST_GAP = 0.25  # of a cycle, between samples of the reference
+LARGEST_GAP = 0.25  # of a cycle, between samples of a channel
+ORDINARY_GAP, SPACINGS = 0.02, 5.0  # of a cycle, and of the usual spacing: what the larger of both exceeds is a gap
 CLOCK_GAIN = 0.02  # by which a rise corrects the clock, once as many have been averaged
 CLOCK_RISES = 20  # that are averaged before the first cycle is counted
 CLOCK_TRUST = 0.25  # of a cycle: a rise farther from where the clock expects it begins the clock anew
@@ -51,7 +53,7 @@ class FeatureVector(NamedTuple):
     names : tuple of str
         Of the features, units in `FeatureFeed.features`.
     values : ndarray
-        Shape (features,), SI; nan where a channel was silent.
+        Shape (features,), SI; nan where a channel was silent or has a gap.
     """
 
     number: int
@@ -210,9 +212,9 @@ class FeatureFeed:
         usual_s, self._usual_s = self._usual_s, period_s
         if usual_s is not None and period_s > LONGEST_CYCLE * usual_s:
             return None
-        inner = np.concatenate([[begin_s], times, [end_s]])
-        if len(times) < LEAST_SAMPLES or np.diff(inner).max() > LARGEST_GAP * period_s:
+        if not is_whole(times, begin_s, end_s):
             return None
+        inner = np.concatenate([[begin_s], times, [end_s]])
         angles = None
         if reference.kind == "turn":
             start = TURN * floor((values[0] - reference.begin + 0.5 * CROSSING_RAD) / TURN) + reference.begin
@@ -220,7 +222,7 @@ class FeatureFeed:
         channels = {}
         for column, buffer in self._buffers.items():
             own_s, own = buffer.between(begin_s, end_s)
-            if len(own_s) >= (1 if is_event_channel(column) else LEAST_SAMPLES):
+            if len(own_s) if is_event_channel(column) else is_whole(own_s, begin_s, end_s):
                 phase = TURN * (own_s - begin_s) / period_s if angles is None else np.interp(own_s, inner, angles)
                 channels[column] = sampled(own_s, phase, own)
         cycle = SampledCycle(self._number, begin_s, end_s, channels)
@@ -231,6 +233,17 @@ class FeatureFeed:
         for column, buffer in self._buffers.items():
             reference = column == self.declared.reference.column
             buffer.forget(end_s - (0.5 * (self._usual_s or 0.0) if reference else 0.0))
+
+
+def is_whole(times_s: Array, begin_s: float, end_s: float) -> bool:
+    """Return whether the samples of a cycle are enough and have no gap, which would be taken for a change."""
+    if len(times_s) < LEAST_SAMPLES:
+        return False
+    spacing = np.diff(times_s)
+    period_s = end_s - begin_s
+    usual_s = max(ORDINARY_GAP * period_s, SPACINGS * float(np.median(spacing)))
+    largest_s = max(float(spacing.max()), times_s[0] - begin_s, end_s - times_s[-1])
+    return bool(largest_s <= min(LARGEST_GAP * period_s, usual_s))
 
 
 def available_features(declared: CycleFeatures, columns: Iterable[str]) -> tuple[CycleFeature, ...]:
