@@ -5,7 +5,7 @@ import threading
 import time
 
 import pytest
-from browser import Page, changed_share, colours, region, share_of
+from browser import Page, Picture, changed_share, colours, region, share_of
 from synthetic_four_bar import STRIKER, drawing, events, frame, metrics
 
 from mech_twin.view.rerun_scene import RerunScene
@@ -60,6 +60,8 @@ def test_what_is_shown_keeps_up_with_the_run_in_a_browser_without_a_graphics_car
 
 def test_the_page_shows_the_mechanism_and_it_moves(tmp_path):
     stop = threading.Event()
+    mechanism = (0.0, 0.06, 0.55, 0.68)
+    curves = (0.57, 0.06, 1.0, 0.68)
     with ViewerProcess() as viewer, RerunScene("four_bar", grpc_url=viewer.grpc_url) as scene:
         feeder = threading.Thread(target=fed, args=(scene, stop))
         feeder.start()
@@ -67,12 +69,15 @@ def test_the_page_shows_the_mechanism_and_it_moves(tmp_path):
             with Page(viewer.web_url, width=1200, height=750) as page:
                 before = page.picture_when(lambda seen: share_of(seen, STRIKER) > 0.002, limit_s=120.0)
                 page.wait(2.0)
-                after = page.picture_when(lambda seen: changed_share(before, seen) > 0.01, limit_s=60.0)
+
+                def both_moved(seen: Picture) -> bool:  # a linkage comes by where it was before: look on
+                    if seen.shape != before.shape:
+                        return False
+                    moved = changed_share(region(before, *mechanism), region(seen, *mechanism)) > 0.01
+                    return moved and changed_share(region(before, *curves), region(seen, *curves)) > 0.005
+
+                after = page.picture_when(both_moved, limit_s=60.0)
         finally:
             stop.set()
             feeder.join()
-    mechanism = (0.0, 0.06, 0.55, 0.68)
-    curves = (0.57, 0.06, 1.0, 0.68)
     assert colours(region(after, *mechanism)) >= 5
-    assert changed_share(region(before, *mechanism), region(after, *mechanism)) > 0.01
-    assert changed_share(region(before, *curves), region(after, *curves)) > 0.005
