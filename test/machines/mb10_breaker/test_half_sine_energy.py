@@ -71,6 +71,7 @@ def test_energy_is_open_for_a_motion_that_is_not_the_body_s(monkeypatch, wrong):
     assert abs(python(body, stretch, 0.0, 5e-3)) > 1e-8
 
 
+@pytest.mark.slow
 def test_energy_of_a_run_closes_in_every_step():
     twin = machine("mb10_breaker", overrides=HALF)
     samples = [frame.body for frame in frames(twin, 1.0)]
