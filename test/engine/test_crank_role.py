@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from dataclasses import FrozenInstanceError
 from math import nan, pi
 
 import numpy as np
@@ -52,8 +53,15 @@ def test_the_energy_balance_is_over_the_largest_energy_of_a_turn(speed: float) -
         abs(crank.guided(0, 0.0, CrankState(angle, speed, 0.0)).memory["energy_j"])
         for angle in np.linspace(0.0, 2.0 * pi, 361).tolist()
     ]
-    assert crank.at_rated_speed(speed).energy_scale_j == pytest.approx(max(energies), rel=1e-3)
+    scale = crank.at_rated_speed(speed).energy_scale_j
+    assert scale == pytest.approx(max(energies), rel=1e-3)
+    assert scale == pytest.approx(max(energies[::5]), rel=1e-12)  # of every fifth degree
     assert crank.energy_scale_j == 0.0
+
+
+def test_a_role_is_not_changed_but_made_anew() -> None:
+    with pytest.raises(FrozenInstanceError):
+        linkage().size_m = 2.0  # type: ignore[misc]
 
 
 def test_the_kernel_gets_what_the_role_was_told() -> None:
@@ -80,6 +88,10 @@ def test_events_are_of_the_crank_or_of_the_loaded_contact_and_tell_each_coordina
     assert layout.events.contacts == ("crank", "slider")
     assert (layout.events.kinds, layout.events.coordinates) == (KINDS, 1)
     assert linkage(coordinates=("crank", "twist")).layout.events.coordinates == 2
+
+
+def test_it_starts_at_step_0_if_no_other_is_told() -> None:
+    assert linkage().start() == linkage().start(0)
 
 
 @pytest.mark.parametrize("step", [0, 7])
