@@ -64,6 +64,10 @@ def turned(disc, speed, span, direction=1.0, aim=inf, tolerance=EXACT, angle=0.0
     return y, time, what, acceleration
 
 
+def test_what_ends_a_motion_can_be_told_apart():
+    assert len({SPAN_ENDED, AT_REST, AT_ANGLE, NOT_INTEGRATED}) == 4
+
+
 @pytest.mark.parametrize("direction", [1.0, -1.0])
 def test_a_disc_under_a_ramped_torque_follows_the_cubic(direction):
     """J w' = i eta (M + M' t) - c: angle, speed and works in closed form, the gear's loss too."""
