@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from math import pi
 
+from mech_twin.capabilities.crank_features import speed_features
 from mech_twin.capabilities.cycle import (
     CycleFeatures,
     CycleReference,
@@ -13,9 +14,7 @@ from mech_twin.capabilities.cycle import (
     event_value,
     harmonic,
     mean,
-    period,
     share_above,
-    speed_harmonic,
     upper,
 )
 from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
@@ -31,11 +30,7 @@ def features(parameters: BreakerParameters) -> CycleFeatures:
     return CycleFeatures(
         CycleReference(CRANK, "turn", BEGIN_RAD),
         (
-            period(),
-            speed_harmonic("speed_cos_1", CRANK, 1, "cos", "relative crank speed, cosine of the turn"),
-            speed_harmonic("speed_sin_1", CRANK, 1, "sin", "relative crank speed, sine of the turn"),
-            speed_harmonic("speed_cos_2", CRANK, 2, "cos", "relative crank speed, cosine of half a turn"),
-            speed_harmonic("speed_sin_2", CRANK, 2, "sin", "relative crank speed, sine of half a turn"),
+            *speed_features(CRANK),
             mean("torque_mean_nm", "N.m", ROTOR, "mean motor torque"),
             upper("torque_peak_nm", "N.m", ROTOR, "largest motor torque"),
             harmonic("torque_cos_1_nm", "N.m", ROTOR, 1, "cos", "motor torque, cosine of the turn"),
