@@ -110,7 +110,7 @@ def follow(
         ready(node)
         end_s = time.monotonic() + duration_s if duration_s > 0.0 else float("inf")
         with Spinner(nodes) as spinner:
-            spinner.until(lambda: signal.asked or time.monotonic() > end_s)
+            spinner.serve(lambda: signal.asked or time.monotonic() > end_s)
         node.report()
         boxes = [bag for each in nodes if isinstance(each, BlackBox) for bag in each.bags]
         values = {name: value for each in nodes for name, value in each.diagnostic_values().items()}
