@@ -31,7 +31,10 @@ RAN, UNBUILT, REFUSED_IN_RUN, BROKEN = "ran", "refused at configuration", "refus
 
 
 class Outcome(NamedTuple):
-    """What became of one draw: its end and the words for it; ``margin`` is the worst residual over its limit, ``seconds`` processor time."""
+    """What became of one draw: its end and the words for it.
+
+    ``margin`` is the worst residual over its limit, ``seconds`` processor time.
+    """
 
     number: int
     end: str

@@ -4,9 +4,9 @@
     python benchmarks/reliability/random_draws.py [MACHINE ...] [--count 2000] [--seed 1] [--workers 1] [--write]
     python benchmarks/reliability/random_draws.py MACHINE --only NUMBER [--seed 1]
 
-The machines take turns.  Goes on where it was ended, as what became of each draw is kept in build/random_draws.  What
-breaks is printed as a parameter file; exit code 1 if there is any.  ``--only`` makes some of the draws once more, ``--write`` puts the counts
-into docs/random-configurations.md.
+The machines take turns.  Goes on where it was ended, as what became of each draw is kept in build/random_draws.
+What breaks is printed as a parameter file; exit code 1 if there is any.  ``--only`` makes some of the draws once more,
+``--write`` puts the counts into docs/random-configurations.md.
 """
 
 from __future__ import annotations
