@@ -20,11 +20,12 @@ sys.path.insert(0, str(Path(__file__).parent.parent / "test"))
 
 from browser import Page
 
-from mech_twin.cli.run import LIVE_HISTORY
+from mech_twin.cli.live_view import LIVE_HISTORY
 from mech_twin.engine.run import frames
 from mech_twin.engine.trajectory import frame_events
 from mech_twin.parameters.load import machine as load
 from mech_twin.samples import Drawing
+from mech_twin.view.flow import Flow
 from mech_twin.view.rerun_scene import RerunScene
 from mech_twin.view.sending import LIVE
 from mech_twin.view.viewer_process import ViewerProcess
@@ -87,7 +88,11 @@ def main() -> None:
     with (
         ViewerProcess(memory_limit=LIVE_HISTORY, newest_first=True) as viewer,
         RerunScene(
-            asked.machine, grpc_url=viewer.grpc_url, sending=LIVE, light=lambda: asked.layout == "light"
+            asked.machine,
+            grpc_url=viewer.grpc_url,
+            sending=LIVE,
+            light=lambda: asked.layout == "light",
+            flow=Flow(viewer.reports_directory),
         ) as scene,
     ):
         feed = Feed(asked.machine, scene)
