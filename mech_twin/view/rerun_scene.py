@@ -105,6 +105,16 @@ class RerunScene:
         self._closed = False
         self._complete = True
 
+    @property
+    def stream(self) -> rr.RecordingStream:
+        """Where all of it is logged."""
+        return self._stream
+
+    @property
+    def contents(self) -> SceneContents | None:
+        """What the layout was made for; None before the first one."""
+        return self._shown
+
     def know(self, tree: FrameTree, blow_energy: Callable[[Event], float] | None = None) -> None:
         """Show also what needs the machine's frames: pin reactions, blows, units of joints; before the first step.
 
