@@ -4,11 +4,13 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
+import numpy as np
 from scipy.optimize import brentq
 
-from mech_twin.machines.mb10_breaker.dynamics import Breaker, masses_at
+from mech_twin.machines.mb10_breaker.dynamics import Breaker, masses_over_turn
 from mech_twin.parts.four_bar import FourBar, Link, coefficients, link_angles, position
 
 if TYPE_CHECKING:
@@ -26,17 +28,17 @@ def fastest_swing_rad_per_s(b: Breaker) -> float:
     Each coordinate's stiffness over the least inertia it can have while the other one gives way, over a turn of the
     crank; a body that is held has no swing.
     """
-    found = [masses_at(b, 2.0 * math.pi * i / ANGLES, 0.0) for i in range(ANGLES)]
+    m11, m12, m22, _, g_q, g_phi, _ = masses_over_turn(b, ANGLES)
     spring = 0.0 if b.held else b.spring_rate_n_per_m * b.spring_arm_m**2
-    fastest = 0.0
-    for m, after in zip(found, found[1:] + found[:1], strict=True):
-        det = m.m11 * m.m22 - m.m12 * m.m12
-        crank, body = (m.m11, math.inf) if b.held else (det / m.m22, det / m.m11)
-        tilting = abs(after.g_q - m.g_q) * ANGLES / (2.0 * math.pi)
-        fastest = max(fastest, tilting / crank + (spring + abs(m.g_phi) + abs(m.g_q)) / body)
-    return math.sqrt(fastest)
+    det = m11 * m22 - m12 * m12
+    tilting = np.abs(np.roll(g_q, -1) - g_q) * ANGLES / (2.0 * math.pi)
+    if b.held:
+        return math.sqrt(float(np.max(tilting / m11)))
+    rates = tilting / (det / m22) + (spring + np.abs(g_phi) + np.abs(g_q)) / (det / m11)
+    return math.sqrt(max(0.0, float(rates.max())))
 
 
+@lru_cache(maxsize=64)
 def extremes(bar: FourBar) -> tuple[float, float]:
     """Return the crank angles (rad, 0 to 2 pi) of the rocker's striking extreme and of its other extreme.
 
