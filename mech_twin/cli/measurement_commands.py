@@ -39,6 +39,10 @@ def shadow(
     advise: Annotated[
         Path | None, typer.Option(help="advise on an output of the machine: file of targets and limits")
     ] = None,
+    view: Annotated[
+        str, typer.Option(help="measured and model over each other: web, light, full, none or file NAME.rrd")
+    ] = "none",
+    view_port: Annotated[int, typer.Option(help="port of the page; 0: a free one", min=0, max=65535)] = 0,
     force: Force = False,
     json: Json = False,
 ) -> None:
@@ -46,7 +50,7 @@ def shadow(
     from mech_twin.cli.shadow import ShadowRequest, shadow_machine
 
     what = (given_map, config, settings or [], record, duration, uncertain or [])
-    shadow_machine(ShadowRequest(machine, followed, *what, monitor, black_box, advise, force, json))
+    shadow_machine(ShadowRequest(machine, followed, *what, monitor, black_box, advise, force, json, view, view_port))
 
 
 def propose(
