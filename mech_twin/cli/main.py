@@ -276,7 +276,7 @@ def compare(
         float | None,
         time_option("time to simulate a configuration", "that of the recording, else 3"),
     ] = None,
-    picture: Annotated[Path | None, typer.Option(help="picture (.png, .svg, .pdf) of what differs")] = None,
+    picture: Annotated[Path | None, typer.Option(help="picture (.png or .svg) of what differs")] = None,
     all_numbers: Annotated[bool, typer.Option("--all", help="all numbers, not only those that differ")] = False,
     force: Force = False,
     json: Json = False,
