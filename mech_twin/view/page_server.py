@@ -65,10 +65,11 @@ REPORT = (
     let last = 0n, busy = false;
     const cursor = () => {
       const state = window._handle.viewer_state();
-      let at = state.indexOf(mark[0]);
-      while (at >= 0 && !mark.every((byte, i) => state[at + i] === byte)) at = state.indexOf(mark[0], at + 1);
+      // the first one has the range of the data, the last one the cursor
+      let at = state.lastIndexOf(mark[0]);
+      while (at > 0 && !mark.every((byte, i) => state[at + i] === byte)) at = state.lastIndexOf(mark[0], at - 1);
       let time = 0n;
-      if (at >= 0 && state[at + mark.length + 1] === 16) {
+      if (at > 0 && [8, 16].includes(state[at + mark.length + 1])) {
         for (let i = at + mark.length + 2, shift = 0n; i < state.length; i += 1, shift += 7n) {
           time |= BigInt(state[i] & 127) << shift;
           if (state[i] < 128) break;
