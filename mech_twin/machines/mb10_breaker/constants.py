@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -37,6 +38,7 @@ def fastest_swing_rad_per_s(b: Breaker) -> float:
     return math.sqrt(max(0.0, fastest))
 
 
+@lru_cache(maxsize=64)
 def extremes(bar: FourBar) -> tuple[float, float]:
     """Return the crank angles (rad, 0 to 2 pi) of the rocker's striking extreme and of its other extreme.
 

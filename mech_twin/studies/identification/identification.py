@@ -35,6 +35,7 @@ from mech_twin.studies.identification.verdicts import COMBINATION, IDENTIFIED, O
 WRITTEN = (IDENTIFIED, ONE_SIDED, COMBINATION)  # verdicts whose estimates go into the configuration
 HOLD_OUT_SHARE = 0.2
 FEWEST_RUNS_TO_HOLD_OUT = 3
+CHOICES = 3  # of the keys to estimate, made again where the fit ended
 STARTS = 3  # where the first one ends in an error of the model
 START_SPREAD = 0.15  # standard deviation of a further start about the first, over the scale of a key
 
@@ -120,13 +121,15 @@ def identified(
     chosen = _chosen(sight_at(everything, everything.unknowns.start), range(len(question.keys)))
     fitted = _best_fit(question, [question.keys[i] for i in chosen], fitted_runs, told)
     around = around_fit(question, fitted)
-    again = _chosen(around.seen, range(len(question.keys)))
-    if set(again) != set(chosen):
-        chosen = again
-        fitted = _fit_of_fewer(question, around, chosen, told)
-        around = around_fit(question, fitted)
-    told("intervals")
-    around, known = settled(question, around, chosen, told)
+    for _ in range(CHOICES):
+        again = _chosen(around.seen, range(len(question.keys)))
+        if set(again) != set(chosen):
+            chosen = again
+            around = around_fit(question, _fit_of_fewer(question, around, chosen, told))
+        told("intervals")
+        around, known = settled(question, around, chosen, told)
+        if set(_chosen(around.seen, range(len(question.keys)))) == set(chosen):
+            break
     fitted = around.fitted
     keys, combined = verdicts_of(question, around, chosen, known)
     parameters = _found(question, keys, fitted)
