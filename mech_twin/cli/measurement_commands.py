@@ -83,6 +83,9 @@ def identify(
     duration: Annotated[float | None, typer.Option(help="with --plan: length of the run in s", min=0.01)] = None,
     seed: Annotated[int, typer.Option(help="of further starts of the fit", min=0)] = 0,
     cores: Annotated[int | None, typer.Option(help="cores to use [all]", min=1)] = None,
+    scheduler: Annotated[
+        str | None, typer.Option(metavar="ADDRESS", help="Dask scheduler for starts and profiles, tcp://HOST:PORT")
+    ] = None,
     out: Annotated[
         Path | None, typer.Option(help="directory of the results, or file (.yaml) of the configuration")
     ] = None,
@@ -106,7 +109,7 @@ def identify(
     identify_machine(
         IdentifyRequest(
             machine, runs or [], given_map, free or [], hold_out, config, settings or [], out, force, json,
-            fix or [], prior or [], motion, begin, latest_begin, seed, cores, plan, sensors, duration,
+            fix or [], prior or [], motion, begin, latest_begin, seed, cores, plan, sensors, duration, scheduler,
         )
     )  # fmt: skip
 
