@@ -38,6 +38,7 @@ SETTINGS: dict[str, dict[str, Any]] = {
 }
 WANDER, WANDER_S = 5e-4, 20.0  # standard deviation and time constant of the supply's wander
 RUN_S = 100.0
+SLICE_S = 10.0  # fed at once; what comes out does not depend on it
 PACKAGE_S = 60.0  # of a winding drum, whose package runs off
 BEFORE, AFTER = 30, 80  # cycles before and after a change
 SHARE_OF_SIZE = 0.8  # off the sizes that signatures are computed at
@@ -60,19 +61,29 @@ def wander(steps: int, step_s: float, random: np.random.Generator, first: float 
     return 1.0 + np.interp(step_s * np.arange(steps + 1), 0.1 * np.arange(knots), values)
 
 
+def healthy_run(machine: MonitoredMachine, random: np.random.Generator) -> RollOut:
+    """Return a healthy motion, its run-up before it."""
+    built = machine.entry.build(machine.parameters)
+    longest_s = PACKAGE_S if machine.name == "winding_drum" else RUN_S
+    steps = ceil((machine.declared.run_up_s + longest_s) / built.coupling_step_s)
+    command = wander(steps, built.coupling_step_s, random, WANDER * random.standard_normal())
+    run = roll_out(built, steps * built.coupling_step_s, needed_columns(machine.sensors), None, command)
+    if run.error is not None:
+        raise run.error
+    return run
+
+
+def seen_vectors(machine: MonitoredMachine, run: RollOut, random: np.random.Generator) -> list[FeatureVector]:
+    """Return the features of a motion beyond the run-up, seen through fresh noise."""
+    step_s, begin_s = machine.entry.build(machine.parameters).coupling_step_s, machine.declared.run_up_s
+    return feed_channels(machine.feed(), seen_roll_out(run, machine.sensors, step_s, random, begin_s), SLICE_S)
+
+
 def healthy_cycles(machine: MonitoredMachine, count: int, random: np.random.Generator) -> list[FeatureVector]:
     """Return at least so many healthy cycles, run after run, each run's cycles numbered apart from the others'."""
-    built = machine.entry.build(machine.parameters)
-    step_s, begin_s = built.coupling_step_s, machine.declared.run_up_s
-    longest_s = PACKAGE_S if machine.name == "winding_drum" else RUN_S
     found: list[FeatureVector] = []
     while len(found) < count:
-        steps = ceil((begin_s + longest_s) / step_s)
-        command = wander(steps, step_s, random, WANDER * random.standard_normal())
-        run = roll_out(built, steps * step_s, needed_columns(machine.sensors), None, command)
-        if run.error is not None:
-            raise run.error
-        vectors = feed_channels(machine.feed(), seen_roll_out(run, machine.sensors, step_s, random, begin_s))
+        vectors = seen_vectors(machine, healthy_run(machine, random), random)
         first = found[-1].number + FAR if found else 0
         found += [vector._replace(number=first + vector.number) for vector in vectors]
     return found

@@ -1,15 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Proof of the monitor on simulated machines: false alarms on healthy cycles, and every fault at three sizes.
 
-    python benchmarks/monitoring/proof.py MACHINE [--healthy CYCLES] [--repeats N] [--minutes M] [--processes N]
+    python benchmarks/monitoring/proof.py [MACHINE ...] [--only healthy] [--minutes M] [--processes N]
 
 Sensors are those of benchmarks/monitoring/sensors; the supply wanders slowly.  Healthy cycles are counted against the
-Poisson interval of the stated mean run length.  A fault is a change of parameters at a random instant of a cycle; each
-motion is seen through fresh noise in a few repeats.
+Poisson interval of the stated mean run length; each motion is seen through the sensors' noise a few times, and the
+count of each motion is kept, so that what they have in common can be judged.  A fault is a change of parameters at a
+random instant of a cycle; each motion is seen through fresh noise in a few repeats.
 
-The work is cut into pieces with seeds of their own, spread over processes.  Results stand in
-benchmarks/monitoring/results/MACHINE.json after each piece; a later call goes on from there, ``--anew`` begins anew and
-``--faults-anew`` keeps the healthy cycles.  `tables.py` makes the tables of the page.
+The work is cut into pieces with seeds of their own, spread over processes; of several machines the one that has had
+the least time comes next.  Results stand in benchmarks/monitoring/results/MACHINE.json after each piece; a later call
+goes on from there, ``--anew`` begins anew and ``--faults-anew`` keeps the healthy cycles.  `tables.py` makes the
+tables of the page.
 """
 
 from __future__ import annotations
@@ -18,7 +20,7 @@ import argparse
 import json
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from functools import cache
 from multiprocessing import get_context
@@ -27,20 +29,28 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from plants import faulty_run, healthy_cycles, monitored_machine, three_sizes
+from plants import (
+    FAR,
+    SENSORS,
+    faulty_run,
+    healthy_cycles,
+    healthy_run,
+    monitored_machine,
+    seen_vectors,
+    three_sizes,
+)
 
 from mech_twin.output_file import written_file
 from mech_twin.studies.monitoring.baseline import fitted_baseline
-from mech_twin.studies.monitoring.cycle_features import feed_channels
 from mech_twin.studies.monitoring.monitor import Monitor, MonitorSetup, setup_of_record
-from mech_twin.studies.monitoring.sensing import seen_roll_out
 from mech_twin.studies.monitoring.signatures import machine_signatures
 from mech_twin.studies.monitoring.thresholds import chart_limits
 
 RESULTS = Path(__file__).parent / "results"
-PIECE_CYCLES = 4000  # healthy cycles watched without beginning anew
-NOISES = 5  # repeats of one motion
+NOISES = 10  # repeats of one motion with a fault
+VIEWS = 20  # of one healthy motion
 TRIAL_ARL0 = 1e5
+Call = tuple[Callable[[dict[str, Any]], None], Callable[..., dict[str, Any]], tuple[Any, ...]]
 KINDS = ("right", "group", "wrong_group", "wrong", "unknown", "none")
 
 
@@ -54,26 +64,43 @@ def setups(name: str, baseline_cycles: int, arl0_cycles: float, seed: int, anew:
     machine = monitored_machine(name)
     vectors = healthy_cycles(machine, baseline_cycles, np.random.default_rng([seed, 0]))
     baseline, innovations = fitted_baseline(vectors)
-    signatures = machine_signatures(machine, baseline.names)
 
     def setup(arl0: float) -> dict[str, Any]:
         limits = chart_limits(baseline, innovations, arl0)
-        return MonitorSetup(name, baseline, limits, signatures, machine.declared.settling_cycles).record()
+        return MonitorSetup(name, baseline, limits, (), machine.declared.settling_cycles).record()
 
     record = {"asked": asked, "healthy": setup(arl0_cycles), "trial": setup(TRIAL_ARL0)}
     _keep(kept, record)
     return record
 
 
+def with_signatures(name: str, setup: dict[str, Any], anew: bool) -> dict[str, Any]:
+    """Return the setup of the faults with what each of them does; kept in a file."""
+    kept = RESULTS / f"{name}.signatures.setup.json"
+    if kept.exists() and not anew:
+        record: dict[str, Any] = json.loads(kept.read_text(encoding="utf-8"))
+        if record["baseline"] == setup["baseline"]:
+            return record
+    signatures = machine_signatures(monitored_machine(name), setup["baseline"]["names"])
+    record = setup | {"signatures": [signature.record() for signature in signatures]}
+    _keep(kept, record)
+    return record
+
+
 def healthy_piece(name: str, setup: dict[str, Any], seed: int, piece: int) -> dict[str, Any]:
-    """Return how many healthy cycles of a piece were watched, and the alarms in them."""
-    monitor, alarms, watched = Monitor(_known(json.dumps(setup))), 0, 0
-    random = np.random.default_rng([seed, 1, piece])
-    for vector in healthy_cycles(monitored_machine(name), PIECE_CYCLES, random):
-        found = monitor.observe(vector)
-        alarms += found.alarm_begins
-        watched += found.charts is not None and (found.alarm_begins or not found.alarm)
-    return {"cycles": watched, "alarms": alarms}
+    """Return how many healthy cycles of a motion were watched, in all views, and the alarms of each view."""
+    machine, known, random = monitored_machine(name), _known(json.dumps(setup)), np.random.default_rng([seed, 1, piece])
+    begun_s, run, told = time.process_time(), healthy_run(machine, random), {"cycles": 0, "alarms": []}
+    monitor, first = Monitor(known), 0
+    for _ in range(VIEWS):
+        alarms = 0
+        for vector in seen_vectors(machine, run, random):
+            found = monitor.observe(vector._replace(number=first + vector.number))
+            alarms += found.alarm_begins
+            told["cycles"] += found.charts is not None and (found.alarm_begins or not found.alarm)
+        told["alarms"].append(alarms)
+        first += FAR * FAR  # apart from the view before
+    return told | {"spent_s": time.process_time() - begun_s}
 
 
 def faulty_piece(name: str, setup: dict[str, Any], seed: int, fault: str, size: float, piece: int) -> dict[str, Any]:
@@ -82,14 +109,14 @@ def faulty_piece(name: str, setup: dict[str, Any], seed: int, fault: str, size: 
     declared = next(each for each in machine.faults if each.name == fault)
     place = [each.name for each in machine.faults].index(fault)
     random = np.random.default_rng([seed, 2, place, round(1e6 * abs(size)), piece])
+    begun_s = time.process_time()
+    told: dict[str, Any] = {"early": 0, "delays": [], "kinds": Counter(), "wrong_names": Counter(), "spent_s": 0.0}
     run = faulty_run(machine, declared, size, known.baseline.period_s, random)
-    told: dict[str, Any] = {"early": 0, "delays": [], "kinds": Counter(), "wrong_names": Counter()}
     if run is None:
         return told
-    step_s, begin_s = machine.entry.build(machine.parameters).coupling_step_s, machine.declared.run_up_s
     for _ in range(NOISES):
         monitor, alarm_s, last = Monitor(known), None, None
-        for vector in feed_channels(machine.feed(), seen_roll_out(run[0], machine.sensors, step_s, random, begin_s)):
+        for vector in seen_vectors(machine, run[0], random):
             last = monitor.observe(vector)
             if last.alarm_begins and alarm_s is None:
                 alarm_s = last.time_s
@@ -104,7 +131,7 @@ def faulty_piece(name: str, setup: dict[str, Any], seed: int, fault: str, size: 
         told["kinds"][kind] += 1
         if kind.startswith("wrong"):
             told["wrong_names"][last.finding] += 1
-    return told
+    return told | {"spent_s": time.process_time() - begun_s}
 
 
 def judgement(verdict: str, fault: str, names: list[str]) -> str:
@@ -132,12 +159,13 @@ class Proof:
 
     def __init__(self, name: str, setup: dict[str, Any]) -> None:
         self.path, self.setup = RESULTS / f"{name}.json", setup
+        self.spent_s = 0.0
         baseline = setup["trial"]["baseline"]
         self.record: dict[str, Any] = {
             "machine": name, "asked": setup["asked"], "period_s": baseline["period_s"],
             "features": len(baseline["names"]), "order": len(baseline["coefficients"]),
             "baseline_cycles": baseline["cycles"], "trial_arl0_cycles": TRIAL_ARL0,
-            "healthy": {"pieces": 0, "cycles": 0, "alarms": 0}, "faults": {},
+            "healthy": {"cycles": 0, "views": VIEWS, "alarms": []}, "faults": {},
         }  # fmt: skip
 
     def go_on(self, keep_faults: bool) -> None:
@@ -145,23 +173,26 @@ class Proof:
         if not self.path.exists():
             return
         earlier = json.loads(self.path.read_text(encoding="utf-8"))
-        if earlier["asked"] == self.record["asked"]:
+        if earlier["asked"] == self.record["asked"] and earlier["healthy"].get("views") == VIEWS:
             self.record["healthy"] = earlier["healthy"]
             self.record["faults"] = earlier["faults"] if keep_faults else {}
 
-    def calls(self, healthy: int, repeats: int) -> Iterator[tuple[Callable[..., None], Callable[..., Any], tuple]]:
-        """Yield what to do with an answer, what to call and its arguments; faults first, every one in turn."""
+    def healthy_calls(self, healthy: int) -> Iterator[Call]:
+        """Yield what to do with an answer, what to call and its arguments, for healthy cycles."""
         name, seed = self.record["machine"], self.record["asked"]["seed"]
-        rows = self._rows()
-        for piece in range(-(-repeats // NOISES)):
-            for row in rows:
-                if row["pieces"] <= piece:
-                    given = (name, self.setup["trial"], seed, row["fault"], row["size"], piece)
-                    yield row_adder(row), faulty_piece, given
-        piece = self.record["healthy"]["pieces"]
+        piece = len(self.record["healthy"]["alarms"])
         while self.record["healthy"]["cycles"] < healthy:
             yield self._add_healthy, healthy_piece, (name, self.setup["healthy"], seed, piece)
             piece += 1
+
+    def fault_calls(self, repeats: int, anew: bool) -> Iterator[Call]:
+        """Yield the same for every fault in turn."""
+        name, seed = self.record["machine"], self.record["asked"]["seed"]
+        setup, rows = with_signatures(name, self.setup["trial"], anew), self._rows()
+        for piece in range(-(-repeats // NOISES)):
+            for row in rows:
+                if row["pieces"] <= piece:
+                    yield self._row_adder(row), faulty_piece, (name, setup, seed, row["fault"], row["size"], piece)
 
     def _rows(self) -> list[dict[str, Any]]:
         rows = self.record["faults"]
@@ -174,26 +205,26 @@ class Proof:
 
     def _add_healthy(self, found: dict[str, Any]) -> None:
         healthy = self.record["healthy"]
-        healthy["pieces"] += 1
-        for key in ("cycles", "alarms"):
-            healthy[key] += found[key]
+        healthy["cycles"] += found["cycles"]
+        healthy["alarms"].append(found["alarms"])
+        self._keep(found)
 
-    def keep(self) -> None:
-        """Write the results."""
+    def _row_adder(self, row: dict[str, Any]) -> Callable[[dict[str, Any]], None]:
+        """Return what adds a piece to a row."""
+
+        def add(found: dict[str, Any]) -> None:
+            row["pieces"] += 1
+            row["early"] += found["early"]
+            row["delays"] += found["delays"]
+            for key in ("kinds", "wrong_names"):
+                row[key] = dict(Counter(row[key]) + Counter(found[key]))
+            self._keep(found)
+
+        return add
+
+    def _keep(self, found: dict[str, Any]) -> None:
+        self.spent_s += found["spent_s"]
         _keep(self.path, self.record)
-
-
-def row_adder(row: dict[str, Any]) -> Callable[[dict[str, Any]], None]:
-    """Return what adds a piece to a row."""
-
-    def add(found: dict[str, Any]) -> None:
-        row["pieces"] += 1
-        row["early"] += found["early"]
-        row["delays"] += found["delays"]
-        for key in ("kinds", "wrong_names"):
-            row[key] = dict(Counter(row[key]) + Counter(found[key]))
-
-    return add
 
 
 def _keep(path: Path, record: dict[str, Any]) -> None:
@@ -202,12 +233,24 @@ def _keep(path: Path, record: dict[str, Any]) -> None:
         temporary.write_text(json.dumps(record) + "\n", encoding="utf-8")
 
 
-def worked_off(proof: Proof, healthy: int, repeats: int, processes: int, until: float) -> None:
+def in_turn(proofs: Sequence[Proof], calls: Sequence[Iterator[Call]]) -> Iterator[Call]:
+    """Yield calls, always of the machine that has had the least time."""
+    left = dict(zip(proofs, calls, strict=True))
+    while left:
+        proof = min(left, key=lambda each: each.spent_s)
+        call = next(left[proof], None)
+        if call is None:
+            del left[proof]
+        else:
+            yield call
+
+
+def worked_off(calls: Iterator[Call], processes: int, until: float) -> None:
     """Compute piece after piece until all is done or the time is over; pieces are added in the order they were given.
 
     Only a prefix of the pieces counts, so the time that a piece takes does not choose which ones do.
     """
-    calls, waiting = proof.calls(healthy, repeats), list[tuple[Callable[..., None], Future[Any]]]()
+    waiting: list[tuple[Callable[[dict[str, Any]], None], Future[Any]]] = []
     with ProcessPoolExecutor(processes, get_context("spawn")) as pool:
         while True:
             while len(waiting) < 2 * processes and time.monotonic() < until:
@@ -220,13 +263,13 @@ def worked_off(proof: Proof, healthy: int, repeats: int, processes: int, until: 
             wait([waiting[0][1]], return_when=FIRST_COMPLETED)
             add, future = waiting.pop(0)
             add(future.result())
-            proof.keep()
 
 
 def main() -> None:
-    """Go on with the proof of a machine."""
-    asked = argparse.ArgumentParser(description="proof of the monitor on a simulated machine")
-    asked.add_argument("machine")
+    """Go on with the proof of one machine or more."""
+    asked = argparse.ArgumentParser(description="proof of the monitor on simulated machines")
+    asked.add_argument("machines", nargs="*", default=sorted(path.stem for path in SENSORS.glob("*.yaml")))
+    asked.add_argument("--only", choices=("healthy", "faults"))
     asked.add_argument("--baseline", type=int, default=10_000, help="healthy cycles of the baseline")
     asked.add_argument("--healthy", type=int, default=1_000_000, help="healthy cycles that are judged")
     asked.add_argument("--arl0", type=float, default=1000.0, help="stated cycles between false alarms, of those")
@@ -238,12 +281,22 @@ def main() -> None:
     asked.add_argument("--faults-anew", action="store_true", help="forget what was found about faults")
     given = asked.parse_args()
     until = time.monotonic() + 60.0 * given.minutes
-    proof = Proof(given.machine, setups(given.machine, given.baseline, given.arl0, given.seed, given.anew))
+    proofs = [Proof(name, setups(name, given.baseline, given.arl0, given.seed, given.anew)) for name in given.machines]
     if not given.anew:
-        proof.go_on(not given.faults_anew)
-    worked_off(proof, given.healthy, given.repeats, given.processes, until)
-    healthy = proof.record["healthy"]
-    print(f"{given.machine}: {healthy['cycles']} healthy cycles, {healthy['alarms']} alarms")
+        for proof in proofs:
+            proof.go_on(not given.faults_anew)
+    anew = given.anew or given.faults_anew
+    phases = {
+        "faults": lambda proof: proof.fault_calls(given.repeats, anew),
+        "healthy": lambda proof: proof.healthy_calls(given.healthy),
+    }
+    for phase, calls in phases.items():
+        if given.only in (None, phase):
+            worked_off(in_turn(proofs, [calls(proof) for proof in proofs]), given.processes, until)
+    for proof in proofs:
+        healthy = proof.record["healthy"]
+        alarms = sum(map(sum, healthy["alarms"]))
+        print(f"{proof.record['machine']}: {healthy['cycles']} healthy cycles, {alarms} alarms")
 
 
 if __name__ == "__main__":

@@ -11,14 +11,43 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from math import pi
 from typing import Literal, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
-TURN = 2.0 * pi
+from mech_twin.capabilities.cycle_kernels import (
+    TURN,
+    Array,
+    cosine_coefficient,
+    lead,
+    mean_of_largest,
+    mean_of_smallest,
+    phase_weights,
+    sine_coefficient,
+    weight_above,
+    weighted_sum,
+)
+
+__all__ = [
+    "TURN",
+    "Array",
+    "CycleFeature",
+    "CycleFeatures",
+    "CycleReference",
+    "SampledChannel",
+    "SampledCycle",
+    "event_ratio",
+    "event_share",
+    "event_value",
+    "harmonic",
+    "mean",
+    "period",
+    "sampled",
+    "share_above",
+    "speed_harmonic",
+    "swing",
+    "upper",
+]
 
 
 class CycleReference(NamedTuple):
@@ -110,10 +139,7 @@ class CycleFeatures(NamedTuple):
 
 def sampled(times_s: Array, phase_rad: Array, values: Array) -> SampledChannel:
     """Return the samples of a channel with their weights; phases that run backward by noise count as standing."""
-    phase = np.maximum.accumulate(phase_rad) if len(phase_rad) else phase_rad
-    after = np.append(phase[1:], phase[:1] + TURN)
-    before = np.append(phase[-1:] - TURN, phase[:-1])
-    return SampledChannel(times_s, phase_rad, values, (after - before) / (2.0 * TURN))
+    return SampledChannel(times_s, phase_rad, values, phase_weights(phase_rad))
 
 
 def period() -> CycleFeature:
@@ -126,18 +152,18 @@ def mean(name: str, unit: str, column: str, meaning: str) -> CycleFeature:
 
     def of(cycle: SampledCycle) -> float:
         channel = cycle.channels[column]
-        return float(channel.weights @ channel.values)
+        return weighted_sum(channel.weights, channel.values)
 
     return CycleFeature(name, unit, meaning, (column,), of)
 
 
 def harmonic(name: str, unit: str, column: str, order: int, part: Literal["cos", "sin"], meaning: str) -> CycleFeature:
     """Return a Fourier coefficient of a channel over the cycle's angle, ``2 <x cos n phi>`` or with sin."""
-    wave = np.cos if part == "cos" else np.sin
+    coefficient = cosine_coefficient if part == "cos" else sine_coefficient
 
     def of(cycle: SampledCycle) -> float:
         channel = cycle.channels[column]
-        return float(2.0 * (channel.weights * wave(order * channel.phase_rad)) @ channel.values)
+        return coefficient(channel.weights, channel.phase_rad, channel.values, order)
 
     return CycleFeature(name, unit, meaning, (column,), of)
 
@@ -151,12 +177,11 @@ def speed_harmonic(name: str, column: str, order: int, part: Literal["cos", "sin
 
     def of(cycle: SampledCycle) -> float:
         channel = cycle.channels[column]
-        psi = TURN * (channel.times_s - cycle.begin_s) / cycle.period_s
-        ahead = channel.phase_rad - psi
-        steps = sampled(channel.times_s, psi, ahead).weights
+        psi, ahead = lead(channel.times_s, channel.phase_rad, cycle.begin_s, cycle.period_s)
+        weights = phase_weights(psi)
         if part == "cos":
-            return float(2.0 * order * (steps * np.sin(order * psi)) @ ahead)
-        return float(-2.0 * order * (steps * np.cos(order * psi)) @ ahead)
+            return order * sine_coefficient(weights, psi, ahead, order)
+        return -order * cosine_coefficient(weights, psi, ahead, order)
 
     return CycleFeature(name, "1", meaning, (column,), of)
 
@@ -164,8 +189,7 @@ def speed_harmonic(name: str, column: str, order: int, part: Literal["cos", "sin
 def _extreme(values: Array, share: float) -> float:
     """Return the mean of the largest share of the values; of the smallest where the share is negative."""
     count = max(1, round(abs(share) * len(values)))
-    ordered = np.sort(values)
-    return float(ordered[-count:].mean() if share > 0.0 else ordered[:count].mean())
+    return mean_of_largest(values, count) if share > 0.0 else mean_of_smallest(values, count)
 
 
 def upper(name: str, unit: str, column: str, meaning: str, share: float = 0.05) -> CycleFeature:
@@ -189,7 +213,7 @@ def share_above(name: str, column: str, part: float, meaning: str) -> CycleFeatu
     def of(cycle: SampledCycle) -> float:
         channel = cycle.channels[column]
         low, high = _extreme(channel.values, -0.05), _extreme(channel.values, 0.05)
-        return float(channel.weights[channel.values > low + part * (high - low)].sum())
+        return weight_above(channel.weights, channel.values, low + part * (high - low))
 
     return CycleFeature(name, "1", meaning, (column,), of)
 

@@ -18,7 +18,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mech_twin.machines.mb10_breaker.dynamics import Breaker, masses_over_turn
+from mech_twin.machines.mb10_breaker.dynamics import Breaker
+from mech_twin.machines.mb10_breaker.turn_curves import turn_heights, turn_masses
 
 POSITIONS = 360
 ALLOWED = 5.0  # times what the line misses: impacts and the spring add to it
@@ -38,7 +39,7 @@ class CouplingLimits(NamedTuple):
 
 def moment_curvature(b: Breaker, speed: float) -> float:
     """Return the largest second derivative in time (N m/s^2) of the linkage's moment, its crank at a speed (rad/s)."""
-    slopes = np.fft.rfft(masses_over_turn(b, POSITIONS)[3])
+    slopes = np.fft.rfft(turn_masses(b, POSITIONS).m12_q)
     order = np.arange(len(slopes))
     return float(np.abs(np.fft.irfft(-(order**2) * slopes, POSITIONS)).max()) * speed**4
 
@@ -48,8 +49,8 @@ def fastest_rad_per_s(b: Breaker, speed: float) -> float:
 
     Half of M11 u^2 is at most what the weights lose between the highest and the lowest of their positions.
     """
-    found = masses_over_turn(b, POSITIONS)
-    weights, lightest = b.gravity_m_per_s2 * found[6], float(found[0].min())
+    weights = b.gravity_m_per_s2 * turn_heights(b, POSITIONS)
+    lightest = float(np.min(turn_masses(b, POSITIONS).m11))
     return max(speed, math.sqrt(2.0 * float(weights.max() - weights.min()) / lightest))
 
 
@@ -71,8 +72,8 @@ def longest_swing_step_s(b: Breaker, speed: float) -> float:
     which costs the body's rate m a k^2 h^3/(12 J).  Infinite where that is a small part of what the limits allow to the
     turning of the linkage at a speed of the drive (rad/s), which grows alike.
     """
-    m11, m12, m22 = masses_over_turn(b, POSITIONS)[:3]
-    both = float(np.max(m22 - m12 * m12 / m11))
+    m = turn_masses(b, POSITIONS)
+    both = float(np.max(m.m22 - m.m12 * m.m12 / m.m11))
     pressed = b.spring_rate_n_per_m * abs(b.preload_m) * b.spring_arm_m / both
     curvature = (both - b.body_inertia_kg_m2) * pressed * b.spring_rate_n_per_m * b.spring_arm_m**2 / both
     if curvature <= SMALL_PART * ALLOWED * moment_curvature(b, fastest_rad_per_s(b, speed)):

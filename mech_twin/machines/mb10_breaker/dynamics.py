@@ -26,9 +26,6 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from mech_twin.kernel import kernel
 from mech_twin.parts.four_bar import Coefficients, FourBar, Link, Position, coefficients, offset, position
 from mech_twin.parts.gear import gear_torque
@@ -169,19 +166,6 @@ def weight_moments(b: Breaker, at: Position) -> tuple[float, float]:
     x = b.crank.mass_kg * x1 + b.coupler.mass_kg * (at.a_x + x2) + b.rocker.mass_kg * (b.bar.pivot_x_m + x3)
     y = b.crank.mass_kg * y1 + b.coupler.mass_kg * (at.a_y + y2) + b.rocker.mass_kg * (b.bar.pivot_y_m + y3)
     return x, y
-
-
-@kernel
-def masses_over_turn(b: Breaker, count: int) -> NDArray[np.float64]:
-    """Return m11, m12, m22, m12_q, g_q, g_phi and the height of the weights at even crank angles, shape (7, count)."""
-    found = np.empty((7, count))
-    for i in range(count):
-        angle = 2.0 * math.pi * i / count
-        m = masses_at(b, angle, 0.0)
-        found[0, i], found[1, i], found[2, i] = m.m11, m.m12, m.m22
-        found[3, i], found[4, i], found[5, i] = m.m12_q, m.g_q, m.g_phi
-        found[6, i] = weight_moments(b, position(b.bar, angle))[1]
-    return found
 
 
 @kernel

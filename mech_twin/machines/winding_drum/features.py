@@ -11,13 +11,24 @@ from typing import Literal
 
 import numpy as np
 
-from mech_twin.capabilities.cycle import TURN, CycleFeature, CycleFeatures, CycleReference, SampledCycle, speed_harmonic
+from mech_twin.capabilities.cycle import (
+    TURN,
+    Array,
+    CycleFeature,
+    CycleFeatures,
+    CycleReference,
+    SampledCycle,
+    speed_harmonic,
+)
+from mech_twin.capabilities.cycle_kernels import cosine_coefficient, fitted_slope, sine_coefficient, weighted_sum
+from mech_twin.kernel import kernel
 from mech_twin.machines.winding_drum.dynamics import drive_torque
 from mech_twin.machines.winding_drum.parameters import WindingDrum, package_constants
 from mech_twin.machines.winding_drum.wound_package import Package, package_mass
 
 DRUM, YARN, TORQUE = "linkage.drum.position", "linkage.yarn.position", "linkage.drum.effort"
-ANGLES = np.arange(24) * TURN / 24.0
+ANGLES: Array = np.arange(24, dtype=np.float64) * (TURN / 24.0)
+EVEN = np.full(len(ANGLES), 1.0 / len(ANGLES))
 GRAVITY = 9.80665
 RUN_UP_S = 16.0
 
@@ -42,26 +53,36 @@ def features(parameters: WindingDrum) -> CycleFeatures:
 def _yarn_per_radian(cycle: SampledCycle) -> float:
     """Return the slope of yarn over drum angle (m): the radius of the package."""
     yarn = cycle.channels[YARN]
-    return float(np.polyfit(yarn.phase_rad, yarn.values, 1)[0])
+    return fitted_slope(yarn.phase_rad, yarn.values)
 
 
 def _torque_left(name: str, unit: str, package: Package, order: int, meaning: str) -> CycleFeature:
     """Return a coefficient of the measured torque less the model's: order 0 the mean, 1 cosine, -1 sine."""
 
-    def coefficient(phase: np.ndarray, weights: np.ndarray, torque: np.ndarray) -> float:
-        wave = 1.0 if order == 0 else 2.0 * (np.cos(phase) if order > 0 else np.sin(phase))
-        return float((weights * wave) @ torque)
-
     def of(cycle: SampledCycle) -> float:
         radius, measured = _yarn_per_radian(cycle), cycle.channels[TORQUE]
-        yarn_m_per_s = radius * TURN / cycle.period_s
-        model = np.array([drive_torque(package, radius, phi, yarn_m_per_s, 0.0) for phi in ANGLES])
-        left = coefficient(measured.phase_rad, measured.weights, measured.values) - coefficient(
-            ANGLES, np.full(len(ANGLES), 1.0 / len(ANGLES)), model
+        model = _model_torques(package, radius, radius * TURN / cycle.period_s)
+        left = _coefficient(measured.weights, measured.phase_rad, measured.values, order) - _coefficient(
+            EVEN, ANGLES, model, order
         )
         return left if order == 0 else left / (GRAVITY * package_mass(package, radius))
 
     return CycleFeature(name, unit, meaning, (YARN, TORQUE), of)
+
+
+def _coefficient(weights: Array, phase_rad: Array, values: Array, order: int) -> float:
+    if order == 0:
+        return weighted_sum(weights, values)
+    return (cosine_coefficient if order > 0 else sine_coefficient)(weights, phase_rad, values, 1)
+
+
+@kernel
+def _model_torques(package: Package, radius: float, yarn_m_per_s: float) -> Array:
+    """Return the torque of the drive at the angles of a turn."""
+    found = np.empty(len(ANGLES))
+    for i in range(len(ANGLES)):
+        found[i] = drive_torque(package, radius, ANGLES[i], yarn_m_per_s, 0.0)
+    return found
 
 
 def _run_out(name: str, part: Literal["cos", "sin"], meaning: str) -> CycleFeature:

@@ -4,11 +4,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from math import ceil, isfinite, pi
+from math import ceil, isnan, pi
 
 import numpy as np
 
-from mech_twin.capabilities.cycle import TURN, Array, CycleReference
+from mech_twin.capabilities.cycle import CycleReference
+from mech_twin.capabilities.cycle_kernels import TURN, Array, crossed_turn, first_rise
 
 CROSSING_RAD = pi / 12.0  # on either side of a boundary: the samples whose line gives the instant of crossing
 
@@ -32,12 +33,12 @@ class ChannelBuffer:
 
     def between(self, begin_s: float, end_s: float) -> tuple[Array, Array]:
         """Return the samples of [begin, end)."""
-        first, last = np.searchsorted(self.times_s, [begin_s, end_s])
+        first, last = self.times_s.searchsorted(begin_s), self.times_s.searchsorted(end_s)
         return self.times_s[first:last], self.values[first:last]
 
     def forget(self, before_s: float) -> None:
         """Drop the samples before an instant."""
-        first = int(np.searchsorted(self.times_s, before_s))
+        first = int(self.times_s.searchsorted(before_s))
         if first > 0:
             self.times_s, self.values = self.times_s[first:], self.values[first:]
 
@@ -53,35 +54,17 @@ def turn_crossing(
     if boundary is None:
         turns = ceil((angles[0] + CROSSING_RAD - reference.begin) / TURN)
         boundary = reference.begin + TURN * turns
-    beyond = np.flatnonzero(angles >= boundary + CROSSING_RAD)
-    if not len(beyond):
-        return None
-    last = int(beyond[0])
-    while angles[last] - boundary >= TURN:  # a gap of whole turns: the boundaries in it are not seen
-        boundary += TURN
-    before = np.flatnonzero(angles[: last + 1] < boundary)
-    if not len(before):
-        return float(buffer.times_s[last]), boundary + TURN
-    crossing = int(before[-1])
-    low = int(np.flatnonzero(np.append(True, angles[: crossing + 1] < boundary - CROSSING_RAD))[-1])
-    chosen = slice(low, last)
-    if last - low < 3:
-        chosen = slice(crossing, last + 1)
-    span, times = angles[chosen] - boundary, buffer.times_s[chosen] - buffer.times_s[crossing]
-    mid = span.mean()
-    slope = float((span - mid) @ times / ((span - mid) @ (span - mid)))
-    return float(buffer.times_s[crossing] + times.mean() - slope * mid), boundary + TURN
+    first = int(buffer.times_s.searchsorted(since_s))
+    crossed_s, following = crossed_turn(buffer.times_s, angles, first, boundary, CROSSING_RAD)
+    return None if isnan(crossed_s) else (crossed_s, following)
 
 
 def rise_crossing(
     reference: CycleReference, buffer: ChannelBuffer, boundary: float | None, since_s: float
 ) -> tuple[float, float] | None:
     """Return the first rise through the level after the boundary before, between two samples."""
-    first = int(np.searchsorted(buffer.times_s, since_s)) if isfinite(since_s) else 0
-    above = buffer.values[first:] >= reference.begin
-    rises = np.flatnonzero(~above[:-1] & above[1:])
-    if not len(rises):
+    place = first_rise(buffer.values, int(buffer.times_s.searchsorted(since_s)), reference.begin)
+    if place < 0:
         return None
-    place = first + int(rises[0])
     (t0, t1), (x0, x1) = buffer.times_s[place : place + 2], buffer.values[place : place + 2]
     return float(t0 + (t1 - t0) * (reference.begin - x0) / (x1 - x0)), 0.0

@@ -22,6 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mech_twin.capabilities.cycle import TURN, Array, CycleFeature, CycleFeatures, SampledCycle, sampled
+from mech_twin.capabilities.cycle_kernels import gap_limits, phase_of_turn
 from mech_twin.capabilities.errors import StudyError
 from mech_twin.studies.monitoring.cycle_boundaries import (
     CROSSING_RAD,
@@ -218,7 +219,7 @@ class FeatureFeed:
         angles = None
         if reference.kind == "turn":
             start = TURN * floor((values[0] - reference.begin + 0.5 * CROSSING_RAD) / TURN) + reference.begin
-            angles = np.concatenate([[0.0], np.clip(values - start, 0.0, TURN), [TURN]])
+            angles = phase_of_turn(values, start)
         channels = {}
         for column, buffer in self._buffers.items():
             own_s, own = buffer.between(begin_s, end_s)
@@ -226,7 +227,8 @@ class FeatureFeed:
                 phase = TURN * (own_s - begin_s) / period_s if angles is None else np.interp(own_s, inner, angles)
                 channels[column] = sampled(own_s, phase, own)
         cycle = SampledCycle(self._number, begin_s, end_s, channels)
-        numbers = np.array([_number(feature, cycle) for feature in self.features])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            numbers = np.array([_number(feature, cycle) for feature in self.features])
         return FeatureVector(self._number, begin_s, end_s, self._names, numbers)
 
     def _forget(self, end_s: float) -> None:
@@ -239,10 +241,9 @@ def is_whole(times_s: Array, begin_s: float, end_s: float) -> bool:
     """Return whether the samples of a cycle are enough and have no gap, which would be taken for a change."""
     if len(times_s) < LEAST_SAMPLES:
         return False
-    spacing = np.diff(times_s)
+    largest_s, spacing_s = gap_limits(times_s, begin_s, end_s)
     period_s = end_s - begin_s
-    usual_s = max(ORDINARY_GAP * period_s, SPACINGS * float(np.median(spacing)))
-    largest_s = max(float(spacing.max()), times_s[0] - begin_s, end_s - times_s[-1])
+    usual_s = max(ORDINARY_GAP * period_s, SPACINGS * spacing_s)
     return bool(largest_s <= min(LARGEST_GAP * period_s, usual_s))
 
 
@@ -292,6 +293,5 @@ def feed_channels(
 def _number(feature: CycleFeature, cycle: SampledCycle) -> float:
     if any(column not in cycle.channels for column in feature.needs):
         return np.nan
-    with np.errstate(divide="ignore", invalid="ignore"):
-        found = feature.of(cycle)
+    found = feature.of(cycle)
     return found if isfinite(found) else np.nan

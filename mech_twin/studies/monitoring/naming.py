@@ -8,7 +8,9 @@ r_j(s), computed by roll-outs and interpolated over s.  What it leaves open is::
     open_j = min over s of (delta - r_j(s))' M (delta - r_j(s)),       all there is:  delta' M delta
 
 A model is never exact: ``MODEL_SHARE`` of what each feature does may be off, which is added to the scatter of delta
-before anything is compared, and so much of the whole may stay open too.
+before anything is compared, and so much of the whole may stay open too.  A machine with a large fault may no longer
+repeat itself from cycle to cycle: its signature then has a scatter of its own, which n cycles average, and a doubt
+where the response bends between two sizes; both are added, and the determinant is that of a likelihood.
 Candidates are all faults that leave little more open than the best; one candidate is a name, several are a group,
 none that leaves little enough open is ``unknown``.
 """
@@ -16,11 +18,12 @@ none that leaves little enough open is ``unknown``.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 from scipy.stats import chi2
 
 from mech_twin.capabilities.cycle import Array
@@ -31,6 +34,8 @@ UNKNOWN_CHANCE = 1e-4  # that the right fault leaves so much open by noise alone
 RIVAL_CHANCE = 1e-3  # that the right fault leaves so much more open than another
 INTERVAL = 3.84  # 95 % point of chi-square of one degree
 GRID = 40  # sizes between two that were computed
+STEPS = np.linspace(0.0, 1.0, GRID, endpoint=False)
+ARRAYS = ("sizes", "responses", "scatter", "cycles", "doubt")
 
 
 @dataclass(frozen=True)
@@ -47,6 +52,13 @@ class Signature:
         Shape (m, d): change of the features, SI; 0 at size 0.
     key : str
         The configuration key that changes, or the column of the sensor.
+    scatter : ndarray
+        Shape (m, q, d): factors F of the covariance F'F by which the features scatter from cycle to cycle at a size,
+        beyond what they do in the healthy machine; empty where they do not.
+    cycles : ndarray
+        Shape (m,): cycles that the responses are means of; empty without a scatter.
+    doubt : ndarray
+        Shape (m, d): by what a response may be off because it bends about its size; empty where it is smooth.
     """
 
     name: str
@@ -55,26 +67,52 @@ class Signature:
     sizes: Array
     responses: Array
     key: str = ""
+    scatter: Array = field(default_factory=lambda: np.empty((0, 0, 0)))
+    cycles: Array = field(default_factory=lambda: np.empty(0))
+    doubt: Array = field(default_factory=lambda: np.empty((0, 0)))
+
+    def uncertainty(self, cycles: float) -> Array | None:
+        """Return the covariance (m, d, d) by which the mean of so many cycles may be off; None without any."""
+        found = np.zeros((len(self.sizes), self.responses.shape[1], self.responses.shape[1]))
+        if len(self.scatter):
+            share = 1.0 / cycles + 1.0 / self.cycles
+            found += share[:, None, None] * np.einsum("mqi,mqj->mij", self.scatter, self.scatter)
+        if len(self.doubt):
+            found += self.doubt[:, :, None] * self.doubt[:, None, :]
+        return found if len(self.scatter) or len(self.doubt) else None
+
+    @cached_property
+    def _even(self) -> Array:
+        """Finely spaced sizes, `GRID` from each to the next."""
+        return np.append((self.sizes[:-1, None] + np.diff(self.sizes)[:, None] * STEPS).ravel(), self.sizes[-1])
+
+    @cached_property
+    def kept(self) -> npt.NDArray[np.bool_]:
+        """Which of the finely spaced sizes are not 0."""
+        return np.asarray(np.abs(self._even) > 1e-12 * np.abs(self.sizes).max())
 
     @cached_property
     def fine(self) -> tuple[Array, Array]:
         """Return finely spaced sizes, 0 left out, and the responses at them."""
-        steps = np.linspace(0.0, 1.0, GRID, endpoint=False)
-        sizes = np.append((self.sizes[:-1, None] + np.diff(self.sizes)[:, None] * steps).ravel(), self.sizes[-1])
-        sizes = sizes[np.abs(sizes) > 1e-12 * np.abs(self.sizes).max()]
+        sizes = self._even[self.kept]
         responses = np.array([np.interp(sizes, self.sizes, column) for column in self.responses.T]).T
         return sizes, responses
 
     def record(self) -> dict[str, Any]:
         """Return the signature as JSON values."""
         told = {"name": self.name, "meaning": self.meaning, "unit": self.unit, "key": self.key}
-        return {**told, "sizes": self.sizes.tolist(), "responses": self.responses.tolist()}
+        arrays = {"sizes": self.sizes, "responses": self.responses}
+        if len(self.scatter):
+            arrays |= {"scatter": self.scatter, "cycles": self.cycles}
+        if len(self.doubt):
+            arrays["doubt"] = self.doubt
+        return {**told, **{key: array.tolist() for key, array in arrays.items()}}
 
 
 def signature_of_record(record: Mapping[str, Any]) -> Signature:
     """Return the signature of its record."""
-    sizes, responses = (np.array(record[key], dtype=np.float64) for key in ("sizes", "responses"))
-    return Signature(record["name"], record["meaning"], record["unit"], sizes, responses, record["key"])
+    arrays = {key: np.array(record[key], dtype=np.float64) for key in ARRAYS if key in record}
+    return Signature(record["name"], record["meaning"], record["unit"], key=record["key"], **arrays)
 
 
 class Candidate(NamedTuple):
@@ -89,10 +127,11 @@ class Candidate(NamedTuple):
 
 
 class Change(NamedTuple):
-    """An estimated change of the features, shape (d,), and its information matrix (d, d)."""
+    """An estimated change of the features, shape (d,), its information matrix (d, d), and cycles it is a mean of."""
 
     delta: Array
     information: Array
+    cycles: float = 1.0
 
     @property
     def weight(self) -> float:
@@ -125,7 +164,7 @@ def estimated_change(baseline: Baseline, innovations: Array, settling: int) -> C
     steady = 1.0 - baseline.coefficients.sum(axis=0)
     information = forecast + len(later) * (steady[:, None] * inverse * steady)
     right = forecast @ offset + steady * (inverse @ later.sum(axis=0))
-    return Change(np.linalg.solve(information, right), information)
+    return Change(np.linalg.solve(information, right), information, 1.0 + len(later))
 
 
 def impulse_response(baseline: Baseline, cycles: int) -> Array:
@@ -141,7 +180,7 @@ def impulse_response(baseline: Baseline, cycles: int) -> Array:
 def with_model_error(change: Change) -> Change:
     """Return the change with the scatter of what a model may be off: a share of what each feature does."""
     scatter = np.linalg.inv(change.information) + np.diag((MODEL_SHARE * change.delta) ** 2)
-    return Change(change.delta, np.linalg.inv(scatter))
+    return change._replace(information=np.linalg.inv(scatter))
 
 
 def candidates(measured: Change, signatures: Sequence[Signature]) -> tuple[Candidate, ...]:
@@ -149,29 +188,64 @@ def candidates(measured: Change, signatures: Sequence[Signature]) -> tuple[Candi
     change = with_model_error(measured)
     tolerated = MODEL_SHARE**2 * change.weight
     fits = [(_fit(change, signature, tolerated), signature) for signature in signatures]
-    fits.sort(key=lambda fit: fit[0][0])
+    fits.sort(key=lambda fit: fit[0].cost)
     if not fits:
         return ()
     width = len(change.delta)
-    least = fits[0][0][0]
     bound = float(chi2.isf(UNKNOWN_CHANCE, max(width - 1, 1))) + tolerated
-    rivals = least + float(chi2.isf(RIVAL_CHANCE, 1)) + tolerated
+    explained = [(fit, signature) for fit, signature in fits if fit.left <= bound and fit.left < change.weight]
+    if not explained:
+        return ()
+    rivals = explained[0][0].cost + float(chi2.isf(RIVAL_CHANCE, 1)) + tolerated
     return tuple(
-        Candidate(signature.name, size, low, high, signature.unit, left / max(change.weight, 1e-300))
-        for (left, size, low, high), signature in fits
-        if left <= min(bound, rivals) and left < change.weight
+        Candidate(
+            signature.name, fit.size, fit.low, fit.high, signature.unit, max(fit.left, 0.0) / max(change.weight, 1e-300)
+        )
+        for fit, signature in explained
+        if fit.cost <= rivals
     )
 
 
-def _fit(change: Change, signature: Signature, tolerated: float) -> tuple[float, float, float, float]:
-    """Return what a fault leaves open at its best size, that size and its interval.
+class _Fit(NamedTuple):
+    """What a fault leaves open at its best size, the same with the determinant, that size and its interval."""
 
-    The interval is that of noise, widened by what the model may be off.
+    left: float
+    cost: float
+    size: float
+    low: float
+    high: float
+
+
+def _fit(change: Change, signature: Signature, tolerated: float) -> _Fit:
+    """Return the best fit of a fault; the interval is that of noise, widened by what the model may be off."""
+    left, spread = _left_open(change, signature)
+    sizes, cost = signature.fine[0], left + spread
+    best = int(np.argmin(cost))
+    wide = INTERVAL + min(tolerated, max(left[best], 0.0))
+    inside = sizes[cost <= cost[best] + wide]
+    return _Fit(float(left[best]), float(cost[best]), float(sizes[best]), float(inside.min()), float(inside.max()))
+
+
+def _left_open(change: Change, signature: Signature) -> tuple[Array, Array]:
+    """Return what stays open at the fine sizes, and the logarithm of the determinant beyond that of the change.
+
+    Between two sizes the response is a line, so that what it leaves open is a parabola through three products.
     """
-    sizes, responses = signature.fine
-    left = change.delta - responses
-    open_left = ((left @ change.information) * left).sum(axis=1)
-    best = int(np.argmin(open_left))
-    wide = INTERVAL + min(tolerated, open_left[best])
-    inside = sizes[open_left <= open_left[best] + wide]
-    return float(open_left[best]), float(sizes[best]), float(inside.min()), float(inside.max())
+    left, extra = change.delta - signature.responses, signature.uncertainty(change.cycles)
+    before, after = left[:-1], left[1:]
+    if extra is None:
+        weighted = left @ change.information
+        ends = (weighted * left).sum(axis=1)
+        first, last, mixed = ends[:-1], ends[1:], (weighted[:-1] * after).sum(axis=1)
+        spread = np.zeros(len(before))
+    else:
+        scatter = np.linalg.inv(change.information)
+        inverse = np.linalg.inv(scatter + 0.5 * (extra[:-1] + extra[1:]))
+        spread = np.linalg.slogdet(change.information)[1] - np.linalg.slogdet(inverse)[1]
+        forward, backward = (np.einsum("mij,mj->mi", inverse, each) for each in (before, after))
+        first, last = (forward * before).sum(axis=1), (backward * after).sum(axis=1)
+        mixed = (forward * after).sum(axis=1)
+    rest = 1.0 - STEPS
+    inner = first[:, None] * rest**2 + 2.0 * mixed[:, None] * (STEPS * rest) + last[:, None] * STEPS**2
+    kept = signature.kept
+    return np.append(inner.ravel(), last[-1])[kept], np.append(np.repeat(spread, GRID), spread[-1])[kept]

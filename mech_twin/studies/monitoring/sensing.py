@@ -144,6 +144,6 @@ def _seen_events(
     run: RollOut, channel: Channel, random: np.random.Generator | None, begin_s: float
 ) -> tuple[Array, Array]:
     _, kind, what = channel.quantity.split(".")
-    events = [event for event in run.events if event.kind == kind and event.time_s >= begin_s]
-    values = np.array([getattr(event, EVENT_FIELDS[what]) for event in events], dtype=np.float64)
-    return np.array([event.time_s for event in events], dtype=np.float64), _shown(values, channel, random)
+    told = run.event_numbers
+    chosen = (told.kind == kind) & (told.time_s >= begin_s)
+    return told.time_s[chosen], _shown(getattr(told, EVENT_FIELDS[what])[chosen], channel, random)

@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from pydantic import ValidationError
@@ -21,8 +21,9 @@ from mech_twin.measurements.machine_columns import is_event, unit_of
 from mech_twin.measurements.measurement_map import MeasurementMap
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.quantity import Parameters
+from mech_twin.studies.monitoring.baseline import RIDGE, SMALLEST_SPREAD
 from mech_twin.studies.monitoring.cycle_features import FeatureFeed, FeatureVector, feed_channels
-from mech_twin.studies.monitoring.naming import Signature
+from mech_twin.studies.monitoring.naming import MODEL_SHARE, Signature
 from mech_twin.studies.monitoring.sensing import (
     Seen,
     SensorFault,
@@ -36,6 +37,11 @@ from mech_twin.studies.monitoring.sensing import (
 
 STEADY_CYCLES = 40  # simulated beyond the run-up
 USED_CYCLES = 20  # at the end, whose mean counts
+SCATTER_CYCLES = 80  # instead, where the machine does not repeat itself
+LARGE_SCATTER = 9.0  # of the variance of a healthy feature: beyond it the machine does not repeat itself
+BEND = 1.0  # squared standard deviations that a response may be off the line between two sizes
+HALVINGS = 2  # of the steps about a bend
+FACTORS = 4  # of a scatter
 DRAWS = 3  # of the sensors' noise
 LONGEST_S = 120.0
 SENSOR_SHARES = (-1.0, -0.3, -0.1, -0.03, 0.03, 0.1, 0.3, 1.0)
@@ -124,6 +130,14 @@ def mean_period_s(monitored: MonitoredMachine) -> float:
     raise StudyError(f"{monitored.name}: less than three cycles in {LONGEST_S:g} s of its own run")
 
 
+class SteadyCycles(NamedTuple):
+    """The features of a machine in steady running: their mean (d,), covariance (d, d) from cycle to cycle, cycles."""
+
+    mean: Array
+    covariance: Array
+    cycles: int
+
+
 def machine_signatures(monitored: MonitoredMachine, names: Iterable[str]) -> tuple[Signature, ...]:
     """Return the signatures of every fault of machine and sensors, for these features.
 
@@ -145,23 +159,102 @@ def machine_signatures(monitored: MonitoredMachine, names: Iterable[str]) -> tup
 
 
 def _of_machine(
-    monitored: MonitoredMachine, fault: MachineFault, reference: Array, duration_s: float, names: tuple[str, ...]
+    monitored: MonitoredMachine, fault: MachineFault, reference: SteadyCycles, duration_s: float, names: tuple[str, ...]
 ) -> Signature | None:
-    responses = {0.0: np.zeros(len(names))}
-    for size in fault.sizes:
+    """Return the signature of a fault; where its response bends, sizes are added between those declared."""
+
+    def response(size: float) -> SteadyCycles | None:
         try:
             parameters = monitored.varied(fault.changes(monitored.parameters, size))
-            draws = _draws(monitored, parameters, fault.command(size), duration_s)
+            found = _steady(monitored, _draws(monitored, parameters, fault.command(size), duration_s), names)
+            if found is None or not _scatters(found, reference):
+                return found
+            longer_s = duration_s + SCATTER_CYCLES / STEADY_CYCLES * (duration_s - monitored.declared.run_up_s)
+            draws = _draws(monitored, parameters, fault.command(size), longer_s)
+            return _steady(monitored, draws, names, SCATTER_CYCLES) or found
         except (ValidationError, MotionError):
-            continue  # this machine cannot have the fault at that size
-        steady = _steady(monitored, draws, names)
-        if steady is not None:
-            responses[size] = steady - reference
-    return _signature(fault.name, fault.meaning, fault.unit, responses, fault.key)
+            return None  # this machine cannot have the fault at that size
+
+    responses = {size: found for size in fault.sizes if (found := response(size)) is not None}
+    if not responses:
+        return None
+    responses[0.0] = reference._replace(covariance=np.zeros_like(reference.covariance))
+    for _ in range(HALVINGS):
+        for size in _between_bends(responses, reference):
+            found = response(size)
+            if found is not None:
+                responses[size] = found
+    return _signature_of_cycles(fault, responses, reference)
+
+
+def _scatters(found: SteadyCycles, reference: SteadyCycles) -> bool:
+    """Return whether a machine no longer repeats itself as the healthy one does."""
+    own, usual = np.diag(found.covariance), np.diag(covariance_of_cycles(reference))
+    return bool((own > LARGE_SCATTER * usual).any())
+
+
+def covariance_of_cycles(steady: SteadyCycles) -> Array:
+    """Return the covariance of the features, kept off zero so that it has a root."""
+    floor = np.maximum(SMALLEST_SPREAD * np.abs(steady.mean), 1e-12) ** 2
+    return np.asarray(steady.covariance + np.diag(floor + RIDGE * np.diag(steady.covariance)))
+
+
+def _bends(responses: Mapping[float, SteadyCycles], reference: SteadyCycles) -> dict[float, tuple[Array, float]]:
+    """Return by what each response may be off the line between two sizes, and that in the metric of naming, squared.
+
+    A response that its neighbours' line misses by e bends by e/4 between itself and each of them.
+    """
+    sizes, found = sorted(responses), dict[float, tuple[Array, float]]()
+    noise = covariance_of_cycles(reference)
+    for before, size, after in zip(sizes, sizes[1:], sizes[2:], strict=False):
+        if size == 0.0:
+            continue  # faults of either sign are two lines
+        share = (size - before) / (after - before)
+        line = (1.0 - share) * responses[before].mean + share * responses[after].mean
+        off = (responses[size].mean - line) * share * (1.0 - share)
+        effect = responses[size].mean - reference.mean
+        scatter = (noise + responses[size].covariance) / USED_CYCLES + np.diag((MODEL_SHARE * effect) ** 2)
+        found[size] = off, float(off @ np.linalg.solve(scatter, off))
+    return found
+
+
+def _between_bends(responses: Mapping[float, SteadyCycles], reference: SteadyCycles) -> list[float]:
+    """Return the sizes halfway from a bend to its neighbours."""
+    sizes, found = sorted(responses), dict[float, None]()
+    for size, (_, square) in _bends(responses, reference).items():
+        place = sizes.index(size)
+        if square > BEND:
+            found |= dict.fromkeys(0.5 * (size + sizes[place + side]) for side in (-1, 1))
+    return list(found)
+
+
+def _signature_of_cycles(
+    fault: MachineFault, responses: Mapping[float, SteadyCycles], reference: SteadyCycles
+) -> Signature | None:
+    """Return the signature of steady cycles by size: mean change, scatter from cycle to cycle, and where it bends."""
+    sizes, bends = sorted(responses), _bends(responses, reference)
+    changes = {size: responses[size].mean - reference.mean for size in sizes}
+    whole = _signature(fault.name, fault.meaning, fault.unit, changes, fault.key)
+    if whole is None:
+        return None
+    told: dict[str, Any] = {}
+    if any(_scatters(responses[size], reference) for size in sizes):
+        told["scatter"] = np.array([_factors(responses[size].covariance - reference.covariance) for size in sizes])
+        told["cycles"] = np.array([float(responses[size].cycles) for size in sizes])
+    if any(square > BEND for _, square in bends.values()):
+        told["doubt"] = np.array([bends[size][0] if size in bends else np.zeros(len(reference.mean)) for size in sizes])
+    return replace(whole, **told)
+
+
+def _factors(covariance: Array) -> Array:
+    """Return F (q, d) with F'F nearest to a covariance from below."""
+    values, vectors = np.linalg.eigh(covariance)
+    largest = slice(len(values) - min(FACTORS, len(values)), None)
+    return np.asarray((np.sqrt(np.maximum(values[largest], 0.0)) * vectors[:, largest]).T)
 
 
 def _of_sensors(
-    monitored: MonitoredMachine, healthy: list[Seen], reference: Array, names: tuple[str, ...], period_s: float
+    monitored: MonitoredMachine, healthy: list[Seen], reference: SteadyCycles, names: tuple[str, ...], period_s: float
 ) -> list[Signature | None]:
     found = []
     for column in monitored.columns:
@@ -174,7 +267,7 @@ def _of_sensors(
                 steady = _steady(monitored, wrong, names)
                 size = share if kind == "stuck" else share * (fault.bias or fault.gain or fault.lag_s)
                 if steady is not None:
-                    responses[size] = steady - reference
+                    responses[size] = steady.mean - reference.mean
             meaning = f"the sensor of {column} is stuck" if kind == "stuck" else f"the sensor of {column}: wrong {kind}"
             found.append(_signature(f"sensor_{kind}:{column}", meaning, unit, responses, column))
     return found
@@ -210,14 +303,24 @@ def _draws(monitored: MonitoredMachine, parameters: Parameters, command: float, 
     ]
 
 
-def _steady(monitored: MonitoredMachine, draws: Iterable[Seen], names: tuple[str, ...]) -> Array | None:
-    """Return the mean features of the last cycles, by what the healthy machine declares; None without a cycle."""
-    vectors = [vector for seen in draws for vector in monitored.vectors(seen)[-USED_CYCLES:]]
-    if not vectors:
+def _steady(
+    monitored: MonitoredMachine, draws: Iterable[Seen], names: tuple[str, ...], used: int = USED_CYCLES
+) -> SteadyCycles | None:
+    """Return the features of the last cycles, by what the healthy machine declares; None without a cycle.
+
+    The covariance is that about the mean of each draw.
+    """
+    runs = [np.array([vector.values for vector in vectors[-used:]]) for vectors in map(monitored.vectors, draws)]
+    if not all(map(len, runs)):
         return None
-    places = [vectors[0].names.index(name) for name in names]
-    mean = np.mean([vector.values[places] for vector in vectors], axis=0)
-    return mean if bool(np.isfinite(mean).all()) else None
+    all_names = [feature.name for feature in monitored.feed().features]
+    places = [all_names.index(name) for name in names]
+    rows = [run[:, places] for run in runs]
+    mean = np.concatenate(rows).mean(axis=0)
+    if not np.isfinite(mean).all():
+        return None
+    left = np.concatenate([row - row.mean(axis=0) for row in rows])
+    return SteadyCycles(mean, left.T @ left / max(len(left) - len(rows), 1), len(rows[0]))
 
 
 def _signature(name: str, meaning: str, unit: str, responses: Mapping[float, Array], key: str) -> Signature | None:

@@ -3,13 +3,16 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from studies.monitoring.synthetic import autoregressive, vectors
 
 from mech_twin.studies.monitoring.baseline import Baseline, fitted_baseline
 from mech_twin.studies.monitoring.monitor import Findings, Monitor, MonitorSetup
-from mech_twin.studies.monitoring.naming import Signature, estimated_change
+from mech_twin.studies.monitoring.naming import Signature, estimated_change, signature_of_record
 from mech_twin.studies.monitoring.thresholds import chart_limits
 
 COEFFICIENTS = np.array([[0.5, 0.0, 0.2, 0.7]])
@@ -66,6 +69,40 @@ def test_what_fits_no_fault_is_unknown(setup: MonitorSetup) -> None:
 
 def test_an_opposite_effect_is_not_the_fault(setup: MonitorSetup) -> None:
     assert last_of(setup, -np.sqrt(0.3) * EFFECTS["soft"], 5).verdict == "unknown"
+
+
+def test_a_fault_whose_machine_no_longer_repeats_itself_is_named_by_its_scatter(setup: MonitorSetup) -> None:
+    """The mean of some wild cycles fits nothing by the healthy scatter alone; with the scatter of the fault it does."""
+    wild = np.array([9.0, 0.0, 0.0, -30.0])  # along it the cycles of the faulty machine scatter
+    responses = np.sqrt([0.4, 0.2, 0.0])[:, None] * EFFECTS["soft"]
+    given = ("soft", "soft", "1", np.array([-0.4, -0.2, 0.0]), responses)
+    scatter = np.array([[wild], [wild], [np.zeros(4)]])
+    scattering = Signature(*given, scatter=scatter, cycles=np.full(3, 1000.0))
+    told = {"plain": 0, "scatter": 0}
+    for seed in range(20):
+        rows = autoregressive(100, COEFFICIENTS, COVARIANCE, 300 + seed)
+        rows[41:] += np.sqrt(0.3) * EFFECTS["soft"]
+        rows[41:] += np.random.default_rng(seed).standard_normal((59, 1)) * wild
+        for name, signature in (("plain", Signature(*given)), ("scatter", scattering)):
+            others = tuple(each for each in setup.signatures if each.name != "soft")
+            monitor = Monitor(replace(setup, signatures=(signature, *others)))
+            told[name] += [monitor.observe(vector) for vector in vectors(rows)][-1].finding == "soft"
+    assert told["scatter"] >= 18
+    assert told["plain"] <= 10
+
+
+def test_a_signature_is_the_same_after_a_file() -> None:
+    bent = Signature(
+        "a", "b", "1", np.array([-1.0, 0.0]), np.ones((2, 4)), "c", np.ones((2, 1, 4)), np.array([20.0, 80.0]),
+        0.5 * np.ones((2, 4)),
+    )  # fmt: skip
+    again = signature_of_record(json.loads(json.dumps(bent.record())))
+    assert again.record() == bent.record()
+    one, other = again.uncertainty(7.0), bent.uncertainty(7.0)
+    assert one is not None
+    assert other is not None
+    assert np.array_equal(one, other)
+    np.testing.assert_allclose(one[1], np.full((4, 4), 1.0 / 7.0 + 1.0 / 80.0 + 0.25))
 
 
 def test_a_fault_that_goes_is_latched_until_somebody_has_seen_it(setup: MonitorSetup) -> None:

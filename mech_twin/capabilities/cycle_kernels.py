@@ -1,0 +1,178 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Compiled arithmetic of the features of a cycle: one code for a sample that comes live and for a million cycles.
+
+Sums run in the order of the samples, so that a feature repeats to the bit wherever it is computed.
+"""
+
+from __future__ import annotations
+
+from math import cos, pi, sin
+
+import numpy as np
+import numpy.typing as npt
+
+from mech_twin.kernel import kernel
+
+Array = npt.NDArray[np.float64]
+TURN = 2.0 * pi
+
+
+@kernel
+def phase_weights(phase_rad: Array) -> Array:
+    """Return what share of the cycle each sample stands for; phases that run backward by noise count as standing."""
+    count = len(phase_rad)
+    standing, weights = np.empty(count), np.empty(count)
+    for i in range(count):
+        standing[i] = phase_rad[i] if i == 0 else max(standing[i - 1], phase_rad[i])
+    for i in range(count):
+        after = standing[i + 1] if i + 1 < count else standing[0] + TURN
+        before = standing[i - 1] if i > 0 else standing[count - 1] - TURN
+        weights[i] = (after - before) / (2.0 * TURN)
+    return weights
+
+
+@kernel
+def weighted_sum(weights: Array, values: Array) -> float:
+    """Return the sum of the values, each times its weight."""
+    total = 0.0
+    for i in range(len(values)):
+        total += weights[i] * values[i]
+    return total
+
+
+@kernel
+def cosine_coefficient(weights: Array, phase_rad: Array, values: Array, order: int) -> float:
+    """Return ``2 <x cos n phi>``."""
+    total = 0.0
+    for i in range(len(values)):
+        total += weights[i] * cos(order * phase_rad[i]) * values[i]
+    return 2.0 * total
+
+
+@kernel
+def sine_coefficient(weights: Array, phase_rad: Array, values: Array, order: int) -> float:
+    """Return ``2 <x sin n phi>``."""
+    total = 0.0
+    for i in range(len(values)):
+        total += weights[i] * sin(order * phase_rad[i]) * values[i]
+    return 2.0 * total
+
+
+@kernel
+def lead(times_s: Array, phase_rad: Array, begin_s: float, period_s: float) -> tuple[Array, Array]:
+    """Return the angle of a joint that turned evenly (psi), and by how much the joint runs ahead of it."""
+    psi, ahead = np.empty(len(times_s)), np.empty(len(times_s))
+    for i in range(len(times_s)):
+        psi[i] = TURN * (times_s[i] - begin_s) / period_s
+        ahead[i] = phase_rad[i] - psi[i]
+    return psi, ahead
+
+
+@kernel
+def mean_of_largest(values: Array, count: int) -> float:
+    """Return the mean of the ``count`` largest values."""
+    ordered = np.sort(values)
+    total = 0.0
+    for i in range(len(ordered) - count, len(ordered)):
+        total += ordered[i]
+    return total / count
+
+
+@kernel
+def mean_of_smallest(values: Array, count: int) -> float:
+    """Return the mean of the ``count`` smallest values."""
+    ordered = np.sort(values)
+    total = 0.0
+    for i in range(count):
+        total += ordered[i]
+    return total / count
+
+
+@kernel
+def weight_above(weights: Array, values: Array, level: float) -> float:
+    """Return the sum of the weights of the values above a level."""
+    total = 0.0
+    for i in range(len(values)):
+        if values[i] > level:
+            total += weights[i]
+    return total
+
+
+@kernel
+def fitted_slope(x: Array, y: Array) -> float:
+    """Return the slope of the line through points by least squares; nan where all lie above each other."""
+    mean_x, mean_y = x.mean(), y.mean()
+    along, across = 0.0, 0.0
+    for i in range(len(x)):
+        along += (x[i] - mean_x) * (x[i] - mean_x)
+        across += (x[i] - mean_x) * (y[i] - mean_y)
+    return across / along if along > 0.0 else np.nan
+
+
+@kernel
+def phase_of_turn(angles_rad: Array, start_rad: float) -> Array:
+    """Return the phase of the samples of a turn that began at an angle, its two ends before and after them."""
+    count = len(angles_rad)
+    phase = np.empty(count + 2)
+    phase[0], phase[count + 1] = 0.0, TURN
+    for i in range(count):
+        phase[i + 1] = min(max(angles_rad[i] - start_rad, 0.0), TURN)
+    return phase
+
+
+@kernel
+def gap_limits(times_s: Array, begin_s: float, end_s: float) -> tuple[float, float]:
+    """Return the largest gap of a channel in a cycle, its ends included, and the usual spacing of its samples (s)."""
+    spacing = np.diff(times_s)
+    largest = max(times_s[0] - begin_s, end_s - times_s[-1])
+    for each in spacing:
+        largest = max(largest, each)
+    return largest, float(np.median(spacing))
+
+
+@kernel
+def crossed_turn(
+    times_s: Array, angles_rad: Array, first: int, boundary_rad: float, about_rad: float
+) -> tuple[float, float]:
+    """Return when an angle crosses a boundary, from the line through the samples about it; and the next boundary.
+
+    nan while samples are missing.  Boundaries within a gap of whole turns are not seen.
+    """
+    count, last = len(angles_rad), first
+    while last < count and angles_rad[last] < boundary_rad + about_rad:
+        last += 1
+    if last == count:
+        return np.nan, boundary_rad
+    while angles_rad[last] - boundary_rad >= TURN:
+        boundary_rad += TURN
+    crossing = last
+    while crossing >= 0 and angles_rad[crossing] >= boundary_rad:
+        crossing -= 1
+    if crossing < 0:
+        return times_s[last], boundary_rad + TURN
+    low = crossing
+    while low >= 0 and angles_rad[low] >= boundary_rad - about_rad:
+        low -= 1
+    low += 1
+    if last - low < 3:
+        low, last = crossing, last + 1
+    along, times = 0.0, 0.0
+    for i in range(low, last):
+        along += angles_rad[i] - boundary_rad
+        times += times_s[i] - times_s[crossing]
+    along, times = along / (last - low), times / (last - low)
+    square, product = 0.0, 0.0
+    for i in range(low, last):
+        off = angles_rad[i] - boundary_rad - along
+        square += off * off
+        product += off * (times_s[i] - times_s[crossing])
+    return times_s[crossing] + times - product / square * along, boundary_rad + TURN
+
+
+@kernel
+def first_rise(values: Array, first: int, level: float) -> int:
+    """Return the place of the last value below a level before it is reached, from ``first`` on; -1 without one."""
+    for i in range(first, len(values) - 1):
+        if values[i] < level <= values[i + 1]:
+            return i
+    return -1
