@@ -254,6 +254,7 @@ def identify(
     latest_begin_s: float | None = None,
     seed: int = 0,
     cores: int | None = None,
+    scheduler: str | None = None,
 ) -> SavedIdentification:
     """Return keys of a configuration found by fitting the machine's own motion to measured runs.
 
@@ -279,6 +280,8 @@ def identify(
         own start if absent.
     seed, cores
         Of further starts of the fit; threads.
+    scheduler : str, optional
+        Address of a Dask scheduler, over which further starts and profiles are spread.
 
     Returns
     -------
@@ -318,6 +321,7 @@ def identify(
         latest_begin_s or 0.0,
         seed,
         cores,
+        scheduler,
     )
     found = identified(question, list(map(read, runs)), list(map(read, held_out)), 0.0 if held_out else share)
     return SavedIdentification(found, tuple(map(Path, runs)), tuple(map(Path, held_out)), map_file)

@@ -105,6 +105,9 @@ def identify(
     duration: Annotated[float | None, typer.Option(help="with --plan: length of the run in s", min=0.01)] = None,
     seed: Annotated[int, typer.Option(help="seed of the further starts of the fit", min=0)] = 0,
     cores: Annotated[int | None, typer.Option(help="processor cores to use", min=1, show_default="all")] = None,
+    scheduler: Annotated[
+        str | None, typer.Option(metavar="ADDRESS", help="Dask scheduler for starts and profiles, tcp://HOST:PORT")
+    ] = None,
     out: Annotated[
         Path | None, typer.Option(help="directory of the results, or file (.yaml) of the configuration")
     ] = None,
@@ -128,7 +131,7 @@ def identify(
     identify_machine(
         IdentifyRequest(
             machine, runs or [], given_map, free or [], hold_out, config, settings or [], out, force, json,
-            fix or [], prior or [], motion, begin, latest_begin, seed, cores, plan, sensors, duration,
+            fix or [], prior or [], motion, begin, latest_begin, seed, cores, plan, sensors, duration, scheduler,
         )
     )  # fmt: skip
 

@@ -15,12 +15,12 @@ from mech_twin.quantity import Parameters
 from mech_twin.studies.identification.channel_fits import ChannelFit, channel_fits, model_error
 from mech_twin.studies.identification.combinations import Combination, Sight, base_keys
 from mech_twin.studies.identification.fit_runs import FitRun
+from mech_twin.studies.identification.fit_setting import FitSetting, fits_from, problem_of
 from mech_twin.studies.identification.held_out import Score, score, scored
 from mech_twin.studies.identification.key_knowledge import (
     AroundFit,
     around_fit,
     carried_over,
-    problem_of,
     settled,
     sight_at,
     verdicts_of,
@@ -29,6 +29,7 @@ from mech_twin.studies.identification.key_knowledge import (
 from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration
 from mech_twin.studies.identification.least_squares_fit import Fitted, Told, quiet, refined, solved
 from mech_twin.studies.identification.question import IdentificationQuestion
+from mech_twin.studies.identification.residuals import FitProblem
 from mech_twin.studies.identification.unknowns import BEGIN, KEY
 from mech_twin.studies.identification.verdicts import COMBINATION, IDENTIFIED, ONE_SIDED, KeyVerdict
 
@@ -184,18 +185,28 @@ def _best_fit(question: IdentificationQuestion, keys: Sequence[str], runs: Seque
     problem = problem_of(question, keyed, runs)
     start = problem.unknowns.start.copy()
     best = solved(problem, start, told)
-    random = np.random.default_rng(question.seed)
-    low, high = problem.unknowns.bounds()
-    places = problem.unknowns.places(KEY)
-    for number in range(1, STARTS):
+    others = _further_starts(question, problem)
+    if question.scheduler is not None and model_error(best) is not None:
+        told("further starts, on the cluster")
+        setting = FitSetting(question, tuple(keys), tuple(runs))
+        return min([best, *fits_from(setting, others, question.scheduler)], key=_misfit)
+    for number, other in enumerate(others, 2):
         if model_error(best) is None:
             break
-        told(f"start {number + 1} of {STARTS}")
-        moved = start.copy()
-        moved[places] += START_SPREAD * random.standard_normal(len(places))
-        other = solved(problem, np.clip(moved, low, high), told)
-        best = min(best, other, key=_misfit)
+        told(f"start {number} of {STARTS}")
+        best = min(best, solved(problem, other, told), key=_misfit)
     return best
+
+
+def _further_starts(question: IdentificationQuestion, problem: FitProblem) -> list[Array]:
+    """Return other places to start from, about that of the configuration."""
+    random = np.random.default_rng(question.seed)
+    places, found = problem.unknowns.places(KEY), []
+    for _ in range(1, STARTS):
+        moved = problem.unknowns.start.copy()
+        moved[places] += START_SPREAD * random.standard_normal(len(places))
+        found.append(np.clip(moved, *problem.unknowns.bounds()))
+    return found
 
 
 def _fit_of_fewer(question: IdentificationQuestion, around: AroundFit, chosen: Sequence[int], told: Told) -> Fitted:

@@ -55,6 +55,10 @@ class KeyedConfiguration:
         """
         return acting_tree(self.name, self.base, self.keys)
 
+    def check(self) -> None:
+        """Raise a ConfigurationError where the machine accepts no other value of a key."""
+        self.acting  # noqa: B018
+
     def values(self) -> Array:
         """Return the free keys as configured, shape (keys,).
 

@@ -10,6 +10,7 @@ the line on which the others follow; only those whose rise there is another are 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -70,17 +71,49 @@ def profiled(fitted: Fitted, found: Linearised, told: Told = quiet) -> Profile:
     told : callable, optional
         Takes a line on the progress.
     """
-    count = len(fitted.x)
-    lower, upper = np.full(count, np.nan), np.full(count, np.nan)
-    followed = []
-    walk = _Walk(fitted, found)
-    for place in fitted.problem.unknowns.places(KEY).tolist():
-        if walk.sought <= 0.0 or not walk.doubtful(place):
-            continue
+    walk, told_keys = _Walk(fitted, found), []
+    for place in sought_keys(fitted):
         told(f"profile of {fitted.problem.unknowns.all[place].name}")
-        followed.append(place)
-        lower[place], upper[place] = walk.end(place, -1.0), walk.end(place, 1.0)
-    return Profile(lower, upper, walk.better, tuple(followed))
+        told_keys.append(_key_profile(walk, place))
+    return profile_of_keys(len(fitted.x), told_keys)
+
+
+@dataclass(frozen=True)
+class KeyProfile:
+    """How far one key can go; nan where it was not followed.  ``better`` is met with the cost of ``cost``."""
+
+    place: int
+    lower: float
+    upper: float
+    better: Array | None
+    cost: float
+
+
+def sought_keys(fitted: Fitted) -> list[int]:
+    """Return the places of the keys that may be followed."""
+    return list(map(int, fitted.problem.unknowns.places(KEY)))
+
+
+def key_profile(fitted: Fitted, found: Linearised, place: int) -> KeyProfile:
+    """Return the profile of one key, for `profile_of_keys`."""
+    return _key_profile(_Walk(fitted, found), place)
+
+
+def _key_profile(walk: _Walk, place: int) -> KeyProfile:
+    lower = upper = np.nan
+    if walk.sought > 0.0 and walk.doubtful(place):
+        lower, upper = walk.end(place, -1.0), walk.end(place, 1.0)
+    return KeyProfile(place, lower, upper, walk.better, walk.lowest)
+
+
+def profile_of_keys(count: int, keys: Sequence[KeyProfile]) -> Profile:
+    """Return the profile of a fit of so many unknowns from those of its keys."""
+    lower, upper = np.full(count, np.nan), np.full(count, np.nan)
+    for key in keys:
+        lower[key.place], upper[key.place] = key.lower, key.upper
+    better = min((key for key in keys if key.better is not None), key=lambda key: key.cost, default=None)
+    followed = tuple(key.place for key in keys if not np.isnan(key.lower))
+    return Profile(lower, upper, None if better is None else better.better, followed)
 
 
 class _Walk:
@@ -98,7 +131,7 @@ class _Walk:
         self.low, self.high = fitted.problem.unknowns.bounds()
         self.least = self.cost(self.x)
         self.better: Array | None = None
-        self._best = self.least - IMPROVED * self.sought
+        self.lowest = self.least - IMPROVED * self.sought
 
     def cost(self, x: Array) -> float:
         """Return the robust sum of squares."""
@@ -152,8 +185,8 @@ class _Walk:
     def _noted(self, x: Array) -> float:
         """Return the rise of the cost at a point, and remember the point if it is the best."""
         cost = self.cost(x)
-        if cost < self._best:
-            self.better, self._best = x.copy(), cost
+        if cost < self.lowest:
+            self.better, self.lowest = x.copy(), cost
         return cost - self.least
 
     def _followed(self, place: int, value: float, start: Array, jacobian: Array) -> tuple[Array, Array]:
