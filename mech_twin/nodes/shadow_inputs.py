@@ -17,7 +17,7 @@ from mech_twin.measurements.machine_columns import is_event
 from mech_twin.measurements.measurement_map import Channel, MeasurementMap
 from mech_twin.messages.joint_state_cdr import CdrError, Decoder, Stamp, stamp_of
 from mech_twin.messages.topics import BODY_JOINT_STATES, JOINT_STATES, Topic
-from mech_twin.recording.measured_topics import EPOCH_NS, JOINT_FIELDS, SECOND_NS
+from mech_twin.recording.measured_topics import EPOCH_NS, JOINT_FIELDS, SECOND_NS, STAMP
 from mech_twin.roles import Machine
 from mech_twin.studies.observer.estimate import SensedChannel
 from mech_twin.studies.observer.lock_on import SeenSample
@@ -29,6 +29,7 @@ TYPES: Mapping[str, Any] = {
     "linear_acceleration": Imu,
     "data": Float64,
 }
+EVENT_TYPE = Vector3Stamped  # of a topic of which the stamps alone are used
 COMMAND = "motor.command"
 
 
@@ -68,6 +69,16 @@ class FollowedField(NamedTuple):
         """Whether it is a field of a JointState."""
         return self.channel.source.joint is not None and self.channel.source.field in JOINT_FIELDS
 
+    @property
+    def of_stamp(self) -> bool:
+        """Whether it is the time of the message, which every type has that has a header."""
+        return self.channel.source.field == STAMP
+
+    @property
+    def of_event(self) -> bool:
+        """Whether it tells of events, which the observer does not take."""
+        return is_event(self.channel.quantity)
+
 
 class FollowedTopic:
     """A topic of the machine that is listened to, and the channels in its messages.
@@ -85,9 +96,12 @@ class FollowedTopic:
     def __init__(self, name: str, fields: Sequence[FollowedField], origin: StampOrigin) -> None:
         self._origin = origin
         self.fields = tuple(fields)
-        kinds = {JointState if field.of_joint else _type_of(field.channel) for field in fields}
+        kinds = {_type_of(field) for field in fields if not field.of_stamp} or {EVENT_TYPE}
         if len(kinds) != 1:
             raise ConfigurationError(f"topic {name!r} would have several types: {', '.join(k.__name__ for k in kinds)}")
+        if len({field.of_event for field in fields}) != 1:
+            raise ConfigurationError(f"topic {name!r} would hold both samples and events; expected a topic for each")
+        self.of_events = fields[0].of_event
         self.topic = Topic(name, kinds.pop())
         self._decode = Decoder()
 
@@ -119,8 +133,14 @@ class FollowedTopic:
         return SeenSample(shown_s - lag_s, tuple(found), values)
 
 
+def events_last(given: MeasurementMap) -> MeasurementMap:
+    """Return the map with its channels of events behind those that the observer takes."""
+    ordered = sorted(given.channels, key=lambda channel: is_event(channel.quantity))
+    return given.model_copy(update={"channels": tuple(ordered)})
+
+
 def sensed_channels(given: MeasurementMap) -> list[SensedChannel]:
-    """Return the channels of a map as the observer takes them.
+    """Return the channels of a map as the observer takes them; those of events are not for it, but for the monitor.
 
     Raises
     ------
@@ -149,13 +169,13 @@ def followed_topics(given: MeasurementMap, namespace: str, origin: StampOrigin) 
     Raises
     ------
     ConfigurationError
-        A channel is a column of a table, or an event; channels of one topic need several types.
+        A channel is a column of a table; channels of one topic need several types, or are samples and events.
     """
     by_topic: dict[str, list[FollowedField]] = {}
     for place, channel in enumerate(given.channels):
         name = channel.source.topic
-        if name is None or is_event(channel.quantity):
-            raise ConfigurationError(f"key 'channels.{place}': expected a topic with a column of the machine to follow")
+        if name is None:
+            raise ConfigurationError(f"key 'channels.{place}': expected a topic to follow")
         full = name if name.startswith("/") else f"{namespace}/{name}"
         by_topic.setdefault(full, []).append(FollowedField(place, channel))
     return [FollowedTopic(name, fields, origin) for name, fields in by_topic.items()]
@@ -176,7 +196,10 @@ def own_map(machine: Machine) -> MeasurementMap:
     return MeasurementMap.model_validate({"machine": machine.name, "channels": channels})
 
 
-def _type_of(channel: Channel) -> Any:
+def _type_of(field: FollowedField) -> Any:
+    channel = field.channel
+    if field.of_joint:
+        return JointState
     root = (channel.source.field or "").partition(".")[0]
     if root not in TYPES:
         known = ", ".join((*JOINT_FIELDS, *TYPES))
@@ -208,6 +231,8 @@ def _has(message: Any, field: FollowedField) -> bool:
 
 def _value(message: Any, field: FollowedField) -> float:
     source = field.channel.source
+    if field.of_stamp:
+        return float(message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec)
     if field.of_joint:
         column: Sequence[float] = getattr(message, source.field or "")
         place = message.name.index(source.joint)

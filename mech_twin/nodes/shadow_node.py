@@ -17,6 +17,7 @@ import numpy as np
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Float64
 
+from mech_twin.measurements.machine_columns import is_event
 from mech_twin.measurements.measurement_map import MeasurementMap
 from mech_twin.messages.joint_state_cdr import CdrError
 from mech_twin.messages.topics import SPEED_COMMAND
@@ -26,6 +27,7 @@ from mech_twin.nodes.shadow_inputs import (
     COMMAND,
     FollowedTopic,
     StampOrigin,
+    events_last,
     followed_topics,
     own_map,
     sensed_channels,
@@ -77,8 +79,10 @@ class ShadowNode(TwinNode):
         super().__init__("shadow", machine_name, parameters, options)
         entry = catalogue_entry(machine_name)
         machine = entry.build(self.initial_parameters)
-        given = setup.given or own_map(machine)
-        channels = sensed_channels(given)
+        given = events_last(setup.given) if setup.given else own_map(machine)
+        sensed = sensed_channels(given)
+        self.columns = tuple(channel.column for channel in sensed)
+        channels = [channel for channel in sensed if not is_event(channel.column)]
         self.level = "model"
         self.setup = setup
         self.is_obeyed: Callable[[], bool] = lambda: False
@@ -117,6 +121,8 @@ class ShadowNode(TwinNode):
         if self._command in sample.channels:
             self.observer.command(sample.values[sample.channels.index(self._command)])
         self.on_sample(sample)
+        if followed.of_events:
+            return
         estimate = self.observer.take(sample)
         self._count(followed.topic.name)
         if estimate is not None:

@@ -129,8 +129,7 @@ def nodes_beside(machine_name: str, node: ShadowNode, parameters: Parameters, co
     if company.record is not None:
         found.append(ShadowRecorder(machine_name, company.record, topics, parameters))
     if company.monitor is not None:
-        columns = [channel.column for channel in node.observer.channels]
-        monitor = MonitorNode(machine_name, company.monitor, columns, node.origin, parameters)
+        monitor = MonitorNode(machine_name, company.monitor, node.columns, node.origin, parameters)
         node.on_sample = monitor.observe
         found.append(monitor)
         if company.black_box is not None:
@@ -157,8 +156,7 @@ def advisor_beside(
     machine_name: str, node: ShadowNode, parameters: Parameters, wish: AdviceWish, others: Sequence[TwinNode]
 ) -> AdvisorNode:
     """Return the advisor of a shadow, fed with its samples, and told of the faults of a monitor beside it."""
-    columns = [channel.column for channel in node.observer.channels]
-    advisor = AdvisorNode(machine_name, wish, node.setup.namespace, columns, parameters)
+    advisor = AdvisorNode(machine_name, wish, node.setup.namespace, node.columns, parameters)
     before = node.on_sample
 
     def on_sample(sample: SeenSample) -> None:

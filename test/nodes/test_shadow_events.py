@@ -1,0 +1,152 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Events in the map of a shadow: the observer passes them over, the monitor has their features, live as recorded."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import rclpy
+from catalogue import built
+from geometry_msgs.msg import Vector3Stamped
+from rclpy.signals import SignalHandlerOptions
+from sensor_msgs.msg import JointState
+
+from mech_twin.cli.measurement import opened_run
+from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.engine.rollout import roll_out
+from mech_twin.measurements.measurement_map import MeasurementMap
+from mech_twin.measurements.runs import read_run
+from mech_twin.messages.joint_state_cdr import Header, StepMessage, encoded, stamp_of
+from mech_twin.messages.topics import DATA
+from mech_twin.nodes.base_node import TwinNode, destroy_nodes
+from mech_twin.nodes.monitor_node import MonitorNode
+from mech_twin.nodes.shadow_inputs import StampOrigin, followed_topics
+from mech_twin.nodes.shadow_node import ShadowNode, ShadowSetup
+from mech_twin.nodes.shadow_recorder import ShadowRecorder
+from mech_twin.nodes.shadow_session import Company, nodes_beside
+from mech_twin.nodes.spinner import Spinner
+from mech_twin.parameters.load import catalogue_entry
+from mech_twin.studies.monitoring.baseline import fitted_baseline
+from mech_twin.studies.monitoring.cycle_features import FeatureFeed, FeatureVector, feed_channels
+from mech_twin.studies.monitoring.monitor import Findings, Monitor, MonitorSetup
+from mech_twin.studies.monitoring.sensing import Seen, seen_roll_out
+from mech_twin.studies.monitoring.thresholds import chart_limits
+from mech_twin.studies.observer.lock_on import SeenSample
+
+NAME, LIMIT_S, STEP_S, BURST = "impact_mass", 60.0, 1e-3, 50
+JOINTS = {"generator": "motor.generator.effort", "mass": "linkage.mass.position"}
+FIELDS = {"stamp": "time", "vector.x": "pre_velocity", "vector.y": "post_velocity"}
+IMPACT = "stop/impact"
+MAP = MeasurementMap.model_validate(
+    {
+        "machine": NAME,
+        "channels": [
+            {"source": {"topic": "/plant/impacts", "joint": IMPACT, "field": field}, "is": f"event.impact.{what}"}
+            for field, what in FIELDS.items()
+        ]
+        + [
+            {"source": {"topic": "/plant/joints", "joint": joint, "field": field}, "is": column, "sigma": 1e-3}
+            for joint, field, column in zip(JOINTS, ("effort", "position"), JOINTS.values(), strict=True)
+        ],
+    }
+)  # fmt: skip
+COLUMNS = tuple(channel.quantity for channel in MAP.channels)
+
+
+def seen(seconds: float, seed: int) -> Seen:
+    machine = built(NAME)
+    run = roll_out(machine, seconds, list(JOINTS.values()))
+    return seen_roll_out(run, MAP, machine.coupling_step_s, np.random.default_rng(seed))
+
+
+def vectors_of(channels: Seen) -> list[FeatureVector]:
+    ask = catalogue_entry(NAME).capabilities.features
+    assert ask is not None
+    return feed_channels(FeatureFeed(ask(built(NAME).parameters), COLUMNS), channels)
+
+
+def messages_of(channels: Seen) -> list[tuple[float, str, Any]]:
+    """Return stamps, topics and messages in the order of time: of the joints together, and of each impact."""
+    force, position = (channels[column] for column in JOINTS.values())
+    told: list[tuple[float, str, Any]] = []
+    for at, x, f in zip(position[0], position[1], force[1], strict=True):
+        header, zeros = Header(stamp_of(float(at))), (0.0, 0.0)
+        message = StepMessage(header, tuple(JOINTS), (0.0, float(x)), zeros, (float(f), 0.0))
+        told.append((float(at), "joints", encoded(message)))
+    before, after = (channels[f"event.impact.{what}"][1] for what in ("pre_velocity", "post_velocity"))
+    for at, pre, post in zip(channels["event.impact.time"][0], before, after, strict=True):
+        impact = Vector3Stamped()
+        impact.header.frame_id = IMPACT
+        impact.header.stamp.sec, impact.header.stamp.nanosec = stamp_of(float(at))
+        impact.vector.x, impact.vector.y = float(pre), float(post)
+        told.append((float(at), "impacts", impact))
+    return sorted(told, key=lambda each: each[0])
+
+
+def until(spinner: Spinner, predicate: Callable[[], bool]) -> None:
+    end = time.monotonic() + LIMIT_S
+    spinner.until(lambda: predicate() or time.monotonic() > end)
+    assert predicate(), "did not happen within the limit"
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("ros_domain")
+def test_features_of_events_are_judged_live_as_of_the_recording(tmp_path: Path) -> None:
+    baseline, innovations = fitted_baseline(vectors_of(seen(20.0, 1)))
+    assert {"impact_share", "impact_speed_m_per_s", "speed_ratio"} <= set(baseline.names)
+    setup = MonitorSetup(NAME, baseline, chart_limits(baseline, innovations, 1000.0), ())
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    parameters, findings = built(NAME).parameters, list[Findings]()
+    shadow = ShadowNode(NAME, ShadowSetup("/plant", MAP), parameters)
+    nodes: list[TwinNode] = [shadow, *nodes_beside(NAME, shadow, parameters, Company(tmp_path / "bag", setup))]
+    live = next(node for node in nodes if isinstance(node, MonitorNode)).live
+    recorder = next(node for node in nodes if isinstance(node, ShadowRecorder))
+    take, heard = live.take, list[float]()
+
+    def told(sample: SeenSample) -> list[Findings]:
+        heard.append(sample.time_s)
+        findings.extend(take(sample))
+        return []
+
+    live.take = told  # type: ignore[method-assign]
+    foreign = rclpy.create_node("foreign")
+    publishers = {
+        "joints": foreign.create_publisher(JointState, "/plant/joints", DATA),
+        "impacts": foreign.create_publisher(Vector3Stamped, "/plant/impacts", DATA),
+    }
+    with Spinner([*nodes, foreign]) as spinner:
+        until(spinner, lambda: all(each.get_subscription_count() >= 2 for each in publishers.values()))
+        messages = messages_of(seen(4.0, 2))
+        for sent, (_, topic, message) in enumerate(messages, 1):
+            publishers[topic].publish(message)
+            if sent % BURST == 0 or sent == len(messages):
+                until(spinner, lambda sent=sent: min(len(heard), sum(recorder.received.values())) >= sent)  # type: ignore[misc]
+        columns = [channel.column for channel in shadow.observer.channels]
+        estimate = shadow.estimate
+    destroy_nodes(nodes)
+    foreign.destroy_node()
+    rclpy.try_shutdown()
+    assert columns == list(JOINTS.values())
+    assert estimate is not None
+    with opened_run(tmp_path / "bag") as reader:
+        run = read_run(reader, MAP)
+    offline = Monitor(setup)
+    again = [offline.observe(v) for v in vectors_of({c.name: (c.times_s, c.values) for c in run.channels})]
+    judged = [(found, other) for found, other in zip(findings, again, strict=False) if found.charts is not None]
+    assert len(judged) > 40
+    assert all(np.array_equal(one.standard, other.standard) and one.charts == other.charts for one, other in judged)
+
+
+def test_a_topic_of_samples_and_events_is_refused() -> None:
+    channels = [
+        {"source": {"topic": "both", "joint": "mass", "field": "position"}, "is": "linkage.mass.position"},
+        {"source": {"topic": "both", "joint": "stop", "field": "velocity"}, "is": "event.impact.pre_velocity"},
+    ]
+    mixed = MeasurementMap.model_validate({"machine": NAME, "channels": channels})
+    with pytest.raises(ConfigurationError, match="'/plant/both' would hold both samples and events"):
+        followed_topics(mixed, "/plant", StampOrigin())
