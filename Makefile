@@ -105,7 +105,7 @@ licences: $(VENV)/.run $(TOOLS)/.tools
 hashes: $(TOOLS)/.tools # asks the package index; rewrites the pins with hashes
 	$(TOOLS)/bin/python .ci/hashes.py $(TOOLS)/bin
 
-SOAK := --minutes 10 --pace realtime --view
+SOAK := --minutes 10 --pace realtime --view --step-s 0.002
 soak: $(VENV)/.test # ten minutes by the wall clock, recorded and shown: memory of each process, balances, lag, losses
 	$(BIN)/python benchmarks/reliability/soak.py $(or $(ARGS),$(SOAK))
 

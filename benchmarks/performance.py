@@ -29,6 +29,7 @@ GROUPS = MappingProxyType(
         "topic_loop": "steps over topics beside bare nodes, and where a step's time goes",
         "real_time": "a run by the wall clock: processor time and how late the latest step was",
         "cold_start": "from the command to the first step, share by share",
+        "view_lag": "how far the view in the browser lags behind, and what its frames cost",
         "installation": "what an installation's size is made of",
     }
 )

@@ -73,7 +73,7 @@ def message_shares(built: Machine, frame: Frame) -> dict[str, float]:
     }
     encode_at, decode_at, check_at, head_at = shares
     for (codec, sample), raw, message in zip(present, raws, messages, strict=True):
-        shares[encode_at] += microseconds(lambda c=codec, s=sample: encoded(c.to_step(s, MARKS)))
+        shares[encode_at] += microseconds(lambda c=codec, s=sample: c.to_bytes(s, MARKS))
         shares[decode_at] += microseconds(lambda r=raw: decode(r))
         shares[check_at] += microseconds(lambda c=codec, m=message: c.from_message(m, built.coupling_step_s))
         shares[head_at] += microseconds(lambda r=raw: head(r))

@@ -2,7 +2,7 @@
 """mech_twin: the digital twin of percussion and crank-linkage machines.
 
 From Python ``import mech_twin as mt`` and `mt.simulate`, `mt.analyse`, `mt.sweep`, `mt.size`, `mt.search`,
-`mt.identify`, `mt.reproduce`, `mt.machine_names`: see `mech_twin.api`; `mt.rollout`, `mt.rollouts`: see
+`mt.identify`, `mt.compare`, `mt.reproduce`, `mt.machine_names`: see `mech_twin.api`; `mt.rollout`, `mt.rollouts`: see
 `mech_twin.studies.rolling_out`.
 They are loaded when first named, so that a node or a tool that needs one room of the package does not pay for the
 others.
@@ -17,6 +17,7 @@ __version__ = "0.1.0"
 # what a type checker sees of these stands in __init__.pyi
 __all__ = [
     "analyse",
+    "compare",
     "identify",
     "machine_names",
     "reproduce",

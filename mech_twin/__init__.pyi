@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 from mech_twin.api import analyse as analyse
+from mech_twin.api import compare as compare
 from mech_twin.api import identify as identify
 from mech_twin.api import machine_names as machine_names
 from mech_twin.api import reproduce as reproduce

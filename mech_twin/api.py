@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 import tempfile
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,10 +23,13 @@ from mech_twin.results import Analysis, Columns, Numbers, Run
 from mech_twin.stop_signal import raising_interrupt
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from mech_twin.capabilities.design import Design
     from mech_twin.capabilities.published import PublishedRow
     from mech_twin.capabilities.sizing import Sizing
     from mech_twin.studies.identification.saved_identification import SavedIdentification
+    from mech_twin.studies.side_by_side import ComparedRun, Comparison
 
 Settings = Mapping[str, Any]
 FilePath = str | PathLike[str]
@@ -250,6 +254,7 @@ def identify(
     latest_begin_s: float | None = None,
     seed: int = 0,
     cores: int | None = None,
+    scheduler: str | None = None,
 ) -> SavedIdentification:
     """Return keys of a configuration found by fitting the machine's own motion to measured runs.
 
@@ -275,6 +280,8 @@ def identify(
         own start if absent.
     seed, cores
         Of further starts of the fit; threads.
+    scheduler : str, optional
+        Address of a Dask scheduler, over which further starts and profiles are spread.
 
     Returns
     -------
@@ -314,6 +321,7 @@ def identify(
         latest_begin_s or 0.0,
         seed,
         cores,
+        scheduler,
     )
     found = identified(question, list(map(read, runs)), list(map(read, held_out)), 0.0 if held_out else share)
     return SavedIdentification(found, tuple(map(Path, runs)), tuple(map(Path, held_out)), map_file)
@@ -330,6 +338,57 @@ def reproduce(
             raise StudyError("settings and config need the name of a machine")
         return reproduced()
     return reproduced(machine, machine_parameters(machine, _path(config), settings))
+
+
+def compare(first: Run, second: Run, tolerance: float = 0.0) -> RunComparison:
+    """Return two runs of one machine side by side: settings and numbers that differ.
+
+    Parameters
+    ----------
+    first, second : Run
+        Runs as `simulate` returns them.
+    tolerance : float
+        Relative difference up to which two numbers count as equal.
+
+    Examples
+    --------
+    >>> soft = simulate("compaction_press", 0.01)
+    >>> stiff = simulate("compaction_press", 0.01, {"linkage.crank_m": 0.05})
+    >>> [setting.name for setting in compare(soft, stiff).found.settings]
+    ['linkage.crank_m']
+    """
+    from mech_twin.studies.side_by_side import compared
+
+    sides = (_side("first", first), _side("second", second))
+    return RunComparison(compared(*sides, tolerance), sides)
+
+
+def _side(label: str, run: Run) -> ComparedRun:
+    from mech_twin.configuration_tree import configuration_tree
+    from mech_twin.studies.side_by_side import ComparedRun
+
+    broken = tuple(name for name, residual in run.residuals.items() if residual.broken)
+    columns = {name: run.samples[name] for name in run.samples}
+    tree = configuration_tree(run.parameters)
+    return ComparedRun(label, run.machine, tree, dict(run.summary), broken, columns)
+
+
+@dataclass(frozen=True)
+class RunComparison:
+    """What differs between two runs; ``found`` has settings, numbers, and those beyond the tolerance."""
+
+    found: Comparison
+    sides: tuple[ComparedRun, ComparedRun]
+
+    def plot(self, panels: int = 6) -> Figure:
+        """Return a picture of the columns that differ most, the two runs over each other."""
+        from mech_twin.studies.side_by_side import columns_apart, drawn_side_by_side
+
+        names = columns_apart(*self.sides, panels)
+        if not names:
+            raise StudyError("nothing to draw: no column differs")
+        figure: Figure = drawn_side_by_side(*self.sides, names)
+        return figure
 
 
 def _path(config: FilePath | None) -> Path | None:

@@ -22,6 +22,7 @@ UNITS = {
     "w": "W",
     "kw": "kW",
     "kg": "kg",
+    "rad2": "rad²",
     "m2": "m²",
     "m3": "m³",
     "s2": "s²",
@@ -55,10 +56,19 @@ def caption(name: str) -> tuple[str, str]:
 
 
 def unit_of(name: str) -> str:
-    """Return the unit in which a stored name ends, such as N m of ``forces.drive_torque_nm``; empty if pure."""
-    if "factor_of_" in name:  # a number over another of the same unit
+    """Return the unit in which a stored name ends, such as N m of ``forces.drive_torque_nm``; empty if pure.
+
+    Examples
+    --------
+    >>> unit_of("forces.drive_torque_nm"), unit_of("rod_force_n.1"), unit_of("impacts_above_1_mm_per_s")
+    ('N m', 'N', '')
+    """
+    if "factor_of_" in name or "impacts_above_" in name:  # a number over another of the same unit; a count
         return ""
-    return caption(name.rpartition(".")[2])[1]
+    words = name.split(".")
+    while len(words) > 1 and words[-1].isdigit():  # the first, the second component or cart
+        words.pop()
+    return caption(words[-1])[1]
 
 
 def titled(name: str) -> str:

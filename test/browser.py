@@ -43,7 +43,7 @@ COUNT = """
   const ask = window.requestAnimationFrame.bind(window);
   window.requestAnimationFrame = (draw) => ask((now) => { window._frames += 1; draw(now); });
 """
-CURSOR = re.compile(rb"sim_time\x10\x02\x1a.\x10", re.DOTALL)
+CURSOR = re.compile(rb".*sim_time\x10\x02\x1a.[\x08\x10]", re.DOTALL)  # the last one: the first is the data's range
 
 
 def chromium() -> str:
@@ -106,7 +106,7 @@ class Page:
     def shown_s(self) -> float:
         """Return the simulated time the page shows (s); 0 before it shows any."""
         state = bytes(self._page.evaluate(STATE))
-        found = CURSOR.search(state)
+        found = CURSOR.match(state)
         value = 0
         for place, byte in enumerate(state[found.end() :] if found else b""):
             value |= (byte & 127) << 7 * place  # a variable-length integer: seven bits a byte, the lowest first

@@ -31,7 +31,10 @@ RAN, UNBUILT, REFUSED_IN_RUN, BROKEN = "ran", "refused at configuration", "refus
 
 
 class Outcome(NamedTuple):
-    """What became of one draw: its end and the words for it; ``margin`` is the worst residual over its limit."""
+    """What became of one draw: its end and the words for it.
+
+    ``margin`` is the worst residual over its limit, ``seconds`` processor time.
+    """
 
     number: int
     end: str
@@ -106,7 +109,7 @@ def run(machine: Machine, commands: tuple[float, ...], run_s: float = RUN_S) -> 
 
 def outcome_of(name: str, seed: int, number: int) -> Outcome:
     """Return what became of one draw."""
-    begun, margin, refused, text = time.perf_counter(), 0.0, 0, ""
+    begun, margin, refused, text = time.process_time(), 0.0, 0, ""
     try:
         draw = Draw(name, seed, number)
         refused = len(draw.refused)
@@ -116,7 +119,7 @@ def outcome_of(name: str, seed: int, number: int) -> Outcome:
             end, what, margin = _end_of_run(name, draw)
     except Exception as error:  # noqa: BLE001 - what a legal input must never end in
         end, what = BROKEN, f"{type(error).__name__}: {error}"
-    return Outcome(number, end, what, margin, refused, time.perf_counter() - begun, text)
+    return Outcome(number, end, what, margin, refused, time.process_time() - begun, text)
 
 
 def _end_of_run(name: str, draw: Draw) -> tuple[str, str, float]:

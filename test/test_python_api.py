@@ -158,3 +158,19 @@ def test_the_examples_of_the_documentation_run(tmp_path, monkeypatch, capsys):
         exec(compile(block, "documentation", "exec"), {})
     assert {path.name for path in tmp_path.iterdir()} == {"run.png", "torque.png"}
     assert " N\n" in capsys.readouterr().out
+
+
+def test_two_runs_are_compared_and_drawn_side_by_side() -> None:
+    short = mt.simulate("compaction_press", 0.02)
+    longer_crank = mt.simulate("compaction_press", 0.02, {"linkage.crank_m": 0.05})
+    found = mt.compare(short, longer_crank)
+    assert [setting.name for setting in found.found.settings] == ["linkage.crank_m"]
+    assert found.found.beyond
+    assert found.plot().axes
+    same = mt.compare(short, short)
+    assert not same.found.settings
+    assert not same.found.beyond
+    with pytest.raises(StudyError, match="no column differs"):
+        same.plot()
+    with pytest.raises(StudyError, match="expected one machine"):
+        mt.compare(short, mt.simulate("winding_drum", 0.01))

@@ -1,23 +1,26 @@
 # SPDX-License-Identifier: Apache-2.0
 """How often the 95 % intervals hold the truth: seeded repeats of a synthetic measurement, each identified anew.
 
-    python benchmarks/identification/interval_coverage.py MACHINE [--repeats N] [--first SEED] [--minutes M] [--write]
+    python benchmarks/identification/interval_coverage.py STAND [--repeats N] [--first SEED] [--minutes M]
+                                                          [--journal FILE] [--write]
 
 A row a key: how often it was called identified, how often its interval then held the truth, with the 95 % interval of
 that share, and the mean half width over that which ``--plan`` foretells; and every key that was called identified
-though it cannot be.  After M minutes no further repeat is begun.  ``--scheduler`` spreads the repeats over a Dask
-cluster.  Ends with exit code 1 where a key that cannot be told was called identified.
+though it cannot be.  After M minutes no further repeat is begun.
+``--journal`` keeps every finished repeat, so that a run which was ended goes on where it stopped.  ``--scheduler``
+spreads the repeats over a Dask cluster.  Ends with exit code 1 where a key that cannot be told was called identified.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import sys
 import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 
@@ -25,7 +28,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))
 from evidence import share_interval, write_rows
-from synthetic_stand import STANDS, Stand
+from synthetic_stand import SHORT_STANDS, STANDS, Stand
 
 from mech_twin.parameters.load import machine_parameters
 from mech_twin.studies.identification.identification import identified
@@ -53,10 +56,15 @@ def question_of(stand: Stand, cores: int | None = 1) -> IdentificationQuestion:
     return IdentificationQuestion(stand.name, machine_parameters(stand.name), stand.keys, cores=cores)
 
 
-def repeated(name: str, seed: int) -> Repeat:
+def stand_of(name: str, *, whole: bool) -> Stand:
+    """Return the stand whose measurements are repeated: a short run of few open keys, or the whole one."""
+    return (STANDS if whole else SHORT_STANDS)[name]
+
+
+def repeated(name: str, whole: bool, seed: int) -> Repeat:
     """Return one repeat."""
-    stand = STANDS[name]
-    true = stand.truth()
+    stand = stand_of(name, whole=whole)
+    began, true = time.process_time(), stand.truth()
     with tempfile.TemporaryDirectory() as folder:
         run = stand.run(Path(folder), seed)
     found = identified(question_of(stand), [run])
@@ -65,17 +73,35 @@ def repeated(name: str, seed: int) -> Repeat:
         for each in found.combinations
     ]
     held = sum(each.low_95 <= product <= each.high_95 for each, product in products)
-    return Repeat(seed, found.keys, len(products), held, found.seconds)
+    return Repeat(seed, found.keys, len(products), held, time.process_time() - began)
 
 
-def repeats_of(name: str, seeds: range, minutes: float, cores: int, scheduler: str | None) -> Iterator[Repeat]:
-    """Yield repeats as they are ready, until the time is over."""
-    until = time.monotonic() + 60.0 * minutes
-    with closing(spread(partial(repeated, name), list(seeds), cores, scheduler)) as results:
+def repeats_of(asked: argparse.Namespace) -> Iterator[Repeat]:
+    """Yield repeats, those of the journal first, the others as they are ready until the time is over."""
+    until = time.monotonic() + 60.0 * asked.minutes
+    seeds = range(asked.first, asked.first + asked.repeats)
+    known = {each.seed: each for each in _kept(asked.journal) if each.seed in seeds}
+    yield from known.values()
+    left = [seed for seed in seeds if seed not in known]
+    one = partial(repeated, asked.machine, asked.whole)
+    with closing(spread(one, left, asked.cores, asked.scheduler)) as results:
         for result in results:
+            if asked.journal is not None:
+                with asked.journal.open("a", encoding="utf-8") as stream:
+                    stream.write(json.dumps(asdict(result)) + "\n")
             yield result
             if time.monotonic() > until:
                 return
+
+
+def _kept(journal: Path | None) -> Iterator[Repeat]:
+    """Yield the repeats of a journal; a last line that was cut off is none."""
+    if journal is None or not journal.exists():
+        return
+    for line in journal.read_text(encoding="utf-8").splitlines(keepends=True):
+        if line.endswith("\n"):
+            tree = json.loads(line)
+            yield Repeat(**{**tree, "keys": tuple(KeyVerdict(**key) for key in tree["keys"])})
 
 
 def planned(stand: Stand) -> dict[str, float]:
@@ -89,17 +115,18 @@ def planned(stand: Stand) -> dict[str, float]:
 def rows_of(stand: Stand, repeats: list[Repeat], plan: dict[str, float]) -> Iterator[tuple[object, ...]]:
     """Yield the table's rows: a key each, all keys, and the combinations."""
     true, every, every_held = stand.truth(), 0, 0
+    name = f"{stand.name}, {stand.duration_s:g} s, {len(stand.keys)} keys open:"
     for key in stand.keys:
         told = [v for each in repeats for v in each.keys if v.key == key and v.verdict == "identified"]
         held = sum(v.low_95 <= true[key] <= v.high_95 for v in told)
         every, every_held = every + len(told), every_held + held
         halves = [0.5 * (v.high_95 - v.low_95) for v in told]
         over = f"{np.median(halves) / plan[key]:.2f}" if told and key in plan else ""
-        yield (f"{stand.name} {key}", len(repeats), *_share(held, len(told)), over)
-    yield (f"{stand.name}, all keys", len(repeats), *_share(every_held, every), "")
+        yield (f"{name} {key}", len(repeats), *_share(held, len(told)), over)
+    yield (f"{name} all", len(repeats), *_share(every_held, every), "")
     told_products = sum(each.combinations for each in repeats)
     held_products = sum(each.combinations_held for each in repeats)
-    yield (f"{stand.name}, combinations", len(repeats), *_share(held_products, told_products), "")
+    yield (f"{name} combinations", len(repeats), *_share(held_products, told_products), "")
 
 
 def _share(held: int, told: int) -> tuple[object, ...]:
@@ -115,13 +142,14 @@ def main() -> None:
     words.add_argument("--repeats", type=int, default=200)
     words.add_argument("--first", type=int, default=0)
     words.add_argument("--minutes", type=float, default=1e6)
+    words.add_argument("--whole", action="store_true", help="the stand of the grid, not its short run of few keys")
+    words.add_argument("--journal", type=Path, help="where finished repeats are kept")
     words.add_argument("--cores", type=int, default=1, help="processes, one repeat each")
     words.add_argument("--scheduler", help="address of a Dask scheduler in their place")
     words.add_argument("--write", action="store_true", help="into docs/identification.md")
     asked = words.parse_args()
-    stand, repeats, wrong = STANDS[asked.machine], [], []
-    seeds = range(asked.first, asked.first + asked.repeats)
-    for each in repeats_of(stand.name, seeds, asked.minutes, asked.cores, asked.scheduler):
+    stand, repeats, wrong = stand_of(asked.machine, whole=asked.whole), [], []
+    for each in repeats_of(asked):
         repeats.append(each)
         wrong += [(each.seed, v) for v in each.keys if v.verdict == "identified" and v.key in stand.never]
         told = [v for v in each.keys if v.verdict == "identified"]

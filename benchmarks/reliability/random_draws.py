@@ -4,20 +4,20 @@
     python benchmarks/reliability/random_draws.py [MACHINE ...] [--count 2000] [--seed 1] [--workers 1] [--write]
     python benchmarks/reliability/random_draws.py MACHINE --only NUMBER [--seed 1]
 
-Goes on where it was ended, as what became of each draw is kept in build/random_draws.  What breaks is printed as a
-parameter file; exit code 1 if there is any.  ``--only`` makes some of the draws once more, ``--write`` puts the counts
-into docs/random-configurations.md.
+The machines take turns.  Goes on where it was ended, as what became of each draw is kept in build/random_draws.
+What breaks is printed as a parameter file; exit code 1 if there is any.  ``--only`` makes some of the draws once more,
+``--write`` puts the counts into docs/random-configurations.md.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import signal
 import sys
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -31,7 +31,9 @@ from mech_twin.machines.catalog import CATALOGUE
 
 ROOT = Path(__file__).resolve().parents[2]
 KEPT = ROOT / "build" / "random_draws"
-LONGEST_S = 1200.0  # of one draw beside other work: more counts as broken
+LONGEST_CPU_S = 60.0  # processor time of one draw: more counts as broken
+LONGEST_S = 3600.0  # of one draw by the clock beside other work: more is no work but waiting, and broken as well
+TURN_LENGTH = 50  # draws of a machine before the next one's turn
 COLUMNS = (
     "machine",
     "seed",
@@ -56,8 +58,11 @@ class Work(NamedTuple):
 
 
 def made(work: Work) -> Outcome:
-    """Make a draw; the function that a worker applies."""
-    return outcome_of(*work)
+    """Make a draw; the function that a worker applies, whose process ends where it takes too much processor time."""
+    signal.setitimer(signal.ITIMER_PROF, LONGEST_CPU_S)
+    outcome = outcome_of(*work)
+    signal.setitimer(signal.ITIMER_PROF, 0.0)
+    return outcome
 
 
 def kept(name: str, seed: int) -> dict[int, dict[str, Any]]:
@@ -67,18 +72,24 @@ def kept(name: str, seed: int) -> dict[int, dict[str, Any]]:
     return {record["number"]: record for record in map(json.loads, lines)}
 
 
-def make_some(name: str, seed: int, numbers: Sequence[int]) -> None:
-    """Make draws in one other process, which is ended where it does not come back in time, and keep each."""
-    if not numbers:
-        return
-    worker = LimitedWorker(made, LONGEST_S)
-    for number in numbers:
+def make_some(worker: LimitedWorker, works: Sequence[Work]) -> None:
+    """Make draws in another process, which is ended where it does not come back in time, and keep each."""
+    for work in works:
         try:
-            outcome = worker.answer(Work(name, seed, number))
+            outcome = worker.answer(work)
         except NoAnswerError as error:
-            outcome = Outcome(number, BROKEN, str(error), 0.0, 0, LONGEST_S, "")
-        keep(name, seed, outcome)
-    worker.close()
+            what = f"{error}; at most {LONGEST_CPU_S:g} s of processor time"
+            outcome = Outcome(work.number, BROKEN, what, 0.0, 0, LONGEST_CPU_S, "")
+        keep(work.machine, work.seed, outcome)
+
+
+def turns(missing: Mapping[str, Sequence[int]]) -> Iterator[tuple[str, Sequence[int]]]:
+    """Yield a machine and the numbers of its next draws, machine after machine, till none is missing."""
+    longest = max(map(len, missing.values()))
+    for begin in range(0, longest, TURN_LENGTH):
+        for name, numbers in missing.items():
+            if begin < len(numbers):
+                yield name, numbers[begin : begin + TURN_LENGTH]
 
 
 def keep(name: str, seed: int, outcome: Outcome) -> None:
@@ -100,6 +111,12 @@ def row(name: str, seed: int) -> list[Any]:
     return [name, seed, len(found), refused, *counts, f"{margin:.2g}", f"{slowest:.1f} s", day]
 
 
+def missing_numbers(name: str, seed: int, count: int) -> list[int]:
+    """Return which of the first ``count`` draws of a machine have not been made."""
+    done = kept(name, seed)
+    return [number for number in range(count) if number not in done]
+
+
 def main() -> int:
     """Draw, and write what was seen."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -111,19 +128,20 @@ def main() -> int:
     parser.add_argument("--write", action="store_true", help="write the table into docs/random-configurations.md")
     asked = parser.parse_args()
     KEPT.mkdir(parents=True, exist_ok=True)
-    broken = 0
-    for name in asked.machines or CATALOGUE:
-        done = kept(name, asked.seed)
-        numbers = asked.only or [number for number in range(asked.count) if number not in done]
-        shares = [numbers[place :: asked.workers] for place in range(asked.workers)]
-        with ThreadPoolExecutor(asked.workers) as pool:
-            list(pool.map(partial(make_some, name, asked.seed), shares))
-        found = row(name, asked.seed)
-        print(*found, sep=" | ", flush=True)
-        broken += int(found[COLUMNS.index("broken")])
-        if asked.write:
-            add_rows("random_draws", COLUMNS, [found])
-    return int(broken > 0)
+    names = asked.machines or list(CATALOGUE)
+    missing = {name: asked.only or missing_numbers(name, asked.seed, asked.count) for name in names}
+    workers = [LimitedWorker(made, LONGEST_S) for _ in range(asked.workers)]
+    with ThreadPoolExecutor(asked.workers) as pool:
+        for name, numbers in turns(missing):
+            works = [Work(name, asked.seed, number) for number in numbers]
+            list(pool.map(make_some, workers, [works[place :: asked.workers] for place in range(asked.workers)]))
+            print(*row(name, asked.seed), sep=" | ", flush=True)
+    for worker in workers:
+        worker.close()
+    rows = [row(name, asked.seed) for name in names]
+    if asked.write:
+        add_rows("random_draws", COLUMNS, rows)
+    return int(any(found[COLUMNS.index("broken")] for found in rows))
 
 
 if __name__ == "__main__":

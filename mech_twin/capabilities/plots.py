@@ -30,6 +30,7 @@ BLUE, RED, GREEN, ORANGE, PURPLE, SKY, GREY = (
 COLOURS = (BLUE, RED, GREEN, ORANGE, PURPLE, SKY)
 INK = "#2b2b2b"
 DPI = 200
+OWN = "Not a figure of the source."
 STYLE: Any = {
     "font.family": "DejaVu Sans",
     "font.size": 9.5,

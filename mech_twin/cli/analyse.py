@@ -9,8 +9,10 @@ from pathlib import Path
 from typing import Any, Literal
 
 from mech_twin.captions import unit_of
-from mech_twin.cli.console import numbered, print_csv, print_json, print_numbers, print_table, progress
+from mech_twin.cli.console import numbered, print_csv, print_json, print_table, progress
 from mech_twin.cli.failure import CommandError
+from mech_twin.cli.metric_groups import analysed_groups, group_rows
+from mech_twin.cli.run_summary import show_groups
 from mech_twin.configuration_tree import configuration_tree
 from mech_twin.parameters.load import assignments
 from mech_twin.parameters.load import machine as built_machine
@@ -57,15 +59,24 @@ def _write_csv(document: Mapping[str, Any]) -> None:
 
 def _show(document: Mapping[str, Any], *, wide: bool) -> None:
     name = document["machine"]
-    print_numbers(f"{name}: one cycle", document["summary"])
+    show_groups(f"{name}: one cycle", analysed_groups(document["summary"]))
     if "position" in document:
         position = document["position"]
         title = f"{name} at {document['crank_deg']:g} degrees"
-        print_numbers(title, {key: value for key, value in position.items() if not _is_row(value)})
+        show_groups(title, analysed_groups({key: value for key, value in position.items() if not _is_row(value)}))
         _show_rows(title, {key: value for key, value in position.items() if _is_row(value)}, wide=wide)
     if "cycle" in document:
-        rows = [(key, *_extremes(column), unit_of(key)) for key, column in _scalar_columns(document["cycle"]).items()]
-        print_table(f"{name}: {len(document['cycle'][next(iter(document['cycle']))])} positions", EXTREMES, rows)
+        _show_extremes(name, document["cycle"])
+
+
+def _show_extremes(name: str, cycle: Mapping[str, Sequence[Any]]) -> None:
+    """Write the least and the greatest value of each quantity over the cycle."""
+    groups = {
+        group: {key: (key, *_extremes(column), unit_of(key)) for key, column in columns.items()}
+        for group, columns in analysed_groups(_scalar_columns(cycle)).items()
+    }
+    count = len(next(iter(cycle.values())))
+    print_table(f"{name}: {count} positions", EXTREMES, group_rows(groups, len(EXTREMES)))
 
 
 def _by_quantity(rows: Mapping[str, Sequence[Any]]) -> dict[str, list[Any]]:

@@ -9,6 +9,7 @@ from typing import Any
 from typer.core import TyperGroup
 
 from mech_twin.cli.failure import CommandError
+from mech_twin.cli.help_words import named
 
 ASSIGNING = ("--set", "--over", "--limit", "--bound", "--change")  # each value has an = in it
 
@@ -17,6 +18,10 @@ class CommandGroup(TyperGroup):
     """The commands; an unknown one is answered with the near one, or with all."""
 
     entry = "command"
+
+    def get_params(self, ctx: Any) -> list[Any]:
+        """Return the parameters with a placeholder each."""
+        return named(super().get_params(ctx))
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Parse the arguments after giving each ``KEY=VALUE`` of several its option."""

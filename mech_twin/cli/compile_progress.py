@@ -64,13 +64,18 @@ class CompileProgress(logging.Handler):
         super().close()
 
 
+def _to_standard_error(line: str) -> None:
+    """Write a line to whatever standard error is now: a progress bar that runs moves out of its way."""
+    sys.stderr.write(line)
+
+
 @contextmanager
 def compiling_shown() -> Iterator[None]:
     """Show on a terminal how compiling goes; elsewhere do nothing."""
     if sys.stderr is None or not sys.stderr.isatty():
         yield
         return
-    logger, handler = logging.getLogger(LOGGER), CompileProgress(sys.stderr.write)
+    logger, handler = logging.getLogger(LOGGER), CompileProgress(_to_standard_error)
     level = logger.level
     logger.addHandler(handler)
     logger.setLevel(logging.INFO)

@@ -109,7 +109,7 @@ def _question(asked: IdentifyRequest, base: Parameters) -> IdentificationQuestio
         raise CommandError(f"{asked.machine}: no key is free; expected --free KEY")
     begin = asked.latest_begin_s if asked.begin == "unknown" else 0.0
     return IdentificationQuestion(
-        asked.machine, base, keys, bounds, prior_keys(asked.priors), begin, asked.seed, asked.cores
+        asked.machine, base, keys, bounds, prior_keys(asked.priors), begin, asked.seed, asked.cores, asked.scheduler
     )
 
 

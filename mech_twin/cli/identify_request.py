@@ -54,6 +54,7 @@ class IdentifyRequest:
     plan: bool = False
     sensors: Path | None = None
     duration_s: float | None = None
+    scheduler: str | None = None
 
     @cached_property
     def given_map(self) -> MeasurementMap:

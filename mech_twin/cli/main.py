@@ -13,6 +13,7 @@ from mech_twin.cli import completion
 from mech_twin.cli.command_group import CommandGroup
 from mech_twin.cli.compile_progress import compiling_shown
 from mech_twin.cli.failure import INTERRUPTED, CommandError, report_cli_errors
+from mech_twin.cli.help_words import Verb
 from mech_twin.cli.many_values import ManyValues
 from mech_twin.cli.measurement_commands import identify, monitor, propose, shadow
 from mech_twin.cli.option_values import machine_name, time_option
@@ -61,7 +62,7 @@ def root(
         typer.echo(context.get_help())
 
 
-@app.command("list")
+@app.command("list", cls=Verb)
 def list_machines(json: Json = False) -> None:
     """List available machines."""
     from mech_twin.cli.catalogue import show_catalogue
@@ -69,18 +70,25 @@ def list_machines(json: Json = False) -> None:
     show_catalogue(as_json=json)
 
 
-@app.command()
+@app.command(cls=Verb)
 def run(
     machine: MachineName = "mb10_breaker",
-    pace: Annotated[str | None, typer.Option(help="realtime or max [run.pace, else realtime]")] = None,
+    pace: Annotated[
+        str | None, typer.Option(metavar="realtime|max", help="pace of the run", show_default="run.pace, else realtime")
+    ] = None,
     duration: Annotated[
         float | None,
-        time_option("simulated time (10, 2min); 0: until stopped [run.duration_s, else 0]"),
+        time_option("simulated time (10, 2min); 0: until stopped", "run.duration_s, else 0"),
     ] = None,
-    record: Annotated[Path | None, typer.Option(help="recording directory [recordings/MACHINE-DATE]")] = None,
+    record: Annotated[
+        Path | None, typer.Option(help="recording directory", show_default="recordings/MACHINE-DATE")
+    ] = None,
     no_record: Annotated[bool, typer.Option("--no-record", help="do not record")] = False,
     view: Annotated[
-        str, typer.Option(help="web (full or light by what draws the page), light, full, none, or a file NAME.rrd")
+        str,
+        typer.Option(
+            metavar="VIEW", help="web (full or light, as the graphics allow), light, full, none, or a file NAME.rrd"
+        ),
     ] = "web",
     view_port: Annotated[int, typer.Option(help="port of the web view; 0: any free port", min=0, max=65535)] = 0,
     hold: Annotated[bool, typer.Option("--hold", help="keep the web view after the run, until Ctrl-C")] = False,
@@ -120,14 +128,16 @@ def run(
     run_machine(request)
 
 
-@app.command()
+@app.command(cls=Verb)
 def simulate(
     machine: MachineName,
     duration: Annotated[float, time_option("simulated time (3, 500ms, 2min)")],
-    bag: Annotated[Path | None, typer.Option(help="record the messages the nodes would publish")] = None,
-    table: Annotated[Path | None, typer.Option(help="write every sample: .parquet, .csv or .tsv")] = None,
+    bag: Annotated[
+        Path | None, typer.Option(help="recording (MCAP) of the messages that the nodes would publish")
+    ] = None,
+    table: Annotated[Path | None, typer.Option(help="table of every sample (.parquet, .csv, .tsv)")] = None,
     sensors: Annotated[
-        Path | None, typer.Option(help="write instead what the sensors of this file would show of the run")
+        Path | None, typer.Option(help="sensors (.yaml) through which the run is written instead")
     ] = None,
     change: Annotated[
         list[str] | None,
@@ -137,7 +147,7 @@ def simulate(
             autocompletion=completion.live_settings,
         ),
     ] = None,
-    seed: Annotated[int, typer.Option(help="of the sensors' noise, jitter and losses", min=0)] = 0,
+    seed: Annotated[int, typer.Option(help="seed of the noise, jitter and losses of the sensors", min=0)] = 0,
     samples: Annotated[bool, typer.Option("--samples", help="with --json: include every sample, as columns")] = False,
     config: Config = None,
     settings: Settings = None,
@@ -157,11 +167,11 @@ def simulate(
     simulate_machine(asked)
 
 
-@app.command()
+@app.command(cls=Verb)
 def analyse(
     machine: MachineName,
     crank_deg: Annotated[float | None, typer.Option(help="crank angle in degrees")] = None,
-    cycle: Annotated[int | None, typer.Option(help="number of positions over one cycle", min=2, max=1_000_000)] = None,
+    cycle: Annotated[int | None, typer.Option(help="positions over one cycle", min=2, max=1_000_000)] = None,
     config: Config = None,
     settings: Settings = None,
     wide: Wide = False,
@@ -181,7 +191,7 @@ def replay(
     rate: Annotated[float, typer.Option(help="playback rate: recorded seconds per second")] = 1.0,
     start: Annotated[float, time_option("start time within the recording")] = 0.0,
     duration: Annotated[float | None, time_option("duration to replay")] = None,
-    loop: Annotated[bool, typer.Option("--loop", help="repeat endlessly")] = False,
+    loop: Annotated[bool, typer.Option("--loop", help="repeat until stopped")] = False,
     clock: Annotated[bool, typer.Option("--clock", help="publish /clock from the playback time")] = False,
     topics: Annotated[list[str] | None, typer.Option("--topics", metavar="T...", help="only these topics")] = None,
     listeners: Annotated[int, typer.Option(help="subscribers to wait for on each topic", min=0)] = 0,
@@ -193,7 +203,7 @@ def replay(
     given_map: MapFile = None,
     config: Config = None,
     tolerance: Annotated[
-        float | None, typer.Option(help="with --analyse: share by which a number may be off the model", min=0.0)
+        float | None, typer.Option(help="with --analyse: allowed relative difference from the model", min=0.0)
     ] = None,
     json: Json = False,
 ) -> None:
@@ -223,7 +233,7 @@ def replay(
     replay_bag(ReplayRequest(bag, rate, start, duration, loop, clock, topics or [], listeners, namespace))
 
 
-@app.command()
+@app.command(cls=Verb)
 def view(
     bag: Bag,
     given_map: MapFile = None,
@@ -238,7 +248,7 @@ def view(
     view_bag(bag, save, port, given_map, config, force=force)
 
 
-@app.command()
+@app.command(cls=Verb)
 def info(
     bag: Bag,
     given_map: MapFile = None,
@@ -257,16 +267,16 @@ def info(
     show_info(bag, as_json=json, as_csv=csv, wide=wide)
 
 
-@app.command()
+@app.command(cls=Verb)
 def compare(
     first: Annotated[str, typer.Argument(metavar="A", help="recording, configuration file (.yaml) or machine")],
     second: Annotated[str, typer.Argument(metavar="B", help="what to compare it with, of the same machine")],
-    tolerance: Annotated[float, typer.Option(help="relative difference that is allowed", min=0.0, max=1.0)] = 0.0,
+    tolerance: Annotated[float, typer.Option(help="allowed relative difference", min=0.0, max=1.0)] = 0.0,
     duration: Annotated[
         float | None,
-        time_option("time to simulate a configuration [the recording's, else 3]"),
+        time_option("time to simulate a configuration", "that of the recording, else 3"),
     ] = None,
-    picture: Annotated[Path | None, typer.Option(help="file (.png or .svg) to draw what differs in")] = None,
+    picture: Annotated[Path | None, typer.Option(help="picture (.png or .svg) of what differs")] = None,
     all_numbers: Annotated[bool, typer.Option("--all", help="all numbers, not only those that differ")] = False,
     force: Force = False,
     json: Json = False,
@@ -277,7 +287,7 @@ def compare(
     compare_sides(first, second, tolerance, duration, picture, all_numbers=all_numbers, force=force, as_json=json)
 
 
-@app.command()
+@app.command(cls=Verb)
 def recover(
     bag: Bag,
     out: Annotated[Path, typer.Argument(help="directory of the new recording")],
@@ -290,7 +300,7 @@ def recover(
     recover_bag(bag, out, force=force, as_json=json)
 
 
-@app.command()
+@app.command(cls=Verb)
 def reproduce(
     machine: Annotated[
         str | None,
@@ -300,7 +310,7 @@ def reproduce(
             autocompletion=completion.machines,
         ),
     ] = None,
-    figures: Annotated[Path | None, typer.Option(help="directory to draw the sources' figures in")] = None,
+    figures: Annotated[Path | None, typer.Option(help="directory for the figures of the sources")] = None,
     config: Config = None,
     settings: Settings = None,
     wide: Annotated[bool, typer.Option("--wide", help="every column, whatever the width of the terminal")] = False,
@@ -317,10 +327,10 @@ def reproduce(
     reproduce_machines(machine, figures, config, settings or [], shape=shape)
 
 
-app.command()(shadow)
-app.command("map")(propose)
-app.command()(identify)
-app.command()(monitor)
+app.command(cls=Verb)(shadow)
+app.command("map", cls=Verb)(propose)
+app.command(cls=Verb)(identify)
+app.command(cls=Verb)(monitor)
 app.add_typer(study_app, name="study")
 
 

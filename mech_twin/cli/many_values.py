@@ -5,12 +5,12 @@ from __future__ import annotations
 
 from typing import Any
 
-from typer.core import TyperCommand
+from mech_twin.cli.help_words import Verb
 
 MULTIPLE = ("--topics",)
 
 
-class ManyValues(TyperCommand):
+class ManyValues(Verb):
     """A command whose `MULTIPLE` options may be followed by several values."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:

@@ -18,11 +18,17 @@ def shadow(
     given_map: MapFile = None,
     config: Config = None,
     settings: Settings = None,
-    record: Annotated[Path | None, typer.Option(help="directory to record what is heard and said in")] = None,
+    record: Annotated[
+        Path | None, typer.Option(help="directory of a recording of what is received and estimated")
+    ] = None,
     duration: Annotated[float, typer.Option(help="time in s after which it ends; 0: until stopped", min=0.0)] = 0.0,
     uncertain: Annotated[
         list[str] | None,
-        typer.Option(metavar="KEY=2%", help="standard deviation of a configuration key; several [2 % of each force]"),
+        typer.Option(
+            metavar="KEY=2%",
+            help="standard deviation of a configuration key; may be given several times",
+            show_default="2% of each force",
+        ),
     ] = None,
     monitor: Annotated[
         Path | None, typer.Option(help="judge each cycle by this reference (`mech-twin monitor --save-baseline`)")
@@ -31,8 +37,12 @@ def shadow(
         Path | None, typer.Option(help="folder for a recording of 10 s before and 5 s after each fault")
     ] = None,
     advise: Annotated[
-        Path | None, typer.Option(help="advise on an output of the machine: file of what is wanted and allowed")
+        Path | None, typer.Option(help="advise on an output of the machine: file of targets and limits")
     ] = None,
+    view: Annotated[
+        str, typer.Option(help="measured and model over each other: web, light, full, none or file NAME.rrd")
+    ] = "none",
+    view_port: Annotated[int, typer.Option(help="port of the page; 0: a free one", min=0, max=65535)] = 0,
     force: Force = False,
     json: Json = False,
 ) -> None:
@@ -40,13 +50,15 @@ def shadow(
     from mech_twin.cli.shadow import ShadowRequest, shadow_machine
 
     what = (given_map, config, settings or [], record, duration, uncertain or [])
-    shadow_machine(ShadowRequest(machine, followed, *what, monitor, black_box, advise, force, json))
+    shadow_machine(ShadowRequest(machine, followed, *what, monitor, black_box, advise, force, json, view, view_port))
 
 
 def propose(
     measurement: Annotated[Path, typer.Argument(help="one run: a bag, or a table (.csv, .tsv, .parquet)")],
     machine: MachineName,
-    out: Annotated[Path | None, typer.Option(help="file of the map instead of standard output")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="file (.yaml) to write the map to, instead of standard output")
+    ] = None,
     force: Force = False,
     json: Json = False,
 ) -> None:
@@ -62,18 +74,28 @@ def identify(
     given_map: Annotated[Path | None, typer.Option("--map", help="map of the runs (see `mech-twin map`)")] = None,
     free: Annotated[
         list[str] | None,
-        typer.Option(metavar="KEY[=LOW:HIGH]", help="key to be found [those the configuration calls assumed]"),
+        typer.Option(
+            metavar="KEY[=LOW:HIGH]", help="key to be found", show_default="those that the configuration calls assumed"
+        ),
     ] = None,
     fix: Annotated[list[str] | None, typer.Option(metavar="KEY", help="key to be kept as it is")] = None,
     prior: Annotated[
         list[str] | None, typer.Option(metavar="KEY=MEAN,SD", help="what is known of a key from elsewhere")
     ] = None,
     hold_out: Annotated[
-        str | None, typer.Option(help="run, or share of each run, that scores the fit [the last of three or more, 0.2]")
+        str | None,
+        typer.Option(
+            metavar="RUN|SHARE",
+            help="run, or share of each run, that scores the fit",
+            show_default="the last of three or more runs, else 0.2",
+        ),
     ] = None,
-    motion: Annotated[str, typer.Option(help="what moves the model: auto, measured (the crank) or simulated")] = "auto",
+    motion: Annotated[
+        str,
+        typer.Option(metavar="MOTION", help="what moves the model: auto, measured (the crank) or simulated"),
+    ] = "auto",
     begin: Annotated[
-        str, typer.Option(help="where the runs begin: start (of the machine's own run) or unknown")
+        str, typer.Option(metavar="start|unknown", help="where the runs begin: at the start of the machine, or unknown")
     ] = "start",
     latest_begin: Annotated[
         float, typer.Option(help="latest unknown beginning in s of the machine's run", min=0.0)
@@ -81,8 +103,11 @@ def identify(
     plan: Annotated[bool, typer.Option("--plan", help="without runs: which keys these sensors would find")] = False,
     sensors: Annotated[Path | None, typer.Option(help="with --plan: sensors as of `simulate --sensors`")] = None,
     duration: Annotated[float | None, typer.Option(help="with --plan: length of the run in s", min=0.01)] = None,
-    seed: Annotated[int, typer.Option(help="of further starts of the fit", min=0)] = 0,
-    cores: Annotated[int | None, typer.Option(help="cores to use [all]", min=1)] = None,
+    seed: Annotated[int, typer.Option(help="seed of the further starts of the fit", min=0)] = 0,
+    cores: Annotated[int | None, typer.Option(help="processor cores to use", min=1, show_default="all")] = None,
+    scheduler: Annotated[
+        str | None, typer.Option(metavar="ADDRESS", help="Dask scheduler for starts and profiles, tcp://HOST:PORT")
+    ] = None,
     out: Annotated[
         Path | None, typer.Option(help="directory of the results, or file (.yaml) of the configuration")
     ] = None,
@@ -106,7 +131,7 @@ def identify(
     identify_machine(
         IdentifyRequest(
             machine, runs or [], given_map, free or [], hold_out, config, settings or [], out, force, json,
-            fix or [], prior or [], motion, begin, latest_begin, seed, cores, plan, sensors, duration,
+            fix or [], prior or [], motion, begin, latest_begin, seed, cores, plan, sensors, duration, scheduler,
         )
     )  # fmt: skip
 
@@ -116,21 +141,26 @@ def monitor(
     runs: Annotated[list[Path] | None, typer.Argument(help="runs to be judged: bags or tables")] = None,
     given_map: MapFile = None,
     baseline: Annotated[
-        Path | None, typer.Option(help="healthy run, or a file that --save-baseline wrote [the first part of the runs]")
+        Path | None,
+        typer.Option(
+            help="healthy run, or a file that --save-baseline wrote", show_default="the first part of the runs"
+        ),
     ] = None,
     save_baseline: Annotated[
         Path | None, typer.Option(help="file (.json) for baseline, thresholds, signatures")
     ] = None,
     arl0: Annotated[
-        float, typer.Option(help="stated mean time between false alarms of all charts together, h", min=1e-3)
+        float, typer.Option(help="mean time between false alarms of all charts together, h", min=1e-3)
     ] = 24.0,
     skip: Annotated[
         float | None,
-        typer.Option(help="time at the start of each run that is left out, s [the machine's run-up]", min=0.0),
+        typer.Option(
+            help="time at the start of each run that is left out, s", min=0.0, show_default="the machine's run-up"
+        ),
     ] = None,
     design: Annotated[bool, typer.Option("--design", help="judge a sensor set instead of runs")] = False,
     sensors: Annotated[Path | None, typer.Option(help="with --design: the sensors, as for simulate")] = None,
-    seed: Annotated[int, typer.Option(help="of the draws that thresholds come from", min=0)] = 0,
+    seed: Annotated[int, typer.Option(help="seed of the draws that thresholds come from", min=0)] = 0,
     config: Config = None,
     settings: Settings = None,
     force: Force = False,

@@ -6,7 +6,7 @@ Groups and rank follow from the names (docs/glossary.md), so that a machine adde
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from mech_twin.captions import unit_of
@@ -14,12 +14,23 @@ from mech_twin.captions import unit_of
 GROUPS = ("operation", "impacts", "bearings", "design", "checks")
 HEADLINES = {"operation": 5, "impacts": 4, "bearings": 2}
 FORCES = ("N", "kN", "N s")
-BEARING_WORDS = frozenset({"bearing", "pin", "shaft", "guide", "rod", "shaking"})
+BEARING_WORDS = frozenset(
+    {"bearing", "pin", "shaft", "guide", "rod", "shaking", "dyad", "ground", "harmonic", "rotating"}
+)
 IMPACT_WORDS = frozenset(
     {"blow", "blows", "impact", "impacts", "striking", "hardest", "chatter", "contact", "stop", "releases"}
     | {"gap", "lift", "feed", "body", "return", "press", "layer", "periods", "rests", "period"}
 )
 CHECK_WORDS = ("worst_", "energy_unbalanced")
+# what an analysis compares or judges, and what of it follows from the dimensions and the rating alone
+COMPARED_WORDS = frozenset({"routes", "miss", "margin", "published", "print", "hold", "possible", "difference"})
+DESIGN_WORDS = frozenset(
+    {"extreme", "stroke", "transmission", "slip", "curvature", "multiplier", "inertia", "mass", "flywheel", "volume"}
+    | {"gain", "gamma", "alpha", "top", "bottom", "rest", "frequency", "slope", "swing", "travel", "pivot", "period"}
+    | {"striking", "stable", "longest"}
+)
+RATINGS = ("rated_", "breakdown_")
+NO_DIMENSION = ("N m", "W", "J")  # torque, power and energy are of the motion
 SPANS = ("steady", "turn", "run")  # the span that says most of a machine at work stands first
 # words of the numbers that say most, in order; a number takes the place of the first it has
 RANKS = {
@@ -54,6 +65,32 @@ def grouped(numbers: Mapping[str, Any], design: Iterable[str] = ()) -> dict[str,
     for name, value in numbers.items():
         found[group_of(name, known)][name] = value
     return {group: values for group, values in found.items() if values}
+
+
+def analysed_groups(numbers: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """Return the numbers of an analysis by group; none of them needs a run, so design and checks follow from names."""
+    found: dict[str, dict[str, Any]] = {group: {} for group in GROUPS}
+    for name, value in numbers.items():
+        found[_analysed_group(name)][name] = value
+    return {group: values for group, values in found.items() if values}
+
+
+def _analysed_group(name: str) -> str:
+    words = set(name.split("_"))
+    if words & COMPARED_WORDS:
+        return "checks"
+    if name.startswith(RATINGS):
+        return "design"
+    group, unit = group_of(name), unit_of(name)
+    return "design" if group != "bearings" and words & DESIGN_WORDS and unit not in NO_DIMENSION else group
+
+
+def group_rows(groups: Mapping[str, Mapping[str, Sequence[Any]]], columns: int) -> list[tuple[Any, ...]]:
+    """Return the rows of all groups, each group below a line with its name."""
+    rows: list[tuple[Any, ...]] = []
+    for group, of_group in groups.items():
+        rows += [(f"-- {group}", *[""] * (columns - 1)), *map(tuple, of_group.values())]
+    return rows
 
 
 def headlines(numbers: Mapping[str, Any], group: str) -> dict[str, Any]:

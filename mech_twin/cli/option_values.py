@@ -33,9 +33,9 @@ def seconds(text: str | float) -> float:
     return value
 
 
-def time_option(meaning: str) -> Any:
-    """Return an option whose value is a time."""
-    return typer.Option(help=meaning, parser=seconds, metavar="TIME")
+def time_option(meaning: str, default: str | bool = True) -> Any:
+    """Return an option whose value is a time; ``default`` says in words what is taken without it."""
+    return typer.Option(help=meaning, parser=seconds, metavar="TIME", show_default=default)
 
 
 def machine_name(text: str | None) -> str | None:

@@ -29,13 +29,15 @@ Settings = Annotated[
         autocompletion=completion.settings,
     ),
 ]
-Namespace = Annotated[str | None, typer.Option(help="namespace of the nodes instead of the machine's name")]
+Namespace = Annotated[
+    str | None, typer.Option(metavar="NAME", help="namespace of the nodes instead of the machine's name")
+]
 Bag = Annotated[Path, typer.Argument(help="recording: a directory, or one .mcap file")]
 MapFile = Annotated[
     Path | None, typer.Option("--map", help="map of a measurement: which channel is what (see `mech-twin map`)")
 ]
 Force = Annotated[bool, typer.Option("--force", help="overwrite existing results")]
 Json = Annotated[bool, typer.Option("--json", help="print JSON to standard output")]
-Everything = Annotated[bool, typer.Option("--all", help="every number and event, not the headlines alone")]
+Everything = Annotated[bool, typer.Option("--all", help="every number and event, not only the headlines")]
 Csv = Annotated[bool, typer.Option("--csv", help="print comma-separated values")]
 Wide = Annotated[bool, typer.Option("--wide", help="every column, whatever the width of the terminal")]

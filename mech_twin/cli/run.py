@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import math
 import os
-import time
 from contextlib import ExitStack
 from datetime import datetime
 from pathlib import Path
@@ -15,26 +14,21 @@ from pydantic import ValidationError
 
 from mech_twin.cli.console import print_json, say
 from mech_twin.cli.failure import CommandError
+from mech_twin.cli.live_view import WEB_VIEWS, check_view, hold_view, opened_view
 from mech_twin.cli.run_summary import show_events, show_numbers
 from mech_twin.configuration_tree import configuration_tree
-from mech_twin.dependencies import require_extra
 from mech_twin.nodes.domain import DISCOVERY, OTHER_HOSTS, settle_domain
-from mech_twin.output_file import check_output_file
 from mech_twin.parameters.errors import refusal
 from mech_twin.parameters.load import RUN_GROUP, assignments, machine_parameters, run_group
 from mech_twin.quantity import Parameters
 from mech_twin.recording.output_directory import check_recording_directory, remove_recording
-from mech_twin.stop_signal import StopSignal
 from mech_twin.studies.simulation import event_record
 
 if TYPE_CHECKING:
     from mech_twin.nodes.composition import Outcome
     from mech_twin.nodes.options import RunOptions
 
-LOOK_S = 0.1
 PACES = ("realtime", "max")
-WEB_VIEWS = ("web", "light", "full")
-LIVE_HISTORY = "32MiB"  # a page opened later has to take all of it in before it shows the present
 
 
 class RunRequest(NamedTuple):
@@ -66,7 +60,7 @@ def run_machine(request: RunRequest) -> None:
         check_recording_directory(directory, force=request.force)
     options = run_options(request, recorder=directory is not None, viewer=request.view != "none")
     with ExitStack() as stack:
-        view = _opened_view(request, stack)
+        view = opened_view(request.view, request.view_port, stack, open_to_other_hosts=request.open_to_other_hosts)
         outcome = _run(request, parameters, options, directory, view.destination)
         _write(request, parameters, outcome, directory)
         if request.hold:
@@ -125,12 +119,9 @@ def _check(request: RunRequest) -> None:
         raise CommandError(f"--pace {request.pace}: expected {' or '.join(PACES)}")
     if request.duration_s is not None and not math.isfinite(request.duration_s):
         raise CommandError(f"--duration {request.duration_s}: expected a finite number of seconds")
-    if request.view not in (*WEB_VIEWS, "none") and not request.view.endswith(".rrd"):
-        raise CommandError(f"--view {request.view}: expected web, light, full, none or a file NAME.rrd")
+    check_view(request.view, force=request.force)
     if request.hold and request.view not in WEB_VIEWS:
         raise CommandError(f"--hold: expected --view web, which it keeps open; found --view {request.view}")
-    if request.view.endswith(".rrd"):
-        check_output_file(Path(request.view), force=request.force)
 
 
 def _recording_directory(request: RunRequest) -> Path | None:
@@ -139,47 +130,6 @@ def _recording_directory(request: RunRequest) -> Path | None:
     if isinstance(request.record, Path):
         return request.record
     return Path("recordings") / f"{request.machine}-{datetime.now():%Y%m%d-%H%M%S}"
-
-
-class OpenedView(NamedTuple):
-    """Where the view is sent - a viewer started here, a file, or nowhere - and the address of its page."""
-
-    destination: str | None
-    page: str = ""
-
-
-def _opened_view(request: RunRequest, stack: ExitStack) -> OpenedView:
-    if request.view == "none":
-        return OpenedView(None)
-    require_extra("view")
-    if request.view not in WEB_VIEWS:
-        return OpenedView(request.view)
-    from mech_twin.view.viewer_process import ViewerProcess
-
-    viewer = stack.enter_context(
-        ViewerProcess(
-            request.view_port or None,
-            open_to_other_hosts=request.open_to_other_hosts,
-            memory_limit=LIVE_HISTORY,
-            newest_first=True,
-            announce=say,
-        )
-    )
-    say(f"view: {viewer.web_url}")
-    return OpenedView(f"{viewer.grpc_url}#{layout_of(request.view, viewer.graphics_file)}", viewer.web_url)
-
-
-def layout_of(view: str, graphics_file: Path) -> str:
-    """Return the layout of a view in the browser: what was asked for, else the full one on a graphics card alone."""
-    return f"full-if={graphics_file}" if view == "web" else view
-
-
-def hold_view(page: str) -> None:
-    """Keep the view open until a signal."""
-    say(f"the view stays open until Ctrl-C: {page}")
-    with StopSignal() as stop:
-        while not stop.asked:
-            time.sleep(LOOK_S)
 
 
 def _write(request: RunRequest, parameters: Parameters, outcome: Outcome, directory: Path | None) -> None:

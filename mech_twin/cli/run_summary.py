@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from mech_twin.cli.console import numbered, print_csv, print_table, say_result
-from mech_twin.cli.metric_groups import grouped, headlines
+from mech_twin.cli.metric_groups import group_rows, grouped, headlines
 from mech_twin.samples import Event
 
 SHOWN_EVENTS = 12
@@ -19,15 +19,19 @@ EVENT_COLUMNS = ("time, s", "kind", "contact", "before, m/s", "after, m/s", "imp
 
 def show_numbers(title: str, numbers: Mapping[str, Any], design: Iterable[str], *, everything: bool) -> None:
     """Write the numbers of a run in groups: the headlines, or all."""
-    rows: list[tuple[str, Any, str]] = []
-    for group, values in grouped(numbers, design).items():
-        shown = values if everything else headlines(values, group)
-        if shown:
-            rows += [(f"-- {group}", "", ""), *numbered(shown)]
-    print_table(title, ("quantity", "value", "unit"), rows)
-    left = len(numbers) - sum(not row[0].startswith("--") for row in rows)
+    groups = {
+        group: values if everything else headlines(values, group) for group, values in grouped(numbers, design).items()
+    }
+    show_groups(title, groups)
+    left = len(numbers) - sum(map(len, groups.values()))
     if left:
         say_result(f"{left} more numbers with --all; docs/glossary.md says what each is")
+
+
+def show_groups(title: str, groups: Mapping[str, Mapping[str, Any]]) -> None:
+    """Write numbers with their units, each group that has any below its name."""
+    rows = {group: {row[0]: row for row in numbered(values)} for group, values in groups.items() if values}
+    print_table(title, ("quantity", "value", "unit"), group_rows(rows, 3))
 
 
 def show_residuals(residuals: Mapping[str, Mapping[str, Any]]) -> None:

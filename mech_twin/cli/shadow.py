@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -12,6 +13,7 @@ from pydantic import ValidationError
 
 from mech_twin.cli.console import print_json, say
 from mech_twin.cli.failure import CommandError
+from mech_twin.cli.live_view import NO_VIEW, check_view, opened_view
 from mech_twin.cli.monitor import read_setup
 from mech_twin.nodes.domain import settle_domain
 from mech_twin.parameters.errors import refusal
@@ -41,6 +43,8 @@ class ShadowRequest(NamedTuple):
     advise: Path | None
     force: bool
     as_json: bool
+    view: str = NO_VIEW
+    view_port: int = 0
 
 
 def shadow_machine(request: ShadowRequest) -> None:
@@ -54,6 +58,7 @@ def shadow_machine(request: ShadowRequest) -> None:
     if request.black_box is not None and reference is None:
         raise CommandError(f"--black-box {request.black_box}: expected --monitor FILE too, which finds the faults")
     wish = None if request.advise is None else validated_wish(request.advise)
+    check_view(request.view, force=request.force)
     settle_domain()
     from mech_twin.nodes.shadow_node import ShadowSetup
     from mech_twin.nodes.shadow_session import Company, follow, followed_namespace
@@ -68,8 +73,10 @@ def shadow_machine(request: ShadowRequest) -> None:
     def told(node: object) -> None:
         say(f"following {setup.namespace}; estimates below /{request.machine}/twin")
 
-    company = Company(request.record, reference, request.black_box, wish)
-    outcome = follow(request.machine, setup, parameters, company, request.duration_s, told)
+    with ExitStack() as stack:
+        view = opened_view(request.view, request.view_port, stack)
+        company = Company(request.record, reference, request.black_box, wish, view.destination)
+        outcome = follow(request.machine, setup, parameters, company, request.duration_s, told)
     _report(request, outcome)
 
 

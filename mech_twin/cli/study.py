@@ -11,6 +11,7 @@ import typer
 from mech_twin.cli import completion
 from mech_twin.cli.command_group import QuestionGroup
 from mech_twin.cli.failure import CommandError
+from mech_twin.cli.help_words import Verb
 from mech_twin.cli.option_values import machine_name, time_option
 from mech_twin.output_file import check_output_file
 
@@ -33,12 +34,12 @@ Settings = Annotated[
     ),
 ]
 Force = Annotated[bool, typer.Option("--force", help="overwrite existing results")]
-Json = Annotated[bool, typer.Option("--json", help="JSON on standard output")]
-Everything = Annotated[bool, typer.Option("--all", help="every row and column, not those alone that say most")]
+Json = Annotated[bool, typer.Option("--json", help="print JSON to standard output")]
+Everything = Annotated[bool, typer.Option("--all", help="every row and column")]
 Csv = Annotated[bool, typer.Option("--csv", help="print comma-separated values")]
-Cores = Annotated[int | None, typer.Option(help="processes to spread over [all cores]", min=1, max=1024)]
+Cores = Annotated[int | None, typer.Option(help="processes to spread over", min=1, max=1024, show_default="all cores")]
 Scheduler = Annotated[str | None, typer.Option(metavar="ADDRESS", help="Dask scheduler, tcp://HOST:PORT")]
-Seed = Annotated[int, typer.Option(help="the same seed gives the same answer", min=0)]
+Seed = Annotated[int, typer.Option(help="seed of the random draws; the same seed gives the same answer", min=0)]
 Over = Annotated[
     list[str],
     typer.Option(
@@ -50,14 +51,16 @@ Over = Annotated[
 ]
 Limits = Annotated[
     list[str] | None,
-    typer.Option("--limit", metavar="NAME=VALUE...", help="limits other than usual", autocompletion=completion.limits),
+    typer.Option(
+        "--limit", metavar="NAME=VALUE...", help="limits that replace the usual ones", autocompletion=completion.limits
+    ),
 ]
 Bounds = Annotated[
     list[str] | None,
     typer.Option(
         "--bound",
         metavar="NAME=LOW:HIGH...",
-        help="bounds of variables other than usual, SI units",
+        help="bounds that replace the usual ones of design variables, SI units",
         autocompletion=completion.bounds,
     ),
 ]
@@ -83,13 +86,16 @@ def study(
         raise CommandError(f"study {machine}: name a question after the machine: {', '.join(questions_of(machine))}")
 
 
-@study_app.command()
+@study_app.command(cls=Verb)
 def sweep(
     context: typer.Context,
     over: Over,
-    out: Annotated[Path | None, typer.Option(help="NAME.parquet or NAME.csv [MACHINE-sweep.parquet]")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="table to write, NAME.parquet or NAME.csv", show_default="MACHINE-sweep.parquet")
+    ] = None,
     number: Annotated[
-        list[str] | None, typer.Option(help="number to tabulate; may be given several times [all]")
+        list[str] | None,
+        typer.Option(metavar="NAME", help="number to tabulate; may be given several times", show_default="all"),
     ] = None,
     duration: Annotated[float, time_option("time to simulate at each point (3, 500ms)")] = 0.0,
     no_picture: Annotated[bool, typer.Option("--no-picture", help="write the table alone")] = False,
@@ -102,7 +108,7 @@ def sweep(
     csv: Csv = False,
     json: Json = False,
 ) -> None:
-    """Sweep configuration keys over a grid; goes on where an interrupted sweep stopped."""
+    """Sweep configuration keys over a grid; resume an interrupted sweep."""
     from mech_twin.cli.study_output import SweepRequest, answer_sweep
 
     numbers, table = tuple(number or ()), out or Path(f"{context.obj}-sweep.parquet")
@@ -117,16 +123,26 @@ def sweep(
     )
 
 
-@study_app.command()
+@study_app.command(cls=Verb)
 def size(
     context: typer.Context,
-    out: Annotated[Path | None, typer.Option(help="configuration to write [MACHINE-sized.yaml]")] = None,
+    out: Annotated[Path | None, typer.Option(help="configuration to write", show_default="MACHINE-sized.yaml")] = None,
     objective: Annotated[
-        str | None, typer.Option(help="quantity to minimise", autocompletion=completion.objectives)
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="quantity to minimise",
+            show_default="the usual one of the machine",
+            autocompletion=completion.objectives,
+        ),
     ] = None,
     limit: Limits = None,
     tolerance: Annotated[
-        float | None, typer.Option(help="part of each assumed value by which it may be off [the machine's usual one]")
+        float | None,
+        typer.Option(
+            help="relative tolerance of each assumed value within which the limits hold",
+            show_default="the usual one of the machine",
+        ),
     ] = None,
     config: Config = None,
     settings: Settings = None,
@@ -141,21 +157,23 @@ def size(
     answer_size(context.obj, file, objective, limit or [], tolerance, config, settings or [], as_json=json)
 
 
-@study_app.command()
+@study_app.command(cls=Verb)
 def search(
     context: typer.Context,
     objective: Annotated[
         list[str] | None,
         typer.Option(
-            help="quantity to minimise [the machine's usual one]; several: a Pareto front",
+            metavar="NAME",
+            help="quantity to minimise; several give a Pareto front",
+            show_default="the usual one of the machine",
             autocompletion=completion.objectives,
         ),
     ] = None,
     bound: Bounds = None,
     limit: Limits = None,
     seed: Seed = 1,
-    points: Annotated[int, typer.Option(help="refined points of a front", min=1, max=1000)] = 9,
-    out: Annotated[Path | None, typer.Option(help="configuration to write [MACHINE-found.yaml]")] = None,
+    points: Annotated[int, typer.Option(help="points of a Pareto front", min=1, max=1000)] = 9,
+    out: Annotated[Path | None, typer.Option(help="configuration to write", show_default="MACHINE-found.yaml")] = None,
     config: Config = None,
     settings: Settings = None,
     force: Force = False,
@@ -170,14 +188,14 @@ def search(
     answer_search(request, tuple(objective or ()), points, file, as_json=json)
 
 
-@study_app.command()
+@study_app.command(cls=Verb)
 def designs(
     context: typer.Context,
-    count: Annotated[int, typer.Option(help="designs to draw", min=1, max=1_000_000_000)] = 1_000_000,
+    count: Annotated[int, typer.Option(help="random designs to evaluate", min=1, max=1_000_000_000)] = 1_000_000,
     bound: Bounds = None,
     limit: Limits = None,
     seed: Seed = 1,
-    out: Annotated[Path | None, typer.Option(help="Parquet file for the feasible ones")] = None,
+    out: Annotated[Path | None, typer.Option(help="Parquet file of the feasible designs")] = None,
     cores: Cores = None,
     scheduler: Scheduler = None,
     config: Config = None,
@@ -185,7 +203,7 @@ def designs(
     force: Force = False,
     json: Json = False,
 ) -> None:
-    """Evaluate very many random designs of a machine."""
+    """Evaluate random designs of a machine, a million or more."""
     if out is not None:
         check_output_file(out, force=force, suffixes=(".parquet",))
     from mech_twin.cli.study_design import DesignRequest, answer_designs
@@ -194,18 +212,26 @@ def designs(
     answer_designs(request, count, out, cores, scheduler, as_json=json)
 
 
-@study_app.command()
+@study_app.command(cls=Verb)
 def synthesise(
     context: typer.Context,
-    impact_speed: Annotated[float, typer.Option(help="wanted speed of the blow, m/s")] = 20.0,
-    margin: Annotated[float, typer.Option(help="asked 1 - |largest multiplier|")] = 0.1,
-    basin: Annotated[float, typer.Option(help="asked share of random starts that reach the cycle")] = 0.999,
-    tolerance: Annotated[float, typer.Option(help="relative tolerance of P1, P2, t1, T and R it shall stand")] = 0.01,
-    stroke_ratio: Annotated[float, typer.Option(help="largest gap over the asked stroke, at most")] = 2.5,
-    starts: Annotated[int, typer.Option(help="random starts of the basin, at most 1000000", min=1)] = 1000,
+    impact_speed: Annotated[float, typer.Option(help="target impact speed, m/s")] = 20.0,
+    margin: Annotated[float, typer.Option(help="stability margin: least 1 - |largest multiplier|")] = 0.1,
+    basin: Annotated[
+        float, typer.Option(help="basin of attraction: least share of random starts that reach the cycle")
+    ] = 0.999,
+    tolerance: Annotated[
+        float, typer.Option(help="relative tolerance of P1, P2, t1, T and R within which the cycle persists")
+    ] = 0.01,
+    stroke_ratio: Annotated[float, typer.Option(help="upper limit of the largest gap over the stroke")] = 2.5,
+    starts: Annotated[int, typer.Option(help="random starts that test the basin, at most 1000000", min=1)] = 1000,
     seed: Seed = 1,
-    periods: Annotated[int, typer.Option(help="length of the endurance runs, at most 1000000000", min=1)] = 1_000_000,
-    out: Annotated[Path | None, typer.Option(help="robust configuration to write [MACHINE-robust.yaml]")] = None,
+    periods: Annotated[
+        int, typer.Option(help="length of the endurance runs in periods, at most 1000000000", min=1)
+    ] = 1_000_000,
+    out: Annotated[
+        Path | None, typer.Option(help="robust configuration to write", show_default="MACHINE-robust.yaml")
+    ] = None,
     config: Config = None,
     settings: Settings = None,
     force: Force = False,
@@ -220,12 +246,15 @@ def synthesise(
     answer_synthesise(context.obj, request, config, settings or [], as_json=json)
 
 
-@study_app.command()
+@study_app.command(cls=Verb)
 def regimes(
     context: typer.Context,
     over: Over,
-    settling: Annotated[int, typer.Option(help="periods left out at first, at most 100000", min=1)] = 1000,
-    out: Annotated[Path | None, typer.Option(help="bifurcation picture to write [MACHINE-regimes.png]")] = None,
+    settling: Annotated[int, typer.Option(help="settling periods left out, at most 100000", min=1)] = 1000,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="bifurcation diagram to write (.png, .svg, .pdf)", show_default="MACHINE-regimes.png"),
+    ] = None,
     config: Config = None,
     settings: Settings = None,
     everything: Everything = False,
@@ -233,7 +262,7 @@ def regimes(
     csv: Csv = False,
     json: Json = False,
 ) -> None:
-    """Map the long-run regimes of a machine over one key, with a bifurcation picture."""
+    """Map the long-run regimes of a machine over one key; draw the bifurcation diagram."""
     from mech_twin.cli.analyse import Shape
     from mech_twin.cli.study_long_run import answer_regimes
 

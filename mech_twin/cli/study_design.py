@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mech_twin.cli.console import busy, print_json, print_numbers, print_table, say
+from mech_twin.cli.console import print_json, print_numbers, print_table, say
 from mech_twin.cli.failure import CommandError
-from mech_twin.cli.study_options import counted, limits_of, notes_of, study_errors
+from mech_twin.cli.study_options import counted, limits_of, notes_of, study_errors, told
 from mech_twin.dependencies import require_extra
 from mech_twin.parameters.load import assignments, machine_parameters
 from mech_twin.parameters.written_configuration import write_configuration
@@ -54,7 +54,7 @@ def answer_search(
 ) -> None:
     """Search, write the configuration of the first design found, and show all."""
     parameters = machine_parameters(request.machine, request.config, assignments(request.settings))
-    with study_errors(), busy(f"searching designs of {request.machine}"):
+    with study_errors(), told(f"searching designs of {request.machine}"):
         found = search(
             request.machine,
             objectives,

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from mech_twin.cli.analyse import Shape
-from mech_twin.cli.console import busy, print_csv, print_json, print_table, say
+from mech_twin.cli.console import print_csv, print_json, print_table, say
 from mech_twin.cli.failure import CommandError
-from mech_twin.cli.study_options import axes_of, counted, notes_of, study_errors
+from mech_twin.cli.study_options import axes_of, counted, notes_of, study_errors, told
 from mech_twin.dependencies import require_extra
 from mech_twin.parameters.load import assignments, machine_parameters
 from mech_twin.parameters.written_configuration import write_configuration
@@ -42,7 +42,7 @@ def answer_synthesise(
     machine: str, request: SynthesisRequest, config: Path | None, settings: list[str], *, as_json: bool
 ) -> None:
     """Show the cycles side by side; write the configuration of the chosen one."""
-    with study_errors(), busy(f"synthesising a cycle of {machine}"):
+    with study_errors(), told(f"synthesising a cycle of {machine}"):
         parameters = machine_parameters(machine, config, assignments(settings))
         found = synthesise(
             machine,

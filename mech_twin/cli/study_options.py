@@ -6,12 +6,15 @@ from __future__ import annotations
 import math
 import shlex
 import sys
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
 import yaml
 
+from mech_twin.capabilities.progress import listening
+from mech_twin.cli.console import FIRST_ESTIMATE_S, estimate, say
 from mech_twin.cli.failure import CommandError
 from mech_twin.parameters.load import scalar
 
@@ -100,12 +103,42 @@ def counted(title: str) -> Iterator[Callable[[int, int], None] | None]:
         yield None
         return
     from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
 
-    parts = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    parts = (
+        *(TextColumn("{task.description}"), BarColumn(bar_width=20), MofNCompleteColumn()),
+        *(TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn()),
+    )
     with Progress(*parts, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(title, total=None)
         yield lambda done, total: bar.update(task, completed=done, total=total)
+
+
+@contextmanager
+def told(title: str) -> Iterator[None]:
+    """Show how far an answer says it is; where no terminal listens, how long it will take, once."""
+    with counted(title) as bar, listening(bar or _estimate_said_once(title)):
+        yield
+
+
+def _estimate_said_once(title: str) -> Callable[[int, int], None]:
+    begun, said = time.monotonic(), False
+
+    def say_estimate(done: int, total: int) -> None:
+        nonlocal said
+        elapsed_s = time.monotonic() - begun
+        if not said and elapsed_s > FIRST_ESTIMATE_S:
+            said = True
+            say(f"{title}: {done} of about {total} steps, {estimate(done, total, elapsed_s)}")
+
+    return say_estimate
 
 
 def notes_of(**asked: object) -> list[str]:

@@ -11,8 +11,8 @@ from typing import Any
 
 from mech_twin.capabilities.sizing import Sizing
 from mech_twin.captions import unit_of
-from mech_twin.cli.console import busy, print_csv, print_json, print_numbers, print_table, say
-from mech_twin.cli.study_options import axes_of, counted, limits_of, notes_of, study_errors
+from mech_twin.cli.console import print_csv, print_json, print_numbers, print_table, say
+from mech_twin.cli.study_options import axes_of, counted, limits_of, notes_of, study_errors, told
 from mech_twin.configuration_tree import configuration_tree
 from mech_twin.dependencies import require_extra
 from mech_twin.parameters.load import assignments, machine_parameters
@@ -126,7 +126,7 @@ def answer_size(
 ) -> None:
     """Size, write the configuration, and say which constraint binds."""
     parameters = machine_parameters(machine, config, assignments(settings))
-    with study_errors(), busy(f"sizing {machine}"):
+    with study_errors(), told(f"sizing {machine}"):
         answer = size(machine, parameters, limits=limits_of(limits), objective=objective, tolerance=tolerance)
         notes = notes_of(objective=answer.objective, tolerance=answer.tolerance, binding=answer.binding)
         write_configuration(answer.machine, answer.parameters, out, config, notes)

@@ -52,12 +52,16 @@ class StepAssembler:
         if self._newest is not None and sample.step <= self._newest.step:
             self._count_unused(sample, getattr(self._newest, field) if sample.step == self._newest.step else None)
             return []
-        known = self._open.setdefault(sample.step, {})
+        known = self._open.get(sample.step)
+        if known is None:
+            known = self._open[sample.step] = {}
         if field in known:
             self._count_unused(sample, known[field])
             return []
         known[field] = sample
-        if known.keys() == self._fields:
+        if len(known) == len(self._fields) and known.keys() == self._fields:
+            if len(self._open) == 1:
+                return [self._given_back(sample.step)]
             return [self._given_back(step) for step in sorted(self._open) if step <= sample.step]
         return [self._given_back(min(self._open))] if len(self._open) > OPEN_STEPS else []
 

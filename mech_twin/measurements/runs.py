@@ -19,6 +19,7 @@ from mech_twin.measurements.units import TURN
 MOST_SAMPLES = 20_000_000  # of all channels of a run together: 320 MB
 BACK_SHARE = 0.01  # of the stamps: more is no measurement
 WRAP = 0.5 * TURN
+NONE: Array = np.empty(0)
 ONE_TURN = TURN * (1.0 + 1e-6)
 
 
@@ -110,16 +111,27 @@ def require_usable(path: Path, channel: Channel, quality: Quality) -> None:
         raise MeasurementError(path, f"{where} constant at {quality.low:.6g}, expected a motion")
 
 
+def _require_many(path: Path, channel: Channel, usable: int) -> None:
+    """Raise where too few samples have both a number and a time, later than all before."""
+    if usable < FEW_SAMPLES and not channel.quantity.startswith("event."):
+        raise MeasurementError(
+            path,
+            f"channel {channel.source.label!r} ({channel.quantity}): {usable} samples with a number and a time later "
+            f"than those before, expected at least {FEW_SAMPLES}",
+        )
+
+
 def _measured(path: Path, channel: Channel, blocks: Sequence[Block], quality: Quality) -> MeasuredChannel:
     require_usable(path, channel, quality)
-    times = np.concatenate([block.times_s for block in blocks])
-    values = np.concatenate([block.values for block in blocks])
+    times = np.concatenate([NONE, *(block.times_s for block in blocks)])
+    values = np.concatenate([NONE, *(block.values for block in blocks)])
     if channel.unit == "turn" or (channel.unit or "rad") in ("rad", "deg"):
         values = _unwrapped(values, channel) if is_angle(channel.quantity) else values
     finite = np.isfinite(values) & np.isfinite(times)
     times, values = times[finite], values[finite]
     latest = np.maximum.accumulate(times)
-    rising = np.concatenate([[True], times[1:] > latest[:-1]])
+    rising = np.diff(latest, prepend=-np.inf) > 0.0
+    _require_many(path, channel, int(np.count_nonzero(rising)))
     shown = np.asarray(channel.to_machine(values[rising]), dtype=np.float64)
     return MeasuredChannel(channel, times[rising] - fixed(channel.lag_s, 0.0), shown, quality)
 

@@ -7,13 +7,18 @@ Every row is an effort.  A pin has three rows, ``PIN/force_x_n``, ``PIN/force_y_
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import lru_cache
+from itertools import chain
 from typing import NamedTuple
 
 from geometry_msgs.msg import WrenchStamped
 from sensor_msgs.msg import JointState
 
-from mech_twin.messages.joint_state_cdr import AnyStep, Header, StepMessage, joint_state, stamp_of
+from mech_twin.messages.identity import Names, of_the_same
+from mech_twin.messages.joint_state_cdr import AnyStep, Header, StepMessage, encoded, joint_state, stamp_of
+from mech_twin.messages.stamped_cdr import stamped_bytes
+from mech_twin.messages.step_bytes import NUMBER, RowForm, mark_names, row_form, written
 from mech_twin.messages.step_message import MARK, RESIDUAL, STEP, MessageError, Row, set_stamp
 from mech_twin.messages.step_table import step_and_time, table
 from mech_twin.samples import ForceSample, Load, Named, Wrench
@@ -39,7 +44,7 @@ def _row_names(
 
 def efforts(sample: ForceSample) -> list[float]:
     """Return the efforts in the order of their names."""
-    return [*[value for wrench in sample.wrenches for value in wrench], *sample.quantities.values]
+    return [*chain.from_iterable(sample.wrenches), *sample.quantities.values]
 
 
 def to_step(sample: ForceSample, marks: tuple[Row, ...] = ()) -> StepMessage:
@@ -58,6 +63,26 @@ def to_step(sample: ForceSample, marks: tuple[Row, ...] = ()) -> StepMessage:
         (*before, sample.time_s, *after, *[row[2] for row in more]),
         (*effort, 0.0, sample.body_moment_nm, *sample.residuals.values, *[row[3] for row in more]),
     )
+
+
+@of_the_same
+def _form(pins: Names, quantities: Names, residuals: Names, marks: Names) -> RowForm:
+    names = _row_names(pins, quantities, residuals, marks)
+    own, checked, said = len(effort_names(pins, quantities)), len(residuals), len(marks)
+    step = f"{NUMBER * own}xd{NUMBER * (1 + checked)}x{said}d"
+    return row_form(names, step, step, f"{own}d{NUMBER}x{1 + checked + said}d")
+
+
+def to_bytes(sample: ForceSample, marks: tuple[Row, ...] = ()) -> bytes:
+    """Return the bytes of the sample as a step message."""
+    if sample.loads:
+        return encoded(to_step(sample, marks))
+    residuals = sample.residuals
+    form = _form(sample.pins, sample.quantities.names, residuals.names, mark_names(marks))
+    position = (sample.step, *[row[1] for row in marks])
+    velocity = (sample.time_s, *[row[2] for row in marks])
+    effort = (*efforts(sample), sample.body_moment_nm, *residuals.values, *[row[3] for row in marks])
+    return written(form, sample.time_s, position, velocity, effort)
 
 
 def _load_rows(index: int, load: Load) -> list[Row]:
@@ -79,8 +104,10 @@ class ForcePlaces(NamedTuple):
     quantities: tuple[str, ...]
     quantity_rows: tuple[int, ...]
     loads: tuple[tuple[str, str, int], ...]
+    pins_first: bool
 
 
+@of_the_same
 @lru_cache(maxsize=1024)
 def _layout(names: tuple[str, ...]) -> ForcePlaces:
     plain = [name for name in names if not name.startswith(MARK)]
@@ -93,7 +120,15 @@ def _layout(names: tuple[str, ...]) -> ForcePlaces:
     loads = tuple(_load(names, row) for row, name in enumerate(names) if name.startswith(LOAD) and _is_head(name))
     rows = {name: row for row, name in enumerate(names)}
     pin_rows = tuple(tuple(rows[f"{pin}/{component}"] for component in COMPONENTS) for pin in pins)
-    return ForcePlaces(pins, pin_rows, quantities, tuple(rows[name] for name in quantities), loads)
+    in_order = tuple(range(3 * len(pins))) == tuple(chain.from_iterable(pin_rows))
+    return ForcePlaces(pins, pin_rows, quantities, tuple(rows[name] for name in quantities), loads, in_order)
+
+
+def _wrenches(effort: Sequence[float], where: ForcePlaces) -> tuple[Wrench, ...]:
+    end = 3 * len(where.pins)
+    if where.pins_first:
+        return tuple(map(Wrench, effort[0:end:3], effort[1:end:3], effort[2:end:3]))
+    return tuple([Wrench(*[effort[row] for row in rows]) for rows in where.pin_rows])
 
 
 def _is_head(name: str) -> bool:
@@ -129,12 +164,17 @@ def from_message(message: AnyStep, step_s: float | None = None) -> ForceSample:
         step,
         time_s,
         where.pins,
-        tuple([Wrench(*[effort[row] for row in rows]) for rows in where.pin_rows]),
+        _wrenches(effort, where),
         Named(where.quantities, tuple([effort[i] for i in where.quantity_rows])),
         effort[moment],
         Named(content.layout.residuals, tuple([effort[i] for i in content.layout.residual_rows])),
         tuple([Load(effort[i], kind, contact, *effort[i + 1 : i + 4]) for kind, contact, i in where.loads]),
     )
+
+
+def wrench_bytes(time_s: float, frame: str, wrench: Wrench) -> bytes:
+    """Return the bytes of `wrench_message`."""
+    return stamped_bytes(time_s, frame, (wrench.force_x_n, wrench.force_y_n, 0.0, 0.0, 0.0, wrench.moment_nm))
 
 
 def wrench_message(time_s: float, frame: str, wrench: Wrench, message: WrenchStamped | None = None) -> WrenchStamped:

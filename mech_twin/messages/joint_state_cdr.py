@@ -110,6 +110,11 @@ def _layout(names: tuple[str, ...], frame: str) -> RowLayout:
     return RowLayout(names, block, struct.Struct(f"<I{gap}x{rows}dI4x{rows}dI4x{rows}d"))
 
 
+def row_layout(names: tuple[str, ...]) -> RowLayout:
+    """Return what messages with these row names, and no frame, have in common."""
+    return _layout(names, "")
+
+
 class Decoder:
     """Reads step messages, and keeps the layouts of those it has read."""
 

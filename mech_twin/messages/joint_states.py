@@ -6,7 +6,7 @@ What the roles exchange are the step messages; from these nothing is read back.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 
 from mech_twin.messages import force
 from mech_twin.messages.joint_state_cdr import Header, StepMessage, stamp_of
@@ -31,6 +31,8 @@ def largest_reaction(sample: ForceSample) -> float:
     return max(map(force.wrench_size, sample.wrenches), default=0.0)
 
 
-def has_impact(happenings: Iterable[Event] | Iterable[Load]) -> bool:
+def has_impact(happenings: Sequence[Event] | Sequence[Load]) -> bool:
     """Return whether one of these events, or of the loads they brought, has an impulse."""
+    if not happenings:
+        return False
     return any((each.impulse_ns if isinstance(each, Event) else each.impulse_nms) != 0.0 for each in happenings)

@@ -7,10 +7,13 @@ from functools import lru_cache
 
 from sensor_msgs.msg import JointState
 
-from mech_twin.messages.joint_state_cdr import AnyStep, StepMessage, joint_state, received_message
+from mech_twin.messages.joint_state_cdr import AnyStep, StepMessage, encoded, joint_state, received_message
+from mech_twin.messages.step_bytes import moving_bytes
 from mech_twin.messages.step_message import COMMAND, REGIME, STEP, Row, packed
 from mech_twin.messages.step_table import arranged, joint_columns, table
 from mech_twin.samples import LinkageSample
+
+SCALARS = (STEP, REGIME, COMMAND)
 
 
 def to_step(sample: LinkageSample, marks: tuple[Row, ...] = ()) -> StepMessage:
@@ -21,6 +24,15 @@ def to_step(sample: LinkageSample, marks: tuple[Row, ...] = ()) -> StepMessage:
         Row(COMMAND, sample.command),
     )
     return packed(sample, scalars, sample.memory, sample.residuals, sample.events, marks)
+
+
+def to_bytes(sample: LinkageSample, marks: tuple[Row, ...] = ()) -> bytes:
+    """Return the bytes of the sample as a step message."""
+    if sample.events:
+        return encoded(to_step(sample, marks))
+    return moving_bytes(
+        sample, SCALARS, (sample.step, sample.regime, sample.command), sample.memory, sample.residuals, marks
+    )
 
 
 def to_message(sample: LinkageSample) -> JointState:

@@ -6,14 +6,22 @@ from __future__ import annotations
 from sensor_msgs.msg import JointState
 
 from mech_twin.messages.joint_state_cdr import AnyStep, StepMessage, joint_state
-from mech_twin.messages.step_message import COMMAND, STEP, Row, packed
+from mech_twin.messages.step_bytes import moving_bytes
+from mech_twin.messages.step_message import COMMAND, NOTHING, STEP, Row, packed
 from mech_twin.messages.step_table import joint_columns, table
 from mech_twin.samples import MotorSample
+
+SCALARS = (STEP, COMMAND)
 
 
 def to_step(sample: MotorSample, marks: tuple[Row, ...] = ()) -> StepMessage:
     """Return the sample as a step message, with the rows the publishing node adds."""
     return packed(sample, (Row(STEP, float(sample.step), sample.time_s), Row(COMMAND, sample.command)), marks=marks)
+
+
+def to_bytes(sample: MotorSample, marks: tuple[Row, ...] = ()) -> bytes:
+    """Return the bytes of the sample as a step message."""
+    return moving_bytes(sample, SCALARS, (sample.step, sample.command), NOTHING, NOTHING, marks)
 
 
 def to_message(sample: MotorSample) -> JointState:

@@ -36,6 +36,8 @@ class ConfigurationMark(NamedTuple):
 def configuration_mark(message: AnyStep) -> ConfigurationMark:
     """Return which configuration the sample was computed with; revision 0 if the message does not say."""
     names = message.name
+    if len(names) > 1 and names[-2] == REVISION:  # where the twin's own nodes write it
+        return ConfigurationMark(int(message.position[-2]), float(message.velocity[-2]))
     if REVISION not in names:
         return ConfigurationMark()
     row = names.index(REVISION)

@@ -52,7 +52,7 @@ class Row(NamedTuple):
 
 
 @lru_cache(maxsize=1024)
-def _row_names(
+def row_names(
     joints: tuple[str, ...],
     scalars: tuple[str, ...],
     memory: tuple[str, ...],
@@ -88,7 +88,7 @@ def packed(
         What the publishing node adds; last.
     """
     more = (*(row for i, e in enumerate(events) for row in _event_rows(i, e)), *marks) if events else marks
-    names = _row_names(
+    names = row_names(
         sample.joints,
         tuple([row[0] for row in scalars]),
         memory.names,

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any, NamedTuple
 
+from mech_twin.messages.identity import of_the_same
 from mech_twin.messages.joint_state_cdr import AnyStep, StepMessage
 from mech_twin.messages.step_message import EVENT, MARK, MEMORY, RESIDUAL, STEP, MessageError, stamp_s
 from mech_twin.samples import Coordinate, Event, Named
@@ -43,6 +44,7 @@ class EventPlaces(NamedTuple):
     post: tuple[int, ...]
 
 
+@of_the_same
 @lru_cache(maxsize=1024)
 def layout(names: tuple[str, ...]) -> Layout:
     """Return where everything stands.
@@ -98,7 +100,7 @@ class Table(NamedTuple):
 
     def joints(self, column: Sequence[float]) -> tuple[float, ...]:
         """Return the joints' entries of one column."""
-        return tuple([column[i] for i in self.layout.joint_rows])
+        return _picked(column, self.layout.joint_rows)
 
     def scalar(self, name: str, absent: float | None = None) -> float:
         """Return a bookkeeping number; without ``absent`` a missing row is an error."""
@@ -111,11 +113,11 @@ class Table(NamedTuple):
 
     def memory(self) -> Named:
         """Return the memory rows."""
-        return Named(self.layout.memory, tuple([self.position[i] for i in self.layout.memory_rows]))
+        return Named(self.layout.memory, _picked(self.position, self.layout.memory_rows))
 
     def residuals(self) -> Named:
         """Return the residual rows."""
-        return Named(self.layout.residuals, tuple([self.position[i] for i in self.layout.residual_rows]))
+        return Named(self.layout.residuals, _picked(self.position, self.layout.residual_rows))
 
     def events(self) -> tuple[Event, ...]:
         """Return the events of the step."""
@@ -138,6 +140,15 @@ class Table(NamedTuple):
         return Coordinate(self.position[row], self.velocity[row], self.effort[row])
 
 
+def _picked(column: Sequence[float], rows: Sequence[int]) -> tuple[float, ...]:
+    if not rows:
+        return ()
+    first, last = rows[0], rows[-1]
+    if last - first + 1 == len(rows):  # rows ascend, so they stand together
+        return tuple(column[first : last + 1])
+    return tuple([column[i] for i in rows])
+
+
 def _columns(message: AnyStep) -> tuple[Sequence[float], ...]:
     if isinstance(message, StepMessage):
         return message.position, message.velocity, message.effort
@@ -156,6 +167,10 @@ def table(message: AnyStep) -> Table:
     columns = _columns(message)
     if not names:
         raise MessageError("no rows: 'name' is empty")
+    position, velocity, effort = columns
+    whole = len(position) == len(velocity) == len(effort) == len(names)
+    if whole and math.isfinite(sum(position) + sum(velocity) + sum(effort)):
+        return Table(layout(names), position, velocity, effort)
     for title, column in zip(COLUMNS, columns, strict=True):
         if len(column) != len(names):
             raise MessageError(_wrong_length(title, len(column), names))

@@ -153,9 +153,9 @@ class TwinNode(Node):
         self._added(made)
         return made
 
-    def peak_hold_output(self, topic: Topic, window: int) -> PeakHoldPublisher:
+    def peak_hold_output(self, topic: Topic, window: int, message: Callable[[Any], Any]) -> PeakHoldPublisher:
         """Return a new publisher that keeps the greatest message of each window of steps."""
-        made = PeakHoldPublisher(self, topic, int(self.options.recorder), window, self._told(topic))
+        made = PeakHoldPublisher(self, topic, int(self.options.recorder), window, message, self._told(topic))
         self._added(made)
         return made
 

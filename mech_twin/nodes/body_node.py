@@ -32,6 +32,10 @@ from mech_twin.roles import BodyRole
 from mech_twin.samples import BodySample, ForceSample
 
 
+def _pressing_force(frame: str, sample: BodySample) -> bytes:
+    return body_messages.pressing_force_bytes(sample.time_s, frame, sample.pressing_force_n)
+
+
 class BodyNode(FollowerNode):
     """Shell around the body role; see `RoleNode` for the arguments."""
 
@@ -42,8 +46,8 @@ class BodyNode(FollowerNode):
         self._out = self.step_output(STEP_BODY, 1)
         self._states = self.joint_state_output(BODY_JOINT_STATES, self.stream_window, joints_message)
         self._impacts = self.output(IMPACTS)
-        self._pressing = self.peak_hold_output(PRESSING_FORCE, self.stream_window)
-        self._tool = frame_id(self.get_namespace(), body_messages.TOOL_FRAME)
+        tool = frame_id(self.get_namespace(), body_messages.TOOL_FRAME)
+        self._pressing = self.peak_hold_output(PRESSING_FORCE, self.stream_window, partial(_pressing_force, tool))
         self._rejoining = False
         self._rejoin = self.output(REJOIN, recorded=False)
         self.subscribe(REJOIN_BODY, self._on_last_sample)
@@ -75,17 +79,14 @@ class BodyNode(FollowerNode):
 
     def send(self, answer: BodySample) -> None:
         """Publish a body sample."""
-        self._out.send(body_messages.to_step(answer, (self.signature,)))
+        self._out.send(body_messages.to_bytes(answer, (self.signature,)))
 
     def show(self, question: ForceSample, answer: BodySample) -> None:
         """Publish events, and offer joint states and pressing force to their decimated topics."""
         for event in answer.events:
-            self._impacts.send(impact.to_message(event))
+            self._impacts.send(impact.to_bytes(event))
         self._states.offer(answer, has_impact(answer.events) or has_impact(question.loads))
-        self._pressing.offer(
-            abs(answer.pressing_force_n),
-            partial(body_messages.pressing_force_message, answer.time_s, self._tool, answer.pressing_force_n),
-        )
+        self._pressing.offer(abs(answer.pressing_force_n), answer)
 
     def _on_last_sample(self, message: JointState) -> None:
         if not message.name or not self._rejoining:

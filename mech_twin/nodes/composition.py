@@ -116,7 +116,7 @@ def run_in_process(
         linkage = roles[-1]
         with Spinner(nodes) as spinner:
             with attended(machine_name, metrics, directory, spinner) as quits:
-                spinner.until(lambda: signal.asked or linkage.done or quits())
+                spinner.serve(lambda: signal.asked or linkage.done or quits())
             drain(nodes, spinner)
         return Outcome(metrics, sent_messages(nodes), _recorded(nodes))
 

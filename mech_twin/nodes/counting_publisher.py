@@ -4,12 +4,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from functools import partial
 from typing import Any
 
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy
 
-from mech_twin.messages.joint_state_cdr import AnyStep, StepMessage, encoded
+from mech_twin.messages.joint_state_cdr import StepMessage, encoded
 from mech_twin.messages.peak_hold import PeakHoldWindow
 from mech_twin.messages.stream_window import StreamWindow
 from mech_twin.messages.topics import Topic
@@ -18,6 +20,9 @@ from mech_twin.samples import Sample
 
 class CountingPublisher:
     """One topic a node publishes.
+
+    A message that nobody listens to is counted and not handed to the middleware, except where it is kept for who comes
+    later.
 
     Parameters
     ----------
@@ -39,6 +44,7 @@ class CountingPublisher:
         self.name = topic.name
         self.listeners = listeners
         self.sent = 0
+        self._kept = topic.qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
         callbacks = PublisherEventCallbacks(incompatible_qos=on_incompatible)
         self._publisher = node.create_publisher(topic.type, topic.name, topic.qos, event_callbacks=callbacks)
 
@@ -47,10 +53,22 @@ class CountingPublisher:
         """Whether all expected subscribers are there."""
         return self._publisher.get_subscription_count() >= self.listeners
 
+    @property
+    def heard(self) -> bool:
+        """Whether somebody listens, or what is sent is kept for who comes later."""
+        return self._kept or self._publisher.get_subscription_count() > 0
+
     def send(self, message: Any) -> None:
         """Publish a message, or the bytes of one."""
         self.sent += 1
-        self._publisher.publish(message)
+        if self.heard:
+            self._publisher.publish(message)
+
+    def send_made(self, make: Callable[[], Any]) -> None:
+        """Publish what a call returns, which is made only if somebody listens."""
+        self.sent += 1
+        if self.heard:
+            self._publisher.publish(make())
 
     def flush(self) -> None:
         """Publish what is held back, where anything is."""
@@ -61,9 +79,10 @@ class StepPublisher(CountingPublisher):
 
     exclusive = True
 
-    def send(self, message: AnyStep) -> None:
-        """Publish a step message."""
-        super().send(encoded(message))
+    def send(self, message: bytes) -> None:
+        """Publish the bytes of a step message."""
+        self.sent += 1
+        self._publisher.publish(message)
 
 
 class JointStatePublisher(CountingPublisher):
@@ -102,7 +121,10 @@ class JointStatePublisher(CountingPublisher):
 
     def _send_all(self, due: Iterable[Any]) -> None:
         for sample in due:
-            self.send(encoded(self._message(sample)))
+            self.send_made(partial(self._encoded, sample))
+
+    def _encoded(self, sample: Sample) -> bytes:
+        return encoded(self._message(sample))
 
 
 class PeakHoldPublisher(CountingPublisher):
@@ -112,6 +134,8 @@ class PeakHoldPublisher(CountingPublisher):
     ----------
     window : int
         Steps per message.
+    message : callable
+        Returns the message of what was offered.
     """
 
     def __init__(
@@ -120,19 +144,21 @@ class PeakHoldPublisher(CountingPublisher):
         topic: Topic,
         listeners: int,
         window: int,
+        message: Callable[[Any], Any],
         on_incompatible: Callable[[Any], None] | None = None,
     ) -> None:
         super().__init__(node, topic, listeners, on_incompatible)
-        self._window = PeakHoldWindow[Callable[[], Any]](window)
+        self._window = PeakHoldWindow[Any](window)
+        self._message = message
 
-    def offer(self, magnitude: float, build: Callable[[], Any]) -> None:
-        """Take one step into account; ``build`` makes its message if it turns out to be the extreme."""
-        self._send_built(self._window.offer(magnitude, build))
+    def offer(self, magnitude: float, sample: Any) -> None:
+        """Take one step into account; the message of its sample goes out if it turns out to be the extreme."""
+        kept = self._window.offer(magnitude, sample)
+        if kept is not None:
+            self.send_made(lambda: self._message(kept))
 
     def flush(self) -> None:
         """Publish what the window holds so far."""
-        self._send_built(self._window.rest())
-
-    def _send_built(self, build: Callable[[], Any] | None) -> None:
-        if build is not None:
-            self.send(build())
+        kept = self._window.rest()
+        if kept is not None:
+            self.send_made(lambda: self._message(kept))

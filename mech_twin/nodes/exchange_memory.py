@@ -23,11 +23,12 @@ class ExchangeMemory(Generic[Question, Answer]):
 
     def __init__(self) -> None:
         self._exchanges: dict[int, Exchange[Question, Answer]] = {}
+        self._last: int | None = None
 
     @property
     def last_step(self) -> int | None:
         """The newest step answered."""
-        return max(self._exchanges) if self._exchanges else None
+        return self._last
 
     def get(self, step: int) -> Exchange[Question, Answer] | None:
         """Return what was exchanged at a step, if it is remembered."""
@@ -36,8 +37,12 @@ class ExchangeMemory(Generic[Question, Answer]):
     def remember(self, step: int, question: Question | None, answer: Answer) -> None:
         """Keep an exchange, and forget old ones."""
         self._exchanges[step] = Exchange(question, answer)
-        for old in [known for known in self._exchanges if known <= step - REMEMBERED_STEPS]:
-            del self._exchanges[old]
+        if self._last == step - 1:
+            self._exchanges.pop(step - REMEMBERED_STEPS, None)
+        else:
+            for old in [known for known in self._exchanges if known <= step - REMEMBERED_STEPS]:
+                del self._exchanges[old]
+        self._last = max(self._exchanges) if self._last is None or step < self._last else step
 
     def return_to(self, step: int) -> None:
         """Forget what came after this step: whoever asks now goes on from there, or begins a run of its own."""
@@ -45,3 +50,4 @@ class ExchangeMemory(Generic[Question, Answer]):
             self._exchanges.clear()
         for later in [known for known in self._exchanges if known > step]:
             del self._exchanges[later]
+        self._last = max(self._exchanges, default=None)

@@ -105,7 +105,7 @@ def _serve(make: Callable[[], TwinNode], ros: list[str], stop: StopSignal) -> No
         from mech_twin.nodes.spinner import Spinner
 
         with Spinner([node]) as spinner:
-            spinner.until(lambda: stop.asked or node.done)
+            spinner.serve(lambda: stop.asked or node.done)
             node.flush()
             node.report()
             end = time.monotonic() + QUIET_LIMIT_S

@@ -114,6 +114,9 @@ class FollowerNode(RoleNode):
     def _is_followed(self, step: int, who: float) -> bool:
         """Return whether this publisher is the one to answer; a new one is, once the one before has fallen silent."""
         now = time.monotonic()
+        if who == self._lock.source:
+            self._heard_s = now
+            return True
         admission = self._lock.admit(who, vacant=not self._lock.locked or now - self._heard_s > self._silence_limit_s)
         if admission is Admission.REFUSED:
             return False

@@ -17,6 +17,10 @@ from mech_twin.quantity import Parameters
 from mech_twin.samples import ForceSample, LinkageSample
 
 
+def _wrench(frame: str, place: int, sample: ForceSample) -> bytes:
+    return force_messages.wrench_bytes(sample.time_s, frame, sample.wrenches[place])
+
+
 class ForceNode(FollowerNode):
     """Shell around the force role; see `RoleNode` for the arguments."""
 
@@ -29,7 +33,8 @@ class ForceNode(FollowerNode):
         topics = {pin: pin_wrench(pin) for pin in self.machine.forces.pins}
         space = self.get_namespace()
         self._wrenches = [
-            (frame_id(space, pin), self.peak_hold_output(topic, self.stream_window)) for pin, topic in topics.items()
+            self.peak_hold_output(topic, self.stream_window, partial(_wrench, frame_id(space, pin), place))
+            for place, (pin, topic) in enumerate(topics.items())
         ]
 
     def residual_limits(self) -> dict[str, float]:
@@ -48,11 +53,11 @@ class ForceNode(FollowerNode):
 
     def send(self, answer: ForceSample) -> None:
         """Publish a force sample."""
-        self._out.send(force_messages.to_step(answer, self.marks))
+        self._out.send(force_messages.to_bytes(answer, self.marks))
 
     def show(self, question: LinkageSample, answer: ForceSample) -> None:
         """Offer the forces to the decimated topics, all of them and pin by pin."""
         sizes = [force_messages.wrench_size(wrench) for wrench in answer.wrenches]
         self._states.offer(answer, has_impact(question.events), max(sizes, default=0.0))
-        for (frame, output), wrench, size in zip(self._wrenches, answer.wrenches, sizes, strict=True):
-            output.offer(size, partial(force_messages.wrench_message, answer.time_s, frame, wrench))
+        for output, size in zip(self._wrenches, sizes, strict=True):
+            output.offer(size, answer)

@@ -27,6 +27,10 @@ from mech_twin.quantity import Parameters
 from mech_twin.samples import LinkageSample
 
 
+def _nobody_waits() -> None:
+    """Interrupt nobody."""
+
+
 class LinkageNode(RoleNode):
     """Shell around the linkage role; see `TwinNode` for the arguments."""
 
@@ -35,6 +39,7 @@ class LinkageNode(RoleNode):
     ) -> None:
         super().__init__("linkage", machine_name, parameters, options)
         self.sample: LinkageSample | None = None
+        self.interrupt: Callable[[], None] = _nobody_waits
         self._born_s = time.monotonic()
         self._reset_asked = False
         self._paused = False
@@ -44,7 +49,7 @@ class LinkageNode(RoleNode):
         self._wait = PeerWait(self.options.peer_timeout_s, self._born_s)
         self._rejoin = LinkageRejoin(self)
         self._out = LinkageOutputs(self)
-        self._in = LinkageInputs(self, self._rejoin, self._wait, self._step_of_sample, self.tick)
+        self._in = LinkageInputs(self, self._rejoin, self._wait, self._step_of_sample, self._on_answer)
         self._barrier = self._in.barrier
         self.create_service(Trigger, "reset", self._on_reset)
         self.create_service(SetBool, "pause", self._on_pause)
@@ -127,12 +132,16 @@ class LinkageNode(RoleNode):
         if self.sample.step >= self._last_step():
             self.done = True
             self.diagnostics.state = "finished"
-            return RETRY_S
+            return 0.0
         wait_s = self._pacer.wait_s(self.sample.step + 1)
         if wait_s > 0.0:
             return wait_s
         self._step(self.sample)
         return RETRY_S
+
+    def _on_answer(self) -> None:
+        if self.tick() < RETRY_S:
+            self.interrupt()
 
     def _last_step(self) -> float:
         duration = self.options.duration_s

@@ -3,14 +3,14 @@
 
 from __future__ import annotations
 
-from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
+from visualization_msgs.msg import MarkerArray
 
 from mech_twin.messages import impact, scene
 from mech_twin.messages import linkage as linkage_messages
 from mech_twin.messages.frames import frame_id
-from mech_twin.messages.joint_state_cdr import stamp_of
 from mech_twin.messages.joint_states import has_impact, joints_message
+from mech_twin.messages.stamped_cdr import clock_bytes
 from mech_twin.messages.topics import CLOCK, DESCRIPTION, IMPACTS, JOINT_STATES, SCENE, STEP_LINKAGE
 from mech_twin.nodes.role_node import RoleNode
 from mech_twin.samples import BodySample, Drawing, LinkageSample
@@ -44,17 +44,18 @@ class LinkageOutputs:
 
     def send_step(self, sample: LinkageSample) -> None:
         """Publish the step message; a step may be published again."""
-        self._steps.send(linkage_messages.to_step(sample, self._node.marks))
+        self._steps.send(linkage_messages.to_bytes(sample, self._node.marks))
 
     def send_views(self, sample: LinkageSample, body: BodySample | None) -> None:
         """Publish what a step means to people and other tools, each at its own rate; once a step."""
         for event in sample.events:
-            self._impacts.send(impact.to_message(event))
+            self._impacts.send(impact.to_bytes(event))
         self._states.offer(sample, has_impact(sample.events))
         if sample.step % self._node.stream_window == 0:
-            clock = Clock()
-            clock.clock.sec, clock.clock.nanosec = stamp_of(sample.time_s)
-            self._clock.send(clock)
+            self._clock.send(clock_bytes(sample.time_s))
         if sample.step % self._steps_per_drawing == 0:
-            shapes = self._node.machine.draw(sample, body)
-            self._scene.send(scene.to_message(Drawing(sample.step, sample.time_s, shapes), self._frame))
+            self._scene.send_made(lambda: self._drawn(sample, body))
+
+    def _drawn(self, sample: LinkageSample, body: BodySample | None) -> MarkerArray:
+        shapes = self._node.machine.draw(sample, body)
+        return scene.to_message(Drawing(sample.step, sample.time_s, shapes), self._frame)

@@ -69,7 +69,7 @@ class MotorNode(FollowerNode):
     def send(self, answer: MotorSample) -> None:
         """Publish a motor sample, with the command it is on its way to."""
         target = Row(TARGET, RATED if self.target is None else self.target)
-        self._out.send(motor_messages.to_step(answer, (target, self.signature)))
+        self._out.send(motor_messages.to_bytes(answer, (target, self.signature)))
 
     def show(self, question: LinkageSample, answer: MotorSample) -> None:
         """Offer the drive to its decimated topic."""

@@ -75,7 +75,7 @@ def run_processes(
                 processes[name] = _started(name, [*arguments, *rules, *ROS_FILE, str(file)])
             with Spinner([observer]) as spinner:
                 with attended(machine_name, observer.run_metrics, directory, spinner) as quits:
-                    spinner.until(lambda: stop.asked or _any_ended(processes) or quits())
+                    spinner.serve(lambda: stop.asked or _any_ended(processes) or quits())
                 settled = time.monotonic() + SETTLE_S
                 spinner.until(lambda: stop.asked or time.monotonic() > settled)
         finally:

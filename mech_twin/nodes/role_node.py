@@ -46,6 +46,8 @@ class RoleNode(TwinNode):
         self.description = ""
         self.on_sample: Callable[[Sample], None] = _unobserved
         self._adopting = False
+        self._marked: tuple[int, float] | None = None
+        self._marks: tuple[Row, ...] = ()
         self.add_on_set_parameters_callback(self.judge_parameters)
 
     def residual_limits(self) -> Mapping[str, float]:
@@ -55,7 +57,10 @@ class RoleNode(TwinNode):
     @property
     def marks(self) -> tuple[Row, ...]:
         """Rows this node adds to its step messages: the configuration they were computed with, and who it is."""
-        return revision_row(self.revision, self.described_by), self.signature
+        if self._marked != (self.revision, self.described_by):
+            self._marked = self.revision, self.described_by
+            self._marks = revision_row(*self._marked), self.signature
+        return self._marks
 
     def use(self, parameters: Parameters) -> None:
         """Rebuild the role from new parameters, and show them as this node's own."""

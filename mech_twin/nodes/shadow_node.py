@@ -87,6 +87,7 @@ class ShadowNode(TwinNode):
         self.setup = setup
         self.is_obeyed: Callable[[], bool] = lambda: False
         self.on_sample: Callable[[SeenSample], None] = lambda sample: None
+        self.on_estimate: Callable[[SeenSample, FrameEstimate], None] = lambda sample, estimate: None
         self.observer = PhaseLockedObserver(machine, entry.build, channels, setup.options, setup.deviations)
         self.estimate: FrameEstimate | None = None
         self._counted: dict[str, int] = {}
@@ -127,6 +128,7 @@ class ShadowNode(TwinNode):
         if estimate is not None:
             self._publish(estimate)
             self._latencies_s.append(time.monotonic() - arrived_s)
+            self.on_estimate(sample, estimate)
 
     def _on_command(self, message: Float64) -> None:
         if 0.0 <= message.data <= 1.0:

@@ -40,12 +40,13 @@ class ShadowOutcome(NamedTuple):
 
 
 class Company(NamedTuple):
-    """What runs beside a shadow: recording of all of it, monitor with its reference, black box, advisor."""
+    """What runs beside a shadow: recording of all of it, monitor with its reference, black box, advisor, view."""
 
     record: Path | None = None
     monitor: MonitorSetup | None = None
     black_box: Path | None = None
     advice: AdviceWish | None = None
+    view: str | None = None
 
 
 ALONE = Company()
@@ -110,7 +111,7 @@ def follow(
         ready(node)
         end_s = time.monotonic() + duration_s if duration_s > 0.0 else float("inf")
         with Spinner(nodes) as spinner:
-            spinner.until(lambda: signal.asked or time.monotonic() > end_s)
+            spinner.serve(lambda: signal.asked or time.monotonic() > end_s)
         node.report()
         boxes = [bag for each in nodes if isinstance(each, BlackBox) for bag in each.bags]
         values = {name: value for each in nodes for name, value in each.diagnostic_values().items()}
@@ -118,7 +119,7 @@ def follow(
 
 
 def nodes_beside(machine_name: str, node: ShadowNode, parameters: Parameters, company: Company) -> list[TwinNode]:
-    """Return recorder, monitor and black box of a shadow, wired to it."""
+    """Return recorder, monitor, black box, advisor and viewer of a shadow, wired to it."""
     machine = catalogue_entry(machine_name).build(parameters)
     topics = ShadowTopics(
         shadow_topics(machine.forces.pins, machine.body is not None),
@@ -137,7 +138,18 @@ def nodes_beside(machine_name: str, node: ShadowNode, parameters: Parameters, co
             found.append(box)
     if company.advice is not None:
         found.append(advisor_beside(machine_name, node, parameters, company.advice, found))
+    if company.view is not None:
+        from mech_twin.nodes.shadow_viewer_node import ShadowViewerNode  # rerun is an extra
+
+        viewer = ShadowViewerNode(machine_name, company.view, node, monitor_among(found), parameters)
+        node.on_estimate = viewer.take
+        found.append(viewer)
     return found
+
+
+def monitor_among(nodes: Sequence[TwinNode]) -> MonitorNode | None:
+    """Return the monitor, if there is one."""
+    return next((each for each in nodes if isinstance(each, MonitorNode)), None)
 
 
 def advisor_beside(
@@ -153,7 +165,7 @@ def advisor_beside(
 
     node.on_sample = on_sample
     node.is_obeyed = lambda: advisor.state.in_force
-    monitor = next((each for each in others if isinstance(each, MonitorNode)), None)
+    monitor = monitor_among(others)
     if monitor is not None:
         advisor.has_fault = lambda: monitor.has_news
         advisor.known_changes = lambda: monitor.known_changes

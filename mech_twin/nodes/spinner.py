@@ -9,16 +9,31 @@ from types import TracebackType
 from typing import Protocol, runtime_checkable
 
 import rclpy
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
+from rclpy.task import Future
 
 LONGEST_WAIT_S = 0.1
 SHORTEST_WAIT_S = 1e-4
+SLICE_S = 0.02
+# a step makes some thousand short-lived tuples: with the interpreter's own thresholds a twentieth of a run is spent
+# looking for cycles among them
+GARBAGE_THRESHOLDS = (50_000, 20, 50)
 
 
 @runtime_checkable
 class Ticking(Protocol):
-    """A node that has something to do between messages."""
+    """A node that has something to do between messages.
+
+    Attributes
+    ----------
+    interrupt : callable
+        To be called where a message has made something due sooner than the last ``tick`` said.
+    """
+
+    interrupt: Callable[[], None]
 
     def tick(self) -> float:
         """Do what is due; return how long nothing more will be."""
@@ -35,6 +50,8 @@ class Spinner:
     def __init__(self, nodes: Iterable[Node] = ()) -> None:
         self.nodes: list[Node] = []
         self._executor = EventsExecutor()
+        self._slice = Future()
+        self._thresholds = gc.get_threshold()
         for node in nodes:
             self.add(node)
 
@@ -49,17 +66,41 @@ class Spinner:
         self._executor.remove_node(node)
 
     def until(self, predicate: Callable[[], bool]) -> None:
-        """Serve the nodes until the predicate holds or rclpy is shut down."""
+        """Serve the nodes until the predicate, asked after each message, holds or rclpy is shut down."""
         ticking = [node for node in self.nodes if isinstance(node, Ticking)]
         running, spin_once = rclpy.get_default_context().ok, self._executor.spin_once
         while running() and not predicate():
-            wait_s = LONGEST_WAIT_S
-            for node in ticking:
-                wait_s = min(wait_s, node.tick())
-            spin_once(timeout_sec=max(wait_s, SHORTEST_WAIT_S))
+            spin_once(timeout_sec=_wait_s(ticking))
+
+    def serve(self, ended: Callable[[], bool]) -> None:
+        """Serve the nodes until a run has ended, which is asked some fifty times a second, or rclpy is shut down.
+
+        Between the questions the executor goes from message to message by itself, unless a node calls ``interrupt``.
+        Its own time limit is looked at only where no message waits, so a timer ends the slice.
+        """
+        ticking = [node for node in self.nodes if isinstance(node, Ticking)]
+        for node in ticking:
+            node.interrupt = self._interrupt
+        first, running = self.nodes[0], rclpy.get_default_context().ok
+        timer = first.create_timer(SLICE_S, self._interrupt, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        try:
+            while running() and not ended():
+                wait_s = _wait_s(ticking)
+                if wait_s < SLICE_S:
+                    self._executor.spin_once(timeout_sec=wait_s)
+                else:
+                    self._slice = Future()
+                    self._executor.spin_until_future_complete(self._slice, timeout_sec=LONGEST_WAIT_S)
+        finally:
+            first.destroy_timer(timer)
+
+    def _interrupt(self) -> None:
+        self._slice.set_result(None)
 
     def __enter__(self) -> Spinner:
         gc.freeze()  # what is loaded by now stays; to search it for garbage again and again halts a run for 0.15 s
+        self._thresholds = gc.get_threshold()
+        gc.set_threshold(*GARBAGE_THRESHOLDS)
         return self
 
     def __exit__(
@@ -68,4 +109,13 @@ class Spinner:
         for node in list(self.nodes):
             self.remove(node)
         self._executor.shutdown()
+        gc.set_threshold(*self._thresholds)
         gc.unfreeze()
+
+
+def _wait_s(ticking: Iterable[Ticking]) -> float:
+    """Return how long to wait for a message: until something is due."""
+    wait_s = LONGEST_WAIT_S
+    for node in ticking:
+        wait_s = min(wait_s, node.tick())
+    return max(wait_s, SHORTEST_WAIT_S)

@@ -4,8 +4,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
-from pathlib import Path
 
 from visualization_msgs.msg import MarkerArray
 
@@ -16,30 +14,18 @@ from mech_twin.nodes.observer_node import ObserverNode
 from mech_twin.nodes.options import RunOptions
 from mech_twin.quantity import Parameters
 from mech_twin.samples import Frame
+from mech_twin.view.destination import destination
 from mech_twin.view.rerun_scene import RerunScene
-from mech_twin.view.sending import LIVE
 
 METRICS_EVERY_S = 1.0
-LIGHT, FULL_IF = "light", "full-if="
 
 
 def opened_scene(machine_name: str, place: str) -> RerunScene:
-    """Return a scene in a file (``NAME.rrd``), or in a running viewer.
-
-    A viewer's address may end in ``#light`` or ``#full``, the layout, or in ``#full-if=FILE``: the full one while
-    that file exists, the light one while it does not.
-    """
-    if place.endswith(".rrd"):
-        return RerunScene(machine_name, rrd_path=place)
-    address, _, layout = place.partition("#")
-    return RerunScene(machine_name, grpc_url=address, sending=LIVE, light=_light(layout))
-
-
-def _light(layout: str) -> Callable[[], bool]:
-    if layout.startswith(FULL_IF):
-        wanted = Path(layout.removeprefix(FULL_IF))
-        return lambda: not wanted.exists()
-    return lambda: layout == LIGHT
+    """Return a scene in a file or in a running viewer; see `destination`."""
+    to = destination(place)
+    return RerunScene(
+        machine_name, grpc_url=to.grpc_url, rrd_path=to.rrd_path, sending=to.sending, light=to.light, flow=to.flow
+    )
 
 
 class ViewerNode(ObserverNode):
@@ -48,7 +34,7 @@ class ViewerNode(ObserverNode):
     Parameters
     ----------
     place : str
-        Address of a running viewer, or the file to write: see `opened_scene`, and `TwinNode` for the other arguments.
+        Address of a running viewer, or the file to write: see `destination`, and `TwinNode` for the other arguments.
     """
 
     def __init__(

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -17,12 +18,18 @@ NAME_KEY = "catalogue_name"
 def motor_table(file: Path) -> dict[str, dict[str, float]]:
     """Return the motors of a table file by name."""
     try:
-        table = yaml.safe_load(file.read_text(encoding="utf-8"))
+        table = _parsed(file.read_text(encoding="utf-8"))
     except (OSError, yaml.YAMLError) as error:
         raise ConfigurationError(f"{file}: motor table cannot be read") from error
     if not isinstance(table, dict) or not all(isinstance(row, dict) for row in table.values()):
         raise ConfigurationError(f"{file}: expected one group of values per motor")
     return table
+
+
+@lru_cache(maxsize=4)
+def _parsed(text: str) -> Any:
+    """Return what a table says; one that did not change is not read again for every configuration of a study."""
+    return yaml.safe_load(text)
 
 
 def with_catalogue_motor(tree: Mapping[str, Any], file: Path, source: str) -> dict[str, Any]:

@@ -1,23 +1,29 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The `mcap` writer with a faster path for messages: a record is packed at once instead of field by field.
+"""The `mcap` writer with a faster path for messages and a smaller index of an open file.
 
-The output is byte for byte that of `mcap.writer.Writer`, as a test checks.  The fast path uses private members of that
-class; with a release of `mcap` that lacks them, its own method is used.
+A message record is packed at once instead of field by field, and what the summary says of a chunk is kept as the bytes
+that it will have there, a seventh of what the objects take: the index of an open file is all that grows with it.
+
+The output is byte for byte that of `mcap.writer.Writer`, as a test checks.  Both use private members of that class;
+with a release of `mcap` that lacks them, its own methods are used.
 """
 
 from __future__ import annotations
 
 import struct
+from collections.abc import Iterator
 from itertools import chain
 from typing import IO, Any
 
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
-from mcap.records import MessageIndex
+from mcap.records import ChunkIndex, MessageIndex
 from mcap.writer import CompressionType, Writer
 
 _HEAD = struct.Struct("<BQHIQQ")  # opcode, length, channel, sequence, log time, publish time
 _FIXED_BYTES = 22  # content of a message record before the payload
+_CHUNK_INDEX_BYTES = 64  # content of a chunk index but for the offsets of its channels and the name of its compression
+_INDEXES = "_Writer__chunk_indices"
 
 
 class _PackedIndex(MessageIndex):
@@ -29,6 +35,42 @@ class _PackedIndex(MessageIndex):
         stream.write4(16 * len(self.records))
         stream.write(struct.pack(f"<{2 * len(self.records)}Q", *chain.from_iterable(self.records)))
         stream.finish_record()
+
+
+class _PackedChunkIndexes:
+    """The chunk indexes of a file, in place of the writer's list of them: one row of records."""
+
+    def __init__(self) -> None:
+        self._records = bytearray()
+
+    def append(self, index: ChunkIndex) -> None:
+        """Add the record of a chunk."""
+        offsets = index.message_index_offsets
+        compression = index.compression.encode()
+        self._records += struct.pack(
+            f"<BQQQQQI{'HQ' * len(offsets)}QI{len(compression)}sQQ",
+            Opcode.CHUNK_INDEX,
+            _CHUNK_INDEX_BYTES + 10 * len(offsets) + len(compression),
+            index.message_start_time,
+            index.message_end_time,
+            index.chunk_start_offset,
+            index.chunk_length,
+            10 * len(offsets),
+            *chain.from_iterable(offsets.items()),
+            index.message_index_length,
+            len(compression),
+            compression,
+            index.compressed_size,
+            index.uncompressed_size,
+        )
+
+    def __iter__(self) -> Iterator[_PackedChunkIndexes]:
+        """Yield all records as one thing to write."""
+        yield self
+
+    def write(self, stream: RecordBuilder) -> None:
+        """Write the records in the order of the chunks."""
+        stream.write(self._records)
 
 
 class MessageWriter(Writer):
@@ -55,6 +97,8 @@ class MessageWriter(Writer):
         self._chunk_bytes = chunk_bytes
         self._chunk: Any = getattr(self, "_Writer__chunk_builder", None)
         self._statistics: Any = getattr(self, "_Writer__statistics", None)
+        if getattr(self, _INDEXES, None) == []:
+            setattr(self, _INDEXES, _PackedChunkIndexes())
 
     def flush(self) -> None:
         """Close the current chunk and write it to the output."""

@@ -7,6 +7,8 @@ and one call, which is several times cheaper than one call per curve.
 
 from __future__ import annotations
 
+import math
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Generic, NamedTuple, TypeVar
 
@@ -198,6 +200,12 @@ class Track(Generic[Sample]):
         Simulated time per batch.
     shown : callable
         Tells whether the curves of a path are to be sent.
+    window_s : float
+        Simulated time per decimation window, at least.
+    is_open : callable
+        Tells whether a batch may be sent now.
+    kept_s : float
+        Simulated time of samples kept while none may be sent; older ones are dropped.
     """
 
     def __init__(
@@ -208,13 +216,19 @@ class Track(Generic[Sample]):
         window: int,
         batch_s: float,
         shown: Callable[[str], bool],
+        window_s: float = 0.0,
+        is_open: Callable[[], bool] = lambda: True,
+        kept_s: float = math.inf,
     ) -> None:
         self._stream = stream
         self._groups = groups
         self._shown = shown
         self._window = window
+        self._window_s = window_s
         self._batch_s = batch_s
-        self._pending: list[Sample] = []
+        self._is_open = is_open
+        self._kept_s = kept_s
+        self._pending: deque[Sample] = deque()
         self.curves: dict[str, tuple[str, ...]] = {}
         self.units: dict[str, str] = {}
 
@@ -226,15 +240,20 @@ class Track(Generic[Sample]):
         self._pending.append(sample)
         if sample.time_s - self._pending[0].time_s < self._batch_s:
             return sent
-        whole = len(self._pending) - len(self._pending) % self._window
-        return self._send(whole) or sent
+        if not self._is_open():
+            while sample.time_s - self._pending[0].time_s > self._kept_s:
+                self._pending.popleft()
+            return sent
+        window = self._rows_of_window()
+        return self._send(len(self._pending) - len(self._pending) % window) or sent
 
     def flush(self) -> bool:
         """Send the remaining samples, including an incomplete window; return whether there were any."""
         return self._send(len(self._pending))
 
     def _send(self, count: int) -> bool:
-        batch, self._pending = self._pending[:count], self._pending[count:]
+        window = self._rows_of_window()
+        batch = [self._pending.popleft() for _ in range(count)]
         if not batch:
             return False
         time_s = np.array([sample.time_s for sample in batch])
@@ -247,25 +266,45 @@ class Track(Generic[Sample]):
                 self.units[group.path] = group.unit
                 self._stream.log(group.path, series_lines(group.names, FIRST_COLOUR.get(group.path, 0)), static=True)
             if self._shown(group.path):
-                self._send_group(group, time_s, step)
+                self._send_group(group, time_s, step, window)
         return True
 
-    def _send_group(self, group: Group, time_s: npt.NDArray[np.float64], step: npt.NDArray[np.int64]) -> None:
+    def _rows_of_window(self) -> int:
+        pending = self._pending
+        if len(pending) < 2 or not self._window_s:
+            return self._window
+        step_s = (pending[-1].time_s - pending[0].time_s) / (len(pending) - 1)
+        return max(self._window, round(self._window_s / step_s)) if step_s > 0.0 else self._window
+
+    def _send_group(
+        self, group: Group, time_s: npt.NDArray[np.float64], step: npt.NDArray[np.int64], window: int
+    ) -> None:
         if group.worst:
-            rows, values = worst_values(group.values, WORST_WINDOWS * self._window)
+            rows, values = worst_values(group.values, WORST_WINDOWS * window)
         else:
-            rows = extreme_rows(group.values, self._window)
+            rows = extreme_rows(group.values, window)
             values = group.values[rows]
-        columns = rr.Scalars.columns(scalars=values.ravel())
-        self._stream.send_columns(
-            group.path, times(time_s[rows], step[rows]), columns.partition(np.full(len(rows), len(group.names)))
-        )
+        send_rows(self._stream, group.path, values, time_s[rows], step[rows])
 
 
-def series_lines(names: Sequence[str], first_colour: int = 0) -> rr.SeriesLines:
+def send_rows(
+    stream: rr.RecordingStream,
+    path: str,
+    values: npt.NDArray[np.float64],
+    time_s: npt.NDArray[np.float64],
+    step: npt.NDArray[np.int64] | None = None,
+) -> None:
+    """Send rows of curves that share an entity, values of shape (n, k)."""
+    columns = rr.Scalars.columns(scalars=values.ravel())
+    stream.send_columns(path, times(time_s, step), columns.partition(np.full(len(values), values.shape[1])))
+
+
+def series_lines(
+    names: Sequence[str], first_colour: int = 0, colours: Sequence[tuple[int, int, int]] | None = None
+) -> rr.SeriesLines:
     """Return names, colours and width of curves; a joint or pin has the same colour in every panel."""
-    colours = [PALETTE[(first_colour + place) % len(PALETTE)] for place in range(len(names))]
-    return rr.SeriesLines(names=list(names), colors=colours, widths=[1.5] * len(names))
+    given = colours or [PALETTE[(first_colour + place) % len(PALETTE)] for place in range(len(names))]
+    return rr.SeriesLines(names=list(names), colors=list(given), widths=[1.5] * len(names))
 
 
 def _same_names(one: Any, other: Any) -> bool:

@@ -85,8 +85,14 @@ def blueprint(contents: SceneContents, window_s: float, *, light: bool = False) 
         Whether to keep to what a browser without a graphics card can draw in time.
     """
     panels = _light(contents, window_s) if light else _full(contents, window_s)
+    shares = [6, 94] if light else [5, *([68, 27] if len(panels) > 2 else [95])]
+    return page(rrb.Vertical(*panels, row_shares=shares))
+
+
+def page(panels: rrb.Container) -> rrb.Blueprint:
+    """Return the layout of a page that follows the run, without the viewer's own panels."""
     return rrb.Blueprint(
-        rrb.Vertical(*panels, row_shares=[6, 94] if light else [5, *([68, 27] if len(panels) > 2 else [95])]),
+        panels,
         rrb.BlueprintPanel(state="hidden"),
         rrb.SelectionPanel(state="hidden"),
         rrb.TimePanel(state="collapsed", timeline=SIM_TIME, play_state="following"),
@@ -107,24 +113,28 @@ def _light_plots(curves: Mapping[str, tuple[str, ...]]) -> dict[str, list[str]]:
 
 
 def _light(contents: SceneContents, window_s: float) -> list[rrb.View | rrb.Container]:
-    plots = [_plot(title, paths, window_s) for title, paths in _light_plots(contents.curves).items()]
+    plots = [plot(title, paths, window_s) for title, paths in _light_plots(contents.curves).items()]
     beside = [rrb.Vertical(*plots)] if plots else []
-    return [_banner(), rrb.Horizontal(_mechanism(contents.bounds), *beside, column_shares=[5, 4])]
+    return [banner_view(), rrb.Horizontal(mechanism_view(contents.bounds), *beside, column_shares=[5, 4])]
 
 
 def _full(contents: SceneContents, window_s: float) -> list[rrb.View | rrb.Container]:
     below = _lower_row(contents, window_s)
     alone = len(below) == 1  # a row with the metrics alone would be half empty
     curves = _curve_stack(contents, window_s, [*below] if alone else [])
-    above = rrb.Horizontal(_mechanism(contents.bounds), *([curves] if curves is not None else []), column_shares=[5, 4])
-    return [_banner(), above] if alone else [_banner(), above, rrb.Horizontal(*below)]
+    above = rrb.Horizontal(
+        mechanism_view(contents.bounds), *([curves] if curves is not None else []), column_shares=[5, 4]
+    )
+    return [banner_view(), above] if alone else [banner_view(), above, rrb.Horizontal(*below)]
 
 
-def _banner() -> rrb.TextDocumentView:
+def banner_view() -> rrb.TextDocumentView:
+    """Return the line above the picture."""
     return rrb.TextDocumentView(origin=f"/{BANNER}", name="Run", titlebar=False)
 
 
-def _mechanism(bounds: Bounds | None) -> rrb.Spatial2DView:
+def mechanism_view(bounds: Bounds | None) -> rrb.Spatial2DView:
+    """Return the panel of the mechanism."""
     # the ground is the theme's: the viewer's labels are light boxes on the light one, dark boxes on the dark one
     visible = None
     if bounds is not None:
@@ -170,7 +180,7 @@ def _curve_stack(contents: SceneContents, window_s: float, last: Sequence[rrb.Vi
             "Residuals, powers of ten": present(curves, "residuals"),
         },
     ]
-    stack = [[_plot(name, paths, window_s) for name, paths in slot.items() if paths] for slot in slots]
+    stack = [[plot(name, paths, window_s) for name, paths in slot.items() if paths] for slot in slots]
     panels = [_slot([*plots, *last] if place == len(stack) - 1 else plots) for place, plots in enumerate(stack)]
     filled = [panel for panel in panels if panel is not None]
     return rrb.Vertical(*filled) if filled else None
@@ -182,7 +192,8 @@ def _slot(panels: Sequence[rrb.View | rrb.Tabs]) -> rrb.Tabs | rrb.View | None:
     return rrb.Tabs(*panels, active_tab=0)
 
 
-def _plot(name: str, paths: Sequence[str], window_s: float) -> rrb.TimeSeriesView:
+def plot(name: str, paths: Sequence[str], window_s: float) -> rrb.TimeSeriesView:
+    """Return a panel of curves over the last stretch of time (s), with room for the legend beside them."""
     begin = rr.TimeRangeBoundary.cursor_relative(seconds=-window_s)
     recent = rr.VisibleTimeRange(SIM_TIME, start=begin, end=rr.TimeRangeBoundary.cursor_relative())
     beside = rr.TimeRangeBoundary.cursor_relative(seconds=LEGEND_SHARE * window_s)
@@ -212,9 +223,7 @@ def _lower_row(contents: SceneContents, window_s: float) -> list[rrb.View | rrb.
     )
     log = rrb.TextLogView(origin="/", contents=[f"/{EVENTS}/**"], name="Events", columns=columns)
     titles = {"impulse": "Impacts, N s", "speed": "Impact speed, m/s"}
-    marks = [
-        _plot(title, [f"{IMPACTS}/{kind}"], window_s) for kind, title in titles.items() if kind in contents.impacts
-    ]
+    marks = [plot(title, [f"{IMPACTS}/{kind}"], window_s) for kind, title in titles.items() if kind in contents.impacts]
     happened = [*marks, *([log] if contents.events else [])]
     slots = [_slot(portraits), _slot(happened), rrb.TextDocumentView(origin=f"/{METRICS}", name="Metrics")]
     return [panel for panel in slots if panel is not None]

@@ -10,6 +10,7 @@ import numpy.typing as npt
 import rerun as rr
 
 from mech_twin.samples import Shape
+from mech_twin.view.labels import apart, written_beside
 from mech_twin.view.layout import MECHANISM, Bounds
 
 MARGIN = 0.08
@@ -19,7 +20,6 @@ MIRROR = [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]]
 KINDS = ("line", "points", "arrow", "text")
 FIGURE = f"{MECHANISM}/figure"
 TEXT_RADIUS_M = 1e-9
-PANEL_PX, LETTER_PX, LINE_PX = 700.0, 6.6, 20.0  # width of a usual panel, and of a letter, and height of a line in it
 
 
 class Mechanism:
@@ -52,7 +52,8 @@ class Mechanism:
         bounds = self.bounds()
         width_m = 1.0 if bounds is None else bounds.right_m - bounds.left_m
         beside = [written_beside(shape, width_m) for kind in ("line", "arrow") for shape in by_kind[kind] if shape.text]
-        points = [*by_kind["text"], *beside, *by_kind["points"]]
+        fixed = [*by_kind["text"], *(shape for shape in by_kind["points"] if shape.text)]
+        points = [*by_kind["text"], *apart(beside, fixed, width_m), *by_kind["points"]]
         self._stream.log(FIGURE, _lines(by_kind["line"]), _points(points), _arrows(by_kind["arrow"]))
 
     def widen(self, shapes: Sequence[Shape]) -> None:
@@ -93,27 +94,6 @@ class Mechanism:
             left, right = min(left, extent.left_m), max(right, extent.right_m)
             low, high = min(low, extent.low_m), max(high, extent.high_m)
         self._extent = Bounds(float(left), float(right), float(low), float(high))
-
-
-def written_beside(shape: Shape, width_m: float) -> Shape:
-    """Return the text of a line or arrow as a text of its own, next to the middle of it; inside one that is closed.
-
-    The viewer writes in pixels, centred below a point; a figure of this width (m) is taken to fill a usual panel.
-    """
-    points = np.array(shape.points_m)
-    pixel_m = width_m / PANEL_PX
-    text_m, line_m = (len(shape.text) * LETTER_PX + 12.0) * pixel_m, LINE_PX * pixel_m
-    if len(points) > 3 and np.array_equal(points[0], points[-1]):
-        middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
-    else:
-        place = (len(points) - 1) // 2
-        along = points[place + 1] - points[place]
-        normal = np.array([along[1], -along[0]]) / (np.hypot(*along) or 1.0)
-        normal *= 1.0 if normal[0] > 0.0 else -1.0  # to the right
-        away = 0.5 * np.abs(normal) @ (text_m, line_m) + 0.5 * shape.width_m + 3.0 * pixel_m
-        middle = 0.5 * (points[place] + points[place + 1]) + away * normal
-    top = (float(middle[0]), float(middle[1]) + 0.5 * line_m)
-    return Shape(f"{shape.name}_text", "text", (top,), shape.colour, line_m, shape.text)
 
 
 def _labelled_first(shapes: Sequence[Shape]) -> tuple[list[Shape], list[str]]:

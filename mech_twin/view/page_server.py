@@ -3,7 +3,7 @@
 
 The page that rerun serves asks other hosts for a font, for news of releases and for telemetry.  Here its files are
 passed on under a Content Security Policy, so that the browser itself refuses whatever is not on this machine, and
-the page says what renders it: a graphics card, or the processor.
+the page says what renders it, a graphics card or the processor, and with each frame what time it shows.
 
 ::
 
@@ -23,23 +23,76 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from threading import Thread
 
 LOOPBACK = "127.0.0.1"
-RENDERER_PATH = "/renderer"
+RENDERER_PATH, SHOWN_PATH = "/renderer", "/shown"
 LONGEST_NAME = 400
 BLOCK_BYTES = 1 << 18
 UPSTREAM_LIMIT_S = 10.0
 # renderers that draw on the processor: Chromium's, Mesa's, Microsoft's; a browser without WebGL draws nothing faster
 SOFTWARE = re.compile(r"swiftshader|llvmpipe|softpipe|swrast|basic render|software|^none$", re.IGNORECASE)
 REMOTE_TAG = re.compile(rb"<link[^>]*https://[^>]*>", re.DOTALL)
+SHOWN = re.compile(r"([a-z0-9]{1,20}) (\d{1,19})")
 HOST = re.compile(r"[A-Za-z0-9.-]+|\[[0-9A-Fa-f:]+\]")
-REPORT = b"""<script>
+SOFTWARE_PIXELS = 700_000  # of the picture that a processor draws, at most: its time goes with their number
+REPORT = (
+    """<script>
   (() => {
     const gl = document.createElement("canvas").getContext("webgl2");
     const names = gl && gl.getExtension("WEBGL_debug_renderer_info");
     const found = gl ? gl.getParameter(names ? names.UNMASKED_RENDERER_WEBGL : gl.RENDERER) : "none";
     fetch("renderer", { method: "POST", body: String(found) });
+
+    if (/SOFTWARE/i.test(String(found))) {
+      // fewer pixels than the window has: the browser stretches the picture, and what is a point stays one
+      const part = () => Math.min(1, Math.sqrt(PIXELS / (innerWidth * innerHeight * ratio() ** 2)));
+      const shrunk = (prototype, name, change) => {
+        const read = Object.getOwnPropertyDescriptor(prototype, name).get;
+        Object.defineProperty(prototype, name, { configurable: true, get() { return change(read.call(this)); } });
+        return read;
+      };
+      const read = shrunk(window, "devicePixelRatio", (value) => value * part());
+      const ratio = () => read.call(window);
+      const pixels = (value) => ({ value: Math.round(value * part()) });
+      shrunk(ResizeObserverEntry.prototype, "devicePixelContentBoxSize", (sizes) => Array.from(sizes, (size) =>
+        Object.create(ResizeObserverSize.prototype, {
+          inlineSize: pixels(size.inlineSize),
+          blockSize: pixels(size.blockSize),
+        })));
+    }
+
+    // the viewer's state names the time line, its kind and the time of the cursor, a variable-length integer
+    const mark = [...new TextEncoder().encode("sim_time"), 16, 2, 26];
+    const page = Math.random().toString(36).slice(2, 20);
+    let last = 0n, busy = false;
+    const cursor = () => {
+      const state = window._handle.viewer_state();
+      // the first one has the range of the data, the last one the cursor
+      let at = state.lastIndexOf(mark[0]);
+      while (at > 0 && !mark.every((byte, i) => state[at + i] === byte)) at = state.lastIndexOf(mark[0], at - 1);
+      let time = 0n;
+      if (at > 0 && [8, 16].includes(state[at + mark.length + 1])) {
+        for (let i = at + mark.length + 2, shift = 0n; i < state.length; i += 1, shift += 7n) {
+          time |= BigInt(state[i] & 127) << shift;
+          if (state[i] < 128) break;
+        }
+      }
+      return time;
+    };
+    const tell = () => {
+      if (!window._handle || busy) return;
+      const time = cursor();
+      if (time === last) return;
+      last = time;
+      busy = true;
+      fetch("shown", { method: "POST", body: `${page} ${time}` }).catch(() => {}).finally(() => { busy = false; });
+    };
+    const ask = window.requestAnimationFrame.bind(window);
+    window.requestAnimationFrame = (draw) => ask((now) => { draw(now); tell(); });
   })();
 </script>
-</head>"""
+</head>""".replace("SOFTWARE", SOFTWARE.pattern)
+    .replace("PIXELS", str(SOFTWARE_PIXELS))
+    .encode()
+)
 
 
 def draws_in_software(renderer: str) -> bool:
@@ -76,15 +129,24 @@ class PageServer:
         Ports of rerun's own web server, on the loopback interface, and of the data.
     on_renderer : callable
         Receives the name of the renderer of each page that is opened, in a thread of the server.
+    on_shown : callable
+        Receives a page's name and the time (s) it shows, with each of its frames that shows another one.
     """
 
     def __init__(
-        self, address: str, port: int, upstream_port: int, grpc_port: int, on_renderer: Callable[[str], None]
+        self,
+        address: str,
+        port: int,
+        upstream_port: int,
+        grpc_port: int,
+        on_renderer: Callable[[str], None],
+        on_shown: Callable[[str, float], None] = lambda page, time_s: None,
     ) -> None:
         class Handler(_PageHandler):
             upstream = upstream_port
             data_port = grpc_port
             told = staticmethod(on_renderer)
+            shown = staticmethod(on_shown)
 
         self._server = ThreadingHTTPServer((address, port), Handler)
         self._server.daemon_threads = True
@@ -103,6 +165,7 @@ class _PageHandler(BaseHTTPRequestHandler):
     upstream: int
     data_port: int
     told: Callable[[str], None]
+    shown: Callable[[str, float], None]
 
     def do_GET(self) -> None:
         """Pass on a file of the viewer, the page itself without its links to other hosts."""
@@ -116,12 +179,20 @@ class _PageHandler(BaseHTTPRequestHandler):
             connection.close()
 
     def do_POST(self) -> None:
-        """Take the name of the renderer."""
+        """Take the name of the renderer, or the time that is shown."""
         length = self.headers.get("Content-Length", "")
-        if self.path != RENDERER_PATH or not length.isdecimal() or int(length) > LONGEST_NAME:
+        if not length.isdecimal() or int(length) > LONGEST_NAME:
             self.send_error(HTTPStatus.BAD_REQUEST)
             return
-        self.told(self.rfile.read(int(length)).decode(errors="replace"))
+        body = self.rfile.read(int(length)).decode(errors="replace")
+        found = SHOWN.fullmatch(body)
+        if self.path == RENDERER_PATH:
+            self.told(body)
+        elif self.path == SHOWN_PATH and found is not None:
+            self.shown(found[1], int(found[2]) * 1e-9)
+        else:
+            self.send_error(HTTPStatus.BAD_REQUEST)
+            return
         self.send_response(HTTPStatus.NO_CONTENT)
         self.end_headers()
 

@@ -8,33 +8,29 @@ recordings of machines outside the catalogue can be shown as well.
 from __future__ import annotations
 
 import math
-import os
-import time
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from types import TracebackType
 
-import numpy as np
 import rerun as rr
 
 from mech_twin.capabilities.mechanism import FrameTree
 from mech_twin.captions import metrics_table
-from mech_twin.output_file import FILE_MODE
 from mech_twin.samples import BodySample, Drawing, Event, ForceSample, LinkageSample, MotorSample
 from mech_twin.view.annotations import Annotations, lost_energy
 from mech_twin.view.banner import Banner, sliding_joints
-from mech_twin.view.curves import SIM_TIME, STEP, Track, body_groups, force_groups, linkage_groups, motor_groups, times
-from mech_twin.view.errors import RerunSceneError
+from mech_twin.view.curves import Track, body_groups, force_groups, linkage_groups, motor_groups, times
+from mech_twin.view.flow import Flow
 from mech_twin.view.impact_marks import ImpactMarks, is_told
 from mech_twin.view.layout import BANNER, EVENTS, METRICS, PHASE_PORTRAIT, SceneContents, blueprint, light_paths
 from mech_twin.view.mechanism import Mechanism
 from mech_twin.view.phase_portrait import PhasePortrait
 from mech_twin.view.sending import AT_ONCE, Sending
+from mech_twin.view.stream import closed_stream, opened_stream, set_time
 
 VIEW_RATE_HZ = 30.0
 ROUNDING_M_PER_S = 1e-9  # a slower contact is at rest but for rounding
-FLUSH_S = 0.1  # drawings of this time (s) go to the viewer in one message
 
 
 class RerunScene:
@@ -52,6 +48,8 @@ class RerunScene:
         How much is sent how often; by default everything a file should keep.
     light : callable, optional
         Tells whether the layout is to be the light one; asked now and then.
+    flow : Flow, optional
+        Tells when a live view may get its next picture; without it all goes out at once.
     curve_span_s, portrait_span_s : float
         Simulated time span of the curves and of the phase portrait.
     flush_limit_s : float
@@ -73,6 +71,7 @@ class RerunScene:
         rrd_path: str | Path | None = None,
         sending: Sending = AT_ONCE,
         light: Callable[[], bool] | None = None,
+        flow: Flow | None = None,
         curve_span_s: float = 1.0,
         portrait_span_s: float = 0.5,
         flush_limit_s: float = 0.5,
@@ -82,9 +81,12 @@ class RerunScene:
         self._curve_span_s = curve_span_s
         self._portrait_span_s = portrait_span_s
         self._flush_limit_s = flush_limit_s
-        self._stream = _opened_stream(application_id, grpc_url, rrd_path)
+        self._stream = opened_stream(application_id, grpc_url, rrd_path)
         self._sending = sending
         self._light = light
+        self._flow = flow
+        self._is_open = True
+        self._drawing_wanted = True
         self._is_light = light is not None and light()
         self._sliding: frozenset[str] = frozenset()
         self._make_tracks()
@@ -97,12 +99,21 @@ class RerunScene:
         self._mechanism = Mechanism(self._stream)
         self._shown: SceneContents | None = None
         self._shown_light = False
-        self._drawn_at = -math.inf
         self._time_s = 0.0
         self._last_picture = -1
         self._live = grpc_url is not None
         self._closed = False
         self._complete = True
+
+    @property
+    def stream(self) -> rr.RecordingStream:
+        """Where all of it is logged."""
+        return self._stream
+
+    @property
+    def contents(self) -> SceneContents | None:
+        """What the layout was made for; None before the first one."""
+        return self._shown
 
     def know(self, tree: FrameTree, blow_energy: Callable[[Event], float] | None = None) -> None:
         """Show also what needs the machine's frames: pin reactions, blows, units of joints; before the first step.
@@ -123,6 +134,7 @@ class RerunScene:
     ) -> None:
         """Add the samples of a step, all or some; they are sent in batches."""
         sent = False
+        self._is_open = self._may_send()
         self._banner.add(motor, linkage, forces)
         if self._annotations is not None and linkage is not None:
             self._annotations.add(linkage, forces)
@@ -137,19 +149,21 @@ class RerunScene:
             self._send_events()
             self._send_banner()
             self._lay_out()
+            self._drawing_wanted = True
+            if self._flow is not None:
+                self._flow.sent(self._time_s)
 
     def drawing_due(self, time_s: float) -> bool:
-        """Return whether the mechanism should be drawn at this time: 30 times a simulated second."""
-        return _picture(time_s) != self._last_picture
+        """Return whether the mechanism should be drawn at this time: 30 times a simulated second at most."""
+        return self._drawing_wanted and _picture(time_s) != self._last_picture
 
     def drawing(self, drawing: Drawing) -> None:
-        """Show a drawing of the mechanism; one that follows sooner than a viewer can show it is dropped."""
+        """Show a drawing of the mechanism; one that comes before the page has shown the last picture is dropped."""
         self._last_picture = _picture(drawing.time_s)
-        now = time.monotonic()
-        if now - self._drawn_at < self._sending.least_interval_s(light=self._is_light):
+        if not self._drawing_wanted:
             return
-        self._drawn_at = now
-        self._set_time(drawing.time_s, drawing.step)
+        self._drawing_wanted = self._flow is None
+        set_time(self._stream, drawing.time_s, drawing.step)
         self._mechanism.widen(drawing.shapes)
         notes = self._annotations.shapes(drawing.time_s, self._mechanism.bounds()) if self._annotations else ()
         self._mechanism.show(drawing.shapes, notes)
@@ -166,7 +180,7 @@ class RerunScene:
 
     def metrics(self, metrics: Mapping[str, float]) -> None:
         """Show the metrics of the run as a table; names end in their unit."""
-        self._set_time(self._time_s)
+        set_time(self._stream, self._time_s)
         self._stream.log(METRICS, rr.TextDocument(metrics_table(metrics), media_type=rr.MediaType.MARKDOWN))
 
     def log(self, text: str, level: str = "INFO") -> None:
@@ -195,16 +209,8 @@ class RerunScene:
         self._send_events()
         self._send_banner()
         self._lay_out()
-        try:
-            self._stream.flush(timeout_sec=self._flush_limit_s)
-        except (RuntimeError, ValueError) as reason:
-            self._complete = False
-            if not self._live:
-                raise RerunSceneError(
-                    f"view: the file could not be written completely: {_first_line(reason)}"
-                ) from reason
-        finally:
-            self._stream.disconnect()
+        self._complete = False
+        self._complete = closed_stream(self._stream, self._flush_limit_s, live=self._live)
         return self._complete
 
     def __enter__(self) -> RerunScene:
@@ -214,12 +220,6 @@ class RerunScene:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
-
-    def _set_time(self, time_s: float, step: int | None = None) -> None:
-        self._stream.reset_time()
-        self._stream.set_time(SIM_TIME, duration=np.timedelta64(round(time_s * 1e9), "ns"))
-        if step is not None:
-            self._stream.set_time(STEP, sequence=step)
 
     def _trace_body(self, body: BodySample) -> bool:
         if tuple(portrait.joint for portrait in self._portraits) != body.joints:
@@ -233,19 +233,29 @@ class RerunScene:
             return False
         if self._is_light:
             return True
-        self._set_time(body.time_s, body.step)
+        set_time(self._stream, body.time_s, body.step)
         for portrait in self._portraits:
             portrait.log(self._stream)
         return True
 
     def _make_tracks(self) -> None:
         made = partial(
-            Track, self._stream, window=self._sending.window, batch_s=self._sending.batch_s, shown=self._is_shown
+            Track,
+            self._stream,
+            window=self._sending.window,
+            window_s=self._sending.window_s,
+            batch_s=self._sending.batch_s,
+            shown=self._is_shown,
+            is_open=lambda: self._is_open,
+            kept_s=self._curve_span_s,
         )
         self._motor: Track[MotorSample] = made(lambda samples: motor_groups(samples, self._sliding))
         self._linkage: Track[LinkageSample] = made(lambda samples: linkage_groups(samples, self._sliding))
         self._forces: Track[ForceSample] = made(force_groups)
         self._body: Track[BodySample] = made(body_groups)
+
+    def _may_send(self) -> bool:
+        return self._flow is None or self._flow.is_open(self._sending.least_interval_s(light=self._is_light))
 
     def _is_shown(self, path: str) -> bool:
         return not self._is_light or path in light_paths(self._curves())
@@ -255,7 +265,7 @@ class RerunScene:
         return {path: names for track in tracks for path, names in track.curves.items()}
 
     def _send_banner(self) -> None:
-        self._set_time(self._time_s)
+        set_time(self._stream, self._time_s)
         text = rr.TextDocument(self._banner.text(), media_type=rr.MediaType.MARKDOWN)
         self._stream.log(BANNER, text)
 
@@ -292,10 +302,6 @@ class RerunScene:
         self._stream.send_blueprint(blueprint(self._shown, self._curve_span_s, light=self._is_light))
 
 
-def _first_line(reason: Exception) -> str:
-    return str(reason).partition("\n")[0]
-
-
 def _picture(time_s: float) -> int:
     """Return the index of the drawing interval of this time."""
     return math.floor(time_s * VIEW_RATE_HZ + 1e-6)
@@ -309,30 +315,3 @@ def event_line(event: Event) -> str:
     if event.impulse_ns != 0.0:
         words.append(f"{event.impulse_ns:.4g} N s")
     return "  ".join([*words, f"cycle {event.period}"])
-
-
-def _create_file(path: Path) -> None:
-    """Create the file, or check that it is a regular one: rerun itself would follow a symbolic link."""
-    try:
-        os.close(os.open(path, os.O_CREAT | os.O_NOFOLLOW | os.O_WRONLY | os.O_CLOEXEC, FILE_MODE))
-    except OSError as reason:
-        raise RerunSceneError(f"view: file {path}: cannot be written: {reason.strerror}") from reason
-
-
-def _opened_stream(application_id: str, grpc_url: str | None, rrd_path: str | Path | None) -> rr.RecordingStream:
-    stream = rr.RecordingStream(application_id, batcher_config=rr.ChunkBatcherConfig(flush_tick=FLUSH_S))
-    if rrd_path is not None:
-        _create_file(Path(rrd_path))
-    sinks: list[rr.GrpcSink | rr.FileSink] = []
-    if grpc_url is not None:
-        sinks.append(rr.GrpcSink(grpc_url))
-    if rrd_path is not None:
-        sinks.append(rr.FileSink(str(rrd_path)))
-    try:
-        stream.set_sinks(*sinks)
-    except RuntimeError as reason:
-        target = f"file {rrd_path}" if rrd_path is not None else grpc_url
-        raise RerunSceneError(f"view: {target}: cannot be written: {_first_line(reason)}") from reason
-    stream.set_log_time_enabled(False)
-    stream.set_log_tick_enabled(False)
-    return stream

@@ -23,6 +23,7 @@ from types import TracebackType
 from urllib.parse import quote
 
 from mech_twin.dependencies import extra_needed
+from mech_twin.view.flow import PageReports
 from mech_twin.view.page_server import PageServer, draws_in_software
 
 LOOPBACK = "127.0.0.1"
@@ -53,6 +54,11 @@ def viewer_binary() -> Path:
     if not binary.is_file():
         raise ViewerError(f"viewer: no binary at {binary}")
     return binary
+
+
+def graphics_file(directory: Path) -> Path:
+    """Return the file, in a viewer's folder, that exists while the page opened last is drawn by a graphics card."""
+    return directory / "graphics_card"
 
 
 def free_port() -> int:
@@ -126,11 +132,13 @@ class ViewerProcess:
         if self.web_port == self.grpc_port:
             raise ViewerError(f"viewer: web and data port are both {self.web_port}; choose two different ones")
         self._directory = Path(tempfile.mkdtemp(prefix="mech_twin_view_"))
+        self._reports = PageReports(self._directory)
         self.files_port = free_port()
         try:
             self._process = self._started(binary, address, memory_limit, newest_first=newest_first)
             self._wait_until_ready(ready_limit_s)
-            self._page = PageServer(address, self.web_port, self.files_port, self.grpc_port, self._note_renderer)
+            ports = (self.web_port, self.files_port, self.grpc_port)
+            self._page = PageServer(address, *ports, self._note_renderer, self._reports.shown)
         except BaseException:
             self.close()
             raise
@@ -157,7 +165,12 @@ class ViewerProcess:
     @property
     def graphics_file(self) -> Path:
         """File that exists while the page opened last is drawn by a graphics card."""
-        return self._directory / "graphics_card"
+        return graphics_file(self._directory)
+
+    @property
+    def reports_directory(self) -> Path:
+        """Folder of what the pages say: of `graphics_file`, and of what `Flow` reads."""
+        return self._directory
 
     @property
     def pid(self) -> int | None:
@@ -187,6 +200,7 @@ class ViewerProcess:
         self.close()
 
     def _note_renderer(self, name: str) -> None:
+        self._reports.opened()
         if draws_in_software(name):
             self.graphics_file.unlink(missing_ok=True)
         else:

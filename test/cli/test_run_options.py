@@ -11,7 +11,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from mech_twin.cli.run import RunRequest, hold_view, run_options
+from mech_twin.cli.live_view import hold_view
+from mech_twin.cli.run import RunRequest, run_options
 from mech_twin.configuration_tree import ConfigurationError
 from mech_twin.nodes.options import RunOptions
 from mech_twin.parameters.load import configuration_file

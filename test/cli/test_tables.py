@@ -7,12 +7,14 @@ import csv
 import io
 import math
 import sys
+from typing import Any
 
 import pytest
+from typer.main import get_command
 
 from mech_twin.cli.console import print_table
-from mech_twin.cli.main import main
-from mech_twin.cli.metric_groups import GROUPS, HEADLINES, group_of, grouped, headlines
+from mech_twin.cli.main import app, main
+from mech_twin.cli.metric_groups import GROUPS, HEADLINES, analysed_groups, group_of, grouped, headlines
 from mech_twin.cli.run_summary import is_notable, show_events, show_numbers, show_residuals
 from mech_twin.cli.study_long_run import joined
 from mech_twin.machines.catalog import CATALOGUE
@@ -159,3 +161,36 @@ def test_a_residual_that_is_no_number_is_broken(capsys) -> None:
 def test_equal_regimes_that_follow_each_other_are_one_row() -> None:
     rows = [(0.1, "periodic", 1, "1", 2.0), (0.2, "periodic", 1, "1", 3.0), (0.3, "chaotic", "-", "-", 4.0)]
     assert joined(rows) == [(0.1, 0.2, "periodic", 1, "1", "2 to 3"), (0.3, 0.3, "chaotic", "-", "-", "4")]
+
+
+def commands() -> list[list[str]]:
+    root: Any = get_command(app)
+    questions = root.commands["study"].commands
+    return [[], *([name] for name in root.commands), *(["study", "mb10_breaker", question] for question in questions)]
+
+
+@pytest.mark.parametrize("words", commands(), ids=" ".join)
+def test_every_help_text_fits_80_columns_and_says_what_each_option_takes(words, monkeypatch, capsys) -> None:
+    shown = typed(" ".join([*words, "--help"]), monkeypatch, capsys)
+    assert max(map(len, shown.splitlines())) <= 80
+    assert "<" not in shown.replace("<=", "")  # no name of a Python type
+    assert "…" not in shown
+
+
+def test_no_help_text_has_brackets_which_the_library_takes_for_markup() -> None:
+    root: Any = get_command(app)
+    every = [*root.commands.values(), *root.commands["study"].commands.values()]
+    for command in every:
+        assert command.help
+        for parameter in command.params:
+            assert parameter.help, (command.name, parameter.name)
+            assert "[" not in parameter.help, (command.name, parameter.name)
+
+
+@pytest.mark.parametrize("name", CATALOGUE)
+def test_an_analysis_stands_in_the_groups_of_a_summary_and_leaves_nothing_out(name) -> None:
+    report = machine(name).report()
+    groups = analysed_groups(report)
+    assert set(groups) <= set(GROUPS)
+    assert sorted(key for values in groups.values() for key in values) == sorted(report)
+    assert list(groups) == [group for group in GROUPS if group in groups]

@@ -18,7 +18,7 @@ from mech_twin.engine.run import frames
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.measurements.blocks import NO_DELAYS, Array, Block
 from mech_twin.measurements.errors import MeasurementError
-from mech_twin.measurements.measurement_map import Channel
+from mech_twin.measurements.measurement_map import Channel, MeasurementMap
 from mech_twin.measurements.model_turn import TURN, ModelTurn, following, model_turn
 from mech_twin.measurements.plausibility import implausible
 from mech_twin.measurements.quality import QualityGauge
@@ -177,10 +177,21 @@ def test_wrapped_angles_are_unwrapped_and_counters_are_left_alone(tmp_path: Path
         {"source": {"column": name}, "is": "linkage.crank.position", "unit": unit}
         for name, unit in (("wrapped", "deg"), ("turns", "turn"), ("fast", "rad"))
     ]
-    from mech_twin.measurements.measurement_map import MeasurementMap
-
     tree = {"machine": MACHINE, "time": {"column": "t"}, "channels": channels}
     wrapped, turns, fast = read_run(TableReader(path), MeasurementMap.model_validate(tree)).channels
     assert wrapped.values == pytest.approx(angle, abs=1e-9)
     assert turns.values == pytest.approx(angle, abs=1e-9)
     assert np.diff(fast.values) == pytest.approx(np.full(399, 3.5 * TURN))
+
+
+@pytest.mark.parametrize("stamp", ["nan", "1.0", "inf", "-inf"])
+def test_samples_without_a_time_of_their_own_are_no_measurement(stamp: str, tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    path.write_text("t,x\n" + "".join(f"{stamp},{0.1 * row}\n" for row in range(100)), encoding="utf-8")
+    tree = {
+        "machine": "impact_mass",
+        "time": {"column": "t", "unit": "s"},
+        "channels": [{"source": {"column": "x"}, "is": "linkage.mass.position", "unit": "m"}],
+    }
+    with pytest.raises(MeasurementError, match=r"'x' \(linkage.mass.position\): [01] samples .* expected at least 8"):
+        read_run(TableReader(path), MeasurementMap.model_validate(tree))

@@ -10,6 +10,7 @@ import sys
 import time
 from pathlib import Path
 
+import psutil
 import pytest
 from catalogue import NAMES, built
 
@@ -95,6 +96,13 @@ class Terminal:
         self.process.stdin.flush()
         self.until(answer)
 
+    def end(self) -> None:
+        """End the terminal and, should it not answer, the run in it."""
+        run = psutil.Process(self.process.pid).children(recursive=True) if self.process.poll() is None else []
+        for process in (*run, self.process):
+            process.kill()
+        self.process.wait()
+
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("ros_domain")
@@ -113,4 +121,4 @@ def test_keys_command_the_run() -> None:
         run.process.communicate(timeout=LIMIT_S)
         assert run.process.returncode == 0
     finally:
-        run.process.kill()
+        run.end()

@@ -10,11 +10,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 import pytest
 import rclpy
 from catalogue import built
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.signals import SignalHandlerOptions
+from rrd_tables import rrd_tables
 from sensor_msgs.msg import JointState
 
 from mech_twin.configuration_tree import ConfigurationError, configuration_tree, merged_tree, tree_from_flat
@@ -39,9 +41,11 @@ from mech_twin.nodes.options import RunOptions
 from mech_twin.nodes.shadow_inputs import sensed_channels
 from mech_twin.nodes.shadow_node import ShadowNode, ShadowSetup
 from mech_twin.nodes.shadow_session import Company, followed_namespace, nodes_beside
+from mech_twin.nodes.shadow_viewer_node import ShadowState, ShadowViewerNode, state_line
 from mech_twin.nodes.spinner import Spinner
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.recording.bag_reader import open_bag
+from mech_twin.studies.monitoring.fault_life import FaultLife
 
 pytestmark = pytest.mark.usefixtures("ros_domain")
 NAME = "vibration_crank"
@@ -57,15 +61,15 @@ LIMIT_S = 30.0
 class FollowedMachine:
     """A foreign publisher of a machine's wheel, a shadow beside it, and a witness of all that is said."""
 
-    def __init__(self, directory: Path | None = None, silence_s: float = 1000.0) -> None:
+    def __init__(self, directory: Path | None = None, silence_s: float = 1000.0, view: Path | None = None) -> None:
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
         tree = merged_tree(configuration_tree(built(NAME).parameters), tree_from_flat(HIDDEN))
         entry = catalogue_entry(NAME)
         self.run = roll_out(entry.build(entry.parameters.model_validate(tree)), 2.5)
         self.shadow = ShadowNode(NAME, ShadowSetup("/plant", MAP), options=RunOptions(peer_timeout_s=silence_s))
         self.nodes: list[TwinNode] = [self.shadow]
-        if directory is not None:
-            self.nodes += nodes_beside(NAME, self.shadow, built(NAME).parameters, Company(directory))
+        company = Company(directory, view=None if view is None else str(view))
+        self.nodes += nodes_beside(NAME, self.shadow, built(NAME).parameters, company)
         self.plant = rclpy.create_node("plc", namespace="/plant")
         self.wheel = self.plant.create_publisher(JointState, "wheel", DATA)
         self.heard: dict[str, list[Any]] = {}
@@ -106,7 +110,8 @@ class FollowedMachine:
         )
 
     def __enter__(self) -> FollowedMachine:
-        self.until(lambda: self.wheel.get_subscription_count() >= len(self.nodes))
+        listening = [node for node in self.nodes if not isinstance(node, ShadowViewerNode)]
+        self.until(lambda: self.wheel.get_subscription_count() >= len(listening))
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -153,6 +158,49 @@ def test_a_foreign_machine_with_hidden_parameters_is_followed(tmp_path: Path) ->
         counts = {name: about.message_count for name, about in reader.topics.items()}
     assert counts[full_name(NAME, ESTIMATED)] == len(estimated)
     assert counts["/plant/wheel"] == len(ROWS)
+
+
+def test_the_view_shows_measured_and_model_with_the_residual_in_its_band_and_the_state(tmp_path: Path) -> None:
+    with FollowedMachine(view=tmp_path / "seen.rrd") as bench:
+        bench.play(ROWS)
+        estimates = len(ROWS) - len(bench.shadow.observer._waiting)
+    moving, static = rrd_tables(tmp_path / "seen.rrd")
+    curves = moving[f"/channels/{CHANNEL['is']}"]
+    times_s = np.array(curves["sim_time"].cast(pa.int64()).to_pylist()) * 1e-9
+    measured, model = np.array(curves["Scalars:scalars"].to_pylist()).T
+    residual, above, below = np.array(moving[f"/residuals/{CHANNEL['is']}"]["Scalars:scalars"].to_pylist()).T
+    assert 0.3 * estimates < len(measured) <= estimates
+    true = np.interp(times_s, bench.run["time_s"] + EPOCH_S - bench.shadow.origin.second, bench.run[CHANNEL["is"]])
+    assert np.abs(measured - true).max() < np.radians(6.0 * 0.05)  # six sigma of the noise that was added
+    assert np.abs(model - true).max() < 0.05
+    assert np.array_equal(above, -below)
+    assert above.min() > 0.0
+    assert np.mean(np.abs(residual[len(residual) // 5 :]) <= above[len(residual) // 5 :]) >= 0.9
+    figures = moving["/mechanism/figure"]
+    drawn = built(NAME).draw(built(NAME).linkage.start(), None)
+    lines = sum(shape.kind == "line" for shape in drawn)
+    assert len(figures["LineStrips2D:strips"].to_pylist()[-1]) >= 2 * lines, "model and measurement are not both drawn"
+    words = moving["/banner"]["TextDocument:text"].to_pylist()[-1][0]
+    assert "**locked**" in words
+    assert "no monitor" in words
+    assert static["/channels/linkage.crank.position"].column("SeriesLines:names").to_pylist()[0] == [
+        "measured",
+        "model",
+    ]
+
+
+def test_the_line_of_state_names_what_the_operator_must_see() -> None:
+    faults = tuple(FaultLife(f"fault {state}", state) for state in ("cleared", "pending", "active", "latched"))
+    line = state_line(ShadowState("locked", "shadow", 12.5, 0.42, faults))
+    assert "FAULT fault active: active" in line
+    assert "FAULT fault latched: latched" in line
+    assert "cleared" not in line
+    assert "t = 12.50 s" in line
+    assert "residual 0.4 sigma" in line
+    assert "no fault" in state_line(ShadowState("locked", "shadow", 1.0, 0.0, faults[:1]))
+    silent = state_line(ShadowState("waiting: STALE, nothing from the machine for 2.0 s", "model", None, 0.0, None))
+    assert "STALE" in silent
+    assert "no monitor" in silent
 
 
 def test_silence_is_said_and_estimates_are_held_with_growing_sigma() -> None:

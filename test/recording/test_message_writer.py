@@ -2,6 +2,7 @@
 """The faster writer writes the very bytes of the mcap package's own."""
 
 import io
+import tracemalloc
 from itertools import pairwise
 
 import pytest
@@ -54,3 +55,43 @@ def test_without_the_private_members_the_package_s_own_method_writes(member):
     found = [message for _, _, message in make_reader(io.BytesIO(ours)).iter_messages()]
     assert [message.data for message in found] == [data for _, _, data, _, _ in messages]
     assert all(one.log_time <= other.log_time for one, other in pairwise(found))
+
+
+def test_an_open_file_grows_by_the_bytes_of_its_index():
+    channels, chunks = 20, 400
+    writer = MessageWriter(Sink(), 1 << 20, CompressionType.ZSTD)
+    writer.start()
+    schema = writer.register_schema("x/msg/X", "ros2msg", b"int32 x")
+    known = [writer.register_channel(f"/{number}", "cdr", schema) for number in range(channels)]
+
+    def write(first, last):
+        for chunk in range(first, last):
+            for channel in known:
+                writer.add_message(channel, 10**12 + chunk, b"payload", 10**12 + chunk, chunk)
+            writer.flush()
+
+    write(0, 100)
+    tracemalloc.start()
+    before = tracemalloc.get_traced_memory()[0]
+    write(100, 100 + chunks)
+    grown = tracemalloc.get_traced_memory()[0] - before
+    tracemalloc.stop()
+    record = 9 + 64 + len("zstd") + 10 * channels
+    assert grown < 1.3 * record * chunks + 2000  # a row of bytes grows by an eighth ahead
+
+
+class Sink:
+    """Takes what is written and keeps nothing."""
+
+    def __init__(self):
+        self.length = 0
+
+    def write(self, data):
+        self.length += len(data)
+        return len(data)
+
+    def tell(self):
+        return self.length
+
+    def flush(self):
+        pass

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A sweep over a Dask cluster of two worker processes: one is killed, nothing is lost, nothing counted twice."""
+"""Work over a Dask cluster of two worker processes: one is killed, nothing is lost, nothing counted twice."""
 
 import os
 import shutil
@@ -10,11 +10,22 @@ import time
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from mech_twin.capabilities.errors import StudyError
+from mech_twin.measurements.measurement_map import Channel
+from mech_twin.parameters.load import machine_parameters
 from mech_twin.studies import designs, sweep
+from mech_twin.studies.identification.channel_prediction import ColumnCurves, needed_columns
+from mech_twin.studies.identification.fit_runs import FitChannel, FitRun
+from mech_twin.studies.identification.fit_setting import FitSetting, fits_from, profiles_spread
+from mech_twin.studies.identification.intervals import linearised
+from mech_twin.studies.identification.least_squares_fit import solved
+from mech_twin.studies.identification.profile_likelihood import profiled
+from mech_twin.studies.identification.question import IdentificationQuestion
 from mech_twin.studies.parameter_sweep import journal_of
+from mech_twin.studies.rolling_out import rollout
 
 pytestmark = pytest.mark.slow
 AXES = {"linkage.crank_m": tuple(0.04 + 0.0005 * i for i in range(40)), "drive.speed_rpm": (200.0, 300.0)}
@@ -99,3 +110,36 @@ def test_a_scheduler_that_is_not_there_is_told(tmp_path, monkeypatch):
         sweep(
             "winding_drum", {"eccentricity_m": (0.0, 0.001, 0.002)}, tmp_path / "x.csv", scheduler="tcp://127.0.0.1:9"
         )
+
+
+def measured_crank():
+    """Return a run of another crank mechanism: its crank and its slider, each with noise."""
+    true = machine_parameters("vibration_crank", None, {"crank_m": 0.131, "rod_m": 0.47})
+    noises = {"linkage.crank.position": 0.002, "linkage.slider.position": 3e-4}
+    curves = ColumnCurves(rollout("vibration_crank", true, 0.6, columns=needed_columns(list(noises))))
+    random, times = np.random.default_rng(1), np.arange(0.0, 0.59, 0.005)
+    channels = []
+    for name, noise in noises.items():
+        line = Channel.model_validate({"source": {"column": name}, "is": name, "sigma": noise, "zero": "free"})
+        shown = curves.at(name, times) + noise * random.standard_normal(len(times))
+        channels.append(FitChannel(line, times, shown, noise))
+    return FitRun(Path("stand"), tuple(channels), (), 0.0)
+
+
+def test_the_cluster_follows_the_same_profiles_and_ends_the_same_starts_as_one_core(cluster):
+    address, _ = cluster
+    # the working force has hardly an effect: its interval is wider than itself, so it is followed
+    keys = ("crank_m", "rod_m", "working_force_n")
+    question = IdentificationQuestion("vibration_crank", machine_parameters("vibration_crank"), keys, cores=1)
+    setting = FitSetting(question, keys, (measured_crank(),))
+    problem = setting.problem()
+    fitted = solved(problem, problem.unknowns.start)
+    line = linearised(fitted)
+    here, there = profiled(fitted, line), profiles_spread(setting, fitted, line, address)
+    assert here.followed
+    assert there.followed == here.followed
+    assert np.array_equal(there.lower, here.lower, equal_nan=True)
+    assert np.array_equal(there.upper, here.upper, equal_nan=True)
+    start = problem.unknowns.start * 1.02
+    (far,) = fits_from(setting, [start], address)
+    assert np.array_equal(far.x, solved(problem, start).x)

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The sources' figures: drawn for every machine, vector and raster, labelled, small enough for a page."""
 
+import re
+
 import pytest
 
 from mech_twin.studies import draw_figures
@@ -24,6 +26,21 @@ def test_every_axis_has_a_name_with_its_unit(machine):
             )
             assert any(other.get_xlabel() for other in across) or axes.get_xticklabels()[0].get_text(), picture.name
             assert any(other.get_ylabel() for other in beside), picture.name
+
+
+@pytest.mark.parametrize("machine", machines_with_published_values())
+def test_every_figure_names_that_of_its_source_or_says_that_there_is_none_and_rings_are_published(machine):
+    for picture in machine_pictures(machine):
+        panels = picture.figure.axes
+        words = " ".join([picture.caption, *(axes.get_title("left") for axes in panels)])
+        none = "Not a figure of the source" in words or "has no figure" in words
+        assert bool(re.search(r"Figs?\. \d", words)) != none, picture.name
+        lines = [line for axes in panels for line in axes.get_lines()]
+        rings = [line for line in lines if line.get_marker() == "o" and line.get_color() == "none"]
+        legends = [axes.get_legend() for axes in panels if axes.get_legend() is not None]
+        named = [text.get_text() for legend in legends for text in legend.get_texts()]
+        claims = [name for name in named if name.startswith("published") and "maximum" not in name]
+        assert bool(rings) == bool(claims), picture.name
 
 
 @pytest.mark.parametrize("machine", ["winding_drum", "vibration_crank"])

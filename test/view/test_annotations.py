@@ -17,8 +17,8 @@ from mech_twin.samples import Event
 from mech_twin.view.annotations import FLASH_S, Annotations, lost_energy
 from mech_twin.view.banner import Banner, sliding_joints
 from mech_twin.view.impact_marks import is_told
+from mech_twin.view.labels import written_beside
 from mech_twin.view.layout import Bounds
-from mech_twin.view.mechanism import written_beside
 from mech_twin.view.scale import with_prefix
 
 BOUNDS = Bounds(-1.0, 1.0, -0.8, 0.8)

@@ -9,6 +9,7 @@ from contextlib import closing
 
 import pytest
 
+from mech_twin.view.flow import Flow
 from mech_twin.view.page_server import LONGEST_NAME, content_policy, draws_in_software, local_page
 from mech_twin.view.viewer_process import ViewerProcess
 
@@ -101,3 +102,12 @@ def test_links_to_other_hosts_go_and_own_ones_stay():
     kept = local_page(page)
     assert b"a.ico" in kept
     assert b"https" not in kept
+
+
+def test_what_a_page_shows_is_noted_and_nothing_else(viewer):
+    assert asked(viewer, "POST", "/shown", "abc 1500000000")[0].status == 204
+    assert Flow(viewer.reports_directory).shown_s() == 1.5
+    for body in ("abc", "abc -1", "abc 1.5", "a b 1", "abc " + "9" * 20, "<b> 1"):
+        assert asked(viewer, "POST", "/shown", body)[0].status == 400
+    assert asked(viewer, "POST", "/elsewhere", "abc 1")[0].status == 400
+    assert Flow(viewer.reports_directory).shown_s() == 1.5

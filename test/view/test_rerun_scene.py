@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-from collections import defaultdict
-
 import numpy as np
 import pyarrow as pa
 import pytest
 from rerun.chunk import RrdReader
+from rrd_tables import rrd_tables
 from synthetic_four_bar import PINS, drawing, events, frame, metrics
 
 from mech_twin.samples import BodySample, Drawing, Event, Named, Shape
+from mech_twin.view.errors import RerunSceneError
 from mech_twin.view.layout import Bounds, SceneContents, blueprint
-from mech_twin.view.rerun_scene import RerunScene, RerunSceneError, event_line
+from mech_twin.view.rerun_scene import RerunScene, event_line
 from mech_twin.view.scale import round_above
 
 STEPS = 1000
@@ -28,24 +28,12 @@ def shown(scene, steps=STEPS, *, with_body=True):
             scene.metrics(metrics(step))
 
 
-def tables(path):
-    """Return what the file holds: per entity one table of all rows over time, and one of what is static."""
-    moving, static = defaultdict(list), {}
-    for chunk in RrdReader(str(path)).stream():
-        batch = chunk.to_record_batch()
-        if chunk.is_static:
-            static[chunk.entity_path] = batch
-        else:
-            moving[chunk.entity_path].append(batch)
-    return {entity: pa.Table.from_batches(parts) for entity, parts in moving.items()}, static
-
-
 @pytest.fixture(scope="module")
 def kept(tmp_path_factory):
     path = tmp_path_factory.mktemp("view") / "run.rrd"
     with RerunScene("four_bar", rrd_path=path) as scene:
         shown(scene)
-    return tables(path)
+    return rrd_tables(path)
 
 
 def sorted_rows(table, component):
@@ -118,7 +106,7 @@ def test_a_machine_without_body_gets_no_body_panels(tmp_path):
     path = tmp_path / "run.rrd"
     with RerunScene("four_bar", rrd_path=path) as scene:
         shown(scene, 200, with_body=False)
-    moving, _ = tables(path)
+    moving, _ = rrd_tables(path)
     assert not any(entity.startswith(("/body/", "/phase_portrait")) for entity in moving)
     names = panel_names(SceneContents({"motor/torque": ("rotor",), "body_moment": ("moment on the body",)}, (), None))
     assert not any(word in names for word in ("Phase portrait", "Pressing force", "Body", "Moment on the body"))
@@ -162,7 +150,7 @@ def test_samples_may_come_one_role_at_a_time(tmp_path):
             scene.frame(linkage=frame(step).linkage)
         for step in range(101):
             scene.frame(body=frame(step).body)
-    moving, _ = tables(path)
+    moving, _ = rrd_tables(path)
     assert max(moving["/linkage/speed"]["step"].to_pylist()) == 100
     assert max(moving["/body/pressing_force"]["step"].to_pylist()) == 100
 
@@ -177,7 +165,7 @@ def test_names_that_change_start_curves_of_their_own(tmp_path):
             scene.frame(
                 motor=sample._replace(joints=("a", "b"), position=(0, 0), velocity=(1, 2), effort=(3.0, step * 1.0))
             )
-    moving, _ = tables(path)
+    moving, _ = rrd_tables(path)
     widths = {len(row) for row in moving["/motor/torque"]["Scalars:scalars"].to_pylist()}
     assert widths == {1, 2}
 
@@ -188,7 +176,7 @@ def test_what_is_no_longer_drawn_disappears(tmp_path):
     with RerunScene("four_bar", rrd_path=path) as scene:
         scene.drawing(Drawing(0, 0.0, (arrow,)))
         scene.drawing(Drawing(34, 0.034, ()))
-    moving, _ = tables(path)
+    moving, _ = rrd_tables(path)
     counts = [len(row or ()) for row in moving["/mechanism/figure"]["Arrows2D:vectors"].to_pylist()]
     assert counts == [1, 0]
 

@@ -18,6 +18,7 @@ from scipy.stats import qmc
 
 from mech_twin.capabilities.design import Design, DesignSpace, Evaluation
 from mech_twin.capabilities.errors import StudyError
+from mech_twin.capabilities.progress import tell
 from mech_twin.machines.compaction_press.design_configuration import described, design_problem
 from mech_twin.machines.compaction_press.design_evaluation import evaluation
 from mech_twin.machines.compaction_press.design_problem import CONSTRAINTS, OBJECTIVES, SENSES, Limits, Margins, Problem
@@ -186,6 +187,7 @@ def _evolved(asked: PressSearch, evaluate: Evaluate, start: Array, goal: Goal, g
         polish=False,
         vectorized=True,
         updating="deferred",
+        callback=lambda intermediate_result: tell(intermediate_result.nit, generations),
     )
     return asked.space.designs(_sharpened(value, np.asarray(evolution.x), asked.effort.simplex_evaluations))
 

@@ -14,9 +14,9 @@ from mech_twin.capabilities.plots import (
     GREEN,
     GREY,
     ORANGE,
+    OWN,
     RED,
     Picture,
-    published,
     sheet,
     turn_axis,
 )
@@ -77,7 +77,7 @@ def _diagrams(cycle: PressCycle, few: PressCycle) -> Picture:
     panels[0].set_title("Torque, work and energy over a turn")
     panels[2].set_xlabel("crank angle, degrees")
     caption = "The three diagrams from which the energy-mass curve is made, with the paper's 12 crank positions marked."
-    return Picture("compaction_press_diagrams", caption, figure)
+    return Picture("compaction_press_diagrams", f"{caption} {OWN}", figure)
 
 
 def _energy_mass(parameters: CompactionPress, cycle: PressCycle, few: PressCycle) -> Picture:
@@ -92,15 +92,18 @@ def _energy_mass(parameters: CompactionPress, cycle: PressCycle, few: PressCycle
         (cuts.lower_j, w * (1.0 - 0.5 * delta), cuts.lower_position, "slowest", GREEN),
     ):
         axes.plot(width, cut + 0.5 * speed * speed * width, color=colour, linewidth=1.1, label=f"tangent, {name}")
-        published(axes, [cycle.inertia_kg_m2[place]], [cycle.work_j[place]], "", colour)
+        axes.plot([cycle.inertia_kg_m2[place]], [cycle.work_j[place]], "D", color=colour, markersize=5, zorder=5)
         axes.plot([0.0], [cut], "s", color=colour, markersize=5)
     axes.set_xlim(0.0, width[1])
     axes.set_xlabel(r"reduced inertia $I$, kg m²")
     axes.set_ylabel(r"work $W$, J")
     axes.set_title(rf"Energy-mass curve: flywheel $J = {cuts.inertia_kg_m2:.4f}$ kg m² for $\delta = {delta:g}$")
     axes.legend(loc="upper left", ncols=2)
-    caption = "Wittenbauer's construction: the tangents cut the axis a distance of J delta w_m² apart (squares)."
-    return Picture("compaction_press_energy_mass", caption, figure)
+    caption = (
+        "Wittenbauer's construction: the tangents cut the axis a distance of J delta w_m² apart "
+        "(squares; diamonds: where they touch)."
+    )
+    return Picture("compaction_press_energy_mass", f"{caption} {OWN}", figure)
 
 
 def _closed(x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -120,4 +123,4 @@ def _reactions(press: Press, stroke: Stroke, speed: float) -> Picture:
     axes.set_title("Reactions in the pins")
     axes.legend(ncols=4)
     caption = "Size of every pin reaction over a turn at constant speed, from one equilibrium of plate and pendulum."
-    return Picture("compaction_press_reactions", caption, figure)
+    return Picture("compaction_press_reactions", f"{caption} {OWN}", figure)

@@ -160,10 +160,10 @@ def _reason(exists: bool, clear: bool, border: bool, worst: float, share: float)
     if not clear:
         return "not admissible: something strikes between the blows"
     if border:
-        return f"on the border of existence: the blow falls on the change of the force; largest multiplier {worst!r}"
+        return f"on the border of existence: the blow falls on the change of the force; largest multiplier {worst:.6g}"
     if worst >= 1.0:
-        return f"unstable: largest multiplier < 1 does not hold: {worst!r}"
-    return f"stable: largest multiplier {worst!r} < 1"
+        return f"unstable: largest multiplier < 1 does not hold: {worst:.6g}"
+    return f"stable: largest multiplier {worst:.6g} < 1"
 
 
 def endurance(parameters: ImpactMass, periods: int) -> Endurance:

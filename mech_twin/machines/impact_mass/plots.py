@@ -10,10 +10,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from mech_twin.capabilities.plots import BLUE, GREY, RED, Picture, blank, published, sheet
+from mech_twin.capabilities.plots import BLUE, GREY, INK, PURPLE, RED, Picture, blank, published, sheet
 from mech_twin.machines.impact_mass.dynamics import gap_after, initial_motion, next_event, phase_end
 from mech_twin.machines.impact_mass.parameters import ImpactMass
-from mech_twin.machines.impact_mass.published import BLOW_M_PER_S, cycle_spec, figure_case
+from mech_twin.machines.impact_mass.published import AXIS_M_PER_S, BLOW_M_PER_S, cycle_spec, figure_case
 from mech_twin.machines.impact_mass.synthesis import published_parameters, with_phase2_force
 
 ARC = 24  # points of a parabola between two events
@@ -55,7 +55,7 @@ def pictures(parameters: ImpactMass) -> Iterator[Picture]:
 
 def _motion_panels(panels: list[Axes], shown: MotionCurves, period_s: float) -> None:
     panels[0].plot(1000.0 * shown.time_s, shown.position_m, color=BLUE)
-    panels[1].plot(1000.0 * shown.time_s, shown.velocity_m_per_s, color=BLUE, linewidth=1.1)
+    panels[1].plot(1000.0 * shown.time_s, shown.velocity_m_per_s, color=RED, linewidth=1.1)
     panels[0].set_ylabel(r"position $x$, m")
     panels[1].set_ylabel(r"velocity $\dot{x}$, m/s")
     panels[1].set_xlabel("time, ms")
@@ -82,11 +82,17 @@ def _figure_3(parameters: ImpactMass, name: str, t1: float, periods: int) -> Pic
     grid = figure.add_gridspec(2, 2, width_ratios=(1.5, 1.0))
     panels = [figure.add_subplot(grid[0, 0]), figure.add_subplot(grid[1, 0]), figure.add_subplot(grid[:, 1])]
     _motion_panels(panels, shown, case.period_s)
-    panels[2].plot(later.position_m, later.velocity_m_per_s, color=RED, linewidth=0.8)
+    panels[2].plot(later.position_m, later.velocity_m_per_s, color=PURPLE, linewidth=0.8)
     panels[2].set_xlabel(r"position $x$, m")
     panels[2].set_ylabel(r"velocity $\dot{x}$, m/s")
+    for limit in AXIS_M_PER_S[name]:
+        label = "end of the printed axis" if limit > 0.0 else None
+        panels[1].axhline(limit, color=INK, linewidth=0.9, linestyle="--", label=label)
+    low, high = panels[1].get_ylim()
+    panels[1].set_ylim(low, high + 0.3 * (high - low))
+    panels[1].legend(loc="upper right")
     panels[0].set_title(f"$t_1 = {1000.0 * t1:g}$ ms (Fig. 3{name})")
-    panels[2].set_title(f"phase portrait, {periods} periods")
+    panels[2].set_title(f"phase portrait, {periods} periods (Fig. 3{name})")
     ends = "1, 0, 1, 1, 1, then an endless series"
     if name == "b":
         ends = "1, 0, 2, 1, 0, an endless series, then a period of five"
@@ -99,9 +105,14 @@ def _figure_4(parameters: ImpactMass) -> Picture:
     robust = with_phase2_force(made, BLOW_M_PER_S, -20.0)
     figure, panels = sheet(3, 1, 7.2, 6.4, sharex=True)
     for axes, case, title, colour in (
-        (panels[0], made, r"synthesised cycle, $T$ in full (Fig. 4)", BLUE),
-        (panels[1], rounded, r"the same, $T = 0.216$ s as printed", RED),
-        (panels[2], robust.model_copy(update={"period_s": 0.216}), r"robust cycle, $T = 0.216$ s", BLUE),
+        (panels[0], made, r"synthesised cycle, $T$ in full (Fig. 4)", RED),
+        (panels[1], rounded, r"the same, $T = 0.216$ s as printed (Fig. 4)", RED),
+        (
+            panels[2],
+            robust.model_copy(update={"period_s": 0.216}),
+            r"robust cycle, $T = 0.216$ s (own)",
+            RED,
+        ),
     ):
         shown = path(case, 10)
         axes.plot(shown.time_s, shown.velocity_m_per_s, color=colour)
@@ -114,7 +125,5 @@ def _figure_4(parameters: ImpactMass) -> Picture:
     panels[0].legend(loc="lower right")
     panels[2].set_xlabel("time, s")
     panels[2].set_xlim(0.0, 10.0 * rounded.period_s)
-    caption = (
-        "The published cycle stands on the border of existence and collapses with T rounded as printed; the robust"
-    )
-    return Picture("impact_mass_fig4", f"{caption} cycle keeps v-, T and t1 and holds.", figure)
+    caption = "The published cycle is at the limit of existence and is lost with T rounded as printed; the robust"
+    return Picture("impact_mass_fig4", f"{caption} cycle is stable.", figure)

@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
+from mech_twin.capabilities.progress import tell
 from mech_twin.engine.coupling import Coupling
 from mech_twin.machines.impact_mass.cycle_verdict import (
     CycleVerdict,
@@ -321,6 +322,8 @@ def synthesise(spec: CycleSpec, robustness: RobustnessSpec | None = None, period
     robustness = robustness or RobustnessSpec()
     box = default_box(spec.stroke_m, spec.impact_speed_m_per_s, robustness.starts, robustness.seed)
     published = design("published", published_parameters(spec), box, periods, None)
+    tell(1, 3)
     found, certificate = robust_parameters(spec, robustness)
+    tell(2, 3)
     robust = design("robust", found, box, periods, certificate)
     return Synthesis(spec, robustness, published, robust)

@@ -52,8 +52,10 @@ class BlowCycle:
         self.steps += 1
         self.least_moment = min(self.least_moment, forces.body_moment_nm)
         self.greatest_moment = max(self.greatest_moment, forces.body_moment_nm)
-        for i, wrench in enumerate(forces.wrenches):
-            self.peaks[i] = max(self.peaks[i], math.hypot(wrench.force_x_n, wrench.force_y_n))
+        peaks = self.peaks
+        for i, (force_x, force_y, _) in enumerate(forces.wrenches):
+            size = math.hypot(force_x, force_y)
+            peaks[i] = max(peaks[i], size)
 
     def metrics(self, b: Breaker, motor: MotorConstants, blow: Event, forces: ForceSample) -> dict[str, float]:
         """Return the metrics of the cycle that this blow (or miss) ends."""

@@ -4,11 +4,14 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
+import numpy as np
 from scipy.optimize import brentq
 
-from mech_twin.machines.mb10_breaker.dynamics import Breaker, masses_at
+from mech_twin.machines.mb10_breaker.dynamics import Breaker
+from mech_twin.machines.mb10_breaker.turn_curves import turn_masses, turn_rocker_rates
 from mech_twin.parts.four_bar import FourBar, Link, coefficients, link_angles, position
 
 if TYPE_CHECKING:
@@ -26,17 +29,16 @@ def fastest_swing_rad_per_s(b: Breaker) -> float:
     Each coordinate's stiffness over the least inertia it can have while the other one gives way, over a turn of the
     crank; a body that is held has no swing.
     """
-    found = [masses_at(b, 2.0 * math.pi * i / ANGLES, 0.0) for i in range(ANGLES)]
+    m = turn_masses(b, ANGLES)
     spring = 0.0 if b.held else b.spring_rate_n_per_m * b.spring_arm_m**2
-    fastest = 0.0
-    for m, after in zip(found, found[1:] + found[:1], strict=True):
-        det = m.m11 * m.m22 - m.m12 * m.m12
-        crank, body = (m.m11, math.inf) if b.held else (det / m.m22, det / m.m11)
-        tilting = abs(after.g_q - m.g_q) * ANGLES / (2.0 * math.pi)
-        fastest = max(fastest, tilting / crank + (spring + abs(m.g_phi) + abs(m.g_q)) / body)
-    return math.sqrt(fastest)
+    det = m.m11 * m.m22 - m.m12 * m.m12
+    crank, body = (m.m11, math.inf) if b.held else (det / m.m22, det / m.m11)
+    tilting = np.abs(np.roll(m.g_q, -1) - m.g_q) * ANGLES / (2.0 * math.pi)
+    fastest = float((tilting / crank + (spring + np.abs(m.g_phi) + np.abs(m.g_q)) / body).max())
+    return math.sqrt(max(0.0, fastest))
 
 
+@lru_cache(maxsize=64)
 def extremes(bar: FourBar) -> tuple[float, float]:
     """Return the crank angles (rad, 0 to 2 pi) of the rocker's striking extreme and of its other extreme.
 
@@ -44,7 +46,7 @@ def extremes(bar: FourBar) -> tuple[float, float]:
     """
     count = 720
     angles = [2.0 * math.pi * i / count for i in range(count + 1)]
-    values = [coefficients(position(bar, angle)).g3 for angle in angles]
+    values = turn_rocker_rates(bar, count).tolist()
     striking = retreating = math.nan
     for i in range(count):
         if values[i] * values[i + 1] <= 0.0 and values[i] != values[i + 1]:

@@ -18,8 +18,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mech_twin.machines.mb10_breaker.dynamics import Breaker, masses_at, weight_moments
-from mech_twin.parts.four_bar import position
+from mech_twin.machines.mb10_breaker.dynamics import Breaker
+from mech_twin.machines.mb10_breaker.turn_curves import turn_heights, turn_masses
 
 POSITIONS = 360
 ALLOWED = 5.0  # times what the line misses: impacts and the spring add to it
@@ -39,8 +39,7 @@ class CouplingLimits(NamedTuple):
 
 def moment_curvature(b: Breaker, speed: float) -> float:
     """Return the largest second derivative in time (N m/s^2) of the linkage's moment, its crank at a speed (rad/s)."""
-    angles = 2.0 * math.pi * np.arange(POSITIONS) / POSITIONS
-    slopes = np.fft.rfft([masses_at(b, angle, 0.0).m12_q for angle in angles])
+    slopes = np.fft.rfft(turn_masses(b, POSITIONS).m12_q)
     order = np.arange(len(slopes))
     return float(np.abs(np.fft.irfft(-(order**2) * slopes, POSITIONS)).max()) * speed**4
 
@@ -50,10 +49,9 @@ def fastest_rad_per_s(b: Breaker, speed: float) -> float:
 
     Half of M11 u^2 is at most what the weights lose between the highest and the lowest of their positions.
     """
-    angles = 2.0 * math.pi * np.arange(POSITIONS) / POSITIONS
-    weights = [b.gravity_m_per_s2 * weight_moments(b, position(b.bar, angle))[1] for angle in angles]
-    lightest = min(masses_at(b, angle, 0.0).m11 for angle in angles)
-    return max(speed, math.sqrt(2.0 * (max(weights) - min(weights)) / lightest))
+    weights = b.gravity_m_per_s2 * turn_heights(b, POSITIONS)
+    lightest = float(np.min(turn_masses(b, POSITIONS).m11))
+    return max(speed, math.sqrt(2.0 * float(weights.max() - weights.min()) / lightest))
 
 
 def longest_step_s(b: Breaker, speed: float) -> float:
@@ -74,9 +72,8 @@ def longest_swing_step_s(b: Breaker, speed: float) -> float:
     which costs the body's rate m a k^2 h^3/(12 J).  Infinite where that is a small part of what the limits allow to the
     turning of the linkage at a speed of the drive (rad/s), which grows alike.
     """
-    angles = 2.0 * math.pi * np.arange(POSITIONS) / POSITIONS
-    masses = [masses_at(b, angle, 0.0) for angle in angles]
-    both = max(m.m22 - m.m12 * m.m12 / m.m11 for m in masses)
+    m = turn_masses(b, POSITIONS)
+    both = float(np.max(m.m22 - m.m12 * m.m12 / m.m11))
     pressed = b.spring_rate_n_per_m * abs(b.preload_m) * b.spring_arm_m / both
     curvature = (both - b.body_inertia_kg_m2) * pressed * b.spring_rate_n_per_m * b.spring_arm_m**2 / both
     if curvature <= SMALL_PART * ALLOWED * moment_curvature(b, fastest_rad_per_s(b, speed)):

@@ -52,7 +52,26 @@ OF_PIVOT = (BODY_STOPPED, BODY_STARTED, BODY_REVERSED)
 LED_ANGLE, LED_RATE, BEGIN_MOMENT = (
     QUANTITIES_AT + QUANTITIES.index(name) for name in ("body_angle_rad", "body_rate_rad_per_s", "step_begin_moment_nm")
 )
+SHORT_SWING_RAD = 1e-5  # of the free swing, or of its decay, in a span
 RESIDUALS = ("angle_difference_rad", "rate_difference_rad_per_s", "penetration_rad")
+
+
+@kernel
+def pushed(
+    inertia: float, stiffness: float, damping: float, phi: float, p: float, moment: float, slope: float, span: float
+) -> tuple[float, float]:
+    """Return angle and rate of the body after a span (s) in which it hardly swings, from its acceleration.
+
+    ``moment`` is all that turns it at the start (N m).  The series to the fifth order in time: what is left out is the
+    square of `SHORT_SWING_RAD` squared below acceleration and slope.
+    """
+    first = (moment - damping * p) / inertia
+    second = (slope - stiffness * p - damping * first) / inertia
+    third = -(stiffness * first + damping * second) / inertia
+    fourth = -(stiffness * second + damping * third) / inertia
+    bent = first / 2.0 + span * (second / 6.0 + span * (third / 24.0 + span * fourth / 120.0))
+    rate = p + span * (first + span * (second / 2.0 + span * (third / 6.0 + span * fourth / 24.0)))
+    return phi + span * (p + span * bent), rate
 
 
 @kernel
@@ -70,8 +89,11 @@ def swung(
     """Return angle and rate of the body after a span (s) under the moment ``moment + slope t`` (N m, N m/s).
 
     J p' + d p + kappa phi = M0 - preload + M1 t: the particular solution alpha + beta t with beta = M1/kappa,
-    alpha = (M0 - preload - d beta)/kappa, and a damped oscillation on top.
+    alpha = (M0 - preload - d beta)/kappa, and a damped oscillation on top.  Of a heavy body on a soft spring alpha is
+    so far that the motion of a span is below its rounding; there the motion is its series.
     """
+    if stiffness * span * span <= SHORT_SWING_RAD**2 * inertia and damping * span <= SHORT_SWING_RAD * inertia:
+        return pushed(inertia, stiffness, damping, phi, p, moment - preload - stiffness * phi, slope, span)
     beta = slope / stiffness
     alpha = (moment - preload - damping * beta) / stiffness
     decay = 0.5 * damping / inertia

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from mech_twin.capabilities.plots import BLUE, GREEN, GREY, ORANGE, RED, Picture, published, sheet
+from mech_twin.capabilities.plots import BLUE, GREEN, GREY, INK, ORANGE, OWN, RED, Picture, sheet
 from mech_twin.capabilities.variation import varied
 from mech_twin.machines.mb10_breaker.excitation_comparison import assumed_pulse, computed_pulse
 from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
@@ -59,7 +59,7 @@ def _spring(parameters: BreakerParameters) -> Picture:
     caption = (
         "Undamped, from rest, it never settles but beats about the periodic regime. Dotted: resonances k = n omega."
     )
-    return Picture("mb10_breaker_spring", caption, figure)
+    return Picture("mb10_breaker_spring", f"{caption} {OWN}", figure)
 
 
 def _preload(parameters: BreakerParameters) -> Picture:
@@ -75,7 +75,9 @@ def _preload(parameters: BreakerParameters) -> Picture:
         (panels[2], [f.largest_force_n for f in found], 1, "pressing force, N", GREEN),
     ):
         axes.plot(ratios, curve, color=colour)
-        published(axes, [row[0] for row in SOFT_TABLE], [row[column] for row in SOFT_TABLE], "worked table")
+        axes.plot(
+            *([row[i] for row in SOFT_TABLE] for i in (0, column)), "s", color=INK, markersize=5, label="worked table"
+        )
         axes.axvspan(span.settled, 1.0, color=ORANGE, alpha=0.10, linewidth=0.0)
         axes.axvline(span.returned, color=ORANGE, linewidth=1.0, linestyle="--")
         axes.set_ylabel(name)
@@ -84,8 +86,10 @@ def _preload(parameters: BreakerParameters) -> Picture:
     panels[0].set_title("The body against its preload: the rational range, $k = 0.3 \\omega$, half sine")
     panels[2].set_xlabel(r"preload ratio $p = c\,a\,l/|H|$")
     panels[2].set_xlim(0.0, 1.02)
-    caption = "Shaded: settled before the next load. Dashed: the first return comes before the blow. Steady cycles."
-    return Picture("mb10_breaker_preload", caption, figure)
+    caption = (
+        "Shaded: settled before the next load. Dashed: the first return comes before the blow. Squares: worked table."
+    )
+    return Picture("mb10_breaker_preload", f"{caption} {OWN}", figure)
 
 
 def _pulses(approximated: BreakerParameters, parameters: BreakerParameters) -> Picture:

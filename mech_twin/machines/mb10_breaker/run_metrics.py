@@ -17,7 +17,7 @@ from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
 from mech_twin.machines.mb10_breaker.state import EventSide
 from mech_twin.machines.motor_duty import MotorState, duty_after, shaft_work_j
 from mech_twin.parts.induction_motor import motor_constants, motor_torque
-from mech_twin.samples import Coordinate, Event, Frame
+from mech_twin.samples import Coordinate, Event, Frame, LinkageSample
 
 STEADY_BLOWS = 20
 COUNTED = {"blow": "blows", "missed": "missed_blows", "unseated": "unseated_blows", "stalled": "stalled"}
@@ -51,20 +51,27 @@ class BreakerObserver:
         self._time_s = self._work_j = 0.0
         self._state: MotorState | None = None
         self._seen_blow = self._seen_body_blow = False
+        self._joints: tuple[str, ...] | None = None
+        self._crank_and_body = (0, 0)
 
     def observe(self, frame: Frame) -> None:
         """Take one frame into account: its events in their order, then the step's end."""
         own = () if frame.body is None else frame.body.events
-        events = sorted((*frame.linkage.events, *own), key=lambda event: event.time_s)
-        missed = self._missed_work(frame)
+        happened = (*frame.linkage.events, *own)
+        events = sorted(happened, key=lambda event: event.time_s) if happened else happened
+        state = self._at_step(frame)
+        missed = self._missed_work(frame, state)
         for event in events:
             self._run_motor_to(event, frame, missed)
             self._take_event(event, frame)
-        self._take_step(frame, missed)
+        self._take_step(frame, state, missed)
+        worst = self._worst
         for sample in (frame.linkage, frame.forces, frame.body):
             if sample is not None:
-                for name, value in zip(sample.residuals.names, sample.residuals.values, strict=True):
-                    self._worst[name] = max(self._worst.get(name, 0.0), abs(value))
+                for name, value in zip(*sample.residuals, strict=True):
+                    size, known = abs(value), worst.get(name)
+                    if known is None or size > known:
+                        worst[name] = max(0.0, size)
 
     def numbers(self) -> dict[str, float]:
         """Return the metrics of the run (``run_...``), and means and peaks of its last cycles (``steady_...``)."""
@@ -84,12 +91,21 @@ class BreakerObserver:
         return MotorState(motor_torque(self._motor, speed, command), speed, field - speed)
 
     def _at_step(self, frame: Frame) -> MotorState:
-        speeds = dict(zip(frame.linkage.joints, frame.linkage.velocity, strict=True))
-        return self._motor_state(speeds["crank"], speeds["body"], frame.motor.command)
+        crank, body = self._places(frame.linkage)
+        speeds = frame.linkage.velocity
+        return self._motor_state(speeds[crank], speeds[body], frame.motor.command)
 
-    def _missed_work(self, frame: Frame) -> float:
+    def _places(self, linkage: LinkageSample) -> tuple[int, int]:
+        """Return where crank and body stand among the joints."""
+        if linkage.joints is not self._joints:
+            self._joints = linkage.joints
+            self._crank_and_body = linkage.joints.index("crank"), linkage.joints.index("body")
+        return self._crank_and_body
+
+    def _missed_work(self, frame: Frame, state: MotorState) -> float:
         """Return by how much the motor's mean power by the energy balance exceeds that of its linear course (W)."""
-        work, span = frame.linkage.memory.as_dict()["drive_work_j"], frame.linkage.time_s - self._time_s
+        memory, span = frame.linkage.memory, frame.linkage.time_s - self._time_s
+        work = memory.values[memory.names.index("drive_work_j")]
         done, self._work_j = work - self._work_j, work
         if self._state is None or span <= 0.0:
             return 0.0
@@ -100,7 +116,7 @@ class BreakerObserver:
                 before, after = (self._across(side, frame) for side in (event.pre, event.post))
                 linear += shaft_work_j(last, before, event.time_s - time_s)
                 last, time_s = after, event.time_s
-        linear += shaft_work_j(last, self._at_step(frame), frame.linkage.time_s - time_s)
+        linear += shaft_work_j(last, state, frame.linkage.time_s - time_s)
         return (shaft - linear) / span
 
     def _across(self, side: tuple[Coordinate, ...], frame: Frame) -> MotorState:
@@ -160,17 +176,17 @@ class BreakerObserver:
         self._seen_body_blow = True
         self._body = BodyCycle(time_s, self._body.resting_since_s)
 
-    def _take_step(self, frame: Frame, missed_w: float) -> None:
-        b, state = self._b, self._at_step(frame)
+    def _take_step(self, frame: Frame, state: MotorState, missed_w: float) -> None:
+        b = self._b
         if self._state is not None:
             span = frame.linkage.time_s - self._time_s
             self._cycle.duty = duty_after(self._cycle.duty, self._state, state, span, missed_w * span)
         self._state, self._time_s = state, frame.linkage.time_s
-        joints = dict(zip(frame.linkage.joints, frame.linkage.position, strict=True))
-        speeds = dict(zip(frame.linkage.joints, frame.linkage.velocity, strict=True))
-        self._cycle.take_speed(speeds["crank"] - speeds["body"])
+        crank, body = self._places(frame.linkage)
+        speeds = frame.linkage.velocity
+        self._cycle.take_speed(speeds[crank] - speeds[body])
         self._cycle.take_forces(frame.forces)
-        phi = joints["body"] if frame.body is None else frame.body.joint("body").position
+        phi = frame.linkage.position[body] if frame.body is None else frame.body.joint("body").position
         force = b.spring_rate_n_per_m * (b.spring_arm_m * phi + b.preload_m)
         self._body.take_position(b.tool_radius_m * phi, force)
         run = self._run

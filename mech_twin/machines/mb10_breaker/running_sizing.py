@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping
 from math import inf
 
 from mech_twin.capabilities.errors import StudyError
+from mech_twin.capabilities.progress import tell
 from mech_twin.capabilities.sizing import Constraint, Sizing, binding_of
 from mech_twin.capabilities.tolerance_box import Factors, inner_points, neighbours, scaled
 from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
@@ -28,6 +29,7 @@ ASSUMED = (
 )
 FORCES_N = (300.0, 400.0, 500.0, 600.0, 700.0, 850.0, 1000.0, 1300.0, 1700.0, 2300.0, 3000.0)
 INNER = 6
+SEARCH_RUNS, ROUND_RUNS = 14, 30  # about what the search for an edge takes, and a round over the box after it
 MOST_ROUNDS = 5
 NAMES = ("gap_at_blow_m", "return_speed_m_per_s", "largest_force_n")
 Run = Callable[[float, Mapping[str, float]], Seating]
@@ -41,12 +43,14 @@ def seats(found: Seating, gap_m: float) -> bool:
 def running_sizing(soft: BreakerParameters, limits: Mapping[str, float], objective: str, tolerance: float) -> Sizing:
     """Return the preload with the smallest objective among those that keep the limits over the whole box."""
     runs: dict[tuple[float, tuple[tuple[str, float], ...]], Seating] = {}
+    expected = 2 * SEARCH_RUNS if tolerance == 0.0 else SEARCH_RUNS + 2 * len(ASSUMED)
 
     def at(force: float, factors: Mapping[str, float]) -> Seating:
         key = (force, tuple(sorted(factors.items())))
         if key not in runs:
             # the spring is made as it is chosen: its preload does not follow the assumed numbers
             runs[key] = seating(scaled(with_rest_force(soft, force), factors))
+            tell(len(runs), expected)
         return runs[key]
 
     gap = limits["gap_at_blow_m"]
@@ -54,6 +58,7 @@ def running_sizing(soft: BreakerParameters, limits: Mapping[str, float], objecti
     worst = _worst_corner(at, nominal, tolerance)
     chosen, proved = nominal, 1
     for _ in range(MOST_ROUNDS):
+        expected += ROUND_RUNS if worst else 0
         low, bound = (below, nominal) if not worst else _least_seating(at, worst, gap)
         chosen = _least_objective(at, worst, bound, limits, objective)
         broken, proved = _broken_at(at, chosen, worst, limits, tolerance)

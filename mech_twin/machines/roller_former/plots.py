@@ -93,7 +93,7 @@ def _moments(parameters: RollerFormer) -> Picture:
         axes.axhline(most, color=INK, linewidth=0.9, linestyle="--", label=f"published maximum {most:g}")
         axes.set_ylim(0.0, 3000.0)
         turn_axis(axes, "crank angle, degrees" if count > 2 else "")
-        axes.set_title(f"{count} cart{'s' if count > 1 else ''}: {total.max():.1f} N m")
+        axes.set_title(f"{count} cart{'s' if count > 1 else ''}: {total.max():.1f} N m (Figs. 9, 16, 17)")
         axes.legend(loc="upper right")
     for axes in panels[::2]:
         axes.set_ylabel("moment, N m")
@@ -131,7 +131,9 @@ def _damping(parameters: RollerFormer) -> Picture:
         axes.set_xlabel(r"damping $k$, N m s/rad")
         axes.set_ylabel(f"{name} in the coupling, N m")
         axes.set_ylim(bottom=0.0)
-        axes.legend(loc="center right")
+        low, high = axes.get_ylim()
+        axes.set_ylim(low, 1.15 * high)
+        axes.legend(loc="upper right", ncols=3)
     panels[0].set_title("Coupling moment against damping (Figs. 10, 11, 19, 20)")
     caption = "Without load, expanded kinematics; dashed: the two dampings studied. Gaps: no steady turn found."
     return Picture("roller_former_damping", caption, figure)
@@ -157,9 +159,9 @@ def _phases(parameters: RollerFormer) -> Picture:
                 )
                 axes.set_xlabel(TWISTS[x])
                 axes.set_ylabel(TWISTS[y])
-        panels[3 * row].set_title(f"{count} carts")
+        panels[3 * row].set_title(f"{count} carts (Figs. 13 to 15, 22 to 24)")
     panels[2].legend(loc="upper right")
-    caption = "Phase pictures of the coupling's twist, steady turn without load (Figs. 13 to 15 and 22 to 24)."
+    caption = "Phase portraits of the coupling's twist, steady turn without load (Figs. 13 to 15 and 22 to 24)."
     return Picture("roller_former_phases", caption, figure)
 
 

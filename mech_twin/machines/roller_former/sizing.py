@@ -8,6 +8,7 @@ from math import isnan
 from typing import Any
 
 from mech_twin.capabilities.errors import StudyError
+from mech_twin.capabilities.progress import tell
 from mech_twin.capabilities.sizing import Constraint, Sizing, Table, binding_of
 from mech_twin.capabilities.variation import varied
 from mech_twin.configuration_tree import configuration_tree
@@ -99,7 +100,10 @@ def stiffness_and_damping(
     the limit itself is looked for.
     """
     gain = limits["damping_gain"]
-    sweep = [worst_damped(box, stiffness, gain) for stiffness in SWEEP_STIFFNESS[::2]]
+    sweep = []
+    for i, stiffness in enumerate(SWEEP_STIFFNESS[::2], start=1):
+        sweep.append(worst_damped(box, stiffness, gain))
+        tell(i, len(SWEEP_STIFFNESS[::2]))
     allowed = [i for i, point in enumerate(sweep) if within(point, limits)]
     if not allowed:
         least = min(sweep, key=lambda point: point.twist_range_rad)

@@ -15,6 +15,8 @@ from mech_twin.machines.roller_former.cart_statics import sides_of_travel
 from mech_twin.machines.roller_former.dynamics import (
     CRANK,
     SIZE,
+    SPEED,
+    TWIST_RATE,
     Array,
     DriveLine,
     Former,
@@ -33,8 +35,11 @@ from mech_twin.machines.roller_former.motion import FormerMotion, motion_rates
 
 TURN = 2.0 * pi
 CRITERION = 1e-11
-MOST_TURNS = 2000
-MOST_STEADY_STEPS = 5_000_000  # of integration in all those turns: some tens of seconds
+MOST_TURNS = 400
+SHOOT_FROM, SHOOT_EVERY = 20, 10  # turns: a heavy shaft on a steep motor comes to its speed over thousands
+SHOT_OFFSET = 1e-4  # of the scales, for the slopes of the turn
+SHOT_SHARES = (1.0, 0.5, 0.25, 0.125)  # of the correction: the motor's curve bends
+MOST_STEADY_STEPS = 1_000_000  # of integration in all those turns: some ten seconds
 NODES = 1440
 LONGEST_TURN = 20.0  # times that at synchronous speed: slower, the machine does not run
 
@@ -104,6 +109,44 @@ def next_section(former: Former, command: float, t: float, y: Array, modes: Mode
     return done
 
 
+def closing_state(former: Former, y: Array, modes: Modes, longest_s: float) -> tuple[Array, int]:
+    """Return the state whose turn closes by the slopes of the turn at a state, and the integration steps it took.
+
+    One step of Newton's method on y - P(y) over twist, crank speed and twist rate, P the turn, or a part of it; the
+    state itself where a turn nearby does not end, the slopes have no solution, or no turn from there closes better.
+    """
+    steps = 0
+
+    def turned(start: Array) -> Array:
+        nonlocal steps
+        end = start.copy()
+        done = next_section(former, 1.0, 0.0, end, modes, longest_s)
+        steps += done.steps
+        return end if done.status == DONE and not done.modes.stalled and isfinite(done.time_s) else end * np.nan
+
+    free = slice(CRANK + 1, TWIST_RATE + 1)
+    scales = np.array(former.scales[free])
+    base = turned(y)
+    missed = (base - y)[free] / scales
+    slopes = np.empty((len(scales), len(scales)))
+    for i in range(len(scales)):
+        beside = y.copy()
+        beside[CRANK + 1 + i] += SHOT_OFFSET * scales[i]
+        slopes[:, i] = (turned(beside) - base)[free] / scales / SHOT_OFFSET
+    if not (np.isfinite(slopes).all() and np.isfinite(missed).all()):
+        return y, steps
+    try:
+        correction = np.linalg.solve(np.eye(len(scales)) - slopes, missed)
+    except np.linalg.LinAlgError:  # a turn that keeps what it is given: every state closes alike
+        return y, steps
+    for share in SHOT_SHARES:
+        shot = y.copy()
+        shot[free] += share * correction * scales
+        if shot[SPEED] > 0.0 and np.abs((turned(shot) - shot)[free] / scales).max() < np.abs(missed).max():
+            return shot, steps
+    return y, steps
+
+
 @kernel
 def turn_columns(former: Former, command: float, turn_time_s: float, nodes: int, y: Array, modes: Modes) -> TurnColumns:
     """Carry the state through one turn, and return the nodes passed."""
@@ -134,8 +177,9 @@ def steady_turn(
 
     Started at synchronous speed, untwisted.  Steady means: from one passage of the starting crank angle to the next,
     twist, crank speed and twist rate change by less than 1e-11 of their scales (twist of the rated moment, synchronous
-    speed).  None as well if that does not happen within ``most_turns``, or within
-    the budget of integration steps.
+    speed), or than a hundredth of the integrator's tolerance if that is more.  Where twenty turns do not get there, the
+    state that the turns tend to is looked for as well (`closing_state`).  None too if that does not happen within
+    ``most_turns``, or within the budget of integration steps.
 
     Raises
     ------
@@ -144,10 +188,12 @@ def steady_turn(
     """
     speed = former.motor.synchronous_speed_rad_per_s / former.ratio
     y, modes, t = state_array(crank_rad, speed), Modes(1.0, 1.0, 1.0, True, 1.0, -1.0, False, 0.0), 0.0
+    longest_s = LONGEST_TURN * TURN / speed
+    criterion = max(CRITERION, float(former.tolerances[CRANK] / former.scales[CRANK]) / 100.0)
     steps = 0
     for turns in range(1, most_turns + 1):
         before = FormerState(*y.tolist())
-        done = next_section(former, 1.0, t, y, modes, LONGEST_TURN * TURN / speed)
+        done = next_section(former, 1.0, t, y, modes, longest_s)
         steps += done.steps
         if done.status == TOO_MANY or steps > MOST_STEADY_STEPS:
             return None
@@ -158,12 +204,15 @@ def steady_turn(
         change = section_change(before, FormerState(*y.tolist()), former.scales)
         works, y = y, state_array(0.0, 0.0) + y * KEPT
         modes = done.modes
-        if change < CRITERION:
+        if change < criterion:
             columns = turn_columns(former, 1.0, done.time_s - t, nodes, y, modes)
             return SteadyTurn(
                 done.time_s - t, turns, change, columns, FormerState(*works.tolist()), former.stiffness_nm_per_rad
             )
         t = done.time_s
+        if turns >= SHOOT_FROM and turns % SHOOT_EVERY == 0:
+            y, shot_steps = closing_state(former, y, modes, longest_s)
+            steps += shot_steps
     return None
 
 

@@ -8,7 +8,7 @@ from math import inf
 
 import numpy as np
 
-from mech_twin.capabilities.plots import BLUE, COLOURS, GREY, RED, Picture, sheet, turn_axis
+from mech_twin.capabilities.plots import BLUE, COLOURS, GREY, OWN, RED, Picture, sheet, turn_axis
 from mech_twin.capabilities.variation import varied
 from mech_twin.machines.vibration_crank.metrics import (
     PUBLISHED_PEAK_WITH_NM,
@@ -42,9 +42,9 @@ def _moments(parameters: VibrationCrank) -> Picture:
         axes.plot(np.degrees(angles), moment, color=colour, label=f"{name}, peak {np.abs(moment).max():.1f}")
         for side in (1.0, -1.0):
             axes.axhline(side * peak, color=colour, linewidth=0.9, linestyle=(0, (4, 3)))
-        axes.text(178.0, peak + 6.0, f"published peak {peak:g} N m", color=colour, fontsize=8)
+        axes.text(178.0, peak + 10.0, f"published peak {peak:g} N m", color=colour, fontsize=8, va="bottom")
     turn_axis(axes)
-    axes.set_ylim(-580.0, 500.0)
+    axes.set_ylim(-580.0, 520.0)
     axes.set_ylabel(r"drive moment $M$, N m")
     axes.set_title(f"Moment on the crank shaft at {parameters.drive.speed_rpm:g} rpm (Fig. 3)")
     axes.legend(loc="lower left", ncols=2)
@@ -73,9 +73,10 @@ def _polar(parameters: VibrationCrank) -> Picture:
         axes.set_title(name)
     panels[1].legend(loc="lower right")
     caption = (
-        "Polar diagram of the force on the frame. An infinite rod gives ellipses, a circle at kappa = 0.5; a real rod"
+        "Polar diagram of the force on the frame. An infinite rod gives ellipses, a circle at kappa = 0.5; "
+        "a rod of finite length"
     )
-    return Picture("vibration_crank_polar", f"{caption} adds even harmonics.", figure)
+    return Picture("vibration_crank_polar", f"{caption} adds even harmonics. {OWN}", figure)
 
 
 def _speed(parameters: VibrationCrank) -> Picture:
@@ -93,6 +94,7 @@ def _speed(parameters: VibrationCrank) -> Picture:
     axes.set_title("What the counterweight brings, against speed")
     axes.legend()
     caption = (
-        "The counterweight takes gravity alone, so its benefit fades with speed; with the real rod it turns to a loss."
+        "The counterweight balances gravity only, so its benefit decreases with speed; with a rod of finite length "
+        "it becomes a disadvantage."
     )
-    return Picture("vibration_crank_speed", caption, figure)
+    return Picture("vibration_crank_speed", f"{caption} {OWN}", figure)

@@ -32,4 +32,4 @@ def pictures(parameters: WindingDrum) -> Iterator[Picture]:
     caption = (
         "Eqs. (24), (25), steady unwinding: the eccentric term is nearly harmonic and changes sign twice a turn, the"
     )
-    yield Picture("winding_drum_torque", f"{caption} ideal terms never do.", figure)
+    yield Picture("winding_drum_torque", f"{caption} ideal terms never do. The fragment has no figure.", figure)

@@ -102,17 +102,21 @@ def sight(jacobian: Array, other: Array, keys: npt.NDArray[np.intp], values: Arr
 
 
 def base_keys(found: Sight, among: Sequence[int]) -> list[int]:
-    """Return which of the keys to estimate so that no direction is unseen, the clearest first; the rest stay fixed."""
+    """Return which of the keys to estimate so that no direction is unseen; the rest stay fixed.
+
+    Of keys that repeat each other's effect the one with the largest effect stays: one that hardly acts would have to go
+    to a bound to make up for an error of the others.
+    """
     kept: list[int] = []
     basis = np.zeros((found.jacobian.shape[0], 0))
     rest = {i: found.jacobian[:, i] for i in among}
     sizes = {i: float(np.linalg.norm(column)) or 1.0 for i, column in rest.items()}
     while rest:
-        best = max(rest, key=lambda i: float(np.linalg.norm(rest[i])) / sizes[i])
+        best = max(rest, key=lambda i: float(np.linalg.norm(rest[i])))
         column = rest.pop(best)
         size = float(np.linalg.norm(column))
         if size < UNSEEN * sizes[best]:
-            break
+            continue
         kept.append(best)
         column = column / size
         basis = np.column_stack([basis, column])

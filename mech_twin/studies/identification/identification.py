@@ -15,12 +15,12 @@ from mech_twin.quantity import Parameters
 from mech_twin.studies.identification.channel_fits import ChannelFit, channel_fits, model_error
 from mech_twin.studies.identification.combinations import Combination, Sight, base_keys
 from mech_twin.studies.identification.fit_runs import FitRun
+from mech_twin.studies.identification.fit_setting import FitSetting, fits_from, problem_of
 from mech_twin.studies.identification.held_out import Score, score, scored
 from mech_twin.studies.identification.key_knowledge import (
     AroundFit,
     around_fit,
     carried_over,
-    problem_of,
     settled,
     sight_at,
     verdicts_of,
@@ -29,12 +29,14 @@ from mech_twin.studies.identification.key_knowledge import (
 from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration
 from mech_twin.studies.identification.least_squares_fit import Fitted, Told, quiet, refined, solved
 from mech_twin.studies.identification.question import IdentificationQuestion
+from mech_twin.studies.identification.residuals import FitProblem
 from mech_twin.studies.identification.unknowns import BEGIN, KEY
 from mech_twin.studies.identification.verdicts import COMBINATION, IDENTIFIED, ONE_SIDED, KeyVerdict
 
 WRITTEN = (IDENTIFIED, ONE_SIDED, COMBINATION)  # verdicts whose estimates go into the configuration
 HOLD_OUT_SHARE = 0.2
 FEWEST_RUNS_TO_HOLD_OUT = 3
+CHOICES = 3  # of the keys to estimate, made again where the fit ended
 STARTS = 3  # where the first one ends in an error of the model
 START_SPREAD = 0.15  # standard deviation of a further start about the first, over the scale of a key
 
@@ -120,13 +122,15 @@ def identified(
     chosen = _chosen(sight_at(everything, everything.unknowns.start), range(len(question.keys)))
     fitted = _best_fit(question, [question.keys[i] for i in chosen], fitted_runs, told)
     around = around_fit(question, fitted)
-    again = _chosen(around.seen, range(len(question.keys)))
-    if set(again) != set(chosen):
-        chosen = again
-        fitted = _fit_of_fewer(question, around, chosen, told)
-        around = around_fit(question, fitted)
-    told("intervals")
-    around, known = settled(question, around, chosen, told)
+    for _ in range(CHOICES):
+        again = _chosen(around.seen, range(len(question.keys)))
+        if set(again) != set(chosen):
+            chosen = again
+            around = around_fit(question, _fit_of_fewer(question, around, chosen, told))
+        told("intervals")
+        around, known = settled(question, around, chosen, told)
+        if set(_chosen(around.seen, range(len(question.keys)))) == set(chosen):
+            break
     fitted = around.fitted
     keys, combined = verdicts_of(question, around, chosen, known)
     parameters = _found(question, keys, fitted)
@@ -181,18 +185,28 @@ def _best_fit(question: IdentificationQuestion, keys: Sequence[str], runs: Seque
     problem = problem_of(question, keyed, runs)
     start = problem.unknowns.start.copy()
     best = solved(problem, start, told)
-    random = np.random.default_rng(question.seed)
-    low, high = problem.unknowns.bounds()
-    places = problem.unknowns.places(KEY)
-    for number in range(1, STARTS):
+    others = _further_starts(question, problem)
+    if question.scheduler is not None and model_error(best) is not None:
+        told("further starts, on the cluster")
+        setting = FitSetting(question, tuple(keys), tuple(runs))
+        return min([best, *fits_from(setting, others, question.scheduler)], key=_misfit)
+    for number, other in enumerate(others, 2):
         if model_error(best) is None:
             break
-        told(f"start {number + 1} of {STARTS}")
-        moved = start.copy()
-        moved[places] += START_SPREAD * random.standard_normal(len(places))
-        other = solved(problem, np.clip(moved, low, high), told)
-        best = min(best, other, key=_misfit)
+        told(f"start {number} of {STARTS}")
+        best = min(best, solved(problem, other, told), key=_misfit)
     return best
+
+
+def _further_starts(question: IdentificationQuestion, problem: FitProblem) -> list[Array]:
+    """Return other places to start from, about that of the configuration."""
+    random = np.random.default_rng(question.seed)
+    places, found = problem.unknowns.places(KEY), []
+    for _ in range(1, STARTS):
+        moved = problem.unknowns.start.copy()
+        moved[places] += START_SPREAD * random.standard_normal(len(places))
+        found.append(np.clip(moved, *problem.unknowns.bounds()))
+    return found
 
 
 def _fit_of_fewer(question: IdentificationQuestion, around: AroundFit, chosen: Sequence[int], told: Told) -> Fitted:

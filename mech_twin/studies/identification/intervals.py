@@ -23,9 +23,7 @@ from scipy import stats
 
 from mech_twin.measurements.blocks import Array
 from mech_twin.studies.identification.least_squares_fit import LOSS_SCALE, Fitted
-from mech_twin.studies.identification.residuals import KEY_STEP
 
-OTHER_STEP = 3.0
 BLOCKS = 30  # of all runs together
 FEWEST_BLOCKS = 8  # of a run
 RANK = 1e-10  # of the largest singular value of the scaled derivatives
@@ -40,7 +38,7 @@ class Linearised:
     Attributes
     ----------
     jacobian, other : ndarray
-        Shape (rows, unknowns), by unknowns over their scales; the other from a step `OTHER_STEP` times as long.
+        Shape (rows, unknowns), by unknowns over their scales; the other from another step length.
     residuals : ndarray
         Shape (rows,).
     blocks : ndarray
@@ -68,7 +66,7 @@ def linearised(fitted: Fitted) -> Linearised:
     """Return the derivatives of a fit where it ended."""
     problem, comparison = fitted.problem, fitted.comparison
     rows = problem.residuals(fitted.x, comparison)
-    jacobian, other = (problem.jacobian(fitted.x, comparison, KEY_STEP * factor) for factor in (1.0, OTHER_STEP))
+    jacobian, other = problem.two_jacobians(fitted.x, comparison)
     weights = (1.0 + (rows / LOSS_SCALE) ** 2) ** -0.25
     spans = [(run.first_s, max(min(run.last_s, run.until_s), run.first_s + 1e-9)) for run in problem.runs]
     total = sum(last - first for first, last in spans)

@@ -11,7 +11,7 @@ import numpy as np
 from mech_twin.measurements.blocks import Array
 from mech_twin.studies.identification.channel_fits import model_error
 from mech_twin.studies.identification.combinations import Combination, Sight, combinations, sight
-from mech_twin.studies.identification.fit_runs import FitRun
+from mech_twin.studies.identification.fit_setting import FitSetting, problem_of, profiles_spread
 from mech_twin.studies.identification.intervals import (
     NORMAL,
     Linearised,
@@ -23,11 +23,10 @@ from mech_twin.studies.identification.intervals import (
 )
 from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration
 from mech_twin.studies.identification.least_squares_fit import Fitted, Told, noise_floors, quiet, refined, spreads
-from mech_twin.studies.identification.model_runs import ModelRuns
 from mech_twin.studies.identification.profile_likelihood import Profile, no_profile, profiled
 from mech_twin.studies.identification.question import IdentificationQuestion
 from mech_twin.studies.identification.residuals import FitProblem
-from mech_twin.studies.identification.unknowns import BEGIN, GAIN, KEY, LAG, ZERO, Unknowns, unknowns_of
+from mech_twin.studies.identification.unknowns import BEGIN, GAIN, KEY, LAG, ZERO, Unknowns
 from mech_twin.studies.identification.verdicts import KeyEvidence, KeyVerdict, key_verdicts
 
 LARGEST_LOG_ERROR = 0.25  # of a combination that is told
@@ -44,14 +43,6 @@ class AroundFit:
     whole: FitProblem
     line: Linearised
     seen: Sight
-
-
-def problem_of(question: IdentificationQuestion, keyed: KeyedConfiguration, runs: Sequence[FitRun]) -> FitProblem:
-    """Return the residuals of runs with some of the keys of a question free."""
-    bounds = keyed.bounds(question.bounds)
-    unknowns = unknowns_of(keyed, bounds, runs, question.longest_begin_s)
-    priors = {key: prior for key, prior in question.priors.items() if key in keyed.keys}
-    return FitProblem(ModelRuns(keyed, runs, question.longest_begin_s, question.cores), unknowns, priors)
 
 
 def sight_at(problem: FitProblem, x: Array) -> Sight:
@@ -123,7 +114,7 @@ def settled(
         fitted = around.fitted
         own = around.line.of(kept).over(fitted.problem.unknowns.scales / around.whole.unknowns.scales[kept])
         known, left_over = uncertainty(own), _left_over(fitted, own)
-        profile = no_profile(len(fitted.x)) if model_error(fitted) else profiled(fitted, own, told)
+        profile = _profile(question, fitted, own, told)
         ended = profile.better is None and np.all(np.abs(left_over) <= OFFSET * known.half_widths[0])
         if ended or left == 0:
             break
@@ -133,6 +124,16 @@ def settled(
     held = np.setdiff1d(np.arange(len(question.keys)), np.array(chosen, dtype=np.intp))
     moved = moved_by_held(own, around.seen.jacobian[:, held])
     return around, _widened(known, moved, np.abs(left_over), profile)
+
+
+def _profile(question: IdentificationQuestion, fitted: Fitted, own: Linearised, told: Told) -> Profile:
+    if model_error(fitted) is not None:
+        return no_profile(len(fitted.x))
+    if question.scheduler is None:
+        return profiled(fitted, own, told)
+    told("profiles, on the cluster")
+    setting = FitSetting(question, fitted.problem.model.keyed.keys, fitted.problem.runs)
+    return profiles_spread(setting, fitted, own, question.scheduler)
 
 
 def _left_over(fitted: Fitted, own: Linearised) -> Array:

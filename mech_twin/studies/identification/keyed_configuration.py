@@ -15,6 +15,7 @@ from mech_twin.configuration_tree import ConfigurationError, configuration_tree,
 from mech_twin.measurements.blocks import Array
 from mech_twin.parameters.load import catalogue_entry, validated
 from mech_twin.quantity import Parameters
+from mech_twin.studies.identification.acting_keys import acting_tree, number_in
 
 SEARCHED = 20.0  # times larger and smaller than configured, where nothing else bounds a positive key
 SHARE_OF_LIKE = 0.1  # of the largest key in the same unit: the scale of a key that is 0
@@ -43,6 +44,21 @@ class KeyedConfiguration:
         """The base as a tree of values."""
         return configuration_tree(self.base)
 
+    @cached_property
+    def acting(self) -> dict[str, Any]:
+        """The same without the values that follow from a free key.
+
+        Raises
+        ------
+        ConfigurationError
+            The machine accepts no other value of a key.
+        """
+        return acting_tree(self.name, self.base, self.keys)
+
+    def check(self) -> None:
+        """Raise a ConfigurationError where the machine accepts no other value of a key."""
+        self.acting  # noqa: B018
+
     def values(self) -> Array:
         """Return the free keys as configured, shape (keys,).
 
@@ -62,7 +78,7 @@ class KeyedConfiguration:
             The machine refuses them.
         """
         flat = dict(zip(self.keys, map(float, values), strict=True))
-        tree = merged_tree(self.tree, tree_from_flat(flat, "--free"))
+        tree = merged_tree(self.acting, tree_from_flat(flat, "--free"))
         return validated(catalogue_entry(self.name), tree, f"{self.name} with --free {', '.join(self.keys)}")
 
     def scales(self) -> Array:
@@ -90,12 +106,10 @@ class KeyedConfiguration:
 
 def number_at(tree: Mapping[str, Any], key: str, machine: str) -> float:
     """Return the number a dotted key has in a tree of values."""
-    branch: object = tree
-    for word in key.split("."):
-        branch = branch.get(word) if isinstance(branch, Mapping) else None
-    if isinstance(branch, bool) or not isinstance(branch, int | float):
+    found = number_in(tree, key)
+    if isinstance(found, bool) or not isinstance(found, int | float):
         raise ConfigurationError(f"--free {key}: expected a key of {machine} that is a number")
-    return float(branch)
+    return float(found)
 
 
 def numbers_of(tree: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, float]]:

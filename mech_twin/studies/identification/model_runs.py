@@ -36,6 +36,7 @@ class ModelRuns:
     def __init__(
         self, keyed: KeyedConfiguration, runs: Sequence[FitRun], longest_begin_s: float = 0.0, cores: int | None = None
     ) -> None:
+        keyed.check()
         self.keyed, self.runs, self.rolled_out = keyed, tuple(runs), 0
         self._cores, self._longest_begin_s = cores, longest_begin_s
         names = [channel.name for run in runs for channel in run.channels if not channel.of_events]

@@ -10,7 +10,7 @@ the line on which the others follow; only those whose rise there is another are 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -71,17 +71,49 @@ def profiled(fitted: Fitted, found: Linearised, told: Told = quiet) -> Profile:
     told : callable, optional
         Takes a line on the progress.
     """
-    count = len(fitted.x)
-    lower, upper = np.full(count, np.nan), np.full(count, np.nan)
-    followed = []
-    walk = _Walk(fitted, found)
-    for place in fitted.problem.unknowns.places(KEY).tolist():
-        if walk.sought <= 0.0 or not walk.doubtful(place):
-            continue
+    walk, told_keys = _Walk(fitted, found), []
+    for place in sought_keys(fitted):
         told(f"profile of {fitted.problem.unknowns.all[place].name}")
-        followed.append(place)
-        lower[place], upper[place] = walk.end(place, -1.0), walk.end(place, 1.0)
-    return Profile(lower, upper, walk.better, tuple(followed))
+        told_keys.append(_key_profile(walk, place))
+    return profile_of_keys(len(fitted.x), told_keys)
+
+
+@dataclass(frozen=True)
+class KeyProfile:
+    """How far one key can go; nan where it was not followed.  ``better`` is met with the cost of ``cost``."""
+
+    place: int
+    lower: float
+    upper: float
+    better: Array | None
+    cost: float
+
+
+def sought_keys(fitted: Fitted) -> list[int]:
+    """Return the places of the keys that may be followed."""
+    return list(map(int, fitted.problem.unknowns.places(KEY)))
+
+
+def key_profile(fitted: Fitted, found: Linearised, place: int) -> KeyProfile:
+    """Return the profile of one key, for `profile_of_keys`."""
+    return _key_profile(_Walk(fitted, found), place)
+
+
+def _key_profile(walk: _Walk, place: int) -> KeyProfile:
+    lower = upper = np.nan
+    if walk.sought > 0.0 and walk.doubtful(place):
+        lower, upper = walk.end(place, -1.0), walk.end(place, 1.0)
+    return KeyProfile(place, lower, upper, walk.better, walk.lowest)
+
+
+def profile_of_keys(count: int, keys: Sequence[KeyProfile]) -> Profile:
+    """Return the profile of a fit of so many unknowns from those of its keys."""
+    lower, upper = np.full(count, np.nan), np.full(count, np.nan)
+    for key in keys:
+        lower[key.place], upper[key.place] = key.lower, key.upper
+    better = min((key for key in keys if key.better is not None), key=lambda key: key.cost, default=None)
+    followed = tuple(key.place for key in keys if not np.isnan(key.lower))
+    return Profile(lower, upper, None if better is None else better.better, followed)
 
 
 class _Walk:
@@ -99,12 +131,11 @@ class _Walk:
         self.low, self.high = fitted.problem.unknowns.bounds()
         self.least = self.cost(self.x)
         self.better: Array | None = None
-        self._best = self.least - IMPROVED * self.sought
+        self.lowest = self.least - IMPROVED * self.sought
 
     def cost(self, x: Array) -> float:
         """Return the robust sum of squares."""
-        rows = self.problem.residuals(x, self.comparison)
-        return float(np.sum(2.0 * LOSS_SCALE**2 * (np.sqrt(1.0 + (rows / LOSS_SCALE) ** 2) - 1.0)))
+        return _robust(self.problem.residuals(x, self.comparison))
 
     def doubtful(self, place: int) -> bool:
         """Return whether the derivatives do not tell the interval of a key."""
@@ -129,11 +160,11 @@ class _Walk:
     def end(self, place: int, sign: float) -> float:
         """Return the distance at which the cost has risen by as much as is sought, inf where it does not."""
         bound = float(self.high[place] - self.x[place] if sign > 0.0 else self.x[place] - self.low[place])
-        goal, start = float(np.sqrt(self.sought)), self.x
+        goal, start, jacobian = float(np.sqrt(self.sought)), self.x, self.jacobian
         near = far = (0.0, 0.0)  # distance and root of the rise: within the interval, and beyond its end
         away = min(float(self.reach[place]), bound)
         for _ in range(POINTS):
-            start = self._followed(place, self.x[place] + sign * away, start)
+            start, jacobian = self._followed(place, self.x[place] + sign * away, start, jacobian)
             root = float(np.sqrt(max(self._noted(start), 0.0)))
             if abs(root - goal) <= CLOSE * goal:
                 return away
@@ -154,42 +185,43 @@ class _Walk:
     def _noted(self, x: Array) -> float:
         """Return the rise of the cost at a point, and remember the point if it is the best."""
         cost = self.cost(x)
-        if cost < self._best:
-            self.better, self._best = x.copy(), cost
+        if cost < self.lowest:
+            self.better, self.lowest = x.copy(), cost
         return cost - self.least
 
-    def _followed(self, place: int, value: float, start: Array) -> Array:
-        """Return the unknowns that fit best with a key held at a value."""
+    def _followed(self, place: int, value: float, start: Array, jacobian: Array) -> tuple[Array, Array]:
+        """Return the unknowns that fit best with a key held at a value, and the derivatives that led there.
+
+        They are those of the point before, brought on by what each step shows; taken anew where they lead no further.
+        """
         others = np.arange(len(self.x)) != place
         x = self._along(place, value - float(self.x[place]))
         if self.cost(again := np.where(others, start, value)) < self.cost(x):
             x = again
-        x, won = self._descended(x, others, self.jacobian)
+        x, won, jacobian = self._descended(x, others, jacobian)
         if won <= SETTLED * self.sought:
-            return x
-        fresh = self.problem.jacobian(x, self.comparison)
-        return self._descended(x, others, fresh * self._weights(x)[:, None])[0]
+            return x, jacobian
+        weights = _weights(self.problem.residuals(x, self.comparison))
+        x, _, jacobian = self._descended(x, others, self.problem.jacobian(x, self.comparison) * weights[:, None])
+        return x, jacobian
 
-    def _weights(self, x: Array) -> Array:
+    def _descended(self, x: Array, others: Array, jacobian: Array) -> tuple[Array, float, Array]:
+        """Return where steps of these derivatives lead while the cost falls, what the last one won, and they anew."""
         rows = self.problem.residuals(x, self.comparison)
-        return np.asarray((1.0 + (rows / LOSS_SCALE) ** 2) ** -0.25)
-
-    def _descended(self, x: Array, others: Array, jacobian: Array) -> tuple[Array, float]:
-        """Return where steps of these derivatives lead while the cost falls, and what the last one won."""
-        solve: Callable[[Array], Array] = _pseudo_inverse(jacobian[:, others])
-        cost, won = self.cost(x), np.inf
+        cost, won = _robust(rows), np.inf
         for _ in range(FOLLOWING):
-            weights = self._weights(x)
             moved = x.copy()
-            moved[others] -= solve(weights * self.problem.residuals(x, self.comparison))
+            moved[others] -= _solved(jacobian[:, others], _weights(rows) * rows)
             moved = np.clip(moved, self.low, self.high)
-            now = self.cost(moved)
+            rows_there = self.problem.residuals(moved, self.comparison)
+            now = _robust(rows_there)
+            jacobian = _brought_on(jacobian, moved - x, _weights(rows) * (rows_there - rows))
             if now >= cost:
-                return x, 0.0 if won < np.inf else self.sought
-            x, cost, won = moved, now, cost - now
+                return x, 0.0 if won < np.inf else self.sought, jacobian
+            x, rows, cost, won = moved, rows_there, now, cost - now
             if won <= SETTLED * self.sought:
                 break
-        return x, won
+        return x, won, jacobian
 
 
 def _next(near: tuple[float, float], far: tuple[float, float], goal: float) -> float:
@@ -200,6 +232,24 @@ def _next(near: tuple[float, float], far: tuple[float, float], goal: float) -> f
     return near[0] + (far[0] - near[0]) * (share if INNERMOST <= share <= 1.0 - INNERMOST else 0.5)
 
 
-def _pseudo_inverse(jacobian: Array) -> Callable[[Array], Array]:
-    inverse = inverse_information(jacobian)
-    return lambda rows: np.asarray(inverse @ (jacobian.T @ rows))
+def _robust(rows: Array) -> float:
+    return float(np.sum(2.0 * LOSS_SCALE**2 * (np.sqrt(1.0 + (rows / LOSS_SCALE) ** 2) - 1.0)))
+
+
+def _weights(rows: Array) -> Array:
+    return np.asarray((1.0 + (rows / LOSS_SCALE) ** 2) ** -0.25)
+
+
+def _solved(jacobian: Array, rows: Array) -> Array:
+    return np.asarray(inverse_information(jacobian) @ (jacobian.T @ rows))
+
+
+def _brought_on(jacobian: Array, moved: Array, changed: Array) -> Array:
+    """Return derivatives that foretell what the rows changed by over a step, changed as little as possible (Broyden).
+
+    Changes are measured over the size of each column, so that no unknown is favoured by its scale.
+    """
+    sizes = np.linalg.norm(jacobian, axis=0)
+    step = moved * sizes**2
+    length = float(moved @ step)
+    return jacobian if length <= 0.0 else jacobian + np.outer(changed - jacobian @ moved, step / length)

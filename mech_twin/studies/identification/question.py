@@ -31,6 +31,8 @@ class IdentificationQuestion:
         Of further starts.
     cores : int, optional
         Threads; all cores if absent.
+    scheduler : str, optional
+        Address of a Dask scheduler, over which starts and profiles are spread.
     """
 
     machine: str
@@ -41,3 +43,4 @@ class IdentificationQuestion:
     longest_begin_s: float = 0.0
     seed: int = 0
     cores: int | None = None
+    scheduler: str | None = None

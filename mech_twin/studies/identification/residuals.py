@@ -25,10 +25,14 @@ REFUSED = 1e3  # standard deviations where the machine refuses the values, or it
 GUARD_STEPS = 2.5  # coupling steps on either side of an event
 BEND_GUARD_STEPS = 1.5  # of a position, which bends there
 KEY_STEP = 1e-4  # of the scale of a key, in central differences
+OTHER_STEP = 3.0  # times as long, or as short: differences over it tell the error of the first
+DOUBTED = 1e-4  # of the effect of a key: more difference between two step lengths
 HALVED, MOST_HALVINGS = 8.0, 1
 LEAST_BEND = 1e-3  # standard deviations: less is rounding
 CURVED = 0.3  # of the slopes on either side: more difference between them, and the order of events changed
 MOST_BENT = 0.2  # of the rows of a channel
+LEAST_EFFECT = 2.0  # standard deviations of all rows together if a key changes by all of itself: less is none
+SMALL = 0.05  # of the usual derivative of a key: a contradiction that does not matter
 Mask = npt.NDArray[np.bool_]
 
 
@@ -38,6 +42,19 @@ class Weighting:
 
     sigmas: Array
     masks: tuple[tuple[Mask, ...], ...]
+
+
+def contradicting(first: Array, other: Array) -> Mask:
+    """Return the rows in which derivatives of two step lengths contradict each other, shape (rows,).
+
+    Keys without an effect have no say.  None are where that is so in many rows: then the keys are not told at all, and
+    to leave rows out would hide it.
+    """
+    off, sizes = np.abs(first - other), np.linalg.norm(first, axis=0)
+    usual = np.where(sizes >= LEAST_EFFECT, sizes, np.inf) / np.sqrt(max(len(first), 1))
+    larger = np.maximum(np.abs(first), np.abs(other))
+    found = ((off > CURVED * larger) & (off > SMALL * usual)).any(axis=1)
+    return np.asarray(found if np.mean(found) <= MOST_BENT else np.zeros(len(found), dtype=np.bool_))
 
 
 class FitProblem:
@@ -152,8 +169,31 @@ class FitProblem:
 
     def jacobian(self, x: Array, comparison: Weighting, step: float = KEY_STEP) -> Array:
         """Return the derivatives of `residuals`, shape (rows, unknowns); the keys move by ``step`` of their scales."""
+        return self._with_others(x, comparison, self._key_columns(x, comparison, step))
+
+    def two_jacobians(self, x: Array, comparison: Weighting) -> tuple[Array, Array]:
+        """Return the derivatives of `residuals`, and the same from another step length: they differ by their errors.
+
+        The other step is the longer one, which has less rounding; of a key for which the two differ, because the motion
+        bends within the longer step, it is the shorter one if that differs less.  Either way rounding shows.  A row in
+        which they still contradict each other lies behind a change of the order of events within the steps: it tells
+        no derivative, and has none in either.
+        """
+        first, longer = (self._key_columns(x, comparison, KEY_STEP * factor) for factor in (1.0, OTHER_STEP))
+        off = np.linalg.norm(longer - first, axis=0)
+        doubted = np.flatnonzero(off > DOUBTED * np.linalg.norm(first, axis=0)).tolist()
+        shorter = self._key_columns(x, comparison, KEY_STEP / OTHER_STEP, doubted)
+        other = longer.copy()
+        for place in doubted:
+            if np.linalg.norm(shorter[:, place] - first[:, place]) < off[place]:
+                other[:, place] = shorter[:, place]
+        lost = contradicting(first, other)
+        first[lost] = other[lost] = 0.0
+        return self._with_others(x, comparison, first), self._with_others(x, comparison, other)
+
+    def _with_others(self, x: Array, comparison: Weighting, keys: Array) -> Array:
+        """Return derivatives by the keys with those by the other unknowns, and with the rows of priors."""
         rows = [self._columns(x, comparison, run, place) for run, place in self.places()]
-        keys = self._key_columns(x, comparison, step)
         found = np.concatenate([*rows, np.zeros((len(self._priors), len(x)))])
         found[: len(found) - len(self._priors), self.unknowns.places(KEY)] = keys
         for row, (i, _, deviation) in enumerate(self._priors, len(found) - len(self._priors)):
@@ -194,11 +234,15 @@ class FitProblem:
             found[:, begin] = -inverse_gain * slope * self.unknowns.all[begin].scale / comparison.sigmas[place]
         return found
 
-    def _key_columns(self, x: Array, comparison: Weighting, step: float) -> Array:
-        """Return the derivatives by the keys: differences over a step that is halved where too many rows are bent."""
-        left = list(range(len(self.unknowns.places(KEY))))
+    def _key_columns(self, x: Array, comparison: Weighting, step: float, among: Sequence[int] | None = None) -> Array:
+        """Return the derivatives by the keys: differences over a step that is halved where too many rows are bent.
+
+        ``among`` are the places of those wanted, all if absent; the columns of the others stay 0.
+        """
+        count = len(self.unknowns.places(KEY))
+        left = list(range(count) if among is None else among)
         centre = self.model.at(self.unknowns.keys(x))
-        found = np.zeros((sum(int(mask.sum()) for masks in comparison.masks for mask in masks), len(left)))
+        found = np.zeros((sum(int(mask.sum()) for masks in comparison.masks for mask in masks), count))
         bent = dict.fromkeys(left, np.inf)
         for _ in range(MOST_HALVINGS + 1):
             if centre is None or not left:

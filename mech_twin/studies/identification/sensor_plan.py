@@ -22,12 +22,12 @@ from mech_twin.measurements.measurement_map import Channel, MeasurementMap
 from mech_twin.parameters.load import catalogue_entry, validated
 from mech_twin.studies.identification.combinations import Combination, base_keys, combinations, sight
 from mech_twin.studies.identification.fit_runs import FitChannel, FitRun
-from mech_twin.studies.identification.intervals import NORMAL, OTHER_STEP, inverse_information
+from mech_twin.studies.identification.intervals import NORMAL, inverse_information
 from mech_twin.studies.identification.key_knowledge import LARGEST_LOG_ERROR
 from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration
 from mech_twin.studies.identification.model_runs import ModelRuns
 from mech_twin.studies.identification.question import IdentificationQuestion
-from mech_twin.studies.identification.residuals import KEY_STEP, FitProblem, Weighting
+from mech_twin.studies.identification.residuals import FitProblem, Weighting
 from mech_twin.studies.identification.unknowns import BEGIN, GAIN, KEY, LAG, ZERO, unknowns_of
 from mech_twin.studies.identification.verdicts import KeyEvidence, KeyVerdict, key_verdicts
 
@@ -166,7 +166,7 @@ def _verdicts(run: _PlannedRun, samples: FitRun) -> tuple[list[KeyVerdict], list
     x = unknowns.start
     sigmas = np.array([channel.noise for channel in samples.channels])
     weighting = Weighting(sigmas, problem.comparison(x, sigmas).masks)
-    jacobian, other = (problem.jacobian(x, weighting, KEY_STEP * factor) for factor in (1.0, OTHER_STEP))
+    jacobian, other = problem.two_jacobians(x, weighting)
     places = unknowns.places(KEY)
     seen = sight(jacobian, other, places, x[places])
     count = len(question.keys)

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from math import ceil, floor, isfinite
+from math import floor, isfinite
 from typing import NamedTuple
 
 import numpy as np
@@ -275,11 +275,9 @@ def feed_channels(
     reference = feed.declared.reference.column
     order = [*(column for column in channels if column != reference), reference]
     times = [channels[column][0] for column in order]
-    spans = [(each[0], each[-1]) for each in times if len(each)]
-    if not spans:
+    if not any(len(each) for each in times):
         return []
-    first, last = min(begin for begin, _ in spans), max(end for _, end in spans)
-    edges = first + slice_s * np.arange(1, ceil((last - first) / slice_s) + 2)
+    edges = _slice_ends(times, slice_s)
     places = [np.concatenate([[0], np.searchsorted(each, edges)]) for each in times]
     found = []
     for i in range(len(edges)):
@@ -288,6 +286,14 @@ def feed_channels(
                 part = slice(each[i], each[i + 1])
                 found += feed.feed(column, channels[column][0][part], channels[column][1][part])
     return [*found, *feed.finish()]
+
+
+def _slice_ends(times: Sequence[Array], slice_s: float) -> Array:
+    """Return where the slices end that hold a sample, ascending; one stamp years ahead makes no more of them."""
+    first = min(each[0] for each in times if len(each))
+    held = np.unique(np.concatenate([np.unique(np.floor((each - first) / slice_s)) for each in times]))
+    ends = np.unique(np.concatenate([held, held + 1.0, held + 2.0]))  # a stamp may round into the slice beside its own
+    return np.append(first + slice_s * ends[ends > 0.0], np.inf)
 
 
 def _number(feature: CycleFeature, cycle: SampledCycle) -> float:

@@ -3,6 +3,7 @@
 
 import math
 
+import mpmath as mp
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -122,6 +123,24 @@ def test_body_swings_as_its_equation_says(phi, p, moment, slope, damping, span):
     angle_at, rate_at = at(span)
     bent = (at(span + step)[1] - at(span - step)[1]) / (2.0 * step)
     assert j * bent + damping * rate_at + kappa * angle_at + preload == pytest.approx(moment + slope * span, abs=1e-4)
+
+
+@pytest.mark.parametrize("span", [1e-6, 1e-3, 0.1])
+@pytest.mark.parametrize("stiffness", [1e-9, 1e-6, 1e-3])
+def test_body_that_hardly_swings_is_pushed_as_fifty_digits_say(span, stiffness):
+    j, damping, preload, phi, p, moment, slope = 8e5, 3.0, 1e-5, 2e-5, -3e-4, 700.0, 4e4
+    mp.mp.dps = 50
+    kappa, d, inertia, t = mp.mpf(stiffness), mp.mpf(damping), mp.mpf(j), mp.mpf(span)
+    beta = slope / kappa
+    alpha = (mp.mpf(moment) - preload - d * beta) / kappa
+    fast, slow = ((-d + sign * mp.sqrt(d * d - 4 * kappa * inertia)) / (2 * inertia) for sign in (-1, 1))
+    x, v = phi - alpha, p - beta
+    one = (v - slow * x) / (fast - slow)
+    exact = alpha + beta * t + one * mp.exp(fast * t) + (x - one) * mp.exp(slow * t)
+    rate = beta + one * fast * mp.exp(fast * t) + (x - one) * slow * mp.exp(slow * t)
+    found = swung(j, stiffness, damping, preload, phi, p, moment, slope, span)
+    assert found[0] == pytest.approx(float(exact.real), rel=1e-12, abs=1e-17)
+    assert found[1] == pytest.approx(float(rate.real), rel=1e-12, abs=1e-17)
 
 
 def test_balances_close_over_many_blows():

@@ -58,6 +58,14 @@ HELD_BY_GEAR = {
     "supply.rate_per_s": 20.0,
     "coupling.step_s": 0.0005,
 }
+# a body of 870 t m^2 on a spring of 1 N/m: where the spring would balance the linkage's moment is 1e9 rad away
+HEAVY_BODY = {
+    "body.inertia_kg_m2": 869332.1055433701,
+    "body.spring_arm_m": 0.001,
+    "body.spring_rate_n_per_m": 1.0,
+    "body.damping_ratio": 0.15401848548765446,
+    "linkage.initial_crank_deg": 318.0,
+}
 STIFF_SPRING = {"body.spring_arm_m": 10.0, "body.spring_rate_n_per_m": 2e6, "body.inertia_kg_m2": 3.9}
 
 
@@ -74,6 +82,11 @@ def test_striker_that_turns_back_leaves_a_body_held_by_friction_at_once():
     broken, kinds = residuals_of(HELD_BODY, (1.0,))
     assert broken == []
     assert "released" in kinds
+
+
+def test_heavy_body_on_a_soft_spring_moves_as_it_is_led():
+    broken, _ = residuals_of(HEAVY_BODY, (1.0,))
+    assert broken == []
 
 
 def test_gear_that_turns_back_within_a_step_loses_no_energy_unseen():

@@ -85,6 +85,20 @@ def test_a_tolerance_ten_times_tighter_moves_no_answer_by_1e_8(carts):
     assert state == pytest.approx(tight_state, rel=1e-8)
 
 
+def test_a_heavy_shaft_comes_to_the_turn_that_it_would_take_thousands_of_turns_to_reach():
+    """Its speed hardly swings, so that more inertia changes neither mean speed nor work; what comes in goes out."""
+    turns = [steady_turn(former_of(parameters_for(3, {"carts.crank_inertia_kg_m2": j}))) for j in (1e5, 1e6)]
+    heavy, heavier = turns
+    assert heavy is not None
+    assert heavier is not None
+    assert heavier.mean_speed_rad_per_s == pytest.approx(heavy.mean_speed_rad_per_s, rel=1e-7)
+    for turn in (heavy, heavier):
+        works = turn.works
+        out = works.load_work_j + works.damping_work_j + works.friction_work_j
+        assert out == pytest.approx(works.motor_work_j, rel=1e-8)
+        assert turn.change < 1.001e-11
+
+
 @pytest.mark.parametrize("load", ["none", "reversing", "rectified", "resist", "printed"])
 def test_the_motion_is_that_of_a_general_integrator(load):
     overrides = {**AT_SPEED, "load": load, "motor.torque_curve": "starting_corrected"}

@@ -186,3 +186,14 @@ def test_a_signal_that_repeats_is_counted_by_its_rises() -> None:
 def test_without_what_cycles_are_counted_by_there_is_one_line() -> None:
     with pytest.raises(StudyError, match="no channel is crank, which cycles are counted by"):
         FeatureFeed(CycleFeatures(CycleReference(CRANK), FEATURES), (TORQUE,))
+
+
+@pytest.mark.parametrize("far_s", [1e6, 1e15, 1e300])
+def test_a_stamp_far_ahead_changes_no_cycle_before_it(far_s: float) -> None:
+    channels = measured(3, duration_s=3.0)
+    expected = feed_channels(fresh(), channels)
+    stamps, angles = channels[CRANK]
+    late = {**channels, CRANK: (np.append(stamps, [far_s, 2.0 * far_s]), np.append(angles, [0.0, 1.0]))}
+    found = feed_channels(fresh(), late)
+    assert same(found[: len(expected) - 1], expected[:-1])
+    assert len(found) <= len(expected) + 1

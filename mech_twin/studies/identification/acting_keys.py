@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A configuration in which its free keys act: what a machine fills in from one of them is left out.
+
+A validated configuration holds every number, those too that a machine fills in where they are absent: a load set fills
+the carts that name no load of their own.  A key of the set changes nothing while the filled-in numbers stand beside it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from mech_twin.configuration_tree import ConfigurationError, configuration_tree, merged_tree, tree_from_flat
+from mech_twin.parameters.load import catalogue_entry, validated
+from mech_twin.quantity import Parameters
+
+MOVED = 1e-3  # of a key, or of the unit where it is 0: enough to be seen, too little to be refused
+
+
+def acting_tree(name: str, base: Parameters, keys: Sequence[str]) -> dict[str, Any]:
+    """Return the configuration as nested plain values, without those that follow from one of the keys.
+
+    Parameters
+    ----------
+    name : str
+        Machine of the catalogue.
+    base : Parameters
+        Its configuration.
+    keys : sequence of str
+        Dotted keys that will be changed.
+
+    Raises
+    ------
+    ConfigurationError
+        The machine accepts no other value of a key, such as the inertia of a motor that is named from a catalogue.
+    """
+    whole = configuration_tree(base)
+    moved = {key: _moved(name, whole, key) for key in keys}
+    left = whole
+    try:
+        _configured(name, whole, moved)
+        steps = [moved]
+    except ConfigurationError:  # each of them alone is accepted
+        steps = [{key: value} for key, value in moved.items()]
+    for leaf in _filled_in(name, base, whole):
+        if leaf not in moved and any(_follows(name, whole, leaf, step) for step in steps):
+            left = _without(left, leaf)
+    return left
+
+
+def _moved(name: str, tree: Mapping[str, Any], key: str) -> float:
+    """Return another value of a key that the machine accepts."""
+    value = float(number_in(tree, key))
+    step, refused = MOVED * (abs(value) or 1.0), None
+    for other in (value + step, value - step):
+        try:
+            _configured(name, tree, {key: other})
+        except ConfigurationError as error:
+            refused = error
+        else:
+            return other
+    raise ConfigurationError(f"--free {key}: the machine accepts no other value: {refused}")
+
+
+def _filled_in(name: str, base: Parameters, tree: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the dotted numbers that the machine has even where its configuration leaves them out."""
+    for leaf in _numbers(tree):
+        try:
+            found = _configured(name, _without(tree, leaf), {})
+        except ConfigurationError:
+            continue
+        if found == base:
+            yield leaf
+
+
+def _follows(name: str, tree: Mapping[str, Any], leaf: str, moved: Mapping[str, float]) -> bool:
+    """Return whether a number that is filled in changes with keys."""
+    try:
+        found = _configured(name, _without(tree, leaf), moved)
+    except ConfigurationError:
+        return False
+    return bool(number_in(configuration_tree(found), leaf) != number_in(tree, leaf))
+
+
+def _configured(name: str, tree: Mapping[str, Any], changed: Mapping[str, float]) -> Parameters:
+    return validated(catalogue_entry(name), merged_tree(tree, tree_from_flat(changed)), name)
+
+
+def number_in(tree: Mapping[str, Any], key: str) -> Any:
+    """Return what stands at a dotted key, None where nothing does."""
+    branch: Any = tree
+    for word in key.split("."):
+        branch = branch.get(word) if isinstance(branch, Mapping) else None
+    return branch
+
+
+def _numbers(tree: Mapping[str, Any], prefix: str = "") -> Iterator[str]:
+    for name, value in tree.items():
+        if isinstance(value, Mapping):
+            yield from _numbers(value, f"{prefix}{name}.")
+        elif isinstance(value, float):
+            yield prefix + name
+
+
+def _without(tree: Mapping[str, Any], key: str) -> dict[str, Any]:
+    first, _, rest = key.partition(".")
+    return {
+        name: (_without(value, rest) if rest else None) if name == first else value
+        for name, value in tree.items()
+        if rest or name != first
+    }

@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What another process needs to set up the residuals of a fit anew, and the work that is spread so."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+from mech_twin.measurements.blocks import Array
+from mech_twin.studies.identification.fit_runs import FitRun
+from mech_twin.studies.identification.intervals import Linearised
+from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration
+from mech_twin.studies.identification.least_squares_fit import Fitted, solved
+from mech_twin.studies.identification.model_runs import ModelRuns
+from mech_twin.studies.identification.profile_likelihood import (
+    KeyProfile,
+    Profile,
+    key_profile,
+    profile_of_keys,
+    sought_keys,
+)
+from mech_twin.studies.identification.question import IdentificationQuestion
+from mech_twin.studies.identification.residuals import FitProblem, Weighting
+from mech_twin.studies.identification.unknowns import unknowns_of
+from mech_twin.studies.spreading import spread
+
+
+@dataclass(frozen=True)
+class FitSetting:
+    """A question, those of its keys that are fitted, and the runs: plain values, which travel."""
+
+    question: IdentificationQuestion
+    keys: tuple[str, ...]
+    runs: tuple[FitRun, ...]
+
+    def problem(self) -> FitProblem:
+        """Return the residuals."""
+        keyed = KeyedConfiguration(self.question.machine, self.question.base, self.keys)
+        return problem_of(self.question, keyed, self.runs)
+
+
+def problem_of(question: IdentificationQuestion, keyed: KeyedConfiguration, runs: Sequence[FitRun]) -> FitProblem:
+    """Return the residuals of runs with some of the keys of a question free."""
+    bounds = keyed.bounds(question.bounds)
+    unknowns = unknowns_of(keyed, bounds, runs, question.longest_begin_s)
+    priors = {key: prior for key, prior in question.priors.items() if key in keyed.keys}
+    return FitProblem(ModelRuns(keyed, runs, question.longest_begin_s, question.cores), unknowns, priors)
+
+
+def fits_from(setting: FitSetting, starts: Iterable[Array], scheduler: str) -> list[Fitted]:
+    """Return the fits from several starts, each computed by a worker of a cluster."""
+    problem = setting.problem()
+    found = list(spread(partial(_solved, _alone(setting)), list(enumerate(starts)), 1, scheduler))
+    return [Fitted(problem, x, comparison, cost) for _, x, comparison, cost in sorted(found, key=lambda each: each[0])]
+
+
+def _solved(setting: FitSetting, start: tuple[int, Array]) -> tuple[int, Array, Weighting, float]:
+    place, x = start
+    fitted = solved(setting.problem(), x)
+    return place, fitted.x, fitted.comparison, fitted.cost
+
+
+def profiles_spread(setting: FitSetting, fitted: Fitted, found: Linearised, scheduler: str) -> Profile:
+    """Return the profile of a fit, each key followed by a worker of a cluster."""
+    places = sought_keys(fitted)
+    one = partial(_followed, _alone(setting), fitted.x, fitted.comparison, found)
+    told = sorted(spread(one, places, 1, scheduler), key=lambda each: each.place) if places else []
+    return profile_of_keys(len(fitted.x), told)
+
+
+def _followed(setting: FitSetting, x: Array, comparison: Weighting, found: Linearised, place: int) -> KeyProfile:
+    return key_profile(Fitted(setting.problem(), x, comparison, 0.0), found, place)
+
+
+def _alone(setting: FitSetting) -> FitSetting:
+    """Return a setting as a worker takes it: one thread, and no scheduler to ask in turn."""
+    return replace(setting, question=replace(setting.question, cores=1, scheduler=None))

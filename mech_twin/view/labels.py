@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where the names of links and forces are written: beside their lines, and not over each other.
+
+The viewer writes in pixels, centred below a point; a figure of a given width (m) is taken to fill a usual panel.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from mech_twin.samples import Shape
+
+PANEL_PX, LETTER_PX, LINE_PX = 700.0, 6.6, 20.0  # width of a usual panel, and of a letter, and height of a line in it
+FRAME_PX = 12.0  # of the box round a text, both sides together
+SHIFTS = (0.0, 1.15, -1.15, 2.3, -2.3, 3.45, -3.45)  # in lines, tried in this order
+
+
+class _Box(NamedTuple):
+    """A rectangle: centre, and half of its sides (m)."""
+
+    x: float
+    y: float
+    half_width: float
+    half_height: float
+
+    def overlap(self, other: _Box) -> float:
+        """Return the area that both cover."""
+        wide = self.half_width + other.half_width - abs(self.x - other.x)
+        high = self.half_height + other.half_height - abs(self.y - other.y)
+        return wide * high if wide > 0.0 and high > 0.0 else 0.0
+
+
+def written_beside(shape: Shape, width_m: float) -> Shape:
+    """Return the text of a line or arrow as a text of its own, next to the middle of it; inside one that is closed."""
+    points = np.array(shape.points_m)
+    pixel_m = width_m / PANEL_PX
+    text_m, line_m = (len(shape.text) * LETTER_PX + FRAME_PX) * pixel_m, LINE_PX * pixel_m
+    if len(points) > 3 and np.array_equal(points[0], points[-1]):
+        middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    else:
+        place = (len(points) - 1) // 2
+        along = points[place + 1] - points[place]
+        normal = np.array([along[1], -along[0]]) / (np.hypot(*along) or 1.0)
+        normal *= 1.0 if normal[0] > 0.0 else -1.0  # to the right
+        away = 0.5 * np.abs(normal) @ (text_m, line_m) + 0.5 * shape.width_m + 3.0 * pixel_m
+        middle = 0.5 * (points[place] + points[place + 1]) + away * normal
+    top = (float(middle[0]), float(middle[1]) + 0.5 * line_m)
+    return Shape(f"{shape.name}_text", "text", (top,), shape.colour, line_m, shape.text)
+
+
+def apart(texts: Sequence[Shape], fixed: Sequence[Shape], width_m: float) -> list[Shape]:
+    """Return texts, those that would cover another one or a fixed one moved up or down by a few lines at most."""
+    line_m = LINE_PX * width_m / PANEL_PX
+    taken = [_box(shape, width_m) for shape in fixed]
+    placed = []
+    for shape in texts:
+        box = _box(shape, width_m)
+        tried = [box._replace(y=box.y + shift * line_m) for shift in SHIFTS]
+        best = min(tried, key=lambda each: sum(each.overlap(other) for other in taken))
+        taken.append(best)
+        ((x, y),) = shape.points_m
+        placed.append(shape._replace(points_m=((x, y + best.y - box.y),)))
+    return placed
+
+
+def _box(shape: Shape, width_m: float) -> _Box:
+    pixel_m = width_m / PANEL_PX
+    rows = shape.text.split("\n")
+    half_height = 0.5 * LINE_PX * len(rows) * pixel_m
+    x, y = shape.points_m[0]
+    return _Box(x, y - half_height, 0.5 * (max(map(len, rows)) * LETTER_PX + FRAME_PX) * pixel_m, half_height)

@@ -1,0 +1,46 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A free key acts on the machine, or is refused in one line: what the machine fills in from it follows."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.machines.catalog import CATALOGUE
+from mech_twin.parameters.load import machine_parameters
+from mech_twin.studies.identification.acting_keys import acting_tree
+from mech_twin.studies.identification.combinations import base_keys, sight
+from mech_twin.studies.identification.free_keys import assumed_keys
+from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration
+
+
+def test_a_load_set_fills_the_carts_anew_when_one_of_its_numbers_changes() -> None:
+    base = machine_parameters("roller_former")
+    keyed = KeyedConfiguration("roller_former", base, ("load_sets.table.weight_n",))
+    moved = keyed.parameters([2000.0])
+    assert moved.carts.weight_n == 2000.0  # type: ignore[attr-defined]
+    assert moved.carts.mass_kg == base.carts.mass_kg  # type: ignore[attr-defined]
+    assert keyed.parameters(keyed.values()) == base
+
+
+def test_a_number_of_a_catalogue_motor_is_refused_with_the_reason() -> None:
+    base = machine_parameters("roller_former")
+    with pytest.raises(ConfigurationError, match=r"motor\.rotor_inertia_kg_m2: the machine accepts no other value.*4A"):
+        acting_tree("roller_former", base, ("motor.rotor_inertia_kg_m2",))
+
+
+@pytest.mark.parametrize("name", [name for name in CATALOGUE if name != "planar_linkage"])
+def test_the_configuration_itself_comes_back_from_its_own_values(name: str) -> None:
+    base = machine_parameters(name)
+    keyed = KeyedConfiguration(name, base, assumed_keys(name, base))
+    assert keyed.parameters(keyed.values()) == base
+
+
+def test_of_keys_that_repeat_each_other_the_one_with_the_larger_effect_is_estimated() -> None:
+    random = np.random.default_rng(0)
+    shared, own = random.standard_normal((2, 200))
+    jacobian = np.column_stack([1.0 * shared, 10.0 * shared, 5.0 * own])
+    seen = sight(jacobian, jacobian, np.arange(3), np.ones(3))
+    assert base_keys(seen, range(3)) == [1, 2]
+    assert seen.groups() == [[0, 1]]
