@@ -173,11 +173,11 @@ def interrupt(number: int, frame: FrameType | None) -> None:
 
 def started_view(stack: ExitStack, run: ProcessRun) -> dict[str, int]:
     """Start the web view's server and the node that feeds it, as `mech-twin run` does; return the server's process."""
-    from mech_twin.cli.run import LIVE_HISTORY, layout_of
+    from mech_twin.cli.live_view import LIVE_HISTORY
     from mech_twin.view.viewer_process import ViewerProcess
 
     server = stack.enter_context(ViewerProcess(memory_limit=LIVE_HISTORY, newest_first=True))
-    run.start("viewer", "--place", f"{server.grpc_url}#{layout_of('web', server.graphics_file)}")
+    run.start("viewer", "--place", f"{server.grpc_url}#web@{server.reports_directory}")
     return {SERVER: server.pid or 0}
 
 

@@ -131,6 +131,7 @@ class PhaseLockedObserver:
         self._base: FilterState | None = None
         self._ahead: Prediction | None = None
         self._rates = np.zeros(len(self.columns))
+        self._kinks = np.zeros(len(self.columns))
         self._origin_s = 0.0
         self._newest_s: dict[tuple[int, ...], float] = {}
         self._passed: list[Event] = []
@@ -251,19 +252,27 @@ class PhaseLockedObserver:
         self._keep_rates()
 
     def _keep_rates(self) -> None:
+        """Keep the rates of the step ahead, and by how much an event in it makes them others than before."""
         assert self._base is not None and self._ahead is not None
-        if self._ahead.events:
-            self._rates = np.zeros_like(self._rates)
-            return
         rise = self._ahead.row - self._base.row
         rise[self.space.input_places] -= self._base.offsets
         rise[self.run.angles] -= 2.0 * np.pi * np.round(rise[self.run.angles] / (2.0 * np.pi))
-        self._rates = rise / self.run.bank.step_s
+        before, self._rates = self._rates, rise / self.run.bank.step_s
+        self._kinks = np.abs(self._rates - before) if self._ahead.events else np.zeros_like(before)
+
+    def _within_step(self, after_s: float) -> Array:
+        """Return the variance of the columns at an instant within a step in which an event bends their way.
+
+        The way is told as the line from the step before; before the event it goes on as in that step, after it it ends
+        in the frame.
+        """
+        away_s = min(abs(after_s), abs(self.run.bank.step_s - abs(after_s)))
+        return np.asarray((self._kinks * away_s) ** 2)
 
     def _estimate(self, sample: SeenSample) -> FrameEstimate | None:
         assert self._base is not None and self._ahead is not None
         at_s = self._origin_s + (self._base.step + 1) * self.run.bank.step_s
-        by_parameters = self.parameters.at(self._ahead.row)
+        by_parameters = self.parameters.at(self._ahead.row) + self._within_step(sample.time_s - at_s)
         places = self.places[list(sample.channels)]
         sigma = np.array([self.channels[channel].sigma for channel in sample.channels])
         seen = observation(
