@@ -95,6 +95,11 @@ class FrameTree(NamedTuple):
         """Names of all frames, the root first."""
         return (ROOT, *(joint.child for joint in self.joints))
 
+    @property
+    def sliding_joints(self) -> frozenset[str]:
+        """Joints whose positions are lengths (m)."""
+        return frozenset((*self.lengths, *(joint.name for joint in self.joints if joint.kind == "prismatic")))
+
 
 def fixed(parent: str, child: str, origin_m: Point = (0.0, 0.0), turned_rad: float = 0.0) -> Joint:
     """Return a frame that does not move in its parent."""

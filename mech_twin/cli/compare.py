@@ -9,13 +9,13 @@ from typing import Any
 
 from mech_twin.cli.console import print_json, print_table, progress, say, say_result
 from mech_twin.cli.failure import CommandError
-from mech_twin.configuration_tree import configuration_tree
+from mech_twin.configuration_tree import ConfigurationError, configuration_tree
 from mech_twin.dependencies import require_extra
 from mech_twin.engine.invariants import broken_lines
 from mech_twin.engine.run import frames, steps_for
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.output_file import check_output_file, written_file
-from mech_twin.parameters.load import file_tree
+from mech_twin.parameters.load import file_tree, machine_of_prefix
 from mech_twin.parameters.load import machine as built_machine
 from mech_twin.roles import Machine
 from mech_twin.samples import Frame
@@ -45,10 +45,11 @@ def compare_sides(
         if picture.suffix not in (".png", ".svg"):
             raise CommandError(f"--picture {picture}: expected a name that ends in .png or .svg")
         check_output_file(picture, force=force)
-    recorded = [_recorded(Path(name)) if _is_recording(name) else None for name in (first, second)]
+    names = [_meant(first), _meant(second)]
+    recorded = [_recorded(Path(name)) if _is_recording(name) else None for name in names]
     durations = [side.samples["time_s"][-1] for side in recorded if side is not None]
     run_for = duration_s if duration_s is not None else min(durations, default=USUAL_DURATION_S)
-    sides = [known or _simulated(name, run_for) for known, name in zip(recorded, (first, second), strict=True)]
+    sides = [known or _simulated(name, run_for) for known, name in zip(recorded, names, strict=True)]
     found = compared(sides[0], sides[1], tolerance)
     if picture is not None:
         _draw(sides, picture, force=force)
@@ -61,6 +62,17 @@ def compare_sides(
         say(line)
     if found.beyond or broken:
         raise SystemExit(APART)
+
+
+def _meant(name: str) -> str:
+    """Return a path as it is; a word that is none, and no machine, may be the beginning of a machine's name."""
+    path = Path(name)
+    if path.exists() or path.name != name or path.suffix:
+        return name
+    try:
+        return machine_of_prefix(name)
+    except ConfigurationError as error:
+        raise CommandError(f"{name}: there is no such recording, and {error}") from error
 
 
 def _is_recording(name: str) -> bool:

@@ -79,7 +79,8 @@ def _plain(message: str) -> str:
     typed = re.fullmatch(r"(\S+): (expected .*)", said, re.DOTALL)
     if typed is not None:  # what was typed stands beside its option, as in every other line
         return f"{found.group(1)} {typed.group(1)}: {typed.group(2)}"
-    return f"{found.group(1)}: {said.replace('expected a valid', 'expected a')}"
+    said = said.replace("expected a valid", "expected a").replace("expected a integer", "expected an integer")
+    return f"{found.group(1)}: {said}"
 
 
 def _is_input_error(error: Exception) -> bool:

@@ -79,7 +79,7 @@ def _plan(asked: IdentifyRequest) -> None:
     from mech_twin.cli.identify_plan import show_plan
 
     if asked.sensors is None or asked.duration_s is None:
-        raise CommandError("--plan: expected --sensors FILE and --duration S beside it, as for `simulate`")
+        raise CommandError("--plan: expected --sensors FILE and --duration TIME beside it, as for `simulate`")
     if asked.runs:
         raise CommandError(f"--plan: expected no run, got {asked.runs[0]}; it asks what a run would tell")
     base = machine_parameters(asked.machine, asked.config, assignments(asked.settings))

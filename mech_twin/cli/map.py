@@ -47,7 +47,7 @@ def propose_map(measurement: Path, machine: str, out: Path | None, *, force: boo
     if run is not None and turn is not None:
         channels, notes = _signed(channels, run, turn)
         problems += implausible(_with_signs(run, channels), turn)
-    text = map_text(machine, time, channels, notes)
+    text = map_text(machine, time, channels, notes, columns)
     _write(text, out, force, quiet=as_json)
     if as_json:
         record = {"measurement": str(measurement), "machine": machine, "map": text, "problems": problems}

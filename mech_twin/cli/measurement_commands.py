@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from mech_twin.cli.failure import CommandError
+from mech_twin.cli.option_values import time_option
 from mech_twin.cli.options import Config, Force, Json, MachineName, MapFile, Settings
 
 
@@ -21,7 +22,7 @@ def shadow(
     record: Annotated[
         Path | None, typer.Option(help="directory of a recording of what is received and estimated")
     ] = None,
-    duration: Annotated[float, typer.Option(help="time in s after which it ends; 0: until stopped", min=0.0)] = 0.0,
+    duration: Annotated[float, time_option("time after which it ends (10, 2min); 0: until stopped")] = 0.0,
     uncertain: Annotated[
         list[str] | None,
         typer.Option(
@@ -97,12 +98,10 @@ def identify(
     begin: Annotated[
         str, typer.Option(metavar="start|unknown", help="where the runs begin: at the start of the machine, or unknown")
     ] = "start",
-    latest_begin: Annotated[
-        float, typer.Option(help="latest unknown beginning in s of the machine's run", min=0.0)
-    ] = 10.0,
+    latest_begin: Annotated[float, time_option("latest unknown beginning within the machine's run")] = 10.0,
     plan: Annotated[bool, typer.Option("--plan", help="without runs: which keys these sensors would find")] = False,
     sensors: Annotated[Path | None, typer.Option(help="with --plan: sensors as of `simulate --sensors`")] = None,
-    duration: Annotated[float | None, typer.Option(help="with --plan: length of the run in s", min=0.01)] = None,
+    duration: Annotated[float | None, time_option("with --plan: length of the run")] = None,
     seed: Annotated[int, typer.Option(help="seed of the further starts of the fit", min=0)] = 0,
     cores: Annotated[int | None, typer.Option(help="processor cores to use", min=1, show_default="all")] = None,
     scheduler: Annotated[
@@ -154,9 +153,7 @@ def monitor(
     ] = 24.0,
     skip: Annotated[
         float | None,
-        typer.Option(
-            help="time at the start of each run that is left out, s", min=0.0, show_default="the machine's run-up"
-        ),
+        time_option("time at the start of each run that is left out", "the machine's run-up"),
     ] = None,
     design: Annotated[bool, typer.Option("--design", help="judge a sensor set instead of runs")] = False,
     sensors: Annotated[Path | None, typer.Option(help="with --design: the sensors, as for simulate")] = None,

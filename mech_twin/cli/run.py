@@ -119,6 +119,9 @@ def _check(request: RunRequest) -> None:
         raise CommandError(f"--pace {request.pace}: expected {' or '.join(PACES)}")
     if request.duration_s is not None and not math.isfinite(request.duration_s):
         raise CommandError(f"--duration {request.duration_s}: expected a finite number of seconds")
+    from mech_twin.nodes.namespace import run_namespace
+
+    run_namespace(request.machine, request.namespace)
     check_view(request.view, force=request.force)
     if request.hold and request.view not in WEB_VIEWS:
         raise CommandError(f"--hold: expected --view web, which it keeps open; found --view {request.view}")

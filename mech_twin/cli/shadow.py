@@ -17,6 +17,7 @@ from mech_twin.cli.live_view import NO_VIEW, check_view, opened_view
 from mech_twin.cli.monitor import read_setup
 from mech_twin.nodes.domain import settle_domain
 from mech_twin.parameters.errors import refusal
+from mech_twin.parameters.key_hints import did_you_mean, key_units
 from mech_twin.parameters.load import assignments, document_tree, machine_parameters
 from mech_twin.quantity import Parameters
 from mech_twin.recording.output_directory import check_recording_directory, remove_recording
@@ -127,7 +128,8 @@ def _number_of(parameters: Parameters, key: str, word: str) -> float:
     found: object = parameters
     for part in key.split("."):
         if not isinstance(found, Parameters) or part not in type(found).model_fields:
-            raise CommandError(f"--uncertain {word}: the machine has no key '{key}'")
+            hint = did_you_mean(key, key_units(type(parameters)))
+            raise CommandError(f"--uncertain {word}: the machine has no key '{key}'{hint}")
         found = getattr(found, part)
     if isinstance(found, bool) or not isinstance(found, int | float):
         raise CommandError(f"--uncertain {word}: expected a key that is a number, '{key}' is {found!r}")

@@ -63,7 +63,14 @@ def machine_columns(machine: Machine) -> Mapping[str, str]:
     """Return every column of a run of the machine, and its SI unit."""
     frame = complete_frame(machine, machine.linkage.start(), None, 1.0)
     names = [name for name, _ in frame_numbers(frame) if name != "time_s"]
-    return {name: unit_of(name) for name in names}
+    sliding = frozenset() if machine.mechanism is None else machine.mechanism.sliding_joints
+    return {name: _unit_in(name, sliding) for name in names}
+
+
+def _unit_in(column: str, sliding: frozenset[str]) -> str:
+    """Return the SI unit of a column of a machine, some of whose joints slide whatever their names."""
+    parts = joint_column(column)
+    return _SLIDING_UNITS[parts.field] if parts is not None and parts.joint in sliding else unit_of(column)
 
 
 def is_event(column: str) -> bool:

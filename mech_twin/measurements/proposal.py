@@ -10,7 +10,7 @@ from difflib import SequenceMatcher
 from pathlib import Path
 
 from mech_twin.measurements.blocks import SourceColumn
-from mech_twin.measurements.machine_columns import joint_column, unit_of
+from mech_twin.measurements.machine_columns import joint_column
 from mech_twin.measurements.measurement_map import Channel, MeasurementMap, Source, TimeSource
 from mech_twin.measurements.units import SCALED_BY_GAIN, UNITS
 
@@ -183,6 +183,7 @@ def map_text(
     time: TimeSource,
     channels: Sequence[ProposedChannel],
     notes: Mapping[str, str],
+    columns: Mapping[str, str],
     runs: Sequence[Path] = (),
 ) -> str:
     """Return the proposed map as YAML; what is unsure stands in it as a comment.
@@ -191,6 +192,8 @@ def map_text(
     ----------
     notes : mapping
         Further words about a channel by the label of its source, such as the correlation found.
+    columns : mapping
+        SI unit of each column of the machine.
     """
     clock = ", ".join(f"{key}: {_quoted(value)}" for key, value in time.model_dump(exclude_none=True).items() if value)
     lines = [f"machine: {machine}", f"time: {{{clock}}}", "channels:"]
@@ -204,7 +207,7 @@ def map_text(
         lines.append(
             f"{lead}  unit: {each.unit}"
             if each.unit
-            else f"{lead}  # unit: the name tells none; {unit_of(each.column)} is assumed"
+            else f"{lead}  # unit: the name tells none; {columns[each.column]} is assumed"
         )
         lines += [f"{lead}  sign: -1"] if each.sign < 0 else []
         lines += [f"{lead}  {key}: {value}" for key, value in _unknowns(each).items()]

@@ -14,6 +14,7 @@ from mech_twin.parameters.key_lines import KeyLines, no_lines
 
 BOUNDS = frozenset({"greater_than", "greater_than_equal", "less_than", "less_than_equal"})
 PURE = "1"
+GROUPS = frozenset({"model_type", "dict_type", "model_attributes_type"})
 NUMBERS = frozenset({"finite_number", "float_type", "float_parsing", "int_type", "int_parsing"})
 
 
@@ -64,6 +65,8 @@ def _complaint(item: dict[str, Any], units: Mapping[str, str], lines: Mapping[st
 
 
 def _expected(message: str, kind: str, unit: str) -> str:
+    if kind in GROUPS:
+        return "expected a group of keys"
     said = f"{message[0].lower()}{message[1:]}"
     if not unit:
         return said

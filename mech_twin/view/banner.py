@@ -116,7 +116,7 @@ def sliding_joints(tree: FrameTree | None) -> frozenset[str]:
     """Return the joints that slide: their positions are lengths (m)."""
     if tree is None:
         return frozenset()
-    return frozenset((*tree.lengths, *(joint.name for joint in tree.joints if joint.kind == "prismatic")))
+    return tree.sliding_joints
 
 
 def _named(numbers: Named, name: str) -> float:

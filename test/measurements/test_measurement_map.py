@@ -140,3 +140,11 @@ def test_the_speed_of_every_column_has_the_unit_of_its_differences(name: str) ->
         assert joint_column(f"{joint}.effort") is not None
     power = {"rad/s": "N.m", "m/s": "N"}
     assert all(columns[f"{joint}.effort"] == power[columns[f"{joint}.velocity"]] for joint in joints)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_joint_that_slides_in_the_mechanism_is_measured_in_metres(name: str) -> None:
+    columns, tree = machine_columns(built(name)), built(name).mechanism
+    assert tree is not None
+    for joint in {joint.name for joint in tree.joints if f"linkage.{joint.name}.position" in columns}:
+        assert columns[f"linkage.{joint}.position"] == ("m" if joint in tree.sliding_joints else "rad")

@@ -9,11 +9,14 @@ from typing import Any, Literal
 
 from pydantic import model_validator
 
+from mech_twin.engine.coupling import Coupling
 from mech_twin.machines.drives import DrivenCrank
+from mech_twin.parts.supply import SupplyParameters
 from mech_twin.quantity import Parameters, choice, quantity
 
 GRAVITY = 9.80665
 LONGEST_M = 100.0
+USUAL_STEP_S = 0.0005  # 1.8 degrees of a crank at 600 rpm
 LinkName = Literal[
     "ground", "crank", "dyad_1_first", "dyad_1_second", "dyad_2_first", "dyad_2_second", "dyad_3_first",
     "dyad_3_second", "dyad_4_first", "dyad_4_second",
@@ -130,6 +133,10 @@ class PlanarLinkageParameters(DrivenCrank):
     spring_1: Spring | None = choice("a spring to the ground", default=None)
     spring_2: Spring | None = choice("a spring to the ground", default=None)
     working_stroke: WorkingStrokeGroup | None = choice("force against the stroke of a tool", default=None)
+    supply: SupplyParameters = choice(
+        "supply of the drive", default=SupplyParameters(initial_fraction=1.0, rate_per_s=2.0)
+    )
+    coupling: Coupling = choice("coupling of the roles", default=Coupling(step_s=USUAL_STEP_S))
     gravity_m_per_s2: float = quantity(
         "m/s2", "gravity, downward; 0 for a flat table", default=GRAVITY, ge=0.0, le=100.0
     )

@@ -281,6 +281,18 @@ def test_the_printed_examples_run_within_their_limits(number: int) -> None:
     assert abs(turned) > 2.0 * math.pi
 
 
+def test_crank_dyad_and_drive_are_description_enough() -> None:
+    """Supply and step that are left out are rated speed from the start, and half a millisecond."""
+    tree = {
+        "crank": {"length_m": 0.06, "mass": {"mass_kg": 5.0, "inertia_kg_m2": 0.02}},
+        "dyad_1": {"kind": "rrr", "from_link": "crank", "to_x_m": 0.3, "first_m": 0.28, "second_m": 0.15},
+        "drive": {"kind": "constant_speed", "speed_rpm": 120.0},
+    }
+    last = list(frames(build(PlanarLinkageParameters.model_validate(tree)), 0.5))[-1].linkage
+    assert last.step == 1000
+    assert last.joint("crank").position == pytest.approx(2.0 * math.pi, rel=1e-9)
+
+
 def test_the_working_stroke_takes_its_force_times_its_length() -> None:
     made = machine("planar_linkage")
     seen = [frame.linkage for frame in frames(made, 1.0)]
