@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.optimize import brentq
 
+from mech_twin.machines.mb10_breaker.coupling_limits import POSITIONS, fastest_rad_per_s
 from mech_twin.machines.mb10_breaker.dynamics import Breaker
 from mech_twin.machines.mb10_breaker.turn_curves import turn_masses, turn_rocker_rates
 from mech_twin.parts.four_bar import FourBar, Link, coefficients, link_angles, position
@@ -19,6 +20,9 @@ if TYPE_CHECKING:
 
 LONGEST_SUBSTEP_S = 5e-4
 SWING_IN_SUBSTEP_RAD = 0.1  # of the fastest free swing: truncation below rounding
+VARIED_IN_SUBSTEP = (
+    0.04  # of the mass the crank turns: next to a change point it varies fast, and so do its derivatives
+)
 GEAR_GRIP = 1e-12  # of the rated torque: least friction of a crank that its gear may hold
 ANGLES = 90  # at which the fastest swing is looked for
 
@@ -39,6 +43,15 @@ def fastest_swing_rad_per_s(b: Breaker) -> float:
 
 
 @lru_cache(maxsize=64)
+def longest_substep_s(b: Breaker, drive_rad_per_s: float) -> float:
+    """Return the longest substep (s): a small part of the fastest swing, and of a turn's change of M11."""
+    damping = b.body_damping_nms_per_rad / b.body_inertia_kg_m2
+    swing = max(fastest_swing_rad_per_s(b), damping, 1e-9)
+    m = turn_masses(b, POSITIONS)
+    varying = max(float(np.abs(m.m11_q / m.m11).max()) * fastest_rad_per_s(b, drive_rad_per_s), 1e-9)
+    return min(LONGEST_SUBSTEP_S, SWING_IN_SUBSTEP_RAD / swing, VARIED_IN_SUBSTEP / varying)
+
+
 def extremes(bar: FourBar) -> tuple[float, float]:
     """Return the crank angles (rad, 0 to 2 pi) of the rocker's striking extreme and of its other extreme.
 
@@ -132,5 +145,4 @@ def breaker(p: BreakerParameters) -> Breaker:
         crank_coulomb_nm=crank_coulomb_nm(p),
         body_coulomb_nm=p.body.friction.coulomb_nm,
     )
-    swing = max(fastest_swing_rad_per_s(found), found.body_damping_nms_per_rad / found.body_inertia_kg_m2, 1e-9)
-    return found._replace(longest_substep_s=min(LONGEST_SUBSTEP_S, SWING_IN_SUBSTEP_RAD / swing))
+    return found._replace(longest_substep_s=longest_substep_s(found, p.synchronous_crank_rad_per_s))

@@ -287,7 +287,7 @@ def advance_step(
     while step_s - time > 1e-16:
         turns += 1
         if turns > SUBSTEP_BUDGET:
-            raise MotionError("mb10_breaker: more events in one step than are followed; shorten coupling.step_s")
+            raise MotionError("mb10_breaker: more than 20000 pieces of motion in one step; shorten coupling.step_s")
         motion = next_piece(motion, state, memory, regime, reversals < MOST_REVERSALS)
         knots = motion.tool in (PUSHED, BLOCKED) and not motion.rests
         longest = min(b.longest_substep_s, PUSHING_SUBSTEP_S if knots or motion.tool == PUSHED else 1.0)

@@ -185,7 +185,7 @@ def apply_tool_stop(motion: Motion, state: Any, memory: Any, regime: int, time: 
     if motion.tool != PUSHED:
         memory.tool_regime = STANDING
         return count
-    turns = state.crank_rad_per_s > TURNING_RAD_PER_S
+    turns = abs(state.crank_rad_per_s) > TURNING_RAD_PER_S
     if turns and (motion.rests or leaves_held_body(motion, state, memory, regime, time)):
         memory.tool_regime = STANDING
         begin_row(motion, state, memory, RELEASED, time, log[count])

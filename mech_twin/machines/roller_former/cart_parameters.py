@@ -81,7 +81,7 @@ class CartParameters(Parameters):
         if not all(abs(angle) <= 3600.0 for angle in self.offsets_deg or []):
             raise ValueError(f"offsets_deg: -3600 to 3600 deg needed, got {self.offsets_deg}")
         if self.states is not None and all(state == "missing" for state in self.states):
-            raise ValueError("states: at least one cart must not be missing")
+            raise ValueError(f"states: at least 1 cart must be there, loaded or empty; got {self.states}")
         return self
 
     @property

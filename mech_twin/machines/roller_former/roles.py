@@ -63,7 +63,7 @@ class FormerLinkage(CompiledLinkage):
     @property
     def residual_limits(self) -> dict[str, float]:
         """Limits of the invariants; the expansion leaves (r/l)^4/8 of the rod's length open."""
-        open_rod = 0.2 * self.former.bank.ratio**4 if self.former.bank.expanded else 1e-12
+        open_rod = max(1e-12, 0.2 * self.former.bank.ratio**4 if self.former.bank.expanded else 0.0)
         return {"energy_balance": 1e-8, "rod_length": open_rod}
 
     @cached_property

@@ -66,6 +66,47 @@ HEAVY_BODY = {
     "body.damping_ratio": 0.15401848548765446,
     "linkage.initial_crank_deg": 318.0,
 }
+# the weight of the crank swings it to and fro through the blow; the body is pressed on its collar
+PENDULUM = {
+    "gravity_m_per_s2": 50.0,
+    "linkage.crank_centroid_across_m": -0.1,
+    "linkage.initial_crank_deg": 100.0,
+    "motor.rated_power_w": 1e-3,
+    "motor.rotor_inertia_kg_m2": 1e-6,
+    "tool.overtravel_m": 1e-4,
+    "body.preload_deflection_m": 10.0,
+}
+# crank and frame are nearly as long as coupler and rocker: what the crank turns doubles within a few degrees
+NEAR_CHANGE_POINT = {
+    "motor.rated_power_w": 1164.0,
+    "motor.rated_speed_rpm": 1328.0,
+    "motor.synchronous_speed_rpm": 1403.0,
+    "motor.rotor_inertia_kg_m2": 0.00155,
+    "gear.efficiency": 0.323,
+    "gravity_m_per_s2": 1.21374,
+    "linkage.crank_m": 0.012301304382836194,
+    "linkage.coupler_m": 0.08200869588557463,
+    "linkage.rocker_m": 0.03280347835422985,
+    "linkage.ground_m": 0.1024216729665568,
+    "linkage.striker_arm_m": 0.0169775,
+    "linkage.striker_angle_deg": 86.0,
+    "linkage.crank_inertia_kg_m2": 0.39,
+    "linkage.crank_mass_kg": 3172180.0,
+    "linkage.crank_centroid_across_m": 0.0003,
+    "linkage.coupler_mass_kg": 4.5,
+    "linkage.coupler_centroid_along_m": -1.02,
+    "linkage.rocker_mass_kg": 17.0,
+    "linkage.rocker_inertia_kg_m2": 0.0474,
+    "linkage.rocker_centroid_along_m": 0.0037,
+    "linkage.rocker_centroid_across_m": 0.0285,
+    "linkage.initial_crank_deg": 65.0,
+    "tool.overtravel_m": 9e-4,
+    "tool.wall_force_n": 123.0,
+    "body.inertia_kg_m2": 1e6,
+    "body.tool_radius_m": 0.1025,
+    "coupling.step_s": 0.00185,
+    "coupling.extrapolation_order": 0,
+}
 STIFF_SPRING = {"body.spring_arm_m": 10.0, "body.spring_rate_n_per_m": 2e6, "body.inertia_kg_m2": 3.9}
 
 
@@ -86,6 +127,23 @@ def test_striker_that_turns_back_leaves_a_body_held_by_friction_at_once():
 
 def test_heavy_body_on_a_soft_spring_moves_as_it_is_led():
     broken, _ = residuals_of(HEAVY_BODY, (1.0,))
+    assert broken == []
+
+
+@pytest.mark.parametrize(("tool_kg", "wall_n"), [(1e-3, 50.0), (1.0, 500.0)])
+def test_striker_that_turns_back_at_its_extreme_leaves_the_tool_whichever_way_the_crank_turns(tool_kg, wall_n):
+    """Swinging back, the crank goes through the rocker's extreme with its speed: nothing stands in its way there."""
+    built = machine("mb10_breaker", overrides=PENDULUM | {"tool.mass_kg": tool_kg, "tool.wall_force_n": wall_n})
+    run = list(frames(built, 1.0))
+    assert max(worst_margin(built, frame)[0] for frame in run) <= 1.0
+    speeds = [frame.linkage.velocity[0] for frame in run]
+    assert min(speeds) < -30.0
+    assert max(speeds) > 30.0
+    assert "stalled" not in [event.kind for frame in run for event in frame.linkage.events]
+
+
+def test_linkage_near_its_change_point_keeps_its_balances():
+    broken, _ = residuals_of(NEAR_CHANGE_POINT, (1.0,), 0.3)
     assert broken == []
 
 
