@@ -13,6 +13,7 @@ from types import FrameType
 from typing import Any
 
 from mech_twin.interruption import EXIT_CODE_BASE, answered_signals, end_at_once, tell_interrupted
+from mech_twin.terminal_output import outlive_terminal
 
 
 def end_by_signal() -> None:
@@ -24,6 +25,7 @@ def end_by_signal() -> None:
 def command() -> None:
     """Run the ``mech-twin`` command; at its end all is closed, and nothing is waited for."""
     end_by_signal()
+    outlive_terminal()
     from mech_twin.cli.main import main
 
     try:
@@ -42,6 +44,7 @@ def _end(number: int, frame: FrameType | None) -> None:
 
 def _node(name: str) -> Any:
     end_by_signal()
+    outlive_terminal()
     from mech_twin.nodes import executables
 
     return getattr(executables, name)()

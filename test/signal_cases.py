@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+import pty
 import signal
 import subprocess
 import sys
@@ -35,6 +36,7 @@ class Started(NamedTuple):
 
     process: subprocess.Popen[bytes]
     folder: Path
+    far_end: int | None = None  # of its terminal, where it has one
 
     @property
     def bag(self) -> Path:
@@ -45,6 +47,11 @@ class Started(NamedTuple):
     def errors(self) -> str:
         """What it has written to standard error."""
         return (self.folder / "errors").read_text()
+
+    def hang_up(self) -> None:
+        """Close its terminal."""
+        assert self.far_end is not None
+        os.close(self.far_end)
 
 
 class Verb(NamedTuple):
@@ -183,21 +190,42 @@ VERBS = {
 
 
 @contextmanager
+def running_in_a_terminal(verb: Verb, folder: Path) -> Iterator[Started]:
+    """Start a verb at a terminal, all of whose output goes there; see `running`."""
+    ours, theirs = pty.openpty()
+    command = ["setsid", "--ctty", *_command(verb, folder)]  # executes it in place
+    process = subprocess.Popen(command, stdin=theirs, stdout=theirs, stderr=theirs)
+    os.close(theirs)
+    with _killed_at_the_end(process):
+        yield Started(process, folder, ours)
+
+
+@contextmanager
 def running(verb: Verb, folder: Path, cache: Path | None = None) -> Iterator[Started]:
     """Start a verb in a process group of its own, with kernels of its own in a cache where one is given.
 
     What is left of it at the end is killed.
     """
-    places = {"BAG": str(folder / "bag"), "OUT": str(folder / "out"), "OUT.csv": str(folder / "out.csv")}
-    words = [places.get(word, word.replace("SAMPLE", SAMPLE_BAG)) for word in verb.words]
-    command = [sys.executable, "-c", COMMAND.format(program=verb.program), *words]
+    command = _command(verb, folder)
     environment = {**os.environ, **({} if cache is None else {DIRECTORY_VARIABLE: str(cache)})}
     with (folder / "errors").open("wb") as errors:
         process = subprocess.Popen(
             command, stdout=subprocess.DEVNULL, stderr=errors, env=environment, start_new_session=True
         )
-    try:
+    with _killed_at_the_end(process):
         yield Started(process, folder)
+
+
+def _command(verb: Verb, folder: Path) -> list[str]:
+    places = {"BAG": str(folder / "bag"), "OUT": str(folder / "out"), "OUT.csv": str(folder / "out.csv")}
+    words = [places.get(word, word.replace("SAMPLE", SAMPLE_BAG)) for word in verb.words]
+    return [sys.executable, "-c", COMMAND.format(program=verb.program), *words]
+
+
+@contextmanager
+def _killed_at_the_end(process: subprocess.Popen[bytes]) -> Iterator[None]:
+    try:
+        yield
     finally:
         with suppress(ProcessLookupError):
             os.killpg(process.pid, signal.SIGKILL)

@@ -16,6 +16,7 @@ from mech_twin.cli.failure import CommandError
 from mech_twin.cli.live_view import NO_VIEW, check_view, opened_view
 from mech_twin.cli.monitor import read_setup
 from mech_twin.nodes.domain import settle_domain
+from mech_twin.output_file import check_output_directory
 from mech_twin.parameters.errors import refusal
 from mech_twin.parameters.key_hints import did_you_mean, key_units
 from mech_twin.parameters.load import assignments, document_tree, machine_parameters
@@ -53,6 +54,8 @@ def shadow_machine(request: ShadowRequest) -> None:
     if not math.isfinite(request.duration_s):
         raise CommandError(f"--duration {request.duration_s}: expected a finite number of seconds")
     parameters = machine_parameters(request.machine, request.config, assignments(request.settings))
+    if request.black_box is not None:
+        check_output_directory(request.black_box, force=True)
     deviations = key_deviations(parameters, request.uncertain) if request.uncertain else None
     given = _map_of(request)
     reference = None if request.monitor is None else read_setup(request.monitor, request.machine)

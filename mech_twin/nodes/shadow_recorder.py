@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections import deque
 from functools import partial
+from itertools import chain, count
 from pathlib import Path
 from typing import NamedTuple
 
@@ -17,6 +18,7 @@ from mech_twin.nodes.shadow_node import FOLLOWED
 from mech_twin.parameters.load import description_text
 from mech_twin.quantity import Parameters
 from mech_twin.recording.bag_writer import BagWriter, WriterState
+from mech_twin.recording.errors import BagError
 from mech_twin.recording.schemas import offered_qos
 from mech_twin.recording.stamps import stamp_ns
 
@@ -139,7 +141,8 @@ class BlackBox(ShadowListener):
     Parameters
     ----------
     directory : Path
-        Folder of the bags; each is named for its fault and its stamp.
+        Folder of the bags; each is named for its fault and its stamp, and numbered where a bag of an earlier run has
+        that name.
     """
 
     def __init__(
@@ -159,8 +162,12 @@ class BlackBox(ShadowListener):
         if self._writer is not None:
             return
         words = "_".join("".join(sign if sign.isalnum() else " " for sign in fault).split())
-        place = self._directory / f"{words}-{round(time_s * 1000):d}"
-        self._writer = self.opened(place)
+        place = _unused(self._directory / f"{words}-{round(time_s * 1000):d}")
+        try:
+            self._writer = self.opened(place)
+        except BagError as error:  # the shadow goes on without: what it finds counts for more than this bag
+            self.diagnostics.error(f"no black box: {error}")
+            return
         self.bags.append(place)
         self.diagnostics.state = f"writing {place}"
         for message in self._kept:
@@ -191,3 +198,9 @@ class BlackBox(ShadowListener):
             self._writer.close()
             self._writer = None
             self.diagnostics.state = f"wrote {self.bags[-1]}"
+
+
+def _unused(place: Path) -> Path:
+    """Return the first of a name, and the name with a number, that nothing has."""
+    numbered = (place.with_name(f"{place.name}-{number}") for number in count(2))
+    return next(each for each in chain([place], numbered) if not (each.exists() or each.is_symlink()))

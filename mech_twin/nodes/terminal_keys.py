@@ -8,6 +8,7 @@ import select
 import sys
 import termios
 import tty
+from contextlib import suppress
 from types import TracebackType
 from typing import Any
 
@@ -36,7 +37,8 @@ class TerminalKeys:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         if self._fd is not None:
-            termios.tcsetattr(self._fd, termios.TCSADRAIN, self._before)
+            with suppress(termios.error):  # the terminal has closed
+                termios.tcsetattr(self._fd, termios.TCSADRAIN, self._before)
             self._fd = None
 
     def pressed(self) -> str:

@@ -37,6 +37,10 @@ SEARCH = [
     "--objective",
     "peak_torque_nm",
 ]
+MAP = f"""machine: {DRUM}
+channels:
+  - {{source: {{topic: /{DRUM}/joint_states, joint: drum, field: position}}, is: linkage.drum.position}}
+"""
 FILE_VERBS = {
     "run --view": ["run", DRUM, "--no-record", "--view", "OUT.rrd"],
     "view --save": ["view", "BAG", "--save", "OUT.rrd"],
@@ -46,12 +50,19 @@ FILE_VERBS = {
     "study designs": ["study", "compaction_press", "designs", "--out", "OUT.parquet"],
     "study synthesise": ["study", "impact_mass", "synthesise", "--out", "OUT.yaml"],
     "study regimes": ["study", "impact_mass", "regimes", "--over", "period_s=0.1,0.2", "--out", "OUT.png"],
+    "map": ["map", "BAG", DRUM, "--out", "OUT.yaml"],
+    "identify": ["identify", DRUM, "BAG", "--map", "MAP", "--out", "OUT.yaml"],
+    "monitor": ["monitor", DRUM, "BAG", "--save-baseline", "OUT.json"],
+    "compare": ["compare", "BAG", "BAG", "--picture", "OUT.png"],
+    "shadow --view": ["shadow", DRUM, "--from", "elsewhere", "--view", "OUT.rrd"],
 }
 DIRECTORY_VERBS = {
     "run --record": ["run", DRUM, "--view", "none", "--duration", "0.1", "--pace", "max", "--record", "OUT"],
     "simulate --bag": ["simulate", DRUM, "--duration", "0.1", "--bag", "OUT"],
     "recover": ["recover", "BAG", "OUT"],
     "reproduce --figures": ["reproduce", DRUM, "--figures", "OUT"],
+    "identify": ["identify", DRUM, "BAG", "--map", "MAP", "--out", "OUT"],
+    "shadow --record": ["shadow", DRUM, "--from", "elsewhere", "--record", "OUT"],
 }
 
 
@@ -59,6 +70,7 @@ DIRECTORY_VERBS = {
 def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     directory = tmp_path_factory.mktemp("outputs") / "bag"
     simulated_bag(DRUM, 0.05, directory)
+    (directory.parent / "map.yaml").write_text(MAP)
     return directory
 
 
@@ -75,7 +87,8 @@ def refusal(words: list[str], capsys: pytest.CaptureFixture[str], monkeypatch: p
 
 
 def aimed(words: list[str], out: str, bag: Path) -> list[str]:
-    return [str(bag) if word == "BAG" else word.replace("OUT", out) for word in words]
+    places = {"BAG": str(bag), "MAP": str(bag.parent / "map.yaml"), "BASELINE": str(bag.parent / "baseline.json")}
+    return [places.get(word, word.replace("OUT", out)) for word in words]
 
 
 @pytest.mark.parametrize("verb", [*FILE_VERBS, *DIRECTORY_VERBS])
@@ -109,6 +122,14 @@ def test_an_existing_directory_is_kept_without_force(verb, bag, tmp_path, capsys
     (tmp_path / "out" / "out_0.mcap").write_text("kept")
     assert "--force" in refusal(aimed(DIRECTORY_VERBS[verb], str(tmp_path / "out"), bag), capsys, monkeypatch)
     assert (tmp_path / "out" / "out_0.mcap").read_text() == "kept"
+
+
+def test_a_place_of_a_black_box_is_refused_before_there_is_a_fault(tmp_path, capsys, monkeypatch):
+    words = ["shadow", DRUM, "--from", "elsewhere", "--black-box"]
+    (tmp_path / "link").symlink_to(tmp_path / "elsewhere")
+    assert "/proc/x: cannot be written" in refusal([*words, "/proc/x"], capsys, monkeypatch)
+    assert "not a directory" in refusal([*words, str(tmp_path / "link")], capsys, monkeypatch)
+    assert not (tmp_path / "elsewhere").exists()
 
 
 @pytest.mark.parametrize("verb", ["run --record", "simulate --bag", "recover"])

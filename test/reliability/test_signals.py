@@ -22,6 +22,7 @@ from signal_cases import (
     has_workers,
     lasting,
     running,
+    running_in_a_terminal,
     seen_after,
     until,
 )
@@ -59,6 +60,17 @@ def test_killing_the_parent_leaves_no_orphan_and_a_recording_that_is_closed(tmp_
         children = descendants(started.process.pid)
         assert len(children) >= 4
         started.process.kill()
+        assert not lasting(children)
+    with BagReader(started.bag) as reader:
+        assert reader.info.finished
+
+
+def test_a_run_ends_with_its_terminal_and_closes_its_recording(tmp_path: Path) -> None:
+    with running_in_a_terminal(VERBS["run"], tmp_path) as started:
+        until(lambda: has_recorded(started))
+        children = descendants(started.process.pid)
+        started.hang_up()
+        assert started.process.wait(30.0) in (0, 128 + signal.SIGHUP)
         assert not lasting(children)
     with BagReader(started.bag) as reader:
         assert reader.info.finished

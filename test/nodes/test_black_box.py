@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A black box keeps every fault's bag apart from those of earlier runs, and never ends the shadow it belongs to."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import rclpy
+from rclpy.signals import SignalHandlerOptions
+
+from mech_twin.nodes.shadow_recorder import BlackBox, ShadowTopics
+from mech_twin.recording.bag_reader import BagReader
+
+NAME, FAULT = "winding_drum", "belt: slack"
+pytestmark = pytest.mark.usefixtures("ros_domain")
+
+
+@pytest.fixture
+def box(tmp_path: Path) -> Iterator[BlackBox]:
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    node = BlackBox(NAME, tmp_path, ShadowTopics((), ()))
+    yield node
+    node.close()
+    node.destroy_node()
+    rclpy.try_shutdown()
+
+
+def test_a_fault_at_the_moment_of_one_of_an_earlier_run_gets_a_bag_of_its_own(box: BlackBox, tmp_path: Path) -> None:
+    box.trigger(FAULT, 12.0)
+    box.close()
+    before = {path: path.read_bytes() for path in box.bags[0].iterdir()}
+    box.trigger(FAULT, 12.0)
+    box.close()
+    assert [bag.name for bag in box.bags] == ["belt_slack-12000", "belt_slack-12000-2"]
+    assert {path: path.read_bytes() for path in box.bags[0].iterdir()} == before
+    with BagReader(box.bags[1]) as reader:
+        assert reader.info.finished
+
+
+def test_a_link_of_that_name_is_not_followed(box: BlackBox, tmp_path: Path) -> None:
+    (tmp_path / "belt_slack-12000").symlink_to(tmp_path / "elsewhere")
+    box.trigger(FAULT, 12.0)
+    assert box.bags == [tmp_path / "belt_slack-12000-2"]
+    assert not (tmp_path / "elsewhere").exists()
+
+
+def test_a_bag_that_cannot_be_made_is_told_and_nothing_ends(box: BlackBox, tmp_path: Path) -> None:
+    box._directory = Path("/proc/nowhere")
+    box.trigger(FAULT, 12.0)
+    assert box.bags == []
