@@ -20,7 +20,7 @@ import argparse
 import json
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from functools import cache
 from multiprocessing import get_context
@@ -42,7 +42,8 @@ from plants import (
 
 from mech_twin.output_file import written_file
 from mech_twin.studies.monitoring.baseline import fitted_baseline
-from mech_twin.studies.monitoring.monitor import Monitor, MonitorSetup, setup_of_record
+from mech_twin.studies.monitoring.cycle_features import FeatureVector
+from mech_twin.studies.monitoring.monitor import NAMED_EVERY, Findings, Monitor, MonitorSetup, setup_of_record
 from mech_twin.studies.monitoring.signatures import machine_signatures
 from mech_twin.studies.monitoring.thresholds import chart_limits
 
@@ -50,6 +51,7 @@ RESULTS = Path(__file__).parent / "results"
 NOISES = 10  # repeats of one motion with a fault
 VIEWS = 20  # of one healthy motion
 TRIAL_ARL0 = 1e5
+NAMES = ("named", "group", "unknown")
 Call = tuple[Callable[[dict[str, Any]], None], Callable[..., dict[str, Any]], tuple[Any, ...]]
 KINDS = ("right", "group", "wrong_group", "wrong", "unknown", "none")
 
@@ -87,6 +89,21 @@ def with_signatures(name: str, setup: dict[str, Any], anew: bool) -> dict[str, A
     return record
 
 
+class LateMonitor(Monitor):
+    """Names in the last cycles of a run alone: a name depends on the cycles since the onset, not on names before it.
+
+    Parameters
+    ----------
+    since : int
+        Cycle from which on it names.
+    """
+
+    since: int = 0
+
+    def _named(self, episode: Any) -> Any:
+        return super()._named(episode) if (self._number or 0) >= self.since else episode.named
+
+
 def healthy_piece(name: str, setup: dict[str, Any], seed: int, piece: int) -> dict[str, Any]:
     """Return how many healthy cycles of a motion were watched, in all views, and the alarms of each view."""
     machine, known, random = monitored_machine(name), _known(json.dumps(setup)), np.random.default_rng([seed, 1, piece])
@@ -115,15 +132,16 @@ def faulty_piece(name: str, setup: dict[str, Any], seed: int, fault: str, size: 
     if run is None:
         return told
     for _ in range(NOISES):
-        monitor, alarm_s, last = Monitor(known), None, None
-        for vector in seen_vectors(machine, run[0], random):
-            last = monitor.observe(vector)
-            if last.alarm_begins and alarm_s is None:
-                alarm_s = last.time_s
+        vectors = seen_vectors(machine, run[0], random)
+        late = LateMonitor(known)
+        late.since = vectors[-1].number - 2 * NAMED_EVERY
+        last, alarm_s = watched(late, vectors)
+        if last.verdict not in NAMES:
+            last, alarm_s = watched(Monitor(known), vectors)
         if alarm_s is not None and alarm_s < run[1]:
             told["early"] += 1
             continue
-        if alarm_s is None or last is None:
+        if alarm_s is None:
             told["kinds"]["none"] += 1
             continue
         told["delays"].append(round((alarm_s - run[1]) / known.baseline.period_s, 2))
@@ -132,6 +150,16 @@ def faulty_piece(name: str, setup: dict[str, Any], seed: int, fault: str, size: 
         if kind.startswith("wrong"):
             told["wrong_names"][last.finding] += 1
     return told | {"spent_s": time.process_time() - begun_s}
+
+
+def watched(monitor: Monitor, vectors: Sequence[FeatureVector]) -> tuple[Findings, float | None]:
+    """Return what is said after the last cycle, and the stamp of the first alarm."""
+    alarm_s: float | None = None
+    for vector in vectors:
+        last = monitor.observe(vector)
+        if last.alarm_begins and alarm_s is None:
+            alarm_s = last.time_s
+    return last, alarm_s
 
 
 def judgement(verdict: str, fault: str, names: list[str]) -> str:
@@ -159,7 +187,7 @@ class Proof:
 
     def __init__(self, name: str, setup: dict[str, Any]) -> None:
         self.path, self.setup = RESULTS / f"{name}.json", setup
-        self.spent_s = 0.0
+        self.spent_s = {"healthy": 0.0, "faults": 0.0}
         baseline = setup["trial"]["baseline"]
         self.record: dict[str, Any] = {
             "machine": name, "asked": setup["asked"], "period_s": baseline["period_s"],
@@ -207,7 +235,7 @@ class Proof:
         healthy = self.record["healthy"]
         healthy["cycles"] += found["cycles"]
         healthy["alarms"].append(found["alarms"])
-        self._keep(found)
+        self._keep("healthy", found)
 
     def _row_adder(self, row: dict[str, Any]) -> Callable[[dict[str, Any]], None]:
         """Return what adds a piece to a row."""
@@ -218,12 +246,12 @@ class Proof:
             row["delays"] += found["delays"]
             for key in ("kinds", "wrong_names"):
                 row[key] = dict(Counter(row[key]) + Counter(found[key]))
-            self._keep(found)
+            self._keep("faults", found)
 
         return add
 
-    def _keep(self, found: dict[str, Any]) -> None:
-        self.spent_s += found["spent_s"]
+    def _keep(self, part: str, found: dict[str, Any]) -> None:
+        self.spent_s[part] += found["spent_s"]
         _keep(self.path, self.record)
 
 
@@ -233,14 +261,14 @@ def _keep(path: Path, record: dict[str, Any]) -> None:
         temporary.write_text(json.dumps(record) + "\n", encoding="utf-8")
 
 
-def in_turn(proofs: Sequence[Proof], calls: Sequence[Iterator[Call]]) -> Iterator[Call]:
-    """Yield calls, always of the machine that has had the least time."""
-    left = dict(zip(proofs, calls, strict=True))
+def in_turn(calls: Mapping[tuple[Proof, str], Iterator[Call]]) -> Iterator[Call]:
+    """Yield calls, always for the machine and the part of its proof that has had the least time."""
+    left = dict(calls)
     while left:
-        proof = min(left, key=lambda each: each.spent_s)
-        call = next(left[proof], None)
+        proof, part = min(left, key=lambda each: each[0].spent_s[each[1]])
+        call = next(left[proof, part], None)
         if call is None:
-            del left[proof]
+            del left[proof, part]
         else:
             yield call
 
@@ -286,13 +314,14 @@ def main() -> None:
         for proof in proofs:
             proof.go_on(not given.faults_anew)
     anew = given.anew or given.faults_anew
-    phases = {
+    parts: dict[str, Callable[[Proof], Iterator[Call]]] = {
         "faults": lambda proof: proof.fault_calls(given.repeats, anew),
         "healthy": lambda proof: proof.healthy_calls(given.healthy),
     }
-    for phase, calls in phases.items():
-        if given.only in (None, phase):
-            worked_off(in_turn(proofs, [calls(proof) for proof in proofs]), given.processes, until)
+    chosen = [part for part in parts if given.only in (None, part)]
+    worked_off(
+        in_turn({(proof, part): parts[part](proof) for proof in proofs for part in chosen}), given.processes, until
+    )
     for proof in proofs:
         healthy = proof.record["healthy"]
         alarms = sum(map(sum, healthy["alarms"]))
