@@ -49,7 +49,7 @@ from mech_twin.studies.monitoring.thresholds import chart_limits
 
 RESULTS = Path(__file__).parent / "results"
 NOISES = 10  # repeats of one motion with a fault
-VIEWS = 20  # of one healthy motion
+VIEWS = 20  # of one healthy motion, where none are asked for
 TRIAL_ARL0 = 1e5
 NAMES = ("named", "group", "unknown")
 Call = tuple[Callable[[dict[str, Any]], None], Callable[..., dict[str, Any]], tuple[Any, ...]]
@@ -104,12 +104,12 @@ class LateMonitor(Monitor):
         return super()._named(episode) if (self._number or 0) >= self.since else episode.named
 
 
-def healthy_piece(name: str, setup: dict[str, Any], seed: int, piece: int) -> dict[str, Any]:
+def healthy_piece(name: str, setup: dict[str, Any], seed: int, piece: int, views: int) -> dict[str, Any]:
     """Return how many healthy cycles of a motion were watched, in all views, and the alarms of each view."""
     machine, known, random = monitored_machine(name), _known(json.dumps(setup)), np.random.default_rng([seed, 1, piece])
     begun_s, run, told = time.process_time(), healthy_run(machine, random), {"cycles": 0, "alarms": []}
     monitor, first = Monitor(known), 0
-    for _ in range(VIEWS):
+    for _ in range(views):
         alarms = 0
         for vector in seen_vectors(machine, run, random):
             found = monitor.observe(vector._replace(number=first + vector.number))
@@ -183,9 +183,11 @@ class Proof:
         The machine.
     setup : dict
         What `setups` returned.
+    views : int
+        Of each healthy motion.
     """
 
-    def __init__(self, name: str, setup: dict[str, Any]) -> None:
+    def __init__(self, name: str, setup: dict[str, Any], views: int = VIEWS) -> None:
         self.path, self.setup = RESULTS / f"{name}.json", setup
         self.spent_s = {"healthy": 0.0, "faults": 0.0}
         baseline = setup["trial"]["baseline"]
@@ -193,7 +195,7 @@ class Proof:
             "machine": name, "asked": setup["asked"], "period_s": baseline["period_s"],
             "features": len(baseline["names"]), "order": len(baseline["coefficients"]),
             "baseline_cycles": baseline["cycles"], "trial_arl0_cycles": TRIAL_ARL0,
-            "healthy": {"cycles": 0, "views": VIEWS, "alarms": []}, "faults": {},
+            "healthy": {"cycles": 0, "views": views, "alarms": []}, "faults": {},
         }  # fmt: skip
 
     def go_on(self, keep_faults: bool) -> None:
@@ -201,16 +203,18 @@ class Proof:
         if not self.path.exists():
             return
         earlier = json.loads(self.path.read_text(encoding="utf-8"))
-        if earlier["asked"] == self.record["asked"] and earlier["healthy"].get("views") == VIEWS:
+        if earlier["asked"] != self.record["asked"]:
+            return
+        self.record["faults"] = earlier["faults"] if keep_faults else {}
+        if earlier["healthy"].get("views") == self.record["healthy"]["views"]:
             self.record["healthy"] = earlier["healthy"]
-            self.record["faults"] = earlier["faults"] if keep_faults else {}
 
     def healthy_calls(self, healthy: int) -> Iterator[Call]:
         """Yield what to do with an answer, what to call and its arguments, for healthy cycles."""
         name, seed = self.record["machine"], self.record["asked"]["seed"]
-        piece = len(self.record["healthy"]["alarms"])
+        piece, views = len(self.record["healthy"]["alarms"]), self.record["healthy"]["views"]
         while self.record["healthy"]["cycles"] < healthy:
-            yield self._add_healthy, healthy_piece, (name, self.setup["healthy"], seed, piece)
+            yield self._add_healthy, healthy_piece, (name, self.setup["healthy"], seed, piece, views)
             piece += 1
 
     def fault_calls(self, repeats: int, anew: bool) -> Iterator[Call]:
@@ -301,6 +305,7 @@ def main() -> None:
     asked.add_argument("--baseline", type=int, default=10_000, help="healthy cycles of the baseline")
     asked.add_argument("--healthy", type=int, default=1_000_000, help="healthy cycles that are judged")
     asked.add_argument("--arl0", type=float, default=1000.0, help="stated cycles between false alarms, of those")
+    asked.add_argument("--views", type=int, default=VIEWS, help="of each healthy motion, through fresh noise")
     asked.add_argument("--repeats", type=int, default=200, help="of each fault and size")
     asked.add_argument("--seed", type=int, default=1)
     asked.add_argument("--minutes", type=float, default=float("inf"), help="time after which no piece is begun")
