@@ -20,7 +20,7 @@ import argparse
 import json
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from functools import cache
 from multiprocessing import get_context
@@ -42,14 +42,16 @@ from plants import (
 
 from mech_twin.output_file import written_file
 from mech_twin.studies.monitoring.baseline import fitted_baseline
-from mech_twin.studies.monitoring.monitor import Monitor, MonitorSetup, setup_of_record
+from mech_twin.studies.monitoring.cycle_features import FeatureVector
+from mech_twin.studies.monitoring.monitor import NAMED_EVERY, Findings, Monitor, MonitorSetup, setup_of_record
 from mech_twin.studies.monitoring.signatures import machine_signatures
 from mech_twin.studies.monitoring.thresholds import chart_limits
 
 RESULTS = Path(__file__).parent / "results"
 NOISES = 10  # repeats of one motion with a fault
-VIEWS = 20  # of one healthy motion
+VIEWS = 20  # of one healthy motion, where none are asked for
 TRIAL_ARL0 = 1e5
+NAMES = ("named", "group", "unknown")
 Call = tuple[Callable[[dict[str, Any]], None], Callable[..., dict[str, Any]], tuple[Any, ...]]
 KINDS = ("right", "group", "wrong_group", "wrong", "unknown", "none")
 
@@ -87,12 +89,27 @@ def with_signatures(name: str, setup: dict[str, Any], anew: bool) -> dict[str, A
     return record
 
 
-def healthy_piece(name: str, setup: dict[str, Any], seed: int, piece: int) -> dict[str, Any]:
+class LateMonitor(Monitor):
+    """Names in the last cycles of a run alone: a name depends on the cycles since the onset, not on names before it.
+
+    Parameters
+    ----------
+    since : int
+        Cycle from which on it names.
+    """
+
+    since: int = 0
+
+    def _named(self, episode: Any) -> Any:
+        return super()._named(episode) if (self._number or 0) >= self.since else episode.named
+
+
+def healthy_piece(name: str, setup: dict[str, Any], seed: int, piece: int, views: int) -> dict[str, Any]:
     """Return how many healthy cycles of a motion were watched, in all views, and the alarms of each view."""
     machine, known, random = monitored_machine(name), _known(json.dumps(setup)), np.random.default_rng([seed, 1, piece])
     begun_s, run, told = time.process_time(), healthy_run(machine, random), {"cycles": 0, "alarms": []}
     monitor, first = Monitor(known), 0
-    for _ in range(VIEWS):
+    for _ in range(views):
         alarms = 0
         for vector in seen_vectors(machine, run, random):
             found = monitor.observe(vector._replace(number=first + vector.number))
@@ -115,15 +132,16 @@ def faulty_piece(name: str, setup: dict[str, Any], seed: int, fault: str, size: 
     if run is None:
         return told
     for _ in range(NOISES):
-        monitor, alarm_s, last = Monitor(known), None, None
-        for vector in seen_vectors(machine, run[0], random):
-            last = monitor.observe(vector)
-            if last.alarm_begins and alarm_s is None:
-                alarm_s = last.time_s
+        vectors = seen_vectors(machine, run[0], random)
+        late = LateMonitor(known)
+        late.since = vectors[-1].number - 2 * NAMED_EVERY
+        last, alarm_s = watched(late, vectors)
+        if last.verdict not in NAMES:
+            last, alarm_s = watched(Monitor(known), vectors)
         if alarm_s is not None and alarm_s < run[1]:
             told["early"] += 1
             continue
-        if alarm_s is None or last is None:
+        if alarm_s is None:
             told["kinds"]["none"] += 1
             continue
         told["delays"].append(round((alarm_s - run[1]) / known.baseline.period_s, 2))
@@ -132,6 +150,16 @@ def faulty_piece(name: str, setup: dict[str, Any], seed: int, fault: str, size: 
         if kind.startswith("wrong"):
             told["wrong_names"][last.finding] += 1
     return told | {"spent_s": time.process_time() - begun_s}
+
+
+def watched(monitor: Monitor, vectors: Sequence[FeatureVector]) -> tuple[Findings, float | None]:
+    """Return what is said after the last cycle, and the stamp of the first alarm."""
+    alarm_s: float | None = None
+    for vector in vectors:
+        last = monitor.observe(vector)
+        if last.alarm_begins and alarm_s is None:
+            alarm_s = last.time_s
+    return last, alarm_s
 
 
 def judgement(verdict: str, fault: str, names: list[str]) -> str:
@@ -155,17 +183,19 @@ class Proof:
         The machine.
     setup : dict
         What `setups` returned.
+    views : int
+        Of each healthy motion.
     """
 
-    def __init__(self, name: str, setup: dict[str, Any]) -> None:
+    def __init__(self, name: str, setup: dict[str, Any], views: int = VIEWS) -> None:
         self.path, self.setup = RESULTS / f"{name}.json", setup
-        self.spent_s = 0.0
+        self.spent_s = {"healthy": 0.0, "faults": 0.0}
         baseline = setup["trial"]["baseline"]
         self.record: dict[str, Any] = {
             "machine": name, "asked": setup["asked"], "period_s": baseline["period_s"],
             "features": len(baseline["names"]), "order": len(baseline["coefficients"]),
             "baseline_cycles": baseline["cycles"], "trial_arl0_cycles": TRIAL_ARL0,
-            "healthy": {"cycles": 0, "views": VIEWS, "alarms": []}, "faults": {},
+            "healthy": {"cycles": 0, "views": views, "alarms": []}, "faults": {},
         }  # fmt: skip
 
     def go_on(self, keep_faults: bool) -> None:
@@ -173,16 +203,18 @@ class Proof:
         if not self.path.exists():
             return
         earlier = json.loads(self.path.read_text(encoding="utf-8"))
-        if earlier["asked"] == self.record["asked"] and earlier["healthy"].get("views") == VIEWS:
+        if earlier["asked"] != self.record["asked"]:
+            return
+        self.record["faults"] = earlier["faults"] if keep_faults else {}
+        if earlier["healthy"].get("views") == self.record["healthy"]["views"]:
             self.record["healthy"] = earlier["healthy"]
-            self.record["faults"] = earlier["faults"] if keep_faults else {}
 
     def healthy_calls(self, healthy: int) -> Iterator[Call]:
         """Yield what to do with an answer, what to call and its arguments, for healthy cycles."""
         name, seed = self.record["machine"], self.record["asked"]["seed"]
-        piece = len(self.record["healthy"]["alarms"])
+        piece, views = len(self.record["healthy"]["alarms"]), self.record["healthy"]["views"]
         while self.record["healthy"]["cycles"] < healthy:
-            yield self._add_healthy, healthy_piece, (name, self.setup["healthy"], seed, piece)
+            yield self._add_healthy, healthy_piece, (name, self.setup["healthy"], seed, piece, views)
             piece += 1
 
     def fault_calls(self, repeats: int, anew: bool) -> Iterator[Call]:
@@ -207,7 +239,7 @@ class Proof:
         healthy = self.record["healthy"]
         healthy["cycles"] += found["cycles"]
         healthy["alarms"].append(found["alarms"])
-        self._keep(found)
+        self._keep("healthy", found)
 
     def _row_adder(self, row: dict[str, Any]) -> Callable[[dict[str, Any]], None]:
         """Return what adds a piece to a row."""
@@ -218,12 +250,12 @@ class Proof:
             row["delays"] += found["delays"]
             for key in ("kinds", "wrong_names"):
                 row[key] = dict(Counter(row[key]) + Counter(found[key]))
-            self._keep(found)
+            self._keep("faults", found)
 
         return add
 
-    def _keep(self, found: dict[str, Any]) -> None:
-        self.spent_s += found["spent_s"]
+    def _keep(self, part: str, found: dict[str, Any]) -> None:
+        self.spent_s[part] += found["spent_s"]
         _keep(self.path, self.record)
 
 
@@ -233,14 +265,14 @@ def _keep(path: Path, record: dict[str, Any]) -> None:
         temporary.write_text(json.dumps(record) + "\n", encoding="utf-8")
 
 
-def in_turn(proofs: Sequence[Proof], calls: Sequence[Iterator[Call]]) -> Iterator[Call]:
-    """Yield calls, always of the machine that has had the least time."""
-    left = dict(zip(proofs, calls, strict=True))
+def in_turn(calls: Mapping[tuple[Proof, str], Iterator[Call]]) -> Iterator[Call]:
+    """Yield calls, always for the machine and the part of its proof that has had the least time."""
+    left = dict(calls)
     while left:
-        proof = min(left, key=lambda each: each.spent_s)
-        call = next(left[proof], None)
+        proof, part = min(left, key=lambda each: each[0].spent_s[each[1]])
+        call = next(left[proof, part], None)
         if call is None:
-            del left[proof]
+            del left[proof, part]
         else:
             yield call
 
@@ -273,6 +305,7 @@ def main() -> None:
     asked.add_argument("--baseline", type=int, default=10_000, help="healthy cycles of the baseline")
     asked.add_argument("--healthy", type=int, default=1_000_000, help="healthy cycles that are judged")
     asked.add_argument("--arl0", type=float, default=1000.0, help="stated cycles between false alarms, of those")
+    asked.add_argument("--views", type=int, default=VIEWS, help="of each healthy motion, through fresh noise")
     asked.add_argument("--repeats", type=int, default=200, help="of each fault and size")
     asked.add_argument("--seed", type=int, default=1)
     asked.add_argument("--minutes", type=float, default=float("inf"), help="time after which no piece is begun")
@@ -286,13 +319,14 @@ def main() -> None:
         for proof in proofs:
             proof.go_on(not given.faults_anew)
     anew = given.anew or given.faults_anew
-    phases = {
+    parts: dict[str, Callable[[Proof], Iterator[Call]]] = {
         "faults": lambda proof: proof.fault_calls(given.repeats, anew),
         "healthy": lambda proof: proof.healthy_calls(given.healthy),
     }
-    for phase, calls in phases.items():
-        if given.only in (None, phase):
-            worked_off(in_turn(proofs, [calls(proof) for proof in proofs]), given.processes, until)
+    chosen = [part for part in parts if given.only in (None, part)]
+    worked_off(
+        in_turn({(proof, part): parts[part](proof) for proof in proofs for part in chosen}), given.processes, until
+    )
     for proof in proofs:
         healthy = proof.record["healthy"]
         alarms = sum(map(sum, healthy["alarms"]))

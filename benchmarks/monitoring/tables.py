@@ -20,28 +20,29 @@ BEGIN, END = "<!-- proof: begin -->", "<!-- proof: end -->"
 
 
 def healthy_table(results: list[dict[str, Any]]) -> list[str]:
-    """Return the rows on false alarms, beside the 95 % interval of a Poisson count at the stated rate.
+    """Return the rows on false alarms, beside the 95 % interval of a count at the stated rate.
 
-    Views of one motion have that motion in common; the variance of the counts of the motions over their mean says how
-    much that matters: 1 where all alarms are independent.
+    Views of one motion have the shocks of its supply in common.  D is the variance of the counts of the motions over
+    their mean, 1 where all alarms are independent; the interval is that of a Poisson count, widened by its root.
     """
     lines = [
-        "| machine | features | order | baseline | healthy cycles | of motions | ARL0 | alarms | expected "
-        "| 95 % of them | variance over mean |",
-        f"|{'---|' * 11}",
+        "| machine | features | order | baseline | healthy cycles | motions | views | ARL0 | alarms | expected | D "
+        "| 95 % of alarms |",
+        f"|{'---|' * 12}",
     ]
     for each in results:
         healthy, arl0 = each["healthy"], each["asked"]["arl0"]
         if not healthy.get("views"):
             continue
-        expected = healthy["cycles"] / arl0
-        low, high = poisson.interval(0.95, expected)
-        counts = [sum(views) for views in healthy["alarms"]]
-        spread = f"{np.var(counts, ddof=1) / np.mean(counts):.2f}" if len(counts) > 1 and sum(counts) else ""
+        expected, counts = healthy["cycles"] / arl0, [sum(views) for views in healthy["alarms"]]
+        dispersion = (
+            max(1.0, float(np.var(counts, ddof=1) / np.mean(counts))) if len(counts) > 1 and sum(counts) else 1.0
+        )
+        low, high = poisson.interval(0.95, expected / dispersion)
         lines.append(
             f"| {each['machine']} | {each['features']} | {each['order']} | {each['baseline_cycles']} "
-            f"| {healthy['cycles']} | {healthy['cycles'] // healthy['views']} | {arl0:g} | {sum(counts)} "
-            f"| {expected:.1f} | {low:g} to {high:g} | {spread} |"
+            f"| {healthy['cycles']} | {len(counts)} | {healthy['views']} | {arl0:g} | {sum(counts)} "
+            f"| {expected:.1f} | {dispersion:.1f} | {dispersion * low:.0f} to {dispersion * high:.0f} |"
         )
     return lines
 

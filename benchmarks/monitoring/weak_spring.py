@@ -14,6 +14,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -34,7 +35,15 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
 
 from mech_twin.messages.joint_state_cdr import Header, StepMessage, encoded, received_message
-from mech_twin.messages.topics import DATA, DECISIONS, DIAGNOSTICS, LATCHED, RECOMMENDATION, full_name
+from mech_twin.messages.topics import (
+    DATA,
+    DECISIONS,
+    DIAGNOSTICS,
+    LATCHED,
+    RECOMMENDATION,
+    STANDARD_RESIDUALS,
+    full_name,
+)
 from mech_twin.nodes.domain import settle_domain
 from mech_twin.nodes.spinner import Spinner
 
@@ -61,6 +70,7 @@ settling_cycles: 15
 trial_cycles: 20
 dry_run: false
 """
+BEFORE_S, AFTER_S = 6.0, 2.0  # of the story, in the shortened recording
 LISTENERS = 3  # operator, shadow, recorder
 LIMIT_S = 1800.0  # of the wall clock, for anything that is waited for
 
@@ -86,7 +96,7 @@ def beside(words: list[str], shown: bool = True) -> Iterator[subprocess.Popen[by
             yield process
         finally:
             process.send_signal(signal.SIGTERM)
-            process.wait(60.0)
+            process.wait(LIMIT_S)
 
 
 def sensors() -> None:
@@ -252,13 +262,40 @@ def weakened(operator: Operator) -> None:
     operator.note(f"the spring weakens: {SPRING} = {WEAK:g}")
     operator.until(lambda: "active" in operator.faults.values(), "the fault")
     operator.runs(9.0)
+    operator.offer = None
     operator.note(operator.call(Trigger, f"/{NAME}/monitor/acknowledge", Trigger.Request()).message)
-    operator.until(lambda: operator.said("offered"), "an advice")
+    operator.until(lambda: operator.said("offered") and operator.offer is not None, "an advice")
     if operator.offer is not None:
         operator.note("; ".join(f"{v.key} {v.value}" for v in operator.offer.values if v.key != "evidence"))
     operator.note(operator.call(SetBool, f"/{NAME}/advisor/accept", SetBool.Request(data=True)).message)
     operator.until(lambda: operator.said("kept") or operator.said("reverted"), "the end of the trial")
     operator.runs(5.0)
+
+
+def shortened(folder: Path, out: Path) -> None:
+    """Write what was measured and said once a cycle, from a little before the spring weakens on, and what judges it."""
+    from mech_twin.recording.bag_reader import open_bag
+    from mech_twin.recording.bag_writer import BagWriter
+
+    topics = [
+        SENSORS,
+        *(full_name(NAME, each) for each in (STANDARD_RESIDUALS, DECISIONS, RECOMMENDATION, DIAGNOSTICS)),
+    ]
+    diary = json.loads((folder / "diary.json").read_text(encoding="utf-8"))["diary"]
+    first_ns = round(1e9 * (next(at for at, text in diary if "weakens" in text) - BEFORE_S))
+    last_ns = round(1e9 * (max(at for at, text in diary if text.startswith("advisor: ")) + AFTER_S))
+    with open_bag(folder / "watched") as reader:
+        messages = [each for each in reader.messages(topics) if first_ns <= each.log_time_ns <= last_ns]
+        schemas = {topic: about.type_name for topic, about in reader.topics.items() if topic in topics}
+    config = folder / "found" / f"{NAME}.yaml"
+    writer = BagWriter(out / "watched", configuration=config.read_text(encoding="utf-8"))
+    for topic, kind in schemas.items():
+        writer.add_topic(topic, kind)
+    for each in messages:
+        writer.write(each.topic, each.raw, each.log_time_ns, each.publish_time_ns)
+    writer.close()
+    for file in (config, folder / "map.yaml", folder / "healthy.json"):
+        shutil.copy(file, out)
 
 
 def pictures(folder: Path, out: Path) -> None:
@@ -316,12 +353,15 @@ def main(words: Sequence[str]) -> None:
     asked.add_argument("folder", type=Path, nargs="?")
     asked.add_argument("--healthy-s", type=float, default=40.0, help="healthy time that is recorded, s")
     asked.add_argument("--pictures", type=Path, help="only draw the run of the folder, into this file")
+    asked.add_argument("--bag", type=Path, help="only shorten the recording of the folder, into this one")
     asked.add_argument("--sensors", action="store_true", help=argparse.SUPPRESS)
     given = asked.parse_args(words)
     if given.sensors:
         sensors()
     elif given.folder is None:
         asked.error("FOLDER: expected a folder for the run")
+    elif given.bag:
+        shortened(given.folder, given.bag)
     elif given.pictures:
         pictures(given.folder, given.pictures)
     else:

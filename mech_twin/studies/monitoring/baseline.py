@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from math import log
 from typing import Any
 
@@ -62,7 +63,7 @@ class Baseline:
         """Order of the autoregression."""
         return len(self.coefficients)
 
-    @property
+    @cached_property
     def sigma(self) -> Array:
         """Standard deviation of the innovations, shape (d,)."""
         return np.sqrt(np.diag(self.covariance))

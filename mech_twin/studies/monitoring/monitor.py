@@ -329,4 +329,6 @@ def _row_of(vector: FeatureVector, names: tuple[str, ...]) -> tuple[Array, tuple
     """Return the features of the baseline in its order, and those that are missing."""
     known = dict(zip(vector.names, vector.values.tolist(), strict=True))
     row = np.array([known.get(name, np.nan) for name in names])
+    if bool(np.isfinite(row).all()):
+        return row, ()
     return row, tuple(name for name, value in zip(names, row, strict=True) if not np.isfinite(value))
