@@ -121,6 +121,10 @@ def base_keys(found: Sight, among: Sequence[int]) -> list[int]:
         column = column / size
         basis = np.column_stack([basis, column])
         rest = {i: other - column * float(column @ other) for i, other in rest.items()}
+    for direction in found.unseen.T:
+        part = set(np.flatnonzero(np.abs(direction) > PART).tolist())
+        if part and part <= set(kept):  # else one of them stays as configured already, and the direction with it
+            kept.remove(min(part, key=lambda i: float(np.linalg.norm(found.jacobian[:, i]))))
     return sorted(kept)
 
 

@@ -44,3 +44,12 @@ def test_of_keys_that_repeat_each_other_the_one_with_the_larger_effect_is_estima
     seen = sight(jacobian, jacobian, np.arange(3), np.ones(3))
     assert base_keys(seen, range(3)) == [1, 2]
     assert seen.groups() == [[0, 1]]
+
+
+def test_no_direction_that_is_not_seen_is_left_free() -> None:
+    random = np.random.default_rng(1)
+    shared, own, apart = random.standard_normal((3, 200))
+    jacobian = np.column_stack([10.0 * shared + 0.05 * apart, 5.0 * shared, 5.0 * own])
+    seen = sight(jacobian, jacobian + 0.05 * np.column_stack([own, -apart, apart]), np.arange(3), np.ones(3))
+    assert seen.groups() == [[0, 1]]  # told apart by less than the two step lengths differ
+    assert base_keys(seen, range(3)) == [0, 2]
