@@ -28,7 +28,7 @@ FILTERED = [
     "core/ReplaceBinaryOperator_BitOr_.*",  # `float | None` in a signature: breaking it breaks nothing
     "core/Replace.*_(BitOr|BitAnd|BitXor|LShift|RShift|Invert)",  # no operators of floats: every test stops at once
 ]
-KERNELS = ("@kernel", "@parallel_kernel")  # without a compiler they do nothing
+KERNELS = ("@kernel", "@parallel_kernel", "@borrowing_kernel", "@inline_kernel")  # without a compiler they do nothing
 PLUGINS = "_hypothesis_pytestplugin,pytest_timeout"  # not those of ROS: they cost more than the tests
 CONFIGURATION = """[cosmic-ray]
 module-path = "{module}"

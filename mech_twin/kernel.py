@@ -11,19 +11,50 @@ from numba.core.dispatcher import Dispatcher
 
 from mech_twin.kernel_cache import KernelCache, compiled_count, on_compile
 
-__all__ = ["compiled_count", "kernel", "on_compile", "parallel_kernel", "released_kernel"]
+__all__ = [
+    "borrowing_kernel",
+    "compiled_count",
+    "inline_kernel",
+    "kernel",
+    "on_compile",
+    "parallel_kernel",
+    "released_kernel",
+]
 
 Function = TypeVar("Function", bound=Callable[..., object])
+
+# strict arithmetic, so that runs repeat to the bit; whether references to arrays are counted is always said, since a
+# function that does not say so does as its first caller
+_STRICT: dict[str, Any] = {"fastmath": False, "_nrt": True}
+_BORROWING: dict[str, Any] = {"fastmath": False, "_nrt": False}
 
 
 def kernel(function: Function) -> Function:
     """Return the function compiled on first call and cached on disk; strict arithmetic, so runs repeat to the bit."""
-    return cast(Function, _cached(njit(fastmath=False)(function), "serial"))
+    return cast(Function, _cached(njit(**_STRICT)(function), "serial"))
+
+
+def borrowing_kernel(function: Function) -> Function:
+    """Return the function compiled like `kernel`, without counting references to the arrays that it reads or fills.
+
+    For the inner loops of an integration, where counting took more time than the equation: the caller keeps the arrays
+    alive.  Such a function makes no array, returns none and copies none as a whole (``a[:] = b``); the compiler refuses
+    one that does.
+    """
+    return cast(Function, _cached(njit(**_BORROWING)(function), "borrowing"))
+
+
+def inline_kernel(function: Function) -> Function:
+    """Return the function compiled like `borrowing_kernel`, and put in line in its callers before they are typed.
+
+    For what an equation of motion is made of: its constants stay where they are instead of being copied at each call.
+    """
+    return cast(Function, _cached(njit(inline="always", **_BORROWING)(function), "inline"))
 
 
 def released_kernel(function: Function) -> Function:
     """Return the function compiled like `kernel`, running without the interpreter's lock: for calls from threads."""
-    return cast(Function, _cached(njit(fastmath=False, nogil=True)(function), "released"))
+    return cast(Function, _cached(njit(nogil=True, **_STRICT)(function), "released"))
 
 
 def parallel_kernel(function: Function) -> Function:
@@ -31,7 +62,7 @@ def parallel_kernel(function: Function) -> Function:
 
     The same strict arithmetic; each result depends on its own iteration only, so the number of cores changes nothing.
     """
-    return cast(Function, _cached(njit(fastmath=False, parallel=True)(function), "parallel"))
+    return cast(Function, _cached(njit(parallel=True, **_STRICT)(function), "parallel"))
 
 
 def _cached(compiled: object, options: str) -> object:

@@ -32,7 +32,7 @@ from mech_twin.engine.integration import (
     start_step,
     take_step,
 )
-from mech_twin.kernel import kernel
+from mech_twin.kernel import borrowing_kernel, inline_kernel, kernel
 from mech_twin.parts.friction import sliding_torque
 from mech_twin.parts.gear import gear_split
 
@@ -56,13 +56,13 @@ class ShaftState(NamedTuple):
 STATE_SIZE = len(ShaftState._fields)
 
 
-@kernel
+@inline_kernel
 def shaft_state(y: Array) -> ShaftState:
     """Return the numbers of a state (5,), or of its rates, by name."""
     return ShaftState(y[0], y[1], y[2], y[3], y[4])
 
 
-@kernel
+@inline_kernel
 def fill_shaft(y: Array, state: ShaftState) -> None:
     """Put a state, or its rates, into an array (5,)."""
     for i in range(STATE_SIZE):
@@ -97,14 +97,14 @@ class ShaftTorques(NamedTuple):
     gear_loss_w: float
 
 
-@kernel
+@inline_kernel
 def line_torque(drive: ShaftDrive, t: float, w: float) -> float:
     """Return the motor torque (N m) at a time of the step (s) and a crank speed (rad/s)."""
     torque = drive.torque_nm + drive.speed_slope * drive.ratio * (w - drive.speed) + drive.time_slope * t
     return min(max(torque, -drive.torque_limit_nm), drive.torque_limit_nm)
 
 
-@kernel
+@inline_kernel
 def shaft_torques(drive: ShaftDrive, t: float, w: float) -> ShaftTorques:
     """Return what drives and what brakes a turning crank."""
     mean, loss = gear_split(drive.ratio, drive.efficiency, line_torque(drive, t, w))
@@ -113,7 +113,7 @@ def shaft_torques(drive: ShaftDrive, t: float, w: float) -> ShaftTorques:
     return ShaftTorques(given, friction, drive.ratio * line_torque(drive, t, w) * w - given * w)
 
 
-@kernel
+@inline_kernel
 def crank_rates(drive: ShaftDrive, t: float, y: Array, inertia: float, slope: float, moment: float, out: Array) -> None:
     """Fill the rates of angle, speed, work on the mechanism, gear loss and friction loss.
 
@@ -129,7 +129,7 @@ def crank_rates(drive: ShaftDrive, t: float, y: Array, inertia: float, slope: fl
     fill_shaft(out, ShaftState(w, e, power, shaft.gear_loss_w, -shaft.friction_nm * w))
 
 
-@kernel
+@borrowing_kernel
 def _good_step(
     system: Any, t: float, y: Array, wanted: float, tolerance: Array, work: Workspace
 ) -> tuple[float, float]:
@@ -166,7 +166,7 @@ def _first_share(
     return high
 
 
-@kernel
+@borrowing_kernel
 def _land(system: Any, t: float, y: Array, h: float, aim: float, what: int, work: Workspace) -> float:
     """Return the length (s) of the step that ends at rest or at the angle, and leave ``work.end`` there (Newton)."""
     last = len(method_of(system).weights)

@@ -25,7 +25,7 @@ from numba.extending import overload
 from numpy.typing import NDArray
 
 from mech_twin.engine.integration import Array, Function, Workspace, declared_kernel, take_step
-from mech_twin.kernel import kernel
+from mech_twin.kernel import borrowing_kernel
 
 FALLING, RISING = -1, 1  # direction of a crossing
 NONE = -1
@@ -77,7 +77,7 @@ def signals_of(system_type: type) -> Callable[[Function], Function]:
     return declare
 
 
-@kernel
+@borrowing_kernel
 def signal_at(step: Step, watch: Watch, span: float) -> tuple[float, float]:
     """Return signal and derivative a span (s) into the step, positive before the event; fills ``work.end``."""
     take_step(step.system, step.start_s, step.state, span, step.work)
@@ -85,7 +85,7 @@ def signal_at(step: Step, watch: Watch, span: float) -> tuple[float, float]:
     return -watch.direction * value, -watch.direction * rate
 
 
-@kernel
+@borrowing_kernel
 def sought(step: Step, watch: Watch, span: float, shift: float, of_rate: bool) -> float:
     """Return what shall be zero: the derivative, the signal, or the signal less its start divided by the span."""
     value, rate = signal_at(step, watch, span)
@@ -94,7 +94,7 @@ def sought(step: Step, watch: Watch, span: float, shift: float, of_rate: bool) -
     return (value - shift) / span if watch.starts_at_root else value
 
 
-@kernel
+@borrowing_kernel
 def root_between(
     step: Step, watch: Watch, low_value: float, high: float, high_value: float, shift: float, of_rate: bool
 ) -> float:
@@ -129,7 +129,7 @@ def root_between(
     return high
 
 
-@kernel
+@borrowing_kernel
 def lowest_span(step: Step, watch: Watch, start: tuple[float, float], final: tuple[float, float]) -> float:
     """Return the span at which a signal that is positive at both ends is lowest within the step, or -1."""
     value, rate = start
@@ -144,7 +144,7 @@ def lowest_span(step: Step, watch: Watch, start: tuple[float, float], final: tup
     return share * step.span_s if 0.0 < share < 1.0 else -1.0
 
 
-@kernel
+@borrowing_kernel
 def crossing(step: Step, watch: Watch, end: Array) -> float:
     """Return the span (s) at which a signal first crosses zero its way within the step, or -1.
 
@@ -179,7 +179,7 @@ def crossing(step: Step, watch: Watch, end: Array) -> float:
     return root_between(step, watch, value, span, last, shift, False)
 
 
-@kernel
+@borrowing_kernel
 def first_event(step: Step, watches: NDArray[np.int64], count: int, end: Array) -> tuple[int, float]:
     """Return which of the first ``count`` watches sees its event first, and the span (s); (`NONE`, span) for none.
 

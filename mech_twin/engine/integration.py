@@ -30,7 +30,7 @@ import numpy as np
 from numba.extending import overload
 from numpy.typing import NDArray
 
-from mech_twin.kernel import kernel
+from mech_twin.kernel import borrowing_kernel, inline_kernel, kernel
 
 Array = NDArray[np.float64]
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -92,7 +92,7 @@ def rates_of(system_type: type, tableau: Tableau) -> Callable[[Function], Functi
     _methods[system_type] = tableau
 
     def declare(function: Function) -> Function:
-        compiled = _declared[system_type] = declared_kernel(system_type, function)
+        compiled = _declared[system_type] = declared_kernel(system_type, function, borrowing_kernel)
 
         def call(system: Any, t: Any, y: Any, out: Any) -> None:
             compiled(system, t, y, out)
@@ -100,11 +100,11 @@ def rates_of(system_type: type, tableau: Tableau) -> Callable[[Function], Functi
         def method(system: Any) -> Any:
             return tableau
 
-        @overload(method_of)
+        @overload(method_of, inline="always")
         def chosen_method(system: Any) -> Any:
             return method if getattr(system, "instance_class", None) is system_type else None
 
-        @overload(rates)
+        @overload(rates, inline="always")
         def chosen(system: Any, t: Any, y: Any, out: Any) -> Any:  # numba asks with types
             return call if getattr(system, "instance_class", None) is system_type else None
 
@@ -113,7 +113,9 @@ def rates_of(system_type: type, tableau: Tableau) -> Callable[[Function], Functi
     return declare
 
 
-def declared_kernel(system_type: type, function: Function) -> Function:
+def declared_kernel(
+    system_type: type, function: Function, compiler: Callable[[Function], Function] = kernel
+) -> Function:
     """Return the function compiled, to be called for one type of constants.
 
     Compiled code is kept by the contents of the modules of the types it was compiled for, so a function in another
@@ -128,7 +130,7 @@ def declared_kernel(system_type: type, function: Function) -> Function:
         raise TypeError(
             f"{function.__qualname__} belongs in {system_type.__module__}, beside {system_type.__qualname__}"
         )
-    return kernel(function)
+    return compiler(function)
 
 
 def workspace(tableau: Tableau, size: int) -> Workspace:
@@ -136,13 +138,13 @@ def workspace(tableau: Tableau, size: int) -> Workspace:
     return Workspace(np.empty((len(tableau.nodes), size)), np.empty(size), np.empty(size))
 
 
-@kernel
+@borrowing_kernel
 def start_step(system: Any, t: float, y: Array, work: Workspace) -> None:
     """Evaluate the rates at the start of a step, which trials of any length then share."""
     rates(system, t, y, work.rates[0])
 
 
-@kernel
+@inline_kernel
 def combine(y: Array, h: float, weights: Array, count: int, slopes: Array, out: Array) -> None:
     """Fill ``out`` with y + h times the weighted sum of the first ``count`` rates."""
     for i in range(len(y)):
@@ -154,7 +156,7 @@ def combine(y: Array, h: float, weights: Array, count: int, slopes: Array, out: 
                 out[i] += weight * slopes[j, i]
 
 
-@kernel
+@borrowing_kernel
 def take_step(system: Any, t: float, y: Array, h: float, work: Workspace) -> None:
     """Fill ``work.end`` with the state a step of h (s) after ``y``; `start_step` has been there for this t and y."""
     tableau = method_of(system)
@@ -165,13 +167,13 @@ def take_step(system: Any, t: float, y: Array, h: float, work: Workspace) -> Non
     combine(y, h, tableau.weights, count, work.rates, work.end)
 
 
-@kernel
+@borrowing_kernel
 def finish_step(system: Any, t: float, h: float, work: Workspace) -> None:
     """Evaluate the rates at the end of the step taken: for the error estimate, the next step, the dense output."""
     rates(system, t + h, work.end, work.rates[len(method_of(system).weights)])
 
 
-@kernel
+@borrowing_kernel
 def step_error(system: Any, h: float, tolerance: Array, work: Workspace) -> float:
     """Return the root mean square of the estimated error of a finished step over the tolerances (n,): good up to 1.
 
@@ -196,7 +198,7 @@ def step_error(system: Any, h: float, tolerance: Array, work: Workspace) -> floa
     return abs(h) * first / math.sqrt((first + 0.01 * second) * len(tolerance))
 
 
-@kernel
+@borrowing_kernel
 def controlled_step(
     system: Any, t: float, y: Array, wanted: float, tolerance: Array, work: Workspace
 ) -> tuple[float, float]:
@@ -215,7 +217,7 @@ def controlled_step(
     return 0.0, 0.0
 
 
-@kernel
+@borrowing_kernel
 def prepare_dense_output(system: Any, t: float, y: Array, h: float, work: Workspace) -> None:
     """Evaluate the further stages that the interpolant of a finished step needs."""
     tableau = method_of(system)

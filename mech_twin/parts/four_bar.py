@@ -23,7 +23,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from mech_twin.kernel import kernel
+from mech_twin.kernel import inline_kernel, kernel
 from mech_twin.proposed_value import at_least, at_most
 
 OPEN = 1.0
@@ -107,7 +107,7 @@ class Reactions(NamedTuple):
     moment: float
 
 
-@kernel
+@inline_kernel
 def position(bar: FourBar, f: float) -> Position:
     """Return the joints at crank angle ``f`` (rad): d = C - A, B = A + p d + q (d_y, -d_x).
 
@@ -160,7 +160,7 @@ def acute_angles(at: Position) -> tuple[float, float, float]:
     return alpha, beta, abs(math.atan2(at.u_y, at.u_x))
 
 
-@kernel
+@inline_kernel
 def dyad_rates(at: Position, t_x: float, t_y: float) -> tuple[float, float]:
     """Return (x2, x3) of k x (x2 u - x3 v) + t = 0: x2 = -(t . v)/D, x3 = -(t . u)/D.
 
@@ -169,7 +169,7 @@ def dyad_rates(at: Position, t_x: float, t_y: float) -> tuple[float, float]:
     return -(t_x * at.v_x + t_y * at.v_y) / at.det, -(t_x * at.u_x + t_y * at.u_y) / at.det
 
 
-@kernel
+@inline_kernel
 def coefficients(at: Position) -> Coefficients:
     """Return the velocity coefficients of links 2 and 3 and their first two derivatives in the crank angle.
 
@@ -187,19 +187,19 @@ def coefficients(at: Position) -> Coefficients:
     return Coefficients(g2, g3, g2_1, g3_1, g2_2, g3_2)
 
 
-@kernel
+@inline_kernel
 def offset(link: Link, x: float, y: float, length: float) -> tuple[float, float]:
     """Return the centroid of a link seen from its first pin (m); (x, y) is the link as a vector of that length."""
     return (link.along_m * x - link.across_m * y) / length, (link.along_m * y + link.across_m * x) / length
 
 
-@kernel
+@inline_kernel
 def point_acceleration(x: float, y: float, w: float, e: float) -> tuple[float, float]:
     """Return e k x (x, y) - w^2 (x, y): the acceleration of a point of a turning link seen from its pin (m/s^2)."""
     return -e * y - w * w * x, e * x - w * w * y
 
 
-@kernel
+@inline_kernel
 def motion(
     bar: FourBar, crank: Link, coupler: Link, rocker: Link, at: Position, by: Coefficients, w1: float, e1: float
 ) -> FourBarRates:
@@ -218,7 +218,7 @@ def motion(
     return FourBarRates(w2, w3, e2, e3, s1_ax, s1_ay, a_ax + b_ax, a_ay + b_ay, s3_ax, s3_ay)
 
 
-@kernel
+@inline_kernel
 def dyad_reactions(
     at: Position,
     force2_x: float,
@@ -238,7 +238,7 @@ def dyad_reactions(
     return -b_x - force2_x, -b_y - force2_y, b_x, b_y, b_x - force3_x, b_y - force3_y
 
 
-@kernel
+@inline_kernel
 def pin_forces(
     bar: FourBar,
     crank: Link,
@@ -282,7 +282,7 @@ def pin_forces(
     return Reactions(a_x - f1_x, a_y - f1_y, a_x, a_y, b_x, b_y, c_x, c_y, moment)
 
 
-@kernel
+@inline_kernel
 def reduced_inertia(
     bar: FourBar, crank: Link, coupler: Link, rocker: Link, at: Position, by: Coefficients
 ) -> tuple[float, float]:

@@ -12,7 +12,7 @@ r"""Friction of a turning joint: Coulomb and viscous, with sticking and release 
 
 from __future__ import annotations
 
-from mech_twin.kernel import kernel
+from mech_twin.kernel import inline_kernel, kernel
 from mech_twin.quantity import Parameters, quantity
 
 
@@ -27,7 +27,7 @@ class Friction(Parameters):
     )
 
 
-@kernel
+@inline_kernel
 def sliding_torque(coulomb: float, viscous: float, speed: float, direction: float) -> float:
     """Return the friction torque on a sliding joint (N m): -c sign u - v u.
 

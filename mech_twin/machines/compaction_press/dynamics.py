@@ -17,7 +17,7 @@ from mech_twin.engine.crank_state import (
     mechanism_state,
     under_load_share,
 )
-from mech_twin.kernel import kernel
+from mech_twin.kernel import inline_kernel, kernel
 from mech_twin.machines.compaction_press.stroke_load import StrokeLoad, layer_force, layer_work, with_peak
 from mech_twin.parts.four_bar import (
     FourBar,
@@ -61,7 +61,7 @@ class Reduced(NamedTuple):
     force: float
 
 
-@kernel
+@inline_kernel
 def is_pressed(regime: int) -> bool:
     """Tell whether the layer resists in a regime."""
     return regime in (CONTACT, CONTACT_REVERSED)
@@ -78,7 +78,7 @@ def loaded_height(press: Press, f: float) -> tuple[float, float]:
     return at.a_y + y, at.a_x + g2 * x
 
 
-@kernel
+@inline_kernel
 def press_reduced(press: Press, f: float, regime: int) -> Reduced:
     """Return inertia and moment reduced to the crank; the layer resists where the regime is one of contact.
 
@@ -111,7 +111,7 @@ def press_weights(press: Press, f: float) -> float:
     return press.gravity * (height + press.pendulum.mass_kg * (press.bar.pivot_y_m + s3_y))
 
 
-@kernel
+@inline_kernel
 def press_pins(press: Press, f: float, w: float, e: float, force: float) -> Reactions:
     """Return every pin force and the drive moment from equilibrium, under an upward force (N) on the plate."""
     at = position(press.bar, f)

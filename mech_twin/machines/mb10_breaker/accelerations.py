@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from mech_twin.kernel import kernel
+from mech_twin.kernel import inline_kernel, kernel
 from mech_twin.machines.mb10_breaker.dynamics import (
     BLOCKED,
     MOVING,
@@ -38,7 +38,7 @@ class Accelerations(NamedTuple):
     hold_nm: float
 
 
-@kernel
+@inline_kernel
 def generalised_forces(
     b: Breaker, m: Masses, u: float, phi: float, p: float, drive: float, crank_nm: float, body_nm: float
 ) -> tuple[float, float]:
@@ -49,7 +49,7 @@ def generalised_forces(
     return first + crank_nm, second + body_nm
 
 
-@kernel
+@inline_kernel
 def sliding_forces(
     b: Breaker, m: Masses, u: float, phi: float, p: float, drive: float, rests: bool, senses: Senses
 ) -> tuple[float, float]:
@@ -64,7 +64,7 @@ def moving(u: float, p: float) -> Senses:
     return Senses(1.0 if u >= 0.0 else -1.0, 1.0 if p >= 0.0 else -1.0)
 
 
-@kernel
+@inline_kernel
 def coupled(
     m11: float, m12: float, m22: float, first: float, second: float, still: bool, stuck: bool
 ) -> tuple[float, float, float, float]:
@@ -162,7 +162,7 @@ def blocked(
     return Accelerations(du - x * force, dp - y * force, 0.0, force, 0.0)
 
 
-@kernel
+@inline_kernel
 def contact_accelerations(
     b: Breaker,
     m: Masses,
@@ -186,7 +186,7 @@ def contact_accelerations(
     return Accelerations(du, dp, collar, 0.0, hold)
 
 
-@kernel
+@inline_kernel
 def rates_of_state(
     b: Breaker, state: BreakerState, drive: float, rests: bool, tool: int, senses: Senses
 ) -> BreakerState:

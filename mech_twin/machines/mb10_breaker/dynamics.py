@@ -26,7 +26,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from mech_twin.kernel import kernel
+from mech_twin.kernel import inline_kernel, kernel
 from mech_twin.parts.four_bar import Coefficients, FourBar, Link, Position, coefficients, offset, position
 from mech_twin.parts.gear import gear_torque
 
@@ -95,7 +95,7 @@ class Masses(NamedTuple):
     g_phi: float
 
 
-@kernel
+@inline_kernel
 def masses(b: Breaker, at: Position, by: Coefficients, phi: float) -> Masses:
     """Return the generalised masses: a_i = dr_i/dq, b_i = -k x r_i, V_i = a_i u + b_i p.
 
@@ -138,19 +138,19 @@ def masses(b: Breaker, at: Position, by: Coefficients, phi: float) -> Masses:
     return Masses(m11, m12, m22, m11_q, m12_q, m22_q, g_q, g_phi)
 
 
-@kernel
+@inline_kernel
 def spring_moment(b: Breaker, phi: float) -> float:
     """Return c (l phi + a) l, the moment with which the springs press the body down (N m)."""
     return b.spring_rate_n_per_m * (b.spring_arm_m * phi + b.preload_m) * b.spring_arm_m
 
 
-@kernel
+@inline_kernel
 def crank_torque(b: Breaker, torque: float, u: float, p: float) -> float:
     """Return the torque behind the gear, Q = eta i M_m; eta becomes 1/eta when the motor generates (N m)."""
     return gear_torque(b.ratio, b.efficiency, torque, u - b.frame_drive * p)
 
 
-@kernel
+@inline_kernel
 def masses_at(b: Breaker, q: float, phi: float) -> Masses:
     """Return the generalised masses at crank angle q and body angle phi (rad)."""
     at = position(b.bar, q)

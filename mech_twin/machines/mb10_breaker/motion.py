@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from mech_twin.engine.events import UNKNOWN, signals_of
 from mech_twin.engine.integration import Workspace, rates_of
 from mech_twin.engine.tableaus import COOPER_VERNER_8
-from mech_twin.kernel import kernel
+from mech_twin.kernel import inline_kernel, kernel
 from mech_twin.machines.mb10_breaker.accelerations import (
     Accelerations,
     contact_accelerations,
@@ -56,7 +56,7 @@ class Motion(NamedTuple):
     gear_sense: float  # sign of the gear's speed, in which its loss stays through the piece; 0: that of each instant
 
 
-@kernel
+@inline_kernel
 def drive_torque(system: Motion, t: float, u: float, p: float) -> float:
     """Return the torque on the crank behind the gear (N m); a shaft that stands is taken to turn as the crank will."""
     b, motor = system.breaker, system.torque_nm + system.slope_nm_per_s * t

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mech_twin.engine.records import record_of
-from mech_twin.kernel import kernel
+from mech_twin.kernel import inline_kernel, kernel
 from mech_twin.samples import Coordinate
 
 EVENT_ROWS = 512  # of one coupling step; one more is an error in one line
@@ -139,7 +139,7 @@ EVENT_FIELDS = (
 EVENT = np.dtype((np.record, [(name, np.float64) for name in EVENT_FIELDS]))
 
 
-@kernel
+@inline_kernel
 def unpacked_state(y: NDArray[np.float64]) -> BreakerState:
     """Return the numbers of a state (10,) by name."""
     return BreakerState(y[0], y[1], y[2], y[3], y[4], y[5], y[6], y[7], y[8], y[9])
@@ -179,7 +179,7 @@ def post_side(row: Any) -> Side:
     )
 
 
-@kernel
+@inline_kernel
 def pack_state(state: BreakerState, y: NDArray[np.float64]) -> None:
     """Put a state, or its rates, into an array (10,)."""
     for i in range(STATES):

@@ -27,7 +27,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mech_twin.kernel import kernel
+from mech_twin.kernel import borrowing_kernel, inline_kernel, kernel
 from mech_twin.machines.roller_former.cart_parameters import (
     NONE,
     PRINTED,
@@ -59,7 +59,7 @@ class CartLoad(NamedTuple):
     moment_nm: float
 
 
-@kernel
+@borrowing_kernel
 def cart_motion(bank: CartBank, sine: float, cosine: float) -> CartMotion:
     """Return a cart's position and transfer functions at ``sin psi``, ``cos psi``."""
     r, ratio = bank.crank_m, bank.ratio
@@ -79,7 +79,7 @@ def cart_motion(bank: CartBank, sine: float, cosine: float) -> CartMotion:
     return CartMotion(x, x1, x2, rod_sine, rod_cosine)
 
 
-@kernel
+@borrowing_kernel
 def guide_reactions(
     bank: CartBank, cart: int, rod_sine: float, rod_force_n: float, sense: float, share: float, static_force_n: float
 ) -> tuple[float, float]:
@@ -100,7 +100,7 @@ def guide_reactions(
     return total - rear, rear
 
 
-@kernel
+@borrowing_kernel
 def rod_force(bank: CartBank, cart: int, rod_sine: float, rod_cosine: float, sense: float) -> float:
     """Return the rod force F (N) that moves a cart against its load; ``sense`` is +1 or -1 with the travel.
 
@@ -126,7 +126,7 @@ def rod_force(bank: CartBank, cart: int, rod_sine: float, rod_cosine: float, sen
     return float(force)
 
 
-@kernel
+@borrowing_kernel
 def cart_moment(
     bank: CartBank, force: float, motion: CartMotion, sine: float, cosine: float, side: float, direction: float
 ) -> float:
@@ -139,7 +139,7 @@ def cart_moment(
     return moment
 
 
-@kernel
+@borrowing_kernel
 def cart_load(bank: CartBank, cart: int, crank_rad: float, direction: float) -> CartLoad:
     """Return rod force, guide reactions and moment of one cart at a crank angle, without inertia.
 
@@ -159,7 +159,7 @@ def cart_load(bank: CartBank, cart: int, crank_rad: float, direction: float) -> 
     return CartLoad(force, front, rear, cart_moment(bank, force, motion, sine, cosine, side, direction))
 
 
-@kernel
+@borrowing_kernel
 def sides_of_travel(bank: CartBank, crank_rad: float, sides: NDArray[np.float64]) -> tuple[float, float]:
     """Fill ``sides`` with the half turn of each cart; return the crank angles (rad) of the dead centres either side.
 
@@ -175,7 +175,7 @@ def sides_of_travel(bank: CartBank, crank_rad: float, sides: NDArray[np.float64]
     return low, high
 
 
-@kernel
+@inline_kernel
 def plain_terms(
     bank: CartBank, crank_rad: float, sides: NDArray[np.float64], direction: float
 ) -> tuple[float, float, float]:
@@ -207,7 +207,7 @@ def plain_terms(
     return inertia, slope, direction * moment if load == RESIST else moment
 
 
-@kernel
+@borrowing_kernel
 def branching_terms(
     bank: CartBank, crank_rad: float, sides: NDArray[np.float64], direction: float
 ) -> tuple[float, float, float]:
@@ -234,7 +234,7 @@ def branching_terms(
     return inertia, slope, moment
 
 
-@kernel
+@borrowing_kernel
 def shaft_terms(
     bank: CartBank, crank_rad: float, sides: NDArray[np.float64], direction: float
 ) -> tuple[float, float, float]:
@@ -248,7 +248,7 @@ def shaft_terms(
     return branching_terms(bank, crank_rad, sides, direction)
 
 
-@kernel
+@borrowing_kernel
 def load_moment(bank: CartBank, crank_rad: float, direction: float) -> float:
     """Return the load moment M_p2 of all carts (N m) at a crank angle, turning in ``direction``."""
     total = 0.0
@@ -266,19 +266,19 @@ def load_moments(bank: CartBank, crank_rad: NDArray[np.float64], direction: floa
     return moments
 
 
-@kernel
+@borrowing_kernel
 def has_kinks(bank: CartBank) -> bool:
     """Return whether the load moment has kinks at the dead centres."""
     return bank.load not in (NONE, PRINTED)
 
 
-@kernel
+@inline_kernel
 def rod_weight_moment(bank: CartBank, crank_rad: float) -> float:
     """Return the moment (N m) against forward rotation of the weight of the rods' halves at the crank pins."""
     return bank.rod_weight_cosine_nm * cos(crank_rad) - bank.rod_weight_sine_nm * sin(crank_rad)
 
 
-@kernel
+@borrowing_kernel
 def rod_weight_energy(bank: CartBank, crank_rad: float) -> float:
     """Return the potential energy (J) of the rods' halves at the crank pins, 0 at the height of the shaft."""
     return bank.rod_weight_cosine_nm * sin(crank_rad) + bank.rod_weight_sine_nm * cos(crank_rad)

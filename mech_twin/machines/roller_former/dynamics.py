@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mech_twin.kernel import kernel
+from mech_twin.kernel import borrowing_kernel, inline_kernel
 from mech_twin.machines.roller_former.cart_parameters import RESIST, REVERSING, CartBank
 from mech_twin.machines.roller_former.cart_statics import (
     load_moment,
@@ -124,13 +124,13 @@ class TravelStretch(NamedTuple):
     backward_nm: float
 
 
-@kernel
+@inline_kernel
 def state_of(y: Array) -> FormerState:
     """Return the state by its names."""
     return FormerState(y[0], y[1], y[2], y[3], y[4], y[5], y[6], y[7])
 
 
-@kernel
+@borrowing_kernel
 def fill_state(y: Array, state: FormerState) -> None:
     """Put a state into an array (8,)."""
     for i in range(STATE_SIZE):
@@ -142,25 +142,25 @@ def state_array(crank_rad: float, crank_speed_rad_per_s: float) -> Array:
     return np.array(FormerState(crank_rad, 0.0, crank_speed_rad_per_s, 0.0, 0.0, 0.0, 0.0, 0.0))
 
 
-@kernel
+@borrowing_kernel
 def holds_at_rest(bank: CartBank) -> bool:
     """Return whether the load is one that opposes the motion, and so holds the shaft at rest."""
     return bank.load in (REVERSING, RESIST)
 
 
-@kernel
+@borrowing_kernel
 def may_stick(former: Former, modes: Modes) -> bool:
     """Return whether the crank may be held at rest: by the load, or by friction of the shaft."""
     return former.coulomb_nm > 0.0 or (modes.load_on and holds_at_rest(former.bank))
 
 
-@kernel
+@borrowing_kernel
 def gear_may_stick(former: Former) -> bool:
     """Return whether the gear may hold the drive at rest."""
     return former.loss_by_power and former.efficiency < 1.0
 
 
-@kernel
+@inline_kernel
 def shaft_torque(former: Former, torque: DriveLine, t: float, speed: float) -> float:
     """Return the torque on the motor's shaft (N m) at a time and a speed of the first mass (rad/s, at the crank)."""
     if torque.coupled:
@@ -168,7 +168,7 @@ def shaft_torque(former: Former, torque: DriveLine, t: float, speed: float) -> f
     return torque.value_nm + torque.slope_nm_per_s * (t - torque.origin_s)
 
 
-@kernel
+@borrowing_kernel
 def geared(former: Former, shaft_nm: float, direction: float) -> float:
     """Return the moment at the crank (N m) of a torque on the motor's shaft, the drive turning in ``direction``."""
     if former.loss_by_power:
@@ -176,7 +176,7 @@ def geared(former: Former, shaft_nm: float, direction: float) -> float:
     return shaft_nm * former.ratio * former.efficiency
 
 
-@kernel
+@borrowing_kernel
 def at_motor(former: Former, moment_nm: float, direction: float) -> float:
     """Return the torque in the coupling on the motor's side (N m) of a moment behind the gear: `geared`, turned round.
 
@@ -187,13 +187,13 @@ def at_motor(former: Former, moment_nm: float, direction: float) -> float:
     return moment_nm / (former.ratio * former.efficiency)
 
 
-@kernel
+@inline_kernel
 def coupling_moment(former: Former, now: FormerState) -> float:
     """Return ``T = c (phi1 - phi2) + k (phi1' - phi2')`` (N m)."""
     return former.stiffness_nm_per_rad * now.twist_rad + former.damping_nms_per_rad * now.twist_rate_rad_per_s
 
 
-@kernel
+@borrowing_kernel
 def crank_band(former: Former, crank_rad: float, share: float) -> tuple[float, float]:
     """Return the coupling moments (N m) between which a crank at rest stays there: backward and forward limit."""
     forward = load_moment(former.bank, crank_rad, 1.0) * share
@@ -202,7 +202,7 @@ def crank_band(former: Former, crank_rad: float, share: float) -> tuple[float, f
     return backward + weight - former.coulomb_nm, forward + weight + former.coulomb_nm
 
 
-@kernel
+@borrowing_kernel
 def drive_band(former: Former, torque: DriveLine, t: float) -> tuple[float, float]:
     """Return the coupling moments (N m) between which a drive at rest is held by its gear."""
     shaft = shaft_torque(former, torque, t, 0.0)
@@ -210,7 +210,7 @@ def drive_band(former: Former, torque: DriveLine, t: float) -> tuple[float, floa
     return min(ahead, back), max(ahead, back)
 
 
-@kernel
+@borrowing_kernel
 def stored_energy(former: Former, now: FormerState, sides: Array) -> float:
     """Return the kinetic, elastic and potential energy of the state (J)."""
     inertia, _, _ = shaft_terms(former.bank, now.crank_rad, sides, 1.0)

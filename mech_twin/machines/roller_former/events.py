@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mech_twin.kernel import kernel
+from mech_twin.kernel import borrowing_kernel, kernel
 from mech_twin.machines.roller_former.cart_statics import (
     LOOK_AHEAD_RAD,
     has_kinks,
@@ -72,7 +72,7 @@ def empty_log() -> EventLog:
     return EventLog(np.zeros(EVENT_ROWS), np.zeros(EVENT_ROWS, np.int64), np.zeros(EVENT_ROWS, np.int64))
 
 
-@kernel
+@borrowing_kernel
 def log_event(log: EventLog, count: int, t: float, kind: int, crank_rad: float) -> int:
     """Write an event; return the new count.  The last entry says that the events after it are left out."""
     row = min(count, EVENT_ROWS - 1)
@@ -83,7 +83,7 @@ def log_event(log: EventLog, count: int, t: float, kind: int, crank_rad: float) 
     return row + 1
 
 
-@kernel
+@borrowing_kernel
 def stretch_from(former: Former, t: float, y: Array, modes: Modes, sides: Array, stop_rad: float) -> TravelStretch:
     """Return the stretch that begins at this state, filling ``sides``; it ends at ``stop_rad`` at the latest."""
     bank, now = former.bank, state_of(y)
@@ -108,7 +108,7 @@ def stretch_from(former: Former, t: float, y: Array, modes: Modes, sides: Array,
     )
 
 
-@kernel
+@borrowing_kernel
 def crank_sense(former: Former, y: Array, modes: Modes) -> float:
     """Return the sense of a crank: that of its speed; at rest the way the coupling overcomes what holds it, or 0."""
     if not may_stick(former, modes):
@@ -121,7 +121,7 @@ def crank_sense(former: Former, y: Array, modes: Modes) -> float:
     return 1.0 if transmitted > forward else (-1.0 if transmitted < backward else 0.0)
 
 
-@kernel
+@borrowing_kernel
 def drive_sense(former: Former, torque: DriveLine, t: float, y: Array) -> float:
     """Return the sense of the drive: that of its speed, and at rest the way its gear lets it go, or 0."""
     if not gear_may_stick(former):
@@ -135,7 +135,7 @@ def drive_sense(former: Former, torque: DriveLine, t: float, y: Array) -> float:
     return 1.0 if transmitted < low else (-1.0 if transmitted > high else 0.0)
 
 
-@kernel
+@borrowing_kernel
 def normalised_modes(former: Former, torque: DriveLine, t: float, y: Array, modes: Modes) -> Modes:
     """Return the modes in line with the present parameters and command, which may have changed since the last step."""
     now = state_of(y)
@@ -151,7 +151,7 @@ def normalised_modes(former: Former, torque: DriveLine, t: float, y: Array, mode
     return with_senses(modes, crank_sense(former, y, modes), drive_sense(former, torque, t, y))
 
 
-@kernel
+@borrowing_kernel
 def with_senses(modes: Modes, direction: float, drive_direction: float) -> Modes:
     """Return the modes with other senses of crank and drive."""
     return Modes(
@@ -166,7 +166,7 @@ def with_senses(modes: Modes, direction: float, drive_direction: float) -> Modes
     )
 
 
-@kernel
+@borrowing_kernel
 def with_shaft_sense(modes: Modes, shaft_sense: float) -> Modes:
     """Return the modes with another sign of the motor's torque."""
     return Modes(
@@ -181,7 +181,7 @@ def with_shaft_sense(modes: Modes, shaft_sense: float) -> Modes:
     )
 
 
-@kernel
+@borrowing_kernel
 def with_load(modes: Modes, on: bool, share: float) -> Modes:
     """Return the modes with another state of the load."""
     return Modes(
@@ -196,7 +196,7 @@ def with_load(modes: Modes, on: bool, share: float) -> Modes:
     )
 
 
-@kernel
+@borrowing_kernel
 def with_slow_time(modes: Modes, slow_s: float, stalled: bool) -> Modes:
     """Return the modes with another time below the stall threshold."""
     return Modes(
@@ -211,7 +211,7 @@ def with_slow_time(modes: Modes, slow_s: float, stalled: bool) -> Modes:
     )
 
 
-@kernel
+@borrowing_kernel
 def count_slow_time(
     former: Former, t: float, h: float, crank_rad: float, modes: Modes, log: EventLog, count: int
 ) -> tuple[Modes, int]:
@@ -225,7 +225,7 @@ def count_slow_time(
     return with_slow_time(modes, modes.slow_s + h, stalled), count
 
 
-@kernel
+@borrowing_kernel
 def apply_event(
     motion: FormerMotion, code: int, t: float, y: Array, modes: Modes, log: EventLog, count: int
 ) -> tuple[Modes, int]:

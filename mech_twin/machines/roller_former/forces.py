@@ -17,7 +17,7 @@ import numpy as np
 from mech_twin.engine.compiled_roles import CompiledForces
 from mech_twin.engine.compiled_steps import force_step, step_of
 from mech_twin.engine.sample_vectors import BODY_MOMENT, PINS, ForceLayout
-from mech_twin.kernel import kernel
+from mech_twin.kernel import borrowing_kernel, kernel
 from mech_twin.machines.roller_former.cart_parameters import REVERSING
 from mech_twin.machines.roller_former.cart_statics import cart_motion, guide_reactions, rod_force, rod_weight_moment
 from mech_twin.machines.roller_former.dynamics import Array, Former, at_motor
@@ -75,7 +75,7 @@ def loaded_bodies(count: int) -> tuple[str, ...]:
     return ("shaft", *(body for i in range(1, count + 1) for body in (f"crank_{i}", *(f"cart_{i}",) * 3)))
 
 
-@kernel
+@borrowing_kernel
 def load_sums(former: Former, crank: float, pulls: Array) -> tuple[float, float, float]:
     """Return J_p2, half its derivative, and the load moment of the forces on the carts (N, along x)."""
     bank = former.bank
@@ -89,7 +89,7 @@ def load_sums(former: Former, crank: float, pulls: Array) -> tuple[float, float,
     return inertia, slope, load
 
 
-@kernel
+@borrowing_kernel
 def friction_moment(former: Former, speed: float, driving: float) -> float:
     """Return the friction of the shaft against its motion (N m); at rest as much as holds it, up to Coulomb's."""
     if speed == 0.0:
@@ -97,7 +97,7 @@ def friction_moment(former: Former, speed: float, driving: float) -> float:
     return former.viscous_nms_per_rad * speed + (former.coulomb_nm if speed > 0.0 else -former.coulomb_nm)
 
 
-@kernel
+@borrowing_kernel
 def fill_cart_forces(
     former: Former, crank: float, speed: float, acceleration: float, pulls: Array, forces: CartForces
 ) -> ShaftForces:

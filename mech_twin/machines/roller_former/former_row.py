@@ -10,7 +10,7 @@ import numpy as np
 
 from mech_twin.engine.compiled_steps import linkage_step, log_event, step_of
 from mech_twin.engine.sample_vectors import MOTOR_COMMAND, MOTOR_JOINTS, Array
-from mech_twin.kernel import kernel
+from mech_twin.kernel import borrowing_kernel, kernel
 from mech_twin.machines.roller_former.cart_statics import cart_load, cart_motion, load_moment, rod_weight_moment
 from mech_twin.machines.roller_former.dynamics import (
     STATE_SIZE,
@@ -54,7 +54,7 @@ class CartJoints(NamedTuple):
     rod_length: float
 
 
-@kernel
+@borrowing_kernel
 def load_in_force(former: Former, now: FormerState, modes: Modes) -> tuple[float, float]:
     """Return the sense and the share of the load that acts: where the crank is held, as much as holds it."""
     if modes.direction != 0.0:
@@ -106,7 +106,7 @@ def coupled_step(
     return advance, before, stored_energy(former, state_of(y), sides)
 
 
-@kernel
+@borrowing_kernel
 def modes_of(memory: Any) -> Modes:
     """Return the modes of a memory; sense of the torque and first step to try are found anew in each step."""
     return Modes(

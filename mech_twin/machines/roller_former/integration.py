@@ -22,7 +22,7 @@ from mech_twin.engine.integration import (
     take_step,
 )
 from mech_twin.engine.tableaus import DORMAND_PRINCE_8
-from mech_twin.kernel import kernel
+from mech_twin.kernel import borrowing_kernel, kernel
 from mech_twin.machines.roller_former.dynamics import SIZE, Array, DriveLine, Former, Modes, TravelStretch, state_of
 from mech_twin.machines.roller_former.events import (
     EventLog,
@@ -65,7 +65,7 @@ def ending(advance: Advance) -> str:
     )
 
 
-@kernel
+@borrowing_kernel
 def happened_already(motion: FormerMotion, modes: Modes, watches: NDArray[np.int64], t: float, y: Array) -> int:
     """Return the first watched event whose signal is past its root when a stretch begins, or `NONE`."""
     for i in range(fill_watches(motion, modes, y, watches)):
@@ -100,7 +100,7 @@ def locate_event(
     return int(watches[which, 0]), span
 
 
-@kernel
+@borrowing_kernel
 def longest_step(stretch: TravelStretch, modes: Modes, left_s: float) -> float:
     """Return the longest step (s): up to the end, or to where the load has risen to its full size."""
     if stretch.share_rate <= 0.0:
@@ -176,7 +176,7 @@ def advance_motion(
     return Advance(reached, DONE, count, with_trial_step(modes, wanted), steps)
 
 
-@kernel
+@borrowing_kernel
 def with_trial_step(modes: Modes, trial_step_s: float) -> Modes:
     """Return the modes with another step to try first."""
     return Modes(

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from mech_twin.engine.events import RISING, UNKNOWN, signals_of
 from mech_twin.engine.integration import rates_of
 from mech_twin.engine.tableaus import DORMAND_PRINCE_8
-from mech_twin.kernel import kernel
+from mech_twin.kernel import borrowing_kernel, inline_kernel, kernel
 from mech_twin.machines.roller_former.cart_statics import branching_terms, plain_terms, rod_weight_moment
 from mech_twin.machines.roller_former.dynamics import (
     SIZE,
@@ -94,7 +94,7 @@ def motion_rates(motion: FormerMotion, t: float, y: Array, out: Array) -> None:
     out[7] = friction * speed
 
 
-@kernel
+@inline_kernel
 def geared_smoothly(former: Former, shaft_nm: float, power_sense: float) -> float:
     """Return the moment at the crank (N m), the loss of the gear as at one sign of power: smooth over a stretch."""
     if former.loss_by_power and power_sense < 0.0:
@@ -102,13 +102,13 @@ def geared_smoothly(former: Former, shaft_nm: float, power_sense: float) -> floa
     return shaft_nm * former.ratio * former.efficiency
 
 
-@kernel
+@borrowing_kernel
 def least_moment(former: Former) -> float:
     """Return a moment (N m) that is nothing, but more than 0: a moment of 0 that stays 0 is no event."""
     return 1e-18 * former.motor.breakdown_torque_nm
 
 
-@kernel
+@borrowing_kernel
 def release_signal(motion: FormerMotion, index: int, t: float, y: Array) -> float:
     """Return how far the moment in the coupling is beyond what holds a stuck crank (N m)."""
     former, stretch, now = motion.former, motion.stretch, state_of(y)
@@ -121,7 +121,7 @@ def release_signal(motion: FormerMotion, index: int, t: float, y: Array) -> floa
     return stretch.backward_nm * share - friction - rest
 
 
-@kernel
+@borrowing_kernel
 def drive_release_signal(motion: FormerMotion, index: int, t: float, y: Array) -> float:
     """Return how far the moment in the coupling is beyond what the gear of a stuck drive holds (N m)."""
     low, high = drive_band(motion.former, motion.torque, t)
@@ -148,7 +148,7 @@ def turn_signal(motion: FormerMotion, index: int, t: float, y: Array) -> tuple[f
     )
 
 
-@kernel
+@borrowing_kernel
 def plain_signal(motion: FormerMotion, index: int, t: float, y: Array) -> float:
     """Return the signal of an event that cannot be missed between two steps: releases, and speeds that are reached."""
     former, now = motion.former, state_of(y)
@@ -178,14 +178,14 @@ def motion_signals(motion: FormerMotion, index: int, t: float, y: Array) -> tupl
     return plain_signal(motion, index, t, y), UNKNOWN
 
 
-@kernel
+@borrowing_kernel
 def watch_signal(watches: NDArray[np.int64], count: int, index: int, at_root: bool) -> int:
     """Add a signal to those that are watched; return their number."""
     watches[count, 0], watches[count, 1], watches[count, 2] = index, RISING, int(at_root)
     return count + 1
 
 
-@kernel
+@borrowing_kernel
 def fill_watches(motion: FormerMotion, modes: Modes, y: Array, watches: NDArray[np.int64]) -> int:
     """Fill ``watches`` (12, 3) with the events that may end the stretch; return their number."""
     former, stretch, now = motion.former, motion.stretch, state_of(y)
@@ -213,13 +213,13 @@ def fill_watches(motion: FormerMotion, modes: Modes, y: Array, watches: NDArray[
     return count
 
 
-@kernel
+@borrowing_kernel
 def returned(sense: float, before: float, after: float, rate_before: float, rate_after: float) -> bool:
     """Return whether a speed may have gone through zero and back between two instants."""
     return sense * rate_before < 0.0 < sense * rate_after and sense * before >= 0.0 and sense * after >= 0.0
 
 
-@kernel
+@borrowing_kernel
 def something_happened(motion: FormerMotion, modes: Modes, y: Array, end_s: float, end: Array, rates: Array) -> bool:
     """Return whether anything watched may have happened in a step from ``y`` to ``end``; most steps end here.
 

@@ -19,7 +19,7 @@ from mech_twin.engine.integration import (
     take_step,
 )
 from mech_twin.engine.tableaus import DORMAND_PRINCE_8
-from mech_twin.kernel import kernel
+from mech_twin.kernel import inline_kernel, kernel
 from mech_twin.machines.winding_drum.wound_package import (
     Package,
     gravity_moment,
@@ -94,7 +94,7 @@ class Coasting(NamedTuple):
     direction: float
 
 
-@kernel
+@inline_kernel
 def drive_torque(p: Package, radius: float, phi: float, theta: float, a: float) -> float:
     """Return the torque the drive gives (N m): the dynamic torque, less gravity's moment, and friction overcome.
 

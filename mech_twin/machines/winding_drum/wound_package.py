@@ -22,7 +22,7 @@ from __future__ import annotations
 from math import cos, pi, sin, sqrt
 from typing import NamedTuple
 
-from mech_twin.kernel import kernel
+from mech_twin.kernel import inline_kernel, kernel
 
 
 class Package(NamedTuple):
@@ -49,25 +49,25 @@ class PackageTorque(NamedTuple):
     total: float
 
 
-@kernel
+@inline_kernel
 def package_inertia(p: Package, radius: float) -> float:
     """Return the moment of inertia J0 of drum and package (kg m2) at a package radius (m); e^2 is neglected."""
     return p.drum_inertia + 0.5 * pi * p.density * p.width_m * (radius**4 - p.core_m**4)
 
 
-@kernel
+@inline_kernel
 def package_mass(p: Package, radius: float) -> float:
     """Return the mass of the yarn on the drum (kg)."""
     return pi * p.density * p.width_m * (radius**2 - p.core_m**2)
 
 
-@kernel
+@inline_kernel
 def tangent_arm(p: Package, radius: float, phi: float) -> float:
     """Return rho = R + e cos(phi), the arm of the yarn (m)."""
     return radius + p.eccentricity_m * cos(phi)
 
 
-@kernel
+@inline_kernel
 def speed_terms(p: Package, radius: float, phi: float, theta: float, a: float) -> tuple[float, float, float]:
     """Return the terms of d(omega)/dt (rad/s2): a/rho, theta^2 L/(rho^2 R), theta^2 e sin(phi)/rho^3."""
     rho = tangent_arm(p, radius, phi)
@@ -75,7 +75,7 @@ def speed_terms(p: Package, radius: float, phi: float, theta: float, a: float) -
     return a / rho, square * p.layer_m / (rho * rho * radius), square * p.eccentricity_m * sin(phi) / rho**3
 
 
-@kernel
+@inline_kernel
 def torque_terms(p: Package, radius: float, phi: float, theta: float, a: float) -> PackageTorque:
     """Return the torque on drum and package, each term by itself.
 
@@ -115,7 +115,7 @@ def rate_of_momentum(p: Package, radius: float, phi: float, theta: float, a: flo
     return package_inertia(p, radius) * (a - omega * rho_rate) / rho + 0.5 * omega * inertia_rate
 
 
-@kernel
+@inline_kernel
 def radius_after(p: Package, radius: float, length: float) -> float:
     """Return the radius (m) after a length of yarn (m) has run: R^2 - 2 L s, the area law integrated."""
     return sqrt(radius * radius - 2.0 * p.layer_m * length)
@@ -127,7 +127,7 @@ def time_of_length(theta: float, a: float, length: float) -> float:
     return 2.0 * length / (theta + sqrt(theta * theta + 2.0 * a * length))
 
 
-@kernel
+@inline_kernel
 def gravity_moment(p: Package, radius: float, phi: float) -> float:
     """Return the moment of the offset package's weight about the axis, m g e sin(phi), counter-clockwise (N m)."""
     return package_mass(p, radius) * p.gravity * p.eccentricity_m * sin(phi)
