@@ -11,7 +11,6 @@ import re
 from collections.abc import Iterable
 
 from mech_twin.configuration_tree import ConfigurationError
-from mech_twin.messages.topics import CLOCK
 
 NAME = re.compile(r"/?[A-Za-z][A-Za-z0-9_]*(/[A-Za-z][A-Za-z0-9_]*)*")
 
@@ -35,6 +34,8 @@ def ros_arguments(machine_name: str, namespace: str | None) -> list[str]:
     """Return the arguments of ROS that put the nodes of a run into its namespace; none where it is the default."""
     if namespace is None:
         return []
+    from mech_twin.messages.topics import CLOCK  # a name is checked before surroundings are, and before rclpy is loaded
+
     full = run_namespace(machine_name, namespace)
     return ["--ros-args", "-r", f"__ns:={full}", "-r", f"{CLOCK.name}:={full}{CLOCK.name}"]
 
@@ -43,6 +44,8 @@ def replay_arguments(topics: Iterable[str], namespace: str | None) -> list[str]:
     """Return the arguments of ROS that move recorded topics, the first level of their names replaced."""
     if namespace is None:
         return []
+    from mech_twin.messages.topics import CLOCK
+
     full = run_namespace("", namespace)
     moved = {name: full + (CLOCK.name if name == CLOCK.name else f"/{name.split('/', 2)[-1]}") for name in topics}
     rules = [f"{old}:={new}" for old, new in moved.items() if old.count("/") > 1 or old == CLOCK.name]
