@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,17 +18,14 @@ from mech_twin.capabilities.errors import StudyError
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.parameters.load import machine as built_machine
 from mech_twin.parameters.load import machine_parameters
-from mech_twin.results import Analysis, Columns, Numbers, Run
+from mech_twin.results import Analysis, Columns, Numbers, Run, RunComparison
 from mech_twin.stop_signal import raising_interrupt
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from mech_twin.capabilities.design import Design
     from mech_twin.capabilities.published import PublishedRow
     from mech_twin.capabilities.sizing import Sizing
     from mech_twin.studies.identification.saved_identification import SavedIdentification
-    from mech_twin.studies.side_by_side import ComparedRun, Comparison
 
 Settings = Mapping[str, Any]
 FilePath = str | PathLike[str]
@@ -359,36 +355,8 @@ def compare(first: Run, second: Run, tolerance: float = 0.0) -> RunComparison:
     """
     from mech_twin.studies.side_by_side import compared
 
-    sides = (_side("first", first), _side("second", second))
+    sides = (first.named("first"), second.named("second"))
     return RunComparison(compared(*sides, tolerance), sides)
-
-
-def _side(label: str, run: Run) -> ComparedRun:
-    from mech_twin.configuration_tree import configuration_tree
-    from mech_twin.studies.side_by_side import ComparedRun
-
-    broken = tuple(name for name, residual in run.residuals.items() if residual.broken)
-    columns = {name: run.samples[name] for name in run.samples}
-    tree = configuration_tree(run.parameters)
-    return ComparedRun(label, run.machine, tree, dict(run.summary), broken, columns)
-
-
-@dataclass(frozen=True)
-class RunComparison:
-    """What differs between two runs; ``found`` has settings, numbers, and those beyond the tolerance."""
-
-    found: Comparison
-    sides: tuple[ComparedRun, ComparedRun]
-
-    def plot(self, panels: int = 6) -> Figure:
-        """Return a picture of the columns that differ most, the two runs over each other."""
-        from mech_twin.studies.side_by_side import columns_apart, drawn_side_by_side
-
-        names = columns_apart(*self.sides, panels)
-        if not names:
-            raise StudyError("nothing to draw: no column differs")
-        figure: Figure = drawn_side_by_side(*self.sides, names)
-        return figure
 
 
 def _path(config: FilePath | None) -> Path | None:

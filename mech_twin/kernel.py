@@ -38,10 +38,10 @@ def borrowing_kernel(function: Function) -> Function:
     """Return the function compiled like `kernel`, without counting references to the arrays that it reads or fills.
 
     For the inner loops of an integration, where counting took more time than the equation: the caller keeps the arrays
-    alive.  Such a function makes no array, returns none and copies none as a whole (``a[:] = b``); the compiler refuses
-    one that does.
+    alive.  Such a function makes no array, returns none and copies none as a whole (``a[:] = b``); one that does is
+    refused when it is compiled.
     """
-    return cast(Function, _cached(njit(**_BORROWING)(function), "borrowing"))
+    return cast(Function, _cached(njit(**_BORROWING)(function), "borrowing", _BorrowingCache))
 
 
 def inline_kernel(function: Function) -> Function:
@@ -49,7 +49,7 @@ def inline_kernel(function: Function) -> Function:
 
     For what an equation of motion is made of: its constants stay where they are instead of being copied at each call.
     """
-    return cast(Function, _cached(njit(inline="always", **_BORROWING)(function), "inline"))
+    return cast(Function, _cached(njit(inline="always", **_BORROWING)(function), "inline", _BorrowingCache))
 
 
 def released_kernel(function: Function) -> Function:
@@ -65,9 +65,30 @@ def parallel_kernel(function: Function) -> Function:
     return cast(Function, _cached(njit(parallel=True, **_STRICT)(function), "parallel"))
 
 
-def _cached(compiled: object, options: str) -> object:
+class _BorrowingCache(KernelCache):
+    """Keeps no kernel that returns an array.
+
+    The compiler notices one that the kernel made, but not one that was handed to it: its caller, which counts, would
+    give up a reference that nobody took.
+    """
+
+    def save_overload(self, signature: Any, result: Any) -> None:
+        """Store compiled code; see `KernelCache.save_overload`.
+
+        Raises
+        ------
+        TypeError
+            The kernel returns an array.
+        """
+        model = result.target_context.data_model_manager[result.signature.return_type]
+        if model.contains_nrt_meminfo():
+            raise TypeError(f"{self.kernel_name}: a kernel that counts no references must not return an array")
+        super().save_overload(signature, result)
+
+
+def _cached(compiled: object, options: str, cache: type[KernelCache] = KernelCache) -> object:
     """Give a dispatcher of numba the cache whose key is content; with NUMBA_DISABLE_JIT there is no dispatcher."""
     if isinstance(compiled, Dispatcher):
         dispatcher: Any = compiled
-        dispatcher._cache = KernelCache(dispatcher.py_func, options)
+        dispatcher._cache = cache(dispatcher.py_func, options)
     return compiled

@@ -61,6 +61,11 @@ class KernelCache:
         self._known = self._enabled = has_known_sources(function)
 
     @property
+    def kernel_name(self) -> str:
+        """Module and name of the kernel."""
+        return f"{self._function.__module__}.{self._function.__qualname__}"
+
+    @property
     def cache_path(self) -> str | None:
         """The preferred directory of compiled kernels, None if there is none."""
         return next(map(str, directories()), None)
@@ -81,7 +86,7 @@ class KernelCache:
         target_context.refresh()
         stored = self._stored(signature, target_context) if self._enabled else None
         if stored is None:
-            _tell_compiling(f"{self._function.__module__}.{self._function.__qualname__}")
+            _tell_compiling(self.kernel_name)
         return stored
 
     def save_overload(self, signature: Any, result: Any) -> None:

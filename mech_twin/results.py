@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from mech_twin.capabilities.errors import StudyError
 from mech_twin.captions import titled, unit_of
+from mech_twin.configuration_tree import configuration_tree
 from mech_twin.dependencies import require_extra
 from mech_twin.engine.invariants import Residual
 from mech_twin.quantity import Parameters
@@ -21,6 +23,8 @@ if TYPE_CHECKING:
     import pandas
     import pyarrow
     from matplotlib.figure import Figure
+
+    from mech_twin.studies.side_by_side import ComparedRun, Comparison
 
 MOST_PANELS = 8
 Value = TypeVar("Value")
@@ -178,8 +182,34 @@ class Run:
         """Return a picture of samples over time; see `Columns.plot`."""
         return self.samples.plot(*names)
 
+    def named(self, label: str) -> ComparedRun:
+        """Return the run as one of the sides of a comparison."""
+        from mech_twin.studies.side_by_side import ComparedRun
+
+        broken = tuple(name for name, residual in self.residuals.items() if residual.broken)
+        tree = configuration_tree(self.parameters)
+        return ComparedRun(label, self.machine, tree, dict(self.summary), broken, dict(self.samples))
+
     def __repr__(self) -> str:
         return f"{self.summary!r}\n{len(self.events)} events, {'sound' if self.sound else 'a residual is broken'}"
+
+
+@dataclass(frozen=True)
+class RunComparison:
+    """What differs between two runs; ``found`` has settings, numbers, and those beyond the tolerance."""
+
+    found: Comparison
+    sides: tuple[ComparedRun, ComparedRun]
+
+    def plot(self, panels: int = 6) -> Figure:
+        """Return a picture of the columns that differ most, the two runs over each other."""
+        from mech_twin.studies.side_by_side import columns_apart, drawn_side_by_side
+
+        names = columns_apart(*self.sides, panels)
+        if not names:
+            raise StudyError("nothing to draw: no column differs")
+        figure: Figure = drawn_side_by_side(*self.sides, names)
+        return figure
 
 
 @dataclass(frozen=True)

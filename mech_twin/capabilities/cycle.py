@@ -18,12 +18,11 @@ import numpy as np
 from mech_twin.capabilities.cycle_kernels import (
     TURN,
     Array,
-    cosine_coefficient,
+    fourier_coefficient,
     lead,
     mean_of_largest,
     mean_of_smallest,
     phase_weights,
-    sine_coefficient,
     weight_above,
     weighted_sum,
 )
@@ -159,11 +158,10 @@ def mean(name: str, unit: str, column: str, meaning: str) -> CycleFeature:
 
 def harmonic(name: str, unit: str, column: str, order: int, part: Literal["cos", "sin"], meaning: str) -> CycleFeature:
     """Return a Fourier coefficient of a channel over the cycle's angle, ``2 <x cos n phi>`` or with sin."""
-    coefficient = cosine_coefficient if part == "cos" else sine_coefficient
 
     def of(cycle: SampledCycle) -> float:
         channel = cycle.channels[column]
-        return coefficient(channel.weights, channel.phase_rad, channel.values, order)
+        return fourier_coefficient(channel.weights, channel.phase_rad, channel.values, order, part == "sin")
 
     return CycleFeature(name, unit, meaning, (column,), of)
 
@@ -179,9 +177,8 @@ def speed_harmonic(name: str, column: str, order: int, part: Literal["cos", "sin
         channel = cycle.channels[column]
         psi, ahead = lead(channel.times_s, channel.phase_rad, cycle.begin_s, cycle.period_s)
         weights = phase_weights(psi)
-        if part == "cos":
-            return order * sine_coefficient(weights, psi, ahead, order)
-        return -order * cosine_coefficient(weights, psi, ahead, order)
+        sign = 1.0 if part == "cos" else -1.0
+        return sign * order * fourier_coefficient(weights, psi, ahead, order, part == "cos")
 
     return CycleFeature(name, "1", meaning, (column,), of)
 

@@ -41,20 +41,12 @@ def weighted_sum(weights: Array, values: Array) -> float:
 
 
 @kernel
-def cosine_coefficient(weights: Array, phase_rad: Array, values: Array, order: int) -> float:
-    """Return ``2 <x cos n phi>``."""
+def fourier_coefficient(weights: Array, phase_rad: Array, values: Array, order: int, of_sine: bool) -> float:
+    """Return ``2 <x cos n phi>``, or ``2 <x sin n phi>``."""
     total = 0.0
     for i in range(len(values)):
-        total += weights[i] * cos(order * phase_rad[i]) * values[i]
-    return 2.0 * total
-
-
-@kernel
-def sine_coefficient(weights: Array, phase_rad: Array, values: Array, order: int) -> float:
-    """Return ``2 <x sin n phi>``."""
-    total = 0.0
-    for i in range(len(values)):
-        total += weights[i] * sin(order * phase_rad[i]) * values[i]
+        angle = order * phase_rad[i]
+        total += weights[i] * (sin(angle) if of_sine else cos(angle)) * values[i]
     return 2.0 * total
 
 

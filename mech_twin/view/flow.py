@@ -21,6 +21,7 @@ UNHEARD_S = 0.25  # least interval where no page says what it shows
 PATIENCE_S = 3.0  # interval while a page has not shown the last picture: loading, paused, hidden or gone
 FORGOTTEN_S = 10.0  # a page that has said nothing for so long is gone
 LOADING_LIMIT_S = 300.0
+MOST_PAGES = 32  # that are kept apart; of more, those heard last
 LOOK_S = 0.01
 ROUNDING_S = 1e-6
 
@@ -52,8 +53,9 @@ class PageReports:
 
     def _note(self, page: str, time_s: float, kept_s: float) -> None:
         now = time.monotonic()
-        self._pages[page] = (time_s, now + kept_s)
-        self._pages = {name: told for name, told in self._pages.items() if told[1] > now}
+        self._pages.pop(page, None)
+        alive = [(name, told) for name, told in self._pages.items() if told[1] > now]
+        self._pages = dict([*alive, (page, (time_s, now + kept_s))][-MOST_PAGES:])
         fresh = self._file.with_suffix(".new")
         fresh.write_text(f"{min(shown_s for shown_s, _ in self._pages.values()):.9f}", encoding="ascii")
         fresh.replace(self._file)

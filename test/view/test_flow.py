@@ -8,7 +8,7 @@ from rrd_tables import rrd_tables
 from synthetic_four_bar import drawing, frame
 
 from mech_twin.view import flow as flow_module
-from mech_twin.view.flow import PATIENCE_S, Flow, PageReports
+from mech_twin.view.flow import MOST_PAGES, PATIENCE_S, Flow, PageReports
 from mech_twin.view.rerun_scene import RerunScene
 from mech_twin.view.sending import LIVE
 
@@ -51,6 +51,15 @@ def test_a_page_that_loads_or_stands_still_gets_a_picture_now_and_then(tmp_path,
     assert not flow.is_open(0.1)
     clock[0] += 0.2
     assert flow.is_open(0.1)
+
+
+def test_of_more_pages_than_are_kept_those_heard_last_count(tmp_path, clock):
+    reports, flow = PageReports(tmp_path), Flow(tmp_path)
+    for number in range(MOST_PAGES + 1):
+        reports.shown(f"page{number}", float(number))
+    assert flow.shown_s() == 1.0
+    reports.shown("page1", 50.0)
+    assert flow.shown_s() == 2.0
 
 
 def test_of_several_pages_the_slowest_counts_until_it_has_gone(tmp_path, clock):

@@ -20,7 +20,7 @@ from mech_twin.capabilities.cycle import (
     SampledCycle,
     speed_harmonic,
 )
-from mech_twin.capabilities.cycle_kernels import cosine_coefficient, fitted_slope, sine_coefficient, weighted_sum
+from mech_twin.capabilities.cycle_kernels import fitted_slope, fourier_coefficient, weighted_sum
 from mech_twin.kernel import kernel
 from mech_twin.machines.winding_drum.dynamics import drive_torque
 from mech_twin.machines.winding_drum.parameters import WindingDrum, package_constants
@@ -73,7 +73,7 @@ def _torque_left(name: str, unit: str, package: Package, order: int, meaning: st
 def _coefficient(weights: Array, phase_rad: Array, values: Array, order: int) -> float:
     if order == 0:
         return weighted_sum(weights, values)
-    return (cosine_coefficient if order > 0 else sine_coefficient)(weights, phase_rad, values, 1)
+    return fourier_coefficient(weights, phase_rad, values, 1, order < 0)
 
 
 @kernel
