@@ -94,7 +94,7 @@ class Admitted(NamedTuple, Generic[Item]):
     believed: bool
 
 
-class Admission(Generic[Item]):
+class StampGate(Generic[Item]):
     """Holds what comes back until it is known what time it is, and gives it out in the order it came."""
 
     def __init__(self) -> None:

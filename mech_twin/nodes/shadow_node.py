@@ -22,7 +22,7 @@ from mech_twin.measurements.measurement_map import MeasurementMap
 from mech_twin.messages.joint_state_cdr import CdrError
 from mech_twin.messages.topics import SPEED_COMMAND
 from mech_twin.nodes.base_node import TwinNode
-from mech_twin.nodes.followed_clock import SECOND_NS, Admission
+from mech_twin.nodes.followed_clock import SECOND_NS, StampGate
 from mech_twin.nodes.options import RunOptions
 from mech_twin.nodes.shadow_inputs import (
     COMMAND,
@@ -108,7 +108,7 @@ class ShadowNode(TwinNode):
         self._next_virtual_s = -np.inf
         columns = self.observer.columns
         self.origin = StampOrigin()
-        self.admission = Admission[HeardMessage]()
+        self.admission = StampGate[HeardMessage]()
         self._jumps = 0
         output = partial(self.output, recorded=False)
         self._outputs = ShadowOutputs(output, machine, columns, self.get_namespace(), self.origin.stamp)

@@ -14,7 +14,7 @@ from rclpy.qos import QoSProfile
 
 from mech_twin.messages.topics import DIAGNOSTICS, EVERY, Topic, type_name
 from mech_twin.nodes.base_node import TwinNode
-from mech_twin.nodes.followed_clock import SECOND_NS, Admission, Admitted
+from mech_twin.nodes.followed_clock import SECOND_NS, Admitted, StampGate
 from mech_twin.nodes.options import RunOptions
 from mech_twin.nodes.shadow_inputs import FollowedTopic
 from mech_twin.nodes.shadow_node import FOLLOWED
@@ -29,7 +29,7 @@ TICK_S = 0.1
 BEFORE_S, AFTER_S = 10.0, 5.0
 
 
-class RawMessage(NamedTuple):
+class UntimedMessage(NamedTuple):
     """A message as bytes: full topic name, and the machine's time in it, None where it tells none."""
 
     topic: str
@@ -73,7 +73,7 @@ class ShadowListener(TwinNode):
         options: RunOptions | None = None,
     ) -> None:
         super().__init__(name, machine_name, parameters, options)
-        self.admission = Admission[RawMessage]()
+        self.admission = StampGate[UntimedMessage]()
         self._jumps = self._logged_ns = 0
         followed = tuple(each.topic for each in topics.followed)
         self._has_stamps = any(each.has_stamps for each in topics.followed)
@@ -115,7 +115,7 @@ class ShadowListener(TwinNode):
     def _on_message(self, full: str, kind: str, raw: bytes) -> None:
         now_s = time.monotonic()
         led_ns = self._led_ns(full, kind, raw, now_s)
-        for found in self.admission.take(RawMessage(full, raw, led_ns), led_ns, now_s):
+        for found in self.admission.take(UntimedMessage(full, raw, led_ns), led_ns, now_s):
             self._keep(found)
             if found.item.led_ns is not None and not found.believed:
                 reason = f"a stamp that does not go on from {found.at_ns / SECOND_NS:g} s, at which it is recorded"
@@ -128,7 +128,7 @@ class ShadowListener(TwinNode):
         stamp = stamp_ns(kind, raw) if self._has_stamps else round(now_s * SECOND_NS)
         return None if stamp is None else stamp - self._lags_ns[full]
 
-    def _keep(self, found: Admitted[RawMessage]) -> None:
+    def _keep(self, found: Admitted[UntimedMessage]) -> None:
         at_ns = found.at_ns + self._lags_ns.get(found.item.topic, 0)
         if self._jumps == self.admission.clock.jumps:
             at_ns = max(at_ns, self._logged_ns)

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import pytest
 
-from mech_twin.nodes.followed_clock import MOST_HELD, SECOND_NS, Admission, FollowedClock
+from mech_twin.nodes.followed_clock import MOST_HELD, SECOND_NS, FollowedClock, StampGate
 
 WALL_NS = 1_790_000_000 * SECOND_NS
 STEP_NS, STEP_S = SECOND_NS // 100, 0.01
@@ -62,7 +62,7 @@ def test_topics_a_little_behind_each_other_are_believed_and_time_does_not_go_bac
 
 @pytest.mark.parametrize("stray", STRAYS_NS)
 def test_what_comes_first_is_held_until_the_time_is_known(stray: int) -> None:
-    admission = Admission[str]()
+    admission = StampGate[str]()
     begin_ns = 50 * SECOND_NS
     assert admission.take("own", None, 0.0) == []
     assert admission.take("stray", stray, 0.0) == []
@@ -75,7 +75,7 @@ def test_what_comes_first_is_held_until_the_time_is_known(stray: int) -> None:
 
 
 def test_two_publishers_that_begin_together_do_not_keep_each_other_from_being_followed() -> None:
-    admission = Admission[str]()
+    admission = StampGate[str]()
     found = []
     for i in range(4):
         for begin_ns in (0, WALL_NS):
@@ -85,7 +85,7 @@ def test_two_publishers_that_begin_together_do_not_keep_each_other_from_being_fo
 
 
 def test_what_is_held_where_no_time_is_ever_known_is_bounded_and_comes_out() -> None:
-    admission = Admission[int]()
+    admission = StampGate[int]()
     found = [each for i in range(MOST_HELD + 1) for each in admission.take(i, None, 0.0)]
     assert [each.item for each in found] == list(range(MOST_HELD + 1))
     assert {each.at_ns for each in found} == {0}

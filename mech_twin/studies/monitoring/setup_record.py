@@ -25,11 +25,11 @@ Row = Annotated[list[Number], Field(max_length=MOST_FEATURES)]
 Rows = Annotated[list[Row], Field(max_length=MOST_SIZES)]
 
 
-class _Group(BaseModel):
+class _Record(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
 
 
-class BaselineRecord(_Group):
+class BaselineRecord(_Record):
     """See `Baseline`."""
 
     names: Annotated[list[Words], Field(min_length=1, max_length=MOST_FEATURES)]
@@ -51,13 +51,13 @@ class BaselineRecord(_Group):
         return self
 
 
-class _Charts(_Group):
+class _Charts(_Record):
     cusum: Size
     glr: Size
     chi_square: Size
 
 
-class LimitsRecord(_Group):
+class LimitsRecord(_Record):
     """See `ChartLimits`."""
 
     alarm: _Charts
@@ -66,7 +66,7 @@ class LimitsRecord(_Group):
     extrapolated: bool
 
 
-class SignatureRecord(_Group):
+class SignatureRecord(_Record):
     """See `Signature`."""
 
     name: Words
@@ -100,13 +100,13 @@ class SignatureRecord(_Group):
             _check_rows(f"scatter of {self.name!r}", rows, len((self.scatter or [rows])[0]), features)
 
 
-class _Rules(_Group):
+class _Rules(_Record):
     debounce: Annotated[int, Field(ge=1, le=MOST_CYCLES)]
     clear: Annotated[int, Field(ge=1, le=MOST_CYCLES)]
     announce_every_s: Annotated[float, Field(ge=0.0, le=LONGEST_S)]
 
 
-class SetupRecord(_Group):
+class SetupRecord(_Record):
     """See `MonitorSetup`."""
 
     machine: Words
