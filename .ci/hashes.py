@@ -21,9 +21,14 @@ def main(tools: Path) -> None:
         shape = ["--generate-hashes", "--no-header", "--no-annotate", "--python-version", "3.11", "--quiet"]
         platform = ["--python-platform", "x86_64-unknown-linux-gnu"]
         out = Path("constraints", "hashes", f"{line}.txt")
-        out.unlink(missing_ok=True)
-        command = [tools / "uv", "pip", "compile", "setup.py", *extras, *pins, *shape, *platform, "-o", out]
-        subprocess.run(command, check=True)
+        fresh = out.with_suffix(".new")  # an index that cannot be reached costs no list
+        fresh.unlink(missing_ok=True)
+        command = [tools / "uv", "pip", "compile", "setup.py", *extras, *pins, *shape, *platform, "-o", fresh]
+        try:
+            subprocess.run(command, check=True)
+            fresh.replace(out)
+        finally:
+            fresh.unlink(missing_ok=True)
 
 
 if __name__ == "__main__":

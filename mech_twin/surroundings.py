@@ -11,6 +11,7 @@ UNLIMITED = "none"
 _OPEN_FILES = {errno.EMFILE, errno.ENFILE}
 # the words of the dynamic loader and of libraries that reserve memory themselves
 _NO_MEMORY = ("failed to map segment", "cannot allocate memory", "Cannot allocate memory", "bad_alloc")
+_SECURITY = "security"  # what the middleware says of a missing key, and of a library that was built without
 
 
 class SurroundingsError(Exception):
@@ -35,6 +36,9 @@ def lacking(error: BaseException) -> str | None:
         if _is_memory(cause):
             limit = resource.getrlimit(resource.RLIMIT_AS)[0]
             return f"not enough memory (limit of address space {_limit(limit, MIB)}): raise it, ulimit -v unlimited"
+        if isinstance(cause, RuntimeError) and _SECURITY in str(cause).lower():
+            said = str(cause).partition("\n")[0].partition(", at /")[0]
+            return f"ROS_SECURITY_ENABLE is set, and DDS security cannot be had: {said}"
         cause = cause.__cause__ or cause.__context__
     return None
 

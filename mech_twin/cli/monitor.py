@@ -8,6 +8,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from pydantic import ValidationError
+
 from mech_twin.cli.console import say
 from mech_twin.cli.failure import CommandError
 from mech_twin.cli.monitor_output import Judged, show_design, show_runs
@@ -19,17 +21,20 @@ from mech_twin.measurements.proposal import EXACT, map_of, proposed_channels
 from mech_twin.measurements.runs import MeasuredRun, read_run
 from mech_twin.nodes.opened_runs import columns_of, given_map, opened_run
 from mech_twin.output_file import check_output_file, written_file
+from mech_twin.parameters.errors import refusal
 from mech_twin.parameters.load import assignments, catalogue_entry, machine_parameters
 from mech_twin.quantity import Parameters
 from mech_twin.studies.monitoring.cycle_features import FeatureVector
 from mech_twin.studies.monitoring.design import DESIGN_CYCLES, fitted_setup, sensor_design, simulated_vectors
-from mech_twin.studies.monitoring.monitor import Monitor, MonitorSetup, setup_of_record
+from mech_twin.studies.monitoring.monitor import Monitor, MonitorSetup
 from mech_twin.studies.monitoring.report import judged, known_sensors, seen_of_run
+from mech_twin.studies.monitoring.setup_record import LARGEST_BYTES, SetupRecord
 from mech_twin.studies.monitoring.signatures import MonitoredMachine
 
 FAULT_FOUND = 1  # exit code
 HEALTHY_SHARE = 0.4  # of the first run, where no baseline is given
 SETUP_SUFFIX = ".json"
+ARL0_H = 24.0
 EVENTS_OF_S = 2.0  # of the model's own run, that tell which contacts its events have
 EVENT_FIELDS = {"time": "stamp", "pre_velocity": "vector.x", "post_velocity": "vector.y", "impulse": "vector.z"}
 
@@ -44,7 +49,7 @@ class MonitorRequest(NamedTuple):
     settings: Sequence[str] = ()
     baseline: Path | None = None
     save_baseline: Path | None = None
-    arl0_h: float = 24.0
+    arl0_h: float = ARL0_H
     skip_s: float | None = None
     design: bool = False
     sensors: Path | None = None
@@ -113,11 +118,16 @@ def _setup(asked: MonitorRequest, parameters: Parameters, first: _FeaturedRun) -
 def read_setup(path: Path, machine: str) -> MonitorSetup:
     """Return the reference of a monitor, as `--save-baseline` writes it; a file that is none is a line."""
     try:
-        setup = setup_of_record(json.loads(path.read_text(encoding="utf-8")))
+        with path.open("rb") as stream:
+            data = stream.read(LARGEST_BYTES + 1)
     except OSError as error:
         raise CommandError(f"{path}: cannot be read: {error.strerror}") from error
-    except (ValueError, KeyError, TypeError) as error:
-        raise CommandError(f"{path}: expected a baseline as --save-baseline writes it ({error})") from error
+    if len(data) > LARGEST_BYTES:
+        raise CommandError(f"{path}: larger than {LARGEST_BYTES} bytes; expected a baseline of --save-baseline")
+    try:
+        setup = SetupRecord.model_validate_json(data).setup()
+    except ValidationError as error:
+        raise refusal(f"{path}: expected a baseline as --save-baseline writes it", error) from error
     if setup.machine != machine:
         raise CommandError(f"{path}: key 'machine', value {setup.machine!r}: expected {machine!r}")
     return setup

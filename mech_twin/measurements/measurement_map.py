@@ -192,7 +192,10 @@ def checked_map(tree: Mapping[str, Any], source: str, columns_of: Any) -> Measur
         found = MeasurementMap.model_validate(tree)
     except ValidationError as error:
         raise refusal(source, error, MeasurementMap) from error
-    columns = columns_of(found.machine)
+    try:
+        columns = columns_of(found.machine)
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{source}: key 'machine': {error}") from error
     for place, channel in enumerate(found.channels):
         _check_channel(channel, f"{source}: key 'channels.{place}", found.machine, columns)
     return found

@@ -93,6 +93,13 @@ class AdvisorNode(TwinNode):
             for vector in self._feed.feed(self._columns[channel], [sample.time_s], [value]):
                 self._on_cycle(vector)
 
+    def begin_anew(self) -> None:
+        """Take a trial back and forget what was measured: the machine has been started anew, its time is another."""
+        self._take(ended(self.state, self._now_s, "the machine's time has become another"))
+        self._feed = self._feed.begun_anew()
+        self._figures.clear()
+        self._decided_s = float("-inf")
+
     def check_peers(self, now_s: float) -> None:
         """Offer what has been found, and end a trial of which nothing is heard."""
         if self._thinking is not None and self._thinking.done():

@@ -95,13 +95,14 @@ def run_in_process(
         at_end.callback(rclpy.try_shutdown)
         at_end.callback(destroy_nodes, nodes)
         stack.enter_context(signal.interrupting())
-        guard = stack.enter_context(NameGuard(guarded_topics(machine_name, namespace)))
+        topics = guarded_topics(machine_name, namespace)
+        guard = at_end.enter_context(NameGuard(topics)) if options.exclusive else None
         apart = options.model_copy(update={"viewer": False})  # it is handed the frames, and hears the scene only
         roles: list[RoleNode] = []
         for node in role_nodes(machine_name, parameters, apart):
             roles.append(node)
             nodes.append(node)
-        if options.exclusive:
+        if guard is not None:
             guard.check(own_publishers=1)
         stack.close()
         if directory is not None:

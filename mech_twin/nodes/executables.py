@@ -131,8 +131,7 @@ def _made(make: Callable[[], TwinNode], ros: list[str], at_end: ExitStack) -> Tw
     at_end.callback(destroy_nodes, [node])
     exclusive = [node.resolve_topic_name(output.name) for output in node.outputs if output.exclusive]
     if exclusive and node.options.exclusive:
-        with NameGuard(exclusive) as guard:
-            guard.check(own_publishers=1)
+        at_end.enter_context(NameGuard(exclusive)).check(own_publishers=1)
     return node
 
 

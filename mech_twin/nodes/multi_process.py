@@ -10,6 +10,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
 
 import rclpy
@@ -65,11 +66,11 @@ def run_processes(
     with tempfile.TemporaryDirectory(prefix="mech_twin-") as folder, StopSignal() as stop:
         file = Path(folder) / "parameters.yaml"
         file.write_text(_parameter_file(machine_name, parameters, options), encoding="utf-8")
+        guarding = ExitStack()
         try:
             with stop.interrupting():
                 if asked.exclusive:
-                    with NameGuard(guarded_topics(machine_name, namespace)) as guard:
-                        guard.check()
+                    guarding.enter_context(NameGuard(guarded_topics(machine_name, namespace))).check()
                 observer = ObserverNode(machine_name, parameters, options)
             for name, arguments in _roster(catalogue_entry(machine_name).has_body, directory, place):
                 processes[name] = _started(name, [*arguments, *rules, *ROS_FILE, str(file)])
@@ -80,6 +81,7 @@ def run_processes(
                 spinner.until(lambda: stop.asked or time.monotonic() > settled)
         finally:
             codes = _stopped(processes)
+            guarding.close()
             rclpy.try_shutdown()
     if stop.asked and set(codes.values()) & ENDED_BY_SIGNAL:  # before the run had begun
         raise SystemExit(max(code for code in codes.values() if code in ENDED_BY_SIGNAL))

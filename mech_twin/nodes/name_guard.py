@@ -4,10 +4,14 @@
 A name on the graph alone proves nothing: what was killed stays there for the lease of the middleware (20 s).  So a
 publisher counts as living if a step message of it arrives, or a diagnostics status of its node; a node of the twin
 sends one each second, and a run that waits repeats its step ten times a second.
+
+Of several that start at one instant none publishes yet.  So each claims its topics, for as long as it lives, with the
+instant at which it began; who hears an elder claim to one of its own ends.
 """
 
 from __future__ import annotations
 
+import secrets
 import time
 from collections.abc import Sequence
 from functools import partial
@@ -17,17 +21,22 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.experimental.events_executor import EventsExecutor
 from sensor_msgs.msg import JointState
+from std_msgs.msg import String
 
-from mech_twin.messages.topics import DATA, DIAGNOSTICS
+from mech_twin.messages.topics import DATA, DIAGNOSTICS, EVERY_LATCHED, LATCHED
 from mech_twin.nodes.errors import NameInUseError
 
 DISCOVERY_S = 3.0  # usually a tenth of a second, sometimes 2.6 s
 PROOF_S = 1.5  # more than the window of the diagnostics
 TURN_S = 0.02
+CLAIMS = "/_mech_twin/claims"  # an instant, and the full names of topics; hidden from the usual lists
+LONGEST_CLAIM = 10_000
 
 
 class NameGuard:
-    """Listens from the moment it is made; what its process builds meanwhile is no time lost.
+    """Listens from the moment it is made until it has checked, and claims its topics until it is closed.
+
+    What its process builds meanwhile is no time lost.
 
     Parameters
     ----------
@@ -39,13 +48,25 @@ class NameGuard:
         self._topics = tuple(topics)
         self._born_s = time.monotonic()
         self._heard: str | None = None
+        # the steady clock is that of all processes of a machine; of two machines either may be the elder
+        self._claim = f"{time.monotonic_ns():020d}-{secrets.token_hex(8)}"
         # its own name, whatever the namespace and name rules of the process are
-        self._node = rclpy.create_node("name_guard", use_global_arguments=False, enable_rosout=False)
+        self._node = rclpy.create_node(
+            f"_name_guard_{secrets.token_hex(4)}",
+            use_global_arguments=False,
+            enable_rosout=False,
+            start_parameter_services=False,
+        )
+        self._claims = self._node.create_publisher(String, CLAIMS, LATCHED)
+        self._claims.publish(String(data=" ".join((self._claim, *self._topics))))
         self._executor = EventsExecutor()
         self._executor.add_node(self._node)
-        for name in self._topics:
-            self._node.create_subscription(JointState, name, partial(self._on_step, name), DATA, raw=True)
-        self._node.create_subscription(DiagnosticArray, DIAGNOSTICS.name, self._on_diagnostics, DATA)
+        listen = self._node.create_subscription
+        self._listening = [
+            *(listen(JointState, name, partial(self._on_step, name), DATA, raw=True) for name in self._topics),
+            listen(DiagnosticArray, DIAGNOSTICS.name, self._on_diagnostics, DATA),
+            listen(String, CLAIMS, self._on_claim, EVERY_LATCHED),
+        ]
 
     def check(self, own_publishers: int = 0) -> None:
         """Wait until nobody has been found for long enough; nodes of this process must not be served meanwhile.
@@ -58,7 +79,7 @@ class NameGuard:
         Raises
         ------
         NameInUseError
-            If somebody lives on one of the topics.
+            If somebody lives on one of the topics, or began earlier to.
         """
         self._serve_until(self._born_s + DISCOVERY_S)
         if any(self._node.count_publishers(name) > own_publishers for name in self._topics):
@@ -68,6 +89,8 @@ class NameGuard:
                 f"{self._heard} is published already, by a run or a replay that is alive; "
                 "use another ROS_DOMAIN_ID or --namespace"
             )
+        while self._listening:
+            self._node.destroy_subscription(self._listening.pop())
 
     def _serve_until(self, end_s: float) -> None:
         while self._heard is None and rclpy.ok() and time.monotonic() < end_s:
@@ -75,6 +98,12 @@ class NameGuard:
 
     def _on_step(self, name: str, raw: bytes) -> None:
         self._heard = self._heard or name
+
+    def _on_claim(self, message: String) -> None:
+        claim, *topics = message.data[:LONGEST_CLAIM].split(" ")
+        taken = next((name for name in self._topics if name in topics), None)
+        if taken is not None and claim < self._claim:
+            self._heard = self._heard or taken
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         alive = {status.name for status in message.status}

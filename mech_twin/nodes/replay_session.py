@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import ExitStack
 from typing import NamedTuple
 
 import rclpy
@@ -62,11 +63,11 @@ def replayed(
     rclpy.init(args=replay_arguments(source.topics, namespace), signal_handler_options=SignalHandlerOptions.NO)
     node: ReplayNode | None = None
     try:
-        with StopSignal() as stop, TerminalKeys() as keys:
+        with StopSignal() as stop, TerminalKeys() as keys, ExitStack() as at_end:
             node = ReplayNode(source, options)
             steps = [node.resolve_topic_name(name) for name, topic in source.topics.items() if topic.kind is JointState]
-            with stop.interrupting(), NameGuard(steps) as guard:
-                guard.check(own_publishers=1)
+            with stop.interrupting():
+                at_end.enter_context(NameGuard(steps)).check(own_publishers=1)
             clocks = other_clocks(node)
             if clocks:
                 node.get_logger().warning(clocks)

@@ -36,6 +36,8 @@ COMMAND = "motor.command"
 class StampOrigin:
     """The second that times are counted from: 0, or that of the first stamp where stamps are those of a wall clock.
 
+    The first is the first that is believed (`FollowedClock`).
+
     A float holds a wall clock's stamp to 0.2 us only; a recording is read with the same origin.
     """
 
@@ -56,6 +58,30 @@ class StampOrigin:
         """Return the stamp of a time since the origin."""
         found = stamp_of(time_s)
         return Stamp(found.sec + (self.second or 0), found.nanosec)
+
+
+class HeardValues(NamedTuple):
+    """Channels of a message in SI units: their numbers, values, stamp (None where the type has none), and delay."""
+
+    channels: tuple[int, ...]
+    values: tuple[float, ...]
+    stamp: Stamp | None
+    lag_s: float
+
+    @property
+    def led_ns(self) -> int | None:
+        """The machine's time (ns)."""
+        return None if self.stamp is None else stamp_ns_of(self.stamp) - round(self.lag_s * SECOND_NS)
+
+    def sample(self, origin: StampOrigin, else_ns: int) -> SeenSample:
+        """Return it at the machine's time since the origin; a message without a stamp is of the time given."""
+        stamp = Stamp(*divmod(else_ns, SECOND_NS)) if self.stamp is None else self.stamp
+        return SeenSample(origin.seconds(stamp) - self.lag_s, self.channels, self.values)
+
+
+def stamp_ns_of(stamp: Any) -> int:
+    """Return a stamp in nanoseconds."""
+    return int(stamp.sec) * SECOND_NS + int(stamp.nanosec)
 
 
 class FollowedField(NamedTuple):
@@ -89,12 +115,9 @@ class FollowedTopic:
         Full name.
     fields : sequence of FollowedField
         What of its messages is used.
-    origin : StampOrigin
-        Of all topics of the machine.
     """
 
-    def __init__(self, name: str, fields: Sequence[FollowedField], origin: StampOrigin) -> None:
-        self._origin = origin
+    def __init__(self, name: str, fields: Sequence[FollowedField]) -> None:
         self.fields = tuple(fields)
         kinds = {_type_of(field) for field in fields if not field.of_stamp} or {EVENT_TYPE}
         if len(kinds) != 1:
@@ -105,15 +128,18 @@ class FollowedTopic:
         self.topic = Topic(name, kinds.pop())
         self._decode = Decoder()
 
-    def sample(self, raw: bytes, now_s: float) -> SeenSample | None:
-        """Return the channels of a message in SI units at the machine's time; None where none of them is in it.
+    @property
+    def has_stamps(self) -> bool:
+        """Whether its messages tell their time."""
+        return hasattr(self.topic.type, "header")
 
-        Parameters
-        ----------
-        raw : bytes
-            The message.
-        now_s : float
-            Time of its arrival, for a type without a stamp.
+    @property
+    def lag_s(self) -> float:
+        """Delay of what it tells."""
+        return float(self.fields[0].channel.lag_s)
+
+    def values(self, raw: bytes) -> HeardValues | None:
+        """Return the channels of a message; None where none of them is in it.
 
         Raises
         ------
@@ -122,15 +148,14 @@ class FollowedTopic:
         """
         joints = self.topic.type is JointState
         message: Any = self._decode(raw) if joints else _converted(raw, self.topic.type)
-        shown_s = self._origin.seconds(message.header.stamp) if hasattr(message, "header") else now_s
         found = {f.place: (f.channel, _value(message, f)) for f in self.fields if _has(message, f)}
         if not found:
             return None
         values = tuple(float(channel.to_machine(value)) for channel, value in found.values())
         if not all(map(isfinite, values)):
             raise CdrError("a value is not finite")
-        lag_s = float(next(iter(found.values()))[0].lag_s)
-        return SeenSample(shown_s - lag_s, tuple(found), values)
+        stamp = message.header.stamp if self.has_stamps else None
+        return HeardValues(tuple(found), values, stamp, self.lag_s)
 
 
 def events_last(given: MeasurementMap) -> MeasurementMap:
@@ -163,7 +188,7 @@ def sensed_channels(given: MeasurementMap) -> list[SensedChannel]:
     return [SensedChannel(channel.quantity, _sigma(channel)) for channel in given.channels]
 
 
-def followed_topics(given: MeasurementMap, namespace: str, origin: StampOrigin) -> list[FollowedTopic]:
+def followed_topics(given: MeasurementMap, namespace: str) -> list[FollowedTopic]:
     """Return the topics of a map; names without a leading slash stand below the namespace.
 
     Raises
@@ -178,7 +203,7 @@ def followed_topics(given: MeasurementMap, namespace: str, origin: StampOrigin) 
             raise ConfigurationError(f"key 'channels.{place}': expected a topic to follow")
         full = name if name.startswith("/") else f"{namespace}/{name}"
         by_topic.setdefault(full, []).append(FollowedField(place, channel))
-    return [FollowedTopic(name, fields, origin) for name, fields in by_topic.items()]
+    return [FollowedTopic(name, fields) for name, fields in by_topic.items()]
 
 
 def own_map(machine: Machine) -> MeasurementMap:

@@ -22,10 +22,12 @@ from mech_twin.measurements.measurement_map import MeasurementMap
 from mech_twin.messages.joint_state_cdr import CdrError
 from mech_twin.messages.topics import SPEED_COMMAND
 from mech_twin.nodes.base_node import TwinNode
+from mech_twin.nodes.followed_clock import SECOND_NS, StampGate
 from mech_twin.nodes.options import RunOptions
 from mech_twin.nodes.shadow_inputs import (
     COMMAND,
     FollowedTopic,
+    HeardValues,
     StampOrigin,
     events_last,
     followed_topics,
@@ -60,6 +62,14 @@ class ShadowSetup(NamedTuple):
     deviations: Mapping[str, float] | None = None
 
 
+class HeardMessage(NamedTuple):
+    """What a message of the machine says, its topic, and when it came (s of the steady clock)."""
+
+    followed: FollowedTopic
+    heard: HeardValues
+    arrived_s: float
+
+
 class ShadowNode(TwinNode):
     """Follows one machine; see `TwinNode` for the other arguments.
 
@@ -88,6 +98,7 @@ class ShadowNode(TwinNode):
         self.is_obeyed: Callable[[], bool] = lambda: False
         self.on_sample: Callable[[SeenSample], None] = lambda sample: None
         self.on_estimate: Callable[[SeenSample, FrameEstimate], None] = lambda sample, estimate: None
+        self.at_other_time: list[Callable[[], None]] = []
         self.observer = PhaseLockedObserver(machine, entry.build, channels, setup.options, setup.deviations)
         self.estimate: FrameEstimate | None = None
         self._counted: dict[str, int] = {}
@@ -97,10 +108,13 @@ class ShadowNode(TwinNode):
         self._next_virtual_s = -np.inf
         columns = self.observer.columns
         self.origin = StampOrigin()
+        self.admission = StampGate[HeardMessage]()
+        self._jumps = 0
         output = partial(self.output, recorded=False)
         self._outputs = ShadowOutputs(output, machine, columns, self.get_namespace(), self.origin.stamp)
         self._command = next((i for i, channel in enumerate(given.channels) if channel.quantity == COMMAND), None)
-        self.followed = followed_topics(given, setup.namespace, self.origin)
+        self.followed = followed_topics(given, setup.namespace)
+        self._has_stamps = any(followed.has_stamps for followed in self.followed)
         for followed in self.followed:
             self.subscribe(followed.topic, partial(self._on_message, followed), qos=FOLLOWED, raw=True)
         command = SPEED_COMMAND._replace(name=f"{setup.namespace}/{SPEED_COMMAND.name}")
@@ -111,12 +125,35 @@ class ShadowNode(TwinNode):
     def _on_message(self, followed: FollowedTopic, raw: bytes) -> None:
         arrived_s = time.monotonic()
         try:
-            sample = followed.sample(raw, arrived_s)
+            heard = followed.values(raw)
         except (CdrError, ValueError) as error:
             self.statistics.count(followed.topic.name, "malformed", str(error))
             return
-        if sample is None:
+        if heard is None:
             return
+        stamp_ns = heard.led_ns
+        if stamp_ns is None and not self._has_stamps:  # a machine that tells no time at all is of the steady clock
+            stamp_ns = round(arrived_s * SECOND_NS)
+        for found in self.admission.take(HeardMessage(followed, heard, arrived_s), stamp_ns, arrived_s):
+            if found.believed or (found.item.heard.stamp is None and self.admission.clock.now_ns is not None):
+                self._take(found.item)
+            else:
+                self._count_stamp(found.item)
+
+    def _count_stamp(self, message: HeardMessage) -> None:
+        shown_s = (message.heard.led_ns or 0) / SECOND_NS
+        reason = f"stamp {shown_s:g} s does not go on from {(self.admission.clock.now_ns or 0) / SECOND_NS:g} s"
+        self.statistics.count(message.followed.topic.name, "unknown_source", reason)
+
+    def _take(self, message: HeardMessage) -> None:
+        """Take what is believed into account."""
+        followed, arrived_s = message.followed, message.arrived_s
+        at_ns = self.admission.clock.at(arrived_s)
+        if self._jumps != self.admission.clock.jumps:
+            self._jumps = self.admission.clock.jumps
+            for call in self.at_other_time:
+                call()
+        sample = message.heard.sample(self.origin, at_ns or 0)
         self._heard_s, self._stale = arrived_s, False
         if self._command in sample.channels:
             self.observer.command(sample.values[sample.channels.index(self._command)])

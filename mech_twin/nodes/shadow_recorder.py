@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import time
 from collections import deque
 from functools import partial
 from itertools import chain, count
@@ -13,7 +14,9 @@ from rclpy.qos import QoSProfile
 
 from mech_twin.messages.topics import DIAGNOSTICS, EVERY, Topic, type_name
 from mech_twin.nodes.base_node import TwinNode
+from mech_twin.nodes.followed_clock import SECOND_NS, Admitted, StampGate
 from mech_twin.nodes.options import RunOptions
+from mech_twin.nodes.shadow_inputs import FollowedTopic
 from mech_twin.nodes.shadow_node import FOLLOWED
 from mech_twin.parameters.load import description_text
 from mech_twin.quantity import Parameters
@@ -24,10 +27,17 @@ from mech_twin.recording.stamps import stamp_ns
 
 TICK_S = 0.1
 BEFORE_S, AFTER_S = 10.0, 5.0
-SECOND_NS = 10**9
 
 
-class HeardMessage(NamedTuple):
+class UntimedMessage(NamedTuple):
+    """A message as bytes: full topic name, and the machine's time in it, None where it tells none."""
+
+    topic: str
+    raw: bytes
+    led_ns: int | None
+
+
+class LoggedMessage(NamedTuple):
     """A message as bytes: full topic name, and log time."""
 
     topic: str
@@ -39,13 +49,14 @@ class ShadowTopics(NamedTuple):
     """What the shadow says, and what it hears."""
 
     own: tuple[Topic, ...]
-    followed: tuple[Topic, ...]
+    followed: tuple[FollowedTopic, ...]
 
 
 class ShadowListener(TwinNode):
     """Hears the topics of the machine and of its shadow; see `TwinNode` for the other arguments.
 
-    The log time of a message is its stamp where that is not earlier than the newest one, else the newest.
+    The log time of a message is its stamp where that is believed (`FollowedClock`) and not earlier than the newest one,
+    else the newest.  A stamp that is not believed is counted; until one is, messages are held back.
 
     Parameters
     ----------
@@ -62,16 +73,18 @@ class ShadowListener(TwinNode):
         options: RunOptions | None = None,
     ) -> None:
         super().__init__(name, machine_name, parameters, options)
-        self.newest_ns = 0
-        self.topics = {
-            self.resolve_topic_name(topic.name): topic for topic in (*topics.own, DIAGNOSTICS, *topics.followed)
-        }
+        self.admission = StampGate[UntimedMessage]()
+        self._jumps = self._logged_ns = 0
+        followed = tuple(each.topic for each in topics.followed)
+        self._has_stamps = any(each.has_stamps for each in topics.followed)
+        self._lags_ns = {each.topic.name: round(each.lag_s * SECOND_NS) for each in topics.followed}
+        self.topics = {self.resolve_topic_name(topic.name): topic for topic in (*topics.own, DIAGNOSTICS, *followed)}
         self.described = description_text(machine_name, self.initial_parameters)
         for full, topic in self.topics.items():
-            self._listen(full, topic, FOLLOWED if topic in topics.followed else EVERY)
+            self._listen(full, topic, FOLLOWED if topic in followed else EVERY)
         self.every(TICK_S, self.tick_writer)
 
-    def take(self, message: HeardMessage) -> None:
+    def take(self, message: LoggedMessage) -> None:
         """Keep a message."""
         raise NotImplementedError
 
@@ -89,11 +102,38 @@ class ShadowListener(TwinNode):
     def _listen(self, full: str, topic: Topic, qos: QoSProfile) -> None:
         self.subscribe(topic, partial(self._on_message, full, type_name(topic)), qos=qos, raw=True)
 
+    @property
+    def newest_s(self) -> float:
+        """The machine's time (s)."""
+        return (self.admission.clock.now_ns or 0) / SECOND_NS
+
+    def release(self) -> None:
+        """Keep what is held back, at the end of a shadow that knew no time."""
+        for found in self.admission.released():
+            self._keep(found)
+
     def _on_message(self, full: str, kind: str, raw: bytes) -> None:
-        stamp = stamp_ns(kind, raw)
-        if stamp is not None and full != DIAGNOSTICS.name:
-            self.newest_ns = max(self.newest_ns, stamp)
-        self.take(HeardMessage(full, raw, self.newest_ns))
+        now_s = time.monotonic()
+        led_ns = self._led_ns(full, kind, raw, now_s)
+        for found in self.admission.take(UntimedMessage(full, raw, led_ns), led_ns, now_s):
+            self._keep(found)
+            if found.item.led_ns is not None and not found.believed:
+                reason = f"a stamp that does not go on from {found.at_ns / SECOND_NS:g} s, at which it is recorded"
+                self.statistics.count(found.item.topic, "unknown_source", reason)
+
+    def _led_ns(self, full: str, kind: str, raw: bytes, now_s: float) -> int | None:
+        """Return the machine's time in a message; of a machine that tells no time at all the steady clock's."""
+        if full not in self._lags_ns:
+            return None
+        stamp = stamp_ns(kind, raw) if self._has_stamps else round(now_s * SECOND_NS)
+        return None if stamp is None else stamp - self._lags_ns[full]
+
+    def _keep(self, found: Admitted[UntimedMessage]) -> None:
+        at_ns = found.at_ns + self._lags_ns.get(found.item.topic, 0)
+        if self._jumps == self.admission.clock.jumps:
+            at_ns = max(at_ns, self._logged_ns)
+        self._jumps, self._logged_ns = self.admission.clock.jumps, at_ns
+        self.take(LoggedMessage(found.item.topic, found.item.raw, at_ns))
 
 
 class ShadowRecorder(ShadowListener):
@@ -116,13 +156,13 @@ class ShadowRecorder(ShadowListener):
         """Messages heard, by full topic name."""
         return {name: row.received for name, row in self.writer.counters.items()}
 
-    def take(self, message: HeardMessage) -> None:
+    def take(self, message: LoggedMessage) -> None:
         """Write a message."""
         self.writer.write(message.topic, message.raw, message.at_ns, message.at_ns)
 
     def tick_writer(self) -> None:
         """Let the writer put what is due on the disk, and say how it is."""
-        self.time_s = self.newest_ns * 1e-9
+        self.time_s = self.newest_s
         self.writer.tick()
         self.diagnostics.state = self.writer.state.value
         if self.writer.state is WriterState.ERROR:
@@ -130,6 +170,7 @@ class ShadowRecorder(ShadowListener):
 
     def close(self) -> None:
         """Finish the recording; one in which nothing was recorded is deleted."""
+        self.release()
         self.writer.close(discard_empty=True)
 
 
@@ -151,9 +192,9 @@ class BlackBox(ShadowListener):
         super().__init__("black_box", machine_name, topics, parameters)
         self.bags: list[Path] = []
         self._directory = directory
-        self._kept: deque[HeardMessage] = deque()
+        self._kept: deque[LoggedMessage] = deque()
         self._writer: BagWriter | None = None
-        self._until_ns = 0
+        self._since_ns, self._until_ns = 0, 0
         self.diagnostics.state = "no fault yet"
 
     def trigger(self, fault: str, time_s: float) -> None:
@@ -170,25 +211,26 @@ class BlackBox(ShadowListener):
             return
         self.bags.append(place)
         self.diagnostics.state = f"writing {place}"
+        self._since_ns = round((time_s - BEFORE_S) * SECOND_NS)
         for message in self._kept:
-            if message.at_ns >= round((time_s - BEFORE_S) * SECOND_NS):
+            if message.at_ns >= self._since_ns:
                 self._writer.write(message.topic, message.raw, message.at_ns, message.at_ns)
 
-    def take(self, message: HeardMessage) -> None:
+    def take(self, message: LoggedMessage) -> None:
         """Keep a message, and write it while a fault is near."""
         self._kept.append(message)
-        while self._kept[0].at_ns < message.at_ns - round(BEFORE_S * SECOND_NS):
+        while not 0 <= message.at_ns - self._kept[0].at_ns <= round(BEFORE_S * SECOND_NS):
             self._kept.popleft()
         if self._writer is None:
             return
-        if message.at_ns > self._until_ns:
+        if not self._since_ns <= message.at_ns <= self._until_ns:  # or the machine was started anew
             self.close()
         else:
             self._writer.write(message.topic, message.raw, message.at_ns, message.at_ns)
 
     def tick_writer(self) -> None:
         """Let the writer put what is due on the disk."""
-        self.time_s = self.newest_ns * 1e-9
+        self.time_s = self.newest_s
         if self._writer is not None:
             self._writer.tick()
 

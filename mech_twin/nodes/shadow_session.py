@@ -102,7 +102,7 @@ def follow(
         at_end.callback(rclpy.try_shutdown)
         at_end.callback(destroy_nodes, nodes)
         starting.enter_context(signal.interrupting())
-        guard = starting.enter_context(NameGuard([f"/{machine_name}/{topic.name}" for topic in (ESTIMATED, RESIDUALS)]))
+        guard = at_end.enter_context(NameGuard([f"/{machine_name}/{topic.name}" for topic in (ESTIMATED, RESIDUALS)]))
         node = ShadowNode(machine_name, setup, parameters, RunOptions())
         nodes.append(node)
         guard.check(own_publishers=1)
@@ -123,7 +123,7 @@ def nodes_beside(machine_name: str, node: ShadowNode, parameters: Parameters, co
     machine = catalogue_entry(machine_name).build(parameters)
     topics = ShadowTopics(
         shadow_topics(machine.forces.pins, machine.body is not None),
-        tuple(followed.topic for followed in node.followed),
+        tuple(node.followed),
     )
     found: list[TwinNode] = []
     if company.record is not None:
@@ -131,6 +131,7 @@ def nodes_beside(machine_name: str, node: ShadowNode, parameters: Parameters, co
     if company.monitor is not None:
         monitor = MonitorNode(machine_name, company.monitor, node.columns, node.origin, parameters)
         node.on_sample = monitor.observe
+        node.at_other_time.append(monitor.live.begin_anew)
         found.append(monitor)
         if company.black_box is not None:
             box = BlackBox(machine_name, company.black_box, topics, parameters)
@@ -164,6 +165,7 @@ def advisor_beside(
         advisor.observe(sample)
 
     node.on_sample = on_sample
+    node.at_other_time.append(advisor.begin_anew)
     node.is_obeyed = lambda: advisor.state.in_force
     monitor = monitor_among(others)
     if monitor is not None:

@@ -14,6 +14,8 @@ from mech_twin.parameters.key_lines import KeyLines, no_lines
 
 BOUNDS = frozenset({"greater_than", "greater_than_equal", "less_than", "less_than_equal"})
 PURE = "1"
+MOST_COMPLAINTS = 20
+LONGEST_VALUE = 200
 GROUPS = frozenset({"model_type", "dict_type", "model_attributes_type"})
 NUMBERS = frozenset({"finite_number", "float_type", "float_parsing", "int_type", "int_parsing"})
 
@@ -36,9 +38,10 @@ def refusal(
     """
     units = key_units(model) if model is not None else {}
     placed = lines()
-    return ConfigurationError(
-        f"{source}: " + "; ".join(_complaint(dict(item), units, placed) for item in error.errors())
-    )
+    found = error.errors()
+    more = [f"and {len(found) - MOST_COMPLAINTS} more"] if len(found) > MOST_COMPLAINTS else []
+    complaints = [_complaint(dict(item), units, placed) for item in found[:MOST_COMPLAINTS]]
+    return ConfigurationError(f"{source}: " + "; ".join(complaints + more))
 
 
 def _complaint(item: dict[str, Any], units: Mapping[str, str], lines: Mapping[str, int]) -> str:
@@ -50,7 +53,7 @@ def _complaint(item: dict[str, Any], units: Mapping[str, str], lines: Mapping[st
     unit = "" if unit == PURE else unit
     line = f"line {lines[key]}" if key in lines else ""
     if kind == "extra_forbidden" and not isinstance(item["input"], dict):
-        found = ", ".join(filter(None, (line, f"value {item['input']!r}")))
+        found = ", ".join(filter(None, (line, f"value {shown_value(item['input'])}")))
         return f"unknown key '{key}' ({found}){did_you_mean(declared, units)}"
     if kind == "extra_forbidden":
         return f"unknown group '{key}'{f' ({line})' if line else ''}{did_you_mean(declared, groups_of(units))}"
@@ -59,9 +62,15 @@ def _complaint(item: dict[str, Any], units: Mapping[str, str], lines: Mapping[st
     if not key:
         return message
     value = item["input"]
-    shown = f"value {value!r}" if not isinstance(value, dict) else ""
+    shown = f"value {shown_value(value)}" if not isinstance(value, dict) else ""
     where = f" ({line})" if line else ""
     return f"key '{key}'{where}{f', {shown}' if shown else ''}: {_expected(message, str(kind), unit)}"
+
+
+def shown_value(value: Any) -> str:
+    """Return a value as it was written, shortened."""
+    text = repr(value)
+    return text if len(text) <= LONGEST_VALUE else f"{text[:LONGEST_VALUE]}..."
 
 
 def _expected(message: str, kind: str, unit: str) -> str:

@@ -11,6 +11,7 @@ A configuration file has the form of a ROS 2 parameter file, so that one file se
 
 from __future__ import annotations
 
+import math
 import os
 import re
 import sys
@@ -25,7 +26,7 @@ from pydantic import ValidationError
 from mech_twin import __version__
 from mech_twin.configuration_tree import ConfigurationError, configuration_tree, merged_tree, tree_from_flat
 from mech_twin.machines.catalog import CATALOGUE, Entry
-from mech_twin.parameters.errors import refusal
+from mech_twin.parameters.errors import LONGEST_VALUE, refusal, shown_value
 from mech_twin.parameters.key_lines import KeyLines, key_lines, no_lines
 from mech_twin.parameters.motors import NAME_KEY, with_catalogue_motor
 from mech_twin.quantity import Parameters
@@ -33,6 +34,7 @@ from mech_twin.roles import Machine
 
 SIZE_LIMIT_BYTES = 1_000_000
 DEPTH_LIMIT = 20
+LARGEST_BITS, LONGEST_NUMBER = 1023, 1100  # of a whole number, binary; letters of any
 LARGEST_COUNTER = 2**53  # a float64 holds it exactly
 MACHINE_KEY = "machine"
 MOTOR_TABLE = "motors_4a"
@@ -58,7 +60,7 @@ def catalogue_entry(name: str) -> Entry:
     within = [known for known in CATALOGUE if len(name) > 1 and name in known]
     near = get_close_matches(name, CATALOGUE, 1) or within
     hint = f"; did you mean '{near[0]}'?" if near else ""
-    raise ConfigurationError(f"no machine '{name}'; expected one of {', '.join(CATALOGUE)}{hint}")
+    raise ConfigurationError(f"no machine {shown_value(name)}; expected one of {', '.join(CATALOGUE)}{hint}")
 
 
 def machine_of_prefix(text: str) -> str:
@@ -173,6 +175,23 @@ def _text_document(text: str, source: str) -> Any:
 class NumberLoader(yaml.SafeLoader):
     """A safe loader that reads 1e-3, 1e5 and inf as numbers, as YAML 1.2 and ROS 2 do; YAML 1.1 has them as words."""
 
+    def construct_yaml_int(self, node: yaml.ScalarNode) -> int:
+        """Return a whole number that a float64 can hold; others can be computed with but not be told in decimals."""
+        number = int(super().construct_yaml_int(node)) if len(node.value) <= LONGEST_NUMBER else 0
+        if len(node.value) > LONGEST_NUMBER or number.bit_length() > LARGEST_BITS:
+            raise yaml.constructor.ConstructorError(None, None, "a number beyond 1e308", node.start_mark)
+        return number
+
+    def construct_yaml_float(self, node: yaml.ScalarNode) -> float:
+        """Return a number; YAML counts in sixties where it has colons, and may come to one that is too large."""
+        try:
+            return float(super().construct_yaml_float(node)) if len(node.value) <= LONGEST_NUMBER else math.inf
+        except OverflowError:
+            return math.inf
+
+
+NumberLoader.add_constructor("tag:yaml.org,2002:int", NumberLoader.construct_yaml_int)
+NumberLoader.add_constructor("tag:yaml.org,2002:float", NumberLoader.construct_yaml_float)
 
 NumberLoader.add_implicit_resolver(
     "tag:yaml.org,2002:float",
@@ -231,12 +250,12 @@ def assignments(texts: Iterable[str]) -> dict[str, Any]:
     for text in texts:
         key, equals, value = text.partition("=")
         if not equals or not key.strip():
-            raise ConfigurationError(f"--set {text}: expected key.path=value")
+            raise ConfigurationError(f"--set {text[:LONGEST_VALUE]}: expected key.path=value")
         try:
             _refuse_aliases_and_tags(value)
             flat[key.strip()] = scalar(value)
         except (yaml.YAMLError, ValueError, RecursionError) as error:
-            raise ConfigurationError(f"--set {text}: value {value!r} cannot be read") from error
+            raise ConfigurationError(f"--set {key.strip()}: value {shown_value(value)} cannot be read") from error
     return flat
 
 
@@ -333,7 +352,7 @@ def description(text: str, source: str = "description") -> Description:
         If the text is no description, or its parameters do not validate.
     """
     tree = text_tree(text, source)
-    head = yaml.safe_load(text)
+    head = _text_document(text, source)
     name = str(tree.get(MACHINE_KEY, head.get("machine")))
     parameters = validated(catalogue_entry(name), tree, source)
     revision, from_step, described_by = (_counter(head, key, source) for key in ("revision", "from_step", "source"))

@@ -9,6 +9,7 @@ ENCAPSULATION = 4
 SEQUENCE_LENGTH = 4
 HEADER_FIRST = frozenset(
     {
+        "sensor_msgs/msg/Imu",
         "sensor_msgs/msg/JointState",
         "geometry_msgs/msg/TransformStamped",
         "geometry_msgs/msg/WrenchStamped",

@@ -207,9 +207,9 @@ def watched(state: AdviceState, time_s: float, rules: AdviceRules) -> AdviceStep
     return AdviceStep(state)
 
 
-def ended(state: AdviceState, time_s: float) -> AdviceStep:
-    """Return the state when the advisor ends: a trial is taken back."""
-    return _reverted(state, time_s, "the advisor ends") if state.phase == "trial" else AdviceStep(_idle(state))
+def ended(state: AdviceState, time_s: float, reason: str = "the advisor ends") -> AdviceStep:
+    """Return the state when the advisor or the machine's run ends: a trial is taken back."""
+    return _reverted(state, time_s, reason) if state.phase == "trial" else AdviceStep(_idle(state))
 
 
 def _idle(state: AdviceState) -> AdviceState:

@@ -56,6 +56,10 @@ class LiveMonitor:
         self.newest = found[-1] if found else self.newest
         return found
 
+    def begin_anew(self) -> None:
+        """Count cycles from the next sample on: the machine has been started anew, and its time is another."""
+        self._feed = self._feed.begun_anew()
+
 
 def has_news(lives: Iterable[FaultLife]) -> bool:
     """Return whether a fault is active that nobody has acknowledged."""

@@ -10,7 +10,8 @@ import pytest
 import rclpy
 from rclpy.signals import SignalHandlerOptions
 
-from mech_twin.nodes.shadow_recorder import BlackBox, ShadowTopics
+from mech_twin.messages.topics import DIAGNOSTICS
+from mech_twin.nodes.shadow_recorder import BlackBox, LoggedMessage, ShadowTopics
 from mech_twin.recording.bag_reader import BagReader
 
 NAME, FAULT = "winding_drum", "belt: slack"
@@ -44,6 +45,26 @@ def test_a_link_of_that_name_is_not_followed(box: BlackBox, tmp_path: Path) -> N
     box.trigger(FAULT, 12.0)
     assert box.bags == [tmp_path / "belt_slack-12000-2"]
     assert not (tmp_path / "elsewhere").exists()
+
+
+SECOND_NS = 10**9
+
+
+def test_what_is_kept_and_written_is_of_the_machines_present_time_also_when_it_is_started_anew(box: BlackBox) -> None:
+    def heard(seconds: range) -> None:
+        for second in seconds:
+            box.take(LoggedMessage(DIAGNOSTICS.name, b"", second * SECOND_NS))
+
+    heard(range(1000, 1030))
+    assert [message.at_ns // SECOND_NS for message in box._kept] == list(range(1019, 1030))
+    heard(range(3))
+    assert [message.at_ns // SECOND_NS for message in box._kept] == [0, 1, 2]
+    box.trigger(FAULT, 2.0)
+    heard(range(3, 6))
+    heard(range(500, 502))  # another time: the bag of the fault is over
+    assert box.diagnostics.state.startswith("wrote ")
+    with BagReader(box.bags[0]) as reader:
+        assert [message.log_time_ns // SECOND_NS for message in reader.messages()] == list(range(6))
 
 
 def test_a_bag_that_cannot_be_made_is_told_and_nothing_ends(box: BlackBox, tmp_path: Path) -> None:

@@ -10,8 +10,12 @@ import time
 from pathlib import Path
 
 import pytest
+import rclpy
+from rclpy.signals import SignalHandlerOptions
 
 from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.nodes.errors import NameInUseError
+from mech_twin.nodes.name_guard import NameGuard
 from mech_twin.nodes.namespace import replay_arguments, ros_arguments, run_namespace
 from mech_twin.recording.bag_reader import BagReader
 
@@ -120,6 +124,45 @@ def test_a_run_beside_a_paused_replay_is_refused(ros_domain: int, tmp_path: Path
     finally:
         replay.terminate()
         replay.wait(10.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("others", [("run",), ("replay", "processes")], ids="-".join)
+def test_of_several_that_start_at_one_instant_one_goes_on_and_the_others_are_refused(
+    others: tuple[str, ...], ros_domain: int, tmp_path: Path
+) -> None:
+    bag = tmp_path / "bag"
+    assert finished(*COMMAND, "simulate", "winding_drum", "--duration", "4", "--bag", str(bag)).returncode == 0
+    run = [*DRUM, "--no-record", "--duration", "4"]
+    verbs = {"run": run, "processes": [*run, "--processes"], "replay": ["replay", str(bag)]}
+    at_once = [
+        subprocess.Popen([*COMMAND, *verbs[verb]], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+        for verb in ("run", *others)
+    ]
+    told = [process.communicate(timeout=4.0 * LIMIT_S)[1] for process in at_once]
+    codes = [process.returncode for process in at_once]
+    assert sorted(codes) == [0, *(2 for _ in others)], told
+    for code, lines in zip(codes, told, strict=True):
+        assert ("--namespace" in lines) == (code == 2)
+        assert "Traceback" not in lines
+
+
+@pytest.mark.slow
+def test_of_several_names_claimed_at_one_instant_the_first_is_kept_as_long_as_its_owner_lives(ros_domain: int) -> None:
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        names = ["/drum/step/motor", "/drum/step/linkage"]
+        with NameGuard(names) as first, NameGuard(["/crank/step/motor"]) as elsewhere:
+            with NameGuard(names[1:]) as second, pytest.raises(NameInUseError, match="/drum/step/linkage"):
+                second.check()
+            first.check()
+            elsewhere.check()
+            with NameGuard(names) as third, pytest.raises(NameInUseError):  # nothing has been published yet
+                third.check()
+        with NameGuard(names) as after:
+            after.check()
+    finally:
+        rclpy.try_shutdown()
 
 
 @pytest.mark.slow

@@ -21,8 +21,9 @@ from sensor_msgs.msg import JointState
 
 from mech_twin.configuration_tree import ConfigurationError, configuration_tree, merged_tree, tree_from_flat
 from mech_twin.engine.rollout import roll_out
+from mech_twin.measurements.machine_columns import sliding_in
 from mech_twin.measurements.measurement_map import MeasurementMap
-from mech_twin.messages.joint_state_cdr import Header, StepMessage, encoded, stamp_of
+from mech_twin.messages.joint_state_cdr import Header, Stamp, StepMessage, encoded, stamp_of
 from mech_twin.messages.topics import (
     DATA,
     DIAGNOSTICS,
@@ -41,7 +42,7 @@ from mech_twin.nodes.options import RunOptions
 from mech_twin.nodes.shadow_inputs import sensed_channels
 from mech_twin.nodes.shadow_node import ShadowNode, ShadowSetup
 from mech_twin.nodes.shadow_session import Company, followed_namespace, nodes_beside
-from mech_twin.nodes.shadow_viewer_node import ShadowState, ShadowViewerNode, state_line
+from mech_twin.nodes.shadow_viewer_node import ShadowState, ShadowViewerNode, channel_title, state_line
 from mech_twin.nodes.spinner import Spinner
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.recording.bag_reader import open_bag
@@ -93,6 +94,11 @@ class FollowedMachine:
         header = Header(stamp_of(EPOCH_S + shift_s + float(self.run["time_s"][row])))
         self.wheel.publish(encoded(StepMessage(header, ("main_shaft",), (float(crank),), (0.0,), (0.0,))))
 
+    def stray(self, second: int) -> None:
+        """Publish what somebody else may: a message of the wheel's with a stamp of its own."""
+        header = Header(Stamp(second, 0))
+        self.wheel.publish(encoded(StepMessage(header, ("main_shaft",), (0.0,), (0.0,), (0.0,))))
+
     def play(self, rows: range) -> None:
         """Publish rows one after the other, each when the one before has been taken."""
         counts = self.shadow.observer
@@ -105,8 +111,10 @@ class FollowedMachine:
     @property
     def taken(self) -> int:
         observer = self.shadow.observer
-        return len(observer._waiting) + sum(
-            output.sent for output in self.shadow.outputs if output.name == ESTIMATED.name
+        return (
+            len(self.shadow.admission.held)
+            + len(observer._waiting)
+            + sum(output.sent for output in self.shadow.outputs if output.name == ESTIMATED.name)
         )
 
     def __enter__(self) -> FollowedMachine:
@@ -189,6 +197,14 @@ def test_the_view_shows_measured_and_model_with_the_residual_in_its_band_and_the
     ]
 
 
+def test_a_channel_of_a_joint_that_slides_is_in_metres_whatever_its_name() -> None:
+    sliding = sliding_in(built("planar_linkage"))
+    assert channel_title("linkage.dyad_2_second.position", sliding) == "dyad 2 second position, m"
+    assert channel_title("linkage.dyad_2_second.effort", sliding) == "dyad 2 second effort, N"
+    assert channel_title("linkage.dyad_1_second.velocity", sliding) == "dyad 1 second velocity, rad/s"
+    assert channel_title("linkage.slider.velocity", sliding_in(built("vibration_crank"))) == "slider velocity, m/s"
+
+
 def test_the_line_of_state_names_what_the_operator_must_see() -> None:
     faults = tuple(FaultLife(f"fault {state}", state) for state in ("cleared", "pending", "active", "latched"))
     line = state_line(ShadowState("locked", "shadow", 12.5, 0.42, faults))
@@ -236,6 +252,52 @@ def test_garbage_on_a_followed_topic_is_counted_and_changes_nothing() -> None:
         bench.wheel.publish(encoded(StepMessage(header, ("another",), (1.0,), (0.0,), (0.0,))))
         bench.until(lambda: bench.shadow.statistics.total["/plant/wheel", "malformed"] == 2)
         assert bench.shadow.estimate is before
+
+
+STRAYS_S = (round(EPOCH_S) + 86400, 2**31 - 1, 0, 3600, -5, -(2**31))
+
+
+def test_no_single_stamp_of_somebody_else_leads_a_shadow_or_its_recording(tmp_path: Path) -> None:
+    """Among them the very first: all are counted, recorded at the machine's time, and change nothing."""
+    with FollowedMachine(tmp_path / "bag") as bench:
+        bench.stray(STRAYS_S[0])
+        bench.until(lambda: all(len(node.admission.held) >= 1 for node in bench.nodes))  # type: ignore[attr-defined]
+        for row in ROWS[:3]:
+            bench.show(row)
+        bench.until(lambda: len(bench.shadow.observer._waiting) == 3)
+        bench.play(ROWS[3:40])
+        for place, second in enumerate(STRAYS_S[1:]):
+            bench.stray(second)
+            bench.play(ROWS[40 + 5 * place : 45 + 5 * place])
+            assert bench.shadow.observer.state.value == "locked"
+        observer, recorder = bench.shadow.observer, bench.nodes[1]
+        bench.until(lambda: recorder.received["/plant/wheel"] >= 65 + len(STRAYS_S))
+        for node in (bench.shadow, recorder):
+            assert node.statistics.total["/plant/wheel", "unknown_source"] == len(STRAYS_S)
+        assert observer.state.value == "locked"
+        assert observer.counts["jump"] == observer.counts["lost"] == 0
+        assert bench.shadow.origin.second == round(EPOCH_S)
+        first_s, last_s = (EPOCH_S + float(bench.run["time_s"][ROWS[i]]) for i in (0, 64))
+    with open_bag(tmp_path / "bag") as reader:
+        assert reader.start_ns is not None
+        assert reader.end_ns is not None
+        assert reader.start_ns >= round(first_s * 1e9) - 1000
+        assert reader.end_ns <= round(last_s * 1e9) + 1000
+        assert all(row["missed"] == 0 for row in reader.info.counters.values())
+
+
+def test_a_machine_started_anew_is_followed_and_recorded_at_its_new_time(tmp_path: Path) -> None:
+    with FollowedMachine(tmp_path / "bag") as bench:
+        bench.play(ROWS[:40])
+        begun_anew = []
+        bench.shadow.at_other_time.append(lambda: begun_anew.append(bench.shadow.observer.state))
+        recorder = bench.nodes[1]
+        for i, row in enumerate(ROWS[:40]):
+            bench.show(row, shift_s=-EPOCH_S)
+            bench.until(lambda i=i: recorder.received["/plant/wheel"] > 40 + i)  # type: ignore[misc]
+        bench.until(lambda: bench.shadow.observer.state.value == "locked")
+        assert len(begun_anew) == 1
+        assert recorder.newest_s == pytest.approx(float(bench.run["time_s"][ROWS[39]]), abs=1e-6)  # type: ignore[attr-defined]
 
 
 def test_a_second_shadow_of_a_machine_refuses_to_start() -> None:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 
 import pytest
@@ -31,6 +32,32 @@ def test_a_wrong_type_names_key_and_value() -> None:
 def test_a_value_out_of_range_names_key_value_and_bound() -> None:
     text = refused(DRUM, {"package_radius_m": -0.3})
     assert "package_radius_m" in text and "-0.3" in text and "greater than" in text
+
+
+@pytest.mark.parametrize("number", ["0x" + "f" * 5000, "0b" + "1" * 20_000, "9" * 400, "9" * 5000, "1:" * 400 + "1"])
+def test_a_whole_number_that_no_float_holds_is_refused_in_a_short_line(number: str, tmp_path: Path) -> None:
+    """Those in other notations can be read, and cannot be told in decimals."""
+    file = tmp_path / "drum.yaml"
+    text = configuration_file(DRUM).read_text(encoding="utf-8")
+    file.write_text(re.sub(r"package_radius_m: \S+", f"package_radius_m: {number}", text), encoding="utf-8")
+    with pytest.raises(ConfigurationError, match=str(file)) as caught:
+        machine_parameters(DRUM, file)
+    assert len(str(caught.value)) < 1000
+    with pytest.raises(ConfigurationError, match="package_radius_m") as caught:
+        machine_parameters(DRUM, None, assignments([f"package_radius_m={number}"]))
+    assert len(str(caught.value)) < 1000
+
+
+@pytest.mark.parametrize("number", ["1:" * 400 + "1.5", "1:" * 100_000 + "1.5", "1e400"])
+def test_a_number_that_is_too_large_is_not_finite_and_refused(number: str) -> None:
+    with pytest.raises(ConfigurationError, match=r"package_radius_m.*finite"):
+        machine_parameters(DRUM, None, assignments([f"package_radius_m={number}"]))
+
+
+def test_what_is_refused_is_shown_shortened_and_not_all_of_it(tmp_path: Path) -> None:
+    text = refused(DRUM, {"package_radius_m": "x" * 10_000} | {f"unknown_{i}": i for i in range(100)})
+    assert len(text) < 5000
+    assert "and 81 more" in text
 
 
 def test_a_missing_key_is_named(tmp_path: Path) -> None:

@@ -9,21 +9,31 @@ import resource
 import shutil
 import subprocess
 import sys
+import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from mech_twin.cli.failure import EXIT_CODE
 from mech_twin.kernel_store import directories
 from mech_twin.surroundings import lacking
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("ros_domain")]
+ROOT = Path(__file__).resolve().parents[2]
+STORY = ROOT / "bags" / "weak_spring"
 COMMAND = [sys.executable, "-c", "from mech_twin.cli.main import main; main()"]
 MAY_MOUNT = (
     shutil.which("unshare") is not None
     and os.geteuid() == 0
     and not subprocess.run(["unshare", "-m", "mount", "-t", "tmpfs", "t", "/dev/shm"], check=False).returncode
+)
+SOMEBODY = ["setpriv", "--reuid", "65534", "--regid", "65534", "--clear-groups"]
+MAY_BE_SOMEBODY = (
+    shutil.which("setpriv") is not None
+    and os.geteuid() == 0
+    and not subprocess.run([*SOMEBODY, sys.executable, "-c", ""], capture_output=True, check=False).returncode
 )
 needs_mounts = pytest.mark.skipif(not MAY_MOUNT, reason="needs a mount namespace of its own (root)")
 
@@ -142,7 +152,116 @@ def test_with_shared_memory_that_cannot_be_written(tmp_path: Path) -> None:
     assert json.loads(done.stdout[done.stdout.index("{\n") :])["machine"] == "winding_drum"
 
 
+@pytest.mark.parametrize("verb", ["run", "shadow"])
+def test_with_dds_security_asked_for_and_no_keys(verb: str, tmp_path: Path) -> None:
+    """Nothing runs unsecured in its place; the wheels have no security even where there are keys."""
+    asked = {"ROS_SECURITY_ENABLE": "true", "ROS_SECURITY_STRATEGY": "Enforce", "ROS_SECURITY_KEYSTORE": str(tmp_path)}
+    words = run(tmp_path / "bag") if verb == "run" else newer_verbs(tmp_path)["shadow"]
+    assert_said_in_one_line(called(words, asked), "DDS security cannot be had")
+    assert not (tmp_path / "bag").exists()
+
+
+def newer_verbs(folder: Path) -> dict[str, list[str]]:
+    """Return a short call of each verb that judges, maps or follows a machine, with its answer as JSON."""
+    story = [
+        "--map",
+        f"{STORY}/map.yaml",
+        "--baseline",
+        f"{STORY}/healthy.json",
+        "--config",
+        f"{STORY}/mb10_breaker.yaml",
+    ]
+    sensors = str(ROOT / "benchmarks" / "monitoring" / "sensors" / "winding_drum.yaml")
+    return {
+        "map": ["map", str(ROOT / "bags" / "impact_mass"), "impact_mass", "--json"],
+        "monitor": ["monitor", "mb10_breaker", f"{STORY}/watched", "--skip", "0", *story, "--json"],
+        "identify": ["identify", "winding_drum", "--plan", "--sensors", sensors, "--duration", "2", "--json"],
+        "shadow": [
+            "shadow",
+            "winding_drum",
+            "--from",
+            "elsewhere",
+            "--duration",
+            "0.3",
+            "--record",
+            f"{folder}/bag",
+            "--json",
+        ],
+    }
+
+
+NEWER = ("map", "monitor", "identify", "shadow")
+OFFLINE = NEWER[:-1]
+FAULT_FOUND = 1
+
+
+def assert_answers(verb: str, done: subprocess.CompletedProcess[str]) -> None:
+    assert done.returncode == (FAULT_FOUND if verb == "monitor" else 0), done.stderr
+    assert json.loads(done.stdout)
+    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize("verb", NEWER)
+def test_a_newer_verb_without_home_or_temporary_directory_and_with_64_open_files(verb: str, tmp_path: Path) -> None:
+    changed = {"HOME": None, "TMPDIR": "/proc/nowhere", "MECH_TWIN_CACHE_DIR": str(directories()[0])}
+    done = called(newer_verbs(tmp_path)[verb], changed, limited(resource.RLIMIT_NOFILE, 64))
+    assert_answers(verb, done)
+
+
+@pytest.mark.parametrize("verb", NEWER)
+def test_a_newer_verb_with_512_mib_of_address_space_answers_or_says_what_is_missing(verb: str, tmp_path: Path) -> None:
+    done = called(newer_verbs(tmp_path)[verb], limits=limited(resource.RLIMIT_AS, 512 << 20))
+    if done.returncode == EXIT_CODE:
+        assert_said_in_one_line(done, "not enough memory")
+    else:
+        assert_answers(verb, done)
+
+
+@needs_mounts
+@pytest.mark.parametrize("verb", OFFLINE)
+def test_a_newer_verb_without_topics_answers_or_says_that_shared_memory_is_full(verb: str, tmp_path: Path) -> None:
+    done = called(newer_verbs(tmp_path)[verb], wrapped=in_a_small_mount("/dev/shm", 64, 64))
+    if done.returncode == EXIT_CODE:
+        assert_said_in_one_line(done, "/dev/shm is full")
+    else:
+        assert_answers(verb, done)
+
+
+@needs_mounts
+def test_a_shadow_with_shared_memory_that_is_full(tmp_path: Path) -> None:
+    done = called(newer_verbs(tmp_path)["shadow"], wrapped=in_a_small_mount("/dev/shm", 64, 64))
+    assert_said_in_one_line(done, "/dev/shm is full")
+
+
+@needs_mounts
+@pytest.mark.parametrize("verb", NEWER)
+def test_a_newer_verb_with_a_full_temporary_directory_and_kernels_that_cannot_be_kept(
+    verb: str, tmp_path: Path
+) -> None:
+    full, kernels = tmp_path / "full", directories()[0]
+    full.mkdir()
+    script = (
+        f"mount -t tmpfs -o size=64k t {full}; dd if=/dev/zero of={full}/filling bs=1k count=64 2>/dev/null; "
+        f'mount --bind {kernels} {kernels}; mount -o remount,ro,bind {kernels}; exec "$@"'
+    )
+    done = called(
+        newer_verbs(tmp_path)[verb], {"TMPDIR": str(full)}, wrapped=["unshare", "-m", "sh", "-c", script, "sh"]
+    )
+    assert_answers(verb, done)
+
+
+@pytest.mark.skipif(not MAY_BE_SOMEBODY, reason="needs an interpreter that another user may run (root)")
+@pytest.mark.parametrize("verb", NEWER)
+def test_a_newer_verb_of_another_user_with_no_home_of_its_own(verb: str) -> None:
+    """Kernels are read from a directory that it may not write in."""
+    changed = {"HOME": "/nonexistent", "MECH_TWIN_CACHE_DIR": str(directories()[0])}
+    with tempfile.TemporaryDirectory() as name:  # that of pytest is its user's alone
+        Path(name).chmod(0o777)
+        assert_answers(verb, called(newer_verbs(Path(name))[verb], changed, wrapped=SOMEBODY))
+
+
 def test_an_error_of_the_programs_own_is_not_taken_for_a_lack() -> None:
     assert lacking(ValueError("failed")) is None
+    assert lacking(RuntimeError("failed")) is None
     assert lacking(ImportError("No module named 'x'")) is None
     assert lacking(FileNotFoundError(2, "No such file")) is None

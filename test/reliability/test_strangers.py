@@ -237,7 +237,11 @@ def test_garbled_messages_end_nothing(topic: Topic) -> None:
         assert_engine(run)
 
 
-WORDS = ("", "linkage", "[", "machine: nothing", "/**: {ros__parameters: {machine: drum}}", "\0")
+WORDS = (
+    "", "linkage", "[", "machine: nothing", "/**: {ros__parameters: {machine: drum}}", "\0",
+    f"machine: {DRUM}\nrevision: 1\n/**: {{ros__parameters: {{package_radius_m: 0x{'f' * 5000}}}}}",
+    f"machine: {DRUM}\nrevision: {'1:' * 400}1.5\n/**: {{ros__parameters: {{package_radius_m: 0.3}}}}",
+)  # fmt: skip
 
 
 @pytest.mark.parametrize("topic", [DESCRIPTION, REJOIN, REJOIN_DESCRIPTION])

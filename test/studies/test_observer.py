@@ -216,6 +216,21 @@ def test_after_a_jump_of_the_stamps_the_machine_is_located_anew() -> None:
     assert [observer.take(sample) is not None for sample in moved[1:]][-1]
 
 
+@pytest.mark.parametrize("shift_s", [3600.0, 0.4, -5.0, -500.0])
+@pytest.mark.parametrize("at", [0, 10, 50])
+def test_one_stamp_that_jumps_costs_a_search_and_no_more(at: int, shift_s: float) -> None:
+    observer = observer_of("vibration_crank", [CRANK])
+    stream = [sample for sample, _ in samples(built("vibration_crank"), [CRANK], 100.0, 0)]
+    told = 0
+    for i, sample in enumerate(stream):
+        if i == at:
+            observer.take(sample._replace(time_s=sample.time_s + shift_s))
+        told += observer.take(sample) is not None
+    searched = observer.options.lock_s * 100.0
+    assert observer.state is ObserverState.LOCKED
+    assert told >= len(stream) - 2.0 * searched
+
+
 def test_another_motion_is_never_locked_on_to() -> None:
     observer = observer_of("vibration_crank", [CRANK, ("linkage.slider.position", 1e-3)])
     random = np.random.default_rng(1)

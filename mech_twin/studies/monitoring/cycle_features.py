@@ -133,6 +133,10 @@ class FeatureFeed:
             self._find_boundaries()
         return self._complete(final=False)
 
+    def begun_anew(self) -> FeatureFeed:
+        """Return a feed that knows nothing of the samples before; the number it leaves out tells of the gap."""
+        return FeatureFeed(self.declared, self.columns, self.skipped, _number=self._number + 1)
+
     def finish(self) -> list[FeatureVector]:
         """Return the cycles that only waited for more samples, at the end of a run."""
         return self._complete(final=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections import Counter, deque
 from collections.abc import Callable, Mapping, Sequence
+from operator import attrgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -197,8 +198,10 @@ class PhaseLockedObserver:
             self._waiting = [sample]
 
     def _search(self, sample: SeenSample) -> FrameEstimate | None:
-        self._waiting.append(sample)
-        self._waiting = [each for each in self._waiting if sample.time_s - each.time_s <= self.options.lock_s]
+        near = [each for each in self._waiting if abs(sample.time_s - each.time_s) <= self.options.lock_s]
+        self._waiting = sorted([*near, sample], key=attrgetter("time_s"))
+        if self._waiting[-1] is not sample:  # of another channel, and a little late
+            return None
         if len(self._waiting) < 5 or sample.time_s - self._waiting[0].time_s < 0.8 * self.options.lock_s:
             return None
         found = located(self.run, self.places, self._waiting)

@@ -1,0 +1,146 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the file of a monitor's reference must hold, which anybody may have edited, cut or made with another program."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from mech_twin.studies.monitoring.baseline import LARGEST_ORDER
+from mech_twin.studies.monitoring.monitor import MonitorSetup, setup_of_record
+
+LARGEST = 1e30  # of any number in SI units
+SMALLEST_VARIANCE = 1e-60
+MOST_FEATURES, MOST_SIZES, MOST_SIGNATURES = 1000, 1000, 1000
+MOST_CYCLES = 2**53
+LONGEST_S = 1e9
+LARGEST_BYTES = 64 << 20
+
+Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
+Size = Annotated[float, Field(ge=0.0, le=LARGEST)]
+Words = Annotated[str, Field(min_length=1, max_length=200)]
+Row = Annotated[list[Number], Field(max_length=MOST_FEATURES)]
+Rows = Annotated[list[Row], Field(max_length=MOST_SIZES)]
+
+
+class _Record(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
+
+
+class BaselineRecord(_Record):
+    """See `Baseline`."""
+
+    names: Annotated[list[Words], Field(min_length=1, max_length=MOST_FEATURES)]
+    mean: Row
+    coefficients: Annotated[list[Row], Field(max_length=LARGEST_ORDER)]
+    covariance: Rows
+    cycles: Annotated[int, Field(ge=1, le=MOST_CYCLES)]
+    period_s: Annotated[float, Field(gt=0.0, le=LONGEST_S)]
+
+    @model_validator(mode="after")
+    def _fits(self) -> BaselineRecord:
+        features = len(self.names)
+        if len(set(self.names)) < features:
+            raise ValueError("names: expected each once")
+        _check_rows("mean", [self.mean], 1, features)
+        _check_rows("coefficients", self.coefficients, len(self.coefficients), features)
+        _check_rows("covariance", self.covariance, features, features)
+        _check_covariance(np.array(self.covariance))
+        return self
+
+
+class _Charts(_Record):
+    cusum: Size
+    glr: Size
+    chi_square: Size
+
+
+class LimitsRecord(_Record):
+    """See `ChartLimits`."""
+
+    alarm: _Charts
+    quiet: _Charts
+    arl0_cycles: Annotated[float, Field(gt=0.0, le=LARGEST)]
+    extrapolated: bool
+
+
+class SignatureRecord(_Record):
+    """See `Signature`."""
+
+    name: Words
+    meaning: str
+    unit: str
+    key: str
+    sizes: Annotated[list[Number], Field(min_length=2, max_length=MOST_SIZES)]
+    responses: Rows
+    scatter: Annotated[list[Rows], Field(max_length=MOST_SIZES)] | None = None
+    cycles: Annotated[list[Annotated[float, Field(gt=0.0, le=LARGEST)]], Field(max_length=MOST_SIZES)] | None = None
+    doubt: Rows | None = None
+
+    @model_validator(mode="after")
+    def _fits(self) -> SignatureRecord:
+        sizes = len(self.sizes)
+        if not (np.diff(self.sizes) > 0.0).all() or 0.0 not in self.sizes:
+            raise ValueError("sizes: expected ascending ones, with 0")
+        if (self.scatter is None) != (self.cycles is None):
+            raise ValueError("scatter and cycles go together")
+        if self.scatter is not None and self.cycles is not None and not len(self.scatter) == len(self.cycles) == sizes:
+            raise ValueError(f"scatter and cycles: expected {sizes}, one of each size")
+        return self
+
+    def check_features(self, features: int) -> None:
+        """Raise where it is not of so many features."""
+        sizes = len(self.sizes)
+        _check_rows(f"responses of {self.name!r}", self.responses, sizes, features)
+        if self.doubt is not None:
+            _check_rows(f"doubt of {self.name!r}", self.doubt, sizes, features)
+        for rows in self.scatter or ():
+            _check_rows(f"scatter of {self.name!r}", rows, len((self.scatter or [rows])[0]), features)
+
+
+class _Rules(_Record):
+    debounce: Annotated[int, Field(ge=1, le=MOST_CYCLES)]
+    clear: Annotated[int, Field(ge=1, le=MOST_CYCLES)]
+    announce_every_s: Annotated[float, Field(ge=0.0, le=LONGEST_S)]
+
+
+class SetupRecord(_Record):
+    """See `MonitorSetup`."""
+
+    machine: Words
+    baseline: BaselineRecord
+    limits: LimitsRecord
+    signatures: Annotated[list[SignatureRecord], Field(max_length=MOST_SIGNATURES)]
+    settling_cycles: Annotated[int, Field(ge=0, le=MOST_CYCLES)]
+    rules: _Rules
+
+    @model_validator(mode="after")
+    def _fits(self) -> SetupRecord:
+        names = [signature.name for signature in self.signatures]
+        if len(set(names)) < len(names):
+            raise ValueError("signatures: expected each name once")
+        for signature in self.signatures:
+            signature.check_features(len(self.baseline.names))
+        return self
+
+    def setup(self) -> MonitorSetup:
+        """Return the setup it is the record of."""
+        return setup_of_record(self.model_dump(exclude_none=True))
+
+
+def _check_rows(name: str, rows: list[list[float]], number: int, features: int) -> None:
+    if len(rows) != number or any(len(row) != features for row in rows):
+        raise ValueError(f"{name}: expected {number} x {features} numbers, as many as names")
+
+
+def _check_covariance(covariance: Any) -> None:
+    if not np.allclose(covariance, covariance.T, rtol=1e-9, atol=0.0):
+        raise ValueError("covariance: expected a symmetric matrix")
+    spread = np.diag(covariance)
+    if not (spread >= SMALLEST_VARIANCE).all():
+        raise ValueError(f"covariance: expected variances of at least {SMALLEST_VARIANCE:g}")
+    unit = covariance / np.sqrt(np.outer(spread, spread))
+    if not np.linalg.eigvalsh(unit)[0] > 0.0:
+        raise ValueError("covariance: expected a positive definite matrix")
