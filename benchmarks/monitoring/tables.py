@@ -36,19 +36,22 @@ def healthy_table(results: list[dict[str, Any]]) -> list[str]:
     ]
     for each in results:
         pieces, arl0 = each["healthy"], each["asked"]["arl0"]
-        if len(pieces) < 2:
+        if not pieces:
             continue
         alarms = np.array([piece["alarms"] for piece in pieces])
         expected = np.array([piece["cycles"] for piece in pieces]) / arl0
         low, high = poisson.interval(0.95, expected.sum())
-        share, half, scatter = share_of_expected(alarms, expected)
+        found = ["", ""]  # of one baseline nothing is known of its peers
+        if len(pieces) > 1:
+            share, half, scatter = share_of_expected(alarms, expected)
+            found = [f"{100.0 * scatter:.0f} %", f"{share:.2f}, {share - half:.2f} to {share + half:.2f}"]
         own, motions, cycles = (sum(piece[key] for piece in pieces) for key in ("baseline_cycles", "motions", "cycles"))
         lines.append(
             f"| {each['machine']} | {pieces[0]['features']} | {len(pieces)} | {own / len(pieces):.0f} | {cycles} "
             f"| {motions} | {arl0:g} | {alarms.sum()} | {expected.sum():.1f} | {low:.0f} to {high:.0f} "
-            f"| {100.0 * scatter:.0f} % | {share:.2f}, {share - half:.2f} to {share + half:.2f} |"
+            f"| {' | '.join(found)} |"
         )
-    return lines
+    return lines if len(lines) > 2 else ["No healthy cycles have been judged yet."]
 
 
 def share_of_expected(alarms: Array, expected: Array) -> tuple[float, float, float]:
