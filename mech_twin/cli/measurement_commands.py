@@ -172,14 +172,10 @@ def monitor(
     json: Json = False,
 ) -> None:
     """Judge runs against a healthy one and name the faults (exit code 1: an alarm), or judge a sensor set."""
-    from mech_twin.cli.monitor import ARL0_H, SETUP_SUFFIX, MonitorRequest, monitor_machine
+    from mech_twin.cli.monitor import SETUP_SUFFIX, MonitorRequest, monitor_machine
 
-    if baseline is not None and baseline.suffix == SETUP_SUFFIX:
-        for option, value in (("--arl0", arl0), ("--seed", seed)):
-            if value is not None:
-                raise CommandError(
-                    f"{option} {value}: {baseline} holds thresholds already; expected a run as --baseline"
-                )
+    if seed is not None and baseline is not None and baseline.suffix == SETUP_SUFFIX:
+        raise CommandError(f"--seed {seed}: {baseline} holds thresholds already; expected a run as --baseline")
     asked = MonitorRequest(
         machine,
         runs or [],
@@ -188,7 +184,7 @@ def monitor(
         settings or [],
         baseline,
         save_baseline,
-        ARL0_H if arl0 is None else arl0,
+        arl0,
         skip,
         design,
         sensors,

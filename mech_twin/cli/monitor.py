@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -25,7 +26,13 @@ from mech_twin.parameters.errors import refusal
 from mech_twin.parameters.load import assignments, catalogue_entry, machine_parameters
 from mech_twin.quantity import Parameters
 from mech_twin.studies.monitoring.cycle_features import FeatureVector
-from mech_twin.studies.monitoring.design import DESIGN_CYCLES, fitted_setup, sensor_design, simulated_vectors
+from mech_twin.studies.monitoring.design import (
+    DESIGN_CYCLES,
+    arl0_cycles,
+    fitted_setup,
+    sensor_design,
+    simulated_vectors,
+)
 from mech_twin.studies.monitoring.monitor import Monitor, MonitorSetup
 from mech_twin.studies.monitoring.report import judged, known_sensors, seen_of_run
 from mech_twin.studies.monitoring.setup_record import LARGEST_BYTES, SetupRecord
@@ -49,13 +56,18 @@ class MonitorRequest(NamedTuple):
     settings: Sequence[str] = ()
     baseline: Path | None = None
     save_baseline: Path | None = None
-    arl0_h: float = ARL0_H
+    known_arl0_h: float | None = None
     skip_s: float | None = None
     design: bool = False
     sensors: Path | None = None
     seed: int = 0
     force: bool = False
     as_json: bool = False
+
+    @property
+    def arl0_h(self) -> float:
+        """The mean time between false alarms that a new reference is made for."""
+        return ARL0_H if self.known_arl0_h is None else self.known_arl0_h
 
 
 def monitor_machine(asked: MonitorRequest) -> None:
@@ -105,7 +117,14 @@ def _design(asked: MonitorRequest, parameters: Parameters) -> None:
 def _setup(asked: MonitorRequest, parameters: Parameters, first: _FeaturedRun) -> tuple[MonitorSetup, _FeaturedRun]:
     """Return the setup, and the first run without the cycles that were its baseline."""
     if asked.baseline is not None and asked.baseline.suffix == SETUP_SUFFIX:
-        return read_setup(asked.baseline, asked.machine), first
+        kept_setup = read_setup(asked.baseline, asked.machine)
+        wanted = arl0_cycles(asked.known_arl0_h or kept_setup.arl0_h, kept_setup.baseline.period_s)
+        if not math.isclose(wanted, kept_setup.limits.arl0_cycles, rel_tol=1e-9):
+            raise CommandError(
+                f"--arl0 {asked.arl0_h:g}: {asked.baseline} holds thresholds for {kept_setup.arl0_h:g} h; "
+                "expected that, or a run as --baseline"
+            )
+        return kept_setup, first
     if asked.baseline is not None:
         reference = _vectors(asked, asked.baseline, parameters)
         return fitted_setup(reference.monitored, reference.vectors, asked.arl0_h, asked.seed), first

@@ -76,11 +76,10 @@ def _alarm_rows(alarm: Alarm) -> list[tuple[Any, ...]]:
 
 def _say_setup(setup: MonitorSetup) -> None:
     baseline, limits = setup.baseline, setup.limits
-    hours = limits.arl0_cycles * baseline.period_s / 3600.0
     short = ", extrapolated: the baseline is shorter than three of them" if limits.extrapolated else ""
     say(
         f"baseline: {baseline.cycles} cycles, {len(baseline.names)} features, autoregression of order {baseline.order}"
-        f"; one false alarm in {hours:.4g} h{short}"
+        f"; one false alarm in {setup.arl0_h:.4g} h{short}"
     )
 
 
@@ -93,7 +92,7 @@ def _setup_record(setup: MonitorSetup, units: Mapping[str, str]) -> dict[str, An
             {"name": n, "unit": units.get(n, "1"), "mean": mean, "sigma": sigma} for n, mean, sigma in numbers
         ],
         "baseline": {"cycles": baseline.cycles, "order": baseline.order, "period_s": baseline.period_s},
-        "arl0_h": limits.arl0_cycles * baseline.period_s / 3600.0,
+        "arl0_h": setup.arl0_h,
         "arl0_cycles": limits.arl0_cycles,
         "extrapolated": limits.extrapolated,
         "thresholds": dict(zip(CHARTS, limits.alarm, strict=True)),

@@ -130,7 +130,7 @@ MISTAKES = {
     "length of a run": ("identify mb10 bag --duration 3", ["--duration goes with --plan"]),
     "plan of a fit": ("identify mb10 --plan --hold-out 0.2", ["--plan and --hold-out exclude each other"]),
     "design with a baseline": ("monitor mb10 --design --baseline x", ["--design and --baseline exclude each other"]),
-    "known thresholds": ("monitor mb10 bag --baseline x.json --arl0 8", ["--arl0 8.0", "holds thresholds already"]),
+    "known thresholds": ("monitor mb10 bag --baseline x.json --seed 8", ["--seed 8", "holds thresholds already"]),
     "front of one objective": (PRESS + "search --points 5", ["--points 5", "expected several --objective"]),
     "two ways to spread": (
         PRESS + "designs --cores 2 --scheduler tcp://127.0.0.1:1",

@@ -77,12 +77,17 @@ def simulated_vectors(monitored: MonitoredMachine, cycles: int, seed: int) -> li
     return monitored.vectors(seen_run(machine, monitored.sensors, duration_s, random=random, begin_s=begin_s))
 
 
+def arl0_cycles(arl0_h: float, period_s: float) -> float:
+    """Return the mean number of cycles between false alarms, not below ten."""
+    return max(3600.0 * arl0_h / period_s, 10.0)
+
+
 def fitted_setup(
     monitored: MonitoredMachine, vectors: Sequence[FeatureVector], arl0_h: float, seed: int = 0
 ) -> MonitorSetup:
     """Return the setup of a monitor from healthy cycles, for a stated time between false alarms (h)."""
     baseline, innovations = fitted_baseline(vectors)
-    limits = chart_limits(baseline, innovations, max(3600.0 * arl0_h / baseline.period_s, 10.0), seed)
+    limits = chart_limits(baseline, innovations, arl0_cycles(arl0_h, baseline.period_s), seed)
     signatures = machine_signatures(monitored, baseline.names)
     return MonitorSetup(monitored.name, baseline, limits, signatures, monitored.declared.settling_cycles)
 

@@ -55,6 +55,11 @@ class MonitorSetup:
     settling_cycles: int = 5
     rules: LifeRules = field(default_factory=LifeRules)
 
+    @property
+    def arl0_h(self) -> float:
+        """Mean time between false alarms that the thresholds are for, in hours."""
+        return self.limits.arl0_cycles * self.baseline.period_s / 3600.0
+
     def record(self) -> dict[str, Any]:
         """Return the setup as JSON values; `setup_of_record` inverts that."""
         return {
