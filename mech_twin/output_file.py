@@ -15,6 +15,7 @@ from pathlib import Path
 FILE_MODE = 0o664  # the umask is applied on top; never writable for everyone
 DIRECTORY_MODE = 0o775
 NEW_FILE = os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_WRONLY | os.O_CLOEXEC
+YAML_SUFFIXES = (".yaml", ".yml")
 _NO_HARD_LINKS = {errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK}
 
 

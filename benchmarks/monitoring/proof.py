@@ -4,9 +4,10 @@
     python benchmarks/monitoring/proof.py [MACHINE ...] [--only healthy] [--minutes M] [--processes N]
 
 Sensors are those of benchmarks/monitoring/sensors; the supply wanders slowly.  Healthy cycles are counted against the
-Poisson interval of the stated mean run length; each motion is seen through the sensors' noise a few times, and the
-count of each motion is kept, so that what they have in common can be judged.  A fault is a change of parameters at a
-random instant of a cycle; each motion is seen through fresh noise in a few repeats.
+stated mean run length.  That is a mean over baselines, each of which has errors of its own; so each piece draws a
+baseline and judges other cycles by it, each motion seen once: what its supply does would be the same in every view of
+it.  A fault is a change of parameters at a random instant of a cycle; each motion is seen through fresh noise in a few
+repeats.
 
 The work is cut into pieces with seeds of their own, spread over processes; of several machines the one that has had
 the least time comes next.  Results stand in benchmarks/monitoring/results/MACHINE.json after each piece; a later call
@@ -49,42 +50,31 @@ from mech_twin.studies.monitoring.thresholds import chart_limits
 
 RESULTS = Path(__file__).parent / "results"
 NOISES = 10  # repeats of one motion with a fault
-VIEWS = 20  # of one healthy motion, where none are asked for
+JUDGED_A_BASELINE = 4  # healthy cycles that are judged by a baseline, over its own
 TRIAL_ARL0 = 1e5
 NAMES = ("named", "group", "unknown")
 Call = tuple[Callable[[dict[str, Any]], None], Callable[..., dict[str, Any]], tuple[Any, ...]]
 KINDS = ("right", "group", "wrong_group", "wrong", "unknown", "none")
 
 
-def setups(name: str, baseline_cycles: int, arl0_cycles: float, seed: int, anew: bool) -> dict[str, Any]:
-    """Return the frozen setups, of the healthy count and of the faults, as JSON values; kept in a file."""
-    kept, asked = RESULTS / f"{name}.setup.json", {"baseline": baseline_cycles, "arl0": arl0_cycles, "seed": seed}
-    if kept.exists() and not anew:
-        record: dict[str, Any] = json.loads(kept.read_text(encoding="utf-8"))
-        if record["asked"] == asked:
-            return record
+def drawn_setup(name: str, cycles: int, arl0_cycles: float, random: np.random.Generator) -> MonitorSetup:
+    """Return a setup without signatures, from so many healthy cycles."""
     machine = monitored_machine(name)
-    vectors = healthy_cycles(machine, baseline_cycles, np.random.default_rng([seed, 0]))
-    baseline, innovations = fitted_baseline(vectors)
-
-    def setup(arl0: float) -> dict[str, Any]:
-        limits = chart_limits(baseline, innovations, arl0)
-        return MonitorSetup(name, baseline, limits, (), machine.declared.settling_cycles).record()
-
-    record = {"asked": asked, "healthy": setup(arl0_cycles), "trial": setup(TRIAL_ARL0)}
-    _keep(kept, record)
-    return record
+    baseline, innovations = fitted_baseline(healthy_cycles(machine, cycles, random))
+    limits = chart_limits(baseline, innovations, arl0_cycles)
+    return MonitorSetup(name, baseline, limits, (), machine.declared.settling_cycles)
 
 
-def with_signatures(name: str, setup: dict[str, Any], anew: bool) -> dict[str, Any]:
-    """Return the setup of the faults with what each of them does; kept in a file."""
-    kept = RESULTS / f"{name}.signatures.setup.json"
+def trial_setup(name: str, asked: dict[str, Any], anew: bool) -> dict[str, Any]:
+    """Return the setup that faults are looked for with, signatures included, as JSON values; kept in a file."""
+    kept = RESULTS / f"{name}.trial.setup.json"
     if kept.exists() and not anew:
-        record: dict[str, Any] = json.loads(kept.read_text(encoding="utf-8"))
-        if record["baseline"] == setup["baseline"]:
-            return record
-    signatures = machine_signatures(monitored_machine(name), setup["baseline"]["names"])
-    record = setup | {"signatures": [signature.record() for signature in signatures]}
+        earlier: dict[str, Any] = json.loads(kept.read_text(encoding="utf-8"))
+        if earlier["asked"] == asked:
+            return earlier
+    setup = drawn_setup(name, asked["baseline"], TRIAL_ARL0, np.random.default_rng([asked["seed"], 0]))
+    signatures = machine_signatures(monitored_machine(name), setup.baseline.names)
+    record = setup.record() | {"asked": asked, "signatures": [signature.record() for signature in signatures]}
     _keep(kept, record)
     return record
 
@@ -104,19 +94,23 @@ class LateMonitor(Monitor):
         return super()._named(episode) if (self._number or 0) >= self.since else episode.named
 
 
-def healthy_piece(name: str, setup: dict[str, Any], seed: int, piece: int, views: int) -> dict[str, Any]:
-    """Return how many healthy cycles of a motion were watched, in all views, and the alarms of each view."""
-    machine, known, random = monitored_machine(name), _known(json.dumps(setup)), np.random.default_rng([seed, 1, piece])
-    begun_s, run, told = time.process_time(), healthy_run(machine, random), {"cycles": 0, "alarms": []}
+def healthy_piece(name: str, asked: dict[str, Any], piece: int) -> dict[str, Any]:
+    """Return how many healthy cycles were watched with a baseline of their own, and the alarms in them."""
+    begun_s, random = time.process_time(), np.random.default_rng([asked["seed"], 1, piece])
+    known, machine = drawn_setup(name, asked["baseline"], asked["arl0"], random), monitored_machine(name)
     monitor, first = Monitor(known), 0
-    for _ in range(views):
-        alarms = 0
-        for vector in seen_vectors(machine, run, random):
+    told: dict[str, Any] = {
+        "features": len(known.baseline.names), "order": known.baseline.order, "baseline_cycles": known.baseline.cycles,
+        "motions": 0, "cycles": 0, "alarms": 0,
+    }  # fmt: skip
+    while told["cycles"] < JUDGED_A_BASELINE * asked["baseline"]:
+        vectors = seen_vectors(machine, healthy_run(machine, random), random)
+        for vector in vectors:
             found = monitor.observe(vector._replace(number=first + vector.number))
-            alarms += found.alarm_begins
+            told["alarms"] += found.alarm_begins
             told["cycles"] += found.charts is not None and (found.alarm_begins or not found.alarm)
-        told["alarms"].append(alarms)
-        first += FAR * FAR  # apart from the view before
+        first += vectors[-1].number + FAR  # apart from the motion before
+        told["motions"] += 1
     return told | {"spent_s": time.process_time() - begun_s}
 
 
@@ -181,21 +175,15 @@ class Proof:
     ----------
     name : str
         The machine.
-    setup : dict
-        What `setups` returned.
-    views : int
-        Of each healthy motion.
+    asked : dict
+        Cycles of a baseline, stated run length of the healthy count, seed.
     """
 
-    def __init__(self, name: str, setup: dict[str, Any], views: int = VIEWS) -> None:
-        self.path, self.setup = RESULTS / f"{name}.json", setup
+    def __init__(self, name: str, asked: dict[str, Any]) -> None:
+        self.path = RESULTS / f"{name}.json"
         self.spent_s = {"healthy": 0.0, "faults": 0.0}
-        baseline = setup["trial"]["baseline"]
         self.record: dict[str, Any] = {
-            "machine": name, "asked": setup["asked"], "period_s": baseline["period_s"],
-            "features": len(baseline["names"]), "order": len(baseline["coefficients"]),
-            "baseline_cycles": baseline["cycles"], "trial_arl0_cycles": TRIAL_ARL0,
-            "healthy": {"cycles": 0, "views": views, "alarms": []}, "faults": {},
+            "machine": name, "asked": asked, "trial_arl0_cycles": TRIAL_ARL0, "healthy": [], "faults": {}
         }  # fmt: skip
 
     def go_on(self, keep_faults: bool) -> None:
@@ -205,26 +193,26 @@ class Proof:
         earlier = json.loads(self.path.read_text(encoding="utf-8"))
         if earlier["asked"] != self.record["asked"]:
             return
+        self.record["healthy"] = earlier["healthy"]
         self.record["faults"] = earlier["faults"] if keep_faults else {}
-        if earlier["healthy"].get("views") == self.record["healthy"]["views"]:
-            self.record["healthy"] = earlier["healthy"]
 
     def healthy_calls(self, healthy: int) -> Iterator[Call]:
         """Yield what to do with an answer, what to call and its arguments, for healthy cycles."""
-        name, seed = self.record["machine"], self.record["asked"]["seed"]
-        piece, views = len(self.record["healthy"]["alarms"]), self.record["healthy"]["views"]
-        while self.record["healthy"]["cycles"] < healthy:
-            yield self._add_healthy, healthy_piece, (name, self.setup["healthy"], seed, piece, views)
+        name, asked = self.record["machine"], self.record["asked"]
+        piece, a_piece = len(self.record["healthy"]), JUDGED_A_BASELINE * asked["baseline"]
+        while piece * a_piece < healthy:
+            yield self._add_healthy, healthy_piece, (name, asked, piece)
             piece += 1
 
     def fault_calls(self, repeats: int, anew: bool) -> Iterator[Call]:
         """Yield the same for every fault in turn."""
-        name, seed = self.record["machine"], self.record["asked"]["seed"]
-        setup, rows = with_signatures(name, self.setup["trial"], anew), self._rows()
+        name, asked, rows = self.record["machine"], self.record["asked"], self._rows()
+        setup = trial_setup(name, asked, anew)
         for piece in range(-(-repeats // NOISES)):
             for row in rows:
                 if row["pieces"] <= piece:
-                    yield self._row_adder(row), faulty_piece, (name, setup, seed, row["fault"], row["size"], piece)
+                    place = (row["fault"], row["size"], piece)
+                    yield self._row_adder(row), faulty_piece, (name, setup, asked["seed"], *place)
 
     def _rows(self) -> list[dict[str, Any]]:
         rows = self.record["faults"]
@@ -236,9 +224,7 @@ class Proof:
         return list(rows.values())
 
     def _add_healthy(self, found: dict[str, Any]) -> None:
-        healthy = self.record["healthy"]
-        healthy["cycles"] += found["cycles"]
-        healthy["alarms"].append(found["alarms"])
+        self.record["healthy"].append({key: value for key, value in found.items() if key != "spent_s"})
         self._keep("healthy", found)
 
     def _row_adder(self, row: dict[str, Any]) -> Callable[[dict[str, Any]], None]:
@@ -305,7 +291,6 @@ def main() -> None:
     asked.add_argument("--baseline", type=int, default=10_000, help="healthy cycles of the baseline")
     asked.add_argument("--healthy", type=int, default=1_000_000, help="healthy cycles that are judged")
     asked.add_argument("--arl0", type=float, default=1000.0, help="stated cycles between false alarms, of those")
-    asked.add_argument("--views", type=int, default=VIEWS, help="of each healthy motion, through fresh noise")
     asked.add_argument("--repeats", type=int, default=200, help="of each fault and size")
     asked.add_argument("--seed", type=int, default=1)
     asked.add_argument("--minutes", type=float, default=float("inf"), help="time after which no piece is begun")
@@ -314,7 +299,8 @@ def main() -> None:
     asked.add_argument("--faults-anew", action="store_true", help="forget what was found about faults")
     given = asked.parse_args()
     until = time.monotonic() + 60.0 * given.minutes
-    proofs = [Proof(name, setups(name, given.baseline, given.arl0, given.seed, given.anew)) for name in given.machines]
+    setting = {"baseline": given.baseline, "arl0": given.arl0, "seed": given.seed}
+    proofs = [Proof(name, setting) for name in given.machines]
     if not given.anew:
         for proof in proofs:
             proof.go_on(not given.faults_anew)
@@ -328,9 +314,8 @@ def main() -> None:
         in_turn({(proof, part): parts[part](proof) for proof in proofs for part in chosen}), given.processes, until
     )
     for proof in proofs:
-        healthy = proof.record["healthy"]
-        alarms = sum(map(sum, healthy["alarms"]))
-        print(f"{proof.record['machine']}: {healthy['cycles']} healthy cycles, {alarms} alarms")
+        cycles, alarms = (sum(piece[key] for piece in proof.record["healthy"]) for key in ("cycles", "alarms"))
+        print(f"{proof.record['machine']}: {cycles} healthy cycles, {alarms} alarms")
 
 
 if __name__ == "__main__":

@@ -8,11 +8,14 @@ from __future__ import annotations
 
 import argparse
 import json
+from math import sqrt
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.stats import poisson
+from scipy.stats import poisson, t
+
+from mech_twin.capabilities.cycle import Array
 
 RESULTS = Path(__file__).parent / "results"
 PAGE = Path(__file__).parents[2] / "docs" / "monitoring.md"
@@ -20,31 +23,45 @@ BEGIN, END = "<!-- proof: begin -->", "<!-- proof: end -->"
 
 
 def healthy_table(results: list[dict[str, Any]]) -> list[str]:
-    """Return the rows on false alarms, beside the 95 % interval of a count at the stated rate.
+    """Return the rows on false alarms, beside what the stated rate makes expect.
 
-    Views of one motion have the shocks of its supply in common.  D is the variance of the counts of the motions over
-    their mean, 1 where all alarms are independent; the interval is that of a Poisson count, widened by its root.
+    The stated rate is a mean over baselines.  Columns: the interval of a Poisson count at that rate, as if every
+    baseline were exact; how far the rates of the baselines scatter beyond a Poisson count; alarms over those expected,
+    with the interval that the scatter of the baselines' counts gives (Student's t).
     """
     lines = [
-        "| machine | features | order | baseline | healthy cycles | motions | views | ARL0 | alarms | expected | D "
-        "| 95 % of alarms |",
+        "| machine | features | baselines | cycles of one | healthy cycles | motions | ARL0 | alarms | expected "
+        "| Poisson, 95 % | scatter of baselines | alarms/expected, 95 % |",
         f"|{'---|' * 12}",
     ]
     for each in results:
-        healthy, arl0 = each["healthy"], each["asked"]["arl0"]
-        if not healthy.get("views"):
+        pieces, arl0 = each["healthy"], each["asked"]["arl0"]
+        if len(pieces) < 2:
             continue
-        expected, counts = healthy["cycles"] / arl0, [sum(views) for views in healthy["alarms"]]
-        dispersion = (
-            max(1.0, float(np.var(counts, ddof=1) / np.mean(counts))) if len(counts) > 1 and sum(counts) else 1.0
-        )
-        low, high = poisson.interval(0.95, expected / dispersion)
+        alarms = np.array([piece["alarms"] for piece in pieces])
+        expected = np.array([piece["cycles"] for piece in pieces]) / arl0
+        low, high = poisson.interval(0.95, expected.sum())
+        share, half, scatter = share_of_expected(alarms, expected)
+        own, motions, cycles = (sum(piece[key] for piece in pieces) for key in ("baseline_cycles", "motions", "cycles"))
         lines.append(
-            f"| {each['machine']} | {each['features']} | {each['order']} | {each['baseline_cycles']} "
-            f"| {healthy['cycles']} | {len(counts)} | {healthy['views']} | {arl0:g} | {sum(counts)} "
-            f"| {expected:.1f} | {dispersion:.1f} | {dispersion * low:.0f} to {dispersion * high:.0f} |"
+            f"| {each['machine']} | {pieces[0]['features']} | {len(pieces)} | {own / len(pieces):.0f} | {cycles} "
+            f"| {motions} | {arl0:g} | {alarms.sum()} | {expected.sum():.1f} | {low:.0f} to {high:.0f} "
+            f"| {100.0 * scatter:.0f} % | {share:.2f}, {share - half:.2f} to {share + half:.2f} |"
         )
     return lines
+
+
+def share_of_expected(alarms: Array, expected: Array) -> tuple[float, float, float]:
+    """Return alarms over expected ones, half its 95 % interval, and the scatter of the baselines' own rates.
+
+    The interval is that of a ratio of sums over baselines; the scatter is what their counts vary by beyond Poisson's,
+    as a share of the mean rate.
+    """
+    share, count = float(alarms.sum() / expected.sum()), len(alarms)
+    spread = float(np.sum((alarms - share * expected) ** 2)) / (count - 1)
+    half = float(t.ppf(0.975, count - 1)) * sqrt(count * spread) / float(expected.sum())
+    beyond = max(0.0, spread - share * float(expected.mean()))
+    return share, half, sqrt(beyond) / max(share * float(expected.mean()), 1e-12)
 
 
 def fault_table(results: list[dict[str, Any]]) -> list[str]:

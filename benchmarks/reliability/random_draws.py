@@ -14,6 +14,7 @@ from __future__ import annotations
 import argparse
 import json
 import signal
+import subprocess
 import sys
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -128,6 +129,7 @@ def main() -> int:
     parser.add_argument("--write", action="store_true", help="write the table into docs/random-configurations.md")
     asked = parser.parse_args()
     KEPT.mkdir(parents=True, exist_ok=True)
+    subprocess.run([sys.executable, str(ROOT / "test" / "compile_kernels.py")], check=True)  # no draw pays for them
     names = asked.machines or list(CATALOGUE)
     missing = {name: asked.only or missing_numbers(name, asked.seed, asked.count) for name in names}
     workers = [LimitedWorker(made, LONGEST_S) for _ in range(asked.workers)]

@@ -28,8 +28,6 @@ def analyse_machine(
     name: str, crank_deg: float | None, cycle: int | None, config: Path | None, settings: list[str], shape: Shape
 ) -> None:
     """Write one position, or one cycle in so many positions, and the machine's closed-form metrics."""
-    if crank_deg is not None and cycle is not None:
-        raise CommandError("--crank-deg and --cycle exclude each other: one position or one cycle")
     if crank_deg is not None and not math.isfinite(crank_deg):
         raise CommandError(f"--crank-deg {crank_deg}: expected a finite angle in degrees")
     machine = built_machine(name, config, assignments(settings))

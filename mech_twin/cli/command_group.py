@@ -10,6 +10,7 @@ from typer.core import TyperGroup
 
 from mech_twin.cli.failure import CommandError
 from mech_twin.cli.help_words import named
+from mech_twin.cli.usage_errors import own_words
 
 ASSIGNING = ("--set", "--over", "--limit", "--bound", "--change")  # each value has an = in it
 
@@ -25,7 +26,9 @@ class CommandGroup(TyperGroup):
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Parse the arguments after giving each ``KEY=VALUE`` of several its option."""
-        return super().parse_args(ctx, with_options_repeated(args))
+        typed = tuple(args)
+        with own_words(ctx, typed):
+            return super().parse_args(ctx, with_options_repeated(args))
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Return the command that is named."""
@@ -43,8 +46,12 @@ class QuestionGroup(CommandGroup):
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Parse the arguments after setting the machine before the question."""
-        if len(args) > 1 and args[0] in self.commands and not args[1].startswith("-"):
+        if args and args[0] in self.commands:
+            if len(args) == 1 or args[1].startswith("-"):
+                raise CommandError(f"study {args[0]}: expected a machine before the question: study MACHINE {args[0]}")
             args = [args[1], args[0], *args[2:]]
+        if not args and not ctx.resilient_parsing:
+            raise CommandError(f"study: expected a machine and a question: study MACHINE {'|'.join(self.commands)}")
         return super().parse_args(ctx, args)
 
 

@@ -14,7 +14,8 @@ from mech_twin.dependencies import require_extra
 from mech_twin.engine.invariants import broken_lines
 from mech_twin.engine.run import frames, steps_for
 from mech_twin.machines.catalog import CATALOGUE
-from mech_twin.output_file import check_output_file, written_file
+from mech_twin.measurements.machine_columns import machine_columns
+from mech_twin.output_file import YAML_SUFFIXES, check_output_file, written_file
 from mech_twin.parameters.load import file_tree, machine_of_prefix
 from mech_twin.parameters.load import machine as built_machine
 from mech_twin.roles import Machine
@@ -25,7 +26,6 @@ from mech_twin.studies.simulation import Simulation
 APART = 1
 USUAL_DURATION_S = 3.0
 PANELS = 6
-CONFIGURATIONS = (".yaml", ".yml")
 
 
 def compare_sides(
@@ -47,6 +47,8 @@ def compare_sides(
         check_output_file(picture, force=force)
     names = [_meant(first), _meant(second)]
     recorded = [_recorded(Path(name)) if _is_recording(name) else None for name in names]
+    if duration_s is not None and None not in recorded:
+        raise CommandError(f"--duration {duration_s:g}: two recordings have their own length; expected a configuration")
     durations = [side.samples["time_s"][-1] for side in recorded if side is not None]
     run_for = duration_s if duration_s is not None else min(durations, default=USUAL_DURATION_S)
     sides = [known or _simulated(name, run_for) for known, name in zip(recorded, names, strict=True)]
@@ -76,7 +78,7 @@ def _meant(name: str) -> str:
 
 
 def _is_recording(name: str) -> bool:
-    return name not in CATALOGUE and Path(name).suffix not in CONFIGURATIONS
+    return name not in CATALOGUE and Path(name).suffix not in YAML_SUFFIXES
 
 
 def _simulated(name: str, duration_s: float) -> ComparedRun:
@@ -134,6 +136,7 @@ def _side(label: str, machine: Machine, simulation: Simulation) -> ComparedRun:
         simulation.summary(),
         tuple(broken_lines(simulation.residuals())),
         simulation.trajectory.columns(),
+        machine_columns(machine),
     )
 
 

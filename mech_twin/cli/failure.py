@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import os
-import re
 import signal
 import sys
 from collections.abc import Iterator
@@ -63,31 +62,12 @@ def report_cli_errors() -> Iterator[None]:
 def _message(error: Exception) -> str:
     if isinstance(error, ImportError):
         return missing_extra(error) or str(error)
-    format_message = getattr(error, "format_message", None)  # of the command line library
-    asked = getattr(error, "param", None)
-    if asked is not None and format_message is not None and format_message().startswith("Missing option"):
-        return f"missing option {asked.opts[0]} {asked.metavar or ''}: expected {asked.help}".replace(" :", ":")
-    return _plain(str(format_message())) if format_message else str(error)
-
-
-def _plain(message: str) -> str:
-    """Return a message of the command line library in the words of all others: what, then what was expected."""
-    found = re.fullmatch(r"Invalid value for '([^']+)': (.*)", message, re.DOTALL)
-    if found is None:
-        return message
-    said = re.sub(r"^Input should be (.*?)(, unable to parse.*)?$", r"expected \1", found.group(2))
-    typed = re.fullmatch(r"(\S+): (expected .*)", said, re.DOTALL)
-    if typed is not None:  # what was typed stands beside its option, as in every other line
-        return f"{found.group(1)} {typed.group(1)}: {typed.group(2)}"
-    said = said.replace("expected a valid", "expected a").replace("expected a integer", "expected an integer")
-    return f"{found.group(1)}: {said}"
+    return str(error)
 
 
 def _is_input_error(error: Exception) -> bool:
     if isinstance(error, ImportError):
         return missing_extra(error) is not None
-    from typer.exceptions import TyperException
-
     from mech_twin.capabilities.errors import StudyError
     from mech_twin.configuration_tree import ConfigurationError
     from mech_twin.engine.errors import MotionError
@@ -98,5 +78,5 @@ def _is_input_error(error: Exception) -> bool:
     from mech_twin.view.errors import RerunSceneError
     from mech_twin.view.viewer_process import ViewerError
 
-    kinds = (CommandError, TyperException, NodeEndedError, ConfigurationError, MotionError, StudyError)
+    kinds = (CommandError, NodeEndedError, ConfigurationError, MotionError, StudyError)
     return isinstance(error, (*kinds, MeasurementError, BagError, OutputError, RerunSceneError, ViewerError))

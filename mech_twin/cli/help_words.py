@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How ``--help`` names what an option takes: FILE, N, TEXT; nothing for a switch, whose name says all."""
+"""How ``--help`` names what an option takes, N, PATH, TEXT, and how a verb reads its words."""
 
 from __future__ import annotations
 
@@ -7,6 +7,9 @@ from collections.abc import Sequence
 from typing import Any
 
 from typer.core import TyperCommand
+
+from mech_twin.cli.option_rules import check_options
+from mech_twin.cli.usage_errors import own_words, refuse_options_as_values
 
 PLACEHOLDERS = {"integer": "N", "int": "N", "float": "NUMBER", "path": "PATH"}
 OF_THE_LIBRARY = {
@@ -17,11 +20,22 @@ OF_THE_LIBRARY = {
 
 
 class Verb(TyperCommand):
-    """A command whose help names its values in the words of the field."""
+    """A command whose help and errors are in the words of the field; options that contradict each other are refused."""
 
     def get_params(self, ctx: Any) -> list[Any]:
         """Return the parameters with a placeholder each."""
         return named(super().get_params(ctx))
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Parse the words after the verb."""
+        typed = tuple(args)
+        if ctx.resilient_parsing:  # of a line that is still being written
+            return super().parse_args(ctx, args)
+        refuse_options_as_values(self.get_params(ctx), typed)
+        with own_words(ctx, typed):
+            rest = super().parse_args(ctx, args)
+        check_options(ctx)
+        return rest
 
 
 def named(parameters: Sequence[Any]) -> list[Any]:

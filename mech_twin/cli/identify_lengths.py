@@ -29,6 +29,7 @@ def identify_lengths(asked: IdentifyRequest) -> None:
     began = time.monotonic()
     if asked.out is not None:
         check_output_file(asked.out, force=asked.force)
+    _refuse_unused(asked)
     if not asked.free:
         raise CommandError("--free: expected at least one key of the configuration, such as crank_m")
     given = asked.given_map
@@ -44,6 +45,19 @@ def identify_lengths(asked: IdentifyRequest) -> None:
         raise SystemExit(NOT_BETTER)
     if asked.out is not None:
         _write(asked, model, report, [str(path) for path in fitted])
+
+
+def _refuse_unused(asked: IdentifyRequest) -> None:
+    """Raise where something is asked that the fit of lengths in the measured motion does not know."""
+    unused = {
+        "--fix": asked.fixed,
+        "--prior": asked.priors,
+        "--scheduler": asked.scheduler,
+        f"--hold-out {asked.hold_out}": asked.held_out_share is not None,
+    }
+    for option, given in unused.items():
+        if given:
+            raise CommandError(f"{option}: not used in the measured motion of the crank; expected --motion simulated")
 
 
 def _columns(asked: IdentifyRequest, given: MeasurementMap) -> tuple[str, ...]:

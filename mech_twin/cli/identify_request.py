@@ -15,6 +15,7 @@ from mech_twin.nodes.opened_runs import given_map
 NOT_BETTER = 1
 FEWEST_RUNS_TO_HOLD_OUT = 3
 DEFAULT_SHARE = 0.2
+LATEST_BEGIN_S = 10.0
 LARGEST_SHARE = 0.8
 
 
@@ -48,7 +49,7 @@ class IdentifyRequest:
     priors: Sequence[str] = ()
     motion: str = "auto"
     begin: str = "start"
-    latest_begin_s: float = 10.0
+    latest_begin_s: float = LATEST_BEGIN_S
     seed: int = 0
     cores: int | None = None
     plan: bool = False

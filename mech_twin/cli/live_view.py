@@ -27,16 +27,20 @@ class OpenedView(NamedTuple):
     page: str = ""
 
 
-def check_view(view: str, *, force: bool) -> None:
+def check_view(view: str, port: int, *, force: bool) -> None:
     """Check the option before anything begins.
 
     Raises
     ------
     CommandError
-        It is no view, or its file exists and may not be overwritten.
+        It is no view, has no page for the port, or its file exists and may not be overwritten.
     """
     if view not in (*WEB_VIEWS, NO_VIEW) and not view.endswith(".rrd"):
         raise CommandError(f"--view {view}: expected web, light, full, none or a file NAME.rrd")
+    if port and view not in WEB_VIEWS:
+        raise CommandError(
+            f"--view-port {port}: expected --view {', '.join(WEB_VIEWS[:-1])} or {WEB_VIEWS[-1]} beside it"
+        )
     if view.endswith(".rrd"):
         check_output_file(Path(view), force=force)
 

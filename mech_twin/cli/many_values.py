@@ -21,14 +21,14 @@ class ManyValues(Verb):
 def expanded(arguments: list[str]) -> list[str]:
     """Return the arguments with the option repeated before each of its values."""
     given: list[str] = []
-    option: str | None = None
+    option, follows = "", False
     for argument in arguments:
         if argument.startswith("-"):
-            option = argument if argument in MULTIPLE else None
-            if option is None:
-                given.append(argument)
-        elif option is not None:
-            given += [option, argument]
+            option = argument if argument in MULTIPLE else ""
+            follows = bool(option)
+        elif option and not follows:
+            given.append(option)
         else:
-            given.append(argument)
-    return given + ([option] if option and given[-2:-1] != [option] else [])
+            follows = False
+        given.append(argument)
+    return given

@@ -19,7 +19,7 @@ from mech_twin.measurements.proposal import UNSURE, ProposedChannel, map_of, map
 from mech_twin.measurements.quality import Quality
 from mech_twin.measurements.runs import MeasuredRun, channel_qualities, read_run
 from mech_twin.nodes.opened_runs import columns_of, opened_run
-from mech_twin.output_file import check_output_file, written_file
+from mech_twin.output_file import YAML_SUFFIXES, check_output_file, written_file
 from mech_twin.parameters.load import machine as built_machine
 
 TRUSTED = 0.9  # correlation from which the sign is believed
@@ -29,7 +29,7 @@ MOST_SAMPLES = 2_000_000  # of a run that is compared with the model
 def propose_map(measurement: Path, machine: str, out: Path | None, *, force: bool, as_json: bool) -> None:
     """Write the proposed map to a file or to standard output, and the table of data quality after it."""
     if out is not None:
-        check_output_file(out, force=force)
+        check_output_file(out, force=force, suffixes=YAML_SUFFIXES)
     columns = columns_of(machine)
     with opened_run(measurement) as reader:
         offered, time = reader.offered(), reader.proposed_time()

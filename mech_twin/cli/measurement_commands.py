@@ -98,7 +98,9 @@ def identify(
     begin: Annotated[
         str, typer.Option(metavar="start|unknown", help="where the runs begin: at the start of the machine, or unknown")
     ] = "start",
-    latest_begin: Annotated[float, time_option("latest unknown beginning within the machine's run")] = 10.0,
+    latest_begin: Annotated[
+        float | None, time_option("latest unknown beginning within the machine's run", "10")
+    ] = None,
     plan: Annotated[bool, typer.Option("--plan", help="without runs: which keys these sensors would find")] = False,
     sensors: Annotated[Path | None, typer.Option(help="with --plan: sensors as of `simulate --sensors`")] = None,
     duration: Annotated[float | None, time_option("with --plan: length of the run")] = None,
@@ -119,7 +121,7 @@ def identify(
 ) -> None:
     """Find parameters of a machine from measured runs, with intervals, verdicts and a held-out score."""
     from mech_twin.cli.identify import identify_machine
-    from mech_twin.cli.identify_request import IdentifyRequest
+    from mech_twin.cli.identify_request import LATEST_BEGIN_S, IdentifyRequest
 
     for option, value, words in (
         ("--motion", motion, ("auto", "measured", "simulated")),
@@ -127,10 +129,13 @@ def identify(
     ):
         if value not in words:
             raise CommandError(f"{option} {value}: expected one of {', '.join(words)}")
+    if latest_begin is not None and begin != "unknown":
+        raise CommandError(f"--latest-begin {latest_begin:g}: expected --begin unknown beside it")
+    latest_begin_s = LATEST_BEGIN_S if latest_begin is None else latest_begin
     identify_machine(
         IdentifyRequest(
             machine, runs or [], given_map, free or [], hold_out, config, settings or [], out, force, json,
-            fix or [], prior or [], motion, begin, latest_begin, seed, cores, plan, sensors, duration, scheduler,
+            fix or [], prior or [], motion, begin, latest_begin_s, seed, cores, plan, sensors, duration, scheduler,
         )
     )  # fmt: skip
 
@@ -149,23 +154,32 @@ def monitor(
         Path | None, typer.Option(help="file (.json) for baseline, thresholds, signatures")
     ] = None,
     arl0: Annotated[
-        float, typer.Option(help="mean time between false alarms of all charts together, h", min=1e-3)
-    ] = 24.0,
+        float | None,
+        typer.Option(help="mean time between false alarms of all charts together, h", min=1e-3, show_default="24"),
+    ] = None,
     skip: Annotated[
         float | None,
         time_option("time at the start of each run that is left out", "the machine's run-up"),
     ] = None,
     design: Annotated[bool, typer.Option("--design", help="judge a sensor set instead of runs")] = False,
     sensors: Annotated[Path | None, typer.Option(help="with --design: the sensors, as for simulate")] = None,
-    seed: Annotated[int, typer.Option(help="seed of the draws that thresholds come from", min=0)] = 0,
+    seed: Annotated[
+        int | None, typer.Option(help="seed of the draws that thresholds come from", min=0, show_default="0")
+    ] = None,
     config: Config = None,
     settings: Settings = None,
     force: Force = False,
     json: Json = False,
 ) -> None:
     """Judge runs against a healthy one and name the faults (exit code 1: an alarm), or judge a sensor set."""
-    from mech_twin.cli.monitor import MonitorRequest, monitor_machine
+    from mech_twin.cli.monitor import ARL0_H, SETUP_SUFFIX, MonitorRequest, monitor_machine
 
+    if baseline is not None and baseline.suffix == SETUP_SUFFIX:
+        for option, value in (("--arl0", arl0), ("--seed", seed)):
+            if value is not None:
+                raise CommandError(
+                    f"{option} {value}: {baseline} holds thresholds already; expected a run as --baseline"
+                )
     asked = MonitorRequest(
         machine,
         runs or [],
@@ -174,11 +188,11 @@ def monitor(
         settings or [],
         baseline,
         save_baseline,
-        arl0,
+        ARL0_H if arl0 is None else arl0,
         skip,
         design,
         sensors,
-        seed,
+        seed or 0,
         force,
         json,
     )

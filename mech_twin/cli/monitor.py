@@ -34,6 +34,7 @@ from mech_twin.studies.monitoring.signatures import MonitoredMachine
 FAULT_FOUND = 1  # exit code
 HEALTHY_SHARE = 0.4  # of the first run, where no baseline is given
 SETUP_SUFFIX = ".json"
+ARL0_H = 24.0
 EVENTS_OF_S = 2.0  # of the model's own run, that tell which contacts its events have
 EVENT_FIELDS = {"time": "stamp", "pre_velocity": "vector.x", "post_velocity": "vector.y", "impulse": "vector.z"}
 
@@ -48,7 +49,7 @@ class MonitorRequest(NamedTuple):
     settings: Sequence[str] = ()
     baseline: Path | None = None
     save_baseline: Path | None = None
-    arl0_h: float = 24.0
+    arl0_h: float = ARL0_H
     skip_s: float | None = None
     design: bool = False
     sensors: Path | None = None

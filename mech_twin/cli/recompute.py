@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from mech_twin import __version__
-from mech_twin.cli.console import print_json, print_numbers, progress, say
+from mech_twin.cli.console import print_json, print_table, progress, say
 from mech_twin.cli.failure import CommandError
 from mech_twin.nodes.domain import settle_domain
 from mech_twin.parameters.load import MACHINE_KEY, description_text, file_tree, machine_parameters
@@ -18,6 +18,17 @@ if TYPE_CHECKING:
     from mech_twin.recording.bag_samples import BagSamples
 
 DIFFERENT = 1
+TITLES = {"analyse": "forces recomputed from the recorded motion", "resimulate": "run recomputed from its start"}
+WORDS = {
+    "machine": "machine",
+    "identical": "identical",
+    "steps_compared": "compared",
+    "samples_compared": "compared",
+    "incomplete_steps": "incomplete",
+    "parameter_changes": "parameter changes",
+    "resets": "resets",
+}
+UNITS = {"steps_compared": "steps", "samples_compared": "samples", "incomplete_steps": "steps"}
 
 
 def recompute_bag(
@@ -80,7 +91,8 @@ def _write(
             {"bag": str(bag), "recorded_with": list(history.versions), "version": __version__, **numbers, **more}
         )
         return
-    print_numbers(f"{bag}: {mode}", numbers)
+    rows = [(WORDS[name], value, UNITS.get(name, "")) for name, value in numbers.items()]
+    print_table(f"{bag}: {TITLES[mode]}", ("quantity", "value", "unit"), rows)
     for step in verdict.taken_up[:10]:
         say(f"step {step}: resumed from the recorded state")
     for reason, number in samples.unused.items():

@@ -122,7 +122,7 @@ def _check(request: RunRequest) -> None:
     from mech_twin.nodes.namespace import run_namespace
 
     run_namespace(request.machine, request.namespace)
-    check_view(request.view, force=request.force)
+    check_view(request.view, request.view_port, force=request.force)
     if request.hold and request.view not in WEB_VIEWS:
         raise CommandError(f"--hold: expected --view web, which it keeps open; found --view {request.view}")
 

@@ -62,7 +62,7 @@ def shadow_machine(request: ShadowRequest) -> None:
     if request.black_box is not None and reference is None:
         raise CommandError(f"--black-box {request.black_box}: expected --monitor FILE too, which finds the faults")
     wish = None if request.advise is None else validated_wish(request.advise)
-    check_view(request.view, force=request.force)
+    check_view(request.view, request.view_port, force=request.force)
     settle_domain()
     from mech_twin.nodes.shadow_node import ShadowSetup
     from mech_twin.nodes.shadow_session import Company, follow, followed_namespace

@@ -13,15 +13,14 @@ from mech_twin.cli.command_group import QuestionGroup
 from mech_twin.cli.failure import CommandError
 from mech_twin.cli.help_words import Verb
 from mech_twin.cli.option_values import machine_name, time_option
-from mech_twin.output_file import check_output_file
+from mech_twin.output_file import YAML_SUFFIXES, check_output_file
 
-CONFIGURATION = (".yaml", ".yml")
 TABLE = (".parquet", ".csv")
 PICTURE = (".png", ".svg", ".pdf")
+POINTS = 9  # of a Pareto front
 
 study_app = typer.Typer(
     cls=QuestionGroup,
-    no_args_is_help=True,
     subcommand_metavar="QUESTION [OPTIONS]...",
     help="Sweep, size or optimise a machine: mech-twin study MACHINE QUESTION.",
 )
@@ -153,7 +152,7 @@ def size(
     from mech_twin.cli.study_output import answer_size
 
     file = out or Path(f"{context.obj}-sized.yaml")
-    check_output_file(file, force=force, suffixes=CONFIGURATION)
+    check_output_file(file, force=force, suffixes=YAML_SUFFIXES)
     answer_size(context.obj, file, objective, limit or [], tolerance, config, settings or [], as_json=json)
 
 
@@ -172,7 +171,9 @@ def search(
     bound: Bounds = None,
     limit: Limits = None,
     seed: Seed = 1,
-    points: Annotated[int, typer.Option(help="points of a Pareto front", min=1, max=1000)] = 9,
+    points: Annotated[
+        int | None, typer.Option(help="points of a Pareto front", min=1, max=1000, show_default="9")
+    ] = None,
     out: Annotated[Path | None, typer.Option(help="configuration to write", show_default="MACHINE-found.yaml")] = None,
     config: Config = None,
     settings: Settings = None,
@@ -182,10 +183,12 @@ def search(
     """Choose a machine's dimensions: scan, then optimise; a Pareto front for several objectives."""
     from mech_twin.cli.study_design import DesignRequest, answer_search
 
+    if points is not None and len(objective or ()) < 2:
+        raise CommandError(f"--points {points}: expected several --objective, which give a Pareto front")
     file = out or Path(f"{context.obj}-found.yaml")
-    check_output_file(file, force=force, suffixes=CONFIGURATION)
+    check_output_file(file, force=force, suffixes=YAML_SUFFIXES)
     request = DesignRequest(context.obj, bound or [], limit or [], seed, config, settings or [])
-    answer_search(request, tuple(objective or ()), points, file, as_json=json)
+    answer_search(request, tuple(objective or ()), points or POINTS, file, as_json=json)
 
 
 @study_app.command(cls=Verb)
@@ -241,7 +244,7 @@ def synthesise(
     from mech_twin.cli.study_long_run import SynthesisRequest, answer_synthesise
 
     file = out or Path(f"{context.obj}-robust.yaml")
-    check_output_file(file, force=force, suffixes=CONFIGURATION)
+    check_output_file(file, force=force, suffixes=YAML_SUFFIXES)
     request = SynthesisRequest(impact_speed, margin, basin, tolerance, stroke_ratio, starts, seed, periods, file)
     answer_synthesise(context.obj, request, config, settings or [], as_json=json)
 

@@ -42,6 +42,12 @@ def slides(joint: str) -> bool:
     return joint.startswith(SLIDING)
 
 
+def sliding_in(machine: Machine) -> frozenset[str]:
+    """Return the joints of a machine that slide, whatever their names."""
+    named = frozenset(filter(slides, machine.linkage.joints))
+    return named if machine.mechanism is None else named | machine.mechanism.sliding_joints
+
+
 def joint_column(column: str) -> JointColumn | None:
     """Return the parts of a joint's column; None where the column is of no joint."""
     role, _, rest = column.partition(".")
@@ -63,11 +69,11 @@ def machine_columns(machine: Machine) -> Mapping[str, str]:
     """Return every column of a run of the machine, and its SI unit."""
     frame = complete_frame(machine, machine.linkage.start(), None, 1.0)
     names = [name for name, _ in frame_numbers(frame) if name != "time_s"]
-    sliding = frozenset() if machine.mechanism is None else machine.mechanism.sliding_joints
-    return {name: _unit_in(name, sliding) for name in names}
+    sliding = sliding_in(machine)
+    return {name: unit_in(name, sliding) for name in names}
 
 
-def _unit_in(column: str, sliding: frozenset[str]) -> str:
+def unit_in(column: str, sliding: frozenset[str]) -> str:
     """Return the SI unit of a column of a machine, some of whose joints slide whatever their names."""
     parts = joint_column(column)
     return _SLIDING_UNITS[parts.field] if parts is not None and parts.joint in sliding else unit_of(column)

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from difflib import SequenceMatcher
 from pathlib import Path
+from textwrap import wrap
 
 from mech_twin.measurements.blocks import SourceColumn
 from mech_twin.measurements.machine_columns import joint_column
@@ -16,6 +17,7 @@ from mech_twin.measurements.units import SCALED_BY_GAIN, UNITS
 
 EXACT, NEAR, UNSURE = 3, 2, 1
 ALIKE = 0.8  # of two words
+WIDTH = 80  # of the text of a map
 FIELD_WORDS: Mapping[str, tuple[str, ...]] = {
     "position": ("position", "pos", "angle", "travel", "displacement", "stroke", "deg", "rad", "mm", "phi", "theta"),
     "velocity": ("velocity", "speed", "rate", "vel", "rpm", "omega"),
@@ -200,10 +202,7 @@ def map_text(
     for each in channels:
         lead = "  # " if each.surety == UNSURE else "  "
         remark = "; ".join(word for word in (each.reason, notes.get(each.source.label, "")) if word)
-        place = ", ".join(
-            f"{key}: {_quoted(value)}" for key, value in each.source.model_dump(exclude_none=True).items()
-        )
-        lines += [f"{lead}- source: {{{place}}}   # {remark}", f"{lead}  is: {each.column}"]
+        lines += [*_source(lead, each.source), *_comment(f"{lead}  ", remark), f"{lead}  is: {each.column}"]
         lines.append(
             f"{lead}  unit: {each.unit}"
             if each.unit
@@ -211,10 +210,22 @@ def map_text(
         )
         lines += [f"{lead}  sign: -1"] if each.sign < 0 else []
         lines += [f"{lead}  {key}: {value}" for key, value in _unknowns(each).items()]
-        lines += [f"{lead}  # {remark}" for remark in _remarks(each)]
+        lines += [line for remark in _remarks(each) for line in _comment(f"{lead}  ", remark)]
     if runs:
         lines.append(f"runs: [{', '.join(_quoted(str(run)) for run in runs)}]")
     return "\n".join(lines) + "\n"
+
+
+def _source(lead: str, source: Source) -> list[str]:
+    """Return the lines of a source: one, where it fits a terminal."""
+    parts = [f"{key}: {_quoted(value)}" for key, value in source.model_dump(exclude_none=True).items()]
+    line = f"{lead}- source: {{{', '.join(parts)}}}"
+    return [line] if len(line) <= WIDTH else [f"{lead}- source:", *(f"{lead}    {part}" for part in parts)]
+
+
+def _comment(lead: str, words: str) -> list[str]:
+    """Return words as comments, in lines that fit a terminal; they stay comments where their entry becomes none."""
+    return wrap(words, WIDTH, initial_indent=f"{lead}# ", subsequent_indent=f"{lead}# ", break_long_words=False)
 
 
 def _remarks(each: ProposedChannel) -> list[str]:

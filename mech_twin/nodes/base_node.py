@@ -96,7 +96,7 @@ class TwinNode(Node):
         return {}
 
     def resumed(self) -> None:
-        """Begin measuring time anew, after this process has stood still."""
+        """Begin measuring time anew, after this process was suspended."""
 
     def check_peers(self, now_s: float) -> None:
         """Look whether somebody is missing; called ten times a second."""
@@ -108,11 +108,11 @@ class TwinNode(Node):
         return self.create_timer(period_s, call, clock=self._steady)
 
     def _pulse(self) -> None:
-        """Notice that this process itself has stood still (stopped by a signal, or starved)."""
+        """Notice that this process itself was suspended (by a signal, or for want of a processor)."""
         now, before = time.monotonic(), self._pulse_at
         self._pulse_at = now
         if before is not None and now - before > self.options.peer_timeout_s + PULSE_S:
-            self.statistics.count("process", "stopped", f"stood still for {now - before:.1f} s")
+            self.statistics.count("process", "suspended", f"no processor time for {now - before:.1f} s")
             self.resumed()
         self.check_peers(now)
 

@@ -63,8 +63,8 @@ class NodeDiagnostics:
 
 
 def _line(report: Report) -> str:
-    counts = ", ".join(f"{number} {kind}" for kind, number in report.counts.items())
-    return f"{report.topic}: {counts}" + (f" (last: {report.last_reason})" if report.last_reason else "")
+    counts = ", ".join(f"{number} {kind.replace('_', ' ')}" for kind, number in report.counts.items())
+    return f"{report.topic}: {counts}" + (f"; last: {report.last_reason}" if report.last_reason else "")
 
 
 def array_message(time_s: float, status: DiagnosticStatus) -> DiagnosticArray:

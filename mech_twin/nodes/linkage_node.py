@@ -191,7 +191,7 @@ class LinkageNode(RoleNode):
         self._out.send_step(sample)
 
     def resumed(self) -> None:
-        """Go on from the wall clock as it is: the time this process stood still is not caught up."""
+        """Go on from the wall clock as it is: the time this process was suspended is not caught up."""
         self._pacer.resume()
         self._wait.resumed(time.monotonic())
 

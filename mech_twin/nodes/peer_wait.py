@@ -60,5 +60,5 @@ class PeerWait:
         self._step_at_s = now_s
 
     def resumed(self, now_s: float) -> None:
-        """Measure anew, after this process itself has stood still."""
+        """Measure anew, after this process itself was suspended."""
         self._step_at_s = now_s

@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterable
 from pathlib import Path
 
-from mech_twin.measurements.machine_columns import slides
+from mech_twin.measurements.machine_columns import sliding_in
 from mech_twin.nodes.run_metrics import RunMetrics
 from mech_twin.samples import Event, Frame
 
@@ -49,9 +49,10 @@ class RunStatus:
             return "starting"
         linkage = frame.linkage
         joint, speed = linkage.joints[0], linkage.velocity[0]
+        unit = "m/s" if joint in sliding_in(self._metrics.machine) else "rad/s"
         parts = [
             f"{linkage.time_s:.2f} s",
-            f"{joint} {speed:.4g} {'m/s' if slides(joint) else 'rad/s'}",
+            f"{joint} {speed:.4g} {unit}",
             *self._blows(linkage.time_s),
             self._state(frame),
             f"lag {self._lag_s(linkage.time_s, now_s):.2f} s",

@@ -10,7 +10,7 @@ from typing import NamedTuple
 from geometry_msgs.msg import WrenchStamped
 
 from mech_twin.engine.sample_vectors import Array
-from mech_twin.measurements.machine_columns import joint_column, slides
+from mech_twin.measurements.machine_columns import joint_column, sliding_in
 from mech_twin.messages import impact
 from mech_twin.messages.joint_state_cdr import Header, Stamp, StepMessage, encoded
 from mech_twin.messages.topics import (
@@ -102,7 +102,7 @@ class ShadowOutputs:
             self._add(output, virtual_pin(pin), frames + pin, *places)
         first = machine.linkage.joints[0]
         drive = columns[f"linkage.{first}.effort"]
-        by_force = slides(first)
+        by_force = first in sliding_in(machine)
         self._add(output, VIRTUAL_DRIVE, frames + first, drive if by_force else None, None, None if by_force else drive)
         if machine.body is not None:
             self._add(output, VIRTUAL_PRESSING_FORCE, f"{frames}tool", columns[PRESSING_FORCE_COLUMN], None, None)

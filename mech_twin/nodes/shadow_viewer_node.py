@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple, TypeVar
 
 from mech_twin.captions import titled
-from mech_twin.measurements.machine_columns import joint_column, unit_of
+from mech_twin.measurements.machine_columns import joint_column, sliding_in, unit_in
 from mech_twin.nodes.base_node import TwinNode
 from mech_twin.nodes.monitor_node import MonitorNode
 from mech_twin.nodes.options import RunOptions
@@ -67,7 +67,8 @@ class ShadowViewerNode(TwinNode):
         self._channels = shadow.observer.channels
         self._largest_sigma = 0.0
         self._shown = ""
-        shown = [ShownChannel(each.column, channel_title(each.column)) for each in self._channels]
+        sliding = sliding_in(self._machine)
+        shown = [ShownChannel(each.column, channel_title(each.column, sliding)) for each in self._channels]
         self.scene = ShadowScene(f"{machine_name} shadow", shown, destination(place))
         self.every(TICK_S, self._tick)
 
@@ -123,11 +124,11 @@ def _fault_words(faults: Sequence[FaultLife] | None) -> list[str]:
     ] or ["no fault"]
 
 
-def channel_title(column: str) -> str:
-    """Return what a channel is called over its plots, with its unit."""
+def channel_title(column: str, sliding: frozenset[str]) -> str:
+    """Return what a channel is called over its plots, with its unit; of the joints some slide."""
     parts = joint_column(column)
     name = f"{titled(parts.joint)} {parts.field}" if parts is not None else titled(column.partition(".")[2] or column)
-    return f"{name}, {unit_of(column).replace('N.m', 'N m')}"
+    return f"{name}, {unit_in(column, sliding).replace('N.m', 'N m')}"
 
 
 def channel_readings(shadow: ShadowNode, estimate: FrameEstimate, sample: SeenSample) -> dict[str, ChannelReading]:

@@ -7,7 +7,7 @@ from collections import Counter
 from typing import NamedTuple
 
 OF_STEPS = ("missing", "repeated", "late", "early", "conflicting")
-KINDS = (*OF_STEPS, "malformed", "unknown_source", "timeout", "incompatible", "stopped")
+KINDS = (*OF_STEPS, "malformed", "unknown_source", "timeout", "incompatible", "suspended")
 
 
 class Report(NamedTuple):

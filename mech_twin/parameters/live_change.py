@@ -9,7 +9,7 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 from mech_twin.configuration_tree import ConfigurationError, configuration_tree, merged_tree, tree_from_flat
-from mech_twin.parameters.key_hints import did_you_mean
+from mech_twin.parameters.key_hints import did_you_mean, key_units
 from mech_twin.parameters.load import assignments, catalogue_entry, validated
 from mech_twin.quantity import Parameters
 from mech_twin.roles import Machine
@@ -91,10 +91,7 @@ class ChangingMachine:
 def _changed(parameters: Parameters, change: LiveChange, machine: str) -> Parameters:
     live = dict(live_numbers(parameters))
     if change.key not in live:
-        raise ConfigurationError(
-            f"--change {change.text}: expected a live key of {machine}, one of {', '.join(sorted(live))}"
-            f"{did_you_mean(change.key, dict.fromkeys(live, ''))}"
-        )
+        raise ConfigurationError(f"--change {change.text}: {_not_live(change.key, type(parameters), live, machine)}")
     value = change.value
     if change.share is not None:
         if not isinstance(live[change.key], int | float):
@@ -102,6 +99,15 @@ def _changed(parameters: Parameters, change: LiveChange, machine: str) -> Parame
         value = live[change.key] * (1.0 + change.share)
     tree = merged_tree(configuration_tree(parameters), tree_from_flat({change.key: value}))
     return validated(catalogue_entry(machine), tree, f"--change {change.text}")
+
+
+def _not_live(key: str, model: type[Parameters], live: Iterable[str], machine: str) -> str:
+    """Return what is wrong with a key: it is no key, or none that may change; and which was probably meant."""
+    units, changing = key_units(model), sorted(live)
+    if key in units:
+        return f"'{key}' is fixed during a run; expected a live key of {machine}, one of {', '.join(changing)}"
+    meant = did_you_mean(key, {name: units.get(name, "") for name in changing})
+    return f"unknown key '{key}'" + (meant or f"; expected one of {', '.join(changing)}")
 
 
 def live_numbers(parameters: Parameters, prefix: str = "") -> Iterator[tuple[str, Any]]:

@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,7 +21,8 @@ RESIDUAL = "worst_"  # how the names of residuals in a summary begin
 class ComparedRun(NamedTuple):
     """One of the two: its label, machine, configuration tree, summary numbers, samples as columns over time.
 
-    ``broken`` names the residuals beyond their limits; residuals are rounding and not compared.
+    ``broken`` names the residuals beyond their limits; residuals are rounding and not compared.  ``units`` are those of
+    samples whose name does not end in theirs, such as the position of a joint.
     """
 
     label: str
@@ -29,6 +31,7 @@ class ComparedRun(NamedTuple):
     summary: Mapping[str, float]
     broken: tuple[str, ...]
     samples: Mapping[str, Sequence[float] | NDArray[np.float64]]
+    units: Mapping[str, str] = MappingProxyType({})
 
 
 class Differing(NamedTuple):
@@ -142,8 +145,15 @@ def drawn_side_by_side(first: ComparedRun, second: ComparedRun, names: Sequence[
         for axes, name in zip(all_axes, names, strict=True):
             for side, line in ((first, "-"), (second, "--")):
                 axes.plot(side.samples["time_s"], side.samples[name], line, label=side.label)
-            role, _, rest = name.partition(".")
-            axes.set_ylabel(f"{role} {titled(rest.replace('.', '_'))}", fontsize=7.5)
+            axes.set_ylabel(_axis_title(name, first.units.get(name), second.units.get(name)), fontsize=7.5)
         all_axes[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
         all_axes[-1].set_xlabel("time [s]")
     return figure
+
+
+def _axis_title(name: str, *units: str | None) -> str:
+    """Return role and quantity of a column with the unit that its name ends in, else those of both sides."""
+    role, _, rest = name.partition(".")
+    words = f"{role} {titled(rest.replace('.', '_'))}"
+    known = dict.fromkeys(unit.replace(".", " ") for unit in units if unit and unit != "1")
+    return words if words.endswith("]") or not known else f"{words} [{' / '.join(known)}]"

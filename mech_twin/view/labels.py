@@ -16,6 +16,7 @@ from mech_twin.samples import Shape
 PANEL_PX, LETTER_PX, LINE_PX = 700.0, 6.6, 20.0  # width of a usual panel, and of a letter, and height of a line in it
 FRAME_PX = 12.0  # of the box round a text, both sides together
 SHIFTS = (0.0, 1.15, -1.15, 2.3, -2.3, 3.45, -3.45)  # in lines, tried in this order
+SIDES = (0.0, 1.1, -1.1, 2.2, -2.2)  # in halves of the text's width, where no shift up or down does
 
 
 class _Box(NamedTuple):
@@ -51,18 +52,36 @@ def written_beside(shape: Shape, width_m: float) -> Shape:
     return Shape(f"{shape.name}_text", "text", (top,), shape.colour, line_m, shape.text)
 
 
+def texts_of(shapes: Sequence[Shape], notes: Sequence[Shape], width_m: float) -> list[Shape]:
+    """Return the texts of a drawing that are written at no point of it.
+
+    Those of the notes - letters of the pins, values, scales - have their places first; names make room for them and for
+    each other.
+    """
+    every = (*shapes, *notes)
+    letters = [shape for shape in every if shape.kind == "points" and shape.text]
+    first = apart([shape for shape in notes if shape.kind == "text"], letters, width_m)
+    names = [shape for shape in shapes if shape.kind == "text"]
+    names += [written_beside(shape, width_m) for shape in every if shape.kind in ("line", "arrow") and shape.text]
+    return [*first, *apart(names, [*first, *letters], width_m)]
+
+
 def apart(texts: Sequence[Shape], fixed: Sequence[Shape], width_m: float) -> list[Shape]:
-    """Return texts, those that would cover another one or a fixed one moved up or down by a few lines at most."""
+    """Return texts, those that would cover another one or a fixed one moved aside by a few lines at most."""
     line_m = LINE_PX * width_m / PANEL_PX
     taken = [_box(shape, width_m) for shape in fixed]
     placed = []
     for shape in texts:
         box = _box(shape, width_m)
-        tried = [box._replace(y=box.y + shift * line_m) for shift in SHIFTS]
+        tried = [
+            box._replace(x=box.x + side * box.half_width, y=box.y + shift * line_m)
+            for side in SIDES
+            for shift in SHIFTS
+        ]
         best = min(tried, key=lambda each: sum(each.overlap(other) for other in taken))
         taken.append(best)
         ((x, y),) = shape.points_m
-        placed.append(shape._replace(points_m=((x, y + best.y - box.y),)))
+        placed.append(shape._replace(points_m=((x + best.x - box.x, y + best.y - box.y),)))
     return placed
 
 

@@ -10,7 +10,7 @@ import numpy.typing as npt
 import rerun as rr
 
 from mech_twin.samples import Shape
-from mech_twin.view.labels import apart, written_beside
+from mech_twin.view.labels import texts_of
 from mech_twin.view.layout import MECHANISM, Bounds
 
 MARGIN = 0.08
@@ -51,9 +51,7 @@ class Mechanism:
             by_kind[shape.kind].append(shape)
         bounds = self.bounds()
         width_m = 1.0 if bounds is None else bounds.right_m - bounds.left_m
-        beside = [written_beside(shape, width_m) for kind in ("line", "arrow") for shape in by_kind[kind] if shape.text]
-        fixed = [*by_kind["text"], *(shape for shape in by_kind["points"] if shape.text)]
-        points = [*by_kind["text"], *apart(beside, fixed, width_m), *by_kind["points"]]
+        points = [*texts_of(shapes, notes, width_m), *by_kind["points"]]
         self._stream.log(FIGURE, _lines(by_kind["line"]), _points(points), _arrows(by_kind["arrow"]))
 
     def widen(self, shapes: Sequence[Shape]) -> None:

@@ -5,12 +5,15 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
+from typer.main import get_command
 
 from mech_twin.cli.command_group import with_options_repeated
 from mech_twin.cli.console import estimate
-from mech_twin.cli.main import main
+from mech_twin.cli.main import app, main
+from mech_twin.cli.option_rules import APART, BESIDE, Apart
 from mech_twin.cli.option_values import seconds
 from mech_twin.configuration_tree import ConfigurationError
 from mech_twin.machines.catalog import CATALOGUE
@@ -19,6 +22,7 @@ from mech_twin.parameters.load import configuration_file, machine_of_prefix, mac
 
 SIMULATE = "simulate mb10_breaker --duration 1 "
 PRESS = "study compaction_press "
+STUDIES = ("sweep", "size", "search", "designs", "synthesise", "regimes")
 TIMES = "expected a time such as 3, 3s, 500ms, 2min or 1h"
 
 # what is typed, and what the one line must say
@@ -63,7 +67,7 @@ MISTAKES = {
     "duration nan": ("simulate mb10_breaker --duration nan", ["--duration", "nan", TIMES]),
     "negative time": ("replay bag --start -3", ["--start", "-3", TIMES]),
     "no duration": ("simulate mb10_breaker", ["--duration"]),
-    "no angle": ("analyse mb10_breaker --crank-deg abc", ["--crank-deg", "expected a number"]),
+    "no angle": ("analyse mb10_breaker --crank-deg abc", ["--crank-deg abc", "expected a number"]),
     "bounds in the wrong order": (
         PRESS + "search --bound crank=0.5:0.1",
         ["--bound crank=0.5:0.1", "lower bound is above the upper one", "expected crank=0.1:0.5"],
@@ -83,8 +87,61 @@ MISTAKES = {
     "no question": ("study impact_mass", ["name a question", "sweep", "synthesise", "regimes"]),
     "misspelt question": ("study mb10_breaker swep", ["no question 'swep'", "did you mean 'sweep'"]),
     "misspelt command": ("simulat mb10_breaker", ["no command 'simulat'", "did you mean 'simulate'"]),
-    "misspelt option": ("run mb10_breaker --recrod bag", ["--recrod", "--record"]),
+    "misspelt option": (
+        "run mb10_breaker --recrod bag",
+        ["no option '--recrod' of mech-twin run", "did you mean '--record PATH'"],
+    ),
+    "beginning of an option": ("simulate mb10 --dur 3", ["no option '--dur'", "did you mean '--duration TIME'"]),
+    "option of no verb": ("simulate mb10 -d 3", ["no option '-d'", "`mech-twin simulate --help` lists them"]),
+    "option before the verb": ("--set a=1", ["no option '--set' of mech-twin", "`mech-twin --help`"]),
+    "misspelt option of a question": (
+        PRESS + "size --limt a=1",
+        ["'--limt' of mech-twin study MACHINE size", "--limit"],
+    ),
+    "machine left out": ("simulate", ["missing MACHINE", "expected machine"]),
+    "second side left out": ("compare mb10", ["missing B", "what to compare it with"]),
+    "map of nothing": ("map", ["missing MEASUREMENT", "one run: a bag, or a table"]),
+    "one machine too many": ("simulate mb10 drum --duration 1", ["'drum'", "mech-twin simulate MACHINE [OPTIONS]"]),
+    "study of nothing": ("study", ["study: expected a machine and a question", "sweep|size"]),
+    "question without a machine": ("study size", ["study size", "expected a machine", "study MACHINE size"]),
+    "value left out": ("run mb10 --view-port", ["missing value of --view-port", "port of the web view"]),
+    "value of a switch": ("run mb10 --hold=3", ["--hold takes no value"]),
+    "option for a value": (
+        "run mb10 --record --no-record",
+        ["--record --no-record", "recording directory", "an option"],
+    ),
+    "option for a setting": ("analyse mb10 --set --json", ["--set --json", "expected KEY=VALUE", "an option"]),
+    "recording and none": ("run mb10 --no-record --record x", ["--record and --no-record exclude each other"]),
+    "port without a page": ("run mb10 --view none --view-port 9000", ["--view-port 9000", "--view web, light or full"]),
+    "port of no page": ("shadow mb10 --from x --view-port 9000", ["--view-port 9000", "--view web, light or full"]),
+    "samples in a table": ("simulate mb10 --duration 1 --samples", ["--samples goes with --json", "--table FILE"]),
+    "seed of nothing": (SIMULATE + "--seed 3", ["--seed goes with --sensors"]),
+    "all as CSV": (SIMULATE + "--csv --all", ["--csv and --all exclude each other"]),
+    "rate of a recomputation": ("replay bag --analyse --rate 2", ["--analyse and --rate exclude each other"]),
+    "result of a replay": ("replay bag --json", ["--json goes with --analyse or --resimulate"]),
+    "page of a file": ("view bag --save x.rrd --port 9000", ["--save and --port exclude each other"]),
+    "configuration of a view": ("view bag --config x.yaml", ["--config goes with --map"]),
+    "quality as CSV": ("info bag --map m.yaml --csv", ["--map and --csv exclude each other"]),
+    "begin of a fit": ("identify mb10 bag --latest-begin 3", ["--latest-begin goes with --begin"]),
+    "known begin of a fit": (
+        "identify mb10 bag --begin start --latest-begin 3",
+        ["--latest-begin 3", "expected --begin unknown"],
+    ),
+    "length of a run": ("identify mb10 bag --duration 3", ["--duration goes with --plan"]),
+    "plan of a fit": ("identify mb10 --plan --hold-out 0.2", ["--plan and --hold-out exclude each other"]),
+    "design with a baseline": ("monitor mb10 --design --baseline x", ["--design and --baseline exclude each other"]),
+    "known thresholds": ("monitor mb10 bag --baseline x.json --arl0 8", ["--arl0 8.0", "holds thresholds already"]),
+    "front of one objective": (PRESS + "search --points 5", ["--points 5", "expected several --objective"]),
+    "two ways to spread": (
+        PRESS + "designs --cores 2 --scheduler tcp://127.0.0.1:1",
+        ["--cores and --scheduler exclude each other"],
+    ),
+    "map of no kind": ("map run.csv mb10 --out x.txt", ["x.txt", ".yaml or .yml"]),
     "change of a fixed key": (SIMULATE + "--change linkage.crank_m=1@0.5", ["--change", "expected a live key"]),
+    "change of no key": (
+        SIMULATE + "--change body.spring=3@0.5",
+        ["--change body.spring=3@0.5", "unknown key 'body.spring'", "did you mean 'body.spring_rate_n_per_m' (N/m)"],
+    ),
     "sweep of the impossible": (
         PRESS + "sweep --over linkage.crank_m=5:6:3 --no-picture",
         ["no point of the sweep is possible (3 refused)", "cannot make a full turn"],
@@ -194,6 +251,60 @@ def test_a_mistake_is_answered_in_one_line_that_helps(
     for words in expected:
         assert words in said.err
     assert set(tmp_path.iterdir()) == before
+
+
+def _verbs() -> dict[str, Any]:
+    """Return every verb, and every question of ``study``, with its command."""
+    commands = dict(get_command(app).commands)
+    return {**commands, **commands.pop("study").commands}
+
+
+@pytest.mark.parametrize(
+    "name", [name for name, verb in _verbs().items() if {"json", "csv"} <= {p.name for p in verb.params}]
+)
+def test_a_result_has_one_form(name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    needed = [word for each in _verbs()[name].params if each.required for word in _typed(each)]
+    words = ["study", "mb10", name] if name in STUDIES else [name]
+    monkeypatch.setattr(sys, "argv", ["mech-twin", *words, *needed, "--json", "--csv"])
+    with pytest.raises(SystemExit) as end:
+        main()
+    assert end.value.code == 2
+    assert capsys.readouterr().err == "mech-twin: --json and --csv exclude each other: one form of output\n"
+
+
+def _typed(parameter: Any) -> list[str]:
+    values = {"machine": "mb10", "over": "a=1,2", "duration": "1"}
+    value = values.get(parameter.name, "x")
+    return [value] if parameter.param_type_name == "argument" else [parameter.opts[0], value]
+
+
+def test_every_rule_names_options_that_its_verb_has() -> None:
+    verbs = _verbs()
+    rules = {name: [*APART.get(name, ()), *BESIDE.get(name, ())] for name in {*APART, *BESIDE}}
+    assert set(rules) <= set(verbs)
+    for name, of_verb in rules.items():
+        known = {parameter.name for parameter in verbs[name].params}
+        for rule in of_verb:
+            named = (rule.first, rule.second) if isinstance(rule, Apart) else (rule.option, *rule.others)
+            assert set(named) <= known, (name, rule)
+
+
+@pytest.mark.parametrize("name", _verbs())
+def test_no_option_is_taken_for_the_value_of_another(
+    name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["study", "mb10", name] if name in STUDIES else [name]
+    for parameter in _verbs()[name].params:
+        if parameter.param_type_name != "option" or parameter.is_flag:
+            continue
+        option = parameter.opts[0]
+        monkeypatch.setattr(sys, "argv", ["mech-twin", *words, option, "--help"])
+        with pytest.raises(SystemExit) as end:
+            main()
+        said = capsys.readouterr().err
+        assert end.value.code == 2
+        assert said.startswith(f"mech-twin: {option} --help: expected "), said
+        assert said.endswith("found an option\n")
 
 
 @pytest.mark.parametrize("name", CATALOGUE)

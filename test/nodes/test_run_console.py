@@ -51,7 +51,8 @@ def test_the_line_says_time_speed_and_state_of_every_machine(name: str, tmp_path
     linkage = frame.linkage
     line = status.line(100.0)
     assert f"{linkage.time_s:.2f} s" in line
-    assert f"{linkage.joints[0]} {linkage.velocity[0]:.4g}" in line
+    slides = machine.mechanism is not None and linkage.joints[0] in machine.mechanism.sliding_joints
+    assert f"{linkage.joints[0]} {linkage.velocity[0]:.4g} {'m/s' if slides else 'rad/s'} " in line
     assert "2.5 MB" in line
     assert "lag 0.00 s" in line
     assert "lag 1.50 s" in status.line(101.5)

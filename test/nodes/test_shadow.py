@@ -21,6 +21,7 @@ from sensor_msgs.msg import JointState
 
 from mech_twin.configuration_tree import ConfigurationError, configuration_tree, merged_tree, tree_from_flat
 from mech_twin.engine.rollout import roll_out
+from mech_twin.measurements.machine_columns import sliding_in
 from mech_twin.measurements.measurement_map import MeasurementMap
 from mech_twin.messages.joint_state_cdr import Header, Stamp, StepMessage, encoded, stamp_of
 from mech_twin.messages.topics import (
@@ -41,7 +42,7 @@ from mech_twin.nodes.options import RunOptions
 from mech_twin.nodes.shadow_inputs import sensed_channels
 from mech_twin.nodes.shadow_node import ShadowNode, ShadowSetup
 from mech_twin.nodes.shadow_session import Company, followed_namespace, nodes_beside
-from mech_twin.nodes.shadow_viewer_node import ShadowState, ShadowViewerNode, state_line
+from mech_twin.nodes.shadow_viewer_node import ShadowState, ShadowViewerNode, channel_title, state_line
 from mech_twin.nodes.spinner import Spinner
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.recording.bag_reader import open_bag
@@ -194,6 +195,14 @@ def test_the_view_shows_measured_and_model_with_the_residual_in_its_band_and_the
         "measured",
         "model",
     ]
+
+
+def test_a_channel_of_a_joint_that_slides_is_in_metres_whatever_its_name() -> None:
+    sliding = sliding_in(built("planar_linkage"))
+    assert channel_title("linkage.dyad_2_second.position", sliding) == "dyad 2 second position, m"
+    assert channel_title("linkage.dyad_2_second.effort", sliding) == "dyad 2 second effort, N"
+    assert channel_title("linkage.dyad_1_second.velocity", sliding) == "dyad 1 second velocity, rad/s"
+    assert channel_title("linkage.slider.velocity", sliding_in(built("vibration_crank"))) == "slider velocity, m/s"
 
 
 def test_the_line_of_state_names_what_the_operator_must_see() -> None:

@@ -81,9 +81,8 @@ def test_slopes_through_an_impact_are_the_saltation_matrix() -> None:
     filter_ = SaltedFilter(run.bank, space, run.angles)
     impacts = [(step, event) for step, event in roll_out(machine, 0.5).stepped_events if event.kind == "impact"]
     step, event = next((s, e) for s, e in impacts if sum(other == s for other, _ in impacts) == 1 and s > 60)
-    state = FilterState(
-        step - 1, run.rows[step - 1].copy(), np.zeros(len(space.places) - space.states), np.eye(len(space.places))
-    )
+    size, offsets = len(space.places), np.zeros(len(space.places) - space.states)
+    state = FilterState(step - 1, run.rows[step - 1].copy(), offsets, np.eye(size), np.zeros((size, 0)))
     slopes = filter_.predicted(state, 1.0).slopes
     row = run.rows[step - 1]
     anchor_m, anchor_m_per_s = (row[columns[f"linkage.memory.anchor_{x}"]] for x in ("gap_m", "velocity_m_per_s"))
@@ -130,6 +129,31 @@ def test_the_sigma_of_the_impact_mass_holds_with_noise_and_wrong_parameters() ->
         assert observer.counts["lost"] == 0
         inside.append(share_inside(observer, pairs, names))
     assert np.mean(inside) >= 0.95
+
+
+def test_a_wrong_key_is_carried_on_as_what_it_is_and_not_as_noise() -> None:
+    """From an exact state a key that pushes by g in each step leads n steps on to ``(sum F^i g)(sum F^i g)'``."""
+    run = model_run(built("vibration_crank"), 1.0)
+    space = state_space(run, "vibration_crank")
+    filter_ = SaltedFilter(run.bank, space, run.angles)
+    size = len(space.places)
+    effect = np.zeros((len(run.bank.columns), 1))
+    effect[space.later, 0] = [0.0, 0.3]
+    state = FilterState(
+        500, run.rows[500].copy(), np.zeros(size - space.states), np.zeros((size, size)), np.zeros((size, 1))
+    )
+    pushed = np.zeros(size)
+    own = np.zeros(size)
+    own[: space.states] = space.signs * effect[space.later, 0] / space.scales[: space.states]
+    for _ in range(20):
+        ahead = filter_.predicted(state, 1.0)
+        transition = np.eye(size)
+        transition[: space.states] = ahead.slopes[space.later] / space.scales[: space.states, None]
+        pushed = transition @ pushed + own
+        state = filter_.committed(state, ahead, np.zeros((size, size)), effect)
+    assert own[0] == 0.0 and abs(pushed[0]) > 1e-3  # the push on the speed has turned the crank
+    np.testing.assert_allclose(state.with_keys[:, 0], pushed, rtol=1e-9)
+    np.testing.assert_allclose(state.covariance, np.outer(pushed, pushed), rtol=1e-7, atol=1e-12 * (pushed @ pushed))
 
 
 def test_the_state_of_a_frame_is_found_and_drives_have_an_unknown_offset() -> None:

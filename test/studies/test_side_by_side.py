@@ -77,3 +77,15 @@ def test_a_picture_shows_both_sides_in_each_panel():
     figure = drawn_side_by_side(first, second, ["forces.drive_torque_nm"])
     assert [line.get_label() for line in figure.axes[0].lines] == ["A", "B"]
     assert figure.axes[0].get_ylabel() == "forces drive torque [N m]"
+
+
+def test_every_panel_of_a_picture_has_its_unit() -> None:
+    columns = {"time_s": [0.0, 1.0], "linkage.crank.position": [0.0, 1.0], "linkage.ram.position": [0.0, 2.0]}
+    columns |= {"forces.drive_torque_nm": [0.0, 3.0]}
+    first = side("first", samples=columns)._replace(
+        units={"linkage.crank.position": "rad", "linkage.ram.position": "m"}
+    )
+    second = first._replace(units={**first.units, "linkage.ram.position": "rad"})
+    figure = drawn_side_by_side(first, second, list(columns)[1:])
+    titles = [axes.get_ylabel() for axes in figure.axes]
+    assert titles == ["linkage crank position [rad]", "linkage ram position [m / rad]", "forces drive torque [N m]"]

@@ -4,11 +4,14 @@
 from itertools import combinations
 
 import pytest
+from catalogue import NAMES
 
 from mech_twin.engine.run import frames
 from mech_twin.parameters.load import machine
 from mech_twin.samples import Shape
-from mech_twin.view.labels import LINE_PX, PANEL_PX, _box, apart, written_beside
+from mech_twin.view.annotations import Annotations, lost_energy
+from mech_twin.view.labels import LINE_PX, PANEL_PX, _box, apart, texts_of
+from mech_twin.view.mechanism import Mechanism
 
 
 def text(name, x, y):
@@ -32,13 +35,25 @@ def test_no_text_goes_further_than_a_few_lines():
         assert abs(after.points_m[0][1] - before.points_m[0][1]) < 4.0 * LINE_PX / PANEL_PX
 
 
-@pytest.mark.parametrize("name", ["planar_linkage", "vibration_crank", "compaction_press"])
-def test_the_names_of_the_links_of_a_machine_never_cover_each_other(name):
+class _Nowhere:
+    def log(self, *_: object, **__: object) -> None:
+        pass
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_no_name_of_a_machine_covers_another_a_letter_or_a_value(name):
     made = machine(name)
-    for frame in list(frames(made, 1.0))[::100]:
-        shapes = made.draw(frame.linkage, frame.body)
-        across = [x for shape in shapes for x, _ in shape.points_m]
-        width_m = 1.5 * (max(across) - min(across))
-        named = [written_beside(shape, width_m) for shape in shapes if shape.kind in ("line", "arrow") and shape.text]
-        boxes = [_box(shape, width_m) for shape in apart(named, [], width_m)]
-        assert all(one.overlap(other) == 0.0 for one, other in combinations(boxes, 2)), frame.linkage.time_s
+    run = list(frames(made, 1.0))[::100]
+    figure, notes = Mechanism(_Nowhere()), Annotations(made.mechanism, made.blow_energy or lost_energy)
+    drawn = [made.draw(frame.linkage, frame.body) for frame in run]
+    for shapes in drawn:
+        figure.widen(shapes)
+    bounds = figure.bounds()
+    width_m = bounds.right_m - bounds.left_m
+    for frame, shapes in zip(run, drawn, strict=True):
+        notes.add(frame.linkage, frame.forces)
+        texts = texts_of(shapes, notes.shapes(frame.linkage.time_s, bounds), width_m)
+        assert len(texts) > 2
+        for one, other in combinations(texts, 2):
+            covered = _box(one, width_m).overlap(_box(other, width_m))
+            assert covered == 0.0, (frame.linkage.time_s, one.text, other.text)

@@ -130,7 +130,7 @@ def apply_event(
 ) -> tuple[int, int]:
     """Apply the event of a signal to state, memory and log; return the regime of the body and the number of events."""
     if count + 3 > len(log):
-        raise MotionError("mb10_breaker: the log of events of one step is full; shorten coupling.step_s")
+        raise MotionError("mb10_breaker: more than 509 events in one step; shorten coupling.step_s")
     if which == GAP:
         return apply_gap_closed(motion, state, memory, regime, time, log, count)
     if which == DEAD_CENTRE:

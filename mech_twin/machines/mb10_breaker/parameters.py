@@ -31,6 +31,7 @@ STIFFEST_N_PER_M = 1e8  # of the springs, where the body follows the forces of t
 LONGEST_STEP_S = 0.005
 LONGEST_TURN_RAD = 0.135  # of the crank in a step: the moment on the body is a line between the ends of the step
 FASTEST_DECAY_PER_S = 100.0  # of the crank by the friction of its bearing: slow against the integrator's step
+FASTEST_TOOL_STOP_M_PER_S2 = 1e9  # by the wall: it costs energy and momentum a tenth of their limits, in proportion
 FASTEST_WALL_RAD_PER_S2 = 1e7  # of the crank by the wall: it stops within less than a substep can be halved to
 FASTEST_STOP_RAD_PER_S2 = 1e5  # of crank and body by Coulomb friction: a stop is told from the blow before it
 MOST_DECAYS = 0.5  # of the shaft in a step; the extrapolated torque is stable below it
@@ -163,6 +164,13 @@ class BreakerParameters(Parameters):
             raise ValueError(
                 f"tool.wall_force_n must be at most {most:.6g} N, {FASTEST_WALL_RAD_PER_S2:g} rad/s2 of crank and "
                 f"rotor by way of the striker; got {self.tool.wall_force_n:g}"
+            )
+        most = FASTEST_TOOL_STOP_M_PER_S2 * self.tool.mass_kg
+        if self.tool.wall_force_n > most:
+            raise ValueError(
+                f"tool.wall_force_n must be at most {most:.6g} N, {FASTEST_TOOL_STOP_M_PER_S2:g} m/s2 of "
+                f"tool.mass_kg: what a lighter tool does in its wall is lost in rounding; got "
+                f"{self.tool.wall_force_n:g}"
             )
         return self
 

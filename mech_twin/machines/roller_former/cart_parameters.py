@@ -231,11 +231,12 @@ def cart_bank(
     )
 
 
-def least_inertia_kg_m2(bank: CartBank) -> float:
-    """Return the least reduced inertia J_p2 of crank shaft and carts over a turn (kg m^2), dead centres included."""
+def inertia_range_kg_m2(bank: CartBank) -> tuple[float, float]:
+    """Return least and greatest reduced inertia J_p2 of crank shaft and carts over a turn (kg m^2)."""
     angles = np.concatenate([np.linspace(0.0, 2.0 * pi, 720, endpoint=False), -bank.offset_rad, pi - bank.offset_rad])
     psi = angles[:, None] + bank.offset_rad
     sine, cosine = np.sin(psi), np.cos(psi)
     secant = 1.0 if bank.expanded else 1.0 / np.sqrt(1.0 - (bank.ratio * sine) ** 2)
     travel = bank.crank_m * sine * (1.0 + bank.ratio * cosine * secant)
-    return float(np.min(bank.crank_inertia_kg_m2 + travel**2 @ bank.mass_kg))
+    inertia = bank.crank_inertia_kg_m2 + travel**2 @ bank.mass_kg
+    return float(inertia.min()), float(inertia.max())

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from math import inf, sqrt
+from math import hypot, inf, sqrt
 from typing import Any, Literal
 
 import numpy as np
@@ -18,7 +18,7 @@ from mech_twin.machines.roller_former.cart_parameters import (
     LoadKind,
     cart_bank,
     check_guides,
-    least_inertia_kg_m2,
+    inertia_range_kg_m2,
 )
 from mech_twin.machines.roller_former.dynamics import Former, FormerState
 from mech_twin.machines.roller_former.elastic_drive import DriveParameters, reduced_inertia
@@ -32,6 +32,7 @@ LARGEST_EXPANDED_RATIO = 0.5  # of crank to rod
 LONGEST_STEP_S = 0.01
 SHORTEST_RISE_S = 1e-3  # of the load: a faster one is a load that is there at once
 SMALLEST_INERTIA = 1e-6  # of crank shaft and carts over that of the motor's side
+LARGEST_STORED = 1e6  # energy of crank shaft, carts and weights over twice that of the motor's side
 LARGEST_RATE_PER_S = 1e6  # of anything that decays or swings: the integration is explicit
 
 
@@ -126,11 +127,21 @@ class RollerFormer(Parameters):
                 "leaves the third power of the ratio out; exact has no such limit"
             )
         first = reduced_inertia(self.drive, self.motor.rotor_inertia_kg_m2)
-        least = least_inertia_kg_m2(bank_of(self))
+        bank = bank_of(self)
+        least, most = inertia_range_kg_m2(bank)
         if least < SMALLEST_INERTIA * first:
             raise ValueError(
                 f"carts: crank shaft and carts have a reduced inertia of {least:.3g} kg m^2 at a dead centre, at "
                 f"least {SMALLEST_INERTIA * first:.3g} is needed: rod_mass_kg or crank_inertia_kg_m2 must be larger"
+            )
+        speed = self.synchronous_crank_speed_rad_per_s
+        stored = 0.5 * most * speed**2 + hypot(bank.rod_weight_cosine_nm, bank.rod_weight_sine_nm)
+        scale = LARGEST_STORED * first * speed**2
+        if stored > scale:
+            raise ValueError(
+                f"carts: crank shaft, carts and weights hold up to {stored:.3g} J at synchronous speed, at most "
+                f"{scale:.3g} J, {LARGEST_STORED:g} times what the motor's side holds, is needed, or the balance of "
+                "energy is lost in rounding: rod_mass_kg, mass_kg or crank_inertia_kg_m2 must be smaller"
             )
         both = 1.0 / first + 1.0 / least
         for key, rate in (

@@ -12,15 +12,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mech_twin.dependencies import require_extra
-from mech_twin.output_file import check_output_directory, check_output_file, written_file
+from mech_twin.output_file import YAML_SUFFIXES, check_output_directory, check_output_file, written_file
 from mech_twin.quantity import Parameters
 from mech_twin.studies.identification.identification import Identification
 from mech_twin.studies.identification.written_identification import configuration_text, document
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-FILE_SUFFIXES = (".yaml", ".yml")
 
 
 @dataclass(frozen=True)
@@ -108,7 +106,7 @@ class SavedIdentification:
 
 def is_file(out: Path) -> bool:
     """Return whether an output is one file, the configuration, and no directory."""
-    return out.suffix in FILE_SUFFIXES
+    return out.suffix in YAML_SUFFIXES
 
 
 def check_out(out: Path, *, force: bool = False) -> None:

@@ -12,13 +12,14 @@ and what is left, the innovations e, has the covariance S across the features.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import log
 from typing import Any
 
 import numpy as np
 from scipy.linalg import cholesky, solve_toeplitz, solve_triangular
+from scipy.signal import lfilter
 
 from mech_twin.capabilities.cycle import Array
 from mech_twin.capabilities.errors import StudyError
@@ -75,6 +76,13 @@ class Baseline:
         for lag, coefficients in enumerate(self.coefficients, 1):
             found -= coefficients * left[p - lag : len(left) - lag]
         return found
+
+    def features(self, innovations: Array) -> Array:
+        """Return the features (n, d) that innovations drive from rest at the mean: the inverse of `innovations`."""
+        found = np.empty_like(innovations)
+        for i, own in enumerate(self.coefficients.T):
+            found[:, i] = lfilter([1.0], [1.0, *-own], innovations[:, i])
+        return found + self.mean
 
     def whitened(self, innovations: Array) -> Array:
         """Return innovations (n, d) of unit covariance: L^-1 e with S = L L'."""
@@ -141,12 +149,16 @@ def fitted_baseline(vectors: Sequence[FeatureVector]) -> tuple[Baseline, list[Ar
     if cycles < least:
         raise StudyError(f"the baseline holds {cycles} complete cycles; expected at least {least} healthy ones")
     period_s = float(np.mean([vector.end_s - vector.begin_s for vector in vectors]))
+    return baseline_of_runs(names, runs, period_s)
+
+
+def baseline_of_runs(names: tuple[str, ...], runs: Sequence[Array], period_s: float) -> tuple[Baseline, list[Array]]:
+    """Return the baseline of matrices of consecutive cycles, (n, d) each, and its innovations run by run."""
     mean = np.concatenate(runs).mean(axis=0)
     coefficients = _autoregression([run - mean for run in runs])
-    found = Baseline(names, mean, coefficients, np.eye(len(names)), cycles, period_s)
+    found = Baseline(names, mean, coefficients, np.eye(len(names)), sum(map(len, runs)), period_s)
     innovations = [found.innovations(run) for run in runs]
-    covariance = covariance_of(np.concatenate(innovations), mean)
-    return Baseline(names, mean, coefficients, covariance, cycles, period_s), innovations
+    return replace(found, covariance=covariance_of(np.concatenate(innovations), mean)), innovations
 
 
 def covariance_of(innovations: Array, mean: Array) -> Array:

@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Thresholds from one stated mean time between false alarms (ARL0) over all charts together.
 
-The charts run over long sequences drawn from the healthy innovations (moving blocks, so that what the prewhitening
-left of the dependence stays in), each draw with mean and covariance estimated anew from a draw of the baseline's own
-length: a short baseline makes wider thresholds.  With M the largest value in a block of B cycles, the rate of alarms
-at a threshold h is r(h) = -ln P(M <= h)/B; beyond what the draws show, ln r goes on in a straight line.  Charts share
-the rate evenly; what they have in common is taken out by counting blocks in which any of them is over.
+The charts run over long sequences drawn from the healthy innovations (moving blocks, several times as long as the
+charts look back, so that what the prewhitening left of the dependence stays in), each judged by a baseline fitted anew
+to a draw of the baseline's own length - mean, autoregression and covariance: a short baseline makes wider thresholds.
+With M the largest value in a block of B cycles, the rate of alarms at a threshold h is r(h) = -ln P(M <= h)/B; beyond
+what the draws show, ln r goes on in a straight line.  Charts share the rate evenly; what they have in common is taken
+out by counting blocks in which any of them is over.
 
 Sources: KunschBootstrap1989 (moving blocks), JensenEstimated2006 (estimated parameters).
 """
@@ -17,15 +18,17 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.linalg import cholesky, solve_triangular
+from scipy.linalg import cholesky
 
 from mech_twin.capabilities.cycle import Array
-from mech_twin.studies.monitoring.baseline import Baseline, covariance_of
+from mech_twin.studies.monitoring.baseline import Baseline, baseline_of_runs
 from mech_twin.studies.monitoring.charts import ALLOWANCE, CHARTS, WINDOW, chart_rows
 
 SEQUENCES, SEQUENCE_CYCLES = 40, 10_000
 BLOCK_CYCLES = 250  # over which the largest value is taken
-MOVING_BLOCK = 20  # cycles that are drawn together
+MOVING_BLOCK = 4 * WINDOW  # cycles that are drawn together: a joint within the window hides what is slower than a block
+SHORTEST_BLOCK, LEAST_BLOCKS = 20, 20  # of a short baseline, which needs blocks enough to draw from
+SETTLING = 500  # cycles of a draw that are left out: it begins at the mean
 LONGEST_REDRAWN = 20_000  # cycles of a baseline beyond which its estimation errors are left out
 GAUSSIAN_BELOW = 200  # cycles: a shorter baseline cannot show its own tails
 CLEAR_CYCLES = 50.0  # mean run length of the level below which a chart counts as quiet
@@ -89,22 +92,23 @@ def chart_limits(baseline: Baseline, innovations: Sequence[Array], arl0_cycles: 
 def healthy_maxima(baseline: Baseline, innovations: Sequence[Array], random: np.random.Generator) -> Array:
     """Return the largest value of each chart in blocks of drawn healthy cycles, shape (blocks, 3)."""
     pool = np.concatenate(list(innovations))
-    gaussian = len(pool) < GAUSSIAN_BELOW
     factor = cholesky(baseline.covariance, lower=True)
+
+    def drawn(cycles: int) -> Array:
+        """Return features of so many healthy cycles, settled."""
+        if len(pool) < GAUSSIAN_BELOW:
+            shocks = random.standard_normal((cycles + SETTLING, len(factor))) @ factor.T
+        else:
+            shocks = _moving_blocks(pool, cycles + SETTLING, random)
+        return baseline.features(shocks)[SETTLING:]
+
     found = []
     for _ in range(SEQUENCES):
-        if gaussian:
-            drawn = random.standard_normal((SEQUENCE_CYCLES, len(factor))) @ factor.T
-            again = random.standard_normal((len(pool), len(factor))) @ factor.T
-        else:
-            drawn = _moving_blocks(pool, SEQUENCE_CYCLES, random)
-            again = _moving_blocks(pool, len(pool), random) if len(pool) <= LONGEST_REDRAWN else pool
-        centre = again.mean(axis=0)
-        covariance = covariance_of(again - centre, baseline.mean)
-        left = drawn - centre
-        u = np.ascontiguousarray(left / np.sqrt(np.diag(covariance)))
-        z = solve_triangular(cholesky(covariance, lower=True), left.T, lower=True).T
-        rows = chart_rows(u, np.ascontiguousarray(z), ALLOWANCE, WINDOW)
+        again = baseline
+        if len(pool) <= LONGEST_REDRAWN:
+            again, _ = baseline_of_runs(baseline.names, [drawn(len(pool) + baseline.order)], baseline.period_s)
+        left = again.innovations(drawn(SEQUENCE_CYCLES + again.order))
+        rows = chart_rows(left / again.sigma, again.whitened(left), ALLOWANCE, WINDOW)
         found.append(rows.reshape(-1, BLOCK_CYCLES, len(CHARTS)).max(axis=1))
     return np.concatenate(found)
 
@@ -158,7 +162,7 @@ def _charts_counted(maxima: Array, curves: Sequence[RateCurve], rate: float) -> 
 
 def _moving_blocks(pool: Array, cycles: int, random: np.random.Generator) -> Array:
     """Return cycles drawn from the pool in blocks of consecutive ones, the pool closed to a ring."""
-    length = min(MOVING_BLOCK, len(pool))
+    length = min(max(SHORTEST_BLOCK, min(MOVING_BLOCK, len(pool) // LEAST_BLOCKS)), len(pool))
     starts = random.integers(0, len(pool), -(-cycles // length))
     places = (starts[:, None] + np.arange(length)).ravel()[:cycles] % len(pool)
     return np.asarray(pool[places])

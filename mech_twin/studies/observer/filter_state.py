@@ -6,6 +6,10 @@ sample is compared with the frame the machine's roles arrive at from there, corr
 take the step anew.  So an estimated frame is always one that the roles computed: forces, dependent joints and contacts
 fit each other, and nothing is put together afterwards.
 
+Keys of the configuration that are wrong stay so: they are no noise.  What each does to a step is added to the state
+together with what it did before, as the covariance of state and keys, which the correction takes into account without
+correcting the keys (SchmidtApplication1966).
+
 Jacobians are differences of neighbouring roll-outs of one step.  Neighbours of a step with an impact have the impact
 too, at their own instants, so their differences hold the jump of the covariance at an impact (the saltation matrix)
 without it being written down; a neighbour that misses an event of the step is replaced by the one on the other side.
@@ -31,12 +35,16 @@ GATE = 25.0  # squared innovation over its variance from which a sample is not u
 
 
 class FilterState(NamedTuple):
-    """Frame at ``step``, offsets of the drive, covariance (in sizes of the state) with the next step's noise in it."""
+    """Frame at ``step``, offsets of the drive, covariance (in sizes of the state) with the next step's noise in it.
+
+    ``with_keys`` (n + k, q) is the covariance of the state and the uncertain keys, each in its standard deviation.
+    """
 
     step: int
     row: Array
     offsets: Array
     covariance: Array
+    with_keys: Array
 
 
 class Prediction(NamedTuple):
@@ -48,7 +56,10 @@ class Prediction(NamedTuple):
 
 
 class Observation(NamedTuple):
-    """Channels that came together: places in a row, values, variances, and time after the predicted frame (s)."""
+    """Channels that came together: places in a row, values, variances, and time after the predicted frame (s).
+
+    The variances are those of everything but the state, the effect (w, q) of the uncertain keys included.
+    """
 
     places: Indices
     values: Array
@@ -116,12 +127,14 @@ class SaltedFilter:
         return Prediction(rows[0], slopes, self._bank.events(later.events))
 
     def corrected(
-        self, state: FilterState, prediction: Prediction, seen: Observation, rates: Array, target: float
+        self, state: FilterState, prediction: Prediction, seen: Observation, effect: Array, rates: Array, target: float
     ) -> Correction:
         """Return the state that agrees better with a sample, and the step from there.
 
         Parameters
         ----------
+        effect : ndarray, shape (w, q)
+            Of the uncertain keys on the columns in this step.
         rates : ndarray, shape (w,)
             Rates of change of the columns (per s), which carry the frame to the sample's own instant.
         """
@@ -129,27 +142,41 @@ class SaltedFilter:
         innovations = seen.values - expected
         wrapped = self._is_angle[seen.places]
         innovations[wrapped] = without_turns(innovations[wrapped])
-        slopes = prediction.slopes[seen.places]
-        own = ((slopes @ state.covariance) * slopes).sum(axis=1) + seen.variances
+        slopes, by_keys = prediction.slopes[seen.places], effect[seen.places]
+        crossed = ((slopes @ state.with_keys) * by_keys).sum(axis=1)
+        own = ((slopes @ state.covariance) * slopes).sum(axis=1) + 2.0 * crossed + seen.variances
         used = innovations**2 <= GATE * own
         if not used.any():
             return Correction(state, prediction, innovations, used)
-        h, noise = slopes[used], np.diag(seen.variances[used])
-        gain = np.linalg.solve(h @ state.covariance @ h.T + noise, h @ state.covariance).T
+        h, d = slopes[used], by_keys[used]
+        alone = np.diag(np.maximum(seen.variances[used] - (d * d).sum(axis=1), 0.0)) + d @ d.T
+        common = state.covariance @ h.T + state.with_keys @ d.T
+        mixed = h @ state.with_keys @ d.T
+        whole = h @ state.covariance @ h.T + mixed + mixed.T + alone
+        gain = np.linalg.solve(whole, common.T).T
         rest = self._unit - gain @ h
-        covariance = rest @ state.covariance @ rest.T + gain @ noise @ gain.T
-        moved = self._moved(state, gain @ innovations[used], 0.5 * (covariance + covariance.T))
+        crossing = rest @ state.with_keys @ (gain @ d).T
+        covariance = rest @ state.covariance @ rest.T - crossing - crossing.T + gain @ alone @ gain.T
+        with_keys = rest @ state.with_keys - gain @ d
+        moved = self._moved(state, gain @ innovations[used], 0.5 * (covariance + covariance.T), with_keys)
         return Correction(moved, self.again(moved, target, prediction.slopes), innovations, used)
 
-    def committed(self, state: FilterState, prediction: Prediction, noise: Array) -> FilterState:
-        """Return the filter at the predicted frame, the process noise of the next step (n + k, n + k) added."""
+    def committed(self, state: FilterState, prediction: Prediction, noise: Array, effect: Array) -> FilterState:
+        """Return the filter at the predicted frame, the process noise of the next step (n + k, n + k) added.
+
+        The uncertain keys act on the step by ``effect`` (w, q).
+        """
         size, scales = self._space.states, self._space.scales
         transition = self._unit.copy()
         transition[:size] = self._space.signs[:, None] * prediction.slopes[self._space.later] / scales[:size, None]
-        covariance = transition @ state.covariance @ transition.T + noise
+        pushed = np.zeros_like(state.with_keys)
+        pushed[:size] = self._space.signs[:, None] * effect[self._space.later] / scales[:size, None]
+        carried = transition @ state.with_keys
+        crossed = carried @ pushed.T
+        covariance = transition @ state.covariance @ transition.T + crossed + crossed.T + pushed @ pushed.T + noise
         row = prediction.row.copy()
         row[self._space.input_places] -= state.offsets
-        return FilterState(state.step + 1, row, state.offsets, 0.5 * (covariance + covariance.T))
+        return FilterState(state.step + 1, row, state.offsets, 0.5 * (covariance + covariance.T), carried + pushed)
 
     def _begun(self, state: FilterState) -> Array:
         row = state.row.copy()
@@ -199,18 +226,32 @@ class SaltedFilter:
             slopes[self._space.later[i]] = self._space.signs[i] * self._space.scales[i]
         return slopes
 
-    def _moved(self, state: FilterState, by: Array, covariance: Array) -> FilterState:
+    def _moved(self, state: FilterState, by: Array, covariance: Array, with_keys: Array) -> FilterState:
         states, scales = self._space.states, self._space.scales
         row = state.row.copy()
         row += (by[:states] * scales[:states]) @ self._space.directions[:states]
         row[self._space.state_places] = np.maximum(row[self._space.state_places], self._space.least)
-        return FilterState(state.step, row, state.offsets + by[states:] * scales[states:], covariance)
+        return FilterState(state.step, row, state.offsets + by[states:] * scales[states:], covariance, with_keys)
 
 
-def output_variance(prediction: Prediction, covariance: Array) -> Array:
-    """Return the variance of each column of a predicted frame by the uncertainty of the state."""
-    spread: Array = ((prediction.slopes @ covariance) * prediction.slopes).sum(axis=1)
-    return np.maximum(spread, 0.0)
+def output_variance(prediction: Prediction, state: FilterState, effect: Array, by_keys: Array) -> Array:
+    """Return the variance of each column of a predicted frame.
+
+    Parameters
+    ----------
+    prediction : Prediction
+        The frame.
+    state : FilterState
+        The filter before the step.
+    effect : ndarray, shape (w, q)
+        Of the uncertain keys on the columns in this step.
+    by_keys : ndarray, shape (w,)
+        Variance of the columns by the uncertain keys in this step alone, at least the sum of the squared effects.
+    """
+    spread = ((prediction.slopes @ state.covariance) * prediction.slopes).sum(axis=1)
+    crossed = ((prediction.slopes @ state.with_keys) * effect).sum(axis=1)
+    found: Array = np.maximum(spread + 2.0 * crossed + by_keys, 0.0)
+    return found
 
 
 def observation(

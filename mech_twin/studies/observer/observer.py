@@ -221,7 +221,8 @@ class PhaseLockedObserver:
         deviation[space.states :] = 0.1
         covariance = np.diag(deviation**2) + self._noise
         row = self._anchor.restated(self.run.rows[step - 1].copy(), step - 1)
-        self._base = FilterState(step - 1, row, offsets, covariance)
+        with_keys = np.zeros((len(deviation), len(self.parameters.keys)))
+        self._base = FilterState(step - 1, row, offsets, covariance, with_keys)
         self._ahead = self._filter.predicted(self._base, self._target_at(step))
         self._keep_rates()
         self._believed.clear()
@@ -249,7 +250,8 @@ class PhaseLockedObserver:
     def _advance(self) -> None:
         assert self._base is not None and self._ahead is not None
         self._passed += self._ahead.events
-        base = self._filter.committed(self._base, self._ahead, self._noise)
+        effect = self.parameters.effect_at(self._ahead.row)
+        base = self._filter.committed(self._base, self._ahead, self._noise, effect)
         self._base = base._replace(row=self._anchor.restated(self._regimes.repaired(base.row), base.step))
         self._ahead = self._filter.predicted(self._base, self._target_at(self._base.step + 1))
         self._keep_rates()
@@ -284,14 +286,15 @@ class PhaseLockedObserver:
             (sigma**2 + by_parameters[places]).tolist(),
             [sample.time_s - at_s] * len(places),
         )
-        now = self._filter.corrected(self._base, self._ahead, seen, self._rates, self._target_at(self._base.step + 1))
+        effect, target = self.parameters.effect_at(self._ahead.row), self._target_at(self._base.step + 1)
+        now = self._filter.corrected(self._base, self._ahead, seen, effect, self._rates, target)
         self._base, self._ahead = now.state, now.prediction
         self.counts["unbelievable"] += int(len(now.used) - np.count_nonzero(now.used))
         self._believed.append(bool(now.used.all()))
         if len(self._believed) == JUDGED and sum(self._believed) < JUDGED // 2:
             self._lose()
             return None
-        variance = output_variance(self._ahead, self._base.covariance) + by_parameters
+        variance = output_variance(self._ahead, self._base, effect, by_parameters)
         variance[self.undetermined] = np.nan
         return self._told(sample, now.innovations, now.used, np.sqrt(variance))
 

@@ -3,8 +3,8 @@
 
 For each uncertain key the model with that key changed by its standard deviation takes one step from frames of the
 unchanged model's run; the differences of the frames it arrives at are the key's share.  Shares of different keys are
-taken as independent and add up squared.  What a wrong key does to the motion over many steps is not in here: the
-filter's process noise stands for that.
+taken as independent and add up squared.  What a wrong key does to the motion over many steps follows from its signed
+share of one step: the filter carries it on, with what it has in common with the state (`filter_state`).
 """
 
 from __future__ import annotations
@@ -35,20 +35,32 @@ class ParameterError:
     ----------
     variance : ndarray, shape (bins, w)
         Variance by bin of the angle; one bin where nothing turns.
+    effect : ndarray, shape (bins, w, q)
+        What one standard deviation of each key does to each column, the mean over the bin; of steps without an event,
+        since one that an event is in, or is not, tells nothing of the mean.
     angle : int or None
         Place of the angle in a row.
     keys : tuple of str
-        The keys that are taken as uncertain.
+        The keys that are taken as uncertain, q of them.
     """
 
     variance: Array
+    effect: Array
     angle: int | None
     keys: tuple[str, ...]
 
     def at(self, row: Array) -> Array:
         """Return the variance of each column of a frame."""
-        found: Array = self.variance[_bins(row[None, :], self.angle, len(self.variance))[0]]
+        found: Array = self.variance[self._bin(row)]
         return found
+
+    def effect_at(self, row: Array) -> Array:
+        """Return what one standard deviation of each key does to each column of a frame in a step, shape (w, q)."""
+        found: Array = self.effect[self._bin(row)]
+        return found
+
+    def _bin(self, row: Array) -> int:
+        return int(_bins(row[None, :], self.angle, len(self.variance))[0])
 
 
 def uncertain_keys(parameters: Parameters, share: float, prefix: str = "") -> dict[str, float]:
@@ -87,18 +99,23 @@ def parameter_error(
     """
     first = len(run.rows) - len(run.settled)
     steps = np.unique(np.linspace(first, len(run.rows) - 2, FRAMES).astype(int))
-    plain = _stepped(run.bank, run, steps)
-    bins = _bins(run.rows[steps + 1], angle, BINS if angle is not None else 1)
-    total, told = np.zeros_like(plain), []
+    plain, plain_events = _stepped(run.bank, run, steps)
+    count = BINS if angle is not None else 1
+    bins = _bins(run.rows[steps + 1], angle, count)
+    total, told, effects = np.zeros_like(plain), [], []
     for key, deviation in deviations.items():
         changed = _changed(parameters, build, key, deviation)
         if changed is None:
             continue
-        difference = _stepped(StepBank(changed), run, steps) - plain
+        later, events = _stepped(StepBank(changed), run, steps)
+        difference = later - plain
         difference[:, run.angles] = without_turns(difference[:, run.angles])
-        total += np.nan_to_num(difference) ** 2
+        difference = np.nan_to_num(difference)
+        total += difference**2
+        effects.append(_mean_by_bin(difference, bins, count, (events == 0) & (plain_events == 0)))
         told.append(key)
-    return ParameterError(_largest_by_bin(total, bins, BINS if angle is not None else 1), angle, tuple(told))
+    effect = np.stack(effects, axis=-1) if effects else np.zeros((count, plain.shape[1], 0))
+    return ParameterError(_largest_by_bin(total, bins, count), effect, angle, tuple(told))
 
 
 def _changed(
@@ -151,15 +168,16 @@ def key_value(parameters: Parameters, key: str) -> float:
     return float(found)  # type: ignore[arg-type]
 
 
-def _stepped(bank: StepBank, run: ModelRun, steps: Indices) -> Array:
-    """Return the rows that these steps of the run lead to, shape (steps, w); nan where a step cannot be taken."""
+def _stepped(bank: StepBank, run: ModelRun, steps: Indices) -> tuple[Array, Indices]:
+    """Return the rows that these steps of the run lead to, (steps, w), nan where one cannot be taken; their events."""
     command = bank.columns["motor.command"]
-    found = np.full((len(steps), run.rows.shape[1]), np.nan)
+    found, events = np.full((len(steps), run.rows.shape[1]), np.nan), np.zeros(len(steps), dtype=np.int64)
     for i, step in enumerate(steps.tolist()):
         later = bank.advanced(step, run.rows[step : step + 1], float(run.rows[step + 1, command]))
+        events[i] = later.told[0]
         if later.failed[0] == DONE:
             found[i] = later.rows[0]
-    return found
+    return found, events
 
 
 def _bins(rows: Array, angle: int | None, count: int) -> Indices:
@@ -174,4 +192,12 @@ def _largest_by_bin(squares: Array, bins: Indices, count: int) -> Array:
     found = np.tile(squares.max(axis=0), (count, 1))
     for i in np.unique(bins).tolist():
         found[i] = squares[bins == i].max(axis=0)
+    return found
+
+
+def _mean_by_bin(differences: Array, bins: Indices, count: int, used: Array) -> Array:
+    """Return the mean of the used differences in each bin, 0 where there is none."""
+    found = np.zeros((count, differences.shape[1]))
+    for i in np.unique(bins[used]).tolist():
+        found[i] = differences[used & (bins == i)].mean(axis=0)
     return found

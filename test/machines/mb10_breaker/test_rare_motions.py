@@ -172,6 +172,13 @@ def test_crank_without_bearing_friction_stands_while_its_gear_holds_the_weight(m
     assert min(after) > 0.0
 
 
+@pytest.mark.parametrize("wall_n", [1e4, 1e6])
+def test_the_lightest_tool_that_a_wall_allows_keeps_the_balances(wall_n):
+    broken, kinds = residuals_of({"tool.wall_force_n": wall_n, "tool.mass_kg": 1.000001e-9 * wall_n}, (1.0,))
+    assert broken == []
+    assert "blow" in kinds
+
+
 @pytest.mark.parametrize(
     ("overrides", "words"),
     [
@@ -183,6 +190,7 @@ def test_crank_without_bearing_friction_stands_while_its_gear_holds_the_weight(m
             | {"coupling.step_s": 2e-5},
             "tool.wall_force_n must be at most",
         ),
+        ({"tool.mass_kg": 1e-7}, r"tool.wall_force_n must be at most 100 N, 1e\+09 m/s2 of tool.mass_kg"),
         (STIFF_SPRING, "on a body that swings on its spring"),
         (
             {"linkage.coupler_mass_kg": 3e4, "linkage.crank_inertia_kg_m2": 0.3, "body.inertia_kg_m2": 0.5}

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -259,3 +260,15 @@ def test_refusals_are_of_the_model():
     with pytest.raises((ValidationError, ValueError), match="reduced inertia of 0 kg m\\^2 at a dead centre"):
         parameters_for(1, {"carts.rod_mass_kg": 0.0})
     assert parameters_for(2, {"carts.rod_mass_kg": 0.0}).carts.rod_mass_kg == 0.0
+
+
+def test_carts_whose_energy_would_drown_the_balance_are_refused_and_the_heaviest_allowed_keep_it():
+    """A million times the energy of the motor's side is the bound: rounding is then below the limit of the balance."""
+    with pytest.raises((ValidationError, ValueError), match="1e\\+06 times what the motor's side holds") as refused:
+        parameters_for(2, {"carts.rod_mass_kg": 1e6, "carts.crank_m": 10.0, "carts.rod_m": 20.0})
+    told, most = (float(word) for word in re.findall(r"(\S+) J", str(refused.value))[:2])
+    heaviest = {"carts.rod_mass_kg": 0.98e6 * most / told, "carts.crank_m": 10.0, "carts.rod_m": 20.0}
+    machine = machine_for(2, {**heaviest, "start.speed_fraction": 1.0, "load": "none"})
+    limit = machine.linkage.residual_limits["energy_balance"]
+    for frame in frames(machine, 0.2):
+        assert abs(frame.linkage.residuals["energy_balance"]) < limit

@@ -62,19 +62,39 @@ def test_without_prewhitening_false_alarms_come_many_times_as_often(coefficient:
     assert found.mean() == pytest.approx(run_length, rel=0.07)
 
 
+def begun_alarms(setup: MonitorSetup, rows: np.ndarray) -> tuple[int, int]:
+    """Return the alarms of healthy rows, and the cycles outside of them."""
+    monitor, begun, in_alarm = Monitor(setup), 0, 0
+    for vector in vectors(rows):
+        findings = monitor.observe(vector)
+        begun += findings.alarm_begins
+        in_alarm += findings.alarm
+    return begun, len(rows) - in_alarm
+
+
 def test_false_alarms_come_as_often_as_stated() -> None:
-    run_length, cycles, baselines = 400.0, 8000, 3
-    begun = judged = 0
-    for seed in range(baselines):  # a baseline has errors of its own: the statement holds over several
-        setup = healthy_setup(3000, run_length, 20 + seed)
-        monitor = Monitor(setup)
-        rows = autoregressive(cycles, COEFFICIENTS, COVARIANCE, 50 + seed) + np.array([10.0, -3.0, 0.5])
-        in_alarm = 0
-        for vector in vectors(rows):
-            findings = monitor.observe(vector)
-            begun += findings.alarm_begins
-            in_alarm += findings.alarm
-        judged += cycles - in_alarm
+    run_length, begun, judged = 400.0, 0, 0
+    for seed in range(3):  # a baseline has errors of its own: the statement holds over several
+        rows = autoregressive(8000, COEFFICIENTS, COVARIANCE, 50 + seed) + np.array([10.0, -3.0, 0.5])
+        alarms, cycles = begun_alarms(healthy_setup(3000, run_length, 20 + seed), rows)
+        begun, judged = begun + alarms, judged + cycles
+    low, high = poisson.interval(0.999, judged / run_length)
+    assert low <= begun <= high
+
+
+def echoing(cycles: int, seed: int) -> np.ndarray:
+    """Return rows whose shocks come again every twelve cycles: no autoregression of a few cycles can hold that."""
+    shocks = np.random.default_rng(seed).standard_normal((cycles + 48, 3))
+    return np.asarray(sum(shocks[48 - late : cycles + 48 - late] for late in range(0, 60, 12)) / np.sqrt(5.0))
+
+
+def test_false_alarms_come_as_often_as_stated_where_slow_dependence_is_left() -> None:
+    run_length, begun, judged = 400.0, 0, 0
+    for seed in range(3):
+        baseline, innovations = fitted_baseline(vectors(echoing(5000, 30 + seed)))
+        setup = MonitorSetup("none", baseline, chart_limits(baseline, innovations, run_length))
+        alarms, cycles = begun_alarms(setup, echoing(8000, 60 + seed))
+        begun, judged = begun + alarms, judged + cycles
     low, high = poisson.interval(0.999, judged / run_length)
     assert low <= begun <= high
 
@@ -110,6 +130,12 @@ def test_a_missing_feature_is_said_and_nothing_is_made_up() -> None:
     assert [found.verdict for found in findings[:3]] == ["learning", "learning", "healthy"]
     assert findings[6].missing == ("feature_1",) and findings[6].charts is None
     assert [found.charts is None for found in findings[6:10]] == [True, True, True, False]
+
+
+def test_features_and_innovations_are_each_others_inverse() -> None:
+    baseline = healthy_setup(500, 500.0).baseline
+    shocks = np.random.default_rng(4).standard_normal((50, 3))
+    np.testing.assert_allclose(baseline.innovations(baseline.features(shocks)), shocks[baseline.order :], atol=1e-9)
 
 
 def test_too_few_cycles_are_no_baseline() -> None:

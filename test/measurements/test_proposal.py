@@ -1,0 +1,39 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The text of a proposed map: it fits a terminal, and what is read of it is what was proposed."""
+
+from __future__ import annotations
+
+import pytest
+import yaml
+from catalogue import built
+
+from mech_twin.measurements.blocks import SourceColumn
+from mech_twin.measurements.machine_columns import machine_columns
+from mech_twin.measurements.measurement_map import Source, TimeSource
+from mech_twin.measurements.proposal import UNSURE, WIDTH, map_text, proposed_channels
+
+LONG = "/plant/line_3/machine_17/encoder_of_the_main_shaft"
+OFFERED = (
+    SourceColumn(Source(topic=LONG, joint="main_shaft", field="position"), "deg"),
+    SourceColumn(Source(topic="/plant/slide", joint="ram", field="velocity"), None),
+    SourceColumn(Source(topic="/plant/slide", joint="ramp_up", field="velocity"), None),
+    SourceColumn(Source(column="Wheel (deg)"), "deg"),
+    SourceColumn(Source(column="Torque"), None),
+)
+
+
+@pytest.mark.parametrize("machine", ["vibration_crank", "compaction_press"])
+def test_a_proposed_map_fits_a_terminal_and_reads_as_proposed(machine: str) -> None:
+    columns = machine_columns(built(machine))
+    channels = proposed_channels(OFFERED, columns)
+    labels = [each.source.label for each in channels]
+    notes = dict.fromkeys(labels, "correlation 0.987 with the model, crank zero 0.123 rad, over all of its turns")
+    text = map_text(machine, TimeSource(), channels, notes, columns)
+    assert [line for line in text.splitlines() if len(line) > WIDTH] == []
+    sure = [each for each in channels if each.surety > UNSURE]
+    assert sure
+    read = yaml.safe_load(text)["channels"]
+    assert [channel["source"] for channel in read] == [each.source.model_dump(exclude_none=True) for each in sure]
+    assert [channel["is"] for channel in read] == [each.column for each in sure]
+    unsure = "\n".join(f"  {line[4:]}" if line.startswith("  # ") else line for line in text.splitlines())
+    assert len(yaml.safe_load(unsure)["channels"]) == len(channels)  # taking the comment away is all it needs
