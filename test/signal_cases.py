@@ -11,6 +11,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from math import sin
 from pathlib import Path
 from typing import NamedTuple
 
@@ -28,7 +29,8 @@ WORKERS = 2
 IMPORTING_S, BRIEFLY_S = 0.5, 0.5
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 COMPUTED_S = 8.0  # of the processor: more than the imports take
-MIDDLEWARE, DRAWING = "librmw_fastrtps", "matplotlib"
+MIDDLEWARE, DRAWING, TABLES = "librmw_fastrtps", "matplotlib", "libarrow"
+TABLE_ROWS = 2_000_000
 
 
 class Started(NamedTuple):
@@ -55,7 +57,7 @@ class Started(NamedTuple):
 
 
 class Verb(NamedTuple):
-    """A command line (BAG, OUT and SAMPLE stand for places), and what shows each of its moments; 0 is an end of it."""
+    """A command line (BAG, OUT, TABLE, SAMPLE are places), and what shows each of its moments; 0 is an end of it."""
 
     words: list[str]
     under_way: Callable[[Started], bool]
@@ -185,6 +187,7 @@ VERBS = {
         has_computed,
     ),
     "monitor": Verb(["monitor", "mb10_breaker", "--design", "--sensors", f"{SENSORS}/mb10_breaker.yaml"], has_computed),
+    "map": Verb(["map", "TABLE.csv", "vibration_crank"], has_loaded(TABLES)),
     "figures": Verb(["reproduce", "mb10_breaker", "--figures", "OUT"], has_loaded(DRAWING)),
 }
 
@@ -218,8 +221,20 @@ def running(verb: Verb, folder: Path, cache: Path | None = None) -> Iterator[Sta
 
 def _command(verb: Verb, folder: Path) -> list[str]:
     places = {"BAG": str(folder / "bag"), "OUT": str(folder / "out"), "OUT.csv": str(folder / "out.csv")}
+    if "TABLE.csv" in verb.words:
+        places["TABLE.csv"] = str(_long_table(folder / "table.csv"))
     words = [places.get(word, word.replace("SAMPLE", SAMPLE_BAG)) for word in verb.words]
     return [sys.executable, "-c", COMMAND.format(program=verb.program), *words]
+
+
+def _long_table(file: Path) -> Path:
+    """Write a table of a crank that turns for half an hour; return the file."""
+    if not file.exists():
+        lines = (f"{i * 1e-3:.3f},{i * 0.015:.4f},{0.1 * sin(i * 0.015):.6f}\n" for i in range(TABLE_ROWS))
+        with file.open("w", encoding="ascii") as stream:
+            stream.write("time_s,linkage.crank.position,linkage.slider.position\n")
+            stream.writelines(lines)
+    return file
 
 
 @contextmanager
