@@ -25,7 +25,7 @@ from mech_twin.messages.joint_state_cdr import Header, StepMessage, encoded, sta
 from mech_twin.messages.topics import DATA
 from mech_twin.nodes.base_node import TwinNode, destroy_nodes
 from mech_twin.nodes.monitor_node import MonitorNode
-from mech_twin.nodes.shadow_inputs import StampOrigin, followed_topics
+from mech_twin.nodes.shadow_inputs import followed_topics
 from mech_twin.nodes.shadow_node import ShadowNode, ShadowSetup
 from mech_twin.nodes.shadow_recorder import ShadowRecorder
 from mech_twin.nodes.shadow_session import Company, nodes_beside
@@ -149,4 +149,4 @@ def test_a_topic_of_samples_and_events_is_refused() -> None:
     ]
     mixed = MeasurementMap.model_validate({"machine": NAME, "channels": channels})
     with pytest.raises(ConfigurationError, match="'/plant/both' would hold both samples and events"):
-        followed_topics(mixed, "/plant", StampOrigin())
+        followed_topics(mixed, "/plant")
