@@ -89,8 +89,16 @@ class NameGuard:
                 f"{self._heard} is published already, by a run or a replay that is alive; "
                 "use another ROS_DOMAIN_ID or --namespace"
             )
+        self._listen_no_more()
+
+    def _listen_no_more(self) -> None:
+        """Keep the claim alone: an executor that nobody turns held up the first step of the run for 0.1 s."""
+        if not self._listening:
+            return
         while self._listening:
             self._node.destroy_subscription(self._listening.pop())
+        self._executor.remove_node(self._node)
+        self._executor.shutdown()
 
     def _serve_until(self, end_s: float) -> None:
         while self._heard is None and rclpy.ok() and time.monotonic() < end_s:
@@ -118,6 +126,5 @@ class NameGuard:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._executor.remove_node(self._node)
-        self._executor.shutdown()
+        self._listen_no_more()
         self._node.destroy_node()
