@@ -40,12 +40,24 @@ def settle_domain(open_to_other_hosts: bool = False) -> str:
     """
     os.environ.setdefault(DISCOVERY, OTHER_HOSTS if open_to_other_hosts else THIS_HOST)
     os.environ.setdefault("AMENT_PREFIX_PATH", sys.prefix)
-    if "HOME" not in os.environ:
-        os.environ.setdefault(LOG_DIRECTORY, tempfile.gettempdir())
+    if LOG_DIRECTORY not in os.environ and not _home_takes_logs():
+        os.environ[LOG_DIRECTORY] = tempfile.gettempdir()
     _check_log_directory()
     _check_address_space()
     _check_shared_memory()
     return os.environ[DISCOVERY]
+
+
+def _home_takes_logs() -> bool:
+    """Return whether rclpy can log where it does unasked; with a directory there that is another user's it ends."""
+    if "HOME" not in os.environ:
+        return False
+    place = Path(os.environ.get("ROS_HOME") or Path(os.environ["HOME"]) / ".ros") / "log"
+    try:
+        place.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return False
+    return os.access(place, os.W_OK)
 
 
 def _check_log_directory() -> None:

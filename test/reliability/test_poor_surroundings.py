@@ -254,9 +254,11 @@ def test_a_newer_verb_with_a_full_temporary_directory_and_kernels_that_cannot_be
 @pytest.mark.parametrize("verb", ["map", "monitor", "shadow"])  # the kernels of identify take minutes to compile anew
 def test_a_newer_verb_of_another_user_with_no_home_of_its_own(verb: str) -> None:
     """Kernels are read from a directory that it may not write in, or compiled anew where it may not read them."""
-    changed = {"HOME": "/nonexistent", "MECH_TWIN_CACHE_DIR": str(directories()[0])}
     with tempfile.TemporaryDirectory() as name:  # that of pytest is its user's alone
         Path(name).chmod(0o777)
+        home = Path(name) / "home"
+        (home / ".ros" / "log").mkdir(parents=True)  # where it may not log either
+        changed = {"HOME": str(home), "MECH_TWIN_CACHE_DIR": str(directories()[0])}
         assert_answers(verb, called(newer_verbs(Path(name))[verb], changed, wrapped=SOMEBODY))
 
 
