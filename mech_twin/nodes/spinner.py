@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import gc
+import time
 from collections.abc import Callable, Iterable
 from types import TracebackType
 from typing import Protocol, runtime_checkable
@@ -18,6 +19,8 @@ from rclpy.task import Future
 LONGEST_WAIT_S = 0.1
 SHORTEST_WAIT_S = 1e-4
 SLICE_S = 0.02
+LONGEST_SLICE_S = 1.0
+BY_MESSAGE_S = 1.0  # after a node has waited for the wall clock
 # a step makes some thousand short-lived tuples: with the interpreter's own thresholds a twentieth of a run is spent
 # looking for cycles among them
 GARBAGE_THRESHOLDS = (50_000, 20, 50)
@@ -51,6 +54,7 @@ class Spinner:
         self.nodes: list[Node] = []
         self._executor = EventsExecutor()
         self._slice = Future()
+        self._by_message_until_s = 0.0
         self._thresholds = gc.get_threshold()
         for node in nodes:
             self.add(node)
@@ -75,26 +79,33 @@ class Spinner:
     def serve(self, ended: Callable[[], bool]) -> None:
         """Serve the nodes until a run has ended, which is asked some fifty times a second, or rclpy is shut down.
 
-        Between the questions the executor goes from message to message by itself, unless a node calls ``interrupt``.
-        Its own time limit is looked at only where no message waits, so a timer ends the slice.
+        Between the questions the executor goes from message to message by itself, unless a node calls ``interrupt``:
+        one that waits for the wall clock is served message by message.  To begin such a slice costs some bytes that
+        rclpy never gives back, so a slice goes on until something is due.
         """
         ticking = [node for node in self.nodes if isinstance(node, Ticking)]
         for node in ticking:
             node.interrupt = self._interrupt
         first, running = self.nodes[0], rclpy.get_default_context().ok
-        timer = first.create_timer(SLICE_S, self._interrupt, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+        def look() -> None:
+            if not running() or ended() or _wait_s(ticking) < SLICE_S:
+                self._slice.set_result(None)
+
+        timer = first.create_timer(SLICE_S, look, clock=Clock(clock_type=ClockType.STEADY_TIME))
         try:
             while running() and not ended():
                 wait_s = _wait_s(ticking)
-                if wait_s < SLICE_S:
+                if wait_s < SLICE_S or time.monotonic() < self._by_message_until_s:
                     self._executor.spin_once(timeout_sec=wait_s)
                 else:
                     self._slice = Future()
-                    self._executor.spin_until_future_complete(self._slice, timeout_sec=LONGEST_WAIT_S)
+                    self._executor.spin_until_future_complete(self._slice, timeout_sec=LONGEST_SLICE_S)
         finally:
             first.destroy_timer(timer)
 
     def _interrupt(self) -> None:
+        self._by_message_until_s = time.monotonic() + BY_MESSAGE_S
         self._slice.set_result(None)
 
     def __enter__(self) -> Spinner:
