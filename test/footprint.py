@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What processes hold while they run: memory, threads, open files."""
+"""What processes hold while they run: memory of their own, threads, open files."""
 
 from __future__ import annotations
 
@@ -33,7 +33,8 @@ class FootprintLog:
         """Note what each process holds now."""
         for role, pid in processes.items():
             process = psutil.Process(pid)
-            memory = process.memory_info().rss / MEBIBYTE
+            held = process.memory_info()
+            memory = (held.rss - held.shared) / MEBIBYTE  # pages of files come and go as the kernel likes
             spent = process.cpu_times()
             row = Footprint(at_s, memory, process.num_threads(), process.num_fds(), spent.user + spent.system)
             self.rows.setdefault(role, []).append(row)
