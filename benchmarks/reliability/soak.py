@@ -10,9 +10,6 @@ Simulated minutes.  While it runs only the diagnostics are listened to; when it 
 is held against the engine, to the bit.  A signal ends the run early, and what ran is compared and judged; a second one
 ends the comparison.  ``--write`` writes the run into docs/reliability.md, one that ended early as well.
 
-With ``--real-time-priority`` the role nodes are scheduled before everything else (SCHED_RR; needs the right to do so),
-as on a machine that must keep up while other programs compute; recorder and view are not.
-
 Exit code 1, and a line for each, if a balance broke, a sample differed or was missing, a run by the wall clock was
 behind it after it had settled, or a process grew by more than its limit.  A run settles in its first quarter, in ten
 minutes at most; the view's server is judged where it had twenty minutes to fill its history.
@@ -49,8 +46,6 @@ LOOK_EVERY_S = 5.0
 START_LIMIT_S = 300.0
 STANDS_STILL_S = 120.0
 FINISH_LIMIT_S = 60.0
-PRIORITY = 10  # of 1 to 99
-ROLES = ("linkage", "motor", "force_analysis", "body")
 COLUMNS = ("run", "steps, to the bit", "worst balance over its limit", "lag", "lost", "memory and its growth", "made")
 
 
@@ -89,8 +84,6 @@ class Soak:
             try:
                 others = started_view(stack, run) if asked.view else {}
                 run.start_all(limit_s=START_LIMIT_S)
-                if asked.real_time_priority:
-                    put_first([run.processes[role].pid for role in ROLES if role in run.processes])
                 self._look_until(steps, run, others, begun)
             except KeyboardInterrupt:
                 self.ended = "ended by a signal"
@@ -167,13 +160,6 @@ def main() -> int:
     return int(bool(found))
 
 
-def put_first(processes: list[int]) -> None:
-    """Schedule every thread of the processes before the others of this machine."""
-    for process in processes:
-        for thread in psutil.Process(process).threads():
-            os.sched_setscheduler(thread.id, os.SCHED_RR, os.sched_param(PRIORITY))
-
-
 def answer_signals(answer: Any) -> None:
     """Answer every signal that ends a run alike."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
@@ -200,9 +186,8 @@ def row(soak: Soak) -> list[Any]:
     asked, compared = soak.asked, soak.compared
     step = f", step {asked.step_s:g} s" if asked.step_s else ""
     view = ", web view" if asked.view else ""
-    first = ", roles in real-time priority" if asked.real_time_priority else ""
     ended = f", {soak.ended.strip()}" if soak.ended else ""
-    what = f"{asked.machine}, {asked.minutes:g} min simulated, pace {asked.pace}{view}{step}{first}{ended}"
+    what = f"{asked.machine}, {asked.minutes:g} min simulated, pace {asked.pace}{view}{step}{ended}"
     lag = lag_cell(soak.told, soak.log) if asked.pace == "realtime" else "-"
     losses = {**soak.told.losses, **compared.lost} | ({"samples": compared.missing} if compared.missing else {})
     lost = ", ".join(f"{name} {number}" for name, number in losses.items()) or "nothing"
@@ -219,7 +204,6 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--minutes", type=float, default=10.0)
     parser.add_argument("--pace", choices=("max", "realtime"), default="max")
     parser.add_argument("--view", action="store_true", help="with the web view, its node and its server")
-    parser.add_argument("--real-time-priority", action="store_true", help="schedule the role nodes before all others")
     parser.add_argument("--step-s", type=float, default=0.0, help="coupling step; 0 keeps the configured one")
     parser.add_argument("--write", action="store_true", help="add the run to the table of docs/reliability.md")
     return parser.parse_args()

@@ -16,6 +16,9 @@ FRAME = "machine"
 TYPES = {"line": Marker.LINE_STRIP, "points": Marker.POINTS, "arrow": Marker.ARROW, "text": Marker.TEXT_VIEW_FACING}
 KINDS = {value: key for key, value in TYPES.items()}
 ARROW_POINTS = 2
+FARTHEST_M = 1000.0  # of anything drawn from the machine's origin: the picture would be widened to it for good
+MOST_MARKERS = 2000
+MOST_POINTS = 100_000  # of all markers together
 BLANK = Marker(action=Marker.ADD)
 
 
@@ -47,11 +50,17 @@ def from_message(message: MarkerArray, step: int = 0) -> Drawing:
     Raises
     ------
     MessageError
-        If a marker is of a kind no drawing has.
+        If a marker is of a kind no drawing has, if it or its place is no part of a machine's picture, or if there are
+        more than a picture has.
     """
-    if not message.markers:
+    markers = message.markers
+    if not markers:
         return Drawing(step, 0.0, ())
-    return Drawing(step, stamp_s(message.markers[0].header), tuple(_shape(marker) for marker in message.markers))
+    points = sum(len(marker.points) for marker in markers)
+    if len(markers) > MOST_MARKERS or points > MOST_POINTS:
+        found = f"{len(markers)} markers with {points} points"
+        raise MessageError(f"{found}; expected at most {MOST_MARKERS} with {MOST_POINTS}")
+    return Drawing(step, stamp_s(markers[0].header), tuple(_shape(marker) for marker in markers))
 
 
 def _shape(marker: Marker) -> Shape:
@@ -60,8 +69,17 @@ def _shape(marker: Marker) -> Shape:
     colour = _byte(marker.color.r), _byte(marker.color.g), _byte(marker.color.b)
     kind = KINDS[marker.type]
     places = [marker.pose.position] if kind == "text" else marker.points
-    points = tuple((place.x, place.y) for place in places)
-    return Shape(marker.ns, kind, points, colour, marker.scale.x, marker.text)
+    if kind == "arrow" and len(places) != ARROW_POINTS:
+        raise MessageError(f"arrow '{marker.ns}' has {len(places)} points; expected {ARROW_POINTS}")
+    points = tuple((_place(place.x), _place(place.y)) for place in places)
+    return Shape(marker.ns, kind, points, colour, _place(marker.scale.x), marker.text)
+
+
+def _place(value_m: float) -> float:
+    """Return a coordinate or a width that a picture may have."""
+    if not -FARTHEST_M <= value_m <= FARTHEST_M:
+        raise MessageError(f"a marker has a place or width of {value_m:g} m; expected at most {FARTHEST_M:g} m")
+    return value_m
 
 
 def _byte(share: float) -> int:

@@ -6,12 +6,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 
-from mech_twin.engine.assembly import FrameAssembler
+from mech_twin.engine.assembly import OPEN_STEPS, FrameAssembler
 from mech_twin.messages import body as body_messages
 from mech_twin.messages import force as force_messages
 from mech_twin.messages import linkage as linkage_messages
 from mech_twin.messages import motor as motor_messages
 from mech_twin.messages.joint_state_cdr import StepMessage
+from mech_twin.messages.step_marks import source
 from mech_twin.messages.step_message import MessageError
 from mech_twin.messages.topics import (
     EVERY,
@@ -24,6 +25,7 @@ from mech_twin.messages.topics import (
 from mech_twin.nodes.base_node import TwinNode
 from mech_twin.nodes.options import RunOptions
 from mech_twin.nodes.run_metrics import RunMetrics
+from mech_twin.nodes.source_lock import Admission, HeardSource
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.quantity import Parameters
 from mech_twin.samples import Frame, Sample
@@ -38,7 +40,9 @@ DECODERS: dict[str, Callable[..., Sample]] = {
 
 
 class ObserverNode(TwinNode):
-    """Observes a run from its topics; see `TwinNode` for the arguments.
+    """Observes a run from its topics, each from the one publisher that is followed; see `TwinNode` for the arguments.
+
+    A linkage that takes the place of one that is gone, and counts its steps anew, is another run.
 
     Parameters
     ----------
@@ -55,11 +59,11 @@ class ObserverNode(TwinNode):
         on_topics: bool = True,
     ) -> None:
         super().__init__(name, machine_name, parameters, options)
-        entry = catalogue_entry(machine_name)
-        self.run_metrics = RunMetrics(lambda: entry.build(self.initial_parameters))
-        self._step_s = FIRST_STEP_S
-        self._assembler = FrameAssembler(entry.has_body)
-        for topic in step_topics(entry.has_body) if on_topics else ():
+        self._entry = catalogue_entry(machine_name)
+        self._begin_anew()
+        topics = step_topics(self._entry.has_body) if on_topics else ()
+        self._sources = {topic.name: HeardSource(self.options.peer_timeout_s) for topic in topics}
+        for topic in topics:
             self.subscribe_steps(topic, partial(self._on_step, topic.name), qos=EVERY)
 
     def show(self, frame: Frame) -> None:
@@ -68,11 +72,14 @@ class ObserverNode(TwinNode):
         self.time_s = frame.linkage.time_s
         self.run_metrics.observe(frame)
 
+    def _begin_anew(self) -> None:
+        self.run_metrics = RunMetrics(lambda: self._entry.build(self.initial_parameters))
+        self.newest_step, self.newest_s = -1, 0.0
+        self._step_s = FIRST_STEP_S
+        self._assembler = FrameAssembler(self._entry.has_body)
+
     def _decoded(self, name: str, message: StepMessage) -> Sample:
-        sample = DECODERS[name](message, self._step_s)
-        if name == STEP_LINKAGE.name and sample.step > 0:
-            self._step_s = sample.time_s / sample.step
-        return sample
+        return DECODERS[name](message, self._step_s)
 
     def _on_step(self, name: str, message: StepMessage) -> None:
         try:
@@ -80,6 +87,21 @@ class ObserverNode(TwinNode):
         except MessageError as error:
             self.statistics.count(name, "malformed", str(error))
             return
+        admission = self._sources[name].admit(source(message), lambda: self.count_publishers(name) <= 1)
+        if admission is Admission.REFUSED:
+            reason = f"step {sample.step} from another publisher than the one that is followed"
+            self.statistics.count(name, "unknown_source", reason)
+            return
+        if name == STEP_LINKAGE.name:
+            self._follow(sample, admission)
         frame = self._assembler.add(sample)
         if frame is not None:
             self.show(frame)
+
+    def _follow(self, linkage: Sample, admission: Admission) -> None:
+        """Take note of where the run is; one that goes on from further back than can be waited for is another."""
+        if admission is Admission.NEWLY_FOLLOWED and linkage.step < self.newest_step - OPEN_STEPS:
+            self._begin_anew()
+        self.newest_step, self.newest_s = linkage.step, linkage.time_s
+        if linkage.step > 0:
+            self._step_s = linkage.time_s / linkage.step

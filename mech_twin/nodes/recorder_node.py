@@ -27,7 +27,7 @@ from mech_twin.messages.topics import (
 from mech_twin.nodes.base_node import TwinNode
 from mech_twin.nodes.options import RunOptions
 from mech_twin.nodes.recording_clock import RecordingClock
-from mech_twin.nodes.source_lock import ANONYMOUS, Admission, SourceLock
+from mech_twin.nodes.source_lock import Admission, HeardSource
 from mech_twin.nodes.step_sequence import StepSequence
 from mech_twin.parameters.load import catalogue_entry, description_text
 from mech_twin.quantity import Parameters
@@ -43,11 +43,10 @@ MIB = 1024.0 * 1024.0
 class StepInput:
     """One topic of step messages: how they are read, who is followed, which step was the last."""
 
-    def __init__(self) -> None:
+    def __init__(self, silence_s: float) -> None:
         self.read = StepHeadReader()
-        self.lock = SourceLock()
+        self.source = HeardSource(silence_s)
         self.sequence = StepSequence()
-        self.heard_s = time.monotonic()
 
 
 class RecorderNode(TwinNode):
@@ -81,7 +80,7 @@ class RecorderNode(TwinNode):
         self._last_heard_s = time.monotonic()
         self._time = RecordingClock()
         has_body = catalogue_entry(machine_name).has_body
-        self._steps = {topic.name: StepInput() for topic in step_topics(has_body)}
+        self._steps = {topic.name: StepInput(self.options.peer_timeout_s) for topic in step_topics(has_body)}
         self._recorded: set[str] = set()
         self._optional = {self.resolve_topic_name(topic.name): topic for topic in (FRAMES, ROBOT_DESCRIPTION)}
         self._wrench_prefix = self.resolve_topic_name(WRENCHES) + "/"
@@ -166,16 +165,8 @@ class RecorderNode(TwinNode):
             self._check_sequence(topic, name, of_topic.sequence, head.step)
 
     def _is_followed(self, topic: Topic, of_topic: StepInput, who: float) -> bool:
-        """Return whether the run is this publisher's; one that signs comes before one that does not."""
-        lock, now = of_topic.lock, time.monotonic()
-        if lock.locked:
-            silent = now - of_topic.heard_s > self.options.peer_timeout_s
-            vacant = silent or (lock.source == ANONYMOUS and who != ANONYMOUS)
-        else:
-            vacant = who != ANONYMOUS or self.count_publishers(topic.name) <= 1
-        followed = lock.admit(who, vacant) is not Admission.REFUSED
-        of_topic.heard_s = now if followed else of_topic.heard_s
-        return followed
+        """Return whether the run is this publisher's."""
+        return of_topic.source.admit(who, lambda: self.count_publishers(topic.name) <= 1) is not Admission.REFUSED
 
     def _time_of(self, topic: Topic, stamp: int) -> int:
         """Return the log time of a step that is followed: its stamp, where it is a time of this run."""

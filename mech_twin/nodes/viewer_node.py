@@ -18,6 +18,9 @@ from mech_twin.view.destination import destination
 from mech_twin.view.rerun_scene import RerunScene
 
 METRICS_EVERY_S = 1.0
+APART_S = (
+    10.0  # as far as a drawing may be from the newest step: topics overtake each other, and simulated time is fast
+)
 
 
 def opened_scene(machine_name: str, place: str) -> RerunScene:
@@ -71,6 +74,12 @@ class ViewerNode(ObserverNode):
 
     def _on_scene(self, message: MarkerArray) -> None:
         try:
-            self.rerun_scene.drawing(scene.from_message(message))
+            drawing = scene.from_message(message)
         except MessageError as error:
             self.statistics.count(SCENE.name, "malformed", str(error))
+            return
+        if abs(drawing.time_s - self.newest_s) > APART_S:
+            reason = f"stamp {drawing.time_s:g} s is no time of this run, which is at {self.newest_s:g} s"
+            self.statistics.count(SCENE.name, "unknown_source", reason)
+            return
+        self.rerun_scene.drawing(drawing)

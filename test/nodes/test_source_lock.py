@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from mech_twin.nodes.source_lock import ANONYMOUS, SOURCE_BITS, Admission, SourceLock, new_source
+from mech_twin.nodes.source_lock import ANONYMOUS, SOURCE_BITS, Admission, HeardSource, SourceLock, new_source
 
 
 def test_the_first_source_is_followed_and_a_second_is_refused_while_it_is_there() -> None:
@@ -39,3 +39,24 @@ def test_a_new_source_is_exact_in_a_float64_and_not_anonymous() -> None:
     assert len(drawn) == 1000
     assert all(source == int(source) and 0.0 < source <= 2.0**SOURCE_BITS for source in drawn)
     assert ANONYMOUS not in drawn
+
+
+def test_a_listener_follows_who_signs_until_it_has_fallen_silent() -> None:
+    now_s = [0.0]
+    heard = HeardSource(1.0, lambda: now_s[0])
+    assert heard.admit(7.0, lambda: False) is Admission.NEWLY_FOLLOWED
+    now_s[0] = 0.9
+    assert heard.admit(8.0, lambda: False) is Admission.REFUSED
+    assert heard.admit(7.0, lambda: False) is Admission.FOLLOWED
+    now_s[0] = 1.8  # a stranger's messages do not keep the place
+    assert heard.admit(8.0, lambda: False) is Admission.REFUSED
+    now_s[0] = 2.0
+    assert heard.admit(8.0, lambda: False) is Admission.NEWLY_FOLLOWED
+
+
+def test_a_listener_follows_who_does_not_sign_only_where_it_is_alone_and_nobody_signs() -> None:
+    heard = HeardSource(1.0, lambda: 0.0)
+    assert heard.admit(ANONYMOUS, lambda: False) is Admission.REFUSED
+    assert heard.admit(ANONYMOUS, lambda: True) is Admission.NEWLY_FOLLOWED
+    assert heard.admit(7.0, lambda: False) is Admission.NEWLY_FOLLOWED
+    assert heard.admit(ANONYMOUS, lambda: True) is Admission.REFUSED

@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -14,10 +16,14 @@ from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallba
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
+from visualization_msgs.msg import MarkerArray
 
 from mech_twin.engine.run import frames
+from mech_twin.messages import body as body_messages
+from mech_twin.messages import force as force_messages
 from mech_twin.messages import linkage as linkage_messages
 from mech_twin.messages import motor as motor_messages
+from mech_twin.messages import scene
 from mech_twin.messages.step_message import REVISION, SOURCE, set_stamp
 from mech_twin.messages.topics import (
     DESCRIPTION,
@@ -27,15 +33,19 @@ from mech_twin.messages.topics import (
     REJOIN_DESCRIPTION,
     REJOIN_LINKAGE,
     REJOIN_MOTOR,
+    SCENE,
+    STEP_BODY,
     STEP_FORCES,
     STEP_LINKAGE,
     STEP_MOTOR,
     Topic,
 )
 from mech_twin.nodes.force_node import ForceNode
+from mech_twin.nodes.linkage_node import LinkageNode
 from mech_twin.nodes.motor_node import MotorNode
+from mech_twin.nodes.viewer_node import ViewerNode
 from mech_twin.parameters.load import description_text, machine_parameters
-from mech_twin.samples import MotorSample
+from mech_twin.samples import Drawing, MotorSample, Shape
 
 pytestmark = pytest.mark.usefixtures("ros_domain")
 DRUM = "winding_drum"
@@ -303,3 +313,66 @@ def test_a_second_linkage_is_not_followed() -> None:
         run.until(lambda: run.node("motor").statistics.total[STEP_LINKAGE.name, "unknown_source"] >= 20)
         run.steps(100)
         assert_engine(run)
+
+
+def a_step_ahead(machine: str, steps: int) -> list[tuple[Topic, JointState]]:
+    """Return the messages of one whole step, moved so many steps ahead, signed by a stranger."""
+    frame = list(frames(built(machine), 0.05))[-1]
+    encoded: list[tuple[Topic, Any, Any]] = [
+        (STEP_LINKAGE, linkage_messages.to_message, frame.linkage),
+        (STEP_MOTOR, motor_messages.to_message, frame.motor),
+        (STEP_FORCES, force_messages.to_message, frame.forces),
+        (STEP_BODY, body_messages.to_message, frame.body),
+    ]
+    return [
+        (topic, with_row(encode(sample._replace(step=steps, time_s=1e3)), SOURCE, 5.0))
+        for topic, encode, sample in encoded
+        if sample is not None
+    ]
+
+
+def strange_drawings() -> list[MarkerArray]:
+    """Return pictures of nothing: places that are none, times of another run, more than a picture has."""
+    line = Shape("line", "line", ((0.0, 0.0), (0.1, 0.1)), (10, 20, 30), 0.01, "")
+    far = [line._replace(points_m=((0.0, 0.0), (x, 0.0))) for x in (math.nan, math.inf, 1e300, -1e9)]
+    shapes = [*far, line._replace(width_m=1e12), line._replace(kind="arrow", points_m=((0.0, 0.0),) * 3)]
+    many = [(line,) * 3000, (line._replace(points_m=((0.0, 0.0),) * 200_000),)]
+    pictures = [Drawing(0, 1e6, (line,)), *(Drawing(0, 0.1, (shape,)) for shape in shapes)]
+    return [scene.to_message(picture) for picture in [*pictures, *(Drawing(0, 0.1, shapes) for shapes in many)]]
+
+
+@pytest.mark.parametrize("machine", [DRUM, "mb10_breaker"])
+def test_a_view_shows_the_machine_whatever_strangers_say(machine: str, tmp_path: Path) -> None:
+    with BenchRun(machine) as run:
+        viewer = run.revive(lambda name, *known: ViewerNode(name, str(tmp_path / "run.rrd"), *known))
+        assert isinstance(viewer, ViewerNode)
+        run.until(lambda: viewer.run_metrics.frames > 20)
+        for topic, message in a_step_ahead(machine, 10**7):
+            run.publisher(topic).publish(message)
+        drawings, drawn = strange_drawings(), run.publisher(SCENE)
+        for message in drawings:
+            drawn.publish(message)
+        total = viewer.statistics.total
+        run.until(lambda: total[SCENE.name, "malformed"] == len(drawings) - 1)
+        run.until(lambda: total[SCENE.name, "unknown_source"] == 1)
+        run.until(lambda: total[STEP_LINKAGE.name, "unknown_source"] == 1)
+        before = viewer.run_metrics.frames
+        run.until(lambda: viewer.run_metrics.frames > before + 100)
+        last = viewer.run_metrics.last
+        assert last is not None
+        assert last.linkage == run.samples[last.linkage.step]
+        assert_engine(run)
+
+
+def test_a_view_goes_on_with_the_run_that_takes_the_place_of_one_that_is_gone(tmp_path: Path) -> None:
+    with BenchRun(DRUM, peer_timeout_s=0.3) as run:
+        viewer = run.revive(lambda name, *known: ViewerNode(name, str(tmp_path / "run.rrd"), *known))
+        assert isinstance(viewer, ViewerNode)
+        run.until(lambda: viewer.run_metrics.frames > 200)
+        for role in ("linkage", "motor", "force_analysis"):
+            run.kill(role)
+        run.spin_for(0.6)
+        for make in (MotorNode, ForceNode, LinkageNode):
+            run.revive(make)
+        run.until(lambda: viewer.newest_step < 100)
+        run.until(lambda: viewer.run_metrics.frames > 50)
