@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
@@ -24,7 +25,7 @@ from mech_twin.studies.monitoring.monitor import Findings, MonitorSetup
 from mech_twin.studies.observer.lock_on import SeenSample
 
 FAULT, SHELVE_S = "fault", "shelve_s"
-USUAL_SHELVE_S = 3600.0
+USUAL_SHELVE_S, LONGEST_SHELVE_S = 3600.0, 30.0 * 86400.0
 LEVELS = {"active": DiagnosticStatus.WARN, "latched": DiagnosticStatus.WARN, "pending": DiagnosticStatus.OK}
 
 
@@ -70,6 +71,7 @@ class MonitorNode(TwinNode):
         self._faults = self.output(DIAGNOSTICS, recorded=False)
         self.declare_parameter(FAULT, "")
         self.declare_parameter(SHELVE_S, USUAL_SHELVE_S)
+        self.add_on_set_parameters_callback(_judged)
         self.create_service(Trigger, "~/acknowledge", self._acknowledge)
         self.create_service(Trigger, "~/shelve", self._shelve)
 
@@ -169,3 +171,14 @@ class MonitorNode(TwinNode):
             f"{done}: {', '.join(names)}" if names else f"no fault{f' {told!r}' if told else ''} to act on"
         )
         return response
+
+
+def _judged(asked: list[Parameter]) -> SetParametersResult:
+    """Return whether the parameters may be so; that a fault does not exist is said by the service that acts on it."""
+    for parameter in asked:
+        if parameter.name == SHELVE_S and not 0.0 < float(parameter.value) <= LONGEST_SHELVE_S:
+            given = f"{SHELVE_S} = {parameter.value:g} s"
+            return SetParametersResult(
+                successful=False, reason=f"{given} must be above 0 and at most {LONGEST_SHELVE_S:g} s"
+            )
+    return SetParametersResult(successful=True)

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -26,7 +27,7 @@ from mech_twin.measurements.runs import read_run
 from mech_twin.messages.joint_state_cdr import Header, StepMessage, encoded, stamp_of
 from mech_twin.messages.topics import DATA, DIAGNOSTICS, STANDARD_RESIDUALS, full_name
 from mech_twin.nodes.base_node import TwinNode, destroy_nodes
-from mech_twin.nodes.monitor_node import FAULT, MonitorNode
+from mech_twin.nodes.monitor_node import FAULT, SHELVE_S, MonitorNode
 from mech_twin.nodes.shadow_node import ShadowNode, ShadowSetup
 from mech_twin.nodes.shadow_recorder import BlackBox, ShadowRecorder
 from mech_twin.nodes.shadow_session import Company, nodes_beside
@@ -186,3 +187,37 @@ def test_live_is_what_a_recording_says_and_a_fault_is_told_kept_and_acknowledged
         assert reader.end_ns is not None
         assert reader.start_ns * 1e-9 == pytest.approx(active_s - 10.0, abs=0.1)
         assert reader.end_ns * 1e-9 == pytest.approx(active_s + 5.0, abs=0.1)
+
+
+def strange_samples(at_s: float) -> list[bytes]:
+    """Return samples of the followed channel that no machine sends, and one of another time."""
+    values = [math.nan, math.inf, -math.inf, 1e300, -1e300]
+    rows = [(at_s, ("main_shaft",), (value,), (value,)) for value in values]
+    rows += [(at_s, ("another",), (0.0,), (0.0,)), (1e9, ("main_shaft",), (0.0,), (0.0,))]
+    return [encoded(StepMessage(Header(stamp_of(t)), names, at, (0.0,), effort)) for t, names, at, effort in rows]
+
+
+def test_a_monitor_goes_on_judging_whatever_strangers_say(setup: MonitorSetup, tmp_path: Path) -> None:
+    shown = noisy(run_of(16.0), 2)
+    half = len(shown["time_s"]) // 2
+    with MonitoredPlant(setup, tmp_path) as bench:
+        monitor = bench.of(MonitorNode)
+        bench.play({name: values[:half] for name, values in shown.items()}, 0.0)
+        before = monitor.live.newest.number
+        for raw in strange_samples(float(shown["time_s"][half])):
+            bench.wheel.publish(raw)
+            bench.sent += 1
+        bench.play({name: values[half:] for name, values in shown.items()}, 0.0)
+        bench.until(lambda: monitor.live.newest.number > before + 3)
+        verdicts = [found.verdict for found in bench.findings]
+        assert not monitor.has_active_fault
+    assert "named" not in verdicts
+
+
+@pytest.mark.parametrize("shelve_s", [math.nan, math.inf, 0.0, -60.0, 1e300])
+def test_a_fault_is_shelved_for_a_time_that_is_one(shelve_s: float, setup: MonitorSetup, tmp_path: Path) -> None:
+    with MonitoredPlant(setup, tmp_path) as bench:
+        (told,) = bench.of(MonitorNode).set_parameters([Parameter(SHELVE_S, value=shelve_s)])
+        assert not told.successful
+        assert SHELVE_S in told.reason
+        assert bench.of(MonitorNode).set_parameters([Parameter(SHELVE_S, value=60.0)])[0].successful

@@ -35,6 +35,7 @@ from mech_twin.studies.monitoring.thresholds import ChartLimits, limits_of_recor
 
 UNKNOWN = "unknown"
 CAP = 2.0  # of the threshold: bound of the CUSUMs
+FARTHEST_SIGMA = 1e6  # of a feature from its mean: a sample of 1e300 must not stay in the charts
 REMEMBERED = 150  # cycles of innovations kept for naming
 LEAST_NAMED = 6  # cycles beyond the settling from which a change is named
 UNKNOWN_AFTER = 25  # cycles beyond the settling from which it may be called unknown
@@ -188,6 +189,8 @@ class Monitor:
         baseline = self.setup.baseline
         self._charts = ChartState(len(baseline.names), CAP * self.setup.limits.alarm[0])
         self._root = np.linalg.inv(np.linalg.cholesky(baseline.covariance))
+        farthest = FARTHEST_SIGMA * baseline.sigma
+        self._believed = baseline.mean - farthest, baseline.mean + farthest
 
     def observe(self, vector: FeatureVector) -> Findings:
         """Take the features of the next cycle; return what follows."""
@@ -199,7 +202,7 @@ class Monitor:
         if missing:
             self._history.clear()
             return self._unjudged(vector, row, missing)
-        self._history.append(row)
+        self._history.append(np.clip(row, *self._believed))
         if len(self._history) <= baseline.order:
             return self._unjudged(vector, np.full(len(row), np.nan), ())
         innovation = baseline.innovations(np.array(self._history))[-1]

@@ -31,6 +31,9 @@ from mech_twin.studies.monitoring.baseline import Baseline
 
 MODEL_SHARE = 0.15  # of an effect, by which the computed one may be off
 UNKNOWN_CHANCE = 1e-4  # that the right fault leaves so much open by noise alone
+GLITCH_CHANCE = 1e-6  # that a cycle is as far from the others by noise alone
+GLITCHES = 0.2  # of the cycles since the onset, at most
+PASSING_CHANCE = 1e-3  # that what stays is taken for what passes
 RIVAL_CHANCE = 1e-3  # that the right fault leaves so much more open than another
 INTERVAL = 3.84  # 95 % point of chi-square of one degree
 GRID = 40  # sizes between two that were computed
@@ -152,19 +155,39 @@ def estimated_change(baseline: Baseline, innovations: Array, settling: int) -> C
 
         sum over i = 0 .. s of psi_i e_(s-i) = delta + error of the forecast from before the onset
         e_t = (1 - sum of a_i) delta + noise,      t >= s + max(p, 1)
+
+    Where they contradict each other, something passed at the onset that did not stay: only the second look counts.
+    Single cycles that are far from the others since do not.
     """
     begin = settling + max(baseline.order, 1)
-    later = innovations[begin:]
+    inverse: Array = np.linalg.inv(baseline.covariance)
+    later = without_single_cycles(innovations[begin:], inverse)
     if not len(later):
         return None
     impulse = impulse_response(baseline, settling)
-    inverse = np.linalg.inv(baseline.covariance)
-    forecast = np.linalg.inv(baseline.covariance * (impulse.T @ impulse))
-    offset = (impulse * innovations[settling::-1]).sum(axis=0)
     steady = 1.0 - baseline.coefficients.sum(axis=0)
-    information = forecast + len(later) * (steady[:, None] * inverse * steady)
-    right = forecast @ offset + steady * (inverse @ later.sum(axis=0))
-    return Change(np.linalg.solve(information, right), information, 1.0 + len(later))
+    scatter = baseline.covariance * (impulse.T @ impulse)
+    at_onset, forecast = (impulse * innovations[settling::-1]).sum(axis=0), np.linalg.inv(scatter)
+    since, right = len(later) * (steady[:, None] * inverse * steady), steady * (inverse @ later.sum(axis=0))
+    stayed = Change(np.linalg.solve(since, right), since, float(len(later)))
+    apart = at_onset - stayed.delta
+    contradiction = apart @ np.linalg.solve(scatter + np.linalg.inv(since), apart)
+    if contradiction > float(chi2.isf(PASSING_CHANCE, len(apart))):
+        return stayed
+    information = forecast + since
+    return Change(np.linalg.solve(information, forecast @ at_onset + right), information, 1.0 + len(later))
+
+
+def without_single_cycles(innovations: Array, inverse: Array) -> Array:
+    """Return innovations (n, d) without the few that are no noise about their median; all of them if these are many.
+
+    A machine that no longer repeats itself scatters in every cycle: that is no glitch.
+    """
+    if not len(innovations):
+        return innovations
+    apart = innovations - np.median(innovations, axis=0)
+    alike = np.einsum("ti,ij,tj->t", apart, inverse, apart) <= chi2.isf(GLITCH_CHANCE, innovations.shape[1])
+    return innovations[alike] if alike.mean() >= 1.0 - GLITCHES else innovations
 
 
 def impulse_response(baseline: Baseline, cycles: int) -> Array:

@@ -145,7 +145,8 @@ class SaltedFilter:
         slopes, by_keys = prediction.slopes[seen.places], effect[seen.places]
         crossed = ((slopes @ state.with_keys) * by_keys).sum(axis=1)
         own = ((slopes @ state.covariance) * slopes).sum(axis=1) + 2.0 * crossed + seen.variances
-        used = innovations**2 <= GATE * own
+        with np.errstate(over="ignore"):  # what is too far off to be squared is beyond the gate
+            used = innovations**2 <= GATE * own
         if not used.any():
             return Correction(state, prediction, innovations, used)
         h, d = slopes[used], by_keys[used]

@@ -8,6 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from studies.monitoring.synthetic import autoregressive, vectors
 
 from mech_twin.studies.monitoring.baseline import Baseline, fitted_baseline
@@ -141,3 +143,23 @@ def test_the_estimated_change_is_unbiased_and_its_information_is_that_of_its_sca
     scatter = np.array(found) - change
     assert np.abs(scatter.mean(axis=0) / (scatter.std(axis=0) / np.sqrt(300.0))).max() < 4.0
     np.testing.assert_allclose(np.cov(scatter.T) @ estimate.information, np.eye(4), atol=0.35)
+
+
+@settings(deadline=None, max_examples=30)
+@given(
+    size=st.floats(min_value=200.0, allow_infinity=False),
+    sign=st.sampled_from([-1.0, 1.0]),
+    places=st.sets(st.integers(0, 3), min_size=1),
+    cycles=st.integers(1, 3),
+)
+def test_a_cycle_of_any_size_is_judged_names_no_fault_and_is_forgotten(
+    setup: MonitorSetup, size: float, sign: float, places: set[int], cycles: int
+) -> None:
+    rows = autoregressive(40 + 400, COEFFICIENTS, COVARIANCE, 7)
+    rows[40 : 40 + cycles, sorted(places)] = sign * size
+    monitor = Monitor(setup)
+    found = [monitor.observe(vector) for vector in vectors(rows)]
+    assert found[40].alarm
+    assert not any(each.verdict in ("named", "group") for each in found)
+    assert found[-1].verdict == "healthy"
+    assert all(np.isfinite(each.standard).all() for each in found if each.charts is not None)
