@@ -160,10 +160,10 @@ def estimated_change(baseline: Baseline, innovations: Array, settling: int) -> C
     Single cycles that are far from the others since do not.
     """
     begin = settling + max(baseline.order, 1)
-    inverse: Array = np.linalg.inv(baseline.covariance)
-    later = without_single_cycles(innovations[begin:], inverse)
+    later = without_single_cycles(innovations[begin:], baseline.covariance)
     if not len(later):
         return None
+    inverse = np.linalg.inv(baseline.covariance)
     impulse = impulse_response(baseline, settling)
     steady = 1.0 - baseline.coefficients.sum(axis=0)
     scatter = baseline.covariance * (impulse.T @ impulse)
@@ -178,7 +178,7 @@ def estimated_change(baseline: Baseline, innovations: Array, settling: int) -> C
     return Change(np.linalg.solve(information, forecast @ at_onset + right), information, 1.0 + len(later))
 
 
-def without_single_cycles(innovations: Array, inverse: Array) -> Array:
+def without_single_cycles(innovations: Array, covariance: Array) -> Array:
     """Return innovations (n, d) without the few that are no noise about their median; all of them if these are many.
 
     A machine that no longer repeats itself scatters in every cycle: that is no glitch.
@@ -186,7 +186,8 @@ def without_single_cycles(innovations: Array, inverse: Array) -> Array:
     if not len(innovations):
         return innovations
     apart = innovations - np.median(innovations, axis=0)
-    alike = np.einsum("ti,ij,tj->t", apart, inverse, apart) <= chi2.isf(GLITCH_CHANCE, innovations.shape[1])
+    squares = (apart * np.linalg.solve(covariance, apart.T).T).sum(axis=1)
+    alike = squares <= chi2.isf(GLITCH_CHANCE, innovations.shape[1])
     return innovations[alike] if alike.mean() >= 1.0 - GLITCHES else innovations
 
 
