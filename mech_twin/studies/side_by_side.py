@@ -12,8 +12,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mech_twin.capabilities.arguments import real_number
 from mech_twin.capabilities.errors import StudyError
-from mech_twin.captions import titled
+from mech_twin.captions import axis_title
 
 RESIDUAL = "worst_"  # how the names of residuals in a summary begin
 
@@ -78,8 +79,7 @@ def compared(first: ComparedRun, second: ComparedRun, tolerance: float = 0.0) ->
         raise StudyError(
             f"A ({first.label}) is {first.machine}, B ({second.label}) {second.machine}; expected one machine"
         )
-    if not 0.0 <= tolerance <= 1.0:
-        raise StudyError(f"tolerance {tolerance:g}: expected 0 to 1, a part of the larger of two numbers")
+    real_number("tolerance", tolerance, "0 to 1, a part of the larger of two numbers", 0.0, 1.0)
     settings = _paired(dict(leaves(first.configuration)), dict(leaves(second.configuration)))
     return Comparison(
         first.machine,
@@ -145,15 +145,12 @@ def drawn_side_by_side(first: ComparedRun, second: ComparedRun, names: Sequence[
         for axes, name in zip(all_axes, names, strict=True):
             for side, line in ((first, "-"), (second, "--")):
                 axes.plot(side.samples["time_s"], side.samples[name], line, label=side.label)
-            axes.set_ylabel(_axis_title(name, first.units.get(name), second.units.get(name)), fontsize=7.5)
+            axes.set_ylabel(f"{name.partition('.')[0]} {axis_title(name, _unit(name, first, second))}", fontsize=7.5)
         all_axes[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
         all_axes[-1].set_xlabel("time [s]")
     return figure
 
 
-def _axis_title(name: str, *units: str | None) -> str:
-    """Return role and quantity of a column with the unit that its name ends in, else those of both sides."""
-    role, _, rest = name.partition(".")
-    words = f"{role} {titled(rest.replace('.', '_'))}"
-    known = dict.fromkeys(unit.replace(".", " ") for unit in units if unit and unit != "1")
-    return words if words.endswith("]") or not known else f"{words} [{' / '.join(known)}]"
+def _unit(name: str, *sides: ComparedRun) -> str:
+    """Return the unit of a column on both sides; of a linkage of one's own they may differ."""
+    return " / ".join(dict.fromkeys(unit for side in sides if (unit := side.units.get(name))))
