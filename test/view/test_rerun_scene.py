@@ -8,7 +8,7 @@ from synthetic_four_bar import PINS, drawing, events, frame, metrics
 
 from mech_twin.samples import BodySample, Drawing, Event, Named, Shape
 from mech_twin.view.errors import RerunSceneError
-from mech_twin.view.layout import Bounds, SceneContents, blueprint
+from mech_twin.view.layout import Bounds, SceneContents, blueprint, legend_share, plot
 from mech_twin.view.rerun_scene import RerunScene, event_line
 from mech_twin.view.scale import round_above
 
@@ -130,6 +130,17 @@ def test_the_layout_has_a_panel_for_everything_there_is():
         assert expected in names
     for expected in ("Events", "Impacts", "Metrics"):
         assert expected in names
+
+
+@pytest.mark.parametrize("names", [(), ("tool",), ("crank_bearing", "tool"), ("step begin moment",), ("x" * 60,)])
+def test_the_room_beside_the_curves_is_as_wide_as_the_longest_name(names):
+    share = legend_share(names)
+    of_plot = share / (1.0 + share)
+    assert of_plot == pytest.approx(min(0.09 + 0.0135 * max(map(len, names), default=0), 0.42))
+    axis = plot("Torque, N m", ["motor/torque"], 2.0, names).properties["TimeAxis"]
+    shown = axis.as_component_batches()[0].as_arrow_array().to_pylist()[0]
+    assert shown["start"] == -2_000_000_000
+    assert shown["end"] == pytest.approx(2e9 * share)
 
 
 def test_an_empty_run_has_a_layout_too():
