@@ -82,7 +82,7 @@ def question(
         raise StudyError("a sweep needs at least one key")
     fixed = []
     for key, values in by_name("axes", axes, "keys with their values, such as {'coupling.step_s': [0.001]}").items():
-        _require_key(type(parameters), key)
+        require_key(type(parameters), key)
         fixed.append((key, several(f"key '{key}', value", values, "a list of values")))
         if not fixed[-1][1]:
             raise StudyError(f"key '{key}': no values to sweep")
@@ -94,7 +94,8 @@ def question(
     return asked
 
 
-def _require_key(model: type[BaseModel], key: str) -> None:
+def require_key(model: type[BaseModel], key: str) -> None:
+    """Raise a `StudyError` if a configuration has no such key."""
     units = key_units(model)
     if key not in units:
         raise StudyError(f"no configuration key '{key}'{did_you_mean(key, units)}")

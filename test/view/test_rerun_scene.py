@@ -9,6 +9,7 @@ from synthetic_four_bar import PINS, drawing, events, frame, metrics
 from mech_twin.samples import BodySample, Drawing, Event, Named, Shape
 from mech_twin.view.errors import RerunSceneError
 from mech_twin.view.layout import Bounds, SceneContents, blueprint, legend_share, plot
+from mech_twin.view.phase_portrait import PhasePortrait
 from mech_twin.view.rerun_scene import RerunScene, event_line
 from mech_twin.view.scale import round_above
 
@@ -141,6 +142,21 @@ def test_the_room_beside_the_curves_is_as_wide_as_the_longest_name(names):
     shown = axis.as_component_batches()[0].as_arrow_array().to_pylist()[0]
     assert shown["start"] == -2_000_000_000
     assert shown["end"] == pytest.approx(2e9 * share)
+
+
+def test_the_axes_of_a_phase_portrait_have_units():
+    logged, none = {}, Named((), ())
+
+    class Stream:
+        def log(self, path, what):
+            logged[path] = what
+
+    portrait = PhasePortrait("phase_portrait/body", "body", 0, 1.0)
+    for time_s, angle, rate in ((0.0, 0.0, 0.0), (0.1, 0.004, -0.9)):
+        portrait.add(BodySample(1, time_s, ("body",), (angle,), (rate,), (0.0,), 0, 0.0, none, none))
+    portrait.log(Stream())
+    labels = logged["phase_portrait/body/labels"].labels.as_arrow_array().to_pylist()
+    assert labels == ["body 0.005 rad", "rate 1 rad/s", "-0.005 rad", "-1 rad/s"]
 
 
 def test_an_empty_run_has_a_layout_too():
