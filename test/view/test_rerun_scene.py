@@ -159,6 +159,23 @@ def test_the_axes_of_a_phase_portrait_have_units():
     assert labels == ["body 0.005 rad", "rate 1 rad/s", "-0.005 rad", "-1 rad/s"]
 
 
+def test_scale_bars_stand_at_the_edges_of_what_the_page_shows(tmp_path):
+    def draw(scene, step, x_m):
+        line = Shape("link", "line", ((0.0, 0.0), (x_m, 0.1)), (0, 0, 0), 0.01)
+        scene.drawing(Drawing(step, float(step), (line,)))
+
+    with RerunScene("four_bar", rrd_path=tmp_path / "run.rrd") as scene:
+        shown(scene, 100)
+        draw(scene, 1000, 1.0)
+        scene._lay_out()
+        page = scene.visible_bounds()
+        draw(scene, 1001, 1.0 + 0.01 * (page.right_m - page.left_m))
+        assert scene.visible_bounds() == page, "a motion within the margin moves nothing"
+        assert scene._mechanism.bounds() != page
+        draw(scene, 1002, page.right_m + 1.0)
+        assert scene.visible_bounds().right_m > page.right_m + 1.0
+
+
 def test_an_empty_run_has_a_layout_too():
     assert "Mechanism" in panel_names(SceneContents({}, (), None))
 
