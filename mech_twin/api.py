@@ -7,28 +7,28 @@ none writes a file unless it is asked to.  What it returns knows its units.
 
 from __future__ import annotations
 
-import math
 import tempfile
 from collections.abc import Mapping, Sequence
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from mech_twin.capabilities.arguments import real_number, several
 from mech_twin.capabilities.errors import StudyError
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.parameters.load import machine as built_machine
 from mech_twin.parameters.load import machine_parameters
-from mech_twin.results import Analysis, Columns, Numbers, Run, RunComparison
+from mech_twin.results import Analysis, Columns, Numbers, Run, RunComparison, SizingResult, with_pictures
 from mech_twin.stop_signal import raising_interrupt
 
 if TYPE_CHECKING:
     from mech_twin.capabilities.design import Design
     from mech_twin.capabilities.published import PublishedRow
-    from mech_twin.capabilities.sizing import Sizing
     from mech_twin.studies.identification.saved_identification import SavedIdentification
 
 Settings = Mapping[str, Any]
 FilePath = str | PathLike[str]
+MOST_POSITIONS = 1_000_000
 
 
 def machine_names() -> tuple[str, ...]:
@@ -77,10 +77,10 @@ def simulate(
     from contextlib import closing, nullcontext
 
     from mech_twin.engine.run import frames
+    from mech_twin.measurements.machine_columns import shown_units
     from mech_twin.studies.simulation import Simulation
 
-    if not math.isfinite(duration_s) or duration_s < 0.0:
-        raise StudyError(f"duration_s {duration_s}: expected a finite number of seconds, 0 or more")
+    duration_s = real_number("duration_s", duration_s, "a finite number of seconds, 0 or more", 0.0)
     built = built_machine(machine, _path(config), settings)
     simulation = Simulation(built)
     recording = nullcontext() if bag is None else closing(_frame_recorder(built, Path(bag), force=force))
@@ -95,7 +95,7 @@ def simulate(
         built.name,
         built.parameters,
         Numbers(title, simulation.summary()),
-        Columns(title, "time_s", simulation.trajectory.columns()),
+        Columns(title, "time_s", simulation.trajectory.columns(), shown_units(built)),
         tuple(simulation.events),
         simulation.residuals(),
     )
@@ -127,10 +127,10 @@ def analyse(
     positions : int
         Crank angles of the columns, evenly over one turn.
     """
+    from mech_twin.studies.asking import counted_within
     from mech_twin.studies.cycle_analysis import analysed_columns, cycle_positions
 
-    if positions < 1:
-        raise StudyError(f"positions {positions}: expected 1 or more")
+    counted_within("positions", positions, MOST_POSITIONS)
     built = built_machine(machine, _path(config), settings)
     title = f"{built.name}: one cycle"
     cycle = analysed_columns(built, cycle_positions(positions))
@@ -192,7 +192,7 @@ def size(
     limits: Mapping[str, float] | None = None,
     objective: str | None = None,
     tolerance: float | None = None,
-) -> Sizing:
+) -> SizingResult:
     """Return the sizes of a machine's parts, the configuration that has them, and which constraint binds.
 
     Parameters
@@ -205,7 +205,7 @@ def size(
     from mech_twin.studies import size as sized
 
     known = machine_parameters(machine, _path(config), settings)
-    return sized(machine, known, limits=limits, objective=objective, tolerance=tolerance)
+    return with_pictures(sized(machine, known, limits=limits, objective=objective, tolerance=tolerance))
 
 
 @raising_interrupt()
@@ -299,7 +299,9 @@ def identify(
     from mech_twin.studies.identification.saved_identification import SavedIdentification
 
     known = machine_parameters(machine, _path(config), settings)
-    map_file = Path(given_map)
+    runs, held_out = several("runs", runs, "a list of paths"), several("held_out", held_out, "a list of paths")
+    several("free", free, "a list of keys, or keys with their bounds")
+    map_file = _path(given_map, "given_map") or Path()
     channels = read_given(map_file)
     if channels.machine != machine:
         raise StudyError(f"{map_file}: key 'machine', value {channels.machine!r}: expected {machine!r}")
@@ -355,9 +357,18 @@ def compare(first: Run, second: Run, tolerance: float = 0.0) -> RunComparison:
     """
     from mech_twin.studies.side_by_side import compared
 
+    for run in (first, second):
+        _require_run(run)
     sides = (first.named("first"), second.named("second"))
     return RunComparison(compared(*sides, tolerance), sides)
 
 
-def _path(config: FilePath | None) -> Path | None:
+def _require_run(run: Any) -> None:
+    if not isinstance(run, Run):
+        raise StudyError(f"{run!r:.80}: expected two runs as `simulate` returns them")
+
+
+def _path(config: Any, name: str = "config") -> Path | None:
+    if config is not None and not isinstance(config, str | PathLike):
+        raise StudyError(f"{name} {config!r:.80}: expected the path of a file")
     return None if config is None else Path(config)

@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from difflib import get_close_matches
 
 UNITS = {
     "m": "m",
@@ -75,6 +76,40 @@ def titled(name: str) -> str:
     """Return display name with unit: ``drive_torque_nm`` gives "drive torque [N m]"."""
     words, unit = caption(name)
     return f"{words} [{unit}]" if unit else words
+
+
+def unknown_name(name: object, known: Iterable[str], kind: str = "") -> str:
+    """Return what is said of a name that there is not: those like it, or all.
+
+    Examples
+    --------
+    >>> unknown_name("tims", ["time_s", "step"]), unknown_name("x", ["a", "b"], "column ")
+    ("no 'tims'; did you mean time_s?", "no column 'x'; there are a, b")
+    """
+    names = list(known)
+    near = get_close_matches(str(name), names, 3)
+    return f"no {kind}{name!r}" + (
+        f"; did you mean {' or '.join(near)}?" if near else f"; there are {', '.join(names)}"
+    )
+
+
+def axis_title(column: str, unit: str = "") -> str:
+    """Return what is written at the axis of a column of a run, without its role.
+
+    Parameters
+    ----------
+    column : str
+        Dotted name.
+    unit : str
+        Its unit, where the name does not end in one.
+
+    Examples
+    --------
+    >>> axis_title("forces.drive_torque_nm"), axis_title("linkage.crank.velocity", "rad/s")
+    ('drive torque [N m]', 'crank velocity [rad/s]')
+    """
+    words = titled(column.partition(".")[2].replace(".", "_") or column)
+    return f"{words} [{unit}]" if unit and not words.endswith("]") else words
 
 
 def metrics_table(metrics: Mapping[str, float]) -> str:

@@ -84,7 +84,7 @@ def test_a_missing_column_is_named_with_its_neighbours():
 def test_units_are_those_the_names_end_in():
     assert unit_of("forces.drive_torque_nm") == "N m"
     assert unit_of("rated_crank_speed_rad_per_s") == "rad/s"
-    assert unit_of("linkage.crank.position") == ""
+    assert unit_of("linkage.crank.position") == ""  # of the machine, not of the name
     assert unit_of("rated_slip") == ""
 
 
@@ -103,9 +103,27 @@ def test_a_picture_has_one_unit_in_a_panel():
     run = mt.simulate("compaction_press", 0.05)
     figure = run.plot("forces.drive_torque_nm", "linkage.crank.velocity", "motor.motor.velocity")
     labels = [axes.get_ylabel() for axes in figure.axes]
-    assert labels == ["drive torque [N m]", "velocity"]
+    assert labels == ["drive torque [N m]", "rad/s"]
     assert [len(axes.lines) for axes in figure.axes] == [1, 2]
     assert figure.axes[-1].get_xlabel() == "time [s]"
+
+
+@pytest.mark.parametrize("name", CATALOGUE)
+def test_every_joint_of_a_run_has_the_unit_of_what_slides_or_turns(name):
+    from mech_twin.measurements.machine_columns import sliding_in
+
+    units, sliding = mt.simulate(name, 0.0).samples.units, sliding_in(built_machine(name))
+    for joint in built_machine(name).linkage.joints:
+        expected = ["m", "m/s", "N"] if joint in sliding else ["rad", "rad/s", "N m"]
+        assert [units[f"linkage.{joint}.{field}"] for field in ("position", "velocity", "effort")] == expected
+
+
+def test_every_axis_of_a_comparison_has_a_unit():
+    runs = [mt.simulate("vibration_crank", 0.1, {"crank_m": length}) for length in (0.12, 0.13)]
+    axes = mt.compare(*runs).plot(40).axes
+    pure = [one.get_ylabel() for one in axes if not one.get_ylabel().endswith("]")]
+    assert len(axes) > 10
+    assert not [label for label in pure if "position" in label or "velocity" in label or "effort" in label]
 
 
 def test_nothing_that_varies_gives_no_picture():
@@ -158,6 +176,71 @@ def test_the_examples_of_the_documentation_run(tmp_path, monkeypatch, capsys):
         exec(compile(block, "documentation", "exec"), {})
     assert {path.name for path in tmp_path.iterdir()} == {"run.png", "torque.png"}
     assert " N\n" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("asked", "said"),
+    [
+        (lambda: mt.simulate("mb10_braker", 0.0), "did you mean 'mb10_breaker'"),
+        (lambda: mt.simulate(3, 0.0), "no machine 3"),
+        (lambda: mt.simulate("mb10_breaker", "3s"), "duration_s '3s': expected a finite number of seconds"),
+        (lambda: mt.simulate("mb10_breaker", 0.0, ["a=1"]), "settings ['a=1']: expected settings by dotted key"),
+        (lambda: mt.simulate("mb10_breaker", 0.0, config=3), "config 3: expected the path of a file"),
+        (lambda: mt.simulate("mb10_breaker", 0.0).samples["linkage.crnk.position"], "mean linkage.crank.position"),
+        (lambda: mt.simulate("mb10_breaker", 0.0).plot(["time_s"]), "expected names of columns"),
+        (lambda: mt.analyse("mb10_breaker", positions="a"), "positions: expected a whole number"),
+        (
+            lambda: mt.sweep("mb10_breaker", {"body.preload_deflection_m": 0.01}),
+            "value 0.01: expected a list of",
+        ),
+        (lambda: mt.sweep("mb10_breaker", {"body.preload_deflection_m": "0:1:3"}), "value '0:1:3': expected a list"),
+        (lambda: mt.sweep("mb10_breaker", {"body.preload_deflection_m": [1.0]}, outputs="x"), "outputs 'x': expected"),
+        (lambda: mt.size("compaction_press", limits={"non_uniformty": 1}), "did you mean non_uniformity"),
+        (lambda: mt.size("compaction_press", limits={"non_uniformity": float("nan")}), "non_uniformity nan: expected"),
+        (lambda: mt.size("compaction_press", tolerance="5 %"), "tolerance '5 %': expected 0 to 0.5"),
+        (lambda: mt.compare("a", "b"), "'a': expected two runs as `simulate` returns them"),
+        (lambda: mt.identify("vibration_crank", "plant.csv", "map.yaml"), "runs 'plant.csv': expected a list of paths"),
+        (lambda: mt.rollout("winding_drum", duration_s="1"), "duration_s '1': expected"),
+        (lambda: mt.rollout("winding_drum", ["a"]), "settings ['a']: expected settings by dotted key"),
+        (lambda: mt.rollout("winding_drum", duration_s=0.1, columns=["linkage.drm.velocity"]), "linkage.drum.velocity"),
+        (lambda: mt.rollout("winding_drum", duration_s=0.1)["linkage.drm.velocity"], "linkage.drum.velocity"),
+        (lambda: mt.rollout("winding_drum", duration_s=0.1, command="half"), "command 'half': expected a number"),
+        (lambda: mt.rollout("winding_drum", duration_s=0.1, changes=[(float("nan"), {})]), "change at nan: expected"),
+        (
+            lambda: mt.rollout("winding_drum", duration_s=0.1, start=mt.rollout("impact_mass", duration_s=0.0).final),
+            "expected one of winding_drum",
+        ),
+    ],
+)
+def test_a_strange_argument_is_refused_in_one_line_by_an_error_of_our_own(asked, said):
+    with pytest.raises((StudyError, ConfigurationError)) as refused:
+        asked()
+    assert said in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+def test_values_of_a_sweep_may_be_an_array():
+    found = mt.sweep("mb10_breaker", {"body.preload_deflection_m": np.linspace(0.01, 0.014, 3)}, cores=1)
+    assert found["body.preload_deflection_m"].tolist() == np.linspace(0.01, 0.014, 3).tolist()
+
+
+def test_a_roll_out_is_a_table_with_units_and_takes_settings():
+    run = mt.rollout("mb10_breaker", {"body.preload_deflection_m": 0.012}, 0.01)
+    as_run = mt.simulate("mb10_breaker", 0.01, {"body.preload_deflection_m": 0.012}).samples
+    assert {name: run.samples.units[name] for name in as_run} == as_run.units
+    assert all(run[name].tobytes() == as_run[name].astype(float).tobytes() for name in as_run)
+    assert run.to_pandas()["time_s"].tolist() == run["time_s"].tolist()
+    assert run.plot("linkage.crank.velocity").axes[0].get_ylabel() == "crank velocity [rad/s]"
+    assert repr(run).startswith("mb10_breaker: 0.01 s: 11 rows of time_s, ")
+
+
+def test_what_is_shown_of_a_result_fits_a_terminal():
+    sizes, run = mt.size("compaction_press"), mt.simulate("compaction_press", 0.01)
+    for result in (sizes, run, mt.compare(run, run), mt.analyse("compaction_press", positions=4)):
+        assert "CompactionPress(" not in repr(result)
+    assert "flywheel.inertia_kg_m2" in repr(sizes)
+    assert sizes.to_pandas().loc["flywheel.inertia_kg_m2", "unit"] == "kg m²"
+    assert mt.compare(run, run).to_pandas()["relative"].max() == 0.0
 
 
 def test_two_runs_are_compared_and_drawn_side_by_side() -> None:

@@ -14,7 +14,7 @@ from mech_twin.dependencies import require_extra
 from mech_twin.engine.invariants import broken_lines
 from mech_twin.engine.run import frames, steps_for
 from mech_twin.machines.catalog import CATALOGUE
-from mech_twin.measurements.machine_columns import machine_columns
+from mech_twin.measurements.machine_columns import shown_units
 from mech_twin.output_file import YAML_SUFFIXES, check_output_file, written_file
 from mech_twin.parameters.load import file_tree, machine_of_prefix
 from mech_twin.parameters.load import machine as built_machine
@@ -136,7 +136,7 @@ def _side(label: str, machine: Machine, simulation: Simulation) -> ComparedRun:
         simulation.summary(),
         tuple(broken_lines(simulation.residuals())),
         simulation.trajectory.columns(),
-        machine_columns(machine),
+        shown_units(machine),
     )
 
 

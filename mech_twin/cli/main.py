@@ -19,6 +19,7 @@ from mech_twin.cli.measurement_commands import identify, monitor, propose, shado
 from mech_twin.cli.option_values import machine_name, time_option
 from mech_twin.cli.options import (
     Bag,
+    BagOrTable,
     Config,
     Csv,
     Everything,
@@ -78,7 +79,7 @@ def run(
     ] = None,
     duration: Annotated[
         float | None,
-        time_option("simulated time (10, 2min); 0: until stopped", "run.duration_s, else 0"),
+        time_option("simulated time, s (10, 2min); 0: until stopped", "run.duration_s, else 0"),
     ] = None,
     record: Annotated[
         Path | None, typer.Option(help="recording directory", show_default="recordings/MACHINE-DATE")
@@ -131,7 +132,7 @@ def run(
 @app.command(cls=Verb)
 def simulate(
     machine: MachineName,
-    duration: Annotated[float, time_option("simulated time (3, 500ms, 2min)")],
+    duration: Annotated[float, time_option("simulated time, s (3, 500ms, 2min)")],
     bag: Annotated[
         Path | None, typer.Option(help="recording (MCAP) of the messages that the nodes would publish")
     ] = None,
@@ -143,7 +144,7 @@ def simulate(
         list[str] | None,
         typer.Option(
             metavar="KEY=VALUE@S",
-            help="change a live parameter at a time; a value of -20% is relative",
+            help="change a live parameter at time S, s; a value of -20% is relative",
             autocompletion=completion.live_settings,
         ),
     ] = None,
@@ -170,7 +171,7 @@ def simulate(
 @app.command(cls=Verb)
 def analyse(
     machine: MachineName,
-    crank_deg: Annotated[float | None, typer.Option(help="crank angle in degrees")] = None,
+    crank_deg: Annotated[float | None, typer.Option(help="crank angle, degrees")] = None,
     cycle: Annotated[int | None, typer.Option(help="positions over one cycle", min=2, max=1_000_000)] = None,
     config: Config = None,
     settings: Settings = None,
@@ -187,10 +188,10 @@ def analyse(
 
 @app.command(cls=ManyValues)
 def replay(
-    bag: Bag,
+    bag: BagOrTable,
     rate: Annotated[float, typer.Option(help="playback rate: recorded seconds per second")] = 1.0,
-    start: Annotated[float, time_option("start time within the recording")] = 0.0,
-    duration: Annotated[float | None, time_option("duration to replay")] = None,
+    start: Annotated[float, time_option("start time within the recording, s")] = 0.0,
+    duration: Annotated[float | None, time_option("duration to replay, s")] = None,
     loop: Annotated[bool, typer.Option("--loop", help="repeat until stopped")] = False,
     clock: Annotated[bool, typer.Option("--clock", help="publish /clock from the playback time")] = False,
     topics: Annotated[list[str] | None, typer.Option("--topics", metavar="T...", help="only these topics")] = None,
@@ -229,7 +230,7 @@ def replay(
 
 @app.command(cls=Verb)
 def view(
-    bag: Bag,
+    bag: BagOrTable,
     given_map: MapFile = None,
     config: Config = None,
     save: Annotated[Path | None, typer.Option(help="write a file NAME.rrd instead of opening the view")] = None,
@@ -244,7 +245,7 @@ def view(
 
 @app.command(cls=Verb)
 def info(
-    bag: Bag,
+    bag: BagOrTable,
     given_map: MapFile = None,
     wide: Annotated[bool, typer.Option("--wide", help="all columns, whatever the width of the terminal")] = False,
     csv: Annotated[bool, typer.Option("--csv", help="print the table of topics as CSV")] = False,
@@ -268,7 +269,7 @@ def compare(
     tolerance: Annotated[float, typer.Option(help="allowed relative difference", min=0.0, max=1.0)] = 0.0,
     duration: Annotated[
         float | None,
-        time_option("time to simulate a configuration", "that of the recording, else 3"),
+        time_option("time to simulate a configuration, s", "that of the recording, else 3"),
     ] = None,
     picture: Annotated[Path | None, typer.Option(help="picture (.png or .svg) of what differs")] = None,
     all_numbers: Annotated[bool, typer.Option("--all", help="all numbers, not only those that differ")] = False,

@@ -46,7 +46,7 @@ def propose_map(measurement: Path, machine: str, out: Path | None, *, force: boo
     notes: dict[str, str] = {}
     if run is not None and turn is not None:
         channels, notes = _signed(channels, run, turn)
-        problems += implausible(_with_signs(run, channels), turn)
+        problems += implausible(_with_signs(run, channels), turn, columns)
     text = map_text(machine, time, channels, notes, columns)
     _write(text, out, force, quiet=as_json)
     if as_json:

@@ -35,7 +35,7 @@ CHECKED_SAMPLES = 2_000_000  # of a run that is held against the model
 def checked_run(reader: RunReader, given: MeasurementMap, turn: ModelTurn | None) -> tuple[MeasuredRun, list[str]]:
     """Return a run, and what contradicts that it is one of the machine."""
     run = read_run(reader, given)
-    return run, implausible(run, turn)
+    return run, implausible(run, turn, columns_of(given.machine))
 
 
 def quality_record(given: MeasurementMap, qualities: Sequence[Quality]) -> list[dict[str, Any]]:

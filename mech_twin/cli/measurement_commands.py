@@ -22,7 +22,7 @@ def shadow(
     record: Annotated[
         Path | None, typer.Option(help="directory of a recording of what is received and estimated")
     ] = None,
-    duration: Annotated[float, time_option("time after which it ends (10, 2min); 0: until stopped")] = 0.0,
+    duration: Annotated[float, time_option("time after which it ends, s (10, 2min); 0: until stopped")] = 0.0,
     uncertain: Annotated[
         list[str] | None,
         typer.Option(
@@ -41,7 +41,10 @@ def shadow(
         Path | None, typer.Option(help="advise on an output of the machine: file of targets and limits")
     ] = None,
     view: Annotated[
-        str, typer.Option(help="measured and model over each other: web, light, full, none or file NAME.rrd")
+        str,
+        typer.Option(
+            metavar="VIEW", help="measured and model over each other: web, light, full, none or file NAME.rrd"
+        ),
     ] = "none",
     view_port: Annotated[int, typer.Option(help="port of the page; 0: a free one", min=0, max=65535)] = 0,
     force: Force = False,
@@ -99,11 +102,11 @@ def identify(
         str, typer.Option(metavar="start|unknown", help="where the runs begin: at the start of the machine, or unknown")
     ] = "start",
     latest_begin: Annotated[
-        float | None, time_option("latest unknown beginning within the machine's run", "10")
+        float | None, time_option("latest unknown beginning within the machine's run, s", "10")
     ] = None,
     plan: Annotated[bool, typer.Option("--plan", help="without runs: which keys these sensors would find")] = False,
     sensors: Annotated[Path | None, typer.Option(help="with --plan: sensors as of `simulate --sensors`")] = None,
-    duration: Annotated[float | None, time_option("with --plan: length of the run")] = None,
+    duration: Annotated[float | None, time_option("with --plan: length of the run, s")] = None,
     seed: Annotated[int, typer.Option(help="seed of the further starts of the fit", min=0)] = 0,
     cores: Annotated[int | None, typer.Option(help="processor cores to use", min=1, show_default="all")] = None,
     scheduler: Annotated[
@@ -159,7 +162,7 @@ def monitor(
     ] = None,
     skip: Annotated[
         float | None,
-        time_option("time at the start of each run that is left out", "the machine's run-up"),
+        time_option("time at the start of each run that is left out, s", "the machine's run-up"),
     ] = None,
     design: Annotated[bool, typer.Option("--design", help="judge a sensor set instead of runs")] = False,
     sensors: Annotated[Path | None, typer.Option(help="with --design: the sensors, as for simulate")] = None,

@@ -33,6 +33,12 @@ Namespace = Annotated[
     str | None, typer.Option(metavar="NAME", help="namespace of the nodes instead of the machine's name")
 ]
 Bag = Annotated[Path, typer.Argument(help="recording: a directory, or one .mcap file")]
+BagOrTable = Annotated[
+    Path,
+    typer.Argument(
+        metavar="BAG", help="recording: a directory, or one .mcap file; with --map also a table (.csv, .tsv, .parquet)"
+    ),
+]
 MapFile = Annotated[
     Path | None, typer.Option("--map", help="map of a measurement: which channel is what (see `mech-twin map`)")
 ]

@@ -36,7 +36,9 @@ Force = Annotated[bool, typer.Option("--force", help="overwrite existing results
 Json = Annotated[bool, typer.Option("--json", help="print JSON to standard output")]
 Everything = Annotated[bool, typer.Option("--all", help="every row and column")]
 Csv = Annotated[bool, typer.Option("--csv", help="print comma-separated values")]
-Cores = Annotated[int | None, typer.Option(help="processes to spread over", min=1, max=1024, show_default="all cores")]
+Cores = Annotated[
+    int | None, typer.Option(help="processor cores to use, a process each", min=1, max=1024, show_default="all cores")
+]
 Scheduler = Annotated[str | None, typer.Option(metavar="ADDRESS", help="Dask scheduler, tcp://HOST:PORT")]
 Seed = Annotated[int, typer.Option(help="seed of the random draws; the same seed gives the same answer", min=0)]
 Over = Annotated[
@@ -51,7 +53,10 @@ Over = Annotated[
 Limits = Annotated[
     list[str] | None,
     typer.Option(
-        "--limit", metavar="NAME=VALUE...", help="limits that replace the usual ones", autocompletion=completion.limits
+        "--limit",
+        metavar="NAME=VALUE...",
+        help="limits that replace the usual ones, SI units",
+        autocompletion=completion.limits,
     ),
 ]
 Bounds = Annotated[
@@ -96,7 +101,9 @@ def sweep(
         list[str] | None,
         typer.Option(metavar="NAME", help="number to tabulate; may be given several times", show_default="all"),
     ] = None,
-    duration: Annotated[float, time_option("time to simulate at each point (3, 500ms)")] = 0.0,
+    duration: Annotated[
+        float, time_option("time to simulate at each point, s (3, 500ms); 0: the analysis alone")
+    ] = 0.0,
     no_picture: Annotated[bool, typer.Option("--no-picture", help="write the table alone")] = False,
     cores: Cores = None,
     scheduler: Scheduler = None,

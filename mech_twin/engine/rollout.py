@@ -10,11 +10,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from math import ceil, isfinite
+from math import ceil
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mech_twin.capabilities.arguments import real_number, several
+from mech_twin.capabilities.errors import StudyError, UnknownNameError
+from mech_twin.captions import unknown_name
 from mech_twin.engine.compiled_machine import CompiledMachine, compiled_machine
 from mech_twin.engine.coupling import complete_frame, next_frame
 from mech_twin.engine.errors import MotionError
@@ -84,6 +87,8 @@ class RollOut:
         return tuple(event for _, event in self.stepped_events)
 
     def __getitem__(self, column: str) -> Array:
+        if column not in self.columns:
+            raise UnknownNameError(unknown_name(column, self.columns, "column "))
         return self.columns[column]
 
 
@@ -123,6 +128,9 @@ def roll_out(
     """
     count = _count(machine, duration_s)
     first = 0 if start is None else start.linkage.step
+    if start is not None and start.linkage.joints != machine.linkage.joints:
+        told = ", ".join(start.linkage.joints)
+        raise StudyError(f"start: a frame with the joints {told}; expected one of {machine.name}")
     targets = command_profile(command, first, count, machine.coupling_step_s)
     if start is None:
         start = complete_frame(machine, machine.linkage.start(), None, float(targets[0]))
@@ -153,21 +161,32 @@ def command_profile(command: Profile, first: int, count: int, step_s: float) -> 
     if isinstance(command, np.ndarray):
         profile = np.asarray(command, dtype=np.float64)
         if profile.shape != (count + 1,):
-            raise ValueError(f"command has shape {profile.shape}; expected one number a step, ({count + 1},)")
+            raise StudyError(f"command has shape {profile.shape}; expected one number a step, ({count + 1},)")
     elif isinstance(command, int | float):
         profile = np.full(count + 1, float(command))
     elif callable(command):
         profile = np.array([float(command(step)) for step in steps])
     else:
-        times = [time_s for time_s, _ in command]
+        times = [time_s for time_s, _ in _pairs(command)]
         if times != sorted(times):
-            raise ValueError(f"command has times {times}; expected them in ascending order")
+            raise StudyError(f"command has times {times}; expected them in ascending order")
         profile = np.ones(count + 1)
         for time_s, value in command:
             profile[max(_step_at(time_s, step_s) - first, 0) :] = value
     if not np.isfinite(profile).all():
-        raise ValueError("command holds a number that is not finite")
+        raise StudyError("command holds a number that is not finite")
     return np.ascontiguousarray(profile)
+
+
+def _pairs(command: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
+    """Return pairs of time and value."""
+    expected = "a number, pairs of time (s) and value, an array with one number a step, or a function of the step"
+    found = []
+    for pair in several("command", command, expected):
+        if len(both := several("command", pair, expected)) != 2:
+            raise StudyError(f"command {command!r}: expected {expected}")
+        found.append((real_number("command's time", both[0], "seconds"), both[1]))
+    return found
 
 
 @dataclass(frozen=True)
@@ -179,9 +198,8 @@ class _Piece:
 
 
 def _count(machine: Machine, duration_s: float) -> int:
-    if not isfinite(duration_s) or duration_s < 0.0:
-        raise ValueError(f"duration_s = {duration_s!r}; expected a finite number of seconds, at least 0")
-    return round(duration_s / machine.coupling_step_s)
+    whole_s = real_number("duration_s", duration_s, "a finite number of seconds, 0 or more", 0.0)
+    return round(whole_s / machine.coupling_step_s)
 
 
 def _step_at(time_s: float, step_s: float) -> int:
@@ -193,11 +211,12 @@ def _pieces(machine: Machine, first: int, count: int, changes: Iterable[tuple[fl
     """Return the stretches of a run of ``count`` steps after step ``first``."""
     bounds, machines = [first + 1], [machine]
     for time_s, changed in changes:
+        real_number("change at", time_s, "a finite number of seconds")
         if changed.name != machine.name or changed.coupling_step_s != machine.coupling_step_s:
-            raise ValueError(f"change at {time_s} s: machine and coupling.step_s cannot change during a run")
+            raise StudyError(f"change at {time_s} s: machine and coupling.step_s cannot change during a run")
         begin = max(_step_at(time_s, machine.coupling_step_s), first + 1)
         if begin < bounds[-1]:
-            raise ValueError(f"change at {time_s} s: expected changes in ascending order of time")
+            raise StudyError(f"change at {time_s} s: expected changes in ascending order of time")
         bounds.append(begin)
         machines.append(changed)
     last = first + count + 1
@@ -208,10 +227,11 @@ def _pieces(machine: Machine, first: int, count: int, changes: Iterable[tuple[fl
 
 def _picked(layout: FrameLayout, columns: Sequence[str] | None) -> list[str]:
     names = layout.columns
-    wanted = list(names) if columns is None else ["time_s", *(name for name in columns if name != "time_s")]
-    unknown = [name for name in wanted if name not in names]
-    if unknown:
-        raise ValueError(f"no column {unknown[0]!r}; expected one of {', '.join(names)}")
+    asked = names if columns is None else several("columns", columns, "a list of names")
+    wanted = list(names) if columns is None else ["time_s", *(name for name in asked if name != "time_s")]
+    for name in wanted:
+        if name not in names:
+            raise UnknownNameError(unknown_name(name, names, "column "))
     return wanted
 
 

@@ -6,9 +6,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import NamedTuple
 
+from mech_twin.captions import unit_of as caption_unit
 from mech_twin.engine.coupling import complete_frame
 from mech_twin.engine.trajectory import frame_numbers
-from mech_twin.measurements.units import UNITS
+from mech_twin.measurements.units import UNITS, shown_unit
 from mech_twin.roles import Machine
 
 SLIDING = (
@@ -71,6 +72,11 @@ def machine_columns(machine: Machine) -> Mapping[str, str]:
     names = [name for name, _ in frame_numbers(frame) if name != "time_s"]
     sliding = sliding_in(machine)
     return {name: unit_in(name, sliding) for name in names}
+
+
+def shown_units(machine: Machine) -> Mapping[str, str]:
+    """Return the unit of every column of a run of the machine as axes and tables show it, empty for a pure number."""
+    return {name: caption_unit(name) or shown_unit(unit) for name, unit in machine_columns(machine).items()}
 
 
 def unit_in(column: str, sliding: frozenset[str]) -> str:

@@ -3,13 +3,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from itertools import permutations
 from typing import NamedTuple
 
 import numpy as np
 
 from mech_twin.measurements.blocks import Array
-from mech_twin.measurements.machine_columns import joint_column, unit_of
+from mech_twin.measurements.machine_columns import joint_column
 from mech_twin.measurements.measurement_map import FREE, PER_RUN
 from mech_twin.measurements.model_turn import TURN, Following, ModelTurn, following
 from mech_twin.measurements.runs import MeasuredChannel, MeasuredRun
@@ -31,7 +32,7 @@ class CrankPair(NamedTuple):
     values: Array
 
 
-def implausible(run: MeasuredRun, turn: ModelTurn | None) -> list[str]:
+def implausible(run: MeasuredRun, turn: ModelTurn | None, units: Mapping[str, str]) -> list[str]:
     """Return what contradicts that the run is one of this machine, one line each; empty where nothing does.
 
     Parameters
@@ -40,21 +41,23 @@ def implausible(run: MeasuredRun, turn: ModelTurn | None) -> list[str]:
         The run.
     turn : ModelTurn, optional
         One turn of the model; without one, speeds are compared with positions alone.
+    units : mapping
+        SI unit of each column of the machine.
     """
-    found = _speeds(run)
+    found = _speeds(run, units)
     crank = None if turn is None else run.channel(turn.crank)
     if turn is None or crank is None:
         return found
     turned = float(np.ptp(crank.values))
     if turned < TURN:
-        swapped = _swinging_crank(run, crank)
+        swapped = _swinging_crank(run, crank, units)
         if swapped is None:
             return [*found, f"no cycle: {crank.name} moves through {turned / TURN:.3g} of a turn, expected a whole one"]
         return [*found, swapped]
-    return found + _turning_speed(crank, turn) + _following(run, crank, turn)
+    return found + _turning_speed(crank, turn) + _following(run, crank, turn, units)
 
 
-def _speeds(run: MeasuredRun) -> list[str]:
+def _speeds(run: MeasuredRun, units: Mapping[str, str]) -> list[str]:
     """Compare each measured speed with the differences of the measured position of the same joint."""
     lines = []
     for channel in run.channels:
@@ -72,8 +75,8 @@ def _speeds(run: MeasuredRun) -> list[str]:
         one, other = float(np.median(np.abs(speed))), float(np.median(np.abs(differences)))
         if one > RATE_FACTOR * other or other > RATE_FACTOR * one:
             lines.append(
-                f"{channel.name} is {one:.4g} {unit_of(channel.name)} in the median, differences of {position.name} "
-                f"{other:.4g}{_fitting_unit(channel, one, other)}"
+                f"{channel.name} is {one:.4g} {units[channel.name]} in the median, differences of {position.name} "
+                f"{other:.4g}{_fitting_unit(channel, units[channel.name], one, other)}"
             )
         elif float(speed @ differences) < 0.0:
             lines.append(
@@ -83,9 +86,8 @@ def _speeds(run: MeasuredRun) -> list[str]:
     return lines
 
 
-def _fitting_unit(channel: MeasuredChannel, found: float, expected: float, factor: float = RATE_FACTOR) -> str:
+def _fitting_unit(channel: MeasuredChannel, si: str, found: float, expected: float, factor: float = RATE_FACTOR) -> str:
     """Return the unit that would make the number come out right, as the end of a line."""
-    si = unit_of(channel.name)
     for name, unit in UNITS.items():
         if unit.si == si and name != channel.channel.unit and found > 0.0:
             ratio = found * unit.factor / channel.channel.si_factor / expected if expected else 0.0
@@ -104,29 +106,29 @@ def _turning_speed(crank: MeasuredChannel, turn: ModelTurn) -> list[str]:
         return []
     return [
         f"{crank.name} turns at {speed:.4g} rad/s in the mean, the model at {usual:.4g}"
-        f"{_fitting_unit(crank, speed, usual, SPEED_FACTOR)}"
+        f"{_fitting_unit(crank, 'rad', speed, usual, SPEED_FACTOR)}"
     ]
 
 
-def _swinging_crank(run: MeasuredRun, crank: MeasuredChannel) -> str | None:
+def _swinging_crank(run: MeasuredRun, crank: MeasuredChannel, units: Mapping[str, str]) -> str | None:
     for channel in run.channels:
-        if channel is not crank and unit_of(channel.name) == "rad" and np.ptp(channel.values) >= TURN:
+        if channel is not crank and units.get(channel.name) == "rad" and np.ptp(channel.values) >= TURN:
             return (
                 f"{crank.name} swings while {channel.name} turns round: expected the other way round, are they swapped?"
             )
     return None
 
 
-def _following(run: MeasuredRun, crank: MeasuredChannel, turn: ModelTurn) -> list[str]:
+def _following(run: MeasuredRun, crank: MeasuredChannel, turn: ModelTurn, units: Mapping[str, str]) -> list[str]:
     pairs = pairs_with_crank(run, turn)
     zero = None if crank.channel.zero in (FREE, PER_RUN) else 0.0
     lines = []
     for pair in pairs:
         own = following(turn, pair.channel.name, pair.crank_rad, pair.values, zero)
         if own.correlation >= FOLLOWS:
-            lines += _scale_line(pair.channel, own) or _sign_line(pair.channel, own)
+            lines += _scale_line(pair.channel, own, units[pair.channel.name]) or _sign_line(pair.channel, own)
             continue
-        other = _better_elsewhere(pair, [each.channel for each in pairs], turn, own, zero)
+        other = _better_elsewhere(pair, [each.channel for each in pairs], turn, own, zero, units)
         lines.append(
             f"{pair.channel.name} does not follow the crank as in the model (correlation {own.correlation:.2f}, "
             f"expected {FOLLOWS:g}): {other or 'another machine, or a wrong channel'}"
@@ -161,14 +163,13 @@ def _paired(channel: MeasuredChannel, crank: MeasuredChannel) -> CrankPair:
     return CrankPair(channel, np.interp(channel.times_s[places], crank.times_s, crank.values), channel.values[places])
 
 
-def _scale_line(channel: MeasuredChannel, own: Following) -> list[str]:
+def _scale_line(channel: MeasuredChannel, own: Following, si: str) -> list[str]:
     if isinstance(channel.channel.gain, str) or 1.0 / FACTOR < own.scale < FACTOR:
         return []
     fitting = [
         name
         for name, unit in UNITS.items()
-        if unit.si == unit_of(channel.name)
-        and 1.0 / FACTOR < own.scale * unit.factor / channel.channel.si_factor < FACTOR
+        if unit.si == si and 1.0 / FACTOR < own.scale * unit.factor / channel.channel.si_factor < FACTOR
     ]
     hint = f"is its unit {' or '.join(fitting)}?" if fitting else "a wrong unit, or another machine?"
     return [f"{channel.name} swings {own.scale:.3g} times as far as the model's, expected about 1: {hint}"]
@@ -182,11 +183,16 @@ def _sign_line(channel: MeasuredChannel, own: Following) -> list[str]:
 
 
 def _better_elsewhere(
-    pair: CrankPair, channels: list[MeasuredChannel], turn: ModelTurn, own: Following, zero: float | None
+    pair: CrankPair,
+    channels: list[MeasuredChannel],
+    turn: ModelTurn,
+    own: Following,
+    zero: float | None,
+    units: Mapping[str, str],
 ) -> str:
     """Return that the channel rather is another one of the map, if it is."""
     for this, other in permutations(channels, 2):
-        if this is not pair.channel or unit_of(other.name) != unit_of(this.name):
+        if this is not pair.channel or units[other.name] != units[this.name]:
             continue
         if following(turn, other.name, pair.crank_rad, pair.values, zero).correlation > max(
             FOLLOWS, own.correlation + CLEARLY

@@ -69,6 +69,11 @@ _TIME_SPELLINGS = {
 }
 
 
+def shown_unit(si: str) -> str:
+    """Return a unit as axes and tables show it: N m for ``N.m``, empty for ``1``."""
+    return "" if si == "1" else si.replace(".", " ").replace("2", "²")
+
+
 def unit_in(text: str) -> str | None:
     """Return the unit that a header names, ``Slide position (mm)`` or ``slide_mm``; None where it names none."""
     return _found_in(text, _SPELLINGS)

@@ -8,6 +8,7 @@ from typing import NamedTuple, TypeVar
 
 from mech_twin.captions import titled
 from mech_twin.measurements.machine_columns import joint_column, sliding_in, unit_in
+from mech_twin.measurements.units import shown_unit
 from mech_twin.nodes.base_node import TwinNode
 from mech_twin.nodes.monitor_node import MonitorNode
 from mech_twin.nodes.options import RunOptions
@@ -128,7 +129,7 @@ def channel_title(column: str, sliding: frozenset[str]) -> str:
     """Return what a channel is called over its plots, with its unit; of the joints some slide."""
     parts = joint_column(column)
     name = f"{titled(parts.joint)} {parts.field}" if parts is not None else titled(column.partition(".")[2] or column)
-    return f"{name}, {unit_in(column, sliding).replace('N.m', 'N m')}"
+    return f"{name}, {shown_unit(unit_in(column, sliding))}"
 
 
 def channel_readings(shadow: ShadowNode, estimate: FrameEstimate, sample: SeenSample) -> dict[str, ChannelReading]:

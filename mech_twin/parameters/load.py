@@ -24,6 +24,7 @@ import yaml
 from pydantic import ValidationError
 
 from mech_twin import __version__
+from mech_twin.capabilities.arguments import by_name
 from mech_twin.configuration_tree import ConfigurationError, configuration_tree, merged_tree, tree_from_flat
 from mech_twin.machines.catalog import CATALOGUE, Entry
 from mech_twin.parameters.errors import LONGEST_VALUE, refusal, shown_value
@@ -55,10 +56,10 @@ def catalogue_entry(name: str) -> Entry:
     ConfigurationError
         If the catalogue has no such machine.
     """
-    if name in CATALOGUE:
+    if isinstance(name, str) and name in CATALOGUE:
         return CATALOGUE[name]
-    within = [known for known in CATALOGUE if len(name) > 1 and name in known]
-    near = get_close_matches(name, CATALOGUE, 1) or within
+    within = [known for known in CATALOGUE if len(str(name)) > 1 and str(name) in known]
+    near = get_close_matches(str(name), CATALOGUE, 1) or within
     hint = f"; did you mean '{near[0]}'?" if near else ""
     raise ConfigurationError(f"no machine {shown_value(name)}; expected one of {', '.join(CATALOGUE)}{hint}")
 
@@ -277,7 +278,8 @@ def machine_parameters(name: str, path: Path | None = None, overrides: Mapping[s
         Naming file, key, value and what was expected.
     """
     entry = catalogue_entry(name)
-    file, given = path or configuration_file(name), dict(overrides or {})
+    expected = "settings by dotted key, such as {'coupling.step_s': 0.001}"
+    file, given = path or configuration_file(name), by_name("settings", overrides, expected)
     text = configuration_text(file)
     tree = merged_tree(text_tree(text, str(file)), tree_from_flat(given))
     source = f"{file} with --set {', '.join(given)}" if given else str(file)

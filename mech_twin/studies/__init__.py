@@ -291,8 +291,11 @@ def regimes(
     from mech_twin.capabilities.long_run import MOST_SETTLING_PERIODS
     from mech_twin.parameters.load import machine_parameters
     from mech_twin.studies.asking import asked_of, counted_within
+    from mech_twin.studies.sweep_points import require_key
 
     question: RegimeQuestion = asked_of(machine, "regimes", "no regimes to map")
     counted_within("settling", settling_periods, MOST_SETTLING_PERIODS)
     known = parameters or machine_parameters(machine)
+    if key is not None:
+        require_key(type(known), key)
     return question.answer(known, values, key or question.usual_key, settling_periods, progress)

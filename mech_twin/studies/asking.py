@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from mech_twin.capabilities.arguments import is_number
 from mech_twin.capabilities.errors import StudyError
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.parameters.load import catalogue_entry
@@ -49,7 +50,7 @@ def questions_of(machine: str) -> tuple[str, ...]:
     return tuple(name for name, capability in answered.items() if capability)
 
 
-def counted_within(name: str, value: float, most: int) -> int:
+def counted_within(name: str, value: Any, most: int) -> int:
     """Return a count that is asked for.
 
     Raises
@@ -57,6 +58,6 @@ def counted_within(name: str, value: float, most: int) -> int:
     StudyError
         If it is no whole number from 1 to ``most``.
     """
-    if isinstance(value, bool) or not 1 <= value <= most or value != int(value):
+    if not is_number(value) or not 1 <= value <= most or value != int(value):
         raise StudyError(f"{name}: expected a whole number from 1 to {most}, got {value}")
     return int(value)

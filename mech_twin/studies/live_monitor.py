@@ -8,6 +8,7 @@ from typing import Any
 
 from mech_twin.capabilities.cycle import CycleFeatures
 from mech_twin.capabilities.faults import MachineFault
+from mech_twin.measurements.units import shown_unit
 from mech_twin.quantity import Parameters
 from mech_twin.studies.monitoring.charts import CHARTS
 from mech_twin.studies.monitoring.cycle_features import FeatureFeed
@@ -99,7 +100,8 @@ def fault_values(setup: MonitorSetup, life: FaultLife, found: Findings) -> dict[
         "delay cycles": str(found.delay_cycles),
         "began s": f"{found.onset_s:.3f}",
         "candidates": "; ".join(
-            f"{c.name} {c.size:.4g} ({c.low_95:.4g} to {c.high_95:.4g}) {c.unit}" for c in found.candidates
+            f"{c.name} {c.size:.4g} ({c.low_95:.4g} to {c.high_95:.4g}) {shown_unit(c.unit)}".rstrip()
+            for c in found.candidates
         ),
     }
     statistics = () if found.charts is None else found.charts.statistics

@@ -5,17 +5,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError, ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from threading import Event
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from pydantic import BaseModel
 
+from mech_twin.capabilities.arguments import by_name
 from mech_twin.capabilities.errors import StudyError
+from mech_twin.columns import Columns
 from mech_twin.configuration_tree import configuration_tree, merged_tree, tree_from_flat
 from mech_twin.engine.rollout import Profile, RollOut, roll_out
 from mech_twin.engine.sample_vectors import Array
+from mech_twin.measurements.machine_columns import shown_units
 from mech_twin.parameters.load import catalogue_entry, machine_parameters, validated
 from mech_twin.quantity import Parameters
 from mech_twin.roles import Machine
@@ -23,20 +26,62 @@ from mech_twin.samples import Frame
 from mech_twin.stop_signal import raising_interrupt
 from mech_twin.studies.spreading import available_cores
 
+if TYPE_CHECKING:
+    import pandas
+    import pyarrow
+    from matplotlib.figure import Figure
+
 Change = tuple[float, Mapping[str, Any] | Parameters]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False, kw_only=True)
+class NamedRollOut(RollOut):
+    """A roll-out that knows its machine and the units of its columns.
+
+    Attributes
+    ----------
+    name : str
+        Machine of the catalogue.
+    units : mapping of str to str
+        Of the columns, empty for pure numbers.
+    """
+
+    name: str
+    units: Mapping[str, str]
+
+    @property
+    def samples(self) -> Columns:
+        """The columns as a table: ``to_pandas()``, ``to_arrow()``, ``plot()``."""
+        title = f"{self.name}: {self.columns['time_s'][-1] - self.columns['time_s'][0]:g} s"
+        return Columns(title, "time_s", self.columns, self.units)
+
+    def plot(self, *names: str) -> Figure:
+        """Return a picture of columns over time; see `Columns.plot`."""
+        return self.samples.plot(*names)
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """Return a frame, the units in its ``attrs``; needs the extra 'pandas'."""
+        return self.samples.to_pandas()
+
+    def to_arrow(self) -> pyarrow.Table:
+        """Return a table, the unit of each column in its metadata; needs the extra 'tables'."""
+        return self.samples.to_arrow()
+
+    def __repr__(self) -> str:
+        return f"{self.samples!r}\n{len(self.events)} events"
+
+
+@dataclass(frozen=True, repr=False)
 class RollOuts:
     """Roll-outs of one machine, member by member.
 
     Attributes
     ----------
-    members : tuple of RollOut
+    members : tuple of NamedRollOut
         In the order asked for.  One whose motion could not be followed to the end has ``error`` set and nan after it.
     """
 
-    members: tuple[RollOut, ...]
+    members: tuple[NamedRollOut, ...]
 
     def __getitem__(self, column: str) -> Array:
         """Return a column of every member, (members, steps + 1); shorter members end in nan."""
@@ -49,29 +94,32 @@ class RollOuts:
     def __len__(self) -> int:
         return len(self.members)
 
-    def __iter__(self) -> Iterator[RollOut]:
+    def __repr__(self) -> str:
+        return f"{len(self)} roll-outs, the first {self.members[0]!r}" if self.members else "no roll-outs"
+
+    def __iter__(self) -> Iterator[NamedRollOut]:
         return iter(self.members)
 
 
 @raising_interrupt()
 def rollout(
     machine: str | Machine,
-    parameters: Parameters | None = None,
+    parameters: Parameters | Mapping[str, Any] | None = None,
     duration_s: float = 1.0,
     *,
     columns: Sequence[str] | None = None,
     start: Frame | None = None,
     command: Profile = 1.0,
     changes: Sequence[Change] = (),
-) -> RollOut:
+) -> NamedRollOut:
     """Return a run of a machine as arrays, equal to the bit to what its roles compute step by step.
 
     Parameters
     ----------
     machine : str or Machine
         Machine of the catalogue by name, or one that is built.
-    parameters : Parameters, optional
-        Its configuration; the installed one if absent.
+    parameters : Parameters or mapping, optional
+        Its configuration, or settings by dotted key laid over it; the installed one if absent.
     duration_s : float
         Simulated time (s), rounded to whole coupling steps.
     columns : sequence of str, optional
@@ -101,7 +149,7 @@ def rollout(
 @raising_interrupt()
 def rollouts(
     machine: str | Machine,
-    parameters: Sequence[Parameters | None],
+    parameters: Sequence[Parameters | Mapping[str, Any] | None],
     duration_s: float = 1.0,
     *,
     columns: Sequence[str] | None = None,
@@ -118,7 +166,7 @@ def rollouts(
     ----------
     machine, duration_s, columns, changes
         As for `rollout`.
-    parameters : sequence of Parameters
+    parameters : sequence of Parameters or mapping
         One a member.
     starts, commands : sequence, optional
         One a member.
@@ -191,28 +239,38 @@ def live_keys(model: type[BaseModel], prefix: str = "") -> list[str]:
 
 def _member(
     machine: str | Machine,
-    parameters: Parameters | None,
+    parameters: Parameters | Mapping[str, Any] | None,
     duration_s: float,
     columns: Sequence[str] | None,
     start: Frame | None,
     command: Profile,
     changes: Sequence[Change],
-) -> Callable[[Callable[[], None]], RollOut]:
+) -> Callable[[Callable[[], None]], NamedRollOut]:
     """Return what computes one roll-out, its machines built."""
     base = _built(machine, parameters)
+    units = shown_units(base)
     machines, known = [], base.parameters
     for time_s, change in changes:
         source = f"change at {time_s} s"
         known = changed(base.name, known, change, source) if isinstance(change, Mapping) else change
         machines.append((time_s, catalogue_entry(base.name).build(known)))
 
-    def compute(between: Callable[[], None]) -> RollOut:
-        return roll_out(base, duration_s, columns, start, command, machines, between)
+    def compute(between: Callable[[], None]) -> NamedRollOut:
+        found = roll_out(base, duration_s, columns, start, command, machines, between)
+        parts = {part.name: getattr(found, part.name) for part in fields(found)}
+        return NamedRollOut(**parts, name=base.name, units=units)
 
     return compute
 
 
-def _built(machine: str | Machine, parameters: Parameters | None) -> Machine:
-    if isinstance(machine, Machine):
-        return machine if parameters is None else catalogue_entry(machine.name).build(parameters)
-    return catalogue_entry(machine).build(parameters or machine_parameters(machine))
+def _built(machine: str | Machine, parameters: Parameters | Mapping[str, Any] | None) -> Machine:
+    name, known = (machine.name, machine.parameters) if isinstance(machine, Machine) else (machine, None)
+    if isinstance(machine, Machine) and parameters is None:
+        return machine
+    if isinstance(parameters, Parameters):
+        return catalogue_entry(name).build(parameters)
+    if known is None:
+        return catalogue_entry(name).build(machine_parameters(name, None, parameters))
+    keys = by_name("parameters", parameters, "settings by dotted key, or a configuration")
+    tree = merged_tree(configuration_tree(known), tree_from_flat(keys, "parameters"))
+    return catalogue_entry(name).build(validated(catalogue_entry(name), tree, "parameters"))

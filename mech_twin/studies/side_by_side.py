@@ -6,15 +6,19 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from textwrap import fill
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mech_twin.capabilities.arguments import real_number
 from mech_twin.capabilities.errors import StudyError
-from mech_twin.captions import titled
+from mech_twin.captions import axis_title, unit_of
 
+LABEL_LETTERS = 32  # of an axis, in a line
+ROUNDING = 1e-9  # of the largest number in a unit
 RESIDUAL = "worst_"  # how the names of residuals in a summary begin
 
 
@@ -78,8 +82,7 @@ def compared(first: ComparedRun, second: ComparedRun, tolerance: float = 0.0) ->
         raise StudyError(
             f"A ({first.label}) is {first.machine}, B ({second.label}) {second.machine}; expected one machine"
         )
-    if not 0.0 <= tolerance <= 1.0:
-        raise StudyError(f"tolerance {tolerance:g}: expected 0 to 1, a part of the larger of two numbers")
+    real_number("tolerance", tolerance, "0 to 1, a part of the larger of two numbers", 0.0, 1.0)
     settings = _paired(dict(leaves(first.configuration)), dict(leaves(second.configuration)))
     return Comparison(
         first.machine,
@@ -119,8 +122,12 @@ def relative_difference(first: Any, second: Any) -> float:
 
 
 def columns_apart(first: ComparedRun, second: ComparedRun, most: int) -> list[str]:
-    """Return the columns that differ most: greatest distance at a common time over the greatest magnitude."""
-    found: list[tuple[float, str]] = []
+    """Return the columns that differ most: greatest distance at a common time over the greatest magnitude.
+
+    A column that is rounding beside the others of its unit is left out: it differs by as much as it is large.
+    """
+    found: list[tuple[float, float, str]] = []
+    largest: dict[str, float] = {}
     time, other_time = (np.asarray(side.samples["time_s"]) for side in (first, second))
     for name in first.samples:
         if name == "time_s" or name not in second.samples:
@@ -131,9 +138,12 @@ def columns_apart(first: ComparedRun, second: ComparedRun, most: int) -> list[st
             continue
         distance = np.abs(np.interp(shared, time, here) - np.interp(shared, other_time, there)).max()
         size = max(np.abs(here).max(), np.abs(there).max())
+        unit = _unit(name, first)
+        largest[unit] = max(largest.get(unit, 0.0), float(size))
         if distance > 0.0:
-            found.append((float(distance / size), name))
-    return [name for _, name in sorted(found, key=lambda item: -item[0])[:most]]
+            found.append((float(distance / size), float(size), name))
+    real = [each for each in found if each[1] > ROUNDING * largest[_unit(each[2], first)]]
+    return [name for _, _, name in sorted(real, key=lambda item: -item[0])[:most]]
 
 
 def drawn_side_by_side(first: ComparedRun, second: ComparedRun, names: Sequence[str]) -> Any:
@@ -145,15 +155,13 @@ def drawn_side_by_side(first: ComparedRun, second: ComparedRun, names: Sequence[
         for axes, name in zip(all_axes, names, strict=True):
             for side, line in ((first, "-"), (second, "--")):
                 axes.plot(side.samples["time_s"], side.samples[name], line, label=side.label)
-            axes.set_ylabel(_axis_title(name, first.units.get(name), second.units.get(name)), fontsize=7.5)
+            label = f"{name.partition('.')[0]} {axis_title(name, _unit(name, first, second))}"
+            axes.set_ylabel(fill(label, LABEL_LETTERS), fontsize=7.5)
         all_axes[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
         all_axes[-1].set_xlabel("time [s]")
     return figure
 
 
-def _axis_title(name: str, *units: str | None) -> str:
-    """Return role and quantity of a column with the unit that its name ends in, else those of both sides."""
-    role, _, rest = name.partition(".")
-    words = f"{role} {titled(rest.replace('.', '_'))}"
-    known = dict.fromkeys(unit.replace(".", " ") for unit in units if unit and unit != "1")
-    return words if words.endswith("]") or not known else f"{words} [{' / '.join(known)}]"
+def _unit(name: str, *sides: ComparedRun) -> str:
+    """Return the unit of a column on both sides; of a linkage of one's own they may differ."""
+    return " / ".join(dict.fromkeys(unit for side in sides if (unit := side.units.get(name) or unit_of(name))))

@@ -11,6 +11,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
+from mech_twin.capabilities.arguments import by_name, real_number, several
 from mech_twin.capabilities.errors import StudyError
 from mech_twin.configuration_tree import ConfigurationError, configuration_tree, merged_tree, tree_from_flat
 from mech_twin.engine.run import frames
@@ -79,20 +80,22 @@ def question(
     """
     if not axes:
         raise StudyError("a sweep needs at least one key")
-    for key, values in axes.items():
-        _require_key(type(parameters), key)
-        if not values:
+    fixed = []
+    for key, values in by_name("axes", axes, "keys with their values, such as {'coupling.step_s': [0.001]}").items():
+        require_key(type(parameters), key)
+        fixed.append((key, several(f"key '{key}', value", values, "a list of values")))
+        if not fixed[-1][1]:
             raise StudyError(f"key '{key}': no values to sweep")
-    fixed = tuple((key, tuple(values)) for key, values in axes.items())
-    asked = Question(machine, configuration_tree(parameters), fixed, tuple(outputs), duration_s)
+    wanted = several("outputs", outputs, "a list of names")
+    seconds = real_number("duration", duration_s, "a finite number of seconds, 0 or more", 0.0)
+    asked = Question(machine, configuration_tree(parameters), tuple(fixed), wanted, seconds)
     if asked.count > MOST_POINTS:
         raise StudyError(f"{asked.count} points; at most {MOST_POINTS} in one sweep")
-    if not (math.isfinite(duration_s) and duration_s >= 0.0):
-        raise StudyError(f"duration {duration_s}: expected a finite number of seconds, 0 or more")
     return asked
 
 
-def _require_key(model: type[BaseModel], key: str) -> None:
+def require_key(model: type[BaseModel], key: str) -> None:
+    """Raise a `StudyError` if a configuration has no such key."""
     units = key_units(model)
     if key not in units:
         raise StudyError(f"no configuration key '{key}'{did_you_mean(key, units)}")

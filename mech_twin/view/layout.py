@@ -22,7 +22,7 @@ The light one is the banner, the mechanism and two plots, for browsers that draw
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import rerun as rr
@@ -38,7 +38,8 @@ METRICS = "metrics"
 BANNER = "banner"
 PHASE_PORTRAIT = "phase_portrait"
 ASPECT = 2.0
-LEGEND_SHARE = 0.45  # of the time shown, kept free right of the curves for their legend
+# of a plot's width, kept free right of the curves for their legend: its frame, each letter of a name, and at most
+LEGEND_FRAME, LEGEND_LETTER, LEGEND_MOST = 0.09, 0.0135, 0.42
 MOMENTS, FORCES = quantity_path("N m"), quantity_path("N")
 # the two plots of the light layout are the first two of these that there are
 LIGHT_PLOTS: Mapping[str, tuple[str, ...]] = {
@@ -49,6 +50,7 @@ LIGHT_PLOTS: Mapping[str, tuple[str, ...]] = {
     "Speed, rad/s": ("linkage/speed",),
 }
 LIGHT_COUNT = 2
+CONTACTS = ("a contact",)  # marks are named after what is hit, in a word or two
 FIRST_UNITS = ("W", "J", "m", "m/s", "N s")
 
 
@@ -113,7 +115,10 @@ def _light_plots(curves: Mapping[str, tuple[str, ...]]) -> dict[str, list[str]]:
 
 
 def _light(contents: SceneContents, window_s: float) -> list[rrb.View | rrb.Container]:
-    plots = [plot(title, paths, window_s) for title, paths in _light_plots(contents.curves).items()]
+    plots = [
+        plot(title, paths, window_s, _names(contents.curves, paths))
+        for title, paths in _light_plots(contents.curves).items()
+    ]
     beside = [rrb.Vertical(*plots)] if plots else []
     return [banner_view(), rrb.Horizontal(mechanism_view(contents.bounds), *beside, column_shares=[5, 4])]
 
@@ -180,7 +185,9 @@ def _curve_stack(contents: SceneContents, window_s: float, last: Sequence[rrb.Vi
             "Residuals, powers of ten": present(curves, "residuals"),
         },
     ]
-    stack = [[plot(name, paths, window_s) for name, paths in slot.items() if paths] for slot in slots]
+    stack = [
+        [plot(name, paths, window_s, _names(curves, paths)) for name, paths in slot.items() if paths] for slot in slots
+    ]
     panels = [_slot([*plots, *last] if place == len(stack) - 1 else plots) for place, plots in enumerate(stack)]
     filled = [panel for panel in panels if panel is not None]
     return rrb.Vertical(*filled) if filled else None
@@ -192,11 +199,36 @@ def _slot(panels: Sequence[rrb.View | rrb.Tabs]) -> rrb.Tabs | rrb.View | None:
     return rrb.Tabs(*panels, active_tab=0)
 
 
-def plot(name: str, paths: Sequence[str], window_s: float) -> rrb.TimeSeriesView:
-    """Return a panel of curves over the last stretch of time (s), with room for the legend beside them."""
+def _names(curves: Mapping[str, Sequence[str]], paths: Sequence[str]) -> list[str]:
+    return [name for path in paths for name in curves[path]]
+
+
+def legend_share(names: Iterable[str]) -> float:
+    """Return what part of the time shown is kept free after it, so that the legend covers no curve.
+
+    The legend is as wide as the longest name, those scrolled out of sight too.
+    """
+    width = min(LEGEND_FRAME + LEGEND_LETTER * max(map(len, names), default=0), LEGEND_MOST)
+    return width / (1.0 - width)
+
+
+def plot(name: str, paths: Sequence[str], window_s: float, names: Iterable[str]) -> rrb.TimeSeriesView:
+    """Return a panel of curves over the last stretch of time (s), with room for the legend beside them.
+
+    Parameters
+    ----------
+    name : str
+        Title, with the unit.
+    paths : sequence of str
+        Entities shown.
+    window_s : float
+        Time shown.
+    names : iterable of str
+        Names of the curves.
+    """
     begin = rr.TimeRangeBoundary.cursor_relative(seconds=-window_s)
     recent = rr.VisibleTimeRange(SIM_TIME, start=begin, end=rr.TimeRangeBoundary.cursor_relative())
-    beside = rr.TimeRangeBoundary.cursor_relative(seconds=LEGEND_SHARE * window_s)
+    beside = rr.TimeRangeBoundary.cursor_relative(seconds=legend_share(names) * window_s)
     return rrb.TimeSeriesView(
         origin="/",
         contents=[f"/{path}/**" for path in paths],
@@ -223,7 +255,11 @@ def _lower_row(contents: SceneContents, window_s: float) -> list[rrb.View | rrb.
     )
     log = rrb.TextLogView(origin="/", contents=[f"/{EVENTS}/**"], name="Events", columns=columns)
     titles = {"impulse": "Impacts, N s", "speed": "Impact speed, m/s"}
-    marks = [plot(title, [f"{IMPACTS}/{kind}"], window_s) for kind, title in titles.items() if kind in contents.impacts]
+    marks = [
+        plot(title, [f"{IMPACTS}/{kind}"], window_s, CONTACTS)
+        for kind, title in titles.items()
+        if kind in contents.impacts
+    ]
     happened = [*marks, *([log] if contents.events else [])]
     slots = [_slot(portraits), _slot(happened), rrb.TextDocumentView(origin=f"/{METRICS}", name="Metrics")]
     return [panel for panel in slots if panel is not None]

@@ -86,6 +86,6 @@ class PhasePortrait:
         ticks = [[(part * ASPECT, -0.04), (part * ASPECT, 0.04)] for part in parts]
         ticks += [[(-0.04, part), (0.04, part)] for part in parts]
         stream.log(f"{self.path}/axes", rr.LineStrips2D(cross + ticks, colors=[AXIS], radii=-0.7))
-        labels = [f"{self.joint} {angle:g}", f"rate {rate:g} /s", f"-{angle:g}", f"-{rate:g} /s"]
+        labels = [f"{self.joint} {angle:g} rad", f"rate {rate:g} rad/s", f"-{angle:g} rad", f"-{rate:g} rad/s"]
         ends = [(ASPECT, 0.0), (0.0, -1.0), (-ASPECT, 0.0), (0.0, 1.0)]
         stream.log(f"{self.path}/labels", rr.Points2D(ends, labels=labels, show_labels=True, colors=[AXIS], radii=-1.0))

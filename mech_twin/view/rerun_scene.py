@@ -23,7 +23,16 @@ from mech_twin.view.banner import Banner, sliding_joints
 from mech_twin.view.curves import Track, body_groups, force_groups, linkage_groups, motor_groups, times
 from mech_twin.view.flow import Flow
 from mech_twin.view.impact_marks import ImpactMarks, is_told
-from mech_twin.view.layout import BANNER, EVENTS, METRICS, PHASE_PORTRAIT, SceneContents, blueprint, light_paths
+from mech_twin.view.layout import (
+    BANNER,
+    EVENTS,
+    METRICS,
+    PHASE_PORTRAIT,
+    Bounds,
+    SceneContents,
+    blueprint,
+    light_paths,
+)
 from mech_twin.view.mechanism import Mechanism
 from mech_twin.view.phase_portrait import PhasePortrait
 from mech_twin.view.sending import AT_ONCE, Sending
@@ -165,7 +174,7 @@ class RerunScene:
         self._drawing_wanted = self._flow is None
         set_time(self._stream, drawing.time_s, drawing.step)
         self._mechanism.widen(drawing.shapes)
-        notes = self._annotations.shapes(drawing.time_s, self._mechanism.bounds()) if self._annotations else ()
+        notes = self._annotations.shapes(drawing.time_s, self.visible_bounds()) if self._annotations else ()
         self._mechanism.show(drawing.shapes, notes)
 
     def event(self, event: Event, level: str = "INFO") -> None:
@@ -281,6 +290,14 @@ class RerunScene:
         if self._is_light:
             return
         self._stream.send_columns(EVENTS, times(time_s), rr.TextLog.columns(text=list(text), level=list(level)))
+
+    def visible_bounds(self) -> Bounds | None:
+        """Return what of the machine's plane the page shows, or will show where the drawing has just left it.
+
+        Scale bars and reactions stand at its edges: at those of all that was drawn they would be cut.
+        """
+        shown = None if self._shown is None else self._shown.bounds
+        return shown if shown is not None and self._mechanism.within(shown) else self._mechanism.bounds()
 
     def _lay_out(self) -> None:
         """Send the layout if there is something new to show, or the mechanism has left the visible range."""

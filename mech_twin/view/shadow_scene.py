@@ -195,6 +195,6 @@ def shadow_blueprint(channels: Sequence[ShownChannel], bounds: Bounds | None) ->
 
 def _plots(channel: ShownChannel) -> list[rrb.View]:
     return [
-        plot(channel.title, [channel.curves], KEPT_S),
-        plot(f"Residual: {channel.title}", [channel.residual], KEPT_S),
+        plot(channel.title, [channel.curves], KEPT_S, CURVES),
+        plot(f"Residual: {channel.title}", [channel.residual], KEPT_S, BANDED),
     ]

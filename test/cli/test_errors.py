@@ -82,6 +82,7 @@ MISTAKES = {
     "unknown limit": (PRESS + "size --limit non_unifrmity=0.1", ["no limit 'non_unifrmity'", "non_uniformity"]),
     "unknown objective": (PRESS + "search --objective mass", ["no objective 'mass'", "peak_torque_nm"]),
     "swept key": (PRESS + "sweep --over linkage.crank=1:2:3", ["did you mean 'linkage.crank_m' (m)"]),
+    "key of regimes": ("study impact_mass regimes --over impact.restitution=0:1:9", ["did you mean 'restitution'"]),
     "no answer": ("study winding_drum size", ["nothing to size", "there is an answer for mb10_breaker"]),
     "question first": ("study size winding_drum", ["nothing to size"]),
     "no question": ("study impact_mass", ["name a question", "sweep", "synthesise", "regimes"]),

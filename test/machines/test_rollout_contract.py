@@ -157,8 +157,8 @@ def test_residuals_are_those_of_the_whole_run():
     ("asked", "said"),
     [
         ({"columns": ["linkage.drum.speed"]}, "no column 'linkage.drum.speed'"),
-        ({"duration_s": -1.0}, "duration_s = -1.0"),
-        ({"duration_s": float("nan")}, "duration_s = nan"),
+        ({"duration_s": -1.0}, "duration_s -1.0"),
+        ({"duration_s": float("nan")}, "duration_s nan"),
         ({"command": np.ones(3)}, "one number a step"),
         ({"command": float("inf")}, "not finite"),
         ({"command": [(1.0, 1.0), (0.5, 0.0)]}, "ascending"),

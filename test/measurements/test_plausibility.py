@@ -18,6 +18,7 @@ from mech_twin.engine.run import frames
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.measurements.blocks import NO_DELAYS, Array, Block
 from mech_twin.measurements.errors import MeasurementError
+from mech_twin.measurements.machine_columns import machine_columns
 from mech_twin.measurements.measurement_map import Channel, MeasurementMap
 from mech_twin.measurements.model_turn import TURN, ModelTurn, following, model_turn
 from mech_twin.measurements.plausibility import implausible
@@ -29,6 +30,7 @@ MACHINE = "roller_former"  # its two carts can be swapped
 COLUMNS = tuple(
     f"linkage.{joint}" for joint in ("crank.position", "cart_1.position", "cart_2.position", "crank.velocity")
 )
+UNITS = machine_columns(built(MACHINE))
 
 
 @pytest.fixture(scope="module")
@@ -89,20 +91,33 @@ def test_a_run_of_the_machine_itself_passes(name: str) -> None:
     for i, joint in enumerate(machine.linkage.joints):
         own[f"linkage.{joint}.position"] = np.unwrap([row.position[i] for row in rows])
     moving = [column for column in own if column != "time_s" and np.ptp(own[column]) > 0.0]
-    assert implausible(measured(own, *moving), model_turn(machine)) == []
+    assert implausible(measured(own, *moving), model_turn(machine), machine_columns(machine)) == []
 
 
 def test_a_wrong_unit_is_named_with_the_right_one(motion: dict[str, Array], turn: ModelTurn) -> None:
     good = measured(motion, *COLUMNS)
-    the_line(implausible(with_values(good, COLUMNS[1], lambda x: 1e3 * x), turn), COLUMNS[1], "1e+03 times", "mm")
-    the_line(implausible(with_values(good, COLUMNS[3], lambda x: x * 60.0 / TURN), turn), COLUMNS[3], "rpm")
+    the_line(
+        implausible(with_values(good, COLUMNS[1], lambda x: 1e3 * x), turn, UNITS), COLUMNS[1], "1e+03 times", "mm"
+    )
+    the_line(implausible(with_values(good, COLUMNS[3], lambda x: x * 60.0 / TURN), turn, UNITS), COLUMNS[3], "rpm")
     in_degrees = with_values(with_values(good, COLUMNS[0], np.degrees), COLUMNS[3], np.degrees)
-    assert any("expected unit deg?" in line for line in implausible(in_degrees, turn))
+    assert any("expected unit deg?" in line for line in implausible(in_degrees, turn, UNITS))
+
+
+def test_the_unit_of_what_slides_is_a_length_whatever_its_name() -> None:
+    machine, ram = built("planar_linkage"), "linkage.dyad_2_second.position"
+    rows = [frame.linkage for frame in frames(machine, 3.0)]
+    own = {"time_s": np.array([row.time_s for row in rows])}
+    for name in ("linkage.crank.position", ram):
+        place = machine.linkage.joints.index(name.split(".")[1])
+        own[name] = np.unwrap([row.position[place] for row in rows])
+    in_millimetres = with_values(measured(own, *list(own)[1:]), ram, lambda x: 1e3 * x)
+    the_line(implausible(in_millimetres, model_turn(machine), machine_columns(machine)), ram, "is its unit mm?")
 
 
 def test_swapped_channels_are_named(motion: dict[str, Array], turn: ModelTurn) -> None:
     swapped = renamed(measured(motion, *COLUMNS[:3]), {COLUMNS[1]: COLUMNS[2], COLUMNS[2]: COLUMNS[1]})
-    found = implausible(swapped, turn)
+    found = implausible(swapped, turn, UNITS)
     assert any("swapped" in line for line in found), found
 
 
@@ -110,23 +125,25 @@ def test_a_run_of_another_machine_is_named(motion: dict[str, Array], turn: Model
     other = with_values(
         measured(motion, *COLUMNS[:2]), COLUMNS[1], lambda x: np.cos(7.3 * motion["time_s"]) * np.ptp(x) / 2
     )
-    the_line(implausible(other, turn), COLUMNS[1], "does not follow", "another machine")
+    the_line(implausible(other, turn, UNITS), COLUMNS[1], "does not follow", "another machine")
 
 
 def test_a_position_of_the_wrong_sign_is_named(motion: dict[str, Array], turn: ModelTurn) -> None:
     columns = ("linkage.crank.position", "linkage.rod_1.position", "linkage.cart_1.position")
     turned = with_values(measured(motion, *columns), columns[2], np.negative)
-    the_line(implausible(turned, turn), columns[2], "sign", "turned round")
+    the_line(implausible(turned, turn, UNITS), columns[2], "sign", "turned round")
 
 
 def test_no_cycle_is_named(motion: dict[str, Array], turn: ModelTurn) -> None:
     short = {name: values[:40] for name, values in motion.items()}
-    the_line(implausible(measured(short, *COLUMNS[:2]), turn), "no cycle", "of a turn")
+    the_line(implausible(measured(short, *COLUMNS[:2]), turn, UNITS), "no cycle", "of a turn")
 
 
 def test_a_speed_of_the_wrong_sign_is_named(motion: dict[str, Array], turn: ModelTurn) -> None:
     the_line(
-        implausible(with_values(measured(motion, *COLUMNS), COLUMNS[3], np.negative), turn), "opposite sign", "sign -1"
+        implausible(with_values(measured(motion, *COLUMNS), COLUMNS[3], np.negative), turn, UNITS),
+        "opposite sign",
+        "sign -1",
     )
 
 

@@ -79,6 +79,15 @@ def test_a_picture_shows_both_sides_in_each_panel():
     assert figure.axes[0].get_ylabel() == "forces drive torque [N m]"
 
 
+def test_what_is_rounding_beside_others_of_its_unit_is_not_drawn():
+    times = [0.0, 1.0]
+    first = side(
+        samples={"time_s": times, "forces.a_n": [1e-13, 0.0], "forces.b_n": [1000.0, 0.0], "x_m": [1e-13, 0.0]}
+    )
+    second = side(samples={"time_s": times, "forces.a_n": [0.0, 1e-13], "forces.b_n": [990.0, 0.0], "x_m": [0.0, 0.0]})
+    assert columns_apart(first, second, 9) == ["x_m", "forces.b_n"]
+
+
 def test_every_panel_of_a_picture_has_its_unit() -> None:
     columns = {"time_s": [0.0, 1.0], "linkage.crank.position": [0.0, 1.0], "linkage.ram.position": [0.0, 2.0]}
     columns |= {"forces.drive_torque_nm": [0.0, 3.0]}

@@ -8,7 +8,8 @@ from synthetic_four_bar import PINS, drawing, events, frame, metrics
 
 from mech_twin.samples import BodySample, Drawing, Event, Named, Shape
 from mech_twin.view.errors import RerunSceneError
-from mech_twin.view.layout import Bounds, SceneContents, blueprint
+from mech_twin.view.layout import Bounds, SceneContents, blueprint, legend_share, plot
+from mech_twin.view.phase_portrait import PhasePortrait
 from mech_twin.view.rerun_scene import RerunScene, event_line
 from mech_twin.view.scale import round_above
 
@@ -130,6 +131,49 @@ def test_the_layout_has_a_panel_for_everything_there_is():
         assert expected in names
     for expected in ("Events", "Impacts", "Metrics"):
         assert expected in names
+
+
+@pytest.mark.parametrize("names", [(), ("tool",), ("crank_bearing", "tool"), ("step begin moment",), ("x" * 60,)])
+def test_the_room_beside_the_curves_is_as_wide_as_the_longest_name(names):
+    share = legend_share(names)
+    of_plot = share / (1.0 + share)
+    assert of_plot == pytest.approx(min(0.09 + 0.0135 * max(map(len, names), default=0), 0.42))
+    axis = plot("Torque, N m", ["motor/torque"], 2.0, names).properties["TimeAxis"]
+    shown = axis.as_component_batches()[0].as_arrow_array().to_pylist()[0]
+    assert shown["start"] == -2_000_000_000
+    assert shown["end"] == pytest.approx(2e9 * share)
+
+
+def test_the_axes_of_a_phase_portrait_have_units():
+    logged, none = {}, Named((), ())
+
+    class Stream:
+        def log(self, path, what):
+            logged[path] = what
+
+    portrait = PhasePortrait("phase_portrait/body", "body", 0, 1.0)
+    for time_s, angle, rate in ((0.0, 0.0, 0.0), (0.1, 0.004, -0.9)):
+        portrait.add(BodySample(1, time_s, ("body",), (angle,), (rate,), (0.0,), 0, 0.0, none, none))
+    portrait.log(Stream())
+    labels = logged["phase_portrait/body/labels"].labels.as_arrow_array().to_pylist()
+    assert labels == ["body 0.005 rad", "rate 1 rad/s", "-0.005 rad", "-1 rad/s"]
+
+
+def test_scale_bars_stand_at_the_edges_of_what_the_page_shows(tmp_path):
+    def draw(scene, step, x_m):
+        line = Shape("link", "line", ((0.0, 0.0), (x_m, 0.1)), (0, 0, 0), 0.01)
+        scene.drawing(Drawing(step, float(step), (line,)))
+
+    with RerunScene("four_bar", rrd_path=tmp_path / "run.rrd") as scene:
+        shown(scene, 100)
+        draw(scene, 1000, 1.0)
+        scene._lay_out()
+        page = scene.visible_bounds()
+        draw(scene, 1001, 1.0 + 0.01 * (page.right_m - page.left_m))
+        assert scene.visible_bounds() == page, "a motion within the margin moves nothing"
+        assert scene._mechanism.bounds() != page
+        draw(scene, 1002, page.right_m + 1.0)
+        assert scene.visible_bounds().right_m > page.right_m + 1.0
 
 
 def test_an_empty_run_has_a_layout_too():

@@ -17,7 +17,7 @@ from mech_twin.capabilities.variation import varied
 from mech_twin.engine.errors import MotionError
 from mech_twin.engine.rollout import roll_out
 from mech_twin.machines.catalog import Entry
-from mech_twin.measurements.machine_columns import is_event, unit_of
+from mech_twin.measurements.machine_columns import is_event, machine_columns
 from mech_twin.measurements.measurement_map import MeasurementMap
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.quantity import Parameters
@@ -256,11 +256,11 @@ def _factors(covariance: Array) -> Array:
 def _of_sensors(
     monitored: MonitoredMachine, healthy: list[Seen], reference: SteadyCycles, names: tuple[str, ...], period_s: float
 ) -> list[Signature | None]:
-    found = []
+    found, units = [], machine_columns(monitored.entry.build(monitored.parameters))
     for column in monitored.columns:
         if is_event(column):
             continue
-        for kind, unit, fault in _sensor_faults(monitored, column, healthy[0], period_s):
+        for kind, unit, fault in _sensor_faults(monitored, column, units, healthy[0], period_s):
             responses = {0.0: np.zeros(len(names))}
             for share in (1.0,) if kind == "stuck" else SENSOR_SHARES:
                 wrong = [with_sensor_fault(seen, shifted(fault, share)) for seen in healthy]
@@ -274,14 +274,14 @@ def _of_sensors(
 
 
 def _sensor_faults(
-    monitored: MonitoredMachine, column: str, healthy: Seen, period_s: float
+    monitored: MonitoredMachine, column: str, units: Mapping[str, str], healthy: Seen, period_s: float
 ) -> list[tuple[str, str, SensorFault]]:
     """Return kind, unit of the size, and the largest fault of each kind that a sensor of this column may have."""
     reference = monitored.declared.reference
     turning = column == reference.column and reference.kind == "turn"
     swing = LARGEST_TURN_BIAS_RAD if turning else LARGEST_BIAS * float(np.ptp(healthy[column][1]))
     found = [
-        ("bias", unit_of(column), SensorFault(column, bias=swing)),
+        ("bias", units[column], SensorFault(column, bias=swing)),
         ("lag", "s", SensorFault(column, lag_s=LARGEST_LAG * period_s)),
     ]
     if not turning:

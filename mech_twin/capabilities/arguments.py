@@ -1,0 +1,68 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Arguments of functions that Python calls, checked: a refusal is one line with name, value, what is expected."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from numbers import Real
+from typing import Any, TypeGuard
+
+import numpy as np
+
+from mech_twin.capabilities.errors import StudyError
+
+
+def is_number(value: Any) -> TypeGuard[float]:
+    """Return whether a value is a real number, one of numpy too, and no truth value."""
+    return not isinstance(value, bool) and isinstance(value, Real)
+
+
+def real_number(name: str, value: Any, expected: str, least: float = -math.inf, most: float = math.inf) -> float:
+    """Return a finite number within bounds.
+
+    Raises
+    ------
+    StudyError
+        If it is none.
+
+    Examples
+    --------
+    >>> real_number("duration_s", 3, "seconds", 0.0)
+    3.0
+    """
+    if is_number(value) and least <= value <= most and math.isfinite(value):
+        return float(value)
+    raise StudyError(f"{name} {_shown(value)}: expected {expected}")
+
+
+def by_name(name: str, value: Any, expected: str) -> dict[str, Any]:
+    """Return a mapping as a dictionary, an empty one for None.
+
+    Raises
+    ------
+    StudyError
+        If it is no mapping whose keys are words.
+    """
+    if value is None:
+        return {}
+    if not isinstance(value, Mapping) or not all(isinstance(key, str) for key in value):
+        raise StudyError(f"{name} {_shown(value)}: expected {expected}")
+    return dict(value)
+
+
+def several(name: str, value: Any, expected: str) -> tuple[Any, ...]:
+    """Return the items of a sequence that is no text, numbers of numpy as Python's own.
+
+    Raises
+    ------
+    StudyError
+        If it is one item alone.
+    """
+    if isinstance(value, str | bytes) or not isinstance(value, Iterable):
+        raise StudyError(f"{name} {_shown(value)}: expected {expected}")
+    return tuple(item.item() if isinstance(item, np.generic) else item for item in value)
+
+
+def _shown(value: Any) -> str:
+    return repr(value.item() if isinstance(value, np.generic) else value)
