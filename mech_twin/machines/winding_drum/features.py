@@ -7,6 +7,7 @@ turn tells, R = yarn/(2 pi): what is left does not drift as the package runs off
 
 from __future__ import annotations
 
+import math
 from typing import Literal
 
 import numpy as np
@@ -31,6 +32,8 @@ ANGLES: Array = np.arange(24, dtype=np.float64) * (TURN / 24.0)
 EVEN = np.full(len(ANGLES), 1.0 / len(ANGLES))
 GRAVITY = 9.80665
 RUN_UP_S = 16.0
+# a sensor of the yarn that is stuck, or tells nonsense, tells of no package
+LEAST_OF_CORE, MOST_OF_CORE = 0.5, 1000.0
 
 
 def features(parameters: WindingDrum) -> CycleFeatures:
@@ -61,6 +64,9 @@ def _torque_left(name: str, unit: str, package: Package, order: int, meaning: st
 
     def of(cycle: SampledCycle) -> float:
         radius, measured = _yarn_per_radian(cycle), cycle.channels[TORQUE]
+        least = max(LEAST_OF_CORE * package.core_m, package.eccentricity_m)
+        if not least < radius < MOST_OF_CORE * package.core_m:
+            return math.nan
         model = _model_torques(package, radius, radius * TURN / cycle.period_s)
         left = _coefficient(measured.weights, measured.phase_rad, measured.values, order) - _coefficient(
             EVEN, ANGLES, model, order

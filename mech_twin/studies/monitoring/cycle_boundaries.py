@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from math import ceil, isnan, pi
+from math import ceil, isnan, nextafter, pi
 
 import numpy as np
 
@@ -67,4 +67,5 @@ def rise_crossing(
     if place < 0:
         return None
     (t0, t1), (x0, x1) = buffer.times_s[place : place + 2], buffer.values[place : place + 2]
-    return float(t0 + (t1 - t0) * (reference.begin - x0) / (x1 - x0)), 0.0
+    crossed_s = float(t0 + (t1 - t0) * (reference.begin - x0) / (x1 - x0))
+    return max(crossed_s, nextafter(t0, t1)), 0.0  # a rise to 1e300 is at the sample before it, and is not found again

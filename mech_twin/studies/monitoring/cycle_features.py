@@ -33,6 +33,7 @@ from mech_twin.studies.monitoring.cycle_boundaries import (
 
 PATIENCE_S = 1.0  # stamps by which the reference may run ahead of another channel
 EVENT_WAIT_S = 0.1  # and ahead of an event channel, which is silent while nothing happens
+FARTHEST_RAD = 1e9  # of an angle: beyond it a turn drowns in rounding, and those already counted would be lost
 LEAST_SAMPLES = 6  # of a channel in a cycle; events need one
 LARGEST_GAP = 0.25  # of a cycle, between samples of a channel
 ORDINARY_GAP, SPACINGS = 0.02, 5.0  # of a cycle, and of the usual spacing: what the larger of both exceeds is a gap
@@ -142,14 +143,14 @@ class FeatureFeed:
         return self._complete(final=True)
 
     def _without_jumps(self, angles: Array) -> Array:
-        """Return angles without their jumps by a turn: each step is the shortest way round."""
-        finite = np.isfinite(angles)
+        """Return angles without their jumps by a turn, each step the shortest way round; what is no angle is nan."""
+        finite = np.abs(angles) <= FARTHEST_RAD
         known = angles[finite]
+        found = np.full(len(angles), np.nan)
         if not len(known):
-            return angles
+            return found
         steps = np.diff(known, prepend=known[0] if self._last_raw is None else self._last_raw)
         turns = self._turns - np.cumsum(np.round(steps / TURN))
-        found = angles.copy()
         found[finite] = known + TURN * turns  # from whole turns, so that no rounding depends on the chunks
         self._last_raw, self._turns = float(known[-1]), float(turns[-1])
         return found
@@ -231,7 +232,7 @@ class FeatureFeed:
                 phase = TURN * (own_s - begin_s) / period_s if angles is None else np.interp(own_s, inner, angles)
                 channels[column] = sampled(own_s, phase, own)
         cycle = SampledCycle(self._number, begin_s, end_s, channels)
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             numbers = np.array([_number(feature, cycle) for feature in self.features])
         return FeatureVector(self._number, begin_s, end_s, self._names, numbers)
 

@@ -52,6 +52,20 @@ def test_each_feature_of_a_machine_is_a_number_with_a_unit(name: str) -> None:
     assert (np.ptp(numbers, axis=0) / scale).max() < 2.1  # a steady machine: nothing runs away
 
 
+@pytest.mark.timeout(60)
+@pytest.mark.parametrize("name", MONITORED)
+def test_a_feature_of_a_channel_that_tells_nothing_or_nonsense_is_a_number_or_missing(name: str) -> None:
+    machine = monitored(name)
+    begin_s = machine.declared.run_up_s
+    seen = seen_run(machine.entry.build(machine.parameters), machine.sensors, begin_s + 2.0, begin_s=begin_s)
+    for column, (times, values) in seen.items():
+        odd = [np.full(len(values), x) for x in (0.0, values[0], -1.0, 1e300, np.nan)]
+        odd += [-values, 1e-300 * values, np.where(np.arange(len(values)) % 7 == 3, 1e300, values)]
+        for shown in odd:
+            for vector in machine.vectors({**seen, column: (times, shown)}):
+                assert not np.isinf(vector.values).any()
+
+
 @pytest.mark.parametrize("name", MONITORED)
 def test_each_fault_is_a_legal_configuration_at_some_size(name: str) -> None:
     machine = monitored(name)
