@@ -104,6 +104,37 @@ def test_the_cluster_scans_the_same_designs_as_one_core(cluster):
     assert (there.feasible == here.feasible).all()
 
 
+def left(address: str) -> tuple[int, int]:
+    """Return the tasks that a scheduler still holds, and its workers."""
+    from distributed import Client
+
+    with Client(address, set_as_default=False) as client:
+        return client.run_on_scheduler(lambda dask_scheduler: (len(dask_scheduler.tasks), len(dask_scheduler.workers)))
+
+
+def test_a_study_that_is_killed_leaves_nothing_to_do_and_the_cluster_to_others(cluster, tmp_path):
+    address, workers = cluster
+    table = tmp_path / "press.parquet"
+    wide = {**AXES, "linkage.crank_m": tuple(0.04 + 0.00001 * i for i in range(2000))}
+    asked = f"'compaction_press', {wide}, Path({str(table)!r}), scheduler={address!r}, picture=False"
+    study = f"from pathlib import Path; from mech_twin.studies import sweep; sweep({asked})"
+    with subprocess.Popen([sys.executable, "-c", study], stderr=subprocess.PIPE, text=True) as process:
+        until = time.monotonic() + 60.0
+        while left(address)[0] < 10:
+            assert process.poll() is None, process.stderr.read()
+            assert time.monotonic() < until
+            time.sleep(0.1)
+        process.kill()
+    until = time.monotonic() + 60.0
+    while left(address)[0]:
+        assert time.monotonic() < until, "the scheduler still has tasks of a study that is gone"
+        time.sleep(0.2)
+    assert left(address) == (0, 2)
+    assert all(worker.poll() is None for worker in workers)
+    there, here = designs("compaction_press", 9_000, scheduler=address), designs("compaction_press", 9_000, cores=1)
+    assert (there.feasible == here.feasible).all()
+
+
 def test_a_scheduler_that_is_not_there_is_told(tmp_path, monkeypatch):
     monkeypatch.setattr("mech_twin.studies.spreading.CONNECT_S", 1.0)
     with pytest.raises(StudyError, match="no connection"):
