@@ -25,7 +25,6 @@ from mech_twin.measurements.machine_columns import joint_column
 from mech_twin.measurements.model_turn import TURNING, ModelTurn, model_turn
 from mech_twin.nodes.opened_runs import opened_run
 from mech_twin.parameters.load import assignments, machine_parameters
-from mech_twin.parameters.load import machine as built_machine
 from mech_twin.quantity import Parameters
 from mech_twin.roles import GuidedLinkage
 from mech_twin.studies.identification.fit_runs import FitRun, fit_run
@@ -42,7 +41,7 @@ def identify_machine(asked: IdentifyRequest) -> None:
         return
     if not asked.runs:
         raise CommandError("expected at least one run, a bag or a table")
-    machine = built_machine(asked.machine, asked.config, assignments(asked.settings))
+    machine = asked.configured
     turn = model_turn(machine)
     if _motion(asked, turn, guided=isinstance(machine.linkage, GuidedLinkage)) == "measured":
         from mech_twin.cli.identify_lengths import identify_lengths
@@ -116,7 +115,7 @@ def _question(asked: IdentifyRequest, base: Parameters) -> IdentificationQuestio
 def _run(path: Path, asked: IdentifyRequest, turn: ModelTurn | None) -> FitRun:
     """Return one run; what contradicts the machine is said on standard error."""
     with opened_run(path) as reader:
-        run, problems = checked_run(reader, asked.given_map, turn)
+        run, problems = checked_run(reader, asked.given_map, turn, asked.configured)
     for problem in problems:
         say(f"{path}: {problem}")
     return fit_run(run, begin_known=asked.begin == "start")

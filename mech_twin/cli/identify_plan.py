@@ -9,6 +9,7 @@ from pathlib import Path
 from mech_twin.cli.console import print_json, print_table, say
 from mech_twin.cli.failure import CommandError
 from mech_twin.nodes.opened_runs import given_map
+from mech_twin.parameters.load import catalogue_entry
 from mech_twin.studies.identification.question import IdentificationQuestion
 from mech_twin.studies.identification.sensor_plan import sensor_plan
 
@@ -19,8 +20,9 @@ def show_plan(
     question: IdentificationQuestion, sensors_file: Path, map_file: Path | None, duration_s: float, *, as_json: bool
 ) -> None:
     """Print what the sensors of a file would find in a run of this length."""
-    sensors = given_map(sensors_file)
-    opened = None if map_file is None else given_map(map_file)
+    built = catalogue_entry(question.machine).build(question.base)
+    sensors = given_map(sensors_file, built)
+    opened = None if map_file is None else given_map(map_file, built)
     for given, file in ((sensors, sensors_file), (opened, map_file)):
         if given is not None and given.machine != question.machine:
             raise CommandError(f"{file}: key 'machine', value {given.machine!r}: expected {question.machine!r}")

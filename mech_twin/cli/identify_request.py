@@ -11,6 +11,9 @@ from pathlib import Path
 from mech_twin.cli.failure import CommandError
 from mech_twin.measurements.measurement_map import MeasurementMap
 from mech_twin.nodes.opened_runs import given_map
+from mech_twin.parameters.load import assignments
+from mech_twin.parameters.load import machine as built_machine
+from mech_twin.roles import Machine
 
 NOT_BETTER = 1
 FEWEST_RUNS_TO_HOLD_OUT = 3
@@ -60,10 +63,15 @@ class IdentifyRequest:
     @cached_property
     def given_map(self) -> MeasurementMap:
         """The map, checked to be of this machine."""
-        found = given_map(self.known_map_file)
+        found = given_map(self.known_map_file, self.configured)
         if found.machine != self.machine:
             raise CommandError(f"{self.map_file}: key 'machine', value {found.machine!r}: expected {self.machine!r}")
         return found
+
+    @cached_property
+    def configured(self) -> Machine:
+        """The machine as it is configured."""
+        return built_machine(self.machine, self.config, assignments(self.settings))
 
     @property
     def known_map_file(self) -> Path:

@@ -247,6 +247,7 @@ def view(
 def info(
     bag: BagOrTable,
     given_map: MapFile = None,
+    config: Config = None,
     wide: Annotated[bool, typer.Option("--wide", help="all columns, whatever the width of the terminal")] = False,
     csv: Annotated[bool, typer.Option("--csv", help="print the table of topics as CSV")] = False,
     json: Json = False,
@@ -257,7 +258,7 @@ def info(
     if given_map is not None:
         from mech_twin.cli.measurement import examine_by_file
 
-        examine_by_file(bag, given_map, as_json=json)
+        examine_by_file(bag, given_map, config, as_json=json)
         return
     show_info(bag, as_json=json, as_csv=csv, wide=wide)
 

@@ -12,13 +12,14 @@ from mech_twin.cli.failure import CommandError
 from mech_twin.cli.measurement import quality_record, show_quality
 from mech_twin.measurements.blocks import RunReader
 from mech_twin.measurements.errors import MeasurementError
+from mech_twin.measurements.machine_columns import machine_columns
 from mech_twin.measurements.measurement_map import MeasurementMap
 from mech_twin.measurements.model_turn import ModelTurn, following, model_turn, turning_column
 from mech_twin.measurements.plausibility import implausible, pairs_with_crank
 from mech_twin.measurements.proposal import UNSURE, ProposedChannel, map_of, map_text, proposed_channels
 from mech_twin.measurements.quality import Quality
 from mech_twin.measurements.runs import MeasuredRun, channel_qualities, read_run
-from mech_twin.nodes.opened_runs import columns_of, opened_run
+from mech_twin.nodes.opened_runs import opened_run
 from mech_twin.output_file import YAML_SUFFIXES, check_output_file, written_file
 from mech_twin.parameters.load import machine as built_machine
 
@@ -26,11 +27,14 @@ TRUSTED = 0.9  # correlation from which the sign is believed
 MOST_SAMPLES = 2_000_000  # of a run that is compared with the model
 
 
-def propose_map(measurement: Path, machine: str, out: Path | None, *, force: bool, as_json: bool) -> None:
+def propose_map(
+    measurement: Path, machine: str, config: Path | None, out: Path | None, *, force: bool, as_json: bool
+) -> None:
     """Write the proposed map to a file or to standard output, and the table of data quality after it."""
     if out is not None:
         check_output_file(out, force=force, suffixes=YAML_SUFFIXES)
-    columns = columns_of(machine)
+    built = built_machine(machine, config)
+    columns = machine_columns(built)
     with opened_run(measurement) as reader:
         offered, time = reader.offered(), reader.proposed_time()
         channels = proposed_channels(offered, columns)
@@ -42,7 +46,7 @@ def propose_map(measurement: Path, machine: str, out: Path | None, *, force: boo
             )
         qualities = channel_qualities(reader, proposed)
         run, problems = _measured(reader, proposed, qualities)
-    turn = model_turn(built_machine(machine)) if turning_column(columns) and run is not None else None
+    turn = model_turn(built) if turning_column(columns) and run is not None else None
     notes: dict[str, str] = {}
     if run is not None and turn is not None:
         channels, notes = _signed(channels, run, turn)

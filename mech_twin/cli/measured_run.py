@@ -14,7 +14,7 @@ from mech_twin.cli.measurement import checked_run
 from mech_twin.measurements.crank_motion import CrankMotion, crank_motion
 from mech_twin.measurements.model_turn import ModelTurn, model_turn
 from mech_twin.measurements.runs import MeasuredRun
-from mech_twin.nodes.opened_runs import given_map, opened_run
+from mech_twin.nodes.opened_runs import configured_map, opened_run
 from mech_twin.parameters.load import machine as built_machine
 from mech_twin.roles import Machine
 from mech_twin.samples import Drawing, ForceSample, LinkageSample
@@ -44,13 +44,13 @@ def read_measured(measurement: Path, map_file: Path, config: Path | None) -> Rea
     CommandError
         The machine has no crank that could be followed.
     """
-    given = given_map(map_file)
+    given = configured_map(map_file, config)
     machine = built_machine(given.machine, config)
     turn = model_turn(machine)
     if turn is None:
         raise CommandError(f"{map_file}: {given.machine} has no crank; expected a machine whose state follows from one")
     with opened_run(measurement) as reader:
-        run, problems = checked_run(reader, given, turn)
+        run, problems = checked_run(reader, given, turn, machine)
     for problem in problems:
         say(f"{measurement}: {problem}")
     return Read(run, machine, turn, crank_motion(run, turn))

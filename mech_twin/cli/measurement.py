@@ -10,18 +10,28 @@ from typing import TYPE_CHECKING, Any
 
 from mech_twin.cli.console import print_json, print_table, say
 from mech_twin.measurements.blocks import RunReader
+from mech_twin.measurements.machine_columns import machine_columns
 from mech_twin.measurements.measurement_map import MeasurementMap
 from mech_twin.measurements.model_turn import ModelTurn, model_turn
 from mech_twin.measurements.plausibility import implausible
 from mech_twin.measurements.quality import Quality
 from mech_twin.measurements.runs import MeasuredRun, channel_qualities, read_run
-from mech_twin.nodes.opened_runs import columns_of, given_map, opened_run, topic_field
+from mech_twin.nodes.opened_runs import columns_of, configured_map, given_map, opened_run, topic_field
 from mech_twin.parameters.load import machine as built_machine
+from mech_twin.roles import Machine
 
 if TYPE_CHECKING:
     pass
 
-__all__ = ["checked_run", "columns_of", "examine", "examine_by_file", "given_map", "opened_run", "quality_record"]
+__all__ = [
+    "checked_run",
+    "columns_of",
+    "configured_map",
+    "examine_by_file",
+    "given_map",
+    "opened_run",
+    "quality_record",
+]
 __all__ += ["show_quality", "topic_field"]
 QUALITY_HEADS = (
     *("channel", "unit", "samples", "rate, Hz", "jitter, ms", "gaps", "repeats", "back", "drift, ppm"),
@@ -32,10 +42,12 @@ CONTRADICTED = 1  # exit code
 CHECKED_SAMPLES = 2_000_000  # of a run that is held against the model
 
 
-def checked_run(reader: RunReader, given: MeasurementMap, turn: ModelTurn | None) -> tuple[MeasuredRun, list[str]]:
+def checked_run(
+    reader: RunReader, given: MeasurementMap, turn: ModelTurn | None, machine: Machine
+) -> tuple[MeasuredRun, list[str]]:
     """Return a run, and what contradicts that it is one of the machine."""
     run = read_run(reader, given)
-    return run, implausible(run, turn, columns_of(given.machine))
+    return run, implausible(run, turn, machine_columns(machine))
 
 
 def quality_record(given: MeasurementMap, qualities: Sequence[Quality]) -> list[dict[str, Any]]:
@@ -77,19 +89,14 @@ def _rounded(value: float) -> str:
     return f"{value:.4g}"
 
 
-def examine_by_file(path: Path, map_file: Path, *, as_json: bool) -> None:
+def examine_by_file(path: Path, map_file: Path, config: Path | None, *, as_json: bool) -> None:
     """Print quality and contradictions of one run; exit code 1 where something contradicts the map."""
-    if not examine(path, given_map(map_file), as_json=as_json):
-        raise SystemExit(CONTRADICTED)
-
-
-def examine(path: Path, given: MeasurementMap, *, as_json: bool) -> bool:
-    """Print quality and contradictions of one run; return whether nothing contradicts the map."""
+    given = configured_map(map_file, config)
     with opened_run(path) as reader:
         qualities = channel_qualities(reader, given)
     problems: list[str] = []
     if sum(quality.samples for quality in qualities) <= CHECKED_SAMPLES:
-        problems = _contradictions(path, given)
+        problems = _contradictions(path, given, built_machine(given.machine, config))
     if as_json:
         document = {"measurement": str(path), "machine": given.machine}
         print_json({**document, "channels": quality_record(given, qualities), "problems": problems})
@@ -97,15 +104,16 @@ def examine(path: Path, given: MeasurementMap, *, as_json: bool) -> bool:
         show_quality(path, given, qualities)
         for problem in problems:
             say(problem)
-    return not problems
+    if problems:
+        raise SystemExit(CONTRADICTED)
 
 
-def _contradictions(path: Path, given: MeasurementMap) -> list[str]:
+def _contradictions(path: Path, given: MeasurementMap, machine: Machine) -> list[str]:
     from mech_twin.measurements.errors import MeasurementError
 
     try:
         with opened_run(path) as reader:
-            _, problems = checked_run(reader, given, model_turn(built_machine(given.machine)))
+            _, problems = checked_run(reader, given, model_turn(machine), machine)
     except MeasurementError as error:
         return [str(error)]
     return [f"{path}: {problem}" for problem in problems]

@@ -60,6 +60,7 @@ def shadow(
 def propose(
     measurement: Annotated[Path, typer.Argument(help="one run: a bag, or a table (.csv, .tsv, .parquet)")],
     machine: MachineName,
+    config: Config = None,
     out: Annotated[
         Path | None, typer.Option(help="file (.yaml) to write the map to, instead of standard output")
     ] = None,
@@ -69,7 +70,7 @@ def propose(
     """Propose the map of a measurement, and show the quality of its data."""
     from mech_twin.cli.map import propose_map
 
-    propose_map(measurement, machine, out, force=force, as_json=json)
+    propose_map(measurement, machine, config, out, force=force, as_json=json)
 
 
 def identify(

@@ -16,15 +16,16 @@ from mech_twin.cli.failure import CommandError
 from mech_twin.cli.monitor_output import Judged, show_design, show_runs
 from mech_twin.engine.rollout import roll_out
 from mech_twin.measurements.blocks import RunReader
-from mech_twin.measurements.machine_columns import is_event
+from mech_twin.measurements.machine_columns import is_event, machine_columns
 from mech_twin.measurements.measurement_map import Channel, MeasurementMap, Source
 from mech_twin.measurements.proposal import EXACT, map_of, proposed_channels
 from mech_twin.measurements.runs import MeasuredRun, read_run
-from mech_twin.nodes.opened_runs import columns_of, given_map, opened_run
+from mech_twin.nodes.opened_runs import given_map, opened_run
 from mech_twin.output_file import check_output_file, written_file
 from mech_twin.parameters.errors import refusal
 from mech_twin.parameters.load import assignments, catalogue_entry, machine_parameters
 from mech_twin.quantity import Parameters
+from mech_twin.roles import Machine
 from mech_twin.studies.monitoring.cycle_features import FeatureVector
 from mech_twin.studies.monitoring.design import (
     DESIGN_CYCLES,
@@ -107,7 +108,7 @@ class _FeaturedRun(NamedTuple):
 def _design(asked: MonitorRequest, parameters: Parameters) -> None:
     if asked.sensors is None or asked.runs:
         raise CommandError("--design: expected --sensors FILE and no runs")
-    sensors = given_map(asked.sensors)
+    sensors = given_map(asked.sensors, catalogue_entry(asked.machine).build(parameters))
     _check_machine(asked, asked.sensors, sensors)
     monitored = MonitoredMachine(asked.machine, parameters, sensors)
     setup = fitted_setup(monitored, simulated_vectors(monitored, DESIGN_CYCLES, asked.seed), asked.arl0_h, asked.seed)
@@ -155,7 +156,8 @@ def read_setup(path: Path, machine: str) -> MonitorSetup:
 def _vectors(asked: MonitorRequest, path: Path, parameters: Parameters) -> _FeaturedRun:
     """Return the features of a run, its map proposed from the twin's own names where none is given."""
     with opened_run(path) as reader:
-        given = given_map(asked.map_file) if asked.map_file is not None else _own_map(asked.machine, parameters, reader)
+        built = catalogue_entry(asked.machine).build(parameters)
+        given = given_map(asked.map_file, built) if asked.map_file is not None else _own_map(built, parameters, reader)
         _check_machine(asked, asked.map_file or path, given)
         run = read_run(reader, given)
     monitored = MonitoredMachine(asked.machine, parameters, known_sensors(given, run))
@@ -177,15 +179,16 @@ def _fed(monitored: MonitoredMachine, run: MeasuredRun, skip_s: float, feed: Any
     return vectors
 
 
-def _own_map(machine: str, parameters: Parameters, reader: RunReader) -> MeasurementMap:
+def _own_map(built: Machine, parameters: Parameters, reader: RunReader) -> MeasurementMap:
     """Return the map of a run under the twin's own names: the columns that the machine's features are made of."""
+    machine = built.name
     ask = catalogue_entry(machine).capabilities.features
     needed: set[str] = set()
     if ask is not None:
         declared = ask(parameters)
         needed = {declared.reference.column, *(name for feature in declared.features for name in feature.needs)}
     offered = reader.offered()
-    channels = [each for each in proposed_channels(offered, columns_of(machine)) if each.surety == EXACT]
+    channels = [each for each in proposed_channels(offered, machine_columns(built)) if each.surety == EXACT]
     proposed = map_of(machine, reader.proposed_time(), [each for each in channels if each.column in needed])
     if proposed is None:
         raise CommandError(f"{reader.path}: none of its channels has a name of {machine}; expected --map FILE")

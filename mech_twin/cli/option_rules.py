@@ -64,6 +64,7 @@ BESIDE = {
         Beside("json", ("analyse", "resimulate"), "a replay has no result to print"),
     ),
     "view": (Beside("config", ("given_map",), "a recording holds its own configuration"),),
+    "info": (Beside("config", ("given_map",), "a recording holds its own configuration"),),
     "identify": (
         Beside("sensors", ("plan",), "runs have their --map"),
         Beside("duration", ("plan",), "runs have their own length"),

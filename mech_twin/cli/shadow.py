@@ -19,7 +19,7 @@ from mech_twin.nodes.domain import settle_domain
 from mech_twin.output_file import check_output_directory
 from mech_twin.parameters.errors import refusal
 from mech_twin.parameters.key_hints import did_you_mean, key_units
-from mech_twin.parameters.load import assignments, document_tree, machine_parameters
+from mech_twin.parameters.load import assignments, catalogue_entry, document_tree, machine_parameters
 from mech_twin.quantity import Parameters
 from mech_twin.recording.output_directory import check_recording_directory, remove_recording
 from mech_twin.studies.advice_search import AdviceWish
@@ -57,7 +57,7 @@ def shadow_machine(request: ShadowRequest) -> None:
     if request.black_box is not None:
         check_output_directory(request.black_box, force=True)
     deviations = key_deviations(parameters, request.uncertain) if request.uncertain else None
-    given = _map_of(request)
+    given = _map_of(request, parameters)
     reference = None if request.monitor is None else read_setup(request.monitor, request.machine)
     if request.black_box is not None and reference is None:
         raise CommandError(f"--black-box {request.black_box}: expected --monitor FILE too, which finds the faults")
@@ -139,12 +139,12 @@ def _number_of(parameters: Parameters, key: str, word: str) -> float:
     return float(found)
 
 
-def _map_of(request: ShadowRequest) -> MeasurementMap | None:
+def _map_of(request: ShadowRequest, parameters: Parameters) -> MeasurementMap | None:
     if request.given_map is None:
         return None
     from mech_twin.nodes.opened_runs import given_map
 
-    given = given_map(request.given_map)
+    given = given_map(request.given_map, catalogue_entry(request.machine).build(parameters))
     if given.machine != request.machine:
         raise CommandError(f"{request.given_map}: key 'machine', value {given.machine!r}: expected {request.machine!r}")
     return given

@@ -46,7 +46,7 @@ def opened_outputs(
 ) -> list[Output]:
     """Return what takes each frame of the run; the stack closes it."""
     if asked.sensors is not None:
-        return [_sensors(stack, asked, machine, given_map(asked.sensors))]
+        return [_sensors(stack, asked, machine, given_map(asked.sensors, machine))]
     outputs: list[Output] = []
     if asked.bag is not None:
         outputs.append(_bag(stack, asked.bag, machine, changing))

@@ -16,6 +16,7 @@ from mech_twin.measurements.measurement_map import MeasurementMap, Source, TimeS
 from mech_twin.measurements.tables import TableReader, is_table
 from mech_twin.nodes.domain import settle_domain
 from mech_twin.parameters.load import machine as built_machine
+from mech_twin.roles import Machine
 
 if TYPE_CHECKING:
     from mech_twin.recording.measured_topics import MeasuredTopics, TopicField
@@ -79,6 +80,14 @@ def columns_of(name: str) -> Mapping[str, str]:
     return machine_columns(built_machine(name))
 
 
-def given_map(path: Path) -> MeasurementMap:
-    """Return the map of a file, checked against the machine it names."""
-    return read_map(path, columns_of)
+def given_map(path: Path, configured: Machine | None = None) -> MeasurementMap:
+    """Return the map of a file, checked against the machine it names: the configured one, else as it is installed."""
+    if configured is None:
+        return read_map(path, columns_of)
+    known = machine_columns(configured)
+    return read_map(path, lambda name: known if name == configured.name else columns_of(name))
+
+
+def configured_map(path: Path, config: Path | None) -> MeasurementMap:
+    """Return the map of a file, checked against the machine it names as a configuration file has it."""
+    return read_map(path, lambda name: machine_columns(built_machine(name, config)))

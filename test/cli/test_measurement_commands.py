@@ -214,3 +214,41 @@ def test_a_map_where_it_has_no_use_is_refused(words: tuple[str, ...], expected: 
     assert found.code == 2
     assert all(word in found.err for word in expected)
     assert found.err.count("\n") == 1
+
+
+SIX_BAR = """
+/**:
+  ros__parameters:
+    machine: planar_linkage
+    crank: {length_m: 0.05, mass: {mass_kg: 1.0}}
+    dyad_1: {kind: rrr, from_link: crank, to_x_m: 0.2, first_m: 0.18, second_m: 0.12}
+    dyad_2: {kind: rrr, from_link: dyad_1_first, from_x_m: 0.09, to_x_m: 0.25, to_y_m: 0.2,
+      first_m: 0.2, second_m: 0.15}
+    drive: {kind: constant_speed, speed_rpm: 120.0}
+"""
+
+
+def test_a_linkage_of_ones_own_is_measured_mapped_and_identified_by_its_own_joints(tmp_path: Path) -> None:
+    channels = [
+        {"source": {"column": "linkage.crank.position"}, "is": CRANK, "rate_hz": 200.0, "sigma": 0.002},
+        {"source": {"column": "linkage.dyad_2_second.position"}, "is": "linkage.dyad_2_second.position",
+         "rate_hz": 200.0, "sigma": 0.001},
+    ]  # fmt: skip
+    tree = {"machine": "planar_linkage", "time": {"column": "t"}, "channels": channels}
+    sensors, table, own = written(tmp_path / "sensors.yaml", tree), tmp_path / "run.csv", tmp_path / "own.yaml"
+    own.write_text(SIX_BAR, encoding="utf-8")
+    words = ("planar_linkage", "--config", own)
+    assert mech_twin("simulate", *words, "--duration", "3", "--sensors", sensors, "--table", table).code == 0
+    assert mech_twin("info", table, "--map", sensors, "--config", own).code == 0
+    proposed = mech_twin("map", table, *words)
+    assert proposed.code == 0, proposed.err
+    assert yaml.safe_load(proposed.out.split("channel ")[0])["channels"][1]["is"] == "linkage.dyad_2_second.position"
+    key = "dyad_2.first_m"
+    found = mech_twin("identify", words[0], table, *words[1:], "--map", sensors, "--free", key, "--json")
+    assert found.code == 0, found.err
+    (line,) = [each for each in json.loads(found.out)["parameters"] if each["key"] == key]
+    assert line["low_95"] <= 0.2 <= line["high_95"]
+    assert mech_twin("replay", table, "--analyse", "--map", sensors, "--config", own).code == 0
+    another = mech_twin("info", table, "--map", sensors)  # the linkage that is installed
+    assert another.code == 1
+    assert "linkage.dyad_2_second.position does not follow the crank" in another.err
