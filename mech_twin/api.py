@@ -302,7 +302,7 @@ def identify(
     runs, held_out = several("runs", runs, "a list of paths"), several("held_out", held_out, "a list of paths")
     several("free", free, "a list of keys, or keys with their bounds")
     map_file = _path(given_map, "given_map") or Path()
-    channels = read_given(map_file)
+    channels = read_given(map_file, built_machine(machine, _path(config), settings))
     if channels.machine != machine:
         raise StudyError(f"{map_file}: key 'machine', value {channels.machine!r}: expected {machine!r}")
 
