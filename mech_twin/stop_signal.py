@@ -63,6 +63,7 @@ class StopSignal:
 
     def __init__(self) -> None:
         self.asked = False
+        self._number = 0
         self._interrupts = False
         self._before: dict[signal.Signals, Any] = {}
 
@@ -70,10 +71,12 @@ class StopSignal:
     def interrupting(self) -> Iterator[None]:
         """Let a signal end what is done here with SystemExit 128 + N, and at once while it compiles or imports.
 
-        So nothing may be open here that needs closing.
+        So nothing may be open here that needs closing.  One that has come before ends it as it begins.
         """
         self._interrupts = True
         try:
+            if self.asked:
+                raise SystemExit(EXIT_CODE_BASE + self._number)
             yield
         finally:
             self._interrupts = False
@@ -90,7 +93,7 @@ class StopSignal:
             signal.signal(number, signal.SIG_IGN if self.asked and number == signal.SIGINT else handler)
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
-        self.asked = True
+        self.asked, self._number = True, number
         if not self._interrupts or _sent_again(number, frame):
             return
         if is_in_compiler(frame) or is_importing(frame):

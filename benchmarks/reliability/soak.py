@@ -63,6 +63,7 @@ class Soak:
         self.interrupted = False
         self.took_s = 0.0
         self.last_step = -1
+        self._end_asked = False
 
     def watch(self, folder: Path) -> Path:
         """Run to the end, or until something ends it; return the recording."""
@@ -84,6 +85,7 @@ class Soak:
             try:
                 others = started_view(stack, run) if asked.view else {}
                 run.start_all(limit_s=START_LIMIT_S)
+                answer_signals(self._ask_end)  # from now on ROS calls back: what is raised there is lost
                 self._look_until(steps, run, others, begun)
             except KeyboardInterrupt:
                 self.ended = "ended by a signal"
@@ -95,13 +97,19 @@ class Soak:
             code = run.finish("recorder", FINISH_LIMIT_S) if "recorder" in run.processes else 0
             if code:
                 self.ended += f" the recorder ended with {code}: {run.log('recorder')[-500:]}"
-        answer_signals(interrupt)
+        self._end_asked = False
+        answer_signals(self._ask_end)
         return run.bag
+
+    def _ask_end(self, number: int, frame: FrameType | None) -> None:
+        self._end_asked = True
 
     def _look_until(self, steps: int, run: ProcessRun, others: dict[str, int], begun: float) -> None:
         newest, moved = -1, time.monotonic()
         while run.step < steps:
             run.spin_for(LOOK_EVERY_S)
+            if self._end_asked:
+                raise KeyboardInterrupt
             now = time.monotonic()
             self.told.hear(now - begun, run.diagnostics)
             run.diagnostics.clear()
@@ -121,9 +129,14 @@ class Soak:
     def compare(self, bag: Path) -> None:
         """Hold the recording against the engine; a signal ends that."""
         try:
-            self.compared.run(bag, self.twin, lambda step: self._show(step, self.last_step))
+            self.compared.run(bag, self.twin, self._compared)
         except KeyboardInterrupt:
             self.interrupted = True
+
+    def _compared(self, step: int) -> None:
+        self._show(step, self.last_step)
+        if self._end_asked:
+            raise KeyboardInterrupt
 
     def write(self) -> None:
         """Put the row into the page, in place of one of the same run."""
