@@ -26,6 +26,7 @@ from mech_twin.interruption import (
 )
 
 Handler = Callable[[int, FrameType | None], None]
+_to_close: list[bool] = []
 
 
 @contextmanager
@@ -37,6 +38,16 @@ def interruptible() -> Iterator[None]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+@contextmanager
+def closed_first() -> Iterator[None]:
+    """Let a signal wait for a kernel that is loaded, or a module, instead of ending at once: something is open here."""
+    _to_close.append(True)
+    try:
+        yield
+    finally:
+        _to_close.pop()
 
 
 @contextmanager
@@ -111,6 +122,9 @@ def _raise(number: int, frame: FrameType | None) -> None:
     if _sent_again(number, frame):
         return
     if is_in_compiler(frame) or is_importing(frame):
+        if _to_close:
+            send_again(number)
+            return
         if number == signal.SIGINT:
             tell_interrupted()
         end_at_once(EXIT_CODE_BASE + number)

@@ -19,6 +19,7 @@ from mech_twin.parameters.live_change import ChangingMachine
 from mech_twin.parameters.load import description_text
 from mech_twin.roles import Machine
 from mech_twin.samples import Frame
+from mech_twin.stop_signal import closed_first
 
 if TYPE_CHECKING:
     from mech_twin.cli.simulate import SimulateRequest
@@ -45,6 +46,7 @@ def opened_outputs(
     stack: ExitStack, asked: SimulateRequest, machine: Machine, changing: ChangingMachine
 ) -> list[Output]:
     """Return what takes each frame of the run; the stack closes it."""
+    stack.enter_context(closed_first())
     if asked.sensors is not None:
         return [_sensors(stack, asked, machine, given_map(asked.sensors, machine))]
     outputs: list[Output] = []
