@@ -60,6 +60,7 @@ class ObserverNode(TwinNode):
     ) -> None:
         super().__init__(name, machine_name, parameters, options)
         self._entry = catalogue_entry(machine_name)
+        self.run_metrics = RunMetrics(lambda: self._entry.build(self.initial_parameters))
         self._begin_anew()
         topics = step_topics(self._entry.has_body) if on_topics else ()
         self._sources = {topic.name: HeardSource(self.options.peer_timeout_s) for topic in topics}
@@ -73,7 +74,7 @@ class ObserverNode(TwinNode):
         self.run_metrics.observe(frame)
 
     def _begin_anew(self) -> None:
-        self.run_metrics = RunMetrics(lambda: self._entry.build(self.initial_parameters))
+        self.run_metrics.begin_anew()  # the same one: a status line looks at it
         self.newest_step, self.newest_s = -1, 0.0
         self._step_s = FIRST_STEP_S
         self._assembler = FrameAssembler(self._entry.has_body)

@@ -24,12 +24,16 @@ class RunMetrics:
     """
 
     def __init__(self, build: Callable[[], Machine]) -> None:
+        self._build = build
+        self._machine: Machine | None = None
+        self.begin_anew()
+
+    def begin_anew(self) -> None:
+        """Forget the run so far: another begins."""
         self.events: deque[Event] = deque(maxlen=KEPT_EVENTS)
         self.event_count = 0
         self.frames = 0
         self.last: Frame | None = None
-        self._build = build
-        self._machine: Machine | None = None
         self._observer: Observer | None = None
 
     def observe(self, frame: Frame) -> tuple[Event, ...]:
