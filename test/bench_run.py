@@ -14,8 +14,9 @@ from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 
 from mech_twin.messages.topics import Topic, full_name
-from mech_twin.nodes.base_node import TwinNode, destroy_nodes
+from mech_twin.nodes.base_node import TwinNode
 from mech_twin.nodes.composition import role_nodes
+from mech_twin.nodes.departure import destroy_nodes
 from mech_twin.nodes.linkage_node import LinkageNode
 from mech_twin.nodes.options import RunOptions
 from mech_twin.nodes.spinner import Spinner

@@ -7,7 +7,7 @@ Nothing here knows a role or builds a machine, so that a process that only recor
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from typing import Any
 
@@ -202,14 +202,6 @@ def _options(tree: Mapping[str, Any], source: str) -> RunOptions:
         return RunOptions.model_validate(tree)
     except ValidationError as error:
         raise refusal(source, error, RunOptions) from error
-
-
-def destroy_nodes(nodes: Sequence[TwinNode]) -> None:
-    """Close what is open and take the nodes down."""
-    for node in nodes:
-        node.close()
-    for node in nodes:
-        node.destroy_node()
 
 
 def sent_messages(nodes: Iterable[TwinNode]) -> dict[str, int]:

@@ -14,8 +14,9 @@ from rclpy.signals import SignalHandlerOptions
 
 from mech_twin.engine.assembly import FrameAssembler
 from mech_twin.messages.topics import run_topics
-from mech_twin.nodes.base_node import TwinNode, destroy_nodes, sent_messages
+from mech_twin.nodes.base_node import TwinNode, sent_messages
 from mech_twin.nodes.body_node import BodyNode
+from mech_twin.nodes.departure import destroy_nodes
 from mech_twin.nodes.force_node import ForceNode
 from mech_twin.nodes.linkage_node import LinkageNode
 from mech_twin.nodes.motor_node import MotorNode

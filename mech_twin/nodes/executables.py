@@ -6,8 +6,8 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from collections.abc import Callable
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -32,11 +32,13 @@ QUIET_LIMIT_S = 0.6
 EXIT_CODE = 2
 
 
-def machine_of(node_name: str) -> str:
-    """Return the machine a node of this name is told to be of: its parameter ``machine``, as rcl resolves it.
+@contextmanager
+def machine_of(node_name: str) -> Iterator[str]:
+    """Provide the machine a node of this name is told to be of: its parameter ``machine``, as rcl resolves it.
 
     A file may name the node with its namespace, which is the machine's name unless it was remapped: then the machine is
-    looked for under each name of the catalogue.
+    looked for under each name of the catalogue.  The node that was asked lives until the block ends: with the last node
+    of a process its middleware goes too, and to bring that up again takes time and meets the others' discovery twice.
 
     Raises
     ------
@@ -45,16 +47,19 @@ def machine_of(node_name: str) -> str:
     """
     import rclpy
 
+    from mech_twin.nodes.departure import destroy_nodes
     from mech_twin.nodes.parameter_bridge import machine_override
 
-    for namespace in ("", *CATALOGUE):
-        node = rclpy.create_node(node_name, namespace=namespace, enable_rosout=False, start_parameter_services=False)
-        try:
+    with ExitStack() as at_end:
+        for namespace in ("", *CATALOGUE):
+            node = rclpy.create_node(
+                node_name, namespace=namespace, enable_rosout=False, start_parameter_services=False
+            )
+            at_end.callback(destroy_nodes, [node])
             told = machine_override(node)
-        finally:
-            node.destroy_node()
-        if told is not None and namespace in ("", told):
-            return catalogue_entry(told).name
+            if told is not None and namespace in ("", told):
+                yield catalogue_entry(told).name
+                return
     raise ConfigurationError(
         f"parameters of node {node_name}: key '{MACHINE_KEY}' is not set; expected one of {', '.join(CATALOGUE)} "
         f"(-p {MACHINE_KEY}:=NAME, or a parameter file)"
@@ -73,7 +78,7 @@ def _program(
     try:
         with StopSignal() as stop:
             end_with_launch()
-            _serve(lambda: make(machine_of(node_name), own), ros, stop)
+            _serve(lambda: _told(make, node_name, own), ros, stop)
     except SystemExit as end:
         end_at_once(end.code if isinstance(end.code, int) else EXIT_CODE)
     except Exception as error:
@@ -83,6 +88,11 @@ def _program(
         sys.stderr.write(f"{Path(sys.argv[0]).name}: {line}\n")
         raise SystemExit(EXIT_CODE) from error
     end_at_once(0)
+
+
+def _told(make: Callable[[str, argparse.Namespace], TwinNode], node_name: str, own: argparse.Namespace) -> TwinNode:
+    with machine_of(node_name) as machine:
+        return make(machine, own)
 
 
 def _told_line(error: Exception) -> str | None:
@@ -119,7 +129,7 @@ def _made(make: Callable[[], TwinNode], ros: list[str], at_end: ExitStack) -> Tw
     from rclpy._rclpy_pybind11 import RCLError
     from rclpy.signals import SignalHandlerOptions
 
-    from mech_twin.nodes.base_node import destroy_nodes
+    from mech_twin.nodes.departure import destroy_nodes
     from mech_twin.nodes.name_guard import NameGuard
 
     try:

@@ -34,6 +34,7 @@ from mech_twin.stop_signal import StopSignal
 STOP_LIMIT_S = 10.0  # a bound for a busy machine; they end within a second
 SETTLE_S = 0.1
 ENDED_BY_SIGNAL = {EXIT_CODE_BASE + number for number in SIGNALS}
+ENDED_WELL = {0, -signal.SIGALRM}  # closed what it had open, and its middleware did not let go: see `departure`
 ROS_FILE = ("--ros-args", "--params-file")
 
 Processes = dict[str, "subprocess.Popen[bytes]"]
@@ -85,7 +86,7 @@ def run_processes(
             rclpy.try_shutdown()
     if stop.asked and set(codes.values()) & ENDED_BY_SIGNAL:  # before the run had begun
         raise SystemExit(max(code for code in codes.values() if code in ENDED_BY_SIGNAL))
-    failed = ", ".join(f"{name} (exit code {code})" for name, code in codes.items() if code != 0)
+    failed = ", ".join(f"{name} (exit code {code})" for name, code in codes.items() if code not in ENDED_WELL)
     if failed:
         raise NodeEndedError(f"ended with an error: {failed}")
     return Outcome(observer.run_metrics, {}, {})

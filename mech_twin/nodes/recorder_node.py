@@ -102,10 +102,12 @@ class RecorderNode(TwinNode):
         return time.monotonic() - self._last_heard_s
 
     def diagnostic_values(self) -> dict[str, str]:
-        """Return the state of the writer and what it dropped."""
+        """Return the state of the writer, with which step it begins, and what it dropped."""
         counters = self.writer.counters.values()
+        first = self._steps[STEP_LINKAGE.name].sequence.first
         return {
             "recording": str(self.writer.directory),
+            "first step": "-" if first is None else str(first),
             "written": str(sum(row.written for row in counters)),
             "dropped": str(sum(row.dropped for row in counters)),
             "missed": str(sum(row.missed for row in counters)),

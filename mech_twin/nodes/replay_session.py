@@ -13,6 +13,7 @@ from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 
+from mech_twin.nodes.departure import destroy_nodes
 from mech_twin.nodes.name_guard import NameGuard
 from mech_twin.nodes.namespace import replay_arguments
 from mech_twin.nodes.other_clocks import other_clocks
@@ -78,7 +79,7 @@ def replayed(
             return _outcome(node, source)
     finally:
         if node is not None:
-            node.destroy_node()
+            destroy_nodes([node])
         rclpy.try_shutdown()
 
 

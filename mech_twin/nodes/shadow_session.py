@@ -15,7 +15,8 @@ from rclpy.signals import SignalHandlerOptions
 from mech_twin.configuration_tree import ConfigurationError
 from mech_twin.messages.topics import ESTIMATED, RESIDUALS, TWIN, shadow_topics
 from mech_twin.nodes.advisor_node import AdvisorNode
-from mech_twin.nodes.base_node import TwinNode, destroy_nodes, sent_messages
+from mech_twin.nodes.base_node import TwinNode, sent_messages
+from mech_twin.nodes.departure import destroy_nodes
 from mech_twin.nodes.monitor_node import MonitorNode
 from mech_twin.nodes.name_guard import NameGuard
 from mech_twin.nodes.namespace import run_namespace

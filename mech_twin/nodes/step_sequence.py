@@ -15,14 +15,17 @@ class SequenceFault(NamedTuple):
 
 
 class StepSequence:
-    """The newest step of a topic."""
+    """The first and the newest step of a topic."""
 
     def __init__(self) -> None:
+        self.first: int | None = None
         self._last: int | None = None
 
     def take(self, step: int) -> SequenceFault | None:
         """Take a step into account; return what is wrong with it, if anything is."""
         last, self._last = self._last, step if self._last is None else max(step, self._last)
+        if last is None:
+            self.first = step
         if last is None or step == last + 1:
             return None
         reason = f"step {step} after {last}"

@@ -21,7 +21,8 @@ from std_srvs.srv import SetBool
 from mech_twin.measurements.measurement_map import MeasurementMap
 from mech_twin.messages.topics import DATA, DECISIONS, LATCHED, RECOMMENDATION, full_name
 from mech_twin.nodes.advisor_node import AdvisorNode
-from mech_twin.nodes.base_node import TwinNode, destroy_nodes
+from mech_twin.nodes.base_node import TwinNode
+from mech_twin.nodes.departure import destroy_nodes
 from mech_twin.nodes.shadow_node import ShadowNode, ShadowSetup
 from mech_twin.nodes.shadow_session import Company, nodes_beside
 from mech_twin.nodes.spinner import Spinner

@@ -49,7 +49,8 @@ def test_the_machine_is_resolved_as_rcl_does(
     files = ["--params-file", str(section(tmp_path, **sections))] if sections else []
     rclpy.init(args=["node", "--ros-args", *files, *arguments], signal_handler_options=SignalHandlerOptions.NO)
     try:
-        assert machine_of("motor") == expected
+        with machine_of("motor") as machine:
+            assert machine == expected
     finally:
         rclpy.try_shutdown()
 
@@ -59,7 +60,7 @@ def test_no_machine_or_none_of_the_catalogue_is_refused_in_words(told: list[str]
     rclpy.init(args=["node", "--ros-args", *told], signal_handler_options=SignalHandlerOptions.NO)
     try:
         with pytest.raises(ConfigurationError, match="machine"):
-            machine_of("motor")
+            machine_of("motor").__enter__()
     finally:
         rclpy.try_shutdown()
 
@@ -111,7 +112,8 @@ def test_a_dumped_parameter_file_starts_the_same_node_and_the_engine(tmp_path: P
     assert machine_parameters(DRUM, file) == machine_parameters(DRUM, configuration_file(DRUM))
     rclpy.init(args=["n", "--ros-args", "--params-file", str(file)], signal_handler_options=SignalHandlerOptions.NO)
     try:
-        node = MotorNode(machine_of("motor"))
+        with machine_of("motor") as machine:
+            node = MotorNode(machine)
         assert node.machine.parameters == machine_parameters(DRUM)
         node.destroy_node()
     finally:

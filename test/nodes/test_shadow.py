@@ -35,7 +35,8 @@ from mech_twin.messages.topics import (
     type_name,
     virtual_pin,
 )
-from mech_twin.nodes.base_node import TwinNode, destroy_nodes
+from mech_twin.nodes.base_node import TwinNode
+from mech_twin.nodes.departure import destroy_nodes
 from mech_twin.nodes.errors import NameInUseError
 from mech_twin.nodes.name_guard import NameGuard
 from mech_twin.nodes.options import RunOptions

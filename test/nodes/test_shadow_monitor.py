@@ -26,7 +26,8 @@ from mech_twin.measurements.measurement_map import MeasurementMap
 from mech_twin.measurements.runs import read_run
 from mech_twin.messages.joint_state_cdr import Header, StepMessage, encoded, stamp_of
 from mech_twin.messages.topics import DATA, DIAGNOSTICS, STANDARD_RESIDUALS, full_name
-from mech_twin.nodes.base_node import TwinNode, destroy_nodes
+from mech_twin.nodes.base_node import TwinNode
+from mech_twin.nodes.departure import destroy_nodes
 from mech_twin.nodes.monitor_node import FAULT, SHELVE_S, MonitorNode
 from mech_twin.nodes.shadow_node import ShadowNode, ShadowSetup
 from mech_twin.nodes.shadow_recorder import BlackBox, ShadowRecorder
