@@ -9,6 +9,8 @@ Three things are handled here once:
 
 * A signal that dips through zero and back within the step has an extreme there: the sign of its derivative at both ends
   shows it (without a derivative, the parabola through three points), the extreme is followed and its sign taken.
+  The middle point of the parabola is estimated from the states and rates at both ends, which costs one evaluation of
+  the rates and not a whole step; only where that parabola comes near zero is the motion followed to the middle.
 * A signal that starts the step at its root (a body that leaves its collar, a striker that has just given its blow) is
   divided by the time since the start, which takes that root out and leaves the next.
 * Of several events the first in time ends the step; of equal times the one that is watched first.
@@ -24,13 +26,14 @@ import numpy as np
 from numba.extending import overload
 from numpy.typing import NDArray
 
-from mech_twin.engine.integration import Array, Function, Workspace, declared_kernel, take_step
-from mech_twin.kernel import borrowing_kernel
+from mech_twin.engine.integration import Array, Function, Workspace, declared_kernel, rates, take_step
+from mech_twin.kernel import borrowing_kernel, kernel
 
 FALLING, RISING = -1, 1  # direction of a crossing
 NONE = -1
 UNKNOWN = math.nan  # the derivative of a signal that has none to offer
 _ROUNDS = 200
+_NEAR_ZERO = 0.25  # of the lesser end value; the estimated middle misses some 1e-8 of it in a step as they are taken
 
 
 class Watch(NamedTuple):
@@ -129,19 +132,48 @@ def root_between(
     return high
 
 
+@kernel
+def lowest_of_parabola(first: float, middle: float, last: float) -> tuple[float, float]:
+    """Return the share of the step at which the parabola through start, middle and end is lowest, and its value there.
+
+    The share is -1 and the value that of the lower end if the parabola has no lowest point within.
+    """
+    curve = first - 2.0 * middle + last
+    share = 0.5 - 0.25 * (last - first) / curve if curve > 0.0 else -1.0
+    if not 0.0 < share < 1.0:
+        return -1.0, min(first, last)
+    return share, first + share * (last - first - 2.0 * curve * (1.0 - share))
+
+
 @borrowing_kernel
-def lowest_span(step: Step, watch: Watch, start: tuple[float, float], final: tuple[float, float]) -> float:
-    """Return the span at which a signal that is positive at both ends is lowest within the step, or -1."""
+def estimated_middle(step: Step, watch: Watch, end: Array) -> float:
+    """Return a signal in the middle of the step, the state there from states and rates at both ends (cubic)."""
+    work, state, half = step.work, step.work.stage, 0.5 * step.span_s
+    rates(step.system, step.start_s + step.span_s, end, work.rates[1])
+    for i in range(len(state)):
+        state[i] = 0.5 * (step.state[i] + end[i]) + 0.25 * half * (work.rates[0, i] - work.rates[1, i])
+    value, _ = signal(step.system, watch.signal, step.start_s + half, state)
+    return -watch.direction * value
+
+
+@borrowing_kernel
+def lowest_span(step: Step, watch: Watch, start: tuple[float, float], final: tuple[float, float], end: Array) -> float:
+    """Return the span at which a signal that is positive at both ends is lowest within the step, or -1.
+
+    Without a derivative -1 also where it is lowest far from zero.
+    """
     value, rate = start
     last, last_rate = final
     if not math.isnan(rate):
         if not rate < 0.0 < last_rate:
             return -1.0
         return root_between(step, watch, rate, step.span_s, last_rate, 0.0, True)
+    _, lowest = lowest_of_parabola(value, estimated_middle(step, watch, end), last)
+    if lowest > _NEAR_ZERO * min(value, last):
+        return -1.0
     middle, _ = signal_at(step, watch, 0.5 * step.span_s)
-    curve = value - 2.0 * middle + last
-    share = 0.5 - 0.25 * (last - value) / curve if curve > 0.0 else -1.0
-    return share * step.span_s if 0.0 < share < 1.0 else -1.0
+    share, _ = lowest_of_parabola(value, middle, last)
+    return share * step.span_s
 
 
 @borrowing_kernel
@@ -170,7 +202,7 @@ def crossing(step: Step, watch: Watch, end: Array) -> float:
     if last > 0.0:
         if watch.starts_at_root:
             return -1.0
-        span = lowest_span(step, watch, (value, rate), (last, last_rate))
+        span = lowest_span(step, watch, (value, rate), (last, last_rate), end)
         if span < 0.0:
             return -1.0
         last, _ = signal_at(step, watch, span)

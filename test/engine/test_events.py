@@ -45,9 +45,25 @@ def ball_signals(system, index, t, y):
     return math.sin(y[2]), system.frequency_rad_per_s * math.cos(y[2])
 
 
+class Swing(NamedTuple):
+    """An oscillator of 1 rad/s, watched for coming lower than a bound without a derivative."""
+
+    bound: float
+
+
+@rates_of(Swing, COOPER_VERNER_8)
+def swing_rates(system, t, y, out):
+    out[0], out[1] = y[1], -y[0]
+
+
+@signals_of(Swing)
+def swing_signals(system, index, t, y):
+    return y[0] - system.bound, UNKNOWN
+
+
 def first(ball, state, span, *watches, start=0.0):
     """Return what is seen first and when, and the state there."""
-    work, y = workspace(COOPER_VERNER_8, 3), np.array(state, dtype=float)
+    work, y = workspace(COOPER_VERNER_8, len(state)), np.array(state, dtype=float)
     start_step(ball, start, y, work)
     take_step(ball, start, y, span, work)
     table = np.array([tuple(int(v) for v in w) for w in watches], dtype=np.int64)
@@ -154,6 +170,25 @@ def test_apex_above_a_height_is_found_without_a_derivative_wherever_in_the_step_
         which, when, _ = first(Ball(level, 1.0), (0.0, speed, 0.0), span, (BARE_HEIGHT, RISING, False))
         assert which == 0
         assert when == pytest.approx(rise, rel=1e-12)
+
+
+@given(
+    depth=st.floats(1e-4, 0.015),  # much less lies beside the lowest point of the parabola
+    span=st.floats(0.5, 0.6),
+    share=st.floats(0.4, 0.6),
+)
+@settings(max_examples=200, deadline=None)
+def test_swing_that_dips_under_a_bound_is_found_without_a_derivative(depth, span, share):
+    ahead = share * span  # until the lowest point, -1
+    state, below = (-math.cos(ahead), math.sin(ahead)), math.acos(1.0 - depth)
+    state = (state[0], -state[1])
+    which, when, _ = first(Swing(depth - 1.0), state, span, (0, FALLING, False))
+    assert which == 0
+    assert when == pytest.approx(
+        ahead - below, abs=1e-9 / math.sin(below)
+    )  # the step of half a radian misses some 1e-10
+    above = first(Swing(-depth - 1.0), state, span, (0, FALLING, False))
+    assert above[0] == NONE
 
 
 def test_at_rest_on_the_root_only_the_side_it_leaves_to_is_an_event():
