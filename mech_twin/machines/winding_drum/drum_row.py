@@ -35,7 +35,9 @@ from mech_twin.parts.friction import sliding_torque
 RUNNING, ENDED, STUCK = 0, 1, 2
 END_KIND, STICK_KIND, RELEASE_KIND = 0, 1, 2
 PACKAGE_CONTACT, DRUM_CONTACT = 0, 1
-FAILURES = ("winding_drum: no integration step of 1e-13 s or more is small enough for the drum; friction changes too fast",)
+FAILURES = (
+    "winding_drum: no integration step of 1e-13 s or more is small enough for the drum; friction changes too fast",
+)
 TOO_SHORT = -1
 
 
