@@ -51,10 +51,10 @@ def write_table(script: str, columns: Sequence[str], rows: Iterable[Sequence[obj
     _replace(script, [f"Made on {today()} on {this_machine()}.", "", *_head(columns), *_lines(rows)])
 
 
-def add_rows(script: str, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
-    """Add rows to the table between the marks of a script, in place of those with the same first cell.
+def add_rows(script: str, columns: Sequence[str], rows: Iterable[Sequence[object]], naming: int = 1) -> None:
+    """Add rows to the table between the marks of a script, in place of those with the same first cells.
 
-    Each row says itself when and on what it was made.
+    Each row says itself when and on what it was made; ``naming`` is how many cells tell it from the others.
 
     Raises
     ------
@@ -63,12 +63,12 @@ def add_rows(script: str, columns: Sequence[str], rows: Iterable[Sequence[object
     """
     head, fresh = _head(columns), _lines(rows)
     old = [line for line in _between(script)[1].splitlines() if line.startswith("|") and line not in head]
-    named = {_first_cell(line) for line in fresh}
-    _replace(script, [*head, *(line for line in old if _first_cell(line) not in named), *fresh])
+    named = {_first_cells(line, naming) for line in fresh}
+    _replace(script, [*head, *(line for line in old if _first_cells(line, naming) not in named), *fresh])
 
 
-def _first_cell(line: str) -> str:
-    return line.split("|")[1].strip()
+def _first_cells(line: str, count: int) -> tuple[str, ...]:
+    return tuple(cell.strip() for cell in line.split("|")[1 : 1 + count])
 
 
 def _head(columns: Sequence[str]) -> list[str]:

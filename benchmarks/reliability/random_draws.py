@@ -142,7 +142,7 @@ def main() -> int:
         worker.close()
     rows = [row(name, asked.seed) for name in names]
     if asked.write:
-        add_rows("random_draws", COLUMNS, rows)
+        add_rows("random_draws", COLUMNS, rows, naming=2)  # machine and seed
     return int(any(found[COLUMNS.index("broken")] for found in rows))
 
 
