@@ -26,7 +26,7 @@ from std_msgs.msg import String
 from mech_twin.messages.topics import DATA, DIAGNOSTICS, EVERY_LATCHED, LATCHED
 from mech_twin.nodes.errors import NameInUseError
 
-DISCOVERY_S = 3.0  # usually a tenth of a second, sometimes 2.6 s
+DISCOVERY_S = 3.5  # usually a tenth of a second; where that fails, with the announcement that comes each 3 s
 PROOF_S = 1.5  # more than the window of the diagnostics
 TURN_S = 0.02
 CLAIMS = "/_mech_twin/claims"  # an instant, and the full names of topics; hidden from the usual lists
