@@ -180,13 +180,11 @@ def test_apex_above_a_height_is_found_without_a_derivative_wherever_in_the_step_
 @settings(max_examples=200, deadline=None)
 def test_swing_that_dips_under_a_bound_is_found_without_a_derivative(depth, span, share):
     ahead = share * span  # until the lowest point, -1
-    state, below = (-math.cos(ahead), math.sin(ahead)), math.acos(1.0 - depth)
-    state = (state[0], -state[1])
+    state, below = (-math.cos(ahead), -math.sin(ahead)), math.acos(1.0 - depth)
     which, when, _ = first(Swing(depth - 1.0), state, span, (0, FALLING, False))
     assert which == 0
-    assert when == pytest.approx(
-        ahead - below, abs=1e-9 / math.sin(below)
-    )  # the step of half a radian misses some 1e-10
+    missed = 1e-9  # by a step of half a radian, at most
+    assert when == pytest.approx(ahead - below, abs=missed / math.sin(below))
     above = first(Swing(-depth - 1.0), state, span, (0, FALLING, False))
     assert above[0] == NONE
 

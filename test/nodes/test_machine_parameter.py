@@ -59,8 +59,8 @@ def test_the_machine_is_resolved_as_rcl_does(
 def test_no_machine_or_none_of_the_catalogue_is_refused_in_words(told: list[str]) -> None:
     rclpy.init(args=["node", "--ros-args", *told], signal_handler_options=SignalHandlerOptions.NO)
     try:
-        with pytest.raises(ConfigurationError, match="machine"):
-            machine_of("motor").__enter__()
+        with pytest.raises(ConfigurationError, match="machine"), machine_of("motor"):
+            pass
     finally:
         rclpy.try_shutdown()
 

@@ -148,6 +148,7 @@ def test_a_stopped_recorder_counts_what_it_missed_and_a_killed_one_stops_nobody(
         run.signal("recorder", signal.SIGCONT)
         # the sum, which is told each second: who counts it as gone by now does not hear the first message
         run.until(lambda: int(run.figure("recorder", "missed") or 0) > 0, what="the recorder says what it missed")
+        run.until(lambda: "missing" in run.log("recorder"), what="it stands in the log, too")
         run.kill("recorder")
         run.steps(500)
         run.checked()
