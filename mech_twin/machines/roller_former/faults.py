@@ -29,11 +29,11 @@ def faults(parameters: RollerFormer) -> tuple[MachineFault, ...]:
 
 
 def _weaker_motor(parameters: RollerFormer, size: float) -> dict[str, Any]:
-    """Return the motor with its breakdown torque changed by a share, its breakdown slip kept."""
+    """Return the motor with its torque at every slip changed by a share: one of less power, and in no catalogue."""
     motor = parameters.motor
-    if motor.breakdown_torque_nm is not None:
-        return {"motor.breakdown_torque_nm": motor.breakdown_torque_nm * (1.0 + size)}
-    return {"motor.breakdown_torque_ratio": motor.breakdown_torque_ratio * (1.0 + size)}
+    changes: dict[str, Any] = {"motor.catalogue_name": None, "motor.rated_power_w": motor.rated_power_w * (1.0 + size)}
+    printed = {"motor.rated_torque_nm": motor.rated_torque_nm, "motor.breakdown_torque_nm": motor.breakdown_torque_nm}
+    return changes | {key: torque * (1.0 + size) for key, torque in printed.items() if torque is not None}
 
 
 def _empty(cart: int, states: tuple[Any, ...]) -> MachineFault:
