@@ -7,6 +7,8 @@ that all tools fit the same machine.  Sensors are weighed by their known noise, 
 
 from __future__ import annotations
 
+import contextlib
+import io
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -26,7 +28,6 @@ SENSORS = """
 """
 SMALLEST, LARGEST = 0.05, 20.0  # of a key's start: how far it may go
 WIDEST_ZERO = 3.0
-NORMAL = 1.959964
 Shown = Callable[[np.ndarray], np.ndarray]
 
 
@@ -72,7 +73,8 @@ def sysid_answer(
         modify_residual=transform.apply,
         custom_rollout=_rolled_out(tuple(start), times_s, shown),
     )
-    found, result = sysid.optimize(asked, residuals, optimizer="mujoco", verbose=False)
+    with contextlib.redirect_stdout(io.StringIO()):  # it tells its last iterations, silent or not
+        found, result = sysid.optimize(asked, residuals, optimizer="mujoco", verbose=False)
     covariance, halves = sysid.calculate_intervals(residuals(found.as_vector(), found)[0], result.jac)
     errors = np.sqrt(np.diag(covariance))
     told = zip(start, found.as_vector().tolist(), errors.tolist(), halves.tolist(), strict=False)  # the zero is last
