@@ -3,7 +3,8 @@
 
 A sensor's own filter, or an unmodelled motion, makes neighbouring residuals alike.  Where a run is short, blocks of it
 are too short to show that; an autoregression needs few numbers.  It is Burg's (BurgSpectrum1967), its order
-the one of least Bayesian information criterion (SchwarzDimension1978), and gives the middle of the sandwich::
+the one of least Bayesian information criterion (SchwarzDimension1978); one of first order is corrected for what a short
+series hides of its memory, (1 + 3 a)/n (KendallBias1954).  It gives the middle of the sandwich::
 
     C = H^-1 (sum over channels of s^2 J' R J) H^-1,    H = J' J
 
@@ -22,6 +23,7 @@ from scipy.signal import lfilter, lfiltic
 from mech_twin.measurements.blocks import Array
 
 MOST_ORDER = 4
+LONGEST = 0.995  # of the correlation of neighbours, corrected
 FEWEST = 20  # residuals of a channel; fewer tell no memory
 
 
@@ -73,7 +75,16 @@ def autoregression(residuals: Array) -> Autoregression:
         if criterion < least:
             best, least = Autoregression(coefficients, np.array(first)), criterion
         forward, backward = (forward - reflection * backward)[1:], (backward - reflection * forward)[:-1]
-    return best
+    return _corrected(best, count) if len(best.coefficients) == 1 else best
+
+
+def _corrected(found: Autoregression, count: int) -> Autoregression:
+    """Return one of first order without the part that is lost, in the mean, from this many samples."""
+    near = float(found.coefficients[0])
+    if near <= 0.0:
+        return found
+    near = max(near, min(near + (1.0 + 3.0 * near) / count, LONGEST))
+    return Autoregression(np.array([near]), np.array([1.0, near]))
 
 
 @dataclass(frozen=True)
