@@ -70,7 +70,7 @@ def run(twin: Machine, hours: float) -> dict[str, tuple[float, float]]:
             known = found.get(name, Residual(0.0, NO_LIMIT))
             found[name] = Residual(worse(residual.worst, known.worst), residual.limit)
         frame, done = part.final, done + block
-    for line in broken_lines(found):
+    for line in broken_lines(found, twin.coupling_step_s):
         sys.stdout.write(f"{twin.name}: {line}\n")
     return {name: (residual.worst, residual.limit) for name, residual in found.items()}
 

@@ -28,10 +28,14 @@ if TYPE_CHECKING:
 
 
 class Invariant(NamedTuple):
-    """A number that is 0 but for rounding while the twin is right: its unit, and what it compares."""
+    """A number that is 0 but for rounding while the twin is right: its unit, and what it compares.
+
+    One that is ``of_the_step`` tells how far the roles move apart within a coupling step: a shorter one lowers it.
+    """
 
     unit: str
     meaning: str
+    of_the_step: bool = False
 
 
 # every name under which a sample may carry a residual; a relative one has the unit 1
@@ -42,14 +46,14 @@ RESIDUALS: Mapping[str, Invariant] = MappingProxyType(
         "energy_balance": Invariant("1", "energy held less work and losses booked, over the energy turned over"),
         "momentum_balance": Invariant("1", "momentum less impulses booked, over the momentum"),
         "coupling_defect": Invariant(
-            "1", "energy by which a follower's own angle changes a step's start, over that held"
+            "1", "energy by which a follower's own angle changes a step's start, over that held", of_the_step=True
         ),
         "drive_torque_routes": Invariant("1", "drive torque by pin forces less by the reduced machine, over its peak"),
         "body_moment_routes": Invariant("1", "moment on the body by pin forces less by the coupled motion"),
         "impulse_routes": Invariant("1", "impulse of a blow by pin impulses less by the jump of the coupled motion"),
-        "angle_difference_rad": Invariant("rad", "angle the linkage led the body to, less the body's own"),
-        "rate_difference_rad_per_s": Invariant("rad/s", "rate the linkage led the body to, less the body's own"),
-        "penetration_rad": Invariant("rad", "angle by which a body lies beyond its stop"),
+        "angle_difference_rad": Invariant("rad", "angle the linkage led the body to, less the body's own", True),
+        "rate_difference_rad_per_s": Invariant("rad/s", "rate the linkage led the body to, less the body's own", True),
+        "penetration_rad": Invariant("rad", "angle by which a body lies beyond its stop", True),
         "area_balance": Invariant("1", "area the package lost less area of the yarn run, over that of all its yarn"),
     }
 )

@@ -10,23 +10,28 @@ makes many.
 from __future__ import annotations
 
 import math
+import re
 import time
 from collections.abc import Iterator
 from typing import Any, NamedTuple, get_args
 
 from configuration_draws import Draw, Refused, leaves
 
-from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.configuration_tree import ConfigurationError, configuration_tree, merged_tree
 from mech_twin.engine.errors import MotionError
+from mech_twin.engine.invariants import Residual, broken_lines
 from mech_twin.engine.run import frames
 from mech_twin.engine.trajectory import frame_events, frame_numbers
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.parameters.load import description_text
+from mech_twin.quantity import Parameters
 from mech_twin.roles import Machine
 from mech_twin.samples import Frame
 
 RUN_S = 0.5
 ANGLES_RAD = (0.0, 1.0, math.pi, 5.5)
+SHORTER_STEP = re.compile(r"coupling\.step_s \S+ is too long for this machine, try (\S+)$")
+MOST_TRIED = 6  # runs, each at the step that the one before told
 RAN, UNBUILT, REFUSED_IN_RUN, BROKEN = "ran", "refused at configuration", "refused in the run", "broken"
 
 
@@ -68,16 +73,18 @@ def bad_refusal(name: str, refused: Refused) -> str:
 
 
 def worst_margin(machine: Machine, frame: Frame) -> tuple[float, str]:
-    """Return the largest residual of a frame over its limit, nan counting as infinite, and its name."""
+    """Return the largest residual of a frame over its limit, nan counting as infinite, and what is told of it."""
     worst, which = 0.0, ""
     roles = ((machine.linkage, frame.linkage), (machine.forces, frame.forces), (machine.body, frame.body))
     for role, sample in roles:
         if role is None or sample is None:
             continue
         for residual, value in sample.residuals.as_dict().items():
-            margin = abs(value) / role.residual_limits[residual]
+            limit = role.residual_limits[residual]
+            margin = abs(value) / limit
             if not margin <= worst:
-                worst, which = math.inf if math.isnan(margin) else margin, f"{residual} {value:.3g}"
+                told = broken_lines({residual: Residual(abs(value), limit)}, machine.coupling_step_s)
+                worst, which = math.inf if math.isnan(margin) else margin, "".join(told)
     return worst, which
 
 
@@ -100,7 +107,7 @@ def run(machine: Machine, commands: tuple[float, ...], run_s: float = RUN_S) -> 
         margin, which = worst_margin(machine, frame)
         worst = max(worst, margin)
         if margin > 1.0:
-            return f"{which} {at}", worst
+            return f"{at}: {which}", worst
     for name, value in numbers_in(observer.numbers()):
         if not math.isfinite(value):
             return f"metrics: {name} = {value}", worst
@@ -123,16 +130,32 @@ def outcome_of(name: str, seed: int, number: int) -> Outcome:
 
 
 def _end_of_run(name: str, draw: Draw) -> tuple[str, str, float]:
-    """Return the end of a draw, its words, and its worst residual over its limit."""
+    """Return the end of a draw, its words, and its worst residual over its limit.
+
+    A run that tells its coupling step too long, and a shorter one to try, is a refusal if what it tells is so.
+    """
     try:
         machine = CATALOGUE[name].build(draw.parameters)
     except ConfigurationError as refusal:
         return _judged(name, UNBUILT, refusal)
-    try:
-        broken, margin = run(machine, draw.commands)
-    except MotionError as refusal:
-        return _judged(name, REFUSED_IN_RUN, refusal)
-    return (BROKEN if broken else RAN), broken, margin
+    first, margin = "", 0.0
+    for _ in range(MOST_TRIED):
+        try:
+            broken, margin = run(machine, draw.commands)
+        except MotionError as refusal:
+            return _judged(name, REFUSED_IN_RUN, refusal)
+        first, told = first or broken, SHORTER_STEP.search(broken)
+        if told is None:
+            break
+        machine = CATALOGUE[name].build(_with_step(draw.parameters, float(told[1])))
+    if broken or not first:
+        return (BROKEN if broken else RAN), first, margin
+    return REFUSED_IN_RUN, first, margin
+
+
+def _with_step(parameters: Parameters, step_s: float) -> Parameters:
+    tree = merged_tree(configuration_tree(parameters), {"coupling": {"step_s": step_s}})
+    return type(parameters).model_validate(tree)
 
 
 def _judged(name: str, end: str, refusal: Exception) -> tuple[str, str, float]:

@@ -3,8 +3,8 @@
 
     python benchmarks/identification/grid.py [MACHINE]... [--seed N] [--write]
 
-Ends with exit code 1 where a key that cannot be told is called identified, or where an interval of a key that is
-called identified misses the truth by more than its own half width.
+Ends with exit code 1 where a key that cannot be told is called identified, or where the interval of a combination, or
+of a key that is called identified, misses the truth by more than its own half width.
 """
 
 from __future__ import annotations
@@ -15,23 +15,22 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
-
 sys.path.insert(0, str(Path(__file__).parent))
 from evidence import write_rows
 from interval_coverage import question_of
 from synthetic_stand import STANDS, Stand
 
+from mech_twin.studies.identification.combinations import Combination
 from mech_twin.studies.identification.identification import Identification, identified
 from mech_twin.studies.identification.verdicts import KeyVerdict
 
 HEADS = ("machine", "key", "true", "configured", "found", "95 % from", "to", "verdict", "holds")
 
 
-def holds(key: KeyVerdict, true: float, margin: float = 0.0) -> bool:
+def holds(told: KeyVerdict | Combination, true: float, margin: float = 0.0) -> bool:
     """Return whether an interval, made wider by a share of its half width, holds the truth."""
-    far = margin * 0.5 * (key.high_95 - key.low_95)
-    return key.low_95 - far <= true <= key.high_95 + far
+    far = margin * 0.5 * (told.high_95 - told.low_95)
+    return told.low_95 - far <= true <= told.high_95 + far
 
 
 def rows_of(stand: Stand, found: Identification) -> Iterator[tuple[object, ...]]:
@@ -45,19 +44,17 @@ def rows_of(stand: Stand, found: Identification) -> Iterator[tuple[object, ...]]
             *(key.verdict, ("yes" if holds(key, true[key.key]) else "no") if told else ""),
         )
     for each in found.combinations:
-        powers = zip(each.keys, each.exponents, strict=True)
-        product = float(np.prod([true[name] ** power for name, power in powers]))
-        numbers = (product, each.estimate, each.low_95, each.high_95)
-        true_one, *rest = (f"{number:.6g}" for number in numbers)
-        kept = "yes" if each.low_95 <= product <= each.high_95 else "no"
+        true_one, *rest = (f"{n:.6g}" for n in (each.of(true), each.estimate, each.low_95, each.high_95))
+        kept = "yes" if holds(each, each.of(true)) else "no"
         yield (f"{stand.name}, {stand.duration_s:g} s", each.formula, true_one, "", *rest, "combination", kept)
 
 
-def wrong_keys(stand: Stand, found: Identification) -> list[str]:
-    """Return the keys that are called identified and cannot be, or are far outside their interval."""
+def wrongly_told(stand: Stand, found: Identification) -> list[str]:
+    """Return the keys that are called identified and cannot be, and what is far outside its interval."""
     true = stand.truth()
     told = [key for key in found.keys if key.verdict == "identified"]
-    return [key.key for key in told if key.key in stand.never or not holds(key, true[key.key], 1.0)]
+    keys = [key.key for key in told if key.key in stand.never or not holds(key, true[key.key], 1.0)]
+    return keys + [each.formula for each in found.combinations if not holds(each, each.of(true), 1.0)]
 
 
 def main() -> None:
@@ -74,12 +71,12 @@ def main() -> None:
         rows = list(rows_of(stand, found))
         for row in rows:
             print(*row, sep="; ")
-        wrong += [f"{name} {key}" for key in wrong_keys(stand, found)]
+        wrong += [f"{name} {key}" for key in wrongly_told(stand, found)]
         fits = ", ".join(f"{each.channel} {each.fit_percent:.2f}" for each in found.channels)
         print(f"{found.seconds:.1f} s; fit of the channels, %: {fits}", flush=True)
         if asked.write:
             write_rows("grid", HEADS, rows)
-    print("wrongly identified:", wrong or "none")
+    print("wrongly told:", wrong or "none")
     sys.exit(int(bool(wrong)))
 
 

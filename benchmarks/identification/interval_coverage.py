@@ -68,12 +68,8 @@ def repeated(name: str, whole: bool, seed: int) -> Repeat:
     with tempfile.TemporaryDirectory() as folder:
         run = stand.run(Path(folder), seed)
     found = identified(question_of(stand), [run])
-    products = [
-        (each, float(np.prod([true[key] ** power for key, power in zip(each.keys, each.exponents, strict=True)])))
-        for each in found.combinations
-    ]
-    held = sum(each.low_95 <= product <= each.high_95 for each, product in products)
-    return Repeat(seed, found.keys, len(products), held, time.process_time() - began)
+    held = sum(each.low_95 <= each.of(true) <= each.high_95 for each in found.combinations)
+    return Repeat(seed, found.keys, len(found.combinations), held, time.process_time() - began)
 
 
 def repeats_of(asked: argparse.Namespace) -> Iterator[Repeat]:

@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Errors and coverage of `identify` and of lmfit on the same data: single shooting with finite differences.
+"""Errors and coverage of `identify`, lmfit and MuJoCo's system identification on the same data.
 
     python benchmarks/identification/peers.py [--repeats N] [--memory A] [--write]
 
-A crank mechanism measured by the angle of its wheel (zero unknown) and the position of its slide.  Both fit the same
-keys and the same zero, with the same roll-outs and the noise that the sensors are known to have.  With ``--memory`` the
-noise of each sensor follows an autoregression of first order, as a filter in it would make it, of the same size.
+A crank mechanism measured by the angle of its wheel (zero unknown) and the position of its slide.  All fit the same
+keys and the same zero, with the same roll-outs and the noise that the sensors are known to have; the peers by single
+shooting with finite differences.  With ``--memory`` the noise of each sensor follows an autoregression of first order,
+as a filter in it would make it, of the same size.
 Needs the extra 'bench'.
 """
 
@@ -25,8 +26,10 @@ from evidence import share_interval, write_rows
 
 try:
     import lmfit
-except ModuleNotFoundError:
-    sys.exit("peers.py needs lmfit; install the extra 'bench'")
+    import mujoco
+    from mujoco_peer import sysid_answer
+except ModuleNotFoundError as error:
+    sys.exit(f"peers.py needs {error.name}; install the extra 'bench'")
 
 import mech_twin
 from mech_twin.measurements.measurement_map import Channel
@@ -109,6 +112,19 @@ def theirs(data: Data) -> Answer:
     }
 
 
+def mujocos(data: Data) -> Answer:
+    """Return what MuJoCo's system identification finds from the same start, with its own intervals."""
+    keyed = KeyedConfiguration(MACHINE, machine_parameters(MACHINE), tuple(TRUE))
+    start = dict(zip(TRUE, keyed.values().tolist(), strict=True))
+
+    def shown(values: np.ndarray) -> np.ndarray:
+        curves = curves_of(keyed, values)
+        return np.column_stack([curves.at(name, data.times_s) for name in NOISES])
+
+    measured_columns = np.column_stack([data.shown[name] for name in NOISES])
+    return sysid_answer(start, data.times_s, measured_columns, tuple(NOISES.values()), shown)
+
+
 def rows_of(noise: str, tool: str, answers: list[Answer], seconds: float) -> Iterator[tuple[object, ...]]:
     """Yield a row a key."""
     for key, true in TRUE.items():
@@ -129,7 +145,12 @@ def main() -> None:
     asked = words.parse_args()
     noise = f"memory {asked.memory:g}" if asked.memory else "white"
     rows: list[tuple[object, ...]] = []
-    for tool, solve in (("mech_twin", ours), (f"lmfit {lmfit.__version__}", theirs)):
+    tools = {
+        "mech_twin": ours,
+        f"lmfit {lmfit.__version__}": theirs,
+        f"MuJoCo {mujoco.__version__}": mujocos,
+    }
+    for tool, solve in tools.items():
         began = time.process_time()
         answers = [solve(measured(seed, asked.memory)) for seed in range(asked.repeats)]
         rows += rows_of(noise, tool, answers, time.process_time() - began)

@@ -134,7 +134,7 @@ def _side(label: str, machine: Machine, simulation: Simulation) -> ComparedRun:
         machine.name,
         configuration_tree(machine.parameters),
         simulation.summary(),
-        tuple(broken_lines(simulation.residuals())),
+        tuple(broken_lines(simulation.residuals(), machine.coupling_step_s)),
         simulation.trajectory.columns(),
         shown_units(machine),
     )

@@ -76,7 +76,7 @@ def simulate_machine(asked: SimulateRequest) -> None:
         )
         show_residuals(document["residuals"])
         show_events(simulation.events, everything=asked.everything)
-    broken = broken_lines(simulation.residuals())
+    broken = broken_lines(simulation.residuals(), machine.coupling_step_s)
     if broken:
         say(f"{name}: {'; '.join(broken)}")
         raise SystemExit(BROKEN_EXIT_CODE)

@@ -7,10 +7,12 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
-from mech_twin.roles import Machine
+from mech_twin.roles import RESIDUALS, Invariant, Machine
 from mech_twin.samples import Frame, Named
 
 NO_LIMIT = math.nan  # nothing is within it: a residual whose limit nobody declared counts as broken
+ROUND_STEPS = (5.0, 2.0, 1.0)
+UNKNOWN = Invariant("", "")
 
 
 class Residual(NamedTuple):
@@ -101,6 +103,34 @@ def by_plain_name(found: Iterable[tuple[str, str, Residual]]) -> dict[str, Resid
     return {name if names.count(name) == 1 else f"{role}.{name}": residual for role, name, residual in told}
 
 
-def broken_lines(residuals: Mapping[str, Residual]) -> list[str]:
-    """Return one line per residual that exceeds its limit."""
-    return [f"{name} {r.worst:.3g} exceeds {r.limit:.3g}" for name, r in residuals.items() if r.broken]
+def broken_lines(residuals: Mapping[str, Residual], step_s: float | None = None) -> list[str]:
+    """Return one line per residual that exceeds its limit.
+
+    Where a shorter coupling step lowers the residual the line names the key and a step to try; ``step_s`` is the
+    present one (s).
+    """
+    return [
+        f"{name} {r.worst:.3g} exceeds {r.limit:.3g}{_remedy(name, r, step_s)}"
+        for name, r in residuals.items()
+        if r.broken
+    ]
+
+
+def shorter_step_s(residual: Residual, step_s: float) -> float | None:
+    """Return a coupling step (s) with which a residual of the second order is within its limit, rounded down.
+
+    None where the residual is no number.
+    """
+    over = residual.worst / residual.limit if residual.limit > 0.0 else math.inf
+    if not over < math.inf:
+        return None
+    wanted = step_s / math.sqrt(max(over, 1.0))
+    decade = 10.0 ** math.floor(math.log10(wanted))
+    fitting = (digit * decade for digit in ROUND_STEPS if digit * decade < min(wanted * (1.0 + 1e-9), step_s))
+    return float(f"{next(fitting, 0.5 * decade):.1g}")
+
+
+def _remedy(name: str, residual: Residual, step_s: float | None) -> str:
+    invariant = RESIDUALS.get(name.rpartition(".")[2], UNKNOWN)
+    shorter = None if step_s is None or not invariant.of_the_step else shorter_step_s(residual, step_s)
+    return "" if shorter is None else f": coupling.step_s {step_s:g} is too long for this machine, try {shorter:g}"

@@ -25,12 +25,14 @@ class NodeDiagnostics:
         self._name = name
         self._statistics = statistics
         self._window = ResidualWindow({})
+        self._step_s: float | None = None
         self._errors: list[str] = []
         self._warnings: list[str] = []
 
-    def limits(self, limits: Mapping[str, float]) -> None:
-        """Judge residuals by these limits from now on; one that has none counts as broken."""
+    def limits(self, limits: Mapping[str, float], step_s: float) -> None:
+        """Judge residuals by these limits, of a coupling step (s), from now on; one that has none counts as broken."""
         self._window.limits = dict(limits)
+        self._step_s = step_s
 
     def observe(self, residuals: Named) -> None:
         """Take the residuals of one sample into account."""
@@ -49,7 +51,7 @@ class NodeDiagnostics:
         reports = [report for report in self._statistics.close_window() if set(report.counts) - HARMLESS]
         residuals = self._window.close()
         lines = [_line(report) for report in reports]
-        broken = broken_lines(residuals)
+        broken = broken_lines(residuals, self._step_s)
         self.breaches += len(broken)
         waiting = self.state.startswith("waiting")
         level = ERROR if broken or self._errors else WARN if reports or waiting or self._warnings else OK

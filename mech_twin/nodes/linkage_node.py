@@ -217,7 +217,7 @@ class LinkageNode(RoleNode):
 
     def _adopt(self, parameters: Parameters, step: int) -> None:
         self.machine = catalogue_entry(self.machine.name).build(parameters)
-        self.diagnostics.limits(self.residual_limits())
+        self.diagnostics.limits(self.residual_limits(), self.machine.coupling_step_s)
         self.revision += 1
         self._describe(step)
 

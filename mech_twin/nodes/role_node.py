@@ -37,7 +37,7 @@ class RoleNode(TwinNode):
         super().__init__(role, machine_name, parameters, options)
         self.machine: Machine = catalogue_entry(machine_name).build(self.initial_parameters)
         warm_up(self.machine)
-        self.diagnostics.limits(self.residual_limits())
+        self.diagnostics.limits(self.residual_limits(), self.machine.coupling_step_s)
         self.source = new_source()
         self.signature = Row(SOURCE, self.source)
         self.stream_window = steps_per_window(self.options.stream_rate_hz, self.machine.coupling_step_s)
@@ -68,7 +68,7 @@ class RoleNode(TwinNode):
             return
         before = {key.name: key.value for key in keys(self.machine.parameters)}
         self.machine = catalogue_entry(self.machine.name).build(parameters)
-        self.diagnostics.limits(self.residual_limits())
+        self.diagnostics.limits(self.residual_limits(), self.machine.coupling_step_s)
         changed = [
             Parameter(key.name, value=key.value)
             for key in keys(parameters)

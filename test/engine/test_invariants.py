@@ -125,3 +125,21 @@ def test_names_and_values_of_unequal_number_are_refused() -> None:
 def test_a_run_that_keeps_its_limits_has_no_line() -> None:
     assert broken_lines({"closure_m": Residual(1.0, 1.0), "drift": Residual(0.0, 1.0)}) == []
     assert broken_lines({"closure_m": Residual(2.0, 1.0), "drift": Residual(0.0, 1.0)}) == ["closure_m 2 exceeds 1"]
+
+
+@pytest.mark.parametrize(
+    ("over", "step_s", "shorter"),
+    [(3.19, 1e-3, 5e-4), (1.008, 1e-3, 5e-4), (1.02, 2.3e-3, 2e-3), (100.0, 1e-3, 1e-4), (1e6, 1e-3, 1e-6)],
+)
+def test_a_residual_of_the_step_names_the_key_and_a_shorter_step(over: float, step_s: float, shorter: float) -> None:
+    told = f"{over:.3g} exceeds 1: coupling.step_s {step_s:g} is too long for this machine, try {shorter:g}"
+    for name in ("coupling_defect", "body.rate_difference_rad_per_s"):
+        assert broken_lines({name: Residual(over, 1.0)}, step_s) == [f"{name} {told}"]
+
+
+@pytest.mark.parametrize(
+    ("name", "worst", "step_s"),
+    [("energy_balance", 2.0, 1e-3), ("coupling_defect", NAN, 1e-3), ("coupling_defect", 2.0, None), ("own", 2.0, 1e-3)],
+)
+def test_where_no_step_is_known_to_help_none_is_told(name: str, worst: float, step_s: float | None) -> None:
+    assert broken_lines({name: Residual(worst, 1.0)}, step_s) == [f"{name} {worst:.3g} exceeds 1"]

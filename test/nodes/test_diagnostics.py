@@ -26,7 +26,7 @@ def test_what_is_counted_is_a_warning_but_for_the_runs_own_repeats(kind: str) ->
 @pytest.mark.parametrize("value", [1.1, -1.1, float("nan"), float("inf")])
 def test_a_broken_residual_is_an_error_of_its_window_alone(value: float) -> None:
     diagnostics = NodeDiagnostics("/drum/linkage", TopicStatistics())
-    diagnostics.limits({"closure_m": 1.0})
+    diagnostics.limits({"closure_m": 1.0}, 1e-3)
     diagnostics.observe(Named(("closure_m",), (value,)))
     assert diagnostics.close_window({})[0].level == DiagnosticStatus.ERROR
     assert diagnostics.breaches == 1
@@ -40,7 +40,7 @@ def test_each_residual_of_each_machine_just_over_its_limit_is_an_error_that_name
     roles = [role for role in (machine.linkage, machine.forces, machine.body) if role is not None]
     for limits in (role.residual_limits for role in roles):
         diagnostics = NodeDiagnostics(f"/{name}/node", TopicStatistics())
-        diagnostics.limits(limits)
+        diagnostics.limits(limits, 1e-3)
         for residual in limits:
             for over, level in ((1.0, DiagnosticStatus.OK), (1.001, DiagnosticStatus.ERROR)):
                 values = tuple(over * limits[other] if other == residual else 0.0 for other in limits)

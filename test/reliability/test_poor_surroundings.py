@@ -251,15 +251,18 @@ def test_a_newer_verb_with_a_full_temporary_directory_and_kernels_that_cannot_be
 
 
 @pytest.mark.skipif(not MAY_BE_SOMEBODY, reason="needs an interpreter that another user may run (root)")
-@pytest.mark.parametrize("verb", ["map", "monitor", "shadow"])  # the kernels of identify take minutes to compile anew
+@pytest.mark.parametrize("verb", NEWER)
 def test_a_newer_verb_of_another_user_with_no_home_of_its_own(verb: str) -> None:
-    """Kernels are read from a directory that it may not write in, or compiled anew where it may not read them."""
+    """Kernels are read from a directory that it may not write in, and it may not log where it would."""
     with tempfile.TemporaryDirectory() as name:  # that of pytest is its user's alone
-        Path(name).chmod(0o777)
-        home = Path(name) / "home"
-        (home / ".ros" / "log").mkdir(parents=True)  # where it may not log either
-        changed = {"HOME": str(home), "MECH_TWIN_CACHE_DIR": str(directories()[0])}
-        assert_answers(verb, called(newer_verbs(Path(name))[verb], changed, wrapped=SOMEBODY))
+        folder = Path(name)
+        folder.chmod(0o777)
+        assert_answers(verb, called(newer_verbs(folder / "first")[verb]))  # what is compiled is in the directory then
+        kernels, home = folder / "kernels", folder / "home"
+        shutil.copytree(directories()[0], kernels)
+        (home / ".ros" / "log").mkdir(parents=True)
+        changed = {"HOME": str(home), "MECH_TWIN_CACHE_DIR": str(kernels)}
+        assert_answers(verb, called(newer_verbs(folder)[verb], changed, wrapped=SOMEBODY))
 
 
 def test_an_error_of_the_programs_own_is_not_taken_for_a_lack() -> None:

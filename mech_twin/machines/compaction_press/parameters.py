@@ -3,10 +3,11 @@
 
 from __future__ import annotations
 
-from math import degrees, pi
+from math import ceil, degrees, floor, pi
 from typing import Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import model_validator
 from scipy.optimize import brentq
 
@@ -17,12 +18,15 @@ from mech_twin.parts.four_bar import CROSSED, OPEN, FourBar, Link, failing_inequ
 from mech_twin.quantity import Parameters, choice, quantity
 
 GRAVITY = 9.80665
+SAMPLES = 720  # of a turn
 TURN = 2.0 * pi
 LEAST_TRANSMISSION_DEG = 1.0
 MOST_REACH = 10.0  # of centroids and of the loaded point, in lengths of the longest link
 LEAST_STROKE_M = 1e-5
 LEAST_INERTIA = 1e-9  # kg m2
 LEAST_DEPTH = 9e-4  # of the stroke
+SMOOTH = 1.0  # exponent from which on a force sets in without a jump or a vertical tangent
+Array = NDArray[np.float64]
 
 
 class PressLinkage(Parameters):
@@ -158,7 +162,10 @@ class CompactionPress(DrivenCrank):
 
 
 class Stroke(NamedTuple):
-    """Crank angles (rad, 0 to 2 pi) of top, bottom, first contact turning forward and backward; heights (m)."""
+    """Crank angles (rad, 0 to 2 pi) of top, bottom, first contact turning forward and backward; heights (m).
+
+    ``risen_m`` is by how much the loaded point rises above its first contact again on its way to the bottom.
+    """
 
     top: float
     bottom: float
@@ -167,6 +174,7 @@ class Stroke(NamedTuple):
     top_y_m: float
     bottom_y_m: float
     contact_y_m: float
+    risen_m: float = 0.0
 
 
 def _dead_centre(press: Press, guess: float, step: float) -> float:
@@ -182,9 +190,8 @@ def press_stroke(press: Press, contact_fraction: float | None) -> Stroke:
 
     Without a ``contact_fraction`` it is met at the height of the loaded point at 180 degrees of the crank.
     """
-    count = 720
-    step = TURN / count
-    heights = np.array([loaded_height(press, i * step)[0] for i in range(count)])
+    step = TURN / SAMPLES
+    heights = np.array([loaded_height(press, i * step)[0] for i in range(SAMPLES)])
     top = _dead_centre(press, int(np.argmax(heights)) * step, step) % TURN
     bottom = _dead_centre(press, int(np.argmin(heights)) * step, step) % TURN
     y_t, y_b = loaded_height(press, top)[0], loaded_height(press, bottom)[0]
@@ -196,18 +203,37 @@ def press_stroke(press: Press, contact_fraction: float | None) -> Stroke:
     if contact_fraction is None:
         contact_fraction = (y_t - loaded_height(press, pi)[0]) / (y_t - y_b)
     y_c = y_t - contact_fraction * (y_t - y_b)
+    if contact_fraction <= 0.0:
+        return Stroke(top, bottom, top, top, y_t, y_b, y_c)
+    met, risen = [], 0.0
+    for last in (top + (bottom - top) % TURN, top - (top - bottom) % TURN):
+        about, rise = _first_contact(heights - y_c, top, last)
+        met.append(float(brentq(lambda f: loaded_height(press, f)[0] - y_c, *about, xtol=1e-15)))
+        risen = max(risen, rise)
+    return Stroke(top, bottom, met[0] % TURN, met[1] % TURN, y_t, y_b, y_c, risen)
 
-    def below(f: float) -> float:
-        return loaded_height(press, f)[0] - y_c
 
-    forward, backward = (bottom - top) % TURN, (top - bottom) % TURN
-    met = (top, top)
-    if contact_fraction > 0.0:
-        met = (
-            float(brentq(below, top, top + forward, xtol=1e-15)),
-            float(brentq(below, top - backward, top, xtol=1e-15)),
-        )
-    return Stroke(top, bottom, met[0] % TURN, met[1] % TURN, y_t, y_b, y_c)
+def _first_contact(above: Array, top: float, bottom: float) -> tuple[tuple[float, float], float]:
+    """Return crank angles (rad) about the first contact on the way from the top, and how far the point rises after it.
+
+    Parameters
+    ----------
+    above : ndarray
+        Heights (m) over that of the contact, at even angles of a turn from 0 on.
+    top, bottom : float
+        Crank angles (rad) at either end of the way, in the sense in which the crank turns.
+    """
+    step, sense = TURN / len(above), 1 if bottom > top else -1
+    places = np.arange(ceil(sense * top / step), floor(sense * bottom / step) + 1) * sense
+    way = above[places % len(above)]
+    if not np.any(way <= 0.0):
+        return (min(top, bottom), max(top, bottom)), 0.0
+    first = int(np.argmax(way <= 0.0))
+    rise = max(0.0, float(way[first:].max()))
+    if rise == 0.0:
+        return (min(top, bottom), max(top, bottom)), 0.0
+    before = top if first == 0 else places[first - 1] * step
+    return (float(min(before, places[first] * step)), float(max(before, places[first] * step))), rise
 
 
 def press_constants(parameters: CompactionPress, fitted: bool = True) -> tuple[Press, Stroke]:
@@ -230,4 +256,9 @@ def press_constants(parameters: CompactionPress, fitted: bool = True) -> tuple[P
     depth = stroke.contact_y_m - stroke.bottom_y_m
     if depth < LEAST_DEPTH * (stroke.top_y_m - stroke.bottom_y_m):
         raise ValueError(f"working_force: the layer has no depth: first contact {depth:.3g} m above the bottom")
+    if stroke.risen_m > 0.0 and force.exponent < SMOOTH:
+        raise ValueError(
+            f"working_force.exponent must be at least {SMOOTH:g} where the loaded point rises above its first contact "
+            f"again on its way to the bottom, here by {stroke.risen_m:.3g} m; got {force.exponent:g}"
+        )
     return press._replace(load=StrokeLoad(force.peak_n, stroke.contact_y_m, stroke.bottom_y_m, force.exponent)), stroke

@@ -13,6 +13,7 @@ from mech_twin.engine.compiled_steps import force_step, step_of
 from mech_twin.engine.crank_forces import CrankForces, route_miss
 from mech_twin.engine.crank_state import memory_of
 from mech_twin.engine.sample_vectors import LINKAGE_JOINTS, REGIME, Array
+from mech_twin.machines.planar_linkage.chain import CRANK
 from mech_twin.machines.planar_linkage.dynamics import TurnedLinkage, with_load_share
 from mech_twin.machines.planar_linkage.linkage import PlanarLinkage, is_working, reduced
 from mech_twin.machines.planar_linkage.pins import pin_forces
@@ -29,6 +30,7 @@ QUANTITIES = (
     "shaking_force_y_n",
     "shaking_force_n",
 )
+ROUNDING = 1e-5  # of the moments of the crank's centrifugal force, which cancel: less of a torque is lost in them
 
 
 class LoadedLinkage(NamedTuple):
@@ -68,7 +70,9 @@ def linkage_forces(
     )
     for i in range(len(numbers)):
         out[place + i] = numbers[i]
-    out[place + len(numbers)] = route_miss(at.drive_nm, torque, by.inertia, memory, model.moment_scale_nm)
+    arm = np.hypot(p.masses.along_m[CRANK], p.masses.across_m[CRANK])
+    scale = max(model.moment_scale_nm, ROUNDING * p.masses.mass_kg[CRANK] * (w * arm) ** 2)
+    out[place + len(numbers)] = route_miss(at.drive_nm, torque, by.inertia, memory, scale)
     return loads, 0
 
 

@@ -8,7 +8,7 @@ of the model of that share, so it counts as not seen.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
@@ -138,6 +138,10 @@ class Combination:
     estimate: float
     low_95: float
     high_95: float
+
+    def of(self, values: Mapping[str, float]) -> float:
+        """Return the combination at values of its keys."""
+        return float(np.prod([values[key] ** power for key, power in zip(self.keys, self.exponents, strict=True)]))
 
 
 def combinations(

@@ -119,17 +119,20 @@ def identified(
     fitted_runs, later = (list(runs), []) if held_runs or share <= 0.0 else _split(runs, share)
     everything = problem_of(question, KeyedConfiguration(question.machine, question.base, question.keys), fitted_runs)
     told("which keys the channels see")
-    chosen = _chosen(sight_at(everything, everything.unknowns.start), range(len(question.keys)))
+    places = list(range(len(question.keys)))
+    chosen = _chosen(sight_at(everything, everything.unknowns.start), places)
     fitted = _best_fit(question, [question.keys[i] for i in chosen], fitted_runs, told)
     around = around_fit(question, fitted)
     for _ in range(CHOICES):
-        again = _chosen(around.seen, range(len(question.keys)))
+        again = _chosen(around.seen, places)
         if set(again) != set(chosen):
+            # where a key is held as configured the others may seem to be told: it is not taken up again
+            places = [i for i in places if i in again or i not in chosen]
             chosen = again
             around = around_fit(question, _fit_of_fewer(question, around, chosen, told))
         told("intervals")
         around, known = settled(question, around, chosen, told)
-        if set(_chosen(around.seen, range(len(question.keys)))) == set(chosen):
+        if set(_chosen(around.seen, places)) == set(chosen):
             break
     fitted = around.fitted
     keys, combined = verdicts_of(question, around, chosen, known)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Standard errors of a fit: the widest of least squares, of blocks of the runs (sandwich), and of leaving parts out.
+"""Standard errors of a fit: the widest of least squares, noise with a memory, blocks of the runs, leaving parts out.
 
 Residuals of one stretch of a run are alike: an unmodelled motion, a sensor's own filter.  Blocks of a run, taken as
 independent of each other instead of its samples, give the middle of the sandwich::
@@ -23,6 +23,7 @@ from scipy import stats
 
 from mech_twin.measurements.blocks import Array
 from mech_twin.studies.identification.least_squares_fit import LOSS_SCALE, Fitted
+from mech_twin.studies.identification.noise_memory import remembered_noise
 
 BLOCKS = 30  # of all runs together
 FEWEST_BLOCKS = 8  # of a run
@@ -45,6 +46,8 @@ class Linearised:
         Shape (rows,): block of each row, -1 of a row that is no sample (a prior).
     runs : ndarray
         Shape (rows,): run of each row, -1 likewise.
+    channels : ndarray
+        Shape (rows,): channel of a run of each row, in the order of their times, -1 likewise.
     """
 
     jacobian: Array
@@ -52,6 +55,7 @@ class Linearised:
     residuals: Array
     blocks: npt.NDArray[np.int64]
     runs: npt.NDArray[np.int64]
+    channels: npt.NDArray[np.int64]
 
     def of(self, chosen: npt.NDArray[np.intp]) -> Linearised:
         """Return the same for some of the unknowns, the others held where they are."""
@@ -72,13 +76,14 @@ def linearised(fitted: Fitted) -> Linearised:
     total = sum(last - first for first, last in spans)
     counts = [max(FEWEST_BLOCKS, round(BLOCKS * (last - first) / total)) for first, last in spans]
     before = np.concatenate([[0], np.cumsum(counts)])
-    blocks, runs = [], []
-    for run, place in problem.places():
+    blocks, runs, channels = [], [], []
+    for number, (run, place) in enumerate(problem.places()):
         times = problem.runs[run].channels[place].times_s[comparison.masks[run][place]]
         first, last = spans[run]
         own = np.clip(((times - first) / (last - first) * counts[run]).astype(np.int64), 0, counts[run] - 1)
         blocks.append(own + before[run])
         runs.append(np.full(len(times), run))
+        channels.append(np.full(len(times), number))
     rest = np.full(len(rows) - sum(map(len, blocks)), -1)
     return Linearised(
         jacobian * weights[:, None],
@@ -86,6 +91,7 @@ def linearised(fitted: Fitted) -> Linearised:
         rows * weights,
         np.concatenate([*blocks, rest]).astype(np.int64),
         np.concatenate([*runs, rest]).astype(np.int64),
+        np.concatenate([*channels, rest]).astype(np.int64),
     )
 
 
@@ -115,12 +121,13 @@ class Uncertainty:
 
 
 def uncertainty(found: Linearised) -> Uncertainty:
-    """Return the standard errors of all unknowns: the widest of three, each with Student's t of its own freedom."""
+    """Return the standard errors of all unknowns: the widest of several, each with Student's t of its own freedom."""
     inverse = inverse_information(found.jacobian)
     freedom = max(len(found.residuals) - found.jacobian.shape[1], 1)
     variance = float(found.residuals @ found.residuals) / freedom
     plain = inverse * variance
     candidates = [("least squares", np.sqrt(np.diag(plain)), float(stats.t.ppf(0.975, freedom)))]
+    candidates.append(_with_memory(found, inverse))
     groups = [("blocks", found.blocks)]
     if found.runs.max(initial=0) > 0:
         groups.append(("runs", found.runs))
@@ -140,6 +147,22 @@ def uncertainty(found: Linearised) -> Uncertainty:
     origin = tuple(candidates[w][0] for w in widest)
     widening = float(np.median(grown)) if len(grown) else 1.0
     return Uncertainty(errors, np.array([half_widths, half_widths]), plain * np.outer(grown, grown), origin, widening)
+
+
+def _with_memory(found: Linearised, inverse: Array) -> tuple[str, Array, float]:
+    """Return the standard errors where each channel's residuals have a memory, and Student's t of what is left of them.
+
+    Rows that are no sample of a channel count as independent.
+    """
+    places = [np.flatnonzero(found.channels == channel) for channel in np.unique(found.channels[found.channels >= 0])]
+    told = remembered_noise((found.jacobian[rows], found.residuals[rows]) for rows in places)
+    others = np.flatnonzero(found.channels < 0)
+    scores = found.jacobian[others] * found.residuals[others, None]
+    samples = told.samples + len(others)
+    freedom = max(samples - found.jacobian.shape[1], 1.0)
+    middle = (scores.T @ scores + (told.middle if places else 0.0)) * samples / freedom
+    error = np.sqrt(np.maximum(np.diag(inverse @ middle @ inverse), 0.0))
+    return "noise with a memory", error, float(stats.t.ppf(0.975, freedom))
 
 
 def last_step(found: Linearised) -> Array:

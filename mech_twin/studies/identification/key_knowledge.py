@@ -170,10 +170,12 @@ def verdicts_of(
         errors[i], halves[:, i] = known.errors[place] * scale, known.half_widths[:, place] * scale
     freedom = max(len(line.residuals) - line.jacobian.shape[1], 1)
     spread = float(np.sqrt(line.residuals @ line.residuals / freedom))
-    combined = combinations(seen, question.keys, estimates, LARGEST_LOG_ERROR, NORMAL * spread * known.widening)
+    lacking = model_error(fitted)
+    share = NORMAL * spread * known.widening
+    combined = [] if lacking else combinations(seen, question.keys, estimates, LARGEST_LOG_ERROR, share)
     held = frozenset(set(range(count)) - set(chosen))
     evidence = KeyEvidence(
         *(question.keys, before, estimates, errors, halves, keyed.bounds(question.bounds)),
-        *(scales, seen, held, model_error(fitted)),
+        *(scales, seen, held, lacking),
     )
     return key_verdicts(evidence, combined), combined

@@ -67,7 +67,7 @@ def _verdict(evidence: KeyEvidence, i: int, tied: Mapping[int, list[int]], formu
 def _word(evidence: KeyEvidence, i: int, tied: Mapping[int, list[int]], formulas: Mapping[str, str]) -> tuple[str, str]:
     """Return the verdict on a key and its reason."""
     unseen = _not_seen_alone(evidence, i, tied, formulas)
-    if unseen is not None:
+    if unseen is not None and (unseen[0] != COMBINATION or evidence.model_error is None):
         return unseen
     estimate = float(evidence.estimates[i])
     low, high = evidence.bounds[:, i].tolist()

@@ -133,6 +133,39 @@ def test_run_keeps_its_energy_balance_and_meets_the_layer_once_a_turn(overrides)
     assert len(kinds) >= 4
 
 
+# the loaded point has two lows a turn: on its way to the lower one it rises above the layer again
+TWO_LOWS = {
+    "drive.speed_rpm": -341.0,
+    "linkage.crank_m": 3.58,
+    "linkage.coupler_m": 8.48,
+    "linkage.pendulum_m": 3.62,
+    "linkage.pivot_x_m": 8.37,
+    "linkage.pivot_y_m": 1.52,
+    "links.crank.inertia_kg_m2": 4000.0,
+    "working_force.application_from_a_m": 16.0,
+    "working_force.peak_n": 1e6,
+    "working_force.contact_fraction": 0.12,
+}
+
+
+def test_a_layer_is_met_at_the_first_of_its_heights_and_leaves_nothing_open_where_the_plate_rises_off_it():
+    press = machine("compaction_press", overrides={**TWO_LOWS, "working_force.exponent": 1.0})
+    constants, stroke = press_constants(press.parameters)
+    assert stroke.risen_m > 0.1
+    way = -np.linspace(0.0, (stroke.top - stroke.contact_reversed) % (2.0 * pi), 200)[1:-1]
+    assert all(loaded_height(constants, stroke.top + f)[0] > stroke.contact_y_m for f in way)
+    run = list(frames(press, 0.4))
+    assert max(abs(frame.linkage.residuals["energy_balance"]) for frame in run) < 1e-8
+    kinds = [event.kind for frame in run for event in frame.linkage.events]
+    assert kinds == ["contact", "bottom", "contact", "bottom", "contact"]  # in two turns and a quarter
+
+
+@pytest.mark.parametrize("exponent", [0.0, 0.5])
+def test_a_force_that_sets_in_at_once_is_refused_where_the_plate_rises_off_the_layer(exponent):
+    with pytest.raises(ConfigurationError, match=r"working_force.exponent must be at least 1 where .* got "):
+        machine("compaction_press", overrides={**TWO_LOWS, "working_force.exponent": exponent})
+
+
 def test_events_come_at_their_crank_angle():
     press = machine("compaction_press")
     stroke = press_constants(press.parameters)[1]

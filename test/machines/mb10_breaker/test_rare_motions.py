@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import pytest
-from random_configurations import worst_margin
+from random_configurations import SHORTER_STEP, worst_margin
 
 from mech_twin.configuration_tree import ConfigurationError
 from mech_twin.engine.invariants import broken_lines
@@ -107,6 +107,15 @@ NEAR_CHANGE_POINT = {
     "coupling.step_s": 0.00185,
     "coupling.extrapolation_order": 0,
 }
+# a crank without flywheel under a rocker of 12 kg m^2: what it turns varies so much that the linkage's moment on the
+# body is no line over a step
+HEAVY_ROCKER = {
+    "linkage.crank_inertia_kg_m2": 1e-12,
+    "linkage.rocker_inertia_kg_m2": 12.0,
+    "body.damping_ratio": 0.00616,
+    "gravity_m_per_s2": 0.0,
+    "coupling.step_s": 0.00125660279995,
+}
 STIFF_SPRING = {"body.spring_arm_m": 10.0, "body.spring_rate_n_per_m": 2e6, "body.inertia_kg_m2": 3.9}
 
 
@@ -116,7 +125,20 @@ def residuals_of(overrides, command, duration_s=0.5):
     steps = round(duration_s / built.coupling_step_s)
     run = roll_out(built, duration_s, [], None, lambda step: command[step * len(command) // (steps + 1)])
     assert run.error is None
-    return broken_lines(run.residuals), [event.kind for event in run.events]
+    return broken_lines(run.residuals, built.coupling_step_s), [event.kind for event in run.events]
+
+
+def test_a_step_too_long_for_a_heavy_rocker_is_told_until_it_is_not():
+    """The limit falls with the step as the defect does, down to its least: so a second, shorter one is told."""
+    step_s, tried = HEAVY_ROCKER["coupling.step_s"], 0
+    broken, _ = residuals_of(HEAVY_ROCKER, (1.0, 0.4, 0.0, 1.0))
+    while broken:
+        told = SHORTER_STEP.search(broken[0])
+        assert told is not None, broken
+        assert float(told[1]) < step_s
+        step_s, tried = float(told[1]), tried + 1
+        broken, _ = residuals_of({**HEAVY_ROCKER, "coupling.step_s": step_s}, (1.0, 0.4, 0.0, 1.0))
+    assert tried == 2
 
 
 def test_striker_that_turns_back_leaves_a_body_held_by_friction_at_once():

@@ -47,7 +47,7 @@ class Decay:
         x = optimize.least_squares(self.residuals, self.true, self.jacobian, (low, high), loss="soft_l1", f_scale=3.0).x
         rows, columns = self.residuals(x), self.jacobian(x)
         nothing = np.zeros(len(rows), dtype=np.int64)
-        return Fitted(self, x, None, 0.0), Linearised(columns, columns, rows, nothing, nothing)  # type: ignore[arg-type]
+        return Fitted(self, x, None, 0.0), Linearised(columns, columns, rows, nothing, nothing, nothing)  # type: ignore[arg-type]
 
 
 def profile_by_search(problem: Decay, found: Any, line: Linearised, sign: float) -> float:
@@ -98,6 +98,6 @@ def test_a_fit_that_had_not_ended_is_told_of_a_better_place() -> None:
     rows, columns = problem.residuals(x), problem.jacobian(x)
     nothing = np.zeros(len(rows), dtype=np.int64)
     early = Fitted(problem, x, None, 0.0)  # type: ignore[arg-type]
-    better = profiled(early, Linearised(columns, columns, rows, nothing, nothing)).better
+    better = profiled(early, Linearised(columns, columns, rows, nothing, nothing, nothing)).better
     assert better is not None
     assert np.sum(problem.residuals(better) ** 2) < np.sum(rows**2)

@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Noise with a memory: what an autoregression of each channel's residuals says of the errors of a fit.
+
+A sensor's own filter, or an unmodelled motion, makes neighbouring residuals alike.  Where a run is short, blocks of it
+are too short to show that; an autoregression needs few numbers.  It is Burg's (BurgSpectrum1967), its order
+the one of least Bayesian information criterion (SchwarzDimension1978); one of first order is corrected for what a short
+series hides of its memory, (1 + 3 a)/n (KendallBias1954).  It gives the middle of the sandwich::
+
+    C = H^-1 (sum over channels of s^2 J' R J) H^-1,    H = J' J
+
+with R the correlations of the autoregression at every distance, and s^2 the variance of the channel's residuals.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import matmul_toeplitz
+from scipy.signal import lfilter, lfiltic
+
+from mech_twin.measurements.blocks import Array
+
+MOST_ORDER = 4
+LONGEST = 0.995  # of the correlation of neighbours, corrected
+FEWEST = 20  # residuals of a channel; fewer tell no memory
+
+
+@dataclass(frozen=True)
+class Autoregression:
+    """An autoregression of order p.
+
+    Attributes
+    ----------
+    coefficients : ndarray
+        Shape (p,): x_t = sum_i coefficients[i - 1] x_(t-i) + innovation.
+    first : ndarray
+        Shape (p + 1,): correlations at distances 0 to p.
+    """
+
+    coefficients: Array
+    first: Array
+
+    def correlations(self, count: int) -> Array:
+        """Return the correlations at distances 0 to ``count`` - 1."""
+        order = len(self.coefficients)
+        if order == 0 or count <= order + 1:
+            found = np.zeros(count)
+            found[: order + 1] = self.first[:count]
+            return found
+        poles = np.concatenate([[1.0], -self.coefficients])
+        state = lfiltic([1.0], poles, self.first[:0:-1])
+        rest, _ = lfilter([1.0], poles, np.zeros(count - order - 1), zi=state)
+        return np.concatenate([self.first, rest])
+
+
+def autoregression(residuals: Array) -> Autoregression:
+    """Return the autoregression of residuals in the order of their times, by Burg's recursion; of few, order 0."""
+    best = Autoregression(np.zeros(0), np.ones(1))
+    count, power = len(residuals), float(residuals @ residuals)
+    if count < FEWEST or power == 0.0:
+        return best
+    coefficients, first, share = np.zeros(0), [1.0], 1.0
+    forward, backward, least = residuals[1:], residuals[:-1], 0.0
+    for order in range(1, MOST_ORDER + 1):
+        both = float(forward @ forward + backward @ backward)
+        reflection = 2.0 * float(forward @ backward) / both if both > 0.0 else 0.0
+        first.append(float(coefficients @ first[:0:-1]) + reflection * share)
+        coefficients = np.append(coefficients - reflection * coefficients[::-1], reflection)
+        share *= 1.0 - reflection**2
+        if share <= 0.0:
+            break
+        criterion = count * np.log(share) + order * np.log(count)
+        if criterion < least:
+            best, least = Autoregression(coefficients, np.array(first)), criterion
+        forward, backward = (forward - reflection * backward)[1:], (backward - reflection * forward)[:-1]
+    return _corrected(best, count) if len(best.coefficients) == 1 else best
+
+
+def _corrected(found: Autoregression, count: int) -> Autoregression:
+    """Return one of first order without the part that is lost, in the mean, from this many samples."""
+    near = float(found.coefficients[0])
+    if near <= 0.0:
+        return found
+    near = max(near, min(near + (1.0 + 3.0 * near) / count, LONGEST))
+    return Autoregression(np.array([near]), np.array([1.0, near]))
+
+
+@dataclass(frozen=True)
+class RememberedNoise:
+    """The middle of the sandwich, shape (unknowns, unknowns), and how many independent samples the channels are."""
+
+    middle: Array
+    samples: float
+
+
+def remembered_noise(channels: Iterable[tuple[Array, Array]]) -> RememberedNoise:
+    """Return what channels with a memory say of a fit.
+
+    Parameters
+    ----------
+    channels : iterable of (ndarray, ndarray)
+        Derivatives, shape (samples, unknowns), and residuals, shape (samples,), of each channel in each run.
+    """
+    middle, samples = None, 0.0
+    for jacobian, residuals in channels:
+        count = len(residuals)
+        if count == 0:
+            continue
+        correlations = autoregression(residuals).correlations(count)
+        own = float(residuals @ residuals) / count * (jacobian.T @ matmul_toeplitz(correlations, jacobian))
+        middle = own if middle is None else middle + own
+        alike = 1.0 + 2.0 * float((1.0 - np.arange(1, count) / count) @ correlations[1:])
+        samples += count / max(alike, 1.0)
+    return RememberedNoise(np.zeros((0, 0)) if middle is None else middle, samples)
