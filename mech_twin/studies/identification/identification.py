@@ -125,16 +125,17 @@ def identified(
     fitted = _best_fit(question, [question.keys[i] for i in chosen], fitted_runs, told)
     around = around_fit(question, fitted)
     for _ in range(CHOICES):
-        again = _chosen(around.seen, places)
+        again, wanted = _chosen(around.seen, places), False
         if set(again) != set(chosen):
             fewer = _fit_of_fewer(question, around, again, told)
-            if model_error(fewer) is None or model_error(around.fitted) is not None:  # else it wants the key left out
+            wanted = model_error(fewer) is not None and model_error(around.fitted) is None  # the key that is left out
+            if not wanted:
                 # where a key is held as configured the others may seem to be told: it is not taken up again
                 places = [i for i in places if i in again or i not in chosen]
                 chosen, around = again, around_fit(question, fewer)
         told("intervals")
         around, known = settled(question, around, chosen, told)
-        if set(_chosen(around.seen, places)) == set(chosen):
+        if wanted or set(_chosen(around.seen, places)) == set(chosen):
             break
     fitted = around.fitted
     keys, combined = verdicts_of(question, around, chosen, known)
