@@ -38,6 +38,20 @@ def test_a_legal_configuration_runs_and_what_is_refused_is_refused_in_one_line(n
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "number"),
+    [
+        *(("planar_linkage", number) for number in (40, 897, 1199)),
+        *(("compaction_press", number) for number in (151, 651, 1378)),
+        *(("mb10_breaker", number) for number in (87, 100, 293, 324, 352, 462)),
+    ],
+)
+def test_draws_that_were_broken_once_run_or_are_refused_in_one_line(name: str, number: int) -> None:
+    found = outcome_of(name, 6, number)
+    assert found.end != BROKEN, found.what
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(set(HELD) - {"planar_linkage"}))  # a dyad's kind changes only with its lengths
 def test_the_draws_reach_every_key_and_are_refused_at_times(name: str) -> None:
     """What is optional may stay absent: a printed value has to fit the others closely."""

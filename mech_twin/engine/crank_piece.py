@@ -34,7 +34,7 @@ CRANK_CONTACT, LOAD_CONTACT = 0, 1
 TOO_MANY, WORK_UNKNOWN, UNSTEADY, NO_TORQUE = -1, -2, -3, -4
 FAILURES = (
     f"more than {MOST_PIECES} changes of regime; expected fewer: shorten coupling.step_s, or soften friction and load",
-    "the drive's work has no integral: the mechanism does not turn through",
+    "the work of a prescribed drive (drive.kind) has no integral: the mechanism does not turn through",
     "no integration step of 1e-13 s or more is small enough for the crank; friction, load or speed change too fast",
     "the crank torque is not finite",
 )

@@ -39,6 +39,8 @@ QUANTITIES = (
     "shaking_force_y_n",
 )
 
+LARGEST_GAIN = 1e300  # of the paper's gain, which has no limit where the pendulum's end is at rest
+
 
 class LoadedPress(NamedTuple):
     """Constants of the force analysis: the press, and the largest drive torque of a cycle (N m)."""
@@ -84,7 +86,7 @@ def press_forces(
         now.y1 * w,
         k1,
         k2,
-        k1 * k2,
+        min(k1 * k2, LARGEST_GAIN),
         normal,
         vertical,
         -pins.o_x - pins.c_x,

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from mech_twin.configuration_tree import ConfigurationError
 from mech_twin.kernel import kernel
 from mech_twin.machines.planar_linkage.assembly import least_transmission
 from mech_twin.machines.planar_linkage.chain import CRANK, RPR, TURN, Array, chain_motion
@@ -71,7 +72,14 @@ def cycle(p: PlanarLinkageParameters, chain: PlanarLinkage, count: int = GRID) -
     if centres is not None:
         regimes = regimes_at(chain, angles, sense)
         between = regimes_at(chain, 0.5 * (angles[1:] + angles[:-1]), sense) != IDLE
-    table, held = cycle_table(chain, angles, speed, regimes), held_and_way(chain, angles)
+    try:
+        table, held = cycle_table(chain, angles, speed, regimes), held_and_way(chain, angles)
+    except ZeroDivisionError as error:
+        raise ConfigurationError(
+            f"dyad_1 to dyad_{len(p.dyads)} on a crank of crank.length_m {p.crank.length_m:g}: at one angle of the "
+            "turn the pins of a dyad meet or its links lie in line, where its pin forces have no limit; "
+            "expected other lengths"
+        ) from error
     worked = np.concatenate(([0.0], np.cumsum(np.where(between, chain.stroke.force_n * np.diff(held[:, 1]), 0.0))))
     # d(work)/d(angle) = mean torque + moment of the loads; the loads' work is in closed form
     mean = float(worked[-1]) / TURN

@@ -29,15 +29,23 @@ class ChannelFit:
     lag_s: dict[str, float]
 
 
-def model_error(fitted: Fitted) -> str | None:
-    """Return why the model cannot be that of the runs, None where its residuals are those of the sensors."""
+def model_error(fitted: Fitted, least_misfit: float = MISFIT) -> str | None:
+    """Return why the model cannot be that of the runs, None where its residuals are those of the sensors.
+
+    Parameters
+    ----------
+    fitted : Fitted
+        Where a fit ended.
+    least_misfit : float
+        Share of the size of a channel by which it must be off at least, whatever its noise.
+    """
     problem = fitted.problem
     for found in score(problem, fitted.x).channels:
         channels = [c for run in problem.runs for c in run.channels if c.name == found.channel]
         noise = max(channel.noise for channel in channels)
         limit = KNOWN_NOISE if channels[0].channel.sigma else SEEN_NOISE
         misfit = 1.0 - found.fit_percent / 100.0
-        if not np.isfinite(found.rms) or (misfit > MISFIT and found.rms > limit * noise and found.white_p < 1e-3):
+        if not np.isfinite(found.rms) or (misfit > least_misfit and found.rms > limit * noise and found.white_p < 1e-3):
             return (
                 f"{found.channel} is off by {found.rms:.3g} in the rms ({100.0 * misfit:.1f} % of its size), its "
                 f"sensor by {noise:.3g}: the model lacks something"
