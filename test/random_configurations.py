@@ -31,7 +31,7 @@ from mech_twin.samples import Frame
 RUN_S = 0.5
 ANGLES_RAD = (0.0, 1.0, math.pi, 5.5)
 SHORTER_STEP = re.compile(r"coupling\.step_s \S+ is too long for this machine, try (\S+)$")
-MOST_TRIED = 6  # runs, each at the step that the one before told
+MOST_TOLD = 3  # shorter steps, each told by the run before
 RAN, UNBUILT, REFUSED_IN_RUN, BROKEN = "ran", "refused at configuration", "refused in the run", "broken"
 
 
@@ -138,19 +138,25 @@ def _end_of_run(name: str, draw: Draw) -> tuple[str, str, float]:
         machine = CATALOGUE[name].build(draw.parameters)
     except ConfigurationError as refusal:
         return _judged(name, UNBUILT, refusal)
-    first, margin = "", 0.0
-    for _ in range(MOST_TRIED):
-        try:
-            broken, margin = run(machine, draw.commands)
-        except MotionError as refusal:
-            return _judged(name, REFUSED_IN_RUN, refusal)
-        first, told = first or broken, SHORTER_STEP.search(broken)
-        if told is None:
-            break
-        machine = CATALOGUE[name].build(_with_step(draw.parameters, float(told[1])))
-    if broken or not first:
-        return (BROKEN if broken else RAN), first, margin
-    return REFUSED_IN_RUN, first, margin
+    try:
+        broken, margin = run(machine, draw.commands)
+        if not broken:
+            return RAN, "", margin
+        return (REFUSED_IN_RUN if _holds_as_told(name, draw, broken) else BROKEN), broken, margin
+    except MotionError as refusal:
+        return _judged(name, REFUSED_IN_RUN, refusal)
+
+
+def _holds_as_told(name: str, draw: Draw, told: str) -> bool:
+    """Return whether a run that is broken tells a coupling step with which it is not, or which tells another."""
+    for _ in range(MOST_TOLD):
+        shorter = SHORTER_STEP.search(told)
+        if shorter is None:
+            return False
+        told, _margin = run(CATALOGUE[name].build(_with_step(draw.parameters, float(shorter[1]))), draw.commands)
+        if not told:
+            return True
+    return False
 
 
 def _with_step(parameters: Parameters, step_s: float) -> Parameters:

@@ -150,17 +150,10 @@ def uncertainty(found: Linearised) -> Uncertainty:
 
 
 def _with_memory(found: Linearised, inverse: Array) -> tuple[str, Array, float]:
-    """Return the standard errors where each channel's residuals have a memory, and Student's t of what is left of them.
-
-    Rows that are no sample of a channel count as independent.
-    """
-    places = [np.flatnonzero(found.channels == channel) for channel in np.unique(found.channels[found.channels >= 0])]
-    told = remembered_noise((found.jacobian[rows], found.residuals[rows]) for rows in places)
-    others = np.flatnonzero(found.channels < 0)
-    scores = found.jacobian[others] * found.residuals[others, None]
-    samples = told.samples + len(others)
-    freedom = max(samples - found.jacobian.shape[1], 1.0)
-    middle = (scores.T @ scores + (told.middle if places else 0.0)) * samples / freedom
+    """Return the standard errors where residuals have a memory, with Student's t of the samples that this leaves."""
+    told = remembered_noise(found.jacobian, found.residuals, found.channels)
+    freedom = max(told.samples - found.jacobian.shape[1], 1.0)
+    middle = told.middle * told.samples / freedom
     error = np.sqrt(np.maximum(np.diag(inverse @ middle @ inverse), 0.0))
     return "noise with a memory", error, float(stats.t.ppf(0.975, freedom))
 

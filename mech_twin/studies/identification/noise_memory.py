@@ -13,10 +13,10 @@ with R the correlations of the autoregression at every distance, and s^2 the var
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 from scipy.linalg import matmul_toeplitz
 from scipy.signal import lfilter, lfiltic
 
@@ -89,28 +89,33 @@ def _corrected(found: Autoregression, count: int) -> Autoregression:
 
 @dataclass(frozen=True)
 class RememberedNoise:
-    """The middle of the sandwich, shape (unknowns, unknowns), and how many independent samples the channels are."""
+    """The middle of the sandwich, shape (unknowns, unknowns), and how many independent samples the rows are."""
 
     middle: Array
     samples: float
 
 
-def remembered_noise(channels: Iterable[tuple[Array, Array]]) -> RememberedNoise:
+def remembered_noise(jacobian: Array, residuals: Array, channels: npt.NDArray[np.int64]) -> RememberedNoise:
     """Return what channels with a memory say of a fit.
 
     Parameters
     ----------
-    channels : iterable of (ndarray, ndarray)
-        Derivatives, shape (samples, unknowns), and residuals, shape (samples,), of each channel in each run.
+    jacobian : ndarray
+        Shape (rows, unknowns).
+    residuals : ndarray
+        Shape (rows,): in standard deviations.
+    channels : ndarray
+        Shape (rows,): channel of each row, in the order of their times; -1 of a prior, which has its own standard
+        deviation and no memory.
     """
-    middle, samples = None, 0.0
-    for jacobian, residuals in channels:
-        count = len(residuals)
-        if count == 0:
-            continue
-        correlations = autoregression(residuals).correlations(count)
-        own = float(residuals @ residuals) / count * (jacobian.T @ matmul_toeplitz(correlations, jacobian))
-        middle = own if middle is None else middle + own
+    priors = jacobian[channels < 0]
+    middle, samples = priors.T @ priors, float(len(priors))
+    for channel in np.unique(channels[channels >= 0]):
+        rows = channels == channel
+        own, shown = jacobian[rows], residuals[rows]
+        count = len(shown)
+        correlations = autoregression(shown).correlations(count)
+        middle = middle + float(shown @ shown) / count * (own.T @ matmul_toeplitz(correlations, own))
         alike = 1.0 + 2.0 * float((1.0 - np.arange(1, count) / count) @ correlations[1:])
         samples += count / max(alike, 1.0)
-    return RememberedNoise(np.zeros((0, 0)) if middle is None else middle, samples)
+    return RememberedNoise(middle, samples)

@@ -44,6 +44,7 @@ def test_nineteen_of_twenty_intervals_hold_the_truth(memory: float, every: int) 
     judged = held[SLOW] if memory > 0.0 and every > 1 else held
     assert 0.92 <= judged.mean() / REPEATS <= 0.98
     assert (plainly[SLOW].mean() < 0.7 * REPEATS) == (memory > 0.0)
+    assert every > 1 or (plainly.mean() < 0.7 * REPEATS) == (memory > 0.0)
 
 
 def test_a_fit_that_stopped_early_has_the_rest_of_its_way_as_last_step() -> None:

@@ -71,18 +71,19 @@ def test_what_tells_no_memory_has_none(residuals: np.ndarray) -> None:
     np.testing.assert_array_equal(autoregression(residuals).correlations(3), [1.0, 0.0, 0.0])
 
 
-def test_the_middle_is_that_of_the_whole_matrix_of_correlations() -> None:
-    random = np.random.default_rng(5)
-    channels = [(random.standard_normal((rows, 3)), series((0.7,), rows, rows)) for rows in (80, 130)]
-    expected = np.zeros((3, 3))
-    for jacobian, residuals in channels:
-        matrix = toeplitz(autoregression(residuals).correlations(len(residuals)))
-        expected += np.mean(residuals**2) * jacobian.T @ matrix @ jacobian
-    told = remembered_noise([*channels, (np.zeros((0, 3)), np.zeros(0))])
-    np.testing.assert_allclose(told.middle, expected, rtol=1e-10)
+def test_the_middle_is_that_of_the_whole_matrix_of_correlations_and_a_prior_counts_with_its_own_variance() -> None:
+    random, sizes = np.random.default_rng(5), (80, 130)
+    channels = np.repeat([0, 1, -1], [*sizes, 2])
+    jacobian = random.standard_normal((len(channels), 3))
+    residuals = np.concatenate([*(series((0.7,), rows, rows) for rows in sizes), [5.0, 0.0]])
+    expected = jacobian[-2:].T @ jacobian[-2:]
+    for channel in (0, 1):
+        own, shown = jacobian[channels == channel], residuals[channels == channel]
+        expected += np.mean(shown**2) * own.T @ toeplitz(autoregression(shown).correlations(len(shown))) @ own
+    np.testing.assert_allclose(remembered_noise(jacobian, residuals, channels).middle, expected, rtol=1e-10)
 
 
 def test_a_memory_leaves_as_many_samples_as_a_mean_of_them_is_worth() -> None:
     """The mean of n samples of a memory a has the variance of n (1 - a)/(1 + a) independent ones."""
-    told = remembered_noise([(np.ones((5000, 1)), series((0.8,), 5000, 9))])
+    told = remembered_noise(np.ones((5000, 1)), series((0.8,), 5000, 9), np.zeros(5000, dtype=np.int64))
     assert told.samples == pytest.approx(5000 * 0.2 / 1.8, rel=0.15)
