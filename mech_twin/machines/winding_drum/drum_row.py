@@ -107,9 +107,8 @@ def drive(model: Drum, a: float, h: float, run: float, speed: float, out: Array)
     """
     p, now, past = model.package, motion_of(out), memory_of(out)
     done, good = driven(p, now.radius_m, now.drum_rad, now.yarn_m_per_s, a, h)
-    now.yarn_m = now.yarn_m + run
-    radius = radius_after(p, model.start_radius_m, now.yarn_m)  # of all the yarn: roundings of the steps do not add up
-    now.drum_rad, now.radius_m = done.angle_rad, radius
+    radius = radius_after(p, now.radius_m, run)
+    now.drum_rad, now.yarn_m, now.radius_m = done.angle_rad, now.yarn_m + run, radius
     now.drum_rad_per_s, now.yarn_m_per_s = speed / tangent_arm(p, radius, done.angle_rad), speed
     past.yarn_acceleration_m_per_s2 = a
     past.drive_work_j = past.drive_work_j + done.drive_work_j

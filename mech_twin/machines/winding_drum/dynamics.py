@@ -269,7 +269,7 @@ def coasted(package: Package, radius: float, phi: float, omega: float, h: float)
     swing = sqrt(2.0 * package_mass(package, radius) * package.gravity * package.eccentricity_m / inertia)
     work = _energy_error(inertia, omega)
     fill_state(tolerance, CoastingState(1e-13, RELATIVE * (abs(omega) + swing + 1e-6), work, work))
-    sure = SURE_RAD / (abs(omega) + swing)
+    sure = SURE_RAD / (abs(omega) + swing + 1e-6)
     time, good = coast_drum(Coasting(package, radius, direction), y, h, sure, tolerance)
     now = coasting_state(y)
     ended = time if good else -1.0
