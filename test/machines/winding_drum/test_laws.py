@@ -297,7 +297,7 @@ def test_energy_balances_on_a_drum_that_is_nearly_bare(speed):
     keys |= {"yarn_speed_m_per_s": speed, "direction": "winding", "supply.initial_fraction": 1.0}
     _, _, worst = last_frames({**keys, "gravity_m_per_s2": 0.0, "coupling.step_s": 3.3e-4}, 0.3)
     assert worst["energy_balance"] < 1e-10
-    assert worst["area_balance"] < 1e-12
+    assert worst["area_balance"] < 1e-10  # the radius is rounded in each step
 
 
 def test_a_step_in_which_the_drum_would_spin_away_is_refused():
