@@ -70,16 +70,42 @@ class _Steps:
 
     def over(self, ends: Array) -> list[Array] | None:
         """Return the fits on the way to either end of each range, and in all corners; None where one is missed."""
-        found = []
-        for goal in _goals(self.walk.x[self.held], ends):
-            way = [self.walk.x]
-            for share in SHARES:
-                met = self._fit(way, self.walk.x[self.held] + share * (goal - self.walk.x[self.held]))
-                if met is None:
-                    return None
-                way.append(met)
-            found += way[1:]
+        found: list[Array] = []
+        aside: list[list[Array]] = [[] for _ in self.held]
+        for place, side in product(range(len(self.held)), range(2)):
+            way = self._side(place, ends[side, place])
+            if way is None:
+                return None
+            found += way
+            aside[place] += way[-1:]
+        for corner in product(*aside) if len(aside) > 1 else ():
+            values = np.array([x[i] for x, i in zip(corner, self.held, strict=True)])
+            met = self._fit([self.walk.x, self._together(corner)], values)
+            if met is None:
+                return None
+            found.append(met)
         return found
+
+    def _side(self, place: int, end: float) -> list[Array] | None:
+        """Return the fits on the way of one held key to an end, none if it stands there; None where one is missed."""
+        start = self.walk.x[self.held]
+        way = [self.walk.x]
+        for share in SHARES if end != start[place] else ():
+            values = start.copy()
+            values[place] += share * (end - start[place])
+            met = self._fit(way, values)
+            if met is None:
+                return None
+            way.append(met)
+        return way[1:]
+
+    def _together(self, fits: Sequence[Array]) -> Array:
+        """Return where fits lead together that are each aside in one held key: their powers, or their distances."""
+        here = self.walk.x
+        straight = here + sum(x - here for x in fits)
+        shares = np.array([np.where(here * x > 0.0, x, np.nan) / np.where(here == 0.0, 1.0, here) for x in fits])
+        powers = here * np.prod(shares, axis=0)
+        return np.where(np.isfinite(powers), powers, straight)
 
     def _fit(self, way: Sequence[Array], values: Array) -> Array | None:
         """Return what fits best with the held keys at values, from fits on the way there; None if it does not fit."""
@@ -130,10 +156,3 @@ def _following(jacobian: Array, held: list[int], fitted: Mask) -> Array:
 
 def _near(exponents: Array) -> Array:
     return np.asarray(np.vectorize(near_fraction, otypes=[float])(exponents))
-
-
-def _goals(values: Array, ends: Array) -> Iterator[Array]:
-    """Yield the ends of each range, the other keys where they are, and the corners of all ranges."""
-    alone = [np.where(np.arange(len(values)) == place, end, values) for place in range(len(values)) for end in ends]
-    corners = [np.array(corner) for corner in product(*ends.T)] if len(values) > 1 else []
-    yield from (goal for goal in [*alone, *corners] if np.any(goal != values))  # at a bound there is one end

@@ -113,16 +113,16 @@ class Tied:
         return np.column_stack([(up - down) / (2.0 * step) for up, down in ends])
 
 
-def fit_of(problem: Tied, held: float = 1.0) -> tuple[Walk, np.ndarray]:
-    """Return the walk about the fit with one key held, and the half widths of the others."""
-    x, followed = np.array([1.0, held, 1.0]), np.array([0, 2])
+def fit_of(problem: Tied, followed: Sequence[int] = (0, 2)) -> tuple[Walk, np.ndarray]:
+    """Return the walk about the fit of some keys, and their half widths."""
+    x, fitted = np.ones(3), np.array(followed)
     for _ in range(30):
-        x[followed] -= np.linalg.lstsq(problem.jacobian(x)[:, followed], problem.residuals(x), rcond=None)[0]
+        x[fitted] -= np.linalg.lstsq(problem.jacobian(x)[:, fitted], problem.residuals(x), rcond=None)[0]
     rows, columns = problem.residuals(x), problem.jacobian(x)
     blocks = np.arange(len(rows)) * 30 // len(rows)
     line = Linearised(columns, columns, rows, blocks, np.zeros_like(blocks), np.zeros_like(blocks))
     halves = np.full((2, 3), np.inf)
-    halves[:, followed] = uncertainty(line.of(followed)).half_widths
+    halves[:, fitted] = uncertainty(line.of(fitted)).half_widths
     return Walk(Fitted(problem, x, None, 0.0), line), halves  # type: ignore[arg-type]
 
 
@@ -175,6 +175,21 @@ def test_a_range_ends_where_the_runs_speak_against_the_held_key() -> None:
     assert (cut[:, 1].min(), cut[:, 1].max()) == (0.75, 1.25)
     plain = Tied(LAWS["product"], noise, true=(2.0, 1.0, 0.9), apart=10.0)
     assert family(fit_of(plain)[0], [1], FOLLOWS, BOUNDS) is None
+
+
+def test_two_held_keys_are_moved_to_all_corners_of_their_ranges() -> None:
+    noise = NOISE * np.random.default_rng(6).standard_normal(len(TIMES))
+    problem = Tied(LAWS["product"], noise, true=(2.0, 1.0, 0.9))
+    problem.curve = lambda x: x[0] * x[1] / x[2] ** 2 * np.exp(-TIMES)  # type: ignore[method-assign]
+    points = family(fit_of(problem, [0])[0], [1, 2], np.array([True, False, False]), BOUNDS)
+    assert points is not None
+    assert {tuple(corner) for corner in points[-4:, 1:]} == {(0.5, 0.5), (0.5, 1.5), (1.5, 0.5), (1.5, 1.5)}
+    seen = points[:, 0] * points[:, 1] / points[:, 2] ** 2
+    assert seen == pytest.approx(np.full(13, seen[0]), rel=1e-6)
+    families, names = [HeldFamily((0,), (1, 2), points)], ("lead", "held", "rate")
+    (told,) = combinations(families, names, ("m", "m", "1/s"), np.full((2, 3), 0.01), 0.5)
+    assert told.formula == "lead held rate^-2"
+    assert set(told.within) == {"held", "rate"}
 
 
 def test_a_held_key_goes_no_farther_than_its_bounds() -> None:
