@@ -3,7 +3,8 @@
 
 Derivatives by the logarithm of each key, cleared of what zeros, gains, lags and beginnings explain as well, are split
 by singular values.  A direction whose effect is a small share of what its keys do singly cannot be told from an error
-of the model of that share, so it counts as not seen.
+of the model of that share, so it counts as not seen.  What remains of keys that such directions tie together is told of
+those that were fitted and those held, from fits in which the held ones were moved (`families`).
 """
 
 from __future__ import annotations

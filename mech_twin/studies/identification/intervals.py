@@ -110,7 +110,7 @@ class Uncertainty:
     origin : tuple of str
         Which of the errors was the widest, by unknown.
     given_tied : ndarray
-        Shape (2, unknowns): the half widths where held keys that are tied to some of them are as configured.
+        Shape (2, unknowns): the same of a key whose held keys that it is tied to are as configured.
     """
 
     errors: Array

@@ -126,10 +126,7 @@ def settled(
         told("the fit once more, from where it had not ended")
         x = fitted.x if profile.better is None else profile.better
         around = around_fit(question, refined(fitted.problem, x, told))
-    held = np.setdiff1d(np.arange(len(question.keys)), np.array(chosen, dtype=np.intp))
-    tied = np.isin(held, [i for group in around.seen.groups() for i in group])
-    alone, together = (moved_by_held(own, around.seen.jacobian[:, held[part]]) for part in (~tied, tied))
-    return around, _widened(known, (alone, together), np.abs(left_over), profile)
+    return around, _widened(known, own, around.seen, chosen, np.abs(left_over), profile)
 
 
 def _profile(question: IdentificationQuestion, fitted: Fitted, own: Linearised, told: Told) -> Profile:
@@ -151,13 +148,23 @@ def _left_over(fitted: Fitted, own: Linearised) -> Array:
     return found
 
 
-def _widened(known: Uncertainty, by_held: tuple[Array, Array], left_over: Array, profile: Profile) -> Uncertainty:
-    """Return intervals that hold what keys held, alone and tied to others, steps left over and profiles add to them."""
-    alone, tied = by_held
-    given = np.hypot(known.half_widths, alone) + left_over
-    halves = np.hypot(np.hypot(known.half_widths, alone), tied) + left_over
+def _widened(
+    known: Uncertainty, own: Linearised, seen: Sight, chosen: Sequence[int], left_over: Array, profile: Profile
+) -> Uncertainty:
+    """Return intervals that hold what keys held, steps left over and profiles add to them."""
     ends = np.array([profile.lower, profile.upper])
-    return replace(known, half_widths=np.fmax(halves, ends), given_tied=np.fmax(given, ends))
+
+    def with_held(held: Sequence[int]) -> Array:
+        moved = moved_by_held(own, seen.jacobian[:, list(held)])
+        return np.asarray(np.fmax(np.hypot(known.half_widths, moved) + left_over, ends))
+
+    held = [i for i in range(len(seen.effects)) if i not in chosen]
+    halves = with_held(held)
+    given = halves.copy()
+    for group in seen.groups():
+        places = [place for place, i in enumerate(chosen) if i in group]
+        given[:, places] = with_held([i for i in held if i not in group])[:, places]
+    return replace(known, half_widths=halves, given_tied=given)
 
 
 def held_families(
