@@ -95,7 +95,9 @@ def memory_of(row: Array) -> Any:
 
 
 @kernel
-def fill_row(b: Breaker, y: Array, regime: int, drive: float, command: float, defect_j: float, out: Array) -> None:
+def fill_row(
+    b: Breaker, y: Array, regime: int, drive: float, command: float, defect_j: float, step_s: float, out: Array
+) -> None:
     """Fill a linkage row whose memory is in place: joints, regime, command and residuals.
 
     Parameters
@@ -106,6 +108,9 @@ def fill_row(b: Breaker, y: Array, regime: int, drive: float, command: float, de
         Torque on the crank at the end of the step (N m).
     defect_j : float
         Energy by which the body's own angle changed the step's start.
+    step_s : float
+        Coupling step: the momentum is balanced over at least what the springs' moment gives in it, since spring and
+        collar, which bear it by turns, are summed with its rounding.
     """
     memory, state = memory_of(out), named(y)
     q, u, phi, p = state.crank_rad, state.crank_rad_per_s, state.body_rad, state.body_rad_per_s
@@ -118,7 +123,7 @@ def fill_row(b: Breaker, y: Array, regime: int, drive: float, command: float, de
     out[ROCKER_AT], out[ROCKER_AT + 1], out[ROCKER_AT + 2] = rocker, by.g3 * u, 0.0
     out[BODY_AT], out[BODY_AT + 1], out[BODY_AT + 2] = phi, p, -spring_moment(b, phi)
     kinetic, potential, momentum = energies(b, q, u, phi, p)
-    held, turning = max(kinetic + abs(potential), 1.0), max(abs(momentum), 1.0)
+    held, turning = max(kinetic + abs(potential), 1.0), max(abs(momentum), abs(spring_moment(b, phi)) * step_s, 1.0)
     out[RESIDUALS_AT] = closure_error(b.bar, at)
     out[RESIDUALS_AT + 1] = abs(memory.energy_error_j) / held
     out[RESIDUALS_AT + 2] = 0.0 if b.held else abs(memory.momentum_error_nms) / turning
@@ -135,7 +140,7 @@ def start_row(b: Breaker, crank_rad: float, command: float, out: Array) -> None:
     memory = memory_of(out)
     memory.torque_history = -1.0
     memory.energy_j, memory.begin_crank_rad = kinetic + potential, crank_rad
-    fill_row(b, y, HELD if b.held else REST, 0.0, command, 0.0, out)
+    fill_row(b, y, HELD if b.held else REST, 0.0, command, 0.0, 0.0, out)
 
 
 @kernel
@@ -202,5 +207,5 @@ def breaker_step(
     rows = np.empty(model.log_rows, dtype=EVENT)
     regime, count, drive = advance_step(b, y, record, regime, motor[MOTOR_JOINTS + 2], model.step_s, model.order, rows)
     log = tell_events(b, step * model.step_s, rows, count, log)
-    fill_row(b, y, regime, drive, motor[MOTOR_COMMAND], memory.coupling_defect_j - defect, out)
+    fill_row(b, y, regime, drive, motor[MOTOR_COMMAND], memory.coupling_defect_j - defect, model.step_s, out)
     return log, count

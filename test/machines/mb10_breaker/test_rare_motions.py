@@ -116,6 +116,14 @@ HEAVY_ROCKER = {
     "gravity_m_per_s2": 0.0,
     "coupling.step_s": 0.00125660279995,
 }
+# springs of 10^10 N m press a body of 10^5 kg m^2 on its collar while nothing moves
+PRESSED_HARD = {
+    "body.inertia_kg_m2": 101292.0,
+    "body.spring_arm_m": 1.346,
+    "body.spring_rate_n_per_m": 46559714.8,
+    "body.preload_deflection_m": 329.4,
+    "supply.initial_fraction": 0.0,
+}
 STIFF_SPRING = {"body.spring_arm_m": 10.0, "body.spring_rate_n_per_m": 2e6, "body.inertia_kg_m2": 3.9}
 
 
@@ -168,6 +176,11 @@ def test_linkage_near_its_change_point_keeps_its_balances():
 
 def test_gear_that_turns_back_within_a_step_loses_no_energy_unseen():
     broken, _ = residuals_of(THROWN_BACK, (1.0, 0.9213070926481903, 0.0, 1.0))
+    assert broken == []
+
+
+def test_momentum_of_a_body_pressed_hard_is_balanced_over_the_impulse_of_its_springs():
+    broken, _ = residuals_of(PRESSED_HARD, (1.0,), 0.1)
     assert broken == []
 
 
