@@ -23,6 +23,8 @@ from mech_twin.machines.mb10_breaker.dynamics import (
 )
 from mech_twin.machines.mb10_breaker.state import BreakerState
 
+LOST = 1e-4  # of the determinant left over by cancellation
+
 
 class Accelerations(NamedTuple):
     """u' and p' (rad/s2), what holds the body, the force of the striker on the tool (N), what holds the crank.
@@ -78,6 +80,11 @@ def coupled(
         du = first / m11
         return du, 0.0, m12 * du - second, 0.0
     det = m11 * m22 - m12 * m12
+    if det < LOST * m11 * m22:  # a heavy flywheel: both equations hold mostly its inertia, their sum does not
+        both, whole = m11 + m12, m11 + 2.0 * m12 + m22
+        det = m11 * whole - both * both
+        turn, dp = (first * whole - (first + second) * both) / det, ((first + second) * m11 - first * both) / det
+        return turn + dp, dp, 0.0, 0.0
     return (first * m22 - second * m12) / det, (second * m11 - first * m12) / det, 0.0, 0.0
 
 

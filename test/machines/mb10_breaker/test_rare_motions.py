@@ -124,6 +124,18 @@ PRESSED_HARD = {
     "body.preload_deflection_m": 329.4,
     "supply.initial_fraction": 0.0,
 }
+# a flywheel that outweighs its body 10^7 times
+HEAVY_FLYWHEEL = {
+    "linkage.crank_m": 0.00204,
+    "linkage.rocker_m": 0.368,
+    "linkage.crank_mass_kg": 1e7,
+    "linkage.crank_inertia_kg_m2": 1e8,
+    "linkage.initial_crank_deg": 80.0,
+    "tool.overtravel_m": 1e-6,
+    "body.spring_arm_m": 0.001,
+    "body.preload_deflection_m": 0.0,
+    "coupling.extrapolation_order": 0,
+}
 STIFF_SPRING = {"body.spring_arm_m": 10.0, "body.spring_rate_n_per_m": 2e6, "body.inertia_kg_m2": 3.9}
 
 
@@ -181,6 +193,11 @@ def test_gear_that_turns_back_within_a_step_loses_no_energy_unseen():
 
 def test_momentum_of_a_body_pressed_hard_is_balanced_over_the_impulse_of_its_springs():
     broken, _ = residuals_of(PRESSED_HARD, (1.0,), 0.1)
+    assert broken == []
+
+
+def test_flywheel_that_outweighs_its_body_keeps_the_routes_to_its_torque():
+    broken, _ = residuals_of(HEAVY_FLYWHEEL, (1.0,), 0.02)
     assert broken == []
 
 
