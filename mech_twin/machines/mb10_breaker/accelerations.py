@@ -169,6 +169,29 @@ def blocked(
     return Accelerations(du - x * force, dp - y * force, 0.0, force, 0.0)
 
 
+@kernel
+def standing_gear(
+    b: Breaker, m: Masses, q: float, u: float, phi: float, p: float, tool: int, senses: Senses
+) -> tuple[float, float]:
+    """Return the crank torque (N m) with which the gear's shaft goes on standing, the body flying, and p' (rad/s2).
+
+    f = 1 with the drive on the frame, else 0; the shaft stands while u = f p, so u' = f p', and the sum of both
+    equations, the first f times, is without the torque.
+    """
+    f = b.frame_drive
+    first, second = sliding_forces(b, m, u, phi, p, 0.0, False, senses)
+    m11, m12, m22 = m.m11, m.m12, m.m22
+    if tool == PUSHED:
+        _, slope, bend = striker(b, q)
+        load = b.wall_force_n + b.tool_mass_kg * bend * u * u
+        first, second = first - slope * load, second + b.tool_radius_m * load
+        m11 += b.tool_mass_kg * slope * slope
+        m12 -= b.tool_mass_kg * slope * b.tool_radius_m
+        m22 += b.tool_mass_kg * b.tool_radius_m * b.tool_radius_m
+    dp = 0.0 if senses.body == 0.0 else (f * first + second) / (f * (f * m11 + 2.0 * m12) + m22)
+    return (f * m11 + m12) * dp - first, dp
+
+
 @inline_kernel
 def contact_accelerations(
     b: Breaker,

@@ -34,6 +34,7 @@ from mech_twin.machines.mb10_breaker.state import (
     BODY_STOPPED,
     CRANK_STOPPED,
     EVENT,
+    GEAR_STOPPED,
     LIFT_OFF,
     MEMORY,
     SETTLED,
@@ -49,8 +50,8 @@ from mech_twin.machines.mb10_breaker.step import advance_step, take_body
 from mech_twin.parts.four_bar import closure_error, coefficients, link_angles, position
 
 JOINTS = ("crank", "coupler", "rocker", "body")
-CONTACTS = ("collar", "tool", "crank_bearing", "body_pivot")
-COLLAR_CONTACT, TOOL_CONTACT, BEARING_CONTACT, PIVOT_CONTACT = range(4)
+CONTACTS = ("collar", "tool", "crank_bearing", "body_pivot", "gear")
+COLLAR_CONTACT, TOOL_CONTACT, BEARING_CONTACT, PIVOT_CONTACT, GEAR_CONTACT = range(5)
 # places in a row
 CRANK_AT, COUPLER_AT, ROCKER_AT, BODY_AT = range(LINKAGE_JOINTS, LINKAGE_JOINTS + 12, 3)
 MEMORY_AT = LINKAGE_JOINTS + 12
@@ -146,6 +147,8 @@ def start_row(b: Breaker, crank_rad: float, command: float, out: Array) -> None:
 @kernel
 def contact_of(kind: int) -> int:
     """Return what an event of this kind takes place at."""
+    if kind >= GEAR_STOPPED:
+        return GEAR_CONTACT
     if kind >= CRANK_STOPPED:
         return PIVOT_CONTACT if kind >= BODY_STOPPED else BEARING_CONTACT
     return COLLAR_CONTACT if kind in (TOUCHDOWN, SETTLED, LIFT_OFF) else TOOL_CONTACT
