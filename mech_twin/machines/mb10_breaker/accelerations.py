@@ -122,12 +122,25 @@ def loaded_accelerations(
 
 
 @kernel
+def on_tool(b: Breaker, m: Masses, q: float, u: float, forces: tuple[float, float], lightness: float) -> Accelerations:
+    """Return the accelerations of crank and body, both free, on a tool of 1/m_t (1/kg) under right-hand sides."""
+    _, slope, bend = striker(b, q)
+    du, dp, _, _ = coupled(m.m11, m.m12, m.m22, forces[0], forces[1], False, False)
+    x, y, _, _ = coupled(m.m11, m.m12, m.m22, slope, -b.tool_radius_m, False, False)
+    closing = slope * du - b.tool_radius_m * dp + bend * u * u + lightness * b.wall_force_n
+    force = closing / (lightness + slope * x - b.tool_radius_m * y)
+    return Accelerations(du - x * force, dp - y * force, 0.0, force, 0.0)
+
+
+@kernel
 def pushing(
     b: Breaker, m: Masses, q: float, u: float, phi: float, p: float, drive: float, rests: bool, senses: Senses
 ) -> Accelerations:
     """Return the accelerations with the striker pushing the tool into the wall.
 
-    g = 0 holds: (M + m_t j j')(u', p') = rhs - j (F + m_t j'.(u, p)), N = F + m_t (j.(u', p') + j'.(u, p)).
+    g = 0 holds: (M + m_t j j')(u', p') = rhs - j (F + m_t j'.(u, p)), N = F + m_t (j.(u', p') + j'.(u, p)).  Of a tool
+    that outweighs crank and body both sides hold mostly the tool, and N is found first, as of one that does not move:
+    (1/m_t + j' M^-1 j) N = F/m_t + j.M^-1 rhs + j'.(u, p).
     """
     _, slope, bend = striker(b, q)
     load = b.wall_force_n + b.tool_mass_kg * bend * u * u
@@ -137,6 +150,9 @@ def pushing(
     m12 = m.m12 - b.tool_mass_kg * slope * b.tool_radius_m
     m22 = m.m22 + b.tool_mass_kg * b.tool_radius_m * b.tool_radius_m
     still = rests or senses.body == 0.0
+    free = not still and senses.crank != 0.0
+    if free and m11 * m22 - m12 * m12 > (m.m11 * m.m22 - m.m12 * m.m12) / LOST:
+        return on_tool(b, m, q, u, sliding_forces(b, m, u, phi, p, drive, rests, senses), 1.0 / b.tool_mass_kg)
     du, dp, collar, hold = coupled(m11, m12, m22, first, second, still, senses.crank == 0.0)
     return Accelerations(du, dp, collar, load + b.tool_mass_kg * (slope * du - b.tool_radius_m * dp), hold)
 
