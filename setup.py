@@ -86,7 +86,7 @@ setup(
             "rosbags", "pandas", "ruff", "mypy", "import-linter", "types-PyYAML", "colcon-common-extensions",
             "urdf-parser-py",
         ],
-        "bench": ["pylinkage", "mujoco[sysid]", "ruptures", "lmfit"],
+        "bench": ["pylinkage", "mujoco[sysid]", "exudyn", "ruptures", "lmfit"],
         "docs": ["mkdocs<2", "mkdocs-material", "mkdocstrings", "mkdocstrings-python"],
     },
     entry_points={

@@ -21,7 +21,7 @@ HERE = Path(__file__).resolve().parent
 GROUPS = MappingProxyType(
     {
         "rollout": "roll-out of every machine beside its roles called one by one",
-        "breaker_chain": "the whole breaker beside MuJoCo",
+        "breaker_chain": "the whole breaker beside MuJoCo and Exudyn",
         "four_bar": "four-bar kernels beside pylinkage, numpy and MuJoCo",
         "impact_mass": "impacts beside scipy's solve_ivp with events",
         "roller_former": "roller former beside scipy's DOP853 and MuJoCo",

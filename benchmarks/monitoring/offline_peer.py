@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 import ruptures
-from plants import faulty_run, healthy_cycles, monitored_machine, three_sizes
+from plants import SENSORS, faulty_run, healthy_cycles, monitored_machine, three_sizes
 from tables import PAGE
 
 from mech_twin.capabilities.faults import MachineFault
@@ -93,8 +93,8 @@ def machine_rows(name: str, runs: int, baseline_cycles: int) -> list[str]:
 def main() -> None:
     """Print the table, or write it into the page."""
     asked = argparse.ArgumentParser(description="onset of a change, beside an offline library")
-    asked.add_argument("machines", nargs="*", default=["impact_mass", "vibration_crank"])
-    asked.add_argument("--repeats", type=int, default=30)
+    asked.add_argument("machines", nargs="*", default=sorted(path.stem for path in SENSORS.glob("*.yaml")))
+    asked.add_argument("--repeats", type=int, default=20)
     asked.add_argument("--baseline", type=int, default=2000)
     asked.add_argument("--write", action="store_true", help="into docs/monitoring.md")
     given = asked.parse_args()
