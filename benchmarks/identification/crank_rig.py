@@ -10,6 +10,7 @@ ms.  Ends with exit code 1 where the run held out fits to less than 98.5 %.
 
 from __future__ import annotations
 
+import argparse
 import sys
 import tempfile
 from pathlib import Path
@@ -65,7 +66,12 @@ def _timed(path: Path, scratch: Path) -> Path:
 
 
 def main() -> None:
-    folder = Path(sys.argv[1])
+    """Print what each choice of a run held out finds."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("directory", type=Path)
+    folder = parser.parse_args().directory
+    if missing := [name for name in RUNS if not (folder / name).is_file()]:
+        parser.error(f"{folder}: expected {', '.join(RUNS)}, found no {', '.join(missing)}")
     with tempfile.TemporaryDirectory() as scratch:
         file = Path(scratch) / "map.yaml"
         file.write_text(yaml.safe_dump(MAP), encoding="utf-8")

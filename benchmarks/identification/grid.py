@@ -4,7 +4,8 @@
     python benchmarks/identification/grid.py [MACHINE]... [--seed N] [--write]
 
 Ends with exit code 1 where a key that cannot be told is called identified, or where the interval of a combination, or
-of a key that is called identified, misses the truth by more than its own half width.
+of a key that is called identified, misses the truth by more than its own half width.  A combination is asked where the
+held keys truly are within the ranges that stand beside it.
 """
 
 from __future__ import annotations
@@ -45,8 +46,9 @@ def rows_of(stand: Stand, found: Identification) -> Iterator[tuple[object, ...]]
         )
     for each in found.combinations:
         true_one, *rest = (f"{n:.6g}" for n in (each.of(true), each.estimate, each.low_95, each.high_95))
-        kept = "yes" if holds(each, each.of(true)) else "no"
-        yield (f"{stand.name}, {stand.duration_s:g} s", each.formula, true_one, "", *rest, "combination", kept)
+        kept = ("yes" if holds(each, each.of(true)) else "no") if each.applies(true) else "not asked"
+        words = f"{each.formula}, for {each.condition}"
+        yield (f"{stand.name}, {stand.duration_s:g} s", words, true_one, "", *rest, "combination", kept)
 
 
 def wrongly_told(stand: Stand, found: Identification) -> list[str]:
@@ -54,7 +56,8 @@ def wrongly_told(stand: Stand, found: Identification) -> list[str]:
     true = stand.truth()
     told = [key for key in found.keys if key.verdict == "identified"]
     keys = [key.key for key in told if key.key in stand.never or not holds(key, true[key.key], 1.0)]
-    return keys + [each.formula for each in found.combinations if not holds(each, each.of(true), 1.0)]
+    said = [each for each in found.combinations if each.applies(true)]
+    return keys + [each.formula for each in said if not holds(each, each.of(true), 1.0)]
 
 
 def main() -> None:

@@ -48,6 +48,7 @@ class Repeat:
     keys: tuple[KeyVerdict, ...]
     combinations: int
     combinations_held: int
+    combinations_beyond: int  # told of other values of held keys than the true ones alone: they say nothing here
     seconds: float
 
 
@@ -68,8 +69,10 @@ def repeated(name: str, whole: bool, seed: int) -> Repeat:
     with tempfile.TemporaryDirectory() as folder:
         run = stand.run(Path(folder), seed)
     found = identified(question_of(stand), [run])
-    held = sum(each.low_95 <= each.of(true) <= each.high_95 for each in found.combinations)
-    return Repeat(seed, found.keys, len(found.combinations), held, time.process_time() - began)
+    said = [each for each in found.combinations if each.applies(true)]
+    held = sum(each.low_95 <= each.of(true) <= each.high_95 for each in said)
+    beyond = len(found.combinations) - len(said)
+    return Repeat(seed, found.keys, len(said), held, beyond, time.process_time() - began)
 
 
 def repeats_of(asked: argparse.Namespace) -> Iterator[Repeat]:
@@ -122,7 +125,9 @@ def rows_of(stand: Stand, repeats: list[Repeat], plan: dict[str, float]) -> Iter
     yield (f"{name} all", len(repeats), *_share(every_held, every), "")
     told_products = sum(each.combinations for each in repeats)
     held_products = sum(each.combinations_held for each in repeats)
-    yield (f"{name} combinations", len(repeats), *_share(held_products, told_products), "")
+    beyond = sum(each.combinations_beyond for each in repeats)
+    rest = f", and {beyond} of other held values" if beyond else ""
+    yield (f"{name} combinations{rest}", len(repeats), *_share(held_products, told_products), "")
 
 
 def _share(held: int, told: int) -> tuple[object, ...]:
@@ -150,7 +155,8 @@ def main() -> None:
         wrong += [(each.seed, v) for v in each.keys if v.verdict == "identified" and v.key in stand.never]
         told = [v for v in each.keys if v.verdict == "identified"]
         out = [v.key for v in told if not v.low_95 <= stand.truth()[v.key] <= v.high_95]
-        print(f"seed {each.seed}: {each.seconds:.1f} s, {len(told)} identified, outside: {out}", flush=True)
+        products = f"{each.combinations_held} of {each.combinations} combinations hold"
+        print(f"seed {each.seed}: {each.seconds:.1f} s, {len(told)} identified, outside: {out}; {products}", flush=True)
     rows = list(rows_of(stand, repeats, planned(stand)))
     for row in [HEADS, *rows]:
         print(*row, sep="; ")

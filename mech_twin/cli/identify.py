@@ -141,8 +141,9 @@ def _show(found: Identification) -> None:
         if key.verdict != "identified":
             say(f"{key.key}: {key.verdict}, {key.reason}")
     if found.combinations:
-        combined = [(c.formula, c.estimate, c.low_95, c.high_95) for c in found.combinations]
-        print_table("seen in combination", ("combination", "estimate", "95 % from", "to"), combined)
+        from mech_twin.cli.identify_plan import show_combinations
+
+        show_combinations(found.combinations)
     heads = ("channel", "fit, %", "rms", "zero", "gain", "lag, s")
     fits = [(c.channel, c.fit_percent, c.rms, *map(_numbers, (c.zero, c.gain, c.lag_s))) for c in found.channels]
     print_table("channels of the fitted runs", heads, fits)

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
@@ -10,10 +11,18 @@ from mech_twin.cli.console import print_json, print_table, say
 from mech_twin.cli.failure import CommandError
 from mech_twin.nodes.opened_runs import given_map
 from mech_twin.parameters.load import catalogue_entry
+from mech_twin.studies.identification.combinations import Combination
 from mech_twin.studies.identification.question import IdentificationQuestion
 from mech_twin.studies.identification.sensor_plan import sensor_plan
 
 MOST_SHOWN = 12
+
+
+def show_combinations(told: Sequence[Combination]) -> None:
+    """Print what is seen of keys that are not seen alone, and for which values of held keys that is so."""
+    heads = ("combination", "estimate", "95 % from", "to", "holds for")
+    rows = [(each.formula, each.estimate, each.low_95, each.high_95, each.condition) for each in told]
+    print_table("seen in combination", heads, rows)
 
 
 def show_plan(
@@ -42,7 +51,6 @@ def show_plan(
         if key.verdict != "identified":
             say(f"{key.key}: {key.verdict}, {key.reason}")
     if plan.combinations:
-        combinations = [(c.formula, c.estimate, c.low_95, c.high_95) for c in plan.combinations]
-        print_table("seen in combination", ("combination", "estimate", "95 % from", "to"), combinations)
+        show_combinations(plan.combinations)
     helped = [(h.what, ", ".join(h.identified) or "-", h.narrowed) for h in plan.helps[:MOST_SHOWN]]
     print_table("what would help most", ("sensor or manoeuvre", "would also find", "intervals narrower by"), helped)

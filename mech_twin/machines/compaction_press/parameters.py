@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from math import ceil, degrees, floor, pi
+from math import degrees, pi
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -190,10 +190,8 @@ def press_stroke(press: Press, contact_fraction: float | None) -> Stroke:
 
     Without a ``contact_fraction`` it is met at the height of the loaded point at 180 degrees of the crank.
     """
-    step = TURN / SAMPLES
-    heights = np.array([loaded_height(press, i * step)[0] for i in range(SAMPLES)])
-    top = _dead_centre(press, int(np.argmax(heights)) * step, step) % TURN
-    bottom = _dead_centre(press, int(np.argmin(heights)) * step, step) % TURN
+    angles, heights = _path(press)
+    top, bottom = float(angles[np.argmax(heights)]), float(angles[np.argmin(heights)])
     y_t, y_b = loaded_height(press, top)[0], loaded_height(press, bottom)[0]
     if y_t - y_b < LEAST_STROKE_M:
         raise ValueError(
@@ -207,33 +205,47 @@ def press_stroke(press: Press, contact_fraction: float | None) -> Stroke:
         return Stroke(top, bottom, top, top, y_t, y_b, y_c)
     met, risen = [], 0.0
     for last in (top + (bottom - top) % TURN, top - (top - bottom) % TURN):
-        about, rise = _first_contact(heights - y_c, top, last)
+        about, rise = _first_contact(angles, heights - y_c, top, last)
         met.append(float(brentq(lambda f: loaded_height(press, f)[0] - y_c, *about, xtol=1e-15)))
         risen = max(risen, rise)
     return Stroke(top, bottom, met[0] % TURN, met[1] % TURN, y_t, y_b, y_c, risen)
 
 
-def _first_contact(above: Array, top: float, bottom: float) -> tuple[tuple[float, float], float]:
+def _path(press: Press) -> tuple[Array, Array]:
+    """Return crank angles (rad) of a turn, rising, and the heights (m) of the loaded point there.
+
+    Where the path has a top or a low between two even angles, that is one of the angles too.
+    """
+    step = TURN / SAMPLES
+    heights = np.array([loaded_height(press, i * step)[0] for i in range(SAMPLES)])
+    before, after = heights - np.roll(heights, 1), heights - np.roll(heights, -1)
+    extremes = [_dead_centre(press, i * step, step) % TURN for i in np.flatnonzero(before * after >= 0.0).tolist()]
+    angles, order = np.unique(np.append(step * np.arange(SAMPLES), extremes), return_index=True)
+    return angles, np.append(heights, [loaded_height(press, f)[0] for f in extremes])[order]
+
+
+def _first_contact(angles: Array, above: Array, top: float, bottom: float) -> tuple[tuple[float, float], float]:
     """Return crank angles (rad) about the first contact on the way from the top, and how far the point rises after it.
 
     Parameters
     ----------
-    above : ndarray
-        Heights (m) over that of the contact, at even angles of a turn from 0 on.
+    angles, above : ndarray
+        Angles of a turn (rad), rising, and heights (m) over that of the contact there.
     top, bottom : float
         Crank angles (rad) at either end of the way, in the sense in which the crank turns.
     """
-    step, sense = TURN / len(above), 1 if bottom > top else -1
-    places = np.arange(ceil(sense * top / step), floor(sense * bottom / step) + 1) * sense
-    way = above[places % len(above)]
+    every, over = np.concatenate([angles - TURN, angles, angles + TURN]), np.tile(above, 3)
+    on = (every >= min(top, bottom)) & (every <= max(top, bottom))
+    sense = 1 if bottom > top else -1
+    places, way = every[on][::sense], over[on][::sense]
     if not np.any(way <= 0.0):
         return (min(top, bottom), max(top, bottom)), 0.0
     first = int(np.argmax(way <= 0.0))
     rise = max(0.0, float(way[first:].max()))
     if rise == 0.0:
         return (min(top, bottom), max(top, bottom)), 0.0
-    before = top if first == 0 else places[first - 1] * step
-    return (float(min(before, places[first] * step)), float(max(before, places[first] * step))), rise
+    before = top if first == 0 else float(places[first - 1])
+    return (min(before, float(places[first])), max(before, float(places[first]))), rise
 
 
 def press_constants(parameters: CompactionPress, fitted: bool = True) -> tuple[Press, Stroke]:

@@ -88,7 +88,7 @@ def locate_event(
 ) -> tuple[int, float]:
     """Return the event that ends a step of ``h``, or `NONE`, and the step up to it; ``end`` becomes the state there."""
     end[:] = work.end
-    if not something_happened(motion, modes, y, t + h, end, work.rates):
+    if not something_happened(motion, modes, y, t + h, end, h, work.rates):
         return NONE, h
     count = fill_watches(motion, modes, y, watches)
     which, span = first_event(Step(motion, t, y, h, work), watches, count, end)

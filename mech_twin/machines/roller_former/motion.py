@@ -49,6 +49,7 @@ from mech_twin.parts.friction import sliding_torque
 ) = range(12)
 MOST_WATCHES = 12
 RELEASE_MARGIN = 1e-9  # of what holds: a mass let go must not be held again by rounding
+FAR = 4.0  # times what the larger rate at either end of a step would change a signal by: it is not zero in between
 
 
 class FormerMotion(NamedTuple):
@@ -214,41 +215,113 @@ def fill_watches(motion: FormerMotion, modes: Modes, y: Array, watches: NDArray[
 
 
 @borrowing_kernel
-def returned(sense: float, before: float, after: float, rate_before: float, rate_after: float) -> bool:
-    """Return whether a speed may have gone through zero and back between two instants."""
-    return sense * rate_before < 0.0 < sense * rate_after and sense * before >= 0.0 and sense * after >= 0.0
+def may_dip(before: float, after: float, rate_before: float, rate_after: float, span: float) -> bool:
+    """Return whether a number that is positive at both ends of a step of ``span`` (s) may reach zero within it.
+
+    It may not where it is far from zero at both ends, in what its rates there would change it by over the step.
+    """
+    return min(before, after) <= FAR * span * max(abs(rate_before), abs(rate_after))
 
 
 @borrowing_kernel
-def something_happened(motion: FormerMotion, modes: Modes, y: Array, end_s: float, end: Array, rates: Array) -> bool:
+def returned(sense: float, before: float, after: float, rate_before: float, rate_after: float, span: float) -> bool:
+    """Return whether a speed may have gone through zero and back between two instants, ``span`` (s) apart."""
+    return (
+        sense * rate_before < 0.0 < sense * rate_after
+        and sense * before >= 0.0
+        and sense * after >= 0.0
+        and may_dip(sense * before, sense * after, rate_before, rate_after, span)
+    )
+
+
+@borrowing_kernel
+def may_release(motion: FormerMotion, y: Array, end_s: float, end: Array, span: float, rates: Array) -> bool:
+    """Return whether what holds a stuck crank or drive may let go in a step."""
+    former, torque, stretch = motion.former, motion.torque, motion.stretch
+    start_s, begin, late = end_s - span, state_of(rates[0]), state_of(rates[12])
+    rate_before, rate_after = coupling_moment(former, begin), coupling_moment(former, late)
+    if stretch.direction == 0.0:
+        load_rate = stretch.share_rate * max(abs(stretch.forward_nm), abs(stretch.backward_nm))
+        before, after = abs(rate_before) + load_rate, abs(rate_after) + load_rate
+        for index in (CRANK_AHEAD, CRANK_BACK):
+            held, left = release_signal(motion, index, start_s, y), release_signal(motion, index, end_s, end)
+            if may_dip(-held, -left, before, after, span):
+                return True
+    if stretch.drive_direction == 0.0:
+        line_rate = 0.0 if torque.coupled else abs(torque.slope_nm_per_s) * former.ratio / former.efficiency
+        before, after = abs(rate_before) + line_rate, abs(rate_after) + line_rate
+        for index in (DRIVE_AHEAD, DRIVE_BACK):
+            held = drive_release_signal(motion, index, start_s, y)
+            left = drive_release_signal(motion, index, end_s, end)
+            if may_dip(-held, -left, before, after, span):
+                return True
+    return False
+
+
+@borrowing_kernel
+def may_pass(motion: FormerMotion, modes: Modes, y: Array, end: Array, span: float, rates: Array) -> bool:
+    """Return whether a speed may have passed a threshold within a step, or the crank a dead centre, and gone back."""
+    former, stretch = motion.former, motion.stretch
+    past, now, begin, late = state_of(y), state_of(end), state_of(rates[0]), state_of(rates[12])
+    speed_before, speed_after = past.crank_speed_rad_per_s, now.crank_speed_rad_per_s
+    if stretch.direction != 0.0 and speed_before * speed_after <= 0.0:
+        return True
+    rate_before, rate_after = begin.crank_speed_rad_per_s, late.crank_speed_rad_per_s
+    engage = former.engage_speed_rad_per_s
+    if not modes.load_on and may_dip(engage - speed_before, engage - speed_after, rate_before, rate_after, span):
+        return True
+    before, after = speed_before + past.twist_rate_rad_per_s, speed_after + now.twist_rate_rad_per_s
+    rate_before, rate_after = rate_before + begin.twist_rate_rad_per_s, rate_after + late.twist_rate_rad_per_s
+    slow, sense = former.slow_speed_rad_per_s * motion.torque.command, 1.0 if modes.slow_s < 0.0 else -1.0
+    if motion.torque.command > 0.0 and may_dip(
+        sense * (before - slow), sense * (after - slow), rate_before, rate_after, span
+    ):
+        return True
+    if stretch.drive_direction == 0.0 or not (gear_may_stick(former) and motion.torque.coupled):
+        return False
+    reach = FAR * span * max(abs(rate_before), abs(rate_after))
+    lowest = shaft_torque(former, motion.torque, 0.0, max(before, after) + reach)
+    highest = shaft_torque(former, motion.torque, 0.0, min(before, after) - reach)
+    return min(stretch.shaft_sense * lowest, stretch.shaft_sense * highest) <= 0.0
+
+
+@borrowing_kernel
+def something_happened(
+    motion: FormerMotion, modes: Modes, y: Array, end_s: float, end: Array, span: float, rates: Array
+) -> bool:
     """Return whether anything watched may have happened in a step from ``y`` to ``end``; most steps end here.
 
-    ``end_s`` is the time at the end, ``rates`` holds the rates of the stages, after the last of them those at the end.
+    ``end_s`` is the time at the end, ``span`` the step (s); ``rates`` holds the rates of the stages, after the last of
+    them those at the end.
     """
     former, stretch, now = motion.former, motion.stretch, state_of(end)
     first = now.crank_speed_rad_per_s + now.twist_rate_rad_per_s
     fast = first >= former.slow_speed_rad_per_s * motion.torque.command
+    turns, driven = stretch.direction != 0.0, stretch.drive_direction != 0.0
+    crank, gear = turns and may_stick(former, modes), driven and gear_may_stick(former)
+    ahead = stretch.direction * now.crank_speed_rad_per_s > 0.0 and stretch.drive_direction * first > 0.0
     if (
-        stretch.direction == 0.0
-        or stretch.drive_direction == 0.0
-        or now.crank_rad >= stretch.high_rad
-        or now.crank_rad <= stretch.low_rad
-        or stretch.direction * now.crank_speed_rad_per_s <= 0.0
-        or stretch.drive_direction * first <= 0.0
-        or not modes.load_on
+        (turns and (now.crank_rad >= stretch.high_rad or now.crank_rad <= stretch.low_rad))
+        or (crank and stretch.direction * now.crank_speed_rad_per_s <= 0.0)
+        or (gear and stretch.drive_direction * first <= 0.0)
+        or (not modes.load_on and now.crank_speed_rad_per_s >= former.engage_speed_rad_per_s)
         or fast == (modes.slow_s >= 0.0)
     ):
         return True
-    gear = gear_may_stick(former)
     if gear and stretch.shaft_sense * shaft_torque(former, motion.torque, end_s, first) < 0.0:
         return True
+    if not (turns and driven) and may_release(motion, y, end_s, end, span, rates):
+        return True
+    if not (ahead and modes.load_on) and may_pass(motion, modes, y, end, span, rates):
+        return True
     past, begin, late = state_of(y), state_of(rates[0]), state_of(rates[12])
-    if may_stick(former, modes) and returned(
+    if crank and returned(
         stretch.direction,
         past.crank_speed_rad_per_s,
         now.crank_speed_rad_per_s,
         begin.crank_speed_rad_per_s,
         late.crank_speed_rad_per_s,
+        span,
     ):
         return True
     return gear and returned(
@@ -257,4 +330,5 @@ def something_happened(motion: FormerMotion, modes: Modes, y: Array, end_s: floa
         first,
         begin.crank_speed_rad_per_s + begin.twist_rate_rad_per_s,
         late.crank_speed_rad_per_s + late.twist_rate_rad_per_s,
+        span,
     )

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from math import cos, sin
+from math import cos, pi, sin
 from typing import NamedTuple
 
 from mech_twin.engine.compiled_steps import force_step, linkage_step, log_event, step_of
@@ -57,9 +57,15 @@ class LoadedDrum(NamedTuple):
 
 
 @kernel
-def turning_energy(p: Package, radius: float, omega: float) -> float:
-    """Return the kinetic energy of the drum (J)."""
-    return 0.5 * package_inertia(p, radius) * (omega * omega)
+def turning_energy(model: Drum, yarn_m: float, omega: float) -> float:
+    """Return the kinetic energy of the drum (J) when this much yarn (m) has run.
+
+    Its inertia from R^2 - c^2 by the area law: on a nearly bare drum R^4 - c^4 has few digits left.
+    """
+    p, first = model.package, model.start_radius_m
+    wound = (first - p.core_m) * (first + p.core_m) - 2.0 * p.layer_m * yarn_m
+    inertia = p.drum_inertia + 0.5 * pi * p.density * p.width_m * wound * (wound + 2.0 * p.core_m * p.core_m)
+    return 0.5 * inertia * (omega * omega)
 
 
 @kernel
@@ -77,7 +83,7 @@ def fill_row(model: Drum, regime: int, command: float, out: Array) -> None:
     residuals.area_balance = (lost - 2.0 * p.layer_m * now.yarn_m) / abs(first * first - last * last)
     work = past.drive_work_j + past.gravity_work_j - past.friction_loss_j
     turned_over = past.initial_energy_j + abs(past.drive_work_j) + past.friction_loss_j
-    held = turning_energy(p, radius, now.drum_rad_per_s)
+    held = turning_energy(model, now.yarn_m, now.drum_rad_per_s)
     past.largest_energy_j = max(past.largest_energy_j, held)
     turned_over = max(turned_over, past.largest_energy_j)  # a stop gives the drive back what it gave
     residuals.energy_balance = (past.initial_energy_j + work - held) / max(1.0, turned_over)
@@ -89,7 +95,7 @@ def start_row(model: Drum, theta: float, command: float, out: Array) -> None:
     out[:] = 0.0
     omega, now, past = theta / tangent_arm(model.package, model.start_radius_m, 0.0), motion_of(out), memory_of(out)
     now.drum_rad_per_s, now.yarn_m_per_s, now.radius_m = omega, theta, model.start_radius_m
-    past.initial_energy_j = turning_energy(model.package, model.start_radius_m, omega)
+    past.initial_energy_j = turning_energy(model, 0.0, omega)
     fill_row(model, RUNNING, command, out)
 
 

@@ -3,7 +3,8 @@
 
 Derivatives by the logarithm of each key, cleared of what zeros, gains, lags and beginnings explain as well, are split
 by singular values.  A direction whose effect is a small share of what its keys do singly cannot be told from an error
-of the model of that share, so it counts as not seen.
+of the model of that share, so it counts as not seen.  What remains of keys that such directions tie together is told of
+those that were fitted and those held, from fits in which the held ones were moved (`families`).
 """
 
 from __future__ import annotations
@@ -24,6 +25,9 @@ LEAST_OF_ZERO = 1e-3
 ALONE = 1e-3  # of the effect of a key that zeros, gains, lags and beginnings leave
 LARGEST_DENOMINATOR = 4
 NEAR_FRACTION = 0.03
+PRODUCT, SUM = "product", "sum"
+PRODUCT_FAVOURED = 1.5  # times as narrow a sum has to be
+WIDER = 1.1  # times: a simple fraction may make an interval that much wider
 UNSURE = (
     0.3  # of the effect of a direction: more difference between two step lengths, and it is of the differences alone
 )
@@ -130,84 +134,162 @@ def base_keys(found: Sight, among: Sequence[int]) -> list[int]:
 
 @dataclass(frozen=True)
 class Combination:
-    """A product of powers of keys that the channels see, though none of its keys alone."""
+    """A product of powers of keys, or a sum of their multiples, that the channels see, though none of them alone.
+
+    Attributes
+    ----------
+    formula : str
+        As it is read.
+    form : str
+        ``product`` or ``sum``.
+    keys : tuple of str
+        A key that was fitted, then those held that it is seen with.
+    weights : tuple of float
+        Exponents of a product, of which keys count by their magnitude but for the first; factors of a sum.
+    within : dict of str to (float, float)
+        Ranges of held keys over which the interval holds.
+    """
 
     formula: str
+    form: str
     keys: tuple[str, ...]
-    exponents: tuple[float, ...]
+    weights: tuple[float, ...]
     estimate: float
     low_95: float
     high_95: float
+    within: dict[str, tuple[float, float]]
 
     def of(self, values: Mapping[str, float]) -> float:
         """Return the combination at values of its keys."""
-        return float(np.prod([values[key] ** power for key, power in zip(self.keys, self.exponents, strict=True)]))
+        return float(_of(self.form, np.array([values[key] for key in self.keys]), np.array(self.weights)))
+
+    def applies(self, values: Mapping[str, float]) -> bool:
+        """Return whether the held keys lie in the ranges over which the interval holds."""
+        return all(low <= values[key] <= high for key, (low, high) in self.within.items())
+
+    @property
+    def condition(self) -> str:
+        """The ranges in words."""
+        return ", ".join(f"{key} from {low:.4g} to {high:.4g}" for key, (low, high) in self.within.items())
+
+
+@dataclass(frozen=True)
+class HeldFamily:
+    """What fits as well where keys that are held are moved.
+
+    Attributes
+    ----------
+    fitted, held : tuple of int
+        Keys of the family: those that follow, and those that were moved.
+    points : ndarray
+        Shape (points, keys): values of all keys; the first is the fit.
+    """
+
+    fitted: tuple[int, ...]
+    held: tuple[int, ...]
+    points: Array
 
 
 def combinations(
-    found: Sight, names: Sequence[str], values: Array, largest_error: float, share: float
+    families: Sequence[HeldFamily], names: Sequence[str], units: Sequence[str], half_widths: Array, largest_error: float
 ) -> list[Combination]:
-    """Return what is seen of each group of keys that are tied together, the surest first.
+    """Return what is seen of each fitted key together with those held, the surest first.
+
+    The exponents are those under which the combination changes least within its family; what it still changes by is
+    added to its interval.
 
     Parameters
     ----------
-    found : Sight
-        How the channels see the keys.
-    names, values
-        Of the keys.
+    families : sequence of HeldFamily
+        Of groups of keys that are tied together.
+    names, units
+        Of all keys.
+    half_widths : ndarray
+        Shape (2, keys): down and up to the ends of the 95 % interval of each fitted key where the held ones stay.
     largest_error : float
-        Standard error of its logarithm above which a combination is not told.
-    share : float
-        Half width of the 95 % interval over the standard error that the derivatives alone give.
+        Half width over the size of the key above which a combination is not told.
     """
-    told = []
-    for group in found.groups():
-        if any(values[i] <= 0.0 for i in group):
-            continue
-        _, singular, directions = np.linalg.svd(_cleared(found, group), full_matrices=False)
-        for size, direction in zip(singular, directions, strict=True):
-            if size * largest_error < 1.0 or _is_unseen(found, group, direction):
-                continue
-            told.append(_combination([names[i] for i in group], values[group], direction, share / size))
-    return told
+    told: list[tuple[float, Combination]] = []
+    for each in families:
+        for lead in each.fitted:
+            places = [lead, *each.held]
+            forms = [PRODUCT, SUM] if len({units[i] for i in places}) == 1 else [PRODUCT]
+            own = (each.points[:, places], [names[i] for i in places], half_widths[:, lead])
+            found = [one for form in forms if (one := _combination(form, *own)) is not None]
+            if found:
+                best = min(found, key=lambda one: one[0] * (1.0 if one[1].form == PRODUCT else PRODUCT_FAVOURED))
+                told += [best] if best[0] <= largest_error and len(best[1].keys) > 1 else []
+    return [one for _, one in sorted(told, key=lambda one: one[0])]
 
 
-def _cleared(found: Sight, group: Sequence[int]) -> Array:
-    """Return the derivatives by the keys of a group, less what other keys that are seen explain as well."""
-    rest = [i for i in range(len(found.effects)) if i not in group and found.effects[i] >= found.least_effects[i]]
-    own, others = found.jacobian[:, group], found.jacobian[:, rest]
-    sizes = np.linalg.norm(others, axis=0)
-    others = others[:, sizes > 0.0] / sizes[sizes > 0.0]
-    if not others.shape[1]:
-        return own
-    basis, singular, _ = np.linalg.svd(others, full_matrices=False)
-    basis = basis[:, singular > UNSEEN]
-    return np.asarray(own - basis @ (basis.T @ own))
+def _combination(
+    form: str, values: Array, names: Sequence[str], half_widths: Array
+) -> tuple[float, Combination] | None:
+    """Return a fitted key with held ones, after half its interval over the size of the key; None of no such form.
+
+    ``values`` are those of the keys over their family, shape (points, keys), the fitted key and the fit first.
+    """
+    here = values[0]
+    size = abs(float(here[0]))
+    down, up = (half_widths if here[0] > 0.0 else half_widths[::-1]) / (size or 1.0)  # of its magnitude
+    if not np.all(values * np.sign(here) > 0.0) or not np.isfinite(down + up) or down >= 1.0:
+        return None
+    if form == PRODUCT:
+        moved, down, up = np.log(values / here), -np.log1p(-down), np.log1p(up)
+    else:
+        moved = (values - here) / size * np.sign(here[0])
+    exact, *_ = np.linalg.lstsq(moved[:, 1:], -moved[:, 0], rcond=None)
+    exact = np.where(np.abs(exact * (here[1:] / size if form == SUM else 1.0)) > PART, exact, 0.0)
+    kept = np.flatnonzero([1.0, *exact])
+    choices = [np.array([1.0, *map(rule, exact)])[kept] for rule in (near_fraction, _three_digits)]
+    changes = [moved[:, kept] @ weights for weights in choices]
+    near = np.ptp(changes[0]) + down + up <= WIDER * (np.ptp(changes[1]) + down + up)
+    weights, change = (choices[0], changes[0]) if near else (choices[1], changes[1])
+    least, most = float(change.min() - down), float(change.max() + up)
+    estimate = _of(form, here[kept], weights)
+    ends = [
+        estimate * np.exp(each) if form == PRODUCT else estimate + size * np.sign(here[0]) * each
+        for each in (least, most)
+    ]
+    chosen = tuple(names[i] for i in kept.tolist())
+    within = {names[i]: (float(values[:, i].min()), float(values[:, i].max())) for i in range(1, len(names))}
+    told = Combination(
+        *(_formula(form, chosen, weights, here[kept]), form, chosen, tuple(map(float, weights)), estimate),
+        *(float(min(ends)), float(max(ends)), within),
+    )
+    return 0.5 * (most - least), told
 
 
-def _is_unseen(found: Sight, group: Sequence[int], direction: Array) -> bool:
-    effect = float(np.linalg.norm(found.jacobian[:, group] @ direction))
-    singly = float(np.linalg.norm(np.linalg.norm(found.jacobian[:, group], axis=0) * direction))
-    return effect < 10.0 * UNSEEN * singly
+def _of(form: str, values: Array, weights: Array) -> float:
+    if form == SUM:
+        return float(values @ weights)
+    return float(values[0] * np.prod(np.abs(values[1:]) ** weights[1:]))
 
 
-def _combination(names: Sequence[str], values: Array, direction: Array, width: float) -> Combination:
-    largest = int(np.argmax(np.abs(direction)))
-    exponents = direction / direction[largest]
-    width = width / abs(float(direction[largest]))
-    kept = [i for i in range(len(names)) if abs(exponents[i]) > PART / 2.0]
-    rounded = [_near_fraction(float(exponents[i])) for i in kept]
-    value = float(np.exp(np.sum(np.array(rounded) * np.log(values[kept]))))
-    formula = " ".join(_power(names[i], e) for i, e in zip(kept, rounded, strict=True))
-    chosen = tuple(names[i] for i in kept)
-    low, high = value * float(np.exp(-width)), value * float(np.exp(width))
-    return Combination(formula, chosen, tuple(rounded), value, low, high)
+def _formula(form: str, names: Sequence[str], weights: Array, values: Array) -> str:
+    if form == SUM:
+        rest = [
+            f"{'-' if w < 0.0 else '+'} {_factor(abs(w))}{name}" for name, w in zip(names[1:], weights[1:], strict=True)
+        ]
+    else:
+        sizes = [name if value > 0.0 else f"|{name}|" for name, value in zip(names[1:], values[1:], strict=True)]
+        rest = [_power(name, w) for name, w in zip(sizes, weights[1:], strict=True)]
+    return " ".join([names[0], *rest])
+
+
+def _factor(weight: float) -> str:
+    return "" if weight == 1.0 else f"{weight:.3g} "
 
 
 def _power(name: str, exponent: float) -> str:
     return name if exponent == 1.0 else f"{name}^{exponent:.3g}"
 
 
-def _near_fraction(exponent: float) -> float:
+def near_fraction(exponent: float) -> float:
+    """Return a simple fraction near an exponent, or the exponent to three digits."""
     simple = float(Fraction(exponent).limit_denominator(LARGEST_DENOMINATOR))
-    return simple if abs(simple - exponent) < NEAR_FRACTION else round(exponent, 3)
+    return simple if abs(simple - exponent) < NEAR_FRACTION else _three_digits(exponent)
+
+
+def _three_digits(exponent: float) -> float:
+    return round(float(exponent), 3)

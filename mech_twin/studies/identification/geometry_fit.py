@@ -36,6 +36,7 @@ COARSE_EVALUATIONS = 40
 REFUSED = 1e3  # residual in standard deviations where the configuration is refused
 LAG_SCALE_S = 1e-3
 UNSEEN = 1e-6  # of the largest singular value: a direction the channels do not see
+LOST = 3e-8  # of the same: beyond it a direction is rounding
 AUTOCORRELATED = 0.999
 
 
@@ -218,8 +219,10 @@ def own_errors(fit: GeometryFit, keys: int, scale: Array) -> Array:
     rho = sum(a for a, _ in following) / max(sum(b for _, b in following), 1e-300)
     rho = min(max(rho, 0.0), AUTOCORRELATED)
     inflation = np.sqrt((1.0 + rho) / (1.0 - rho))
-    covariance = total / max(count - fit.jacobian.shape[1], 1) * np.linalg.pinv(fit.jacobian.T @ fit.jacobian)
-    return np.asarray(np.sqrt(np.diag(covariance)[:keys]) * scale * inflation)
+    # of J itself: the variances of pinv(J^T J) may come out below zero where some direction is hardly seen
+    variances = np.sum(np.linalg.pinv(fit.jacobian, rcond=LOST) ** 2, axis=1)
+    variances *= total / max(count - fit.jacobian.shape[1], 1)
+    return np.asarray(np.sqrt(variances[:keys]) * scale * inflation)
 
 
 def jackknife(model: GeometryModel, runs: Sequence[GeometryData], fit: GeometryFit) -> Array | None:

@@ -138,7 +138,7 @@ def identified(
         if wanted or set(_chosen(around.seen, places)) == set(chosen):
             break
     fitted = around.fitted
-    keys, combined = verdicts_of(question, around, chosen, known)
+    keys, combined = verdicts_of(question, around, chosen, known, told)
     parameters = _found(question, keys, fitted)
     told("what was held out")
     held, before = _scores(question, parameters, fitted, fitted_runs, held_runs, later)

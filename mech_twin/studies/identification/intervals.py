@@ -109,15 +109,15 @@ class Uncertainty:
         Shape (unknowns, unknowns): that of least squares, widened to these errors.
     origin : tuple of str
         Which of the errors was the widest, by unknown.
-    widening : float
-        Half widths over those that least squares alone would give a normal error, in the median.
+    given_tied : ndarray
+        Shape (2, unknowns): the same of a key whose held keys that it is tied to are as configured.
     """
 
     errors: Array
     half_widths: Array
     covariance: Array
     origin: tuple[str, ...]
-    widening: float
+    given_tied: Array
 
 
 def uncertainty(found: Linearised) -> Uncertainty:
@@ -145,8 +145,8 @@ def uncertainty(found: Linearised) -> Uncertainty:
     own = np.sqrt(np.diag(plain))
     grown = half_widths / NORMAL / np.where(own > 0.0, own, 1.0)
     origin = tuple(candidates[w][0] for w in widest)
-    widening = float(np.median(grown)) if len(grown) else 1.0
-    return Uncertainty(errors, np.array([half_widths, half_widths]), plain * np.outer(grown, grown), origin, widening)
+    both = np.array([half_widths, half_widths])
+    return Uncertainty(errors, both, plain * np.outer(grown, grown), origin, both)
 
 
 def _with_memory(found: Linearised, inverse: Array) -> tuple[str, Array, float]:

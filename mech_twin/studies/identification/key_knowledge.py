@@ -10,10 +10,10 @@ import numpy as np
 
 from mech_twin.measurements.blocks import Array
 from mech_twin.studies.identification.channel_fits import model_error
-from mech_twin.studies.identification.combinations import Combination, Sight, combinations, sight
+from mech_twin.studies.identification.combinations import Combination, HeldFamily, Sight, combinations, sight
+from mech_twin.studies.identification.families import family
 from mech_twin.studies.identification.fit_setting import FitSetting, problem_of, profiles_spread
 from mech_twin.studies.identification.intervals import (
-    NORMAL,
     Linearised,
     Uncertainty,
     last_step,
@@ -21,15 +21,15 @@ from mech_twin.studies.identification.intervals import (
     moved_by_held,
     uncertainty,
 )
-from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration
+from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration, unit_at
 from mech_twin.studies.identification.least_squares_fit import Fitted, Told, noise_floors, quiet, refined, spreads
-from mech_twin.studies.identification.profile_likelihood import Profile, no_profile, profiled
+from mech_twin.studies.identification.profile_likelihood import Profile, Walk, no_profile, profiled
 from mech_twin.studies.identification.question import IdentificationQuestion
 from mech_twin.studies.identification.residuals import FitProblem
 from mech_twin.studies.identification.unknowns import BEGIN, GAIN, KEY, LAG, ZERO, Unknowns
 from mech_twin.studies.identification.verdicts import KeyEvidence, KeyVerdict, key_verdicts
 
-LARGEST_LOG_ERROR = 0.25  # of a combination that is told
+LARGEST_ERROR = 0.5  # half width over the size of a key: of a combination that is told
 REFITS = 2  # where a step or a profile shows that the fit had not ended
 FARTHEST = 1.0  # logarithm by which a key may move where another goes back to what is configured
 OFFSET = 0.1  # of a half width: a step left over that is longer
@@ -43,6 +43,11 @@ class AroundFit:
     whole: FitProblem
     line: Linearised
     seen: Sight
+
+    @property
+    def x(self) -> Array:
+        """What was found, as unknowns of the whole."""
+        return carried_over(self.fitted, self.whole.unknowns)
 
 
 def sight_at(problem: FitProblem, x: Array) -> Sight:
@@ -121,9 +126,7 @@ def settled(
         told("the fit once more, from where it had not ended")
         x = fitted.x if profile.better is None else profile.better
         around = around_fit(question, refined(fitted.problem, x, told))
-    held = np.setdiff1d(np.arange(len(question.keys)), np.array(chosen, dtype=np.intp))
-    moved = moved_by_held(own, around.seen.jacobian[:, held])
-    return around, _widened(known, moved, np.abs(left_over), profile)
+    return around, _widened(known, own, around.seen, chosen, np.abs(left_over), profile)
 
 
 def _profile(question: IdentificationQuestion, fitted: Fitted, own: Linearised, told: Told) -> Profile:
@@ -145,11 +148,56 @@ def _left_over(fitted: Fitted, own: Linearised) -> Array:
     return found
 
 
-def _widened(known: Uncertainty, by_held: Array, left_over: Array, profile: Profile) -> Uncertainty:
+def _widened(
+    known: Uncertainty, own: Linearised, seen: Sight, chosen: Sequence[int], left_over: Array, profile: Profile
+) -> Uncertainty:
     """Return intervals that hold what keys held, steps left over and profiles add to them."""
-    halves = np.hypot(known.half_widths, by_held) + left_over
-    halves = np.fmax(halves, np.array([profile.lower, profile.upper]))
-    return replace(known, half_widths=halves)
+    ends = np.array([profile.lower, profile.upper])
+
+    def with_held(held: Sequence[int]) -> Array:
+        moved = moved_by_held(own, seen.jacobian[:, list(held)])
+        return np.asarray(np.fmax(np.hypot(known.half_widths, moved) + left_over, ends))
+
+    held = [i for i in range(len(seen.effects)) if i not in chosen]
+    halves = with_held(held)
+    given = halves.copy()
+    for group in seen.groups():
+        places = [place for place, i in enumerate(chosen) if i in group]
+        given[:, places] = with_held([i for i in held if i not in group])[:, places]
+    return replace(known, half_widths=halves, given_tied=given)
+
+
+def held_families(
+    walk: Walk, seen: Sight, names: Sequence[str], chosen: Sequence[int], bounds: Array, told: Told = quiet
+) -> list[HeldFamily]:
+    """Return what fits as well where keys that are held move, for each group of keys that are tied together.
+
+    Parameters
+    ----------
+    walk : Walk
+        About the fit, its first unknowns the free keys.
+    seen : Sight
+        How the channels see them.
+    names : sequence of str
+        Their names.
+    chosen : sequence of int
+        Those that are fitted.
+    bounds : ndarray
+        Shape (2, keys): what held keys may be.
+    told : callable, optional
+        Takes a line on the progress.
+    """
+    count, found = len(names), []
+    scales = walk.problem.unknowns.scales[:count]
+    follows = ~np.isin(np.arange(len(walk.x)), np.setdiff1d(np.arange(count), np.array(chosen, dtype=np.intp)))
+    for group in seen.groups():
+        held, fitted = [i for i in group if i not in chosen], [i for i in group if i in chosen]
+        if held and fitted:
+            told(f"what fits as well with other {', '.join(names[i] for i in held)}")
+            met = family(walk, held, follows, bounds / scales)
+            if met is not None:
+                found.append(HeldFamily(tuple(fitted), tuple(held), met[:, :count] * scales))
+    return found
 
 
 def verdicts_of(
@@ -157,25 +205,29 @@ def verdicts_of(
     around: AroundFit,
     chosen: Sequence[int],
     known: Uncertainty,
+    told: Told = quiet,
 ) -> tuple[list[KeyVerdict], list[Combination]]:
     """Return the verdict on each free key, and what is seen of keys that are not seen alone."""
-    count, line, seen = len(question.keys), around.line, around.seen
+    count, seen = len(question.keys), around.seen
     scales = around.whole.unknowns.scales[:count]
     keyed = KeyedConfiguration(question.machine, question.base, question.keys)
     before, fitted = keyed.values(), around.fitted
-    estimates, errors, halves = before.copy(), np.full(count, np.nan), np.full((2, count), np.inf)
+    estimates, errors = before.copy(), np.full(count, np.nan)
+    halves, given = np.full((2, count), np.inf), np.full((2, count), np.inf)
     values = dict(zip(fitted.problem.model.keyed.keys, fitted.key_values.tolist(), strict=True))
     for place, i in enumerate(chosen):
         estimates[i], scale = values[question.keys[i]], fitted.problem.unknowns.all[place].scale
         errors[i], halves[:, i] = known.errors[place] * scale, known.half_widths[:, place] * scale
-    freedom = max(len(line.residuals) - line.jacobian.shape[1], 1)
-    spread = float(np.sqrt(line.residuals @ line.residuals / freedom))
-    lacking = model_error(fitted)
-    share = NORMAL * spread * known.widening
-    combined = [] if lacking else combinations(seen, question.keys, estimates, LARGEST_LOG_ERROR, share)
+        given[:, i] = known.given_tied[:, place] * scale
+    bounds, lacking, combined = keyed.bounds(question.bounds), model_error(fitted), []
+    if lacking is None:
+        walk = Walk(Fitted(around.whole, around.x, fitted.comparison, fitted.cost), around.line)
+        families = held_families(walk, seen, question.keys, chosen, bounds, told)
+        units = [unit_at(type(question.base), key) for key in question.keys]
+        combined = combinations(families, question.keys, units, given, LARGEST_ERROR)
     held = frozenset(set(range(count)) - set(chosen))
     evidence = KeyEvidence(
-        *(question.keys, before, estimates, errors, halves, keyed.bounds(question.bounds)),
+        *(question.keys, before, estimates, errors, halves, bounds),
         *(scales, seen, held, lacking),
     )
     return key_verdicts(evidence, combined), combined

@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 from scipy import stats
 
 from mech_twin.measurements.blocks import Array
@@ -31,6 +32,8 @@ LEAST_GROWTH, MOST_GROWTH = 1.3, 3.0  # of the distance from point to point
 FOLLOWING = 4  # steps of the other unknowns at a point, before and after their derivatives are taken anew
 SETTLED = 0.02  # of the rise sought: a step that wins less is the last
 IMPROVED = 0.1  # of the rise sought: a point lower than the fit by more shows that the fit had not ended
+
+Mask = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -71,7 +74,7 @@ def profiled(fitted: Fitted, found: Linearised, told: Told = quiet) -> Profile:
     told : callable, optional
         Takes a line on the progress.
     """
-    walk, told_keys = _Walk(fitted, found), []
+    walk, told_keys = Walk(fitted, found), []
     for place in sought_keys(fitted):
         told(f"profile of {fitted.problem.unknowns.all[place].name}")
         told_keys.append(_key_profile(walk, place))
@@ -96,10 +99,10 @@ def sought_keys(fitted: Fitted) -> list[int]:
 
 def key_profile(fitted: Fitted, found: Linearised, place: int) -> KeyProfile:
     """Return the profile of one key, for `profile_of_keys`."""
-    return _key_profile(_Walk(fitted, found), place)
+    return _key_profile(Walk(fitted, found), place)
 
 
-def _key_profile(walk: _Walk, place: int) -> KeyProfile:
+def _key_profile(walk: Walk, place: int) -> KeyProfile:
     lower = upper = np.nan
     if walk.sought > 0.0 and walk.doubtful(place):
         lower, upper = walk.end(place, -1.0), walk.end(place, 1.0)
@@ -116,14 +119,25 @@ def profile_of_keys(count: int, keys: Sequence[KeyProfile]) -> Profile:
     return Profile(lower, upper, None if better is None else better.better, followed)
 
 
-class _Walk:
-    """Points on the profiles of one fit; remembers the best point met."""
+class Walk:
+    """Points about one fit at which some unknowns are put aside and others follow; remembers the best point met.
 
-    def __init__(self, fitted: Fitted, found: Linearised) -> None:
+    Parameters
+    ----------
+    fitted : Fitted
+        Where the fit ended.
+    found : Linearised
+        Derivatives there.
+    variance : float, optional
+        Of the rows; that of the residuals if absent.
+    """
+
+    def __init__(self, fitted: Fitted, found: Linearised, variance: float | None = None) -> None:
         self.problem, self.comparison, self.x = fitted.problem, fitted.comparison, fitted.x
         self.jacobian = found.jacobian
         freedom = max(len(found.residuals) - len(self.x), 1)
-        variance = float(found.residuals @ found.residuals) / freedom
+        if variance is None:
+            variance = float(found.residuals @ found.residuals) / freedom
         share = float(stats.t.ppf(0.975, freedom))
         self.sought, self.deviation = variance * share**2, float(np.sqrt(variance))
         self.covariance = inverse_information(found.jacobian) * variance
@@ -154,7 +168,7 @@ class _Walk:
         x = self._along(place, away)
         rise = self._noted(x)
         if not LEAST_RISE * self.sought <= rise <= MOST_RISE * self.sought:
-            rise = self._noted(self._descended(x, others, self.jacobian)[0])
+            rise = self._noted(self.descended(x, others, self.jacobian)[0])
         return LEAST_RISE * self.sought <= rise <= MOST_RISE * self.sought
 
     def end(self, place: int, sign: float) -> float:
@@ -198,14 +212,22 @@ class _Walk:
         x = self._along(place, value - float(self.x[place]))
         if self.cost(again := np.where(others, start, value)) < self.cost(x):
             x = again
-        x, won, jacobian = self._descended(x, others, jacobian)
-        if won <= SETTLED * self.sought:
+        x, won, jacobian = self.descended(x, others, jacobian)
+        if self.settled(won):
             return x, jacobian
-        weights = _weights(self.problem.residuals(x, self.comparison))
-        x, _, jacobian = self._descended(x, others, self.problem.jacobian(x, self.comparison) * weights[:, None])
+        x, _, jacobian = self.descended(x, others, self.slopes(x))
         return x, jacobian
 
-    def _descended(self, x: Array, others: Array, jacobian: Array) -> tuple[Array, float, Array]:
+    def slopes(self, x: Array) -> Array:
+        """Return the derivatives at a point, robust weights on their rows."""
+        weights = _weights(self.problem.residuals(x, self.comparison))
+        return np.asarray(self.problem.jacobian(x, self.comparison) * weights[:, None])
+
+    def settled(self, won: float) -> bool:
+        """Return whether a step that won so much was the last."""
+        return won <= SETTLED * self.sought
+
+    def descended(self, x: Array, others: Mask, jacobian: Array) -> tuple[Array, float, Array]:
         """Return where steps of these derivatives lead while the cost falls, what the last one won, and they anew."""
         rows = self.problem.residuals(x, self.comparison)
         cost, won = _robust(rows), np.inf
@@ -219,7 +241,7 @@ class _Walk:
             if now >= cost:
                 return x, 0.0 if won < np.inf else self.sought, jacobian
             x, rows, cost, won = moved, rows_there, now, cost - now
-            if won <= SETTLED * self.sought:
+            if self.settled(won):
                 break
         return x, won, jacobian
 

@@ -76,10 +76,16 @@ def _verdict_table(found: Identification) -> str:
         rows.append([_cell(key.key), *numbers, _cell(key.verdict, kind), _cell(key.reason, "words")])
     tables = _table(("key", "before", "estimate", "95 % from", "to", "verdict", "reason"), rows)
     if found.combinations:
+        heads = ("combination", "estimate", "95 % from", "to", "holds for")
         combined = [
-            [_cell(c.formula, "words"), *map(_cell, (c.estimate, c.low_95, c.high_95))] for c in found.combinations
+            [
+                _cell(c.formula, "words"),
+                *map(_cell, (c.estimate, c.low_95, c.high_95)),
+                _cell(c.condition, "words"),
+            ]
+            for c in found.combinations
         ]
-        tables += "<h3>Seen in combination</h3>" + _table(("combination", "estimate", "95 % from", "to"), combined)
+        tables += "<h3>Seen in combination</h3>" + _table(heads, combined)
     return tables
 
 

@@ -22,10 +22,12 @@ from mech_twin.measurements.measurement_map import Channel, MeasurementMap
 from mech_twin.parameters.load import catalogue_entry, validated
 from mech_twin.studies.identification.combinations import Combination, base_keys, combinations, sight
 from mech_twin.studies.identification.fit_runs import FitChannel, FitRun
-from mech_twin.studies.identification.intervals import NORMAL, inverse_information
-from mech_twin.studies.identification.key_knowledge import LARGEST_LOG_ERROR
-from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration
+from mech_twin.studies.identification.intervals import Linearised, inverse_information
+from mech_twin.studies.identification.key_knowledge import LARGEST_ERROR, held_families
+from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration, unit_at
+from mech_twin.studies.identification.least_squares_fit import Fitted
 from mech_twin.studies.identification.model_runs import ModelRuns
+from mech_twin.studies.identification.profile_likelihood import Walk
 from mech_twin.studies.identification.question import IdentificationQuestion
 from mech_twin.studies.identification.residuals import FitProblem, Weighting
 from mech_twin.studies.identification.unknowns import BEGIN, GAIN, KEY, LAG, ZERO, unknowns_of
@@ -105,7 +107,7 @@ def sensor_plan(
     noises = [_noise(channel, place) for place, channel in enumerate(sensors.channels)]
     own = _PlannedRun("as it is", question, ())
     samples = _samples(own, channels, sensors.channels, noises, duration_s)
-    keys, combined = _verdicts(own, samples)
+    keys, combined = _verdicts(own, samples, together=True)
     found = {key.key for key in keys if key.verdict == "identified"}
     widths = {key.key: key.high_95 - key.low_95 for key in keys}
     found_helps = []
@@ -156,8 +158,27 @@ def _samples(
     return FitRun(Path(run.name), tuple(each for each in found if len(each.times_s)), run.command, 0.0)
 
 
-def _verdicts(run: _PlannedRun, samples: FitRun) -> tuple[list[KeyVerdict], list[Combination]]:
-    """Return what a fit of the keys would say, from the derivatives at the configuration itself."""
+def _as_shown(problem: FitProblem, x: Array) -> FitProblem:
+    """Return the problem with the values, of events too, that the model itself shows in place of measured ones."""
+    runs = [
+        replace(
+            run,
+            channels=tuple(
+                replace(channel, values=channel.values - off) for channel, off in zip(run.channels, parts, strict=True)
+            ),
+        )
+        for run, parts in zip(problem.runs, problem.parts(x), strict=True)
+    ]
+    return problem.over(runs)
+
+
+def _verdicts(
+    run: _PlannedRun, samples: FitRun, *, together: bool = False
+) -> tuple[list[KeyVerdict], list[Combination]]:
+    """Return what a fit of the keys would say, from the derivatives at the configuration itself.
+
+    ``together``: also what it would say of keys that are not seen alone.
+    """
     question = run.question
     keyed = KeyedConfiguration(question.machine, question.base, question.keys)
     bounds = keyed.bounds(question.bounds)
@@ -179,9 +200,15 @@ def _verdicts(run: _PlannedRun, samples: FitRun) -> tuple[list[KeyVerdict], list
         errors[i] = own[place] * unknowns.scales[i]
         halves[i] = errors[i] * share
     values = keyed.values()
-    combined = combinations(seen, question.keys, values, LARGEST_LOG_ERROR, NORMAL)
     fixed = frozenset(set(range(count)) - set(chosen))
     both = np.array([halves, halves])
+    combined: list[Combination] = []
+    if together:
+        line = Linearised(jacobian, other, np.zeros(len(jacobian)), *(np.zeros(len(jacobian), dtype=np.int64),) * 3)
+        walk = Walk(Fitted(_as_shown(problem, x), x, weighting, 0.0), line, 1.0)
+        units = [unit_at(type(question.base), key) for key in question.keys]
+        families = held_families(walk, seen, question.keys, chosen, bounds)
+        combined = combinations(families, question.keys, units, both, LARGEST_ERROR)
     scales = unknowns.scales[:count]
     evidence = KeyEvidence(question.keys, values, values, errors, both, _open(bounds), scales, seen, fixed, None)
     return key_verdicts(evidence, combined), combined

@@ -50,7 +50,8 @@ class KeyEvidence:
 def key_verdicts(evidence: KeyEvidence, told: Sequence[Combination]) -> list[KeyVerdict]:
     """Return the verdict on each key."""
     tied = {i: group for group in evidence.sight.groups() for i in group}
-    formulas = {key: each.formula for each in reversed(told) for key in each.keys}
+    formulas = {key: f"{each.formula}, for {each.condition}" for each in reversed(told) for key in each.keys}
+    formulas |= {each.keys[0]: f"{each.formula}, for {each.condition}" for each in told}
     return [_verdict(evidence, i, tied, formulas) for i in range(len(evidence.names))]
 
 
@@ -109,6 +110,8 @@ def _not_seen_alone(
     if i not in tied:
         return None
     partners = ", ".join(evidence.names[j] for j in tied[i] if j != i)
+    if not evidence.fixed & set(tied[i]):
+        return COMBINATION, f"its effect differs from that of {partners} by less than derivatives are trusted to"
     formula = formulas.get(evidence.names[i])
     seen = f": they see {formula}" if formula else ""
     return COMBINATION, f"the channels see it only together with {partners}{seen}"

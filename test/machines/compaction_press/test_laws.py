@@ -166,6 +166,21 @@ def test_a_force_that_sets_in_at_once_is_refused_where_the_plate_rises_off_the_l
         machine("compaction_press", overrides={**TWO_LOWS, "working_force.exponent": exponent})
 
 
+def test_a_plate_that_rises_off_the_layer_by_a_hair_between_even_angles_is_seen():
+    keys = {
+        "linkage.crank_m": 0.24535445737738037,
+        "working_force.application_from_a_m": 0.25,
+        "working_force.application_across_m": -0.437717237975624,
+        "working_force.working_quarter": True,
+    }
+    _, stroke = press_constants(
+        machine("compaction_press", overrides={**keys, "working_force.exponent": 1.0}).parameters
+    )
+    assert 0.0 < stroke.risen_m < 1e-3
+    with pytest.raises(ConfigurationError, match=r"working_force.exponent must be at least 1 where .* got 0"):
+        machine("compaction_press", overrides={**keys, "working_force.exponent": 0.0})
+
+
 def test_events_come_at_their_crank_angle():
     press = machine("compaction_press")
     stroke = press_constants(press.parameters)[1]

@@ -72,7 +72,10 @@ def test_keys_zeros_and_lag_are_found_and_what_is_not_seen_is_not_claimed(stand:
     assert {found[key]["verdict"] for key in ("masses.tree_kg", "masses.stand_kg")} == {"only_in_combination"}
     together = found["masses.tree_kg"]["estimate"] + found["masses.stand_kg"]["estimate"]
     assert together == pytest.approx(TRUE["masses.tree_kg"] + 50.5, rel=0.02)
-    assert any(set(each["keys"]) == {"masses.tree_kg", "masses.stand_kg"} for each in document["combinations"])
+    (told,) = (each for each in document["combinations"] if set(each["keys"]) == {"masses.tree_kg", "masses.stand_kg"})
+    assert told["form"] == "sum"
+    assert told["low_95"] <= TRUE["masses.tree_kg"] + 50.5 <= told["high_95"]
+    assert told["high_95"] - told["low_95"] < 0.05 * told["estimate"]
     assert found["counterweight.density_kg_per_m3"]["verdict"] == "not_excited"
     slide = document["channels"][1]
     assert slide["zero"]["all"] == pytest.approx(40.0, abs=1.5)  # in the channel's own unit, mm
