@@ -7,6 +7,7 @@ so a role can be rebuilt, restarted elsewhere or given new parameters between an
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -30,12 +31,14 @@ if TYPE_CHECKING:
 class Invariant(NamedTuple):
     """A number that is 0 but for rounding while the twin is right: its unit, and what it compares.
 
-    One that is ``of_the_step`` tells how far the roles move apart within a coupling step: a shorter one lowers it.
+    One that is ``of_the_step`` tells how far the roles move apart within a coupling step: a shorter one lowers it, and
+    its limit with it, down to ``least_limit``.
     """
 
     unit: str
     meaning: str
     of_the_step: bool = False
+    least_limit: float = math.inf
 
 
 # every name under which a sample may carry a residual; a relative one has the unit 1
@@ -46,14 +49,16 @@ RESIDUALS: Mapping[str, Invariant] = MappingProxyType(
         "energy_balance": Invariant("1", "energy held less work and losses booked, over the energy turned over"),
         "momentum_balance": Invariant("1", "momentum less impulses booked, over the momentum"),
         "coupling_defect": Invariant(
-            "1", "energy by which a follower's own angle changes a step's start, over that held", of_the_step=True
+            "1", "energy by which a follower's own angle changes a step's start, over that held", True, 1e-5
         ),
         "drive_torque_routes": Invariant("1", "drive torque by pin forces less by the reduced machine, over its peak"),
         "body_moment_routes": Invariant("1", "moment on the body by pin forces less by the coupled motion"),
         "impulse_routes": Invariant("1", "impulse of a blow by pin impulses less by the jump of the coupled motion"),
-        "angle_difference_rad": Invariant("rad", "angle the linkage led the body to, less the body's own", True),
-        "rate_difference_rad_per_s": Invariant("rad/s", "rate the linkage led the body to, less the body's own", True),
-        "penetration_rad": Invariant("rad", "angle by which a body lies beyond its stop", True),
+        "angle_difference_rad": Invariant("rad", "angle the linkage led the body to, less the body's own", True, 1e-6),
+        "rate_difference_rad_per_s": Invariant(
+            "rad/s", "rate the linkage led the body to, less the body's own", True, 1e-3
+        ),
+        "penetration_rad": Invariant("rad", "angle by which a body lies beyond its stop", True, 1e-6),
         "area_balance": Invariant("1", "area the package lost less area of the yarn run, over that of all its yarn"),
     }
 )

@@ -116,12 +116,14 @@ def broken_lines(residuals: Mapping[str, Residual], step_s: float | None = None)
     ]
 
 
-def shorter_step_s(residual: Residual, step_s: float) -> float | None:
+def shorter_step_s(residual: Residual, step_s: float, least_limit: float = math.inf) -> float | None:
     """Return a coupling step (s) with which a residual of the second order is within its limit, rounded down.
 
-    None where the residual is no number.
+    A limit that falls with the step runs away from a residual that does, at the same rate, until it is at its least:
+    that is the one to be kept.  None where the residual is no number.
     """
-    over = residual.worst / residual.limit if residual.limit > 0.0 else math.inf
+    limit = min(residual.limit, least_limit)
+    over = residual.worst / limit if limit > 0.0 else math.inf
     if not over < math.inf:
         return None
     wanted = step_s / math.sqrt(max(over, 1.0))
@@ -132,5 +134,7 @@ def shorter_step_s(residual: Residual, step_s: float) -> float | None:
 
 def _remedy(name: str, residual: Residual, step_s: float | None) -> str:
     invariant = RESIDUALS.get(name.rpartition(".")[2], UNKNOWN)
-    shorter = None if step_s is None or not invariant.of_the_step else shorter_step_s(residual, step_s)
+    if step_s is None or not invariant.of_the_step:
+        return ""
+    shorter = shorter_step_s(residual, step_s, invariant.least_limit)
     return "" if shorter is None else f": coupling.step_s {step_s:g} is too long for this machine, try {shorter:g}"

@@ -132,9 +132,15 @@ def test_a_run_that_keeps_its_limits_has_no_line() -> None:
     [(3.19, 1e-3, 5e-4), (1.008, 1e-3, 5e-4), (1.02, 2.3e-3, 2e-3), (100.0, 1e-3, 1e-4), (1e6, 1e-3, 1e-6)],
 )
 def test_a_residual_of_the_step_names_the_key_and_a_shorter_step(over: float, step_s: float, shorter: float) -> None:
-    told = f"{over:.3g} exceeds 1: coupling.step_s {step_s:g} is too long for this machine, try {shorter:g}"
-    for name in ("coupling_defect", "body.rate_difference_rad_per_s"):
-        assert broken_lines({name: Residual(over, 1.0)}, step_s) == [f"{name} {told}"]
+    for name, limit in (("coupling_defect", 1e-5), ("body.rate_difference_rad_per_s", 1e-3)):
+        told = f"{over * limit:.3g} exceeds {limit:.3g}: coupling.step_s {step_s:g} is too long for this machine"
+        assert broken_lines({name: Residual(over * limit, limit)}, step_s) == [f"{name} {told}, try {shorter:g}"]
+
+
+def test_a_limit_that_falls_with_the_step_is_kept_at_its_least() -> None:
+    """A residual that falls as its limit does is no nearer to it at a shorter step, until the limit falls no more."""
+    (line,) = broken_lines({"coupling_defect": Residual(1.02e-3, 1e-3)}, 1e-3)
+    assert line.endswith("try 5e-05")
 
 
 @pytest.mark.parametrize(

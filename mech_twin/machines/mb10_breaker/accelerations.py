@@ -23,6 +23,8 @@ from mech_twin.machines.mb10_breaker.dynamics import (
 )
 from mech_twin.machines.mb10_breaker.state import BreakerState
 
+LOST = 1e-4  # of the determinant left over by cancellation
+
 
 class Accelerations(NamedTuple):
     """u' and p' (rad/s2), what holds the body, the force of the striker on the tool (N), what holds the crank.
@@ -78,6 +80,11 @@ def coupled(
         du = first / m11
         return du, 0.0, m12 * du - second, 0.0
     det = m11 * m22 - m12 * m12
+    if det < LOST * m11 * m22:  # a heavy flywheel: both equations hold mostly its inertia, their sum does not
+        both, whole = m11 + m12, m11 + 2.0 * m12 + m22
+        det = m11 * whole - both * both
+        turn, dp = (first * whole - (first + second) * both) / det, ((first + second) * m11 - first * both) / det
+        return turn + dp, dp, 0.0, 0.0
     return (first * m22 - second * m12) / det, (second * m11 - first * m12) / det, 0.0, 0.0
 
 
@@ -115,12 +122,25 @@ def loaded_accelerations(
 
 
 @kernel
+def on_tool(b: Breaker, m: Masses, q: float, u: float, forces: tuple[float, float], lightness: float) -> Accelerations:
+    """Return the accelerations of crank and body, both free, on a tool of 1/m_t (1/kg) under right-hand sides."""
+    _, slope, bend = striker(b, q)
+    du, dp, _, _ = coupled(m.m11, m.m12, m.m22, forces[0], forces[1], False, False)
+    x, y, _, _ = coupled(m.m11, m.m12, m.m22, slope, -b.tool_radius_m, False, False)
+    closing = slope * du - b.tool_radius_m * dp + bend * u * u + lightness * b.wall_force_n
+    force = closing / (lightness + slope * x - b.tool_radius_m * y)
+    return Accelerations(du - x * force, dp - y * force, 0.0, force, 0.0)
+
+
+@kernel
 def pushing(
     b: Breaker, m: Masses, q: float, u: float, phi: float, p: float, drive: float, rests: bool, senses: Senses
 ) -> Accelerations:
     """Return the accelerations with the striker pushing the tool into the wall.
 
-    g = 0 holds: (M + m_t j j')(u', p') = rhs - j (F + m_t j'.(u, p)), N = F + m_t (j.(u', p') + j'.(u, p)).
+    g = 0 holds: (M + m_t j j')(u', p') = rhs - j (F + m_t j'.(u, p)), N = F + m_t (j.(u', p') + j'.(u, p)).  Of a tool
+    that outweighs crank and body both sides hold mostly the tool, and N is found first, as of one that does not move:
+    (1/m_t + j' M^-1 j) N = F/m_t + j.M^-1 rhs + j'.(u, p).
     """
     _, slope, bend = striker(b, q)
     load = b.wall_force_n + b.tool_mass_kg * bend * u * u
@@ -130,6 +150,9 @@ def pushing(
     m12 = m.m12 - b.tool_mass_kg * slope * b.tool_radius_m
     m22 = m.m22 + b.tool_mass_kg * b.tool_radius_m * b.tool_radius_m
     still = rests or senses.body == 0.0
+    free = not still and senses.crank != 0.0
+    if free and m11 * m22 - m12 * m12 > (m.m11 * m.m22 - m.m12 * m.m12) / LOST:
+        return on_tool(b, m, q, u, sliding_forces(b, m, u, phi, p, drive, rests, senses), 1.0 / b.tool_mass_kg)
     du, dp, collar, hold = coupled(m11, m12, m22, first, second, still, senses.crank == 0.0)
     return Accelerations(du, dp, collar, load + b.tool_mass_kg * (slope * du - b.tool_radius_m * dp), hold)
 
@@ -160,6 +183,29 @@ def blocked(
     du, dp = (first * m.m22 - second * m.m12) / det, (second * m.m11 - first * m.m12) / det
     force = (slope * du - b.tool_radius_m * dp + bend * u * u) / (slope * x - b.tool_radius_m * y)
     return Accelerations(du - x * force, dp - y * force, 0.0, force, 0.0)
+
+
+@kernel
+def standing_gear(
+    b: Breaker, m: Masses, q: float, u: float, phi: float, p: float, tool: int, senses: Senses
+) -> tuple[float, float]:
+    """Return the crank torque (N m) with which the gear's shaft goes on standing, the body flying, and p' (rad/s2).
+
+    f = 1 with the drive on the frame, else 0; the shaft stands while u = f p, so u' = f p', and the sum of both
+    equations, the first f times, is without the torque.
+    """
+    f = b.frame_drive
+    first, second = sliding_forces(b, m, u, phi, p, 0.0, False, senses)
+    m11, m12, m22 = m.m11, m.m12, m.m22
+    if tool == PUSHED:
+        _, slope, bend = striker(b, q)
+        load = b.wall_force_n + b.tool_mass_kg * bend * u * u
+        first, second = first - slope * load, second + b.tool_radius_m * load
+        m11 += b.tool_mass_kg * slope * slope
+        m12 -= b.tool_mass_kg * slope * b.tool_radius_m
+        m22 += b.tool_mass_kg * b.tool_radius_m * b.tool_radius_m
+    dp = 0.0 if senses.body == 0.0 else (f * first + second) / (f * (f * m11 + 2.0 * m12) + m22)
+    return (f * m11 + m12) * dp - first, dp
 
 
 @inline_kernel

@@ -71,8 +71,10 @@ def apply_bearing_event(motion: Motion, state: Any, which: int, rests: bool) -> 
     stops = which == CRANK_TURN or (which == CRANK_MOTION and rubs(motion.breaker))
     if stops:
         state.crank_rad_per_s = 0.0
-    if which == BODY_TURN or (stops and motion.tool == BLOCKED and not rests):
+    if which == BODY_TURN or (stops and (motion.gear_stands or (motion.tool == BLOCKED and not rests))):
         state.body_rad_per_s = 0.0
+    if which == BODY_TURN and motion.gear_stands:
+        state.crank_rad_per_s = 0.0
 
 
 @kernel

@@ -20,10 +20,13 @@ import numpy as np
 
 from mech_twin.machines.mb10_breaker.dynamics import Breaker
 from mech_twin.machines.mb10_breaker.turn_curves import turn_heights, turn_masses
+from mech_twin.roles import RESIDUALS
 
 POSITIONS = 360
 ALLOWED = 5.0  # times what the line misses: impacts and the spring add to it
-ANGLE_RAD, RATE_RAD_PER_S, DEFECT = 1e-6, 1e-3, 1e-5  # allowed to a heavy body at 1 ms
+ANGLE_RAD, RATE_RAD_PER_S, DEFECT = (  # allowed to a heavy body at 1 ms
+    RESIDUALS[name].least_limit for name in ("angle_difference_rad", "rate_difference_rad_per_s", "coupling_defect")
+)
 SMALL_PART = 0.2  # of a limit, for one piece of a flight: a blow may throw harder than the preload presses back
 LARGEST_MISS_RAD_PER_S = 0.01  # in a step; a blow throws a light body back at some 5 rad/s
 

@@ -46,9 +46,9 @@ def log_post(motion: Motion, row: Any, time: float, state: Any, memory: Any, reg
 def set_off(motion: Motion, time: float, state: Any, memory: Any, regime: int) -> Motion:
     """Keep in which senses crank and body go on from a state, and return the motion that then is."""
     rests, tool = regime != FLIGHT, int(memory.tool_regime)
-    senses = senses_now(motion, time, state, rests, tool)
-    memory.crank_sense, memory.body_sense = senses.crank, senses.body
-    return going_on(motion, senses, rests, tool)
+    going = going_on(motion, time, state, senses_now(motion, time, state, rests, tool), rests, tool, True)
+    memory.crank_sense, memory.body_sense = going.senses.crank, going.senses.body
+    return going
 
 
 @kernel

@@ -39,6 +39,9 @@ from mech_twin.machines.mb10_breaker.state import (
     CRANK_REVERSED,
     CRANK_STARTED,
     CRANK_STOPPED,
+    GEAR_REVERSED,
+    GEAR_STARTED,
+    GEAR_STOPPED,
     LIFT_OFF,
     PUSH_BEGINS,
     PUSHING,
@@ -49,7 +52,8 @@ from mech_twin.machines.mb10_breaker.state import (
 
 STRIKES = (BLOW, CATCH_UP, PUSH_BEGINS)
 OF_BEARINGS = (CRANK_STOPPED, CRANK_STARTED, CRANK_REVERSED, BODY_STOPPED, BODY_STARTED, BODY_REVERSED)
-LOADING = (*STRIKES, TOUCHDOWN, SETTLED, LIFT_OFF, PUSHING, RELEASED, *OF_BEARINGS)
+OF_GEAR = (GEAR_STOPPED, GEAR_STARTED, GEAR_REVERSED)
+LOADING = (*STRIKES, TOUCHDOWN, SETTLED, LIFT_OFF, PUSHING, RELEASED, *OF_BEARINGS, *OF_GEAR)
 QUANTITIES_AT = PINS + 12
 RESIDUALS_AT = QUANTITIES_AT + len(QUANTITIES)
 # an event's coordinates on either side: angle (or way), rate, effort of crank, body, tool, crank bearing, body pivot

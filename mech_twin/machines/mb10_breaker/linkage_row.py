@@ -34,6 +34,7 @@ from mech_twin.machines.mb10_breaker.state import (
     BODY_STOPPED,
     CRANK_STOPPED,
     EVENT,
+    GEAR_STOPPED,
     LIFT_OFF,
     MEMORY,
     SETTLED,
@@ -49,8 +50,8 @@ from mech_twin.machines.mb10_breaker.step import advance_step, take_body
 from mech_twin.parts.four_bar import closure_error, coefficients, link_angles, position
 
 JOINTS = ("crank", "coupler", "rocker", "body")
-CONTACTS = ("collar", "tool", "crank_bearing", "body_pivot")
-COLLAR_CONTACT, TOOL_CONTACT, BEARING_CONTACT, PIVOT_CONTACT = range(4)
+CONTACTS = ("collar", "tool", "crank_bearing", "body_pivot", "gear")
+COLLAR_CONTACT, TOOL_CONTACT, BEARING_CONTACT, PIVOT_CONTACT, GEAR_CONTACT = range(5)
 # places in a row
 CRANK_AT, COUPLER_AT, ROCKER_AT, BODY_AT = range(LINKAGE_JOINTS, LINKAGE_JOINTS + 12, 3)
 MEMORY_AT = LINKAGE_JOINTS + 12
@@ -95,7 +96,9 @@ def memory_of(row: Array) -> Any:
 
 
 @kernel
-def fill_row(b: Breaker, y: Array, regime: int, drive: float, command: float, defect_j: float, out: Array) -> None:
+def fill_row(
+    b: Breaker, y: Array, regime: int, drive: float, command: float, defect_j: float, step_s: float, out: Array
+) -> None:
     """Fill a linkage row whose memory is in place: joints, regime, command and residuals.
 
     Parameters
@@ -106,6 +109,9 @@ def fill_row(b: Breaker, y: Array, regime: int, drive: float, command: float, de
         Torque on the crank at the end of the step (N m).
     defect_j : float
         Energy by which the body's own angle changed the step's start.
+    step_s : float
+        Coupling step: the momentum is balanced over at least what the springs' moment gives in it, since spring and
+        collar, which bear it by turns, are summed with its rounding.
     """
     memory, state = memory_of(out), named(y)
     q, u, phi, p = state.crank_rad, state.crank_rad_per_s, state.body_rad, state.body_rad_per_s
@@ -118,7 +124,7 @@ def fill_row(b: Breaker, y: Array, regime: int, drive: float, command: float, de
     out[ROCKER_AT], out[ROCKER_AT + 1], out[ROCKER_AT + 2] = rocker, by.g3 * u, 0.0
     out[BODY_AT], out[BODY_AT + 1], out[BODY_AT + 2] = phi, p, -spring_moment(b, phi)
     kinetic, potential, momentum = energies(b, q, u, phi, p)
-    held, turning = max(kinetic + abs(potential), 1.0), max(abs(momentum), 1.0)
+    held, turning = max(kinetic + abs(potential), 1.0), max(abs(momentum), abs(spring_moment(b, phi)) * step_s, 1.0)
     out[RESIDUALS_AT] = closure_error(b.bar, at)
     out[RESIDUALS_AT + 1] = abs(memory.energy_error_j) / held
     out[RESIDUALS_AT + 2] = 0.0 if b.held else abs(memory.momentum_error_nms) / turning
@@ -135,12 +141,14 @@ def start_row(b: Breaker, crank_rad: float, command: float, out: Array) -> None:
     memory = memory_of(out)
     memory.torque_history = -1.0
     memory.energy_j, memory.begin_crank_rad = kinetic + potential, crank_rad
-    fill_row(b, y, HELD if b.held else REST, 0.0, command, 0.0, out)
+    fill_row(b, y, HELD if b.held else REST, 0.0, command, 0.0, 0.0, out)
 
 
 @kernel
 def contact_of(kind: int) -> int:
     """Return what an event of this kind takes place at."""
+    if kind >= GEAR_STOPPED:
+        return GEAR_CONTACT
     if kind >= CRANK_STOPPED:
         return PIVOT_CONTACT if kind >= BODY_STOPPED else BEARING_CONTACT
     return COLLAR_CONTACT if kind in (TOUCHDOWN, SETTLED, LIFT_OFF) else TOOL_CONTACT
@@ -202,5 +210,5 @@ def breaker_step(
     rows = np.empty(model.log_rows, dtype=EVENT)
     regime, count, drive = advance_step(b, y, record, regime, motor[MOTOR_JOINTS + 2], model.step_s, model.order, rows)
     log = tell_events(b, step * model.step_s, rows, count, log)
-    fill_row(b, y, regime, drive, motor[MOTOR_COMMAND], memory.coupling_defect_j - defect, out)
+    fill_row(b, y, regime, drive, motor[MOTOR_COMMAND], memory.coupling_defect_j - defect, model.step_s, out)
     return log, count

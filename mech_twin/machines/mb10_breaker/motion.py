@@ -17,28 +17,34 @@ from mech_twin.machines.mb10_breaker.accelerations import (
     Accelerations,
     contact_accelerations,
     rates_of_state,
+    standing_gear,
 )
 from mech_twin.machines.mb10_breaker.bearing_friction import (
+    HOLDS_BEYOND,
     BearingTorques,
     Instant,
     bearing_torques,
     rubs,
     senses_at,
+    sign,
 )
-from mech_twin.machines.mb10_breaker.dynamics import Breaker, Senses, crank_torque, masses_at, striker
-from mech_twin.machines.mb10_breaker.state import STATES, pack_state, unpacked_state
+from mech_twin.machines.mb10_breaker.dynamics import BLOCKED, Breaker, Senses, crank_torque, masses_at, striker
+from mech_twin.machines.mb10_breaker.state import STATES, BreakerState, pack_state, unpacked_state
 from mech_twin.parts.gear import gear_torque
 
 # signals, each falling through zero at its event: striker from tool, body from collar, collar's moment, way to the
 # rocker's next dead centre, speed of the tool, force of the striker on it, what more the wall can hold, crank speed;
 # of crank and body their speeds in the sense in which they slide, and what more their friction can hold at rest;
-# speed of the gear (of either sign)
+# speed of the gear (of either sign), and what more its loss can hold while its shaft stands
 GAP, LIFT, COLLAR, DEAD_CENTRE, TOOL_MOTION, THRUST, WALL, CRANK_MOTION = range(8)
-CRANK_TURN, CRANK_GRIP, BODY_TURN, BODY_GRIP, GEAR_TURNS = range(8, 13)
+CRANK_TURN, CRANK_GRIP, BODY_TURN, BODY_GRIP, GEAR_TURNS, GEAR_GRIP = range(8, 14)
 SINGLE_STEP_RAD = 0.04  # longest turn of the crank in one substep: truncation below 1e-13
 # while the tool is pushed: a stiff wall stops the crank within less, and the moment on a free body is a line between
 # knots of this distance
 PUSHING_SUBSTEP_S = 1e-4
+MISSED_BETWEEN_KNOTS_RAD_PER_S = 1e-5  # of the body's rate, by the line
+BODY_RATE = BreakerState._fields.index("body_rad_per_s")
+MIDDLE, LAST = 8, 10  # stages of the method in the middle and at the end of its step
 ADHESION_N = 1e-9  # a striker that touches the tool without force has not left it
 
 
@@ -54,6 +60,7 @@ class Motion(NamedTuple):
     dead_centre_rad: float  # crank angle of the rocker's next extreme
     senses: Senses
     gear_sense: float  # sign of the gear's speed, in which its loss stays through the piece; 0: that of each instant
+    gear_stands: bool  # its shaft stands while the body flies, held by its loss
 
 
 @inline_kernel
@@ -82,8 +89,15 @@ def instant(system: Motion, t: float, state: Any) -> Instant:
 @kernel
 def torques_now(system: Motion, t: float, state: Any) -> BearingTorques:
     """Return drive, friction and the striker's force on the tool in a state."""
-    m = masses_at(system.breaker, state.crank_rad, state.body_rad)
-    return bearing_torques(system.breaker, m, instant(system, t, state), system.senses)
+    b = system.breaker
+    m, at = masses_at(b, state.crank_rad, state.body_rad), instant(system, t, state)
+    drive = at.drive_nm
+    if system.gear_stands:
+        drive, _ = standing_gear(b, m, at.q, at.u, at.phi, at.p, at.tool, system.senses)
+    elif system.gear_sense * gear_speed(b, state) < 0.0 or (at.gear_low_nm == at.gear_high_nm and not at.rests):
+        drive = drive_torque(system, t, at.u, at.p)  # as in the piece that ends or begins where the gear's speed is 0
+    at = Instant(at.q, at.u, at.phi, at.p, drive, at.gear_low_nm, at.gear_high_nm, at.rests, at.tool)
+    return bearing_torques(b, m, at, system.senses)
 
 
 @kernel
@@ -99,8 +113,58 @@ def senses_now(system: Motion, t: float, state: Any, rests: bool, tool: int) -> 
 
 
 @kernel
-def going_on(system: Motion, senses: Senses, rests: bool, tool: int) -> Motion:
-    """Return the motion with body, tool and bearings in these regimes."""
+def may_stand(b: Breaker, state: Any, rests: bool, tool: int) -> bool:
+    """Return whether the gear's loss may hold its shaft, which stands: u = p (drive on the frame) or u = 0.
+
+    The body flies; with friction in its bearing a crank that stands in the body is `bearing_friction`'s.
+    """
+    free = not rests and tool != BLOCKED and (b.frame_drive > 0.0 or b.crank_coulomb_nm == 0.0)
+    return free and b.efficiency < 1.0 and gear_speed(b, state) == 0.0
+
+
+@kernel
+def standing_senses(b: Breaker, state: Any, tool: int, senses: Senses) -> Senses:
+    """Return the senses of crank and body with the gear's shaft standing; of the crank 0 where there are none.
+
+    ``senses`` are those of what moves; from rest both set off together, in the sense that is borne out.
+    """
+    q, u, phi, p = state.crank_rad, state.crank_rad_per_s, state.body_rad, state.body_rad_per_s
+    if p != 0.0 or senses.crank == 0.0 or senses.body == 0.0 or not rubs(b):
+        return senses
+    m = masses_at(b, q, phi)
+    for along in (1.0, -1.0):
+        tried = Senses(along if b.crank_coulomb_nm > 0.0 else 1.0, along if b.body_coulomb_nm > 0.0 else 1.0)
+        if along * standing_gear(b, m, q, u, phi, p, tool, tried)[1] > 0.0:
+            return tried
+    return Senses(0.0, 0.0)
+
+
+@kernel
+def gear_hold(system: Motion, t: float, state: Any, tool: int, senses: Senses) -> tuple[float, float, float]:
+    """Return the crank torque (N m) with which the gear's shaft goes on standing, and the bounds its loss sets it."""
+    b, motor = system.breaker, system.torque_nm + system.slope_nm_per_s * t
+    q, u, phi, p = state.crank_rad, state.crank_rad_per_s, state.body_rad, state.body_rad_per_s
+    needed, _ = standing_gear(b, masses_at(b, q, phi), q, u, phi, p, tool, senses)
+    forward, backward = gear_torque(b.ratio, b.efficiency, motor, 1.0), gear_torque(b.ratio, b.efficiency, motor, -1.0)
+    return needed, forward + system.compensation_nm, backward + system.compensation_nm
+
+
+@kernel
+def going_on(system: Motion, t: float, state: Any, senses: Senses, rests: bool, tool: int, lands: bool) -> Motion:
+    """Return the motion as it goes on from a state with body, tool and bearings in these regimes.
+
+    ``lands``: the gear keeps its sense through the piece, which ends where that turns.  A shaft that stands is held
+    where that takes less than its loss can (by more than rounding), else it sets off in the sense that this asks for.
+    """
+    speed, stands = gear_speed(system.breaker, state), False
+    sense = sign(speed) if lands else 0.0
+    if lands and may_stand(system.breaker, state, rests, tool):
+        still = standing_senses(system.breaker, state, tool, senses)
+        if still.crank != 0.0:
+            needed, low, high = gear_hold(system, t, state, tool, still)
+            least = HOLDS_BEYOND * (abs(needed) + abs(low) + abs(high))
+            stands, sense = min(needed - low, high - needed) > least, 1.0 if needed - low < high - needed else -1.0
+            senses = still if stands else senses
     return Motion(
         system.breaker,
         system.torque_nm,
@@ -110,8 +174,16 @@ def going_on(system: Motion, senses: Senses, rests: bool, tool: int) -> Motion:
         tool,
         system.dead_centre_rad,
         senses,
-        0.0,
+        sense,
+        stands,
     )
+
+
+@kernel
+def torque_of_standing_gear(system: Motion, state: Any) -> float:
+    """Return the torque on the crank (N m) with which the gear's shaft goes on standing."""
+    q, u, phi, p = state.crank_rad, state.crank_rad_per_s, state.body_rad, state.body_rad_per_s
+    return standing_gear(system.breaker, masses_at(system.breaker, q, phi), q, u, phi, p, system.tool, system.senses)[0]
 
 
 @rates_of(Motion, COOPER_VERNER_8)
@@ -119,6 +191,8 @@ def motion_rates(system: Motion, t: float, y: NDArray[np.float64], out: NDArray[
     """Fill the derivatives of the state."""
     state = unpacked_state(y)
     drive = drive_torque(system, t, state.crank_rad_per_s, state.body_rad_per_s)
+    if system.gear_stands:
+        drive = torque_of_standing_gear(system, state)
     pack_state(rates_of_state(system.breaker, state, drive, system.rests, system.tool, system.senses), out)
 
 
@@ -127,6 +201,8 @@ def forces_now(system: Motion, t: float, state: Any) -> Accelerations:
     """Return accelerations, collar moment and force on the tool in a state."""
     q, u, phi, p = state.crank_rad, state.crank_rad_per_s, state.body_rad, state.body_rad_per_s
     b, drive = system.breaker, drive_torque(system, t, u, p)
+    if system.gear_stands:
+        drive = torque_of_standing_gear(system, state)
     m = masses_at(b, q, phi)
     return contact_accelerations(b, m, q, u, phi, p, drive, system.rests, system.tool, system.senses)
 
@@ -141,12 +217,21 @@ def motion_signals(system: Motion, index: int, t: float, y: NDArray[np.float64])
         return float(state.body_rad), float(state.body_rad_per_s)
     if index == DEAD_CENTRE:
         return float(system.dead_centre_rad - state.crank_rad), -float(state.crank_rad_per_s)
-    if index in (CRANK_GRIP, BODY_GRIP):
-        held = torques_now(system, t, state)
-        return held.crank_margin_nm if index == CRANK_GRIP else held.body_margin_nm, UNKNOWN
-    if index == GEAR_TURNS:
-        return gear_speed(b, state), UNKNOWN
+    if index in (CRANK_GRIP, BODY_GRIP, GEAR_TURNS, GEAR_GRIP):
+        return grip_signal(system, index, t, state), UNKNOWN
     return force_signals(system, index, t, state)
+
+
+@kernel
+def grip_signal(system: Motion, index: int, t: float, state: Any) -> float:
+    """Return what more friction can hold at rest, or the speed of the gear."""
+    if index == GEAR_TURNS:
+        return gear_speed(system.breaker, state)
+    if index == GEAR_GRIP:
+        needed, low, high = gear_hold(system, t, state, system.tool, system.senses)
+        return min(needed - low, high - needed)
+    held = torques_now(system, t, state)
+    return held.crank_margin_nm if index == CRANK_GRIP else held.body_margin_nm
 
 
 @kernel
@@ -190,6 +275,20 @@ def substep(u: float, remaining: float, longest_s: float) -> float:
     """Return the length of the next substep (s): equal pieces of what remains, short in time and in crank angle."""
     longest = min(longest_s, SINGLE_STEP_RAD / (abs(u) + 1e-9))
     return remaining / max(math.ceil(remaining / longest - 1e-9), 1)
+
+
+@kernel
+def between_knots(span: float, work: Workspace) -> float:
+    """Return the length (s) of a piece that ends in a knot, from the step of ``span`` just taken: it or a shorter one.
+
+    Between knots the moment on the body is a line.  Of p' at both ends and in the middle what the line misses of the
+    body's rate is h (p'_0 - 2 p'_1/2 + p'_1)/3, which falls as h^3; a wall that stops a light crank bends it much.
+    """
+    first, middle, last = work.rates[0, BODY_RATE], work.rates[MIDDLE, BODY_RATE], work.rates[LAST, BODY_RATE]
+    missed = span * abs(first - 2.0 * middle + last) / 3.0
+    if missed <= MISSED_BETWEEN_KNOTS_RAD_PER_S:
+        return span
+    return float(span * (MISSED_BETWEEN_KNOTS_RAD_PER_S / missed) ** (1.0 / 3.0))
 
 
 @kernel

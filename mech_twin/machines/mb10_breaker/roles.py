@@ -130,7 +130,7 @@ class BreakerLinkage(CompiledLinkage):
         state = at_rest._replace(crank_rad=angle, crank_rad_per_s=u, body_rad=body, body_rad_per_s=rate)
         y, out = np.array(state), np.empty(self.layout.size)
         out[MEMORY_AT:RESIDUALS_AT] = BreakerMemory(begin_crank_rad=q, begin_crank_rad_per_s=u, begin_body_rad=body)
-        fill_row(self._b, y, regime, float((acceleration - idle) / (loaded - idle)), self._command, 0.0, out)
+        fill_row(self._b, y, regime, float((acceleration - idle) / (loaded - idle)), self._command, 0.0, 0.0, out)
         return self.layout.sample(step, time_s, out.tolist(), ())
 
 

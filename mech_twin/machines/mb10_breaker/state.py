@@ -17,6 +17,7 @@ EVENT_ROWS = 512  # of one coupling step; one more is an error in one line
 # kinds of events, by the order of their names
 BLOW, MISSED, TOUCHDOWN, SETTLED, LIFT_OFF, UNSEATED, CATCH_UP, PUSH_BEGINS, PUSHING, RELEASED, STALLED = range(11)
 CRANK_STOPPED, CRANK_STARTED, CRANK_REVERSED, BODY_STOPPED, BODY_STARTED, BODY_REVERSED = range(11, 17)
+GEAR_STOPPED, GEAR_STARTED, GEAR_REVERSED = range(17, 20)
 KINDS = (
     "blow",
     "missed",
@@ -35,6 +36,9 @@ KINDS = (
     "body_stopped",
     "body_started",
     "body_reversed",
+    "gear_stopped",
+    "gear_started",
+    "gear_reversed",
 )
 
 

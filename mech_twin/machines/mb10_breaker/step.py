@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mech_twin.engine.errors import MotionError
-from mech_twin.engine.events import FALLING, NONE, RISING, Step, first_event
-from mech_twin.engine.integration import start_step, take_step
+from mech_twin.engine.events import FALLING, NONE, Step, first_event
+from mech_twin.engine.integration import Workspace, start_step, take_step
 from mech_twin.kernel import kernel
 from mech_twin.machines.mb10_breaker.bearing_events import (
     apply_bearing_event,
@@ -29,7 +29,7 @@ from mech_twin.machines.mb10_breaker.bearing_events import (
     starting,
     watch_bearings,
 )
-from mech_twin.machines.mb10_breaker.bearing_friction import BearingTorques, rubs, sign
+from mech_twin.machines.mb10_breaker.bearing_friction import BearingTorques, rubs
 from mech_twin.machines.mb10_breaker.contact import apply_event
 from mech_twin.machines.mb10_breaker.dynamics import (
     BLOCKED,
@@ -45,11 +45,13 @@ from mech_twin.machines.mb10_breaker.dynamics import (
     energies,
 )
 from mech_twin.machines.mb10_breaker.event_rows import log_knot
+from mech_twin.machines.mb10_breaker.gear_events import log_gear, project_gear, until_torque_turns, watch_gear
 from mech_twin.machines.mb10_breaker.motion import (
     COLLAR,
     CRANK_MOTION,
     DEAD_CENTRE,
     GAP,
+    GEAR_GRIP,
     GEAR_TURNS,
     LIFT,
     PUSHING_SUBSTEP_S,
@@ -57,7 +59,9 @@ from mech_twin.machines.mb10_breaker.motion import (
     TOOL_MOTION,
     WALL,
     Motion,
-    gear_speed,
+    between_knots,
+    going_on,
+    may_stand,
     substep,
     tool_gap,
     torques_now,
@@ -92,9 +96,11 @@ def take_body(b: Breaker, state: Any, record: Any, regime: int, phi: float, p: f
     memory.parameter_work_j += before - memory.energy_j
     if regime == HELD:
         return regime
-    momentum = total_momentum(b, state)
+    momentum, carried = total_momentum(b, state), b.frame_drive > 0.0 and may_stand(b, state, regime != FLIGHT, REST)
     state.body_rad = 0.0 if rests or (phi < 0.0 <= p) else phi
     state.body_rad_per_s = 0.0 if rests else p
+    if carried and not rests:
+        state.crank_rad_per_s = p  # the gear's shaft stood, and goes on standing
     project_contact(b, state, int(memory.tool_regime), rests)
     memory.coupling_defect_j += total_energy(b, state) - before
     memory.coupling_defect_nms += total_momentum(b, state) - momentum
@@ -102,11 +108,15 @@ def take_body(b: Breaker, state: Any, record: Any, regime: int, phi: float, p: f
 
 
 @kernel
-def torque_line(b: Breaker, state: Any, memory: Any, torque: float, step_s: float, order: int) -> tuple[float, float]:
+def torque_line(
+    b: Breaker, state: Any, memory: Any, torque: float, step_s: float, order: int, stands: bool
+) -> tuple[float, float]:
     """Return slope of the motor torque (N m/s) and the crank torque (N m) that makes good the step before."""
     if order == 0 or memory.torque_history < 0.0:
         return 0.0, 0.0
     missed = crank_torque(b, torque, state.crank_rad_per_s, state.body_rad_per_s) - memory.line_crank_torque_nm
+    if stands:
+        missed = 0.0  # a gear that stands passes on what holds it
     slope = (torque - memory.previous_torque_nm) / step_s if memory.torque_history > 0.0 else 0.0
     return slope, missed * memory.torque_lag_s / step_s
 
@@ -175,16 +185,6 @@ def watched(motion: Motion, state: Any, end: Any, regime: int, last: int, watche
     return watch_bearings(motion, state, last, watches, count) if rubs(motion.breaker) else count
 
 
-@kernel
-def watch_gear(motion: Motion, state: Any, end: Any, watches: NDArray[np.int64], count: int) -> int:
-    """Add the gear to what is watched, where its speed has changed sign; return the number of watches."""
-    before, after = gear_speed(motion.breaker, state), gear_speed(motion.breaker, end)
-    if motion.breaker.efficiency < 1.0 and before * after < 0.0:
-        watches[count, 0], watches[count, 1], watches[count, 2] = GEAR_TURNS, FALLING if before > 0.0 else RISING, 0
-        return count + 1
-    return count
-
-
 class Before(NamedTuple):
     """Energy and momentum a step begins with, and the sums of losses and impulses up to it."""
 
@@ -241,22 +241,46 @@ def close_balances(b: Breaker, state: Any, memory: Any, before: Before) -> None:
 
 
 @kernel
-def next_piece(motion: Motion, state: Any, memory: Any, regime: int, lands: bool) -> Motion:
+def next_piece(motion: Motion, time: float, state: Any, memory: Any, regime: int, lands: bool) -> Motion:
     """Return the motion as it goes on from a state, in the regimes kept in the memory.
 
-    ``lands``: the gear keeps its sense through the piece, which ends where that turns.
+    ``lands``: the gear keeps its sense through the piece, which ends where that turns, and may stand.
     """
+    senses = Senses(memory.crank_sense, memory.body_sense)
+    going = going_on(motion, time, state, senses, regime != FLIGHT, int(memory.tool_regime), lands)
+    memory.crank_sense, memory.body_sense = going.senses.crank, going.senses.body
     return Motion(
-        motion.breaker,
-        motion.torque_nm,
-        motion.slope_nm_per_s,
-        motion.compensation_nm,
-        regime != FLIGHT,
-        int(memory.tool_regime),
+        going.breaker,
+        going.torque_nm,
+        going.slope_nm_per_s,
+        going.compensation_nm,
+        going.rests,
+        going.tool,
         state.crank_rad + to_dead_centre(motion.breaker, state.crank_rad),
-        Senses(memory.crank_sense, memory.body_sense),
-        sign(gear_speed(motion.breaker, state)) if lands else 0.0,
+        going.senses,
+        going.gear_sense,
+        going.gear_stands,
     )
+
+
+@kernel
+def has_knots(motion: Motion) -> bool:
+    """Return whether the moment on the body is told at the ends of each piece: the striker pushes, the body flies."""
+    return motion.tool in (PUSHED, BLOCKED) and not motion.rests
+
+
+@kernel
+def take_piece(motion: Motion, time: float, y: Array, step_s: float, work: Workspace) -> float:
+    """Take the next substep from ``y``, leave its end in ``work`` and return its length (s)."""
+    knots, u = has_knots(motion), named(y).crank_rad_per_s
+    longest = min(motion.breaker.longest_substep_s, PUSHING_SUBSTEP_S if knots or motion.tool == PUSHED else 1.0)
+    span = until_torque_turns(motion, time, u, substep(u, step_s - time, longest))
+    start_step(motion, time, y, work)
+    take_step(motion, time, y, span, work)
+    if knots and between_knots(span, work) < span:
+        span = between_knots(span, work)
+        take_step(motion, time, y, span, work)
+    return span
 
 
 @kernel
@@ -277,23 +301,21 @@ def advance_step(
         Receives one row per event.
     """
     memory, state = record[0], named(y)
-    slope, missed = torque_line(b, state, memory, torque, step_s, order)
+    stands = may_stand(b, state, regime != FLIGHT, int(memory.tool_regime))
+    slope, missed = torque_line(b, state, memory, torque, step_s, order, stands)
     memory.compensation_torque_nm = missed
     work, end, watches = workspace_of_motion(), np.empty(STATES), np.empty((10, 3), dtype=np.int64)
     first = starting(b, state, memory, regime != FLIGHT, int(memory.tool_regime))
-    motion = Motion(b, torque, slope, missed, regime != FLIGHT, int(memory.tool_regime), 0.0, first, 0.0)
+    motion = Motion(b, torque, slope, missed, regime != FLIGHT, int(memory.tool_regime), 0.0, first, 0.0, False)
+    motion = going_on(motion, 0.0, state, first, motion.rests, motion.tool, True)
     before = begin_step(b, state, memory, torques_now(motion, 0.0, state))
     count, time, left, weighed, last, turns, reversals = 0, 0.0, 0.0, 0.0, NONE, 0, 0
     while step_s - time > 1e-16:
         turns += 1
         if turns > SUBSTEP_BUDGET:
             raise MotionError("mb10_breaker: more than 20000 pieces of motion in one step; shorten coupling.step_s")
-        motion = next_piece(motion, state, memory, regime, reversals < MOST_REVERSALS)
-        knots = motion.tool in (PUSHED, BLOCKED) and not motion.rests
-        longest = min(b.longest_substep_s, PUSHING_SUBSTEP_S if knots or motion.tool == PUSHED else 1.0)
-        span = substep(state.crank_rad_per_s, step_s - time, longest)
-        start_step(motion, time, y, work)
-        take_step(motion, time, y, span, work)
+        motion = next_piece(motion, time, state, memory, regime, reversals < MOST_REVERSALS)
+        span = take_piece(motion, time, y, step_s, work)
         end[:] = work.end
         number = watched(motion, state, named(end), regime, last, watches)
         if reversals < MOST_REVERSALS:
@@ -305,14 +327,16 @@ def advance_step(
             take_step(motion, time, y, when, work)
             y[:] = work.end
         time += when
+        project_gear(motion, state)
         project_contact(b, state, motion.tool, motion.rests)
         last = NONE
         if which == NONE:
-            count = log_knot(motion, state, memory, regime, time, log, count) if knots else count
+            count = log_knot(motion, state, memory, regime, time, log, count) if has_knots(motion) else count
             continue
         last = watches[which, 0]
-        if last == GEAR_TURNS:
+        if last in (GEAR_TURNS, GEAR_GRIP):
             reversals += 1
+            count = log_gear(motion, state, memory, regime, last, time, log, count)
             continue
         apply_bearing_event(motion, state, last, regime != FLIGHT)
         u, p = state.crank_rad_per_s, state.body_rad_per_s
@@ -321,7 +345,7 @@ def advance_step(
         count = log_bearings(motion, state, memory, regime, time, log, count)
         jump = abs(state.crank_rad_per_s - u - b.frame_drive * (state.body_rad_per_s - p))
         left, weighed = left + jump * (step_s - time), weighed + jump
-    now = torques_now(next_piece(motion, state, memory, regime, False), step_s, state)
+    now = torques_now(next_piece(motion, step_s, state, memory, regime, True), step_s, state)
     memory.tool_force_n, memory.crank_friction_nm, memory.body_friction_nm = now.tool_force_n, now.crank_nm, now.body_nm
     remember_torque_line(motion, state, memory, step_s, left, weighed)
     close_balances(b, state, memory, before)

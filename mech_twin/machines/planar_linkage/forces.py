@@ -30,7 +30,7 @@ QUANTITIES = (
     "shaking_force_y_n",
     "shaking_force_n",
 )
-ROUNDING = 1e-5  # of the moments of the crank's centrifugal force, which cancel: less of a torque is lost in them
+ROUNDING = 1e-5  # of moments that cancel, of the crank's centrifugal force or of pins: less of a torque is lost in them
 
 
 class LoadedLinkage(NamedTuple):
@@ -71,7 +71,8 @@ def linkage_forces(
     for i in range(len(numbers)):
         out[place + i] = numbers[i]
     arm = np.hypot(p.masses.along_m[CRANK], p.masses.across_m[CRANK])
-    scale = max(model.moment_scale_nm, ROUNDING * p.masses.mass_kg[CRANK] * (w * arm) ** 2)
+    cancelling = max(p.masses.mass_kg[CRANK] * (w * arm) ** 2, at.balanced_nm)
+    scale = max(model.moment_scale_nm, ROUNDING * cancelling)
     out[place + len(numbers)] = route_miss(at.drive_nm, torque, by.inertia, memory, scale)
     return loads, 0
 

@@ -28,17 +28,22 @@ PINS_OF_DYAD = 3  # from: on the first link; between: of the first on the second
 
 
 class Wrenches(NamedTuple):
-    """Force (N) and moment about the machine's origin (N m) on every link; shape (links,)."""
+    """Force (N) and moment about the machine's origin (N m) on every link; shape (links,).
+
+    ``size`` is the sum of the sizes of what the moment is a difference of (N m).
+    """
 
     x: Array
     y: Array
     moment: Array
+    size: Array
 
 
 class ChainReactions(NamedTuple):
     """At pins (crank bearing, then three of each dyad) force (N) and moment (N m), shape (pins,); and what follows.
 
-    Drive torque (N m), and the force that the moving masses leave on the frame (N), weights and loads apart.
+    Drive torque (N m), and the force that the moving masses leave on the frame (N), weights and loads apart; and how
+    large the parts are, in moment at the crank (N m), of which the drive torque is what remains: by virtual work.
     """
 
     x: Array
@@ -47,6 +52,7 @@ class ChainReactions(NamedTuple):
     drive_nm: float
     shaking_x: float
     shaking_y: float
+    balanced_nm: float
 
 
 @kernel
@@ -55,6 +61,7 @@ def add_force(loads: Wrenches, link: int, x: float, y: float, at_x: float, at_y:
     loads.x[link] += x
     loads.y[link] += y
     loads.moment[link] += at_x * y - at_y * x + moment
+    loads.size[link] += abs(at_x * y) + abs(at_y * x) + abs(moment)
 
 
 @kernel
@@ -123,12 +130,13 @@ def pin_forces(p: PlanarLinkage, f: float, w: float, e: float, regime: int) -> C
     """Return every pin force at crank angle, speed and acceleration (rad, rad/s, rad/s2)."""
     d, links = p.dyads, len(p.masses.mass_kg)
     m, _ = chain_motion(d, f)
-    t = np.zeros((3, links))
-    loads = Wrenches(t[0], t[1], t[2])
+    t = np.zeros((4, links))
+    loads = Wrenches(t[0], t[1], t[2], t[3])
     add_loads(p, m, regime, loads)
     shaking_x, shaking_y = add_inertia(p, m, w, e, loads)
     pins = np.zeros((3, 1 + PINS_OF_DYAD * len(d.kind)))
-    out = ChainReactions(pins[0], pins[1], pins[2], 0.0, shaking_x, shaking_y)
+    out = ChainReactions(pins[0], pins[1], pins[2], 0.0, shaking_x, shaking_y, 0.0)
+    balanced = 0.0
     for k in range(len(d.kind) - 1, -1, -1):
         first, second, pin = 2 + 2 * k, 3 + 2 * k, 1 + PINS_OF_DYAD * k
         a = on_link(m, d.from_link[k], d.from_x_m[k], d.from_y_m[k])
@@ -142,7 +150,10 @@ def pin_forces(p: PlanarLinkage, f: float, w: float, e: float, regime: int) -> C
         out.x[pin], out.y[pin] = from_x, from_y
         out.x[pin + 1], out.y[pin + 1], out.moment[pin + 1] = x, y, moment
         out.x[pin + 2], out.y[pin + 2], out.moment[pin + 2] = to_x, to_y, to_moment
+        balanced += abs(from_x * a.x1) + abs(from_y * a.y1) + abs(to_x * b.x1) + abs(to_y * b.y1)
         add_force(loads, d.from_link[k], -from_x, -from_y, a.x, a.y, 0.0)
         add_force(loads, d.to_link[k], -to_x, -to_y, at_x, at_y, -to_moment)
+    for link in range(CRANK, links):
+        balanced += loads.size[link] * abs(m.angle1[link])
     out.x[0], out.y[0] = -loads.x[CRANK], -loads.y[CRANK]
-    return ChainReactions(out.x, out.y, out.moment, -loads.moment[CRANK], shaking_x, shaking_y)
+    return ChainReactions(out.x, out.y, out.moment, -loads.moment[CRANK], shaking_x, shaking_y, balanced)

@@ -246,6 +246,41 @@ def test_the_torque_is_the_same_by_work_and_by_equilibrium(
     assert pin_forces(chain, angle, w, e, regime).drive_nm == pytest.approx(torque, abs=1e-10 * size)
 
 
+def test_a_pin_that_carries_a_load_beside_the_crank_costs_the_drive_torque_its_digits_alone() -> None:
+    """A spring's 2e10 N on an arm of 100 m, held by the frame: the routes differ by rounding of what cancels."""
+    guide = {"kind": "rpr", "from_link": "crank", "to_link": "ground", "to_x_m": 0.0, "to_y_m": -0.0068375}
+    slide = {"kind": "rrp", "from_link": "dyad_1_second", "to_link": "ground", "to_x_m": 0.0, "to_y_m": 0.235}
+    spring = {"link": "dyad_2_first", "x_m": 100.0, "y_m": 0.387, "ground_x_m": -0.0003, "ground_y_m": 97.424}
+    mass = {"mass_kg": 2.53, "inertia_kg_m2": 1.956, "centre_x_m": -0.0094}
+    made = build(
+        linkage(
+            drive={"kind": "constant_speed", "speed_rpm": 0.7},
+            crank={"length_m": 0.003567, "flywheel_kg_m2": 0.0763},
+            dyad_1={**guide, "branch": "plus", "second": mass},
+            dyad_2={**slide, "branch": "plus", "first_m": 0.25},
+            spring_1={**spring, "rate_n_per_m": 2.9e8, "free_m": 55.3},
+        )
+    )
+    chain, missed = made.linkage.mechanism.chain, 0.0
+    for angle in np.linspace(0.0, 2.0 * math.pi, 1000):
+        at, by = pin_forces(chain, angle, 0.1, 0.0, IDLE), reduced(chain, angle, IDLE)
+        miss = abs(at.drive_nm - (0.005 * by.slope - by.moment))
+        assert miss < 1e-15 * at.balanced_nm
+        missed = max(missed, miss)
+    assert missed > 1e-10 * made.forces.model.moment_scale_nm
+    for frame in frames(made, 0.5):
+        assert abs(frame.forces.residuals["drive_torque_routes"]) < 1e-10
+
+
+@pytest.mark.parametrize("number", range(3))
+def test_the_moments_that_cancel_are_no_part_of_the_scale_of_a_usual_linkage(number: int) -> None:
+    """The routes are compared over the peak torque, unless the pins' moments are 1e5 times as large."""
+    made = build(PlanarLinkageParameters.model_validate(examples()[number]))
+    chain, scale = made.linkage.mechanism.chain, made.forces.model.moment_scale_nm
+    for angle in ANGLES:
+        assert pin_forces(chain, angle, 12.0, 0.0, IDLE).balanced_nm < 1e3 * scale
+
+
 @given(linkages(), st.floats(0.0, 2.0 * math.pi))
 def test_frame_forces_balance_weights_loads_and_inertia(parameters: PlanarLinkageParameters, angle: float) -> None:
     """What ground and springs give the moving links is their inertia less their weight and the load."""
