@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Draw random legal configurations of a machine, analyse each and simulate half a second of it.
 
-    python benchmarks/reliability/random_draws.py [MACHINE ...] [--count 2000] [--seed 1] [--workers 1] [--write]
+    python benchmarks/reliability/random_draws.py [MACHINE ...] [--first 0] [--count 2000] [--seed 1] [--workers 1]
     python benchmarks/reliability/random_draws.py MACHINE --only NUMBER [--seed 1]
 
 The machines take turns.  Goes on where it was ended, as what became of each draw is kept in build/random_draws.
 What breaks is printed as a parameter file; exit code 1 if there is any.  ``--only`` makes some of the draws once more,
-``--write`` puts the counts into docs/random-configurations.md.
+``--write`` puts the counts into docs/random-configurations.md, those from ``--first`` on in a row of their own.
 """
 
 from __future__ import annotations
@@ -102,26 +102,28 @@ def keep(name: str, seed: int, outcome: Outcome) -> None:
         print(f"# {name} {seed}/{outcome.number}: {outcome.what}\n{outcome.text}", flush=True)
 
 
-def row(name: str, seed: int) -> list[Any]:
-    """Return the counts of a machine's draws."""
-    found = list(kept(name, seed).values())
+def row(name: str, seed: int, first: int) -> list[Any]:
+    """Return the counts of a machine's draws from a number on."""
+    found = [record for number, record in kept(name, seed).items() if number >= first]
     ends = Counter(record["end"] for record in found)
     counts = [ends[end] for end in (UNBUILT, RAN, REFUSED_IN_RUN, BROKEN)]
     margin, slowest = max(record["margin"] for record in found), max(record["seconds"] for record in found)
     refused, day = sum(record["refused"] for record in found), max(record["made"] for record in found)
-    return [name, seed, len(found), refused, *counts, f"{margin:.2g}", f"{slowest:.1f} s", day]
+    drawn = f"{seed}, from {first} on" if first else seed
+    return [name, drawn, len(found), refused, *counts, f"{margin:.2g}", f"{slowest:.1f} s", day]
 
 
-def missing_numbers(name: str, seed: int, count: int) -> list[int]:
-    """Return which of the first ``count`` draws of a machine have not been made."""
+def missing_numbers(name: str, seed: int, first: int, count: int) -> list[int]:
+    """Return which draws of a machine have not been made, of ``count`` from the first one on."""
     done = kept(name, seed)
-    return [number for number in range(count) if number not in done]
+    return [number for number in range(first, first + count) if number not in done]
 
 
 def main() -> int:
     """Draw, and write what was seen."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("machines", nargs="*", metavar="MACHINE", help=f"some of {', '.join(CATALOGUE)}; else all")
+    parser.add_argument("--first", type=int, default=0, help="number of the first draw")
     parser.add_argument("--count", type=int, default=2000, help="draws of each machine")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--workers", type=int, default=1, help="processes that draw at the same time")
@@ -131,16 +133,16 @@ def main() -> int:
     KEPT.mkdir(parents=True, exist_ok=True)
     subprocess.run([sys.executable, str(ROOT / "test" / "compile_kernels.py")], check=True)  # no draw pays for them
     names = asked.machines or list(CATALOGUE)
-    missing = {name: asked.only or missing_numbers(name, asked.seed, asked.count) for name in names}
+    missing = {name: asked.only or missing_numbers(name, asked.seed, asked.first, asked.count) for name in names}
     workers = [LimitedWorker(made, LONGEST_S) for _ in range(asked.workers)]
     with ThreadPoolExecutor(asked.workers) as pool:
         for name, numbers in turns(missing):
             works = [Work(name, asked.seed, number) for number in numbers]
             list(pool.map(make_some, workers, [works[place :: asked.workers] for place in range(asked.workers)]))
-            print(*row(name, asked.seed), sep=" | ", flush=True)
+            print(*row(name, asked.seed, asked.first), sep=" | ", flush=True)
     for worker in workers:
         worker.close()
-    rows = [row(name, asked.seed) for name in names]
+    rows = [row(name, asked.seed, asked.first) for name in names]
     if asked.write:
         add_rows("random_draws", COLUMNS, rows, naming=2)  # machine and seed
     return int(any(found[COLUMNS.index("broken")] for found in rows))
