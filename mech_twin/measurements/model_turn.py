@@ -24,6 +24,7 @@ REPEATED = 0.01  # of its swing: a column that differs less from turn to turn is
 COARSE = 72  # zeros of the crank that are tried
 REFINED = 41
 SIGN_FACTOR = 4.0  # by which a sign of -1 must leave less of the variance open
+ROUNDING = 1e-12  # of the variance: what a channel without noise may leave open with either sign
 
 
 @dataclass(frozen=True)
@@ -162,7 +163,7 @@ def following(
 
 def _unlikeliness(each: Following) -> float:
     """Return the share of the variance that is left open, larger for each sign of -1."""
-    return (1.0 - each.correlation**2) * SIGN_FACTOR ** ((each.sign < 0) + (each.crank_sign < 0))
+    return max(1.0 - each.correlation**2, ROUNDING) * SIGN_FACTOR ** ((each.sign < 0) + (each.crank_sign < 0))
 
 
 def _refined(turn: ModelTurn, column: str, crank_rad: Array, values: Array, coarse: Following) -> Following:

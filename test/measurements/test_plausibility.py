@@ -94,6 +94,18 @@ def test_a_run_of_the_machine_itself_passes(name: str) -> None:
     assert implausible(measured(own, *moving), model_turn(machine), machine_columns(machine)) == []
 
 
+@pytest.mark.parametrize("turned_rad", [0.5, TURN, 31.4])
+def test_a_motion_that_either_sense_of_the_crank_explains_without_noise_keeps_its_sign(turned_rad: float) -> None:
+    found = model_turn(built("vibration_crank"))
+    assert found is not None
+    for count in range(500, 520):  # whose rounding differs
+        crank = np.linspace(0.0, turned_rad, count)
+        rod = found.at("linkage.rod.position", crank)
+        for zero in (None, 0.0):
+            told = following(found, "linkage.rod.position", crank, rod, zero)
+            assert (told.sign, told.crank_sign) == (1, 1)
+
+
 def test_a_wrong_unit_is_named_with_the_right_one(motion: dict[str, Array], turn: ModelTurn) -> None:
     good = measured(motion, *COLUMNS)
     the_line(

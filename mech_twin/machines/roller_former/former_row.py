@@ -26,14 +26,22 @@ from mech_twin.machines.roller_former.dynamics import (
     stored_energy,
 )
 from mech_twin.machines.roller_former.events import EventLog, empty_log
-from mech_twin.machines.roller_former.integration import DONE, MOST_STEPS, TOO_SHORT, Advance, advance_motion
+from mech_twin.machines.roller_former.integration import (
+    DONE,
+    MOST_STEPS,
+    NO_STEP,
+    TIGHT,
+    TOO_SHORT,
+    Advance,
+    advance_motion,
+)
 from mech_twin.machines.roller_former.memory import CARTS_AT, memory_of, residuals_of, shaft_of
 
 KINK = 1e-9  # a second difference of the command above this is a corner: the torque before it tells nothing of after
 TURN = 2.0 * np.pi
 RUNNING, HELD, STALLED = 0, 1, 2
 FAILURES = (
-    "roller_former: no integration step is small enough: integrator.tolerance is too tight",
+    f"roller_former: {NO_STEP}: {TIGHT}",
     f"roller_former: more than {MOST_STEPS} integration steps: drive or carts are too stiff for coupling.step_s",
 )
 

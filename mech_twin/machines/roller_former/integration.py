@@ -7,6 +7,7 @@ latest where something happens: the first event is bracketed by repeated steps a
 
 from __future__ import annotations
 
+from math import isfinite
 from typing import NamedTuple
 
 import numpy as np
@@ -55,12 +56,17 @@ class Advance(NamedTuple):
     steps: int
 
 
+NO_STEP = f"no integration step of {SHORTEST_S:g} s or more is small enough"
+TIGHT = "integrator.tolerance is too tight for these loads"
+
+
 def ending(advance: Advance) -> str:
     """Return in one line why an integration did not reach its end."""
+    at = f" at {advance.time_s:.6g} s" if isfinite(advance.time_s) else ""
     if advance.status == TOO_SHORT:
-        return f"no integration step is small enough at {advance.time_s:.6g} s: integrator.tolerance is too tight"
+        return f"{NO_STEP}{at}: {TIGHT}"
     return (
-        f"more than {MOST_STEPS} integration steps at {advance.time_s:.6g} s: drive.stiffness_nm_per_rad, "
+        f"more than {MOST_STEPS} integration steps{at}: drive.stiffness_nm_per_rad, "
         "drive.damping_nms_per_rad or friction.viscous_nms_per_rad is too large for the inertia"
     )
 
