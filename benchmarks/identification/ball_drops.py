@@ -10,11 +10,11 @@ a missed or false bounce is not between 0.90 and 0.92, or where fewer than three
 
 from __future__ import annotations
 
-import argparse
 import sys
 from pathlib import Path
 
 import numpy as np
+from data_directory import given_directory
 
 from mech_twin.measurements.blocks import Array
 from mech_twin.measurements.event_estimates import restitution_from_flights
@@ -35,11 +35,7 @@ def bounces(path: Path) -> Array:
 
 def main() -> None:
     """Print what each drop shows."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("directory", type=Path)
-    folder = parser.parse_args().directory
-    if missing := [name for name in DROPS if not (folder / name).is_file()]:
-        parser.error(f"{folder}: expected {', '.join(DROPS)}, found no {', '.join(missing)}")
+    folder = given_directory(__doc__, DROPS)
     clean = []
     for name in DROPS:
         times_s = bounces(folder / name)

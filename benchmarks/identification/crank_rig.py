@@ -10,13 +10,13 @@ ms.  Ends with exit code 1 where the run held out fits to less than 98.5 %.
 
 from __future__ import annotations
 
-import argparse
 import sys
 import tempfile
 from pathlib import Path
 
 import numpy as np
 import yaml
+from data_directory import given_directory
 
 from mech_twin.measurements.runs import read_run
 from mech_twin.nodes.opened_runs import given_map, opened_run
@@ -67,11 +67,7 @@ def _timed(path: Path, scratch: Path) -> Path:
 
 def main() -> None:
     """Print what each choice of a run held out finds."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("directory", type=Path)
-    folder = parser.parse_args().directory
-    if missing := [name for name in RUNS if not (folder / name).is_file()]:
-        parser.error(f"{folder}: expected {', '.join(RUNS)}, found no {', '.join(missing)}")
+    folder = given_directory(__doc__, RUNS)
     with tempfile.TemporaryDirectory() as scratch:
         file = Path(scratch) / "map.yaml"
         file.write_text(yaml.safe_dump(MAP), encoding="utf-8")
