@@ -62,6 +62,7 @@ class ViewerNode(ObserverNode):
         """Show one whole frame."""
         self.diagnostics.state = "running"
         self.time_s = frame.linkage.time_s
+        self.newest_s = max(self.newest_s, self.time_s)  # frames that come without topics tell where the run is
         if self.run_metrics.frames == 0 and (tree := self.run_metrics.machine.mechanism) is not None:
             self.rerun_scene.know(tree, self.run_metrics.machine.blow_energy)
         self.rerun_scene.frame(motor=frame.motor, linkage=frame.linkage, forces=frame.forces, body=frame.body)
