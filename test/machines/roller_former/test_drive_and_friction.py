@@ -272,3 +272,13 @@ def test_carts_whose_energy_would_drown_the_balance_are_refused_and_the_heaviest
     limit = machine.linkage.residual_limits["energy_balance"]
     for frame in frames(machine, 0.2):
         assert abs(frame.linkage.residuals["energy_balance"]) < limit
+
+
+def test_a_crank_that_falls_back_over_the_dead_centre_it_starts_on_keeps_its_energy():
+    """It begins forward, and its rod's weight takes it back: no step may put it back on the dead centre."""
+    falling = {**OFF, "load": "rectified", "start.crank_deg": -3600.0, "start.speed_fraction": 1e-4}
+    heavy = {"carts.rod_mass_kg": 1e4, "carts.gravity_m_per_s2": 9.81, "coupling.step_s": 0.005}
+    machine = machine_for(1, {**falling, **heavy, "drive.gear_loss": "printed"})
+    for frame in frames(machine, 0.1, lambda step: 0.0):
+        assert abs(frame.linkage.residuals["energy_balance"]) < 1e-10
+    assert joints_of(frame.linkage.velocity).crank < -0.1
