@@ -302,3 +302,16 @@ def test_a_crank_that_falls_back_over_the_dead_centre_it_starts_on_keeps_its_ene
     for frame in frames(machine, 0.1, lambda step: 0.0):
         assert abs(frame.linkage.residuals["energy_balance"]) < 1e-10
     assert joints_of(frame.linkage.velocity).crank < -0.1
+
+
+def test_a_crank_in_thick_friction_creeps_as_fast_as_its_moment_drives_it():
+    """Far below the integrator's tolerance, and never backward: T/v, the drive turning on and winding up the twist."""
+    thick = {"friction.viscous_nms_per_rad": 1.2e6, "friction.coulomb_nm": 1e-12, "drive.damping_nms_per_rad": 0.0}
+    soft = {"drive.stiffness_nm_per_rad": 1.0, "start.speed_fraction": 1.0, "coupling.step_s": 1e-4}
+    machine = machine_for(1, {**OFF, **thick, **soft})
+    for frame in frames(machine, 1e-3, lambda step: 0.0):
+        if frame.linkage.step >= 2:
+            driven = joints_of(frame.linkage.effort).twist / 1.2e6
+            assert joints_of(frame.linkage.velocity).crank == pytest.approx(driven, rel=0.02)
+            assert not frame.linkage.events
+    assert driven < 1e-9 * machine.parameters.synchronous_crank_speed_rad_per_s
