@@ -237,6 +237,20 @@ def test_a_step_whose_error_is_no_number_is_tried_again_at_a_fifth():
 
 
 @pytest.mark.parametrize("planet", [Planet853, Planet5], ids=["853", "5"])
+def test_an_error_never_falls_where_the_rates_grow(planet):
+    """Also where squares overflow one after the other: no step is good because its error is too large for a double."""
+    method, system = METHODS[planet], planet(1.0)
+    work, rates = workspace(method, 4), np.random.default_rng(1).normal(size=(len(method.nodes), 4))
+    errors = []
+    for power in np.linspace(0.0, 170.0, 3401):
+        work.rates[:] = rates * 10.0**power
+        errors.append(step_error(system, 0.2, np.full(4, 1.0), work))
+    assert errors[0] > 0.0
+    assert np.all(np.diff([min(error, 1e300) for error in errors]) >= 0.0)
+    assert errors[-1] == math.inf
+
+
+@pytest.mark.parametrize("planet", [Planet853, Planet5], ids=["853", "5"])
 def test_error_estimate_falls_with_its_order(planet):
     system, work, y = planet(1.0), workspace(METHODS[planet], 4), ellipse(0.3)
     estimates = []

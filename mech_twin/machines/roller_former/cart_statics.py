@@ -112,8 +112,9 @@ def rod_force(bank: CartBank, cart: int, rod_sine: float, rod_cosine: float, sen
     if not bank.on_either_rail[cart]:
         return float(sense * bank.pull_n[cart] / (rod_cosine - sense * f * rod_sine))
     front_0, rear_0 = guide_reactions(bank, cart, rod_sine, 0.0, sense, 1.0, 0.0)
-    front_1, rear_1 = guide_reactions(bank, cart, rod_sine, 1.0, sense, 1.0, 1.0)
-    front_1, rear_1 = front_1 - front_0, rear_1 - rear_0
+    # what a newton of rod force adds, by itself: as a difference it is rounding beside loads on long arms
+    rear_1 = rod_sine * (bank.b_m - bank.p_m - sense * f * bank.roller_radius_m) / (2.0 * bank.b_m)
+    front_1 = rod_sine - rear_1
     force = 0.0
     for signs in range(4):
         front_sign = 1.0 - 2.0 * (signs & 1)

@@ -195,8 +195,9 @@ def fill_watches(motion: FormerMotion, modes: Modes, y: Array, watches: NDArray[
         count = watch_signal(watches, count, CRANK_AHEAD, False)
         count = watch_signal(watches, count, CRANK_BACK, False)
     else:
-        count = watch_signal(watches, count, HIGH, False)
-        count = watch_signal(watches, count, LOW, False)
+        speed = now.crank_speed_rad_per_s  # away from a dead centre it stands on, to which it may come back
+        count = watch_signal(watches, count, HIGH, now.crank_rad == stretch.high_rad and speed < 0.0)
+        count = watch_signal(watches, count, LOW, now.crank_rad == stretch.low_rad and speed > 0.0)
         if may_stick(former, modes):
             count = watch_signal(watches, count, CRANK_TURNS, now.crank_speed_rad_per_s == 0.0)
     if gear_may_stick(former):

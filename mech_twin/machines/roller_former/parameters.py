@@ -7,6 +7,7 @@ from math import hypot, inf, sqrt
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import field_validator, model_validator
 
 from mech_twin.engine.coupling import Coupling
@@ -33,6 +34,9 @@ LONGEST_STEP_S = 0.01
 SHORTEST_RISE_S = 1e-3  # of the load: a faster one is a load that is there at once
 SMALLEST_INERTIA = 1e-6  # of crank shaft and carts over that of the motor's side
 LARGEST_STORED = 1e6  # energy of crank shaft, carts and weights over twice that of the motor's side
+HEAVY = 10.0  # the same ratio, above which the crank is followed more exactly
+BALANCED = 1e-10  # of twice the motor side's energy: what a step may then miss of the crank's
+FINEST = 1e-15  # of a coordinate's scale: what double precision has
 LARGEST_RATE_PER_S = 1e6  # of anything that decays or swings: the integration is explicit
 
 
@@ -128,14 +132,14 @@ class RollerFormer(Parameters):
             )
         first = reduced_inertia(self.drive, self.motor.rotor_inertia_kg_m2)
         bank = bank_of(self)
-        least, most = inertia_range_kg_m2(bank)
+        least, _most = inertia_range_kg_m2(bank)
         if least < SMALLEST_INERTIA * first:
             raise ValueError(
                 f"carts: crank shaft and carts have a reduced inertia of {least:.3g} kg m^2 at a dead centre, at "
                 f"least {SMALLEST_INERTIA * first:.3g} is needed: rod_mass_kg or crank_inertia_kg_m2 must be larger"
             )
         speed = self.synchronous_crank_speed_rad_per_s
-        stored = 0.5 * most * speed**2 + hypot(bank.rod_weight_cosine_nm, bank.rod_weight_sine_nm)
+        stored = crank_energy_j(bank, speed)
         scale = LARGEST_STORED * first * speed**2
         if stored > scale:
             raise ValueError(
@@ -192,6 +196,26 @@ def bank_of(parameters: RollerFormer) -> CartBank:
     return cart_bank(parameters.carts, parameters.load, parameters.guide_friction, parameters.kinematics)
 
 
+def crank_energy_j(bank: CartBank, speed_rad_per_s: float) -> float:
+    """Return the most that crank shaft, carts and weights hold at a crank speed (J)."""
+    _least, most = inertia_range_kg_m2(bank)
+    return 0.5 * most * speed_rad_per_s**2 + hypot(bank.rod_weight_cosine_nm, bank.rod_weight_sine_nm)
+
+
+def tolerances_of(tolerance: float, scales: FormerState, crank_j: float) -> NDArray[np.float64]:
+    """Return the errors that a step may make, (8,).
+
+    The balance of energy is told over what the motor's side holds.  Where the crank holds ``crank_j`` (J), many times
+    that, its angle and speed are followed as exactly as the balance needs: to a hundredth of its limit a step.
+    """
+    own_j, crank = scales.motor_work_j, tolerance
+    if crank_j > HEAVY * own_j:
+        crank = min(tolerance, max(BALANCED * own_j / crank_j, FINEST))
+    exact = FormerState(crank, tolerance, crank, tolerance, tolerance, tolerance, tolerance, tolerance)
+    errors: NDArray[np.float64] = np.array(exact) * np.array(scales)
+    return errors
+
+
 def former_of(parameters: RollerFormer) -> Former:
     """Return all constants of the motion.
 
@@ -206,8 +230,9 @@ def former_of(parameters: RollerFormer) -> Former:
     twist_rate = 3.0 * twist * sqrt(p.drive.stiffness_nm_per_rad / inertia)
     energy = inertia * speed * speed
     scales = FormerState(1.0, twist, speed, twist_rate, energy, energy, energy, energy)
+    bank = bank_of(p)
     return Former(
-        bank=bank_of(p),
+        bank=bank,
         motor=motor,
         motor_inertia_kg_m2=inertia,
         stiffness_nm_per_rad=p.drive.stiffness_nm_per_rad,
@@ -222,5 +247,5 @@ def former_of(parameters: RollerFormer) -> Former:
         slow_speed_rad_per_s=p.stall.speed_fraction * speed,
         stall_time_s=p.stall.time_s,
         scales=scales,
-        tolerances=p.integrator.tolerance * np.array(scales),
+        tolerances=tolerances_of(p.integrator.tolerance, scales, crank_energy_j(bank, speed)),
     )

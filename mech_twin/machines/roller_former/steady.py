@@ -189,7 +189,7 @@ def steady_turn(
     speed = former.motor.synchronous_speed_rad_per_s / former.ratio
     y, modes, t = state_array(crank_rad, speed), Modes(1.0, 1.0, 1.0, True, 1.0, -1.0, False, 0.0), 0.0
     longest_s = LONGEST_TURN * TURN / speed
-    criterion = max(CRITERION, float(former.tolerances[CRANK] / former.scales[CRANK]) / 100.0)
+    criterion = max(CRITERION, float(np.max(former.tolerances / np.array(former.scales))) / 100.0)
     steps = 0
     for turns in range(1, most_turns + 1):
         before = FormerState(*y.tolist())

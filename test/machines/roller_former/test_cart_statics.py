@@ -75,6 +75,21 @@ def test_the_cart_is_in_equilibrium(psi, sense, rail):
 
 @compiled
 @given(angles)
+def test_friction_on_long_arms_is_in_equilibrium_to_rounding(psi):
+    """Rollers 100 m below the pin press the guides, 2 cm apart, with thousands of times the process force."""
+    long_arms = {"e_m": 100.0, "b_m": 0.0108, "p_m": 0.0138, "guide_roller_m": 0.0034}
+    load = cart_load(
+        bank("rectified", "rail_change", **long_arms, roller_force_x_n=7e7, roller_force_y_n=0.0), 0, psi, 1.0
+    )
+    sine = 0.25 * math.sin(psi)
+    grip = 0.008 * (abs(load.front_n) + abs(load.rear_n))
+    along = 1.4e8 + grip - load.rod_force_n * math.sqrt(1.0 - sine * sine)
+    assert load.rod_force_n > 1e9
+    assert along == pytest.approx(0.0, abs=1e-12 * load.rod_force_n)
+
+
+@compiled
+@given(angles)
 def test_transfer_functions_are_derivatives_of_the_position(psi):
     for kinematics in ("exact", "expanded"):
         one = bank(kinematics=kinematics)

@@ -272,3 +272,46 @@ def test_carts_whose_energy_would_drown_the_balance_are_refused_and_the_heaviest
     limit = machine.linkage.residual_limits["energy_balance"]
     for frame in frames(machine, 0.2):
         assert abs(frame.linkage.residuals["energy_balance"]) < limit
+
+
+@pytest.mark.parametrize("tolerance", [1e-7, 1e-9])
+@pytest.mark.parametrize(("rod_mass_kg", "mass_kg"), [(6e4, 0.0), (6e4, 4e5)])
+def test_a_heavy_crank_keeps_the_balance_of_energy_at_every_tolerance(tolerance, rod_mass_kg, mass_kg):
+    """It holds up to 1e6 times what the motor's side does, over which the balance is told."""
+    small = {"drive.ratio": 0.33, "drive.stiffness_nm_per_rad": 1000.0, "drive.damping_nms_per_rad": 80.0}
+    heavy = {"carts.rod_mass_kg": rod_mass_kg, "carts.mass_kg": mass_kg, "start.speed_fraction": 1.0}
+    exact = {"integrator.tolerance": tolerance, "coupling.step_s": 0.003}
+    machine = machine_for(1, {**OFF, **small, **heavy, **exact})
+    limit = machine.linkage.residual_limits["energy_balance"]
+    for frame in frames(machine, 0.2, lambda step: 0.0):
+        assert abs(frame.linkage.residuals["energy_balance"]) < limit
+
+
+def test_error_control_of_a_crank_no_heavier_than_usual_is_that_of_the_configuration():
+    for carts in (1, 2, 3, 4):
+        for change in ({}, {"parameter_set": "printed"}, {"carts.crank_inertia_kg_m2": 100.0 / carts}):
+            former = former_of(parameters_for(carts, change))
+            assert (former.tolerances == 1e-9 * np.array(former.scales)).all()
+
+
+def test_a_crank_that_falls_back_over_the_dead_centre_it_starts_on_keeps_its_energy():
+    """It begins forward, and its rod's weight takes it back: no step may put it back on the dead centre."""
+    falling = {**OFF, "load": "rectified", "start.crank_deg": -3600.0, "start.speed_fraction": 1e-4}
+    heavy = {"carts.rod_mass_kg": 1e4, "carts.gravity_m_per_s2": 9.81, "coupling.step_s": 0.005}
+    machine = machine_for(1, {**falling, **heavy, "drive.gear_loss": "printed"})
+    for frame in frames(machine, 0.1, lambda step: 0.0):
+        assert abs(frame.linkage.residuals["energy_balance"]) < 1e-10
+    assert joints_of(frame.linkage.velocity).crank < -0.1
+
+
+def test_a_crank_in_thick_friction_creeps_as_fast_as_its_moment_drives_it():
+    """Far below the integrator's tolerance, and never backward: T/v, the drive turning on and winding up the twist."""
+    thick = {"friction.viscous_nms_per_rad": 1.2e6, "friction.coulomb_nm": 1e-12, "drive.damping_nms_per_rad": 0.0}
+    soft = {"drive.stiffness_nm_per_rad": 1.0, "start.speed_fraction": 1.0, "coupling.step_s": 1e-4}
+    machine = machine_for(1, {**OFF, **thick, **soft})
+    for frame in frames(machine, 1e-3, lambda step: 0.0):
+        if frame.linkage.step >= 2:
+            driven = joints_of(frame.linkage.effort).twist / 1.2e6
+            assert joints_of(frame.linkage.velocity).crank == pytest.approx(driven, rel=0.02)
+            assert not frame.linkage.events
+    assert driven < 1e-9 * machine.parameters.synchronous_crank_speed_rad_per_s

@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
 from roller_former_cases import machine_for, parameters_for
 from scipy.integrate import solve_ivp
 
@@ -17,6 +19,7 @@ from mech_twin.engine.run import frames
 from mech_twin.machines.roller_former.cart_statics import load_moment, shaft_terms
 from mech_twin.machines.roller_former.dynamics import DriveLine, Modes, state_array
 from mech_twin.machines.roller_former.events import empty_log
+from mech_twin.machines.roller_former.forces import former_forces
 from mech_twin.machines.roller_former.integration import DONE, advance_motion
 from mech_twin.machines.roller_former.memory import FormerMemory
 from mech_twin.machines.roller_former.metrics import former_metrics, turn_metrics
@@ -284,3 +287,22 @@ def test_steady_numbers_of_a_run_are_those_of_the_summary():
         assert seen[f"last_turn_{name}"] == pytest.approx(said[name], rel=1e-3), name
     assert seen["last_turn_speed_rad_per_s"] == pytest.approx(said["steady_speed_rad_per_s"], rel=2e-3)
     assert seen["load_engaged_at_s"] < said["startup_time_s"]
+
+
+@settings(deadline=None)
+@given(st.floats(0.0, 7.0), st.lists(st.floats(0.0, 360.0), min_size=2, max_size=2), st.sampled_from([0.1, 0.4]))
+@example(0.0, [0.1, 179.9], 0.4)
+@example(0.0, [90.0, 270.0], 0.4)
+def test_the_expansion_misses_the_linkage_by_no_more_than_its_transfer_function_does(crank_rad, offsets_deg, crank_m):
+    """Cart by cart: also where their inertia moments cancel in the sum, near dead centres and opposite each other."""
+    expanded = {"kinematics": "expanded", "load": "none", "carts.crank_m": crank_m, "carts.offsets_deg": offsets_deg}
+    machine = machine_for(2, {**expanded, "carts.rod_mass_kg": 1.0})
+    former, limit = machine.linkage.former, machine.forces.residual_limits["drive_torque_routes"]
+    *_, residual = former_forces(former, crank_rad, 100.0, 100.0, (0.0, 0.0, 0.0), np.zeros(2))
+    assert limit == pytest.approx(0.2 * (crank_m / 0.8) ** 3)
+    assert abs(residual) <= limit
+
+
+def test_the_limit_of_an_expansion_is_never_below_rounding():
+    machine = machine_for(2, {"kinematics": "expanded", "carts.rod_m": 100.0, "carts.crank_m": 0.05})
+    assert machine.forces.residual_limits["drive_torque_routes"] == 1e-10
