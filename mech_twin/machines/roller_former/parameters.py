@@ -207,8 +207,14 @@ def tolerances_of(tolerance: float, scales: FormerState, crank_j: float) -> NDAr
 
     The balance of energy is told over what the motor's side holds.  Where the crank holds ``crank_j`` (J), many times
     that, its angle and speed are followed as exactly as the balance needs: to a hundredth of its limit a step.
+    Under a rated moment a soft coupling would twist by thousands of turns, which are no scale of an error: a radian,
+    and synchronous speed, are the most.
     """
     own_j, crank = scales.motor_work_j, tolerance
+    scales = scales._replace(
+        twist_rad=min(scales.twist_rad, scales.crank_rad),
+        twist_rate_rad_per_s=min(scales.twist_rate_rad_per_s, scales.crank_speed_rad_per_s),
+    )
     if crank_j > HEAVY * own_j:
         crank = min(tolerance, max(BALANCED * own_j / crank_j, FINEST))
     exact = FormerState(crank, tolerance, crank, tolerance, tolerance, tolerance, tolerance, tolerance)
