@@ -237,6 +237,7 @@ def former_of(parameters: RollerFormer) -> Former:
     energy = inertia * speed * speed
     scales = FormerState(1.0, twist, speed, twist_rate, energy, energy, energy, energy)
     bank = bank_of(p)
+    crank_j = crank_energy_j(bank, speed)
     return Former(
         bank=bank,
         motor=motor,
@@ -253,5 +254,6 @@ def former_of(parameters: RollerFormer) -> Former:
         slow_speed_rad_per_s=p.stall.speed_fraction * speed,
         stall_time_s=p.stall.time_s,
         scales=scales,
-        tolerances=tolerances_of(p.integrator.tolerance, scales, crank_energy_j(bank, speed)),
+        tolerances=tolerances_of(p.integrator.tolerance, scales, crank_j),
+        heavy=crank_j > HEAVY * energy,
     )
