@@ -47,10 +47,13 @@ from mech_twin.machines.roller_former.events import (
 )
 from mech_twin.machines.roller_former.motion import (
     MOST_WATCHES,
+    SHAFT_TURNS,
     FormerMotion,
     fill_watches,
     motion_signals,
     something_happened,
+    turned_idly,
+    without_shaft,
 )
 
 DONE, TOO_SHORT, TOO_MANY = range(3)
@@ -129,6 +132,10 @@ def locate_event(
     keep_digits(motion, y, h, end, work, lost)
     if not something_happened(motion, modes, y, t + h, end, h, work.rates):
         return NONE, h
+    if turned_idly(motion, y, t + h, end, h) and not something_happened(
+        without_shaft(motion), modes, y, t + h, end, h, work.rates
+    ):
+        return SHAFT_TURNS, h
     count = fill_watches(motion, modes, y, watches)
     which, span = first_event(Step(motion, t, y, h, work), watches, count, end)
     if which == NONE:
