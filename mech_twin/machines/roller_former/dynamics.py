@@ -58,7 +58,10 @@ CRANK, SPEED, TWIST_RATE = (
 
 
 class Former(NamedTuple):
-    """All the kernels need: carts, motor, drive, friction, start and stall thresholds, scales and tolerances."""
+    """All the kernels need: carts, motor, drive, friction, start and stall thresholds, scales and tolerances.
+
+    ``heavy``: the crank holds many times what the motor's side does, over which its energy is balanced.
+    """
 
     bank: CartBank
     motor: MotorConstants
@@ -76,6 +79,7 @@ class Former(NamedTuple):
     stall_time_s: float
     scales: FormerState
     tolerances: Array
+    heavy: bool
 
 
 class Modes(NamedTuple):

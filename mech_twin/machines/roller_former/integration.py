@@ -26,6 +26,7 @@ from mech_twin.engine.tableaus import DORMAND_PRINCE_8
 from mech_twin.kernel import borrowing_kernel, kernel
 from mech_twin.machines.roller_former.cart_statics import shaft_terms
 from mech_twin.machines.roller_former.dynamics import (
+    CRANK,
     SIZE,
     SPEED,
     Array,
@@ -46,10 +47,13 @@ from mech_twin.machines.roller_former.events import (
 )
 from mech_twin.machines.roller_former.motion import (
     MOST_WATCHES,
+    SHAFT_TURNS,
     FormerMotion,
     fill_watches,
     motion_signals,
     something_happened,
+    turned_idly,
+    without_shaft,
 )
 
 DONE, TOO_SHORT, TOO_MANY = range(3)
@@ -93,6 +97,24 @@ def happened_already(motion: FormerMotion, modes: Modes, watches: NDArray[np.int
     return NONE
 
 
+@borrowing_kernel
+def keep_digits(motion: FormerMotion, y: Array, h: float, end: Array, work: Workspace, lost: Array) -> None:
+    """Give the ``end`` of the step of ``h`` taken what rounding took from a heavy crank in the steps before.
+
+    ``lost`` (2, SIZE) is what rounding took from its angle and speed before and after the step: summed over the steps
+    of a turn it opens the balance of energy.
+    """
+    if not motion.former.heavy or motion.stretch.direction == 0.0:
+        return
+    for i in (CRANK, SPEED):
+        change = 0.0
+        for stage in range(STAGES):
+            change += DORMAND_PRINCE_8.weights[stage] * work.rates[stage, i]
+        change = h * change + lost[0, i]
+        end[i] = y[i] + change
+        lost[1, i] = change - (end[i] - y[i])
+
+
 @kernel
 def locate_event(
     motion: FormerMotion,
@@ -103,11 +125,17 @@ def locate_event(
     h: float,
     end: Array,
     work: Workspace,
+    lost: Array,
 ) -> tuple[int, float]:
     """Return the event that ends a step of ``h``, or `NONE`, and the step up to it; ``end`` becomes the state there."""
     end[:] = work.end
+    keep_digits(motion, y, h, end, work, lost)
     if not something_happened(motion, modes, y, t + h, end, h, work.rates):
         return NONE, h
+    if turned_idly(motion, y, t + h, end, h) and not something_happened(
+        without_shaft(motion), modes, y, t + h, end, h, work.rates
+    ):
+        return SHAFT_TURNS, h
     count = fill_watches(motion, modes, y, watches)
     which, span = first_event(Step(motion, t, y, h, work), watches, count, end)
     if which == NONE:
@@ -115,6 +143,7 @@ def locate_event(
         return NONE, h
     take_step(motion, t, y, span, work)
     end[:] = work.end
+    keep_digits(motion, y, span, end, work, lost)
     return int(watches[which, 0]), span
 
 
@@ -167,7 +196,7 @@ def advance_motion(
         The time reached, and the modes there.
     """
     work = Workspace(np.empty((16, SIZE)), np.empty(SIZE), np.empty(SIZE))
-    end, sides = np.empty(SIZE), np.empty(former.bank.offset_rad.size)
+    end, sides, lost = np.empty(SIZE), np.empty(former.bank.offset_rad.size), np.zeros((2, SIZE))
     watches = np.zeros((MOST_WATCHES, 3), np.int64)
     modes = normalised_modes(former, torque, t, y, modes)
     wanted = modes.trial_step_s if modes.trial_step_s > 0.0 else end_s - t
@@ -192,7 +221,7 @@ def advance_motion(
             return Advance(t, TOO_SHORT, count, modes, steps)
         if not (h < wanted and following < wanted and h == limit):
             wanted = following
-        code, h = locate_event(motion, modes, watches, t, y, h, end, work)
+        code, h = locate_event(motion, modes, watches, t, y, h, end, work, lost)
         modes, count = count_slow_time(former, t, h, state_of(end).crank_rad, modes, log, count)
         y[:] = end
         if rise > 0.0:
@@ -203,7 +232,9 @@ def advance_motion(
         if code != NONE:
             modes, count = apply_event(motion, code, t, y, modes, log, count)
             fresh = True
-        elif not fresh:
+        for i in (CRANK, SPEED):
+            lost[0, i] = lost[1, i] if y[i] == end[i] else 0.0  # what an event sets it sets exactly
+        if not fresh:
             work.rates[0] = work.rates[STAGES]
     reached = end_s if state_of(y).crank_rad < stop_rad else t
     return Advance(reached, DONE, count, with_trial_step(modes, wanted), steps)

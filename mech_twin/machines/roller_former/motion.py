@@ -19,6 +19,7 @@ from mech_twin.kernel import borrowing_kernel, inline_kernel, kernel
 from mech_twin.machines.roller_former.cart_statics import branching_terms, plain_terms, rod_weight_moment
 from mech_twin.machines.roller_former.dynamics import (
     SIZE,
+    TWIST_RATE,
     Array,
     DriveLine,
     Former,
@@ -49,6 +50,7 @@ from mech_twin.parts.friction import sliding_torque
 ) = range(12)
 MOST_WATCHES = 12
 RELEASE_MARGIN = 1e-9  # of what holds: a mass let go must not be held again by rounding
+IDLE = 1e-4  # of the tolerance of a speed: what a kink of the gear's loss may change it by and not be looked for
 FAR = 4.0  # times what the larger rate at either end of a step would change a signal by: it is not zero in between
 
 
@@ -333,3 +335,40 @@ def something_happened(
         late.crank_speed_rad_per_s + late.twist_rate_rad_per_s,
         span,
     )
+
+
+@borrowing_kernel
+def turned_idly(motion: FormerMotion, y: Array, end_s: float, end: Array, span: float) -> bool:
+    """Return whether the motor's torque has changed its sign in a step in which the gear loses next to nothing.
+
+    Of a motor that turns without load that is the noise of the integration, in step after step.
+    """
+    former, past, now = motion.former, state_of(y), state_of(end)
+    if not gear_may_stick(former) or motion.stretch.drive_direction == 0.0:
+        return False
+    first = past.crank_speed_rad_per_s + past.twist_rate_rad_per_s
+    last = now.crank_speed_rad_per_s + now.twist_rate_rad_per_s
+    before = shaft_torque(former, motion.torque, end_s - span, first)
+    after = shaft_torque(former, motion.torque, end_s, last)
+    kink = former.ratio * (1.0 / former.efficiency - former.efficiency) * max(abs(before), abs(after))
+    idle = kink * span <= IDLE * former.motor_inertia_kg_m2 * former.tolerances[TWIST_RATE]
+    return motion.stretch.shaft_sense * after < 0.0 and idle
+
+
+@kernel
+def without_shaft(motion: FormerMotion) -> FormerMotion:
+    """Return the motion with a torque of the motor whose sign is not looked at."""
+    s = motion.stretch
+    stretch = TravelStretch(
+        s.start_s,
+        s.direction,
+        s.drive_direction,
+        0.0,
+        s.share,
+        s.share_rate,
+        s.low_rad,
+        s.high_rad,
+        s.forward_nm,
+        s.backward_nm,
+    )
+    return FormerMotion(motion.former, motion.torque, stretch, motion.sides)

@@ -207,8 +207,14 @@ def tolerances_of(tolerance: float, scales: FormerState, crank_j: float) -> NDAr
 
     The balance of energy is told over what the motor's side holds.  Where the crank holds ``crank_j`` (J), many times
     that, its angle and speed are followed as exactly as the balance needs: to a hundredth of its limit a step.
+    Under a rated moment a soft coupling would twist by thousands of turns, which are no scale of an error: a radian,
+    and synchronous speed, are the most.
     """
     own_j, crank = scales.motor_work_j, tolerance
+    scales = scales._replace(
+        twist_rad=min(scales.twist_rad, scales.crank_rad),
+        twist_rate_rad_per_s=min(scales.twist_rate_rad_per_s, scales.crank_speed_rad_per_s),
+    )
     if crank_j > HEAVY * own_j:
         crank = min(tolerance, max(BALANCED * own_j / crank_j, FINEST))
     exact = FormerState(crank, tolerance, crank, tolerance, tolerance, tolerance, tolerance, tolerance)
@@ -231,6 +237,7 @@ def former_of(parameters: RollerFormer) -> Former:
     energy = inertia * speed * speed
     scales = FormerState(1.0, twist, speed, twist_rate, energy, energy, energy, energy)
     bank = bank_of(p)
+    crank_j = crank_energy_j(bank, speed)
     return Former(
         bank=bank,
         motor=motor,
@@ -247,5 +254,6 @@ def former_of(parameters: RollerFormer) -> Former:
         slow_speed_rad_per_s=p.stall.speed_fraction * speed,
         stall_time_s=p.stall.time_s,
         scales=scales,
-        tolerances=tolerances_of(p.integrator.tolerance, scales, crank_energy_j(bank, speed)),
+        tolerances=tolerances_of(p.integrator.tolerance, scales, crank_j),
+        heavy=crank_j > HEAVY * energy,
     )

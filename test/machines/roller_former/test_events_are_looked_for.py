@@ -12,9 +12,9 @@ from roller_former_cases import parameters_for
 from mech_twin.engine.events import NONE, Step, first_event
 from mech_twin.engine.integration import Workspace, controlled_step, start_step
 from mech_twin.kernel import kernel
-from mech_twin.machines.roller_former.dynamics import SIZE, Array, DriveLine, Former, Modes
+from mech_twin.machines.roller_former.dynamics import SIZE, Array, DriveLine, Former, Modes, state_array
 from mech_twin.machines.roller_former.events import normalised_modes, stretch_from
-from mech_twin.machines.roller_former.integration import happened_already
+from mech_twin.machines.roller_former.integration import happened_already, locate_event
 from mech_twin.machines.roller_former.motion import (
     MOST_WATCHES,
     QUICKENS,
@@ -96,6 +96,23 @@ def test_a_step_in_which_no_event_is_looked_for_has_none(
         missed = looked_for(former, torque, modes, states, spans, counts)
         assert counts[MISSED] == 0, (counts, states[missed], spans[missed])
     assert 2 * DRAWS > counts[LOOKED_FOR] >= counts[FOUND] > DRAWS / 100
+
+
+@pytest.mark.parametrize(("torque_nm", "looked"), [(1e-9, False), (1.0, True)])
+def test_a_motor_whose_torque_is_next_to_nothing_turns_its_sign_at_the_end_of_a_step(torque_nm: float, looked: bool):
+    """The loss of the gear has its kink there, which a torque of the integration's noise makes in every step."""
+    former = former_of(parameters_for(2, {"load": "none", "drive.gear_loss": "power"}))
+    span, y = 1e-5, state_array(0.5, former.scales.crank_speed_rad_per_s)
+    torque = DriveLine(False, 1.0, torque_nm, -3.0 * torque_nm / span, 0.0)  # zero at a third of the step
+    modes = normalised_modes(former, torque, 0.0, y, Modes(1.0, 1.0, 1.0, True, 1.0, -1.0, False, 0.0))
+    sides, watches = np.empty(former.bank.offset_rad.size), np.zeros((MOST_WATCHES, 3), np.int64)
+    motion = FormerMotion(former, torque, stretch_from(former, 0.0, y, modes, sides, np.inf), sides)
+    work, end = Workspace(np.empty((16, SIZE)), np.empty(SIZE), np.empty(SIZE)), np.empty(SIZE)
+    start_step(motion, 0.0, y, work)
+    h, _ = controlled_step(motion, 0.0, y, span, former.tolerances, work)
+    code, at = locate_event(motion, modes, watches, 0.0, y, h, end, work, np.zeros((2, SIZE)))
+    assert (code, h) == (SHAFT_TURNS, span)
+    assert at == pytest.approx(span / 3.0 if looked else span, rel=1e-6)
 
 
 @given(st.floats(0.1, 3.0), st.floats(0.0, 7.0), st.floats(0.0, 2.0))
