@@ -178,6 +178,7 @@ def step_error(system: Any, h: float, tolerance: Array, work: Workspace) -> floa
     """Return the root mean square of the estimated error of a finished step over the tolerances (n,): good up to 1.
 
     Of two estimates, the better divided by the root of its own and a tenth of the other's square (Hairer II.10).
+    It is infinite where no float holds the squares: a quotient by an infinite one would be the error of a perfect step.
     """
     tableau = method_of(system)
     count, size = tableau.errors.shape
@@ -195,7 +196,8 @@ def step_error(system: Any, h: float, tolerance: Array, work: Workspace) -> floa
         return 0.0
     if count == 1:
         return abs(h) * math.sqrt(first / len(tolerance))
-    return abs(h) * first / math.sqrt((first + 0.01 * second) * len(tolerance))
+    size = math.sqrt((first + 0.01 * second) * len(tolerance))
+    return abs(h) * first / size if size < math.inf else math.inf
 
 
 @borrowing_kernel

@@ -203,6 +203,15 @@ def test_an_error_is_measured_in_tolerances(planet):
         assert step_error(planet(1.0), 0.2, np.full(4, tolerance), work) == pytest.approx(unit / tolerance, rel=1e-12)
 
 
+@pytest.mark.parametrize("planet", [Planet853, Planet5], ids=["853", "5"])
+def test_an_error_whose_square_no_float_holds_is_no_small_one(planet):
+    """Near the largest float the squares of both estimates are finite and their sum over all numbers is not."""
+    work = finished_step(planet(1.0), METHODS[planet], 0.0, ellipse(0.3), 0.2)
+    unit = step_error(planet(1.0), 0.2, np.full(4, 1.0), work)
+    for decades in np.arange(150.0, 158.0, 0.01):
+        assert not step_error(planet(1.0), 0.2, np.full(4, unit * 10.0**-decades), work) < 1e140, decades
+
+
 def test_a_method_without_estimate_takes_every_step_and_asks_for_five_times_as_much():
     y, work = ellipse(0.3), workspace(COOPER_VERNER_8, 4)
     start_step(Planet8(1.0), 0.0, y, work)
