@@ -14,6 +14,7 @@ from mech_twin.engine.crank_motion import (
     NOT_INTEGRATED,
     SPAN_ENDED,
     STATE_SIZE,
+    TOO_MANY_STEPS,
     ShaftDrive,
     ShaftState,
     fill_shaft,
@@ -28,6 +29,7 @@ from mech_twin.engine.crank_piece import (
     STARTED,
     STOPPED,
     TOLERANCE,
+    TOO_LONG,
     TOO_MANY,
     UNSTEADY,
     apply_boundary,
@@ -153,7 +155,7 @@ def turn(model: TurnedCrank, s: Any, drive: ShaftDrive, t: float, left: float, a
     fill_shaft(tolerance, ShaftState(TOLERANCE * 1.0, TOLERANCE * (1.0 + abs(s.speed_rad_per_s)), size, size, size))
     system = DrivenMechanism(model.mechanism, turning(drive, s.turning_sense), regime)
     span, what, e = turn_crank(system, t, y, left, s.turning_sense, aim - (before - near), tolerance)
-    if what == NOT_INTEGRATED:
+    if what in (NOT_INTEGRATED, TOO_MANY_STEPS):
         return span, what
     if what == AT_REST and s.speed_rad_per_s == 0.0 and span == 0.0:  # on the edge of sticking, within rounding
         s.turning_sense, s.acceleration_rad_per_s2 = 0.0, 0.0
@@ -180,8 +182,8 @@ def drive_on(
             log, count = set_off(model, s, start_s + done, drive, done, command, log, count)
         boundary, aim = next_boundary(crank, s)
         span, what = turn(model, s, drive, done, crank.step_s - done, aim)
-        if what == NOT_INTEGRATED:
-            return log, UNSTEADY, 0.0
+        if what in (NOT_INTEGRATED, TOO_MANY_STEPS):
+            return log, UNSTEADY if what == NOT_INTEGRATED else TOO_LONG, 0.0
         done += span
         if what == SPAN_ENDED:
             held = 0.0

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from mech_twin.engine.compiled_roles import CompiledLinkage, failed
-from mech_twin.engine.crank_piece import FAILURES, KINDS, NO_TORQUE, sign_of
+from mech_twin.engine.crank_piece import KINDS, NO_TORQUE, failures_at, sign_of
 from mech_twin.engine.crank_state import (
     NO_FRICTION,
     TURN,
@@ -60,8 +60,12 @@ class CrankLinkage(CompiledLinkage):
     coordinates: tuple[str, ...] = (CRANK,)
     size_m: float = 1.0
     resisting: Mapping[int, Resisting] = field(default_factory=dict)
-    failures: tuple[str, ...] = FAILURES
+    failures: tuple[str, ...] = field(init=False)
     energy_scale_j: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Name the coupling step in the failures."""
+        object.__setattr__(self, "failures", failures_at(self.step_s))
 
     @property
     def residual_limits(self) -> Mapping[str, float]:

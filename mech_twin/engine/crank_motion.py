@@ -37,7 +37,7 @@ from mech_twin.parts.friction import sliding_torque
 from mech_twin.parts.gear import gear_split
 
 Array = NDArray[np.float64]
-SPAN_ENDED, AT_REST, AT_ANGLE, NOT_INTEGRATED = 0, 1, 2, 3
+SPAN_ENDED, AT_REST, AT_ANGLE, NOT_INTEGRATED, TOO_MANY_STEPS = 0, 1, 2, 3, 4
 MOST_STEPS = 20_000  # of one piece: a fraction of a second
 LONGEST_TURN_RAD = 0.2  # of the crank in one step of the integration, whatever its estimated error
 DRIVE_POWER = 0  # the one rate of a crank at a prescribed speed
@@ -236,7 +236,7 @@ def turn_crank(
         done += h
         if span - done <= 1e-15 * span:
             return span, SPAN_ENDED, e
-    return done, NOT_INTEGRATED, e
+    return done, TOO_MANY_STEPS, e
 
 
 @kernel

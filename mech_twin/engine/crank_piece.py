@@ -7,6 +7,7 @@ import math
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from mech_twin.engine.compiled_steps import log_event
+from mech_twin.engine.crank_motion import MOST_STEPS
 from mech_twin.engine.crank_state import (
     TURN,
     Crank,
@@ -31,13 +32,20 @@ HELD_SHARE = 0.01  # of the energy held and moved: no error of work is asked to 
 KINDS = ("started", "stopped", "stalled", "reversed")  # then those of the boundaries
 STARTED, STOPPED, STALLED, REVERSED = range(4)
 CRANK_CONTACT, LOAD_CONTACT = 0, 1
-TOO_MANY, WORK_UNKNOWN, UNSTEADY, NO_TORQUE = -1, -2, -3, -4
+TOO_MANY, WORK_UNKNOWN, UNSTEADY, NO_TORQUE, TOO_LONG = -1, -2, -3, -4, -5
 FAILURES = (
     f"more than {MOST_PIECES} changes of regime; expected fewer: shorten coupling.step_s, or soften friction and load",
     "the work of a prescribed drive (drive.kind) has no integral: the mechanism does not turn through",
     "no integration step of 1e-13 s or more is small enough for the crank; friction, load or speed change too fast",
     "the crank torque is not finite",
+    f"coupling.step_s = {{step_s:g}} s takes more than {MOST_STEPS} steps of integration, "
+    "loads are large for the crank's inertia; try {shorter_s:g}",
 )
+
+
+def failures_at(step_s: float) -> tuple[str, ...]:
+    """Return what each failure is told by, at a coupling step (s)."""
+    return tuple(text.format(step_s=step_s, shorter_s=0.1 * step_s) for text in FAILURES)
 
 
 class CrankPoint(NamedTuple):

@@ -15,6 +15,7 @@ from mech_twin.engine.crank_motion import (
     NOT_INTEGRATED,
     SPAN_ENDED,
     STATE_SIZE,
+    TOO_MANY_STEPS,
     ShaftDrive,
     crank_rates,
     integrated_work,
@@ -65,7 +66,7 @@ def turned(disc, speed, span, direction=1.0, aim=inf, tolerance=EXACT, angle=0.0
 
 
 def test_what_ends_a_motion_can_be_told_apart():
-    assert len({SPAN_ENDED, AT_REST, AT_ANGLE, NOT_INTEGRATED}) == 4
+    assert len({SPAN_ENDED, AT_REST, AT_ANGLE, NOT_INTEGRATED, TOO_MANY_STEPS}) == 5
 
 
 @pytest.mark.parametrize("direction", [1.0, -1.0])
@@ -182,6 +183,13 @@ def test_a_motion_that_is_no_number_is_said_to_be_not_integrated():
     _, time, what, _ = turned(Disc(FREE, float("nan"), 4.0), 1.0, 1.0)
     assert what == NOT_INTEGRATED
     assert time < 1e-9
+
+
+def test_a_motion_of_more_steps_than_a_piece_may_have_is_told_apart_from_one_without_a_number():
+    """At a million rad/s against a moment of every turn a second takes some hundred thousand steps."""
+    _, time, what, _ = turned(Disc(FREE, 1.0, 4.0), 1e6, 1.0)
+    assert what == TOO_MANY_STEPS
+    assert 0.0 < time < 1.0
 
 
 class Power(NamedTuple):

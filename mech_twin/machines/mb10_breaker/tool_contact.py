@@ -21,12 +21,16 @@ from mech_twin.machines.mb10_breaker.dynamics import (
 from mech_twin.machines.mb10_breaker.event_rows import begin_row, log_knot, log_post, set_off
 from mech_twin.machines.mb10_breaker.impacts import Blow, strike
 from mech_twin.machines.mb10_breaker.motion import (
+    COLLAR,
     CRANK_MOTION,
     TOOL_MOTION,
     WALL,
     Motion,
     drive_torque,
+    force_signals,
     forces_now,
+    going_on,
+    senses_now,
 )
 from mech_twin.machines.mb10_breaker.state import (
     BLOW,
@@ -127,6 +131,35 @@ def stay_together(motion: Motion, state: Any, memory: Any, regime: int, row: Any
 
 
 @kernel
+def comes_to_stand(motion: Motion, state: Any, regime: int, time: float) -> bool:
+    """Return whether a striker that meets a standing tool this slowly stands there with the crank.
+
+    Else striker and body would meet tool and collar by turns, each round a share of the one before: the limit of that
+    series has all at rest, where the wall holds more than the crank pushes, and the collar still holds the body.
+    """
+    b, u = motion.breaker, state.crank_rad_per_s
+    slow = 0.0 < closing_speed(b, state) <= SLOWEST_REBOUND_M_PER_S
+    if regime != REST or state.tool_m_per_s != 0.0 or not slow:
+        return False
+    state.crank_rad_per_s = 0.0
+    still = going_on(motion, time, state, senses_now(motion, time, state, True, BLOCKED), True, BLOCKED, True)
+    thrust, collar = forces_now(still, time, state).tool_force_n, force_signals(still, COLLAR, time, state)[0]
+    state.crank_rad_per_s = u
+    return 0.0 < thrust < b.wall_force_n and collar > 0.0
+
+
+@kernel
+def apply_stand(b: Breaker, state: Any, memory: Any, row: Any) -> None:
+    """Bring the crank to rest on a tool that its wall holds, the body on its collar, and book what that takes."""
+    m, u = masses_at(b, state.crank_rad, state.body_rad), state.crank_rad_per_s
+    speed = closing_speed(b, state)
+    row.before_m_per_s, row.after_m_per_s, row.impulse_ns = speed, 0.0, m.m11 * u * u / speed
+    state.crank_rad_per_s, memory.tool_regime = 0.0, BLOCKED
+    memory.blow_loss_j += 0.5 * m.m11 * u * u
+    memory.impact_impulse_nms -= m.m12 * u  # of tool and collar together
+
+
+@kernel
 def reseat_tool(b: Breaker, state: Any, memory: Any) -> None:
     """Take the tool back to its seat for the next pass; its travel is the feed."""
     memory.reseating_loss_j += 0.5 * b.tool_mass_kg * state.tool_m_per_s * state.tool_m_per_s
@@ -149,10 +182,17 @@ def apply_gap_closed(
         count += 1
     row = log[count]
     begin_row(motion, state, memory, BLOW if first else CATCH_UP, time, row)
-    regime = apply_strike(motion, state, memory, regime, row, time, count + 8 > len(log))
+    stands = comes_to_stand(motion, state, regime, time)
+    if stands:
+        apply_stand(motion.breaker, state, memory, row)
+    else:
+        regime = apply_strike(motion, state, memory, regime, row, time, count + 8 > len(log))
     memory.pass_done = 1.0
     memory.cycle += 1.0 if first else 0.0
     log_post(motion, row, time, state, memory, regime)
+    if stands:
+        still = set_off(motion, time, state, memory, regime)
+        return regime, apply_stop(still, state, memory, regime, time, log, count + 1)
     return regime, count + 1
 
 

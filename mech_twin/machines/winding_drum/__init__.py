@@ -55,7 +55,7 @@ def build(parameters: Parameters) -> Machine:
         parameters.coupling.step_s,
         motor,
         linkage,
-        DrumForces(constants),
+        DrumForces(constants, first),
         None,
         lambda sample, _: package_drawing(constants, sample),
         report,

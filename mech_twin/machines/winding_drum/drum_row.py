@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from math import cos, pi, sin
+from math import cos, sin
 from typing import NamedTuple
 
 from mech_twin.engine.compiled_steps import force_step, linkage_step, log_event, step_of
@@ -20,6 +20,7 @@ from mech_twin.machines.winding_drum.dynamics import coasted, drive_torque, driv
 from mech_twin.machines.winding_drum.memory import memory_of, motion_of, residuals_of
 from mech_twin.machines.winding_drum.wound_package import (
     Package,
+    Wound,
     gravity_moment,
     package_inertia,
     package_mass,
@@ -29,6 +30,7 @@ from mech_twin.machines.winding_drum.wound_package import (
     tangent_arm,
     time_of_length,
     torque_terms,
+    wound_at,
 )
 from mech_twin.parts.friction import sliding_torque
 
@@ -54,18 +56,23 @@ class LoadedDrum(NamedTuple):
     """Constants of the force analysis."""
 
     package: Package
+    start_radius_m: float
+
+
+@kernel
+def wound_by_yarn(p: Package, first: float, yarn_m: float, radius: float) -> Wound:
+    """Return what is on a drum of this radius (m) when this much yarn (m) has run since radius ``first`` (m).
+
+    The area is that of the yarn: what a step winds may be less than the last digit of the radius.
+    """
+    return Wound(radius, wound_at(p, first).square_m2 - 2.0 * p.layer_m * yarn_m)
 
 
 @kernel
 def turning_energy(model: Drum, yarn_m: float, omega: float) -> float:
-    """Return the kinetic energy of the drum (J) when this much yarn (m) has run.
-
-    Its inertia from R^2 - c^2 by the area law: on a nearly bare drum R^4 - c^4 has few digits left.
-    """
-    p, first = model.package, model.start_radius_m
-    wound = (first - p.core_m) * (first + p.core_m) - 2.0 * p.layer_m * yarn_m
-    inertia = p.drum_inertia + 0.5 * pi * p.density * p.width_m * wound * (wound + 2.0 * p.core_m * p.core_m)
-    return 0.5 * inertia * (omega * omega)
+    """Return the kinetic energy of the drum (J) when this much yarn (m) has run."""
+    wound = wound_by_yarn(model.package, model.start_radius_m, yarn_m, 0.0)
+    return 0.5 * package_inertia(model.package, wound) * (omega * omega)
 
 
 @kernel
@@ -77,7 +84,8 @@ def fill_row(model: Drum, regime: int, command: float, out: Array) -> None:
     now.drum_nm, now.yarn_n, now.radius_m_per_s, now.radius_n = 0.0, 0.0, 0.0, 0.0
     if regime == RUNNING:
         now.radius_m_per_s = -p.layer_m * theta / radius
-        now.drum_nm = drive_torque(p, radius, now.drum_rad, theta, past.yarn_acceleration_m_per_s2)
+        wound = wound_by_yarn(p, model.start_radius_m, now.yarn_m, radius)
+        now.drum_nm = drive_torque(p, wound, now.drum_rad, theta, past.yarn_acceleration_m_per_s2)
     first, last = model.start_radius_m, model.end_radius_m
     lost = first * first - radius * radius
     residuals.area_balance = (lost - 2.0 * p.layer_m * now.yarn_m) / abs(first * first - last * last)
@@ -106,7 +114,8 @@ def drive(model: Drum, a: float, h: float, run: float, speed: float, out: Array)
     ``run`` is the yarn (m) that runs meanwhile, ``speed`` its speed at the end (m/s).
     """
     p, now, past = model.package, motion_of(out), memory_of(out)
-    done, good = driven(p, now.radius_m, now.drum_rad, now.yarn_m_per_s, a, h)
+    wound = wound_by_yarn(p, model.start_radius_m, now.yarn_m, now.radius_m)
+    done, good = driven(p, wound, now.drum_rad, now.yarn_m_per_s, a, h)
     radius = radius_after(p, now.radius_m, run)
     now.drum_rad, now.yarn_m, now.radius_m = done.angle_rad, now.yarn_m + run, radius
     now.drum_rad_per_s, now.yarn_m_per_s = speed / tangent_arm(p, radius, done.angle_rad), speed
@@ -133,10 +142,10 @@ def coast(
 ) -> tuple[Array, int, int]:
     """Let the drum coast from ``done`` (s) of the step on; return the events, their number and the regime."""
     p, step_s, now, past = model.package, model.step_s, motion_of(out), memory_of(out)
-    radius, begin = now.radius_m, step * step_s
+    wound, begin = wound_at(p, now.radius_m), step * step_s
     while step_s - done > 1e-15 * step_s:
         if now.drum_rad_per_s == 0.0:
-            sense = start_sense(p, radius, now.drum_rad)
+            sense = start_sense(p, wound, now.drum_rad)
             if (regime == STUCK) == (sense != 0.0):
                 regime = ENDED if sense != 0.0 else STUCK
                 kind = RELEASE_KIND if sense != 0.0 else STICK_KIND
@@ -144,7 +153,7 @@ def coast(
                 count += 1
             if sense == 0.0:
                 break
-        piece = coasted(p, radius, now.drum_rad, now.drum_rad_per_s, step_s - done)
+        piece = coasted(p, wound, now.drum_rad, now.drum_rad_per_s, step_s - done)
         if piece.time_s < 0.0:
             return log, TOO_SHORT, regime
         done += piece.time_s
@@ -175,7 +184,8 @@ def drum_step(
         if not drive(model, a, done, left, theta + a * done, out):
             return log, TOO_SHORT
         now.radius_m, regime, count = model.end_radius_m, ENDED, 1
-        torque, omega = drive_torque(p, model.end_radius_m, now.drum_rad, now.yarn_m_per_s, a), now.drum_rad_per_s
+        wound, omega = wound_at(p, model.end_radius_m), now.drum_rad_per_s
+        torque = drive_torque(p, wound, now.drum_rad, now.yarn_m_per_s, a)
         log = log_drum(log, 0, step * h + done, END_KIND, PACKAGE_CONTACT, now.drum_rad, torque)
         log[0, PRE_VELOCITY], log[0, EVENT_WIDTH + 1], log[0, EVENT_WIDTH + 4] = now.yarn_m_per_s, omega, omega
         now.yarn_m_per_s, past.yarn_acceleration_m_per_s2 = 0.0, 0.0
@@ -196,14 +206,17 @@ def drum_forces(
     """
     p, now, a = model.package, motion_of(linkage), memory_of(linkage).yarn_acceleration_m_per_s2
     torque, theta, phi, radius, omega = now.drum_nm, now.yarn_m_per_s, now.drum_rad, now.radius_m, now.drum_rad_per_s
-    gravity, inertia, mass = gravity_moment(p, radius, phi), package_inertia(p, radius), package_mass(p, radius)
-    terms, (first, second, third) = torque_terms(p, radius, phi, theta, a), speed_terms(p, radius, phi, theta, a)
+    wound = wound_at(p, radius)
+    if now.regime == RUNNING:
+        wound = wound_by_yarn(p, model.start_radius_m, now.yarn_m, radius)
+    gravity, inertia, mass = gravity_moment(p, wound, phi), package_inertia(p, wound), package_mass(p, wound)
+    terms, (first, second, third) = torque_terms(p, wound, phi, theta, a), speed_terms(p, radius, phi, theta, a)
     alpha, friction, difference = first + second + third, 0.0, 0.0
     if now.regime == RUNNING:
         friction = torque - terms.total + gravity
         if omega > 0.0 or a > 0.0:
             friction = -sliding_torque(p.coulomb_nm, p.viscous_nms_per_rad, omega, 1.0)
-            route = rate_of_momentum(p, radius, phi, theta, a) - gravity + friction
+            route = rate_of_momentum(p, wound, phi, theta, a) - gravity + friction
             largest = max(abs(terms.acceleration), abs(terms.radius), abs(terms.eccentric), abs(terms.mass))
             difference = (torque - route) / max(largest, abs(gravity), abs(friction), 1e-9)
     elif omega != 0.0:

@@ -22,12 +22,13 @@ from mech_twin.engine.tableaus import DORMAND_PRINCE_8
 from mech_twin.kernel import inline_kernel, kernel
 from mech_twin.machines.winding_drum.wound_package import (
     Package,
+    Wound,
     gravity_moment,
     package_inertia,
     package_mass,
-    radius_after,
     tangent_arm,
     torque_terms,
+    wound_after,
 )
 from mech_twin.parts.friction import released, sliding_torque
 
@@ -79,7 +80,7 @@ class Driven(NamedTuple):
     """Drum under yarn of speed theta + a t; its state is a `DrivenState`."""
 
     package: Package
-    radius_m: float
+    wound: Wound
     theta_m_per_s: float
     acceleration_m_per_s2: float
 
@@ -91,18 +92,18 @@ class Coasting(NamedTuple):
     """
 
     package: Package
-    radius_m: float
+    wound: Wound
     direction: float
 
 
 @inline_kernel
-def drive_torque(p: Package, radius: float, phi: float, theta: float, a: float) -> float:
+def drive_torque(p: Package, wound: Wound, phi: float, theta: float, a: float) -> float:
     """Return the torque the drive gives (N m): the dynamic torque, less gravity's moment, and friction overcome.
 
     At rest friction takes what it can hold of it.
     """
-    wanted = torque_terms(p, radius, phi, theta, a).total - gravity_moment(p, radius, phi)
-    omega = theta / tangent_arm(p, radius, phi)
+    wanted = torque_terms(p, wound, phi, theta, a).total - gravity_moment(p, wound, phi)
+    omega = theta / tangent_arm(p, wound.radius_m, phi)
     if omega > 0.0 or a > 0.0:
         return wanted - sliding_torque(p.coulomb_nm, p.viscous_nms_per_rad, omega, 1.0)
     return wanted - min(max(wanted, -p.coulomb_nm), p.coulomb_nm)
@@ -112,10 +113,10 @@ def drive_torque(p: Package, radius: float, phi: float, theta: float, a: float) 
 def driven_rates(system: Driven, t: float, y: Array, out: Array) -> None:
     """Fill the rates of angle (rad/s), work of the drive, work of gravity and friction loss (W)."""
     p, theta, a = system.package, system.theta_m_per_s, system.acceleration_m_per_s2
-    radius, speed = radius_after(p, system.radius_m, (theta + 0.5 * a * t) * t), theta + a * t
+    wound, speed = wound_after(p, system.wound, (theta + 0.5 * a * t) * t), theta + a * t
     phi = driven_state(y).angle_rad
-    omega = speed / tangent_arm(p, radius, phi)
-    drive, gravity = drive_torque(p, radius, phi, speed, a), gravity_moment(p, radius, phi)
+    omega = speed / tangent_arm(p, wound.radius_m, phi)
+    drive, gravity = drive_torque(p, wound, phi, speed, a), gravity_moment(p, wound, phi)
     lost = -sliding_torque(p.coulomb_nm, p.viscous_nms_per_rad, omega, 1.0) * omega
     fill_state(out, DrivenState(omega, drive * omega, gravity * omega, lost))
 
@@ -124,9 +125,9 @@ def driven_rates(system: Driven, t: float, y: Array, out: Array) -> None:
 def coasting_rates(system: Coasting, t: float, y: Array, out: Array) -> None:
     """Fill the rates of angle, speed, work of gravity and friction loss."""
     p, now = system.package, coasting_state(y)
-    speed, gravity = now.speed_rad_per_s, gravity_moment(p, system.radius_m, now.angle_rad)
+    speed, gravity = now.speed_rad_per_s, gravity_moment(p, system.wound, now.angle_rad)
     friction = sliding_torque(p.coulomb_nm, p.viscous_nms_per_rad, speed, system.direction)
-    acceleration = (gravity + friction) / package_inertia(p, system.radius_m)
+    acceleration = (gravity + friction) / package_inertia(p, system.wound)
     fill_state(out, CoastingState(speed, acceleration, gravity * speed, -friction * speed))
 
 
@@ -134,9 +135,9 @@ def coasting_rates(system: Coasting, t: float, y: Array, out: Array) -> None:
 def coasting_signal(system: Coasting, index: int, t: float, y: Array) -> tuple[float, float]:
     """Return the speed and its derivative: it comes to rest where the speed is zero."""
     p, now = system.package, coasting_state(y)
-    speed, gravity = now.speed_rad_per_s, gravity_moment(p, system.radius_m, now.angle_rad)
+    speed, gravity = now.speed_rad_per_s, gravity_moment(p, system.wound, now.angle_rad)
     friction = sliding_torque(p.coulomb_nm, p.viscous_nms_per_rad, speed, system.direction)
-    return speed, (gravity + friction) / package_inertia(p, system.radius_m)
+    return speed, (gravity + friction) / package_inertia(p, system.wound)
 
 
 @kernel
@@ -210,15 +211,17 @@ def coast_drum(system: Coasting, y: Array, span: float, sure: float, tolerance: 
 
 
 @kernel
-def driven(package: Package, radius: float, phi: float, theta: float, a: float, h: float) -> tuple[DrivenState, bool]:
+def driven(package: Package, wound: Wound, phi: float, theta: float, a: float, h: float) -> tuple[DrivenState, bool]:
     """Return the drum's angle after h seconds, and the works meanwhile.
 
     Parameters
     ----------
     package : Package
         Constants.
-    radius, phi : float
-        Package radius (m) and drum angle (rad) at the start.
+    wound : Wound
+        What is on the drum at the start.
+    phi : float
+        Drum angle at the start (rad).
     theta, a : float
         Yarn speed at the start (m/s) and its acceleration (m/s2).
     h : float
@@ -231,13 +234,13 @@ def driven(package: Package, radius: float, phi: float, theta: float, a: float, 
     """
     y, tolerance = np.empty(STATE_SIZE), np.empty(STATE_SIZE)
     fill_state(y, DrivenState(phi, 0.0, 0.0, 0.0))
-    speed = (theta + max(a, 0.0) * h) / (radius - package.eccentricity_m)
+    speed = (theta + max(a, 0.0) * h) / (wound.radius_m - package.eccentricity_m)
     # an angle keeps no more digits than it has
     digits = max(1e-13 * max(1.0, speed * h), 1e-15 * abs(phi))
-    work = _work_error(package, radius, theta + max(a, 0.0) * h, h)
+    work = _work_error(package, wound, theta + max(a, 0.0) * h, h)
     fill_state(tolerance, DrivenState(digits, work, work, work))
     sure = SURE_RAD / speed if speed > 0.0 else h
-    good = drive_drum(Driven(package, radius, theta, a), y, h, sure, tolerance)
+    good = drive_drum(Driven(package, wound, theta, a), y, h, sure, tolerance)
     return driven_state(y), good
 
 
@@ -255,22 +258,22 @@ class Coasted(NamedTuple):
 
 
 @kernel
-def coasted(package: Package, radius: float, phi: float, omega: float, h: float) -> Coasted:
+def coasted(package: Package, wound: Wound, phi: float, omega: float, h: float) -> Coasted:
     """Return the drum after ``h`` seconds without yarn and drive, or where it comes to rest before."""
-    direction = 1.0 if omega > 0.0 else -1.0 if omega < 0.0 else start_sense(package, radius, phi)
+    direction = 1.0 if omega > 0.0 else -1.0 if omega < 0.0 else start_sense(package, wound, phi)
     if direction == 0.0:
         return Coasted(h, phi, 0.0, 0.0, 0.0)
-    inertia = package_inertia(package, radius)
-    unbalance = package_mass(package, radius) * package.gravity * package.eccentricity_m
+    inertia = package_inertia(package, wound)
+    unbalance = package_mass(package, wound) * package.gravity * package.eccentricity_m
     if unbalance == 0.0:
         return _run_down(package, inertia, phi, omega, h)
     y, tolerance = np.empty(STATE_SIZE), np.empty(STATE_SIZE)
     fill_state(y, CoastingState(phi, omega, 0.0, 0.0))
-    swing = sqrt(2.0 * package_mass(package, radius) * package.gravity * package.eccentricity_m / inertia)
+    swing = sqrt(2.0 * package_mass(package, wound) * package.gravity * package.eccentricity_m / inertia)
     work = _energy_error(inertia, omega)
     fill_state(tolerance, CoastingState(1e-13, RELATIVE * (abs(omega) + swing + 1e-6), work, work))
     sure = SURE_RAD / (abs(omega) + swing + 1e-6)
-    time, good = coast_drum(Coasting(package, radius, direction), y, h, sure, tolerance)
+    time, good = coast_drum(Coasting(package, wound, direction), y, h, sure, tolerance)
     now = coasting_state(y)
     ended = time if good else -1.0
     return Coasted(ended, now.angle_rad, now.speed_rad_per_s, now.gravity_work_j, now.friction_loss_j)
@@ -299,18 +302,18 @@ def _run_down(package: Package, inertia: float, phi: float, omega: float, h: flo
 
 
 @kernel
-def start_sense(package: Package, radius: float, phi: float) -> float:
+def start_sense(package: Package, wound: Wound, phi: float) -> float:
     """Return the sense (+1, -1) in which a drum at rest starts under the weight of its package, 0 where it sticks."""
-    return released(package.coulomb_nm, gravity_moment(package, radius, phi))
+    return released(package.coulomb_nm, gravity_moment(package, wound, phi))
 
 
 @kernel
-def _work_error(package: Package, radius: float, theta: float, h: float) -> float:
+def _work_error(package: Package, wound: Wound, theta: float, h: float) -> float:
     """Return the error (J) of the works of a step, whose size is the energy held or moved in ``h`` (s)."""
-    speed = theta / (radius - package.eccentricity_m)
-    gravity = package_mass(package, radius) * package.gravity * package.eccentricity_m
+    speed = theta / (wound.radius_m - package.eccentricity_m)
+    gravity = package_mass(package, wound) * package.gravity * package.eccentricity_m
     moved = (gravity + package.coulomb_nm + package.viscous_nms_per_rad * speed) * speed * h
-    end = radius_after(package, radius, theta * h) if package.layer_m < 0.0 else radius  # a full one is heavier
+    end = wound_after(package, wound, theta * h) if package.layer_m < 0.0 else wound  # a full one is heavier
     return max(_energy_error(package_inertia(package, end), speed), RELATIVE * moved)
 
 

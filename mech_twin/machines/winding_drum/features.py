@@ -25,7 +25,7 @@ from mech_twin.capabilities.cycle_kernels import fitted_slope, fourier_coefficie
 from mech_twin.kernel import kernel
 from mech_twin.machines.winding_drum.dynamics import drive_torque
 from mech_twin.machines.winding_drum.parameters import WindingDrum, package_constants
-from mech_twin.machines.winding_drum.wound_package import Package, package_mass
+from mech_twin.machines.winding_drum.wound_package import Package, package_mass, wound_at
 
 DRUM, YARN, TORQUE = "linkage.drum.position", "linkage.yarn.position", "linkage.drum.effort"
 ANGLES: Array = np.arange(24, dtype=np.float64) * (TURN / 24.0)
@@ -71,7 +71,7 @@ def _torque_left(name: str, unit: str, package: Package, order: int, meaning: st
         left = _coefficient(measured.weights, measured.phase_rad, measured.values, order) - _coefficient(
             EVEN, ANGLES, model, order
         )
-        return left if order == 0 else left / (GRAVITY * package_mass(package, radius))
+        return left if order == 0 else left / (GRAVITY * package_mass(package, wound_at(package, radius)))
 
     return CycleFeature(name, unit, meaning, (YARN, TORQUE), of)
 
@@ -87,7 +87,7 @@ def _model_torques(package: Package, radius: float, yarn_m_per_s: float) -> Arra
     """Return the torque of the drive at the angles of a turn."""
     found = np.empty(len(ANGLES))
     for i in range(len(ANGLES)):
-        found[i] = drive_torque(package, radius, ANGLES[i], yarn_m_per_s, 0.0)
+        found[i] = drive_torque(package, wound_at(package, radius), ANGLES[i], yarn_m_per_s, 0.0)
     return found
 
 

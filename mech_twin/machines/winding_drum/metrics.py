@@ -20,6 +20,7 @@ from mech_twin.machines.winding_drum.wound_package import (
     speed_terms,
     tangent_arm,
     torque_terms,
+    wound_at,
 )
 from mech_twin.samples import Frame
 
@@ -32,9 +33,10 @@ def position_metrics(parameters: WoundPackage, package: Package, phi: float) -> 
     Yarn speed and acceleration are the configured ones; the ideal package (e = 0) stands beside the eccentric one.
     """
     radius = parameters.package_radius_m
+    wound = wound_at(package, radius)
     theta, a = parameters.yarn_speed_m_per_s, parameters.yarn_acceleration_m_per_s2
     ideal = package._replace(eccentricity_m=0.0)
-    terms = torque_terms(package, radius, phi, theta, a)
+    terms = torque_terms(package, wound, phi, theta, a)
     rho = tangent_arm(package, radius, phi)
     return {
         "drum_angle_rad": phi,
@@ -42,18 +44,18 @@ def position_metrics(parameters: WoundPackage, package: Package, phi: float) -> 
         "tangent_arm_m": rho,
         "angular_speed_rad_per_s": theta / rho,
         "angular_acceleration_rad_per_s2": sum(speed_terms(package, radius, phi, theta, a)),
-        "package_inertia_kg_m2": package_inertia(package, radius),
-        "package_mass_kg": package_mass(package, radius),
+        "package_inertia_kg_m2": package_inertia(package, wound),
+        "package_mass_kg": package_mass(package, wound),
         "acceleration_torque_nm": terms.acceleration,
         "radius_torque_nm": terms.radius,
         "eccentric_torque_nm": terms.eccentric,
         "mass_torque_nm": terms.mass,
         "dynamic_torque_nm": terms.total,
-        "gravity_moment_nm": gravity_moment(package, radius, phi),
-        "drive_torque_nm": drive_torque(package, radius, phi, theta, a),
-        "steady_torque_nm": torque_terms(package, radius, phi, theta, 0.0).total,
-        "ideal_torque_nm": torque_terms(ideal, radius, phi, theta, a).total,
-        "ideal_steady_torque_nm": torque_terms(ideal, radius, phi, theta, 0.0).total,
+        "gravity_moment_nm": gravity_moment(package, wound, phi),
+        "drive_torque_nm": drive_torque(package, wound, phi, theta, a),
+        "steady_torque_nm": torque_terms(package, wound, phi, theta, 0.0).total,
+        "ideal_torque_nm": torque_terms(ideal, wound, phi, theta, a).total,
+        "ideal_steady_torque_nm": torque_terms(ideal, wound, phi, theta, 0.0).total,
     }
 
 
@@ -66,8 +68,9 @@ def sign_changes(values: np.ndarray) -> int:
 def package_metrics(parameters: WoundPackage, package: Package, first: float, last: float) -> dict[str, float]:
     """Return the metrics of the whole package and of one turn of the full package at the rated yarn speed."""
     radius, theta = parameters.package_radius_m, parameters.yarn_speed_m_per_s
+    wound = wound_at(package, radius)
     angles = np.arange(GRID) * 2.0 * pi / GRID
-    turn = np.array([torque_terms(package, radius, phi, theta, 0.0) for phi in angles])
+    turn = np.array([torque_terms(package, wound, phi, theta, 0.0) for phi in angles])
     _, radial, eccentric, mass, total = turn.T
     length = (first * first - last * last) / (2.0 * package.layer_m)
     now = position_metrics(parameters, package, 0.0)

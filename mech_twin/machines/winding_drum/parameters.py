@@ -9,7 +9,7 @@ from typing import Literal
 from pydantic import model_validator
 
 from mech_twin.engine.coupling import Coupling
-from mech_twin.machines.winding_drum.wound_package import Package, package_inertia
+from mech_twin.machines.winding_drum.wound_package import Package, package_inertia, wound_at
 from mech_twin.parts.friction import Friction
 from mech_twin.quantity import Parameters, choice, quantity
 
@@ -96,7 +96,8 @@ class WindingDrum(WoundPackage):
 
     @property
     def _full_inertia_kg_m2(self) -> float:
-        return float(package_inertia(package_constants(self, True), self.package_radius_m))
+        package = package_constants(self, True)
+        return float(package_inertia(package, wound_at(package, self.package_radius_m)))
 
     @property
     def rate_per_s(self) -> float:

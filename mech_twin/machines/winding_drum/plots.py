@@ -10,14 +10,16 @@ import numpy as np
 
 from mech_twin.capabilities.plots import BLUE, GREEN, ORANGE, RED, Picture, sheet, turn_axis
 from mech_twin.machines.winding_drum.parameters import WindingDrum, package_constants
-from mech_twin.machines.winding_drum.wound_package import PackageTorque, torque_terms
+from mech_twin.machines.winding_drum.wound_package import PackageTorque, torque_terms, wound_at
 
 
 def pictures(parameters: WindingDrum) -> Iterator[Picture]:
     """Yield the figure."""
     p, package = parameters, package_constants(parameters, winding=False)
     angles = np.linspace(0.0, 2.0 * pi, 361)
-    terms = [torque_terms(package, p.package_radius_m, phi, p.yarn_speed_m_per_s, 0.0) for phi in angles]
+    terms = [
+        torque_terms(package, wound_at(package, p.package_radius_m), phi, p.yarn_speed_m_per_s, 0.0) for phi in angles
+    ]
     turn = PackageTorque(*np.array(terms).T)
     figure, panels = sheet(1, 2, 8.2, 3.8)
     panels[0].plot(np.degrees(angles), turn.eccentric, color=RED, label="eccentric term")

@@ -11,7 +11,7 @@ import numpy as np
 from mech_twin.capabilities.published import CONTRADICTS, Literature, PublishedRow
 from mech_twin.machines.winding_drum.metrics import package_metrics
 from mech_twin.machines.winding_drum.parameters import WindingDrum, package_constants
-from mech_twin.machines.winding_drum.wound_package import torque_terms
+from mech_twin.machines.winding_drum.wound_package import torque_terms, wound_at
 
 PAPER = "winding fragment"
 
@@ -25,7 +25,8 @@ def rows(parameters: WindingDrum) -> Iterator[PublishedRow]:
         parameters.yarn_acceleration_m_per_s2,
     )
     paper = Literature(PAPER, "eq. (24)", f"R {radius:g} m, e {package.eccentricity_m:g} m, {theta:g} m/s, {a:g} m/s2")
-    terms = torque_terms(package, radius, 1.0, theta, a)
+    wound = wound_at(package, radius)
+    terms = torque_terms(package, wound, 1.0, theta, a)
     printed = terms.mass / radius
     yield paper.reported(
         "last term as printed (N) for a torque (N m)",
@@ -50,7 +51,7 @@ def rows(parameters: WindingDrum) -> Iterator[PublishedRow]:
         absolute=0.0,
     )
     phi = np.arange(720) * pi / 360.0
-    lines = np.abs(np.fft.rfft([torque_terms(package, radius, f, theta, 0.0).eccentric for f in phi]))
+    lines = np.abs(np.fft.rfft([torque_terms(package, wound, f, theta, 0.0).eccentric for f in phi]))
     yield paper.at("eq. (25)").unknown(
         "share of harmonics in the eccentric term",
         float(lines[2:].max() / lines[1]),

@@ -103,6 +103,7 @@ class DrumForces(CompiledForces):
     """
 
     package: Package
+    start_radius_m: float
     pins: tuple[str, ...] = ("shaft",)
     acts_on: tuple[str, ...] = ("package",)
 
@@ -114,7 +115,7 @@ class DrumForces(CompiledForces):
     @cached_property
     def model(self) -> LoadedDrum:
         """Constants of the kernel."""
-        return LoadedDrum(self.package)
+        return LoadedDrum(self.package, float(self.start_radius_m))
 
     @cached_property
     def layout(self) -> ForceLayout:

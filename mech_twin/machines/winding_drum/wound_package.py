@@ -39,6 +39,17 @@ class Package(NamedTuple):
     viscous_nms_per_rad: float = 0.0
 
 
+class Wound(NamedTuple):
+    """What is on the drum: the radius of the package R (m), and R^2 - c^2 (m2), c that of the core.
+
+    On a nearly bare drum the difference of the squares has few digits, of R^4 - c^4 too; mass and inertia are those of
+    the area, which whoever follows the yarn carries beside the radius.
+    """
+
+    radius_m: float
+    square_m2: float
+
+
 class PackageTorque(NamedTuple):
     """Torque on a package (N m), term by term; ``total`` is their sum."""
 
@@ -50,15 +61,28 @@ class PackageTorque(NamedTuple):
 
 
 @inline_kernel
-def package_inertia(p: Package, radius: float) -> float:
-    """Return the moment of inertia J0 of drum and package (kg m2) at a package radius (m); e^2 is neglected."""
-    return p.drum_inertia + 0.5 * pi * p.density * p.width_m * (radius**4 - p.core_m**4)
+def wound_at(p: Package, radius: float) -> Wound:
+    """Return what is on the drum at a radius of the package (m)."""
+    return Wound(radius, (radius - p.core_m) * (radius + p.core_m))
 
 
 @inline_kernel
-def package_mass(p: Package, radius: float) -> float:
+def wound_after(p: Package, wound: Wound, length: float) -> Wound:
+    """Return what is on the drum after a length of yarn (m) has run: R^2 - 2 L s, the area law integrated."""
+    return Wound(radius_after(p, wound.radius_m, length), wound.square_m2 - 2.0 * p.layer_m * length)
+
+
+@inline_kernel
+def package_inertia(p: Package, wound: Wound) -> float:
+    """Return the moment of inertia J0 of drum and package (kg m2), by R^4 - c^4 from the area; e^2 is neglected."""
+    quartic = wound.square_m2 * (wound.square_m2 + 2.0 * p.core_m * p.core_m)
+    return p.drum_inertia + 0.5 * pi * p.density * p.width_m * quartic
+
+
+@inline_kernel
+def package_mass(p: Package, wound: Wound) -> float:
     """Return the mass of the yarn on the drum (kg)."""
-    return pi * p.density * p.width_m * (radius**2 - p.core_m**2)
+    return pi * p.density * p.width_m * wound.square_m2
 
 
 @inline_kernel
@@ -76,7 +100,7 @@ def speed_terms(p: Package, radius: float, phi: float, theta: float, a: float) -
 
 
 @inline_kernel
-def torque_terms(p: Package, radius: float, phi: float, theta: float, a: float) -> PackageTorque:
+def torque_terms(p: Package, wound: Wound, phi: float, theta: float, a: float) -> PackageTorque:
     """Return the torque on drum and package, each term by itself.
 
     M = J0 [a/rho + theta^2 L/(rho^2 R) + theta^2 e sin(phi)/rho^3] - pi H gamma0/g theta^2 L R^2/rho.
@@ -85,8 +109,10 @@ def torque_terms(p: Package, radius: float, phi: float, theta: float, a: float) 
     ----------
     p : Package
         Constants.
-    radius, phi : float
-        Package radius (m), drum angle (rad).
+    wound : Wound
+        What is on the drum.
+    phi : float
+        Drum angle (rad).
     theta, a : float
         Yarn speed (m/s) and acceleration (m/s2).
 
@@ -96,7 +122,7 @@ def torque_terms(p: Package, radius: float, phi: float, theta: float, a: float) 
     omega/2 dJ/dt: the factor 1/2 is the usual variable-mass convention, assumed here; with it M omega is exactly the
     rate of J0 omega^2/2.
     """
-    inertia = package_inertia(p, radius)
+    inertia, radius = package_inertia(p, wound), wound.radius_m
     first, second, third = speed_terms(p, radius, phi, theta, a)
     rho = tangent_arm(p, radius, phi)
     mass = -pi * p.width_m * p.density * theta * theta * p.layer_m * radius * radius / rho
@@ -105,14 +131,15 @@ def torque_terms(p: Package, radius: float, phi: float, theta: float, a: float) 
 
 
 @kernel
-def rate_of_momentum(p: Package, radius: float, phi: float, theta: float, a: float) -> float:
+def rate_of_momentum(p: Package, wound: Wound, phi: float, theta: float, a: float) -> float:
     """Return the same torque (N m) by the chain rule: J d(theta/rho)/dt + omega/2 dJ/dR R'."""
+    radius = wound.radius_m
     rho = tangent_arm(p, radius, phi)
     omega = theta / rho
     radius_rate = -p.layer_m * theta / radius
     rho_rate = radius_rate - p.eccentricity_m * sin(phi) * omega
     inertia_rate = 2.0 * pi * p.density * p.width_m * radius**3 * radius_rate
-    return package_inertia(p, radius) * (a - omega * rho_rate) / rho + 0.5 * omega * inertia_rate
+    return package_inertia(p, wound) * (a - omega * rho_rate) / rho + 0.5 * omega * inertia_rate
 
 
 @inline_kernel
@@ -128,6 +155,6 @@ def time_of_length(theta: float, a: float, length: float) -> float:
 
 
 @inline_kernel
-def gravity_moment(p: Package, radius: float, phi: float) -> float:
+def gravity_moment(p: Package, wound: Wound, phi: float) -> float:
     """Return the moment of the offset package's weight about the axis, m g e sin(phi), counter-clockwise (N m)."""
-    return package_mass(p, radius) * p.gravity * p.eccentricity_m * sin(phi)
+    return package_mass(p, wound) * p.gravity * p.eccentricity_m * sin(phi)

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import pytest
 from random_configurations import SHORTER_STEP, worst_margin
 
@@ -241,6 +243,22 @@ HEAVY_TOOL = {
     "coupling.extrapolation_order": 0,
     "supply.rate_per_s": 1000.0,
 }
+# a wall that no crank moves: striker and body meet tool and collar by turns, each round a tenth as fast as the last
+ROUND_BY_ROUND = {
+    "motor.starting_torque_ratio": 4.086364192130909,
+    "gear.efficiency": 0.7723470774029109,
+    "linkage.crank_m": 0.014382909192029452,
+    "linkage.crank_inertia_kg_m2": 1e-12,
+    "linkage.coupler_centroid_along_m": -1.9999999950641854,
+    "linkage.coupler_centroid_across_m": 0.02923662658733815,
+    "tool.restitution": 0.0,
+    "tool.wall_force_n": 5140597.66103842,
+    "drive_mount": "body",
+    "body.preload_deflection_m": 0.0012745854551830472,
+    "body.tool_radius_m": 0.001553346286170968,
+    "supply.rate_per_s": 1e-6,
+    "coupling.step_s": 0.0005,
+}
 STIFF_SPRING = {"body.spring_arm_m": 10.0, "body.spring_rate_n_per_m": 2e6, "body.inertia_kg_m2": 3.9}
 
 
@@ -347,6 +365,21 @@ def test_tool_that_outweighs_crank_and_body_takes_no_momentum_unseen():
     taken = list(frames(machine("mb10_breaker", overrides=HEAVY_TOOL), 0.2))
     assert "pushing" in [event.kind for frame in taken for event in frame.linkage.events]
     assert max(abs(frame.linkage.memory.as_dict()["momentum_error_nms"]) for frame in taken) <= 1e-11
+
+
+def test_series_of_striker_and_body_by_turns_ends_at_rest():
+    """The energy of each round is a hundredth of the last; slower than 1e-6 m/s the crank stands on the tool."""
+    built = machine("mb10_breaker", overrides=ROUND_BY_ROUND)
+    run = list(frames(built, 0.48))
+    assert max(worst_margin(built, frame)[0] for frame in run) <= 1.0
+    kinds = ("push_begins", "catch_up")
+    speeds = [event.pre_velocity_m_per_s for frame in run for event in frame.linkage.events if event.kind in kinds]
+    ratios = [later / speed for speed, later in itertools.pairwise(speeds[-4:])]
+    assert ratios == pytest.approx([0.1, 0.1, 0.1], rel=0.02)
+    assert speeds[-1] < 1e-6 < speeds[-2]
+    crank, body = run[-1].linkage.joint("crank"), run[-1].body
+    assert (crank.velocity, body.position, body.velocity) == (0.0, (0.0,), (0.0,))
+    assert run[-1].linkage.events == ()
 
 
 def test_flywheel_that_outweighs_its_body_keeps_the_routes_to_its_torque():

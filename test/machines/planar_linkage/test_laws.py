@@ -17,6 +17,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mech_twin.engine.crank_state import Transmission
+from mech_twin.engine.errors import MotionError
 from mech_twin.engine.run import frames
 from mech_twin.machines.compaction_press.dynamics import press_pins, press_reduced
 from mech_twin.machines.compaction_press.parameters import CompactionPress, press_constants
@@ -403,6 +404,30 @@ def test_the_flywheel_keeps_the_asked_non_uniformity_in_a_time_run(sense: float)
     last = speeds[turns[0] : turns[1]]
     spread = 2.0 * (max(last) - min(last)) / (max(last) + min(last))
     assert spread == pytest.approx(0.1, rel=0.1)  # the mean speed of a free run is not exactly the rated one
+
+
+def test_a_load_that_swings_the_crank_too_often_in_a_step_is_refused_with_one_that_holds() -> None:
+    """1e7 N on an arm of 100 m turn a crank of 1e-3 kg m^2 some thousand times a second."""
+    loaded = {"link": "dyad_1_first", "x_m": 0.36, "y_m": -100.0, "force_y_n": 1e7}
+    motor = {"rated_power_w": 22000.0, "rated_speed_rpm": 975.0, "synchronous_speed_rpm": 1000.0}
+    motor |= {"breakdown_torque_ratio": 2.4, "starting_torque_ratio": 1.3, "rotor_inertia_kg_m2": 1e-3}
+    crank = {"length_m": 0.1, "mass": {"mass_kg": 1e-3, "inertia_kg_m2": 1e-3}}
+    tree = {
+        "crank": crank,
+        "dyad_1": {"kind": "rpr", "from_link": "crank", "from_y_m": -0.2, "to_y_m": -0.25, "second_m": 0.5},
+        "load_1": loaded,
+        "motor": motor,
+        "gear": {"ratio": 2.3667, "efficiency": 0.97},
+        "drive": {"kind": "kloss", "speed_rpm": -60.0},
+    }
+    with pytest.raises(
+        MotionError, match=r"^coupling\.step_s = 0\.001 s takes more than 20000 .*; try 0\.0001, in the"
+    ) as told:
+        list(frames(build(linkage(**tree, coupling={"step_s": 1e-3})), 0.02))
+    assert "\n" not in str(told.value)
+    held = build(linkage(**tree, coupling={"step_s": 1e-4}))
+    for frame in frames(held, 0.02):
+        assert abs(frame.linkage.residuals["energy_balance"]) <= held.linkage.residual_limits["energy_balance"]
 
 
 # -- what is refused ----------------------------------------------------------------------------------------------

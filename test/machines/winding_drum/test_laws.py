@@ -21,6 +21,7 @@ from mech_twin.machines.winding_drum.wound_package import (
     radius_after,
     speed_terms,
     tangent_arm,
+    wound_at,
 )
 from mech_twin.parameters.load import machine
 
@@ -45,7 +46,7 @@ def test_angular_acceleration_is_the_derivative_of_speed_along_the_motion(windin
 
     def after(phi, t):
         now = float(radius_after(package, start, theta * t + 0.5 * a * t * t))
-        return now, float(driven(package, start, phi, theta, a, t)[0].angle_rad), theta + a * t
+        return now, float(driven(package, wound_at(package, start), phi, theta, a, t)[0].angle_rad), theta + a * t
 
     def speed(phi, t):
         radius, later, yarn = after(phi, t)
@@ -279,11 +280,15 @@ def test_a_step_of_radians_is_as_exact_from_every_angle():
     h = 2.04 * radius / theta
 
     def energy(now, phi):
-        return 0.5 * float(package_inertia(package, now)) * (theta / float(tangent_arm(package, now, phi))) ** 2
+        return (
+            0.5
+            * float(package_inertia(package, wound_at(package, now)))
+            * (theta / float(tangent_arm(package, now, phi))) ** 2
+        )
 
     after = float(radius_after(package, radius, theta * h))
     for phi in np.linspace(0.0, 2.0 * pi, 2_000):
-        end, good = driven(package, radius, float(phi), theta, 0.0, h)
+        end, good = driven(package, wound_at(package, radius), float(phi), theta, 0.0, h)
         assert good
         given = energy(after, end.angle_rad) - energy(radius, phi)
         assert end.drive_work_j == pytest.approx(given, rel=0.0, abs=1e-11 * energy(radius, 0.0)), phi
@@ -298,6 +303,22 @@ def test_energy_balances_on_a_drum_that_is_nearly_bare(speed):
     _, _, worst = last_frames({**keys, "gravity_m_per_s2": 0.0, "coupling.step_s": 3.3e-4}, 0.3)
     assert worst["energy_balance"] < 1e-10
     assert worst["area_balance"] < 1e-10  # the radius is rounded in each step
+
+
+def test_energy_balances_where_a_layer_is_less_than_the_radius_resolves():
+    """Yarn a micrometre thick wound onto a light drum of metres: the radius' last digit is 1e-9 of what turns."""
+    keys = {"package_radius_m": 12.5, "core_radius_m": 1.65, "package_width_m": 4.55, "eccentricity_m": 1.6e-5}
+    keys |= {"layer_thickness_m": 1e-6, "package_density_kg_per_m3": 8e4, "drum_inertia_kg_m2": 0.5}
+    keys |= {"yarn_speed_m_per_s": 560.0, "yarn_acceleration_m_per_s2": 171.5, "direction": "winding"}
+    drum, samples, worst = last_frames({**keys, "supply.initial_fraction": 0.0, "coupling.step_s": 3.8e-3}, 0.2)
+    package, last = drum.linkage.package, samples[-1]
+    told = package_inertia(package, wound_at(package, last.position[2])) - package.drum_inertia
+    layers = 1e-6 * last.position[1] / pi  # R^2 - c^2, by hand
+    wound = 0.5 * pi * 8e4 * 4.55 * layers * (layers + 2.0 * 1.65**2)
+    assert told != pytest.approx(wound, rel=1e-10)  # the radius does not tell it
+    assert worst["energy_balance"] < 1e-13
+    assert 0.0 < worst["area_balance"] < 1e-10  # the radius is followed beside the yarn
+    assert drum.forces.analyse(last).quantities["package_inertia_kg_m2"] == pytest.approx(0.5 + wound, rel=1e-14)
 
 
 def test_a_step_in_which_the_drum_would_spin_away_is_refused():

@@ -11,7 +11,7 @@ from parameter_bounds import has_range, live_names
 from pydantic import ValidationError
 
 from mech_twin.machines.winding_drum.parameters import WindingDrum, YarnSupply, package_constants
-from mech_twin.machines.winding_drum.wound_package import package_inertia
+from mech_twin.machines.winding_drum.wound_package import package_inertia, wound_at
 
 VALID: dict[str, Any] = {
     "package_radius_m": 0.25,
@@ -123,7 +123,8 @@ def test_the_drum_turns_by_2000_rad_at_most_in_a_step() -> None:
 
 
 def test_bearings_slow_the_full_package_by_no_more_than_ten_thousand_time_constants_in_a_step_of_winding() -> None:
-    inertia = package_inertia(package_constants(drum(), True), 0.25)
+    package = package_constants(drum(), True)
+    inertia = package_inertia(package, wound_at(package, 0.25))
     most = 1e4 * inertia / 0.001
     below, past = ({"viscous_nms_per_rad": most * (1.0 + e)} for e in (-1e-12, 1e-6))
     assert drum(direction="winding", friction=below)
