@@ -21,9 +21,11 @@ from scipy.linalg import matmul_toeplitz
 from scipy.signal import lfilter, lfiltic
 
 from mech_twin.measurements.blocks import Array
+from mech_twin.studies.burg import burg_orders
 
 MOST_ORDER = 4
 LONGEST = 0.995  # of the correlation of neighbours, corrected
+LEAST_LEFT = 1e-8  # of the variance: residuals that repeat themselves exactly are no noise
 FEWEST = 20  # residuals of a channel; fewer tell no memory
 
 
@@ -61,20 +63,14 @@ def autoregression(residuals: Array) -> Autoregression:
     count, power = len(residuals), float(residuals @ residuals)
     if count < FEWEST or power == 0.0:
         return best
-    coefficients, first, share = np.zeros(0), [1.0], 1.0
-    forward, backward, least = residuals[1:], residuals[:-1], 0.0
-    for order in range(1, MOST_ORDER + 1):
-        both = float(forward @ forward + backward @ backward)
-        reflection = 2.0 * float(forward @ backward) / both if both > 0.0 else 0.0
-        first.append(float(coefficients @ first[:0:-1]) + reflection * share)
-        coefficients = np.append(coefficients - reflection * coefficients[::-1], reflection)
-        share *= 1.0 - reflection**2
-        if share <= 0.0:
+    least = 0.0
+    for found in burg_orders([residuals[:, None]], MOST_ORDER):
+        share, order = float(found.left[0]), len(found.coefficients)
+        if share < LEAST_LEFT:
             break
         criterion = count * np.log(share) + order * np.log(count)
         if criterion < least:
-            best, least = Autoregression(coefficients, np.array(first)), criterion
-        forward, backward = (forward - reflection * backward)[1:], (backward - reflection * forward)[:-1]
+            best, least = Autoregression(found.coefficients[:, 0], found.correlations[:, 0]), criterion
     return _corrected(best, count) if len(best.coefficients) == 1 else best
 
 

@@ -2,7 +2,7 @@
 """The frozen reference of a healthy machine: mean, autoregression and covariance of its features.
 
 The charts count on values that are independent from cycle to cycle.  So each feature is prewhitened by an
-autoregression of a common order p, found by the Bayesian information criterion, fitted by Yule and Walker::
+autoregression of a common order p, found by the Bayesian information criterion, fitted by Burg's recursion::
 
     e_t = (x_t - m) - sum_i a_i (x_(t-i) - m),     i = 1 .. p
 
@@ -18,11 +18,12 @@ from math import log
 from typing import Any
 
 import numpy as np
-from scipy.linalg import cholesky, solve_toeplitz, solve_triangular
+from scipy.linalg import cholesky, solve_triangular
 from scipy.signal import lfilter
 
 from mech_twin.capabilities.cycle import Array
 from mech_twin.capabilities.errors import StudyError
+from mech_twin.studies.burg import burg_orders
 from mech_twin.studies.monitoring.cycle_features import FeatureVector
 
 LARGEST_ORDER = 4
@@ -171,29 +172,9 @@ def covariance_of(innovations: Array, mean: Array) -> Array:
 
 def _autoregression(runs: Sequence[Array]) -> Array:
     """Return the coefficients (p, d) of the order that the summed information criterion prefers."""
-    cycles = sum(map(len, runs))
-    moments = np.array(
-        [
-            sum((run[lag:] * run[: len(run) - lag]).sum(axis=0) for run in runs) / cycles
-            for lag in range(LARGEST_ORDER + 1)
-        ]
-    )
-    best, coefficients = np.inf, np.empty((0, moments.shape[1]))
-    for order in range(LARGEST_ORDER + 1):
-        tried = np.array([_yule_walker(moments[:, i], order) for i in range(moments.shape[1])]).T
-        tried = tried.reshape(order, moments.shape[1])
-        left = moments[0] - (tried * moments[1 : order + 1]).sum(axis=0)
-        ratio = np.where(
-            moments[0] > 0.0, np.maximum(left, 1e-12 * moments[0]) / np.where(moments[0] > 0, moments[0], 1), 1
-        )
-        score = cycles * float(np.log(ratio).sum()) + order * moments.shape[1] * log(cycles)
+    cycles, best, coefficients = sum(map(len, runs)), np.inf, np.empty((0, runs[0].shape[1]))
+    for found in burg_orders(runs, LARGEST_ORDER):
+        score = cycles * float(np.log(found.left).sum()) + found.coefficients.size * log(cycles)
         if score < best:
-            best, coefficients = score, tried
+            best, coefficients = score, found.coefficients
     return coefficients
-
-
-def _yule_walker(moments: Array, order: int) -> Array:
-    """Return the stable autoregression of one feature; none of it where the feature is constant."""
-    if order == 0 or moments[0] <= 0.0:
-        return np.zeros(order)
-    return np.asarray(solve_toeplitz(moments[:order] * (1.0 + 1e-9 * (np.arange(order) == 0)), moments[1 : order + 1]))

@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.signal import lfilter
 from scipy.stats import poisson
 from studies.monitoring.synthetic import autoregressive, vectors
 
 from mech_twin.capabilities.errors import StudyError
-from mech_twin.studies.monitoring.baseline import fitted_baseline
-from mech_twin.studies.monitoring.charts import ALLOWANCE, advance_cusum
+from mech_twin.studies.monitoring.baseline import Baseline, fitted_baseline
+from mech_twin.studies.monitoring.charts import ALLOWANCE, WINDOW, advance_cusum, chart_rows
 from mech_twin.studies.monitoring.fault_life import FaultLife, LifeRules, acknowledged, after_cycle, shelved
 from mech_twin.studies.monitoring.monitor import Monitor, MonitorSetup, setup_of_record
 from mech_twin.studies.monitoring.thresholds import chart_limits
@@ -24,14 +25,18 @@ COVARIANCE = np.array([[1.0, 0.6, 0.0], [0.6, 2.0, -0.3], [0.0, -0.3, 0.5]])
 COEFFICIENTS = np.array([[0.6, 0.3, 0.0], [-0.2, 0.1, 0.0]])
 
 
-def healthy_setup(cycles: int, arl0_cycles: float, seed: int = 1) -> MonitorSetup:
+def healthy_baseline(cycles: int, seed: int = 1) -> tuple[Baseline, list[np.ndarray]]:
     rows = autoregressive(cycles, COEFFICIENTS, COVARIANCE, seed) + np.array([10.0, -3.0, 0.5])
-    baseline, innovations = fitted_baseline(vectors(rows))
+    return fitted_baseline(vectors(rows))
+
+
+def healthy_setup(cycles: int, arl0_cycles: float, seed: int = 1) -> MonitorSetup:
+    baseline, innovations = healthy_baseline(cycles, seed)
     return MonitorSetup("none", baseline, chart_limits(baseline, innovations, arl0_cycles))
 
 
 def test_the_autoregression_and_covariance_of_the_features_are_found() -> None:
-    baseline = healthy_setup(20_000, 500.0).baseline
+    baseline, _ = healthy_baseline(20_000)
     assert baseline.order == 2
     np.testing.assert_allclose(baseline.coefficients, COEFFICIENTS, atol=0.03)
     np.testing.assert_allclose(baseline.covariance, COVARIANCE, atol=0.06)
@@ -39,7 +44,7 @@ def test_the_autoregression_and_covariance_of_the_features_are_found() -> None:
 
 
 def test_innovations_are_independent_and_whitened_ones_of_unit_covariance() -> None:
-    baseline = healthy_setup(20_000, 500.0).baseline
+    baseline, _ = healthy_baseline(20_000)
     rows = autoregressive(20_000, COEFFICIENTS, COVARIANCE, 9) + np.array([10.0, -3.0, 0.5])
     white = baseline.whitened(baseline.innovations(rows))
     np.testing.assert_allclose(white.T @ white / len(white), np.eye(3), atol=0.05)
@@ -99,6 +104,30 @@ def test_false_alarms_come_as_often_as_stated_where_slow_dependence_is_left() ->
     assert low <= begun <= high
 
 
+@pytest.mark.slow
+def test_false_alarms_come_as_often_as_stated_where_many_features_are_known_from_short_runs() -> None:
+    """Of one rate r the charts have exp(-250 r) of blocks of 250 cycles quiet."""
+    run_length, width, block, short = 1000.0, 19, 250, 165
+    random, rates = np.random.default_rng(80), []
+
+    def remembering(cycles: int) -> np.ndarray:
+        settled = lfilter([1.0], [1.0, -0.5, -0.2], random.standard_normal((cycles + 60, width)), axis=0)
+        return np.asarray(settled[60:])
+
+    watched = remembering(300_000)
+    for _ in range(12):
+        known = [vector for first in range(0, 61_000, 1000) for vector in vectors(remembering(short), first)]
+        baseline, innovations = fitted_baseline(known)
+        limits, left = chart_limits(baseline, innovations, run_length), baseline.innovations(watched)
+        rows = chart_rows(left / baseline.sigma, baseline.whitened(left), ALLOWANCE, WINDOW)
+        blocks = rows[: len(rows) // block * block].reshape(-1, block, 3).max(axis=1)
+        quiet = np.mean((blocks <= np.array(limits.alarm)).all(axis=1))
+        rates.append(-np.log(quiet) / block * run_length)
+    error = np.std(rates, ddof=1) / np.sqrt(len(rates))
+    assert error < 0.12
+    assert abs(np.mean(rates) - 1.0) < 3.0 * error
+
+
 def test_a_short_baseline_is_called_extrapolated_and_gives_wider_thresholds() -> None:
     short, long = healthy_setup(200, 2000.0), healthy_setup(6001, 2000.0)
     assert short.limits.extrapolated and not long.limits.extrapolated
@@ -133,7 +162,7 @@ def test_a_missing_feature_is_said_and_nothing_is_made_up() -> None:
 
 
 def test_features_and_innovations_are_each_others_inverse() -> None:
-    baseline = healthy_setup(500, 500.0).baseline
+    baseline = healthy_baseline(500)[0]
     shocks = np.random.default_rng(4).standard_normal((50, 3))
     np.testing.assert_allclose(baseline.innovations(baseline.features(shocks)), shocks[baseline.order :], atol=1e-9)
 

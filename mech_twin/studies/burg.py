@@ -1,0 +1,67 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Autoregressions of short runs, by Burg's recursion (BurgSpectrum1967), forwards and backwards.
+
+Each reflection coefficient comes from the neighbours that a run has, and only from those::
+
+    k = 2 sum f_t b_(t-1) / sum (f_t^2 + b_(t-1)^2),    f, b: what the order before leaves, forwards and backwards
+
+so that short runs are not taken for series that go on with zeros, and |k| < 1: every order is stable.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[Any]
+LARGEST_REFLECTION = 1.0 - 1e-9  # a series that repeats itself exactly has 1
+EXACT = 1e-14  # of its power: a series of which less is left is foretold, and the rest is rounding
+
+
+@dataclass(frozen=True)
+class BurgOrder:
+    """Autoregressions of order p of d series.
+
+    Attributes
+    ----------
+    coefficients : ndarray
+        Shape (p, d): x_t = sum_i coefficients[i - 1] x_(t-i) + innovation.
+    correlations : ndarray
+        Shape (p + 1, d): at distances 0 to p.
+    left : ndarray
+        Shape (d,): share of the variance that is left, 1 at order 0.
+    """
+
+    coefficients: Array
+    correlations: Array
+    left: Array
+
+
+def burg_orders(runs: Sequence[Array], largest: int) -> Iterator[BurgOrder]:
+    """Yield the autoregressions of orders 0 to ``largest`` of runs (n, d) of d series without mean.
+
+    A run gives what it can: of order p, one that is longer than p.  A series that is zero has coefficients of zero.
+    """
+    d = runs[0].shape[1]
+    coefficients, correlations, left = np.zeros((0, d)), np.ones((1, d)), np.ones(d)
+    forward, backward = [run[1:] for run in runs], [run[:-1] for run in runs]
+    rounding = EXACT * sum(((run * run).sum(axis=0) for run in runs), start=np.zeros(d))
+    yield BurgOrder(coefficients, correlations, left)
+    for _ in range(largest):
+        pairs = list(zip(forward, backward, strict=True))
+        both = sum(((f * f + b * b).sum(axis=0) for f, b in pairs), start=np.zeros(d))
+        alike = 2.0 * sum(((f * b).sum(axis=0) for f, b in pairs), start=np.zeros(d))
+        some = both > rounding
+        reflection = np.where(some, alike / np.where(some, both, 1.0), 0.0)
+        reflection = reflection.clip(-LARGEST_REFLECTION, LARGEST_REFLECTION)
+        next_one = (coefficients * correlations[:0:-1]).sum(axis=0) + reflection * left
+        correlations = np.concatenate([correlations, [next_one]])
+        coefficients = np.concatenate([coefficients - reflection * coefficients[::-1], [reflection]])
+        left = left * (1.0 - reflection**2)
+        yield BurgOrder(coefficients, correlations, left)
+        forward = [(f - reflection * b)[1:] for f, b in pairs]
+        backward = [(b - reflection * f)[:-1] for f, b in pairs]
