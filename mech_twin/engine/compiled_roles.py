@@ -74,7 +74,11 @@ class CompiledLinkage(_Compiled[LinkageLayout]):
     """A linkage whose step is a kernel of `linkage_step`."""
 
     step_s: float
-    failures: tuple[str, ...] = ()
+
+    @property
+    def failures(self) -> tuple[str, ...]:
+        """What a step may end in, in the order of its numbers."""
+        return ()
 
     def advance(self, linkage: LinkageSample, motor: MotorSample, body: BodySample | None) -> LinkageSample:
         """Return the linkage one coupling step later, its events located inside the step."""

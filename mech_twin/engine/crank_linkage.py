@@ -60,12 +60,12 @@ class CrankLinkage(CompiledLinkage):
     coordinates: tuple[str, ...] = (CRANK,)
     size_m: float = 1.0
     resisting: Mapping[int, Resisting] = field(default_factory=dict)
-    failures: tuple[str, ...] = field(init=False)
     energy_scale_j: float = 0.0
 
-    def __post_init__(self) -> None:
-        """Name the coupling step in the failures."""
-        object.__setattr__(self, "failures", failures_at(self.step_s))
+    @property
+    def failures(self) -> tuple[str, ...]:
+        """What a step may end in, told with the coupling step."""
+        return failures_at(self.step_s)
 
     @property
     def residual_limits(self) -> Mapping[str, float]:
