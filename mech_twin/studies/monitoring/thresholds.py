@@ -32,6 +32,7 @@ from mech_twin.studies.monitoring.charts import ALLOWANCE, CHARTS, WINDOW, chart
 
 SEQUENCES, SEQUENCE_CYCLES = 40, 10_000
 REDRAWN, REDRAWN_SEQUENCES, JUDGED_SEQUENCES = 16, 16, 4  # baselines drawn anew, sequences for and before each of them
+MOST_CALIBRATED = 1000.0  # of few cycles, or of features without noise, baselines drawn anew are no likeness
 BLOCK_CYCLES = 250  # over which the largest value is taken
 MOVING_BLOCK = 4 * WINDOW  # cycles that are drawn together: a joint within the window hides what is slower than a block
 SHORTEST_BLOCK, LEAST_BLOCKS = 20, 20  # of a short baseline, which needs blocks enough to draw from
@@ -90,8 +91,9 @@ def chart_limits(baseline: Baseline, innovations: Sequence[Array], arl0_cycles: 
         raise ValueError(f"arl0_cycles = {arl0_cycles!r}; expected at least {LEAST_ALARM_CYCLES:g}")
     random, pool = np.random.default_rng(seed), np.concatenate(list(innovations))
     curves = _curves(baseline, pool, SEQUENCES, random)
-    nominal = -_calibration(baseline, pool, curves, random).level(1.0 / arl0_cycles)
-    alarm = tuple(curve.level(float(np.exp(nominal))) for curve in curves)
+    rarity = _calibration(baseline, pool, curves, random).level(1.0 / arl0_cycles)
+    nominal = np.clip(np.exp(-rarity), 1.0 / (MOST_CALIBRATED * arl0_cycles), 1.0 / arl0_cycles)
+    alarm = tuple(curve.level(float(nominal)) for curve in curves)
     quiet = tuple(min(curve.level(1.0 / CLEAR_CYCLES), level) for curve, level in zip(curves, alarm, strict=True))
     return ChartLimits(alarm, quiet, float(arl0_cycles), baseline.cycles < 3.0 * arl0_cycles)
 
