@@ -170,7 +170,7 @@ def blocked(
     if rests:
         first, second = generalised_forces(b, m, u, phi, p, drive, 0.0, 0.0)
         hold = -min(max(first, -b.crank_coulomb_nm), b.crank_coulomb_nm)
-        force = (first + hold) / max(slope, 1e-12)
+        force = (first + hold) / math.copysign(max(abs(slope), 1e-12), slope)  # < 0: the crank strikes backward
         return Accelerations(0.0, 0.0, -second - b.tool_radius_m * force, force, hold)
     first, second = sliding_forces(b, m, u, phi, p, drive, rests, senses)
     if senses.crank == 0.0:

@@ -72,6 +72,8 @@ from mech_twin.machines.mb10_breaker.tool_contact import project_contact
 
 Array = NDArray[np.float64]
 PARTED = 1e-9  # m and m/s
+IN_TOOL_M = 1e-10  # what rounding leaves of a gap that is closed
+MOST_HALVINGS = 40
 SUBSTEP_BUDGET = 20000  # of one coupling step
 MOST_REVERSALS = 16  # of the gear in one coupling step that are landed on; a gear on the edge of sticking has no end
 
@@ -284,6 +286,43 @@ def take_piece(motion: Motion, time: float, y: Array, step_s: float, work: Works
 
 
 @kernel
+def while_apart(motion: Motion, time: float, y: Array, span: float, work: Workspace) -> float:
+    """Return the length (s) of a piece after which the striker is not in the tool, and leave its end in ``work``.
+
+    A piece that begins at the gap's root may not see that it closes again.  Halved until it ends with an open gap, it
+    leaves the closing to the next piece; where none does, the gap is closed within rounding, and the piece stays.
+    """
+    if motion.tool in (PUSHED, BLOCKED) or tool_gap(motion.breaker, named(work.end))[0] >= -IN_TOOL_M:
+        return span
+    shorter = span
+    for _ in range(MOST_HALVINGS):
+        shorter *= 0.5
+        take_step(motion, time, y, shorter, work)
+        if tool_gap(motion.breaker, named(work.end))[0] > 0.0:
+            return shorter
+    take_step(motion, time, y, span, work)
+    return span
+
+
+@kernel
+def lead_to_event(step: Step, watches: NDArray[np.int64], count: int, end: Array) -> tuple[int, float]:
+    """Lead the state through a piece, to its ``end`` or to the first event in it; return the signal and the time."""
+    motion, work = step.system, step.work
+    which, span = first_event(step, watches, count, end)
+    signal = NONE
+    if which == NONE:
+        work.end[:] = end
+    else:
+        signal = watches[which, 0]
+        if span == 0.0:
+            return signal, span
+        take_step(motion, step.start_s, step.state, span, work)
+    apart = span if signal == GAP else while_apart(motion, step.start_s, step.state, span, work)
+    step.state[:] = work.end
+    return (signal if apart == span else NONE), apart
+
+
+@kernel
 def advance_step(
     b: Breaker, y: Array, record: Any, regime: int, torque: float, step_s: float, order: int, log: Any
 ) -> tuple[int, int, float]:
@@ -320,20 +359,13 @@ def advance_step(
         number = watched(motion, state, named(end), regime, last, watches)
         if reversals < MOST_REVERSALS:
             number = watch_gear(motion, state, named(end), watches, number)
-        which, when = first_event(Step(motion, time, y, span, work), watches, number, end)
-        if which == NONE:
-            y[:] = end
-        elif when > 0.0:
-            take_step(motion, time, y, when, work)
-            y[:] = work.end
-        time += when
+        last, passed = lead_to_event(Step(motion, time, y, span, work), watches, number, end)
+        time += passed
         project_gear(motion, state)
         project_contact(b, state, motion.tool, motion.rests)
-        last = NONE
-        if which == NONE:
+        if last == NONE:
             count = log_knot(motion, state, memory, regime, time, log, count) if has_knots(motion) else count
             continue
-        last = watches[which, 0]
         if last in (GEAR_TURNS, GEAR_GRIP):
             reversals += 1
             count = log_gear(motion, state, memory, regime, last, time, log, count)

@@ -12,6 +12,7 @@ from mech_twin.configuration_tree import ConfigurationError
 from mech_twin.engine.invariants import broken_lines
 from mech_twin.engine.rollout import roll_out
 from mech_twin.engine.run import frames
+from mech_twin.machines.mb10_breaker.dynamics import energies, striker
 from mech_twin.machines.mb10_breaker.reference import BreakerReference
 from mech_twin.parameters.load import machine
 
@@ -259,6 +260,18 @@ ROUND_BY_ROUND = {
     "supply.rate_per_s": 1e-6,
     "coupling.step_s": 0.0005,
 }
+# the crank's weight turns it backward onto a tool that its wall holds; the body is held
+STRIKES_BACKWARD = {
+    "excitation.kind": "approximated",
+    "body.inertia_kg_m2": 0.35,
+    "body.spring_rate_n_per_m": 3108.0,
+    "body.preload_deflection_m": 0.0483,
+    "gravity_m_per_s2": 50.0,
+    "linkage.initial_crank_deg": 20.0,
+    "motor.rated_power_w": 1e-3,
+    "motor.rotor_inertia_kg_m2": 1e-6,
+    "tool.wall_force_n": 1e6,
+}
 STIFF_SPRING = {"body.spring_arm_m": 10.0, "body.spring_rate_n_per_m": 2e6, "body.inertia_kg_m2": 3.9}
 
 
@@ -269,6 +282,18 @@ def residuals_of(overrides, command, duration_s=0.5):
     run = roll_out(built, duration_s, [], None, lambda step: command[step * len(command) // (steps + 1)])
     assert run.error is None
     return broken_lines(run.residuals, built.coupling_step_s), [event.kind for event in run.events]
+
+
+def deepest_m(built, run):
+    """Return how deep in the tool the striker is, at most, at the end of a step."""
+    b = built.linkage._b
+    gaps = [
+        b.tool_radius_m * frame.body.position[0]
+        + frame.linkage.memory["tool_travel_m"]
+        - striker(b, frame.linkage.joint("crank").position)[0]
+        for frame in run
+    ]
+    return -min(gaps)
 
 
 def test_a_step_too_long_for_a_heavy_rocker_is_told_with_one_that_is_not():
@@ -380,6 +405,39 @@ def test_series_of_striker_and_body_by_turns_ends_at_rest():
     crank, body = run[-1].linkage.joint("crank"), run[-1].body
     assert (crank.velocity, body.position, body.velocity) == (0.0, (0.0,), (0.0,))
     assert run[-1].linkage.events == ()
+
+
+def test_striker_thrown_back_from_the_tool_it_touches_does_not_come_back_into_it_unseen():
+    """A lossless gear that a touchdown throws back is turned round within the piece of motion that begins there."""
+    built = machine("mb10_breaker", overrides=ROUND_BY_ROUND | {"gear.efficiency": 1.0})
+    run = list(frames(built, 0.48))
+    assert max(worst_margin(built, frame)[0] for frame in run) <= 1.0
+    assert deepest_m(built, run) < 1e-10
+
+
+def test_crank_that_strikes_backward_stands_on_the_tool_by_statics():
+    """N dy/dq = Q - dV/dq, Q the drive's torque; the rocker swings back, so dy/dq < 0."""
+    built = machine("mb10_breaker", overrides=STRIKES_BACKWARD | {"linkage.crank_centroid_along_m": 0.1})
+    run = list(frames(built, 0.5, lambda step: 0.0))
+    assert max(worst_margin(built, frame)[0] for frame in run) <= 1.0
+    assert deepest_m(built, run) < 1e-10
+    assert [event.kind for frame in run for event in frame.linkage.events].count("stalled") == 1
+    b, last = built.linkage._b, run[-1]
+    crank = last.linkage.joint("crank")
+    assert crank.velocity == 0.0
+    slope = striker(b, crank.position)[1]
+    weight = [energies(b, crank.position + side, 0.0, 0.0, 0.0)[1] for side in (1e-5, -1e-5)]
+    moment = crank.effort - (weight[0] - weight[1]) / 2e-5
+    assert slope < 0.0
+    assert last.linkage.memory["tool_force_n"] * slope == pytest.approx(moment, rel=1e-8)
+
+
+def test_crank_that_its_weight_takes_off_the_tool_again_leaves_no_energy_behind():
+    """It swings back onto the tool and comes to a stop there, then the weight takes it away: no series of touches."""
+    built = machine("mb10_breaker", overrides=STRIKES_BACKWARD | {"linkage.crank_centroid_across_m": -0.1})
+    run = list(frames(built, 0.5, lambda step: 0.0))
+    assert max(worst_margin(built, frame)[0] for frame in run) <= 1.0
+    assert deepest_m(built, run) < 1e-10
 
 
 def test_flywheel_that_outweighs_its_body_keeps_the_routes_to_its_torque():
