@@ -27,6 +27,7 @@ from mech_twin.machines.roller_former.dynamics import (
     Array,
     DriveLine,
     Former,
+    FormerState,
     Modes,
     TravelStretch,
     coupling_moment,
@@ -84,14 +85,31 @@ def log_event(log: EventLog, count: int, t: float, kind: int, crank_rad: float) 
 
 
 @borrowing_kernel
-def stretch_from(former: Former, t: float, y: Array, modes: Modes, sides: Array, stop_rad: float) -> TravelStretch:
-    """Return the stretch that begins at this state, filling ``sides``; it ends at ``stop_rad`` at the latest."""
+def setting_off(former: Former, now: FormerState, modes: Modes) -> float:
+    """Return a moment (N m) with the sense in which a crank at rest sets off, 0 where nothing drives it."""
+    driving = coupling_moment(former, now) - rod_weight_moment(former.bank, now.crank_rad)
+    if not modes.load_on or modes.direction == 0.0:
+        return driving
+    load = load_moment(former.bank, now.crank_rad, modes.direction)
+    driving -= modes.load_share * load
+    return -load if driving == 0.0 == modes.load_share else driving  # of a load that rises from nothing the sense
+
+
+@borrowing_kernel
+def stretch_from(
+    former: Former, t: float, y: Array, modes: Modes, sides: Array, stop_rad: float, passed: int
+) -> TravelStretch:
+    """Return the stretch that begins at this state, filling ``sides``; it ends at ``stop_rad`` at the latest.
+
+    ``passed`` is the event that ended the one before, or `NONE`; what sets a crank off from a dead centre may have
+    moved it no further than rounding.
+    """
     bank, now = former.bank, state_of(y)
     direction = modes.direction
     known = may_stick(former, modes) and direction != 0.0
     sense = now.crank_speed_rad_per_s
     if sense == 0.0:  # at rest on a dead centre: the side it is driven to
-        sense = coupling_moment(former, now) - rod_weight_moment(bank, now.crank_rad)
+        sense = 1.0 if passed == HIGH else -1.0 if passed == LOW else setting_off(former, now, modes)
     ahead = direction if known else (1.0 if sense >= 0.0 else -1.0)
     low, high = sides_of_travel(bank, now.crank_rad + ahead * LOOK_AHEAD_RAD, sides)
     if not has_kinks(bank):

@@ -40,9 +40,12 @@ from mech_twin.machines.roller_former.memory import CARTS_AT, memory_of, residua
 KINK = 1e-9  # a second difference of the command above this is a corner: the torque before it tells nothing of after
 TURN = 2.0 * np.pi
 RUNNING, HELD, STALLED = 0, 1, 2
+RUNAWAY = 1e4  # times synchronous speed: far beyond what a motor's curve tells of, and its energy leaves no digits
 FAILURES = (
     f"roller_former: {NO_STEP}: {TIGHT}",
     f"roller_former: more than {MOST_STEPS} integration steps: drive or carts are too stiff for coupling.step_s",
+    f"roller_former: the carts drive crank or motor to more than {RUNAWAY:g} times motor.synchronous_speed_rpm: "
+    "load reversing and resist hold a shaft, rectified drives one that turns backward",
 )
 
 
@@ -208,6 +211,8 @@ def former_step(
     """
     former, begin_s, y = model.former, step * model.step_s, np.empty(STATE_SIZE)
     past, before = memory_of(linkage, former.bank.offset_rad.size), shaft_of(linkage)
+    if max(abs(before.drive_rad_per_s), abs(before.crank_rad_per_s)) > RUNAWAY * former.scales.crank_speed_rad_per_s:
+        return log, -3
     crank_rad = before.crank_rad
     fill_state(
         y,

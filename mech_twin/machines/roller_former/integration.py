@@ -200,17 +200,18 @@ def advance_motion(
     watches = np.zeros((MOST_WATCHES, 3), np.int64)
     modes = normalised_modes(former, torque, t, y, modes)
     wanted = modes.trial_step_s if modes.trial_step_s > 0.0 else end_s - t
-    count, steps, fresh = 0, 0, True
-    motion = FormerMotion(former, torque, stretch_from(former, t, y, modes, sides, stop_rad), sides)
+    count, steps, fresh, passed = 0, 0, True, NONE
+    motion = FormerMotion(former, torque, stretch_from(former, t, y, modes, sides, stop_rad, passed), sides)
     while end_s - t > SHORTEST_S and state_of(y).crank_rad < stop_rad:
         steps += 1
         if steps > MOST_STEPS:
             return Advance(t, TOO_MANY, count, modes, steps)
         if fresh:
-            motion = FormerMotion(former, torque, stretch_from(former, t, y, modes, sides, stop_rad), sides)
+            motion = FormerMotion(former, torque, stretch_from(former, t, y, modes, sides, stop_rad, passed), sides)
             code = happened_already(motion, modes, watches, t, y)
             if code != NONE:
                 modes, count = apply_event(motion, code, t, y, modes, log, count)
+                passed = code
                 continue
             start_step(motion, t, y, work)
             fresh = False
@@ -222,6 +223,7 @@ def advance_motion(
         if not (h < wanted and following < wanted and h == limit):
             wanted = following
         code, h = locate_event(motion, modes, watches, t, y, h, end, work, lost)
+        passed = code
         modes, count = count_slow_time(former, t, h, state_of(end).crank_rad, modes, log, count)
         y[:] = end
         if rise > 0.0:

@@ -13,6 +13,7 @@ from roller_former_cases import machine_for, parameters_for
 
 from mech_twin.configuration_tree import ConfigurationError
 from mech_twin.engine.coupling import next_frame
+from mech_twin.engine.errors import MotionError
 from mech_twin.engine.run import frames
 from mech_twin.machines.roller_former.memory import FormerMemory
 from mech_twin.machines.roller_former.motor_choice import motor_verdict
@@ -342,3 +343,41 @@ def test_a_crank_in_thick_friction_creeps_as_fast_as_its_moment_drives_it():
             assert joints_of(frame.linkage.velocity).crank == pytest.approx(driven, rel=0.02)
             assert not frame.linkage.events
     assert driven < 1e-9 * machine.parameters.synchronous_crank_speed_rad_per_s
+
+
+UNDER_LOAD = {"load": "rectified", "start.load_from_fraction": 0.0, "start.load_rise_s": 0.0}
+
+
+@pytest.mark.parametrize(
+    ("change", "sense"),
+    [
+        ({"carts.gravity_m_per_s2": 1.0}, 1.0),
+        ({"carts.gravity_m_per_s2": 1e-3}, 1.0),
+        (UNDER_LOAD, -1.0),
+        ({**UNDER_LOAD, "start.load_rise_s": 0.5}, -1.0),
+    ],
+)
+def test_a_crank_at_rest_on_a_dead_centre_sets_off_as_one_beside_it(change, sense):
+    """Of the rods' weights nothing but rounding is left there, and of the load only what the other carts carry."""
+    angles_rad = []
+    for start_deg in (0.0, 1e-6):
+        machine = machine_for(2, {**change, "start.crank_deg": start_deg})
+        run = list(frames(machine, 0.2))
+        for frame in run:
+            assert abs(frame.linkage.residuals["energy_balance"]) <= machine.linkage.residual_limits["energy_balance"]
+        angles_rad.append(joints_of(run[-1].linkage.position).crank)
+    assert sense * angles_rad[0] > 1e-3
+    assert angles_rad[0] == pytest.approx(angles_rad[1], abs=1e-6)
+
+
+def test_a_crank_that_its_carts_run_away_with_is_refused_with_the_bound():
+    soft = {
+        "drive.stiffness_nm_per_rad": 1.0,
+        "drive.damping_nms_per_rad": 0.0,
+        "load_sets.table.roller_force_x_n": 1e8,
+    }
+    machine = machine_for(3, {**UNDER_LOAD, **soft, "start.crank_deg": 30.0})
+    with pytest.raises(MotionError, match=r"more than 10000 times motor\.synchronous_speed_rpm"):
+        for frame in frames(machine, 0.1):
+            fastest = abs(joints_of(frame.linkage.velocity).crank)
+    assert fastest > 1e4 * machine.parameters.synchronous_crank_speed_rad_per_s

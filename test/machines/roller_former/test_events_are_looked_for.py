@@ -44,7 +44,7 @@ def looked_for(former: Former, torque: DriveLine, modes: Modes, states: Array, s
     for row in range(spans.size):
         y = states[row]
         now = normalised_modes(former, torque, 0.0, y, modes)
-        motion = FormerMotion(former, torque, stretch_from(former, 0.0, y, now, sides, np.inf), sides)
+        motion = FormerMotion(former, torque, stretch_from(former, 0.0, y, now, sides, np.inf, NONE), sides)
         if happened_already(motion, now, watches, 0.0, y) != NONE:
             continue
         start_step(motion, 0.0, y, work)
@@ -106,7 +106,7 @@ def test_a_motor_whose_torque_is_next_to_nothing_turns_its_sign_at_the_end_of_a_
     torque = DriveLine(False, 1.0, torque_nm, -3.0 * torque_nm / span, 0.0)  # zero at a third of the step
     modes = normalised_modes(former, torque, 0.0, y, Modes(1.0, 1.0, 1.0, True, 1.0, -1.0, False, 0.0))
     sides, watches = np.empty(former.bank.offset_rad.size), np.zeros((MOST_WATCHES, 3), np.int64)
-    motion = FormerMotion(former, torque, stretch_from(former, 0.0, y, modes, sides, np.inf), sides)
+    motion = FormerMotion(former, torque, stretch_from(former, 0.0, y, modes, sides, np.inf, NONE), sides)
     work, end = Workspace(np.empty((16, SIZE)), np.empty(SIZE), np.empty(SIZE)), np.empty(SIZE)
     start_step(motion, 0.0, y, work)
     h, _ = controlled_step(motion, 0.0, y, span, former.tolerances, work)
