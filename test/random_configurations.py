@@ -123,37 +123,37 @@ def outcome_of(name: str, seed: int, number: int) -> Outcome:
         text = f"# drive: {draw.commands}\n" + description_text(name, draw.parameters)
         end, what = BROKEN, next(filter(None, (bad_refusal(name, one) for one in draw.refused)), "")
         if not what:
-            end, what, margin = _end_of_run(name, draw)
+            end, what, margin = end_of_run(name, draw.parameters, draw.commands)
     except Exception as error:  # noqa: BLE001 - what a legal input must never end in
         end, what = BROKEN, f"{type(error).__name__}: {error}"
     return Outcome(number, end, what, margin, refused, time.process_time() - begun, text)
 
 
-def _end_of_run(name: str, draw: Draw) -> tuple[str, str, float]:
-    """Return the end of a draw, its words, and its worst residual over its limit.
+def end_of_run(name: str, parameters: Parameters, commands: tuple[float, ...]) -> tuple[str, str, float]:
+    """Return the end of a configuration, its words, and its worst residual over its limit.
 
     A run that tells its coupling step too long, and a shorter one to try, is a refusal if what it tells is so.
     """
     try:
-        machine = CATALOGUE[name].build(draw.parameters)
+        machine = CATALOGUE[name].build(parameters)
     except ConfigurationError as refusal:
-        return _judged(name, UNBUILT, refusal)
+        return judged(name, UNBUILT, refusal)
     try:
-        broken, margin = run(machine, draw.commands)
+        broken, margin = run(machine, commands)
         if not broken:
             return RAN, "", margin
-        return (REFUSED_IN_RUN if _holds_as_told(name, draw, broken) else BROKEN), broken, margin
+        return (REFUSED_IN_RUN if _holds_as_told(name, parameters, commands, broken) else BROKEN), broken, margin
     except MotionError as refusal:
-        return _judged(name, REFUSED_IN_RUN, refusal)
+        return judged(name, REFUSED_IN_RUN, refusal)
 
 
-def _holds_as_told(name: str, draw: Draw, told: str) -> bool:
+def _holds_as_told(name: str, parameters: Parameters, commands: tuple[float, ...], told: str) -> bool:
     """Return whether a run that is broken tells a coupling step with which it is not, or which tells another."""
     for _ in range(MOST_TOLD):
         shorter = SHORTER_STEP.search(told)
         if shorter is None:
             return False
-        told, _margin = run(CATALOGUE[name].build(_with_step(draw.parameters, float(shorter[1]))), draw.commands)
+        told, _margin = run(CATALOGUE[name].build(_with_step(parameters, float(shorter[1]))), commands)
         if not told:
             return True
     return False
@@ -164,6 +164,7 @@ def _with_step(parameters: Parameters, step_s: float) -> Parameters:
     return type(parameters).model_validate(tree)
 
 
-def _judged(name: str, end: str, refusal: Exception) -> tuple[str, str, float]:
+def judged(name: str, end: str, refusal: Exception) -> tuple[str, str, float]:
+    """Return the end of a configuration that is refused: broken where it is not refused as it should be."""
     bad = bad_refusal(name, Refused(end, "", str(refusal)))
     return (BROKEN if bad else end), bad or str(refusal), 0.0

@@ -11,7 +11,7 @@ from pathlib import Path
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 PAGE = DOCS / "reliability.md"
-OTHER_PAGES = {"random_draws": DOCS / "random-configurations.md"}
+OTHER_PAGES = dict.fromkeys(("random_draws", "value_pairs"), DOCS / "random-configurations.md")
 
 
 def page_of(script: str) -> Path:
