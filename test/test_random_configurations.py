@@ -50,6 +50,13 @@ def test_draws_that_were_broken_once_run_or_are_refused_in_one_line(name: str, n
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("number", [632, 673])
+def test_a_crank_at_rest_that_two_rules_sent_to_and_fro_runs(number: int) -> None:
+    """632 starts on dead centres that rounding tells apart; 673 is let go by friction that a driving load overcomes."""
+    assert outcome_of("roller_former", 6, number).end == RAN
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(set(NAMES) - {"planar_linkage"}))  # a dyad's kind changes only with its lengths
 def test_the_draws_reach_every_key_and_are_refused_at_times(name: str) -> None:
     """What is optional may stay absent: a printed value has to fit the others closely."""

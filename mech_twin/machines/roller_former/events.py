@@ -112,6 +112,8 @@ def stretch_from(
         sense = 1.0 if passed == HIGH else -1.0 if passed == LOW else setting_off(former, now, modes)
     ahead = direction if known else (1.0 if sense >= 0.0 else -1.0)
     low, high = sides_of_travel(bank, now.crank_rad + ahead * LOOK_AHEAD_RAD, sides)
+    if now.crank_speed_rad_per_s == 0.0:  # on dead centres of two carts that rounding tells apart: it is past neither
+        low, high = min(low, now.crank_rad), max(high, now.crank_rad)
     if not has_kinks(bank):
         low, high = -1e300, 1e300
     share, rate = modes.load_share, 0.0

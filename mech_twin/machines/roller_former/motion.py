@@ -115,13 +115,11 @@ def least_moment(former: Former) -> float:
 def release_signal(motion: FormerMotion, index: int, t: float, y: Array) -> float:
     """Return how far the moment in the coupling is beyond what holds a stuck crank (N m)."""
     former, stretch, now = motion.former, motion.stretch, state_of(y)
-    share = (stretch.share + stretch.share_rate * (t - stretch.start_s)) * (1.0 + RELEASE_MARGIN)
-    friction = former.coulomb_nm * (1.0 + RELEASE_MARGIN)
+    share = stretch.share + stretch.share_rate * (t - stretch.start_s)
+    load = share * (stretch.forward_nm if index == CRANK_AHEAD else stretch.backward_nm)
     rest = coupling_moment(former, now) - rod_weight_moment(former.bank, now.crank_rad)
-    friction += least_moment(former)
-    if index == CRANK_AHEAD:
-        return rest - stretch.forward_nm * share - friction
-    return stretch.backward_nm * share - friction - rest
+    friction = former.coulomb_nm + RELEASE_MARGIN * (abs(load) + former.coulomb_nm) + least_moment(former)
+    return rest - load - friction if index == CRANK_AHEAD else load - friction - rest
 
 
 @borrowing_kernel

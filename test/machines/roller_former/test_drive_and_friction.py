@@ -370,6 +370,13 @@ def test_a_crank_at_rest_on_a_dead_centre_sets_off_as_one_beside_it(change, sens
     assert angles_rad[0] == pytest.approx(angles_rad[1], abs=1e-6)
 
 
+@pytest.mark.parametrize(("offset_deg", "start_deg"), [(-180.0, -1800.0), (-360.0, -3600.0), (1080.0, 3600.0)])
+def test_a_crank_sets_off_from_a_dead_centre_of_two_carts_that_rounding_tells_apart(offset_deg, start_deg):
+    machine = machine_for(2, {"start.crank_deg": start_deg, "carts.offsets_deg": [0.0, offset_deg]})
+    started, *_, last = frames(machine, 0.2)
+    assert joints_of(last.linkage.position).crank > joints_of(started.linkage.position).crank + 0.01
+
+
 def test_a_crank_that_its_carts_run_away_with_is_refused_with_the_bound():
     soft = {
         "drive.stiffness_nm_per_rad": 1.0,
