@@ -50,9 +50,12 @@ def test_draws_that_were_broken_once_run_or_are_refused_in_one_line(name: str, n
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("number", [632, 673])
+@pytest.mark.parametrize("number", [632, 673, 1737])
 def test_a_crank_at_rest_that_two_rules_sent_to_and_fro_runs(number: int) -> None:
-    """632 starts on dead centres that rounding tells apart; 673 is let go by friction that a driving load overcomes."""
+    """632 starts on dead centres that rounding tells apart; 673 is let go by friction that a driving load overcomes.
+
+    1737 starts where a load that holds was, by rounding, one that drives.
+    """
     assert outcome_of("roller_former", 6, number).end == RAN
 
 

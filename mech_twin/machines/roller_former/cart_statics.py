@@ -157,6 +157,8 @@ def cart_load(bank: CartBank, cart: int, crank_rad: float, direction: float) -> 
     sense = side * direction if bank.load == REVERSING else 1.0
     force = rod_force(bank, cart, motion.rod_sine, motion.rod_cosine, sense)
     front, rear = guide_reactions(bank, cart, motion.rod_sine, force, sense, 1.0, force)
+    if bank.load != PRINTED:
+        sine = abs(sine) * side  # on a dead centre its sign is rounding, which made a load that opposes drive
     return CartLoad(force, front, rear, cart_moment(bank, force, motion, sine, cosine, side, direction))
 
 

@@ -116,10 +116,13 @@ def test_the_expansion_leaves_a_fourth_power_of_the_ratio():
     assert errors[0] / errors[1] == pytest.approx(16.0, rel=0.05)
 
 
-def test_the_load_that_reverses_always_opposes():
-    one = bank()
-    assert np.all(load_moments(one, ANGLES, 1.0) >= -ROUNDING_NM)
-    assert np.all(load_moments(one, ANGLES, -1.0) <= ROUNDING_NM)
+@pytest.mark.parametrize("load", ["reversing", "resist"])
+@pytest.mark.parametrize("offset_deg", [0.0, 120.0, 180.0, -360.0])
+def test_a_load_that_holds_drives_at_no_angle(load, offset_deg):
+    """On a dead centre the sine is rounding, and has another sign 720 degrees back."""
+    several = bank(load, count=3, offset_deg=offset_deg)
+    assert np.all(load_moments(several, ANGLES, 1.0) >= 0.0)
+    assert np.all(load_moments(several, ANGLES, -1.0) <= 0.0)
 
 
 def test_resist_is_the_rectified_moment_against_the_motion():
