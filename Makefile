@@ -31,7 +31,7 @@ ARGS ?=
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
 .PHONY: run test test-fast test-rest test-all kernels explore test-browser test-ros test-oldest lint coverage bench
-.PHONY: colcon mutation hooks audit sbom licences hashes docs clean soak faults
+.PHONY: colcon test-launch mutation hooks audit sbom licences hashes docs clean soak faults
 
 run: $(VENV)/.run
 	$(BIN)/mech-twin run $(ARGS)
@@ -76,21 +76,26 @@ lint: $(VENV)/.test
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(BIN)/python .ci/plain_words.py
 
 coverage: $(VENV)/.test # without the slow tests; lines inside compiled kernels are not seen, mutation testing looks at those
 	$(BIN)/python -m pytest -m "not browser and not slow" --timeout=600 --cov --cov-report=term:skip-covered --cov-report=xml $(ARGS)
 
-bench: $(VENV)/.bench # writes the tables of docs/performance.md; ARGS: groups, all without; --list names them
+bench: $(VENV)/.bench # writes the tables of docs/proof/performance.md; ARGS: groups, all without; --list names them
 	$(BIN)/python benchmarks/performance.py $(ARGS)
 
 colcon: $(VENV)/.test
 	bash test/packaging/colcon_build.sh $(BIN)
 
+test-launch: $(VENV)/.test # the launch library comes from its sources, the library for Windows runs where wine is
+	bash .ci/launch_tests.sh $(BIN) $(ARGS)
+	$(BIN)/python -m pytest -q test/fmi -k needs_no_python
+
 mutation: $(VENV)/.test $(TOOLS)/.tools # ARGS: targets of .ci/mutation.toml; all without
 	$(TOOLS)/bin/python .ci/mutate.py $(BIN) $(TOOLS)/bin $(ARGS)
 
 hooks: $(VENV)/.test $(TOOLS)/.tools
-	$(TOOLS)/bin/pre-commit install
+	$(TOOLS)/bin/pre-commit install --hook-type pre-commit --hook-type commit-msg
 
 audit: $(VENV)/.test $(TOOLS)/.tools # asks the vulnerability service over the network
 	$(TOOLS)/bin/python .ci/audit.py $(BIN) $(TOOLS)/bin
@@ -126,7 +131,7 @@ $(VENV)/.run: setup.py constraints/python.txt constraints/$(ROS).txt | $(VENV)/b
 
 $(VENV)/.test: setup.py constraints/python.txt constraints/$(ROS).txt | $(VENV)/bin/python
 	@echo "installing 1.8 GB of packages into $(VENV), which takes some minutes the first time"
-	$(if $(strip $(HASHED)),$(INSTALL_HASHED),$(BIN)/python -m pip install -q -e ".[$(EXTRAS),cluster,test]" $(PINS))
+	$(if $(strip $(HASHED)),$(INSTALL_HASHED),$(BIN)/python -m pip install -q -e ".[$(EXTRAS),cluster,alerts,foxglove,fmu,test]" $(PINS))
 	touch $@ $(VENV)/.run
 	$(MAKE) -s $(READERS)/node_modules
 
@@ -145,7 +150,7 @@ $(VENV)/.bench: $(VENV)/.test
 
 $(TOOLS)/.tools: constraints/tools.txt | $(VENV)/bin/python
 	$(BIN)/python -m venv $(TOOLS)
-	$(TOOLS)/bin/python -m pip install -q cosmic-ray cyclonedx-bom pip-audit pip-licenses pre-commit uv -c constraints/tools.txt
+	$(TOOLS)/bin/python -m pip install -q cosmic-ray cyclonedx-bom pip-audit pip-licenses pre-commit towncrier uv -c constraints/tools.txt
 	touch $@
 
 docs: $(VENV)/.docs # the site in build/site; a broken link ends it

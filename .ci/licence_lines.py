@@ -8,7 +8,7 @@ from pathlib import Path
 
 PLACE = Path(__file__).resolve().parents[1]
 LICENCE = "Apache-2.0"
-MARKS = {".py": "#", ".pyi": "#", ".sh": "#", ".mjs": "//", "": "#"}
+MARKS = {".py": "#", ".pyi": "#", ".sh": "#", ".mjs": "//", ".c": "//", ".h": "//", "": "#"}
 ROOMS = ("mech_twin", "test", "benchmarks", "launch", ".ci")
 ALONE = ("setup.py", "Makefile")
 NOT_OURS = {"node_modules", "__pycache__"}

@@ -15,7 +15,7 @@ import sys
 from pathlib import Path
 
 # what states its licence elsewhere than in its metadata
-STATED_ELSEWHERE = {"urdf_parser_py": "BSD (by its package.xml)"}
+STATED_ELSEWHERE = {"urdf_parser_py": "BSD (by its package.xml)", "FMPy": "BSD-2-Clause (by its LICENSE.txt)"}
 HEAD = """# Licences
 
 What an installation for development brings (`make test`), with the licence each distribution states;

@@ -7,22 +7,27 @@ mkdocs calls `on_files` and `on_page_markdown`.  The tables are functions of the
 from __future__ import annotations
 
 import ast
+import json
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, get_args, get_origin
 
 from annotated_types import Ge, Gt, Le, Lt
 from pydantic.fields import FieldInfo
 
+from mech_twin.cli.main import EXPORTS, QUESTIONS, VERBS
+from mech_twin.cli.verb import Apart, declared, flags_of
 from mech_twin.machines.catalog import CATALOGUE, Entry
+from mech_twin.machines.page.parameters import Page
 from mech_twin.messages.topics import LATCHED, Topic, recorded_topics, type_name
-from mech_twin.nodes.options import RunOptions
+from mech_twin.nodes.exchange.base_node import RunOptions
 from mech_twin.parameters.load import machine_parameters
 from mech_twin.quantity import Parameters
 from mech_twin.roles import RESIDUALS, Machine
 
 ROOT = Path(__file__).resolve().parents[1]
+NOTEBOOKS = ROOT / "docs" / "notebooks"
 REPOSITORY = "https://github.com/mech-twin/mech_twin/blob/main/"
 TOP_PAGES = {"README.md": "index.md"} | {name: name for name in ("CONTRIBUTING.md", "SECURITY.md", "CHANGELOG.md")}
 SYMBOLS = ((Ge, "ge", "≥"), (Gt, "gt", ">"), (Le, "le", "≤"), (Lt, "lt", "<"))
@@ -72,10 +77,9 @@ def parameter_rows(model: type[Parameters]) -> list[tuple[str, ...]]:
     """Return key, unit, legal values, whether it is live, and meaning of every parameter of a model."""
     rows = {}
     for key, field in fields_of(model):
-        extra = field.json_schema_extra
-        declared = extra if isinstance(extra, dict) else {}
-        live = "yes" if declared.get("live") else ""
-        rows[key] = (f"`{key}`", str(declared.get("unit", "")), limits(field), live, field.description or "")
+        said = declared(field)
+        live = "yes" if said.get("live") else ""
+        rows[key] = (f"`{key}`", str(said.get("unit", "")), limits(field), live, field.description or "")
     return list(rows.values())
 
 
@@ -134,10 +138,30 @@ def machine_page(entry: Entry) -> str:
     )
 
 
+def elements_page() -> str:
+    """Return the reference of a page's elements, made from their models."""
+    parts = [
+        "# Elements of a page",
+        "Generated from the code. How a page is written: [a machine from a page](../pages.md). `NAME` is yours.",
+    ]
+    alone: list[tuple[str, ...]] = []
+    for group, field in Page.model_fields.items():
+        models = groups_of(field.annotation)
+        extra = field.json_schema_extra
+        unit = str(extra.get("unit", "")) if isinstance(extra, dict) else ""
+        if not models:
+            alone.append((f"`{group}`", unit, field.description or ""))
+            continue
+        named = ".NAME" if get_origin(field.annotation) is dict else ""
+        parts += [f"## `{group}{named}`", f"{(models[0].__doc__ or '').strip()}", parameter_table(models[0])]
+    parts[2:2] = ["## Of the whole machine", table(("key", "unit", "meaning"), alone)]
+    return "\n\n".join([*parts, ""])
+
+
 def services() -> list[tuple[str, str, str]]:
     """Return each service that a node creates: its name, its type, and the module that creates it."""
     found = []
-    for file in sorted((ROOT / "mech_twin" / "nodes").glob("*_node.py")):
+    for file in sorted((ROOT / "mech_twin" / "nodes").rglob("*_node.py")):
         tree = ast.parse(file.read_text(encoding="utf-8"))
         calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call)]
         for call in calls:
@@ -163,11 +187,61 @@ def run_page() -> str:
     )
 
 
+def verbs_page() -> str:
+    """Return the page of every verb with its options, made from their declarations."""
+    parts = ["# Verbs and their options", "Generated from the declarations that the command line is made of."]
+    groups = (("mech-twin ", VERBS), ("mech-twin study MACHINE ", QUESTIONS), ("mech-twin export ", EXPORTS))
+    for before, (name, verb) in ((before, item) for before, verbs in groups for item in verbs.items()):
+        rows = []
+        for field_name, field in verb.model_fields.items():
+            said = declared(field)
+            written = said.get("metavar") or field_name.upper()
+            if said and not said.get("argument"):
+                written = " ".join(filter(None, (flags_of(field_name, field)[0], said.get("metavar"))))
+            absent = "" if field.is_required() else said.get("shown") or field.default
+            shown = "" if absent in (None, False, []) else str(absent)
+            rows += [(f"`{written}`", shown, limits(field), field.description or "")] if said else []
+        rules = [
+            f"- `{flags_of(rule.first, verb.model_fields[rule.first])[0]}` excludes "
+            f"`{flags_of(rule.second, verb.model_fields[rule.second])[0]}`: {rule.why}"
+            for rule in verb.rules
+            if isinstance(rule, Apart)
+        ]
+        parts += [
+            f"## {before}{name}",
+            verb.__doc__ or "",
+            table(("option", "default", "legal values", "meaning"), rows),
+        ]
+        parts += ["\n".join(rules)] if rules else []
+    return "\n\n".join([*parts, ""])
+
+
+def notebook_page(path: Path) -> str:
+    """Return a notebook as a page: its text, its code, and what each cell showed."""
+    parts = []
+    for cell in json.loads(path.read_text(encoding="utf-8"))["cells"]:
+        source = "".join(cell["source"])
+        parts.append(source if cell["cell_type"] == "markdown" else f"```python\n{source}\n```")
+        for output in cell.get("outputs", ()):
+            shown = "".join(output.get("data", output).get("text/plain", output.get("text", ())))
+            parts += [f"```text\n{shown.rstrip()}\n```"] if shown.strip() else []
+    parts.append(f"[The notebook itself]({REPOSITORY}{path.relative_to(ROOT).as_posix()}), to be run.")
+    return "\n\n".join(parts) + "\n"
+
+
 def generated_pages() -> dict[str, str]:
     """Return every generated page by its path below docs/."""
     pages = {f"reference/{entry.name}.md": machine_page(entry) for entry in CATALOGUE.values()}
     copies = {page: (ROOT / name).read_text(encoding="utf-8") for name, page in TOP_PAGES.items()}
-    return {**pages, "reference/run.md": run_page(), **copies}
+    notebooks = {f"notebooks/{path.stem}.md": notebook_page(path) for path in sorted(NOTEBOOKS.glob("*.ipynb"))}
+    return {
+        **pages,
+        "reference/verbs.md": verbs_page(),
+        "reference/run.md": run_page(),
+        "reference/page.md": elements_page(),
+        **copies,
+        **notebooks,
+    }
 
 
 def on_files(files: Any, config: Any) -> Any:
@@ -191,6 +265,9 @@ def relinked(markdown: str, source: str) -> str:
         name = file.relative_to(ROOT).as_posix()
         if name in TOP_PAGES:
             return f"]({'../' * source.count('/')}{TOP_PAGES[name]}{anchor})"
+        if file.suffix == ".ipynb":
+            name = file.with_suffix(".md").relative_to(ROOT).as_posix()
+            return f"]({'../' * source.count('/')}{name.removeprefix('docs/')}{anchor})"
         if name.startswith("docs/") and file.is_file():
             return f"]({'../' * source.count('/')}{name.removeprefix('docs/')}{anchor})"
         return f"]({REPOSITORY}{name}{anchor})"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Photograph the web view of machines for the documentation, in a real browser.
+"""Photograph the bench of machines that run for the documentation, in a real browser.
 
 Usage: PYTHONPATH=. python .ci/view_pictures.py [PICTURE...], such as view_vibration_crank; all without one.
 Needs Chromium.
@@ -9,74 +9,68 @@ from __future__ import annotations
 
 import subprocess
 import sys
-import tempfile
-from functools import partial
+import threading
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import NamedTuple
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "test"))
 
-from browser import Page, Picture, changed_share, colours  # noqa: E402 - beside the tests
+from browser import FLAGS, chromium  # noqa: E402 - beside the tests
+from playwright.sync_api import sync_playwright  # noqa: E402
 
 COMMAND = [sys.executable, "-m", "mech_twin"]
-ADDRESS, COMPLETE = "view: ", "complete"
-WIDTH, HEIGHT = 1400, 900
-DRAWN = 20  # colours of a page that shows something
-LIMIT_S = 300.0
-SETTLE_S = 5.0  # between pictures that are the same when all is drawn
-
-
-class Shown(NamedTuple):
-    """A machine at the end of a run of this length, in this scheme."""
-
-    machine: str
-    duration_s: float = 2.0
-    scheme: str = "light"
-
-
+ADDRESS = "view: "
+SIZE = {"width": 1280, "height": 720}
+LIMIT_MS = 300_000
+SHOWN_S = 4.0  # of the machine's time, by which the curves are full
+SHADOW = "view_shadow"
 PICTURES = {
-    "view_compaction_press": Shown("compaction_press"),
-    "view_impact_mass": Shown("impact_mass"),
-    "view_mb10_breaker": Shown("mb10_breaker"),  # a blow has just been
-    "view_mb10_breaker_dark": Shown("mb10_breaker", scheme="dark"),
-    "view_planar_linkage": Shown("planar_linkage"),
-    "view_roller_former": Shown("roller_former"),
-    "view_vibration_crank": Shown("vibration_crank"),
-    "view_winding_drum": Shown("winding_drum"),
-}
+    f"view_{name}": ("run", name, "--no-record")
+    for name in (
+        *("mb10_breaker", "compaction_press", "vibration_crank", "impact_mass", "roller_former", "winding_drum"),
+        "planar_linkage",
+    )
+} | {SHADOW: ("shadow", "vibration_crank", "--from", "plant", "--view", "web")}
+PLANT = ("run", "vibration_crank", "--namespace", "plant", "--no-record", "--view", "none")
 
 
-def photograph(shown: Shown, file: Path) -> None:
-    """Simulate, show the recording, and keep what the page shows at its end."""
-    with tempfile.TemporaryDirectory() as folder:
-        bag = str(Path(folder) / "bag")
-        words = ["simulate", shown.machine, "--duration", str(shown.duration_s), "--bag", bag]
-        subprocess.run([*COMMAND, *words], check=True, stdout=subprocess.DEVNULL)
-        view = subprocess.Popen([*COMMAND, "view", bag], stderr=subprocess.PIPE, text=True)
-        try:
-            assert view.stderr is not None
-            url = next(line for line in view.stderr if line.startswith(ADDRESS)).removeprefix(ADDRESS).strip()
-            next(line for line in view.stderr if line.startswith(COMPLETE))
-            with Page(url, width=WIDTH, height=HEIGHT, scheme=shown.scheme) as page:
-                seen = page.picture_when(lambda seen: colours(seen) >= DRAWN, LIMIT_S)
-                page.picture_when(partial(_still, [seen]), LIMIT_S, SETTLE_S)
-                page.picture(file)
-        finally:
-            view.terminate()
-            view.wait()
+@contextmanager
+def running(words: tuple[str, ...]) -> Iterator[subprocess.Popen[str]]:
+    """Yield a command that runs, and end it."""
+    process = subprocess.Popen([*COMMAND, *words], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    try:
+        yield process
+    finally:
+        process.terminate()
+        process.wait(60)
 
 
-def _still(last: list[Picture], seen: Picture) -> bool:
-    """Return whether a picture is the one before it, and keep it."""
-    before, last[0] = last[0], seen
-    return changed_share(before, seen) == 0.0
+def photograph(name: str, file: Path) -> None:
+    """Run, open the bench, and keep what it shows when the curves are full."""
+    with ExitStack() as stack:
+        if name == SHADOW:
+            stack.enter_context(running(PLANT))
+        process = stack.enter_context(running(PICTURES[name]))
+        assert process.stderr is not None
+        url = next(line for line in process.stderr if line.startswith(ADDRESS)).removeprefix(ADDRESS).strip()
+        threading.Thread(target=process.stderr.read, daemon=True).start()
+        play = stack.enter_context(sync_playwright())
+        browser = play.chromium.launch(executable_path=chromium(), headless=True, args=FLAGS)
+        stack.callback(browser.close)
+        page = browser.new_page(viewport=SIZE)
+        page.goto(url)
+        page.wait_for_function("() => window.bench.shown > 0", timeout=LIMIT_MS)
+        begin = page.evaluate("() => window.bench.shown")
+        page.wait_for_function(f"() => window.bench.shown > {begin + SHOWN_S}", timeout=LIMIT_MS)
+        page.screenshot(path=file)
 
 
 def main() -> None:
     """Photograph what is named."""
     for name in sys.argv[1:] or PICTURES:
-        photograph(PICTURES[name], ROOT / "docs" / "images" / f"{name}.png")
+        photograph(name, ROOT / "docs" / "images" / f"{name}.png")
 
 
 if __name__ == "__main__":

@@ -15,7 +15,7 @@ from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 
 from mech_twin.messages.topics import DATA
-from mech_twin.nodes.spinner import Spinner
+from mech_twin.nodes.exchange.spinner import Spinner
 
 NAMES = ("linkage", "motor", "force", "body")
 LISTENERS = {"linkage": 2, "motor": 1, "force": 1, "body": 1}

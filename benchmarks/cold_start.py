@@ -41,12 +41,13 @@ mark()
 from mech_twin.parameters.load import machine_parameters
 parameters = machine_parameters({NAME!r})
 mark()
-from mech_twin.nodes.domain import settle_domain
+from mech_twin.nodes.run.domain import settle_domain
 settle_domain()
-import mech_twin.nodes.multi_process
-from mech_twin.nodes import composition, role_node
-from mech_twin.nodes.linkage_node import LinkageNode
-from mech_twin.nodes.options import RunOptions
+import mech_twin.nodes.run.composition
+from mech_twin.nodes.roles import role_node
+from mech_twin.nodes.run import composition
+from mech_twin.nodes.roles.linkage_node import LinkageNode
+from mech_twin.nodes.exchange.base_node import RunOptions
 mark()
 init, try_step, spinner, kernels = composition.rclpy.init, role_node.warm_up, composition.Spinner, []
 def timed_init(**options):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Times of tasks that take turns, their ratios, and the tables of docs/performance.md, which a run writes itself.
+"""Times of tasks that take turns, their ratios, and the tables of docs/proof/performance.md, which a run writes itself.
 
 Each round runs every task once, so that a slow minute of the machine falls on all of them alike; the ratio of two is
 taken round by round, and its spread is from the smallest to the greatest of these.
@@ -19,7 +19,7 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "performance.md"
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "proof" / "performance.md"
 Task = Callable[[], object]
 Times = Mapping[str, Sequence[float]]
 
@@ -88,7 +88,7 @@ def measure(group: str, measured: Callable[[], Sequence[Table]], *, write: bool 
         If the page has no such marks.
     """
     parser = argparse.ArgumentParser(description=sys.modules["__main__"].__doc__)
-    parser.add_argument("--write", action="store_true", help="put the tables into docs/performance.md")
+    parser.add_argument("--write", action="store_true", help="put the tables into docs/proof/performance.md")
     asked = parser.parse_args() if write is None else argparse.Namespace(write=write)
     load = os.getloadavg()[0]
     lines = [f"Measured {datetime.now(UTC):%Y-%m-%d} on {this_machine()}; load before it {load:.1f}."]

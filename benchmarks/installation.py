@@ -22,6 +22,7 @@ GROUPS = {
     "tables": "Parquet",
     "pandas": "results as data frames",
     "cluster": "sweeps on several hosts",
+    "alerts": "`shadow --mqtt --prometheus`",
     "test": "tests, lint, types",
     "bench": "the peers of the benchmarks",
 }

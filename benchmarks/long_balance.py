@@ -2,7 +2,7 @@
 """Worst residuals of a machine over hours of simulated time.
 
 python benchmarks/long_balance.py MACHINE [--hours 8] [--step largest]
-python benchmarks/long_balance.py --table      writes the table of docs/random-configurations.md
+python benchmarks/long_balance.py --table      writes the table of docs/proof/random-configurations.md
 
 The machine is its installed configuration, at the configured coupling step or at the largest it accepts.  Every step
 of the compiled roll-out is judged, which equals the engine to the bit.
@@ -26,7 +26,7 @@ from mech_twin.parameters.load import machine
 from mech_twin.roles import Machine
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGE = ROOT / "docs" / "random-configurations.md"
+PAGE = ROOT / "docs" / "proof" / "random-configurations.md"
 KEPT = ROOT / "build" / "long_balance"
 BEGIN, END = "<!-- written by benchmarks/long_balance.py -->", "<!-- end of long runs -->"
 LONGEST_STEP_S = 1.0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Measures speed, group by group, each beside its peers in the same run, and writes docs/performance.md.
+"""Measures speed, group by group, each beside its peers in the same run, and writes docs/proof/performance.md.
 
 python benchmarks/performance.py [GROUP ...] [--print-only] [--list]
 
@@ -59,7 +59,7 @@ def main() -> int:
     """Run the groups asked for, or all."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("groups", nargs="*", metavar="GROUP", choices=[*GROUPS, []], help=", ".join(GROUPS))
-    parser.add_argument("--print-only", action="store_true", help="leave docs/performance.md as it is")
+    parser.add_argument("--print-only", action="store_true", help="leave docs/proof/performance.md as it is")
     parser.add_argument("--list", action="store_true", help="name the groups")
     asked = parser.parse_args()
     if asked.list:

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 from comparison import Table, measure
 
-from mech_twin.nodes.domain import settle_domain
+from mech_twin.nodes.run.domain import settle_domain
 
 MACHINE = "mb10_breaker"
 PACED_S = 20.0
@@ -34,8 +34,8 @@ class Run(NamedTuple):
 
 def ran(pace: str, duration_s: float) -> Run:
     """Run the machine, recorded and shown."""
-    from mech_twin.nodes.composition import run_in_process
-    from mech_twin.nodes.options import RunOptions
+    from mech_twin.nodes.exchange.base_node import RunOptions
+    from mech_twin.nodes.run.composition import run_in_process
     from mech_twin.parameters.load import machine_parameters
 
     with tempfile.TemporaryDirectory() as folder:
@@ -81,7 +81,7 @@ def main() -> None:
     """Measure for so many seconds."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("seconds", type=float, nargs="?", default=PACED_S)
-    parser.add_argument("--write", action="store_true", help="put the table into docs/performance.md")
+    parser.add_argument("--write", action="store_true", help="put the table into docs/proof/performance.md")
     asked = parser.parse_args()
     measure("real_time", lambda: measured(asked.seconds), write=asked.write)
 

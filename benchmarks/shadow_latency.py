@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from mech_twin.nodes.domain import settle_domain
+from mech_twin.nodes.run.domain import settle_domain
 
 MACHINES = ("vibration_crank", "mb10_breaker")
 TOPIC = "/plant/joint_states"
@@ -60,8 +60,8 @@ def measured(name: str, rate_hz: float, seconds: float) -> tuple[np.ndarray, int
     from mech_twin.measurements.measurement_map import MeasurementMap
     from mech_twin.messages.joint_state_cdr import received_message
     from mech_twin.messages.topics import ESTIMATED, full_name
-    from mech_twin.nodes.shadow_node import ShadowNode, ShadowSetup
-    from mech_twin.nodes.spinner import Spinner
+    from mech_twin.nodes.exchange.spinner import Spinner
+    from mech_twin.nodes.shadow.shadow_node import ShadowNode, ShadowSetup
 
     source = {"topic": TOPIC, "joint": "crank", "field": "position"}
     channel = {"source": source, "is": "linkage.crank.position", "sigma": 1e-3}

@@ -11,7 +11,7 @@ from launch.launch_description_sources import PythonLaunchDescriptionSource
 from launch.substitutions import LaunchConfiguration
 
 from launch import LaunchContext, LaunchDescription
-from mech_twin.nodes import launch_plan
+from mech_twin.nodes.run import executables
 
 ONE = Path(__file__).with_name("twin.launch.py")
 SHARED = {
@@ -33,7 +33,7 @@ def each(context: LaunchContext) -> list:
             PythonLaunchDescriptionSource(str(ONE)),
             launch_arguments={**request._asdict(), **shared}.items(),
         )
-        for request in launch_plan.several(machines, record, view)
+        for request in executables.several(machines, record, view)
     ]
 
 
@@ -51,7 +51,7 @@ def generate_launch_description() -> LaunchDescription:
                 for name, value in SHARED.items()
             ),
             DeclareLaunchArgument("record", default_value="", description="directory of one recording a machine"),
-            DeclareLaunchArgument("view", default_value="", description="viewer address, or NAME.rrd, one a machine"),
+            DeclareLaunchArgument("view", default_value="", description="file NAME.rrd, one a machine"),
             OpaqueFunction(function=each),
         ]
     )

@@ -20,12 +20,12 @@ from launch.events import matches_action
 from launch.events.process import ProcessExited, ShutdownProcess
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
+from mech_twin.nodes.ends_with_launch import PARENT
 
 from launch import LaunchContext, LaunchDescription
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.nodes import launch_plan
-from mech_twin.nodes.domain import DISCOVERY
-from mech_twin.nodes.parent_death import PARENT
+from mech_twin.nodes.run.domain import DISCOVERY
 
 PACKAGE = "mech_twin"
 
@@ -134,7 +134,7 @@ def generate_launch_description() -> LaunchDescription:
                 description="publish TF and the robot description",
             ),
             DeclareLaunchArgument("record", default_value="", description="recording directory; empty makes none"),
-            DeclareLaunchArgument("view", default_value="", description="viewer address or NAME.rrd; empty shows none"),
+            DeclareLaunchArgument("view", default_value="", description="file NAME.rrd; empty shows none"),
             OpaqueFunction(function=started),
         ]
     )

@@ -2,8 +2,8 @@
 """mech_twin: the digital twin of percussion and crank-linkage machines.
 
 From Python ``import mech_twin as mt`` and `mt.simulate`, `mt.analyse`, `mt.sweep`, `mt.size`, `mt.search`,
-`mt.identify`, `mt.compare`, `mt.reproduce`, `mt.machine_names`: see `mech_twin.api`; `mt.rollout`, `mt.rollouts`: see
-`mech_twin.studies.rolling_out`.
+`mt.identify`, `mt.compare`, `mt.reproduce`, `mt.from_json`, `mt.machine_names`: see `mech_twin.api`;
+`mt.rollout`, `mt.rollouts`: see `mech_twin.studies.named_rollouts`.
 They are loaded when first named, so that a node or a tool that needs one room of the package does not pay for the
 others.
 """
@@ -18,6 +18,7 @@ __version__ = "0.1.0"
 __all__ = [
     "analyse",
     "compare",
+    "from_json",
     "identify",
     "machine_names",
     "reproduce",
@@ -34,7 +35,7 @@ def __getattr__(name: str) -> Any:
     """Return a function of the package."""
     if name not in __all__:
         raise AttributeError(f"module 'mech_twin' has no attribute '{name}'")
-    room = "mech_twin.studies.rolling_out" if name.startswith("rollout") else "mech_twin.api"
+    room = "mech_twin.studies.named_rollouts" if name.startswith("rollout") else "mech_twin.api"
     return getattr(import_module(room), name)
 
 

@@ -18,6 +18,7 @@ from mech_twin.capabilities.errors import StudyError
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.parameters.load import machine as built_machine
 from mech_twin.parameters.load import machine_parameters
+from mech_twin.quantity import LONGEST_RUN_S
 from mech_twin.results import Analysis, Columns, Numbers, Run, RunComparison, SizingResult, with_pictures
 from mech_twin.stop_signal import raising_interrupt
 
@@ -80,7 +81,9 @@ def simulate(
     from mech_twin.measurements.machine_columns import shown_units
     from mech_twin.studies.simulation import Simulation
 
-    duration_s = real_number("duration_s", duration_s, "a finite number of seconds, 0 or more", 0.0)
+    duration_s = real_number(
+        "duration_s", duration_s, f"a finite number of seconds, 0 to {LONGEST_RUN_S}", 0.0, LONGEST_RUN_S
+    )
     built = built_machine(machine, _path(config), settings)
     simulation = Simulation(built)
     recording = nullcontext() if bag is None else closing(_frame_recorder(built, Path(bag), force=force))
@@ -102,7 +105,7 @@ def simulate(
 
 
 def _frame_recorder(built: Any, bag: Path, *, force: bool) -> Any:
-    from mech_twin.nodes.domain import settle_domain
+    from mech_twin.nodes.run.domain import settle_domain
 
     settle_domain()
     from mech_twin.parameters.load import description_text
@@ -290,8 +293,8 @@ def identify(
         One line with file, key or channel, and what was expected.
     """
     from mech_twin.measurements.runs import read_run
-    from mech_twin.nodes.opened_runs import given_map as read_given
-    from mech_twin.nodes.opened_runs import opened_run
+    from mech_twin.opened_runs import given_map as read_given
+    from mech_twin.opened_runs import opened_run
     from mech_twin.studies.identification.fit_runs import FitRun, fit_run
     from mech_twin.studies.identification.free_keys import assumed_keys
     from mech_twin.studies.identification.identification import identified
@@ -338,6 +341,29 @@ def reproduce(
     return reproduced(machine, machine_parameters(machine, _path(config), settings))
 
 
+def from_json(document: FilePath) -> Any:
+    """Return what a verb printed with ``--json`` as the object that the function of its name returns.
+
+    Parameters
+    ----------
+    document : path
+        File with the output of `simulate` (with ``--samples`` for the columns), `analyse`, `reproduce`, ``study size``
+        or ``study sweep``.
+
+    Raises
+    ------
+    StudyError
+        It cannot be read, or is of another verb.
+    """
+    from mech_twin.written_documents import from_document
+
+    path = _path(document, "document") or Path()
+    try:
+        return from_document(path.read_text(encoding="utf-8"), str(path))
+    except (OSError, UnicodeDecodeError) as error:
+        raise StudyError(f"{path}: cannot be read ({error})") from error
+
+
 def compare(first: Run, second: Run, tolerance: float = 0.0) -> RunComparison:
     """Return two runs of one machine side by side: settings and numbers that differ.
 
@@ -355,7 +381,7 @@ def compare(first: Run, second: Run, tolerance: float = 0.0) -> RunComparison:
     >>> [setting.name for setting in compare(soft, stiff).found.settings]
     ['linkage.crank_m']
     """
-    from mech_twin.studies.side_by_side import compared
+    from mech_twin.studies.run_comparison import compared
 
     for run in (first, second):
         _require_run(run)

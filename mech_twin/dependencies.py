@@ -13,12 +13,16 @@ PACKAGE = "mech_twin"
 EXIT_CODE = 2
 EXTRA_OF = {
     "rerun": "view",
-    "rerun_cli": "view",
+    "aiohttp": "view",
     "matplotlib": "plots",
     "PIL": "plots",
     "pyarrow": "tables",
     "pandas": "pandas",
     "distributed": "cluster",
+    "ziglang": "fmu",
+    "foxglove": "foxglove",
+    "paho": "alerts",
+    "prometheus_client": "alerts",
 }
 _BOUND = re.compile(r"([A-Za-z0-9._-]+)\s*>=\s*([0-9.]+)$")
 
@@ -80,9 +84,22 @@ def require_extra(extra: str) -> None:
     ModuleNotFoundError
         If a module of the extra is not installed; `missing_extra` puts it in a line.
     """
-    for module in (name for name, brings in EXTRA_OF.items() if brings == extra):
+    require_modules(*(name for name, brings in EXTRA_OF.items() if brings == extra))
+
+
+def require_modules(*modules: str) -> None:
+    """Raise before the work begins what using modules of an extra would raise after it.
+
+    Raises
+    ------
+    ModuleNotFoundError
+        If one is not installed; `missing_extra` puts it in a line.
+    """
+    for module in modules:
         if find_spec(module) is None:
-            raise ModuleNotFoundError(f"No module named {module!r}", name=module)
+            extra = EXTRA_OF.get(module)
+            remedy = f": {extra_needed(extra)}" if extra else ""
+            raise ModuleNotFoundError(f"no module {module!r}{remedy}", name=module)
 
 
 def missing_extra(error: ImportError) -> str | None:

@@ -7,9 +7,9 @@ import os
 import sys
 import threading
 from contextlib import suppress
-from signal import SIG_IGN, SIGHUP, SIGINT, SIGTERM, Signals, getsignal, pthread_kill
+from signal import SIG_IGN, SIGHUP, SIGINT, SIGTERM, Signals, getsignal, pthread_kill, raise_signal
 from types import FrameType
-from typing import NoReturn
+from typing import ClassVar, NoReturn
 
 SIGNALS = (SIGINT, SIGTERM, SIGHUP)
 EXIT_CODE_BASE = 128  # of a process that a signal ends, and its number
@@ -17,6 +17,7 @@ INTERRUPTED_LINE = "mech-twin: interrupted\n"
 RETRY_S = 0.005
 COMPILER = ("numba", "llvmlite")
 IMPORTING = "importlib._bootstrap"
+MAIN_THREAD = threading.main_thread().ident
 
 
 def answered_signals() -> tuple[Signals, ...]:
@@ -56,6 +57,42 @@ def is_importing(frame: FrameType | None) -> bool:
             return True
         frame = frame.f_back
     return False
+
+
+class UninterruptedLock:
+    """A reentrant lock; a signal to the main thread while that holds it comes when it is released.
+
+    An exception in between would leave what the lock guards half changed.
+    """
+
+    _depth = 0  # of all locks that the main thread holds or waits for
+    _held_back: ClassVar[list[int]] = []
+
+    def __init__(self) -> None:
+        self._lock = threading.RLock()
+
+    @classmethod
+    def holds_back(cls, number: int) -> bool:
+        """Keep a signal for later, if the main thread holds such a lock; return whether that is so."""
+        if cls._depth:
+            cls._held_back.append(number)
+        return cls._depth > 0
+
+    def __enter__(self) -> None:
+        """Count first: a signal after that waits."""
+        if threading.get_ident() == MAIN_THREAD:
+            UninterruptedLock._depth += 1
+        self._lock.acquire()
+
+    def __exit__(self, *_: object) -> None:
+        """Release, and send what was held back."""
+        self._lock.release()
+        if threading.get_ident() == MAIN_THREAD:
+            UninterruptedLock._depth -= 1
+            if self._held_back and not self._depth:
+                number = self._held_back.pop()
+                self._held_back.clear()
+                raise_signal(number)
 
 
 def tell_interrupted() -> None:

@@ -14,11 +14,13 @@ from mech_twin.kernel_cache import KernelCache, compiled_count, on_compile
 __all__ = [
     "borrowing_kernel",
     "compiled_count",
+    "embedded_kernel",
     "inline_kernel",
     "kernel",
     "on_compile",
     "parallel_kernel",
     "released_kernel",
+    "straight_line_kernel",
 ]
 
 Function = TypeVar("Function", bound=Callable[..., object])
@@ -42,6 +44,19 @@ def borrowing_kernel(function: Function) -> Function:
     refused when it is compiled.
     """
     return cast(Function, _cached(njit(**_BORROWING)(function), "borrowing", _BorrowingCache))
+
+
+def straight_line_kernel(function: Function) -> Function:
+    """Return the function compiled like `borrowing_kernel`, with division as IEEE 754 has it: no branch, no error."""
+    return cast(Function, _cached(njit(error_model="numpy", **_BORROWING)(function), "straight line", _BorrowingCache))
+
+
+def embedded_kernel(function: Function) -> Function:
+    """Return the function compiled like `borrowing_kernel`, and merged into its callers by the optimiser.
+
+    For what has large tuples among its arguments: a call would copy all their numbers.
+    """
+    return cast(Function, _cached(njit(forceinline=True, **_BORROWING)(function), "embedded", _BorrowingCache))
 
 
 def inline_kernel(function: Function) -> Function:

@@ -147,11 +147,16 @@ def _type_text(kind: Any) -> str:
         return f"{owner.__module__}.{owner.__qualname__}({', '.join(fields)})"
     if isinstance(kind, _types.BaseTuple):
         return f"({', '.join(map(_type_text, kind.types))},)"
+    if isinstance(kind, _types.CPointer):
+        return f"{_type_text(kind.dtype)}*"
+    if isinstance(kind, _types.StructRef):
+        fields = (f"{name}: {_type_text(inner)}" for name, inner in kind.field_dict.items())
+        return f"{type(kind).__module__}.{type(kind).__qualname__}({', '.join(fields)})"
     return str(kind)
 
 
 def modules_of(signature: Any) -> set[str]:
-    """Return the modules of all named tuples among the argument types: a kernel may be made for what stands there.
+    """Return the modules of all named tuples in the argument types: a kernel may be made for what stands there.
 
     A kernel that calls `mech_twin.engine.integration.rates` has the equation of motion of the tuple's module in line.
     """
@@ -162,6 +167,8 @@ def modules_of(signature: Any) -> set[str]:
         if isinstance(kind, _types.BaseNamedTuple):
             found.add(kind.instance_class.__module__)
         waiting += getattr(kind, "types", ()) if isinstance(kind, _types.BaseTuple) else ()
+        waiting += [kind.dtype] if isinstance(kind, _types.CPointer) else []
+        waiting += kind.field_dict.values() if isinstance(kind, _types.StructRef) else ()
     return found
 
 

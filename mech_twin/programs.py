@@ -17,9 +17,11 @@ from mech_twin.terminal_output import outlive_terminal
 
 
 def end_by_signal() -> None:
-    """From here on end this process at once with 128 + N after signal N, without a trace."""
-    for number in answered_signals():
+    """From here on end this process at once with 128 + N after signal N, without a trace; also after one held back."""
+    numbers = answered_signals()
+    for number in numbers:
         signal.signal(number, _end)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, numbers)
 
 
 def command() -> None:
@@ -45,7 +47,7 @@ def _end(number: int, frame: FrameType | None) -> None:
 def _node(name: str) -> Any:
     end_by_signal()
     outlive_terminal()
-    from mech_twin.nodes import executables
+    from mech_twin.nodes.run import executables
 
     return getattr(executables, name)()
 

@@ -24,13 +24,17 @@ RANGES: dict[str, tuple[float, float]] = {
     "N m s": (1e-9, 1e9),
     "N m s/rad": (1e-9, 1e9),
     "N m/rad": (1e-9, 1e12),
+    "N s/m": (1e-9, 1e9),
     "N/m": (1e-9, 1e13),
+    "Pa": (1e-3, 1e13),
     "W": (1e-6, 1e9),
     "deg": (1e-9, 1e5),
     "kg": (1e-9, 1e7),
     "kg m2": (1e-12, 1e8),
     "kg/m3": (1e-3, 1e5),
     "m": (1e-6, 1e4),
+    "m2": (1e-12, 1e6),
+    "m3": (1e-12, 1e9),
     "m/s": (1e-9, 1e4),
     "m/s2": (1e-9, 1e4),
     "rad": (1e-9, 1e4),
@@ -38,6 +42,9 @@ RANGES: dict[str, tuple[float, float]] = {
     "rpm": (1e-6, 1e6),
     "s": (1e-9, 1e6),
 }
+
+
+LONGEST_RUN_S = 2**31 - 1  # a time of ROS holds no more seconds
 
 
 class Parameters(BaseModel):

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import pandas
     from matplotlib.figure import Figure
 
-    from mech_twin.studies.side_by_side import ComparedRun, Comparison
+    from mech_twin.studies.run_comparison import ComparedRun, Comparison
 
 __all__ = ["Analysis", "Columns", "Numbers", "Run", "RunComparison", "SizingResult"]
 
@@ -62,7 +62,7 @@ class Run:
 
     def named(self, label: str) -> ComparedRun:
         """Return the run as one of the sides of a comparison."""
-        from mech_twin.studies.side_by_side import ComparedRun
+        from mech_twin.studies.run_comparison import ComparedRun
 
         broken = tuple(name for name, residual in self.residuals.items() if residual.broken)
         tree = configuration_tree(self.parameters)
@@ -98,7 +98,7 @@ class RunComparison:
 
     def plot(self, panels: int = 6) -> Figure:
         """Return a picture of the columns that differ most, the two runs over each other."""
-        from mech_twin.studies.side_by_side import columns_apart, drawn_side_by_side
+        from mech_twin.studies.run_comparison import columns_apart, drawn_side_by_side
 
         names = columns_apart(*self.sides, panels)
         if not names:

@@ -18,11 +18,13 @@ from mech_twin.samples import BodySample, Event, ForceSample, Frame, LinkageSamp
 
 if TYPE_CHECKING:
     from mech_twin.capabilities.anchored_motion import AnchoredMotion
+    from mech_twin.capabilities.blow_gauge import BlowGauge
     from mech_twin.capabilities.cycle import CycleFeatures
     from mech_twin.capabilities.design import DesignQuestion
     from mech_twin.capabilities.faults import MachineFault
     from mech_twin.capabilities.long_run import RegimeQuestion, SynthesisQuestion
     from mech_twin.capabilities.mechanism import FrameTree
+    from mech_twin.capabilities.operating_point import OperatingVariable
     from mech_twin.capabilities.plots import Picture
     from mech_twin.capabilities.published import PublishedRow
     from mech_twin.capabilities.sizing import SizingQuestion
@@ -218,6 +220,8 @@ class Machine:
         Whether the drive stands still now and then in ordinary running, so that standing is no sign of a stall.
     blow_energy : callable
         Energy of an impact from its event (J), 0 for what is no blow; None where it is what the mechanism loses.
+    gauge : BlowGauge
+        Strain gauge on what is struck; None where there is none.
     """
 
     name: str
@@ -234,6 +238,7 @@ class Machine:
     mechanism: FrameTree | None = None
     rests_when_supplied: bool = False
     blow_energy: Callable[[Event], float] | None = None
+    gauge: BlowGauge | None = None
 
 
 @dataclass(frozen=True)
@@ -258,6 +263,8 @@ class Capabilities:
         ``features(parameters)``: the numbers that describe one cycle as sensors see it.
     faults : callable
         ``faults(parameters)``: what can go wrong, as changes of parameters.
+    operating : callable
+        ``operating(parameters)``: what may differ from day to day on a healthy machine, and how far.
     anchored_motion : AnchoredMotion
         The state of a machine that goes on from its last event, for an observer.
     """
@@ -270,4 +277,5 @@ class Capabilities:
     regimes: RegimeQuestion | None = None
     features: Callable[[Any], CycleFeatures] | None = None
     faults: Callable[[Any], tuple[MachineFault, ...]] | None = None
+    operating: Callable[[Any], tuple[OperatingVariable, ...]] | None = None
     anchored_motion: AnchoredMotion | None = None

@@ -16,6 +16,7 @@ from typing import Any
 
 from mech_twin.interruption import (
     EXIT_CODE_BASE,
+    UninterruptedLock,
     answered_signals,
     end_at_once,
     is_importing,
@@ -70,11 +71,11 @@ def raising_interrupt() -> Iterator[None]:
 
 
 class StopSignal:
-    """While this context is open, a signal sets ``asked``; it interrupts only what is marked `interrupting`."""
+    """While this context is open, a signal sets ``asked`` and ``number``; it interrupts only what is `interrupting`."""
 
     def __init__(self) -> None:
         self.asked = False
-        self._number = 0
+        self.number = 0
         self._interrupts = False
         self._before: dict[signal.Signals, Any] = {}
 
@@ -82,12 +83,13 @@ class StopSignal:
     def interrupting(self) -> Iterator[None]:
         """Let a signal end what is done here with SystemExit 128 + N, and at once while it compiles or imports.
 
-        So nothing may be open here that needs closing.  One that has come before ends it as it begins.
+        So nothing may be open here that needs closing, but where `closed_first` says so.  One that has come before
+        ends it as it begins.
         """
         self._interrupts = True
         try:
             if self.asked:
-                raise SystemExit(EXIT_CODE_BASE + self._number)
+                raise SystemExit(EXIT_CODE_BASE + self.number)
             yield
         finally:
             self._interrupts = False
@@ -104,10 +106,13 @@ class StopSignal:
             signal.signal(number, signal.SIG_IGN if self.asked and number == signal.SIGINT else handler)
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
-        self.asked, self._number = True, number
+        self.asked, self.number = True, number
         if not self._interrupts or _sent_again(number, frame):
             return
         if is_in_compiler(frame) or is_importing(frame):
+            if _to_close:
+                send_again(number)
+                return
             end_at_once(EXIT_CODE_BASE + number)
         self._interrupts = False  # a second one must not interrupt the clearing up
         raise SystemExit(EXIT_CODE_BASE + number)
@@ -134,14 +139,17 @@ def _raise(number: int, frame: FrameType | None) -> None:
 
 
 def _raise_when_safe(number: int, frame: FrameType | None) -> None:
-    if is_in_wrapper(frame) or is_in_compiler(frame):
+    if is_in_compiler(frame):
         send_again(number)
         return
-    raise KeyboardInterrupt
+    if not _sent_again(number, frame):
+        raise KeyboardInterrupt
 
 
 def _sent_again(number: int, frame: FrameType | None) -> bool:
-    """Send the signal again a little later if an exception is not safe now; return whether that was so."""
+    """Let the signal come again later if an exception is not safe now; return whether that was so."""
+    if UninterruptedLock.holds_back(number):
+        return True
     if is_in_wrapper(frame):
         send_again(number)
         return True

@@ -1,37 +1,105 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Standard output and standard error at a terminal: once it has closed, what is written is lost, and no error.
+"""Standard output and standard error, whatever they are: a terminal that may close, a full disk, or nothing at all.
 
-The kernel takes a terminal away before it sends SIGHUP, and under ``nohup`` sends none that is answered; a status line
-must not end a run then.
+What is written to a closed terminal is lost, and no error: the kernel takes a terminal away before it sends SIGHUP, and
+under ``nohup`` sends none that is answered.  What cannot be said on standard error is lost too.  A result that cannot
+be written is an error, `StandardOutputError`.
 """
 
 from __future__ import annotations
 
 import errno
 import io
+import os
+import re
 import sys
+from contextlib import suppress
 from typing import Any, TextIO
+
+STANDARD_INPUT, STANDARD_OUTPUT, STANDARD_ERROR = 0, 1, 2
+_NOT_IN_JSON = re.compile(r"[\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
+
+
+class StandardOutputError(OSError):
+    """A result that could not be written to standard output."""
+
+    def __str__(self) -> str:
+        return f"standard output: cannot be written: {self.strerror}"
+
+
+def printable(text: str) -> str:
+    r"""Return a text with what a terminal would obey, or cannot show, written as an escape.
+
+    Examples
+    --------
+    >>> print(printable("N·m \x1b[31m"))
+    N·m \x1b[31m
+    """
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() or c == "\n" else c.encode("unicode_escape").decode("ascii") for c in text)
+
+
+def printable_json(text: str) -> str:
+    """Return JSON with what a terminal would obey, or cannot show, written as its escapes."""
+    return _NOT_IN_JSON.sub(lambda found: f"\\u{ord(found.group()):04x}", text)
 
 
 def outlive_terminal() -> None:
-    """From here on let nothing that is written to a closed terminal raise an error."""
-    sys.stdout = _outliving(sys.stdout)
-    sys.stderr = _outliving(sys.stderr)
+    """From here on let nothing that is said raise an error; a closed stream is one that cannot be written."""
+    _fill_closed()
+    sys.stdout = _outliving(sys.stdout, STANDARD_OUTPUT, _Results)
+    sys.stderr = _outliving(sys.stderr, STANDARD_ERROR, _Said)
 
 
-def _outliving(stream: TextIO) -> TextIO:
-    if stream is None or not stream.isatty():  # None: the program was started with the stream closed
+def give_up_output() -> None:
+    """Let what standard output still holds go nowhere: at its end the interpreter would fail on it again."""
+    with suppress(OSError, ValueError, AttributeError):
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, sys.stdout.fileno())
+        os.close(nowhere)
+
+
+def _fill_closed() -> None:
+    """Take the numbers of closed standard streams: else a file that is opened gets one, and what is printed in it."""
+    ways = {STANDARD_INPUT: os.O_RDONLY, STANDARD_OUTPUT: os.O_RDONLY, STANDARD_ERROR: os.O_WRONLY}
+    for number, way in ways.items():  # in rising order: the lowest free number is the one that is opened
+        try:
+            os.fstat(number)
+        except OSError:
+            os.set_inheritable(os.open(os.devnull, way), True)
+
+
+def _outliving(stream: TextIO | None, number: int, kind: type[io.FileIO]) -> TextIO:
+    """Return the stream over a file of this kind; None: the program was started with it closed."""
+    try:
+        descriptor = number if stream is None else stream.fileno()
+    except (OSError, ValueError):  # it is no file, but a test's
+        assert stream is not None
         return stream
-    buffer = io.BufferedWriter(_Terminal(stream.fileno(), "w", closefd=False))
-    return io.TextIOWrapper(buffer, encoding=stream.encoding, errors=stream.errors, line_buffering=True)
+    encoding, errors = ("utf-8", "strict") if stream is None else (stream.encoding, stream.errors)
+    file = kind(descriptor, "w", closefd=False)
+    lines = number == STANDARD_ERROR or file.isatty()
+    return io.TextIOWrapper(io.BufferedWriter(file), encoding=encoding, errors=errors, line_buffering=lines)
 
 
-class _Terminal(io.FileIO):
+class _Results(io.FileIO):
     def write(self, data: Any, /) -> int:
         """Return the number of bytes written, or lost with the terminal."""
         try:
             return super().write(data)
+        except BrokenPipeError:  # who reads has had enough
+            raise
         except OSError as error:
             if error.errno != errno.EIO:
-                raise
+                raise StandardOutputError(error.errno, error.strerror) from error
+            return memoryview(data).nbytes
+
+
+class _Said(io.FileIO):
+    def write(self, data: Any, /) -> int:
+        """Return the number of bytes written, or lost."""
+        try:
+            return super().write(data)
+        except OSError:
             return memoryview(data).nbytes

@@ -14,12 +14,10 @@ from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 
 from mech_twin.messages.topics import Topic, full_name
-from mech_twin.nodes.base_node import TwinNode
-from mech_twin.nodes.composition import role_nodes
-from mech_twin.nodes.departure import destroy_nodes
-from mech_twin.nodes.linkage_node import LinkageNode
-from mech_twin.nodes.options import RunOptions
-from mech_twin.nodes.spinner import Spinner
+from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode
+from mech_twin.nodes.exchange.spinner import Spinner, destroy_nodes
+from mech_twin.nodes.roles.linkage_node import LinkageNode
+from mech_twin.nodes.run.composition import role_nodes
 from mech_twin.samples import LinkageSample
 
 LIMIT_S = 15.0
@@ -27,6 +25,8 @@ LIMIT_S = 15.0
 
 class BenchRun:
     """Role nodes of a machine, and a client node that is none of them."""
+
+    limit_s = LIMIT_S
 
     def __init__(self, name: str, **options: Any) -> None:
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
@@ -50,7 +50,7 @@ class BenchRun:
 
     def until(self, predicate: Callable[[], bool]) -> None:
         """Spin until something holds; fail if it does not within the limit."""
-        end = time.monotonic() + LIMIT_S
+        end = time.monotonic() + self.limit_s
         self._spinner.until(lambda: predicate() or time.monotonic() > end)
         assert predicate(), "did not happen within the limit"
 

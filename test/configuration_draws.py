@@ -38,6 +38,7 @@ DIMENSIONS = {
     "N m s/rad": (1, 2, -1),
     "N m/rad": (1, 2, -2),
     "N/m": (1, 0, -2),
+    "Pa": (1, -1, -2),
     "W": (1, 2, -3),
     "kg": (1, 0, 0),
     "kg m2": (1, 2, 0),
@@ -48,6 +49,11 @@ DIMENSIONS = {
     "rad/s": (0, 0, -1),
     "rpm": (0, 0, -1),
     "s": (0, 0, 1),
+}
+# keys that came later: drawn last, from numbers of their own, so that the draws before them stay what they are
+ADDED: dict[str, tuple[Path, ...]] = {
+    "mb10_breaker": (("tool", "model"), ("tool", "wave")),
+    "impact_mass": (("stop", "model"), ("stop", "wave")),
 }
 STEP = "step_s"  # what the coupling step is called: short ones cost the most
 SHORTEST_USUAL_STEP_S = 2e-4
@@ -180,6 +186,9 @@ class Draw:
         share = self.random.choice([0.05, 0.2, 0.5, 1.0])
         self._change(self.entry.parameters, (), float(share))
         self.commands = self._commands()
+        if name in ADDED:
+            self.random = np.random.default_rng([seed, number, 1])
+            self._change(self.entry.parameters, (), float(share), added=True)
 
     @property
     def parameters(self) -> Parameters:
@@ -233,20 +242,23 @@ class Draw:
         if self.legal(scaled, "scale", None, keep=False):
             self.tree = scaled
 
-    def _change(self, model: type[Parameters], path: Path, share: float) -> None:
+    def _change(self, model: type[Parameters], path: Path, share: float, added: bool = False) -> None:
         """Go through the keys in random order, and give a share of them another value."""
-        keys = list(leaves(model, path))
+        keys = [leaf for leaf in leaves(model, path) if self._is_added(leaf) == added]
         for place in self.random.permutation(len(keys)):
             leaf = keys[place]
             options = get_origin(leaf.kinds[0]) is Literal or leaf.kinds[0] is bool
             if leaf.path[-1] == STEP or self.random.random() < (max(share, 0.5) if options else share):
                 self._change_one(leaf)
-        if "motor" in self.tree and self.random.random() < 0.1:
+        if not added and "motor" in self.tree and self.random.random() < 0.1:
             names = list(table("motors_4a"))
             named = {"catalogue_name": names[self.random.integers(len(names))]}
             changed = with_value(self.tree, ("motor",), named)
             if self.legal(changed, "motor.catalogue_name", named["catalogue_name"]):
                 self.tree = changed
+
+    def _is_added(self, leaf: Leaf) -> bool:
+        return leaf.path[:2] in ADDED.get(self.entry.name, ())
 
     def _change_one(self, leaf: Leaf) -> None:
         if is_group(leaf.kinds):
@@ -369,7 +381,8 @@ class Draw:
         now = value_at(self.tree, leaf.path)
         if isinstance(now, float) and math.isfinite(now) and now != 0.0:
             return abs(now)
-        others = [value_at(self.tree, other.path) for other in leaves(self.entry.parameters) if other.unit == leaf.unit]
+        alike = [other for other in leaves(self.entry.parameters) if other.unit == leaf.unit]
+        others = [value_at(self.tree, other.path) for other in alike if not self._is_added(other)]
         sizes = [abs(float(v)) for v in others if isinstance(v, int | float) and math.isfinite(v) and v != 0.0]
         return sizes[self.random.integers(len(sizes))] if sizes else 1.0
 

@@ -27,7 +27,7 @@ from mech_twin.engine.run import frames
 from mech_twin.messages import linkage as linkage_messages
 from mech_twin.messages.joint_state_cdr import Decoder
 from mech_twin.messages.topics import DIAGNOSTICS, EVERY, STEP_LINKAGE, Topic, full_name
-from mech_twin.nodes.options import RunOptions
+from mech_twin.nodes.exchange.base_node import RunOptions
 from mech_twin.roles import Machine
 from mech_twin.samples import LinkageSample
 
@@ -174,7 +174,7 @@ class ProcessRun:
     def start(self, role: str, *arguments: str, environment: dict[str, str] | None = None) -> None:
         """Start a node's program; one that was there before is replaced."""
         program = PROGRAMS.get(role, f"{role}_node")
-        code = f"from mech_twin.nodes.executables import {program}; {program}()"
+        code = f"from mech_twin.nodes.run.executables import {program}; {program}()"
         command = [sys.executable, "-c", code, *arguments, "--ros-args", "--params-file", str(self._parameters)]
         if self.sim_time:
             command += ["-p", "use_sim_time:=true"]

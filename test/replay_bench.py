@@ -16,9 +16,9 @@ from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import Trigger
 
 from mech_twin.messages.topics import DIAGNOSTICS, EVERY, EVERY_LATCHED
-from mech_twin.nodes.replay_node import ReplayNode, ReplayOptions
-from mech_twin.nodes.replay_source import ReplaySource
-from mech_twin.nodes.spinner import Spinner
+from mech_twin.nodes.exchange.spinner import Spinner
+from mech_twin.nodes.replay.replay_node import ReplayNode, ReplayOptions
+from mech_twin.nodes.replay.source import ReplaySource
 from mech_twin.recording.bag_reader import BagReader
 
 LIMIT_S = 20.0

@@ -25,7 +25,10 @@ CASES: list[tuple[str, dict[str, Any]]] = [
     ("vibration_crank", KLOSS),
     ("mb10_breaker", {"excitation.kind": "approximated"}),
     ("mb10_breaker", {"friction.coulomb_nm": 2.0, "body.friction.coulomb_nm": 8.0}),
+    ("mb10_breaker", {"tool.model": "wave"}),
+    ("mb10_breaker", {"tool.model": "wave", "tool.wave.wall.kind": "loading"}),
     ("impact_mass", {"contact_stiffness_n_per_m": 1e7}),
+    ("impact_mass", {"stop.model": "wave"}),
     ("winding_drum", {"package_radius_m": 0.0812, "supply.initial_fraction": 1.0, "friction.coulomb_nm": 20.0}),
 ]
 IDS = [f"{name}-{len(overrides)}" for name, overrides in CASES]

@@ -11,12 +11,17 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from math import sin
+from math import pi, sin
 from pathlib import Path
 from typing import NamedTuple
 
+import pyarrow as pa
+from pyarrow import compute as pc
+from pyarrow import parquet
+
 from mech_twin.kernel_store import DIRECTORY_VARIABLE
-from mech_twin.recording.bag_reader import BagReader
+from mech_twin.recording.bag_reader import BagReader, bag_info
+from mech_twin.recording.errors import BagError
 
 COMMAND = "from mech_twin.programs import {program}; {program}()"
 ROOT = Path(__file__).resolve().parents[1]
@@ -30,7 +35,7 @@ IMPORTING_S, BRIEFLY_S = 0.5, 0.5
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 COMPUTED_S = 8.0  # of the processor: more than the imports take
 MIDDLEWARE, DRAWING, TABLES = "librmw_fastrtps", "matplotlib", "libarrow"
-TABLE_ROWS = 2_000_000
+TURN_ROWS, TURNS = 1_000_000, 100
 
 
 class Started(NamedTuple):
@@ -154,7 +159,9 @@ def has_said(word: str) -> Callable[[Started], bool]:
 SWEEP = ["sweep", "--over", "eccentricity_m=0:0.01:4000", "--duration", "2", "--cores", str(WORKERS), "--no-picture"]
 VERBS = {
     "run": Verb(RUN, has_recorded, ("importing", "compiling", "discovery", "under way"), True, True),
-    "processes": Verb([*RUN, "--processes"], has_recorded, ("importing", "compiling", "under way"), True, True),
+    "processes": Verb(
+        [*RUN, "--processes"], has_recorded, ("importing", "compiling", "starting", "under way"), True, True
+    ),
     "simulate": Verb(
         ["simulate", "winding_drum", "--duration", "3600", "--bag", "BAG"],
         has_recorded,
@@ -187,7 +194,7 @@ VERBS = {
         has_computed,
     ),
     "monitor": Verb(["monitor", "mb10_breaker", "--design", "--sensors", f"{SENSORS}/mb10_breaker.yaml"], has_computed),
-    "map": Verb(["map", "TABLE.csv", "vibration_crank"], has_loaded(TABLES)),
+    "map": Verb(["map", "TABLE.parquet", "vibration_crank"], has_loaded(TABLES)),
     "figures": Verb(["reproduce", "mb10_breaker", "--figures", "OUT"], has_loaded(DRAWING)),
 }
 
@@ -221,19 +228,22 @@ def running(verb: Verb, folder: Path, cache: Path | None = None) -> Iterator[Sta
 
 def _command(verb: Verb, folder: Path) -> list[str]:
     places = {"BAG": str(folder / "bag"), "OUT": str(folder / "out"), "OUT.csv": str(folder / "out.csv")}
-    if "TABLE.csv" in verb.words:
-        places["TABLE.csv"] = str(_long_table(folder / "table.csv"))
+    if "TABLE.parquet" in verb.words:
+        places["TABLE.parquet"] = str(_long_table(folder / "table.parquet"))
     words = [places.get(word, word.replace("SAMPLE", SAMPLE_BAG)) for word in verb.words]
     return [sys.executable, "-c", COMMAND.format(program=verb.program), *words]
 
 
 def _long_table(file: Path) -> Path:
-    """Write a table of a crank that turns for half an hour; return the file."""
+    """Write a table that takes far longer to read than a test to come: one turn of a crank, again and again."""
     if not file.exists():
-        lines = (f"{i * 1e-3:.3f},{i * 0.015:.4f},{0.1 * sin(i * 0.015):.6f}\n" for i in range(TABLE_ROWS))
-        with file.open("w", encoding="ascii") as stream:
-            stream.write("time_s,linkage.crank.position,linkage.slider.position\n")
-            stream.writelines(lines)
+        angles = [i * 2.0 * pi / TURN_ROWS for i in range(TURN_ROWS)]
+        positions = {"linkage.crank.position": angles, "linkage.slider.position": [0.1 * sin(each) for each in angles]}
+        turn = pa.table({"time_s": [i * 1e-6 for i in range(TURN_ROWS)], **positions})
+        rounded = pa.table({name: pc.round(turn[name], 2) for name in turn.column_names})  # small in a dictionary
+        with parquet.ParquetWriter(file, rounded.schema, compression="zstd") as table:
+            for _ in range(TURNS):
+                table.write_table(rounded)
     return file
 
 
@@ -302,6 +312,15 @@ def lasting(processes: set[int], limit_s: float = 10.0) -> set[int]:
     return {process for process in processes if alive(process)}
 
 
+def is_recording(bag: Path) -> bool:
+    """Return whether a bag is closed and holds something: the signal may come late on a busy machine."""
+    try:
+        info = bag_info(bag)
+    except BagError:
+        return False
+    return info.finished and info.message_count > 0
+
+
 def faults(verb: Verb, moment: str, number: signal.Signals, seen: Seen, folder: Path) -> list[str]:
     """Return what is wrong with what was seen."""
     found = []
@@ -316,4 +335,6 @@ def faults(verb: Verb, moment: str, number: signal.Signals, seen: Seen, folder: 
         with BagReader(folder / "bag") as reader:
             if not reader.info.finished:
                 found.append("the recording is not closed")
+    elif verb.records and (folder / "bag").exists() and not is_recording(folder / "bag"):
+        found.append("a folder is left of a run that had not begun")
     return found

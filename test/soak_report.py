@@ -12,11 +12,11 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from footprint import FootprintLog
 
 from mech_twin.engine.run import frames
-from mech_twin.nodes.step_pacer import TOLD_FROM_S
+from mech_twin.nodes.roles.step_pacer import TOLD_FROM_S
 from mech_twin.recording.bag_reader import open_bag
 from mech_twin.recording.bag_samples import FIELDS, BagSamples
 from mech_twin.roles import Machine
-from mech_twin.studies.comparison import Difference, first_difference
+from mech_twin.studies.first_difference import Difference, first_difference
 
 SERVER = "view server"
 GROWTH_LIMIT_MIB = 10.0  # of the settled time

@@ -5,6 +5,9 @@ import csv
 import re
 import subprocess
 import sys
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
+from inspect import signature
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +18,7 @@ from hypothesis import strategies as st
 import mech_twin as mt
 from mech_twin.capabilities.errors import StudyError
 from mech_twin.captions import unit_of
+from mech_twin.cli.main import main
 from mech_twin.configuration_tree import ConfigurationError
 from mech_twin.engine.run import frames
 from mech_twin.engine.trajectory import Trajectory
@@ -201,7 +205,9 @@ def test_the_examples_of_the_documentation_run(tmp_path, monkeypatch, capsys):
         (lambda: mt.compare("a", "b"), "'a': expected two runs as `simulate` returns them"),
         (lambda: mt.identify("vibration_crank", "plant.csv", "map.yaml"), "runs 'plant.csv': expected a list of paths"),
         (lambda: mt.rollout("winding_drum", duration_s="1"), "duration_s '1': expected"),
-        (lambda: mt.rollout("winding_drum", ["a"]), "settings ['a']: expected settings by dotted key"),
+        (lambda: mt.rollout("winding_drum", 0.1, ["a"]), "settings ['a']: expected settings by dotted key"),
+        (lambda: mt.rollout("winding_drum", {"core_radius_m": 0.1}), "duration_s {'core_radius_m': 0.1}: expected"),
+        (lambda: mt.rollouts("winding_drum", 0.1, "core"), "settings 'core': expected a list of settings"),
         (lambda: mt.rollout("winding_drum", duration_s=0.1, columns=["linkage.drm.velocity"]), "linkage.drum.velocity"),
         (lambda: mt.rollout("winding_drum", duration_s=0.1)["linkage.drm.velocity"], "linkage.drum.velocity"),
         (lambda: mt.rollout("winding_drum", duration_s=0.1, command="half"), "command 'half': expected a number"),
@@ -225,13 +231,87 @@ def test_values_of_a_sweep_may_be_an_array():
 
 
 def test_a_roll_out_is_a_table_with_units_and_takes_settings():
-    run = mt.rollout("mb10_breaker", {"body.preload_deflection_m": 0.012}, 0.01)
+    run = mt.rollout("mb10_breaker", 0.01, {"body.preload_deflection_m": 0.012})
     as_run = mt.simulate("mb10_breaker", 0.01, {"body.preload_deflection_m": 0.012}).samples
     assert {name: run.samples.units[name] for name in as_run} == as_run.units
     assert all(run[name].tobytes() == as_run[name].astype(float).tobytes() for name in as_run)
     assert run.to_pandas()["time_s"].tolist() == run["time_s"].tolist()
     assert run.plot("linkage.crank.velocity").axes[0].get_ylabel() == "crank velocity [rad/s]"
     assert repr(run).startswith("mb10_breaker: 0.01 s: 11 rows of time_s, ")
+
+
+VERBS = {
+    "simulate": (
+        ["simulate", "mb10_breaker", "--duration", "0.3", "--samples"],
+        lambda: mt.simulate("mb10_breaker", 0.3),
+    ),
+    "analyse": (
+        ["analyse", "compaction_press", "--cycle", "4"],
+        lambda: mt.analyse("compaction_press", positions=4),
+    ),
+    "size": (["study", "compaction_press", "size"], lambda: mt.size("compaction_press")),
+    "sweep": (
+        ["study", "winding_drum", "sweep", "--over", "package_radius_m=0.1,0.12", "--no-picture"],
+        lambda: mt.sweep("winding_drum", {"package_radius_m": [0.1, 0.12]}, cores=1),
+    ),
+    "reproduce": (["reproduce", "winding_drum"], lambda: mt.reproduce("winding_drum")),
+}
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_what_a_verb_prints_as_json_is_the_same_object_in_python(verb, tmp_path, monkeypatch, capsys):
+    words, asked = VERBS[verb]
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["mech-twin", *words, "--json"])
+    with pytest.raises(SystemExit):
+        main()
+    Path("told.json").write_text(capsys.readouterr().out, encoding="utf-8")
+    read, expected = mt.from_json("told.json"), asked()
+    assert type(read) is type(expected)
+    assert plain(read) == plain(expected)
+    if hasattr(expected, "to_pandas"):
+        assert read.to_pandas().equals(expected.to_pandas())
+
+
+def plain(value):
+    """Return a result as values that compare, numbers by their bits, without the titles of its tables."""
+    if isinstance(value, Mapping):
+        return {key: plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray):
+        return [plain(item) for item in value.tolist()]
+    if isinstance(value, float):
+        return value.hex()
+    if is_dataclass(value):
+        return {field.name: plain(getattr(value, field.name)) for field in fields(value)}
+    return value
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("{", "not JSON"),
+        ("[1, 2]", "expected what one of these printed with --json: simulate, "),
+        ('{"machine": "winding_drum", "config": {}, "summary": {}}', "config"),
+        ('{"all_gated_hold": true, "rows": [{"a": 1}]}', "not as `reproduce` prints it"),
+    ],
+)
+def test_a_document_of_no_verb_is_refused_in_one_line(text, said, tmp_path):
+    tmp_path.joinpath("told.json").write_text(text, encoding="utf-8")
+    with pytest.raises((StudyError, ConfigurationError), match=re.escape(said)) as refused:
+        mt.from_json(tmp_path / "told.json")
+    assert "\n" not in str(refused.value)
+
+
+def test_a_frame_without_pandas_names_the_extra(monkeypatch):
+    monkeypatch.setattr("mech_twin.dependencies.find_spec", lambda name: None)
+    with pytest.raises(ModuleNotFoundError, match="needs the extra 'pandas': pip install"):
+        Columns("trial", "time_s", {"time_s": [0.0]}).to_pandas()
+
+
+@pytest.mark.parametrize("function", [mt.rollout, mt.rollouts])
+def test_a_roll_out_is_asked_for_like_a_run(function):
+    first = list(signature(mt.simulate).parameters)[:3]
+    assert list(signature(function).parameters)[:3] == first == ["machine", "duration_s", "settings"]
 
 
 def test_what_is_shown_of_a_result_fits_a_terminal():

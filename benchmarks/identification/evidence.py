@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tables of docs/identification.md that the scripts of this room write, row by row, each with its date and machine."""
+"""Tables of docs/proof/identification.md that scripts of this room write, each row with its date and machine."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from scipy import stats
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "reliability"))
 from measured import here
 
-PAGE = Path(__file__).resolve().parents[2] / "docs" / "identification.md"
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "proof" / "identification.md"
 
 
 def marks(script: str) -> tuple[str, str]:
@@ -20,7 +20,7 @@ def marks(script: str) -> tuple[str, str]:
     return f"<!-- written by benchmarks/identification/{script}.py -->", f"<!-- end of {script} -->"
 
 
-def write_rows(script: str, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
+def write_rows(script: str, columns: Sequence[str], rows: Iterable[Sequence[object]], page: Path = PAGE) -> None:
     """Put rows into the table of a script, in place of all those with the same first cell.
 
     Raises
@@ -29,16 +29,16 @@ def write_rows(script: str, columns: Sequence[str], rows: Iterable[Sequence[obje
         If the page has no marks of the script.
     """
     begin, end = marks(script)
-    head, found, rest = PAGE.read_text(encoding="utf-8").partition(begin)
+    head, found, rest = page.read_text(encoding="utf-8").partition(begin)
     if not found or end not in rest:
-        raise ValueError(f"{PAGE.name} has no marks {begin} ... {end}")
+        raise ValueError(f"{page.name} has no marks {begin} ... {end}")
     old, _, tail = rest.partition(end)
     title = [_line([*columns, "made"]), f"|{'---|' * (len(columns) + 1)}"]
     fresh = [_line([*row, here()]) for row in rows]
     named = {line.split("|")[1] for line in fresh}
     kept = [line for line in old.splitlines()[1:] if line.startswith("|") and line not in title]
     kept = [line for line in kept if line.split("|")[1] not in named]
-    PAGE.write_text("\n".join([head + begin, "", *title, *kept, *fresh, "", end + tail]), encoding="utf-8")
+    page.write_text("\n".join([head + begin, "", *title, *kept, *fresh, "", end + tail]), encoding="utf-8")
 
 
 def share_interval(held: int, asked: int) -> tuple[float, float]:

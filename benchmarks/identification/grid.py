@@ -64,7 +64,7 @@ def main() -> None:
     words = argparse.ArgumentParser()
     words.add_argument("machines", nargs="*", default=list(STANDS))
     words.add_argument("--seed", type=int, default=0)
-    words.add_argument("--write", action="store_true", help="into docs/identification.md")
+    words.add_argument("--write", action="store_true", help="into docs/proof/identification.md")
     asked = words.parse_args()
     wrong: list[str] = []
     for name in asked.machines:

@@ -147,7 +147,7 @@ def main() -> None:
     words.add_argument("--journal", type=Path, help="where finished repeats are kept")
     words.add_argument("--cores", type=int, default=1, help="processes, one repeat each")
     words.add_argument("--scheduler", help="address of a Dask scheduler in their place")
-    words.add_argument("--write", action="store_true", help="into docs/identification.md")
+    words.add_argument("--write", action="store_true", help="into docs/proof/identification.md")
     asked = words.parse_args()
     stand, repeats, wrong = stand_of(asked.machine, whole=asked.whole), [], []
     for each in repeats_of(asked):

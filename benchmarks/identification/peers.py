@@ -73,7 +73,7 @@ def measured(seed: int, memory: float) -> Data:
 
 def curves_of(keyed: KeyedConfiguration, values: np.ndarray) -> ColumnCurves:
     """Return the run of the machine with these values."""
-    run = mech_twin.rollout(MACHINE, keyed.parameters(values), DURATION_S, columns=needed_columns(list(NOISES)))
+    run = mech_twin.rollout(MACHINE, DURATION_S, keyed.parameters(values), columns=needed_columns(list(NOISES)))
     return ColumnCurves(run)
 
 
@@ -141,7 +141,7 @@ def main() -> None:
     words = argparse.ArgumentParser()
     words.add_argument("--repeats", type=int, default=200)
     words.add_argument("--memory", type=float, default=0.0)
-    words.add_argument("--write", action="store_true", help="into docs/identification.md")
+    words.add_argument("--write", action="store_true", help="into docs/proof/identification.md")
     asked = words.parse_args()
     noise = f"memory {asked.memory:g}" if asked.memory else "white"
     rows: list[tuple[object, ...]] = []

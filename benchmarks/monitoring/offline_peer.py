@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 import ruptures
 from plants import SENSORS, faulty_run, healthy_cycles, monitored_machine, three_sizes
-from tables import PAGE
+from tables import RESULTS
 
 from mech_twin.capabilities.faults import MachineFault
 from mech_twin.studies.monitoring.baseline import fitted_baseline
@@ -26,7 +26,8 @@ from mech_twin.studies.monitoring.sensing import seen_roll_out
 from mech_twin.studies.monitoring.signatures import MonitoredMachine
 from mech_twin.studies.monitoring.thresholds import chart_limits
 
-BEGIN, END = "<!-- offline peer: begin -->", "<!-- offline peer: end -->"
+TABLE = RESULTS / "offline_peer.csv"
+COLUMNS = "machine,fault,size,runs,no_alarm,monitor_median,monitor_90,ruptures_median,ruptures_90"
 HEAD = (
     "| machine | fault | size | runs | no alarm | monitor, median | 90 % | ruptures, median | 90 % |",
     f"|{'---|' * 9}",
@@ -91,19 +92,18 @@ def machine_rows(name: str, runs: int, baseline_cycles: int) -> list[str]:
 
 
 def main() -> None:
-    """Print the table, or write it into the page."""
+    """Print the table, or write it as CSV as well."""
     asked = argparse.ArgumentParser(description="onset of a change, beside an offline library")
     asked.add_argument("machines", nargs="*", default=sorted(path.stem for path in SENSORS.glob("*.yaml")))
     asked.add_argument("--repeats", type=int, default=20)
     asked.add_argument("--baseline", type=int, default=2000)
-    asked.add_argument("--write", action="store_true", help="into docs/monitoring.md")
+    asked.add_argument("--write", action="store_true", help="into results/offline_peer.csv")
     given = asked.parse_args()
     print("\n".join(HEAD))
     rows = [row for name in given.machines for row in machine_rows(name, given.repeats, given.baseline)]
     if given.write:
-        head, _, rest = PAGE.read_text(encoding="utf-8").partition(BEGIN)
-        table = "\n".join([f"{head}{BEGIN}", "", *HEAD, *rows, "", END])
-        PAGE.write_text(table + rest.partition(END)[2], encoding="utf-8")
+        cells = [",".join(cell.strip() for cell in row.strip("| ").split("|")) for row in rows]
+        TABLE.write_text("\n".join([COLUMNS, *cells, ""]), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -42,11 +42,10 @@ from plants import (
 )
 
 from mech_twin.output_file import written_file
-from mech_twin.studies.monitoring.baseline import fitted_baseline
 from mech_twin.studies.monitoring.cycle_features import FeatureVector
-from mech_twin.studies.monitoring.monitor import NAMED_EVERY, Findings, Monitor, MonitorSetup, setup_of_record
-from mech_twin.studies.monitoring.signatures import machine_signatures
-from mech_twin.studies.monitoring.thresholds import chart_limits
+from mech_twin.studies.monitoring.design import setup_for_cycles
+from mech_twin.studies.monitoring.findings import Findings
+from mech_twin.studies.monitoring.monitor import NAMED_EVERY, Monitor, MonitorSetup, setup_of_record
 
 RESULTS = Path(__file__).parent / "results"
 NOISES = 10  # repeats of one motion with a fault
@@ -57,12 +56,13 @@ Call = tuple[Callable[[dict[str, Any]], None], Callable[..., dict[str, Any]], tu
 KINDS = ("right", "group", "wrong_group", "wrong", "unknown", "none")
 
 
-def drawn_setup(name: str, cycles: int, arl0_cycles: float, random: np.random.Generator) -> MonitorSetup:
-    """Return a setup without signatures, from so many healthy cycles."""
+def drawn_setup(
+    name: str, cycles: int, arl0_cycles: float, random: np.random.Generator, *, named: bool = False
+) -> MonitorSetup:
+    """Return a setup from so many healthy cycles, with signatures if faults are to be named."""
     machine = monitored_machine(name)
-    baseline, innovations = fitted_baseline(healthy_cycles(machine, cycles, random))
-    limits = chart_limits(baseline, innovations, arl0_cycles)
-    return MonitorSetup(name, baseline, limits, (), machine.declared.settling_cycles)
+    vectors = healthy_cycles(machine, cycles, random)
+    return setup_for_cycles(machine, vectors, arl0_cycles, named=named)
 
 
 def trial_setup(name: str, asked: dict[str, Any], anew: bool) -> dict[str, Any]:
@@ -72,9 +72,8 @@ def trial_setup(name: str, asked: dict[str, Any], anew: bool) -> dict[str, Any]:
         earlier: dict[str, Any] = json.loads(kept.read_text(encoding="utf-8"))
         if earlier["asked"] == asked:
             return earlier
-    setup = drawn_setup(name, asked["baseline"], TRIAL_ARL0, np.random.default_rng([asked["seed"], 0]))
-    signatures = machine_signatures(monitored_machine(name), setup.baseline.names)
-    record = setup.record() | {"asked": asked, "signatures": [signature.record() for signature in signatures]}
+    setup = drawn_setup(name, asked["baseline"], TRIAL_ARL0, np.random.default_rng([asked["seed"], 0]), named=True)
+    record = setup.record() | {"asked": asked}
     _keep(kept, record)
     return record
 

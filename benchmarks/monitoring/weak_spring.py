@@ -44,8 +44,8 @@ from mech_twin.messages.topics import (
     STANDARD_RESIDUALS,
     full_name,
 )
-from mech_twin.nodes.domain import settle_domain
-from mech_twin.nodes.spinner import Spinner
+from mech_twin.nodes.exchange.spinner import Spinner
+from mech_twin.nodes.run.domain import settle_domain
 
 HERE = Path(__file__).resolve()
 NAME, FIGURE = "mb10_breaker", "body_mean_rad"

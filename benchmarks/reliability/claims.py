@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Run every test that docs/reliability.md names, and write the counts into that page.
+"""Run every test that docs/proof/reliability.md names, and write the counts into that page.
 
     python benchmarks/reliability/claims.py [TEST_FILE ...]
 
@@ -18,7 +18,7 @@ from xml.etree import ElementTree
 
 from measured import PAGE, add_rows, here
 
-ROOT = PAGE.parents[1]
+ROOT = PAGE.parents[2]
 COLUMNS = ("file", "tests", "passed", "skipped", "failed", "took", "made")
 
 

@@ -4,7 +4,7 @@
     python benchmarks/reliability/extreme_configurations.py [MACHINE ...] [--share 0.1] [--write]
 
 What is neither answered nor refused in one line is printed; exit code 1 if there is any.  ``--write`` writes the counts
-into docs/reliability.md.
+into docs/proof/reliability.md.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("machines", nargs="*", metavar="MACHINE")
     parser.add_argument("--share", type=float, default=1.0, help="of the cases, drawn with a fixed seed")
-    parser.add_argument("--write", action="store_true", help="write the table into docs/reliability.md")
+    parser.add_argument("--write", action="store_true", help="write the table into docs/proof/reliability.md")
     asked = parser.parse_args()
     broken = 0
     for name in asked.machines or CATALOGUE:

@@ -2,7 +2,7 @@
 """Does the recorder keep up?  ``python benchmarks/reliability/flood.py [SECONDS] [RATE] [--write]`` floods it.
 
 The recorder is a process of its own; the messages come from this one, at a steady pace, as whole step messages.
-Prints sent, recorded and missed, and the recorder's share of a core; ``--write`` adds it to docs/reliability.md.
+Prints sent, recorded and missed, and the recorder's share of a core; ``--write`` adds it to docs/proof/reliability.md.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from pathlib import Path
 import psutil
 from measured import add_rows, here
 
-from mech_twin.nodes.domain import settle_domain
+from mech_twin.nodes.run.domain import settle_domain
 
 COLUMNS = ("flood", "sent", "lost", "recorder", "made")
 MACHINE = "vibration_crank"
@@ -47,7 +47,7 @@ def main() -> None:
     ]
     with tempfile.TemporaryDirectory() as folder:
         bag = Path(folder) / "bag"
-        code = "from mech_twin.nodes.executables import recorder_node; recorder_node()"
+        code = "from mech_twin.nodes.run.executables import recorder_node; recorder_node()"
         words = ["--directory", str(bag), "--ros-args", "-p", f"machine:={MACHINE}"]
         recorder = subprocess.Popen([sys.executable, "-c", code, *words])
         rclpy.init(args=[])
@@ -87,7 +87,7 @@ def arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("seconds", type=float, nargs="?", default=60.0)
     parser.add_argument("rate", type=float, nargs="?", default=4000.0, help="messages a second")
-    parser.add_argument("--write", action="store_true", help="add the run to the table of docs/reliability.md")
+    parser.add_argument("--write", action="store_true", help="add the run to the table of docs/proof/reliability.md")
     return parser.parse_args()
 
 

@@ -10,8 +10,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
-PAGE = DOCS / "reliability.md"
-OTHER_PAGES = dict.fromkeys(("random_draws", "value_pairs"), DOCS / "random-configurations.md")
+PAGE = DOCS / "proof" / "reliability.md"
+OTHER_PAGES = dict.fromkeys(("random_draws", "value_pairs"), DOCS / "proof" / "random-configurations.md")
 
 
 def page_of(script: str) -> Path:

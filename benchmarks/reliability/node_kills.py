@@ -3,7 +3,7 @@
 
     python benchmarks/reliability/node_kills.py --machine winding_drum --kills 100 [--write]
 
-Prints one line a kill and a summary; ``--write`` adds it to docs/reliability.md.  Exit code 0 means that every step of
+Prints one line a kill and a summary; ``--write`` adds it to docs/proof/reliability.md.  Exit code 0: every step of
 the run was the engine's own, to the bit.
 """
 
@@ -35,7 +35,7 @@ def main() -> None:
     parser.add_argument("--kills", type=int, default=100)
     parser.add_argument("--pace", default="max")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--write", action="store_true", help="add the run to the table of docs/reliability.md")
+    parser.add_argument("--write", action="store_true", help="add the run to the table of docs/proof/reliability.md")
     asked = parser.parse_args()
     chance = random.Random(asked.seed)
     begun = time.monotonic()

@@ -6,7 +6,7 @@
 
 The machines take turns.  Goes on where it was ended, as what became of each draw is kept in build/random_draws.
 What breaks is printed as a parameter file; exit code 1 if there is any.  ``--only`` makes some of the draws once more,
-``--write`` puts the counts into docs/random-configurations.md, those from ``--first`` on in a row of their own.
+``--write`` puts the counts into docs/proof/random-configurations.md, those from ``--first`` on in a row of their own.
 """
 
 from __future__ import annotations
@@ -128,7 +128,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--workers", type=int, default=1, help="processes that draw at the same time")
     parser.add_argument("--only", type=int, nargs="+", help="numbers of the draws to make once more")
-    parser.add_argument("--write", action="store_true", help="write the table into docs/random-configurations.md")
+    parser.add_argument("--write", action="store_true", help="write the table into docs/proof/random-configurations.md")
     asked = parser.parse_args()
     KEPT.mkdir(parents=True, exist_ok=True)
     subprocess.run([sys.executable, str(ROOT / "test" / "compile_kernels.py")], check=True)  # no draw pays for them

@@ -4,7 +4,7 @@
     python benchmarks/reliability/signals.py [VERB ...] [--write]
 
 One row a verb and moment: the codes, the longest time to the end, what was wrong.  ``--write`` writes the table into
-docs/reliability.md.  Exit code 1 if anything was wrong.
+docs/proof/reliability.md.  Exit code 1 if anything was wrong.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def main() -> int:
     """Go through the matrix."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("verbs", nargs="*", metavar="VERB", help=f"of {', '.join(VERBS)}")
-    parser.add_argument("--write", action="store_true", help="write the table into docs/reliability.md")
+    parser.add_argument("--write", action="store_true", help="write the table into docs/proof/reliability.md")
     asked = parser.parse_args()
     broken = 0
     for name in asked.verbs or VERBS:

@@ -8,7 +8,7 @@
 
 Simulated minutes.  While it runs only the diagnostics are listened to; when it has ended, every sample of the recording
 is held against the engine, to the bit.  A signal ends the run early, and what ran is compared and judged; a second one
-ends the comparison.  ``--write`` writes the run into docs/reliability.md, one that ended early as well.
+ends the comparison.  ``--write`` writes the run into docs/proof/reliability.md, one that ended early as well.
 
 Exit code 1, and a line for each, if a balance broke, a sample differed or was missing, a run by the wall clock was
 behind it after it had settled, or a process grew by more than its limit.  A run settles in its first quarter, in ten
@@ -35,10 +35,10 @@ os.environ.setdefault("ROS_DOMAIN_ID", "58")
 import psutil
 from footprint import FootprintLog
 from measured import add_rows, here
+from mech_twin.nodes.ends_with_launch import PARENT
 from process_run import ProcessRun
 from soak_report import SERVER, Comparison, Told, faults, lag_cell, memory_cell
 
-from mech_twin.nodes.parent_death import PARENT
 from mech_twin.parameters.load import machine
 from mech_twin.roles import Machine
 
@@ -186,11 +186,10 @@ def interrupt(number: int, frame: FrameType | None) -> None:
 
 def started_view(stack: ExitStack, run: ProcessRun) -> dict[str, int]:
     """Start the web view's server and the node that feeds it, as `mech-twin run` does; return the server's process."""
-    from mech_twin.cli.live_view import LIVE_HISTORY
-    from mech_twin.view.viewer_process import ViewerProcess
+    from mech_twin.view.bench.started import StartedBench
 
-    server = stack.enter_context(ViewerProcess(memory_limit=LIVE_HISTORY, newest_first=True))
-    run.start("viewer", "--place", f"{server.grpc_url}#web@{server.reports_directory}")
+    server = stack.enter_context(StartedBench())
+    run.start("viewer", "--place", server.place)
     return {SERVER: server.pid or 0}
 
 
@@ -218,7 +217,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--pace", choices=("max", "realtime"), default="max")
     parser.add_argument("--view", action="store_true", help="with the web view, its node and its server")
     parser.add_argument("--step-s", type=float, default=0.0, help="coupling step; 0 keeps the configured one")
-    parser.add_argument("--write", action="store_true", help="add the run to the table of docs/reliability.md")
+    parser.add_argument("--write", action="store_true", help="add the run to the table of docs/proof/reliability.md")
     return parser.parse_args()
 
 

@@ -5,7 +5,7 @@
 
 Options, small counts, zeros and what is left out are paired with each other and with other sizes of every number; each
 machine is analysed and simulated for half a second, its drive switched off and on again.  What breaks is printed as a
-parameter file; exit code 1 if there is any.  ``--write`` puts the counts into docs/random-configurations.md.
+parameter file; exit code 1 if there is any.  ``--write`` puts the counts into docs/proof/random-configurations.md.
 """
 
 from __future__ import annotations
@@ -94,7 +94,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("machines", nargs="*", metavar="MACHINE", help=f"some of {', '.join(CATALOGUE)}; else all")
     parser.add_argument("--workers", type=int, default=1, help="processes that work at the same time")
-    parser.add_argument("--write", action="store_true", help="write the table into docs/random-configurations.md")
+    parser.add_argument("--write", action="store_true", help="write the table into docs/proof/random-configurations.md")
     asked = parser.parse_args()
     subprocess.run([sys.executable, str(ROOT / "test" / "compile_kernels.py")], check=True)  # none pays for them
     workers, rows = [LimitedWorker(made, LONGEST_S) for _ in range(asked.workers)], []

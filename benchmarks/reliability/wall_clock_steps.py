@@ -5,7 +5,7 @@
     python benchmarks/reliability/wall_clock_steps.py [--write]
 
 The nodes alone see the stepped clock (LD_PRELOAD); the steady clock stays.  ``--write`` writes the table into
-docs/reliability.md.
+docs/proof/reliability.md.
 """
 
 from __future__ import annotations

@@ -169,7 +169,7 @@ def harmonic(name: str, unit: str, column: str, order: int, part: Literal["cos",
 def speed_harmonic(name: str, column: str, order: int, part: Literal["cos", "sin"], meaning: str) -> CycleFeature:
     """Return a Fourier coefficient of the speed of a turning joint over its mean, from the angle alone.
 
-    With psi = 2 pi (t - t0)/T, the angle runs ahead of psi by a periodic d(psi); the speed is (1 + d')/T, so the
+    With psi = 2 pi (t - t0)/T, the angle runs ahead of psi by a periodic d(psi). The speed is (1 + d')/T, so the
     coefficient of cos n psi of the relative speed is n times that of sin n psi of d, that of sin -n times that of cos.
     """
 
@@ -221,11 +221,11 @@ def event_share(name: str, column: str, meaning: str, pick: Literal["first", "la
     return CycleFeature(name, "1", meaning, (column,), lambda c: float(c.channels[column].phase_rad[place] / TURN))
 
 
-def event_ratio(name: str, above: str, below: str, meaning: str) -> CycleFeature:
-    """Return the sum of one channel of the cycle's events over that of another, its sign turned."""
+def event_ratio(name: str, above: str, below: str, meaning: str, sign: float = -1.0) -> CycleFeature:
+    """Return the sum of one channel of the cycle's events over that of another, its sign turned if not told else."""
 
     def of(cycle: SampledCycle) -> float:
-        return float(-cycle.channels[above].values.sum() / cycle.channels[below].values.sum())
+        return float(sign * cycle.channels[above].values.sum() / cycle.channels[below].values.sum())
 
     return CycleFeature(name, "1", meaning, (above, below), of)
 

@@ -64,8 +64,8 @@ def added_to_key(name: str, meaning: str, key: str, unit: str, sizes: Sequence[f
     return MachineFault(name, meaning, unit, tuple(sizes), changes, key=key)
 
 
-def supply_sag(sizes: Sequence[float] = (-0.05, -0.03, -0.01)) -> MachineFault:
-    """Return the fault of a supply whose frequency is too low by a share."""
+def supply_sag(sizes: Sequence[float] = (-0.2, -0.15, -0.1, -0.07)) -> MachineFault:
+    """Return the fault of a supply whose frequency is too low by a share; less of it is the operating point."""
     return MachineFault(
         "supply_sag",
         "the supply's frequency is too low",

@@ -5,14 +5,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from mech_twin.captions import unit_of
 from mech_twin.cli.console import numbered, print_csv, print_json, print_table, progress
 from mech_twin.cli.failure import CommandError
 from mech_twin.cli.metric_groups import analysed_groups, group_rows
 from mech_twin.cli.run_summary import show_groups
+from mech_twin.cli.verbs import AnalyseVerb
 from mech_twin.configuration_tree import configuration_tree
 from mech_twin.parameters.load import assignments
 from mech_twin.parameters.load import machine as built_machine
@@ -21,16 +21,14 @@ from mech_twin.studies.cycle_analysis import analysed_columns, cycle_positions
 
 COMPONENTS = ("along x", "along y", "along z")
 EXTREMES = ("quantity", "least", "greatest", "unit")
-Shape = Literal["narrow", "wide", "csv", "json"]
 
 
-def analyse_machine(
-    name: str, crank_deg: float | None, cycle: int | None, config: Path | None, settings: list[str], shape: Shape
-) -> None:
+def analyse_machine(asked: AnalyseVerb) -> None:
     """Write one position, or one cycle in so many positions, and the machine's closed-form metrics."""
+    name, crank_deg, cycle, shape = asked.machine, asked.crank_deg, asked.cycle, asked.form
     if crank_deg is not None and not math.isfinite(crank_deg):
         raise CommandError(f"--crank-deg {crank_deg}: expected a finite angle in degrees")
-    machine = built_machine(name, config, assignments(settings))
+    machine = built_machine(name, asked.config, assignments(asked.settings))
     document: dict[str, Any] = {"machine": name, "config": configuration_tree(machine.parameters)}
     document["summary"] = machine.report()
     if crank_deg is not None:

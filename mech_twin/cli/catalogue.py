@@ -4,12 +4,13 @@
 from __future__ import annotations
 
 from mech_twin.cli.console import print_json, print_table
+from mech_twin.cli.verbs import ListVerb
 from mech_twin.machines.catalog import CATALOGUE
 
 
-def show_catalogue(*, as_json: bool) -> None:
+def show_catalogue(asked: ListVerb) -> None:
     """Print the names and titles of all machines."""
-    if as_json:
+    if asked.as_json:
         print_json({"machines": [{"name": e.name, "title": e.title} for e in CATALOGUE.values()]})
     else:
         print_table("machines", ("name", "description"), [(e.name, e.title) for e in CATALOGUE.values()])

@@ -4,11 +4,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 from mech_twin.cli.console import print_json, print_table, progress, say, say_result
 from mech_twin.cli.failure import CommandError
+from mech_twin.cli.live_view import NO_VIEW, hold_view
+from mech_twin.cli.overlay import Overlay
+from mech_twin.cli.verbs import CompareVerb
 from mech_twin.configuration_tree import ConfigurationError, configuration_tree
 from mech_twin.dependencies import require_extra
 from mech_twin.engine.invariants import broken_lines
@@ -20,50 +25,64 @@ from mech_twin.parameters.load import file_tree, machine_of_prefix
 from mech_twin.parameters.load import machine as built_machine
 from mech_twin.roles import Machine
 from mech_twin.samples import Frame
-from mech_twin.studies.side_by_side import ComparedRun, Comparison, columns_apart, compared, drawn_side_by_side
+from mech_twin.studies.run_comparison import ComparedRun, Comparison, columns_apart, compared, drawn_side_by_side
 from mech_twin.studies.simulation import Simulation
 
 APART = 1
 USUAL_DURATION_S = 3.0
 PANELS = 6
+See = Callable[[Machine, Frame], None]
 
 
-def compare_sides(
-    first: str,
-    second: str,
-    tolerance: float,
-    duration_s: float | None,
-    picture: Path | None,
-    *,
-    all_numbers: bool,
-    force: bool,
-    as_json: bool,
-) -> None:
-    """Print what differs; exit with 1 if a number differs by more than the tolerance, or a residual is broken."""
+def compare_sides(asked: CompareVerb) -> None:
+    """Print what differs and, where asked to, show it.
+
+    Exit with 1 if a number differs by more than the tolerance, or a residual is broken.
+    """
+    picture, columns = asked.picture, asked.column
     if picture is not None:
         require_extra("plots")
         if picture.suffix not in (".png", ".svg"):
             raise CommandError(f"--picture {picture}: expected a name that ends in .png or .svg")
-        check_output_file(picture, force=force)
-    names = [_meant(first), _meant(second)]
-    recorded = [_recorded(Path(name)) if _is_recording(name) else None for name in names]
-    if duration_s is not None and None not in recorded:
-        raise CommandError(f"--duration {duration_s:g}: two recordings have their own length; expected a configuration")
-    durations = [side.samples["time_s"][-1] for side in recorded if side is not None]
-    run_for = duration_s if duration_s is not None else min(durations, default=USUAL_DURATION_S)
-    sides = [known or _simulated(name, run_for) for known, name in zip(recorded, names, strict=True)]
-    found = compared(sides[0], sides[1], tolerance)
-    if picture is not None:
-        _draw(sides, picture, force=force)
-    if as_json:
-        print_json(_document(found))
-    else:
-        _show(found, all_numbers)
+        check_output_file(picture, force=asked.force)
+    names = [_meant(asked.first), _meant(asked.second)]
+    with ExitStack() as stack:
+        overlay = None if asked.view == NO_VIEW else stack.enter_context(Overlay(stack, asked.view_port, names))
+        sides, found = _compared(names, asked.tolerance, asked.duration_s, overlay)
+        if picture is not None:
+            _draw(sides, picture, columns, force=asked.force)
+        if asked.as_json:
+            print_json(_document(found))
+        else:
+            _show(found, asked.everything)
+        if overlay is not None:
+            overlay.tell(sides, found)
+            hold_view(overlay.page)
     broken = [f"{side.label}: {'; '.join(side.broken)}" for side in sides if side.broken]
     for line in broken:
         say(line)
     if found.beyond or broken:
         raise SystemExit(APART)
+
+
+def _compared(
+    names: Sequence[str], tolerance: float, duration_s: float | None, overlay: Overlay | None
+) -> tuple[list[ComparedRun], Comparison]:
+    """Return both sides, each seen as it is read or computed, and what differs."""
+    sees = (overlay.first.see, overlay.second.see) if overlay is not None else (_unseen, _unseen)
+    recorded = [
+        _recorded(Path(name), see) if _is_recording(name) else None for name, see in zip(names, sees, strict=True)
+    ]
+    if duration_s is not None and None not in recorded:
+        raise CommandError(f"--duration {duration_s:g}: two recordings have their own length; expected a configuration")
+    durations = [side.samples["time_s"][-1] for side in recorded if side is not None]
+    run_for = duration_s if duration_s is not None else min(durations, default=USUAL_DURATION_S)
+    sides = [known or _simulated(name, run_for, see) for known, name, see in zip(recorded, names, sees, strict=True)]
+    return sides, compared(sides[0], sides[1], tolerance)
+
+
+def _unseen(machine: Machine, frame: Frame) -> None:
+    """Show nothing."""
 
 
 def _meant(name: str) -> str:
@@ -81,24 +100,28 @@ def _is_recording(name: str) -> bool:
     return name not in CATALOGUE and Path(name).suffix not in YAML_SUFFIXES
 
 
-def _simulated(name: str, duration_s: float) -> ComparedRun:
+def _simulated(name: str, duration_s: float, see: See) -> ComparedRun:
     """Return a configuration, or a machine as installed, run from rest."""
     config = None if name in CATALOGUE else Path(name)
-    kind = name if config is None else str(file_tree(config).get("machine", ""))
+    tree = {} if config is None else file_tree(config)
+    kind = name if config is None else str(tree.get("machine", ""))
+    if not kind and "bodies" in tree:  # a page says itself what it is
+        kind, config = name, None
     if not kind:
-        raise CommandError(f"{config}: key 'machine' is missing; expected one of {', '.join(CATALOGUE)}")
+        raise CommandError(f"{config}: key 'machine' is missing; expected one of {', '.join(CATALOGUE)}, or a page")
     machine = built_machine(kind, config)
     simulation = Simulation(machine)
     with progress(frames(machine, duration_s), steps_for(machine, duration_s) + 1, name) as run:
         for frame in run:
             simulation.observe(frame)
             simulation.trajectory.append(frame)
+            see(machine, frame)
     return _side(name, machine, simulation)
 
 
-def _recorded(bag: Path) -> ComparedRun:
+def _recorded(bag: Path, see: See) -> ComparedRun:
     """Return a recording; of an incomplete step nothing is used."""
-    from mech_twin.nodes.domain import settle_domain
+    from mech_twin.nodes.run.domain import settle_domain
 
     settle_domain()
     from mech_twin.recording.bag_reader import open_bag
@@ -120,6 +143,7 @@ def _recorded(bag: Path) -> ComparedRun:
                 frame = Frame(known.linkage, known.motor, known.forces, known.body)
                 simulation.observe(frame)
                 simulation.trajectory.append(frame)
+                see(machine, frame)
                 whole += 1
     if not whole:
         raise CommandError(f"{bag}: holds no whole step")
@@ -140,8 +164,12 @@ def _side(label: str, machine: Machine, simulation: Simulation) -> ComparedRun:
     )
 
 
-def _draw(sides: list[ComparedRun], picture: Path, *, force: bool) -> None:
-    names = columns_apart(sides[0], sides[1], PANELS)
+def _draw(sides: list[ComparedRun], picture: Path, columns: Sequence[str], *, force: bool) -> None:
+    shared = [name for name in sides[0].samples if name in sides[1].samples and name != "time_s"]
+    for name in columns:
+        if name not in shared:
+            raise CommandError(f"--column {name}: expected one of {', '.join(shared)}")
+    names = list(columns) or columns_apart(sides[0], sides[1], PANELS)
     if not names:
         say(f"{picture}: not drawn, no column differs")
         return

@@ -12,6 +12,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
+from mech_twin.terminal_output import printable, printable_json
+
 Item = TypeVar("Item")
 
 UNFOLDED = 10_000  # characters
@@ -25,8 +27,8 @@ BEYOND_REASON_S = 1e7  # a hundred days
 
 def print_json(document: Mapping[str, Any]) -> None:
     """Write a document as JSON; a number that is not finite becomes null."""
-    json.dump(_finite(document), sys.stdout, indent=2, ensure_ascii=False, allow_nan=False)
-    sys.stdout.write("\n")
+    text = json.dumps(_finite(document), indent=2, ensure_ascii=False, allow_nan=False)
+    sys.stdout.write(f"{printable_json(text)}\n")
 
 
 def _finite(value: Any) -> Any:
@@ -83,10 +85,13 @@ def print_table(
     console = Console(width=given or (None if sys.stdout.isatty() else PIPED), highlight=False)
     cells = [[_shown(cell) for cell in row] for row in rows]
     count = _fitting(columns, cells, console.width) if more and not given else len(columns)
-    table = Table(title=Text(title), title_justify="left", header_style="bold", box=None, pad_edge=False)
+    table = Table(title=Text(printable(title)), title_justify="left", header_style="bold", box=None, pad_edge=False)
     for i, column in enumerate(columns[:count]):
         table.add_column(
-            Text(column), justify="left" if i == 0 or column in WORDS else "right", overflow="fold", no_wrap=wide
+            Text(printable(column)),
+            justify="left" if i == 0 or column in WORDS else "right",
+            overflow="fold",
+            no_wrap=wide,
         )
     for i, row in enumerate(cells):
         texts = [Text(cell, VERDICT_STYLES.get(cell, "")) for cell in row[:count]]
@@ -111,7 +116,7 @@ def _shown(cell: Any) -> str:
         return " ".join(_shown(item) for item in cell)
     if isinstance(cell, bool):
         return "yes" if cell else "no"
-    return f"{cell:.6g}" if isinstance(cell, float) else str(cell)
+    return f"{cell:.6g}" if isinstance(cell, float) else printable(str(cell))
 
 
 def print_numbers(title: str, numbers: Mapping[str, Any]) -> None:
@@ -128,12 +133,12 @@ def numbered(numbers: Mapping[str, Any]) -> list[tuple[str, Any, str]]:
 
 def say_result(line: str) -> None:
     """Write a line of the output proper."""
-    sys.stdout.write(line + "\n")
+    sys.stdout.write(printable(line) + "\n")
 
 
 def say(line: str) -> None:
     """Write a line to standard error, separate from the output proper."""
-    sys.stderr.write(line + "\n")
+    sys.stderr.write(printable(line) + "\n")
     sys.stderr.flush()
 
 
@@ -158,9 +163,9 @@ def estimate(done: int, total: int, elapsed_s: float) -> str:
 
 def _estimated(items: Iterable[Item], total: int, title: str) -> Iterator[Item]:
     """Pass the items on; once `FIRST_ESTIMATE_S` have gone by, say how long it takes where nobody can mean it."""
-    begun = time.monotonic()
-    said = False
+    begun, said = None, False
     for done, item in enumerate(items):
+        begun = begun or time.monotonic()  # the first item is not counted: it loads and compiles
         elapsed_s = time.monotonic() - begun
         if not said and elapsed_s > FIRST_ESTIMATE_S:
             said = True

@@ -1,24 +1,28 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Error reporting: one line on standard error; exit code 2 for errors in the input, 128 + N after signal N."""
+"""Error reporting: one line on standard error; exit code 2 for errors in the input, 3 for a recording with losses."""
 
 from __future__ import annotations
 
 import os
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from mech_twin.dependencies import missing_extra
 from mech_twin.interruption import EXIT_CODE_BASE, INTERRUPTED_LINE
 from mech_twin.stop_signal import interruptible
-from mech_twin.surroundings import lacking
+from mech_twin.system_limits import lacking
+from mech_twin.terminal_output import StandardOutputError, give_up_output, printable
 
 if TYPE_CHECKING:
+    from pathlib import Path
     from sys import UnraisableHookArgs
 
 EXIT_CODE = 2
+LOSS_EXIT_CODE = 3
+UNREAD = 1  # of a command whose output nobody reads to its end
 STANDARD_ERROR = 2
 _NO_MEMORY_LINE = b"mech-twin: not enough memory to clean up\n"
 INTERRUPTED = EXIT_CODE_BASE + signal.SIGINT
@@ -26,6 +30,20 @@ INTERRUPTED = EXIT_CODE_BASE + signal.SIGINT
 
 class CommandError(Exception):
     """A command that cannot be carried out as given; the message is one line."""
+
+
+def report_losses(*recordings: Path | None, known: Sequence[str] = ()) -> None:
+    """Say what recordings just made have lost, and end with an exit code of its own if anything."""
+    made = [recording for recording in recordings if recording is not None]
+    losses = list(known)
+    if made:
+        from mech_twin.recording.bag_reader import lost_messages
+
+        losses += filter(None, map(lost_messages, made))
+    for lost in losses:
+        sys.stderr.write(f"mech-twin: {lost}\n")
+    if losses:
+        raise SystemExit(LOSS_EXIT_CODE)
 
 
 def _without_memory(unraisable: UnraisableHookArgs) -> None:
@@ -48,14 +66,19 @@ def report_cli_errors() -> Iterator[None]:
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second Ctrl-C must not disturb the clean-up at exit
         sys.stderr.write(INTERRUPTED_LINE)
         raise SystemExit(INTERRUPTED) from None
+    except BrokenPipeError:  # who reads has had enough
+        give_up_output()
+        raise SystemExit(UNREAD) from None
     except Exception as error:
         lack = lacking(error)
+        if isinstance(error, StandardOutputError):
+            give_up_output()
         if lack is not None:
-            sys.stderr.write(f"mech-twin: {lack}\n")
+            sys.stderr.write(f"mech-twin: {printable(lack)}\n")
             raise SystemExit(EXIT_CODE) from error
         if not _is_input_error(error):
             raise
-        sys.stderr.write(f"mech-twin: {' '.join(_message(error).split())}\n")
+        sys.stderr.write(f"mech-twin: {printable(' '.join(_message(error).split()))}\n")
         raise SystemExit(EXIT_CODE) from error
 
 
@@ -72,11 +95,10 @@ def _is_input_error(error: Exception) -> bool:
     from mech_twin.configuration_tree import ConfigurationError
     from mech_twin.engine.errors import MotionError
     from mech_twin.measurements.errors import MeasurementError
-    from mech_twin.nodes.errors import NodeEndedError
+    from mech_twin.nodes.run.domain import NodeEndedError
     from mech_twin.output_file import OutputError
     from mech_twin.recording.errors import BagError
-    from mech_twin.view.errors import RerunSceneError
-    from mech_twin.view.viewer_process import ViewerError
+    from mech_twin.view.errors import RerunSceneError, ViewerError
 
-    kinds = (CommandError, NodeEndedError, ConfigurationError, MotionError, StudyError)
+    kinds = (CommandError, StandardOutputError, NodeEndedError, ConfigurationError, MotionError, StudyError)
     return isinstance(error, (*kinds, MeasurementError, BagError, OutputError, RerunSceneError, ViewerError))

@@ -20,27 +20,40 @@ from mech_twin.cli.identify_request import (
     split_runs,
 )
 from mech_twin.cli.measurement import checked_run
+from mech_twin.cli.measurement_verbs import IdentifyVerb
+from mech_twin.configuration_tree import configuration_tree
 from mech_twin.dependencies import extra_needed
 from mech_twin.measurements.machine_columns import joint_column
 from mech_twin.measurements.model_turn import TURNING, ModelTurn, model_turn
-from mech_twin.nodes.opened_runs import opened_run
+from mech_twin.opened_runs import opened_run
 from mech_twin.parameters.load import assignments, machine_parameters
 from mech_twin.quantity import Parameters
 from mech_twin.roles import GuidedLinkage
+from mech_twin.studies.identification.acting_keys import number_in
 from mech_twin.studies.identification.fit_runs import FitRun, fit_run
-from mech_twin.studies.identification.free_keys import assumed_keys
+from mech_twin.studies.identification.free_keys import AUTO, assumed_keys, machine_keys
 from mech_twin.studies.identification.identification import Identification, identified
 from mech_twin.studies.identification.question import IdentificationQuestion
 from mech_twin.studies.identification.saved_identification import SavedIdentification, check_out, is_file
 
+BOUNCE_KEY = "restitution"  # of a machine whose runs may be bounces without a name
 
-def identify_machine(asked: IdentifyRequest) -> None:
+
+def identify_machine(verb: IdentifyVerb) -> None:
     """Fit the free keys to the runs; write what was found, unless what was held out is foretold no better with it."""
+    asked = IdentifyRequest(**dict(verb))
+    if asked.latest_begin_s is not None and asked.begin != "unknown":
+        raise CommandError(f"--latest-begin {asked.latest_begin_s:g}: expected --begin unknown beside it")
     if asked.plan:
         _plan(asked)
         return
     if not asked.runs:
         raise CommandError("expected at least one run, a bag or a table")
+    if _bouncing(asked):
+        from mech_twin.cli.identify_bounces import identify_bounces
+
+        identify_bounces(asked)
+        return
     machine = asked.configured
     turn = model_turn(machine)
     if _motion(asked, turn, guided=isinstance(machine.linkage, GuidedLinkage)) == "measured":
@@ -59,7 +72,7 @@ def identify_machine(asked: IdentifyRequest) -> None:
     runs = [_run(path, asked, turn) for path in fitted]
     with _telling(asked) as told:
         found = identified(question, runs, [_run(path, asked, turn) for path in held], share, told)
-    saved = SavedIdentification(found, tuple(fitted), tuple(held), asked.known_map_file)
+    saved = SavedIdentification(found, tuple(fitted), tuple(held), asked.map_file)
     if asked.as_json:
         print_json(saved.document)
     else:
@@ -85,12 +98,27 @@ def _plan(asked: IdentifyRequest) -> None:
     show_plan(_question(asked, base), asked.sensors, asked.map_file, asked.duration_s, as_json=asked.as_json)
 
 
+def _bouncing(asked: IdentifyRequest) -> bool:
+    """Return whether the runs are positions of something that bounces, without a name of the machine."""
+    if asked.motion != "auto" or asked.map_file is not None:
+        return asked.motion == "bounces"
+    from mech_twin.cli.map import NoNameError
+
+    try:
+        asked.given_map  # noqa: B018
+    except NoNameError:
+        if number_in(configuration_tree(asked.configured.parameters), BOUNCE_KEY) is None:
+            raise
+        return True
+    return False
+
+
 def _motion(asked: IdentifyRequest, turn: ModelTurn | None, *, guided: bool) -> str:
     """Return what moves the model: the measured crank, if lengths are asked for and nothing but positions tell them."""
     if asked.motion != "auto":
         return asked.motion
     names = [channel.quantity for channel in asked.given_map.channels]
-    if turn is None or not guided or not asked.free or not set(names) & set(TURNING):
+    if turn is None or not guided or AUTO in asked.free or not asked.free or not set(names) & set(TURNING):
         return "simulated"
     led = {name.rpartition(".")[0] for name in {*turn.led, *TURNING} if joint_column(name) is not None}
     moving = all(
@@ -102,13 +130,22 @@ def _motion(asked: IdentifyRequest, turn: ModelTurn | None, *, guided: bool) -> 
 
 def _question(asked: IdentifyRequest, base: Parameters) -> IdentificationQuestion:
     keys, bounds = bounded_keys(asked.free)
+    if AUTO in keys:
+        keys = tuple(dict.fromkeys((*(key for key in keys if key != AUTO), *machine_keys(asked.machine, base))))
     keys = keys or assumed_keys(asked.machine, base, asked.config)
     keys = tuple(key for key in keys if key not in asked.fixed)
     if not keys:
         raise CommandError(f"{asked.machine}: no key is free; expected --free KEY")
-    begin = asked.latest_begin_s if asked.begin == "unknown" else 0.0
     return IdentificationQuestion(
-        asked.machine, base, keys, bounds, prior_keys(asked.priors), begin, asked.seed, asked.cores, asked.scheduler
+        asked.machine,
+        base,
+        keys,
+        bounds,
+        prior_keys(asked.priors),
+        asked.begin_bound_s,
+        asked.seed,
+        asked.cores,
+        asked.scheduler,
     )
 
 
@@ -137,6 +174,9 @@ def _show(found: Identification) -> None:
     heads = ("key", "before", "estimate", "95 % from", "to", "verdict")
     rows = [(k.key, k.before, k.estimate, k.low_95, k.high_95, k.verdict) for k in found.keys]
     print_table(f"{found.question.machine}: identified in {found.seconds:.1f} s", heads, rows)
+    if found.search.starts > 1:
+        ahead = f", the second best {found.search.margin:.3g} times as far off" if found.search.valleys > 1 else ""
+        say(f"{found.search.starts} starts ended in {found.search.valleys} valleys{ahead}")
     for key in found.keys:
         if key.verdict != "identified":
             say(f"{key.key}: {key.verdict}, {key.reason}")

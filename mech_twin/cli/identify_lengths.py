@@ -15,10 +15,11 @@ from mech_twin.cli.identify_request import NOT_BETTER, IdentifyRequest, split_ru
 from mech_twin.measurements.measurement_map import MeasurementMap
 from mech_twin.measurements.model_turn import TURNING, model_turn
 from mech_twin.measurements.runs import read_run
-from mech_twin.nodes.opened_runs import opened_run
+from mech_twin.opened_runs import opened_run
 from mech_twin.output_file import check_output_file, written_file
 from mech_twin.parameters.load import assignments, description_text, machine_parameters
 from mech_twin.parameters.load import machine as built_machine
+from mech_twin.studies.identification.free_keys import AUTO
 from mech_twin.studies.identification.geometry_fit import GeometryData, geometry_data
 from mech_twin.studies.identification.geometry_model import GeometryModel
 from mech_twin.studies.identification.geometry_report import GeometryReport, geometry_report
@@ -32,6 +33,10 @@ def identify_lengths(asked: IdentifyRequest) -> None:
     _refuse_unused(asked)
     if not asked.free:
         raise CommandError("--free: expected at least one key of the configuration, such as crank_m")
+    if AUTO in asked.free:
+        raise CommandError(
+            f"--free {AUTO}: expected keys, or --motion simulated; the measured motion fits lengths alone"
+        )
     given = asked.given_map
     base = machine_parameters(asked.machine, asked.config, assignments(asked.settings))
     model = GeometryModel(asked.machine, base, tuple(asked.free), _columns(asked, given))

@@ -9,8 +9,8 @@ from pathlib import Path
 
 from mech_twin.cli.console import print_json, print_table, say
 from mech_twin.cli.failure import CommandError
-from mech_twin.nodes.opened_runs import given_map
-from mech_twin.parameters.load import catalogue_entry
+from mech_twin.opened_runs import given_map
+from mech_twin.parameters.load import catalogue_entry, kind_of
 from mech_twin.studies.identification.combinations import Combination
 from mech_twin.studies.identification.question import IdentificationQuestion
 from mech_twin.studies.identification.sensor_plan import sensor_plan
@@ -32,9 +32,10 @@ def show_plan(
     built = catalogue_entry(question.machine).build(question.base)
     sensors = given_map(sensors_file, built)
     opened = None if map_file is None else given_map(map_file, built)
+    kind = kind_of(question.machine)
     for given, file in ((sensors, sensors_file), (opened, map_file)):
-        if given is not None and given.machine != question.machine:
-            raise CommandError(f"{file}: key 'machine', value {given.machine!r}: expected {question.machine!r}")
+        if given is not None and given.machine != kind:
+            raise CommandError(f"{file}: key 'machine', value {given.machine!r}: expected {kind!r}")
     names = [channel.quantity for channel in sensors.channels]
     if opened is not None and [channel.quantity for channel in opened.channels] != names:
         raise CommandError(f"{map_file}: expected the channels of {sensors_file}, in their order")

@@ -4,14 +4,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
+from mech_twin.cli.console import say
 from mech_twin.cli.failure import CommandError
+from mech_twin.cli.measurement_verbs import IdentifyVerb
 from mech_twin.measurements.measurement_map import MeasurementMap
-from mech_twin.nodes.opened_runs import given_map
-from mech_twin.parameters.load import assignments
+from mech_twin.opened_runs import given_map
+from mech_twin.parameters.load import assignments, kind_of
 from mech_twin.parameters.load import machine as built_machine
 from mech_twin.roles import Machine
 
@@ -22,50 +23,22 @@ LATEST_BEGIN_S = 10.0
 LARGEST_SHARE = 0.8
 
 
-@dataclass(frozen=True)
-class IdentifyRequest:
-    """What `mech-twin identify` was asked for.
-
-    Attributes
-    ----------
-    free, fixed, priors : sequence of str
-        As written: ``KEY`` or ``KEY=LOW:HIGH``, ``KEY``, ``KEY=MEAN,SD``.
-    hold_out : str or None
-        A run, or a share of each.
-    motion : str
-        ``auto``, ``measured`` (the measured crank drives the mechanism) or ``simulated``.
-    begin : str
-        ``start`` (the run's times are those of the machine's own run) or ``unknown``.
-    """
-
-    machine: str
-    runs: Sequence[Path]
-    map_file: Path | None
-    free: Sequence[str] = ()
-    hold_out: str | None = None
-    config: Path | None = None
-    settings: Sequence[str] = ()
-    out: Path | None = None
-    force: bool = False
-    as_json: bool = False
-    fixed: Sequence[str] = ()
-    priors: Sequence[str] = ()
-    motion: str = "auto"
-    begin: str = "start"
-    latest_begin_s: float = LATEST_BEGIN_S
-    seed: int = 0
-    cores: int | None = None
-    plan: bool = False
-    sensors: Path | None = None
-    duration_s: float | None = None
-    scheduler: str | None = None
+class IdentifyRequest(IdentifyVerb):
+    """What `mech-twin identify` was asked for, and what its options mean."""
 
     @cached_property
     def given_map(self) -> MeasurementMap:
-        """The map, checked to be of this machine."""
-        found = given_map(self.known_map_file, self.configured)
-        if found.machine != self.machine:
-            raise CommandError(f"{self.map_file}: key 'machine', value {found.machine!r}: expected {self.machine!r}")
+        """The map, checked to be of this machine; where none is given, the one proposed for the runs."""
+        if self.map_file is None:
+            from mech_twin.cli.map import proposal
+
+            proposed = proposal(self.runs, self.configured)
+            say(f"map, as `mech-twin map` proposes it:\n{proposed.text.rstrip()}")
+            return proposed.known
+        found = given_map(self.map_file, self.configured)
+        kind = kind_of(self.machine)
+        if found.machine != kind:
+            raise CommandError(f"{self.map_file}: key 'machine', value {found.machine!r}: expected {kind!r}")
         return found
 
     @cached_property
@@ -74,11 +47,11 @@ class IdentifyRequest:
         return built_machine(self.machine, self.config, assignments(self.settings))
 
     @property
-    def known_map_file(self) -> Path:
-        """The file of the map."""
-        if self.map_file is None:
-            raise CommandError("--map: expected the map of the runs, as `mech-twin map` proposes it")
-        return self.map_file
+    def begin_bound_s(self) -> float:
+        """The latest beginning of a run within the machine's own."""
+        if self.begin != "unknown":
+            return 0.0
+        return LATEST_BEGIN_S if self.latest_begin_s is None else self.latest_begin_s
 
     @property
     def held_out_run(self) -> Path | None:

@@ -4,20 +4,23 @@
 from __future__ import annotations
 
 from collections import Counter
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import yaml
 
+from mech_twin.bounded_yaml import bounded_yaml
 from mech_twin.cli.console import print_csv, print_json, print_table, say, say_result
 from mech_twin.cli.failure import CommandError
+from mech_twin.cli.pages import check_is_no_page
+from mech_twin.cli.verbs import InfoVerb
 from mech_twin.measurements.tables import is_table
 
 if TYPE_CHECKING:
-    from mech_twin.recording.bag_contents import BagInfo
+    from mech_twin.recording.bag_contents import BagInfo, RecordingReader
+    from mech_twin.studies.configuration_history import ConfigurationHistory
 
-COUNTERS = ("received", "written", "dropped", "missed", "late")
-LOSSES = ("dropped", "missed", "late")
+COUNTERS = ("received", "written", "dropped", "cut", "missed", "late")
+LOSSES = ("dropped", "cut", "missed", "late")
 GROUPS = {  # by what a topic's path begins with, below the machine's namespace; the last takes the others
     "motion": ("joint_states", "motor/joint_states", "body/joint_states", "scene", "frames"),
     "forces and blows": ("forces/", "body/pressing_force", "impacts"),
@@ -28,35 +31,51 @@ GROUPS = {  # by what a topic's path begins with, below the machine's namespace;
 WIDE = 400
 
 
-def show_info(bag: Path, *, as_json: bool, as_csv: bool = False, wide: bool = False) -> None:
-    """Print messages per topic, loss counters, files and problems.
+def show_info(asked: InfoVerb) -> None:
+    """Print messages per topic, loss counters, files and problems; with a map, the quality of channels."""
+    bag = asked.bag
+    if asked.given_map is not None:
+        from mech_twin.cli.measurement import examine_by_file
 
-    Parameters
-    ----------
-    bag : Path
-        The recording.
-    as_json, as_csv : bool
-        Print everything as JSON, or the table of topics as CSV, instead of tables.
-    wide : bool
-        All columns, whatever the width of the terminal; else those that fit 80 columns.
-    """
+        examine_by_file(bag, asked.given_map, asked.config, as_json=asked.as_json)
+        return
+    check_is_no_page(bag)
     if is_table(bag):
         raise CommandError(f"{bag}: a table says what its columns are with --map FILE; `mech-twin map` proposes one")
-    from mech_twin.recording.bag_reader import bag_info
+    from mech_twin.nodes.run.domain import settle_domain
 
-    document = info_record(bag_info(bag))
-    if as_json:
+    settle_domain()
+    from mech_twin.recording.bag_reader import about_bag
+
+    info, described = about_bag(bag, _described)
+    document = info_record(info)
+    if described is not None:
+        document |= {"machine": described.name, "version": ", ".join(described.versions)}
+    if asked.as_json:
         print_json(document)
         return
-    if as_csv:
+    if asked.as_csv:
         print_csv(("topic", "type", "messages", *COUNTERS), [_counted(*item) for item in document["topics"].items()])
         return
     _print_head(document)
-    _print_topics(document["topics"], wide)
+    _print_topics(document["topics"], asked.wide)
     rows = [tuple("-" if value is None else value for value in split.values()) for split in document["splits"]]
     print_table("files", ("file", "bytes", "start, s", "end, s", "messages"), rows)
     for problem in document["problems"]:
         say(problem)
+
+
+def _described(reader: RecordingReader) -> ConfigurationHistory | None:
+    """Return the machine of a bag as `replay --resimulate` knows it; None where the bag does not say."""
+    from mech_twin.configuration_tree import ConfigurationError
+    from mech_twin.recording.bag_samples import BagSamples
+    from mech_twin.recording.errors import BagError
+    from mech_twin.studies.configuration_history import ConfigurationHistory
+
+    try:
+        return ConfigurationHistory(BagSamples(reader).descriptions(), str(reader.path))
+    except (BagError, ConfigurationError):
+        return None
 
 
 def _print_head(document: dict[str, Any]) -> None:
@@ -64,10 +83,11 @@ def _print_head(document: dict[str, Any]) -> None:
     duration, losses = document["duration_s"], _losses(document["topics"])
     length = "length unknown" if duration is None else f"{duration:.6g} s"
     whole = "complete" if document["finished"] else "not complete: the recording was not closed"
+    if document["finished"] and (document["problems"] or losses["dropped"] or losses["cut"]):
+        whole = "closed, but not complete"
     counted = any(topic["counters"] for topic in document["topics"].values())
-    lost = ", ".join(f"{count} {name}" for name, count in losses.items() if count) or (
-        "nothing lost" if counted else ""
-    )
+    sound = counted and document["finished"] and not document["problems"]
+    lost = ", ".join(f"{count} {name}" for name, count in losses.items() if count) or ("nothing lost" if sound else "")
     say_result("; ".join(filter(None, [f"{document['machine'] or 'unknown machine'}, {length}", whole, lost])))
     size = sum(split["size_bytes"] or 0 for split in document["splits"])
     files = f"{len(document['splits'])} file{'' if len(document['splits']) == 1 else 's'}"
@@ -157,7 +177,7 @@ def info_record(info: BagInfo) -> dict[str, Any]:
 def _configuration_head(text: str | None) -> dict[str, str]:
     """Return machine and version of a configuration, if they can be read."""
     try:
-        tree = yaml.safe_load(text) if text else None
+        tree = bounded_yaml(text) if text else None
     except (yaml.YAMLError, ValueError, RecursionError):
         return {}
     return {key: str(tree[key]) for key in ("machine", "version") if key in tree} if isinstance(tree, dict) else {}

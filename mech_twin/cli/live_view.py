@@ -3,28 +3,81 @@
 
 from __future__ import annotations
 
+import logging
+import os
 import time
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
+from mech_twin.cli.compile_progress import LOGGER
 from mech_twin.cli.console import say
 from mech_twin.cli.failure import CommandError
-from mech_twin.dependencies import require_extra
+from mech_twin.configuration_tree import configuration_tree
+from mech_twin.dependencies import require_modules
+from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.output_file import check_output_file
+from mech_twin.parameters.load import PAGE, machine_parameters
+from mech_twin.parent_death import end_with_parent
 from mech_twin.stop_signal import StopSignal
+from mech_twin.studies.run_comparison import leaves
+from mech_twin.view.bench.link import BEGUN_BY
 
-WEB_VIEWS = ("web", "light", "full")
+if TYPE_CHECKING:
+    from mech_twin.quantity import Parameters
+    from mech_twin.view.bench.link import BenchLink
+
+WEB_VIEWS = ("web",)
 NO_VIEW = "none"
-LIVE_HISTORY = "4MiB"  # a page opened later has to take all of it in before it shows the present
 LOOK_S = 0.1
+RUN_ORDERS = ("start", "stop", "reset", "pause", "step", "speed", "change")
+SHADOW_ORDERS = ("acknowledge", "shelve", "accept", "reject")
 
 
 class OpenedView(NamedTuple):
-    """Where the view is sent - a viewer started here, a file, or nowhere - and the address of its page."""
+    """Where the view is sent - a bench started here, a file, or nowhere - the address of its page, and a link to it."""
 
     destination: str | None
     page: str = ""
+    link: BenchLink | None = None
+
+    def tell(self, kind: str, content: Mapping[str, Any]) -> None:
+        """Tell the page something, if there is one."""
+        if self.link is not None:
+            self.link.tell(kind, content)
+
+
+class CompileStatus(logging.Handler):
+    """Handler of the compiler's logger: says on the page which kernel is compiled, and how many were."""
+
+    def __init__(self, link: BenchLink) -> None:
+        super().__init__(logging.INFO)
+        self._link = link
+        self._begun_s = time.monotonic()
+        self._end: Callable[[], None] | None = None
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Begin to count with the compiler's first line."""
+        if self._end is None:
+            from mech_twin.kernel_cache import on_compile
+
+            self._begun_s = time.monotonic()
+            self._end = on_compile(self.compiling)
+
+    def compiling(self, kernel: str, count: int) -> None:
+        """Say which kernel is compiled now, the ``count``-th."""
+        spent_s = time.monotonic() - self._begun_s
+        name = kernel.rpartition(".")[2]
+        text = f"compiling kernels for this processor, once: number {count} ({name}), {spent_s:.0f} s"
+        self._link.tell("status", {"text": text})
+
+    def close(self) -> None:
+        """Observe no longer."""
+        if self._end is not None:
+            self._end()
+            self._end = None
+        super().close()
 
 
 def check_view(view: str, port: int, *, force: bool) -> None:
@@ -36,35 +89,70 @@ def check_view(view: str, port: int, *, force: bool) -> None:
         It is no view, has no page for the port, or its file exists and may not be overwritten.
     """
     if view not in (*WEB_VIEWS, NO_VIEW) and not view.endswith(".rrd"):
-        raise CommandError(f"--view {view}: expected web, light, full, none or a file NAME.rrd")
+        raise CommandError(f"--view {view}: expected web, none or a file NAME.rrd")
     if port and view not in WEB_VIEWS:
-        raise CommandError(
-            f"--view-port {port}: expected --view {', '.join(WEB_VIEWS[:-1])} or {WEB_VIEWS[-1]} beside it"
-        )
+        raise CommandError(f"--view-port {port}: expected --view {WEB_VIEWS[0]} beside it")
     if view.endswith(".rrd"):
         check_output_file(Path(view), force=force)
 
 
 def opened_view(view: str, port: int, stack: ExitStack, *, open_to_other_hosts: bool = False) -> OpenedView:
-    """Return where the view goes, its viewer started and left to the stack."""
+    """Return where the view goes, its bench started and left to the stack."""
     if view == NO_VIEW:
         return OpenedView(None)
-    require_extra("view")
     if view not in WEB_VIEWS:
+        require_modules("rerun", "pyarrow")
         return OpenedView(view)
-    from mech_twin.view.viewer_process import ViewerProcess
+    found = opened_bench(port, stack, open_to_other_hosts=open_to_other_hosts)
+    assert found.link is not None
+    found.tell("status", {"text": "loading"})
+    logger, handler = logging.getLogger(LOGGER), CompileStatus(found.link)
+    level = logger.level
+    logger.addHandler(handler)
+    logger.setLevel(logging.INFO)
+    stack.callback(handler.close)
+    stack.callback(logger.setLevel, level)
+    stack.callback(logger.removeHandler, handler)
+    return found
 
-    viewer = stack.enter_context(
-        ViewerProcess(
-            port or None,
-            open_to_other_hosts=open_to_other_hosts,
-            memory_limit=LIVE_HISTORY,
-            newest_first=True,
-            announce=say,
-        )
+
+def opened_bench(
+    port: int, stack: ExitStack, *, open_to_other_hosts: bool = False, history_bytes: int = 32 << 20
+) -> OpenedView:
+    """Start a bench, say its address, and leave it to the stack; or return the bench that has begun this command."""
+    require_modules("aiohttp")
+    from mech_twin.view.bench.link import BenchLink
+
+    if (place := os.environ.get(BEGUN_BY)) is not None:
+        end_with_parent(os.getppid())
+        return OpenedView(place, "", stack.enter_context(BenchLink(place)))
+    from mech_twin.view.bench.started import StartedBench
+
+    bench = stack.enter_context(
+        StartedBench(port or None, open_to_other_hosts=open_to_other_hosts, history_bytes=history_bytes, announce=say)
     )
-    say(f"view: {viewer.web_url}")
-    return OpenedView(f"{viewer.grpc_url}#{view}@{viewer.reports_directory}", viewer.web_url)
+    say(f"view: {bench.url}")
+    return OpenedView(bench.place, bench.url, stack.enter_context(BenchLink(bench.place)))
+
+
+def told_machine(name: str, namespace: str, orders: Sequence[str], parameters: Parameters | None) -> dict[str, Any]:
+    """Return what the page has to know to command: where the machine is, which orders it takes, its live parameters."""
+    from mech_twin.nodes.exchange.parameter_bridge import live_keys
+
+    keys = [] if parameters is None else live_keys(parameters)
+    tree = None if parameters is None else configuration_tree(parameters)
+    told = {"name": name, "namespace": namespace, "orders": list(orders), "parameters": keys}
+    return told | {"configuration": tree, "settings": [] if tree is None else changed_settings(name, tree)}
+
+
+def changed_settings(name: str, tree: Mapping[str, Any]) -> list[list[str]]:
+    """Return key, value as installed and value of what differs in a configuration of a machine of the catalogue."""
+    if name not in CATALOGUE or name == PAGE.name:
+        return []
+    installed = dict(leaves(configuration_tree(machine_parameters(name))))
+    return [
+        [key, str(installed.get(key, "-")), str(value)] for key, value in leaves(tree) if installed.get(key) != value
+    ]
 
 
 def hold_view(page: str) -> None:

@@ -4,12 +4,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from mech_twin.cli.console import print_json, say, say_result
 from mech_twin.cli.failure import CommandError
 from mech_twin.cli.measurement import quality_record, show_quality
+from mech_twin.cli.measurement_verbs import MapVerb
 from mech_twin.measurements.blocks import RunReader
 from mech_twin.measurements.errors import MeasurementError
 from mech_twin.measurements.machine_columns import machine_columns
@@ -19,47 +21,81 @@ from mech_twin.measurements.plausibility import implausible, pairs_with_crank
 from mech_twin.measurements.proposal import UNSURE, ProposedChannel, map_of, map_text, proposed_channels
 from mech_twin.measurements.quality import Quality
 from mech_twin.measurements.runs import MeasuredRun, channel_qualities, read_run
-from mech_twin.nodes.opened_runs import opened_run
+from mech_twin.opened_runs import opened_run
 from mech_twin.output_file import YAML_SUFFIXES, check_output_file, written_file
 from mech_twin.parameters.load import machine as built_machine
+from mech_twin.roles import Machine
 
 TRUSTED = 0.9  # correlation from which the sign is believed
 MOST_SAMPLES = 2_000_000  # of a run that is compared with the model
 
 
-def propose_map(
-    measurement: Path, machine: str, config: Path | None, out: Path | None, *, force: bool, as_json: bool
-) -> None:
+@dataclass(frozen=True)
+class Proposal:
+    """A map proposed for runs of one kind, as text and as it is read; the quality of each run, and contradictions."""
+
+    text: str
+    known: MeasurementMap
+    qualities: dict[Path, tuple[Quality, ...]]
+    problems: list[str]
+
+
+def propose_map(asked: MapVerb) -> None:
     """Write the proposed map to a file or to standard output, and the table of data quality after it."""
+    measurements, machine, out = asked.measurements, asked.machine, asked.out
     if out is not None:
-        check_output_file(out, force=force, suffixes=YAML_SUFFIXES)
-    built = built_machine(machine, config)
+        check_output_file(out, force=asked.force, suffixes=YAML_SUFFIXES)
+    found = proposal(measurements, built_machine(machine, asked.config))
+    _write(found.text, out, asked.force, quiet=asked.as_json)
+    if asked.as_json:
+        record: dict[str, Any] = {"measurement": str(measurements[0]), "machine": machine, "map": found.text}
+        channels = [quality_record(found.known, qualities) for qualities in found.qualities.values()]
+        runs = [{"measurement": str(p), "channels": c} for p, c in zip(measurements, channels, strict=True)]
+        print_json({**record, "problems": found.problems, "channels": channels[0], "runs": runs})
+        return
+    for path, qualities in found.qualities.items():
+        show_quality(path, found.known, qualities)
+    for problem in found.problems:
+        say(problem)
+
+
+def proposal(measurements: Sequence[Path], built: Machine) -> Proposal:
+    """Return the map of runs that have the same channels: names, units and signs from the first.
+
+    Raises
+    ------
+    CommandError
+        None of the channels has a name of the machine, or a further run has not those that the first is mapped by.
+    """
     columns = machine_columns(built)
-    with opened_run(measurement) as reader:
+    with opened_run(measurements[0]) as reader:
         offered, time = reader.offered(), reader.proposed_time()
         channels = proposed_channels(offered, columns)
-        proposed = map_of(machine, time, channels)
+        proposed = map_of(built.name, time, channels)
         if proposed is None:
             names = ", ".join(repr(each.source.label) for each in offered[:12]) or "none"
-            raise CommandError(
-                f"{measurement}: none of its channels has a name of {machine}; they are {names}; write the map by hand"
+            raise NoNameError(
+                f"{measurements[0]}: none of its channels has a name of {built.name}; they are {names}; "
+                "write the map by hand"
             )
-        qualities = channel_qualities(reader, proposed)
-        run, problems = _measured(reader, proposed, qualities)
+        qualities = {measurements[0]: tuple(channel_qualities(reader, proposed))}
+        run, problems = _measured(reader, proposed, qualities[measurements[0]])
     turn = model_turn(built) if turning_column(columns) and run is not None else None
     notes: dict[str, str] = {}
     if run is not None and turn is not None:
         channels, notes = _signed(channels, run, turn)
         problems += implausible(_with_signs(run, channels), turn, columns)
-    text = map_text(machine, time, channels, notes, columns)
-    _write(text, out, force, quiet=as_json)
-    if as_json:
-        record = {"measurement": str(measurement), "machine": machine, "map": text, "problems": problems}
-        print_json({**record, "channels": quality_record(proposed, qualities)})
-        return
-    show_quality(measurement, proposed, qualities)
-    for problem in problems:
-        say(problem)
+    for path in measurements[1:]:
+        with opened_run(path) as reader:
+            qualities[path] = tuple(channel_qualities(reader, proposed))
+    runs = measurements if len(measurements) > 1 else ()
+    known = map_of(built.name, time, channels)
+    assert known is not None
+    return Proposal(map_text(built.name, time, channels, notes, columns, runs), known, qualities, problems)
+
+
+class NoNameError(CommandError):
+    """No channel of a measurement has a name of the machine."""
 
 
 def _measured(

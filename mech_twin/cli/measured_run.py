@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING, NamedTuple
 from mech_twin.cli.console import print_json, print_numbers, print_table, progress, say
 from mech_twin.cli.failure import CommandError
 from mech_twin.cli.measurement import checked_run
+from mech_twin.cli.verbs import ReplayVerb
 from mech_twin.measurements.crank_motion import CrankMotion, crank_motion
 from mech_twin.measurements.model_turn import ModelTurn, model_turn
 from mech_twin.measurements.runs import MeasuredRun
-from mech_twin.nodes.opened_runs import configured_map, opened_run
+from mech_twin.opened_runs import configured_map, opened_run
 from mech_twin.parameters.load import machine as built_machine
 from mech_twin.roles import Machine
 from mech_twin.samples import Drawing, ForceSample, LinkageSample
@@ -22,6 +23,7 @@ from mech_twin.studies.measured_forces import guided_samples, measured_forces
 
 if TYPE_CHECKING:
     from mech_twin.stop_signal import StopSignal
+    from mech_twin.view.bench.scene import BenchScene
     from mech_twin.view.rerun_scene import RerunScene
 
 OUTSIDE_TOLERANCE = 1
@@ -56,14 +58,13 @@ def read_measured(measurement: Path, map_file: Path, config: Path | None) -> Rea
     return Read(run, machine, turn, crank_motion(run, turn))
 
 
-def analyse_measured(
-    measurement: Path, map_file: Path, config: Path | None, tolerance: float | None, *, as_json: bool
-) -> None:
+def analyse_measured(asked: ReplayVerb, map_file: Path) -> None:
     """Print the largest forces of a measured motion, and every other channel beside the model in the same motion.
 
     With a tolerance, exit code 1 where a channel is off by more than that share of its own size.
     """
-    read = read_measured(measurement, map_file, config)
+    measurement, tolerance = asked.bag, asked.tolerance
+    read = read_measured(measurement, map_file, asked.config)
     samples = guided_samples(read.machine, read.motion, read.run)
     with progress(samples, len(read.motion.times_s), "analysing") as counted:
         found = measured_forces(iter(counted), read.run, read.turn.crank)
@@ -75,7 +76,7 @@ def analyse_measured(
         "largest": found.largest,
         "compared": [{**asdict(each), "share": each.share} for each in found.compared],
     }
-    if as_json:
+    if asked.as_json:
         print_json(document)
     else:
         print_numbers(f"{measurement}: largest forces in {found.samples} samples", found.largest)
@@ -98,7 +99,7 @@ def shown_samples(read: Read) -> Iterator[tuple[LinkageSample, ForceSample, Draw
         yield linkage, forces, Drawing(linkage.step, linkage.time_s, read.machine.draw(linkage, None))
 
 
-def show_measured(scene: RerunScene, read: Read, stop: StopSignal) -> None:
+def show_measured(scene: BenchScene | RerunScene, read: Read, stop: StopSignal) -> None:
     """Draw the mechanism in the measured motion, with its forces."""
     if read.machine.mechanism is not None:
         scene.know(read.machine.mechanism, read.machine.blow_energy)

@@ -12,14 +12,16 @@ from typing import Any
 from mech_twin.captions import unit_of
 
 GROUPS = ("operation", "impacts", "bearings", "design", "checks")
-HEADLINES = {"operation": 5, "impacts": 4, "bearings": 2}
-FORCES = ("N", "kN", "N s")
+HEADLINES = {"operation": 5, "impacts": 8, "bearings": 3}
+BEARING_FORCES = 2  # of the headlines of bearings; beside them the largest impulse of a blow
+IMPULSE = "N s"
+FORCES = ("N", "kN", IMPULSE)
 BEARING_WORDS = frozenset(
     {"bearing", "pin", "shaft", "guide", "rod", "shaking", "dyad", "ground", "harmonic", "rotating"}
 )
 IMPACT_WORDS = frozenset(
     {"blow", "blows", "impact", "impacts", "striking", "hardest", "chatter", "contact", "stop", "releases"}
-    | {"gap", "lift", "feed", "body", "return", "press", "layer", "periods", "rests", "period"}
+    | {"settled", "spring", "gap", "lift", "feed", "body", "return", "press", "layer", "periods", "rests", "period"}
 )
 CHECK_WORDS = ("worst_", "energy_unbalanced")
 # what an analysis compares or judges, and what of it follows from the dimensions and the rating alone
@@ -36,11 +38,21 @@ SPANS = ("steady", "turn", "run")  # the span that says most of a machine at wor
 RANKS = {
     "operation": (
         *("blow_rate", "speed_mean", "speed_max", "largest_absolute_crank_speed", "fluctuation", "uniformity"),
-        *("power_mean", "motor_power", "torque_max", "torque_peak", "motor_torque", "heating", "velocity_max"),
+        *("power_mean", "motor_power", "torque_max", "torque_peak", "motor_torque", "rotor_loss", "velocity_max"),
         *("radius", "turns", "drive_work"),
     ),
     "impacts": (
-        *("blow_rate", "blow_energy_j", "impact_speed", "blow_impulse_ns", "hardest", "feed", "gap", "stop_force"),
+        *(
+            "blow_rate",
+            "blow_energy_j",
+            "blow_efficiency",
+            "impact_speed",
+            "blow_impulse_ns",
+            "gap_at_blow",
+            "settled_at",
+            "spring_force",
+        ),
+        *("hardest", "feed", "gap", "stop_force"),
         *("blows", "impacts", "contact_events", "layer_work"),
     ),
 }
@@ -103,7 +115,11 @@ def headlines(numbers: Mapping[str, Any], group: str) -> dict[str, Any]:
         ranks = [_rank(name, numbers[name], group)[0] for name in order]
         order = [name for i, name in enumerate(order) if ranks[i] < len(RANKS[group]) and ranks[i] not in ranks[:i]]
     first = dict.fromkeys(_stem(name) for name in order)
-    chosen = [next(name for name in order if _stem(name) == stem) for stem in first][: HEADLINES[group]]
+    chosen = [next(name for name in order if _stem(name) == stem) for stem in first]
+    if group == "bearings":
+        impulses = [name for name in chosen if unit_of(name) == IMPULSE]
+        chosen = [name for name in chosen if name not in impulses][:BEARING_FORCES] + impulses
+    chosen = chosen[: HEADLINES[group]]
     return {name: numbers[name] for name in chosen}
 
 

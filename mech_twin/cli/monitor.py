@@ -5,25 +5,28 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from pydantic import ValidationError
 
+from mech_twin.capabilities.blow_gauge import GAUGE_UNITS
 from mech_twin.cli.console import say
 from mech_twin.cli.failure import CommandError
+from mech_twin.cli.measurement_verbs import MonitorVerb
 from mech_twin.cli.monitor_output import Judged, show_design, show_runs
 from mech_twin.engine.rollout import roll_out
+from mech_twin.input_file import opened_input
 from mech_twin.measurements.blocks import RunReader
 from mech_twin.measurements.machine_columns import is_event, machine_columns
 from mech_twin.measurements.measurement_map import Channel, MeasurementMap, Source
 from mech_twin.measurements.proposal import EXACT, map_of, proposed_channels
-from mech_twin.measurements.runs import MeasuredRun, read_run
-from mech_twin.nodes.opened_runs import given_map, opened_run
+from mech_twin.measurements.runs import read_parts
+from mech_twin.opened_runs import given_map, opened_run
 from mech_twin.output_file import check_output_file, written_file
 from mech_twin.parameters.errors import refusal
-from mech_twin.parameters.load import assignments, catalogue_entry, machine_parameters
+from mech_twin.parameters.load import assignments, catalogue_entry, kind_of, machine_parameters
 from mech_twin.quantity import Parameters
 from mech_twin.roles import Machine
 from mech_twin.studies.monitoring.cycle_features import FeatureVector
@@ -35,7 +38,7 @@ from mech_twin.studies.monitoring.design import (
     simulated_vectors,
 )
 from mech_twin.studies.monitoring.monitor import Monitor, MonitorSetup
-from mech_twin.studies.monitoring.report import judged, known_sensors, seen_of_run
+from mech_twin.studies.monitoring.report import judged, known_sensors, vectors_of_parts
 from mech_twin.studies.monitoring.setup_record import LARGEST_BYTES, SetupRecord
 from mech_twin.studies.monitoring.signatures import MonitoredMachine
 
@@ -44,35 +47,21 @@ HEALTHY_SHARE = 0.4  # of the first run, where no baseline is given
 SETUP_SUFFIX = ".json"
 ARL0_H = 24.0
 EVENTS_OF_S = 2.0  # of the model's own run, that tell which contacts its events have
+IMPACTS, BLOW_GAUGE = "impacts", "blow/gauge"  # topics of the twin, below its namespace
 EVENT_FIELDS = {"time": "stamp", "pre_velocity": "vector.x", "post_velocity": "vector.y", "impulse": "vector.z"}
 
 
-class MonitorRequest(NamedTuple):
-    """What `mech-twin monitor` was asked for."""
-
-    machine: str
-    runs: Sequence[Path]
-    map_file: Path | None = None
-    config: Path | None = None
-    settings: Sequence[str] = ()
-    baseline: Path | None = None
-    save_baseline: Path | None = None
-    known_arl0_h: float | None = None
-    skip_s: float | None = None
-    design: bool = False
-    sensors: Path | None = None
-    seed: int = 0
-    force: bool = False
-    as_json: bool = False
-
-    @property
-    def arl0_h(self) -> float:
-        """The mean time between false alarms that a new reference is made for."""
-        return ARL0_H if self.known_arl0_h is None else self.known_arl0_h
+def _arl0_h(asked: MonitorVerb) -> float:
+    """Return the mean time between false alarms that a new reference is made for."""
+    return ARL0_H if asked.known_arl0_h is None else asked.known_arl0_h
 
 
-def monitor_machine(asked: MonitorRequest) -> None:
+def monitor_machine(asked: MonitorVerb) -> None:
     """Judge runs, or a sensor set; exit with 1 where a fault was found."""
+    if asked.seed is not None and asked.baseline is not None and asked.baseline.suffix == SETUP_SUFFIX:
+        raise CommandError(
+            f"--seed {asked.seed}: {asked.baseline} holds thresholds already; expected a run as --baseline"
+        )
     parameters = machine_parameters(asked.machine, asked.config, assignments(asked.settings))
     if asked.design:
         _design(asked, parameters)
@@ -91,7 +80,7 @@ def monitor_machine(asked: MonitorRequest) -> None:
         say(f"written to {asked.save_baseline}")
     found = [Judged(str(run.path), judged(Monitor(setup), run.vectors, run.skipped)) for run in runs]
     show_runs(setup, runs[0].units, found, as_json=asked.as_json)
-    if any(run.found.alarms for run in found):
+    if any(run.found.has_fault for run in found):
         raise SystemExit(FAULT_FOUND)
 
 
@@ -105,40 +94,42 @@ class _FeaturedRun(NamedTuple):
     units: Mapping[str, str]
 
 
-def _design(asked: MonitorRequest, parameters: Parameters) -> None:
+def _design(asked: MonitorVerb, parameters: Parameters) -> None:
     if asked.sensors is None or asked.runs:
         raise CommandError("--design: expected --sensors FILE and no runs")
     sensors = given_map(asked.sensors, catalogue_entry(asked.machine).build(parameters))
     _check_machine(asked, asked.sensors, sensors)
     monitored = MonitoredMachine(asked.machine, parameters, sensors)
-    setup = fitted_setup(monitored, simulated_vectors(monitored, DESIGN_CYCLES, asked.seed), asked.arl0_h, asked.seed)
+    setup = fitted_setup(
+        monitored, simulated_vectors(monitored, DESIGN_CYCLES, asked.seed or 0), _arl0_h(asked), asked.seed or 0
+    )
     show_design(setup, sensor_design(setup), monitored.feed().features, as_json=asked.as_json)
 
 
-def _setup(asked: MonitorRequest, parameters: Parameters, first: _FeaturedRun) -> tuple[MonitorSetup, _FeaturedRun]:
+def _setup(asked: MonitorVerb, parameters: Parameters, first: _FeaturedRun) -> tuple[MonitorSetup, _FeaturedRun]:
     """Return the setup, and the first run without the cycles that were its baseline."""
     if asked.baseline is not None and asked.baseline.suffix == SETUP_SUFFIX:
         kept_setup = read_setup(asked.baseline, asked.machine)
         wanted = arl0_cycles(asked.known_arl0_h or kept_setup.arl0_h, kept_setup.baseline.period_s)
         if not math.isclose(wanted, kept_setup.limits.arl0_cycles, rel_tol=1e-9):
             raise CommandError(
-                f"--arl0 {asked.arl0_h:g}: {asked.baseline} holds thresholds for {kept_setup.arl0_h:g} h; "
+                f"--arl0 {_arl0_h(asked):g}: {asked.baseline} holds thresholds for {kept_setup.arl0_h:g} h; "
                 "expected that, or a run as --baseline"
             )
         return kept_setup, first
     if asked.baseline is not None:
         reference = _vectors(asked, asked.baseline, parameters)
-        return fitted_setup(reference.monitored, reference.vectors, asked.arl0_h, asked.seed), first
+        return fitted_setup(reference.monitored, reference.vectors, _arl0_h(asked), asked.seed or 0), first
     kept = int(HEALTHY_SHARE * len(first.vectors))
     say(f"{first.path}: no --baseline given, the first {kept} of {len(first.vectors)} cycles are taken as healthy")
-    setup = fitted_setup(first.monitored, first.vectors[:kept], asked.arl0_h, asked.seed)
+    setup = fitted_setup(first.monitored, first.vectors[:kept], _arl0_h(asked), asked.seed or 0)
     return setup, first._replace(vectors=first.vectors[kept:])
 
 
 def read_setup(path: Path, machine: str) -> MonitorSetup:
     """Return the reference of a monitor, as `--save-baseline` writes it; a file that is none is a line."""
     try:
-        with path.open("rb") as stream:
+        with opened_input(path) as stream:
             data = stream.read(LARGEST_BYTES + 1)
     except OSError as error:
         raise CommandError(f"{path}: cannot be read: {error.strerror}") from error
@@ -148,35 +139,30 @@ def read_setup(path: Path, machine: str) -> MonitorSetup:
         setup = SetupRecord.model_validate_json(data).setup()
     except ValidationError as error:
         raise refusal(f"{path}: expected a baseline as --save-baseline writes it", error) from error
-    if setup.machine != machine:
-        raise CommandError(f"{path}: key 'machine', value {setup.machine!r}: expected {machine!r}")
+    if setup.machine != kind_of(machine):
+        raise CommandError(f"{path}: key 'machine', value {setup.machine!r}: expected {kind_of(machine)!r}")
     return setup
 
 
-def _vectors(asked: MonitorRequest, path: Path, parameters: Parameters) -> _FeaturedRun:
+def _vectors(asked: MonitorVerb, path: Path, parameters: Parameters) -> _FeaturedRun:
     """Return the features of a run, its map proposed from the twin's own names where none is given."""
     with opened_run(path) as reader:
         built = catalogue_entry(asked.machine).build(parameters)
         given = given_map(asked.map_file, built) if asked.map_file is not None else _own_map(built, parameters, reader)
         _check_machine(asked, asked.map_file or path, given)
-        run = read_run(reader, given)
-    monitored = MonitoredMachine(asked.machine, parameters, known_sensors(given, run))
+        parts = read_parts(reader, given)
+    monitored = MonitoredMachine(asked.machine, parameters, known_sensors(given, parts[0]))
     declared = monitored.declared
-    skip_s = declared.run_up_s if asked.skip_s is None else asked.skip_s
     feed = monitored.feed()
-    vectors = _fed(monitored, run, skip_s, feed)
+    feed.run_up_s = declared.run_up_s if asked.skip_s is None else asked.skip_s
+    feed, vectors = vectors_of_parts(feed, parts)
+    if not vectors:
+        reference = declared.reference.column
+        raise CommandError(
+            f"{path}: no complete cycle of {reference} after {feed.run_up_s:g} s; expected some (--skip)"
+        )
     units = {feature.name: feature.unit for feature in feed.features}
     return _FeaturedRun(path, vectors, feed.skipped, monitored, units)
-
-
-def _fed(monitored: MonitoredMachine, run: MeasuredRun, skip_s: float, feed: Any) -> list[FeatureVector]:
-    from mech_twin.studies.monitoring.cycle_features import feed_channels
-
-    vectors = feed_channels(feed, seen_of_run(run, skip_s))
-    if not vectors:
-        reference = monitored.declared.reference.column
-        raise CommandError(f"{run.path}: no complete cycle of {reference} after {skip_s:g} s; expected some (--skip)")
-    return vectors
 
 
 def _own_map(built: Machine, parameters: Parameters, reader: RunReader) -> MeasurementMap:
@@ -200,7 +186,7 @@ def _own_map(built: Machine, parameters: Parameters, reader: RunReader) -> Measu
 def _own_events(machine: str, parameters: Parameters, reader: RunReader, needed: set[str]) -> list[Channel]:
     """Return the channels of the twin's own impacts that features need; contacts are those of the model's own run."""
     topic = next(
-        (each.source.topic for each in reader.offered() if each.source.topic and each.source.topic.endswith("impacts")),
+        (each.source.topic for each in reader.offered() if each.source.topic and each.source.topic.endswith(IMPACTS)),
         None,
     )
     kinds = {name.split(".")[1] for name in needed if is_event(name)}
@@ -218,9 +204,11 @@ def _own_events(machine: str, parameters: Parameters, reader: RunReader, needed:
 
 
 def _event_source(topic: str, contact: str, kind: str, what: str) -> Source:
+    if what in GAUGE_UNITS:
+        return Source(topic=f"{topic.removesuffix(IMPACTS)}{BLOW_GAUGE}", joint=what, field="effort")
     return Source(topic=topic, joint=f"{contact}/{kind}", field=EVENT_FIELDS[what])
 
 
-def _check_machine(asked: MonitorRequest, where: Path, given: MeasurementMap) -> None:
-    if given.machine != asked.machine:
-        raise CommandError(f"{where}: key 'machine', value {given.machine!r}: expected {asked.machine!r}")
+def _check_machine(asked: MonitorVerb, where: Path, given: MeasurementMap) -> None:
+    if given.machine != kind_of(asked.machine):
+        raise CommandError(f"{where}: key 'machine', value {given.machine!r}: expected {kind_of(asked.machine)!r}")

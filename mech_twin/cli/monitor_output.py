@@ -29,12 +29,21 @@ def show_runs(setup: MonitorSetup, units: Mapping[str, str], runs: Sequence[Judg
         return
     _say_setup(setup)
     for run in runs:
+        for value in run.found.operating:
+            say(
+                f"{run.run}: operating_point: {value.name} {_percent(value.share)} "
+                f"({_percent(value.low_95)} to {_percent(value.high_95)}) of the baseline's, fair within "
+                f"+-{100.0 * value.range:.3g} %"
+            )
         if not run.found.alarms:
             say(f"{run.run}: {run.found.cycles} cycles, no alarm")
             continue
         heads = ("alarm at, s", "began at, s", "cycles", "finding", "size", "95 % from", "to", "unit")
         rows = [row for alarm in run.found.alarms for row in _alarm_rows(alarm)]
         print_table(f"{run.run}: {run.found.cycles} cycles, {len(run.found.alarms)} alarms", heads, rows)
+    for run in runs:
+        for event in run.found.events:
+            say(f"{run.run}: {event.text}")
 
 
 def show_design(setup: MonitorSetup, design: SensorDesign, features: Sequence[CycleFeature], *, as_json: bool) -> None:
@@ -108,11 +117,17 @@ def _run_record(run: Judged) -> dict[str, Any]:
         "skipped": run.found.skipped,
         "alarms": alarms,
         "faults": faults,
+        "events": [event._asdict() for event in run.found.events],
+        "operating_point": [value._asdict() for value in run.found.operating],
     }
 
 
 def _finite(value: float) -> float | None:
     return value if isfinite(value) else None
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:+.3g} %"
 
 
 def _rounded(value: float) -> str:

@@ -19,7 +19,7 @@ def seconds(text: str | float) -> float:
     Raises
     ------
     typer.BadParameter
-        If the text is no time, is not finite, or is negative.
+        If the text is no time, is not finite, is negative, or longer than ROS can state.
     """
     if isinstance(text, int | float):
         return float(text)
@@ -30,6 +30,10 @@ def seconds(text: str | float) -> float:
         value = math.nan
     if not (math.isfinite(value) and value >= 0.0):
         raise typer.BadParameter(f"{text}: {EXPECTED}")
+    from mech_twin.quantity import LONGEST_RUN_S
+
+    if value > LONGEST_RUN_S:
+        raise typer.BadParameter(f"{text}: expected at most {LONGEST_RUN_S} s, the longest time that ROS can state")
     return value
 
 

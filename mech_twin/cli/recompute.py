@@ -3,13 +3,15 @@
 
 from __future__ import annotations
 
+from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 from mech_twin import __version__
 from mech_twin.cli.console import print_json, print_table, progress, say
 from mech_twin.cli.failure import CommandError
-from mech_twin.nodes.domain import settle_domain
+from mech_twin.cli.verbs import ReplayVerb
+from mech_twin.nodes.run.domain import settle_domain
 from mech_twin.parameters.load import MACHINE_KEY, description_text, file_tree, machine_parameters
 from mech_twin.studies.configuration_history import ConfigurationHistory
 from mech_twin.studies.resimulation import Verdict, analysed, resimulated
@@ -18,6 +20,7 @@ if TYPE_CHECKING:
     from mech_twin.recording.bag_samples import BagSamples
 
 DIFFERENT = 1
+LATEST_SECOND = 64  # steps after a difference within which a second sample of its step comes
 TITLES = {"analyse": "forces recomputed from the recorded motion", "resimulate": "run recomputed from its start"}
 WORDS = {
     "machine": "machine",
@@ -31,29 +34,30 @@ WORDS = {
 UNITS = {"steps_compared": "steps", "samples_compared": "samples", "incomplete_steps": "steps"}
 
 
-def recompute_bag(
-    bag: Path, mode: Literal["analyse", "resimulate"], config: Path | None, tolerance: float, *, as_json: bool
-) -> None:
+def recompute_bag(asked: ReplayVerb) -> None:
     """Print the result of the comparison; exit code 1 if anything differs or nothing could be compared.
 
-    ``config`` stands in for the configuration of a recording that holds none; ``tolerance`` is for the forces.
+    A difference at or after a step that was published twice, and not alike, proves nothing: that is not certain.
     """
+    bag, mode = asked.bag, "analyse" if asked.analyse else "resimulate"
     settle_domain()
     from mech_twin.recording.bag_reader import open_bag
     from mech_twin.recording.bag_samples import BagSamples
 
     with open_bag(bag) as reader:
         samples = BagSamples(reader)
-        history = _history(samples, bag, config)
+        history = _history(samples, bag, asked.config)
         samples = BagSamples(reader, history.machine_at(0).coupling_step_s)
         if set(history.versions) != {__version__}:
             say(f"recorded with version {', '.join(history.versions)}; this is {__version__}: results may differ")
         with progress(samples.steps(), samples.count, f"{mode[:-1]}ing") as steps:
             if mode == "analyse":
-                verdict = analysed(steps, history.machine_at, tolerance)
+                verdict = analysed(steps, history.machine_at, asked.tolerance or 0.0)
             else:
                 verdict = resimulated(steps, history.machine_at)
-    _write(bag, mode, samples, history, verdict, as_json)
+            for _ in islice(steps, LATEST_SECOND):
+                pass
+    _write(bag, mode, samples, history, verdict, asked.as_json)
     if not verdict.identical:
         raise SystemExit(DIFFERENT)
 
@@ -74,9 +78,11 @@ def _history(samples: BagSamples, bag: Path, config: Path | None) -> Configurati
 def _write(
     bag: Path, mode: str, samples: BagSamples, history: ConfigurationHistory, verdict: Verdict, as_json: bool
 ) -> None:
+    first, doubted = _first(samples.topics, verdict), samples.contradicted_from
+    uncertain = first is not None and doubted is not None and first["step"] >= doubted
     numbers = {
         "machine": history.name,
-        "identical": verdict.identical,
+        "identical": None if uncertain else verdict.identical,
         "steps_compared": verdict.steps,
         "samples_compared": verdict.samples,
         "incomplete_steps": verdict.missing_steps,
@@ -84,19 +90,29 @@ def _write(
     }
     if mode == "resimulate":
         numbers |= {"resets": verdict.resets}
-    first = _first(samples.topics, verdict)
     if as_json:
-        more = {"resumed_at_steps": verdict.taken_up, "unused_samples": dict(samples.unused), "first_difference": first}
+        more = {
+            "resumed_at_steps": verdict.taken_up,
+            "unused_samples": dict(samples.unused),
+            "contradicted_from_step": doubted,
+            "first_difference": first,
+        }
         print_json(
             {"bag": str(bag), "recorded_with": list(history.versions), "version": __version__, **numbers, **more}
         )
         return
+    numbers["identical"] = "not certain" if uncertain else verdict.identical
     rows = [(WORDS[name], value, UNITS.get(name, "")) for name, value in numbers.items()]
     print_table(f"{bag}: {TITLES[mode]}", ("quantity", "value", "unit"), rows)
     for step in verdict.taken_up[:10]:
         say(f"step {step}: resumed from the recorded state")
     for reason, number in samples.unused.items():
         say(f"{number} recorded samples not used: {reason}")
+    if uncertain:
+        say(
+            f"not certain from step {doubted} on: samples of it differ, so that a second publisher spoke; "
+            "which of them the run used, no message tells"
+        )
     if first is not None:
         say(
             f"first difference at {first['time_s']:.9g} s (step {first['step']}), topic {first['topic']}, "

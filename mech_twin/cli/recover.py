@@ -3,18 +3,17 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from mech_twin.cli.console import print_json, say_result
+from mech_twin.cli.verbs import RecoverVerb
 
-from mech_twin.cli.console import print_json
 
-
-def recover_bag(bag: Path, out: Path, *, force: bool, as_json: bool) -> None:
+def recover_bag(asked: RecoverVerb) -> None:
     """Write the new recording and report what was salvaged."""
     from mech_twin.recording.recovery import recover
 
-    report = recover(bag, out, force=force)
-    if not as_json:
-        print("\n".join(report.lines()))  # noqa: T201 - this is the output
+    report = recover(asked.bag, asked.out, force=asked.force)
+    if not asked.as_json:
+        say_result("\n".join(report.lines()))
         return
     print_json(
         {

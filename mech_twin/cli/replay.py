@@ -3,44 +3,47 @@
 
 from __future__ import annotations
 
-import math
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 from mech_twin.cli.console import say
 from mech_twin.cli.failure import CommandError
-from mech_twin.nodes.domain import settle_domain
+from mech_twin.cli.verbs import ReplayVerb
+from mech_twin.nodes.run.domain import settle_domain
 
 if TYPE_CHECKING:
-    from mech_twin.nodes.replay_node import ReplayNode
-    from mech_twin.nodes.replay_session import ReplayOutcome
-    from mech_twin.nodes.replay_source import ReplaySource
+    from mech_twin.nodes.replay.replay_node import ReplayNode
+    from mech_twin.nodes.replay.session import ReplayOutcome
+    from mech_twin.nodes.replay.source import ReplaySource
 
 
-class ReplayRequest(NamedTuple):
-    """Arguments of the command."""
+def replay(asked: ReplayVerb) -> None:
+    """Publish a recording, or recompute it, or a measured run by its map."""
+    if asked.given_map is not None:
+        if not asked.analyse:
+            raise CommandError(
+                f"--map {asked.given_map}: a measured run has no topics of the twin; expected --analyse beside it"
+            )
+        from mech_twin.cli.measured_run import analyse_measured
 
-    bag: Path
-    rate: float
-    start_s: float
-    duration_s: float | None
-    loop: bool
-    clock: bool
-    topics: list[str]
-    listeners: int
-    namespace: str | None = None
+        analyse_measured(asked, asked.given_map)
+    elif asked.analyse or asked.resimulate:
+        from mech_twin.cli.recompute import recompute_bag
+
+        recompute_bag(asked)
+    else:
+        replay_bag(asked)
 
 
-def replay_bag(request: ReplayRequest) -> None:
+def replay_bag(request: ReplayVerb) -> None:
     """Publish a recording on its topics until its end, or until stopped."""
     _check(request)
     settle_domain()
-    from mech_twin.nodes.replay_node import ReplayOptions
-    from mech_twin.nodes.replay_session import replayed
-    from mech_twin.nodes.replay_source import ReplaySource
+    from mech_twin.nodes.replay.replay_node import ReplayOptions
+    from mech_twin.nodes.replay.session import replayed
+    from mech_twin.nodes.replay.source import ReplaySource
     from mech_twin.recording.bag_reader import open_bag
 
     with open_bag(request.bag) as reader:
@@ -55,14 +58,11 @@ def replay_bag(request: ReplayRequest) -> None:
     _report(outcome)
 
 
-def _check(request: ReplayRequest) -> None:
-    from mech_twin.nodes.replay_limits import FASTEST, SLOWEST
+def _check(request: ReplayVerb) -> None:
+    from mech_twin.nodes.replay import FASTEST, SLOWEST
 
     if not SLOWEST <= request.rate <= FASTEST:  # false for NaN, too
         raise CommandError(f"--rate {request.rate:g}: expected {SLOWEST:g} to {FASTEST:g}")
-    for name, value in (("--start", request.start_s), ("--duration", request.duration_s)):
-        if value is not None and not (math.isfinite(value) and value >= 0.0):
-            raise CommandError(f"{name} {value}: expected a number of seconds, not negative")
 
 
 @contextmanager

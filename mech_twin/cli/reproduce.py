@@ -4,26 +4,26 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
 
 from mech_twin.cli.console import busy, print_json, progress, say
 from mech_twin.cli.failure import CommandError
 from mech_twin.cli.reproduce_output import show_rows, show_wide_rows, write_csv
+from mech_twin.cli.verbs import ReproduceVerb
 from mech_twin.dependencies import require_extra
+from mech_twin.output_file import check_output_directory
 
-Shape = Literal["narrow", "wide", "csv", "json"]
 WRITERS = {"narrow": show_rows, "wide": show_wide_rows, "csv": write_csv}
 
 
-def reproduce_machines(
-    machine: str | None, figures: Path | None, config: Path | None, settings: list[str], *, shape: Shape = "narrow"
-) -> None:
+def reproduce_machines(asked: ReproduceVerb) -> None:
     """Write the comparison with the sources and, if asked, their figures; exit code 1 where a gated row fails."""
     from mech_twin.parameters.load import assignments, machine_parameters
     from mech_twin.studies import reproduce
     from mech_twin.studies.reproduction import all_hold, machines_with_published_values
 
+    machine, figures, config, settings = asked.machine, asked.figures, asked.config, asked.settings
     if figures is not None:
+        check_output_directory(figures, force=asked.force)
         require_extra("plots")
     parameters = None
     if config is not None or settings:
@@ -41,7 +41,7 @@ def reproduce_machines(
             for name in counted:
                 files += draw_figures(name, figures, parameters)
     hold = all_hold(rows)
-    if shape == "json":
+    if asked.as_json:
         counts = {verdict: sum(row.verdict == verdict for row in rows) for verdict in {row.verdict for row in rows}}
         document = {
             "machine": machine or "all",
@@ -52,7 +52,7 @@ def reproduce_machines(
         }
         print_json(document)
     else:
-        WRITERS[shape](rows)
+        WRITERS[asked.form](rows)
         for file in files:
             say(f"wrote {file}")
     if not hold:

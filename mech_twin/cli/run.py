@@ -3,78 +3,89 @@
 
 from __future__ import annotations
 
-import math
 import os
 from contextlib import ExitStack
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 from pydantic import ValidationError
 
+from mech_twin.cli.consequences import say_consequences
 from mech_twin.cli.console import print_json, say
-from mech_twin.cli.failure import CommandError
-from mech_twin.cli.live_view import WEB_VIEWS, check_view, hold_view, opened_view
+from mech_twin.cli.failure import CommandError, report_losses
+from mech_twin.cli.live_view import RUN_ORDERS, WEB_VIEWS, check_view, hold_view, opened_view, told_machine
 from mech_twin.cli.run_summary import show_events, show_numbers
+from mech_twin.cli.verbs import RunVerb
 from mech_twin.configuration_tree import configuration_tree
-from mech_twin.nodes.domain import DISCOVERY, OTHER_HOSTS, settle_domain
+from mech_twin.nodes.run.domain import DISCOVERY, OTHER_HOSTS, settle_domain
 from mech_twin.parameters.errors import refusal
-from mech_twin.parameters.load import RUN_GROUP, assignments, machine_parameters, run_group
+from mech_twin.parameters.load import PAGE, RUN_GROUP, assignments, is_page, machine_parameters, run_group
+from mech_twin.parameters.load import machine as built_machine
 from mech_twin.quantity import Parameters
 from mech_twin.recording.output_directory import check_recording_directory, remove_recording
 from mech_twin.studies.simulation import event_record
 
 if TYPE_CHECKING:
-    from mech_twin.nodes.composition import Outcome
-    from mech_twin.nodes.options import RunOptions
-
-PACES = ("realtime", "max")
+    from mech_twin.nodes.exchange.base_node import RunOptions
+    from mech_twin.nodes.run.composition import Outcome
 
 
-class RunRequest(NamedTuple):
-    """Arguments of the command."""
-
-    machine: str
-    pace: str | None
-    duration_s: float | None
-    record: Path | str | None
-    view: str
-    view_port: int
-    processes: bool
-    config: Path | None
-    settings: list[str]
-    as_json: bool
-    open_to_other_hosts: bool = False
-    namespace: str | None = None
-    force: bool = False
-    everything: bool = False
-    hold: bool = False
+def _check_ros() -> None:
+    """Refuse in one line where ROS 2 is not installed, before a view is opened."""
+    try:
+        import rclpy  # noqa: F401
+    except ModuleNotFoundError as error:
+        raise CommandError(f"run: expected ROS 2 for Python (rclpy), no module {error.name!r}") from error
 
 
-def run_machine(request: RunRequest) -> None:
+def run_machine(request: RunVerb) -> None:
     """Run the nodes and, at the end, print the metrics of the run."""
+    settle_domain(request.open_to_other_hosts)  # before anything large is loaded: where memory runs out is not chosen
     _check(request)
+    _check_ros()
     parameters = machine_parameters(request.machine, request.config, assignments(request.settings))
+    if is_page(request.machine):
+        built_machine(request.machine, request.config, assignments(request.settings))  # refuses what cannot start
+        request = _of_page(request, parameters)
+    say_consequences(request.machine, request.config, request.settings)
     directory = _recording_directory(request)
     if directory is not None:
         check_recording_directory(directory, force=request.force)
     options = run_options(request, recorder=directory is not None, viewer=request.view != "none")
     with ExitStack() as stack:
         view = opened_view(request.view, request.view_port, stack, open_to_other_hosts=request.open_to_other_hosts)
+        if view.link is not None:
+            from mech_twin.nodes.run.domain import run_namespace
+
+            place = run_namespace(request.machine, request.namespace)
+            view.tell("machine", told_machine(request.machine, place, RUN_ORDERS, parameters))
+            view.tell("status", {"text": "starting the nodes, building the machine"})
         outcome = _run(request, parameters, options, directory, view.destination)
+        view.tell("end", {"text": "the run is over" + ("" if directory is None else f"; recorded in {directory}")})
         _write(request, parameters, outcome, directory)
+        report_losses(directory)
         if request.hold:
             hold_view(view.page)
 
 
+def _of_page(request: RunVerb, parameters: Parameters) -> RunVerb:
+    """Return the request for the machine that a page makes, in the namespace of the page's own name."""
+    name = str(getattr(parameters, "name", PAGE.name))
+    config = request.config or Path(request.machine)
+    record = request.record or _new_directory(name)
+    return request.model_copy(
+        update={"machine": PAGE.name, "config": config, "namespace": request.namespace or name, "record": record}
+    )
+
+
 def _run(
-    request: RunRequest, parameters: Parameters, options: RunOptions, directory: Path | None, destination: str | None
+    request: RunVerb, parameters: Parameters, options: RunOptions, directory: Path | None, destination: str | None
 ) -> Outcome:
     discovery = settle_domain(request.open_to_other_hosts)
     if request.open_to_other_hosts:
         say(_exposure_warning(discovery))
-    from mech_twin.nodes.composition import run_in_process
-    from mech_twin.nodes.multi_process import run_processes
+    from mech_twin.nodes.run.composition import run_in_process, run_processes
 
     if directory is not None:
         remove_recording(directory)
@@ -84,7 +95,7 @@ def _run(
     return run_nodes(request.machine, parameters, options, directory, destination, request.namespace)
 
 
-def run_options(request: RunRequest, *, recorder: bool, viewer: bool) -> RunOptions:
+def run_options(request: RunVerb, *, recorder: bool, viewer: bool) -> RunOptions:
     """Return how the nodes are run: what an option says, else what the group ``run`` of the configuration says.
 
     Raises
@@ -92,11 +103,11 @@ def run_options(request: RunRequest, *, recorder: bool, viewer: bool) -> RunOpti
     ConfigurationError
         If the group does not validate.
     """
-    from mech_twin.nodes.options import RunOptions
+    from mech_twin.nodes.exchange.base_node import RunOptions
 
-    configured = {"pace": PACES[0]} | run_group(request.machine, request.config, assignments(request.settings))
-    said = {"pace": request.pace, "duration_s": request.duration_s}
-    asked = {name: value for name, value in said.items() if value is not None}
+    configured = {"pace": "realtime"} | run_group(request.machine, request.config, assignments(request.settings))
+    shared = RunOptions.model_fields.keys() & RunVerb.model_fields.keys()
+    asked = {name: value for name in shared if (value := getattr(request, name)) is not None}
     try:
         RunOptions.model_validate(configured)  # what an option replaces is no reason to let it pass
         return RunOptions.model_validate({**configured, **asked, "recorder": recorder, "viewer": viewer})
@@ -114,34 +125,30 @@ def _exposure_warning(discovery: str) -> str:
     )
 
 
-def _check(request: RunRequest) -> None:
-    if request.pace is not None and request.pace not in PACES:
-        raise CommandError(f"--pace {request.pace}: expected {' or '.join(PACES)}")
-    if request.duration_s is not None and not math.isfinite(request.duration_s):
-        raise CommandError(f"--duration {request.duration_s}: expected a finite number of seconds")
-    from mech_twin.nodes.namespace import run_namespace
+def _check(request: RunVerb) -> None:
+    from mech_twin.nodes.run.domain import run_namespace
 
-    run_namespace(request.machine, request.namespace)
+    run_namespace(PAGE.name if is_page(request.machine) else request.machine, request.namespace)
     check_view(request.view, request.view_port, force=request.force)
     if request.hold and request.view not in WEB_VIEWS:
         raise CommandError(f"--hold: expected --view web, which it keeps open; found --view {request.view}")
 
 
-def _recording_directory(request: RunRequest) -> Path | None:
-    if request.record is None:
-        return None
-    if isinstance(request.record, Path):
-        return request.record
-    return Path("recordings") / f"{request.machine}-{datetime.now():%Y%m%d-%H%M%S}"
+def _recording_directory(request: RunVerb) -> Path | None:
+    return None if request.no_record else request.record or _new_directory(request.machine)
 
 
-def _write(request: RunRequest, parameters: Parameters, outcome: Outcome, directory: Path | None) -> None:
+def _new_directory(name: str) -> Path:
+    return Path("recordings") / f"{name}-{datetime.now():%Y%m%d-%H%M%S}"
+
+
+def _write(request: RunVerb, parameters: Parameters, outcome: Outcome, directory: Path | None) -> None:
     numbers = outcome.metrics.numbers()
     if not request.as_json:
         design = set(numbers) - set(outcome.metrics.running_numbers())
         show_numbers(f"{request.machine}: metrics of the run", numbers, design, everything=request.everything)
         show_events(tuple(outcome.metrics.events), everything=request.everything)
-        if directory is not None:
+        if directory is not None and directory.exists():
             say(f"recorded in {directory}; `mech-twin view {directory}` shows it again")
         return
     print_json(

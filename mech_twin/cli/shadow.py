@@ -7,52 +7,35 @@ import math
 from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 from pydantic import ValidationError
 
 from mech_twin.cli.console import print_json, say
-from mech_twin.cli.failure import CommandError
-from mech_twin.cli.live_view import NO_VIEW, check_view, opened_view
+from mech_twin.cli.failure import CommandError, report_losses
+from mech_twin.cli.live_view import SHADOW_ORDERS, check_view, opened_view, told_machine
+from mech_twin.cli.measurement_verbs import ShadowVerb
 from mech_twin.cli.monitor import read_setup
-from mech_twin.nodes.domain import settle_domain
+from mech_twin.machines.catalog import CATALOGUE
+from mech_twin.nodes.run.domain import settle_domain
 from mech_twin.output_file import check_output_directory
 from mech_twin.parameters.errors import refusal
 from mech_twin.parameters.key_hints import did_you_mean, key_units
-from mech_twin.parameters.load import assignments, catalogue_entry, document_tree, machine_parameters
+from mech_twin.parameters.load import assignments, catalogue_entry, document_tree, is_page, kind_of, machine_parameters
 from mech_twin.quantity import Parameters
 from mech_twin.recording.output_directory import check_recording_directory, remove_recording
 from mech_twin.studies.advice_search import AdviceWish
 
 if TYPE_CHECKING:
     from mech_twin.measurements.measurement_map import MeasurementMap
-    from mech_twin.nodes.shadow_session import ShadowOutcome
+    from mech_twin.nodes.shadow.monitor_node import AlertOutlet
+    from mech_twin.nodes.shadow.session import ShadowOutcome
 
 
-class ShadowRequest(NamedTuple):
-    """Arguments of the command."""
-
-    machine: str
-    followed: str
-    given_map: Path | None
-    config: Path | None
-    settings: list[str]
-    record: Path | None
-    duration_s: float
-    uncertain: list[str]
-    monitor: Path | None
-    black_box: Path | None
-    advise: Path | None
-    force: bool
-    as_json: bool
-    view: str = NO_VIEW
-    view_port: int = 0
-
-
-def shadow_machine(request: ShadowRequest) -> None:
+def shadow_machine(request: ShadowVerb) -> None:
     """Follow a machine until stopped and, at the end, tell what came of it."""
-    if not math.isfinite(request.duration_s):
-        raise CommandError(f"--duration {request.duration_s}: expected a finite number of seconds")
+    if is_page(request.machine):
+        raise CommandError(f"{request.machine}: a page has no observer; expected one of {', '.join(CATALOGUE)}")
     parameters = machine_parameters(request.machine, request.config, assignments(request.settings))
     if request.black_box is not None:
         check_output_directory(request.black_box, force=True)
@@ -61,11 +44,14 @@ def shadow_machine(request: ShadowRequest) -> None:
     reference = None if request.monitor is None else read_setup(request.monitor, request.machine)
     if request.black_box is not None and reference is None:
         raise CommandError(f"--black-box {request.black_box}: expected --monitor FILE too, which finds the faults")
+    for option, address in (("--mqtt", request.mqtt), ("--prometheus", request.prometheus)):
+        if address is not None and reference is None:
+            raise CommandError(f"{option} {address}: expected --monitor FILE too, which finds the faults")
     wish = None if request.advise is None else validated_wish(request.advise)
     check_view(request.view, request.view_port, force=request.force)
     settle_domain()
-    from mech_twin.nodes.shadow_node import ShadowSetup
-    from mech_twin.nodes.shadow_session import Company, follow, followed_namespace
+    from mech_twin.nodes.shadow.session import Company, follow, followed_namespace
+    from mech_twin.nodes.shadow.shadow_node import ShadowSetup
 
     setup = ShadowSetup(followed_namespace(request.machine, request.followed), given, deviations=deviations)
     if request.record is not None:
@@ -79,9 +65,29 @@ def shadow_machine(request: ShadowRequest) -> None:
 
     with ExitStack() as stack:
         view = opened_view(request.view, request.view_port, stack)
-        company = Company(request.record, reference, request.black_box, wish, view.destination)
+        if view.link is not None:
+            orders = SHADOW_ORDERS[: 0 if reference is None else 2] + SHADOW_ORDERS[2 if wish is not None else 4 :]
+            view.tell("machine", told_machine(request.machine, f"/{request.machine}", orders, None))
+            view.tell("status", {"text": f"listening for {setup.namespace}"})
+        outlets = _outlets(request)
+        company = Company(request.record, reference, request.black_box, wish, view.destination, outlets)
         outcome = follow(request.machine, setup, parameters, company, request.duration_s, told)
     _report(request, outcome)
+    report_losses(request.record, *outcome.black_boxes, known=outcome.failed_boxes)
+
+
+def _outlets(request: ShadowVerb) -> list[AlertOutlet]:
+    """Return where alerts go beside the diagnostics."""
+    from mech_twin.nodes.shadow.monitor_node import MqttOutlet, PrometheusOutlet
+
+    found: list[AlertOutlet] = []
+    if request.prometheus is not None:
+        page = PrometheusOutlet(request.prometheus)
+        say(f"metrics for Prometheus on port {page.port}")
+        found.append(page)
+    if request.mqtt is not None:
+        found.append(MqttOutlet(request.mqtt))
+    return found
 
 
 def validated_wish(path: Path) -> AdviceWish:
@@ -139,18 +145,19 @@ def _number_of(parameters: Parameters, key: str, word: str) -> float:
     return float(found)
 
 
-def _map_of(request: ShadowRequest, parameters: Parameters) -> MeasurementMap | None:
+def _map_of(request: ShadowVerb, parameters: Parameters) -> MeasurementMap | None:
     if request.given_map is None:
         return None
-    from mech_twin.nodes.opened_runs import given_map
+    from mech_twin.opened_runs import given_map
 
     given = given_map(request.given_map, catalogue_entry(request.machine).build(parameters))
-    if given.machine != request.machine:
-        raise CommandError(f"{request.given_map}: key 'machine', value {given.machine!r}: expected {request.machine!r}")
+    kind = kind_of(request.machine)
+    if given.machine != kind:
+        raise CommandError(f"{request.given_map}: key 'machine', value {given.machine!r}: expected {kind!r}")
     return given
 
 
-def _report(request: ShadowRequest, outcome: ShadowOutcome) -> None:
+def _report(request: ShadowVerb, outcome: ShadowOutcome) -> None:
     if request.as_json:
         boxes = [str(bag) for bag in outcome.black_boxes]
         found = {"machine": request.machine, "values": outcome.values, "messages_sent": outcome.sent}

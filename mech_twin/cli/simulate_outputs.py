@@ -13,7 +13,7 @@ from mech_twin.engine.trajectory import frame_numbers
 from mech_twin.measurements.machine_columns import machine_columns
 from mech_twin.measurements.sensors import Reading, SensorBench
 from mech_twin.measurements.table_writer import WRITTEN_SUFFIXES, TableWriter, sensor_table
-from mech_twin.nodes.opened_runs import given_map, topic_field
+from mech_twin.opened_runs import given_map, topic_field
 from mech_twin.output_file import check_output_file, written_file
 from mech_twin.parameters.live_change import ChangingMachine
 from mech_twin.parameters.load import description_text
@@ -22,7 +22,7 @@ from mech_twin.samples import Frame
 from mech_twin.stop_signal import closed_first
 
 if TYPE_CHECKING:
-    from mech_twin.cli.simulate import SimulateRequest
+    from mech_twin.cli.verbs import SimulateVerb
     from mech_twin.measurements.measurement_map import MeasurementMap
 
 Output = Callable[[Frame], None]
@@ -42,9 +42,7 @@ def check_outputs(bag: Path | None, table: Path | None, sensors: Path | None, *,
         check_output_file(table, force=force)
 
 
-def opened_outputs(
-    stack: ExitStack, asked: SimulateRequest, machine: Machine, changing: ChangingMachine
-) -> list[Output]:
+def opened_outputs(stack: ExitStack, asked: SimulateVerb, machine: Machine, changing: ChangingMachine) -> list[Output]:
     """Return what takes each frame of the run; the stack closes it."""
     stack.enter_context(closed_first())
     if asked.sensors is not None:
@@ -58,7 +56,7 @@ def opened_outputs(
 
 
 def _bag(stack: ExitStack, bag: Path, machine: Machine, changing: ChangingMachine) -> Output:
-    from mech_twin.nodes.domain import settle_domain
+    from mech_twin.nodes.run.domain import settle_domain
 
     settle_domain()
     from mech_twin.recording.frame_recorder import FrameRecorder
@@ -89,10 +87,10 @@ def _table(stack: ExitStack, table: Path, machine: Machine, force: bool) -> Outp
     return write
 
 
-def _sensors(stack: ExitStack, asked: SimulateRequest, machine: Machine, sensors: MeasurementMap) -> Output:
+def _sensors(stack: ExitStack, asked: SimulateVerb, machine: Machine, sensors: MeasurementMap) -> Output:
     if sensors.machine != machine.name:
         raise CommandError(f"{asked.sensors}: key 'machine', value {sensors.machine!r}: expected {machine.name!r}")
-    bench = SensorBench(sensors, machine_columns(machine), machine.coupling_step_s, asked.seed)
+    bench = SensorBench(sensors, machine_columns(machine), machine.coupling_step_s, asked.seed, machine.gauge)
     takers: list[Callable[[Reading], None]] = []
     if asked.table is not None:
         file = stack.enter_context(written_file(asked.table, force=asked.force))
@@ -110,7 +108,7 @@ def _sensors(stack: ExitStack, asked: SimulateRequest, machine: Machine, sensors
 
 
 def _sensor_bag(stack: ExitStack, bag: Path, sensors: MeasurementMap) -> Callable[[Reading], None]:
-    from mech_twin.nodes.domain import settle_domain
+    from mech_twin.nodes.run.domain import settle_domain
 
     settle_domain()
     from mech_twin.recording.output_directory import remove_recording

@@ -4,29 +4,20 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from mech_twin.cli.console import print_json, print_numbers, print_table, say
 from mech_twin.cli.failure import CommandError
-from mech_twin.cli.study_options import counted, limits_of, notes_of, study_errors, told
+from mech_twin.cli.study_options import counted, limits_of, notes_of, shows_limits, study_errors, told
+from mech_twin.cli.study_verbs import DesignsVerb, SearchVerb
 from mech_twin.dependencies import require_extra
+from mech_twin.output_file import YAML_SUFFIXES, check_output_file
 from mech_twin.parameters.load import assignments, machine_parameters
 from mech_twin.parameters.written_configuration import write_configuration
 from mech_twin.studies import designs, search
 
-
-@dataclass(frozen=True)
-class DesignRequest:
-    """What is asked of a machine's design, as it stands on the command line."""
-
-    machine: str
-    bounds: list[str]
-    limits: list[str]
-    seed: int
-    config: Path | None
-    settings: list[str]
+POINTS = 9  # of a Pareto front
 
 
 def bounds_of(texts: list[str]) -> dict[str, tuple[float, float]]:
@@ -49,25 +40,30 @@ def bounds_of(texts: list[str]) -> dict[str, tuple[float, float]]:
     return bounds
 
 
-def answer_search(
-    request: DesignRequest, objectives: tuple[str, ...], points: int, out: Path, *, as_json: bool
-) -> None:
+def answer_search(request: SearchVerb) -> None:
     """Search, write the configuration of the first design found, and show all."""
+    objectives = tuple(request.objective)
+    if request.points is not None and len(objectives) < 2:
+        raise CommandError(f"--points {request.points}: expected several --objective, which give a Pareto front")
+    if shows_limits(request.limit, request.machine, "design"):
+        return
+    out = request.out or Path(f"{request.machine}-found.yaml")
+    check_output_file(out, force=request.force, suffixes=YAML_SUFFIXES)
     parameters = machine_parameters(request.machine, request.config, assignments(request.settings))
     with study_errors(), told(f"searching designs of {request.machine}"):
         found = search(
             request.machine,
             objectives,
             parameters=parameters,
-            bounds=bounds_of(request.bounds),
-            limits=limits_of(request.limits),
+            bounds=bounds_of(request.bound),
+            limits=limits_of(request.limit),
             seed=request.seed,
-            points=points,
+            points=request.points or POINTS,
         )
         notes = notes_of(objective=tuple(found[0].objectives), seed=request.seed)
         write_configuration(request.machine, found[0].parameters, out, request.config, notes)
     rows = [{**design.variables, **design.objectives} for design in found]
-    if as_json:
+    if request.as_json:
         front = [{**row, "margins": design.margins} for row, design in zip(rows, found, strict=True)]
         document: dict[str, Any] = {"machine": request.machine, "objectives": objectives, "seed": request.seed}
         print_json({**document, "designs": front, "configuration": str(out)})
@@ -79,10 +75,13 @@ def answer_search(
     say(f"wrote {out}" + (" (the first of the front)" if len(found) > 1 else ""))
 
 
-def answer_designs(
-    request: DesignRequest, count: int, out: Path | None, cores: int | None, scheduler: str | None, *, as_json: bool
-) -> None:
+def answer_designs(request: DesignsVerb) -> None:
     """Scan the space, and say how fast and what the best are."""
+    count, out = request.count, request.out
+    if out is not None:
+        check_output_file(out, force=request.force, suffixes=(".parquet",))
+    if shows_limits(request.limit, request.machine, "design"):
+        return
     if out is not None:
         require_extra("tables")
     parameters = machine_parameters(request.machine, request.config, assignments(request.settings))
@@ -92,11 +91,11 @@ def answer_designs(
             request.machine,
             count,
             parameters=parameters,
-            bounds=bounds_of(request.bounds),
-            limits=limits_of(request.limits),
+            bounds=bounds_of(request.bound),
+            limits=limits_of(request.limit),
             seed=request.seed,
-            cores=cores,
-            scheduler=scheduler,
+            cores=request.cores,
+            scheduler=request.scheduler,
             progress=progress,
         )
         taken = time.monotonic() - begun
@@ -112,7 +111,7 @@ def answer_designs(
         "best": best,
         "table": None if out is None else str(out),
     }
-    if as_json:
+    if request.as_json:
         print_json(document)
         return
     numbers = {key: document[key] for key in ("designs", "feasible", "feasible_share")}

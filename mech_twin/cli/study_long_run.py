@@ -6,81 +6,61 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import groupby
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
-from mech_twin.cli.analyse import Shape
 from mech_twin.cli.console import print_csv, print_json, print_table, say
 from mech_twin.cli.failure import CommandError
 from mech_twin.cli.study_options import axes_of, counted, notes_of, study_errors, told
+from mech_twin.cli.study_verbs import RegimesVerb, SynthesiseVerb
 from mech_twin.dependencies import require_extra
+from mech_twin.output_file import YAML_SUFFIXES, check_output_file
 from mech_twin.parameters.load import assignments, machine_parameters
 from mech_twin.parameters.written_configuration import write_configuration
 from mech_twin.studies import regimes, synthesise
 
-
-class SynthesisRequest(NamedTuple):
-    """What cycle is wanted, as it stands on the command line."""
-
-    impact_speed_m_per_s: float
-    margin: float
-    basin_fraction: float
-    tolerance: float
-    stroke_ratio: float
-    starts: int
-    seed: int
-    periods: int
-    out: Path
-
-    @property
-    def options(self) -> dict[str, float | int]:
-        """What is asked of the robust cycle, by name."""
-        names = ("margin", "basin_fraction", "tolerance", "stroke_ratio", "starts", "seed")
-        return {name: getattr(self, name) for name in names}
+PICTURE = (".png", ".svg", ".pdf")
+ROBUST = ("margin", "basin_fraction", "tolerance", "stroke_ratio", "starts", "seed")  # what the cycle is asked for
 
 
-def answer_synthesise(
-    machine: str, request: SynthesisRequest, config: Path | None, settings: list[str], *, as_json: bool
-) -> None:
+def answer_synthesise(request: SynthesiseVerb) -> None:
     """Show the cycles side by side; write the configuration of the chosen one."""
+    machine, config = request.machine, request.config
+    out = request.out or Path(f"{machine}-robust.yaml")
+    check_output_file(out, force=request.force, suffixes=YAML_SUFFIXES)
     with study_errors(), told(f"synthesising a cycle of {machine}"):
-        parameters = machine_parameters(machine, config, assignments(settings))
+        parameters = machine_parameters(machine, config, assignments(request.settings))
         found = synthesise(
             machine,
             request.impact_speed_m_per_s,
             parameters=parameters,
-            options=request.options,
+            options={name: getattr(request, name) for name in ROBUST},
             periods=request.periods,
         )
         notes = notes_of(impact_speed_m_per_s=request.impact_speed_m_per_s, seed=request.seed, cycle=found.chosen)
-        write_configuration(machine, found.cycle(found.chosen).parameters, request.out, config, notes)
-    if as_json:
+        write_configuration(machine, found.cycle(found.chosen).parameters, out, config, notes)
+    if request.as_json:
         cycles = {cycle.name: cycle.record for cycle in found.cycles}
-        print_json({"machine": machine, **found.asked, **cycles, "configuration": str(request.out)})
+        print_json({"machine": machine, **found.asked, **cycles, "configuration": str(out)})
         return
     titles = dict.fromkeys(title for cycle in found.cycles for title in cycle.lines)
     rows = [(title, *(cycle.lines.get(title, "-") for cycle in found.cycles)) for title in titles]
     print_table("one-impact cycle", ("", *(cycle.name for cycle in found.cycles)), rows)
-    say(f"wrote {request.out}")
+    say(f"wrote {out}")
 
 
-def answer_regimes(
-    machine: str,
-    over: list[str],
-    settling: int,
-    out: Path,
-    config: Path | None,
-    settings: list[str],
-    shape: Shape,
-) -> None:
+def answer_regimes(asked: RegimesVerb) -> None:
     """Show the regime at each value, equal ones that follow each other in one row; write the bifurcation picture."""
+    machine, shape = asked.machine, asked.form
+    out = asked.out or Path(f"{machine}-regimes.png")
+    check_output_file(out, force=asked.force, suffixes=PICTURE)
     require_extra("plots")
-    axes: dict[str, tuple[Any, ...]] = axes_of(over)
+    axes: dict[str, tuple[Any, ...]] = axes_of(asked.over)
     if len(axes) != 1:
         raise CommandError("--over: a regime map has one key")
     ((key, values),) = axes.items()
     with study_errors(), counted("regimes") as progress:
-        parameters = machine_parameters(machine, config, assignments(settings))
-        found = regimes(machine, values, key, parameters=parameters, settling_periods=settling, progress=progress)
+        parameters = machine_parameters(machine, asked.config, assignments(asked.settings))
+        found = regimes(machine, values, key, parameters=parameters, settling_periods=asked.settling, progress=progress)
         found.write_picture(out)
     if shape == "json":
         print_json({"machine": machine, "key": key, "regimes": found.records, "picture": str(out)})

@@ -14,12 +14,14 @@ from typing import Any
 import yaml
 
 from mech_twin.capabilities.progress import listening
-from mech_twin.cli.console import FIRST_ESTIMATE_S, estimate, say
+from mech_twin.cli.console import FIRST_ESTIMATE_S, estimate, print_numbers, say
 from mech_twin.cli.failure import CommandError
 from mech_twin.parameters.load import scalar
+from mech_twin.studies.asking import asked_of
 
 RANGE = "from:to:count, from:to:count:log or a,b,c"
 MOST_VALUES = 1_000_000
+HELP = "help"  # in place of a limit
 
 
 def axes_of(texts: Sequence[str]) -> dict[str, tuple[Any, ...]]:
@@ -62,6 +64,16 @@ def _list(text: str, values: str) -> tuple[Any, ...]:
     if not found or not all(isinstance(value, int | float | str | bool) for value in found):
         raise CommandError(f"--over {text}: expected {RANGE}")
     return tuple(found)
+
+
+def shows_limits(texts: Sequence[str], machine: str, capability: str) -> bool:
+    """Show a study's limits with their usual values where ``help`` is asked for; return whether it was."""
+    if HELP not in texts:
+        return False
+    with study_errors():
+        question = asked_of(machine, capability, f"nothing to {capability}")
+    print_numbers(f"{machine}: limits and their usual values", dict(question.limits))
+    return True
 
 
 def limits_of(texts: Sequence[str]) -> dict[str, float]:
@@ -129,14 +141,17 @@ def told(title: str) -> Iterator[None]:
 
 
 def _estimate_said_once(title: str) -> Callable[[int, int], None]:
-    begun, said = time.monotonic(), False
+    first: tuple[float, int] | None = None  # when, and how much was done: the first step loads and compiles
+    said = False
 
     def say_estimate(done: int, total: int) -> None:
-        nonlocal said
-        elapsed_s = time.monotonic() - begun
-        if not said and elapsed_s > FIRST_ESTIMATE_S:
+        nonlocal first, said
+        now = time.monotonic()
+        first = first or (now, done)
+        elapsed_s, since = now - first[0], done - first[1]
+        if not said and since > 0 and elapsed_s > FIRST_ESTIMATE_S:
             said = True
-            say(f"{title}: {done} of about {total} steps, {estimate(done, total, elapsed_s)}")
+            say(f"{title}: {done} of about {total} steps, {estimate(since, total - first[1], elapsed_s)}")
 
     return say_estimate
 

@@ -5,16 +5,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from mech_twin.capabilities.sizing import Sizing
 from mech_twin.captions import unit_of
 from mech_twin.cli.console import print_csv, print_json, print_numbers, print_table, say
-from mech_twin.cli.study_options import axes_of, counted, limits_of, notes_of, study_errors, told
+from mech_twin.cli.study_options import HELP, axes_of, counted, limits_of, notes_of, shows_limits, study_errors, told
+from mech_twin.cli.study_verbs import SizeVerb, SweepVerb
 from mech_twin.configuration_tree import configuration_tree
 from mech_twin.dependencies import require_extra
+from mech_twin.output_file import YAML_SUFFIXES, check_output_file
 from mech_twin.parameters.load import assignments, machine_parameters
 from mech_twin.parameters.written_configuration import write_configuration
 from mech_twin.studies import size, sweep
@@ -23,50 +24,39 @@ from mech_twin.studies.sweep_points import Point
 from mech_twin.studies.sweep_table import varies
 
 SHOWN_ROWS = 20
+TABLE = (".parquet", ".csv")
 
 
-@dataclass(frozen=True)
-class SweepRequest:
-    """What to sweep, as it stands on the command line."""
-
-    machine: str
-    over: list[str]
-    table: Path
-    numbers: tuple[str, ...]
-    duration_s: float
-    picture: bool
-    cores: int | None
-    scheduler: str | None
-    everything: bool = False
-    as_csv: bool = False
-
-
-def answer_sweep(request: SweepRequest, config: Path | None, settings: list[str], *, as_json: bool) -> None:
+def answer_sweep(request: SweepVerb) -> None:
     """Sweep, and say what was written."""
-    if request.table.suffix != ".csv":
+    table = request.out or Path(f"{request.machine}-sweep.parquet")
+    check_output_file(table, force=request.force, suffixes=TABLE)
+    if not request.no_picture:
+        check_output_file(table.with_suffix(".png"), force=request.force)
+    if table.suffix != ".csv":
         require_extra("tables")
-    if request.picture:
+    if not request.no_picture:
         require_extra("plots")
-    parameters = machine_parameters(request.machine, config, assignments(settings))
+    parameters = machine_parameters(request.machine, request.config, assignments(request.settings))
     with study_errors(), counted("sweeping") as progress:
         try:
             done = sweep(
                 request.machine,
                 axes_of(request.over),
-                request.table,
+                table,
                 parameters=parameters,
-                outputs=request.numbers,
+                outputs=tuple(request.number),
                 duration_s=request.duration_s,
                 cores=request.cores,
                 scheduler=request.scheduler,
-                picture=request.picture,
+                picture=not request.no_picture,
                 progress=progress,
             )
         except KeyboardInterrupt:
-            say(f"interrupted; finished points are kept beside {request.table}: the same command goes on from there")
+            say(f"interrupted; finished points are kept beside {table}: the same command goes on from there")
             raise SystemExit(130) from None
     keys, names = done.asked.keys, done.outputs
-    if as_json:
+    if request.as_json:
         document: dict[str, Any] = {
             "machine": request.machine,
             "config": configuration_tree(parameters),
@@ -113,27 +103,26 @@ def _varying(points: Sequence[Point], names: Sequence[str]) -> list[str]:
     return [name for name, column in columns.items() if varies(column)]
 
 
-def answer_size(
-    machine: str,
-    out: Path,
-    objective: str | None,
-    limits: list[str],
-    tolerance: float | None,
-    config: Path | None,
-    settings: list[str],
-    *,
-    as_json: bool,
-) -> None:
+def answer_size(asked: SizeVerb) -> None:
     """Size, write the configuration, and say which constraint binds."""
-    parameters = machine_parameters(machine, config, assignments(settings))
+    machine, config, limits = asked.machine, asked.config, asked.limit
+    out = asked.out or Path(f"{machine}-sized.yaml")
+    if HELP not in limits:
+        check_output_file(out, force=asked.force, suffixes=YAML_SUFFIXES)
+    if shows_limits(limits, machine, "sizing"):
+        return
+    parameters = machine_parameters(machine, config, assignments(asked.settings))
     with study_errors(), told(f"sizing {machine}"):
-        answer = size(machine, parameters, limits=limits_of(limits), objective=objective, tolerance=tolerance)
+        answer = size(
+            machine, parameters, limits=limits_of(limits), objective=asked.objective, tolerance=asked.tolerance
+        )
         notes = notes_of(objective=answer.objective, tolerance=answer.tolerance, binding=answer.binding)
         write_configuration(answer.machine, answer.parameters, out, config, notes)
-    if as_json:
+    if asked.as_json:
         print_json(
             {
                 "machine": answer.machine,
+                "config": configuration_tree(answer.parameters),
                 "objective": answer.objective,
                 "tolerance": answer.tolerance,
                 "sizes": answer.sizes,

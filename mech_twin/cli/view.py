@@ -11,46 +11,42 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from mech_twin.cli.console import progress, say
 from mech_twin.cli.failure import CommandError
+from mech_twin.cli.live_view import opened_bench
+from mech_twin.cli.overlay import PATIENCE_S, SHOWN_BYTES
+from mech_twin.cli.pages import check_is_no_page
+from mech_twin.cli.verbs import ViewVerb
 from mech_twin.configuration_tree import ConfigurationError
 from mech_twin.engine.step_samples import StepSamples
-from mech_twin.nodes.domain import settle_domain
+from mech_twin.nodes.run.domain import settle_domain
 from mech_twin.output_file import check_output_file, written_file
 
 if TYPE_CHECKING:
-    from mech_twin.nodes.run_metrics import RunMetrics
+    from mech_twin.nodes.roles.viewer_node import RunMetrics
     from mech_twin.recording.bag_samples import BagSamples
     from mech_twin.stop_signal import StopSignal
+    from mech_twin.view.bench.scene import BenchScene
     from mech_twin.view.rerun_scene import RerunScene
 
 WAIT_S = 0.05
 
 
-def view_bag(
-    bag: Path,
-    save: Path | None,
-    port: int,
-    map_file: Path | None = None,
-    config: Path | None = None,
-    *,
-    force: bool,
-) -> None:
+def view_bag(asked: ViewVerb) -> None:
     """Show a recording, or by a map a measured run, in the viewer until stopped, or write it to a file."""
+    bag, save, map_file = asked.bag, asked.save, asked.given_map
+    check_is_no_page(bag)
     if save is not None and save.suffix != ".rrd":
         raise CommandError(f"--save {save}: expected a file NAME.rrd")
     if save is not None:
-        check_output_file(save, force=force)
+        check_output_file(save, force=asked.force)
     settle_domain()
     from mech_twin.stop_signal import StopSignal
-    from mech_twin.view.rerun_scene import RerunScene
-    from mech_twin.view.sending import AT_ONCE, RECORDED
 
     with ExitStack() as stack:
         stop = stack.enter_context(StopSignal())
         with stop.interrupting():
-            shown = _recorded(stack, bag) if map_file is None else _measured(bag, map_file, config)
-            file = None if save is None else stack.enter_context(written_file(save, force=force))
-            url, sending = _viewer(stack, save, port), RECORDED if save is None else AT_ONCE
-            scene = stack.enter_context(RerunScene(shown.machine, grpc_url=url, rrd_path=file, sending=sending))
+            shown = _recorded(stack, bag) if map_file is None else _measured(bag, map_file, asked.config)
+            file = None if save is None else stack.enter_context(written_file(save, force=asked.force))
+            scene = _bench(stack, asked.port, shown.machine, bag) if file is None else _file(stack, file, shown.machine)
         shown.show(scene, stop)
         scene.close()
         if save is not None and stop.asked:
@@ -67,7 +63,7 @@ class _Shown(NamedTuple):
     """A run to show: the name of its machine, and what puts it into the scene."""
 
     machine: str
-    show: Callable[[RerunScene, StopSignal], None]
+    show: Callable[[BenchScene | RerunScene, StopSignal], None]
 
 
 def _recorded(stack: ExitStack, bag: Path) -> _Shown:
@@ -85,20 +81,34 @@ def _measured(measurement: Path, map_file: Path, config: Path | None) -> _Shown:
     return _Shown(read.machine.name, lambda scene, stop: show_measured(scene, read, stop))
 
 
-def _viewer(stack: ExitStack, save: Path | None, port: int) -> str | None:
-    if save is not None:
-        return None
-    from mech_twin.view.viewer_process import ViewerProcess
+def _file(stack: ExitStack, file: Path, machine: str) -> RerunScene:
+    """Return a scene in a file for rerun."""
+    from mech_twin.view.rerun_scene import RerunScene
 
-    viewer = stack.enter_context(ViewerProcess(port or None))
-    say(f"view: {viewer.web_url}")
-    return viewer.grpc_url
+    return stack.enter_context(RerunScene(machine, rrd_path=file))
 
 
-def _show(scene: RerunScene, samples: BagSamples, stop: StopSignal) -> None:
+def _bench(stack: ExitStack, port: int, machine: str, bag: Path) -> BenchScene:
+    """Return a scene on a bench started here."""
+    from mech_twin.view.bench.link import BenchLink
+    from mech_twin.view.bench.scene import BenchScene
+    from mech_twin.view.sending import RECORDED
+
+    view = opened_bench(port, stack, history_bytes=SHOWN_BYTES)
+    told = {"name": machine, "namespace": "", "orders": [], "parameters": [], "recording": str(bag)}
+    view.tell("machine", told)
+    view.tell("status", {"text": f"reading {bag}"})
+    return stack.enter_context(BenchScene(BenchLink(view.destination or "", PATIENCE_S), RECORDED))
+
+
+def _show(scene: BenchScene | RerunScene, samples: BagSamples, stop: StopSignal) -> None:
+    from mech_twin.view.bench.scene import BenchScene
+
     metrics = None if stop.asked else _metrics(samples)
     if metrics is not None and (tree := metrics.machine.mechanism) is not None:
         scene.know(tree, metrics.machine.blow_energy)
+    if metrics is not None and isinstance(scene, BenchScene):
+        scene.watch(metrics.machine)
     with progress(samples.shown(), samples.count, "showing") as shown:
         for item in shown:
             if stop.asked:
@@ -120,7 +130,7 @@ def _show(scene: RerunScene, samples: BagSamples, stop: StopSignal) -> None:
 
 def _metrics(samples: BagSamples) -> RunMetrics | None:
     """Return the observer of the run's metrics; None for a machine that is not in the catalogue."""
-    from mech_twin.nodes.run_metrics import RunMetrics
+    from mech_twin.nodes.roles.viewer_node import RunMetrics
     from mech_twin.studies.configuration_history import ConfigurationHistory
 
     try:

@@ -37,20 +37,25 @@ class StepAssembler:
     ----------
     incomplete : int
         Steps given back with a sample missing.
+    contradicted_from : int or None
+        The lowest step of which two samples differ: somebody else sent one of them, and which is not certain.
     """
 
     def __init__(self, fields: frozenset[str], unused: Counter[str] | None = None) -> None:
         self.unused: Counter[str] = Counter() if unused is None else unused
         self.incomplete = 0
+        self.contradicted_from: int | None = None
         self._fields = fields
         self._open: dict[int, dict[str, Any]] = {}
         self._newest: StepSamples | None = None
+        self._given: dict[int, StepSamples] = {}  # the newest ones
 
     def add(self, sample: Sample) -> list[StepSamples]:
         """Return the steps that this sample completes or displaces, lowest first."""
         field = FIELDS[type(sample)]
         if self._newest is not None and sample.step <= self._newest.step:
-            self._count_unused(sample, getattr(self._newest, field) if sample.step == self._newest.step else None)
+            given = self._given.get(sample.step)
+            self._count_unused(sample, None if given is None else getattr(given, field))
             return []
         known = self._open.get(sample.step)
         if known is None:
@@ -71,11 +76,16 @@ class StepAssembler:
 
     def _count_unused(self, sample: Sample, first: Sample | None) -> None:
         self.unused["late" if first is None else "repeated" if first == sample else "contradicting"] += 1
+        if first is not None and first != sample:
+            known = self.contradicted_from
+            self.contradicted_from = sample.step if known is None else min(known, sample.step)
 
     def _given_back(self, step: int) -> StepSamples:
         known = self._open.pop(step)
         self.incomplete += known.keys() != self._fields
-        self._newest = StepSamples(step, **known)
+        self._newest = self._given[step] = StepSamples(step, **known)
+        if len(self._given) > OPEN_STEPS:
+            del self._given[next(iter(self._given))]
         return self._newest
 
 

@@ -7,12 +7,13 @@ A role that derives from one of these has nothing to say but its constants (``mo
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
 
-from mech_twin.engine.compiled_steps import body_step, chosen, force_step, linkage_step, motor_step
 from mech_twin.engine.errors import MotionError
+from mech_twin.engine.held_models import held, held_body_step, held_force_step, held_linkage_step, held_motor_step
 from mech_twin.engine.sample_vectors import (
     FEW_ROWS,
     LOAD_WIDTH,
@@ -59,6 +60,14 @@ class _Compiled(Generic[Layout]):
             """Row of the samples."""
             ...
 
+    @cached_property
+    def held(self) -> Any:
+        """The constants, where the kernel has them."""
+        return held(self.model)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in self.__dict__.items() if name != "held"}
+
 
 class CompiledMotor(_Compiled[MotorLayout]):
     """A motor whose map is a kernel of `motor_step`; it is told the row of the linkage it drives."""
@@ -66,7 +75,7 @@ class CompiledMotor(_Compiled[MotorLayout]):
     def respond(self, linkage: LinkageSample, target: float) -> MotorSample:
         """Return the drive at the linkage's step; ``target`` is the asked fraction of rated supply frequency."""
         layout, out = self.layout, np.empty(self.layout.size)
-        chosen(motor_step, self.model)(self.model, motion_row(linkage), target, out)
+        held_motor_step(self.held, motion_row(linkage), target, out)
         return layout.sample(linkage.step, linkage.time_s, out.tolist())
 
 
@@ -84,9 +93,8 @@ class CompiledLinkage(_Compiled[LinkageLayout]):
         """Return the linkage one coupling step later, its events located inside the step."""
         layout, out = self.layout, np.empty(self.layout.size)
         led = NO_NUMBERS if body is None else body_row(body)
-        advance = chosen(linkage_step, self.model)
-        log, count = advance(
-            self.model, linkage.step, layout.row(linkage), motor_row(motor), led, out, layout.events.table()
+        log, count = held_linkage_step(
+            self.held, linkage.step, layout.row(linkage), motor_row(motor), led, out, layout.events.table()
         )
         if count < 0:
             raise failed(self.failures, count, linkage.time_s)
@@ -101,8 +109,9 @@ class CompiledForces(_Compiled[ForceLayout]):
         """Return every pin reaction, the derived quantities, and the loads on the body during the step."""
         layout, out = self.layout, np.empty(self.layout.size)
         events = layout.loads.rows(linkage.events) if layout.reads_events and linkage.events else NO_EVENTS
-        analyse = chosen(force_step, self.model)
-        loads, count = analyse(self.model, linkage.step, motion_row(linkage), events, len(events), out, no_loads())
+        loads, count = held_force_step(
+            self.held, linkage.step, motion_row(linkage), events, len(events), out, no_loads()
+        )
         told = layout.load_samples(loads[:count]) if count else ()
         return layout.sample(linkage.step, linkage.time_s, out.tolist(), told)
 
@@ -123,12 +132,11 @@ class CompiledBody(_Compiled[BodyLayout]):
     def follow(self, body: BodySample, forces: ForceSample) -> BodySample:
         """Return the body one coupling step later, under the loads of that step."""
         layout, out = self.layout, np.empty(self.layout.size)
-        follow = chosen(body_step, self.model)
         acting, loads = NO_NUMBERS, NO_LOADS
         if self.force_layout is not None:
             acting, loads = self.force_layout.row(forces), self.force_layout.load_rows(forces.loads)
-        log, count = follow(
-            self.model, forces.step, layout.row(body), acting, loads, len(loads), out, layout.events.table()
+        log, count = held_body_step(
+            self.held, forces.step, layout.row(body), acting, loads, len(loads), out, layout.events.table()
         )
         if count < 0:
             raise failed(self.failures, count, body.time_s)

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from mech_twin.engine.integration import declared_kernel
 from mech_twin.engine.sample_vectors import SIDES
-from mech_twin.kernel import kernel
+from mech_twin.kernel import borrowing_kernel, embedded_kernel, kernel
 
 Array = NDArray[np.float64]
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -65,7 +65,9 @@ def chosen(generic: Callable[..., Any], model: Any) -> Callable[..., Any]:
     return _declared[generic, type(model)]
 
 
-def step_of(generic: Callable[..., Any], model_type: type) -> Callable[[Function], Function]:
+def step_of(
+    generic: Callable[..., Any], model_type: type, compiler: Callable[[Any], Any] = kernel
+) -> Callable[[Function], Function]:
     """Declare a kernel as what a function of this kind does for one type of first argument, compiled or called.
 
     Parameters
@@ -74,15 +76,17 @@ def step_of(generic: Callable[..., Any], model_type: type) -> Callable[[Function
         `motor_step`, `linkage_step`, ... or another function whose first argument decides.
     model_type : type
         A `NamedTuple` of the same module as the kernel.
+    compiler : callable
+        One of `mech_twin.kernel`.
     """
 
     def declare(function: Function) -> Function:
-        compiled = _declared[generic, model_type] = declared_kernel(model_type, function)
+        compiled = _declared[generic, model_type] = declared_kernel(model_type, function, compiler)
 
         def call(model: Any, *arguments: Any) -> Any:
             return compiled(model, *arguments)
 
-        @overload(generic)
+        @overload(generic, jit_options={"forceinline": compiler is embedded_kernel})
         def implementation(model: Any, *arguments: Any) -> Any:  # numba asks with types
             return call if getattr(model, "instance_class", None) is model_type else None
 
@@ -115,6 +119,24 @@ def with_room(log: Array, count: int) -> Array:
     return longer
 
 
+@borrowing_kernel
+def fill_event(
+    log: Array,
+    row: int,
+    time_s: float,
+    kind: int,
+    contact: int,
+    before_m_per_s: float,
+    after_m_per_s: float,
+    impulse_ns: float,
+    period: float,
+) -> None:
+    """Write an event without coordinates in a row that is there."""
+    log[row, 0], log[row, 1], log[row, 2] = time_s, kind, contact
+    log[row, 3], log[row, 4], log[row, 5], log[row, 6] = before_m_per_s, after_m_per_s, impulse_ns, period
+    log[row, SIDES] = 0.0
+
+
 @kernel
 def log_event(
     log: Array,
@@ -129,7 +151,5 @@ def log_event(
 ) -> Array:
     """Write an event without coordinates in row ``count``; return the table, which may be longer now."""
     log = with_room(log, count)
-    log[count, 0], log[count, 1], log[count, 2] = time_s, kind, contact
-    log[count, 3], log[count, 4], log[count, 5], log[count, 6] = before_m_per_s, after_m_per_s, impulse_ns, period
-    log[count, SIDES] = 0.0
+    fill_event(log, count, time_s, kind, contact, before_m_per_s, after_m_per_s, impulse_ns, period)
     return log

@@ -20,6 +20,7 @@ from mech_twin.roles import BodyRole, Machine
 from mech_twin.samples import BodySample, Event, ForceSample, Frame, LinkageSample
 
 RESET = "reset"
+GIVEN_STATE = "state"  # contact of a reset to a stored state; that of one to the initial state is the linkage
 
 
 def coupling_step(longest_s: float = 1.0) -> Any:

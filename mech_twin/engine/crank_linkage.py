@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from mech_twin.engine.compiled_roles import CompiledLinkage, failed
-from mech_twin.engine.crank_piece import KINDS, NO_TORQUE, failures_at, sign_of
+from mech_twin.engine.crank_motion import KINDS, sign_of
 from mech_twin.engine.crank_state import (
     NO_FRICTION,
     TURN,
@@ -28,7 +28,7 @@ from mech_twin.engine.crank_state import (
     crank_drive,
     mechanism_state,
 )
-from mech_twin.engine.crank_step import TurnedCrank, guided_row, start_row
+from mech_twin.engine.crank_step import NO_TORQUE, TurnedCrank, failures_at, start_row, turned_crank
 from mech_twin.engine.sample_vectors import EventLayout, LinkageLayout
 from mech_twin.roles import CrankState
 from mech_twin.samples import LinkageSample
@@ -97,7 +97,7 @@ class CrankLinkage(CompiledLinkage):
             np.array(resisting, dtype=float).reshape(len(resisting), 3),
             float(self.energy_scale_j),
         )
-        return TurnedCrank(crank, self.mechanism)
+        return turned_crank(crank, self.mechanism)
 
     @cached_property
     def layout(self) -> LinkageLayout:
@@ -110,7 +110,7 @@ class CrankLinkage(CompiledLinkage):
     def start(self, step: int = 0) -> LinkageSample:
         """Return the machine at its first angle and speed; at rest it is held until the motor is heard."""
         out, speed, command = np.empty(self.layout.size), float(self.start_speed), float(self.start_command)
-        if not start_row(self.model, float(self.start_angle), speed, command, self.start_regime, out):
+        if not start_row(self.model, float(self.start_angle), speed, 0.0, command, self.start_regime, out):
             raise failed(self.failures, NO_TORQUE, step * self.step_s)
         return self.layout.sample(step, step * self.step_s, out.tolist(), ())
 
@@ -118,7 +118,7 @@ class CrankLinkage(CompiledLinkage):
         """Return the linkage in a measured motion of its crank, with the torque at the crank that it needs."""
         f, w, e = map(float, motion[:3])
         out, regime = np.empty(self.layout.size), self._regime_at(f, sign_of(w))
-        if not guided_row(self.model, f, w, e, float(self.start_command), regime, out):
+        if not start_row(self.model, f, w, e, float(self.start_command), regime, out):
             raise failed(self.failures, NO_TORQUE, time_s)
         return self.layout.sample(step, time_s, out.tolist(), ())
 

@@ -1,16 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-r"""Motion of a linkage with one freedom between two events: its crank turned at a prescribed speed, or by a motor.
+r"""Motion of a linkage with one freedom, turned at its crank: what it declares to the one loop.
 
 ::
 
     motor --[ gear i, eta ]--> shaft inertia J --> crank: angle f, speed w, friction c, v --> I_pr(f), M_pr(f)
 
-    (I_pr + J) w' + w^2/2 dI_pr/df = M_pr + gear(i M) - c sign w - v w
+    (I_pr + J) w' + w^2/2 dI_pr/df = M_pr + mean of the gear - v w + lam
     M(t, w) = M_n + dM/dw i (w - w_n) + dM/dt (t - t_n),  kept within the breakdown torque
 
-The motor's torque goes on within a step along its own slope at t_n, the directional derivative of the motor: the
-coupling is second order, and stable however small the inertia behind a steep working branch is.  A piece of motion ends
-where the step does, where the crank comes to rest, or where it reaches the next angle at which the load changes.
+One law acts at the crank: loss of the gear, Coulomb friction, and a load that only resists.  Its bounds are the sums of
+theirs.  A prescribed speed is a crank of known acceleration, whose drive takes what the mechanism needs.
 """
 
 from __future__ import annotations
@@ -18,83 +17,85 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
-from mech_twin.engine.integration import (
-    SHORTEST_S,
-    Workspace,
-    controlled_step,
-    finish_step,
-    interpolate,
-    method_of,
-    prepare_dense_output,
-    start_step,
-    take_step,
+from mech_twin.engine.compiled_steps import fill_event
+from mech_twin.engine.crank_state import (
+    LARGE_ANGLE,
+    TURN,
+    Crank,
+    ShaftDrive,
+    count_torque_energy,
+    mechanism_drive_moment,
+    mechanism_load_speed,
+    mechanism_load_work,
+    mechanism_reduced,
 )
-from mech_twin.kernel import borrowing_kernel, inline_kernel, kernel
-from mech_twin.parts.friction import sliding_torque
+from mech_twin.engine.hybrid.declared import Declared
+from mech_twin.engine.hybrid.laws import (
+    HIGH,
+    HOLD,
+    LOW,
+    Array,
+    Equations,
+    Indices,
+    accumulate,
+    begin_piece,
+    change_regimes,
+    declares,
+    end_piece,
+    evaluate,
+    fill_signals,
+    note_impact,
+    pass_signal,
+)
+from mech_twin.engine.hybrid.loop import (
+    Room,
+)
+from mech_twin.engine.hybrid.motion import settle_regimes
+from mech_twin.engine.sample_vectors import (
+    EVENT_WIDTH,
+    SIDES,
+)
+from mech_twin.kernel import borrowing_kernel, inline_kernel
 from mech_twin.parts.gear import gear_split
 
-Array = NDArray[np.float64]
-SPAN_ENDED, AT_REST, AT_ANGLE, NOT_INTEGRATED, TOO_MANY_STEPS = 0, 1, 2, 3, 4
-MOST_STEPS = 20_000  # of one piece: a fraction of a second
-LONGEST_TURN_RAD = 0.2  # of the crank in one step of the integration, whatever its estimated error
-DRIVE_POWER = 0  # the one rate of a crank at a prescribed speed
+TOLERANCE = 1e-12  # of a step: angle in rad, speed and works over their size
+HELD_SHARE = 0.01  # of the energy held and moved: no error of work is asked to be below its rounding
+KINDS = ("started", "stopped", "stalled", "reversed")  # then those of the boundaries
+STARTED, STOPPED, STALLED, REVERSED = range(4)
+CRANK_CONTACT, LOAD_CONTACT = 0, 1
+ANGLE, SPEED, DRIVE_WORK, GEAR_LOSS, FRICTION_LOSS = range(5)  # the state that is integrated; the angle within a turn
+STATE_SIZE = 5
+TURNED, LOAD_WORK, STALLED_1, TURNED_BACK, AIM, BOUNDARY = range(6)  # kept beside: whole angle, work of the load, ...
+BEGIN_ROOM = STATE_SIZE + 6  # of the numbers a step computes in
+CRANK_LAW, MECHANISM_REGIME = 0, 1
 
 
-class ShaftState(NamedTuple):
-    """What is integrated: the crank's angle and speed, work on the mechanism, losses of gear and friction."""
+class TurningCrank(NamedTuple):
+    """A crank within a coupling step: what drives it, or its acceleration (rad/s2); the command; what is kept."""
 
-    angle_rad: float
-    speed_rad_per_s: float
-    drive_work_j: float
-    gear_loss_j: float
-    friction_loss_j: float
-
-
-STATE_SIZE = len(ShaftState._fields)
-
-
-@inline_kernel
-def shaft_state(y: Array) -> ShaftState:
-    """Return the numbers of a state (5,), or of its rates, by name."""
-    return ShaftState(y[0], y[1], y[2], y[3], y[4])
+    model: Any
+    drive: ShaftDrive
+    e: float
+    command: float
+    kept: Array
 
 
 @inline_kernel
-def fill_shaft(y: Array, state: ShaftState) -> None:
-    """Put a state, or its rates, into an array (5,)."""
-    for i in range(STATE_SIZE):
-        y[i] = state[i]
+def sign_of(value: float) -> float:
+    """Return the sign of a number, 0 of 0."""
+    return 0.0 if value == 0.0 else math.copysign(1.0, value)
 
 
-class ShaftDrive(NamedTuple):
-    """What turns the crank during one coupling step; t = 0 at its start.
-
-    ``torque_nm`` M_n, ``speed_slope`` dM/d(rotor speed) (N m s/rad), ``time_slope`` dM/dt (N m/s), ``speed`` w_n of the
-    crank (rad/s), ``torque_limit_nm`` the largest motor torque; ``direction`` the sense of turning (+1, -1).
-    """
-
-    shaft_inertia_kg_m2: float
-    ratio: float
-    efficiency: float
-    torque_nm: float
-    speed_slope: float
-    time_slope: float
-    speed: float
-    torque_limit_nm: float
-    coulomb_nm: float
-    viscous_nms_per_rad: float
-    direction: float
+@inline_kernel
+def turning_sense(regime: int) -> float:
+    """Return the sense of turning (+1, -1, 0 at rest) of the crank's law."""
+    return 1.0 if regime == LOW else -1.0 if regime == HIGH else 0.0
 
 
-class ShaftTorques(NamedTuple):
-    """Torques on the crank shaft (N m): from the gear, and from friction; power lost in the gear (W)."""
-
-    drive_nm: float
-    friction_nm: float
-    gear_loss_w: float
+@inline_kernel
+def law_of(sense: float) -> int:
+    """Return the regime of the crank's law in a sense of turning."""
+    return LOW if sense > 0.0 else HIGH if sense < 0.0 else HOLD
 
 
 @inline_kernel
@@ -105,154 +106,229 @@ def line_torque(drive: ShaftDrive, t: float, w: float) -> float:
 
 
 @inline_kernel
-def shaft_torques(drive: ShaftDrive, t: float, w: float) -> ShaftTorques:
-    """Return what drives and what brakes a turning crank."""
-    mean, loss = gear_split(drive.ratio, drive.efficiency, line_torque(drive, t, w))
-    friction = sliding_torque(drive.coulomb_nm, drive.viscous_nms_per_rad, w, drive.direction)
-    given = mean - drive.direction * loss
-    return ShaftTorques(given, friction, drive.ratio * line_torque(drive, t, w) * w - given * w)
+def resisting_row(crank: Crank, regime: int) -> int:
+    """Return the row of the load that only resists in a regime, -1 where there is none."""
+    for i in range(len(crank.resisting)):
+        if crank.resisting[i, 0] == regime:
+            return i
+    return -1
 
 
 @inline_kernel
-def crank_rates(drive: ShaftDrive, t: float, y: Array, inertia: float, slope: float, moment: float, out: Array) -> None:
-    """Fill the rates of angle, speed, work on the mechanism, gear loss and friction loss.
-
-    Parameters
-    ----------
-    inertia, slope, moment : float
-        I_pr (kg m2), dI_pr/df (kg m2/rad) and M_pr (N m) of the mechanism at the angle.
-    """
-    w = shaft_state(y).speed_rad_per_s
-    shaft = shaft_torques(drive, t, w)
-    e = (shaft.drive_nm + shaft.friction_nm + moment - 0.5 * w * w * slope) / (inertia + drive.shaft_inertia_kg_m2)
-    power = (shaft.drive_nm - drive.shaft_inertia_kg_m2 * e) * w
-    fill_shaft(out, ShaftState(w, e, power, shaft.gear_loss_w, -shaft.friction_nm * w))
+def load_torque(mechanism: Any, f: float, regime: int) -> float:
+    """Return the torque (N m) that holds the mechanism at rest."""
+    return float(count_torque_energy(mechanism, f, 0.0, 0.0, regime)[1])
 
 
-@borrowing_kernel
-def _good_step(
-    system: Any, t: float, y: Array, wanted: float, tolerance: Array, work: Workspace
-) -> tuple[float, float]:
-    """Take a step within the tolerances from where `start_step` has been; return it and the next to try (s).
-
-    Where none is short enough (a load that sets in with a vertical tangent) the shortest one is taken: in it the load
-    does no work worth counting.
-    """
-    h, following = 0.0, wanted
-    if wanted > SHORTEST_S:
-        h, following = controlled_step(system, t, y, wanted, tolerance, work)
-    if h == 0.0:
-        h, following = min(wanted, SHORTEST_S), 10.0 * SHORTEST_S
-        take_step(system, t, y, h, work)
-        finish_step(system, t, h, work)
-    return h, following
-
-
-@kernel
-def _first_share(
-    system: Any, y: Array, h: float, direction: float, aim: float, what: int, high: float, work: Workspace
-) -> float:
-    """Return the share of a finished step at which rest or the angle is reached, by bisection of its dense output."""
-    out, low = np.empty_like(y), 0.0
-    for _ in range(55):
-        middle = 0.5 * (low + high)
-        interpolate(system, y, h, middle, work, out)
-        now = shaft_state(out)
-        left = now.speed_rad_per_s * direction if what == AT_REST else (aim - now.angle_rad) * direction
-        if left > 0.0:
-            low = middle
+@declares(evaluate, TurningCrank)
+def evaluate_crank(motion: TurningCrank, t: float, y: Array, regimes: Indices, at: Equations) -> None:
+    """Fill in inertia, moment and the bounds of the one law at the crank."""
+    crank, drive, f, w = motion.model.crank, motion.drive, y[ANGLE], y[SPEED]
+    at.directions[0, 0] = 1.0
+    if crank.drive.prescribed:
+        at.mass[0, 0], at.force[0], at.low[0], at.high[0] = 1.0, motion.e, 0.0, 0.0
+        return
+    regime = regimes[MECHANISM_REGIME]
+    inertia, slope, moment = mechanism_reduced(motion.model.mechanism, f, regime)
+    grip = gear_split(drive.ratio, drive.efficiency, line_torque(drive, t, w))
+    limit = grip.friction_nm + drive.coulomb_nm
+    at.low[0], at.high[0] = -limit, limit
+    row = resisting_row(crank, regime)
+    if row >= 0:
+        bare = mechanism_reduced(motion.model.mechanism, f, int(crank.resisting[row, 2]))[2]
+        if crank.resisting[row, 1] > 0.0:
+            at.low[0] += moment - bare
         else:
-            high = middle
-    return high
+            at.high[0] += moment - bare
+        moment = bare
+    at.mass[0, 0] = inertia + drive.shaft_inertia_kg_m2
+    at.force[0] = grip.mean_nm + moment - 0.5 * w * w * slope - drive.viscous_nms_per_rad * w
+
+
+@declares(accumulate, TurningCrank)
+def accumulate_work(motion: TurningCrank, t: float, y: Array, regimes: Indices, at: Equations, out: Array) -> None:
+    """Fill in the power on the mechanism, the loss of the gear and of friction.
+
+    At a prescribed speed the power is that of the moment that the pin forces give: the load's work is in closed form
+    and the energy from the reduced inertia, so the balance compares three routes.
+    """
+    drive, w, sense = motion.drive, y[SPEED], turning_sense(regimes[CRANK_LAW])
+    lost = (drive.coulomb_nm * sense + drive.viscous_nms_per_rad * w) * w
+    out[FRICTION_LOSS], out[GEAR_LOSS] = lost, 0.0
+    if motion.model.crank.drive.prescribed:
+        regime = regimes[MECHANISM_REGIME]
+        out[DRIVE_WORK] = mechanism_drive_moment(motion.model.mechanism, y[ANGLE], w, motion.e, regime) * w + lost
+        return
+    torque = line_torque(drive, t, w)
+    grip = gear_split(drive.ratio, drive.efficiency, torque)
+    given = grip.mean_nm - sense * grip.friction_nm
+    out[DRIVE_WORK] = (given - drive.shaft_inertia_kg_m2 * at.acceleration[0]) * w
+    out[GEAR_LOSS] = drive.ratio * torque * w - given * w
+
+
+@declares(fill_signals, TurningCrank)
+def signal_boundary(
+    motion: TurningCrank, t: float, y: Array, regimes: Indices, at: Equations, values: Array, rates: Array
+) -> None:
+    """Fill in the way to the next boundary of the load (rad)."""
+    sense = turning_sense(regimes[CRANK_LAW])
+    values[2] = math.inf
+    if motion.kept[BOUNDARY] >= 0.0 and sense != 0.0:
+        values[2], rates[2] = sense * (motion.kept[AIM] - y[ANGLE]), -sense * y[SPEED]
+
+
+@declares(begin_piece, TurningCrank)
+def find_boundary(motion: TurningCrank, t: float, y: Array, regimes: Indices) -> None:
+    """Keep the next boundary in the sense of turning, and its angle in this turn less what the state leaves out."""
+    boundaries, kept, sense = motion.model.crank.boundaries, motion.kept, turning_sense(regimes[CRANK_LAW])
+    best, aim = -1, math.copysign(math.inf, sense)
+    for i in range(len(boundaries)):
+        angle, sign = boundaries[i, 0], boundaries[i, 1]
+        if boundaries[i, 2] != regimes[MECHANISM_REGIME] or sign != sense:
+            continue
+        if math.isnan(angle):
+            angle = kept[TURNED_BACK]
+        else:
+            angle += sign * TURN * (math.floor(sign * (kept[TURNED] - angle) / TURN) + 1.0)
+        if best < 0 or sign * (angle - aim) < 0.0:
+            best, aim = i, angle
+    kept[BOUNDARY], kept[AIM] = best, aim - (kept[TURNED] - y[ANGLE])
+
+
+@declares(end_piece, TurningCrank)
+def book_load(motion: TurningCrank, t: float, before: Array, y: Array, regimes: Indices) -> None:
+    """Book the load's work in closed form, and what rounding takes from a large angle: equal steps round alike."""
+    mechanism, regime, past = motion.model.mechanism, regimes[MECHANISM_REGIME], motion.kept[TURNED]
+    now = past + (y[ANGLE] - before[ANGLE])
+    if abs(now) >= LARGE_ANGLE:
+        torque = count_torque_energy(mechanism, y[ANGLE], y[SPEED], 0.0, regime)[1]
+        y[DRIVE_WORK] += torque * ((now - past) - (y[ANGLE] - before[ANGLE]))
+    motion.kept[LOAD_WORK] += mechanism_load_work(mechanism, past, now, regime)
+    motion.kept[TURNED] = now
 
 
 @borrowing_kernel
-def _land(system: Any, t: float, y: Array, h: float, aim: float, what: int, work: Workspace) -> float:
-    """Return the length (s) of the step that ends at rest or at the angle, and leave ``work.end`` there (Newton)."""
-    last = len(method_of(system).weights)
-    for _ in range(4):
-        take_step(system, t, y, h, work)
-        finish_step(system, t, h, work)
-        end, rates = shaft_state(work.end), shaft_state(work.rates[last])
-        miss = end.speed_rad_per_s if what == AT_REST else end.angle_rad - aim
-        rate = rates.speed_rad_per_s if what == AT_REST else rates.angle_rad
-        if miss == 0.0 or rate == 0.0 or not h - miss / rate >= 0.0:
-            break
-        h -= miss / rate
-    take_step(system, t, y, h, work)
-    finish_step(system, t, h, work)
-    return h
+def log_crank(
+    motion: TurningCrank, time_s: float, kind: int, contact: int, speeds: tuple[float, float, float],
+    torques: tuple[float, float], log: Array, count: int
+) -> int:  # fmt: skip
+    """Log an event with speed of the contact, speed and sense of the crank, and its torque on either side."""
+    (contact_speed, w, sense), turned = speeds, motion.kept[TURNED]
+    turns = math.floor((turned - motion.model.crank.start_rad) / TURN * (1.0 if sense >= 0.0 else -1.0))
+    fill_event(log, count, time_s, kind, contact, contact_speed, contact_speed, 0.0, max(0.0, float(turns)))
+    log[count, SIDES] = 1.0
+    for side in range(2):
+        log[count, EVENT_WIDTH + 3 * side], log[count, EVENT_WIDTH + 3 * side + 1] = turned, w
+        log[count, EVENT_WIDTH + 3 * side + 2] = torques[side]
+    return count + 1
 
 
-@kernel
-def turn_crank(
-    system: Any, t: float, y: Array, span: float, direction: float, aim: float, tolerance: Array
-) -> tuple[float, int, float]:
-    """Advance ``y`` in place; return time (s), what ended the motion, and the crank's acceleration there (rad/s2).
+@declares(pass_signal, TurningCrank)
+def pass_boundary(
+    motion: TurningCrank, which: int, t: float, y: Array, regimes: Indices, log: Array, count: int
+) -> int:
+    """Change the regime of the load, and log that with the speed of the loaded point."""
+    crank, mechanism, kept, w = motion.model.crank, motion.model.mechanism, motion.kept, y[SPEED]
+    row, before = int(kept[BOUNDARY]), regimes[MECHANISM_REGIME]
+    after, kind = int(crank.boundaries[row, 3]), int(crank.boundaries[row, 4])
+    kept[TURNED], y[ANGLE] = kept[TURNED] + (kept[AIM] - y[ANGLE]), kept[AIM]
+    f = kept[TURNED]
+    speed = mechanism_load_speed(mechanism, f, w)
+    torques = (
+        count_torque_energy(mechanism, f, w, 0.0, before)[1],
+        count_torque_energy(mechanism, f, w, 0.0, after)[1],
+    )
+    regimes[MECHANISM_REGIME] = after
+    sense = turning_sense(regimes[CRANK_LAW])
+    return log_crank(motion, t + motion.drive.start_s, kind, LOAD_CONTACT, (speed, w, sense), torques, log, count)
 
-    Parameters
-    ----------
-    system : NamedTuple
-        Constants whose rates are `crank_rates`.
-    t, span : float
-        Time of the coupling step at which the motion starts, and its longest duration (s).
-    y : ndarray
-        The numbers of a `ShaftState`, shape (5,).
-    direction : float
-        Sense of turning (+1, -1); the motion ends at rest.
-    aim : float
-        Angle (rad) at which it ends, infinite where there is none.
-    tolerance : ndarray
-        Largest error of a step, shape (5,).
+
+@declares(change_regimes, TurningCrank)
+def change_sense(
+    motion: TurningCrank, t: float, y: Array, past: Indices, regimes: Indices, at: Equations, log: Array, count: int
+) -> int:
+    """Log that the crank stops, starts, turns back or stalls; a load that only resists lets go where it turns back."""
+    crank, kept = motion.model.crank, motion.kept
+    before, sense = turning_sense(past[CRANK_LAW]), turning_sense(regimes[CRANK_LAW])
+    y[SPEED] = 0.0
+    row = resisting_row(crank, regimes[MECHANISM_REGIME])
+    load = regimes[MECHANISM_REGIME]
+    if row >= 0 and sense != 0.0 and sense != crank.resisting[row, 1]:
+        regimes[MECHANISM_REGIME], kept[TURNED_BACK] = int(crank.resisting[row, 2]), kept[TURNED]
+    if crank.drive.prescribed:
+        return count
+    if sense != 0.0:
+        kept[STALLED_1] = 0.0
+    if sense == before:
+        return count
+    kind = STARTED if before == 0.0 else STOPPED if sense == 0.0 else REVERSED
+    if before * motion.command > 0.0:
+        kind, kept[STALLED_1] = STALLED, 1.0 if sense == 0.0 else 0.0
+    torque = line_torque(motion.drive, t, 0.0)
+    smooth = gear_split(motion.drive.ratio, motion.drive.efficiency, torque).friction_nm + crank.friction.coulomb_nm
+    if kind != STALLED and smooth == 0.0:
+        return count
+    held = load_torque(motion.model.mechanism, y[ANGLE], load)
+    return log_crank(
+        motion, t + motion.drive.start_s, kind, CRANK_CONTACT, (0.0, 0.0, before), (held, held), log, count
+    )
+
+
+@declares(note_impact, TurningCrank)
+def no_impact(motion: TurningCrank, t: float, before: Array, y: Array, at: Equations, log: Array, count: int) -> int:
+    """Return that there was none."""
+    return count
+
+
+@borrowing_kernel
+def note_stall(motion: TurningCrank, system: Declared, y: Array, regimes: Indices, room: Room, log: Array) -> int:
+    """Log once that a supply that is on does not turn a crank at rest."""
+    if motion.model.crank.drive.prescribed or regimes[CRANK_LAW] != HOLD or motion.kept[STALLED_1] != 0.0:
+        return 0
+    if motion.command == 0.0 or motion.drive.time_slope != 0.0:
+        return 0
+    room.candidates[0] = 1
+    settle_regimes(system, 0.0, y, regimes, room.candidates, room.at)
+    if regimes[CRANK_LAW] != HOLD:
+        regimes[CRANK_LAW] = HOLD
+        return 0
+    motion.kept[STALLED_1] = 1.0
+    held = load_torque(motion.model.mechanism, y[ANGLE], regimes[MECHANISM_REGIME])
+    return log_crank(motion, motion.drive.start_s, STALLED, CRANK_CONTACT, (0.0, 0.0, 0.0), (held, held), log, 0)
+
+
+@inline_kernel
+def turned_over(y: Array, load_work: float) -> float:
+    """Return the work (J) turned over, at least 1."""
+    return float(max(1.0, abs(y[DRIVE_WORK]), abs(load_work), y[FRICTION_LOSS]))
+
+
+@borrowing_kernel
+def fill_tolerance(model: Any, y: Array, e: float, regime: int, load_work: float, out: Array) -> None:
+    """Fill in the largest error of a step: works over what was turned over, or is held and moved in a step."""
+    friction, w, h = model.crank.friction, y[SPEED], model.crank.step_s
+    _, torque, energy = count_torque_energy(model.mechanism, y[ANGLE], w, e, regime)
+    resisting = friction.coulomb_nm + friction.viscous_nms_per_rad * abs(w)
+    moved = (abs(torque) + resisting) * (abs(w) + abs(e) * h) * h
+    size = TOLERANCE * max(turned_over(y, load_work), HELD_SHARE * float(abs(energy) + moved))
+    out[ANGLE], out[SPEED] = TOLERANCE, TOLERANCE * (1.0 + abs(w))
+    out[DRIVE_WORK] = out[GEAR_LOSS] = out[FRICTION_LOSS] = size
+
+
+@borrowing_kernel
+def held_shares(motion: TurningCrank, y: Array, regimes: Indices, at: Equations) -> tuple[float, float]:
+    """Return friction of the bearing (N m) and share of the load at rest: the load holds first, then friction.
+
+    At a prescribed speed friction carries all it can of the load, and the drive what is left.
     """
-    tableau = method_of(system)
-    rows, last = len(tableau.nodes), len(tableau.weights)
-    work = Workspace(np.empty((rows, STATE_SIZE)), np.empty(STATE_SIZE), np.empty(STATE_SIZE))
-    done, wanted, e = 0.0, span, 0.0
-    for _ in range(MOST_STEPS):
-        start_step(system, t + done, y, work)
-        h, wanted = _good_step(system, t + done, y, min(wanted, span - done), tolerance, work)
-        end = shaft_state(work.end)
-        if not np.isfinite(end.speed_rad_per_s):
-            return done, NOT_INTEGRATED, e
-        rests = direction * end.speed_rad_per_s < 0.0
-        passes = direction * (end.angle_rad - aim) >= 0.0
-        if rests or passes:
-            prepare_dense_output(system, t + done, y, h, work)
-            share, what = 1.0, SPAN_ENDED
-            if rests:
-                share, what = _first_share(system, y, h, direction, aim, AT_REST, 1.0, work), AT_REST
-                interpolate(system, y, h, share, work, work.stage)
-                passes = direction * (shaft_state(work.stage).angle_rad - aim) >= 0.0
-            if passes:
-                share, what = _first_share(system, y, h, direction, aim, AT_ANGLE, share, work), AT_ANGLE
-            h = _land(system, t + done, y, share * h, aim, what, work)
-            end = shaft_state(work.end)
-            angle, speed = (end.angle_rad, 0.0) if what == AT_REST else (aim, end.speed_rad_per_s)
-            fill_shaft(y, ShaftState(angle, speed, end.drive_work_j, end.gear_loss_j, end.friction_loss_j))
-            return min(done + h, span), what, shaft_state(work.rates[last]).speed_rad_per_s
-        y[:] = work.end
-        e = shaft_state(work.rates[last]).speed_rad_per_s
-        done += h
-        if span - done <= 1e-15 * span:
-            return span, SPAN_ENDED, e
-    return done, TOO_MANY_STEPS, e
-
-
-@kernel
-def integrated_work(system: Any, span: float, tolerance: float, longest: float) -> float:
-    """Return the integral (J) of a power over ``span`` (s) from time 0, or nan; its one rate is the power (W).
-
-    No step is longer than ``longest`` (s): the estimate of a long step's error may vanish by chance.
-    """
-    rows = len(method_of(system).nodes)
-    work, y, limit = Workspace(np.empty((rows, 1)), np.empty(1), np.empty(1)), np.zeros(1), np.full(1, tolerance)
-    done, wanted = 0.0, span
-    for _ in range(MOST_STEPS):
-        if span - done <= 1e-15 * span:
-            return float(y[DRIVE_POWER])
-        start_step(system, done, y, work)
-        h, wanted = _good_step(system, done, y, min(wanted, span - done, longest), limit, work)
-        y[:] = work.end
-        done += h
-    return math.nan
+    crank, mechanism, regime = motion.model.crank, motion.model.mechanism, regimes[MECHANISM_REGIME]
+    coulomb = crank.friction.coulomb_nm
+    if crank.drive.prescribed:
+        return min(max(load_torque(mechanism, y[ANGLE], regime), -coulomb), coulomb), 1.0
+    held, share, limit, row = at.multiplier[0], 1.0, at.high[0], resisting_row(crank, regime)
+    if row >= 0:
+        limit = min(at.high[0], -at.low[0])
+        load = (at.low[0] + at.high[0]) if crank.resisting[row, 1] != 0.0 else 0.0
+        share = 0.0 if load == 0.0 else min(max(held / load, 0.0), 1.0)
+        held -= share * load
+    return held * (coulomb / limit if limit > 0.0 else 0.0), share

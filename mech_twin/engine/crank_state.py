@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mech_twin.engine.compiled_steps import chosen
-from mech_twin.engine.crank_motion import ShaftDrive
 from mech_twin.engine.sample_vectors import LINKAGE_JOINTS, Array
 from mech_twin.kernel import kernel
 from mech_twin.parts.induction_motor import MotorConstants, motor_torque_slope
@@ -67,6 +66,13 @@ def fill_memory(memory: Memory, row: Array, joints: int) -> None:
 def mechanism_state(mechanism: Any, f: float, w: float, e: float, regime: int) -> Any:
     """Return positions, velocities of the joints, crank torque (N m), energy (J), closure error (m)."""
     return chosen(mechanism_state, mechanism)(mechanism, f, w, e, regime)
+
+
+@kernel
+def count_torque_energy(mechanism: Any, f: float, w: float, e: float, regime: int) -> tuple[int, float, float]:
+    """Return number of joints, crank torque (N m) and energy (J); what the mechanism makes besides is freed here."""
+    positions, _, torque, energy, _ = mechanism_state(mechanism, f, w, e, regime)
+    return len(positions), torque, energy
 
 
 def mechanism_load_work(mechanism: Any, before: float, after: float, regime: int) -> float:
@@ -173,12 +179,36 @@ class Crank(NamedTuple):
     energy_scale_j: float
 
 
+class ShaftDrive(NamedTuple):
+    """What turns the crank during one coupling step; t = 0 at its start.
+
+    ``torque_nm`` M_n, ``speed_slope`` dM/d(rotor speed) (N m s/rad), ``time_slope`` dM/dt (N m/s), ``speed`` w_n of
+    the crank (rad/s), ``torque_limit_nm`` the largest motor torque, ``start_s`` the time at the start (s).
+    """
+
+    shaft_inertia_kg_m2: float
+    ratio: float
+    efficiency: float
+    torque_nm: float
+    speed_slope: float
+    time_slope: float
+    speed: float
+    torque_limit_nm: float
+    coulomb_nm: float
+    viscous_nms_per_rad: float
+    start_s: float
+
+
 @kernel
-def shaft_drive(crank: Crank, speed: float, before: float, rotor: float, torque: float, command: float) -> ShaftDrive:
-    """Return what turns the crank in a step; no sense of turning is set yet.
+def shaft_drive(
+    crank: Crank, start_s: float, speed: float, before: float, rotor: float, torque: float, command: float
+) -> ShaftDrive:
+    """Return what turns the crank in a step.
 
     Parameters
     ----------
+    start_s : float
+        Time at the start of the step.
     speed, before : float
         Crank speed (rad/s) at the start of the step, and the command of the step before.
     rotor, torque, command : float
@@ -202,23 +232,5 @@ def shaft_drive(crank: Crank, speed: float, before: float, rotor: float, torque:
         limit,
         friction.coulomb_nm,
         friction.viscous_nms_per_rad,
-        0.0,
-    )
-
-
-@kernel
-def turning(drive: ShaftDrive, direction: float) -> ShaftDrive:
-    """Return the drive of a crank that turns in this sense."""
-    return ShaftDrive(
-        drive.shaft_inertia_kg_m2,
-        drive.ratio,
-        drive.efficiency,
-        drive.torque_nm,
-        drive.speed_slope,
-        drive.time_slope,
-        drive.speed,
-        drive.torque_limit_nm,
-        drive.coulomb_nm,
-        drive.viscous_nms_per_rad,
-        direction,
+        start_s,
     )

@@ -1,10 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One coupling step of a linkage with one freedom, as kernels over any mechanism of `crank_state`.
-
-Between two boundaries of the crank angle the regime is constant, and between two instants of rest the sense of turning
-is, so a step is cut there and each piece is smooth.  With a prescribed speed the crank angle is a parabola in time and
-the cuts are roots of it; with a motor they are found on the integrated motion.
-"""
+"""One coupling step of a linkage with one freedom, as rows of numbers: its motion is in `crank_motion`."""
 
 from __future__ import annotations
 
@@ -14,65 +9,121 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mech_twin.engine.compiled_steps import linkage_step, step_of
-from mech_twin.engine.crank_driven import drive_on
-from mech_twin.engine.crank_led import holding_torque, lead
-from mech_twin.engine.crank_piece import (
-    NO_TORQUE,
-    POINT,
+from mech_twin.engine.crank_motion import (
+    ANGLE,
+    BEGIN_ROOM,
+    CRANK_LAW,
+    DRIVE_WORK,
+    FRICTION_LOSS,
+    GEAR_LOSS,
+    LOAD_WORK,
+    MECHANISM_REGIME,
+    SPEED,
+    STALLED_1,
+    STATE_SIZE,
+    TURNED,
+    TURNED_BACK,
+    TurningCrank,
+    fill_tolerance,
+    held_shares,
+    law_of,
+    load_torque,
+    note_stall,
     sign_of,
     turned_over,
+    turning_sense,
 )
 from mech_twin.engine.crank_state import (
     MEMORY_SIZE,
     Crank,
     Memory,
+    ShaftDrive,
+    count_torque_energy,
     fill_memory,
     mechanism_state,
     memory_of,
     shaft_drive,
     under_load_share,
+    within_a_turn,
 )
+from mech_twin.engine.hybrid.declared import declared, entry_of
+from mech_twin.engine.hybrid.laws import (
+    Array,
+    Indices,
+)
+from mech_twin.engine.hybrid.loop import (
+    CONTRADICTS,
+    LOG_FULL,
+    MOST_PIECES,
+    MOST_STEPS,
+    TOO_LONG,
+    TOO_MANY,
+    UNSTEADY,
+    advance,
+    room_in,
+    room_sizes,
+)
+from mech_twin.engine.hybrid.motion import find_accelerations
 from mech_twin.engine.sample_vectors import (
     COMMAND,
     LINKAGE_JOINTS,
     MOTOR_COMMAND,
     MOTOR_JOINTS,
     REGIME,
-    Array,
 )
-from mech_twin.kernel import kernel
+from mech_twin.engine.tableaus import DORMAND_PRINCE_5
+from mech_twin.kernel import borrowing_kernel, kernel
+
+NO_TORQUE = -5
+FAILURES = {
+    TOO_MANY: f"more than {MOST_PIECES} changes of regime; expected fewer: shorten coupling.step_s, or soften friction "
+    "and load",
+    UNSTEADY: "no integration step of 1e-13 s or more is small enough for the crank; friction, load or speed change "
+    "too fast, or the mechanism does not turn through",
+    TOO_LONG: f"coupling.step_s = {{step_s:g}} s takes more than {MOST_STEPS} steps of integration, "
+    "loads are large for the crank's inertia; try {shorter_s:g}",
+    CONTRADICTS: "the friction at the crank contradicts itself",
+    NO_TORQUE: "the crank torque is not finite",
+}
+
+
+def failures_at(step_s: float) -> tuple[str, ...]:
+    """Return what each failure is told by, at a coupling step (s)."""
+    return tuple(FAILURES[-1 - i].format(step_s=step_s, shorter_s=0.1 * step_s) for i in range(len(FAILURES)))
 
 
 class TurnedCrank(NamedTuple):
-    """A crank linkage: its constants, and those of its mechanism."""
+    """A crank linkage: its constants, those of its mechanism, and the address of its functions."""
 
     crank: Crank
     mechanism: Any
+    entry: int | None  # of `TurningCrank` in this process
+
+
+def turned_crank(crank: Crank, mechanism: Any) -> TurnedCrank:
+    """Return the model of a crank linkage, its functions compiled."""
+    model = TurnedCrank(crank, mechanism, 0)
+    motion = TurningCrank(model, ShaftDrive(*[0.0] * len(ShaftDrive._fields)), 0.0, 0.0, np.empty(6))
+    return model._replace(entry=entry_of(motion))
 
 
 @kernel
 def fill_row(
-    model: TurnedCrank, point: Any, command: float, held: float, initial_j: float, booked_j: float, out: Array
+    model: TurnedCrank, y: Array, turned: float, sense: float, regime: int, memory: Memory, command: float, out: Array
 ) -> bool:
-    """Fill a linkage row with a state, an array of one `CrankPoint`; return whether the crank torque is finite.
+    """Fill a linkage row with a state; return whether the crank torque is finite.
 
-    Parameters
-    ----------
-    held : float
-        Friction torque at rest (N m).
-    initial_j, booked_j : float
-        Energy at the start of the run (nan: this is the start), and what changed parameters have brought since.
+    ``memory`` is filled but for friction while turning, energy, and the energy at the start (nan: this is the start).
     """
-    crank, s = model.crank, point[0]
-    regime, mechanism = int(s.regime), under_load_share(model.mechanism, s.load_share)
-    f, w, e = s.angle_rad, s.speed_rad_per_s, s.acceleration_rad_per_s2
-    positions, velocities, torque, energy, closure = mechanism_state(mechanism, f, w, e, regime)
-    friction = held
-    if s.turning_sense != 0.0:
-        friction = -crank.friction.coulomb_nm * s.turning_sense - crank.friction.viscous_nms_per_rad * w
-    initial = energy if math.isnan(initial_j) else initial_j
-    miss = energy - initial - s.drive_work_j - s.load_work_j + s.friction_loss_j - booked_j
-    scale = max(turned_over(s), abs(initial), abs(energy), abs(booked_j), crank.energy_scale_j)
+    crank, mechanism = model.crank, under_load_share(model.mechanism, memory.load_share)
+    w, e = y[SPEED], memory.crank_acceleration_rad_per_s2
+    positions, velocities, torque, energy, closure = mechanism_state(mechanism, turned, w, e, regime)
+    friction, booked = memory.friction_torque_nm, memory.adjustment_work_j
+    if sense != 0.0:
+        friction = -crank.friction.coulomb_nm * sense - crank.friction.viscous_nms_per_rad * w
+    initial = energy if math.isnan(memory.initial_energy_j) else memory.initial_energy_j
+    miss = energy - initial - y[DRIVE_WORK] - memory.load_work_j + y[FRICTION_LOSS] - booked
+    scale = max(turned_over(y, memory.load_work_j), abs(initial), abs(energy), abs(booked), crank.energy_scale_j)
     out[REGIME], out[COMMAND] = regime, command
     at = LINKAGE_JOINTS
     for i in range(len(positions)):
@@ -80,8 +131,8 @@ def fill_row(
         at += 3
     out[LINKAGE_JOINTS + 2] = torque - friction
     memory = Memory(
-        e, friction, s.turning_sense, s.stalled, s.load_share, s.turned_back_rad, s.drive_work_j, s.gear_loss_j,
-        s.friction_loss_j, s.load_work_j, booked_j, energy, initial,
+        e, friction, sense, memory.stalled_1, memory.load_share, memory.turned_back_rad, y[DRIVE_WORK], y[GEAR_LOSS],
+        y[FRICTION_LOSS], memory.load_work_j, booked, energy, initial,
     )  # fmt: skip
     fill_memory(memory, out, len(positions))
     at += MEMORY_SIZE
@@ -90,23 +141,59 @@ def fill_row(
 
 
 @kernel
-def start_row(model: TurnedCrank, f: float, w: float, command: float, regime: int, out: Array) -> bool:
-    """Fill the row of a crank at its first angle and speed (rad, rad/s); return whether its torque is finite."""
-    point = np.zeros(1, dtype=POINT)
-    s = point[0]
-    s.angle_rad, s.speed_rad_per_s, s.turning_sense, s.regime, s.load_share = f, w, sign_of(w), regime, 1.0
-    held = holding_torque(model, s) if w == 0.0 else 0.0
-    return fill_row(model, point, command, held, math.nan, 0.0, out)
+def start_row(model: TurnedCrank, f: float, w: float, e: float, command: float, regime: int, out: Array) -> bool:
+    """Fill the row of a crank at an angle, speed, acceleration (rad); return whether its torque is finite.
+
+    At rest friction carries all it can of the load.
+    """
+    y, held, coulomb = np.zeros(STATE_SIZE), 0.0, model.crank.friction.coulomb_nm
+    y[ANGLE], y[SPEED] = f, w
+    if w == 0.0 and e == 0.0:
+        held = min(max(load_torque(model.mechanism, f, regime), -coulomb), coulomb)
+    memory = Memory(e, held, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, math.nan)
+    return fill_row(model, y, f, sign_of(w), regime, memory, command, out)
 
 
-@kernel
-def guided_row(model: TurnedCrank, f: float, w: float, e: float, command: float, regime: int, out: Array) -> bool:
-    """Fill the row of a crank in a given motion (rad, rad/s, rad/s2); return whether its torque is finite."""
-    point = np.zeros(1, dtype=POINT)
-    s = point[0]
-    s.angle_rad, s.speed_rad_per_s, s.acceleration_rad_per_s2 = f, w, e
-    s.turning_sense, s.regime, s.load_share = sign_of(w), regime, 1.0
-    return fill_row(model, point, command, 0.0, math.nan, 0.0, out)
+@borrowing_kernel
+def try_step(
+    model: TurnedCrank, step: int, linkage: Array, motor: Array, out: Array, log: Array, numbers: Array, marks: Indices
+) -> int:
+    """Fill in the linkage one step later; return the number of events, negative where it failed."""
+    crank, y, kept, regimes = model.crank, numbers[:STATE_SIZE], numbers[STATE_SIZE:BEGIN_ROOM], marks[:2]
+    f, w, regime = linkage[LINKAGE_JOINTS], linkage[LINKAGE_JOINTS + 1], int(linkage[REGIME])
+    joints, _, energy = count_torque_energy(model.mechanism, f, w, 0.0, regime)
+    past = memory_of(linkage, joints)
+    command, speed, torque = motor[MOTOR_COMMAND], motor[MOTOR_JOINTS + 1], motor[MOTOR_JOINTS + 2]
+    e, sense = (speed - w) / crank.step_s, past.turning_sense
+    if crank.drive.prescribed:
+        sense = sign_of(w) if w != 0.0 else sign_of(e)
+    drive = shaft_drive(crank, step * crank.step_s, w, linkage[COMMAND], speed, torque, command)
+    y[ANGLE], y[SPEED], y[DRIVE_WORK] = within_a_turn(f), w, past.drive_work_j
+    y[GEAR_LOSS], y[FRICTION_LOSS] = past.gear_loss_j, past.friction_loss_j
+    kept[TURNED], kept[LOAD_WORK], kept[STALLED_1], kept[TURNED_BACK] = (
+        f, past.load_work_j, past.stalled_1, past.turned_back_rad,
+    )  # fmt: skip
+    regimes[CRANK_LAW], regimes[MECHANISM_REGIME] = law_of(sense), regime
+    motion = TurningCrank(model, drive, e, command, kept)
+    room = room_in(numbers[BEGIN_ROOM:], marks[2:], 1, 1, 1, STATE_SIZE, DORMAND_PRINCE_5)
+    system = declared(model.entry, motion, room.at)
+    fill_tolerance(model, y, past.crank_acceleration_rad_per_s2, regime, past.load_work_j, room.tolerance)
+    count = note_stall(motion, system, y, regimes, room, log)
+    count = advance(system, 0.0, crank.step_s, y, regimes, room, log, count)
+    if count < 0:
+        return count
+    if crank.drive.prescribed:
+        y[SPEED] = speed
+    find_accelerations(system, crank.step_s, y, regimes, room.at)
+    held, share, sense = 0.0, 1.0, turning_sense(regimes[CRANK_LAW])
+    if sense == 0.0:
+        held, share = held_shares(motion, y, regimes, room.at)
+    memory = Memory(
+        room.at.acceleration[0] if sense != 0.0 else 0.0, held, 0.0, kept[STALLED_1], share, kept[TURNED_BACK], 0.0,
+        0.0, 0.0, kept[LOAD_WORK], past.adjustment_work_j + energy - past.energy_j, 0.0, past.initial_energy_j,
+    )  # fmt: skip
+    finite = fill_row(model, y, kept[TURNED], sense, regimes[MECHANISM_REGIME], memory, command, out)
+    return count if finite else NO_TORQUE
 
 
 @step_of(linkage_step, TurnedCrank)
@@ -114,23 +201,10 @@ def crank_step(
     model: TurnedCrank, step: int, linkage: Array, motor: Array, body: Array, out: Array, log: Array
 ) -> tuple[Array, int]:
     """Fill in the linkage one step later, its changes of regime and instants of rest located inside the step."""
-    crank, point = model.crank, np.empty(1, dtype=POINT)
-    s = point[0]
-    f, w, regime = linkage[LINKAGE_JOINTS], linkage[LINKAGE_JOINTS + 1], int(linkage[REGIME])
-    positions, _, _, energy, _ = mechanism_state(model.mechanism, f, w, 0.0, regime)
-    past = memory_of(linkage, len(positions))
-    adjusted = energy - past.energy_j
-    s.angle_rad, s.speed_rad_per_s, s.acceleration_rad_per_s2 = f, w, past.crank_acceleration_rad_per_s2
-    s.turning_sense, s.regime = past.turning_sense, regime
-    s.drive_work_j, s.gear_loss_j, s.friction_loss_j = past.drive_work_j, past.gear_loss_j, past.friction_loss_j
-    s.load_work_j, s.stalled = past.load_work_j, past.stalled_1
-    s.load_share, s.turned_back_rad = 1.0, past.turned_back_rad
-    command, speed, torque = motor[MOTOR_COMMAND], motor[MOTOR_JOINTS + 1], motor[MOTOR_JOINTS + 2]
-    start_s = step * crank.step_s
-    if crank.drive.prescribed:
-        log, count, held = lead(model, s, start_s, speed, log)
-    else:
-        drive = shaft_drive(crank, w, linkage[COMMAND], speed, torque, command)
-        log, count, held = drive_on(model, s, start_s, drive, command, log)
-    finite = fill_row(model, point, command, held, past.initial_energy_j, past.adjustment_work_j + adjusted, out)
-    return log, count if finite or count < 0 else NO_TORQUE
+    size, places = room_sizes(1, 1, 1, STATE_SIZE)
+    numbers, marks = np.zeros(BEGIN_ROOM + size), np.zeros(2 + places, dtype=np.int64)
+    count = try_step(model, step, linkage, motor, out, log, numbers, marks)
+    while count == LOG_FULL:
+        log = np.empty((2 * len(log) + 8, log.shape[1]))
+        count = try_step(model, step, linkage, motor, out, log, numbers, marks)
+    return log, count

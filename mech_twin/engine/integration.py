@@ -24,7 +24,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar, cast
 
 import numpy as np
 from numba.extending import overload
@@ -56,7 +56,10 @@ class Tableau(NamedTuple):
 
 
 class Workspace(NamedTuple):
-    """What the kernels write in: rates of all stages (S, n), the state of a stage (n,), the state at the end (n,)."""
+    """What the kernels write in: rates of all stages (S, n), the state of a stage (n,), the state at the end (n,).
+
+    ``stage`` may be shorter: the numbers behind are quadratures, on which no rate depends.
+    """
 
     rates: Array
     stage: Array
@@ -73,21 +76,22 @@ _declared: dict[type, Callable[..., Any]] = {}
 
 def method_of(system: Any) -> Tableau:
     """Return the method with which a system is integrated; in compiled code a constant, which the compiler unrolls."""
-    return _methods[type(system)]
+    method = _methods[type(system)]
+    return method if isinstance(method, Tableau) else method(system)
 
 
-_methods: dict[type, Tableau] = {}
+_methods: dict[type, Tableau | Callable[[Any], Tableau]] = {}
 
 
-def rates_of(system_type: type, tableau: Tableau) -> Callable[[Function], Function]:
+def rates_of(system_type: type, tableau: Tableau | Callable[[Any], Tableau]) -> Callable[[Function], Function]:
     """Declare ``f(system, t, y, out)``, which fills ``out`` with dy/dt, as the equation of motion of a type of system.
 
     Parameters
     ----------
     system_type : type
         The `NamedTuple` of the constants, of the same module as the function.
-    tableau : Tableau
-        The method with which these systems are integrated.
+    tableau : Tableau or function
+        The method with which these systems are integrated, or what returns it of a system.
     """
     _methods[system_type] = tableau
 
@@ -97,8 +101,10 @@ def rates_of(system_type: type, tableau: Tableau) -> Callable[[Function], Functi
         def call(system: Any, t: Any, y: Any, out: Any) -> None:
             compiled(system, t, y, out)
 
-        def method(system: Any) -> Any:
+        def constant(system: Any) -> Any:
             return tableau
+
+        method = constant if isinstance(tableau, Tableau) else tableau
 
         @overload(method_of, inline="always")
         def chosen_method(system: Any) -> Any:
@@ -113,9 +119,7 @@ def rates_of(system_type: type, tableau: Tableau) -> Callable[[Function], Functi
     return declare
 
 
-def declared_kernel(
-    system_type: type, function: Function, compiler: Callable[[Function], Function] = kernel
-) -> Function:
+def declared_kernel(system_type: type, function: Function, compiler: Callable[[Any], Any] = kernel) -> Function:
     """Return the function compiled, to be called for one type of constants.
 
     Compiled code is kept by the contents of the modules of the types it was compiled for, so a function in another
@@ -130,7 +134,7 @@ def declared_kernel(
         raise TypeError(
             f"{function.__qualname__} belongs in {system_type.__module__}, beside {system_type.__qualname__}"
         )
-    return compiler(function)
+    return cast(Function, compiler(function))
 
 
 def workspace(tableau: Tableau, size: int) -> Workspace:
@@ -147,12 +151,12 @@ def start_step(system: Any, t: float, y: Array, work: Workspace) -> None:
 @inline_kernel
 def combine(y: Array, h: float, weights: Array, count: int, slopes: Array, out: Array) -> None:
     """Fill ``out`` with y + h times the weighted sum of the first ``count`` rates."""
-    for i in range(len(y)):
+    for i in range(len(out)):
         out[i] = y[i]
     for j in range(count):
         weight = h * weights[j]
         if weight != 0.0:
-            for i in range(len(y)):
+            for i in range(len(out)):
                 out[i] += weight * slopes[j, i]
 
 
@@ -228,11 +232,12 @@ def prepare_dense_output(system: Any, t: float, y: Array, h: float, work: Worksp
         rates(system, t + tableau.nodes[row] * h, work.stage, work.rates[row])
 
 
-@kernel
+@borrowing_kernel
 def interpolate(system: Any, y: Array, h: float, share: float, work: Workspace, out: Array) -> None:
     """Fill ``out`` with the state at a share (0 to 1) of the finished step that began at ``y``."""
     tableau = method_of(system)
-    out[:] = y
+    for i in range(len(y)):
+        out[i] = y[i]
     rows, powers = tableau.interpolant.shape
     for j in range(rows):
         weight = 0.0

@@ -8,7 +8,7 @@ answer.  What comes out is what `engine.run.frames` yields, to the bit.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import ceil
 
@@ -53,6 +53,8 @@ class RollOut:
         The worst of each residual of the run, with its limit.
     error : MotionError or None
         What ended the run before its time.
+    machines : tuple of pairs
+        The machine that ran, and the step up to which it did; one pair for each change.
     """
 
     columns: dict[str, Array]
@@ -61,6 +63,7 @@ class RollOut:
     error: MotionError | None
     _told: Callable[[], list[tuple[int, Event]]]
     _numbers: Callable[[], EventNumbers] | None = None
+    machines: tuple[tuple[int, Machine], ...] = ()
 
     @cached_property
     def event_numbers(self) -> EventNumbers:
@@ -85,6 +88,23 @@ class RollOut:
     def events(self) -> tuple[Event, ...]:
         """Every event in time order."""
         return tuple(event for _, event in self.stepped_events)
+
+    def gauge_numbers(self, kind: str, name: str) -> Array:
+        """Return what a gauge tells of each event of a kind, in time order, a number of `GAUGE_UNITS`; nan of none.
+
+        Raises
+        ------
+        StudyError
+            The machine has no gauge.
+        """
+        if any(machine.gauge is None for _, machine in self.machines):
+            raise StudyError(f"event.{kind}.{name}: no gauge on this machine; expected a blow told as a wave")
+        found = []
+        for step, event in self.stepped_events:
+            machine = next((one for last, one in self.machines if step <= last), self.machines[-1][1])
+            if event.kind == kind and machine.gauge is not None:
+                found.append(machine.gauge.number(event, name))
+        return np.array(found)
 
     def __getitem__(self, column: str) -> Array:
         if column not in self.columns:
@@ -137,8 +157,11 @@ def roll_out(
     pieces = _pieces(machine, first, count, changes)
     compiled = [compiled_machine(piece.machine) for piece in pieces]
     if all(compiled):
-        return _compiled_run([c for c in compiled if c], pieces, start, targets, columns, between)
-    return _run_by_roles(pieces, start, targets, columns, between)
+        found = _compiled_run([c for c in compiled if c], pieces, start, targets, columns, between)
+    else:
+        found = _run_by_roles(pieces, start, targets, columns, between)
+    lasts = np.cumsum([first, *(piece.steps for piece in pieces)])[1:].tolist()
+    return replace(found, machines=tuple((last, piece.machine) for last, piece in zip(lasts, pieces, strict=True)))
 
 
 def column_names(machine: Machine) -> tuple[str, ...]:

@@ -59,6 +59,11 @@ def frames(
         count = MANY_FRAMES
 
 
+def continued(machine: Machine, frame: Frame, duration_s: float, target: float) -> Iterator[Frame]:
+    """Yield the frames after one, as the machine goes on from it at a constant target."""
+    yield from _frames_after(machine, frame, [target] * steps_for(machine, duration_s))
+
+
 def _frames_after(machine: Machine, frame: Frame, targets: list[float]) -> Iterator[Frame]:
     """Yield the frame of each step after one; the whole of them computed at once where the roles are compiled."""
     compiled = compiled_machine(machine)

@@ -24,7 +24,7 @@ from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from mech_twin.engine.coupling import RESET
+from mech_twin.engine.coupling import GIVEN_STATE, RESET
 from mech_twin.samples import (
     BodySample,
     Coordinate,
@@ -128,7 +128,7 @@ class EventLayout:
 
     @cached_property
     def _contacts(self) -> tuple[str, ...]:
-        return (*self.contacts, RESET_CONTACT)
+        return (*self.contacts, RESET_CONTACT, GIVEN_STATE)
 
 
 @dataclass(frozen=True)

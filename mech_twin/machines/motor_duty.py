@@ -2,9 +2,10 @@
 """What a motor has done over a time: work, torque, and the heat in its rotor, against its rating.
 
 The heat of an induction motor's rotor is the power that crosses the air gap and does not leave by the shaft,
-M (f w_0 - w): torque times slip speed.  At rated load it is M_n s_n w_0.  A motor whose mean of it stays below that, or
-whose torque has an effective (root mean square) value below the rated one, is not overheated by a duty that repeats in
-a time short against its thermal time constant.
+M (f w_0 - w): torque times slip speed.  At rated load it is M_n s_n w_0.  This is the loss of the rotor alone: copper
+and iron of the stator and the magnetising current, which heat an idle motor too, are not known from rating and speeds.
+An effective (root mean square) torque below the rated one keeps the load's part of the heat below the rated one, where
+the duty repeats in a time short against the thermal time constant.
 """
 
 from __future__ import annotations
@@ -86,5 +87,5 @@ def duty_metrics(duty: MotorDuty, motor: MotorConstants) -> dict[str, float]:
         "motor_rms_torque_nm": rms,
         "motor_rms_torque_over_rated": rms / motor.rated_torque_nm,
         "motor_rotor_loss_w": loss,
-        "motor_heating_over_rated": loss / rated_loss,
+        "motor_rotor_loss_over_rated": loss / rated_loss,
     }

@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import NamedTuple
 
+from mech_twin.capabilities.blow_gauge import GAUGE_UNITS
 from mech_twin.captions import unit_of as caption_unit
 from mech_twin.engine.coupling import complete_frame
 from mech_twin.engine.trajectory import frame_numbers
@@ -27,7 +28,7 @@ _ENDINGS = {
     "_kg": "kg", "_j": "J", "_s": "s",
 }  # fmt: skip
 EVENT = "event"
-EVENT_UNITS = {"time": "s", "pre_velocity": "m/s", "post_velocity": "m/s", "impulse": "N.s"}
+EVENT_UNITS = {"time": "s", "pre_velocity": "m/s", "post_velocity": "m/s", "impulse": "N.s", **GAUGE_UNITS}
 
 
 class JointColumn(NamedTuple):

@@ -18,6 +18,7 @@ from mech_twin.measurements.units import TURN
 
 MOST_SAMPLES = 20_000_000  # of all channels of a run together: 320 MB
 BACK_SHARE = 0.01  # of the stamps: more is no measurement
+RESTART_S, CONFIRMING = 1.0, 3  # stamps that go back so far, and so many of them, are a machine started anew
 WRAP = 0.5 * TURN
 NONE: Array = np.empty(0)
 ONE_TURN = TURN * (1.0 + 1e-6)
@@ -59,6 +60,61 @@ class MeasuredRun:
     def channel(self, name: str) -> MeasuredChannel | None:
         """Return the first channel that measures a column of the machine, or None."""
         return next((channel for channel in self.channels if channel.name == name), None)
+
+
+def read_parts(reader: RunReader, measurement_map: MeasurementMap) -> list[MeasuredRun]:
+    """Return a run in which the machine was started anew as one run a start; a run without such as one.
+
+    A start is where the stamps of a channel go back by more than `RESTART_S`, and go on from there.
+
+    Raises
+    ------
+    MeasurementError
+        As in `read_run`.
+    """
+    whole = read_run(reader, measurement_map)
+    if not any(channel.quality.back for channel in whole.channels):
+        return [whole]
+    blocks: list[list[Block]] = [[] for _ in measurement_map.channels]
+    for block in reader.blocks([channel.source for channel in measurement_map.channels], measurement_map.time):
+        blocks[block.channel].append(block)
+    times = [np.concatenate([NONE, *(block.times_s for block in each)]) for each in blocks]
+    values = [np.concatenate([NONE, *(block.values for block in each)]) for each in blocks]
+    cuts = [_restarts(each) for each in times]
+    count = max(map(len, cuts))
+    if count == 0:
+        return [whole]
+    ends = [[*each, *[len(t)] * (count + 1 - len(each))] for each, t in zip(cuts, times, strict=True)]
+    begins = [[0, *each[:-1]] for each in ends]
+    return [
+        MeasuredRun(
+            reader.path,
+            tuple(
+                MeasuredChannel(c.channel, *_believed(c.channel, t[b[part] : e[part]], x[b[part] : e[part]]), c.quality)
+                for c, t, x, b, e in zip(whole.channels, times, values, begins, ends, strict=True)
+            ),
+        )
+        for part in range(count + 1)
+    ]
+
+
+def _restarts(times: Array) -> list[int]:
+    """Return the places from which stamps go on from an earlier time."""
+    found, first = list[int](), 0
+    finite = np.where(np.isfinite(times), times, -np.inf)
+    while True:
+        ahead = np.maximum.accumulate(finite[first:])
+        back = np.flatnonzero(np.diff(finite[first:]) < -RESTART_S) + 1
+        real = [
+            int(place)
+            for place in back
+            if place + CONFIRMING <= len(ahead)
+            and (finite[first + place : first + place + CONFIRMING] < ahead[place - 1] - RESTART_S).all()
+        ]
+        if not real:
+            return found
+        first += real[0]
+        found.append(first)
 
 
 def channel_qualities(reader: RunReader, measurement_map: MeasurementMap) -> list[Quality]:
@@ -125,15 +181,21 @@ def _measured(path: Path, channel: Channel, blocks: Sequence[Block], quality: Qu
     require_usable(path, channel, quality)
     times = np.concatenate([NONE, *(block.times_s for block in blocks)])
     values = np.concatenate([NONE, *(block.values for block in blocks)])
+    at_s, shown = _believed(channel, times, values)
+    _require_many(path, channel, len(at_s))
+    return MeasuredChannel(channel, at_s, shown, quality)
+
+
+def _believed(channel: Channel, times: Array, values: Array) -> tuple[Array, Array]:
+    """Return the samples with a number and a later stamp than all before, SI, angles unwrapped, a known lag off."""
     if channel.unit == "turn" or (channel.unit or "rad") in ("rad", "deg"):
         values = _unwrapped(values, channel) if is_angle(channel.quantity) else values
     finite = np.isfinite(values) & np.isfinite(times)
     times, values = times[finite], values[finite]
     latest = np.maximum.accumulate(times)
     rising = np.diff(latest, prepend=-np.inf) > 0.0
-    _require_many(path, channel, int(np.count_nonzero(rising)))
     shown = np.asarray(channel.to_machine(values[rising]), dtype=np.float64)
-    return MeasuredChannel(channel, times[rising] - fixed(channel.lag_s, 0.0), shown, quality)
+    return times[rising] - fixed(channel.lag_s, 0.0), shown
 
 
 def _unwrapped(values: Array, channel: Channel) -> Array:

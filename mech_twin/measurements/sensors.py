@@ -19,6 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mech_twin.capabilities.blow_gauge import GAUGE_UNITS, BlowGauge
 from mech_twin.configuration_tree import ConfigurationError
 from mech_twin.engine.trajectory import frame_events, frame_numbers
 from mech_twin.measurements.machine_columns import EVENT, is_angle, is_event
@@ -72,24 +73,28 @@ class SensorBench:
         Coupling step: the sampling interval of a channel without a rate.
     seed : int
         Of jitter, noise and losses; each channel and each clock has a generator of its own.
+    gauge : BlowGauge, optional
+        Strain gauge of the machine.
 
     Raises
     ------
     ConfigurationError
-        A zero, gain or lag is no number; channels of one topic differ in rate, jitter, loss or lag.
+        A zero, gain or lag is no number; a channel is of a gauge that is not there;
+        channels of one topic differ in rate, jitter, loss or lag.
     """
 
     sensors: MeasurementMap
     columns: Mapping[str, str]
     step_s: float
     seed: int = 0
+    gauge: BlowGauge | None = None
     _before: dict[str, float] = field(default_factory=dict)
     _turns: dict[str, float] = field(default_factory=dict)
     _waiting: list[tuple[float, int, Reading]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self._number = count()
-        _check_sensors(self.sensors)
+        _check_sensors(self.sensors, self.gauge)
         sampled = [(i, channel) for i, channel in enumerate(self.sensors.channels) if not is_event(channel.quantity)]
         self._noise = [np.random.default_rng([self.seed, 0, i]) for i in range(len(self.sensors.channels))]
         self._events = [(i, channel) for i, channel in enumerate(self.sensors.channels) if is_event(channel.quantity)]
@@ -181,12 +186,19 @@ class SensorBench:
             _, kind, what = channel.quantity.split(".")
             if kind != event.kind or self._noise[place].random() < channel.drop:
                 continue
-            value = self._shown(place, channel, getattr(event, EVENT_FIELDS[what]))
+            if what in GAUGE_UNITS and not (self.gauge and self.gauge.tells(event)):
+                continue
+            value = self._shown(place, channel, self._of_event(event, what))
             key = channel.source.model_copy(update={"field": None}) if channel.source.topic else channel.source
             together.setdefault(key, []).append((channel.source, value))
             stamp_s = event.time_s + _number(channel.lag_s)
         for shown in together.values():
             self._push(Reading(stamp_s, tuple(source for source, _ in shown), tuple(value for _, value in shown)))
+
+    def _of_event(self, event: Event, what: str) -> float:
+        if self.gauge is not None and what in GAUGE_UNITS:
+            return self.gauge.number(event, what)
+        return float(getattr(event, EVENT_FIELDS[what]))
 
     def _push(self, reading: Reading) -> None:
         heapq.heappush(self._waiting, (reading.time_s, next(self._number), reading))
@@ -205,7 +217,7 @@ def _number(value: float | str) -> float:
     return float(value)
 
 
-def _check_sensors(sensors: MeasurementMap) -> None:
+def _check_sensors(sensors: MeasurementMap, gauge: BlowGauge | None) -> None:
     shared: dict[str, tuple[int, Channel]] = {}
     for place, channel in enumerate(sensors.channels):
         where = f"sensors: key 'channels.{place}"
@@ -213,6 +225,10 @@ def _check_sensors(sensors: MeasurementMap) -> None:
             value = getattr(channel, key)
             if isinstance(value, str):
                 raise ConfigurationError(f"{where}.{key}', value {value!r}: expected a number, a sensor has one")
+        if gauge is None and is_event(channel.quantity) and channel.quantity.rpartition(".")[2] in GAUGE_UNITS:
+            raise ConfigurationError(
+                f"{where}.is', value {channel.quantity!r}: this machine has no gauge; expected a blow told as a wave"
+            )
         if channel.source.topic is None or channel.quantity.startswith(f"{EVENT}."):
             continue
         first_place, first = shared.setdefault(channel.source.topic, (place, channel))

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mech_twin.dependencies import require_extra
+from mech_twin.input_file import opened_input
 from mech_twin.measurements.blocks import EPOCH_S, NO_DELAYS, Array, Block, SourceColumn
 from mech_twin.measurements.errors import MeasurementError
 from mech_twin.measurements.measurement_map import Source, TimeSource
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 TABLE_SUFFIXES = (".csv", ".tsv", ".txt", ".parquet")
+PARQUET_MAGIC = b"PAR1"
+BAG_MAGICS = (b"\x89MCAP", b"SQLite format 3")
 HEAD_BYTES = 1 << 16
 BLOCK_BYTES = 1 << 20
 BATCH_ROWS = 1 << 16
@@ -31,8 +34,26 @@ MOST_NAMED = 12  # columns listed in an error
 
 
 def is_table(path: Path) -> bool:
-    """Return whether a path has the name of a table."""
-    return path.suffix.lower() in TABLE_SUFFIXES
+    """Return whether a file is a table by what it holds, whatever its name; one that cannot be read, by its name."""
+    if path.is_dir():
+        return False
+    try:
+        with path.open("rb") as stream:
+            head = stream.read(HEAD_BYTES)
+    except OSError:
+        return path.suffix.lower() in TABLE_SUFFIXES
+    if path.suffix.lower() in TABLE_SUFFIXES and not head.startswith(BAG_MAGICS):
+        return True
+    return head.startswith(PARQUET_MAGIC) or (b"\x00" not in head and bool(head.strip()))
+
+
+def _is_parquet(path: Path) -> bool:
+    """Return whether a file is Parquet by its first bytes, or says so by its name."""
+    try:
+        with path.open("rb") as stream:
+            return stream.read(len(PARQUET_MAGIC)) == PARQUET_MAGIC or path.suffix.lower() == ".parquet"
+    except OSError:
+        return False
 
 
 class TableReader:
@@ -54,7 +75,7 @@ class TableReader:
         self.path = path
         if not path.is_file():
             raise MeasurementError(path, "there is no such table")
-        self._text = None if path.suffix.lower() == ".parquet" else _TextForm(path)
+        self._text = None if _is_parquet(path) else _TextForm(path)
         self.columns = tuple(self._parquet().schema_arrow.names) if self._text is None else self._text.columns
         if not self.columns:
             raise MeasurementError(path, "has no columns")
@@ -130,7 +151,7 @@ class _TextForm:
     def __init__(self, path: Path) -> None:
         self._path = path
         try:
-            with path.open("rb") as stream:
+            with opened_input(path) as stream:
                 head = stream.read(HEAD_BYTES)
         except OSError as error:
             raise MeasurementError(path, f"cannot be read ({error.strerror})") from error

@@ -36,6 +36,8 @@ UNITS: Mapping[str, Unit] = MappingProxyType(
         "N.m": Unit("N.m", 1.0),
         "N.s": Unit("N.s", 1.0),
         "W": Unit("W", 1.0),
+        "J": Unit("J", 1.0),
+        "um/m": Unit("1", 1e-6),
         "s": Unit("s", 1.0),
         "A": Unit("A", 1.0),
         "count": Unit("count", 1.0),

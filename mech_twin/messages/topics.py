@@ -11,6 +11,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, String
+from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import MarkerArray
 
 DEPTH = 2000  # two seconds at a thousand steps a second: a listener may stall that long and miss nothing
@@ -53,6 +54,8 @@ SPEED_COMMAND = Topic("motor/speed_command", Float64)
 PRESSING_FORCE = Topic("body/pressing_force", WrenchStamped)
 IMPACTS = Topic("impacts", Vector3Stamped)
 SCENE = Topic("scene", MarkerArray)
+BLOW_GAUGE = Topic("blow/gauge", JointState)  # one message a blow; where a gauge is on what is struck
+BLOW_WAVE = Topic("blow/wave", JointTrajectory)  # where its curve is asked for
 DESCRIPTION = Topic("description", String, LATCHED)
 FRAMES = Topic("frames", TransformStamped)  # one message a frame; the same on /tf where tf2_msgs is installed
 ROBOT_DESCRIPTION = Topic("robot_description", String, LATCHED)  # URDF
@@ -74,6 +77,7 @@ DETECTED_IMPACTS = Topic(f"{TWIN}/impacts", Vector3Stamped)
 RECOMMENDATION = Topic(f"{TWIN}/recommendation", DiagnosticStatus, LATCHED)
 DECISIONS = Topic(f"{TWIN}/decisions", DiagnosticStatus)
 CLOCK = Topic("/clock", Clock)
+OWN_CLOCK = Topic("clock", Clock)  # in the namespace, where CLOCK may be another machine's
 DIAGNOSTICS = Topic("/diagnostics", DiagnosticArray)
 
 

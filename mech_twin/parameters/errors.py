@@ -9,7 +9,7 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from mech_twin.configuration_tree import ConfigurationError
-from mech_twin.parameters.key_hints import did_you_mean, groups_of, key_units
+from mech_twin.parameters.key_hints import ANY_NAME, did_you_mean, groups_of, key_units
 from mech_twin.parameters.key_lines import KeyLines, no_lines
 
 BOUNDS = frozenset({"greater_than", "greater_than_equal", "less_than", "less_than_equal"})
@@ -48,7 +48,11 @@ def _complaint(item: dict[str, Any], units: Mapping[str, str], lines: Mapping[st
     location = item["loc"]
     key = ".".join(str(part) for part in location) if isinstance(location, tuple) else str(location)
     message = str(item["msg"]).removeprefix("Value error, ")
-    declared = ".".join(part for part in key.split(".") if not part.isdigit())  # of a list's entries alike
+    parts = [part for part in key.split(".") if not part.isdigit()]  # of a list's entries alike
+    declared = ".".join(parts)
+    own = ".".join([parts[0], ANY_NAME, *parts[2:]])
+    if len(parts) > 2 and any(known.startswith(f"{parts[0]}.{ANY_NAME}.") for known in units):
+        declared = own  # an element has a name of its user's
     kind, unit = item["type"], units.get(declared, PURE)
     unit = "" if unit == PURE else unit
     line = f"line {lines[key]}" if key in lines else ""

@@ -5,9 +5,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from difflib import get_close_matches
-from typing import get_args
+from typing import get_args, get_origin
 
 from pydantic import BaseModel
+
+ANY_NAME = "NAME"  # stands for the user's own name of an element
 
 
 def key_units(model: type[BaseModel], prefix: str = "") -> dict[str, str]:
@@ -16,11 +18,19 @@ def key_units(model: type[BaseModel], prefix: str = "") -> dict[str, str]:
     for name, field in model.model_fields.items():
         extra = field.json_schema_extra if isinstance(field.json_schema_extra, dict) else {}
         groups = list(_models(field.annotation))
+        named = f"{ANY_NAME}." if get_origin(field.annotation) is dict else ""
         for group in groups:
-            units |= key_units(group, f"{prefix}{name}.")
+            units |= key_units(group, f"{prefix}{name}.{named}")
         if not groups:
             units[f"{prefix}{name}"] = str(extra.get("unit", ""))
     return units
+
+
+def declared_key(key: str, units: Mapping[str, str]) -> str:
+    """Return a key as its model declares it: the user's own name of an element is ``NAME`` there."""
+    group, _, rest = key.partition(".")
+    named = f"{group}.{ANY_NAME}.{rest.partition('.')[2]}"
+    return named if key not in units and named in units else key
 
 
 def _models(annotation: object) -> Iterator[type[BaseModel]]:

@@ -26,6 +26,8 @@ def key_lines(text: str, elsewhere: Iterable[str] = ()) -> dict[str, int]:
             if name.value == SECTION:
                 for key, line in _lines(group, ""):
                     found.setdefault(key, line)
+    if not found and isinstance(document, yaml.MappingNode):  # a page without the head of a parameter file
+        found = dict(_lines(document, ""))
     left_out = {key[: len(key) - cut] for key in elsewhere for cut in _dots(key)}
     return {key: line for key, line in found.items() if key not in left_out}
 

@@ -1,5 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Live parameters changed at a time of the run: ``body.spring_rate_n_per_m=-20%@12``, a fault to be found."""
+"""What changes at a time of the run: live parameters, the command, the operating point; at once or along a ramp.
+
+::
+
+    body.spring_rate_n_per_m=-20%@12      a live parameter, from 12 s on
+    motor.command=0.8@12                  the asked fraction of rated supply frequency
+    supply_frequency=-4%@12..20           a variable of the operating point, along a ramp from 12 s to 20 s
+
+A sag is a change and its way back.  Shares are of the value before; those of an operating point of the healthy value.
+"""
 
 from __future__ import annotations
 
@@ -8,25 +17,33 @@ from collections.abc import Iterable, Iterator, Sequence
 from functools import cached_property
 from typing import Any, NamedTuple
 
+from mech_twin.capabilities.variation import varied
 from mech_twin.configuration_tree import ConfigurationError, configuration_tree, merged_tree, tree_from_flat
-from mech_twin.parameters.key_hints import did_you_mean, key_units
+from mech_twin.parameters.key_hints import declared_key, did_you_mean, key_units
 from mech_twin.parameters.load import assignments, catalogue_entry, validated
 from mech_twin.quantity import Parameters
 from mech_twin.roles import Machine
 
+COMMAND = "motor.command"
+RAMP_STEP_S = 0.1  # of parameters along a ramp; a command follows at each step
+MOST_RAMP_STEPS = 1000
+
 
 class LiveChange(NamedTuple):
-    """A change as it was asked for: a value, or a share of the value before, from a time on."""
+    """A change as it was asked for: a value, or a share of the value before, from a time on, whole at ``until_s``."""
 
     text: str
     key: str
     value: Any
     share: float | None
     time_s: float
+    until_s: float
 
 
 def live_changes(texts: Iterable[str]) -> list[LiveChange]:
     """Return the changes written as ``KEY=VALUE@SECONDS`` or ``KEY=+-PERCENT%@SECONDS``, in order of time.
+
+    ``@BEGIN..END`` in place of ``@SECONDS`` is a ramp.
 
     Raises
     ------
@@ -39,18 +56,20 @@ def live_changes(texts: Iterable[str]) -> list[LiveChange]:
 def _change(text: str) -> LiveChange:
     wanted, at, time = text.rpartition("@")
     key, equals, value = wanted.partition("=")
-    refused = ConfigurationError(f"--change {text}: expected KEY=VALUE@SECONDS or KEY=-20%@SECONDS")
+    refused = ConfigurationError(f"--change {text}: expected KEY=VALUE@SECONDS or KEY=-20%@SECONDS, or @BEGIN..END")
+    begin, ramp, end = time.partition("..")
     try:
-        time_s = float(time)
+        time_s = float(begin)
+        until_s = float(end) if ramp else time_s
         share = float(value.strip()[:-1]) / 100.0 if value.strip().endswith("%") else None
     except ValueError:
         raise refused from None
     if not (at and equals and key.strip() and value.strip() and math.isfinite(time_s) and time_s >= 0.0):
         raise refused
-    if share is not None and not math.isfinite(share):
+    if not (math.isfinite(until_s) and until_s >= time_s) or (share is not None and not math.isfinite(share)):
         raise refused
     worth = None if share is not None else assignments([wanted])[key.strip()]
-    return LiveChange(text, key.strip(), worth, share, time_s)
+    return LiveChange(text, key.strip(), worth, share, time_s, until_s)
 
 
 class ChangingMachine:
@@ -71,12 +90,62 @@ class ChangingMachine:
 
     def __init__(self, machine: Machine, changes: Sequence[LiveChange]) -> None:
         self._machines: list[tuple[int, Machine]] = [(0, machine)]
-        entry = catalogue_entry(machine.name)
+        self._commands: list[tuple[float, float]] = [(0.0, 1.0)]
+        self._step_s = machine.coupling_step_s
+        self._point: dict[str, float] = {}
+        ended_s = {True: 0.0, False: 0.0}
         for change in changes:
-            before = self._machines[-1][1]
-            parameters = _changed(before.parameters, change, machine.name)
-            step = math.ceil(change.time_s / machine.coupling_step_s - 1e-9)
+            of_command = change.key == COMMAND
+            if change.time_s < ended_s[of_command]:
+                raise ConfigurationError(f"--change {change.text}: expected after the ramp before it has ended")
+            ended_s[of_command] = change.until_s
+            if of_command:
+                self._add_command(change)
+            else:
+                self._add_parameters(change, machine.name)
+
+    def _add_command(self, change: LiveChange) -> None:
+        before = self._commands[-1][1]
+        value = before * (1.0 + change.share) if change.share is not None else change.value
+        if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value <= 1.0:
+            raise ConfigurationError(f"--change {change.text}: expected a fraction of rated frequency, 0 to 1")
+        self._commands += [(change.time_s, before), (change.until_s, float(value))]
+
+    def _add_parameters(self, change: LiveChange, name: str) -> None:
+        entry, before = catalogue_entry(name), self._machines[-1][1].parameters
+        count = max(1, math.ceil((change.until_s - change.time_s) / RAMP_STEP_S - 1e-9))
+        if count > MOST_RAMP_STEPS:
+            longest_s = MOST_RAMP_STEPS * RAMP_STEP_S
+            raise ConfigurationError(f"--change {change.text}: expected a ramp of at most {longest_s:g} s")
+        ask = entry.capabilities.operating
+        variables = {} if ask is None else {each.name: each for each in ask(self._machines[0][1].parameters)}
+        variable, at_first = variables.get(change.key), self._point.get(change.key, 0.0)
+        for i in range(1, count + 1):
+            if variable is not None:
+                if change.share is None:
+                    raise ConfigurationError(f"--change {change.text}: expected a share, such as {change.key}=-2%@12")
+                self._point[change.key] = at_first + (change.share - at_first) * i / count
+                changes: dict[str, Any] = {}
+                healthy = self._machines[0][1].parameters
+                for key, share in self._point.items():
+                    changes |= variables[key].changes(varied(healthy, changes), share)
+                tree = merged_tree(configuration_tree(before), tree_from_flat(changes))
+                parameters = validated(entry, tree, f"--change {change.text}")
+            else:
+                parameters = _changed(before, change, name, i / count)
+            time_s = change.until_s if i == count else change.time_s + (change.until_s - change.time_s) * i / count
+            step = math.ceil(time_s / self._step_s - 1e-9)
             self._machines.append((step, entry.build(parameters)))
+
+    def command(self, step: int) -> float:
+        """Return the asked fraction of rated supply frequency at a step."""
+        now_s = step * self._step_s + 1e-9 * self._step_s
+        before = (0.0, 1.0)
+        for time_s, value in self._commands:
+            if now_s < time_s:
+                return before[1] + (value - before[1]) * (now_s - before[0]) / (time_s - before[0])
+            before = (time_s, value)
+        return before[1]
 
     def at(self, step: int) -> Machine:
         """Return the machine that computes this step; see `ConfigurationHistory.machine_at`."""
@@ -88,7 +157,8 @@ class ChangingMachine:
         return tuple(self._machines)
 
 
-def _changed(parameters: Parameters, change: LiveChange, machine: str) -> Parameters:
+def _changed(parameters: Parameters, change: LiveChange, machine: str, done: float) -> Parameters:
+    """Return the parameters after a part of a change; ``done`` is 1 where it is whole."""
     live = dict(live_numbers(parameters))
     if change.key not in live:
         raise ConfigurationError(f"--change {change.text}: {_not_live(change.key, type(parameters), live, machine)}")
@@ -96,7 +166,11 @@ def _changed(parameters: Parameters, change: LiveChange, machine: str) -> Parame
     if change.share is not None:
         if not isinstance(live[change.key], int | float):
             raise ConfigurationError(f"--change {change.text}: {change.key} is no number, expected a value")
-        value = live[change.key] * (1.0 + change.share)
+        value = live[change.key] * (1.0 + change.share * done)
+    elif done < 1.0:
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise ConfigurationError(f"--change {change.text}: {change.key} is no number, expected it at once")
+        value = live[change.key] + (value - live[change.key]) * done
     tree = merged_tree(configuration_tree(parameters), tree_from_flat({change.key: value}))
     return validated(catalogue_entry(machine), tree, f"--change {change.text}")
 
@@ -104,7 +178,7 @@ def _changed(parameters: Parameters, change: LiveChange, machine: str) -> Parame
 def _not_live(key: str, model: type[Parameters], live: Iterable[str], machine: str) -> str:
     """Return what is wrong with a key: it is no key, or none that may change; and which was probably meant."""
     units, changing = key_units(model), sorted(live)
-    if key in units:
+    if declared_key(key, units) in units:
         return f"'{key}' is fixed during a run; expected a live key of {machine}, one of {', '.join(changing)}"
     meant = did_you_mean(key, {name: units.get(name, "") for name in changing})
     return f"unknown key '{key}'" + (meant or f"; expected one of {', '.join(changing)}")
@@ -116,5 +190,10 @@ def live_numbers(parameters: Parameters, prefix: str = "") -> Iterator[tuple[str
         value, extra = getattr(parameters, name), field.json_schema_extra
         if isinstance(value, Parameters):
             yield from live_numbers(value, f"{prefix}{name}.")
+        elif isinstance(value, dict):
+            for own, element in value.items():
+                if isinstance(element, Parameters):
+                    there = live_numbers(element, f"{prefix}{name}.{own}.")
+                    yield from ((key, number) for key, number in there if number is not None)
         elif isinstance(extra, dict) and extra.get("live"):
             yield prefix + name, value

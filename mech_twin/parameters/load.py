@@ -26,6 +26,7 @@ from pydantic import ValidationError
 from mech_twin import __version__
 from mech_twin.capabilities.arguments import by_name
 from mech_twin.configuration_tree import ConfigurationError, configuration_tree, merged_tree, tree_from_flat
+from mech_twin.input_file import opened_input
 from mech_twin.machines.catalog import CATALOGUE, Entry
 from mech_twin.parameters.errors import LONGEST_VALUE, refusal, shown_value
 from mech_twin.parameters.key_lines import KeyLines, key_lines, no_lines
@@ -41,6 +42,9 @@ MACHINE_KEY = "machine"
 MOTOR_TABLE = "motors_4a"
 ROS_KEYS = frozenset({"use_sim_time", "qos_overrides", "start_type_description_service"})
 RUN_GROUP = "run"  # how a node is run, not what the machine is
+PAGE = Entry("page", "planar machine of one's own from a page")
+PAGE_SUFFIXES = (".yaml", ".yml")
+PAGE_GROUPS = frozenset({"bodies", "joints"})  # by which a page without the head of a parameter file is known
 
 
 def is_of_ros(key: str) -> bool:
@@ -48,14 +52,21 @@ def is_of_ros(key: str) -> bool:
     return key.partition(".")[0] in ROS_KEYS
 
 
+def is_page(name: str) -> bool:
+    """Return whether a machine is named by the path of its page."""
+    return isinstance(name, str) and name.endswith(PAGE_SUFFIXES)
+
+
 def catalogue_entry(name: str) -> Entry:
-    """Return the machine of this name.
+    """Return the machine of this name, or that of a page where a path stands in its place.
 
     Raises
     ------
     ConfigurationError
         If the catalogue has no such machine.
     """
+    if is_page(name) or name == PAGE.name:
+        return PAGE
     if isinstance(name, str) and name in CATALOGUE:
         return CATALOGUE[name]
     within = [known for known in CATALOGUE if len(str(name)) > 1 and str(name) in known]
@@ -64,14 +75,23 @@ def catalogue_entry(name: str) -> Entry:
     raise ConfigurationError(f"no machine {shown_value(name)}; expected one of {', '.join(CATALOGUE)}{hint}")
 
 
+def kind_of(name: str) -> str:
+    """Return the name that a machine has in maps and bags: that of the catalogue, ``page`` of a page's path."""
+    return PAGE.name if is_page(name) else name
+
+
 def machine_of_prefix(text: str) -> str:
-    """Return the name of the machine that alone begins so: ``mb10`` is ``mb10_breaker``.
+    """Return the name of the machine that alone begins so, ``mb10`` is ``mb10_breaker``; a page's path as it is.
 
     Raises
     ------
     ConfigurationError
         If no machine begins so, or several do.
     """
+    if is_page(text):
+        if not Path(text).is_file():
+            raise ConfigurationError(f"{text}: no such page; `mech-twin new KIND > {Path(text).name}` writes one")
+        return text
     found = [text] if text in CATALOGUE else [name for name in CATALOGUE if text and name.startswith(text)]
     if len(found) > 1:
         raise ConfigurationError(f"'{text}' begins several machines: {', '.join(found)}")
@@ -88,13 +108,15 @@ def configuration_directories() -> list[Path]:
 
 
 def configuration_file(name: str) -> Path:
-    """Return the installed configuration file ``NAME.yaml``.
+    """Return the installed configuration file ``NAME.yaml``; a page is its own.
 
     Raises
     ------
     ConfigurationError
         If no directory holds it.
     """
+    if is_page(name):
+        return Path(name)
     for directory in configuration_directories():
         path = directory / f"{name}.yaml"
         if path.is_file():
@@ -123,7 +145,7 @@ def configuration_text(path: Path) -> str:
         If it cannot be read, is too large or no text.
     """
     try:
-        with path.open("rb") as stream:
+        with opened_input(path) as stream:
             data = stream.read(SIZE_LIMIT_BYTES + 1)
     except OSError as error:
         raise ConfigurationError(f"{path}: cannot be read: {error.strerror}") from error
@@ -138,6 +160,8 @@ def configuration_text(path: Path) -> str:
 def text_tree(text: str, source: str) -> dict[str, Any]:
     """Return the parameters of the text of a parameter file; ``source`` names it in errors."""
     document = _text_document(text, source)
+    if isinstance(document, dict) and document.keys() >= PAGE_GROUPS:
+        return document
     sections = document.values() if isinstance(document, dict) else ()
     trees = [
         section["ros__parameters"] for section in sections if isinstance(section, dict) and "ros__parameters" in section
@@ -169,7 +193,8 @@ def _text_document(text: str, source: str) -> Any:
         _refuse_aliases_and_tags(text)
         return yaml.load(text, Loader=_UniqueKeyLoader)
     except (yaml.YAMLError, ValueError, RecursionError) as error:
-        line = " ".join(str(error).split())[:300] or type(error).__name__
+        said = str(error).replace('in "<unicode string>", line', "at line")  # the parser's name of a text
+        line = " ".join(said.split())[:300] or type(error).__name__
         raise ConfigurationError(f"{source}: not a valid YAML file: {line}") from error
 
 
@@ -312,7 +337,11 @@ def validated(entry: Entry, tree: Mapping[str, Any], source: str, lines: KeyLine
 
 def machine(name: str, path: Path | None = None, overrides: Mapping[str, Any] | None = None) -> Machine:
     """Return the machine built from its configuration; see `machine_parameters`."""
-    return catalogue_entry(name).build(machine_parameters(name, path, overrides))
+    parameters = machine_parameters(name, path, overrides)
+    try:
+        return catalogue_entry(name).build(parameters)
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{path or configuration_file(name)}: {error}") from error
 
 
 def description_text(

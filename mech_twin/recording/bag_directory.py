@@ -5,16 +5,27 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from mech_twin.recording.compression import ZSTD_SUFFIX
 from mech_twin.recording.errors import MissingBagError, OutsideBagError
 
+MCAP_SUFFIX = ".mcap"
 SQLITE_SUFFIX = ".db3"
+MOST_PARTS = 10_000
 
 
 def is_sqlite_bag(path: Path) -> bool:
-    """Whether a path is a `.db3` file, or a directory with such files and no MCAP file."""
+    """Whether a path is a `.db3` file, or a directory with such files and no MCAP file; compressed ones too."""
     if path.is_dir():
-        return any(path.glob(f"*{SQLITE_SUFFIX}")) and not any(path.glob("*.mcap"))
-    return path.suffix == SQLITE_SUFFIX
+        return bool(parts(path, SQLITE_SUFFIX)) and not parts(path, MCAP_SUFFIX)
+    return path.name.removesuffix(ZSTD_SUFFIX).endswith(SQLITE_SUFFIX)
+
+
+def parts(directory: Path, suffix: str) -> list[Path]:
+    """Return the files of a bag in order of their number; of one that is there plain and compressed the plain one."""
+    plain = list(directory.glob(f"*{suffix}"))
+    held = {path.name for path in plain}
+    packed = (path for path in directory.glob(f"*{suffix}{ZSTD_SUFFIX}"))
+    return sorted((*plain, *(path for path in packed if path.with_suffix("").name not in held)), key=split_order)
 
 
 def inside(directory: Path, file: Path) -> Path:
@@ -46,16 +57,25 @@ def bag_files(path: Path) -> list[Path]:
         return [path]
     if not path.is_dir():
         raise MissingBagError(path, "there is no such bag")
-    files = sorted((inside(path, file) for file in path.glob("*.mcap")), key=split_order)
+    files = [inside(path, file) for file in parts(path, MCAP_SUFFIX)]
     if not files:
-        hint = (
-            "; convert sqlite3 storage with `ros2 bag convert` or `rosbags-convert`" if any(path.glob("*.db3")) else ""
-        )
+        hint = "; convert sqlite3 storage with `ros2 bag convert` or `rosbags-convert`" if is_sqlite_bag(path) else ""
         raise MissingBagError(path, f"holds no .mcap file{hint}")
     return files
 
 
+def missing_parts(path: Path, files: list[Path]) -> list[str]:
+    """Return a line for each part that a bag's consecutive numbers leave out; a last one that is missing has none."""
+    own = {split_order(file)[0]: file for file in files if file.name.startswith(f"{path.name}_")}
+    last = max(own, default=-1)
+    if last >= MOST_PARTS:
+        return []
+    ending = "".join(own[last].suffixes[-2:]) if last >= 0 else ""
+    ending = ending if ending.endswith(ZSTD_SUFFIX) else ending[ending.rfind(".") :]
+    return [f"{path}: its part {path.name}_{number}{ending} is missing" for number in range(last) if number not in own]
+
+
 def split_order(path: Path) -> tuple[int, str]:
     """Return the sort key of a file by the number at the end of its name."""
-    number = path.stem.rpartition("_")[2]
+    number = Path(path.name.removesuffix(ZSTD_SUFFIX)).stem.rpartition("_")[2]
     return (int(number) if number.isascii() and number.isdigit() and len(number) < 10 else -1, path.name)

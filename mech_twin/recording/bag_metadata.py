@@ -13,13 +13,17 @@ from typing import Any
 
 import yaml
 
+from mech_twin.bounded_yaml import bounded_yaml
+from mech_twin.input_file import opened_input
 from mech_twin.output_file import FILE_MODE, NEW_FILE
 from mech_twin.recording.errors import DamagedBagError, ForeignFileError, MissingBagError
 
 FILE_NAME = "metadata.yaml"
 MAX_FILE_BYTES = 1 << 20
+LONGEST_QOS = 1 << 16
 MCAP = "mcap"
 SQLITE = "sqlite3"
+ZSTD = "zstd"
 MAX_SPLITS = 10_000
 
 
@@ -62,7 +66,6 @@ class BagMetadata:
     """The fields of `metadata.yaml` that are needed to open a bag."""
 
     files: tuple[str, ...]
-    compression_mode: str
     custom: Mapping[str, str]
 
 
@@ -102,17 +105,17 @@ def read_metadata(directory: Path, storage: str = MCAP) -> BagMetadata:
     """
     path = directory / FILE_NAME
     try:
-        with path.open("rb") as stream:
+        with opened_input(path) as stream:
             text = stream.read(MAX_FILE_BYTES + 1)
     except OSError as error:
         raise MissingBagError(path, f"cannot be read ({error.strerror})") from error
     if len(text) > MAX_FILE_BYTES:
         raise DamagedBagError(path, f"larger than {MAX_FILE_BYTES} bytes")
     try:
-        information = yaml.safe_load(text)["rosbag2_bagfile_information"]
+        information = bounded_yaml(text)["rosbag2_bagfile_information"]
         found = information["storage_identifier"]
         names = tuple(str(name) for name in information["relative_file_paths"])
-        compression = str(information.get("compression_mode") or "")
+        compression = str(information.get("compression_format") or ZSTD).lower()
         custom = {str(key): str(value) for key, value in (information.get("custom_data") or {}).items()}
     except (yaml.YAMLError, KeyError, TypeError, AttributeError, ValueError, RecursionError) as error:
         raise DamagedBagError(path, f"is not rosbag2 metadata ({type(error).__name__}: {error})") from error
@@ -120,14 +123,14 @@ def read_metadata(directory: Path, storage: str = MCAP) -> BagMetadata:
         raise ForeignFileError(
             path, f"storage '{found}' does not match its files or is not supported; convert it with `ros2 bag convert`"
         )
-    if compression.lower() == "file":
-        raise ForeignFileError(path, "its files are compressed whole; unpack them, or convert with `ros2 bag convert`")
+    if compression != ZSTD:
+        raise ForeignFileError(path, f"compression '{compression}': expected {ZSTD}; convert with `ros2 bag convert`")
     for name in names:
         if Path(name).name != name or name in {"", ".."}:
             raise DamagedBagError(path, f"names a file outside its directory: '{name}'")
     if len(names) > MAX_SPLITS:
         raise DamagedBagError(path, f"names {len(names)} files, more than {MAX_SPLITS}")
-    return BagMetadata(names, "" if compression.lower() == "none" else compression.lower(), custom)
+    return BagMetadata(names, custom)
 
 
 def _span(start_ns: int | None, end_ns: int) -> dict[str, dict[str, int]]:
@@ -178,7 +181,7 @@ def _information(
 def _profiles(qos_yaml: str) -> list[Any]:
     """Return the QoS profiles as a list; empty if the text of a foreign bag cannot be parsed."""
     try:
-        profiles = yaml.safe_load(qos_yaml) if len(qos_yaml) < MAX_FILE_BYTES else []
+        profiles = bounded_yaml(qos_yaml) if len(qos_yaml) <= LONGEST_QOS else []
     except (yaml.YAMLError, ValueError, RecursionError):
         return []
     return profiles if isinstance(profiles, list) else []

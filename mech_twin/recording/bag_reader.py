@@ -4,23 +4,34 @@
 from __future__ import annotations
 
 import heapq
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TypeVar
 
 from mech_twin.recording.bag_contents import BagInfo, BagMessage, RecordingReader, SplitInfo, TopicInfo
-from mech_twin.recording.bag_directory import bag_files, inside, is_sqlite_bag
+from mech_twin.recording.bag_directory import bag_files, inside, is_sqlite_bag, missing_parts
 from mech_twin.recording.bag_metadata import FILE_NAME, read_metadata
-from mech_twin.recording.errors import BagBeyondLimitsError, DamagedBagError, UnfinishedBagError
-from mech_twin.recording.file_index import Extent, FileIndex
-from mech_twin.recording.file_summary import intact_index, summary_index
-from mech_twin.recording.mcap_records import RawMessage
+from mech_twin.recording.compression import plain_file, plain_message
+from mech_twin.recording.errors import (
+    BagBeyondLimitsError,
+    BagError,
+    DamagedBagError,
+    MissingPartError,
+    UnfinishedBagError,
+)
+from mech_twin.recording.file_index import MAX_CHANNELS, Extent, FileIndex, counter_rows, parsed_mapping
+from mech_twin.recording.file_summary import summary_index
+from mech_twin.recording.linear_scan import scanned_index
+from mech_twin.recording.mcap_records import RawMessage, UnreadableRecordError
 from mech_twin.recording.open_files import OpenBag
 from mech_twin.recording.record_file import RecordFile
-from mech_twin.recording.split_series import FINISHED_KEY
+from mech_twin.recording.split_series import COUNTERS_KEY, FINISHED_KEY, RECOVERED_KEY
 
+Answer = TypeVar("Answer")
 MAX_OPEN_BYTES = 1 << 30
+MESSAGE_BYTES = 256  # what a message takes in memory beside its payload
 
 
 @dataclass
@@ -66,9 +77,6 @@ class BagReader(OpenBag):
     @property
     def info(self) -> BagInfo:
         """Return the summary of the bag."""
-        counters: dict[str, dict[str, int]] = {}
-        for source in self._sources:
-            counters = source.index.counters() or counters
         texts = (source.index.configuration() for source in self._sources)
         start, end = self.start_ns, self.end_ns
         return BagInfo(
@@ -77,12 +85,39 @@ class BagReader(OpenBag):
             message_count=sum(topic.message_count for topic in self.topics.values()),
             start_ns=start,
             duration_s=0.0 if start is None or end is None else (end - start) * 1e-9,
-            counters=counters,
+            counters=self._counters(),
             configuration=next((text for text in texts if text is not None), None),
             splits=tuple(_split_info(source) for source in self._sources),
             finished=self._finished and all(source.index.finished for source in self._sources),
-            problems=tuple(self._problems),
+            problems=tuple(self._problems) + self._cut(),
         )
+
+    def _cut(self) -> tuple[str, ...]:
+        salvaged = _custom_data(self.path).get(RECOVERED_KEY)
+        return () if salvaged is None else (f"{self.path}: salvaged from a damaged recording: {salvaged}",)
+
+    def _counters(self) -> dict[str, dict[str, int]]:
+        """Return the loss counters by topic, which only grow: the greatest of the last file and of `metadata.yaml`.
+
+        What was received after the last file was finished, on a full disk, only the latter counts.
+        """
+        counters: dict[str, dict[str, int]] = {}
+        for source in self._sources:
+            counters = source.index.counters() or counters
+        if self.path.is_file() and any(source.index.split_number() for source in self._sources):
+            return {}  # they count the whole bag, of which this is a later part
+        told = counter_rows(parsed_mapping(_custom_data(self.path).get(COUNTERS_KEY, "{}")))
+        for topic in counters.keys() & told.keys():
+            row, later = counters[topic], told[topic]
+            counters[topic] = {key: max(value, later.get(key, 0)) for key, value in row.items()}
+        for topic, row in counters.items():  # what is held is counted, and the rest of what was written is cut off
+            held = self.topics[topic].message_count if topic in self.topics else 0
+            cut = max(0, row.get("written", 0) - held)
+            row["written"] = held
+            if cut:
+                row["cut"] = cut
+            row["received"] = held + row.get("dropped", 0) + cut
+        return counters
 
     def messages(
         self, topics: Collection[str] | None = None, start_s: float = 0.0, duration_s: float | None = None
@@ -128,26 +163,36 @@ class BagReader(OpenBag):
                 channel = source.index.channels[record.channel_id]
                 schema = source.index.schemas.get(channel.schema_id)
                 name = schema.name if schema is not None else ""
-                yield BagMessage(channel.topic, name, record.log_time_ns, record.publish_time_ns, record.raw)
+                try:
+                    raw = plain_message(record.raw)
+                except UnreadableRecordError as error:
+                    raise DamagedBagError(source.index.file.path, f"topic {channel.topic}: {error}") from error
+                yield BagMessage(channel.topic, name, record.log_time_ns, record.publish_time_ns, raw)
 
     def _merged(self, chosen: list[tuple[int, Extent]]) -> Iterator[tuple[int, RawMessage]]:
         """Yield the messages of the extents in time order; an extent is in memory only during its time range."""
         waiting: list[tuple[int, int, int, RawMessage, Iterator[RawMessage]]] = []
         following = 0
+        open_bytes: dict[int, int] = {}
         while waiting or following < len(chosen):
             while following < len(chosen) and (not waiting or chosen[following][1].start_ns <= waiting[0][0]):
                 number, extent = chosen[following]
-                records = iter(
-                    sorted(self._sources[number].index.records_of(extent), key=lambda item: item.log_time_ns)
-                )
+                found = sorted(self._sources[number].index.records_of(extent), key=lambda item: item.log_time_ns)
+                open_bytes[following] = sum(len(record.raw) + MESSAGE_BYTES for record in found)
+                if sum(open_bytes.values()) > MAX_OPEN_BYTES:
+                    raise self._beyond_limits()
+                records = iter(found)
                 if (head := next(records, None)) is not None:
                     heapq.heappush(waiting, (head.log_time_ns, following, number, head, records))
+                else:
+                    del open_bytes[following]
                 following += 1
             if not waiting:
                 continue
             _, order, number, record, records = waiting[0]
             if (head := next(records, None)) is None:
                 heapq.heappop(waiting)
+                del open_bytes[order]
             else:
                 heapq.heapreplace(waiting, (head.log_time_ns, order, number, head, records))
             yield number, record
@@ -161,18 +206,23 @@ class BagReader(OpenBag):
         for _, _, change in sorted(borders):
             open_bytes += change
             if open_bytes > MAX_OPEN_BYTES:
-                raise BagBeyondLimitsError(
-                    self.path,
-                    f"its chunks overlap in time so far that sorting needs more than {MAX_OPEN_BYTES >> 20} MiB",
-                )
+                raise self._beyond_limits()
+
+    def _beyond_limits(self) -> BagBeyondLimitsError:
+        limit = MAX_OPEN_BYTES >> 20
+        return BagBeyondLimitsError(
+            self.path, f"its chunks overlap in time so far that sorting needs more than {limit} MiB"
+        )
 
     def _open(self, path: Path, salvage: bool) -> None:
-        file = RecordFile(path)
+        file = RecordFile(path, plain_file(path, self._stack, partial=salvage))
         self._stack.callback(file.close)
-        source = _Source(intact_index(file) if salvage else summary_index(file))
+        source = _Source(scanned_index(file) if salvage else summary_index(file))
         if salvage:
             self._problems += source.index.problems()
         index = source.index
+        if len(index.channels) > MAX_CHANNELS:
+            raise BagBeyondLimitsError(path, f"has {len(index.channels)} channels, more than {MAX_CHANNELS}")
         if self._sources:
             repeated = index.repeated()
             source.repeats = {
@@ -200,8 +250,8 @@ class BagReader(OpenBag):
         return table
 
 
-def open_bag(path: Path | str) -> RecordingReader:
-    """Return a reader of a recording in MCAP or sqlite3 storage.
+def open_bag(path: Path | str, *, salvage: bool = False) -> RecordingReader:
+    """Return a reader of a recording in MCAP or sqlite3 storage; ``salvage`` takes what is there of a damaged one.
 
     Raises
     ------
@@ -211,21 +261,26 @@ def open_bag(path: Path | str) -> RecordingReader:
     if is_sqlite_bag(Path(path)):
         from mech_twin.recording.sqlite_reader import SqliteReader
 
-        return SqliteReader(path)
-    return BagReader(path)
+        return SqliteReader(path, salvage=salvage)
+    return BagReader(path, salvage=salvage)
 
 
 def bag_info(path: Path | str) -> BagInfo:
     """Return the summary of a bag; of an unfinished or damaged one, of its intact part, with the problems listed."""
+    return about_bag(path, lambda reader: None)[0]
+
+
+def about_bag(path: Path | str, ask: Callable[[RecordingReader], Answer]) -> tuple[BagInfo, Answer]:
+    """Return the summary of a bag and what else is asked of it; of a damaged one as its intact part tells."""
     try:
         with open_bag(path) as reader:
-            return reader.info
-    except (UnfinishedBagError, DamagedBagError) as error:
-        with BagReader(path, salvage=True) as reader:
-            found = reader.info
+            return reader.info, ask(reader)
+    except (UnfinishedBagError, DamagedBagError, MissingPartError) as error:
+        with open_bag(path, salvage=True) as reader:
+            found, answer = reader.info, ask(reader)
         if found.problems:
-            return found
-        return BagInfo(**{**vars(found), "problems": (str(error),)})
+            return found, answer
+        return BagInfo(**{**vars(found), "problems": (str(error),)}), answer
 
 
 def _files_of(path: Path, salvage: bool, problems: list[str]) -> tuple[list[Path], bool]:
@@ -233,6 +288,7 @@ def _files_of(path: Path, salvage: bool, problems: list[str]) -> tuple[list[Path
     files = bag_files(path)
     if path.is_file():
         return files, True
+    problems += missing_parts(path, files)
     try:
         if not (path / FILE_NAME).exists():
             raise UnfinishedBagError(path, f"has no {FILE_NAME}: it was never closed, or is still being written")
@@ -240,9 +296,11 @@ def _files_of(path: Path, salvage: bool, problems: list[str]) -> tuple[list[Path
         if metadata.custom.get(FINISHED_KEY, "true") != "true":
             raise UnfinishedBagError(path, "was never closed, or is still being written")
         listed = [inside(path, path / name) for name in metadata.files]
+        if len(set(listed)) < len(listed):
+            raise DamagedBagError(path, f"{FILE_NAME} names a file twice")
         for file in listed:
             if not file.is_file():
-                raise DamagedBagError(file, f"is listed in {FILE_NAME} but does not exist")
+                raise DamagedBagError(path, f"its part {file.name}, listed in {FILE_NAME}, does not exist")
     except (UnfinishedBagError, DamagedBagError) as error:
         if not salvage:
             raise
@@ -251,11 +309,33 @@ def _files_of(path: Path, salvage: bool, problems: list[str]) -> tuple[list[Path
     return listed, True
 
 
+def lost_messages(path: Path) -> str:
+    """Return what a recording just made has lost, in one line; empty if nothing."""
+    if not path.exists():  # a run that recorded nothing leaves nothing
+        return ""
+    try:
+        info = bag_info(path)
+    except BagError as error:
+        return str(error)
+    dropped = sum(row.get("dropped", 0) for row in info.counters.values())
+    open_end = "" if info.finished else "the recording could not be closed"
+    lost = f"{dropped} messages lost, which the disk did not accept" if dropped else ""
+    found = "; ".join(filter(None, (lost, open_end)))
+    return f"{path}: {found}" if found else ""
+
+
+def _custom_data(path: Path) -> Mapping[str, str]:
+    try:
+        return read_metadata(path).custom if path.is_dir() else {}
+    except BagError:
+        return {}
+
+
 def _split_info(source: _Source) -> SplitInfo:
     index = source.index
     return SplitInfo(
         index.file.path,
-        index.file.size,
+        index.file.path.stat().st_size,
         min((extent.start_ns for extent in index.extents), default=None),
         max((extent.end_ns for extent in index.extents), default=None),
         index.counts.total(),

@@ -116,6 +116,8 @@ class BagSamples:
         Messages not used, by reason: ``repeated``, ``contradicting``, ``late``, ``malformed``.
     """
 
+    _assembler: StepAssembler | None = None
+
     def __init__(self, reader: RecordingReader, coupling_step_s: float | None = None) -> None:
         self.machine = recorded_machine(reader)
         self.unused: Counter[str] = Counter()
@@ -128,6 +130,11 @@ class BagSamples:
         self.fields = frozenset(self.topics)
         self.has_body = "body" in self.fields
         self._scene = full_name(self.machine, SCENE)
+
+    @property
+    def contradicted_from(self) -> int | None:
+        """The lowest step so far of which two samples differ; None where there is none."""
+        return None if self._assembler is None else self._assembler.contradicted_from
 
     @property
     def count(self) -> int:
@@ -183,7 +190,7 @@ class BagSamples:
     def shown(self, drawings: bool = True) -> Iterator[StepSamples | Drawing]:
         """Yield the steps and, at their time between them, the drawings of the mechanism."""
         topics = [*self._steps, *([self._scene] if drawings and self._holds(self._scene, SCENE) else [])]
-        assembler = StepAssembler(self.fields, self.unused)
+        assembler = self._assembler = StepAssembler(self.fields, self.unused)
         for message in self._reader.messages(topics):
             if message.topic == self._scene:
                 drawing = self._drawing(message)

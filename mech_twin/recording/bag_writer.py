@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-import threading
+import logging
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -12,6 +12,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Literal
 
+from mech_twin.interruption import UninterruptedLock
 from mech_twin.recording.bag_split import BagSplit, SplitRule, Storage, TopicCounters
 from mech_twin.recording.errors import UnwritableDirectoryError
 from mech_twin.recording.output_directory import new_directory
@@ -20,6 +21,7 @@ from mech_twin.recording.schemas import MessageSchema, message_schema, offered_q
 from mech_twin.recording.split_series import Latched, RecordedTopic, SplitSeries
 
 STRING_TYPE = "std_msgs/msg/String"
+LOG = logging.getLogger(__name__)  # without a handler, warnings go to standard error
 _CLOSE_AT = 0.6  # of max_loss_s: the rest allows for the interval between ticks and for the write
 
 
@@ -91,7 +93,7 @@ class BagWriter:
         storage = Storage(chunk_bytes, compression, fsync)
         self.error = ""
         self._state = WriterState.RECORDING
-        self._lock = threading.RLock()
+        self._lock = UninterruptedLock()
         self._close_age_s = _CLOSE_AT * max_loss_s
         self._split_rule = SplitRule(split_bytes, split_duration_s)
         self._retry_s = retry_s
@@ -101,23 +103,27 @@ class BagWriter:
         self._chunk_opened: float | None = None
         self._counters_changed: float | None = None
         self._next_attempt = 0.0
-        self.directory, self._made = new_directory(Path(directory), if_exists)
-        self._series = SplitSeries(
-            self.directory,
-            storage,
-            configuration,
-            self._topics,
-            ros_distro or running_distro(),
-        )
-        if description_topic is not None:
-            self.add_topic(description_topic, STRING_TYPE, offered_qos(durability="transient_local", depth=1))
-            self._topics[description_topic].latched = Latched(string_cdr(configuration), 0, 1)
+        opened = False
         try:
-            self._series.open_next()
-        except OSError as error:
-            for path in self._made:
-                path.rmdir()
-            raise UnwritableDirectoryError(self.directory, f"cannot be written ({error.strerror})") from error
+            with self._lock:
+                self.directory, self._made = new_directory(Path(directory), if_exists)
+                self._series = SplitSeries(
+                    self.directory,
+                    storage,
+                    configuration,
+                    self._topics,
+                    ros_distro or running_distro(),
+                )
+                if description_topic is not None:
+                    latched_qos = offered_qos(durability="transient_local", depth=1)
+                    self.add_topic(description_topic, STRING_TYPE, latched_qos)
+                    self._topics[description_topic].latched = Latched(string_cdr(configuration), 0, 1)
+                self._open_first()
+                opened = True
+        except (KeyboardInterrupt, SystemExit):  # a signal that waited: nobody has this writer to close it
+            if opened:
+                self._discard()
+            raise
 
     @property
     def state(self) -> WriterState:
@@ -133,6 +139,11 @@ class BagWriter:
                 name: replace(row, written=row.written - waiting[name])
                 for name, row in self._series.counter_rows().items()
             }
+
+    @property
+    def dropped(self) -> int:
+        """How many messages the disk did not accept so far."""
+        return sum(row.dropped for row in self.counters.values())
 
     def add_topic(
         self, topic: str, type_name: str, qos_yaml: str | None = None, schema: MessageSchema | None = None
@@ -237,6 +248,7 @@ class BagWriter:
                 self._series.write_metadata(finished=True)
             except OSError as error:
                 self._note(error)
+                self._write_losses()
             else:
                 self._state = WriterState.CLOSED
 
@@ -271,6 +283,14 @@ class BagWriter:
                 if entry.counters.received == 0:  # the configuration, added by this writer itself
                     entry.counters.received = entry.counters.written = 1
                 split.add_message(name, last.raw, log_time_ns, last.publish_time_ns, last.sequence)
+
+    def _open_first(self) -> None:
+        try:
+            self._series.open_next()
+        except OSError as error:
+            for path in self._made:
+                path.rmdir()
+            raise UnwritableDirectoryError(self.directory, f"cannot be written ({error.strerror})") from error
 
     def _is_empty(self) -> bool:
         return all(entry.latched is not None or entry.counters.received == 0 for entry in self._topics.values())
@@ -307,8 +327,17 @@ class BagWriter:
         self._chunk_opened = self._counters_changed = None
 
     def _note(self, error: OSError) -> None:
-        self._state = WriterState.ERROR
         self.error = f"{self.directory}: {error.strerror or error}"
+        if self._state is not WriterState.ERROR:
+            LOG.error("%s: the recording loses messages", self.error)
+        self._state = WriterState.ERROR
+
+    def _write_losses(self) -> None:
+        """Write what is lost into `metadata.yaml`, if the disk accepts that much."""
+        try:
+            self._series.write_metadata(finished=False)
+        except OSError as error:
+            self._note(error)
 
     def _fail(self, error: OSError, now: float) -> None:
         """Stop recording; in the space released from the reservation the buffered data and the summary still fit."""
@@ -317,9 +346,9 @@ class BagWriter:
         try:
             self._series.release_reservation()
             self._series.finish_current()
-            self._series.write_metadata(finished=False)
         except OSError as again:
             self._note(again)
+        self._write_losses()
 
     def _attempt(self, now: float) -> None:
         """Resume in a new split, if the disk accepts one."""
@@ -333,3 +362,4 @@ class BagWriter:
         else:
             self._state = WriterState.RECORDING
             self.error = ""
+            LOG.warning("%s: recording again; %d messages were lost", self.directory, self.dropped)

@@ -27,6 +27,13 @@ class MissingBagError(BagError):
     """The path does not exist or cannot be read."""
 
 
+class MissingPartError(MissingBagError):
+    """A part of a bag in sqlite3 storage, which `recover` does not take, is not there."""
+
+    def __init__(self, bag: Path, file: Path, index: str) -> None:
+        super().__init__(file, f"is listed in {index} but does not exist; to read the rest, move {bag / index} away")
+
+
 class ForeignFileError(BagError):
     """The file is not an MCAP recording."""
 

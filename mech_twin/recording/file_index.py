@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -18,7 +18,7 @@ from mcap.records import (
 )
 
 from mech_twin.recording.bag_split import CONFIGURATION_NAME, COUNTERS_RECORD, SPLIT_RECORD
-from mech_twin.recording.errors import DamagedBagError
+from mech_twin.recording.errors import DamagedBagError, ForeignFileError
 from mech_twin.recording.mcap_records import (
     Damage,
     RawMessage,
@@ -30,6 +30,8 @@ from mech_twin.recording.mcap_records import (
 from mech_twin.recording.record_file import RecordFile
 
 _MAX_PROBLEMS = 50
+MAX_CONFIGURATION_BYTES = 1 << 20
+MAX_CHANNELS = 10_000
 
 
 class Extent(NamedTuple):
@@ -105,26 +107,44 @@ class FileIndex:
         """Return the configuration attached to the file."""
         for attachment in self.attachment_records():
             if attachment.name == CONFIGURATION_NAME:
+                if len(attachment.data) > MAX_CONFIGURATION_BYTES:
+                    raise ForeignFileError(
+                        self.file.path,
+                        f"its configuration has {len(attachment.data)} bytes, more than {MAX_CONFIGURATION_BYTES}",
+                    )
                 return attachment.data.decode("utf-8", "replace")
         return None
+
+    def split_number(self) -> int:
+        """Return which part of its bag the file is; 0 for the first, and where it does not say."""
+        number = self.metadata_record(SPLIT_RECORD).get("index", "0")
+        return int(number) if number.isascii() and number.isdigit() and len(number) < 10 else 0
 
     def repeated(self) -> dict[str, int]:
         """Return the sequence number of the latched message repeated from earlier splits, by topic."""
         return {
             key: value
-            for key, value in _mapping(self.metadata_record(SPLIT_RECORD).get("repeated", "{}")).items()
+            for key, value in parsed_mapping(self.metadata_record(SPLIT_RECORD).get("repeated", "{}")).items()
             if isinstance(value, int)
         }
 
     def counters(self) -> dict[str, dict[str, int]]:
         """Return the loss counters by topic, as of the last chunk."""
-        rows = {topic: _mapping(text) for topic, text in self.metadata_record(COUNTERS_RECORD).items()}
-        return {
-            topic: {key: value for key, value in row.items() if isinstance(value, int)} for topic, row in rows.items()
-        }
+        rows = {topic: parsed_mapping(text) for topic, text in self.metadata_record(COUNTERS_RECORD).items()}
+        return counter_rows(rows)
 
 
-def _mapping(text: str) -> dict[str, object]:
+def counter_rows(rows: Mapping[str, object]) -> dict[str, dict[str, int]]:
+    """Return the whole numbers of loss counters by topic."""
+    return {
+        topic: {key: value for key, value in row.items() if isinstance(value, int)}
+        for topic, row in rows.items()
+        if isinstance(row, dict)
+    }
+
+
+def parsed_mapping(text: str) -> dict[str, object]:
+    """Return a JSON object; empty if the text is none."""
     try:
         value = json.loads(text)
     except (ValueError, RecursionError):

@@ -5,7 +5,9 @@ from __future__ import annotations
 
 import struct
 import zlib
+from collections import Counter
 
+from mcap.opcode import Opcode
 from mcap.records import AttachmentIndex, Channel, ChunkIndex, Footer, MetadataIndex, Schema, Statistics
 
 from mech_twin.recording.errors import DamagedBagError, ForeignFileError, UnfinishedBagError
@@ -22,6 +24,9 @@ from mech_twin.recording.mcap_records import (
     parse,
 )
 from mech_twin.recording.record_file import RecordFile
+
+_MESSAGE_INDEX = struct.Struct("<HI")  # channel, size of the entries
+_ENTRY_BYTES = 16
 
 
 def summary_index(file: RecordFile) -> FileIndex:
@@ -46,7 +51,12 @@ def summary_index(file: RecordFile) -> FileIndex:
     except UnreadableRecordError as error:
         raise DamagedBagError(path, f"its summary is damaged ({error})") from error
     index = _from_summary(file, records)
-    if index is None:
+    if index is not None:
+        try:
+            _check_against_data(index, footer)
+        except (UnreadableRecordError, struct.error) as error:
+            raise DamagedBagError(path, f"its data do not match its summary ({error})") from error
+    else:
         index = scanned_index(file)
         if index.damages:
             damage = index.damages[0]
@@ -100,10 +110,6 @@ def _from_summary(file: RecordFile, records: list[Record]) -> FileIndex | None:
 def _chunk_extent(file: RecordFile, record: ChunkIndex) -> Extent:
     if record.chunk_start_offset + record.chunk_length > file.size:
         raise DamagedBagError(file.path, "its summary names a chunk beyond its end")
-    if record.uncompressed_size > MAX_CHUNK_BYTES:
-        raise DamagedBagError(
-            file.path, f"its summary names a chunk of {record.uncompressed_size} bytes, more than {MAX_CHUNK_BYTES}"
-        )
     return Extent(
         record.chunk_start_offset,
         record.chunk_length,
@@ -114,17 +120,48 @@ def _chunk_extent(file: RecordFile, record: ChunkIndex) -> Extent:
     )
 
 
-def intact_index(file: RecordFile) -> FileIndex:
-    """Return the index of all intact records: from the summary if the whole file is intact, else from a linear scan."""
-    try:
-        index = summary_index(file)
-        for extent in index.extents:
-            for _ in index.records_of(extent):
-                pass
-        for _ in index.attachment_records():
-            pass
-        for name in index.metadata:
-            index.metadata_record(name)
-    except (ForeignFileError, UnfinishedBagError, DamagedBagError):
-        return scanned_index(file)
-    return index
+def _check_against_data(index: FileIndex, footer: Footer) -> None:
+    """Compare what the summary says of chunks and counts with the heads of the records it speaks of.
+
+    Raises
+    ------
+    UnreadableRecordError, DamagedBagError
+    """
+    file, path = index.file, index.file.path
+    indexed = {extent.offset: extent for extent in index.extents}
+    if len(indexed) != len(index.extents):
+        raise DamagedBagError(path, "its summary names a chunk twice")
+    counted: Counter[int] = Counter()
+    offset = len(MAGIC)
+    while offset < footer.summary_start:
+        opcode, length = file.head_at(offset)
+        if opcode == Opcode.CHUNK:
+            extent = indexed.pop(offset, None)
+            if extent is None:
+                raise DamagedBagError(path, f"its summary leaves out the chunk at byte {offset}")
+            _check_chunk(file, extent, HEAD_BYTES + length)
+        elif opcode == Opcode.MESSAGE:
+            raise DamagedBagError(path, f"its summary leaves out the message at byte {offset}")
+        elif opcode == Opcode.MESSAGE_INDEX:
+            head = file.bytes_at(offset + HEAD_BYTES, _MESSAGE_INDEX.size)
+            if length >= _MESSAGE_INDEX.size:
+                channel, size = _MESSAGE_INDEX.unpack(head)
+                counted[channel] += size // _ENTRY_BYTES
+        elif opcode == Opcode.DATA_END:
+            break
+        offset += HEAD_BYTES + length
+    if indexed:
+        raise DamagedBagError(path, f"its summary names a chunk at byte {min(indexed)}, where there is none")
+    if counted and counted != +index.counts:
+        raise DamagedBagError(
+            path, f"its summary counts {index.counts.total()} messages, the indexes of its chunks {counted.total()}"
+        )
+
+
+def _check_chunk(file: RecordFile, extent: Extent, length: int) -> None:
+    start_ns, end_ns, size = struct.unpack("<QQQ", file.bytes_at(extent.offset + HEAD_BYTES, 24))
+    largest = max(size, extent.size_bytes)
+    if largest > MAX_CHUNK_BYTES:
+        raise DamagedBagError(file.path, f"has a chunk of {largest} bytes, more than {MAX_CHUNK_BYTES}")
+    if (length, start_ns, end_ns, size) != (extent.length, extent.start_ns, extent.end_ns, extent.size_bytes):
+        raise DamagedBagError(file.path, f"its summary contradicts the chunk at byte {extent.offset}")

@@ -11,9 +11,9 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 
 from mech_twin.engine.trajectory import frame_events
+from mech_twin.messages import blow, impact, motor, scene, step_marks
 from mech_twin.messages import body as body_messages
 from mech_twin.messages import force as force_messages
-from mech_twin.messages import impact, motor, scene, step_marks
 from mech_twin.messages import linkage as linkage_messages
 from mech_twin.messages.frames import frame_id
 from mech_twin.messages.joint_state_cdr import StepMessage, encoded, stamp_of
@@ -21,6 +21,8 @@ from mech_twin.messages.joint_states import efforts_message, has_impact, joints_
 from mech_twin.messages.peak_hold import PeakHoldWindow
 from mech_twin.messages.stream_window import STREAM_RATE_HZ, StreamWindow, steps_per_window
 from mech_twin.messages.topics import (
+    BLOW_GAUGE,
+    BLOW_WAVE,
     BODY_JOINT_STATES,
     CLOCK,
     DESCRIPTION,
@@ -45,7 +47,7 @@ from mech_twin.messages.topics import (
 from mech_twin.recording.bag_writer import BagWriter
 from mech_twin.recording.schemas import offered_qos
 from mech_twin.roles import Machine
-from mech_twin.samples import Drawing, ForceSample, Frame
+from mech_twin.samples import Drawing, Event, ForceSample, Frame
 
 REVISION = 1
 VIEW_RATE_HZ = 30.0
@@ -72,7 +74,9 @@ class FrameRecorder:
     def __init__(self, machine: Machine, directory: Path, description: str) -> None:
         self._machine = machine
         self._writer = BagWriter(directory, configuration=description)
-        for topic in recorded_topics(machine.forces.pins, machine.body is not None):
+        gauge = machine.gauge
+        gauged = () if gauge is None else (BLOW_GAUGE, *((BLOW_WAVE,) if gauge.sends_curve else ()))
+        for topic in (*recorded_topics(machine.forces.pins, machine.body is not None), *gauged):
             durability = "transient_local" if topic.qos is LATCHED else "volatile"
             qos = offered_qos(durability=durability, depth=topic.qos.depth)
             self._writer.add_topic(full_name(machine.name, topic), type_name(topic), qos)
@@ -109,6 +113,7 @@ class FrameRecorder:
             self._put_wrench(pin, kept)
         for event in frame_events(frame):
             self._put(IMPACTS, impact.to_message(event))
+        self._write_blows(linkage.events)
         self._write_joint_states(frame)
         self._write_scene(frame)
 
@@ -120,6 +125,12 @@ class FrameRecorder:
         for sample in self._forces.rest():
             self._put(FORCE_JOINT_STATES, efforts_message(sample))
         self._writer.close(discard_empty=True)
+
+    def _write_blows(self, events: tuple[Event, ...]) -> None:
+        for gauge, event in blow.told_blows(self._machine.gauge, events):
+            self._put(BLOW_GAUGE, blow.numbers_message(gauge, event))
+            if gauge.sends_curve:
+                self._put(BLOW_WAVE, blow.curve_message(gauge, event))
 
     def _write_joint_states(self, frame: Frame) -> None:
         struck = has_impact(frame.linkage.events)

@@ -11,6 +11,7 @@ from mech_twin.recording.bag_split import TOPIC_RECORD
 from mech_twin.recording.file_index import Extent, FileIndex
 from mech_twin.recording.mcap_records import (
     MAGIC,
+    MAX_CHUNK_BYTES,
     Damage,
     LocatedRecord,
     RawMessage,
@@ -22,6 +23,11 @@ from mech_twin.recording.mcap_records import (
 from mech_twin.recording.record_file import RecordFile
 
 _RUN_BYTES = 256 * 1024
+# what the chunks of a file may come to together: so much, and so many times its size.  A message counts for more than
+# its bytes, since one without any takes time and memory too.
+SCAN_BYTES = 1 << 30
+MOST_EXPANSION = 200
+RECORD_BYTES = 256
 
 
 def scanned_index(file: RecordFile) -> FileIndex:
@@ -45,18 +51,32 @@ class _LinearScan:
         self._verified_chunk: tuple[int, list[Record]] = (-1, [])
         self._backups: list[dict[str, str]] = []
         self._outside: list[Schema | Channel] = []
+        self._limit_bytes = SCAN_BYTES + MOST_EXPANSION * index.file.size
+        self._taken_bytes = 0
 
     def accept(self, found: LocatedRecord) -> None:
         """Verify what the record contains: the records of a chunk must be intact, too."""
         record = found.record
         if isinstance(record, Chunk):
             if self._verified_chunk[0] != found.offset:
-                inner = list(inner_records(decompressed(record)))
-                self._verified_chunk = (found.offset, inner)
+                self._verified_chunk = (found.offset, self._contents(record))
         elif isinstance(record, Footer):
             end = found.offset + found.length
             if end != self._index.file.size - len(MAGIC):
                 raise UnreadableRecordError("a footer before the end of the file")
+
+    def _contents(self, chunk: Chunk) -> list[Record]:
+        self._count(min(chunk.uncompressed_size, MAX_CHUNK_BYTES))  # before, and whether or not it is intact
+        inner = []
+        for record in inner_records(decompressed(chunk)):
+            self._count(RECORD_BYTES)
+            inner.append(record)
+        return inner
+
+    def _count(self, size: int) -> None:
+        if self._taken_bytes + size > self._limit_bytes:
+            raise UnreadableRecordError(f"chunks that come to more than {self._limit_bytes} bytes together")
+        self._taken_bytes += size
 
     def take(self, found: LocatedRecord) -> None:
         """Add a record to the index."""

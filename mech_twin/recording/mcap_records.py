@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Records of an MCAP file, parsed with every length and checksum verified.
 
-The `mcap` package parses the fields.  This module adds the checks it omits: a record must lie within its file and be
-consumed exactly, a chunk must decompress to its declared size, and checksums must match.
+The `mcap` package parses the fields.  This module adds the checks it omits: a record must lie within its file, its
+fields within the record, a chunk must decompress to its declared size, and checksums must match.
 """
 
 from __future__ import annotations
@@ -39,6 +39,7 @@ from mcap.records import (
 MAGIC = b"\x89MCAP0\r\n"
 MAX_RECORD_BYTES = 256 << 20
 MAX_CHUNK_BYTES = 256 << 20
+MAX_CHUNK_RECORDS = 1 << 20
 HEAD_BYTES = 9
 FOOTER_BYTES = HEAD_BYTES + 20
 _MESSAGE = struct.Struct("<HIQQ")
@@ -101,7 +102,7 @@ def parse(opcode: int, content: bytes) -> Record:
     Raises
     ------
     UnreadableRecordError
-        The fields do not consume the content exactly, or a checksum fails.
+        The fields exceed the content, or a checksum fails.  What follows the known fields is ignored, as MCAP asks.
     """
     if opcode == Opcode.MESSAGE:
         return _message(content, 0, len(content))
@@ -115,19 +116,19 @@ def parse(opcode: int, content: bytes) -> Record:
         record = reader(stream)
     except (McapError, struct.error, ValueError, OverflowError, MemoryError) as error:
         raise UnreadableRecordError(f"a broken {Opcode(opcode).name.lower()} record") from error
-    if stream.count != len(content) or not _is_complete(record, content):
+    if stream.count > len(content) or not _is_complete(record, content, stream.count):
         raise UnreadableRecordError(f"a broken {Opcode(opcode).name.lower()} record")
     return record
 
 
-def _is_complete(record: McapRecord, content: bytes) -> bool:
+def _is_complete(record: McapRecord, content: bytes, end: int) -> bool:
     """Whether the last field has its declared length (`mcap` truncates silently) and its checksum matches."""
     if isinstance(record, Chunk):
         at = 32 + len(record.compression.encode())
         return bool(struct.unpack_from("<Q", content, at)[0] == len(record.data))
     if isinstance(record, Attachment):
-        (crc,) = struct.unpack_from("<I", content, len(content) - 4)
-        return crc in {0, zlib.crc32(content[:-4])}
+        (crc,) = struct.unpack_from("<I", content, end - 4)
+        return crc in {0, zlib.crc32(content[: end - 4])}
     if isinstance(record, Schema):
         at = 10 + len(record.name.encode()) + len(record.encoding.encode())
         return bool(struct.unpack_from("<I", content, at)[0] == len(record.data))
@@ -180,8 +181,11 @@ def inner_records(data: bytes) -> Iterator[Record]:
     UnreadableRecordError
         At the first invalid record.
     """
-    offset, size = 0, len(data)
+    offset, size, count = 0, len(data), 0
     while offset < size:
+        count += 1
+        if count > MAX_CHUNK_RECORDS:
+            raise UnreadableRecordError(f"a chunk of more than {MAX_CHUNK_RECORDS} records")
         if size - offset < HEAD_BYTES:
             raise UnreadableRecordError("a chunk that ends within a record")
         opcode, length = struct.unpack_from("<BQ", data, offset)

@@ -10,6 +10,8 @@ import yaml
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 
+from mech_twin.bounded_yaml import bounded_yaml
+from mech_twin.recording.bag_metadata import LONGEST_QOS
 from mech_twin.recording.errors import DecodeError, UnknownTypeError
 from mech_twin.recording.schemas import message_schema
 
@@ -17,7 +19,6 @@ if TYPE_CHECKING:
     from mech_twin.recording.bag_contents import TopicInfo
 
 DEEPEST = 10_000
-LONGEST_QOS = 1 << 16
 CDR = "cdr"
 
 
@@ -100,7 +101,7 @@ def _profiles(qos_yaml: str) -> list[dict[str, Any]]:
     if len(qos_yaml) > LONGEST_QOS:
         return []
     try:
-        found = yaml.safe_load(qos_yaml) if qos_yaml else []
+        found = bounded_yaml(qos_yaml) if qos_yaml else []
     except (yaml.YAMLError, ValueError, RecursionError):
         return []
     return [profile for profile in found if isinstance(profile, dict)] if isinstance(found, list) else []

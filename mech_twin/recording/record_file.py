@@ -30,12 +30,20 @@ _HEAD_PATTERN = re.compile(rb"(?=[\x01-\x0f][\s\S]{3}[\x00-\x10]\x00{4})")
 
 
 class RecordFile:
-    """An MCAP file open for reading by offset."""
+    """An MCAP file open for reading by offset.
 
-    def __init__(self, path: Path) -> None:
+    Parameters
+    ----------
+    path : Path
+        The file as errors name it.
+    content : Path, optional
+        The file that is read in its place, where that one is compressed.
+    """
+
+    def __init__(self, path: Path, content: Path | None = None) -> None:
         try:
             # without O_NONBLOCK, opening a named pipe waits for a writer
-            self._descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+            self._descriptor = os.open(content or path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
         except OSError as error:
             raise MissingBagError(path, f"cannot be read ({error.strerror})") from error
         status = os.fstat(self._descriptor)

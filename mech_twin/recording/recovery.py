@@ -7,6 +7,7 @@ import secrets
 import shutil
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -14,24 +15,25 @@ from mcap.records import Channel, Schema
 from mcap.writer import CompressionType, Writer
 
 from mech_twin.output_file import DIRECTORY_MODE
-from mech_twin.recording.bag_directory import bag_files
-from mech_twin.recording.bag_metadata import FileStatistics, TopicMetadata, write_metadata
+from mech_twin.recording.bag_directory import bag_files, missing_parts
+from mech_twin.recording.bag_metadata import FILE_NAME, FileStatistics, TopicMetadata, read_metadata, write_metadata
 from mech_twin.recording.bag_split import LIBRARY, TOPIC_RECORD
-from mech_twin.recording.errors import BagExistsError, DamagedBagError, UnwritableDirectoryError
+from mech_twin.recording.compression import plain_file, plain_message
+from mech_twin.recording.errors import BagError, BagExistsError, DamagedBagError, UnwritableDirectoryError
 from mech_twin.recording.file_index import Extent, FileIndex
-from mech_twin.recording.file_summary import intact_index
-from mech_twin.recording.mcap_records import RawMessage
+from mech_twin.recording.linear_scan import scanned_index
+from mech_twin.recording.mcap_records import RawMessage, UnreadableRecordError
 from mech_twin.recording.message_writer import MessageWriter
 from mech_twin.recording.output_directory import check_recording_directory, remove_recording
 from mech_twin.recording.record_file import RecordFile
 from mech_twin.recording.ros_distro import running_distro
 from mech_twin.recording.split_file import SplitFile
-from mech_twin.recording.split_series import FINISHED_KEY
+from mech_twin.recording.split_series import COUNTERS_KEY, FINISHED_KEY, RECOVERED_KEY
 
-RECOVERED_KEY = "mech_twin.recovered"
 _NO_SCHEMA = Schema(id=0, data=b"", encoding="", name="")
 _CHUNK_BYTES = 256 * 1024
 _MAX_DAMAGES = 50
+_MARK_CHARACTERS = 4000
 
 
 @dataclass
@@ -94,7 +96,7 @@ def recover(bag: Path | str, out: Path | str, *, force: bool = False) -> Recover
     files = bag_files(source)
     _check_apart(source, target)
     check_recording_directory(target, force=force)
-    report = RecoveryReport(source, target)
+    report = RecoveryReport(source, target, damages=_absent(source, files))
     partial = target.with_name(f".{target.name}.{secrets.token_hex(4)}")
     try:
         target.parent.mkdir(DIRECTORY_MODE, parents=True, exist_ok=True)
@@ -109,6 +111,20 @@ def recover(bag: Path | str, out: Path | str, *, force: bool = False) -> Recover
     return report
 
 
+def _absent(source: Path, files: list[Path]) -> list[str]:
+    """Return a line for each part of a bag that is not there, by its numbers and by `metadata.yaml`."""
+    if not source.is_dir():
+        return []
+    unknown: list[str] = []
+    try:
+        listed = read_metadata(source).files
+    except BagError:
+        listed = ()
+        unknown.append(f"{source}: has no readable {FILE_NAME}; what was dropped after its last file is not known")
+    lines = [f"{source}: its part {name} is missing" for name in listed if not (source / name).is_file()]
+    return list(dict.fromkeys([*missing_parts(source, files), *lines, *unknown]))[:_MAX_DAMAGES]
+
+
 def _check_apart(source: Path, target: Path) -> None:
     """Refuse to write over, into or around the recording that is read."""
     one, other = source.resolve(), target.resolve()
@@ -120,17 +136,27 @@ def _rebuild(files: list[Path], directory: Path, report: RecoveryReport) -> None
     topics: dict[str, TopicMetadata] = {}
     files_written: list[FileStatistics] = []
     for number, path in enumerate(files):
-        file = RecordFile(path)
-        try:
-            index = intact_index(file)
+        with ExitStack() as stack:
+            file = RecordFile(path, plain_file(path, stack, partial=True))
+            stack.callback(file.close)
+            index = scanned_index(file)  # neither index nor summary is believed
             report.bytes_read += file.size
             report.bytes_skipped += sum(damage.length for damage in index.damages)
             report.damages += index.problems()[: _MAX_DAMAGES - len(report.damages)]
             files_written.append(_rewritten(index, directory / f"{report.out.name}_{number}.mcap", topics, report))
-        finally:
-            file.close()
-    custom = {FINISHED_KEY: "true", RECOVERED_KEY: f"skipped {report.bytes_skipped} of {report.bytes_read} bytes"}
+    salvaged = f"skipped {report.bytes_skipped} of {report.bytes_read} bytes"
+    custom = {FINISHED_KEY: "true", RECOVERED_KEY: "; ".join((salvaged, *report.damages))[:_MARK_CHARACTERS]}
+    custom |= _told_counters(report.bag)
     write_metadata(directory, list(topics.values()), files_written, custom, running_distro())
+
+
+def _told_counters(source: Path) -> dict[str, str]:
+    """Return the loss counters of `metadata.yaml`: after a full disk no file holds the last of them."""
+    try:
+        told = read_metadata(source).custom if source.is_dir() else {}
+    except BagError:
+        return {}
+    return {COUNTERS_KEY: told[COUNTERS_KEY]} if COUNTERS_KEY in told else {}
 
 
 def _rewritten(
@@ -197,8 +223,11 @@ def _intact_messages(index: FileIndex, report: RecoveryReport) -> Iterator[tuple
             channel = index.channels.get(record.channel_id)
             if channel is None:
                 report.unassigned += 1
-            else:
-                yield channel, record
+                continue
+            try:
+                yield channel, record._replace(raw=plain_message(record.raw))
+            except UnreadableRecordError as error:
+                report.damages.append(f"topic {channel.topic}: {error}")
 
 
 def _records(index: FileIndex, extent: Extent, report: RecoveryReport) -> Iterator[RawMessage]:

@@ -6,7 +6,7 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -17,6 +17,7 @@ from mech_twin.recording.split_file import SpaceReservation
 
 FINISHED_KEY = "mech_twin.finished"
 COUNTERS_KEY = "mech_twin.counters"
+RECOVERED_KEY = "mech_twin.recovered"
 _RESERVE_BYTES = 64 * 1024
 
 
@@ -117,7 +118,12 @@ class SplitSeries:
             TopicMetadata(name, topic.schema.type_name, topic.qos_yaml, topic.schema.type_hash)
             for name, topic in self._topics.items()
         ]
-        counters = json.dumps({name: asdict(row) for name, row in self.counter_rows().items()})
+        waiting = self.waiting()
+        rows = {
+            name: replace(row, written=row.written - waiting[name], dropped=row.dropped + waiting[name])
+            for name, row in self.counter_rows().items()
+        }
+        counters = json.dumps({name: asdict(row) for name, row in rows.items()})
         custom = {FINISHED_KEY: str(finished).lower(), COUNTERS_KEY: counters}
         write_metadata(self._directory, topics, self._finished, custom, self._ros_distro)
 

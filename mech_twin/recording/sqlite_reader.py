@@ -13,14 +13,15 @@ from rosbags.interfaces import Connection, ConnectionExtRosbag2
 from rosbags.rosbag2 import Reader, ReaderError
 
 from mech_twin.recording.bag_contents import BagInfo, BagMessage, SplitInfo, TopicInfo
-from mech_twin.recording.bag_directory import SQLITE_SUFFIX, inside, split_order
+from mech_twin.recording.bag_directory import SQLITE_SUFFIX, inside, missing_parts, parts
 from mech_twin.recording.bag_metadata import FILE_NAME, SQLITE, read_metadata
-from mech_twin.recording.errors import DamagedBagError, ForeignFileError, MissingBagError
-from mech_twin.recording.mcap_records import MAX_RECORD_BYTES
+from mech_twin.recording.compression import plain_file, plain_message
+from mech_twin.recording.errors import DamagedBagError, MissingBagError, MissingPartError
+from mech_twin.recording.mcap_records import MAX_RECORD_BYTES, UnreadableRecordError
 from mech_twin.recording.open_files import OpenBag
 from mech_twin.recording.schemas import offered_qos
 
-_FAILURES = (ReaderError, apsw.Error, ValueError, TypeError, LookupError, MemoryError)
+_FAILURES = (ReaderError, UnreadableRecordError, apsw.Error, ValueError, TypeError, LookupError, MemoryError)
 
 
 class SqliteReader(OpenBag):
@@ -30,6 +31,8 @@ class SqliteReader(OpenBag):
     ----------
     path : Path
         The bag.
+    salvage : bool
+        Read the parts that are there of a bag of which one is missing.
 
     Raises
     ------
@@ -37,9 +40,10 @@ class SqliteReader(OpenBag):
         One line with the file and the reason.
     """
 
-    def __init__(self, path: Path | str) -> None:
+    def __init__(self, path: Path | str, *, salvage: bool = False) -> None:
         super().__init__(path)
-        self._files = _files_of(self.path)
+        self._problems: list[str] = []
+        self._files = _files_of(self.path, salvage, self._problems)
         self._readers: list[Reader] = []
         with ExitStack() as undo:
             undo.callback(self.close)
@@ -56,6 +60,7 @@ class SqliteReader(OpenBag):
         """Return the summary of the bag."""
         start, end = self.start_ns, self.end_ns
         finished = self.path.is_file() or (self.path / FILE_NAME).is_file()
+        absent = () if finished else (f"{self.path}: has no {FILE_NAME}",)
         return BagInfo(
             path=self.path,
             topics=self.topics,
@@ -66,7 +71,7 @@ class SqliteReader(OpenBag):
             configuration=None,
             splits=tuple(_split_info(*pair) for pair in zip(self._files, self._readers, strict=True)),
             finished=finished,
-            problems=() if finished else (f"{self.path}: has no {FILE_NAME}",),
+            problems=(*absent, *self._problems),
         )
 
     def messages(
@@ -87,11 +92,11 @@ class SqliteReader(OpenBag):
             wanted = [item for item in reader.connections if topics is None or item.topic in topics]
             with _reported(file):
                 for item, time_ns, raw in reader.messages(wanted, first, last + 1) if wanted else ():
-                    yield BagMessage(item.topic, item.msgtype, time_ns, time_ns, bytes(raw))
+                    yield BagMessage(item.topic, item.msgtype, time_ns, time_ns, plain_message(bytes(raw)))
 
     def _open(self, file: Path) -> None:
         with _reported(file):
-            reader = Reader(file)
+            reader = Reader(plain_file(file, self._stack))
             reader.open()
             self._stack.callback(reader.close)
             storage: Any = reader.storage
@@ -107,21 +112,22 @@ class SqliteReader(OpenBag):
         return table
 
 
-def _files_of(path: Path) -> list[Path]:
+def _files_of(path: Path, salvage: bool, problems: list[str]) -> list[Path]:
     if not path.exists():
         raise MissingBagError(path, "there is no such bag")
     if path.is_file():
         return [path]
     if not (path / FILE_NAME).is_file():
-        return sorted((inside(path, file) for file in path.glob(f"*{SQLITE_SUFFIX}")), key=split_order)
-    metadata = read_metadata(path, storage=SQLITE)
-    if metadata.compression_mode:
-        raise ForeignFileError(path, "compressed sqlite3 bags are not supported; convert it with `ros2 bag convert`")
-    files = [inside(path, path / name) for name in metadata.files]
-    for file in files:
+        files = [inside(path, file) for file in parts(path, SQLITE_SUFFIX)]
+        problems += missing_parts(path, files)
+        return files
+    listed = [inside(path, path / name) for name in read_metadata(path, storage=SQLITE).files]
+    for file in listed:
         if not file.is_file():
-            raise MissingBagError(file, f"is listed in {FILE_NAME} but does not exist")
-    return files
+            if not salvage:
+                raise MissingPartError(path, file, FILE_NAME)
+            problems.append(f"{path}: its part {file.name} is missing")
+    return [file for file in listed if file.is_file()]
 
 
 @contextmanager

@@ -15,6 +15,7 @@ HEADER_FIRST = frozenset(
         "geometry_msgs/msg/WrenchStamped",
         "geometry_msgs/msg/Vector3Stamped",
         "diagnostic_msgs/msg/DiagnosticArray",
+        "trajectory_msgs/msg/JointTrajectory",
         "rosgraph_msgs/msg/Clock",
     }
 )

@@ -13,7 +13,8 @@ from mech_twin.quantity import Parameters
 from mech_twin.studies.monitoring.charts import CHARTS
 from mech_twin.studies.monitoring.cycle_features import FeatureFeed
 from mech_twin.studies.monitoring.fault_life import FaultLife
-from mech_twin.studies.monitoring.monitor import Findings, Monitor, MonitorSetup
+from mech_twin.studies.monitoring.findings import Findings
+from mech_twin.studies.monitoring.monitor import Monitor, MonitorSetup
 from mech_twin.studies.observer.lock_on import SeenSample
 
 
@@ -46,7 +47,7 @@ class LiveMonitor:
         self.monitor = Monitor(setup)
         self.newest: Findings | None = None
         self._columns = tuple(columns)
-        self._feed = FeatureFeed(declared, list(dict.fromkeys(columns)))
+        self._feed = FeatureFeed(declared, list(dict.fromkeys(columns)), run_up_s=declared.run_up_s)
 
     def take(self, sample: SeenSample) -> list[Findings]:
         """Return what the monitor says of the cycles that a sample completes."""

@@ -11,9 +11,10 @@ from dataclasses import dataclass, field
 
 from mech_twin.engine.coupling import RESET, next_body, restarted
 from mech_twin.engine.step_samples import StepSamples
+from mech_twin.engine.stored_state import begins_with_state
 from mech_twin.roles import Machine
 from mech_twin.samples import Frame, LinkageSample
-from mech_twin.studies.comparison import Difference, Sample, first_difference
+from mech_twin.studies.first_difference import Difference, Sample, first_difference
 
 MachineAt = Callable[[int], Machine]
 
@@ -79,7 +80,7 @@ def resimulated(steps: Iterable[StepSamples], machine_at: MachineAt) -> Verdict:
     """Return whether the run comes out the same when computed again; ends at the first sample that does not.
 
     Each step is computed from the computed one before it.  Of the recording go in: the command (the motor's, after
-    rate limiting), the resets and the parameters.  See `analysed` for the arguments.
+    rate limiting), the resets with the states given to them, and the parameters.  See `analysed` for the arguments.
     """
     verdict = Verdict()
     before: Frame | None = None
@@ -87,7 +88,8 @@ def resimulated(steps: Iterable[StepSamples], machine_at: MachineAt) -> Verdict:
     for known in steps:
         machine = machine_at(known.step)
         verdict.missing_steps += known.step - last_step - 1 if last_step >= 0 else 0
-        if before is not None and known.step != before.linkage.step + 1:
+        given = known.linkage is not None and begins_with_state(known.linkage)
+        if given or (before is not None and known.step != before.linkage.step + 1):
             before = None
         last_step = known.step
         frame = _next(machine, before, known, verdict)

@@ -15,7 +15,7 @@ from mech_twin.capabilities.arguments import by_name, real_number, several
 from mech_twin.capabilities.errors import StudyError
 from mech_twin.configuration_tree import ConfigurationError, configuration_tree, merged_tree, tree_from_flat
 from mech_twin.engine.run import frames
-from mech_twin.parameters.key_hints import did_you_mean, key_units
+from mech_twin.parameters.key_hints import declared_key, did_you_mean, key_units
 from mech_twin.parameters.load import catalogue_entry, validated
 from mech_twin.quantity import Parameters
 
@@ -97,7 +97,7 @@ def question(
 def require_key(model: type[BaseModel], key: str) -> None:
     """Raise a `StudyError` if a configuration has no such key."""
     units = key_units(model)
-    if key not in units:
+    if declared_key(key, units) not in units:
         raise StudyError(f"no configuration key '{key}'{did_you_mean(key, units)}")
 
 

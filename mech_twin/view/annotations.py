@@ -18,7 +18,7 @@ from typing import NamedTuple
 from mech_twin.capabilities.figure import FORCE, STEEL, Point, label, measure, millimetres
 from mech_twin.capabilities.mechanism import FrameTree, Pose, poses
 from mech_twin.samples import Event, ForceSample, LinkageSample, Shape
-from mech_twin.view.layout import Bounds
+from mech_twin.view.extent import Bounds
 from mech_twin.view.scale import round_above, with_prefix
 
 LETTERS = "ABCDEFGHJKLMNPQRSTUVWXYZ"

@@ -39,6 +39,7 @@ class Banner:
         self._blows: deque[tuple[float, float]] = deque()
         self._power: deque[tuple[float, float]] = deque()
         self._broken = ""
+        self._last_blow: tuple[float, float] | None = None
 
     def add(self, motor: MotorSample | None, linkage: LinkageSample | None, forces: ForceSample | None) -> None:
         """Take a step into account."""
@@ -57,53 +58,71 @@ class Banner:
         if energy_j > 0.0:
             self._blows.append((event.time_s, energy_j))
             _forget(self._blows, event.time_s)
+            if energy_j > WEAK_SHARE * max(energy for _, energy in self._blows):
+                self._last_blow = (event.time_s, energy_j)
 
     def text(self) -> str:
         """Return the line, in Markdown."""
         linkage = self._linkage
         if linkage is None:
             return "waiting for the first step"
-        parts = [
-            f"**{self._state(linkage)}**",
-            f"t = {linkage.time_s:.2f} s",
-            *self._speed(linkage),
-            *self._work(linkage),
-        ]
-        return "  ·  ".join([*parts, f"**ALARM: {alarm}**" if (alarm := self._alarm(linkage)) else "no alarm"])
+        words = [f"{name} {value}" for name, value in self.cards()]
+        alarm = self.alarm()
+        parts = [f"**{self.state()}**", f"t = {linkage.time_s:.2f} s", *words]
+        return "  ·  ".join([*parts, f"**ALARM: {alarm}**" if alarm else "no alarm"])
 
-    def _state(self, linkage: LinkageSample) -> str:
+    def state(self) -> str:
+        """Return what the machine does, in a word or two."""
+        linkage = self._linkage
+        if linkage is None:
+            return "waiting for the first step"
         if self._stalled(linkage):
             return "stalled"
         if self._command > 0.0:
             return "running"
         return "running down" if abs(linkage.velocity[0]) > AT_REST else "stopped"
 
-    def _alarm(self, linkage: LinkageSample) -> str:
-        return self._broken or ("the machine is stalled" if self._stalled(linkage) else "")
+    @property
+    def command(self) -> float | None:
+        """The supply in force, as a share of the rated one; None before the first step."""
+        return None if math.isnan(self._command) else self._command
+
+    def alarm(self) -> str:
+        """Return what is wrong; empty if nothing is."""
+        linkage = self._linkage
+        return self._broken or ("the machine is stalled" if linkage is not None and self._stalled(linkage) else "")
+
+    def cards(self) -> list[tuple[str, str]]:
+        """Return name and value of what matters now: speed, rate, energy of the last blow, power."""
+        linkage = self._linkage
+        return [] if linkage is None else [*self._speed(linkage), *self._work(linkage)]
 
     def _stalled(self, linkage: LinkageSample) -> bool:
         memory = linkage.memory
         return any(name in memory.names and _named(memory, name) > 0.0 for name in STALLED)
 
-    def _speed(self, linkage: LinkageSample) -> list[str]:
+    def _speed(self, linkage: LinkageSample) -> list[tuple[str, str]]:
         joint, speed = linkage.joints[0], linkage.velocity[0]
         if not self._known:
             return []
         if joint in self._slides:
-            return [f"{joint} {speed:+.2f} m/s"]
-        return [f"{joint} {speed * 30.0 / math.pi:.1f} rpm"]
+            return [(joint, f"{speed:+.2f} m/s")]
+        return [(joint, f"{speed:.4g} rad/s")]  # as at the terminal and on every topic
 
-    def _work(self, linkage: LinkageSample) -> list[str]:
+    def _work(self, linkage: LinkageSample) -> list[tuple[str, str]]:
         _forget(self._blows, linkage.time_s)
+        found = []
         hardest = max((energy for _, energy in self._blows), default=0.0)
         real = [(time_s, energy) for time_s, energy in self._blows if energy > WEAK_SHARE * hardest]
         if len(real) > 1:
-            rate_hz = (len(real) - 1) / (real[-1][0] - real[0][0])
-            mean_j = with_prefix(sum(energy for _, energy in real) / len(real), "J")
-            return [f"{rate_hz:.1f} blows/s", f"{mean_j} a blow"]
+            found.append(("blow rate", f"{(len(real) - 1) / (real[-1][0] - real[0][0]):.1f}/s"))
+        if self._last_blow is not None:
+            time_s, energy_j = self._last_blow
+            found.append((f"last blow at {time_s:.2f} s", with_prefix(energy_j, "J")))
         if self._power:
-            return [f"drive {with_prefix(sum(power for _, power in self._power) / len(self._power), 'W')} on average"]
-        return []
+            mean_w = sum(power for _, power in self._power) / len(self._power)
+            found.append(("mean drive power", with_prefix(mean_w, "W")))
+        return found
 
     def _note_broken(self, linkage: LinkageSample) -> None:
         values = zip(linkage.joints, linkage.position, linkage.velocity, strict=True)

@@ -6,3 +6,7 @@ from __future__ import annotations
 
 class RerunSceneError(RuntimeError):
     """The view cannot show or keep the run; the message is one line."""
+
+
+class ViewerError(RuntimeError):
+    """The page cannot be served; the message is one line."""

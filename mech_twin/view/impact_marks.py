@@ -9,14 +9,7 @@ from mech_twin.samples import Event
 from mech_twin.view.curves import PALETTE, times
 from mech_twin.view.layout import IMPACTS
 
-LEAST_SPEED_M_PER_S = 1e-3  # of what is told: slower touches are the end of a bounce
 FOOT_S = 1e-9  # the finest step of the time line
-
-
-def is_told(event: Event) -> bool:
-    """Return whether an event goes into the log: a change of state, or an impact that is more than a touch."""
-    speed = max(abs(event.pre_velocity_m_per_s), abs(event.post_velocity_m_per_s))
-    return event.impulse_ns == 0.0 or speed >= LEAST_SPEED_M_PER_S
 
 
 class ImpactMarks:
@@ -56,10 +49,6 @@ class ImpactMarks:
             ]
             time_s, values = zip(*stems, strict=True)
             self._stream.send_columns(path, times(time_s), rr.Scalars.columns(scalars=values))
-        self.drop()
-
-    def drop(self) -> None:
-        """Forget what has been added and not been sent."""
         self._marks.clear()
 
     def _mark(self, path: str, name: str, time_s: float, value: float) -> None:

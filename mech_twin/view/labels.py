@@ -73,16 +73,25 @@ def apart(texts: Sequence[Shape], fixed: Sequence[Shape], width_m: float) -> lis
     placed = []
     for shape in texts:
         box = _box(shape, width_m)
-        tried = [
-            box._replace(x=box.x + side * box.half_width, y=box.y + shift * line_m)
-            for side in SIDES
-            for shift in SHIFTS
-        ]
-        best = min(tried, key=lambda each: sum(each.overlap(other) for other in taken))
+        best = _freest(box, taken, line_m)
         taken.append(best)
         ((x, y),) = shape.points_m
         placed.append(shape._replace(points_m=((x + best.x - box.x, y + best.y - box.y),)))
     return placed
+
+
+def _freest(box: _Box, taken: Sequence[_Box], line_m: float) -> _Box:
+    """Return the first place that covers nothing, which is mostly the wanted one, else the one that covers least."""
+    least, best = np.inf, box
+    for side in SIDES:
+        for shift in SHIFTS:
+            tried = box._replace(x=box.x + side * box.half_width, y=box.y + shift * line_m)
+            covered = sum([tried.overlap(other) for other in taken])
+            if covered == 0.0:
+                return tried
+            if covered < least:
+                least, best = covered, tried
+    return best
 
 
 def _box(shape: Shape, width_m: float) -> _Box:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Layout of the panels; each plot has one unit, which its title names.
 
-The full one::
+::
 
     +---------------------------------------+
     | state, speed, rate, energy, alarm     |
@@ -17,7 +17,6 @@ The full one::
     | phase    | events      | metrics      |
     +----------+-------------+--------------+
 
-The light one is the banner, the mechanism and two plots, for browsers that draw on the processor.
 """
 
 from __future__ import annotations
@@ -29,7 +28,9 @@ import rerun as rr
 import rerun.blueprint as rrb
 from rerun.blueprint.encodings import TimelineColumn
 
-from mech_twin.view.curves import SIM_TIME, present, quantity_path
+from mech_twin.view.curve_groups import present, quantity_path
+from mech_twin.view.curves import SIM_TIME
+from mech_twin.view.extent import Bounds
 
 MECHANISM = "mechanism"
 EVENTS = "events"
@@ -41,26 +42,8 @@ ASPECT = 2.0
 # of a plot's width, kept free right of the curves for their legend: its frame, each letter of a name, and at most
 LEGEND_FRAME, LEGEND_LETTER, LEGEND_MOST = 0.09, 0.0135, 0.42
 MOMENTS, FORCES = quantity_path("N m"), quantity_path("N")
-# the two plots of the light layout are the first two of these that there are
-LIGHT_PLOTS: Mapping[str, tuple[str, ...]] = {
-    "Pin reactions, N": ("pins/magnitude",),
-    "Pressing force, N": ("body/pressing_force",),
-    "Torque, N m": ("motor/torque", MOMENTS),
-    "Speed, m/s": ("linkage_sliding/speed",),
-    "Speed, rad/s": ("linkage/speed",),
-}
-LIGHT_COUNT = 2
 CONTACTS = ("a contact",)  # marks are named after what is hit, in a word or two
 FIRST_UNITS = ("W", "J", "m", "m/s", "N s")
-
-
-class Bounds(NamedTuple):
-    """Visible range of the machine's plane, m."""
-
-    left_m: float
-    right_m: float
-    low_m: float
-    high_m: float
 
 
 class SceneContents(NamedTuple):
@@ -74,7 +57,7 @@ class SceneContents(NamedTuple):
     units: Mapping[str, str] = {}
 
 
-def blueprint(contents: SceneContents, window_s: float, *, light: bool = False) -> rrb.Blueprint:
+def blueprint(contents: SceneContents, window_s: float) -> rrb.Blueprint:
     """Return the layout for these contents; a machine without body gets no body panels.
 
     Parameters
@@ -83,11 +66,9 @@ def blueprint(contents: SceneContents, window_s: float, *, light: bool = False) 
         What there is to show.
     window_s : float
         Simulated time span of the curves.
-    light : bool
-        Whether to keep to what a browser without a graphics card can draw in time.
     """
-    panels = _light(contents, window_s) if light else _full(contents, window_s)
-    shares = [6, 94] if light else [5, *([68, 27] if len(panels) > 2 else [95])]
+    panels = _full(contents, window_s)
+    shares = [5, *([68, 27] if len(panels) > 2 else [95])]
     return page(rrb.Vertical(*panels, row_shares=shares))
 
 
@@ -101,26 +82,6 @@ def page(panels: rrb.Container) -> rrb.Blueprint:
         auto_layout=False,
         auto_views=False,
     )
-
-
-def light_paths(curves: Mapping[str, tuple[str, ...]]) -> list[str]:
-    """Return the paths of the curves that the light layout shows."""
-    return [path for paths in _light_plots(curves).values() for path in paths]
-
-
-def _light_plots(curves: Mapping[str, tuple[str, ...]]) -> dict[str, list[str]]:
-    found = {title: present(curves, *paths) for title, paths in LIGHT_PLOTS.items()}
-    filled = [(title, paths) for title, paths in found.items() if paths]
-    return dict(filled[:LIGHT_COUNT])
-
-
-def _light(contents: SceneContents, window_s: float) -> list[rrb.View | rrb.Container]:
-    plots = [
-        plot(title, paths, window_s, _names(contents.curves, paths))
-        for title, paths in _light_plots(contents.curves).items()
-    ]
-    beside = [rrb.Vertical(*plots)] if plots else []
-    return [banner_view(), rrb.Horizontal(mechanism_view(contents.bounds), *beside, column_shares=[5, 4])]
 
 
 def _full(contents: SceneContents, window_s: float) -> list[rrb.View | rrb.Container]:

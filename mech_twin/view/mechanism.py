@@ -10,19 +10,17 @@ import numpy.typing as npt
 import rerun as rr
 
 from mech_twin.samples import Shape
+from mech_twin.view.extent import DrawnExtent
 from mech_twin.view.labels import texts_of
-from mech_twin.view.layout import MECHANISM, Bounds
+from mech_twin.view.layout import MECHANISM
 
-MARGIN = 0.08
-CAPTION = 0.16  # share of the figure's height below the drawing, for values and scales
-ASPECT = 1.3  # of the panel the figure is made for
 MIRROR = [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]]
 KINDS = ("line", "points", "arrow", "text")
 FIGURE = f"{MECHANISM}/figure"
 TEXT_RADIUS_M = 1e-9
 
 
-class Mechanism:
+class Mechanism(DrawnExtent):
     """The drawing of the mechanism: one entity, one row a drawing, in the machine's own frame.
 
     Parameters
@@ -32,8 +30,8 @@ class Mechanism:
     """
 
     def __init__(self, stream: rr.RecordingStream) -> None:
+        super().__init__()
         self._stream = stream
-        self._extent: Bounds | None = None
         stream.log(MECHANISM, rr.Transform3D(mat3x3=MIRROR), static=True)  # the viewer's second axis points down
 
     def show(self, shapes: Sequence[Shape], notes: Sequence[Shape] = ()) -> None:
@@ -53,45 +51,6 @@ class Mechanism:
         width_m = 1.0 if bounds is None else bounds.right_m - bounds.left_m
         points = [*texts_of(shapes, notes, width_m), *by_kind["points"]]
         self._stream.log(FIGURE, _lines(by_kind["line"]), _points(points), _arrows(by_kind["arrow"]))
-
-    def widen(self, shapes: Sequence[Shape]) -> None:
-        """Let the visible range cover these shapes."""
-        points = [point for shape in shapes for point in shape.points_m]
-        if points:
-            self._widen(np.array(points))
-
-    def within(self, bounds: Bounds | None) -> bool:
-        """Return whether everything drawn so far lies within these bounds."""
-        extent = self._extent
-        if extent is None or bounds is None:
-            return extent is None
-        return (
-            bounds.left_m <= extent.left_m
-            and extent.right_m <= bounds.right_m
-            and bounds.low_m <= extent.low_m
-            and extent.high_m <= bounds.high_m
-        )
-
-    def bounds(self) -> Bounds | None:
-        """Return the range of everything drawn so far plus a margin; None before the first drawing."""
-        extent = self._extent
-        if extent is None:
-            return None
-        margin = MARGIN * max(extent.right_m - extent.left_m, extent.high_m - extent.low_m, 1e-3)
-        width, height = extent.right_m - extent.left_m + 2.0 * margin, extent.high_m - extent.low_m + 2.0 * margin
-        below = CAPTION * max(height, width / ASPECT)
-        width, height = max(width, ASPECT * (height + below)), max(height + below, width / ASPECT)
-        x = 0.5 * (extent.left_m + extent.right_m)
-        low = 0.5 * (extent.low_m + extent.high_m - below - height)
-        return Bounds(x - 0.5 * width, x + 0.5 * width, low, low + height)
-
-    def _widen(self, points: npt.NDArray[np.float64]) -> None:
-        (left, low), (right, high) = points.min(axis=0), points.max(axis=0)
-        extent = self._extent
-        if extent is not None:
-            left, right = min(left, extent.left_m), max(right, extent.right_m)
-            low, high = min(low, extent.low_m), max(high, extent.high_m)
-        self._extent = Bounds(float(left), float(right), float(low), float(high))
 
 
 def _labelled_first(shapes: Sequence[Shape]) -> tuple[list[Shape], list[str]]:

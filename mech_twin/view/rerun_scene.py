@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Shows samples in rerun as they arrive, live or into a file.
+"""Shows samples in rerun as they arrive, into a file.
 
 Everything is logged at simulation time, never wall-clock time.  The names of joints and pins come from the samples, so
 recordings of machines outside the catalogue can be shown as well.
@@ -20,18 +20,18 @@ from mech_twin.captions import metrics_table
 from mech_twin.samples import BodySample, Drawing, Event, ForceSample, LinkageSample, MotorSample
 from mech_twin.view.annotations import Annotations, lost_energy
 from mech_twin.view.banner import Banner, sliding_joints
-from mech_twin.view.curves import Track, body_groups, force_groups, linkage_groups, motor_groups, times
-from mech_twin.view.flow import Flow
-from mech_twin.view.impact_marks import ImpactMarks, is_told
+from mech_twin.view.curve_groups import body_groups, force_groups, linkage_groups, motor_groups
+from mech_twin.view.curves import Track, times
+from mech_twin.view.event_text import event_line, is_told
+from mech_twin.view.extent import Bounds
+from mech_twin.view.impact_marks import ImpactMarks
 from mech_twin.view.layout import (
     BANNER,
     EVENTS,
     METRICS,
     PHASE_PORTRAIT,
-    Bounds,
     SceneContents,
     blueprint,
-    light_paths,
 )
 from mech_twin.view.mechanism import Mechanism
 from mech_twin.view.phase_portrait import PhasePortrait
@@ -39,7 +39,6 @@ from mech_twin.view.sending import AT_ONCE, Sending
 from mech_twin.view.stream import closed_stream, opened_stream, set_time
 
 VIEW_RATE_HZ = 30.0
-ROUNDING_M_PER_S = 1e-9  # a slower contact is at rest but for rounding
 
 
 class RerunScene:
@@ -49,25 +48,17 @@ class RerunScene:
     ----------
     application_id : str
         Name of the run in the viewer, usually the machine's.
-    grpc_url : str, optional
-        Address of a running viewer (``ViewerProcess.grpc_url``).
-    rrd_path : path, optional
-        File to write, instead of or in addition to the live view.
+    rrd_path : path
+        File to write.
     sending : Sending
         How much is sent how often; by default everything a file should keep.
-    light : callable, optional
-        Tells whether the layout is to be the light one; asked now and then.
-    flow : Flow, optional
-        Tells when a live view may get its next picture; without it all goes out at once.
     curve_span_s, portrait_span_s : float
         Simulated time span of the curves and of the phase portrait.
     flush_limit_s : float
-        How long ``close`` waits for the viewer to accept the remaining data.
+        How long ``close`` waits for the file to be written.
 
     Raises
     ------
-    ValueError
-        Neither an address nor a file is given.
     RerunSceneError
         The file cannot be created; one line.
     """
@@ -75,28 +66,18 @@ class RerunScene:
     def __init__(
         self,
         application_id: str,
+        rrd_path: str | Path,
         *,
-        grpc_url: str | None = None,
-        rrd_path: str | Path | None = None,
         sending: Sending = AT_ONCE,
-        light: Callable[[], bool] | None = None,
-        flow: Flow | None = None,
         curve_span_s: float = 1.0,
         portrait_span_s: float = 0.5,
         flush_limit_s: float = 0.5,
     ) -> None:
-        if grpc_url is None and rrd_path is None:
-            raise ValueError("scene: expected grpc_url, rrd_path or both")
         self._curve_span_s = curve_span_s
         self._portrait_span_s = portrait_span_s
         self._flush_limit_s = flush_limit_s
-        self._stream = opened_stream(application_id, grpc_url, rrd_path)
+        self._stream = opened_stream(application_id, rrd_path)
         self._sending = sending
-        self._light = light
-        self._flow = flow
-        self._is_open = True
-        self._drawing_wanted = True
-        self._is_light = light is not None and light()
         self._sliding: frozenset[str] = frozenset()
         self._make_tracks()
         self._banner = Banner(None)
@@ -107,12 +88,9 @@ class RerunScene:
         self._marks = ImpactMarks(self._stream)
         self._mechanism = Mechanism(self._stream)
         self._shown: SceneContents | None = None
-        self._shown_light = False
         self._time_s = 0.0
         self._last_picture = -1
-        self._live = grpc_url is not None
         self._closed = False
-        self._complete = True
 
     @property
     def stream(self) -> rr.RecordingStream:
@@ -143,7 +121,6 @@ class RerunScene:
     ) -> None:
         """Add the samples of a step, all or some; they are sent in batches."""
         sent = False
-        self._is_open = self._may_send()
         self._banner.add(motor, linkage, forces)
         if self._annotations is not None and linkage is not None:
             self._annotations.add(linkage, forces)
@@ -158,20 +135,14 @@ class RerunScene:
             self._send_events()
             self._send_banner()
             self._lay_out()
-            self._drawing_wanted = True
-            if self._flow is not None:
-                self._flow.sent(self._time_s)
 
     def drawing_due(self, time_s: float) -> bool:
         """Return whether the mechanism should be drawn at this time: 30 times a simulated second at most."""
-        return self._drawing_wanted and _picture(time_s) != self._last_picture
+        return _picture(time_s) != self._last_picture
 
     def drawing(self, drawing: Drawing) -> None:
-        """Show a drawing of the mechanism; one that comes before the page has shown the last picture is dropped."""
+        """Show a drawing of the mechanism."""
         self._last_picture = _picture(drawing.time_s)
-        if not self._drawing_wanted:
-            return
-        self._drawing_wanted = self._flow is None
         set_time(self._stream, drawing.time_s, drawing.step)
         self._mechanism.widen(drawing.shapes)
         notes = self._annotations.shapes(drawing.time_s, self.visible_bounds()) if self._annotations else ()
@@ -197,30 +168,23 @@ class RerunScene:
         self._told = True
         self._events.append((self._time_s, text, level))
 
-    def close(self) -> bool:
-        """Send the remaining data, wait up to the limit, and disconnect; idempotent.
-
-        Returns
-        -------
-        bool
-            Whether everything was accepted; False if the viewer is gone or too slow, which must not end a run.
+    def close(self) -> None:
+        """Write the remaining data, and let the file go; idempotent.
 
         Raises
         ------
         RerunSceneError
-            There is no viewer, only a file, and it could not be written completely.
+            It could not be written completely.
         """
         if self._closed:
-            return self._complete
+            return
         self._closed = True
         for track in (self._motor, self._linkage, self._forces, self._body):
             track.flush()
         self._send_events()
         self._send_banner()
         self._lay_out()
-        self._complete = False
-        self._complete = closed_stream(self._stream, self._flush_limit_s, live=self._live)
-        return self._complete
+        closed_stream(self._stream, self._flush_limit_s)
 
     def __enter__(self) -> RerunScene:
         return self
@@ -240,8 +204,6 @@ class RerunScene:
             portrait.add(body)
         if not self._body.add(body):
             return False
-        if self._is_light:
-            return True
         set_time(self._stream, body.time_s, body.step)
         for portrait in self._portraits:
             portrait.log(self._stream)
@@ -254,20 +216,11 @@ class RerunScene:
             window=self._sending.window,
             window_s=self._sending.window_s,
             batch_s=self._sending.batch_s,
-            shown=self._is_shown,
-            is_open=lambda: self._is_open,
-            kept_s=self._curve_span_s,
         )
         self._motor: Track[MotorSample] = made(lambda samples: motor_groups(samples, self._sliding))
         self._linkage: Track[LinkageSample] = made(lambda samples: linkage_groups(samples, self._sliding))
         self._forces: Track[ForceSample] = made(force_groups)
         self._body: Track[BodySample] = made(body_groups)
-
-    def _may_send(self) -> bool:
-        return self._flow is None or self._flow.is_open(self._sending.least_interval_s(light=self._is_light))
-
-    def _is_shown(self, path: str) -> bool:
-        return not self._is_light or path in light_paths(self._curves())
 
     def _curves(self) -> dict[str, tuple[str, ...]]:
         tracks = (self._motor, self._linkage, self._forces, self._body)
@@ -279,16 +232,11 @@ class RerunScene:
         self._stream.log(BANNER, text)
 
     def _send_events(self) -> None:
-        if self._is_light:
-            self._marks.drop()
-        else:
-            self._marks.send()
+        self._marks.send()
         if not self._events:
             return
         time_s, text, level = zip(*self._events, strict=True)
         self._events = []
-        if self._is_light:
-            return
         self._stream.send_columns(EVENTS, times(time_s), rr.TextLog.columns(text=list(text), level=list(level)))
 
     def visible_bounds(self) -> Bounds | None:
@@ -301,7 +249,6 @@ class RerunScene:
 
     def _lay_out(self) -> None:
         """Send the layout if there is something new to show, or the mechanism has left the visible range."""
-        self._is_light = self._light is not None and self._light()
         tracks = (self._motor, self._linkage, self._forces, self._body)
         contents = SceneContents(
             curves=self._curves(),
@@ -312,23 +259,12 @@ class RerunScene:
             units={path: unit for track in tracks for path, unit in track.units.items()},
         )
         within = self._shown is not None and self._mechanism.within(self._shown.bounds)
-        if within and contents == self._shown and self._is_light == self._shown_light:
+        if within and contents == self._shown:
             return
         self._shown = contents._replace(bounds=self._mechanism.bounds())
-        self._shown_light = self._is_light
-        self._stream.send_blueprint(blueprint(self._shown, self._curve_span_s, light=self._is_light))
+        self._stream.send_blueprint(blueprint(self._shown, self._curve_span_s))
 
 
 def _picture(time_s: float) -> int:
     """Return the index of the drawing interval of this time."""
     return math.floor(time_s * VIEW_RATE_HZ + 1e-6)
-
-
-def event_line(event: Event) -> str:
-    """Return the event as text: kind, contact, velocities before and after, impulse, cycle."""
-    words = [f"{event.time_s:.6f} s  {event.kind} ({event.contact})"]
-    if max(abs(event.pre_velocity_m_per_s), abs(event.post_velocity_m_per_s)) > ROUNDING_M_PER_S:
-        words.append(f"{event.pre_velocity_m_per_s:+.4g} -> {event.post_velocity_m_per_s:+.4g} m/s")
-    if event.impulse_ns != 0.0:
-        words.append(f"{event.impulse_ns:.4g} N s")
-    return "  ".join([*words, f"cycle {event.period}"])

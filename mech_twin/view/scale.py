@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 
-PREFIXES = ((1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"))
+PREFIXES = ((1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ"))
 
 
 def round_above(value: float) -> float:
@@ -17,8 +17,8 @@ def round_above(value: float) -> float:
 
 
 def with_prefix(value: float, unit: str) -> str:
-    """Return a value to three digits with the prefix of its size: 1731 N is ``1.73 kN``."""
+    """Return a value to three digits with the prefix of its size: 1731 N is ``1.73 kN``; below a millionth it is 0."""
     for factor, prefix in PREFIXES:
         if abs(value) >= factor:
             return f"{value / factor:.3g} {prefix}{unit}"
-    return f"{value:.2g} {unit}" if value else f"0 {unit}"
+    return f"0 {unit}" if abs(value) < PREFIXES[-1][0] else f"{value} {unit}"

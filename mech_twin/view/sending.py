@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """How much goes to a viewer, and how often.
 
-A browser takes in a limited number of messages with each frame it draws.  What comes faster queues up, and the picture
-falls behind for good.  So a live view gets few, larger messages, the next when the one before is shown (`Flow`); what
-comes too soon is dropped: the full data is in the recording.
+A live view gets thirty pictures a second, and curves of which each window keeps its extremes: the full data is in the
+recording.
 """
 
 from __future__ import annotations
@@ -22,21 +21,16 @@ class Sending(NamedTuple):
         Simulated time per decimation window, at least (s).
     batch_s : float
         Simulated time per batch of curve data, at least (s).
-    picture_s, light_picture_s : float
-        Least time between two pictures by the wall clock (s), in the full and in the light layout.
+    picture_s : float
+        Least time between two pictures by the wall clock (s).
     """
 
     window: int
     batch_s: float
     window_s: float = 0.0
     picture_s: float = 0.0
-    light_picture_s: float = 0.0
-
-    def least_interval_s(self, *, light: bool) -> float:
-        """Return the least time between two pictures by the wall clock (s)."""
-        return self.light_picture_s if light else self.picture_s
 
 
 AT_ONCE = Sending(window=5, batch_s=0.1)  # all that a file should keep
 RECORDED = Sending(window=5, batch_s=1.0)  # a recording, as fast as it is read
-LIVE = Sending(window=10, window_s=0.01, batch_s=0.03, picture_s=0.033, light_picture_s=0.095)
+LIVE = Sending(window=10, window_s=0.01, batch_s=0.03, picture_s=0.033)

@@ -18,64 +18,35 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from types import TracebackType
-from typing import NamedTuple
 
-import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from mech_twin.samples import Shape
 from mech_twin.view.curves import send_rows, series_lines
-from mech_twin.view.decimation import extreme_rows
-from mech_twin.view.destination import Destination
-from mech_twin.view.layout import BANNER, Bounds, banner_view, mechanism_view, page, plot
+from mech_twin.view.extent import Bounds
+from mech_twin.view.layout import BANNER, banner_view, mechanism_view, page, plot
 from mech_twin.view.mechanism import Mechanism
+from mech_twin.view.shadow_picture import (
+    BANDED,
+    CURVES,
+    MEASURED_COLOUR,
+    ChannelReading,
+    ShadowPicture,
+    ShownChannel,
+    as_measured,
+    channel_rows,
+)
 from mech_twin.view.stream import closed_stream, opened_stream, set_time
 
-CHANNELS, RESIDUALS = "channels", "residuals"
-MEASURED_COLOUR = (204, 90, 180)
 MODEL_COLOUR = (86, 180, 233)
 BAND_COLOURS = ((213, 94, 0), (130, 130, 130), (130, 130, 130))  # of the residual, and of its band
-CURVES = ("measured", "model")
-BANDED = ("residual", "+2 sigma", "-2 sigma")
 WINDOW = 5
+PICTURE_S = 0.05  # of the machine's time, between two pictures
 KEPT_S = 1.0  # of the curves, which is what they show
 FLUSH_LIMIT_S = 0.5
 STACKED = 2  # channels that have plots of their own at once; further ones are in tabs
-
-
-class ShownChannel(NamedTuple):
-    """A channel: its column, a title with its unit, and the entity paths of its two plots."""
-
-    column: str
-    title: str
-
-    @property
-    def curves(self) -> str:
-        """Path of measured and model."""
-        return f"{CHANNELS}/{self.column}"
-
-    @property
-    def residual(self) -> str:
-        """Path of the residual and its band."""
-        return f"{RESIDUALS}/{self.column}"
-
-
-class ChannelReading(NamedTuple):
-    """A channel at a sample: measured value, measured less predicted, its standard deviation (SI units)."""
-
-    measured: float
-    residual: float
-    sigma: float
-
-
-class ShadowPicture(NamedTuple):
-    """What goes out with one picture beside the curves: drawings of model and measurement, the line of state."""
-
-    model: Sequence[Shape]
-    measured: Sequence[Shape]
-    banner: str
 
 
 class ShadowScene:
@@ -87,14 +58,13 @@ class ShadowScene:
         Name in the viewer.
     channels : sequence of ShownChannel
         What is measured.
-    to : Destination
-        Viewer or file.
+    rrd_path : path
+        File to write.
     """
 
-    def __init__(self, name: str, channels: Sequence[ShownChannel], to: Destination) -> None:
+    def __init__(self, name: str, channels: Sequence[ShownChannel], rrd_path: str | Path) -> None:
         self._channels = tuple(channels)
-        self._to = to
-        self._stream = opened_stream(name, to.grpc_url, to.rrd_path)
+        self._stream = opened_stream(name, rrd_path)
         self._mechanism = Mechanism(self._stream)
         self._pending: dict[str, deque[tuple[float, ChannelReading]]] = {each.column: deque() for each in channels}
         self._bounds: Bounds | None = None
@@ -112,14 +82,10 @@ class ShadowScene:
         for column, reading in readings.items():
             kept = self._pending[column]
             kept.append((time_s, reading))
-            while self._to.flow is not None and time_s - kept[0][0] > KEPT_S:
-                kept.popleft()
 
     def is_due(self) -> bool:
-        """Return whether the next picture may go out: 20 in a second of the machine, fewer where a page is slower."""
-        if self._to.flow is None:
-            return self._time_s - self._drawn_s >= 0.05
-        return self._to.flow.is_open(self._to.sending.least_interval_s(light=False))
+        """Return whether the next picture may go out: 20 in a second of the machine."""
+        return self._time_s - self._drawn_s >= PICTURE_S
 
     def show(self, picture: ShadowPicture) -> None:
         """Send a picture, and the curves up to it."""
@@ -131,16 +97,13 @@ class ShadowScene:
             self._mechanism.widen((*picture.model, *picture.measured))
             self._mechanism.show(picture.model, as_measured(picture.measured))
         self._lay_out()
-        if self._to.flow is not None:
-            self._to.flow.sent(self._time_s)
 
-    def close(self) -> bool:
-        """Send what is left and disconnect; return whether everything was accepted; idempotent."""
-        if self._is_closed:
-            return True
-        self._is_closed = True
-        self._send_curves()
-        return closed_stream(self._stream, FLUSH_LIMIT_S, live=self._to.grpc_url is not None)
+    def close(self) -> None:
+        """Write what is left, and let the file go; idempotent."""
+        if not self._is_closed:
+            self._is_closed = True
+            self._send_curves()
+            closed_stream(self._stream, FLUSH_LIMIT_S)
 
     def __enter__(self) -> ShadowScene:
         return self
@@ -152,17 +115,8 @@ class ShadowScene:
 
     def _send_curves(self) -> None:
         for each in self._channels:
-            kept = self._pending[each.column]
-            if not kept:
-                continue
-            time_s = np.array([at_s for at_s, _ in kept])
-            measured, residual, sigma = np.array([reading for _, reading in kept]).T
-            kept.clear()
-            values = np.column_stack([measured, measured - residual])
-            banded = np.column_stack([residual, 2.0 * sigma, -2.0 * sigma])
-            for path, columns in ((each.curves, values), (each.residual, banded)):
-                rows = extreme_rows(columns, WINDOW)
-                send_rows(self._stream, path, columns[rows], time_s[rows])
+            for rows in channel_rows(each, self._pending[each.column], WINDOW):
+                send_rows(self._stream, rows.path, rows.values, rows.time_s)
 
     def _lay_out(self) -> None:
         if self._is_laid_out and self._mechanism.within(self._bounds):
@@ -170,15 +124,6 @@ class ShadowScene:
         self._is_laid_out = True
         self._bounds = self._mechanism.bounds()
         self._stream.send_blueprint(shadow_blueprint(self._channels, self._bounds))
-
-
-def as_measured(shapes: Sequence[Shape]) -> list[Shape]:
-    """Return the lines of a drawing thinner, in the colour of what is measured, with no names."""
-    return [
-        shape._replace(name=f"measured_{shape.name}", colour=MEASURED_COLOUR, width_m=0.3 * shape.width_m, text="")
-        for shape in shapes
-        if shape.kind == "line"
-    ]
 
 
 def shadow_blueprint(channels: Sequence[ShownChannel], bounds: Bounds | None) -> rrb.Blueprint:

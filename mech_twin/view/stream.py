@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Recording streams of rerun, into a file or to a running viewer."""
+"""Recording streams of rerun, into a file."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from mech_twin.output_file import FILE_MODE
 from mech_twin.view.curves import SIM_TIME, STEP
 from mech_twin.view.errors import RerunSceneError
 
-FLUSH_S = 0.1  # drawings of this time (s) go to the viewer in one message
+FLUSH_S = 0.1  # drawings of this time (s) go into one piece of the file
 
 
-def opened_stream(application_id: str, grpc_url: str | None, rrd_path: str | Path | None) -> rr.RecordingStream:
-    """Return a new stream to a viewer, into a file, or both.
+def opened_stream(application_id: str, rrd_path: str | Path) -> rr.RecordingStream:
+    """Return a new stream into a file.
 
     Raises
     ------
@@ -25,18 +25,11 @@ def opened_stream(application_id: str, grpc_url: str | None, rrd_path: str | Pat
         The file cannot be created; one line.
     """
     stream = rr.RecordingStream(application_id, batcher_config=rr.ChunkBatcherConfig(flush_tick=FLUSH_S))
-    if rrd_path is not None:
-        _create_file(Path(rrd_path))
-    sinks: list[rr.GrpcSink | rr.FileSink] = []
-    if grpc_url is not None:
-        sinks.append(rr.GrpcSink(grpc_url))
-    if rrd_path is not None:
-        sinks.append(rr.FileSink(str(rrd_path)))
+    _create_file(Path(rrd_path))
     try:
-        stream.set_sinks(*sinks)
+        stream.set_sinks(rr.FileSink(str(rrd_path)))
     except RuntimeError as reason:
-        target = f"file {rrd_path}" if rrd_path is not None else grpc_url
-        raise RerunSceneError(f"view: {target}: cannot be written: {first_line(reason)}") from reason
+        raise RerunSceneError(f"view: file {rrd_path}: cannot be written: {first_line(reason)}") from reason
     stream.set_log_time_enabled(False)
     stream.set_log_tick_enabled(False)
     return stream
@@ -50,23 +43,20 @@ def set_time(stream: rr.RecordingStream, time_s: float, step: int | None = None)
         stream.set_time(STEP, sequence=step)
 
 
-def closed_stream(stream: rr.RecordingStream, limit_s: float, *, live: bool) -> bool:
-    """Send what is left, wait up to a limit, disconnect; return whether everything was accepted.
+def closed_stream(stream: rr.RecordingStream, limit_s: float) -> None:
+    """Write what is left, and let the file go.
 
     Raises
     ------
     RerunSceneError
-        There is no viewer, only a file, and it could not be written completely.
+        It could not be written completely.
     """
     try:
         stream.flush(timeout_sec=limit_s)
     except (RuntimeError, ValueError) as reason:
-        if not live:
-            raise RerunSceneError(f"view: the file could not be written completely: {first_line(reason)}") from reason
-        return False
+        raise RerunSceneError(f"view: the file could not be written completely: {first_line(reason)}") from reason
     finally:
         stream.disconnect()
-    return True
 
 
 def first_line(reason: Exception) -> str:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import inspect
 import sys
 from pathlib import Path
 from typing import Any
@@ -10,11 +11,14 @@ from typing import Any
 import pytest
 from typer.main import get_command
 
+from mech_twin import api
+from mech_twin.capabilities.progress import tell
+from mech_twin.cli import study_options
 from mech_twin.cli.command_group import with_options_repeated
 from mech_twin.cli.console import estimate
-from mech_twin.cli.main import app, main
-from mech_twin.cli.option_rules import APART, BESIDE, Apart
+from mech_twin.cli.main import QUESTIONS, VERBS, app, main
 from mech_twin.cli.option_values import seconds
+from mech_twin.cli.verb import Apart
 from mech_twin.configuration_tree import ConfigurationError
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.parameters.key_hints import key_units, nearest_key
@@ -101,7 +105,7 @@ MISTAKES = {
     ),
     "machine left out": ("simulate", ["missing MACHINE", "expected machine"]),
     "second side left out": ("compare mb10", ["missing B", "what to compare it with"]),
-    "map of nothing": ("map", ["missing MEASUREMENT", "one run: a bag, or a table"]),
+    "map of nothing": ("map", ["missing MEASUREMENT", "runs of one kind: bags, or tables"]),
     "one machine too many": ("simulate mb10 drum --duration 1", ["'drum'", "mech-twin simulate MACHINE [OPTIONS]"]),
     "study of nothing": ("study", ["study: expected a machine and a question", "sweep|size"]),
     "question without a machine": ("study size", ["study size", "expected a machine", "study MACHINE size"]),
@@ -113,8 +117,8 @@ MISTAKES = {
     ),
     "option for a setting": ("analyse mb10 --set --json", ["--set --json", "expected KEY=VALUE", "an option"]),
     "recording and none": ("run mb10 --no-record --record x", ["--record and --no-record exclude each other"]),
-    "port without a page": ("run mb10 --view none --view-port 9000", ["--view-port 9000", "--view web, light or full"]),
-    "port of no page": ("shadow mb10 --from x --view-port 9000", ["--view-port 9000", "--view web, light or full"]),
+    "port without a page": ("run mb10 --view none --view-port 9000", ["--view-port 9000", "--view web beside it"]),
+    "port of no page": ("shadow mb10 --from x --view-port 9000", ["--view-port 9000", "--view web beside it"]),
     "samples in a table": ("simulate mb10 --duration 1 --samples", ["--samples goes with --json", "--table FILE"]),
     "seed of nothing": (SIMULATE + "--seed 3", ["--seed goes with --sensors"]),
     "all as CSV": (SIMULATE + "--csv --all", ["--csv and --all exclude each other"]),
@@ -188,7 +192,7 @@ MISTAKES = {
     "unknown pace": ("run mb10_breaker --pace fast", ["--pace fast", "expected realtime or max"]),
     "unknown view": (
         "run mb10_breaker --view nothing",
-        ["--view nothing", "web, light, full, none or a file NAME.rrd"],
+        ["--view nothing", "web, none or a file NAME.rrd"],
     ),
     "port too high": ("run mb10_breaker --view-port 99999", ["--view-port", "less than or equal to 65535"]),
     "namespace of no kind": ("run mb10_breaker --namespace 1bad", ["--namespace 1bad", "letters, digits and _"]),
@@ -261,7 +265,7 @@ def _verbs() -> dict[str, Any]:
 
 
 @pytest.mark.parametrize(
-    "name", [name for name, verb in _verbs().items() if {"json", "csv"} <= {p.name for p in verb.params}]
+    "name", [name for name, verb in _verbs().items() if {"as_json", "as_csv"} <= {p.name for p in verb.params}]
 )
 def test_a_result_has_one_form(name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     needed = [word for each in _verbs()[name].params if each.required for word in _typed(each)]
@@ -274,18 +278,15 @@ def test_a_result_has_one_form(name: str, monkeypatch: pytest.MonkeyPatch, capsy
 
 
 def _typed(parameter: Any) -> list[str]:
-    values = {"machine": "mb10", "over": "a=1,2", "duration": "1"}
+    values = {"machine": "mb10", "over": "a=1,2", "duration_s": "1"}
     value = values.get(parameter.name, "x")
     return [value] if parameter.param_type_name == "argument" else [parameter.opts[0], value]
 
 
 def test_every_rule_names_options_that_its_verb_has() -> None:
-    verbs = _verbs()
-    rules = {name: [*APART.get(name, ()), *BESIDE.get(name, ())] for name in {*APART, *BESIDE}}
-    assert set(rules) <= set(verbs)
-    for name, of_verb in rules.items():
-        known = {parameter.name for parameter in verbs[name].params}
-        for rule in of_verb:
+    for name, verb in {**VERBS, **QUESTIONS}.items():
+        known = {parameter.name for parameter in _verbs()[name].params}
+        for rule in verb.rules:
             named = (rule.first, rule.second) if isinstance(rule, Apart) else (rule.option, *rule.others)
             assert set(named) <= known, (name, rule)
 
@@ -376,3 +377,23 @@ def test_several_assignments_may_follow_one_option() -> None:
 )
 def test_a_long_computation_is_estimated_from_its_beginning(elapsed_s: float, words: str) -> None:
     assert words in estimate(1, 1000, elapsed_s)
+
+
+def test_the_first_step_which_loads_and_compiles_is_not_taken_for_the_speed(monkeypatch, capsys):
+    clock = iter((100.0, 103.0))
+    monkeypatch.setattr(study_options.time, "monotonic", lambda: next(clock))
+    with study_options.told("sizing"):
+        tell(1, 26)
+        tell(2, 26)
+    assert "2 of about 26 steps, about 72 s left" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["simulate", "identify", "sweep", "size", "search"])
+def test_a_function_of_python_has_the_defaults_of_its_verb(name: str) -> None:
+    declared = {**VERBS, **QUESTIONS}[name].model_fields
+    taken = inspect.signature(getattr(api, name)).parameters
+    shared = declared.keys() & taken.keys() - {"settings", "free", "runs", "priors"}  # mappings there
+    assert len(shared) >= 3
+    for each in shared - {"points"}:  # without a front none may be given
+        absent = taken[each].default is inspect.Parameter.empty
+        assert declared[each].is_required() if absent else declared[each].default == taken[each].default, each

@@ -22,8 +22,8 @@ from mcap.records import Chunk
 from mcap.stream_reader import StreamReader
 from recordings import Entry, altered_bag, decoded_messages, earlier_layout, edited, simulated_bag, written_bag
 
+from mech_twin.cli.command_group import with_options_repeated
 from mech_twin.cli.main import main
-from mech_twin.cli.many_values import expanded
 
 pytestmark = [pytest.mark.usefixtures("ros_domain"), pytest.mark.slow]
 COMMAND = [sys.executable, "-c", "from mech_twin.cli.main import main; main()"]
@@ -165,8 +165,8 @@ def exit_code(pid: int, terminal: int) -> int:
 
 def test_an_option_takes_several_values() -> None:
     given = ["bag", "--topics", "a", "b", "--rate", "2", "--topics", "c"]
-    assert expanded(given) == ["bag", "--topics", "a", "--topics", "b", "--rate", "2", "--topics", "c"]
-    assert expanded(["bag", "--topics"]) == ["bag", "--topics"]
+    assert with_options_repeated(given) == ["bag", "--topics", "a", "--topics", "b", "--rate", "2", "--topics", "c"]
+    assert with_options_repeated(["bag", "--topics"]) == ["bag", "--topics"]
 
 
 # -- compared -------------------------------------------------------------------------------------------------------

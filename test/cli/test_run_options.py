@@ -12,9 +12,10 @@ import pytest
 import yaml
 
 from mech_twin.cli.live_view import hold_view
-from mech_twin.cli.run import RunRequest, run_options
+from mech_twin.cli.run import run_options
+from mech_twin.cli.verbs import RunVerb
 from mech_twin.configuration_tree import ConfigurationError
-from mech_twin.nodes.options import RunOptions
+from mech_twin.nodes.exchange.base_node import RunOptions
 from mech_twin.parameters.load import configuration_file
 
 DRUM = "winding_drum"
@@ -24,7 +25,7 @@ BAD = ["run.pace=slow", "run.duration_s=-1", "run.duration_s=.inf", "run.stream_
 def options(
     *settings: str, pace: str | None = None, duration_s: float | None = None, config: Path | None = None
 ) -> RunOptions:
-    request = RunRequest(DRUM, pace, duration_s, None, "none", 0, False, config, list(settings), False)
+    request = RunVerb(machine=DRUM, pace=pace, duration_s=duration_s, config=config, settings=list(settings))
     return run_options(request, recorder=False, viewer=True)
 
 

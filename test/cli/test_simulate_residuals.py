@@ -11,7 +11,8 @@ import pytest
 from catalogue import NAMES, built
 
 from mech_twin.cli import simulate
-from mech_twin.cli.simulate import SimulateRequest, simulate_machine
+from mech_twin.cli.simulate import simulate_machine
+from mech_twin.cli.verbs import SimulateVerb
 from mech_twin.roles import Machine
 
 DRUM = "winding_drum"
@@ -30,7 +31,7 @@ class Limited:
 
 def simulated(machine: Machine, monkeypatch: pytest.MonkeyPatch, duration_s: float = 0.1, as_json: bool = True) -> None:
     monkeypatch.setattr(simulate, "built_machine", lambda *arguments: machine)
-    simulate_machine(SimulateRequest(machine.name, duration_s, as_json=as_json))
+    simulate_machine(SimulateVerb(machine=machine.name, duration_s=duration_s, as_json=as_json))
 
 
 def test_the_worst_residuals_are_written_with_their_limits(

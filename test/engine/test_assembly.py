@@ -86,6 +86,19 @@ def test_a_sample_that_is_not_used_is_counted_under_its_reason():
     for sample in (equal, other, ROLES["motor"](1), ROLES["linkage"](0)):  # of the step just given back, and earlier
         assert assembler.add(sample) == []
     assert assembler.unused == {"repeated": 3, "contradicting": 3, "late": 1}
+    assert assembler.contradicted_from == 1
+
+
+def test_a_second_other_sample_is_known_as_such_some_steps_later():
+    assembler = StepAssembler(frozenset(("linkage",)))
+    for step in range(10):
+        assembler.add(ROLES["linkage"](step))
+    assembler.add(ROLES["linkage"](3))
+    assert assembler.contradicted_from is None
+    for step in (5, 0, 7):
+        assembler.add(ROLES["linkage"](step)._replace(command=0.5))
+    assert assembler.contradicted_from == 0
+    assert assembler.unused == {"repeated": 1, "contradicting": 3}
 
 
 def test_a_sample_nobody_expected_makes_no_step_whole():

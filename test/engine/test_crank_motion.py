@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A piece of motion ends where it says: rest, angle or span on the integrated motion itself."""
+"""A crank between two samples: speed, works, rest and load boundary against closed forms."""
 
 from __future__ import annotations
 
@@ -9,64 +9,92 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
+from mech_twin.engine import crank_state
+from mech_twin.engine.compiled_steps import step_of
 from mech_twin.engine.crank_motion import (
-    AT_ANGLE,
-    AT_REST,
-    NOT_INTEGRATED,
-    SPAN_ENDED,
+    ANGLE,
+    DRIVE_WORK,
+    FRICTION_LOSS,
+    GEAR_LOSS,
+    KINDS,
+    SPEED,
     STATE_SIZE,
-    TOO_MANY_STEPS,
-    ShaftDrive,
-    crank_rates,
-    integrated_work,
+    STOPPED,
+    TurningCrank,
+    law_of,
     line_torque,
-    shaft_state,
-    turn_crank,
 )
-from mech_twin.engine.integration import rates_of, start_step, take_step, workspace
-from mech_twin.engine.tableaus import DORMAND_PRINCE_8
+from mech_twin.engine.crank_state import Crank, ShaftDrive, ShaftFriction, Transmission, crank_drive
+from mech_twin.engine.crank_step import turned_crank
+from mech_twin.engine.hybrid.declared import declared
+from mech_twin.engine.hybrid.loop import TOO_LONG, UNSTEADY, advance, room_for
+from mech_twin.engine.sample_vectors import KIND, TIME
+from mech_twin.kernel import kernel
 
-FREE = ShaftDrive(0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, inf, 0.0, 0.0, 1.0)
-EXACT, ANY = np.full(STATE_SIZE, 1e-12), np.full(STATE_SIZE, 1e12)
+FREE = ShaftDrive(0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, inf, 0.0, 0.0, 0.0)
+BOUNDARY = len(KINDS)
 
 
 class Disc(NamedTuple):
-    """A disc (kg m2) on a spring-like moment -k sin f (N m), turned by a shaft drive."""
+    """An inertia I0 + I1 cos f (kg m2) under a moment -k sin f (N m)."""
 
-    drive: ShaftDrive
-    inertia_kg_m2: float
+    mean_kg_m2: float
+    swing_kg_m2: float
     stiffness_nm: float
 
 
-@rates_of(Disc, DORMAND_PRINCE_8)
-def disc_rates(disc, t, y, out):
-    """Fill the rates of a disc."""
-    crank_rates(disc.drive, t, y, disc.inertia_kg_m2, 0.0, -disc.stiffness_nm * np.sin(shaft_state(y).angle_rad), out)
+@step_of(crank_state.mechanism_reduced, Disc)
+def reduced(disc, f, regime):
+    """Return inertia, its slope and the moment."""
+    swing = disc.swing_kg_m2
+    return disc.mean_kg_m2 + swing * np.cos(f), -swing * np.sin(f), -disc.stiffness_nm * np.sin(f)
 
 
-class Eccentric(NamedTuple):
-    """A mechanism of inertia I0 + I1 cos f (kg m2) at the crank, turned by a shaft drive, under no moment."""
-
-    drive: ShaftDrive
-    mean_kg_m2: float
-    swing_kg_m2: float
-
-
-@rates_of(Eccentric, DORMAND_PRINCE_8)
-def eccentric_rates(system, t, y, out):
-    """Fill the rates of a mechanism of changing inertia."""
-    angle, swing = shaft_state(y).angle_rad, system.swing_kg_m2
-    crank_rates(system.drive, t, y, system.mean_kg_m2 + swing * np.cos(angle), -swing * np.sin(angle), 0.0, out)
+@step_of(crank_state.mechanism_state, Disc)
+def state(disc, f, w, e, regime):
+    """Return the crank, torque and energy."""
+    inertia, slope, moment = reduced(disc, f, regime)
+    energy = 0.5 * inertia * w * w - disc.stiffness_nm * np.cos(f)
+    return (f,), (w,), inertia * e + 0.5 * slope * w * w - moment, energy, 0.0
 
 
-def turned(disc, speed, span, direction=1.0, aim=inf, tolerance=EXACT, angle=0.0):
-    y = np.array([angle, speed, 0.0, 0.0, 0.0])
-    time, what, acceleration = turn_crank(disc, 0.0, y, span, direction, aim, tolerance)
-    return y, time, what, acceleration
+@step_of(crank_state.mechanism_load_work, Disc)
+def load_work(disc, before, after, regime):
+    """Return that there is no load."""
+    return 0.0
 
 
-def test_what_ends_a_motion_can_be_told_apart():
-    assert len({SPAN_ENDED, AT_REST, AT_ANGLE, NOT_INTEGRATED, TOO_MANY_STEPS}) == 5
+@step_of(crank_state.mechanism_load_speed, Disc)
+def load_speed(disc, f, w):
+    """Return the rim's speed at 1 m."""
+    return w
+
+
+@step_of(crank_state.mechanism_drive_moment, Disc)
+def drive_moment(disc, f, w, e, regime):
+    """Return the torque at the crank."""
+    return state(disc, f, w, e, regime)[2]
+
+
+@kernel
+def advanced(model, drive, y, regimes, span, tolerance, log):
+    """Return the number of events over a span."""
+    kept = np.zeros(6)
+    kept[0] = y[0]
+    motion, room = TurningCrank(model, drive, 0.0, 0.0, kept), room_for(1, 1, 1, STATE_SIZE)
+    room.tolerance[:] = tolerance
+    return advance(declared(model.entry, motion, room.at), 0.0, span, y, regimes, room, log, 0)
+
+
+def turned(disc, drive, speed, span, tolerance=1e-12, boundaries=()):
+    """Return the state after a span, and time and kind of each event."""
+    rows = np.array(boundaries, dtype=float).reshape(len(boundaries), 5)
+    friction = ShaftFriction(drive.coulomb_nm, drive.viscous_nms_per_rad)
+    crank = Crank(span, 0.0, rows, crank_drive(Transmission(1.0, 1.0, 0.0)), friction, np.zeros((0, 3)), 0.0)
+    y, log = np.array([0.0, speed, 0.0, 0.0, 0.0]), np.zeros((40, 20))
+    regimes = np.array([law_of(float(np.sign(speed))), 0], dtype=np.int64)
+    count = advanced(turned_crank(crank, Disc(*map(float, disc))), drive, y, regimes, span, tolerance, log)
+    return y, count, [(row[TIME], int(row[KIND])) for row in log[: max(count, 0)]]
 
 
 @pytest.mark.parametrize("direction", [1.0, -1.0])
@@ -74,35 +102,20 @@ def test_a_disc_under_a_ramped_torque_follows_the_cubic(direction):
     """J w' = i eta (M + M' t) - c: angle, speed and works in closed form, the gear's loss too."""
     drive = FREE._replace(
         shaft_inertia_kg_m2=0.4, ratio=3.0, efficiency=0.8, torque_nm=2.0 * direction, time_slope=5.0 * direction,
-        coulomb_nm=1.5, direction=direction,
+        coulomb_nm=1.5,
     )  # fmt: skip
     t, inertia = 0.7, 0.6 + 0.4
-    y, time, what, acceleration = turned(Disc(drive, 0.6, 0.0), 0.5 * direction, t, direction, direction * inf)
+    y, count, _ = turned((0.6, 0.0, 0.0), drive, 0.5 * direction, t)
     constant, ramp = (3.0 * 0.8 * 2.0 - 1.5) / inertia, 3.0 * 0.8 * 5.0 / inertia
     speed = 0.5 + constant * t + 0.5 * ramp * t * t
     angle = 0.5 * t + 0.5 * constant * t * t + ramp * t**3 / 6.0
-    assert (time, what) == (t, SPAN_ENDED)
-    assert direction * acceleration == pytest.approx(constant + ramp * t, rel=1e-13)
-    assert direction * shaft_state(y).speed_rad_per_s == pytest.approx(speed, rel=1e-13)
-    assert direction * shaft_state(y).angle_rad == pytest.approx(angle, rel=1e-13)
-    assert shaft_state(y).friction_loss_j == pytest.approx(1.5 * angle, rel=1e-13)
+    assert count == 0
+    assert direction * y[SPEED] == pytest.approx(speed, rel=1e-13)
+    assert direction * y[ANGLE] == pytest.approx(angle, rel=1e-13)
+    assert y[FRICTION_LOSS] == pytest.approx(1.5 * angle, rel=1e-13)
     # the gear gives 0.8 of what it takes: the rest is lost; what it gives turns the shaft's inertia and the disc
-    assert shaft_state(y).gear_loss_j == pytest.approx(
-        0.25 * (1.5 * angle + 0.5 * inertia * (speed**2 - 0.25)), rel=1e-12
-    )
-    assert shaft_state(y).drive_work_j == pytest.approx(1.5 * angle + 0.5 * 0.6 * (speed**2 - 0.25), rel=1e-12)
-
-
-@pytest.mark.parametrize("tolerance", [EXACT, ANY], ids=["small steps", "one step"])
-def test_a_motion_that_begins_late_in_the_coupling_step_has_the_torque_of_then(tolerance):
-    begin, span, drive = 0.4, 0.3, FREE._replace(torque_nm=2.0, time_slope=5.0)
-    y = np.array([0.0, 1.0, 0.0, 0.0, 0.0])
-    time, what, acceleration = turn_crank(Disc(drive, 2.0, 0.0), begin, y, span, 1.0, inf, tolerance)
-    gained = (2.0 * span + 2.5 * ((begin + span) ** 2 - begin**2)) / 2.0
-    assert (time, what) == (span, SPAN_ENDED)
-    assert shaft_state(y).speed_rad_per_s == pytest.approx(1.0 + gained, rel=1e-13)
-    assert acceleration == pytest.approx((2.0 + 5.0 * (begin + span)) / 2.0, rel=1e-13)
-    assert shaft_state(y).drive_work_j == pytest.approx((1.0 + gained) ** 2 - 1.0, rel=1e-12)
+    assert y[GEAR_LOSS] == pytest.approx(0.25 * (1.5 * angle + 0.5 * inertia * (speed**2 - 0.25)), rel=1e-12)
+    assert y[DRIVE_WORK] == pytest.approx(1.5 * angle + 0.5 * 0.6 * (speed**2 - 0.25), rel=1e-12)
 
 
 def test_torque_falls_with_speed_rises_with_time_and_stays_within_its_limit():
@@ -113,58 +126,32 @@ def test_torque_falls_with_speed_rises_with_time_and_stays_within_its_limit():
     assert (line_torque(drive, 100.0, 10.0), line_torque(drive, 0.0, 100.0)) == (6.0, -6.0)
 
 
-@pytest.mark.parametrize("tolerance", [EXACT, ANY], ids=["small steps", "one step"])
-@pytest.mark.parametrize("direction", [1.0, -1.0])
-@pytest.mark.parametrize("aim", [None, 0.35])
-def test_what_ends_a_motion_lies_on_the_integrated_motion_itself(tolerance, direction, aim):
-    """Not on its interpolant: the same step taken again to that time ends at rest, or at the angle."""
-    disc = Disc(FREE._replace(direction=direction), 1.0, 4.0)
-    wanted = inf if aim is None else aim
-    y, time, what, _ = turned(disc, 1.3 * direction, 1.2, direction, direction * wanted, tolerance)
-    assert what == (AT_REST if aim is None else AT_ANGLE)
-    assert (shaft_state(y).speed_rad_per_s == 0.0) if aim is None else (shaft_state(y).angle_rad == direction * aim)
-    if tolerance is ANY:
-        begin, work = np.array([0.0, 1.3 * direction, 0.0, 0.0, 0.0]), workspace(DORMAND_PRINCE_8, STATE_SIZE)
-        start_step(disc, 0.0, begin, work)
-        take_step(disc, 0.0, begin, time, work)
-        end = shaft_state(work.end)
-        assert abs(end.speed_rad_per_s if aim is None else end.angle_rad - direction * aim) < 1e-14
-    else:  # w^2/2 = w0^2/2 - k (1 - cos f)
-        left = 1.3**2 / 2.0 - 4.0 * (1.0 - cos(shaft_state(y).angle_rad)) - shaft_state(y).speed_rad_per_s ** 2 / 2.0
-        assert abs(left) < 1e-11
-
-
 @pytest.mark.parametrize("speed", [6.0, -6.0])
 def test_a_mechanism_of_changing_inertia_left_to_itself_keeps_its_energy(speed):
     """I(f) w^2/2 is constant: it turns slower where its inertia is larger."""
-    direction = 1.0 if speed > 0.0 else -1.0
-    y, _, what, _ = turned(
-        Eccentric(FREE._replace(direction=direction), 2.0, 1.5), speed, 0.4, direction, aim=inf * direction
-    )
-    end = shaft_state(y)
-    assert what == SPAN_ENDED
-    assert 2.0 < abs(end.angle_rad) < 4.0
-    assert end.speed_rad_per_s**2 * (2.0 + 1.5 * cos(end.angle_rad)) == pytest.approx(36.0 * 3.5, rel=1e-11)
+    y, _, _ = turned((2.0, 1.5, 0.0), FREE, speed, 0.4)
+    assert 2.0 < abs(y[ANGLE]) < 4.0
+    assert y[SPEED] ** 2 * (2.0 + 1.5 * cos(y[ANGLE])) == pytest.approx(36.0 * 3.5, rel=1e-11)
 
 
-def test_a_disc_braked_by_friction_rests_when_its_momentum_is_used_up():
-    disc = Disc(FREE._replace(coulomb_nm=2.0), 4.0, 0.0)
-    y, time, what, acceleration = turned(disc, 3.0, 100.0)
-    assert (what, shaft_state(y).speed_rad_per_s) == (AT_REST, 0.0)
-    assert time == pytest.approx(6.0, rel=1e-13)
-    assert shaft_state(y).angle_rad == pytest.approx(9.0, rel=1e-13)
-    assert acceleration == pytest.approx(-0.5, rel=1e-13)
+def test_a_disc_braked_by_friction_rests_when_its_momentum_is_used_up_and_stays():
+    y, _, events = turned((4.0, 0.0, 0.0), FREE._replace(coulomb_nm=2.0), 3.0, 100.0)
+    assert events == [(pytest.approx(6.0, rel=1e-13), STOPPED)]
+    assert y[SPEED] == 0.0
+    assert y[ANGLE] == pytest.approx(9.0, rel=1e-13)
 
 
-@pytest.mark.parametrize("nearer", ["rest", "angle"])
-def test_of_rest_and_angle_in_one_step_the_earlier_ends_the_motion(nearer):
-    """Thrown up at 2 m/s, say, it turns back at 1 rad; an aim below that is met on the way, one above never."""
-    disc = Disc(FREE._replace(coulomb_nm=2.0), 1.0, 0.0)
+@pytest.mark.parametrize("tolerance", [1e-12, 1e12], ids=["small steps", "one step"])
+@pytest.mark.parametrize("nearer", ["rest", "boundary"])
+def test_of_rest_and_boundary_in_one_step_the_earlier_comes_first(nearer, tolerance):
+    """Braked from 2 rad/s it rests at 1 rad; a boundary below that is met on the way, one above never."""
     aim = 1.0 + 1e-9 if nearer == "rest" else 1.0 - 1e-9
-    y, time, what, _ = turned(disc, 2.0, 10.0, aim=aim, tolerance=ANY)
-    assert what == (AT_REST if nearer == "rest" else AT_ANGLE)
-    assert shaft_state(y).angle_rad == pytest.approx(min(aim, 1.0), abs=1e-14)
-    assert time == pytest.approx(1.0 if nearer == "rest" else 1.0 - sqrt(1e-9), abs=1e-9)
+    drive = FREE._replace(coulomb_nm=2.0)
+    y, _, events = turned((1.0, 0.0, 0.0), drive, 2.0, 10.0, tolerance, [(aim, 1.0, 0, 1, BOUNDARY)])
+    rest = (pytest.approx(1.0, abs=1e-9), STOPPED)
+    met = (pytest.approx(1.0 - sqrt(1e-9), abs=1e-9), BOUNDARY)
+    assert events == ([rest] if nearer == "rest" else [met, rest])
+    assert y[ANGLE] == pytest.approx(1.0, abs=1e-14)
 
 
 def test_a_full_swing_takes_the_time_of_the_pendulum():
@@ -172,42 +159,16 @@ def test_a_full_swing_takes_the_time_of_the_pendulum():
     a, b = 1.0, cos(0.5)  # amplitude 1 rad
     for _ in range(8):
         a, b = 0.5 * (a + b), sqrt(a * b)
-    speed = 2.0 * 2.0 * sin(0.5)
-    _, time, what, acceleration = turned(Disc(FREE, 1.0, 4.0), speed, 10.0)
-    assert what == AT_REST
-    assert time == pytest.approx(0.5 * pi / a / 2.0, rel=1e-11)
-    assert acceleration == pytest.approx(-4.0 * sin(1.0), rel=1e-11)
+    quarter = 0.5 * pi / a / 2.0
+    y, _, _ = turned((1.0, 0.0, 4.0), FREE, 2.0 * 2.0 * sin(0.5), quarter)
+    assert abs(y[SPEED]) < 1e-11 * quarter * 4.0 * sin(1.0)  # the time that is missing, by the acceleration there
+    assert y[ANGLE] == pytest.approx(1.0, abs=1e-11)
 
 
-def test_a_motion_that_is_no_number_is_said_to_be_not_integrated():
-    _, time, what, _ = turned(Disc(FREE, float("nan"), 4.0), 1.0, 1.0)
-    assert what == NOT_INTEGRATED
-    assert time < 1e-9
+def test_a_motion_that_is_no_number_ends_as_unsteady():
+    assert turned((np.nan, 0.0, 4.0), FREE, 1.0, 1.0)[1] == UNSTEADY
 
 
 def test_a_motion_of_more_steps_than_a_piece_may_have_is_told_apart_from_one_without_a_number():
     """At a million rad/s against a moment of every turn a second takes some hundred thousand steps."""
-    _, time, what, _ = turned(Disc(FREE, 1.0, 4.0), 1e6, 1.0)
-    assert what == TOO_MANY_STEPS
-    assert 0.0 < time < 1.0
-
-
-class Power(NamedTuple):
-    """A power (W) that swings with time."""
-
-    amplitude_w: float
-
-
-@rates_of(Power, DORMAND_PRINCE_8)
-def power_rates(system, t, y, out):
-    """Fill the power."""
-    out[0] = system.amplitude_w * np.cos(t)
-
-
-@pytest.mark.parametrize("span", [1e-3, 20.0])
-def test_work_of_a_power_is_its_integral_over_the_span_and_no_more(span):
-    assert integrated_work(Power(3.0), span, 1e-13, 0.1) == pytest.approx(3.0 * sin(span), abs=1e-11)
-
-
-def test_work_of_a_power_that_is_no_number_is_none():
-    assert np.isnan(integrated_work(Power(float("nan")), 1.0, 1e-13, 0.1))
+    assert turned((1.0, 0.0, 4.0), FREE, 1e6, 1.0)[1] == TOO_LONG

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from mech_twin.engine.crank_linkage import CrankLinkage
-from mech_twin.engine.crank_piece import KINDS
+from mech_twin.engine.crank_motion import KINDS
 from mech_twin.engine.crank_state import Boundary, Resisting, ShaftFriction, Transmission
 from mech_twin.engine.errors import MotionError
 from mech_twin.machines.vibration_crank.dynamics import ShakingCrank

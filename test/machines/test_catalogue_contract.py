@@ -7,22 +7,22 @@ import math
 import re
 from collections.abc import Iterator
 from itertools import islice, pairwise
+from pathlib import Path
 
 import pytest
-from catalogue import NAMES, built
+from catalogue import NAMES, PAGES, built
 
 from mech_twin.configuration_tree import ConfigurationError, configuration_tree
 from mech_twin.engine.coupling import RESET, complete_frame, next_frame, restarted
 from mech_twin.engine.run import frames
 from mech_twin.engine.trajectory import frame_numbers
-from mech_twin.machines.catalog import CATALOGUE
-from mech_twin.parameters.load import description, description_text, machine_parameters
+from mech_twin.parameters.load import catalogue_entry, description, description_text, machine_parameters
 from mech_twin.roles import RESIDUALS
 from mech_twin.samples import BodySample, Frame, LinkageSample
 
 RUN_S = 0.4
 
-machines = pytest.mark.parametrize("name", NAMES)
+machines = pytest.mark.parametrize("name", (*NAMES, *PAGES), ids=lambda name: Path(name).stem)
 
 
 def run(name: str, duration_s: float = RUN_S) -> list[Frame]:
@@ -53,7 +53,7 @@ def hidden_numbers(frame: Frame) -> Iterator[tuple[str, float]]:
 
 @machines
 def test_configuration_validates(name: str) -> None:
-    assert isinstance(machine_parameters(name), CATALOGUE[name].parameters)
+    assert isinstance(machine_parameters(name), catalogue_entry(name).parameters)
 
 
 @machines
@@ -65,9 +65,9 @@ def test_unknown_key_is_refused_by_name(name: str) -> None:
 @machines
 def test_described_configuration_is_the_configuration(name: str) -> None:
     parameters = machine_parameters(name)
-    described = description(description_text(name, parameters, revision=3, from_step=7))
+    described = description(description_text(catalogue_entry(name).name, parameters, revision=3, from_step=7))
     assert described.parameters == parameters
-    assert (described.machine, described.revision, described.from_step) == (name, 3, 7)
+    assert (described.machine, described.revision, described.from_step) == (catalogue_entry(name).name, 3, 7)
     assert configuration_tree(described.parameters) == configuration_tree(parameters)
 
 
@@ -117,7 +117,7 @@ def test_a_run_goes_on_from_its_samples_alone(name: str) -> None:
     """Nothing is hidden in a role: a machine built anew continues from the last frame to the same bits."""
     whole = run(name)
     middle = len(whole) // 2
-    fresh = CATALOGUE[name].build(machine_parameters(name))
+    fresh = catalogue_entry(name).build(machine_parameters(name))
     frame = whole[middle]
     for expected in whole[middle + 1 :]:
         frame = next_frame(fresh, frame, 1.0)

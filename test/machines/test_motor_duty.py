@@ -46,7 +46,7 @@ def test_rated_load_heats_as_rated():
     )
     found = duty_metrics(duty_after(MotorDuty(), rated, rated, 3.0), MOTOR)
     assert found["motor_rms_torque_over_rated"] == pytest.approx(1.0, rel=1e-3)
-    assert found["motor_heating_over_rated"] == pytest.approx(1.0, rel=1e-3)
+    assert found["motor_rotor_loss_over_rated"] == pytest.approx(1.0, rel=1e-3)
     assert found["motor_power_w"] == pytest.approx(1500.0, rel=1e-3)
 
 

@@ -16,9 +16,9 @@ from mech_twin.engine.coupling import complete_frame, next_frame
 from mech_twin.engine.rollout import column_names, layout_of, roll_out
 from mech_twin.engine.run import frames
 from mech_twin.engine.trajectory import frame_events
-from mech_twin.machines.catalog import CATALOGUE
-from mech_twin.parameters.load import machine, machine_parameters
-from mech_twin.studies.rolling_out import changed, live_keys
+from mech_twin.parameters.live_change import live_numbers
+from mech_twin.parameters.load import catalogue_entry, machine, machine_parameters
+from mech_twin.studies.named_rollouts import changed
 
 
 def engine_frames(built, targets, machines=None):
@@ -91,11 +91,10 @@ def test_roll_out_goes_on_from_any_frame(name, overrides):
 
 def drawn_change(name, parameters, draw):
     """Return another value of a random live key that the configuration allows."""
-    keys = live_keys(type(parameters))
+    numbers = dict(live_numbers(parameters))
     for _ in range(200):
-        key, value = draw.choice(keys), parameters
-        for part in key.split("."):
-            value = getattr(value, part, None)
+        key = draw.choice(list(numbers))
+        value = numbers[key]
         if not isinstance(value, float):
             continue
         change = {key: value * draw.uniform(0.9, 1.1) if value else draw.uniform(0.1, 1.0)}
@@ -110,7 +109,7 @@ def drawn_change(name, parameters, draw):
 @pytest.mark.parametrize(("name", "overrides"), CASES, ids=IDS)
 def test_roll_out_is_the_engine_to_the_bit_when_parameters_change(name, overrides):
     parameters = machine_parameters(name, None, overrides)
-    build, draw = CATALOGUE[name].build, random.Random(name)
+    build, draw = catalogue_entry(name).build, random.Random(name)
     built, step_s = build(parameters), parameters.coupling.step_s
     changes, machines, known = [], [built] * 100, parameters
     for begin in (100, 233):
@@ -118,15 +117,15 @@ def test_roll_out_is_the_engine_to_the_bit_when_parameters_change(name, override
         changes.append((begin * step_s, change))
         known = changed(name, known, change, "test")
         machines += [build(known)] * (133 if begin == 100 else 168)
-    found = mech_twin.rollout(name, parameters, 400 * step_s, changes=changes)
+    found = mech_twin.rollout(name, 400 * step_s, parameters, changes=changes)
     assert_same(found, engine_frames(built, [1.0] * 401, machines))
 
 
 def test_a_batch_is_its_members_whatever_the_cores():
     parameters = [machine_parameters("winding_drum", None, {"yarn_speed_m_per_s": speed}) for speed in (3.0, 4.0, 5.0)]
-    one = mech_twin.rollouts("winding_drum", parameters, 0.2, columns=["linkage.drum.velocity"], cores=1)
-    many = mech_twin.rollouts("winding_drum", parameters[::-1] + parameters, 0.2, cores=3)
-    alone = [mech_twin.rollout("winding_drum", p, 0.2) for p in parameters]
+    one = mech_twin.rollouts("winding_drum", 0.2, parameters, columns=["linkage.drum.velocity"], cores=1)
+    many = mech_twin.rollouts("winding_drum", 0.2, parameters[::-1] + parameters, cores=3)
+    alone = [mech_twin.rollout("winding_drum", 0.2, p) for p in parameters]
     for i, member in enumerate(alone):
         assert one["linkage.drum.velocity"][i].tobytes() == member["linkage.drum.velocity"].tobytes()
         assert many.members[3 + i].columns.keys() == member.columns.keys()

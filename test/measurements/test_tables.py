@@ -13,9 +13,10 @@ import pytest
 from mech_twin.measurements.blocks import Array
 from mech_twin.measurements.errors import MeasurementError
 from mech_twin.measurements.measurement_map import Source, TimeSource
-from mech_twin.measurements.tables import TableReader
+from mech_twin.measurements.tables import TableReader, is_table
 
-pytest.importorskip("pyarrow")
+pa = pytest.importorskip("pyarrow")
+pq = pytest.importorskip("pyarrow.parquet")
 NAMES = ("Time (ms)", "angle (deg)", "force [N]")
 
 
@@ -127,3 +128,12 @@ def test_a_long_table_is_read_in_bounded_memory(tmp_path: Path) -> None:
         tracemalloc.stop()
     assert count == 500_000
     assert most < 0.5 * 16 * count  # half of what time and column alone would take
+
+
+def test_a_file_is_a_table_by_what_it_holds_and_not_by_its_name(tmp_path: Path) -> None:
+    text, parquet, bag = tmp_path / "run.dat", tmp_path / "run.bin", tmp_path / "run.csv"
+    text.write_text("t,x\n0.0,1.0\n0.1,2.0\n", encoding="utf-8")
+    pq.write_table(pa.table({"t": [0.0, 0.1], "x": [1.0, 2.0]}), parquet)
+    bag.write_bytes(b"\x89MCAP0\r\n" + bytes(20))
+    assert [is_table(path) for path in (text, parquet, bag, tmp_path)] == [True, True, False, False]
+    assert TableReader(text).columns == TableReader(parquet).columns == ("t", "x")

@@ -20,12 +20,11 @@ from std_srvs.srv import SetBool
 
 from mech_twin.measurements.measurement_map import MeasurementMap
 from mech_twin.messages.topics import DATA, DECISIONS, LATCHED, RECOMMENDATION, full_name
-from mech_twin.nodes.advisor_node import AdvisorNode
-from mech_twin.nodes.base_node import TwinNode
-from mech_twin.nodes.departure import destroy_nodes
-from mech_twin.nodes.shadow_node import ShadowNode, ShadowSetup
-from mech_twin.nodes.shadow_session import Company, nodes_beside
-from mech_twin.nodes.spinner import Spinner
+from mech_twin.nodes.exchange.base_node import TwinNode
+from mech_twin.nodes.exchange.spinner import Spinner, destroy_nodes
+from mech_twin.nodes.shadow.advisor_node import AdvisorNode
+from mech_twin.nodes.shadow.session import Company, nodes_beside
+from mech_twin.nodes.shadow.shadow_node import ShadowNode, ShadowSetup
 from mech_twin.studies.advice_search import COMMAND, AdviceOutput, AdviceWish
 
 pytestmark = pytest.mark.usefixtures("ros_domain")

@@ -10,8 +10,9 @@ import pytest
 import rclpy
 from rclpy.signals import SignalHandlerOptions
 
+from mech_twin.cli.failure import LOSS_EXIT_CODE, report_losses
 from mech_twin.messages.topics import DIAGNOSTICS
-from mech_twin.nodes.shadow_recorder import BlackBox, LoggedMessage, ShadowTopics
+from mech_twin.nodes.shadow.recorder import BlackBox, LoggedMessage, ShadowTopics
 from mech_twin.recording.bag_reader import BagReader
 
 NAME, FAULT = "winding_drum", "belt: slack"
@@ -67,7 +68,13 @@ def test_what_is_kept_and_written_is_of_the_machines_present_time_also_when_it_i
         assert [message.log_time_ns // SECOND_NS for message in reader.messages()] == list(range(6))
 
 
-def test_a_bag_that_cannot_be_made_is_told_and_nothing_ends(box: BlackBox, tmp_path: Path) -> None:
+def test_a_bag_that_cannot_be_made_is_told_in_the_exit_code_and_nothing_ends(
+    box: BlackBox, capsys: pytest.CaptureFixture[str]
+) -> None:
     box._directory = Path("/proc/nowhere")
     box.trigger(FAULT, 12.0)
     assert box.bags == []
+    with pytest.raises(SystemExit) as ended:
+        report_losses(known=box.failed)
+    assert ended.value.code == LOSS_EXIT_CODE
+    assert "no black box: /proc/nowhere" in capsys.readouterr().err

@@ -11,22 +11,22 @@ from pathlib import Path
 
 import pytest
 
-from mech_twin.nodes import departure
+from mech_twin.nodes.exchange import spinner
 
 # holds the interpreter's lock for a minute, as the middleware does
 STUCK = """
 import ctypes, sys
 from pathlib import Path
-from mech_twin.nodes import departure
-from mech_twin.nodes.base_node import TwinNode
+from mech_twin.nodes.exchange import spinner
+from mech_twin.nodes.exchange.base_node import TwinNode
 
 class Stuck(TwinNode):
     def __init__(self): pass
     def close(self): Path(sys.argv[1]).write_text("closed")
     def destroy_node(self): ctypes.PyDLL(None).sleep(60)
 
-departure.LIMIT_S = 0.5
-departure.destroy_nodes([Stuck()])
+spinner.LIMIT_S = 0.5
+spinner.destroy_nodes([Stuck()])
 """
 
 
@@ -38,11 +38,11 @@ def test_what_never_lets_go_is_ended_after_all_is_closed(tmp_path: Path) -> None
 
 def test_somebody_elses_alarm_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
     heard: list[int] = []
-    monkeypatch.setattr(departure, "LIMIT_S", 30.0)
+    monkeypatch.setattr(spinner, "LIMIT_S", 30.0)
     before = signal.signal(signal.SIGALRM, lambda number, frame: heard.append(number))
     try:
         signal.setitimer(signal.ITIMER_REAL, 0.2)
-        departure.destroy_nodes([])
+        spinner.destroy_nodes([])
         end = time.monotonic() + 5.0
         while not heard and time.monotonic() < end:
             time.sleep(0.01)

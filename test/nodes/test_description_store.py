@@ -6,7 +6,7 @@ from __future__ import annotations
 from catalogue import built
 
 from mech_twin.messages.step_marks import ConfigurationMark
-from mech_twin.nodes.description_store import REMEMBERED_SOURCES, DescriptionStore
+from mech_twin.nodes.roles.follower_node import REMEMBERED_SOURCES, DescriptionStore
 from mech_twin.parameters.load import Description
 
 PARAMETERS = built("winding_drum").parameters

@@ -7,8 +7,7 @@ import pytest
 from catalogue import NAMES, built
 from diagnostic_msgs.msg import DiagnosticStatus
 
-from mech_twin.nodes.diagnostics import NodeDiagnostics
-from mech_twin.nodes.topic_statistics import KINDS, TopicStatistics
+from mech_twin.nodes.exchange.diagnostics import KINDS, NodeDiagnostics, TopicStatistics
 from mech_twin.samples import Named
 
 
@@ -21,6 +20,11 @@ def test_what_is_counted_is_a_warning_but_for_the_runs_own_repeats(kind: str) ->
     assert status.level == (DiagnosticStatus.OK if kind == "repeated" else DiagnosticStatus.WARN)
     assert len(lines) == (0 if kind == "repeated" else 1)
     assert f"joint_states: {kind}" in [pair.key for pair in status.values]
+
+
+def test_the_hardware_is_the_machine_in_its_namespace() -> None:
+    for name, hardware in (("/drum/motor", "drum"), ("/hall/left/motor", "hall/left")):
+        assert NodeDiagnostics(name, TopicStatistics()).close_window({})[0].hardware_id == hardware
 
 
 @pytest.mark.parametrize("value", [1.1, -1.1, float("nan"), float("inf")])

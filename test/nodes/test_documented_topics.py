@@ -10,10 +10,11 @@ import pytest
 from bench_run import BenchRun
 from catalogue import NAMES, built
 
-from mech_twin.nodes.frames_node import FramesNode
+from mech_twin.nodes.roles.frames_node import FramesNode
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "topics.md"
 BODY_ONLY = "with a moving body only"
+GAUGE_ONLY = ("with a strain gauge only", "with `gauge_curve` only")
 OF_ROS = {"rosout", "parameter_events", "tf"}  # /tf where tf2_msgs is installed
 
 
@@ -27,6 +28,8 @@ def documented(name: str) -> dict[str, str]:
             continue
         names, kinds, _, meaning = (cell.strip() for cell in line.strip("|").split(" | ", 3))
         if BODY_ONLY in meaning and machine.body is None:
+            continue
+        if machine.gauge is None and meaning.startswith(GAUGE_ONLY):
             continue
         types = [kind.split(",")[0].replace("/", "/msg/") for kind in kinds.split(", ") if "/" in kind]
         for topic in re.findall(r"`([^`]+)`", names):

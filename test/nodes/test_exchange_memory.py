@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from mech_twin.nodes.exchange_memory import REMEMBERED_STEPS, ExchangeMemory
+from mech_twin.nodes.roles.follower_node import REMEMBERED_STEPS, ExchangeMemory
 
 
 def filled(last: int) -> ExchangeMemory[str, str]:

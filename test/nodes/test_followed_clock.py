@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import pytest
 
-from mech_twin.nodes.followed_clock import MOST_HELD, SECOND_NS, FollowedClock, StampGate
+from mech_twin.nodes.shadow.inputs import MOST_HELD, SECOND_NS, FollowedClock, StampGate
 
 WALL_NS = 1_790_000_000 * SECOND_NS
 STEP_NS, STEP_S = SECOND_NS // 100, 0.01

@@ -17,9 +17,9 @@ import pytest
 
 from mech_twin.configuration_tree import ConfigurationError
 from mech_twin.machines.catalog import CATALOGUE
-from mech_twin.nodes import launch_plan
-from mech_twin.nodes.domain import DISCOVERY
-from mech_twin.nodes.launch_plan import LaunchRequest
+from mech_twin.nodes.run import executables
+from mech_twin.nodes.run.domain import DISCOVERY
+from mech_twin.nodes.run.executables import LaunchRequest
 from mech_twin.recording.bag_reader import BagReader
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -29,55 +29,55 @@ NODES = ("motor_node", "linkage_node", "force_node", "body_node", "frames_node",
 
 @pytest.mark.parametrize("machine", CATALOGUE)
 def test_a_launch_starts_every_role_of_the_machine_and_the_linkage_last(machine: str) -> None:
-    planned = [program.name for program in launch_plan.programs(LaunchRequest(machine, frames="false"))]
+    planned = [program.name for program in executables.programs(LaunchRequest(machine, frames="false"))]
     bodies = ["body"] if CATALOGUE[machine].has_body else []
     assert planned == ["motor", "force_analysis", *bodies, "linkage"]
 
 
 def test_a_recorder_and_a_viewer_are_started_first_and_waited_for() -> None:
     request = LaunchRequest("winding_drum", record="DIR", view="run.rrd")
-    first, second, third, *_ = launch_plan.programs(request)
+    first, second, third, *_ = executables.programs(request)
     assert first == ("recorder_node", "recorder", ("--directory", "DIR"))
     assert second == ("viewer_node", "viewer", ("--place", "run.rrd"))
     assert third == ("frames_node", "frames", ())
-    asked = launch_plan.parameters(request)
+    asked = executables.parameters(request)
     assert asked["run.recorder"] is True
     assert asked["run.viewer"] is True
 
 
 def test_a_namespace_of_its_own_has_a_clock_of_its_own() -> None:
-    assert launch_plan.namespace(LaunchRequest("winding_drum")) == "/winding_drum"
-    assert launch_plan.remappings(LaunchRequest("winding_drum")) == []
+    assert executables.namespace(LaunchRequest("winding_drum")) == "/winding_drum"
+    assert executables.remappings(LaunchRequest("winding_drum")) == []
     told = LaunchRequest("winding_drum", "hall/left")
-    assert launch_plan.namespace(told) == "/hall/left"
-    assert launch_plan.remappings(told) == [("/clock", "/hall/left/clock")]
+    assert executables.namespace(told) == "/hall/left"
+    assert executables.remappings(told) == [("/clock", "/hall/left/clock")]
 
 
 def test_a_parameter_file_is_laid_over_that_of_the_machine(tmp_path: Path) -> None:
     own = tmp_path / "own.yaml"
     own.write_text("/**: {ros__parameters: {}}\n", encoding="utf-8")
-    installed, laid_over = launch_plan.parameter_files(LaunchRequest("winding_drum", params_file=str(own)))
+    installed, laid_over = executables.parameter_files(LaunchRequest("winding_drum", params_file=str(own)))
     assert Path(installed).name == "winding_drum.yaml"
     assert laid_over == str(own)
     with pytest.raises(ConfigurationError, match=r"params_file gone\.yaml: no such file"):
-        launch_plan.parameter_files(LaunchRequest("winding_drum", params_file="gone.yaml"))
+        executables.parameter_files(LaunchRequest("winding_drum", params_file="gone.yaml"))
 
 
 @pytest.mark.parametrize("duration", ["ten", "-1", "nan", "inf", ""])
 def test_a_duration_that_is_no_length_of_time_is_refused(duration: str) -> None:
     with pytest.raises(ConfigurationError, match="expected seconds, 0 or more"):
-        launch_plan.parameters(LaunchRequest("winding_drum", duration=duration))
+        executables.parameters(LaunchRequest("winding_drum", duration=duration))
 
 
 def test_several_machines_have_namespaces_recordings_and_view_files_apart() -> None:
     text = "mb10_breaker, left=winding_drum,hall/right=winding_drum"
-    requests = launch_plan.several(text, "bags", "run.rrd")
-    assert [launch_plan.namespace(request) for request in requests] == ["/mb10_breaker", "/left", "/hall/right"]
+    requests = executables.several(text, "bags", "run.rrd")
+    assert [executables.namespace(request) for request in requests] == ["/mb10_breaker", "/left", "/hall/right"]
     assert [request.record for request in requests] == ["bags/mb10_breaker", "bags/left", "bags/hall-right"]
     assert [request.view for request in requests] == [
         f"run-{name}.rrd" for name in ("mb10_breaker", "left", "hall-right")
     ]
-    assert len({rule for request in requests for rule in launch_plan.remappings(request)}) == len(requests)
+    assert len({rule for request in requests for rule in executables.remappings(request)}) == len(requests)
 
 
 @pytest.mark.parametrize(
@@ -91,25 +91,25 @@ def test_several_machines_have_namespaces_recordings_and_view_files_apart() -> N
 )
 def test_machines_that_cannot_be_told_apart_are_refused(machines: str, line: str) -> None:
     with pytest.raises(ConfigurationError, match=line):
-        launch_plan.several(machines)
+        executables.several(machines)
 
 
 def test_the_users_discovery_range_is_never_overridden() -> None:
-    assert launch_plan.discovery("", {}) == ("LOCALHOST", "")
-    assert launch_plan.discovery("SUBNET", {}) == ("SUBNET", "")
-    assert launch_plan.discovery("", {DISCOVERY: "SUBNET"}) == ("SUBNET", "")
-    value, line = launch_plan.discovery("OFF", {DISCOVERY: "SUBNET"})
+    assert executables.discovery("", {}) == ("LOCALHOST", "")
+    assert executables.discovery("SUBNET", {}) == ("SUBNET", "")
+    assert executables.discovery("", {DISCOVERY: "SUBNET"}) == ("SUBNET", "")
+    value, line = executables.discovery("OFF", {DISCOVERY: "SUBNET"})
     assert value == "SUBNET"
     assert line == f"discovery: {DISCOVERY}=SUBNET is set and is not overridden by OFF"
 
 
 def test_a_run_ends_with_its_last_step_with_a_refusal_and_with_an_error_that_nobody_mends() -> None:
-    assert launch_plan.ends_run("linkage", 0, respawn=True)
-    assert not launch_plan.ends_run("motor", 0, respawn=False)  # ended by hand, to be replaced
-    assert launch_plan.ends_run("recorder", launch_plan.REFUSED, respawn=True)
-    assert launch_plan.ends_run("motor", -signal.SIGKILL, respawn=False)
-    assert not launch_plan.ends_run("motor", -signal.SIGKILL, respawn=True)
-    assert not launch_plan.ends_run("linkage", -signal.SIGSEGV, respawn=True)
+    assert executables.ends_run("linkage", 0, respawn=True)
+    assert not executables.ends_run("motor", 0, respawn=False)  # ended by hand, to be replaced
+    assert executables.ends_run("recorder", executables.REFUSED, respawn=True)
+    assert executables.ends_run("motor", -signal.SIGKILL, respawn=False)
+    assert not executables.ends_run("motor", -signal.SIGKILL, respawn=True)
+    assert not executables.ends_run("linkage", -signal.SIGSEGV, respawn=True)
 
 
 # -- the launch itself ------------------------------------------------------------------------------------------------
@@ -143,7 +143,7 @@ def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ros_domain: int) 
     programs = prefix / "lib" / "mech_twin"
     programs.mkdir(parents=True)
     for name in NODES:
-        text = f"#!{sys.executable}\nfrom mech_twin.nodes.executables import {name}\n{name}()\n"
+        text = f"#!{sys.executable}\nfrom mech_twin.nodes.run.executables import {name}\n{name}()\n"
         (programs / name).write_text(text, encoding="utf-8")
         (programs / name).chmod(0o755)
     monkeypatch.setenv("AMENT_PREFIX_PATH", os.pathsep.join([str(prefix), sys.prefix]))

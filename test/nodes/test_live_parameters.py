@@ -7,7 +7,7 @@ import pytest
 from catalogue import built
 
 from mech_twin.configuration_tree import ConfigurationError
-from mech_twin.nodes.live_parameters import LiveParameters
+from mech_twin.nodes.roles.linkage_node import LiveParameters
 
 IN_FORCE = built("impact_mass").parameters
 

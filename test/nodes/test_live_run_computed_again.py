@@ -12,8 +12,8 @@ from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
 from mech_twin.messages.topics import SPEED_COMMAND
-from mech_twin.nodes.parameter_bridge import keys
-from mech_twin.nodes.recorder_node import RecorderNode
+from mech_twin.nodes.roles.recorder_node import RecorderNode
+from mech_twin.parameters.declared_keys import keys
 from mech_twin.recording.bag_reader import BagReader
 from mech_twin.recording.bag_samples import BagSamples
 from mech_twin.studies.configuration_history import ConfigurationHistory

@@ -16,8 +16,8 @@ from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters
 from rclpy.signals import SignalHandlerOptions
 
 from mech_twin.configuration_tree import ConfigurationError
-from mech_twin.nodes.executables import machine_of
-from mech_twin.nodes.motor_node import MotorNode
+from mech_twin.nodes.roles.motor_node import MotorNode
+from mech_twin.nodes.run.executables import machine_of
 from mech_twin.parameters.load import configuration_file, machine_parameters
 
 pytestmark = pytest.mark.usefixtures("ros_domain")
@@ -66,7 +66,7 @@ def test_no_machine_or_none_of_the_catalogue_is_refused_in_words(told: list[str]
 
 
 def test_a_node_without_a_machine_ends_with_one_line() -> None:
-    code = "from mech_twin.nodes.executables import motor_node; motor_node()"
+    code = "from mech_twin.nodes.run.executables import motor_node; motor_node()"
     run = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, env=os.environ.copy(), check=False
     )

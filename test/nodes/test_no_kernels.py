@@ -30,13 +30,13 @@ def compiled():
 rclpy.init(args=[])
 kind, machine, place = sys.argv[1:]
 if kind == "recorder":
-    from mech_twin.nodes.recorder_node import RecorderNode
+    from mech_twin.nodes.roles.recorder_node import RecorderNode
     node = RecorderNode(machine, Path(place))
 elif kind == "viewer":
-    from mech_twin.nodes.viewer_node import ViewerNode
+    from mech_twin.nodes.roles.viewer_node import ViewerNode
     node = ViewerNode(machine, place + ".rrd")
 elif kind == "observer":
-    from mech_twin.nodes.observer_node import ObserverNode
+    from mech_twin.nodes.roles.viewer_node import ObserverNode
     node = ObserverNode(machine)
 elif kind == "configuration":
     from mech_twin.parameters.load import machine_parameters
@@ -44,7 +44,7 @@ elif kind == "configuration":
     node = rclpy.create_node("none")
     node.close = lambda: None
 else:
-    from mech_twin.nodes.force_node import ForceNode
+    from mech_twin.nodes.roles.force_node import ForceNode
     node = ForceNode(machine)
 print("compiled", len(compiled()), compiled())
 node.close()

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import pytest
 
-from mech_twin.nodes.peer_wait import ASK_AGAIN_S, ASK_AGAIN_WAITING_S, PeerWait
+from mech_twin.nodes.exchange.peers import ASK_AGAIN_S, ASK_AGAIN_WAITING_S, PeerWait
 
 TIMEOUT_S = 0.5
 

@@ -14,10 +14,10 @@ from mech_twin.engine.run import frames
 from mech_twin.messages import motor as motor_messages
 from mech_twin.messages.step_message import set_stamp
 from mech_twin.messages.topics import STEP_LINKAGE, STEP_MOTOR
-from mech_twin.nodes.body_node import BodyNode
-from mech_twin.nodes.force_node import ForceNode
-from mech_twin.nodes.linkage_node import LinkageNode
-from mech_twin.nodes.motor_node import MotorNode
+from mech_twin.nodes.roles.body_node import BodyNode
+from mech_twin.nodes.roles.force_node import ForceNode
+from mech_twin.nodes.roles.linkage_node import LinkageNode
+from mech_twin.nodes.roles.motor_node import MotorNode
 from mech_twin.samples import LinkageSample
 
 pytestmark = pytest.mark.usefixtures("ros_domain")

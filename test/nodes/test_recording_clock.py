@@ -5,8 +5,7 @@ from __future__ import annotations
 
 import pytest
 
-from mech_twin.nodes.recording_clock import LARGEST_NS, SAME_RUN_NS, RecordingClock
-from mech_twin.nodes.step_sequence import StepSequence
+from mech_twin.nodes.roles.recorder_node import LARGEST_NS, SAME_RUN_NS, RecordingClock, StepSequence
 
 WALL_NS = 1_790_000_000 * 10**9
 

@@ -18,8 +18,8 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
-from mech_twin.nodes.force_node import ForceNode
-from mech_twin.nodes.options import RunOptions
+from mech_twin.nodes.exchange.base_node import RunOptions
+from mech_twin.nodes.roles.force_node import ForceNode
 from mech_twin.recording.errors import BagError
 
 pytestmark = pytest.mark.usefixtures("ros_domain")
@@ -267,7 +267,7 @@ def test_an_unknown_type_is_left_out_and_said(drum_bag: Path, monkeypatch: pytes
 
 
 def test_an_empty_part_is_refused(drum_bag: Path, tmp_path: Path) -> None:
-    from mech_twin.nodes.replay_source import ReplaySource
+    from mech_twin.nodes.replay.source import ReplaySource
     from mech_twin.recording.bag_reader import BagReader
 
     with BagReader(drum_bag) as reader:

@@ -8,7 +8,7 @@ import math
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mech_twin.nodes.replay_clock import LARGEST_LAG_S, ReplayClock
+from mech_twin.nodes.replay.source import LARGEST_LAG_S, ReplayClock
 
 RATES = st.floats(0.001, 1000.0)
 TIMES = st.floats(0.0, 1000.0)

@@ -13,9 +13,9 @@ from sensor_msgs.msg import JointState
 
 from mech_twin.engine.run import frames
 from mech_twin.messages.topics import full_name, step_topics
-from mech_twin.nodes.composition import run_in_process
-from mech_twin.nodes.observer_node import DECODERS
-from mech_twin.nodes.options import RunOptions
+from mech_twin.nodes.exchange.base_node import RunOptions
+from mech_twin.nodes.roles.viewer_node import DECODERS
+from mech_twin.nodes.run.composition import run_in_process
 from mech_twin.recording.bag_reader import BagReader
 
 NAME = "roller_former"

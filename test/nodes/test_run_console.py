@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+import re
 import select
 import subprocess
 import sys
@@ -15,8 +16,8 @@ import pytest
 from catalogue import NAMES, built
 
 from mech_twin.engine.run import frames
-from mech_twin.nodes.run_metrics import RunMetrics
-from mech_twin.nodes.run_status import RunStatus, blow_rate
+from mech_twin.nodes.roles.viewer_node import RunMetrics
+from mech_twin.nodes.run.console import CLEAR, RunStatus, blow_rate
 from mech_twin.samples import Event
 
 COMMAND = [sys.executable, "-c", "from mech_twin.cli.main import main; main()"]
@@ -58,6 +59,18 @@ def test_the_line_says_time_speed_and_state_of_every_machine(name: str, tmp_path
     assert "lag 1.50 s" in status.line(101.5)
     regimes = machine.linkage.regimes
     assert not regimes or regimes[linkage.regime] in line
+
+
+def test_the_line_tells_what_the_last_blows_had_and_no_mean_of_the_run() -> None:
+    machine = built("mb10_breaker")
+    metrics = RunMetrics(lambda: machine)
+    for frame in frames(machine, machine.coupling_step_s):
+        metrics.observe(frame)
+    time_s = frame.linkage.time_s
+    metrics.events.extend([blow(time_s), blow(time_s), blow(time_s, 19.4), blow(time_s, 0.31), blow(time_s, 0.15)])
+    line = RunStatus(metrics, None).line(0.0)
+    assert "last 19.4, 0.31, 0.15 N s" in line
+    assert "J a blow" not in line
 
 
 def test_a_pause_is_no_lag() -> None:
@@ -123,3 +136,25 @@ def test_keys_command_the_run() -> None:
         assert run.process.returncode == 0
     finally:
         run.end()
+
+
+LOGS = """
+import sys
+from mech_twin.nodes.run.console import CLEAR, keep_log_apart
+keep_log_apart()
+import rclpy
+rclpy.init(args=[])
+node = rclpy.create_node("speaker")
+sys.stderr.write(f"{CLEAR}12 s  crank 66 rad/s")
+sys.stderr.flush()
+node.get_logger().warning("behind by 1 s")
+node.destroy_node()
+rclpy.shutdown()
+"""
+
+
+@pytest.mark.usefixtures("ros_domain")
+def test_a_line_of_the_log_clears_the_status_line_it_would_be_glued_to() -> None:
+    words = [*IN_TERMINAL, sys.executable, "-c", LOGS]
+    shown = subprocess.run(words, capture_output=True, timeout=LIMIT_S, check=True).stdout.decode()
+    assert re.search(rf"66 rad/s(\x1b\[\d+m)?{re.escape(CLEAR)}\[WARN\]", shown), shown  # its colour comes first

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -12,15 +13,17 @@ from pathlib import Path
 import pytest
 import rclpy
 from rclpy.signals import SignalHandlerOptions
+from std_msgs.msg import String
 
 from mech_twin.configuration_tree import ConfigurationError
-from mech_twin.nodes.errors import NameInUseError
-from mech_twin.nodes.name_guard import NameGuard
-from mech_twin.nodes.namespace import replay_arguments, ros_arguments, run_namespace
+from mech_twin.messages.topics import LATCHED
+from mech_twin.nodes.run.domain import NameInUseError, replay_arguments, ros_arguments, run_namespace
+from mech_twin.nodes.run.name_guard import CLAIMS, HostClaims, NameGuard
 from mech_twin.recording.bag_reader import BagReader
+from mech_twin.recording.decode import MessageDecoder
 
 COMMAND = [sys.executable, "-c", "from mech_twin.cli.main import main; main()"]
-NODE = "from mech_twin.nodes.executables import {0}; {0}()"
+NODE = "from mech_twin.nodes.run.executables import {0}; {0}()"
 DRUM = ["run", "winding_drum", "--view", "none"]
 LIMIT_S = 60.0
 
@@ -91,14 +94,19 @@ def test_in_a_namespace_of_its_own_the_same_machine_runs_beside_the_first(living
 
 
 @pytest.mark.slow
-def test_another_machine_beside_the_first_says_that_they_share_a_clock(living_run: Path, tmp_path: Path) -> None:
-    words = ["run", "vibration_crank", "--view", "none", "--no-record", "--duration", "0.3"]
-    shared = finished(*COMMAND, *words)
-    assert shared.returncode == 0, shared.stderr
-    (told,) = [line for line in shared.stderr.splitlines() if "/clock is published by" in line]
-    assert "/winding_drum/linkage" in told
-    assert "--namespace" in told
-    apart = finished(*COMMAND, *words, "--namespace", "crank_1")
+def test_another_machine_beside_the_first_leaves_it_the_clock_and_has_its_own(living_run: Path, tmp_path: Path) -> None:
+    words = ["run", "vibration_crank", "--view", "none", "--duration", "0.3"]
+    beside = finished(*COMMAND, *words, "--record", str(tmp_path / "second"))
+    assert beside.returncode == 0, beside.stderr
+    (told,) = [line for line in beside.stderr.splitlines() if "/clock is published by" in line]
+    assert "/winding_drum/linkage; the time of this run is on /vibration_crank/clock" in told
+    with BagReader(tmp_path / "second") as reader:
+        decoder = MessageDecoder(reader.topics)
+        stamps = [decoder.decode(message).clock for message in reader.messages(["/clock"])]
+    times = [stamp.sec + 1e-9 * stamp.nanosec for stamp in stamps]
+    assert times == sorted(times)
+    assert 0.25 < times[-1] < 0.31
+    apart = finished(*COMMAND, *words, "--no-record", "--namespace", "crank_1")
     assert apart.returncode == 0, apart.stderr
     assert "is published by" not in apart.stderr
 
@@ -163,6 +171,58 @@ def test_of_several_names_claimed_at_one_instant_the_first_is_kept_as_long_as_it
             after.check()
     finally:
         rclpy.try_shutdown()
+
+
+def test_on_one_host_a_name_is_known_to_be_taken_at_once_and_is_free_when_its_owner_is_killed(ros_domain: int) -> None:
+    code = (
+        "import rclpy, time; from mech_twin.nodes.run.name_guard import NameGuard; rclpy.init(args=[]); "
+        "guard = NameGuard(['/drum/step/motor', '/drum/step/body']); print('up', flush=True); time.sleep(60)"
+    )
+    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as owner:
+        assert owner.stdout is not None
+        assert owner.stdout.readline() == "up\n"
+        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+        try:
+            begun = time.monotonic()
+            with NameGuard(["/drum/step/body"]) as guard, pytest.raises(NameInUseError) as refused:
+                guard.check()
+            assert time.monotonic() - begun < 0.5
+            assert f"/drum/step/body is claimed by an earlier start, process {owner.pid}" in str(refused.value)
+            owner.kill()
+            owner.wait()
+            after = HostClaims(["/drum/step/body"])
+            assert after.holder == ""
+            after.close()
+        finally:
+            rclpy.try_shutdown()
+
+
+@pytest.mark.slow
+def test_a_claim_that_anybody_may_forge_is_told_as_a_claim_with_who_makes_it(ros_domain: int) -> None:
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        stranger = rclpy.create_node("stranger", namespace="/hall")
+        claims = stranger.create_publisher(String, CLAIMS, LATCHED)
+        claims.publish(String(data=f"{0:020d}-0 /drum/step/motor"))
+        with NameGuard(["/drum/step/motor"]) as guard, pytest.raises(NameInUseError) as refused:
+            guard.check()
+        assert "/drum/step/motor is claimed by an earlier start, of node /hall/stranger" in str(refused.value)
+        stranger.destroy_node()
+    finally:
+        rclpy.try_shutdown()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("after_s", [1.0, 1.5, 2.0, 2.5])
+def test_separate_processes_that_are_stopped_as_they_begin_leave_no_directory(
+    after_s: float, ros_domain: int, tmp_path: Path
+) -> None:
+    words = [*DRUM, "--no-record", "--processes"]
+    run = subprocess.Popen([*COMMAND, *words], stderr=subprocess.DEVNULL, env={**os.environ, "TMPDIR": str(tmp_path)})
+    time.sleep(after_s)
+    run.send_signal(signal.SIGINT)
+    run.wait(LIMIT_S)
+    assert not [left for left in tmp_path.glob("mech_twin-*") if (left / "parameters.yaml").exists()]
 
 
 @pytest.mark.slow

@@ -35,16 +35,14 @@ from mech_twin.messages.topics import (
     type_name,
     virtual_pin,
 )
-from mech_twin.nodes.base_node import TwinNode
-from mech_twin.nodes.departure import destroy_nodes
-from mech_twin.nodes.errors import NameInUseError
-from mech_twin.nodes.name_guard import NameGuard
-from mech_twin.nodes.options import RunOptions
-from mech_twin.nodes.shadow_inputs import sensed_channels
-from mech_twin.nodes.shadow_node import ShadowNode, ShadowSetup
-from mech_twin.nodes.shadow_session import Company, followed_namespace, nodes_beside
-from mech_twin.nodes.shadow_viewer_node import ShadowState, ShadowViewerNode, channel_title, state_line
-from mech_twin.nodes.spinner import Spinner
+from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode
+from mech_twin.nodes.exchange.spinner import Spinner, destroy_nodes
+from mech_twin.nodes.run.domain import NameInUseError
+from mech_twin.nodes.run.name_guard import NameGuard
+from mech_twin.nodes.shadow.inputs import sensed_channels
+from mech_twin.nodes.shadow.session import Company, followed_namespace, nodes_beside
+from mech_twin.nodes.shadow.shadow_node import ShadowNode, ShadowSetup
+from mech_twin.nodes.shadow.viewer_node import ShadowState, ShadowViewerNode, channel_title, state_line
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.recording.bag_reader import open_bag
 from mech_twin.studies.monitoring.fault_life import FaultLife

@@ -23,18 +23,18 @@ from mech_twin.measurements.measurement_map import MeasurementMap
 from mech_twin.measurements.runs import read_run
 from mech_twin.messages.joint_state_cdr import Header, StepMessage, encoded, stamp_of
 from mech_twin.messages.topics import DATA
-from mech_twin.nodes.base_node import TwinNode
-from mech_twin.nodes.departure import destroy_nodes
-from mech_twin.nodes.monitor_node import MonitorNode
-from mech_twin.nodes.shadow_inputs import followed_topics
-from mech_twin.nodes.shadow_node import ShadowNode, ShadowSetup
-from mech_twin.nodes.shadow_recorder import ShadowRecorder
-from mech_twin.nodes.shadow_session import Company, nodes_beside
-from mech_twin.nodes.spinner import Spinner
+from mech_twin.nodes.exchange.base_node import TwinNode
+from mech_twin.nodes.exchange.spinner import Spinner, destroy_nodes
+from mech_twin.nodes.shadow.inputs import followed_topics
+from mech_twin.nodes.shadow.monitor_node import MonitorNode
+from mech_twin.nodes.shadow.recorder import ShadowRecorder
+from mech_twin.nodes.shadow.session import Company, nodes_beside
+from mech_twin.nodes.shadow.shadow_node import ShadowNode, ShadowSetup
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.studies.monitoring.baseline import fitted_baseline
 from mech_twin.studies.monitoring.cycle_features import FeatureFeed, FeatureVector, feed_channels
-from mech_twin.studies.monitoring.monitor import Findings, Monitor, MonitorSetup
+from mech_twin.studies.monitoring.findings import Findings
+from mech_twin.studies.monitoring.monitor import Monitor, MonitorSetup
 from mech_twin.studies.monitoring.sensing import Seen, seen_roll_out
 from mech_twin.studies.monitoring.thresholds import chart_limits
 from mech_twin.studies.observer.lock_on import SeenSample
@@ -68,7 +68,8 @@ def seen(seconds: float, seed: int) -> Seen:
 def vectors_of(channels: Seen) -> list[FeatureVector]:
     ask = catalogue_entry(NAME).capabilities.features
     assert ask is not None
-    return feed_channels(FeatureFeed(ask(built(NAME).parameters), COLUMNS), channels)
+    declared = ask(built(NAME).parameters)
+    return feed_channels(FeatureFeed(declared, COLUMNS, run_up_s=declared.run_up_s), channels)
 
 
 def messages_of(channels: Seen) -> list[tuple[float, str, Any]]:
@@ -122,7 +123,7 @@ def test_features_of_events_are_judged_live_as_of_the_recording(tmp_path: Path) 
     }
     with Spinner([*nodes, foreign]) as spinner:
         until(spinner, lambda: all(each.get_subscription_count() >= 2 for each in publishers.values()))
-        messages = messages_of(seen(4.0, 2))
+        messages = messages_of(seen(5.0, 2))
         for sent, (_, topic, message) in enumerate(messages, 1):
             publishers[topic].publish(message)
             if sent % BURST == 0 or sent == len(messages):
@@ -140,6 +141,7 @@ def test_features_of_events_are_judged_live_as_of_the_recording(tmp_path: Path) 
     again = [offline.observe(v) for v in vectors_of({c.name: (c.times_s, c.values) for c in run.channels})]
     judged = [(found, other) for found, other in zip(findings, again, strict=False) if found.charts is not None]
     assert len(judged) > 40
+    assert all(one.number == other.number for one, other in judged)
     assert all(np.array_equal(one.standard, other.standard) and one.charts == other.charts for one, other in judged)
 
 

@@ -26,18 +26,18 @@ from mech_twin.measurements.measurement_map import MeasurementMap
 from mech_twin.measurements.runs import read_run
 from mech_twin.messages.joint_state_cdr import Header, StepMessage, encoded, stamp_of
 from mech_twin.messages.topics import DATA, DIAGNOSTICS, STANDARD_RESIDUALS, full_name
-from mech_twin.nodes.base_node import TwinNode
-from mech_twin.nodes.departure import destroy_nodes
-from mech_twin.nodes.monitor_node import FAULT, SHELVE_S, MonitorNode
-from mech_twin.nodes.shadow_node import ShadowNode, ShadowSetup
-from mech_twin.nodes.shadow_recorder import BlackBox, ShadowRecorder
-from mech_twin.nodes.shadow_session import Company, nodes_beside
-from mech_twin.nodes.spinner import Spinner
+from mech_twin.nodes.exchange.base_node import TwinNode
+from mech_twin.nodes.exchange.spinner import Spinner, destroy_nodes
+from mech_twin.nodes.shadow.monitor_node import FAULT, SHELVE_S, MonitorNode
+from mech_twin.nodes.shadow.recorder import BlackBox, ShadowRecorder
+from mech_twin.nodes.shadow.session import Company, nodes_beside
+from mech_twin.nodes.shadow.shadow_node import ShadowNode, ShadowSetup
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.recording.bag_reader import open_bag
 from mech_twin.studies.monitoring.baseline import fitted_baseline
 from mech_twin.studies.monitoring.cycle_features import FeatureFeed, FeatureVector, feed_channels
-from mech_twin.studies.monitoring.monitor import Findings, Monitor, MonitorSetup
+from mech_twin.studies.monitoring.findings import Findings
+from mech_twin.studies.monitoring.monitor import Monitor, MonitorSetup
 from mech_twin.studies.monitoring.thresholds import chart_limits
 
 pytestmark = [pytest.mark.usefixtures("ros_domain"), pytest.mark.slow]
@@ -73,7 +73,8 @@ def noisy(run: RollOut, seed: int) -> dict[str, np.ndarray]:
 def vectors_of(channels: dict[str, tuple[np.ndarray, np.ndarray]]) -> list[FeatureVector]:
     ask = catalogue_entry(NAME).capabilities.features
     assert ask is not None
-    return feed_channels(FeatureFeed(ask(built(NAME).parameters), COLUMNS), channels)
+    declared = ask(built(NAME).parameters)
+    return feed_channels(FeatureFeed(declared, COLUMNS, run_up_s=declared.run_up_s), channels)
 
 
 @pytest.fixture(scope="module")

@@ -13,7 +13,7 @@ import pytest
 import rclpy
 from rclpy.node import Node
 
-from mech_twin.nodes.spinner import SLICE_S, Spinner
+from mech_twin.nodes.exchange.spinner import SLICE_S, Spinner
 
 pytestmark = pytest.mark.usefixtures("ros_domain")
 WARM_S, WATCHED_S = 1.0, 4.0

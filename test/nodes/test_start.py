@@ -3,22 +3,47 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+import time
+from contextlib import ExitStack
+from pathlib import Path
 from typing import Any
 
 import pytest
 from bench_run import BenchRun
 from catalogue import NAMES, built
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from process_run import ProcessRun
 from std_srvs.srv import Trigger
 
 from mech_twin.engine.run import frames
 from mech_twin.engine.start_forecast import LOOK_AHEAD_S, STANDING_REACH, start_forecast
 from mech_twin.messages.topics import DIAGNOSTICS
+from mech_twin.nodes.roles.motor_node import MotorNode
 from mech_twin.parameters.load import machine
 
 pytestmark = pytest.mark.usefixtures("ros_domain")
 FORMER = "roller_former"
 STUCK = {"friction.coulomb_nm": 1e6}
+STORM_S = 6.0
+LONGEST_HALT_S = 1.5  # a forecast of three seconds of the machine, on a busy host
+STORM = """
+import sys, time
+import rclpy
+from std_srvs.srv import Trigger
+rclpy.init()
+node = rclpy.create_node("storm", namespace="/" + sys.argv[1])
+clients = [node.create_client(Trigger, name) for name in ("stop", "start", "reset")]
+assert all(client.wait_for_service(20.0) for client in clients)
+end, waiting, answered = time.monotonic() + float(sys.argv[2]), [], 0
+while time.monotonic() < end:
+    waiting += [client.call_async(Trigger.Request()) for client in clients if len(waiting) < 300]
+    rclpy.spin_once(node, timeout_sec=0.0)
+    answered += sum(each.done() for each in waiting)
+    waiting = [each for each in waiting if not each.done()]
+print(answered)
+"""
 
 
 def called(run: BenchRun, service: str) -> Any:
@@ -46,6 +71,45 @@ def test_a_drive_that_friction_holds_is_not_started_until_it_is_let_go() -> None
         run.until(lambda: run.node("motor").revision > held)  # taken up with the next step, not with the answer
         assert called(run, "start").success
         run.until(lambda: abs(run.samples[-1].velocity[0]) > 0.1)
+
+
+def test_calls_without_end_leave_the_run_nine_tenths_of_its_time() -> None:
+    """Each start computes three seconds of the machine; asked for again and again it did nothing else."""
+    with BenchRun("mb10_breaker") as run:
+        run.steps(20)
+        motor = run.node("motor")
+        assert isinstance(motor, MotorNode)
+        begun, refused = time.monotonic(), 0
+        for _ in range(200):
+            motor._on_stop(Trigger.Request(), Trigger.Response())
+            answer = motor._on_start(Trigger.Request(), Trigger.Response())
+            refused += not answer.success
+            assert answer.success or "ask again in" in answer.message
+        taken_s = time.monotonic() - begun
+        assert refused >= 150, taken_s
+        run.steps(20)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("machine", [FORMER, "mb10_breaker"])
+def test_calls_without_end_from_another_process_do_not_stop_the_steps(machine: str, tmp_path: Path) -> None:
+    with ProcessRun(machine, tmp_path) as run, ExitStack() as at_end:
+        run.start_all(limit_s=120.0)
+        run.steps(200)
+        command = [sys.executable, "-c", STORM, machine, str(STORM_S)]
+        storm = at_end.enter_context(subprocess.Popen(command, stdout=subprocess.PIPE))
+        at_end.callback(storm.kill)
+        run.until(lambda: run.witness.count_clients(f"/{machine}/reset") > 0, what="a storm")
+        first, last_s, halts_s = run.step, time.monotonic(), [0.0]
+        while storm.poll() is None:
+            before = run.step
+            run.spin_for(0.02)
+            halts_s.append(time.monotonic() - last_s)
+            last_s = last_s if run.step == before else time.monotonic()
+        assert int(storm.communicate()[0]) > 1000
+        assert max(halts_s) < LONGEST_HALT_S
+        assert (run.step - first) * run.machine.coupling_step_s > 0.25 * STORM_S
+        run.steps(200)
 
 
 def test_the_breaker_starts_again_wherever_it_was_stopped() -> None:

@@ -5,7 +5,14 @@ from __future__ import annotations
 
 import pytest
 
-from mech_twin.nodes.step_pacer import GIVEN_UP_FROM_S, TOLD_EVERY_S, TOLD_FROM_S, LagNotice, StepPacer
+from mech_twin.nodes.roles.step_pacer import (
+    BEGINNING_S,
+    GIVEN_UP_FROM_S,
+    TOLD_EVERY_S,
+    TOLD_FROM_S,
+    LagNotice,
+    StepPacer,
+)
 
 
 class Clock:
@@ -40,6 +47,20 @@ def test_after_a_wait_the_schedule_begins_anew_from_the_clock_as_it_is() -> None
     pacer.resume()
     assert pacer.wait_s(10) == 0.0
     assert pacer.wait_s(11) == pytest.approx(1e-3)
+
+
+def test_what_holds_a_run_up_as_it_begins_is_not_caught_up() -> None:
+    clock = Clock()
+    pacer = StepPacer(1e-3, realtime=True, clock=clock)
+    pacer.wait_s(1)
+    clock.now_s += 0.7
+    pacer.passed(2)
+    assert pacer.lag_s == pacer.worst_lag_s == 0.0
+    assert pacer.wait_s(3) == 0.0
+    assert pacer.wait_s(4) == pytest.approx(1e-3)
+    clock.now_s += BEGINNING_S
+    pacer.passed(4)
+    assert pacer.lag_s == pytest.approx(BEGINNING_S - 1e-3)
 
 
 def behind(lag_s: float) -> tuple[Clock, StepPacer, LagNotice]:

@@ -7,7 +7,7 @@ import itertools
 
 import pytest
 
-from mech_twin.nodes.stepping_barrier import SteppingBarrier
+from mech_twin.nodes.exchange.peers import SteppingBarrier
 from mech_twin.samples import BodySample, MotorSample, Named
 
 

@@ -4,39 +4,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import pytest
 from catalogue import NAMES, built
-from rclpy.serialization import deserialize_message
-from sensor_msgs.msg import JointState
+from step_samples import PARTS, recorded_samples
 
 from mech_twin.engine.run import frames
-from mech_twin.messages.topics import full_name, step_topics
-from mech_twin.nodes.composition import Outcome, run_in_process
-from mech_twin.nodes.multi_process import run_processes
-from mech_twin.nodes.observer_node import DECODERS
-from mech_twin.nodes.options import RunOptions
-from mech_twin.recording.bag_reader import BagReader
+from mech_twin.nodes.exchange.base_node import RunOptions
+from mech_twin.nodes.run.composition import Outcome, run_in_process, run_processes
 
 RUN_S = 0.4
-PARTS = {
-    "step/linkage": "linkage",
-    "step/motor": "motor",
-    "step/forces": "forces",
-    "step/body": "body",
-}
-
-
-def recorded_samples(name: str, bag: Path) -> dict[str, list[Any]]:
-    """Return the samples of each step topic of a recording."""
-    found: dict[str, list[Any]] = {}
-    with BagReader(bag) as reader:
-        for topic in step_topics(built(name).body is not None):
-            rows = reader.messages(topics=[full_name(name, topic)])
-            decode = DECODERS[topic.name]
-            found[topic.name] = [decode(deserialize_message(row.raw, JointState)) for row in rows]
-    return found
 
 
 def assert_equal_engine(name: str, bag: Path, duration_s: float) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A view in the run's own process is given frames without topics, and pictures over them."""
+"""A view in the run's own process is given frames without topics, and draws its pictures from them."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,9 +10,10 @@ import rclpy
 from mech_twin.engine.run import frames
 from mech_twin.messages import scene
 from mech_twin.messages.topics import SCENE
-from mech_twin.nodes.viewer_node import ViewerNode
+from mech_twin.nodes.exchange.base_node import RunOptions
+from mech_twin.nodes.roles.viewer_node import ViewerNode
 from mech_twin.parameters.load import machine
-from mech_twin.samples import Drawing, Shape
+from mech_twin.samples import Drawing, Frame, Shape
 
 DRUM = "winding_drum"
 
@@ -20,7 +21,7 @@ DRUM = "winding_drum"
 @pytest.fixture
 def viewer(tmp_path: Path) -> Iterator[ViewerNode]:
     rclpy.init(args=[])
-    node = ViewerNode(DRUM, str(tmp_path / "run.rrd"), on_topics=False)
+    node = ViewerNode(DRUM, str(tmp_path / "run.rrd"), on_topics=False, options=RunOptions(view_rate_hz=25.0))
     yield node
     node.close()
     node.destroy_node()
@@ -35,3 +36,28 @@ def test_pictures_are_shown_for_as_long_as_the_run_goes_on(viewer: ViewerNode) -
     assert viewer.statistics.total[SCENE.name, "unknown_source"] == 0
     viewer._on_scene(scene.to_message(Drawing(0, 1e6, (line,))))
     assert viewer.statistics.total[SCENE.name, "unknown_source"] == 1
+
+
+def test_frames_are_drawn_thirty_times_a_simulated_second(viewer: ViewerNode, monkeypatch: pytest.MonkeyPatch) -> None:
+    drum, shown = machine(DRUM), list[Drawing]()
+    show = viewer.scene.drawing
+
+    def drawing(one: Drawing) -> None:
+        shown.append(one)
+        show(one)
+
+    monkeypatch.setattr(viewer.scene, "drawing", drawing)
+    viewer.draw = lambda frame: drum.draw(frame.linkage, frame.body)
+    for frame in frames(drum, 0.2):
+        viewer.show(frame)
+    assert [drawing.step for drawing in shown] == [0, *(-(-1000 * k // 30) for k in range(1, 7))]
+    assert shown[-1].shapes == drum.draw(frame_of(shown[-1].step).linkage, None)
+
+
+def frame_of(step: int) -> Frame:
+    """Return the frame of a step of the drum."""
+    return next(frame for frame in frames(machine(DRUM), 0.2) if frame.linkage.step == step)
+
+
+def test_it_hears_no_pictures_of_its_own_process(viewer: ViewerNode) -> None:
+    assert viewer.count_subscribers(SCENE.name) == 0

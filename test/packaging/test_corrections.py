@@ -8,7 +8,7 @@ import re
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGE = ROOT / "docs" / "corrections.md"
+PAGE = ROOT / "docs" / "proof" / "corrections.md"
 ROWS = [
     cells
     for line in PAGE.read_text(encoding="utf-8").splitlines()

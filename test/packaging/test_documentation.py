@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,7 +16,7 @@ from ci_scripts import ci_script
 
 from mech_twin.cli.main import app
 from mech_twin.cli.metric_groups import grouped, headlines
-from mech_twin.engine import crank_piece
+from mech_twin.engine import crank_motion
 from mech_twin.engine.coupling import RESET
 from mech_twin.engine.run import frames
 from mech_twin.machines.catalog import CATALOGUE
@@ -23,10 +24,10 @@ from mech_twin.machines.impact_mass.states import KIND_NAMES
 from mech_twin.machines.mb10_breaker.pressed_body.collar_contact import CAUSES
 from mech_twin.machines.mb10_breaker.pressed_body.collar_contact import REGIMES as HALF_SINE_REGIMES
 from mech_twin.machines.mb10_breaker.state import KINDS as BREAKER_KINDS
-from mech_twin.machines.roller_former.events import EVENT_KINDS
+from mech_twin.machines.roller_former.motion import EVENT_KINDS
 from mech_twin.messages import topics
-from mech_twin.nodes.parameter_bridge import keys
-from mech_twin.nodes.topic_statistics import KINDS as COUNTED
+from mech_twin.nodes.exchange.diagnostics import KINDS as COUNTED
+from mech_twin.parameters.declared_keys import keys
 from mech_twin.parameters.load import machine_parameters
 from mech_twin.roles import RESIDUALS
 
@@ -102,7 +103,8 @@ def menu(entries: object) -> Iterator[str]:
 def test_every_page_is_in_the_menu_of_the_site_once() -> None:
     listed = sorted(menu(yaml.safe_load((ROOT / "mkdocs.yml").read_text(encoding="utf-8"))["nav"]))
     written = {file.relative_to(ROOT / "docs").as_posix() for file in (ROOT / "docs").rglob("*.md")}
-    made = {f"reference/{name}.md" for name in (*CATALOGUE, "run")} | set(SITE.TOP_PAGES.values())
+    made = {f"reference/{name}.md" for name in (*CATALOGUE, "run", "page", "verbs")} | set(SITE.TOP_PAGES.values())
+    made |= {f"notebooks/{path.stem}.md" for path in SITE.NOTEBOOKS.glob("*.ipynb")}
     assert listed == sorted(written | made)
 
 
@@ -128,7 +130,7 @@ def test_every_path_a_page_names_exists(file: Path) -> None:
 
 @pytest.mark.parametrize("file", PAGES, ids=lambda file: str(file.relative_to(ROOT)))
 def test_every_relative_link_of_a_page_leads_to_a_file(file: Path) -> None:
-    made = {f"{name}.md" for name in (*CATALOGUE, "run")}
+    made = {f"{name}.md" for name in (*CATALOGUE, "run", "page", "verbs")}
     for link in re.findall(r"\]\((?!\w+:)([^)#\s]+)", file.read_text(encoding="utf-8")):
         target = (file.parent / link).resolve()
         generated = target.parent == ROOT / "docs" / "reference" and target.name in made
@@ -156,6 +158,8 @@ def command_named(words: list[str]) -> click.Command:
         command = TOP.commands[rest[0]]  # type: ignore[attr-defined]
     if rest[:1] == ["study"] and len(rest) > 2 and not rest[2].isupper():
         command = command.commands[rest[2]]  # type: ignore[attr-defined]
+    if rest[:1] == ["export"]:
+        command = command.commands[rest[1]]  # type: ignore[attr-defined]
     return command
 
 
@@ -190,7 +194,7 @@ WORDS = {
     },
     "event": {
         *(*KIND_NAMES, *CAUSES, *BREAKER_KINDS, *EVENT_KINDS, *PRESS_BOUNDARIES, RESET),
-        *crank_piece.KINDS,
+        *crank_motion.KINDS,
     },
     "residual": set(RESIDUALS),
     "counter": set(COUNTED),
@@ -219,6 +223,28 @@ def test_glossary_explains_every_headline_of_a_run(name: str) -> None:
     assert shown <= explained
 
 
+def test_the_first_table_of_the_quick_start_is_shown_without_asking_for_all() -> None:
+    table = page("quick-start.md").split("| metric |")[1].split("\n\n")[0]
+    named = set(re.findall(r"^\| `(\w+)`", table, re.MULTILINE))
+    shown = {key for group, own in grouped(run_numbers("mb10_breaker", 0.6)).items() for key in headlines(own, group)}
+    assert len(named) == 5
+    assert named - {"steady_settled_at_fraction"} <= shown  # not yet in so short a run
+
+
+def test_every_notebook_is_a_page_of_the_site_with_its_code_and_what_it_showed() -> None:
+    pages = SITE.generated_pages()
+    for path in (ROOT / "docs" / "notebooks").glob("*.ipynb"):
+        made, cells = pages[f"notebooks/{path.stem}.md"], json.loads(path.read_text(encoding="utf-8"))["cells"]
+        assert made.count("```python") == sum(cell["cell_type"] == "code" for cell in cells)
+        assert "```text" in made
+        assert f"notebooks/{path.stem}.md" in (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
+
+
+def test_no_page_holds_formulas_that_the_site_does_not_set() -> None:
+    held = [path.name for path in (ROOT / "docs").rglob("*.md") if "$$" in path.read_text(encoding="utf-8")]
+    assert held == []
+
+
 @pytest.mark.slow
 def test_quick_start_names_metrics_that_a_run_has() -> None:
     text = page("quick-start.md")
@@ -230,3 +256,13 @@ def test_quick_start_names_metrics_that_a_run_has() -> None:
         observer.observe(frame)
     assert len(named) > 5
     assert named <= {*machine.report(), *observer.numbers()}
+
+
+def test_tutorials_done_one_after_the_other_write_no_file_twice() -> None:
+    """What exists already is not overwritten unasked: the second tutorial would stop there."""
+    pages = [*sorted((ROOT / "docs" / "tutorials").glob("*.md")), ROOT / "docs" / "quick-start.md"]
+    written: dict[str, str] = {}
+    for page in pages:
+        for name in set(re.findall(r"--(?:table|out|record|bag|save) (\S+)", page.read_text(encoding="utf-8"))):
+            assert name not in written, f"{page.name} writes {name}, as {written[name]} does"
+            written[name] = page.name

@@ -41,7 +41,7 @@ def test_a_script_that_writes_is_named_and_has_its_place(script: str) -> None:
 def test_tests_of_the_table_exist() -> None:
     begin, end = measured.marks("claims")
     for file in re.findall(r"test/[\w/]+\.py", PAGE.partition(begin)[2].partition(end)[0]):
-        assert (measured.PAGE.parents[1] / file).is_file()
+        assert (measured.PAGE.parents[2] / file).is_file()
 
 
 def test_rows_take_the_place_of_those_made_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,8 +14,8 @@ import pytest
 from mech_twin import __version__
 from mech_twin import programs as programs_module
 from mech_twin.machines.catalog import CATALOGUE
-from mech_twin.nodes import executables
-from mech_twin.nodes.launch_plan import LaunchRequest, programs
+from mech_twin.nodes.run import executables
+from mech_twin.nodes.run.executables import LaunchRequest, programs
 from mech_twin.parameters.load import MACHINE_KEY, file_tree
 
 ROOT = Path(__file__).resolve().parents[2]

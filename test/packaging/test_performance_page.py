@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""docs/performance.md is written by the benchmarks: each group has its program and its place on the page."""
+"""docs/proof/performance.md is written by the benchmarks: each group has its program and its place on the page."""
 
 from __future__ import annotations
 

@@ -8,6 +8,7 @@ import shutil
 import stat
 import subprocess
 import sys
+import tarfile
 import venv
 from pathlib import Path
 from zipfile import ZipFile
@@ -88,3 +89,18 @@ def test_programs_are_where_ros2_run_looks_and_start(wheel: Path, tmp_path: Path
         "foxglove/mb10_breaker.json",
     ):
         assert (share / name).is_file()
+
+
+def test_source_distribution_holds_every_file_but_those_of_the_repository_itself(tmp_path: Path) -> None:
+    if shutil.which("git") is None or not (ROOT / ".git").exists():
+        pytest.skip("the source distribution is made of the files git knows of; this is no clone")
+    for name in tracked():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy2(ROOT / name, tmp_path / name)
+    command = [sys.executable, "setup.py", "--quiet", "sdist"]
+    subprocess.run(command, check=True, capture_output=True, cwd=tmp_path, env={**os.environ, "PYTHONPATH": ""})
+    (made,) = (tmp_path / "dist").glob("*.tar.gz")
+    with tarfile.open(made) as archive:
+        held = {name.partition("/")[2] for name in archive.getnames()}
+    of_the_repository = (".git", ".pre-commit-config.yaml", "test/recording/npm/node_modules")
+    assert [name for name in tracked() if name not in held and not name.startswith(of_the_repository)] == []

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import re
+
 import pytest
 from catalogue import built
 
@@ -52,3 +54,41 @@ def test_a_run_is_the_same_until_the_change_and_another_after() -> None:
     changed = [frame.forces.quantities["drive_torque_nm"] for frame in frames(machine, 0.1, machine_at=changing.at)]
     assert changed[:50] == plain[:50]
     assert all(one != other for one, other in zip(changed[50:], plain[50:], strict=True))
+
+
+def test_a_command_sags_and_comes_back_and_a_ramp_is_straight() -> None:
+    machine = built("mb10_breaker")
+    told = ["motor.command=0.8@1", "motor.command=1@1.5", "motor.command=-50%@2..4"]
+    changing = ChangingMachine(machine, live_changes(told))
+    per_s = round(1.0 / machine.coupling_step_s)
+    asked = [changing.command(round(at_s * per_s)) for at_s in (0.0, 0.999, 1.0, 1.499, 1.5, 2.0, 3.0, 4.0, 9.0)]
+    assert asked == pytest.approx([1.0, 1.0, 0.8, 0.8, 1.0, 1.0, 0.75, 0.5, 0.5])
+    assert changing.at(5 * per_s) is machine
+
+
+def test_the_supply_goes_up_along_a_ramp_and_back_to_what_it_was() -> None:
+    machine = built("mb10_breaker")
+    told = ["supply_frequency=+4%@1..2", "tool_load=-5%@3", "supply_frequency=0%@4"]
+    changing = ChangingMachine(machine, live_changes(told))
+    per_s = round(1.0 / machine.coupling_step_s)
+    motors = [changing.at(round(at_s * per_s)).parameters.motor for at_s in (0.5, 1.5, 3.0, 5.0)]
+    assert [motor.synchronous_speed_rpm for motor in motors] == pytest.approx([1500.0, 1530.0, 1560.0, 1500.0])
+    slips = [motor.synchronous_speed_rpm - motor.rated_speed_rpm for motor in motors]
+    assert slips == pytest.approx([80.0] * 4)
+    last = changing.at(5 * per_s).parameters
+    assert (last.tool.mass_kg, last.motor) == (pytest.approx(9.5), machine.parameters.motor)
+
+
+@pytest.mark.parametrize(
+    ("texts", "told"),
+    [
+        (["motor.command=1.2@1"], "expected a fraction of rated frequency, 0 to 1"),
+        (["supply_frequency=0.98@1"], "expected a share, such as supply_frequency=-2%@12"),
+        (["motor.command=0.5@1..5", "motor.command=1@3"], "expected after the ramp before it has ended"),
+        (["motor.command=0.5@5..1"], "or @BEGIN..END"),
+        (["supply_frequency=1%@0..1e6"], "expected a ramp of at most 100 s"),
+    ],
+)
+def test_a_change_that_cannot_be_is_told_in_one_line(texts: list[str], told: str) -> None:
+    with pytest.raises(ConfigurationError, match=re.escape(told)):
+        ChangingMachine(built("mb10_breaker"), live_changes(texts))

@@ -163,3 +163,12 @@ def test_an_infinite_value_is_refused_by_its_key() -> None:
     """Infinity is read as a number, and refused as one where a finite number is declared."""
     with pytest.raises(ConfigurationError, match=r"stop_position_m.*inf"):
         machine_parameters("impact_mass", overrides=assignments(["stop_position_m=inf"]))
+
+
+def test_a_text_that_is_no_yaml_is_refused_with_its_place_in_the_file_alone(tmp_path) -> None:
+    file = tmp_path / "open.yaml"
+    file.write_text("/**:\n  ros__parameters:\n    a: [1\n", encoding="utf-8")
+    where = r"open\.yaml: not a valid YAML file: .* at line 3, column 8"
+    with pytest.raises(ConfigurationError, match=where) as caught:
+        file_tree(file)
+    assert "unicode string" not in str(caught.value)

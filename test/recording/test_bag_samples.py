@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import json
 import random
 import re
 from collections.abc import Iterable
@@ -11,12 +12,13 @@ from typing import Any
 
 import pytest
 from catalogue import built
+from command_line import mech_twin
 from recordings import Entry, altered_bag, earlier_layout, edited, entries_of, simulated_bag, written_bag
 
 from mech_twin.engine.step_samples import StepSamples
-from mech_twin.nodes.composition import run_in_process
-from mech_twin.nodes.options import RunOptions
-from mech_twin.nodes.replay_source import ReplaySource
+from mech_twin.nodes.exchange.base_node import RunOptions
+from mech_twin.nodes.replay.source import ReplaySource
+from mech_twin.nodes.run.composition import run_in_process
 from mech_twin.recording.bag_reader import BagReader
 from mech_twin.recording.bag_samples import BagSamples, bag_samples
 from mech_twin.recording.errors import BagError
@@ -78,6 +80,27 @@ def test_of_two_answers_to_a_step_the_first_counts(frames: list[Frame], tmp_path
         samples = BagSamples(reader)
         assert [step.frame(has_body=False) for step in samples.steps()] == frames
     assert samples.unused == {"contradicting": len(frames)}
+
+
+@pytest.mark.parametrize(
+    ("strange", "identical", "code"), [("earlier", None, 1), ("later", True, 0), ("alone", False, 1)]
+)
+def test_a_step_published_twice_makes_a_difference_uncertain_and_once_certain(
+    frames: list[Frame], tmp_path: Path, strange: str, identical: bool | None, code: int
+) -> None:
+    def spoken(entry: Entry) -> Iterable[Entry]:
+        if entry.topic != MOTOR or entry.log_time_ns < 60_000_000:
+            return (entry,)
+        other = edited(entry, lambda message: message.effort.__setitem__(0, 1e6))
+        return {"earlier": (other, entry), "later": (entry, other), "alone": (other,)}[strange]
+
+    bag = altered_bag(tmp_path / "bag", tmp_path / "spoken", spoken)
+    ended = mech_twin("replay", bag, "--resimulate", "--json")
+    found = json.loads(ended.out)
+    assert (found["identical"], ended.code) == (identical, code)
+    assert found["contradicted_from_step"] == (None if strange == "alone" else 60)
+    words = mech_twin("replay", bag, "--resimulate").err
+    assert ("not certain from step 60 on" in words) == (strange == "earlier")
 
 
 def test_messages_out_of_order_give_steps_in_order(frames: list[Frame], tmp_path: Path) -> None:

@@ -14,8 +14,9 @@ from bag_cases import NOTES, TYPES
 from rosbags.highlevel import AnyReader
 from small_disk import small_disk
 
-from mech_twin.recording.bag_reader import BagReader, bag_info
+from mech_twin.recording.bag_reader import BagReader, bag_info, lost_messages
 from mech_twin.recording.bag_writer import BagWriter, WriterState
+from mech_twin.recording.recovery import recover
 from mech_twin.recording.schemas import string_cdr
 
 SOURCE = random.Random(5)
@@ -88,7 +89,57 @@ def test_closing_on_a_full_disk_leaves_a_finished_bag(disk: Path) -> None:
         assert writer.state is WriterState.ERROR
     assert writer.state is WriterState.CLOSED
     assert numbers(disk / "bag") == list(range(writer.counters[NOTES].written))
-    assert bag_info(disk / "bag").finished
+    info = bag_info(disk / "bag")
+    assert info.finished
+    row = info.counters[NOTES]
+    assert (row["received"], row["written"] + row["dropped"]) == (1000, 1000)
+    assert row["dropped"] > 0
+
+
+def test_what_a_full_disk_lost_is_told_of_the_recovered_recording_too(disk: Path, tmp_path: Path) -> None:
+    with BagWriter(disk / "bag", configuration="", chunk_bytes=20_000) as writer:
+        Feed(writer).send(1000)
+    recover(disk / "bag", tmp_path / "out")
+    before, after = (bag_info(path).counters[NOTES] for path in (disk / "bag", tmp_path / "out"))
+    assert after["dropped"] == before["dropped"] > 0
+    (disk / "bag" / "metadata.yaml").unlink()
+    report = recover(disk / "bag", tmp_path / "again")
+    assert "what was dropped after its last file is not known" in report.damages[0]
+    assert any("is not known" in problem for problem in bag_info(tmp_path / "again").problems)
+
+
+def test_what_a_full_disk_lost_is_said_at_once_and_told_of_the_closed_recording(
+    disk: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    with BagWriter(disk / "bag", configuration="", chunk_bytes=20_000) as writer:
+        feed = Feed(writer)
+        feed.send(1000)
+        assert "No space left on device: the recording loses messages" in caplog.text
+    assert lost_messages(disk / "bag") == (
+        f"{disk / 'bag'}: {writer.dropped} messages lost, which the disk did not accept"
+    )
+
+
+def test_a_limit_of_file_size_is_told_of_the_recording_that_cannot_be_closed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pwrite = os.pwrite
+
+    def limited(descriptor: int, data: bytes, offset: int) -> int:
+        room = 100_000 - offset
+        if room <= 0:
+            raise OSError(errno.EFBIG, os.strerror(errno.EFBIG))
+        return pwrite(descriptor, data[:room], offset)
+
+    monkeypatch.setattr(os, "pwrite", limited)
+    with BagWriter(tmp_path / "bag", configuration="", chunk_bytes=20_000, retry_s=0.0) as writer:
+        Feed(writer).send(500)
+    info = bag_info(tmp_path / "bag")
+    row = info.counters[NOTES]
+    assert not info.finished
+    assert (row["received"], row["written"] + row["dropped"]) == (500, 500)
+    assert row["written"] == len(numbers(tmp_path / "bag"))
+    assert "could not be closed" in lost_messages(tmp_path / "bag")
 
 
 def test_a_disk_full_to_the_last_byte_leaves_a_valid_prefix(disk: Path) -> None:

@@ -14,9 +14,10 @@ from mcap.reader import SeekingReader
 from mcap.writer import Writer
 from rosbags.highlevel import AnyReader
 
+from mech_twin.bounded_yaml import UnboundedYamlError, bounded_yaml
 from mech_twin.recording.bag_reader import BagReader, bag_info
 from mech_twin.recording.bag_writer import BagWriter
-from mech_twin.recording.errors import BagExistsError, MissingBagError, UnwritableDirectoryError
+from mech_twin.recording.errors import BagExistsError, DamagedBagError, MissingBagError, UnwritableDirectoryError
 from mech_twin.recording.recovery import RecoveryReport, recover
 from mech_twin.recording.schemas import string_cdr
 
@@ -188,3 +189,57 @@ def test_what_cannot_be_written_is_said_and_leaves_nothing(sound: Sound, tmp_pat
     with pytest.raises(UnwritableDirectoryError, match="/proc/out"):
         recover(sound.bag, "/proc/out")
     assert [path.name for path in tmp_path.rglob("*")] == ["there", "there_0.mcap"]
+
+
+@pytest.mark.parametrize("part", [0, 1, 2])
+def test_a_part_that_is_missing_is_named_with_a_remedy_that_works(tmp_path: Path, part: int) -> None:
+    bag = written(tmp_path / "bag", 300, split_duration_s=0.1)
+    (bag / f"bag_{part}.mcap").unlink()
+    with pytest.raises(DamagedBagError, match=rf"part bag_{part}.mcap.*mech-twin recover {bag} OUT"):
+        BagReader(bag)
+    info = bag_info(bag)
+    assert any(f"bag_{part}.mcap" in problem for problem in info.problems)
+    assert sum(row.get("cut", 0) for row in info.counters.values()) > 0
+    report = recover(bag, tmp_path / "out")
+    assert report.damages == [f"{bag}: its part bag_{part}.mcap is missing"]
+    assert any(f"bag_{part}.mcap is missing" in problem for problem in bag_info(tmp_path / "out").problems)
+
+
+def test_counts_of_a_salvaged_recording_add_up_and_say_what_was_cut(sound: Sound, tmp_path: Path) -> None:
+    data = bytearray(sound.data)
+    chunk = sound.chunks[1]
+    data[chunk.chunk_start_offset + 60] ^= 0xFF
+    recovered(bytes(data), tmp_path)
+    info = bag_info(tmp_path / "out")
+    assert info.problems[0].startswith(f"{tmp_path / 'out'}: salvaged from a damaged recording: skipped ")
+    assert sum(row.get("cut", 0) for row in info.counters.values()) > 0
+    for topic, row in info.counters.items():
+        assert row["written"] == info.topics[topic].message_count
+        assert row["received"] == row["written"] + row["dropped"] + row.get("cut", 0)
+        assert row["received"] == counts(60)[topic]
+
+
+def test_a_file_named_twice_by_the_metadata_counts_once(sound: Sound, tmp_path: Path) -> None:
+    bag = written(tmp_path / "bag", 20)
+    metadata = bag / "metadata.yaml"
+    metadata.write_text(metadata.read_text().replace("  - bag_0.mcap\n", "  - bag_0.mcap\n" * 4))
+    with pytest.raises(DamagedBagError, match="names a file twice"):
+        BagReader(bag)
+    assert bag_info(bag).message_count == sum(counts(20).values())
+
+
+def test_aliases_in_the_quality_of_service_of_a_topic_are_not_expanded(tmp_path: Path) -> None:
+    rows = ["- &a0 [x, x, x, x, x, x, x, x, x]"]
+    rows += [f"- &a{level} [{', '.join([f'*a{level - 1}'] * 9)}]" for level in range(1, 9)]
+    with pytest.raises(UnboundedYamlError, match="expand to more than"):
+        bounded_yaml("\n".join(rows))
+    file = tmp_path / "bombs.mcap"
+    with file.open("wb") as stream:
+        plain = Writer(stream)
+        plain.start(profile="ros2")
+        schema = plain.register_schema("std_msgs/msg/String", "ros2msg", b"string data")
+        channel = plain.register_channel("/n", "cdr", schema, {"offered_qos_profiles": "\n".join(rows)})
+        plain.add_message(channel, 0, string_cdr("x"), 0)
+        plain.finish()
+    recover(file, tmp_path / "out")
+    assert (tmp_path / "out" / "metadata.yaml").stat().st_size < 10_000

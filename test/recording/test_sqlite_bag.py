@@ -12,13 +12,10 @@ from pathlib import Path
 
 import pytest
 import yaml
+from foreign_bags import by_topic, converted
 from recordings import simulated_bag
-from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
-from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.typesys import Stores, get_typestore
 
 from mech_twin.cli.main import main
-from mech_twin.recording.bag_contents import BagMessage
 from mech_twin.recording.bag_reader import BagReader, bag_info, open_bag
 from mech_twin.recording.bag_samples import BagSamples
 from mech_twin.recording.errors import BagError, DamagedBagError, ForeignFileError, MissingBagError, OutsideBagError
@@ -27,37 +24,6 @@ from mech_twin.recording.recovery import recover
 from mech_twin.recording.sqlite_reader import SqliteReader
 
 DRUM = "winding_drum"
-FOREVER = QosTime(9223372036, 854775807)
-
-
-def qos_of(qos_yaml: str) -> Qos:
-    latched = "transient_local" in qos_yaml
-    return Qos(
-        QosHistory.KEEP_LAST,
-        yaml.safe_load(qos_yaml)[0]["depth"],
-        QosReliability.RELIABLE,
-        QosDurability.TRANSIENT_LOCAL if latched else QosDurability.VOLATILE,
-        FOREVER,
-        FOREVER,
-        QosLiveliness.AUTOMATIC,
-        FOREVER,
-        avoid_ros_namespace_conventions=False,
-    )
-
-
-def converted(bag: Path, directory: Path, version: int = 9) -> Path:
-    """Write the messages of a bag in sqlite3 storage, by rosbags."""
-    store = get_typestore(Stores.ROS2_JAZZY)
-    with BagReader(bag) as reader, Writer(directory, version=version, storage_plugin=StoragePlugin.SQLITE3) as writer:
-        connections = {
-            name: writer.add_connection(
-                name, topic.type_name, typestore=store, offered_qos_profiles=[qos_of(topic.qos_yaml)]
-            )
-            for name, topic in reader.topics.items()
-        }
-        for message in reader.messages():
-            writer.write(connections[message.topic], message.log_time_ns, message.raw)
-    return directory
 
 
 @pytest.fixture(scope="module")
@@ -65,13 +31,6 @@ def bags(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     directory = tmp_path_factory.mktemp("sqlite")
     simulated_bag(DRUM, 0.2, directory / "bag")
     return directory / "bag", converted(directory / "bag", directory / "sqlite")
-
-
-def by_topic(messages: list[BagMessage]) -> dict[str, list[tuple[int, bytes]]]:
-    found: dict[str, list[tuple[int, bytes]]] = {}
-    for message in messages:
-        found.setdefault(message.topic, []).append((message.log_time_ns, message.raw))
-    return found
 
 
 @pytest.mark.parametrize("version", [8, 9])
@@ -172,7 +131,7 @@ def a_huge_message(file: Path) -> None:
         (a_huge_message, DamagedBagError),
         (lambda file: file.write_bytes(file.read_bytes()[:9000]), DamagedBagError),
         (lambda file: file.unlink(), BagError),
-        (lambda file: break_page(file.parent, compression_mode="message"), ForeignFileError),
+        (lambda file: break_page(file.parent, compression_format="lzma"), ForeignFileError),
         (lambda file: break_page(file.parent, relative_file_paths=["absent.db3"]), MissingBagError),
         (lambda file: break_page(file.parent, relative_file_paths=["/etc/hostname"]), DamagedBagError),
     ],

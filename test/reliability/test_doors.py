@@ -17,7 +17,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from mech_twin.nodes.domain import DISCOVERY, settle_domain
+from mech_twin.nodes.run.domain import DISCOVERY, settle_domain
 
 pytestmark = pytest.mark.usefixtures("ros_domain")
 LOOPBACK = "127.0.0.1"
@@ -125,7 +125,7 @@ def test_opening_up_is_one_option_that_says_what_it_opens(tmp_path: Path, monkey
         assert multicast_port() in {port for _, port in dds_sockets(family)}
         assert re.search(r"topics: OPEN TO OTHER HOSTS.*domain \d+", told)
         ports = {str(port) for _, port in sockets}
-        assert ports <= set(re.findall(r"\d+", next(line for line in told.splitlines() if "viewer: OPEN" in line)))
+        assert ports <= set(re.findall(r"\d+", next(line for line in told.splitlines() if "view: OPEN" in line)))
 
 
 def test_a_range_the_user_has_set_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -21,8 +21,8 @@ from mech_twin.cli.monitor import read_setup
 from mech_twin.configuration_tree import ConfigurationError
 from mech_twin.engine.errors import MotionError
 from mech_twin.engine.rollout import roll_out
-from mech_twin.nodes.opened_runs import given_map
-from mech_twin.nodes.shadow_inputs import followed_topics, sensed_channels
+from mech_twin.nodes.shadow.inputs import followed_topics, sensed_channels
+from mech_twin.opened_runs import given_map
 from mech_twin.parameters.load import catalogue_entry, configuration_file, machine_parameters
 from mech_twin.studies.monitoring.cycle_features import FeatureVector
 from mech_twin.studies.monitoring.monitor import Monitor, MonitorSetup

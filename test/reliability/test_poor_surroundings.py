@@ -18,7 +18,7 @@ import pytest
 
 from mech_twin.cli.failure import EXIT_CODE
 from mech_twin.kernel_store import directories
-from mech_twin.surroundings import lacking
+from mech_twin.system_limits import lacking
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("ros_domain")]
 ROOT = Path(__file__).resolve().parents[2]
@@ -122,6 +122,12 @@ def test_with_64_open_files(tmp_path: Path) -> None:
 def test_with_too_few_open_files(tmp_path: Path) -> None:
     done = called(run(tmp_path / "bag"), limits=limited(resource.RLIMIT_NOFILE, 12))
     assert_said_in_one_line(done, "too many open files (limit 12)")
+
+
+@pytest.mark.parametrize("kib", [200_000, 300_000, 400_000])
+def test_with_less_address_space_than_the_kernels_take(kib: int) -> None:
+    limits = limited(resource.RLIMIT_AS, kib << 10)
+    assert_said_in_one_line(called(simulate(), limits=limits), "the numerical libraries take 480 MiB")
 
 
 def test_with_512_mib_of_address_space(tmp_path: Path) -> None:

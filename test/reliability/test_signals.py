@@ -13,6 +13,7 @@ from itertools import product
 from pathlib import Path
 
 import pytest
+from mcap.opcode import Opcode
 from signal_cases import (
     SIGNALS,
     VERBS,
@@ -28,6 +29,10 @@ from signal_cases import (
 )
 
 from mech_twin.recording.bag_reader import BagReader
+from mech_twin.recording.bag_writer import BagWriter
+from mech_twin.recording.schemas import string_cdr
+from mech_twin.recording.split_file import SplitFile
+from mech_twin.stop_signal import interruptible
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("ros_domain")]
 LIMIT_S = 6.0  # promised is a second on a quiet machine; start-up of an interpreter and load come on top here
@@ -37,6 +42,7 @@ OTHERS = [("run", "discovery")]
 OTHERS += [(verb, moment) for verb in VERBS if verb not in EVERY_SIGNAL for moment in VERBS[verb].moments]
 CASES = [(*case, False) for case in product(EVERY_SIGNAL, EVERY_MOMENT, SIGNALS)]
 CASES += [(verb, moment, SIGNALS[i % 3], True) for i, (verb, moment) in enumerate(OTHERS)]
+CASES += [("processes", "starting", number, group) for number in SIGNALS for group in (False, True)]
 CASES += [("processes", "importing", signal.SIGINT, True), ("processes", "under way", signal.SIGINT, True)]
 
 
@@ -93,3 +99,50 @@ def test_a_second_signal_does_not_spoil_the_recording(tmp_path: Path) -> None:
         assert started.process.wait(30.0) in (0, 130, -signal.SIGINT)  # the last may meet an interpreter that is done
     with BagReader(started.bag) as reader:
         assert reader.info.finished
+
+
+@pytest.mark.parametrize("number", SIGNALS)
+def test_a_signal_while_a_chunk_is_written_waits_until_its_summary_knows_it(
+    number: signal.Signals, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bag, buffer, sent = tmp_path / "bag", SplitFile.write, []
+
+    def interrupted(file: SplitFile, data: bytes) -> int:
+        length = buffer(file, data)
+        if data[:1] == bytes([Opcode.CHUNK]) and not sent:
+            sent.append(number)
+            signal.raise_signal(number)
+        return length
+
+    monkeypatch.setattr(SplitFile, "write", interrupted)
+    written = 0
+    end = time.monotonic() + LIMIT_S
+    with (
+        pytest.raises((KeyboardInterrupt, SystemExit)),
+        interruptible(),
+        BagWriter(bag, configuration="", chunk_bytes=4096) as writer,
+    ):
+        writer.add_topic("/a", "std_msgs/msg/String")
+        while time.monotonic() < end:
+            written += 1
+            writer.write("/a", string_cdr(str(written)), written, written)
+    assert sent
+    with BagReader(bag) as reader:
+        assert reader.info.finished
+        assert reader.info.message_count == written
+
+
+@pytest.mark.parametrize("number", SIGNALS)
+def test_a_signal_while_a_recording_is_created_leaves_nothing_of_it(
+    number: signal.Signals, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    buffer = SplitFile.write
+
+    def interrupted(file: SplitFile, data: bytes) -> int:
+        signal.raise_signal(number)
+        return buffer(file, data)
+
+    monkeypatch.setattr(SplitFile, "write", interrupted)
+    with pytest.raises((KeyboardInterrupt, SystemExit)), interruptible():
+        BagWriter(tmp_path / "bag", configuration="")
+    assert list(tmp_path.iterdir()) == []

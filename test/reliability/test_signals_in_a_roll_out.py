@@ -14,7 +14,7 @@ SCRIPT = """
 import os, signal, sys, threading, time
 import mech_twin as mt
 
-mt.rollout({machine!r}, None, 0.1)
+mt.rollout({machine!r}, 0.1)
 sent = []
 def send():
     sent.append(time.process_time())
@@ -28,8 +28,8 @@ except KeyboardInterrupt:
     print("interrupted", time.process_time() - sent[0])
 """
 CALLS = {
-    "one": "mt.rollout({machine!r}, None, {duration}, columns=[])",
-    "many": "mt.rollouts({machine!r}, [None] * 8, {duration}, columns=[], cores=2)",
+    "one": "mt.rollout({machine!r}, {duration}, columns=[])",
+    "many": "mt.rollouts({machine!r}, {duration}, [None] * 8, columns=[], cores=2)",
     "simulate": "mt.simulate({machine!r}, {duration})",
 }
 

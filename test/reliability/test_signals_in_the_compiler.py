@@ -37,7 +37,7 @@ DOORS = {
     "simulate": (COMMAND, ["mech-twin", "simulate", "winding_drum", "--duration", "1", "--bag", "BAG"]),
     "run": (COMMAND, ["mech-twin", "run", "winding_drum", "--view", "none", "--record", "BAG"]),
     "node": (
-        "from mech_twin.nodes.executables import linkage_node; linkage_node()",
+        "from mech_twin.nodes.run.executables import linkage_node; linkage_node()",
         ["linkage_node", "--ros-args", "-p", "machine:=winding_drum"],
     ),
 }

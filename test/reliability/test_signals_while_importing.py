@@ -28,8 +28,8 @@ sys.addaudithook(heard)
 {program}()
 """
 LOADED = {
-    "command": {"typer", "mech_twin.cli.main", "mech_twin.cli.study"},
-    "linkage_node": {"argparse", "mech_twin.nodes.executables", "mech_twin.machines.catalog", "pydantic"},
+    "command": {"typer", "mech_twin.cli.main", "mech_twin.cli.study_verbs"},
+    "linkage_node": {"argparse", "mech_twin.nodes.run.executables", "mech_twin.machines.catalog", "pydantic"},
 }
 WORDS = {"command": ["--version"], "linkage_node": ["--help"]}
 MOMENTS = 4

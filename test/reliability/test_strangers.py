@@ -3,15 +3,19 @@
 
 from __future__ import annotations
 
+import json
 import math
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
+import rclpy
 from bench_run import BenchRun
 from catalogue import built
-from diagnostic_msgs.msg import DiagnosticArray
+from command_line import mech_twin
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
@@ -40,10 +44,11 @@ from mech_twin.messages.topics import (
     STEP_MOTOR,
     Topic,
 )
-from mech_twin.nodes.force_node import ForceNode
-from mech_twin.nodes.linkage_node import LinkageNode
-from mech_twin.nodes.motor_node import MotorNode
-from mech_twin.nodes.viewer_node import ViewerNode
+from mech_twin.nodes.roles.force_node import ForceNode
+from mech_twin.nodes.roles.linkage_node import LinkageNode
+from mech_twin.nodes.roles.motor_node import MotorNode
+from mech_twin.nodes.roles.recorder_node import RecorderNode
+from mech_twin.nodes.roles.viewer_node import ViewerNode
 from mech_twin.parameters.load import description_text, machine_parameters
 from mech_twin.samples import Drawing, MotorSample, Shape
 
@@ -376,3 +381,49 @@ def test_a_view_goes_on_with_the_run_that_takes_the_place_of_one_that_is_gone(tm
             run.revive(make)
         run.until(lambda: viewer.newest_step < 100)
         run.until(lambda: viewer.run_metrics.frames > 50)
+
+
+def test_a_run_in_which_a_stranger_signed_as_the_motor_is_not_called_different(tmp_path: Path) -> None:
+    with BenchRun(DRUM, recorder=True) as run:
+        recorder = run.revive(lambda name, *known: RecorderNode(name, tmp_path / "bag", *known))
+        run.steps(20)
+        second_motor(run, stronger, run.node("motor").source)
+        run.steps(50)
+        run.linkage.done = True
+        run.spin_for(0.3)
+        recorder.close()
+    found = json.loads(mech_twin("replay", tmp_path / "bag", "--resimulate", "--json").out)
+    assert found["unused_samples"]["contradicting"] > 0
+    assert found["identical"] is not False, found
+
+
+def test_a_second_publisher_of_steps_is_named_since_who_copies_a_source_is_taken_for_it(tmp_path: Path) -> None:
+    with BenchRun(DRUM, recorder=True) as run:
+        recorder = run.revive(
+            lambda name, parameters, options: RecorderNode(name, tmp_path / "bag", parameters, options)
+        )
+        run.steps(20)
+        run.publisher(STEP_MOTOR)
+        told: list[DiagnosticStatus] = []
+        run.client.create_subscription(DiagnosticArray, DIAGNOSTICS.name, lambda m: told.extend(m.status), 100)
+        words = f"{MOTOR} is published by /{DRUM}/client, /{DRUM}/motor"
+        run.until(lambda: any(words in each.message and each.level == DiagnosticStatus.WARN for each in told))
+        recorder.close()
+
+
+def test_of_a_message_rclpy_tells_times_and_numbers_and_not_its_publisher() -> None:
+    rclpy.init(args=[])
+    node = rclpy.create_node("apart")
+    heard, speaker = node.create_subscription(String, "whose", print, 10), node.create_publisher(String, "whose", 10)
+    info: dict[str, object] | None = None
+    end = time.monotonic() + 20.0
+    while info is None and time.monotonic() < end:
+        speaker.publish(String(data="mine"))
+        time.sleep(0.05)
+        with heard.handle:
+            taken = heard.handle.take_message(String, False)
+        info = taken and taken[1]
+    node.destroy_node()
+    rclpy.shutdown()
+    assert info is not None
+    assert {key.rpartition("_")[2] for key in info} == {"timestamp", "number"}, "bind sources to what it tells now"

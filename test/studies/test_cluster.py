@@ -19,13 +19,13 @@ from mech_twin.parameters.load import machine_parameters
 from mech_twin.studies import designs, sweep
 from mech_twin.studies.identification.channel_prediction import ColumnCurves, needed_columns
 from mech_twin.studies.identification.fit_runs import FitChannel, FitRun
-from mech_twin.studies.identification.fit_setting import FitSetting, fits_from, profiles_spread
+from mech_twin.studies.identification.fit_setting import FitSetting, fits_spread, profiles_spread
 from mech_twin.studies.identification.intervals import linearised
-from mech_twin.studies.identification.least_squares_fit import solved
+from mech_twin.studies.identification.least_squares_fit import stage_fit
 from mech_twin.studies.identification.profile_likelihood import profiled
 from mech_twin.studies.identification.question import IdentificationQuestion
+from mech_twin.studies.named_rollouts import rollout
 from mech_twin.studies.parameter_sweep import journal_of
-from mech_twin.studies.rolling_out import rollout
 
 pytestmark = pytest.mark.slow
 AXES = {"linkage.crank_m": tuple(0.04 + 0.0005 * i for i in range(40)), "drive.speed_rpm": (200.0, 300.0)}
@@ -147,7 +147,7 @@ def measured_crank():
     """Return a run of another crank mechanism: its crank and its slider, each with noise."""
     true = machine_parameters("vibration_crank", None, {"crank_m": 0.131, "rod_m": 0.47})
     noises = {"linkage.crank.position": 0.002, "linkage.slider.position": 3e-4}
-    curves = ColumnCurves(rollout("vibration_crank", true, 0.6, columns=needed_columns(list(noises))))
+    curves = ColumnCurves(rollout("vibration_crank", 0.6, true, columns=needed_columns(list(noises))))
     random, times = np.random.default_rng(1), np.arange(0.0, 0.59, 0.005)
     channels = []
     for name, noise in noises.items():
@@ -164,7 +164,7 @@ def test_the_cluster_follows_the_same_profiles_and_ends_the_same_starts_as_one_c
     question = IdentificationQuestion("vibration_crank", machine_parameters("vibration_crank"), keys, cores=1)
     setting = FitSetting(question, keys, (measured_crank(),))
     problem = setting.problem()
-    fitted = solved(problem, problem.unknowns.start)
+    fitted = stage_fit(problem, problem.unknowns.start, 1.0)
     line = linearised(fitted)
     here, there = profiled(fitted, line), profiles_spread(setting, fitted, line, address)
     assert here.followed
@@ -172,5 +172,5 @@ def test_the_cluster_follows_the_same_profiles_and_ends_the_same_starts_as_one_c
     assert np.array_equal(there.lower, here.lower, equal_nan=True)
     assert np.array_equal(there.upper, here.upper, equal_nan=True)
     start = problem.unknowns.start * 1.02
-    (far,) = fits_from(setting, [start], address)
-    assert np.array_equal(far.x, solved(problem, start).x)
+    (far,) = fits_spread(setting, [start], 0.5, scheduler=address)
+    assert np.array_equal(far.x, stage_fit(problem, start, 0.5).x)

@@ -20,8 +20,8 @@ from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.parameters.load import description_text, machine_parameters
 from mech_twin.roles import Machine
 from mech_twin.samples import Frame
-from mech_twin.studies.comparison import first_difference
 from mech_twin.studies.configuration_history import ConfigurationHistory
+from mech_twin.studies.first_difference import first_difference
 from mech_twin.studies.resimulation import analysed, resimulated
 
 DRUM = "winding_drum"

@@ -16,9 +16,9 @@ from mech_twin.machines.mb10_breaker.constants import breaker
 from mech_twin.samples import Event
 from mech_twin.view.annotations import FLASH_S, Annotations, lost_energy
 from mech_twin.view.banner import Banner, sliding_joints
-from mech_twin.view.impact_marks import is_told
+from mech_twin.view.event_text import is_told
+from mech_twin.view.extent import Bounds
 from mech_twin.view.labels import written_beside
-from mech_twin.view.layout import Bounds
 from mech_twin.view.scale import with_prefix
 
 BOUNDS = Bounds(-1.0, 1.0, -0.8, 0.8)
@@ -76,7 +76,7 @@ def test_a_blow_is_shown_where_it_falls_with_the_energy_of_the_tool_after_it():
     shapes = {shape.name: shape for shape in notes.shapes(last.time_s + 0.5 * FLASH_S, BOUNDS)}
     assert shapes["blow_energy"].text == with_prefix(0.5 * mass_kg * speed_m_per_s**2, "J")
     assert "blow" not in {shape.name for shape in notes.shapes(last.time_s + 1.01 * FLASH_S, BOUNDS)}
-    assert re.search(r"\d+\.\d blows/s  ·  \d+\.\d J a blow", banner.text())
+    assert re.search(r"blow rate \d+\.\d/s  ·  last blow at \d+\.\d\d s \d+\.\d J", banner.text())
     assert "no alarm" in banner.text()
 
 
@@ -87,7 +87,7 @@ def test_the_energy_that_is_lost_is_that_of_the_mass_before_and_after():
 
 
 def test_the_line_above_says_state_and_speed_in_their_units():
-    assert "rpm" in run_of("compaction_press", 0.1)[3].text()
+    assert " rad/s" in run_of("compaction_press", 0.1)[3].text()
     assert "m/s" in run_of("impact_mass", 0.1)[3].text()
     _machine, frame, _, banner = run_of("compaction_press", 0.1)
     banner.add(frame.motor._replace(command=0.0), None, None)

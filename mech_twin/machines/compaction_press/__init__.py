@@ -65,7 +65,7 @@ def capabilities() -> Capabilities:
     """Return what the machine answers beside running."""
     from mech_twin.capabilities.design import DesignQuestion
     from mech_twin.capabilities.sizing import SizingQuestion
-    from mech_twin.machines.compaction_press import design_search, faults, features, plots, published, sizing
+    from mech_twin.machines.compaction_press import design_search, faults, features, operating, plots, published, sizing
     from mech_twin.machines.compaction_press.design_problem import SENSES
 
     return Capabilities(
@@ -81,4 +81,5 @@ def capabilities() -> Capabilities:
         ),
         features=features.features,
         faults=faults.faults,
+        operating=operating.operating,
     )

@@ -7,14 +7,15 @@ One compiled loop over designs and crank angles on all cores; the same scalar ke
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
-from mech_twin.engine.crank_motion import ShaftDrive
-from mech_twin.engine.crank_systems import DrivenMechanism
-from mech_twin.engine.integration import Workspace, method_of, start_step, take_step
+from mech_twin.engine.crank_state import mechanism_reduced
+from mech_twin.engine.integration import Workspace, method_of, rates_of, start_step, take_step
+from mech_twin.engine.tableaus import DORMAND_PRINCE_8
 from mech_twin.kernel import kernel, parallel_kernel
 from mech_twin.machines.compaction_press.dynamics import FREE, Press
 from mech_twin.parts.four_bar import FourBar, Link, coefficients, motion, pin_forces, position
@@ -146,14 +147,29 @@ def full_turn(count: int) -> Array:
     return np.asarray(np.arange(count) * (2.0 * math.pi / count), dtype=np.float64)
 
 
+class DrivenPress(NamedTuple):
+    """A press without layer, and the inertia (kg m2) and constant torque (N m) of the shaft at its crank."""
+
+    press: Press
+    shaft_kg_m2: float
+    torque_nm: float
+
+
+@rates_of(DrivenPress, DORMAND_PRINCE_8)
+def driven_rates(system: DrivenPress, t: float, y: Array, out: Array) -> None:
+    """Fill in the rates of crank angle and speed."""
+    inertia, slope, moment = mechanism_reduced(system.press, y[0], FREE)
+    out[0] = y[1]
+    out[1] = (moment + system.torque_nm - 0.5 * y[1] * y[1] * slope) / (inertia + system.shaft_kg_m2)
+
+
 @kernel
 def driven_run(
     press: Press, shaft: float, f: float, w: float, torque: float, h: float, steps: int
 ) -> tuple[float, float]:
     """Return crank angle (rad) and rate (rad/s) after many steps of ``h`` seconds under a constant torque, no layer."""
-    drive = ShaftDrive(shaft, 1.0, 1.0, torque, 0.0, 0.0, 0.0, math.inf, 0.0, 0.0, 1.0)
-    system = DrivenMechanism(press, drive, FREE)
-    rows, y = len(method_of(system).nodes), np.array([f, w, 0.0, 0.0, 0.0])
+    system = DrivenPress(press, shaft, torque)
+    rows, y = len(method_of(system).nodes), np.array([f, w])
     work = Workspace(np.empty((rows, y.size)), np.empty(y.size), np.empty(y.size))
     for _ in range(steps):
         start_step(system, 0.0, y, work)

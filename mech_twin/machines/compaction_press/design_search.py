@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Search for a press: the best design for one objective, the Pareto front of several, or why there is none.
 
-A compiled scan of a Sobol sequence at 72 crank positions finds where the space is feasible; differential evolution
-(scipy) starts from the scan's best; the winner is polished on the continuous curve, where it must hold every limit.
+A compiled scan of a Sobol sequence at 72 crank positions finds where the space is feasible.  Differential evolution
+(scipy) starts from the scan's best.  The winner is polished on the continuous curve by evolution, then by a constrained
+descent, and must hold every limit there.
 The same seed gives the same answer.
 """
 
@@ -34,6 +35,9 @@ SCALES = np.array(Margins(20.0, 0.05, 50.0, 1.0, 85.0, 0.1, 0.1, 0.1))  # to add
 INFEASIBLE = 1e6
 VARIABLES = len(Lengths._fields)
 SIMPLEX_SIZES = (1e-3, 1e-4, 1e-5, 1e-6)
+DIFFERENCE = 1e-6  # of the unit cube, on either side of a point: gradients on the continuous curve
+RESERVE = 1e-9  # of each constraint's scale, so that rounding of the written lengths breaks no limit
+POLISH_ROUNDS = 5  # of sequential quadratic programming, each from the best so far
 
 
 class Effort(NamedTuple):
@@ -229,7 +233,60 @@ def polished(asked: PressSearch, goal: Goal, winner: Array, designs: Array, foun
     around = units + spread * np.random.default_rng(asked.seed).uniform(-1.0, 1.0, (size // 2, VARIABLES))
     near = asked.space.designs(np.clip(np.vstack((units, around)), 0.0, 1.0))
     rest = _first_population(designs, found, goal, size - len(near))
-    return _evolved(asked, asked.continuous, np.vstack((near, rest)), goal, asked.effort.polish_generations)
+    evolved = _evolved(asked, asked.continuous, np.vstack((near, rest)), goal, asked.effort.polish_generations)
+    return _descended(asked, goal, np.ravel(evolved))
+
+
+def _descended(asked: PressSearch, goal: Goal, design: Array) -> Array:
+    """Return the end of a constrained descent (SLSQP) from a design on the continuous curve, or the design.
+
+    Small is the bound t of every weighted objective over its ideal, x in the unit cube, every margin kept: along a flat
+    valley between two active limits this goes on where a population or a simplex stops.
+    """
+    used = goal.weights > 0.0
+
+    def scaled(found: Evaluation) -> Array:
+        return np.asarray((goal.weights * (found.objectives * np.array(SENSES) - goal.ideal) / goal.spread)[:, used])
+
+    def values(points: Array) -> Array:
+        """Return objectives, then margins in their scales, shape (n, used objectives + constraints)."""
+        found = asked.continuous(asked.space.designs(points))
+        return np.hstack((scaled(found), found.margins / SCALES - RESERVE))
+
+    count = int(used.sum())
+    free = np.array(asked.space.upper) > np.array(asked.space.lower)
+
+    def kept(z: Array) -> Array:
+        at = values(z[None, :VARIABLES])[0]
+        return np.concatenate((z[VARIABLES] - at[:count], at[count:]))
+
+    def slopes(z: Array) -> Array:
+        steps = DIFFERENCE * np.eye(VARIABLES)
+        at = values(np.vstack((z[:VARIABLES] + steps, z[:VARIABLES] - steps)))
+        by = ((at[:VARIABLES] - at[VARIABLES:]) / (2.0 * DIFFERENCE)).T
+        by[:, ~free] = 0.0
+        by[:count] *= -1.0
+        return np.hstack((by, np.concatenate((np.ones(count), np.zeros(len(CONSTRAINTS))))[:, None]))
+
+    best = _units(asked.space, design[None, :])[0]
+    ranked = float(_ranked(asked.continuous(design[None, :]), goal)[0])
+    for _ in range(POLISH_ROUNDS):
+        start = np.append(best, values(best[None, :])[0, :count].max())
+        tried = minimize(
+            lambda z: float(z[VARIABLES]),
+            start,
+            jac=lambda z: np.eye(VARIABLES + 1)[VARIABLES],
+            bounds=[(0.0, 1.0)] * VARIABLES + [(None, None)],
+            constraints={"type": "ineq", "fun": kept, "jac": slopes},
+            method="SLSQP",
+            options={"maxiter": 100, "ftol": 1e-13},
+        )
+        point = np.clip(tried.x[:VARIABLES], 0.0, 1.0)
+        reached = float(_ranked(asked.continuous(asked.space.designs(point[None, :])), goal)[0])
+        if not reached < ranked:
+            break
+        best, ranked = point, reached
+    return np.asarray(asked.space.designs(best[None, :])[0])
 
 
 def _described(asked: PressSearch, designs: Array) -> list[Design]:

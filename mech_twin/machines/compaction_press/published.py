@@ -20,7 +20,7 @@ def rows(parameters: CompactionPress) -> Iterator[PublishedRow]:
     """Yield the rows, the gain formula first."""
     report = cycle_metrics(parameters)
     yield from _gain(parameters, report)
-    yield from _claims(parameters, report)
+    yield from _claims(report)
     yield from _cycle(report)
     yield from _flywheel(parameters, report)
 
@@ -59,13 +59,11 @@ def _gain(parameters: CompactionPress, report: dict[str, float]) -> Iterator[Pub
         )
 
 
-def _claims(parameters: CompactionPress, report: dict[str, float]) -> Iterator[PublishedRow]:
+def _claims(report: dict[str, float]) -> Iterator[PublishedRow]:
     paper = Literature(PAPER, "conditions", ASSUMED)
     yield paper.limit("gamma_max, degrees", 20.0, report["gamma_max_deg"], "holds with room", "below")
     yield paper.gated("alpha at the bottom, degrees", 90.0, report["alpha_at_bottom_deg"], "R = h + r", absolute=1e-6)
     yield paper.gated("crank turns fully (1 yes)", 1.0, report["crank_rocker_1"], "crank-rocker", absolute=0.0)
-    length, apart = parameters.linkage.coupler_m, parameters.linkage.pivot_x_m
-    yield paper.gated("R1 over l", 1.0, length / apart, "the paper's rule R1 = l", absolute=1e-12)
     yield paper.unknown("stroke, mm", 1000.0 * report["stroke_m"], "10-250 mm is the layer's setting, not the stroke")
     yield paper.unknown("dimensions of the links", None, "none are printed: the size is assumed, with reasons")
 

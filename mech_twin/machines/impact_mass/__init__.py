@@ -4,15 +4,17 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import Any
 
 from mech_twin.machines.impact_mass.drawing import mass_drawing
 from mech_twin.machines.impact_mass.forces import StopReaction
 from mech_twin.machines.impact_mass.mechanism import mechanism
-from mech_twin.machines.impact_mass.metrics import contact_metrics, cycle_metrics, position_metrics
+from mech_twin.machines.impact_mass.metrics import contact_metrics, cycle_metrics, position_metrics, wave_metrics
 from mech_twin.machines.impact_mass.observer import MassObserver
 from mech_twin.machines.impact_mass.parameters import ImpactMass
 from mech_twin.machines.impact_mass.roles import ForceGenerator, MassOnStop
+from mech_twin.machines.impact_mass.wave_stop import blow_numbers, stop_gauge, unit_blow
 from mech_twin.quantity import Parameters
 from mech_twin.roles import Capabilities, Machine
 
@@ -28,7 +30,7 @@ def build(parameters: Parameters) -> Machine:
     linkage = MassOnStop(
         p.mass_kg,
         p.stop_position_m,
-        p.restitution,
+        p.rebound,
         p.chatter_cutoff,
         p.times_s,
         step_s,
@@ -37,6 +39,11 @@ def build(parameters: Parameters) -> Machine:
         p.initial_position_m,
         p.initial_velocity_m_per_s,
     )
+    waves = p.stop.model == "wave"
+    of_unit_speed = None
+    if waves:
+        unit = unit_blow(p.stop.wave, p.mass_kg)
+        of_unit_speed = (unit.peak_force_n, unit.contact_time_s)
     motor = ForceGenerator(p.phase1_force_n, p.phase2_force_n, p.supply.rate_per_s, step_s)
 
     def analyse(angle_rad: float) -> dict[str, Any]:
@@ -51,6 +58,8 @@ def build(parameters: Parameters) -> Machine:
 
     def report() -> dict[str, float]:
         metrics = cycle_metrics(p.system, p.mass_kg, p.initial_gap_m, p.initial_velocity_m_per_s)
+        if p.stop.model == "wave":
+            return metrics | wave_metrics(p.system, p.mass_kg, p.stop.wave)
         if p.contact_stiffness_n_per_m is None:
             return metrics
         return metrics | contact_metrics(p.system, p.mass_kg, p.contact_stiffness_n_per_m)
@@ -61,14 +70,15 @@ def build(parameters: Parameters) -> Machine:
         step_s,
         motor,
         linkage,
-        StopReaction(p.times_s, step_s, p.contact_stiffness_n_per_m),
+        StopReaction(p.times_s, step_s, p.contact_stiffness_n_per_m, of_unit_speed),
         None,
         lambda sample, _: mass_drawing(p.stop_position_m, sample),
         report,
         analyse,
-        lambda: MassObserver(p.stop_position_m),
+        lambda: MassObserver(p.stop_position_m, partial(blow_numbers, p.stop.wave, p.mass_kg) if waves else None),
         mechanism(p.stop_position_m),
         rests_when_supplied=True,
+        gauge=stop_gauge(p.stop.wave, p.mass_kg) if waves else None,
     )
 
 

@@ -91,7 +91,7 @@ def phase2_cycle(parameters: ImpactMass) -> OneImpactCycle:
         If there is none, naming the inequality and its numbers.
     """
     p = parameters
-    cycle = one_impact_cycle(p.period_s, p.phase1_duration_s, p.accelerations_m_per_s2, p.restitution, 1)
+    cycle = one_impact_cycle(p.period_s, p.phase1_duration_s, p.accelerations_m_per_s2, p.rebound, 1)
     if cycle is None:
         mean = p.phase1_force_n * p.phase1_duration_s + p.phase2_force_n * (p.period_s - p.phase1_duration_s)
         raise ValueError(
@@ -148,7 +148,7 @@ def verdict(parameters: ImpactMass, box: StartBox | None) -> CycleVerdict:
 
 def _other_side(parameters: ImpactMass) -> tuple[complex, complex]:
     p = parameters
-    early = one_impact_cycle(p.period_s, p.phase1_duration_s, p.accelerations_m_per_s2, p.restitution, 0)
+    early = one_impact_cycle(p.period_s, p.phase1_duration_s, p.accelerations_m_per_s2, p.rebound, 0)
     if early is None:  # the late side exists, so does this: both need the same <A> > 0 and A1 != A2
         raise AssertionError("one-impact motion exists on one side of the change of phase alone")
     return early.multipliers

@@ -48,13 +48,19 @@ class StopQuantities(NamedTuple):
 
 
 class Stop(NamedTuple):
-    """Constants of the force analysis; ``stiff`` where a contact stiffness is told."""
+    """Constants of the force analysis; ``stiff`` where a contact stiffness is told, ``waves`` where the stop is a rod.
+
+    Of a rod: largest force (N s/m) over the speed of the blow, and contact time.
+    """
 
     period_s: float
     phase1_s: float
     step_s: float
     stiff: bool
     stiffness_n_per_m: float
+    waves: bool
+    force_over_speed: float
+    contact_s: float
 
 
 @kernel
@@ -64,9 +70,13 @@ def hardest_contact(model: Stop, memory: Any, log: Array, count: int) -> Contact
     for i in range(count):
         if log[i, KIND] == IMPACT and (hardest < 0 or log[i, PRE_VELOCITY] > log[hardest, PRE_VELOCITY]):
             hardest = i
-    if not model.stiff or hardest < 0:
+    if not (model.stiff or model.waves) or hardest < 0:
         return ContactEstimate(0.0, 0.0, 0.0, 0.0)
     event = log[hardest]
+    if model.waves:
+        speed, r = event[PRE_VELOCITY], memory.restitution_1
+        loss = 0.5 * memory.mass_kg * speed * speed * (1.0 - r) * (1.0 + r)
+        return ContactEstimate(model.force_over_speed * speed, model.contact_s, 0.0, loss)
     tau_s = event[TIME] - memory.origin_step_1 * model.step_s - event[PERIOD] * model.period_s
     acting = memory.phase1_acceleration_m_per_s2 if tau_s <= model.phase1_s else memory.phase2_acceleration_m_per_s2
     mass_kg = memory.mass_kg
@@ -120,6 +130,7 @@ class StopReaction(CompiledForces):
     times_s: tuple[float, float]
     step_s: float
     contact_stiffness_n_per_m: float | None = None
+    of_unit_speed: tuple[float, float] | None = None
     pins: tuple[str, ...] = ("stop",)
     acts_on: tuple[str, ...] = ("mass",)
     residual_limits: Mapping[str, float] = field(default_factory=dict)
@@ -129,10 +140,12 @@ class StopReaction(CompiledForces):
         """Constants of the kernel."""
         stiffness = self.contact_stiffness_n_per_m
         period_s, phase1_s = map(float, self.times_s)
-        return Stop(period_s, phase1_s, float(self.step_s), stiffness is not None, float(stiffness or 0.0))
+        force, contact_s = self.of_unit_speed or (0.0, 0.0)
+        stiff, waves = stiffness is not None, self.of_unit_speed is not None
+        return Stop(period_s, phase1_s, float(self.step_s), stiff, float(stiffness or 0.0), waves, force, contact_s)
 
     @cached_property
     def layout(self) -> ForceLayout:
         """Row of the samples."""
-        stiff = self.contact_stiffness_n_per_m is not None
+        stiff = self.contact_stiffness_n_per_m is not None or self.of_unit_speed is not None
         return ForceLayout(self.pins, StopQuantities._fields, (), EventLayout(KIND_NAMES, CONTACTS), stiff)

@@ -49,7 +49,7 @@ def synthesis_answer(
         p.initial_position_m,
         p.initial_velocity_m_per_s,
         impact_speed_m_per_s,
-        p.restitution,
+        p.rebound,
     )
     try:
         found = synthesise(spec, RobustnessSpec(**{**USUAL_ROBUSTNESS, **options}), periods)
@@ -129,7 +129,9 @@ def certificate_lines(certificate: Certificate) -> dict[str, Any]:
     off = ", ".join(f"{name} {100.0 * value:+.2g} %" for name, value in c.worst_deviation._asdict().items())
     return {
         "tolerance of P1, P2, t1, T, R": c.tolerance,
-        "points of the box tried": f"{c.corners} corners, {c.faces} faces, {c.inside} inside, {c.climbed} climbed",
+        "points of the box tried (between them nothing is proved)": (
+            f"{c.corners} corners, {c.faces} faces, {c.inside} inside, {c.climbed} climbed"
+        ),
         "worst share that reaches it": c.worst_fraction,
         "worst margin": c.worst_margin,
         "slowest start, periods": c.slowest_periods,

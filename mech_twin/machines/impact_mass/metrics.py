@@ -25,6 +25,7 @@ from mech_twin.machines.impact_mass.one_impact_cycle import (
     phase1_chatter_share,
 )
 from mech_twin.machines.impact_mass.states import FLIGHT, IMPACT, MODE_NAMES, STUCK
+from mech_twin.machines.impact_mass.wave_stop import StopRod, blow_numbers
 
 SETTLING_PERIODS = 1000
 FIRST_EVENTS = 100  # among which the first impact is looked for
@@ -102,6 +103,15 @@ def contact_metrics(system: ImpactSystem, mass_kg: float, stiffness_n_per_m: flo
         merging = merging_speed(mass_kg, system.restitution, stiffness_n_per_m, force_n)
         metrics[f"phase{number}_merging_speed_m_per_s"] = merging
     return metrics
+
+
+def wave_metrics(system: ImpactSystem, mass_kg: float, rod: StopRod) -> dict[str, float]:
+    """Return the restitution of a stop that is a rod, and what the blows of the one-impact motions give."""
+    found = {"stop_restitution": system.restitution}
+    for cycle in one_impact_cycles(system):
+        numbers = blow_numbers(rod, mass_kg, cycle.impact_speed_m_per_s)
+        found.update({f"one_impact_phase{cycle.phase + 1}_{name}": value for name, value in numbers.items()})
+    return found
 
 
 def position_metrics(

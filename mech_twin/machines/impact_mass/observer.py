@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 
 from mech_twin.machines.impact_mass.memory import MassMemory
 from mech_twin.machines.impact_mass.states import CHATTER_END, IMPACT, IMPACTS_SUMMED, KIND_NAMES, RELEASE, STUCK_REGIME
@@ -98,10 +99,18 @@ class EnergyBalance:
 
 
 class MassObserver:
-    """Running metrics of a run; the velocity's extremes lie at events, so they are exact."""
+    """Running metrics of a run; the velocity's extremes lie at events, so they are exact.
 
-    def __init__(self, stop_m: float) -> None:
-        self._stop = stop_m
+    Parameters
+    ----------
+    stop_m : float
+        Where the stop is.
+    blow : callable, optional
+        What a blow at a speed (m/s) gives, of a stop that is a rod.
+    """
+
+    def __init__(self, stop_m: float, blow: Callable[[float], dict[str, float]] | None = None) -> None:
+        self._stop, self._blow = stop_m, blow
         self._speed_sum = CompensatedSum()
         self._impulse = CompensatedSum()
         self._steady, self._energy = SteadySpeed(), EnergyBalance()
@@ -180,4 +189,9 @@ class MassObserver:
 
     def numbers(self) -> dict[str, float]:
         """Return the metrics so far."""
-        return {**self._numbers, **self._steady.numbers(), **self._energy.numbers()}
+        steady = self._steady.numbers()
+        found = {**self._numbers, **steady, **self._energy.numbers()}
+        if self._blow is not None and steady["steady_impact_periods"] > 0.0:
+            told = self._blow(steady["steady_impact_speed_m_per_s"])
+            found.update({f"steady_{name}": value for name, value in told.items()})
+        return found

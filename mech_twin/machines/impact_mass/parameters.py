@@ -10,7 +10,12 @@ from pydantic import model_validator
 from mech_twin.engine.coupling import Coupling
 from mech_twin.machines.impact_mass.dynamics import ImpactSystem, impact_system
 from mech_twin.machines.impact_mass.force_generator import GeneratorParameters
-from mech_twin.machines.impact_mass.impact_stop import StopParameters
+from mech_twin.machines.impact_mass.impact_stop import (
+    LARGEST_RESTITUTION,
+    LEAST_RESTITUTION,
+    StopParameters,
+)
+from mech_twin.machines.impact_mass.wave_stop import StopModel, rod_restitution
 from mech_twin.parts.supply import SupplyParameters
 from mech_twin.quantity import choice, quantity
 
@@ -22,6 +27,7 @@ class ImpactMass(StopParameters, GeneratorParameters):
 
     initial_position_m: float = quantity("m", "position x0 at the start, not beyond the stop")
     initial_velocity_m_per_s: float = quantity("m/s", "velocity v0 at the start, positive towards the stop")
+    stop: StopModel = choice("rigid stop, or a rod", default=StopModel())
     supply: SupplyParameters = choice("supply of the generator: the fraction multiplies both force levels")
     coupling: Coupling = choice("coupling of the roles")
 
@@ -43,6 +49,25 @@ class ImpactMass(StopParameters, GeneratorParameters):
             )
         return self
 
+    @model_validator(mode="after")
+    def _stop_gives_one_rebound(self) -> Self:
+        if self.stop.model == "rigid":
+            return self
+        if self.contact_stiffness_n_per_m is not None:
+            raise ValueError(
+                "contact_stiffness_n_per_m must be left out with stop.model wave: stop.wave.face is the contact; "
+                f"got {self.contact_stiffness_n_per_m:g}"
+            )
+        rod_restitution(self.stop.wave, self.mass_kg, LEAST_RESTITUTION, LARGEST_RESTITUTION)
+        return self
+
+    @property
+    def rebound(self) -> float:
+        """Speed after a blow over that before it: that of the rods, or the given one."""
+        if self.stop.model == "rigid":
+            return self.restitution
+        return rod_restitution(self.stop.wave, self.mass_kg, LEAST_RESTITUTION, LARGEST_RESTITUTION)
+
     @property
     def times_s(self) -> tuple[float, float]:
         """Period T and duration t1 of the first phase, s."""
@@ -56,7 +81,7 @@ class ImpactMass(StopParameters, GeneratorParameters):
     @property
     def system(self) -> ImpactSystem:
         """What acts on the mass at nominal supply."""
-        return impact_system(self.times_s, self.accelerations_m_per_s2, self.restitution, self.chatter_cutoff)
+        return impact_system(self.times_s, self.accelerations_m_per_s2, self.rebound, self.chatter_cutoff)
 
     @property
     def initial_gap_m(self) -> float:

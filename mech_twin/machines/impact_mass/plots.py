@@ -121,7 +121,7 @@ def _figure_4(parameters: ImpactMass) -> Picture:
         axes.set_ylim(-16.0, 24.0)
     blows = [0.05 + n * made.period_s for n in range(10)]
     published(panels[0], blows, [BLOW_M_PER_S] * 10, r"published $v^- = 20$, $v^+ = -6$ m/s")
-    published(panels[0], blows, [-parameters.restitution * BLOW_M_PER_S] * 10, "")
+    published(panels[0], blows, [-parameters.rebound * BLOW_M_PER_S] * 10, "")
     panels[0].legend(loc="lower right")
     panels[2].set_xlabel("time, s")
     panels[2].set_xlim(0.0, 10.0 * rounded.period_s)

@@ -65,7 +65,7 @@ def figure_case(parameters: ImpactMass, phase1_duration_s: float) -> ImpactMass:
 def cycle_spec(parameters: ImpactMass) -> CycleSpec:
     """Return the cycle of fig. 4, from rest, for the configured mass, stop, start and restitution."""
     p = parameters
-    return CycleSpec(p.mass_kg, p.stop_position_m, p.initial_position_m, 0.0, BLOW_M_PER_S, p.restitution)
+    return CycleSpec(p.mass_kg, p.stop_position_m, p.initial_position_m, 0.0, BLOW_M_PER_S, p.rebound)
 
 
 def rows(parameters: ImpactMass) -> Iterator[PublishedRow]:
@@ -125,7 +125,7 @@ def _synthesis(parameters: ImpactMass) -> Iterator[PublishedRow]:
 
 def _settling(parameters: ImpactMass) -> Iterator[PublishedRow]:
     seen = walk(parameters, 40)
-    inputs = f"t1 {parameters.phase1_duration_s:g} s, T {parameters.period_s:g} s, R {parameters.restitution:g}"
+    inputs = f"t1 {parameters.phase1_duration_s:g} s, T {parameters.period_s:g} s, R {parameters.rebound:g}"
     paper = Literature(PAPER, "Fig. 2", f"{inputs}, xc 0 assumed")
     yield paper.limit(
         "steady blow below the first, m/s",

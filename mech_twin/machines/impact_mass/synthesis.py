@@ -4,8 +4,8 @@
 The published synthesis with v0 = 0 always lands on P2 = R^2 P1, where the blow falls on the change of the force: the
 border of existence.  The robust synthesis keeps v-, T and t1 and so <A> = v- (1 + R)/T; that leaves P2 free, with
 P1 = (m <A> T - P2 (T - t1))/t1.  P2 is searched over its stable range for a cycle with the asked margin
-1 - |multiplier| and stroke whose basin holds in the worst case over a box of tolerances of P1, P2, t1, T and R; of
-those that hold, the one that holds over the widest box is chosen, and certified (see `tolerance_box`).
+1 - |multiplier| and stroke whose basin holds in the worst case tried over a box of tolerances of P1, P2, t1, T and R;
+of those that hold, the one that holds over the widest box is chosen, and certified (see `tolerance_box`).
 """
 
 from __future__ import annotations
@@ -69,9 +69,9 @@ class RobustnessSpec:
     """What a robust cycle shall stand.
 
     ``margin`` is 1 - |multiplier| of the nominal cycle; ``basin_fraction`` the share of the random starts that reach
-    the cycle, everywhere in the box P1, P2, t1, T, R each within the relative ``tolerance``.  ``stroke_ratio`` bounds
-    the largest gap of the cycle over the asked stroke, ``start_speed_ratio`` its speed at the start of a period over
-    the asked impact speed.  ``inside`` is the number of random points of the box in the certificate.
+    the cycle, at every point tried of the box P1, P2, t1, T, R each within the relative ``tolerance``.
+    ``stroke_ratio`` bounds the largest gap of the cycle over the asked stroke, ``start_speed_ratio`` its speed at the
+    start of a period over the asked impact speed.  ``inside`` is the number of random points in the certificate.
     """
 
     margin: float = 0.1
@@ -147,7 +147,7 @@ def _handy_step(period_s: float) -> float:
 def with_phase2_force(published: ImpactMass, impact_speed_m_per_s: float, phase2_force_n: float) -> ImpactMass:
     """Return the configuration with the same v-, T and t1 and this P2, started on its own cycle."""
     p = published
-    total_ns = p.mass_kg * impact_speed_m_per_s * (1.0 + p.restitution)
+    total_ns = p.mass_kg * impact_speed_m_per_s * (1.0 + p.rebound)
     phase1_force_n = (total_ns - phase2_force_n * (p.period_s - p.phase1_duration_s)) / p.phase1_duration_s
     changed = p.model_copy(update={"phase1_force_n": phase1_force_n, "phase2_force_n": phase2_force_n})
     cycle = phase2_cycle(changed)

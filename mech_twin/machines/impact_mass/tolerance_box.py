@@ -78,7 +78,7 @@ def deviated(parameters: ImpactMass, deviation: Deviation) -> ImpactSystem | Non
     """Return what acts on the mass at a point of the box, or None where t1 >= T or R leaves its range."""
     p, d = parameters, deviation
     times_s = (p.period_s * (1.0 + d.period), p.phase1_duration_s * (1.0 + d.phase1_duration))
-    restitution = p.restitution * (1.0 + d.restitution)
+    restitution = p.rebound * (1.0 + d.restitution)
     if times_s[1] >= times_s[0] or restitution > LARGEST_RESTITUTION:
         return None
     a1, a2 = p.accelerations_m_per_s2

@@ -16,6 +16,7 @@ from mech_twin.machines.mb10_breaker.metrics import position_metrics, static_met
 from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
 from mech_twin.machines.mb10_breaker.roles import BreakerForces, BreakerLinkage, BreakerMotor
 from mech_twin.machines.mb10_breaker.run_metrics import BreakerObserver
+from mech_twin.machines.mb10_breaker.wave_metrics import tool_gauge
 from mech_twin.parts.induction_motor import motor_constants
 from mech_twin.quantity import Parameters
 from mech_twin.roles import BodyRole, Capabilities, Machine
@@ -54,13 +55,14 @@ def build(parameters: Parameters) -> Machine:
         observer=lambda: BreakerObserver(p, constants),
         mechanism=mechanism(constants, p.linkage.striker_angle_deg),
         blow_energy=lambda event: blow_energy(constants, event),
+        gauge=tool_gauge(constants, p.tool.wave.gauge_curve),
     )
 
 
 def capabilities() -> Capabilities:
     """Return what the machine answers beside running."""
     from mech_twin.capabilities.sizing import SizingQuestion
-    from mech_twin.machines.mb10_breaker import faults, features, plots, published, sizing
+    from mech_twin.machines.mb10_breaker import faults, features, operating, plots, published, sizing
 
     return Capabilities(
         published=published.rows,
@@ -68,4 +70,5 @@ def capabilities() -> Capabilities:
         sizing=SizingQuestion(sizing.LIMITS, sizing.OBJECTIVES, sizing.sizing, sizing.USUAL_TOLERANCE),
         features=features.features,
         faults=faults.faults,
+        operating=operating.operating,
     )

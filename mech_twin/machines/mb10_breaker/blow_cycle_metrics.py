@@ -4,14 +4,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 from mech_twin.machines.mb10_breaker.dynamics import Breaker
 from mech_twin.machines.mb10_breaker.roles import BreakerForces
+from mech_twin.machines.mb10_breaker.state import EventSide
 from mech_twin.machines.motor_duty import MotorDuty, duty_metrics
 from mech_twin.parts.induction_motor import MotorConstants
 from mech_twin.samples import Coordinate, Event, ForceSample
 
-PEAKS = tuple(f"{pin}_peak_n" for pin in BreakerForces.pins)
+PEAKS = tuple(f"{pin}_between_blows_peak_n" for pin in BreakerForces.pins)
+STRUCK = ("crank_bearing", "rocker_bearing")  # whose impulses of a blow are told
 
 
 def absolute_crank_speed(side: tuple[Coordinate, ...]) -> float:
@@ -21,8 +24,37 @@ def absolute_crank_speed(side: tuple[Coordinate, ...]) -> float:
 
 
 def blow_energy(b: Breaker, event: Event) -> float:
-    """Return the energy the tool has from a blow, J^2/(2 m) (J); 0 for what does not fall on the tool."""
+    """Return the energy the tool has from a blow, J^2/(2 m) (J); 0 for what does not fall on the tool.
+
+    Of a blow as a wave what the striker gave: J times the mean of its speeds before and after.
+    """
+    if b.waves and event.contact == "tool" and event.pre:
+        before, after = (EventSide(*side).tool.velocity for side in (event.pre, event.post))
+        mean = 0.5 * (event.pre_velocity_m_per_s + before + event.post_velocity_m_per_s + after)
+        return event.impulse_ns * mean
     return 0.5 * event.impulse_ns**2 / b.tool_mass_kg if event.contact == "tool" else 0.0
+
+
+def striker_energy(event: Event) -> float:
+    """Return the energy the mechanism brings to the tool before a blow (J): that of its mass at the striker.
+
+    The impulse J is that mass times the loss of the striker's speed, so E = J v^2/(2 (v - v')).  0 of a
+    pass that misses the tool.
+    """
+    before, after = (EventSide(*side).tool.velocity for side in (event.pre, event.post))
+    speed, left = event.pre_velocity_m_per_s + before, event.post_velocity_m_per_s + after
+    if event.impulse_ns == 0.0 or speed == left:
+        return 0.0
+    return 0.5 * event.impulse_ns * speed * speed / (speed - left)
+
+
+def blow_peaks(record: Mapping[str, float], contact_force_n: float) -> dict[str, float]:
+    """Return the bearings' peak forces in a blow (N), from that of the contact (N).
+
+    Within a blow mechanism and bearings follow the contact's force in the ratio of their impulses.
+    """
+    ratio = contact_force_n / record["blow_impulse_ns"]
+    return {f"{pin}_blow_peak_n": ratio * record[f"{pin}_impulse_peak_ns"] for pin in STRUCK}
 
 
 class BlowCycle:
@@ -59,13 +91,15 @@ class BlowCycle:
 
     def metrics(self, b: Breaker, motor: MotorConstants, blow: Event, forces: ForceSample) -> dict[str, float]:
         """Return the metrics of the cycle that this blow (or miss) ends."""
-        energy = blow_energy(b, blow)
+        energy, brought = blow_energy(b, blow), striker_energy(blow)
         found = forces.quantities.as_dict()
         crank, *_ = blow.pre
         crank_after, body_after, *_ = blow.post
         return {
             "blow_rate_hz": 1.0 / (blow.time_s - self.start_s),
             "blow_energy_j": energy,
+            "striker_energy_j": brought,
+            "blow_efficiency_fraction": energy / brought if brought > 0.0 else 0.0,
             "blow_impulse_ns": blow.impulse_ns,
             "blow_energy_over_overtravel_n": energy / b.overtravel_m,
             "striking_speed_m_per_s": blow.pre_velocity_m_per_s,

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 
+from mech_twin.machines.mb10_breaker.state import EventSide
 from mech_twin.samples import Event
 
 COUNTED_ABOVE_M_PER_S = 1e-3  # slower returns to the collar are the tail of a chatter series and not counted
@@ -41,24 +42,30 @@ class BodyCycle:
             self.impacts += speed > COUNTED_ABOVE_M_PER_S
         if event.kind == "settled":
             self.settled_s = self.resting_since_s = event.time_s
-
-    def leave(self, time_s: float) -> None:
-        """End the rest on the collar, if there is one."""
-        if self.resting_since_s is not None:
-            self.contact_s += time_s - max(self.resting_since_s, self.start_s)
+        if event.kind == "lift_off" and self.resting_since_s is not None:
+            self.contact_s += event.time_s - max(self.resting_since_s, self.start_s)
             self.resting_since_s = None
+
+    def contact_share(self, end_s: float) -> float:
+        """Return the part of the cycle, ended by a blow, in which the body rests on its collar."""
+        resting = 0.0 if self.resting_since_s is None else end_s - max(self.resting_since_s, self.start_s)
+        return (self.contact_s + resting) / (end_s - self.start_s)
+
+    def next(self, blow: Event) -> BodyCycle:
+        """Return the cycle that a blow begins; the body rests on if the blow does not throw it up."""
+        thrown = bool(blow.post) and EventSide(*blow.post).body.velocity > 0.0
+        return BodyCycle(blow.time_s, None if thrown else self.resting_since_s)
 
     def metrics(self, end_s: float, gap_at_blow_m: float) -> dict[str, float]:
         """Return the metrics of the cycle, ended by a blow; the rest goes on into the next."""
         duration = end_s - self.start_s
-        resting = 0.0 if self.resting_since_s is None else end_s - max(self.resting_since_s, self.start_s)
         found = {
             "body_cycle_rate_hz": 1.0 / duration,
             "gap_at_blow_m": gap_at_blow_m,
             "largest_lift_at_tool_m": self.lift_m,
             "largest_spring_force_n": self.spring_force_n,
             "largest_return_speed_m_per_s": self.return_speed_m_per_s,
-            "contact_share": (self.contact_s + resting) / duration,
+            "contact_share": self.contact_share(end_s),
             "impacts_above_1_mm_per_s": float(self.impacts),
         }
         if not math.isnan(self.settled_s):

@@ -14,6 +14,7 @@ from mech_twin.machines.mb10_breaker.coupling_limits import POSITIONS, fastest_r
 from mech_twin.machines.mb10_breaker.dynamics import Breaker
 from mech_twin.machines.mb10_breaker.turn_curves import turn_masses, turn_rocker_rates
 from mech_twin.parts.four_bar import FourBar, Link, coefficients, link_angles, position
+from mech_twin.parts.rod_waves.parameters import WaveTool, wave_grid
 
 if TYPE_CHECKING:
     from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
@@ -24,6 +25,7 @@ VARIED_IN_SUBSTEP = (
     0.04  # of the mass the crank turns: next to a change point it varies fast, and so do its derivatives
 )
 GEAR_GRIP = 1e-12  # of the rated torque: least friction of a crank that its gear may hold
+NO_WAVES = wave_grid(WaveTool(), 0.0)  # of a rigid tool: not looked at
 ANGLES = 90  # at which the fastest swing is looked for
 
 
@@ -97,6 +99,8 @@ def breaker(p: BreakerParameters) -> Breaker:
     along = math.copysign(math.sqrt(1.0 - lever * lever), math.cos(towards))
     own = link.rocker_mass_kg * (link.rocker_centroid_along_m**2 + link.rocker_centroid_across_m**2)
     k = p.body.spring_arm_m * math.sqrt(p.body.spring_rate_n_per_m / p.body.inertia_kg_m2)
+    waves = p.tool.model == "wave"
+    wave = wave_grid(p.tool.wave, p.tool.wall_force_n) if waves else NO_WAVES
     found = Breaker(
         bar=bar,
         crank=Link(
@@ -129,8 +133,8 @@ def breaker(p: BreakerParameters) -> Breaker:
         collar_restitution=p.body.restitution,
         tool_radius_m=p.body.tool_radius_m,
         striker_arm_m=link.striker_arm_m,
-        tool_mass_kg=p.tool.mass_kg,
-        tool_restitution=p.tool.restitution,
+        tool_mass_kg=wave.tool_mass_kg if waves else p.tool.mass_kg,
+        tool_restitution=1.0 if waves else p.tool.restitution,  # of a wave: not that of the blow
         overtravel_m=p.tool.overtravel_m,
         wall_force_n=p.tool.wall_force_n,
         n_x=along,
@@ -144,5 +148,7 @@ def breaker(p: BreakerParameters) -> Breaker:
         crank_viscous_nms_per_rad=p.friction.viscous_nms_per_rad,
         crank_coulomb_nm=crank_coulomb_nm(p),
         body_coulomb_nm=p.body.friction.coulomb_nm,
+        waves=waves,
+        wave=wave,
     )
     return found._replace(longest_substep_s=longest_substep_s(found, p.synchronous_crank_rad_per_s))

@@ -29,6 +29,7 @@ from typing import NamedTuple
 from mech_twin.kernel import inline_kernel, kernel
 from mech_twin.parts.four_bar import Coefficients, FourBar, Link, Position, coefficients, offset, position
 from mech_twin.parts.gear import gear_torque
+from mech_twin.parts.rod_waves.parameters import WaveGrid
 
 TURN = 2.0 * math.pi
 REST, FLIGHT, HELD = 0, 1, 2  # regimes of the body
@@ -72,6 +73,8 @@ class Breaker(NamedTuple):
     crank_viscous_nms_per_rad: float
     crank_coulomb_nm: float
     body_coulomb_nm: float
+    waves: bool  # the blow is a wave in the tool
+    wave: WaveGrid
     longest_substep_s: float = 5e-4
 
 

@@ -15,7 +15,7 @@ from mech_twin.machines.mb10_breaker.pressed_body.parameters import PressedBody,
 from mech_twin.machines.mb10_breaker.spring_curves import collar_point, rational_ranges
 
 ASSUMED = ("body.inertia_kg_m2", "body.restitution", "excitation.amplitude_nm")
-NAMES = ("gap_at_blow_m", "return_speed_m_per_s", "largest_force_n")
+NAMES = ("gap_at_blow_m", "flight_share", "return_speed_m_per_s", "largest_force_n")
 STEPS = 200
 INNER = 8
 Worst = dict[str, float]

@@ -22,7 +22,9 @@ def gap(b: Breaker, q: float, u: float, phi: float, p: float) -> tuple[float, fl
 class Blow(NamedTuple):
     """An impact of the striker on the tool: speeds after it, impulse, the tool's energy from it, the energy lost (SI).
 
-    ``collar_nms`` is the collar's angular impulse on a resting body that the impact presses on it.
+    ``collar_nms`` is the collar's angular impulse on a resting body that the impact presses on it.  ``tool_speed`` is
+    the tool's after the impact, ``tool_travel`` its way in it, ``closing`` the speed at which striker and tool still
+    close (negative: part), ``together`` whether they stay in contact.
     """
 
     u: float
@@ -31,6 +33,38 @@ class Blow(NamedTuple):
     tool_energy: float
     loss: float
     collar_nms: float
+    tool_speed: float
+    tool_travel: float
+    closing: float
+    together: bool
+
+
+class ImpactDirection(NamedTuple):
+    """M^-1 j of an impact on the striker, its effective mass, and whether it presses a body onto its collar."""
+
+    x: float
+    y: float
+    effective_kg: float
+    m12: float
+    pressed: bool
+
+
+@kernel
+def impact_direction(b: Breaker, q: float, phi: float, rests: bool, stays: bool) -> ImpactDirection:
+    """Return what an impulse on the striker does to crank and body: u falls by x, phi' by y for each unit of it.
+
+    j = (dy/dq, -r_tool), 1/m_e = j' M^-1 j; a body that is held, or that the impact would press onto its collar, does
+    not take part: m_e = M11/(dy/dq)^2.  ``stays``: nor does a resting body, whichever way the impact throws it.
+    """
+    m = masses_at(b, q, phi)
+    _, slope, _ = striker(b, q)
+    det = m.m11 * m.m22 - m.m12 * m.m12
+    x = (m.m22 * slope + m.m12 * b.tool_radius_m) / det
+    y = (-m.m12 * slope - m.m11 * b.tool_radius_m) / det
+    pressed = rests and (stays or y > 0.0)
+    if b.held or pressed:
+        x, y = slope / m.m11, 0.0
+    return ImpactDirection(x, y, 1.0 / (slope * x - b.tool_radius_m * y), m.m12, pressed)
 
 
 @kernel
@@ -47,27 +81,30 @@ def strike(
 ) -> Blow:
     """Return the impact of the striker on a tool that moves into the wall with a speed (m/s), crank and body together.
 
-    j = (dy/dq, -r_tool), 1/m_e = j' M^-1 j, v = j.(u, p) - w, P = (1 + e_t) v m_e m_t/(m_e + m_t), jump = -M^-1 j P; a
-    body that is held, or that the impact would press onto its collar, does not take part: m_e = M11/(dy/dq)^2.
-    ``stays``: nor does a resting body, whichever way the impact throws it.
+    v = j.(u, p) - w, P = (1 + e_t) v m_e m_t/(m_e + m_t), jump = -M^-1 j P; see `impact_direction`.
     """
-    m = masses_at(b, q, phi)
+    along = impact_direction(b, q, phi, rests, stays)
     _, slope, _ = striker(b, q)
     v = slope * u - b.tool_radius_m * p - tool_speed
-    det = m.m11 * m.m22 - m.m12 * m.m12
-    x = (m.m22 * slope + m.m12 * b.tool_radius_m) / det
-    y = (-m.m12 * slope - m.m11 * b.tool_radius_m) / det
-    pressed = rests and (stays or y > 0.0)
-    if b.held or pressed:
-        x, y = slope / m.m11, 0.0
-    effective = 1.0 / (slope * x - b.tool_radius_m * y)
+    x, y, effective = along.x, along.y, along.effective_kg
     both = effective * b.tool_mass_kg / (effective + b.tool_mass_kg)
     impulse = (1.0 + restitution) * v * both
     loss = 0.5 * (1.0 - restitution * restitution) * both * v * v
     after = tool_speed + impulse / b.tool_mass_kg
     gained = 0.5 * b.tool_mass_kg * (after - tool_speed) * (after + tool_speed)
-    collar = -m.m12 * x * impulse - b.tool_radius_m * impulse if pressed and not b.held else 0.0
-    return Blow(u - x * impulse, p - y * impulse, impulse, gained, loss, collar)
+    collar = -along.m12 * x * impulse - b.tool_radius_m * impulse if along.pressed and not b.held else 0.0
+    return Blow(
+        u - x * impulse,
+        p - y * impulse,
+        impulse,
+        gained,
+        loss,
+        collar,
+        after,
+        0.0,
+        -restitution * v,
+        restitution == 0.0,
+    )
 
 
 @kernel

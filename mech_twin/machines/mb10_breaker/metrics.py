@@ -6,16 +6,19 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
 from scipy.optimize import brentq
 
 from mech_twin.machines.mb10_breaker.blow_contact import blow_contact, fading
 from mech_twin.machines.mb10_breaker.dynamics import FLIGHT, HELD, Breaker, masses_at, striker
 from mech_twin.machines.mb10_breaker.dynamics import crank_torque as geared
 from mech_twin.machines.mb10_breaker.forces import pin_forces, pin_impulses
-from mech_twin.machines.mb10_breaker.impacts import blow, gap
+from mech_twin.machines.mb10_breaker.impacts import Blow, blow, gap, impact_direction
 from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
+from mech_twin.machines.mb10_breaker.wave_blow import strike_as_wave
 from mech_twin.parts.four_bar import acute_angles, coefficients, link_angles, position
 from mech_twin.parts.induction_motor import motor_constants, motor_torque
+from mech_twin.parts.rod_waves.struck_tool import rod_blow
 
 TURN = 2.0 * math.pi
 
@@ -31,23 +34,50 @@ def rated_crank_speed(p: BreakerParameters) -> float:
     return motor_constants(p.motor).rated_speed_rad_per_s / p.gear.ratio
 
 
+def rated_blow(b: Breaker, q: float, u: float) -> Blow:
+    """Return the blow on the seated tool at a crank angle and speed, the body at rest."""
+    if b.waves:
+        return strike_as_wave(b, q, u, 0.0, 0.0, 0.0, True, True)
+    return blow(b, q, u, 0.0, 0.0, True)
+
+
+def rated_wave_numbers(b: Breaker, q: float, closing: float) -> dict[str, float]:
+    """Return what the rated blow as a wave gives, the body at rest."""
+    mass = impact_direction(b, q, 0.0, True, b.held).effective_kg
+    found = rod_blow(b.wave, mass, closing, 0.0, True, np.empty((0, 2)), np.empty((0, 1)))
+    parting = found.tool_momentum_ns / b.tool_mass_kg - closing + found.impulse_ns / mass
+    return {
+        "striker_mass_kg": mass,
+        "striker_energy_j": found.striker_energy_j,
+        "incident_energy_j": found.incident_energy_j,
+        "transmitted_energy_j": found.transmitted_energy_j,
+        "blow_efficiency": found.transmitted_energy_j / found.striker_energy_j,
+        "restitution_effective": parting / closing,
+        "peak_force_n": found.peak_force_n,
+        "peak_stress_pa": found.peak_stress_pa,
+        "peak_tension_pa": found.peak_tension_pa,
+        "blow_contact_time_s": found.contact_time_s,
+    }
+
+
 def static_metrics(p: BreakerParameters, b: Breaker) -> dict[str, float]:
     """Return the closed-form metrics of one cycle at rated speed, the body on its collar."""
     motor, u = motor_constants(p.motor), rated_crank_speed(p)
     q = striking_angle(b)
     _, slope, bend = striker(b, q)
-    held = blow(b._replace(held=True), q, u, 0.0, 0.0, True)
-    free = blow(b._replace(held=False), q, u, 0.0, 0.0, True)
+    held, free = (rated_blow(b._replace(held=held), q, u) for held in (True, False))
     jump = pin_impulses(b, q, 0.0, free.u - u, free.p, free.impulse)
     held_jump = pin_impulses(b, q, 0.0, held.u - u, 0.0, held.impulse)
     k = b.spring_arm_m * math.sqrt(b.spring_rate_n_per_m / b.body_inertia_kg_m2)
     inertias = [masses_at(b, TURN * i / 360, 0.0) for i in range(360)]
     arm_angle = link_angles(position(b.bar, q))[1] + math.radians(p.linkage.striker_angle_deg)
     contact: dict[str, float] = {}
-    if p.tool.contact_stiffness_n_per_m is not None:
+    if p.tool.model == "rigid" and p.tool.contact_stiffness_n_per_m is not None:
         fades = fading(b, q, u, 0.0, 0.0, 0.0, b.held)
         struck = held if b.held else free
         contact = blow_contact(b, p.tool.contact_stiffness_n_per_m, slope * u, struck.impulse, fades).metrics
+    if b.waves:
+        contact = rated_wave_numbers(b, q, slope * u)
     return {
         "rated_torque_nm": motor.rated_torque_nm,
         "rated_slip": motor.rated_slip,

@@ -15,6 +15,7 @@ from mech_twin.machines.mb10_breaker.coupling_limits import (
     longest_step_s,
     longest_swing_step_s,
 )
+from mech_twin.machines.mb10_breaker.impacts import impact_direction
 from mech_twin.machines.mb10_breaker.linkage_parameters import LinkageParameters, rocker_angle, start_angle
 from mech_twin.machines.mb10_breaker.pressed_body.parameters import (
     BodyParameters,
@@ -24,6 +25,8 @@ from mech_twin.machines.mb10_breaker.pressed_body.parameters import (
 from mech_twin.parts.friction import Friction
 from mech_twin.parts.gear import Gear
 from mech_twin.parts.induction_motor import InductionMotorParameters, motor_constants
+from mech_twin.parts.rod_waves.parameters import WaveTool, wave_grid
+from mech_twin.parts.rod_waves.struck_tool import LARGEST_HEAD
 from mech_twin.parts.supply import SupplyParameters
 from mech_twin.quantity import Parameters, choice, quantity
 
@@ -37,12 +40,15 @@ FASTEST_STOP_RAD_PER_S2 = 1e5  # of crank and body by Coulomb friction: a stop i
 MOST_DECAYS = 0.5  # of the shaft in a step; the extrapolated torque is stable below it
 MOST_MOVED = 100.0  # masses of coupler and rocker at the crank pin over the inertia of crank and rotor
 MOST_SWING_RAD = 500.0  # of the body on its spring in one coupling step
+LARGEST_MASS_ERROR = 0.01  # of the tool against its rods: what follows takes the mass of the rods
+HEAD_ANGLES = 180  # of the crank, at which the striker's least effective mass is looked for
 LARGEST_OVERTRAVEL = 0.5  # of the striker's stroke: the tool stands in its way in the first half of its way back
 
 
 class ToolParameters(Parameters):
     """The free tool the striker meets, seated in the collar of the body."""
 
+    model: Literal["rigid", "wave"] = choice("the blow: of rigid bodies, or a wave in the tool", default="rigid")
     mass_kg: float = quantity("kg", "mass of the tool", gt=0.0)
     restitution: float = quantity("1", "restitution of striker on tool, e_t", ge=0.0, le=1.0, live=True)
     overtravel_m: float = quantity("m", "travel of the striker past the seated tool, h", gt=0.0)
@@ -54,6 +60,19 @@ class ToolParameters(Parameters):
         le=1e12,
         default=None,
     )
+    wave: WaveTool = choice("the blow as a wave, with model wave", default=WaveTool())
+
+    @model_validator(mode="after")
+    def _rods_are_the_tool(self) -> ToolParameters:
+        if self.model == "rigid":
+            return self
+        rods = wave_grid(self.wave, self.wall_force_n).tool_mass_kg
+        if abs(rods - self.mass_kg) > LARGEST_MASS_ERROR * self.mass_kg:
+            raise ValueError(
+                f"mass_kg must be within {100.0 * LARGEST_MASS_ERROR:g} % of the mass of wave.rod, tip and foot, "
+                f"{rods:.6g} kg; got {self.mass_kg:g}"
+            )
+        return self
 
 
 class BreakerCoupling(ExtrapolatedCoupling):
@@ -229,6 +248,21 @@ class BreakerParameters(Parameters):
                 f"coupling.step_s = {self.coupling.step_s:g} s must be at most {longest:.4g} s with body.inertia_kg_m2 "
                 f"{self.body.inertia_kg_m2:g}: the linkage's moment, a line in each step, would miss the rate by "
                 f"{LARGEST_MISS_RAD_PER_S:g} rad/s a step"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _head_is_part_of_the_striker(self) -> BreakerParameters:
+        if self.tool.model == "rigid" or self.tool.wave.head.length_m == 0.0:
+            return self
+        constants = breaker(self)
+        head = constants.wave.head_mass_kg
+        angles = [2.0 * math.pi * i / HEAD_ANGLES for i in range(HEAD_ANGLES)]
+        least = min(impact_direction(constants, q, 0.0, False, False).effective_kg for q in angles)
+        if head > LARGEST_HEAD * least:
+            raise ValueError(
+                f"tool.wave.head must have at most {LARGEST_HEAD * least:.6g} kg, {LARGEST_HEAD:g} of the striker's "
+                f"least effective mass; got {head:.6g}"
             )
         return self
 

@@ -10,17 +10,24 @@ from __future__ import annotations
 from collections import deque
 
 from mech_twin.machines.mb10_breaker.blow_contact import blow_contact, fading
-from mech_twin.machines.mb10_breaker.blow_cycle_metrics import PEAKS, BlowCycle, absolute_crank_speed
+from mech_twin.machines.mb10_breaker.blow_cycle_metrics import (
+    PEAKS,
+    BlowCycle,
+    absolute_crank_speed,
+    blow_peaks,
+)
 from mech_twin.machines.mb10_breaker.body_cycle_metrics import BodyCycle
 from mech_twin.machines.mb10_breaker.dynamics import Breaker
 from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
+from mech_twin.machines.mb10_breaker.seat import is_seated
 from mech_twin.machines.mb10_breaker.state import EventSide
+from mech_twin.machines.mb10_breaker.wave_metrics import blow_metrics
 from mech_twin.machines.motor_duty import MotorState, duty_after, shaft_work_j
 from mech_twin.parts.induction_motor import motor_constants, motor_torque
 from mech_twin.samples import Coordinate, Event, Frame, LinkageSample
 
 STEADY_BLOWS = 20
-COUNTED = {"blow": "blows", "missed": "missed_blows", "unseated": "unseated_blows", "stalled": "stalled"}
+COUNTED = {"blow": "blows", "missed": "missed_blows", "off_collar": "off_collar_blows", "stalled": "stalled"}
 Record = dict[str, float]
 
 
@@ -39,10 +46,12 @@ class BreakerObserver:
         self._b = breaker
         self._motor = motor_constants(parameters.motor)
         self._stiffness = parameters.tool.contact_stiffness_n_per_m
-        self._counts = dict.fromkeys(COUNTED.values(), 0.0)
+        self._counts = dict.fromkeys((*COUNTED.values(), "unseated_blows"), 0.0)
+        self._line = parameters.tool.wave.life.line
         self._cycle = BlowCycle(0.0)
         self._body = BodyCycle(0.0, 0.0 if parameters.body.contact == "one_sided" else None)
         self._blows: deque[Record] = deque(maxlen=STEADY_BLOWS)
+        self._waves: deque[Record] = deque(maxlen=STEADY_BLOWS)
         self._body_cycles: deque[Record] = deque(maxlen=STEADY_BLOWS)
         self._worst: Record = {}
         self._run: Record = dict.fromkeys(
@@ -83,6 +92,8 @@ class BreakerObserver:
             if records:
                 found[count] = float(len(records))
                 found.update(_over_last(records))
+        if self._waves:
+            found.update(_over_last(self._waves))
         return found
 
     def _motor_state(self, crank_speed: float, body_speed: float, command: float) -> MotorState:
@@ -140,27 +151,30 @@ class BreakerObserver:
                 self._cycle.take_speed(absolute_crank_speed(side))
         if not tool:
             self._body.take_event(event)
-        if event.kind == "lift_off" or (event.kind == "blow" and tool and not self._b.held):
-            self._body.leave(event.time_s)
         if event.kind in {"blow", "missed"} and tool:
             self._end_blow_cycle(event, frame)
         elif event.kind == "blow" and frame.body is not None:
-            self._end_body_cycle(event.time_s, frame.body.memory.as_dict()["blow_angle_rad"])
+            self._end_body_cycle(event, frame.body.memory.as_dict()["blow_angle_rad"])
 
     def _end_blow_cycle(self, event: Event, frame: Frame) -> None:
         """End the cycle at this blow, or miss, and begin the next."""
         body = EventSide(*event.pre).body
+        if self._b.waves and event.kind == "blow":
+            self._waves.append(blow_metrics(self._b, event, self._line))
         if self._seen_blow and self._cycle.steps and event.time_s > self._cycle.start_s:
             record = self._cycle.metrics(self._b, self._motor, event, frame.forces)
-            if self._stiffness is not None and event.impulse_ns > 0.0:
+            if self._stiffness is not None and not self._b.waves and event.impulse_ns > 0.0:
                 record.update(self._contact(event, self._stiffness))
+                record.update(blow_peaks(record, record["contact_peak_force_n"]))
+            elif self._b.waves and event.kind == "blow" and event.impulse_ns > 0.0:
+                record.update(blow_peaks(record, self._waves[-1]["peak_force_n"]))
             record["feed_per_blow_m"] = frame.linkage.memory.as_dict()["feed_per_blow_m"]  # of the pass before
             self._blows.append(record)
         self._seen_blow = True
         self._cycle = BlowCycle(event.time_s)
         self._cycle.take_speed(absolute_crank_speed(event.post))
         if not self._b.held:
-            self._end_body_cycle(event.time_s, body.position)
+            self._end_body_cycle(event, body.position)
 
     def _contact(self, event: Event, stiffness: float) -> Record:
         b, (crank, body, *_), after = self._b, event.pre, EventSide(*event.post).body
@@ -168,13 +182,15 @@ class BreakerObserver:
         fades = fading(b, crank.position, crank.velocity, body.position, body.velocity, crank.effort, rests)
         return blow_contact(b, stiffness, event.pre_velocity_m_per_s, event.impulse_ns, fades).metrics
 
-    def _end_body_cycle(self, time_s: float, angle: float) -> None:
-        gap = self._b.tool_radius_m * angle
+    def _end_body_cycle(self, event: Event, angle: float) -> None:
+        gap, time_s = self._b.tool_radius_m * angle, event.time_s
+        if event.kind == "blow" and time_s > self._body.start_s:
+            self._counts["unseated_blows"] += not is_seated(gap, self._body.contact_share(time_s))
         self._run["largest_gap_at_blow_m"] = max(self._run["largest_gap_at_blow_m"], gap)
         if self._seen_body_blow and time_s > self._body.start_s:
             self._body_cycles.append(self._body.metrics(time_s, gap))
         self._seen_body_blow = True
-        self._body = BodyCycle(time_s, self._body.resting_since_s)
+        self._body = self._body.next(event)
 
     def _take_step(self, frame: Frame, state: MotorState, missed_w: float) -> None:
         b = self._b

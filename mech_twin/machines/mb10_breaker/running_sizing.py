@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Preload of the running breaker: the tool seated before every blow, in the worst case over the tolerances.
 
-The worst corner is looked for one number at a time, by the gap that a preload below the edge leaves, and then proved:
-the preload chosen is run at the corners next to it and at random points within the box.  A point that breaks a limit
-there becomes the new worst one, until none is found.
+The worst corner is looked for one number at a time, by the part of the cycle in flight that a preload below the edge
+leaves, and then proved: the preload chosen is run at the corners next to it and at random points within the box.  A
+point that breaks a limit there becomes the new worst one, until none is found.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from mech_twin.capabilities.sizing import Constraint, Sizing, binding_of
 from mech_twin.capabilities.tolerance_box import Factors, inner_points, neighbours, scaled
 from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
 from mech_twin.machines.mb10_breaker.settled_run import Seating, seating, with_rest_force
+from mech_twin.machines.mb10_breaker.sizing import LIMITS
 
 # what the configuration calls assumed and the seating depends on
 ASSUMED = (
@@ -31,13 +32,14 @@ FORCES_N = (300.0, 400.0, 500.0, 600.0, 700.0, 850.0, 1000.0, 1300.0, 1700.0, 23
 INNER = 6
 SEARCH_RUNS, ROUND_RUNS = 14, 30  # about what the search for an edge takes, and a round over the box after it
 MOST_ROUNDS = 5
-NAMES = ("gap_at_blow_m", "return_speed_m_per_s", "largest_force_n")
+SEATED = ("gap_at_blow_m", "flight_share")
+NAMES = (*SEATED, "return_speed_m_per_s", "largest_force_n")
 Run = Callable[[float, Mapping[str, float]], Seating]
 
 
-def seats(found: Seating, gap_m: float) -> bool:
-    """Return whether a run had blows, none of them missed, and every one with at most this gap."""
-    return found.blows > 0 and found.missed == 0 and found.gap_at_blow_m <= gap_m
+def seats(found: Seating, limits: Mapping[str, float] = LIMITS) -> bool:
+    """Return whether a run had blows, none of them missed, and every one found the tool seated within these limits."""
+    return found.blows > 0 and found.missed == 0 and all(getattr(found, name) <= limits[name] for name in SEATED)
 
 
 def running_sizing(soft: BreakerParameters, limits: Mapping[str, float], objective: str, tolerance: float) -> Sizing:
@@ -53,13 +55,12 @@ def running_sizing(soft: BreakerParameters, limits: Mapping[str, float], objecti
             tell(len(runs), expected)
         return runs[key]
 
-    gap = limits["gap_at_blow_m"]
-    below, nominal = _least_seating(at, {}, gap)
+    below, nominal = _least_seating(at, {}, limits)
     worst = _worst_corner(at, nominal, tolerance)
     chosen, proved = nominal, 1
     for _ in range(MOST_ROUNDS):
         expected += ROUND_RUNS if worst else 0
-        low, bound = (below, nominal) if not worst else _least_seating(at, worst, gap)
+        low, bound = (below, nominal) if not worst else _least_seating(at, worst, limits)
         chosen = _least_objective(at, worst, bound, limits, objective)
         broken, proved = _broken_at(at, chosen, worst, limits, tolerance)
         if broken is None:
@@ -77,7 +78,9 @@ def running_sizing(soft: BreakerParameters, limits: Mapping[str, float], objecti
     binding = binding_of(constraints, f"none: {objective} is least here")
     if chosen == bound:
         where = "in the worst case" if worst else "as configured"
-        binding = f"every blow on a seated tool: {where} not at {low:.0f} N at rest, but at {bound:.0f} N"
+        rest = 100.0 * (1.0 - limits["flight_share"])
+        binding = f"every blow on a seated tool, at rest for {rest:.3g} % of the cycle: {where} "
+        binding += f"not at {low:.0f} N at rest, but at {bound:.0f} N"
     sized = with_rest_force(soft, chosen)
     return Sizing(
         "mb10_breaker",
@@ -98,7 +101,7 @@ def running_sizing(soft: BreakerParameters, limits: Mapping[str, float], objecti
         constraints,
         binding,
         tuple(
-            {"rest_force_n": force, "seated": "yes" if seats(found, gap) else "no", **_metrics(found)}
+            {"rest_force_n": force, "seated": "yes" if seats(found, limits) else "no", **_metrics(found)}
             for (force, factors), found in sorted(runs.items())
             if factors == tuple(sorted(worst.items()))
         ),
@@ -110,15 +113,17 @@ def _metrics(found: Seating) -> dict[str, float]:
     return {name: float(getattr(found, name)) for name in NAMES}
 
 
+def _worse(found: Seating) -> tuple[float, float]:
+    return found.flight_share, found.gap_at_blow_m
+
+
 def _kept(found: Seating, limits: Mapping[str, float]) -> bool:
-    return seats(found, limits["gap_at_blow_m"]) and all(
-        float(getattr(found, name)) <= limit for name, limit in limits.items()
-    )
+    return seats(found, limits) and all(float(getattr(found, name)) <= limit for name, limit in limits.items())
 
 
-def _least_seating(at: Run, factors: Mapping[str, float], gap_m: float) -> tuple[float, float]:
+def _least_seating(at: Run, factors: Mapping[str, float], limits: Mapping[str, float]) -> tuple[float, float]:
     """Return two rest forces (N) a newton or two apart: blows are unseated at the first, at the second none."""
-    place = next((i for i, force in enumerate(FORCES_N) if seats(at(force, factors), gap_m)), None)
+    place = next((i for i, force in enumerate(FORCES_N) if seats(at(force, factors), limits)), None)
     if place is None:
         raise StudyError(f"no preload between {FORCES_N[0]:g} and {FORCES_N[-1]:g} N seats the tool before every blow")
     if place == 0:
@@ -126,17 +131,17 @@ def _least_seating(at: Run, factors: Mapping[str, float], gap_m: float) -> tuple
     low, high = FORCES_N[place - 1], FORCES_N[place]
     while high - low > 2.0:
         middle = float(round(0.5 * (low + high)))
-        low, high = (low, middle) if seats(at(middle, factors), gap_m) else (middle, high)
+        low, high = (low, middle) if seats(at(middle, factors), limits) else (middle, high)
     return low, high
 
 
 def _worst_corner(at: Run, edge_n: float, tolerance: float) -> Factors:
-    """Return the corner whose numbers each, alone, leave the larger gap a little below the nominal edge."""
+    """Return the corner whose numbers each, alone, leave the body longer in flight a little below the nominal edge."""
     if tolerance == 0.0:
         return {}
     force = 0.97 * edge_n
     return {
-        key: max((1.0 - tolerance, 1.0 + tolerance), key=lambda factor: at(force, {key: factor}).gap_at_blow_m)
+        key: max((1.0 - tolerance, 1.0 + tolerance), key=lambda factor: _worse(at(force, {key: factor})))
         for key in ASSUMED
     }
 

@@ -13,7 +13,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from mech_twin.machines.mb10_breaker.pressed_body.metrics import (
-    SEATED_GAP_M,
     CycleMetrics,
     PreloadRange,
     SteadyMetrics,
@@ -57,11 +56,6 @@ class CollarPoint:
     preload_ratio: float
     steady: SteadyMetrics
     settles: bool  # before the next load begins, every cycle alike
-
-    @property
-    def seated(self) -> bool:
-        """Whether the tool is seated at the blow."""
-        return self.metrics.gap_at_blow_m <= SEATED_GAP_M
 
     @property
     def metrics(self) -> CycleMetrics:

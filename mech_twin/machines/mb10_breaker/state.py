@@ -15,7 +15,7 @@ from mech_twin.samples import Coordinate
 EVENT_ROWS = 512  # of one coupling step; one more is an error in one line
 
 # kinds of events, by the order of their names
-BLOW, MISSED, TOUCHDOWN, SETTLED, LIFT_OFF, UNSEATED, CATCH_UP, PUSH_BEGINS, PUSHING, RELEASED, STALLED = range(11)
+BLOW, MISSED, TOUCHDOWN, SETTLED, LIFT_OFF, OFF_COLLAR, CATCH_UP, PUSH_BEGINS, PUSHING, RELEASED, STALLED = range(11)
 CRANK_STOPPED, CRANK_STARTED, CRANK_REVERSED, BODY_STOPPED, BODY_STARTED, BODY_REVERSED = range(11, 17)
 GEAR_STOPPED, GEAR_STARTED, GEAR_REVERSED = range(17, 20)
 KINDS = (
@@ -24,7 +24,7 @@ KINDS = (
     "touchdown",
     "settled",
     "lift_off",
-    "unseated",
+    "off_collar",
     "catch_up",
     "push_begins",
     "pushing",

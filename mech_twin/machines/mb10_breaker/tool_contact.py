@@ -35,11 +35,12 @@ from mech_twin.machines.mb10_breaker.motion import (
 from mech_twin.machines.mb10_breaker.state import (
     BLOW,
     CATCH_UP,
+    OFF_COLLAR,
     PUSH_BEGINS,
     RELEASED,
     STALLED,
-    UNSEATED,
 )
+from mech_twin.machines.mb10_breaker.wave_blow import strike_as_wave
 
 SETTLED_WITHIN_S = 1e-10  # the rest of a chatter series that is cut off as one plastic impact
 TURNING_RAD_PER_S = 1e-6  # a crank slower than this stands
@@ -105,14 +106,19 @@ def apply_strike(motion: Motion, state: Any, memory: Any, regime: int, row: Any,
     if rests and e == 0.0 and 0.0 < b.tool_radius_m * hit.p <= SLOWEST_REBOUND_M_PER_S:
         # body and striker would meet collar and tool by turns, ever slower: the limit of that series has both at rest
         hit = impact_on_tool(b, state, rests, e, True)
-    row.before_m_per_s, row.after_m_per_s, row.impulse_ns = speed, -e * speed, hit.impulse
+    if b.waves and e > 0.0:
+        seated = rests or state.tool_m_per_s > 0.0
+        q, u, phi, p = state.crank_rad, state.crank_rad_per_s, state.body_rad, state.body_rad_per_s
+        hit = strike_as_wave(b, q, u, phi, p, state.tool_m_per_s, rests, seated)
+    row.before_m_per_s, row.after_m_per_s, row.impulse_ns = speed, hit.closing, hit.impulse
     state.crank_rad_per_s, state.body_rad_per_s = hit.u, hit.p
-    state.tool_m_per_s += hit.impulse / b.tool_mass_kg
+    state.tool_m += hit.tool_travel
+    state.tool_m_per_s = hit.tool_speed
     memory.blow_loss_j += hit.loss
     memory.impact_impulse_nms += b.tool_radius_m * hit.impulse + hit.collar_nms
     regime = FLIGHT if regime == REST and hit.p > 0.0 else regime
-    memory.tool_regime = MOVING
-    if e == 0.0:
+    memory.tool_regime = MOVING if state.tool_m_per_s > 0.0 or not b.waves else STANDING
+    if hit.together:
         stay_together(motion, state, memory, regime, row, time)
     return regime
 
@@ -177,7 +183,7 @@ def apply_gap_closed(
     if closing_speed(motion.breaker, state) < 0.0:
         return regime, count  # a touch within rounding that already opens
     if first and regime == FLIGHT:  # the body is off its collar: the tool is not pressed on the wall
-        begin_row(motion, state, memory, UNSEATED, time, log[count])
+        begin_row(motion, state, memory, OFF_COLLAR, time, log[count])
         log_post(motion, log[count], time, state, memory, regime)
         count += 1
     row = log[count]

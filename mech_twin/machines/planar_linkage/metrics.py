@@ -7,6 +7,7 @@ from math import asin, degrees, pi
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
 from mech_twin.configuration_tree import ConfigurationError
 from mech_twin.kernel import kernel
@@ -19,17 +20,20 @@ from mech_twin.machines.planar_linkage.roles import dead_centres, regimes_at
 from mech_twin.parts.flywheel import non_uniformity
 
 GRID = 3600
+TORQUE, SHAKING = 0, 1  # columns of a table of a cycle
 PINS_BEFORE = 3  # columns of a table of a cycle before those of the pins
 
 
 class TurnTable(NamedTuple):
     """A turn at uniform speed: crank angle (rad), torque (N m), force on the frame (N), each pin's force (N).
 
-    ``work_j`` is that of the mean torque and all loads since the start, ``inertia_kg_m2`` the reduced inertia; the
-    dead centres of the tool are among the angles.
+    ``regime`` is that of each row.
+    ``work_j`` is that of the mean torque and all loads since the start, ``inertia_kg_m2`` the reduced inertia.  Each
+    dead centre of the tool is there twice, with the force of the stroke before it and with that after it.
     """
 
     angle_rad: Array
+    regime: Array
     torque_nm: Array
     shaking_n: Array
     pins_n: Array
@@ -70,8 +74,13 @@ def cycle(p: PlanarLinkageParameters, chain: PlanarLinkage, count: int = GRID) -
     regimes = np.full(len(angles), IDLE)
     between = np.zeros(len(angles) - 1, dtype=bool)
     if centres is not None:
-        regimes = regimes_at(chain, angles, sense)
-        between = regimes_at(chain, 0.5 * (angles[1:] + angles[:-1]), sense) != IDLE
+        pieces = regimes_at(chain, 0.5 * (angles[1:] + angles[:-1]), sense)
+        before, after = np.append(pieces[-1], pieces), np.append(pieces, pieces[0])
+        sides = np.where(before == after, 1, 2)
+        regimes = np.repeat(after, sides)
+        regimes[np.cumsum(sides) - sides] = before
+        angles = np.repeat(angles, sides)
+        between = regimes[1:] != IDLE
     try:
         table, held = cycle_table(chain, angles, speed, regimes), held_and_way(chain, angles)
     except ZeroDivisionError as error:
@@ -85,7 +94,15 @@ def cycle(p: PlanarLinkageParameters, chain: PlanarLinkage, count: int = GRID) -
     mean = float(worked[-1]) / TURN
     work = mean * angles - worked - (held[:, 0] - held[0, 0])
     return TurnTable(
-        angles, table[:, 0], table[:, 1], table[:, PINS_BEFORE:], work, table[:, 2], mean, abs(float(worked[-1]))
+        angles,
+        regimes,
+        table[:, 0],
+        table[:, 1],
+        table[:, PINS_BEFORE:],
+        work,
+        table[:, 2],
+        mean,
+        abs(float(worked[-1])),
     )
 
 
@@ -94,24 +111,53 @@ def turn_work(found: TurnTable, sense: float) -> tuple[Array, Array]:
     return (found.work_j, found.inertia_kg_m2) if sense > 0.0 else (found.work_j[::-1], found.inertia_kg_m2[::-1])
 
 
+def greatest(found: TurnTable, column: int, sign: float, chain: PlanarLinkage, speed: float) -> float:
+    """Return the greatest value over the turn of ``sign`` times a column of `cycle_table`, between its rows too.
+
+    The rows on both sides of the greatest one bound it; none is looked for across a dead centre, where the force jumps.
+    """
+    row = int(np.argmax(sign * _column(found, column)))
+    angles, last = found.angle_rad, len(found.angle_rad) - 1
+    low = angles[row - 1] if row > 0 else angles[0] - (TURN - angles[last - 1])
+    high = angles[row + 1] if row < last else angles[last] + angles[1]
+    regime = found.regime[row : row + 1]
+
+    def less(angle: float) -> float:
+        return -sign * float(cycle_table(chain, np.array([angle]), speed, regime)[0, column])
+
+    at_row = sign * float(_column(found, column)[row])
+    if low == high:
+        return at_row
+    nearby = minimize_scalar(less, bounds=(float(low), float(high)), method="bounded", options={"xatol": 1e-9})
+    return max(at_row, -float(nearby.fun))
+
+
+def _column(found: TurnTable, column: int) -> Array:
+    columns: tuple[Array, ...] = (found.torque_nm, found.shaking_n, found.inertia_kg_m2, *found.pins_n.T)
+    return columns[column]
+
+
 def cycle_metrics(p: PlanarLinkageParameters, chain: PlanarLinkage, pins: tuple[str, ...]) -> dict[str, float]:
     """Return the metrics of one cycle at rated speed."""
     found, speed = cycle(p, chain), p.drive.speed_rad_per_s
     torque = found.torque_nm
     square = float(np.trapezoid(torque * torque, found.angle_rad)) / TURN
     work, inertia = turn_work(found, p.direction)
+    highest = greatest(found, TORQUE, 1.0, chain, speed)
+    lowest = -greatest(found, TORQUE, -1.0, chain, speed)
+    forces = [greatest(found, PINS_BEFORE + i, 1.0, chain, speed) for i in range(len(pins))]
     return {
-        "drive_torque_peak_nm": float(np.abs(torque).max()),
-        "drive_torque_max_nm": float(torque.max()),
-        "drive_torque_min_nm": float(torque.min()),
+        "drive_torque_peak_nm": max(highest, -lowest),
+        "drive_torque_max_nm": highest,
+        "drive_torque_min_nm": lowest,
         "drive_torque_mean_nm": found.mean_torque_nm,
         "drive_torque_rms_nm": float(np.sqrt(square)),
         "drive_power_mean_w": found.mean_torque_nm * speed,
         "working_stroke_energy_j": found.worked_j,
-        "shaking_force_max_n": float(found.shaking_n.max()),
+        "shaking_force_max_n": greatest(found, SHAKING, 1.0, chain, speed),
         "reduced_inertia_mean_kg_m2": float(np.trapezoid(found.inertia_kg_m2, found.angle_rad)) / TURN,
         "non_uniformity_1": non_uniformity(work, inertia, abs(speed)),
-        **{f"{pin}_force_max_n": float(found.pins_n[:, i].max()) for i, pin in enumerate(pins)},
+        **{f"{pin}_force_max_n": force for pin, force in zip(pins, forces, strict=True)},
         **_travels(p, chain),
         **_transmissions(p, chain),
     }

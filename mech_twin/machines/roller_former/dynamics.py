@@ -24,9 +24,7 @@ from numpy.typing import NDArray
 from mech_twin.kernel import borrowing_kernel, inline_kernel
 from mech_twin.machines.roller_former.cart_parameters import RESIST, REVERSING, CartBank
 from mech_twin.machines.roller_former.cart_statics import (
-    load_moment,
     rod_weight_energy,
-    rod_weight_moment,
     shaft_terms,
 )
 from mech_twin.parts.gear import gear_torque
@@ -56,12 +54,11 @@ CRANK, SPEED, TWIST_RATE = (
     FormerState._fields.index(name) for name in ("crank_rad", "crank_speed_rad_per_s", "twist_rate_rad_per_s")
 )
 
+DRIVE_SPEED = 3  # where the motion has the speed of the drive, the state its twist rate
+
 
 class Former(NamedTuple):
-    """All the kernels need: carts, motor, drive, friction, start and stall thresholds, scales and tolerances.
-
-    ``heavy``: the crank holds many times what the motor's side does, over which its energy is balanced.
-    """
+    """All the kernels need: carts, motor, drive, friction, start and stall thresholds, scales and tolerances."""
 
     bank: CartBank
     motor: MotorConstants
@@ -79,25 +76,20 @@ class Former(NamedTuple):
     stall_time_s: float
     scales: FormerState
     tolerances: Array
-    heavy: bool
 
 
 class Modes(NamedTuple):
     """What is no coordinate: senses in which crank and drive turn (0: stuck), the load, the time below stall speed.
 
-    ``shaft_sense`` is the sign of the motor's torque, at which the loss of the gear has a kink.  ``load_share`` rises
-    from 0 to 1 after the load has come on; ``slow_s`` is -1 above the stall threshold; ``trial_step_s`` is the next
-    step to try, 0 for the whole interval.
+    ``load_share`` rises from 0 to 1 after the load has come on; ``slow_s`` is -1 above the stall threshold.
     """
 
     direction: float
     drive_direction: float
-    shaft_sense: float
     load_on: bool
     load_share: float
     slow_s: float
     stalled: bool
-    trial_step_s: float
 
 
 class DriveLine(NamedTuple):
@@ -108,24 +100,6 @@ class DriveLine(NamedTuple):
     value_nm: float
     slope_nm_per_s: float
     origin_s: float
-
-
-class TravelStretch(NamedTuple):
-    """What stays as it is until the next event: senses, load share and its rate, the dead centres ahead.
-
-    ``forward_nm`` and ``backward_nm`` are the load moments of a crank that is stuck, in either sense.
-    """
-
-    start_s: float
-    direction: float
-    drive_direction: float
-    shaft_sense: float
-    share: float
-    share_rate: float
-    low_rad: float
-    high_rad: float
-    forward_nm: float
-    backward_nm: float
 
 
 @inline_kernel
@@ -153,9 +127,9 @@ def holds_at_rest(bank: CartBank) -> bool:
 
 
 @borrowing_kernel
-def may_stick(former: Former, modes: Modes) -> bool:
+def may_stick(former: Former, load_on: bool) -> bool:
     """Return whether the crank may be held at rest: by the load, or by friction of the shaft."""
-    return former.coulomb_nm > 0.0 or (modes.load_on and holds_at_rest(former.bank))
+    return former.coulomb_nm > 0.0 or (load_on and holds_at_rest(former.bank))
 
 
 @borrowing_kernel
@@ -195,23 +169,6 @@ def at_motor(former: Former, moment_nm: float, direction: float) -> float:
 def coupling_moment(former: Former, now: FormerState) -> float:
     """Return ``T = c (phi1 - phi2) + k (phi1' - phi2')`` (N m)."""
     return former.stiffness_nm_per_rad * now.twist_rad + former.damping_nms_per_rad * now.twist_rate_rad_per_s
-
-
-@borrowing_kernel
-def crank_band(former: Former, crank_rad: float, share: float) -> tuple[float, float]:
-    """Return the coupling moments (N m) between which a crank at rest stays there: backward and forward limit."""
-    forward = load_moment(former.bank, crank_rad, 1.0) * share
-    backward = load_moment(former.bank, crank_rad, -1.0) * share
-    weight = rod_weight_moment(former.bank, crank_rad)
-    return backward + weight - former.coulomb_nm, forward + weight + former.coulomb_nm
-
-
-@borrowing_kernel
-def drive_band(former: Former, torque: DriveLine, t: float) -> tuple[float, float]:
-    """Return the coupling moments (N m) between which a drive at rest is held by its gear."""
-    shaft = shaft_torque(former, torque, t, 0.0)
-    ahead, back = geared(former, shaft, 1.0), geared(former, shaft, -1.0)
-    return min(ahead, back), max(ahead, back)
 
 
 @borrowing_kernel

@@ -6,9 +6,11 @@ from __future__ import annotations
 from typing import Any
 
 from mech_twin.capabilities.faults import MachineFault, share_of_key, supply_sag
+from mech_twin.capabilities.operating_point import motor_changes
 from mech_twin.machines.roller_former.parameters import RollerFormer
 
 LESS = (-0.6, -0.4, -0.2, -0.1)
+LESS_TORQUE = (-0.4, -0.3, -0.2, -0.1)
 EITHER = (-0.4, -0.2, -0.1, 0.1, 0.2, 0.4)
 
 
@@ -19,9 +21,7 @@ def faults(parameters: RollerFormer) -> tuple[MachineFault, ...]:
         share_of_key("coupling_damping", "the coupling damps less or more", "drive.damping_nms_per_rad", EITHER),
         share_of_key("cart_load", "the mix is stiffer or softer", "carts.roller_force_x_n", EITHER),
         share_of_key("guide_friction", "the guide rollers run hard", "carts.friction", (0.25, 0.5, 1.0, 2.0)),
-        MachineFault(
-            "phase_loss", "the motor has lost torque, as of a phase", "1", (-0.4, -0.3, -0.2, -0.1), _weaker_motor
-        ),
+        MachineFault("phase_loss", "the motor has lost torque, as of a phase", "1", LESS_TORQUE, _weaker_motor),
         supply_sag(),
     ]
     states = parameters.carts.cart_states
@@ -29,11 +29,8 @@ def faults(parameters: RollerFormer) -> tuple[MachineFault, ...]:
 
 
 def _weaker_motor(parameters: RollerFormer, size: float) -> dict[str, Any]:
-    """Return the motor with its torque at every slip changed by a share: one of less power, and in no catalogue."""
-    motor = parameters.motor
-    changes: dict[str, Any] = {"motor.catalogue_name": None, "motor.rated_power_w": motor.rated_power_w * (1.0 + size)}
-    printed = {"motor.rated_torque_nm": motor.rated_torque_nm, "motor.breakdown_torque_nm": motor.breakdown_torque_nm}
-    return changes | {key: torque * (1.0 + size) for key, torque in printed.items() if torque is not None}
+    """Return the motor with its torque at every slip changed by a share."""
+    return motor_changes(parameters, torque=1.0 + size)
 
 
 def _empty(cart: int, states: tuple[Any, ...]) -> MachineFault:

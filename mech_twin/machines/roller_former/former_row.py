@@ -8,7 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mech_twin.engine.compiled_steps import linkage_step, log_event, step_of
+from mech_twin.engine.compiled_steps import linkage_step, step_of
+from mech_twin.engine.hybrid.loop import MOST_STEPS, UNSTEADY
 from mech_twin.engine.sample_vectors import MOTOR_COMMAND, MOTOR_JOINTS, Array
 from mech_twin.kernel import borrowing_kernel, kernel
 from mech_twin.machines.roller_former.cart_statics import cart_load, cart_motion, load_moment, rod_weight_moment
@@ -25,15 +26,11 @@ from mech_twin.machines.roller_former.dynamics import (
     state_of,
     stored_energy,
 )
-from mech_twin.machines.roller_former.events import EventLog, empty_log
 from mech_twin.machines.roller_former.integration import (
-    DONE,
-    MOST_STEPS,
     NO_STEP,
     TIGHT,
-    TOO_SHORT,
-    Advance,
     advance_motion,
+    entry_for,
 )
 from mech_twin.machines.roller_former.memory import CARTS_AT, memory_of, residuals_of, shaft_of
 
@@ -54,6 +51,12 @@ class CoupledFormer(NamedTuple):
 
     former: Former
     step_s: float
+    entry: int | None  # of its motion in this process
+
+
+def coupled_former(former: Former, step_s: float) -> CoupledFormer:
+    """Return the constants of the linkage role, its functions compiled."""
+    return CoupledFormer(former, step_s, entry_for(former))
 
 
 class CartJoints(NamedTuple):
@@ -106,29 +109,16 @@ def cart_joints(former: Former, y: Array, modes: Modes) -> CartJoints:
     return CartJoints(position, velocity, effort, worst)
 
 
-@kernel
-def coupled_step(
-    former: Former, torque: DriveLine, t: float, end_s: float, y: Array, modes: Modes, log: EventLog
-) -> tuple[Advance, float, float]:
-    """Advance one coupling step in place; return how, and the stored energy before and after it (J)."""
-    sides = np.ones(former.bank.offset_rad.size)
-    before = stored_energy(former, state_of(y), sides)
-    advance = advance_motion(former, torque, t, end_s, y, modes, log, np.inf)
-    return advance, before, stored_energy(former, state_of(y), sides)
-
-
 @borrowing_kernel
 def modes_of(memory: Any) -> Modes:
-    """Return the modes of a memory; sense of the torque and first step to try are found anew in each step."""
+    """Return the modes of a memory."""
     return Modes(
         memory.direction_1,
         memory.drive_direction_1,
-        1.0,
         memory.load_on_1 > 0.0,
         memory.load_share_1,
         memory.slow_s,
         memory.stalled_1 > 0.0,
-        0.0,
     )
 
 
@@ -223,18 +213,17 @@ def former_step(
     smooth = past.torque_known_1 != 0.0 and abs(change - past.command_change_1) <= KINK
     smooth = smooth and min(command, before.command) > 0.0
     slope = (shaft - past.motor_torque_nm) / model.step_s if smooth else 0.0
-    torque = DriveLine(False, command, shaft, slope, begin_s)
-    happened, end_s = empty_log(), (step + 1) * model.step_s
-    done, begun, stored = coupled_step(former, torque, begin_s, end_s, y, modes_of(past), happened)
-    if done.status != DONE:
-        return log, -1 if done.status == TOO_SHORT else -2
+    torque = DriveLine(False, command, shaft, slope, 0.0)
+    sides, end_s = np.ones(former.bank.offset_rad.size), (step + 1) * model.step_s
+    begun = stored_energy(former, state_of(y), sides)
+    done, log = advance_motion(model.entry, former, torque, begin_s, end_s, y, modes_of(past), log, np.inf)
+    if done.status < 0:
+        return log, -1 if done.status == UNSTEADY else -2
+    stored = stored_energy(former, state_of(y), sides)
     after = memory_of(out, former.bank.offset_rad.size)
     book_step(past, shaft, change, done.modes, y, begun, stored, after)
     if math.floor(state_of(y).crank_rad / TURN) == math.floor(crank_rad / TURN):
         after.turn_balance_error_j = after.turn_balance_error_j + past.turn_balance_error_j
         after.turn_turnover_j = after.turn_turnover_j + past.turn_turnover_j
     fill_row(former, y, done.modes, shaft + slope * model.step_s, command, out)
-    for i in range(done.events):
-        turn = float(happened.turn[i])
-        log = log_event(log, i, happened.time_s[i], happened.kind[i], 0, 0.0, 0.0, 0.0, turn)
-    return log, done.events
+    return log, done.status

@@ -1,257 +1,189 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Integration of the roller former between two instants: one compiled kernel with error control.
-
-Method: Dormand and Prince, eighth order with embedded fifth and third (`engine.tableaus`).  Every step ends at the
-latest where something happens: the first event is bracketed by repeated steps and landed on (`engine.events`).
-"""
+"""The roller former carried on from one instant to another by the one loop."""
 
 from __future__ import annotations
 
-from math import isfinite
+import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from mech_twin.engine.events import NONE, Step, first_event
-from mech_twin.engine.integration import (
-    SHORTEST_S,
-    Workspace,
-    controlled_step,
-    finish_step,
-    start_step,
-    take_step,
-)
-from mech_twin.engine.tableaus import DORMAND_PRINCE_8
-from mech_twin.kernel import borrowing_kernel, kernel
-from mech_twin.machines.roller_former.cart_statics import shaft_terms
-from mech_twin.machines.roller_former.dynamics import (
-    CRANK,
-    SIZE,
-    SPEED,
+from mech_twin.engine.hybrid.declared import declared, entry_of
+from mech_twin.engine.hybrid.laws import (
     Array,
+    Indices,
+)
+from mech_twin.engine.hybrid.loop import (
+    LOG_FULL,
+    MOST_PIECES,
+    MOST_STEPS,
+    UNSTEADY,
+    advance,
+    room_in,
+    room_sizes,
+)
+from mech_twin.engine.integration import SHORTEST_S
+from mech_twin.engine.tableaus import DORMAND_PRINCE_8
+from mech_twin.kernel import borrowing_kernel, inline_kernel, kernel
+from mech_twin.machines.roller_former.cart_statics import (
+    rod_weight_moment,
+    shaft_terms,
+    sides_of_travel,
+)
+from mech_twin.machines.roller_former.dynamics import (
+    SIZE,
     DriveLine,
     Former,
     Modes,
-    TravelStretch,
+    coupling_moment,
+    gear_may_stick,
+    geared,
     may_stick,
+    shaft_torque,
     state_of,
 )
-from mech_twin.machines.roller_former.events import (
-    EventLog,
-    apply_event,
-    count_slow_time,
-    normalised_modes,
-    stretch_from,
-    with_load,
-)
 from mech_twin.machines.roller_former.motion import (
-    MOST_WATCHES,
-    SHAFT_TURNS,
+    CRANK_LAW,
+    DRIVE,
+    DRIVE_LAW,
+    IS_SLOW,
+    IS_STALLED,
+    KEPT,
+    LAWS,
+    LOAD_ON,
+    OWN_SIGNALS,
+    PASSED,
+    SHARE,
+    SINCE_S,
+    SLOW_S,
+    SPEED,
+    TWIST,
     FormerMotion,
-    fill_watches,
-    motion_signals,
-    something_happened,
-    turned_idly,
-    without_shaft,
+    law_of,
+    sense_of,
 )
 
-DONE, TOO_SHORT, TOO_MANY = range(3)
-MOST_STEPS = 200_000  # in one call: some seconds
-STAGES = len(DORMAND_PRINCE_8.weights)
-CALM = 4.0  # of rate times step: up to 4.37 a step of the method leaves a decaying speed its sign
-
-
-class Advance(NamedTuple):
-    """Where an integration got to: time (s), how it ended, number of events logged, modes, steps tried."""
-
-    time_s: float
-    status: int
-    events: int
-    modes: Modes
-    steps: int
-
-
+OF_A_STEP = 0.002  # of the tolerance of the motion: what one step may miss
+CREEPING, LEAST_SPEED = 1e-3, 1e-14  # of the speed that the twist gives a creeping crank; rad/s
 NO_STEP = f"no integration step of {SHORTEST_S:g} s or more is small enough"
 TIGHT = "integrator.tolerance is too tight for these loads"
 
 
+class Advance(NamedTuple):
+    """How an integration ended: time (s), number of events or why it failed (< 0), modes, steps tried."""
+
+    time_s: float
+    status: int
+    modes: Modes
+    steps: int
+
+
 def ending(advance: Advance) -> str:
     """Return in one line why an integration did not reach its end."""
-    at = f" at {advance.time_s:.6g} s" if isfinite(advance.time_s) else ""
-    if advance.status == TOO_SHORT:
+    at = f" at {advance.time_s:.6g} s" if math.isfinite(advance.time_s) else ""
+    if advance.status == UNSTEADY:
         return f"{NO_STEP}{at}: {TIGHT}"
     return (
-        f"more than {MOST_STEPS} integration steps{at}: drive.stiffness_nm_per_rad, "
+        f"more than {MOST_STEPS} integration steps or {MOST_PIECES} events{at}: drive.stiffness_nm_per_rad, "
         "drive.damping_nms_per_rad or friction.viscous_nms_per_rad is too large for the inertia"
     )
 
 
-@borrowing_kernel
-def happened_already(motion: FormerMotion, modes: Modes, watches: NDArray[np.int64], t: float, y: Array) -> int:
-    """Return the first watched event whose signal is past its root when a stretch begins, or `NONE`."""
-    for i in range(fill_watches(motion, modes, y, watches)):
-        value, _ = motion_signals(motion, watches[i, 0], t, y)
-        if value > 0.0:
-            return int(watches[i, 0])
-    return NONE
+def entry_for(former: Former) -> int | None:
+    """Return the address of the compiled functions of a former."""
+    torque = DriveLine(False, 0.0, 0.0, 0.0, 0.0)
+    return entry_of(FormerMotion(former, torque, 0.0, 0.0, np.empty(KEPT), np.empty(former.bank.offset_rad.size)))
+
+
+@inline_kernel
+def begin_modes(former: Former, torque: DriveLine, y: Array, modes: Modes, kept: Array, regimes: Indices) -> None:
+    """Fill regimes and what is kept from modes, in line with parameters and command as they are now."""
+    kept[SLOW_S], stalled = modes.slow_s, modes.stalled
+    if torque.command <= 0.0 or y[DRIVE] >= former.slow_speed_rad_per_s * torque.command:
+        kept[SLOW_S], stalled = -1.0, False
+    elif modes.slow_s < 0.0:
+        kept[SLOW_S] = 0.0
+    kept[SHARE] = 1.0 if modes.load_on and former.load_rise_s == 0.0 else modes.load_share
+    kept[SINCE_S], kept[PASSED] = 0.0, 0.0
+    regimes[CRANK_LAW] = law_of(may_stick(former, modes.load_on), y[SPEED], modes.direction)
+    regimes[DRIVE_LAW] = law_of(gear_may_stick(former), y[DRIVE], modes.drive_direction)
+    regimes[LOAD_ON], regimes[IS_SLOW] = 1 if modes.load_on else 0, 1 if kept[SLOW_S] >= 0.0 else 0
+    regimes[IS_STALLED] = 1 if stalled else 0
 
 
 @borrowing_kernel
-def keep_digits(motion: FormerMotion, y: Array, h: float, end: Array, work: Workspace, lost: Array) -> None:
-    """Give the ``end`` of the step of ``h`` taken what rounding took from a heavy crank in the steps before.
-
-    ``lost`` (2, SIZE) is what rounding took from its angle and speed before and after the step: summed over the steps
-    of a turn it opens the balance of energy.
-    """
-    if not motion.former.heavy or motion.stretch.direction == 0.0:
-        return
-    for i in (CRANK, SPEED):
-        change = 0.0
-        for stage in range(STAGES):
-            change += DORMAND_PRINCE_8.weights[stage] * work.rates[stage, i]
-        change = h * change + lost[0, i]
-        end[i] = y[i] + change
-        lost[1, i] = change - (end[i] - y[i])
-
-
-@kernel
-def locate_event(
-    motion: FormerMotion,
-    modes: Modes,
-    watches: NDArray[np.int64],
-    t: float,
-    y: Array,
-    h: float,
-    end: Array,
-    work: Workspace,
-    lost: Array,
-) -> tuple[int, float]:
-    """Return the event that ends a step of ``h``, or `NONE`, and the step up to it; ``end`` becomes the state there."""
-    end[:] = work.end
-    keep_digits(motion, y, h, end, work, lost)
-    if not something_happened(motion, modes, y, t + h, end, h, work.rates):
-        return NONE, h
-    if turned_idly(motion, y, t + h, end, h) and not something_happened(
-        without_shaft(motion), modes, y, t + h, end, h, work.rates
-    ):
-        return SHAFT_TURNS, h
-    count = fill_watches(motion, modes, y, watches)
-    which, span = first_event(Step(motion, t, y, h, work), watches, count, end)
-    if which == NONE:
-        finish_step(motion, t, h, Workspace(work.rates, work.stage, end))
-        return NONE, h
-    take_step(motion, t, y, span, work)
-    end[:] = work.end
-    keep_digits(motion, y, span, end, work, lost)
-    return int(watches[which, 0]), span
-
-
-@borrowing_kernel
-def longest_step(stretch: TravelStretch, modes: Modes, left_s: float) -> float:
-    """Return the longest step (s): up to the end, or to where the load has risen to its full size."""
-    if stretch.share_rate <= 0.0:
-        return left_s
-    return min(left_s, max((1.0 - modes.load_share) / stretch.share_rate, 2.0 * SHORTEST_S))
-
-
-@borrowing_kernel
-def calm_step(motion: FormerMotion, modes: Modes, y: Array, wanted: float) -> float:
-    """Return the step to try (s): of a crank that creeps, one in which the method turns no decay into a reversal.
-
-    Below its tolerance error control no longer sees the sign of a speed, which is an event where the crank may stick.
-    """
-    former, now = motion.former, state_of(y)
-    creeps = abs(now.crank_speed_rad_per_s) <= former.tolerances[SPEED]
-    if not creeps or motion.stretch.direction == 0.0 or not may_stick(former, modes):
-        return wanted
-    inertia, _, _ = shaft_terms(former.bank, now.crank_rad, motion.sides, motion.stretch.direction)
-    return min(wanted, CALM * inertia / max(former.viscous_nms_per_rad + former.damping_nms_per_rad, 1e-300))
+def advance_in(
+    entry: int | None, former: Former, torque: DriveLine, times: tuple[float, float], stop_rad: float, state: Array,
+    modes: Modes, log: Array, numbers: Array, marks: Indices,
+) -> Advance:  # fmt: skip
+    """Carry the state on as `advance_motion` does, in given room."""
+    carts, y, regimes = former.bank.offset_rad.size, numbers[:SIZE], marks[:5]
+    kept, sides = numbers[SIZE : SIZE + KEPT], numbers[SIZE + KEPT : SIZE + KEPT + carts]
+    room = room_in(numbers[SIZE + KEPT + carts :], marks[5:], 2, LAWS, OWN_SIGNALS, SIZE, DORMAND_PRINCE_8)
+    for i in range(SIZE):
+        y[i], room.tolerance[i] = state[i], OF_A_STEP * former.tolerances[i]
+    y[DRIVE] = state[SPEED] + state[DRIVE]
+    if former.viscous_nms_per_rad > 0.0:  # error control sees a crank that creeps in thick friction
+        creeps = CREEPING * abs(former.stiffness_nm_per_rad * y[TWIST]) / former.viscous_nms_per_rad
+        room.tolerance[SPEED] = max(min(room.tolerance[SPEED], creeps), LEAST_SPEED)
+    room.steps[0] = 0
+    begin_modes(former, torque, y, modes, kept, regimes)
+    motion = FormerMotion(former, torque, times[0], stop_rad, kept, sides)
+    system = declared(entry, motion, room.at)
+    count = advance(system, 0.0, times[1] - times[0], y, regimes, room, log, 0)
+    for i in range(SIZE):
+        state[i] = y[i]
+    state[DRIVE] = y[DRIVE] - y[SPEED]
+    after = Modes(
+        sense_of(regimes[CRANK_LAW]), sense_of(regimes[DRIVE_LAW]), regimes[LOAD_ON] == 1, kept[SHARE], kept[SLOW_S],
+        regimes[IS_STALLED] == 1,
+    )  # fmt: skip
+    return Advance(times[0] + kept[SINCE_S], count, after, room.steps[0])
 
 
 @kernel
 def advance_motion(
-    former: Former, torque: DriveLine, t: float, end_s: float, y: Array, modes: Modes, log: EventLog, stop_rad: float
-) -> Advance:
+    entry: int | None, former: Former, torque: DriveLine, t: float, end_s: float, y: Array, modes: Modes, log: Array,
+    stop_rad: float,
+) -> tuple[Advance, Array]:  # fmt: skip
     """Carry the state on to ``end_s``, or to the crank angle ``stop_rad`` if that is reached first.
 
     Parameters
     ----------
+    entry : int
+        Of `entry_for`.
     former, torque
         Constants, and the motor's torque during the interval.
     t, end_s : float
         Start and end, s.
     y : array, shape (8,)
-        The `State`, changed in place.
+        The `FormerState`, changed in place.
     modes : Modes
         Modes at the start.
-    log : EventLog
-        Filled with what happened.
+    log : array
+        Table of events, filled; returned, longer where it has to be.
     stop_rad : float
         Crank angle to stop at (landed on), ``inf`` for none.
-
-    Returns
-    -------
-    Advance
-        The time reached, and the modes there.
     """
-    work = Workspace(np.empty((16, SIZE)), np.empty(SIZE), np.empty(SIZE))
-    end, sides, lost = np.empty(SIZE), np.empty(former.bank.offset_rad.size), np.zeros((2, SIZE))
-    watches = np.zeros((MOST_WATCHES, 3), np.int64)
-    modes = normalised_modes(former, torque, t, y, modes)
-    wanted = modes.trial_step_s if modes.trial_step_s > 0.0 else end_s - t
-    count, steps, fresh, passed = 0, 0, True, NONE
-    motion = FormerMotion(former, torque, stretch_from(former, t, y, modes, sides, stop_rad, passed), sides)
-    while end_s - t > SHORTEST_S and state_of(y).crank_rad < stop_rad:
-        steps += 1
-        if steps > MOST_STEPS:
-            return Advance(t, TOO_MANY, count, modes, steps)
-        if fresh:
-            motion = FormerMotion(former, torque, stretch_from(former, t, y, modes, sides, stop_rad, passed), sides)
-            code = happened_already(motion, modes, watches, t, y)
-            if code != NONE:
-                modes, count = apply_event(motion, code, t, y, modes, log, count)
-                passed = code
-                continue
-            start_step(motion, t, y, work)
-            fresh = False
-        rise, limit = motion.stretch.share_rate, longest_step(motion.stretch, modes, end_s - t)
-        trial = calm_step(motion, modes, y, min(max(wanted, 2.0 * SHORTEST_S), limit))
-        h, following = controlled_step(motion, t, y, trial, former.tolerances, work)
-        if h == 0.0:
-            return Advance(t, TOO_SHORT, count, modes, steps)
-        if not (h < wanted and following < wanted and h == limit):
-            wanted = following
-        code, h = locate_event(motion, modes, watches, t, y, h, end, work, lost)
-        passed = code
-        modes, count = count_slow_time(former, t, h, state_of(end).crank_rad, modes, log, count)
-        y[:] = end
-        if rise > 0.0:
-            whole = h == limit and h < end_s - t
-            modes = with_load(modes, True, 1.0 if whole else min(1.0, modes.load_share + rise * h))
-            fresh = modes.load_share >= 1.0
-        t = end_s if h == end_s - t else t + h
-        if code != NONE:
-            modes, count = apply_event(motion, code, t, y, modes, log, count)
-            fresh = True
-        for i in (CRANK, SPEED):
-            lost[0, i] = lost[1, i] if y[i] == end[i] else 0.0  # what an event sets it sets exactly
-        if not fresh:
-            work.rates[0] = work.rates[STAGES]
-    reached = end_s if state_of(y).crank_rad < stop_rad else t
-    return Advance(reached, DONE, count, with_trial_step(modes, wanted), steps)
+    size, places = room_sizes(2, LAWS, OWN_SIGNALS, SIZE)
+    numbers = np.zeros(SIZE + KEPT + former.bank.offset_rad.size + size)
+    marks, start = np.zeros(5 + places, dtype=np.int64), y.copy()
+    done = advance_in(entry, former, torque, (t, end_s), stop_rad, y, modes, log, numbers, marks)
+    while done.status == LOG_FULL:
+        log, y[:] = np.empty((2 * len(log) + 8, log.shape[1])), start
+        done = advance_in(entry, former, torque, (t, end_s), stop_rad, y, modes, log, numbers, marks)
+    return done, log
 
 
-@borrowing_kernel
-def with_trial_step(modes: Modes, trial_step_s: float) -> Modes:
-    """Return the modes with another step to try first."""
-    return Modes(
-        modes.direction,
-        modes.drive_direction,
-        modes.shaft_sense,
-        modes.load_on,
-        modes.load_share,
-        modes.slow_s,
-        modes.stalled,
-        trial_step_s,
-    )
+@kernel
+def twist_acceleration(former: Former, torque: DriveLine, t: float, y: Array, drive_direction: float) -> float:
+    """Return the twist's acceleration (rad/s2) of a loaded machine that turns forward."""
+    now, sides = state_of(y), np.empty(former.bank.offset_rad.size)
+    sides_of_travel(former.bank, now.crank_rad, sides)
+    inertia, slope, load = shaft_terms(former.bank, now.crank_rad, sides, 1.0)
+    w, transmitted = now.crank_speed_rad_per_s, coupling_moment(former, now)
+    opposing = load + former.coulomb_nm + former.viscous_nms_per_rad * w + w * w * slope
+    opposing += rod_weight_moment(former.bank, now.crank_rad)
+    shaft = shaft_torque(former, torque, t, w + now.twist_rate_rad_per_s)
+    first = (geared(former, shaft, drive_direction) - transmitted) / former.motor_inertia_kg_m2
+    return first - (transmitted - opposing) / inertia

@@ -112,9 +112,10 @@ def turn_metrics(turn: SteadyTurn, former: Former) -> dict[str, float]:
 
 
 def motor_metrics(turn: SteadyTurn, former: Former) -> dict[str, float]:
-    """Return the root mean square of the motor's torque over a steady turn, and its heating, against rated.
+    """Return the root mean square of the motor's torque over a steady turn, and its rotor loss, against rated.
 
-    Heating: the copper loss of the rotor is the slip power ``M s w_0``; its mean over the rated ``M_n s_n w_0``.
+    The copper loss of the rotor is the slip power ``M s w_0``; the rated one is ``M_n s_n w_0``.  Stator, magnetising
+    and iron losses are not told by rating and speeds, and not counted.
     """
     motor, columns = former.motor, turn.columns
     torque = columns.motor_nm
@@ -124,7 +125,7 @@ def motor_metrics(turn: SteadyTurn, former: Former) -> dict[str, float]:
     return {
         "motor_torque_rms_nm": rms,
         "motor_torque_rms_of_rated_1": rms / motor.rated_torque_nm,
-        "motor_heating_of_rated_1": float(np.mean(torque * slip)) / (motor.rated_torque_nm * motor.rated_slip),
+        "motor_rotor_loss_of_rated_1": float(np.mean(torque * slip)) / (motor.rated_torque_nm * motor.rated_slip),
     }
 
 

@@ -1,372 +1,284 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The system that is integrated: rates of the roller former's state, and the signals whose roots are its events.
+"""Motion of the roller former between two instants: what it declares to the one loop.
 
-Signals are numbers that turn positive when their event has happened.  Which of them can happen is decided when a
-stretch begins (`fill_watches`).
+Two laws act: at the crank, friction of the shaft and a load that turns with the motion; at the drive, the loss of the
+gear.  Further signals: dead centres (kinks of the load), the load coming on and in full, the stall threshold and time.
 """
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from mech_twin.engine.events import RISING, UNKNOWN, signals_of
-from mech_twin.engine.integration import rates_of
-from mech_twin.engine.tableaus import DORMAND_PRINCE_8
-from mech_twin.kernel import borrowing_kernel, inline_kernel, kernel
-from mech_twin.machines.roller_former.cart_statics import branching_terms, plain_terms, rod_weight_moment
-from mech_twin.machines.roller_former.dynamics import (
-    SIZE,
-    TWIST_RATE,
+from mech_twin.engine.compiled_steps import fill_event
+from mech_twin.engine.hybrid.laws import (
+    HIGH,
+    HOLD,
+    LOW,
+    OPEN,
     Array,
+    Equations,
+    Indices,
+    accumulate,
+    begin_piece,
+    change_regimes,
+    declares,
+    end_piece,
+    evaluate,
+    fill_signals,
+    note_impact,
+    pass_signal,
+)
+from mech_twin.engine.hybrid.loop import (
+    ENDED,
+)
+from mech_twin.kernel import borrowing_kernel, inline_kernel
+from mech_twin.machines.roller_former.cart_statics import (
+    LOOK_AHEAD_RAD,
+    has_kinks,
+    load_moment,
+    rod_weight_moment,
+    shaft_terms,
+    sides_of_travel,
+)
+from mech_twin.machines.roller_former.dynamics import (
+    DRIVE_SPEED,
     DriveLine,
     Former,
-    Modes,
-    TravelStretch,
-    coupling_moment,
-    drive_band,
-    gear_may_stick,
     may_stick,
     shaft_torque,
-    state_of,
 )
-from mech_twin.parts.friction import sliding_torque
+from mech_twin.parts.gear import gear_split
 
-(
-    HIGH,
-    LOW,
-    CRANK_TURNS,
-    LOAD_ENGAGES,
-    QUICKENS,
-    SLACKENS,
-    CRANK_AHEAD,
-    CRANK_BACK,
-    DRIVE_TURNS,
-    DRIVE_AHEAD,
-    DRIVE_BACK,
-    SHAFT_TURNS,
-) = range(12)
-MOST_WATCHES = 12
-RELEASE_MARGIN = 1e-9  # of what holds: a mass let go must not be held again by rounding
-IDLE = 1e-4  # of the tolerance of a speed: what a kink of the gear's loss may change it by and not be looked for
-FAR = 4.0  # times what the larger rate at either end of a step would change a signal by: it is not zero in between
+EVENT_KINDS = ("held", "released", "load_engaged", "stall", "recovered")
+HELD_EVENT, RELEASED_EVENT, ENGAGED_EVENT, STALL_EVENT, RECOVERED_EVENT = range(len(EVENT_KINDS))
+TURN = 2.0 * np.pi
+FAR_RAD = 1e300
+CRANK, TWIST, SPEED, DRIVE = 0, 1, 2, DRIVE_SPEED  # places in the state
+CRANK_LAW, DRIVE_LAW, LOAD_ON, IS_SLOW, IS_STALLED = range(5)  # places in the regimes
+SIDE_AHEAD, SIDE_BEHIND, ENGAGES, CROSSES, IN_FULL, STALLS, STOPS = range(7)  # own signals
+SHARE, SLOW_S, SINCE_S, LOW_RAD, HIGH_RAD, PASSED = range(6)  # kept from piece to piece
+OWN_SIGNALS, KEPT = 7, 6
+LAWS = 2
 
 
 class FormerMotion(NamedTuple):
-    """The system during a stretch; ``sides`` are the half turns of the carts."""
+    """The system: constants, the motor's torque, where it stops (rad); what is kept; the half turns of the carts."""
 
     former: Former
     torque: DriveLine
-    stretch: TravelStretch
+    begin_s: float
+    stop_rad: float
+    kept: Array
     sides: Array
 
 
-@rates_of(FormerMotion, DORMAND_PRINCE_8)
-def motion_rates(motion: FormerMotion, t: float, y: Array, out: Array) -> None:
-    """Fill ``out`` with the time derivative of the state; a sense of 0 is a mass that is stuck."""
-    former, stretch, now = motion.former, motion.stretch, state_of(y)
-    speed, rate = now.crank_speed_rad_per_s, now.twist_rate_rad_per_s
-    transmitted = coupling_moment(former, now)
-    load, friction, acceleration = 0.0, 0.0, 0.0
-    if stretch.direction != 0.0:
-        bank = former.bank
-        if bank.plain:  # called here and not through shaft_terms, so that the compiler puts it in line
-            inertia, slope, full = plain_terms(bank, now.crank_rad, motion.sides, stretch.direction)
-        else:
-            inertia, slope, full = branching_terms(bank, now.crank_rad, motion.sides, stretch.direction)
-        load = full * (stretch.share + stretch.share_rate * (t - stretch.start_s))
-        friction = -sliding_torque(former.coulomb_nm, former.viscous_nms_per_rad, speed, stretch.direction)
-        opposing = load + friction + speed * speed * slope
-        if bank.gravity_m_per_s2 > 0.0:
-            opposing += rod_weight_moment(bank, now.crank_rad)
-        acceleration = (transmitted - opposing) / inertia
-    moment, drive_acceleration = transmitted, 0.0
-    if stretch.drive_direction != 0.0:
-        shaft = shaft_torque(former, motion.torque, t, speed + rate)
-        moment = geared_smoothly(former, shaft, stretch.shaft_sense * stretch.drive_direction)
-        drive_acceleration = (moment - transmitted) / former.motor_inertia_kg_m2
-    out[0] = speed
-    out[1] = rate
-    out[2] = acceleration
-    out[3] = drive_acceleration - acceleration
-    out[4] = moment * (speed + rate)
-    out[5] = former.damping_nms_per_rad * rate * rate
-    out[6] = load * speed
-    out[7] = friction * speed
+@inline_kernel
+def sense_of(regime: int) -> float:
+    """Return the sense of turning: 0 held, 1 of a shaft that cannot stick."""
+    return -1.0 if regime == HIGH else 0.0 if regime == HOLD else 1.0
 
 
 @inline_kernel
-def geared_smoothly(former: Former, shaft_nm: float, power_sense: float) -> float:
-    """Return the moment at the crank (N m), the loss of the gear as at one sign of power: smooth over a stretch."""
-    if former.loss_by_power and power_sense < 0.0:
-        return shaft_nm * former.ratio / former.efficiency
-    return shaft_nm * former.ratio * former.efficiency
+def law_of(sticks: bool, speed: float, sense: float) -> int:
+    """Return the regime of a law, at rest that of the sense remembered."""
+    if not sticks:
+        return OPEN
+    if speed != 0.0:
+        return LOW if speed > 0.0 else HIGH
+    return LOW if sense > 0.0 else HIGH if sense < 0.0 else HOLD
+
+
+@inline_kernel
+def share_rate(motion: FormerMotion, regimes: Indices) -> float:
+    """Return how fast the load comes on (1/s)."""
+    rises = regimes[LOAD_ON] == 1 and motion.kept[SHARE] < 1.0
+    return 1.0 / motion.former.load_rise_s if rises else 0.0
+
+
+@inline_kernel
+def load_share(motion: FormerMotion, t: float, regimes: Indices) -> float:
+    """Return the share of the load that acts."""
+    return float(motion.kept[SHARE] + share_rate(motion, regimes) * (t - motion.kept[SINCE_S]))
+
+
+@declares(evaluate, FormerMotion)
+def evaluate_former(motion: FormerMotion, t: float, y: Array, regimes: Indices, at: Equations) -> None:
+    """Fill in inertias, moments, and the bounds of load and friction at the crank, of the gear at the drive."""
+    former, crank, twist, w, first = motion.former, y[CRANK], y[TWIST], y[SPEED], y[DRIVE]
+    bank, direction = former.bank, sense_of(regimes[CRANK_LAW])
+    share = load_share(motion, t, regimes)
+    inertia, slope, full = shaft_terms(bank, crank, motion.sides, direction if direction != 0.0 else 1.0)
+    transmitted = former.stiffness_nm_per_rad * twist + former.damping_nms_per_rad * (first - w)
+    at.mass[0, 0], at.mass[1, 1] = inertia, former.motor_inertia_kg_m2
+    at.directions[CRANK_LAW, 0], at.directions[DRIVE_LAW, 1] = 1.0, 1.0
+    at.force[0] = transmitted - w * w * slope - former.viscous_nms_per_rad * w
+    if bank.gravity_m_per_s2 > 0.0:
+        at.force[0] -= rod_weight_moment(bank, crank)
+    if regimes[CRANK_LAW] == OPEN:
+        at.force[0] -= share * full
+    elif w == 0.0:
+        at.low[0] = -share * load_moment(bank, crank, 1.0) - former.coulomb_nm
+        at.high[0] = max(-share * load_moment(bank, crank, -1.0) + former.coulomb_nm, at.low[0])
+    else:
+        at.low[0] = -share * full - former.coulomb_nm
+        at.high[0] = -share * full + former.coulomb_nm
+    shaft = shaft_torque(former, motion.torque, t, first)
+    if regimes[DRIVE_LAW] == OPEN:
+        at.force[1] = shaft * former.ratio * former.efficiency - transmitted
+    else:
+        passed = gear_split(former.ratio, former.efficiency, shaft)
+        at.force[1] = passed.mean_nm - transmitted
+        at.low[1], at.high[1] = -passed.friction_nm, passed.friction_nm
+
+
+@declares(accumulate, FormerMotion)
+def accumulate_work(motion: FormerMotion, t: float, y: Array, regimes: Indices, at: Equations, out: Array) -> None:
+    """Fill in the rate of the twist, and the power of motor, damping, load and friction."""
+    former, w, first = motion.former, y[SPEED], y[DRIVE]
+    twist_rate = first - w
+    damping = former.damping_nms_per_rad * twist_rate
+    out[TWIST] = twist_rate
+    moment = at.force[1] + former.stiffness_nm_per_rad * y[TWIST] + damping + at.multiplier[DRIVE_LAW]
+    friction = former.viscous_nms_per_rad * w
+    if regimes[CRANK_LAW] == OPEN:
+        load = load_share(motion, t, regimes) * shaft_terms(former.bank, y[CRANK], motion.sides, 1.0)[2]
+    else:
+        coulomb = former.coulomb_nm * sense_of(regimes[CRANK_LAW])
+        load = -at.multiplier[CRANK_LAW] - coulomb
+        friction += coulomb
+    out[4] = moment * first
+    out[5] = damping * twist_rate
+    out[6] = load * w
+    out[7] = friction * w
+
+
+@declares(fill_signals, FormerMotion)
+def signal_events(
+    motion: FormerMotion, t: float, y: Array, regimes: Indices, at: Equations, values: Array, rates: Array
+) -> None:
+    """Fill in what is left to dead centres, thresholds of speed, and times of load and stall."""
+    former, kept, first, begin = motion.former, motion.kept, y[DRIVE], 2 * LAWS
+    for i in range(OWN_SIGNALS):
+        values[begin + i], rates[begin + i] = math.inf, 0.0
+    values[begin + STOPS], rates[begin + STOPS] = motion.stop_rad - y[CRANK], -y[SPEED]
+    if regimes[CRANK_LAW] != HOLD:
+        values[begin + SIDE_AHEAD], rates[begin + SIDE_AHEAD] = kept[HIGH_RAD] - y[CRANK], -y[SPEED]
+        values[begin + SIDE_BEHIND], rates[begin + SIDE_BEHIND] = y[CRANK] - kept[LOW_RAD], y[SPEED]
+    if regimes[LOAD_ON] == 0:
+        values[begin + ENGAGES] = former.engage_speed_rad_per_s - y[SPEED]
+        rates[begin + ENGAGES] = -at.acceleration[0]
+    elif kept[SHARE] < 1.0:
+        values[begin + IN_FULL] = kept[SINCE_S] + (1.0 - kept[SHARE]) * former.load_rise_s - t
+        rates[begin + IN_FULL] = -1.0
+    if motion.torque.command > 0.0:
+        sense = -1.0 if regimes[IS_SLOW] == 1 else 1.0
+        values[begin + CROSSES] = sense * (first - former.slow_speed_rad_per_s * motion.torque.command)
+        rates[begin + CROSSES] = sense * at.acceleration[1]
+    if regimes[IS_SLOW] == 1 and regimes[IS_STALLED] == 0:
+        values[begin + STALLS] = kept[SINCE_S] + former.stall_time_s - kept[SLOW_S] - t
+        rates[begin + STALLS] = -1.0
 
 
 @borrowing_kernel
-def least_moment(former: Former) -> float:
-    """Return a moment (N m) that is nothing, but more than 0: a moment of 0 that stays 0 is no event."""
-    return 1e-18 * former.motor.breakdown_torque_nm
+def setting_off(motion: FormerMotion, y: Array, regimes: Indices) -> float:
+    """Return a moment (N m) with the sense in which a crank at rest sets off, 0 where nothing drives it."""
+    former, bank = motion.former, motion.former.bank
+    driving = former.stiffness_nm_per_rad * y[TWIST] + former.damping_nms_per_rad * (y[DRIVE] - y[SPEED])
+    driving -= rod_weight_moment(bank, y[CRANK])
+    if regimes[LOAD_ON] == 0 or regimes[CRANK_LAW] == HOLD:
+        return float(driving)
+    load = load_moment(bank, y[CRANK], sense_of(regimes[CRANK_LAW]))
+    driving -= motion.kept[SHARE] * load
+    rises_from_nothing = driving == 0.0 == motion.kept[SHARE]
+    return float(-load if rises_from_nothing else driving)
+
+
+@declares(begin_piece, FormerMotion)
+def look_ahead(motion: FormerMotion, t: float, y: Array, regimes: Indices) -> None:
+    """Keep the dead centres on either side, and the half turn of each cart in the sense the crank turns.
+
+    What sets a crank off from a dead centre may have moved it no further than rounding.
+    """
+    bank, kept, crank, w = motion.former.bank, motion.kept, y[CRANK], y[SPEED]
+    sense = w
+    if w == 0.0:  # at rest on a dead centre: the side it is driven to
+        sense = kept[PASSED] if kept[PASSED] != 0.0 else setting_off(motion, y, regimes)
+    known = regimes[CRANK_LAW] in (LOW, HIGH)
+    ahead = sense_of(regimes[CRANK_LAW]) if known else (1.0 if sense >= 0.0 else -1.0)
+    low, high = sides_of_travel(bank, crank + ahead * LOOK_AHEAD_RAD, motion.sides)
+    if w == 0.0:  # on dead centres of two carts that rounding tells apart: it is past neither
+        low, high = min(low, crank), max(high, crank)
+    if not has_kinks(bank):
+        low, high = -FAR_RAD, FAR_RAD
+    kept[LOW_RAD], kept[HIGH_RAD], kept[PASSED] = low, high, 0.0
+
+
+@declares(end_piece, FormerMotion)
+def count_time(motion: FormerMotion, t: float, before: Array, y: Array, regimes: Indices) -> None:
+    """Keep how far the load has come on, and how long the motor is below its stall threshold."""
+    kept, span = motion.kept, t - motion.kept[SINCE_S]
+    kept[SHARE] = min(1.0, kept[SHARE] + share_rate(motion, regimes) * span)
+    if regimes[IS_SLOW] == 1:
+        kept[SLOW_S] += span
+    kept[SINCE_S] = t
 
 
 @borrowing_kernel
-def release_signal(motion: FormerMotion, index: int, t: float, y: Array) -> float:
-    """Return how far the moment in the coupling is beyond what holds a stuck crank (N m)."""
-    former, stretch, now = motion.former, motion.stretch, state_of(y)
-    share = stretch.share + stretch.share_rate * (t - stretch.start_s)
-    load = share * (stretch.forward_nm if index == CRANK_AHEAD else stretch.backward_nm)
-    rest = coupling_moment(former, now) - rod_weight_moment(former.bank, now.crank_rad)
-    friction = former.coulomb_nm + RELEASE_MARGIN * (abs(load) + former.coulomb_nm) + least_moment(former)
-    return rest - load - friction if index == CRANK_AHEAD else load - friction - rest
-
-
-@borrowing_kernel
-def drive_release_signal(motion: FormerMotion, index: int, t: float, y: Array) -> float:
-    """Return how far the moment in the coupling is beyond what the gear of a stuck drive holds (N m)."""
-    low, high = drive_band(motion.former, motion.torque, t)
-    transmitted = coupling_moment(motion.former, state_of(y))
-    least = least_moment(motion.former)
-    if index == DRIVE_AHEAD:
-        return low - abs(low) * RELEASE_MARGIN - least - transmitted
-    return transmitted - high - abs(high) * RELEASE_MARGIN - least
-
-
-@kernel
-def turn_signal(motion: FormerMotion, index: int, t: float, y: Array) -> tuple[float, float]:
-    """Return speed and acceleration of crank or drive against the sense of the stretch."""
-    out = np.empty(SIZE)
-    motion_rates(motion, t, y, out)
-    now, rate = state_of(y), state_of(out)
-    if index == CRANK_TURNS:
-        sense = -motion.stretch.direction
-        return sense * now.crank_speed_rad_per_s, sense * rate.crank_speed_rad_per_s
-    sense = -motion.stretch.drive_direction
-    return (
-        sense * (now.crank_speed_rad_per_s + now.twist_rate_rad_per_s),
-        sense * (rate.crank_speed_rad_per_s + rate.twist_rate_rad_per_s),
-    )
-
-
-@borrowing_kernel
-def plain_signal(motion: FormerMotion, index: int, t: float, y: Array) -> float:
-    """Return the signal of an event that cannot be missed between two steps: releases, and speeds that are reached."""
-    former, now = motion.former, state_of(y)
-    if index in (CRANK_AHEAD, CRANK_BACK):
-        return release_signal(motion, index, t, y)
-    if index in (DRIVE_AHEAD, DRIVE_BACK):
-        return drive_release_signal(motion, index, t, y)
-    if index == LOAD_ENGAGES:
-        return now.crank_speed_rad_per_s - former.engage_speed_rad_per_s
-    first = now.crank_speed_rad_per_s + now.twist_rate_rad_per_s
-    if index == SHAFT_TURNS:
-        return -motion.stretch.shaft_sense * shaft_torque(former, motion.torque, t, first) - least_moment(former)
-    spare = first - former.slow_speed_rad_per_s * motion.torque.command
-    return spare if index == QUICKENS else -spare
-
-
-@signals_of(FormerMotion)
-def motion_signals(motion: FormerMotion, index: int, t: float, y: Array) -> tuple[float, float]:
-    """Return a number that turns positive when event ``index`` has happened, and its time derivative where needed."""
-    now = state_of(y)
-    if index in (CRANK_TURNS, DRIVE_TURNS):
-        return turn_signal(motion, index, t, y)
-    if index == HIGH:
-        return now.crank_rad - motion.stretch.high_rad, now.crank_speed_rad_per_s
-    if index == LOW:
-        return motion.stretch.low_rad - now.crank_rad, -now.crank_speed_rad_per_s
-    return plain_signal(motion, index, t, y), UNKNOWN
-
-
-@borrowing_kernel
-def watch_signal(watches: NDArray[np.int64], count: int, index: int, at_root: bool) -> int:
-    """Add a signal to those that are watched; return their number."""
-    watches[count, 0], watches[count, 1], watches[count, 2] = index, RISING, int(at_root)
+def log_former(motion: FormerMotion, t: float, kind: int, crank_rad: float, log: Array, count: int) -> int:
+    """Write an event with the turn of the crank; return the number of events."""
+    turn = float(math.floor(crank_rad / TURN))
+    fill_event(log, count, motion.begin_s + t, kind, 0, 0.0, 0.0, 0.0, turn)
     return count + 1
 
 
-@borrowing_kernel
-def fill_watches(motion: FormerMotion, modes: Modes, y: Array, watches: NDArray[np.int64]) -> int:
-    """Fill ``watches`` (12, 3) with the events that may end the stretch; return their number."""
-    former, stretch, now = motion.former, motion.stretch, state_of(y)
-    count = 0
-    if stretch.direction == 0.0:
-        count = watch_signal(watches, count, CRANK_AHEAD, False)
-        count = watch_signal(watches, count, CRANK_BACK, False)
-    else:
-        speed = now.crank_speed_rad_per_s  # away from a dead centre it stands on, to which it may come back
-        count = watch_signal(watches, count, HIGH, now.crank_rad == stretch.high_rad and speed < 0.0)
-        count = watch_signal(watches, count, LOW, now.crank_rad == stretch.low_rad and speed > 0.0)
-        if may_stick(former, modes):
-            count = watch_signal(watches, count, CRANK_TURNS, now.crank_speed_rad_per_s == 0.0)
-    if gear_may_stick(former):
-        if stretch.drive_direction == 0.0:
-            count = watch_signal(watches, count, DRIVE_AHEAD, False)
-            count = watch_signal(watches, count, DRIVE_BACK, False)
-        else:
-            at_rest = now.crank_speed_rad_per_s + now.twist_rate_rad_per_s == 0.0
-            count = watch_signal(watches, count, DRIVE_TURNS, at_rest)
-            count = watch_signal(watches, count, SHAFT_TURNS, False)
-    if not modes.load_on:
-        count = watch_signal(watches, count, LOAD_ENGAGES, False)
-    if motion.torque.command > 0.0:
-        count = watch_signal(watches, count, SLACKENS if modes.slow_s < 0.0 else QUICKENS, False)
+@declares(pass_signal, FormerMotion)
+def pass_event(motion: FormerMotion, which: int, t: float, y: Array, regimes: Indices, log: Array, count: int) -> int:
+    """Let the crank pass a dead centre, the load come on, or the motor a threshold; log what users are told of."""
+    former, kept = motion.former, motion.kept
+    if which == SIDE_AHEAD:
+        y[CRANK], kept[PASSED] = kept[HIGH_RAD], 1.0
+    elif which == SIDE_BEHIND:
+        y[CRANK], kept[PASSED] = kept[LOW_RAD], -1.0
+    elif which == ENGAGES:
+        kept[SHARE], regimes[LOAD_ON] = 1.0 if former.load_rise_s == 0.0 else 0.0, 1
+        regimes[CRANK_LAW] = law_of(may_stick(former, True), y[SPEED], 1.0)
+        return log_former(motion, t, ENGAGED_EVENT, y[CRANK], log, count)
+    elif which == STOPS:
+        y[CRANK] = motion.stop_rad
+        return ENDED
+    elif which == IN_FULL:
+        kept[SHARE] = 1.0
+    elif which == STALLS:
+        regimes[IS_STALLED] = 1
+        return log_former(motion, t, STALL_EVENT, y[CRANK], log, count)
+    elif which == CROSSES and regimes[IS_SLOW] == 1:
+        recovers, y[DRIVE] = regimes[IS_STALLED] == 1, former.slow_speed_rad_per_s * motion.torque.command
+        kept[SLOW_S], regimes[IS_SLOW], regimes[IS_STALLED] = -1.0, 0, 0
+        if recovers:
+            return log_former(motion, t, RECOVERED_EVENT, y[CRANK], log, count)
+    elif which == CROSSES:
+        y[DRIVE] = former.slow_speed_rad_per_s * motion.torque.command
+        kept[SLOW_S], regimes[IS_SLOW] = 0.0, 1
     return count
 
 
-@borrowing_kernel
-def may_dip(before: float, after: float, rate_before: float, rate_after: float, span: float) -> bool:
-    """Return whether a number that is positive at both ends of a step of ``span`` (s) may reach zero within it.
-
-    It may not where it is far from zero at both ends, in what its rates there would change it by over the step.
-    """
-    return min(before, after) <= FAR * span * max(abs(rate_before), abs(rate_after))
-
-
-@borrowing_kernel
-def returned(sense: float, before: float, after: float, rate_before: float, rate_after: float, span: float) -> bool:
-    """Return whether a speed may have gone through zero and back between two instants, ``span`` (s) apart."""
-    return (
-        sense * rate_before < 0.0 < sense * rate_after
-        and sense * before >= 0.0
-        and sense * after >= 0.0
-        and may_dip(sense * before, sense * after, rate_before, rate_after, span)
-    )
+@declares(change_regimes, FormerMotion)
+def change_sense(
+    motion: FormerMotion, t: float, y: Array, past: Indices, regimes: Indices, at: Equations, log: Array, count: int
+) -> int:
+    """Log that the crank is held or let go."""
+    before, after = past[CRANK_LAW], regimes[CRANK_LAW]
+    if after == HOLD and before != HOLD:
+        return log_former(motion, t, HELD_EVENT, y[CRANK], log, count)
+    if before == HOLD and after != HOLD:
+        return log_former(motion, t, RELEASED_EVENT, y[CRANK], log, count)
+    return count
 
 
-@borrowing_kernel
-def may_release(motion: FormerMotion, y: Array, end_s: float, end: Array, span: float, rates: Array) -> bool:
-    """Return whether what holds a stuck crank or drive may let go in a step."""
-    former, torque, stretch = motion.former, motion.torque, motion.stretch
-    start_s, begin, late = end_s - span, state_of(rates[0]), state_of(rates[12])
-    rate_before, rate_after = coupling_moment(former, begin), coupling_moment(former, late)
-    if stretch.direction == 0.0:
-        load_rate = stretch.share_rate * max(abs(stretch.forward_nm), abs(stretch.backward_nm))
-        before, after = abs(rate_before) + load_rate, abs(rate_after) + load_rate
-        for index in (CRANK_AHEAD, CRANK_BACK):
-            held, left = release_signal(motion, index, start_s, y), release_signal(motion, index, end_s, end)
-            if may_dip(-held, -left, before, after, span):
-                return True
-    if stretch.drive_direction == 0.0:
-        line_rate = 0.0 if torque.coupled else abs(torque.slope_nm_per_s) * former.ratio / former.efficiency
-        before, after = abs(rate_before) + line_rate, abs(rate_after) + line_rate
-        for index in (DRIVE_AHEAD, DRIVE_BACK):
-            held = drive_release_signal(motion, index, start_s, y)
-            left = drive_release_signal(motion, index, end_s, end)
-            if may_dip(-held, -left, before, after, span):
-                return True
-    return False
-
-
-@borrowing_kernel
-def may_pass(motion: FormerMotion, modes: Modes, y: Array, end: Array, span: float, rates: Array) -> bool:
-    """Return whether a speed may have passed a threshold within a step, or the crank a dead centre, and gone back."""
-    former, stretch = motion.former, motion.stretch
-    past, now, begin, late = state_of(y), state_of(end), state_of(rates[0]), state_of(rates[12])
-    speed_before, speed_after = past.crank_speed_rad_per_s, now.crank_speed_rad_per_s
-    if stretch.direction != 0.0 and speed_before * speed_after <= 0.0:
-        return True
-    rate_before, rate_after = begin.crank_speed_rad_per_s, late.crank_speed_rad_per_s
-    engage = former.engage_speed_rad_per_s
-    if not modes.load_on and may_dip(engage - speed_before, engage - speed_after, rate_before, rate_after, span):
-        return True
-    before, after = speed_before + past.twist_rate_rad_per_s, speed_after + now.twist_rate_rad_per_s
-    rate_before, rate_after = rate_before + begin.twist_rate_rad_per_s, rate_after + late.twist_rate_rad_per_s
-    slow, sense = former.slow_speed_rad_per_s * motion.torque.command, 1.0 if modes.slow_s < 0.0 else -1.0
-    if motion.torque.command > 0.0 and may_dip(
-        sense * (before - slow), sense * (after - slow), rate_before, rate_after, span
-    ):
-        return True
-    if stretch.drive_direction == 0.0 or not (gear_may_stick(former) and motion.torque.coupled):
-        return False
-    reach = FAR * span * max(abs(rate_before), abs(rate_after))
-    lowest = shaft_torque(former, motion.torque, 0.0, max(before, after) + reach)
-    highest = shaft_torque(former, motion.torque, 0.0, min(before, after) - reach)
-    return min(stretch.shaft_sense * lowest, stretch.shaft_sense * highest) <= 0.0
-
-
-@borrowing_kernel
-def something_happened(
-    motion: FormerMotion, modes: Modes, y: Array, end_s: float, end: Array, span: float, rates: Array
-) -> bool:
-    """Return whether anything watched may have happened in a step from ``y`` to ``end``; most steps end here.
-
-    ``end_s`` is the time at the end, ``span`` the step (s); ``rates`` holds the rates of the stages, after the last of
-    them those at the end.
-    """
-    former, stretch, now = motion.former, motion.stretch, state_of(end)
-    first = now.crank_speed_rad_per_s + now.twist_rate_rad_per_s
-    fast = first >= former.slow_speed_rad_per_s * motion.torque.command
-    turns, driven = stretch.direction != 0.0, stretch.drive_direction != 0.0
-    crank, gear = turns and may_stick(former, modes), driven and gear_may_stick(former)
-    ahead = stretch.direction * now.crank_speed_rad_per_s > 0.0 and stretch.drive_direction * first > 0.0
-    if (
-        (turns and (now.crank_rad >= stretch.high_rad or now.crank_rad <= stretch.low_rad))
-        or (crank and stretch.direction * now.crank_speed_rad_per_s <= 0.0)
-        or (gear and stretch.drive_direction * first <= 0.0)
-        or (not modes.load_on and now.crank_speed_rad_per_s >= former.engage_speed_rad_per_s)
-        or fast == (modes.slow_s >= 0.0)
-    ):
-        return True
-    if gear and stretch.shaft_sense * shaft_torque(former, motion.torque, end_s, first) < 0.0:
-        return True
-    if not (turns and driven) and may_release(motion, y, end_s, end, span, rates):
-        return True
-    if not (ahead and modes.load_on) and may_pass(motion, modes, y, end, span, rates):
-        return True
-    past, begin, late = state_of(y), state_of(rates[0]), state_of(rates[12])
-    if crank and returned(
-        stretch.direction,
-        past.crank_speed_rad_per_s,
-        now.crank_speed_rad_per_s,
-        begin.crank_speed_rad_per_s,
-        late.crank_speed_rad_per_s,
-        span,
-    ):
-        return True
-    return gear and returned(
-        stretch.drive_direction,
-        past.crank_speed_rad_per_s + past.twist_rate_rad_per_s,
-        first,
-        begin.crank_speed_rad_per_s + begin.twist_rate_rad_per_s,
-        late.crank_speed_rad_per_s + late.twist_rate_rad_per_s,
-        span,
-    )
-
-
-@borrowing_kernel
-def turned_idly(motion: FormerMotion, y: Array, end_s: float, end: Array, span: float) -> bool:
-    """Return whether the motor's torque has changed its sign in a step in which the gear loses next to nothing.
-
-    Of a motor that turns without load that is the noise of the integration, in step after step.
-    """
-    former, past, now = motion.former, state_of(y), state_of(end)
-    if not gear_may_stick(former) or motion.stretch.drive_direction == 0.0:
-        return False
-    first = past.crank_speed_rad_per_s + past.twist_rate_rad_per_s
-    last = now.crank_speed_rad_per_s + now.twist_rate_rad_per_s
-    before = shaft_torque(former, motion.torque, end_s - span, first)
-    after = shaft_torque(former, motion.torque, end_s, last)
-    kink = former.ratio * (1.0 / former.efficiency - former.efficiency) * max(abs(before), abs(after))
-    idle = kink * span <= IDLE * former.motor_inertia_kg_m2 * former.tolerances[TWIST_RATE]
-    return motion.stretch.shaft_sense * after < 0.0 and idle
-
-
-@kernel
-def without_shaft(motion: FormerMotion) -> FormerMotion:
-    """Return the motion with a torque of the motor whose sign is not looked at."""
-    s = motion.stretch
-    stretch = TravelStretch(
-        s.start_s,
-        s.direction,
-        s.drive_direction,
-        0.0,
-        s.share,
-        s.share_rate,
-        s.low_rad,
-        s.high_rad,
-        s.forward_nm,
-        s.backward_nm,
-    )
-    return FormerMotion(motion.former, motion.torque, stretch, motion.sides)
+@declares(note_impact, FormerMotion)
+def no_impact(motion: FormerMotion, t: float, before: Array, y: Array, at: Equations, log: Array, count: int) -> int:
+    """Return that there was none."""
+    return count

@@ -255,5 +255,4 @@ def former_of(parameters: RollerFormer) -> Former:
         stall_time_s=p.stall.time_s,
         scales=scales,
         tolerances=tolerances_of(p.integrator.tolerance, scales, crank_j),
-        heavy=crank_j > HEAVY * energy,
     )

@@ -12,9 +12,9 @@ import numpy as np
 from mech_twin.engine.compiled_roles import CompiledLinkage
 from mech_twin.engine.sample_vectors import EventLayout, LinkageLayout
 from mech_twin.machines.roller_former.dynamics import Former, Modes, may_stick, state_array
-from mech_twin.machines.roller_former.events import EVENT_KINDS
-from mech_twin.machines.roller_former.former_row import FAILURES, CoupledFormer, start_row
+from mech_twin.machines.roller_former.former_row import FAILURES, CoupledFormer, coupled_former, start_row
 from mech_twin.machines.roller_former.memory import FormerMemory, FormerResiduals
+from mech_twin.machines.roller_former.motion import EVENT_KINDS
 from mech_twin.samples import LinkageSample
 
 REGIMES = ("running", "held", "stalled")  # by the numbers of `former_row`
@@ -69,7 +69,7 @@ class FormerLinkage(CompiledLinkage):
     @cached_property
     def model(self) -> CoupledFormer:
         """Constants of the kernel."""
-        return CoupledFormer(self.former, float(self.step_s))
+        return coupled_former(self.former, float(self.step_s))
 
     @cached_property
     def layout(self) -> LinkageLayout:
@@ -89,6 +89,6 @@ class FormerLinkage(CompiledLinkage):
 def start_modes(former: Former, speed_rad_per_s: float) -> Modes:
     """Return the modes at the start: the load on or still off, the crank held where it rests under load or friction."""
     loaded = former.engage_speed_rad_per_s <= speed_rad_per_s
-    modes = Modes(1.0, 1.0, 1.0, loaded, float(loaded), -1.0, False, 0.0)
-    held = speed_rad_per_s == 0.0 and may_stick(former, modes)
+    modes = Modes(1.0, 1.0, loaded, float(loaded), -1.0, False)
+    held = speed_rad_per_s == 0.0 and may_stick(former, loaded)
     return modes._replace(direction=0.0) if held else modes

@@ -6,11 +6,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import inf, isnan, nan
 
+import numpy as np
+
 from mech_twin.engine.errors import MotionError
+from mech_twin.engine.sample_vectors import EVENT_WIDTH
 from mech_twin.kernel import kernel
 from mech_twin.machines.roller_former.dynamics import CRANK, SPEED, Array, DriveLine, Former, Modes, state_array
-from mech_twin.machines.roller_former.events import empty_log
-from mech_twin.machines.roller_former.integration import DONE, Advance, advance_motion, ending
+from mech_twin.machines.roller_former.integration import Advance, advance_motion, ending, entry_for
 from mech_twin.machines.roller_former.parameters import RollerFormer
 from mech_twin.machines.roller_former.roles import start_modes
 from mech_twin.machines.roller_former.steady import TURN
@@ -43,7 +45,13 @@ class StartUp:
 
 @kernel
 def start_motion(
-    former: Former, supply: tuple[float, float], goal_rad_per_s: float, longest_s: float, y: Array, modes: Modes
+    entry: int | None,
+    former: Former,
+    supply: tuple[float, float],
+    goal_rad_per_s: float,
+    longest_s: float,
+    y: Array,
+    modes: Modes,
 ) -> tuple[Advance, float, bool]:
     """Carry the state on until load and speed are steady or the motor has stalled, at most ``longest_s``.
 
@@ -54,15 +62,15 @@ def start_motion(
     command, rate = supply
     reached = 0.0 if y[SPEED] >= goal_rad_per_s else nan
     passed, last_turn_s, alike, t = y[CRANK], nan, 0, 0.0
-    section_s, log = nan, empty_log()
-    done, steps = Advance(t, DONE, 0, modes, 0), 0
+    section_s, log = nan, np.empty((8, EVENT_WIDTH))
+    done, steps = Advance(t, 0, modes, 0), 0
     for chunk in range(round(longest_s / CHUNK_S)):
         command = limited_command(command, 1.0, rate, CHUNK_S)
         t, before, angle = chunk * CHUNK_S, y[SPEED], y[CRANK]
         torque = DriveLine(True, command, 0.0, 0.0, 0.0)
-        done = advance_motion(former, torque, t, t + CHUNK_S, y, done.modes, log, inf)
+        done, log = advance_motion(entry, former, torque, t, t + CHUNK_S, y, done.modes, log, inf)
         steps += done.steps
-        if done.status != DONE or done.modes.stalled or steps > MOST_START_STEPS:
+        if done.status < 0 or done.modes.stalled or steps > MOST_START_STEPS:
             return done, reached, False
         if isnan(reached) and y[SPEED] >= goal_rad_per_s > before:
             reached = t + (goal_rad_per_s - before) / (y[SPEED] - before) * CHUNK_S
@@ -91,8 +99,10 @@ def start_up(parameters: RollerFormer, former: Former, goal_rad_per_s: float) ->
     y, modes = state_array(p.start.crank_deg * TURN / 360.0, at), start_modes(former, at)
     ramp_s = min((1.0 - p.supply.initial_fraction) / p.supply.rate_per_s, LONGEST_RAMP_S)
     supply = (p.supply.initial_fraction, p.supply.rate_per_s)
-    done, reached, steady = start_motion(former, supply, goal_rad_per_s, LONGEST_START_S + ramp_s, y, modes)
-    if done.status != DONE:
+    done, reached, steady = start_motion(
+        entry_for(former), former, supply, goal_rad_per_s, LONGEST_START_S + ramp_s, y, modes
+    )
+    if done.status < 0:
         raise MotionError(f"roller_former: {ending(done)}")
     stalled = bool(done.modes.stalled)
     below = done.modes.slow_s - former.stall_time_s

@@ -10,11 +10,11 @@ from typing import NamedTuple
 import numpy as np
 
 from mech_twin.engine.errors import MotionError
+from mech_twin.engine.hybrid.loop import ENDED, UNSTEADY
+from mech_twin.engine.sample_vectors import EVENT_WIDTH
 from mech_twin.kernel import kernel
-from mech_twin.machines.roller_former.cart_statics import sides_of_travel
 from mech_twin.machines.roller_former.dynamics import (
     CRANK,
-    SIZE,
     SPEED,
     TWIST_RATE,
     Array,
@@ -22,16 +22,19 @@ from mech_twin.machines.roller_former.dynamics import (
     Former,
     FormerState,
     Modes,
-    TravelStretch,
     coupling_moment,
     geared,
     shaft_torque,
     state_array,
     state_of,
 )
-from mech_twin.machines.roller_former.events import empty_log
-from mech_twin.machines.roller_former.integration import DONE, TOO_MANY, Advance, advance_motion, ending
-from mech_twin.machines.roller_former.motion import FormerMotion, motion_rates
+from mech_twin.machines.roller_former.integration import (
+    Advance,
+    advance_motion,
+    ending,
+    entry_for,
+    twist_acceleration,
+)
 
 TURN = 2.0 * pi
 CRITERION = 1e-11
@@ -97,14 +100,21 @@ def closed_extremes(values: Array) -> tuple[float, float]:
     return found[0], found[1]
 
 
+def failed(done: Advance) -> bool:
+    """Tell whether an integration could not go on."""
+    return done.status < 0 and done.status != ENDED
+
+
 @kernel
-def next_section(former: Former, command: float, t: float, y: Array, modes: Modes, longest_s: float) -> Advance:
+def next_section(
+    entry: int | None, former: Former, command: float, t: float, y: Array, modes: Modes, longest_s: float
+) -> Advance:
     """Carry the state on by one whole turn; the time reached is nan if the turn does not end in time."""
     stop = y[CRANK] + TURN
     torque = DriveLine(True, command, 0.0, 0.0, 0.0)
-    done = advance_motion(former, torque, t, t + longest_s, y, modes, empty_log(), stop)
+    done, _ = advance_motion(entry, former, torque, t, t + longest_s, y, modes, np.empty((8, EVENT_WIDTH)), stop)
     if y[CRANK] < stop:
-        return Advance(np.nan, done.status, done.events, done.modes, done.steps)
+        return Advance(np.nan, done.status, done.modes, done.steps)
     y[CRANK] = stop - TURN
     return done
 
@@ -115,14 +125,14 @@ def closing_state(former: Former, y: Array, modes: Modes, longest_s: float) -> t
     One step of Newton's method on y - P(y) over twist, crank speed and twist rate, P the turn, or a part of it; the
     state itself where a turn nearby does not end, the slopes have no solution, or no turn from there closes better.
     """
-    steps = 0
+    steps, entry = 0, entry_for(former)
 
     def turned(start: Array) -> Array:
         nonlocal steps
         end = start.copy()
-        done = next_section(former, 1.0, 0.0, end, modes, longest_s)
+        done = next_section(entry, former, 1.0, 0.0, end, modes, longest_s)
         steps += done.steps
-        return end if done.status == DONE and not done.modes.stalled and isfinite(done.time_s) else end * np.nan
+        return end if not failed(done) and not done.modes.stalled and isfinite(done.time_s) else end * np.nan
 
     free = slice(CRANK + 1, TWIST_RATE + 1)
     scales = np.array(former.scales[free])
@@ -148,25 +158,23 @@ def closing_state(former: Former, y: Array, modes: Modes, longest_s: float) -> t
 
 
 @kernel
-def turn_columns(former: Former, command: float, turn_time_s: float, nodes: int, y: Array, modes: Modes) -> TurnColumns:
+def turn_columns(
+    entry: int | None, former: Former, command: float, turn_time_s: float, nodes: int, y: Array, modes: Modes
+) -> TurnColumns:
     """Carry the state through one turn, and return the nodes passed."""
-    found, out = np.empty((9, nodes)), np.empty(SIZE)
-    sides, log = np.empty(former.bank.offset_rad.size), empty_log()
+    found, log = np.empty((9, nodes)), np.empty((8, EVENT_WIDTH))
     torque = DriveLine(True, command, 0.0, 0.0, 0.0)
     for node in range(nodes):
         now, t = state_of(y), turn_time_s * node / nodes
-        low, high = sides_of_travel(former.bank, now.crank_rad, sides)
         shaft = shaft_torque(former, torque, t, now.crank_speed_rad_per_s + now.twist_rate_rad_per_s)
-        sense = 1.0 if shaft >= 0.0 else -1.0
-        stretch = TravelStretch(t, modes.direction, modes.drive_direction, sense, 1.0, 0.0, low, high, 0.0, 0.0)
-        motion_rates(FormerMotion(former, torque, stretch, sides), t, y, out)
         found[0, node], found[1, node], found[2, node] = t, now.crank_rad, now.crank_speed_rad_per_s
         found[3, node], found[4, node] = now.twist_rad, now.twist_rate_rad_per_s
-        found[5, node] = state_of(out).twist_rate_rad_per_s
+        found[5, node] = twist_acceleration(former, torque, t, y, modes.drive_direction)
         found[6, node] = coupling_moment(former, now)
         found[7, node], found[8, node] = geared(former, shaft, modes.drive_direction), shaft
         until = turn_time_s * (node + 1) / nodes
-        modes = advance_motion(former, torque, t, until, y, modes, log, np.inf).modes
+        done, log = advance_motion(entry, former, torque, t, until, y, modes, log, np.inf)
+        modes = done.modes
     return TurnColumns(found[0], found[1], found[2], found[3], found[4], found[5], found[6], found[7], found[8])
 
 
@@ -187,17 +195,17 @@ def steady_turn(
         If the integration cannot go on.
     """
     speed = former.motor.synchronous_speed_rad_per_s / former.ratio
-    y, modes, t = state_array(crank_rad, speed), Modes(1.0, 1.0, 1.0, True, 1.0, -1.0, False, 0.0), 0.0
+    y, modes, t = state_array(crank_rad, speed), Modes(1.0, 1.0, True, 1.0, -1.0, False), 0.0
     longest_s = LONGEST_TURN * TURN / speed
     criterion = max(CRITERION, float(np.max(former.tolerances / np.array(former.scales))) / 100.0)
-    steps = 0
+    steps, entry = 0, entry_for(former)
     for turns in range(1, most_turns + 1):
         before = FormerState(*y.tolist())
-        done = next_section(former, 1.0, t, y, modes, longest_s)
+        done = next_section(entry, former, 1.0, t, y, modes, longest_s)
         steps += done.steps
-        if done.status == TOO_MANY or steps > MOST_STEADY_STEPS:
+        if (failed(done) and done.status != UNSTEADY) or steps > MOST_STEADY_STEPS:
             return None
-        if done.status != DONE:
+        if failed(done):
             raise MotionError(f"roller_former: {ending(done)}")
         if not isfinite(done.time_s) or done.modes.stalled:
             return None
@@ -205,7 +213,7 @@ def steady_turn(
         works, y = y, state_array(0.0, 0.0) + y * KEPT
         modes = done.modes
         if change < criterion:
-            columns = turn_columns(former, 1.0, done.time_s - t, nodes, y, modes)
+            columns = turn_columns(entry, former, 1.0, done.time_s - t, nodes, y, modes)
             return SteadyTurn(
                 done.time_s - t, turns, change, columns, FormerState(*works.tolist()), former.stiffness_nm_per_rad
             )

@@ -71,7 +71,7 @@ def build(parameters: Parameters) -> Machine:
 def capabilities() -> Capabilities:
     """Return what the machine answers beside running."""
     from mech_twin.capabilities.sizing import SizingQuestion
-    from mech_twin.machines.vibration_crank import faults, features, plots, published, sizing
+    from mech_twin.machines.vibration_crank import faults, features, operating, plots, published, sizing
 
     return Capabilities(
         published=published.rows,
@@ -79,4 +79,5 @@ def capabilities() -> Capabilities:
         sizing=SizingQuestion(sizing.LIMITS, sizing.OBJECTIVES, sizing.sizing, sizing.USUAL_TOLERANCE),
         features=features.features,
         faults=faults.faults,
+        operating=operating.operating,
     )

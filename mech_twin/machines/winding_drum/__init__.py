@@ -67,11 +67,12 @@ def build(parameters: Parameters) -> Machine:
 
 def capabilities() -> Capabilities:
     """Return what the machine answers beside running."""
-    from mech_twin.machines.winding_drum import faults, features, plots, published
+    from mech_twin.machines.winding_drum import faults, features, operating, plots, published
 
     return Capabilities(
         published=published.rows,
         pictures=plots.pictures,
         features=features.features,
         faults=faults.faults,
+        operating=operating.operating,
     )

@@ -3,20 +3,31 @@
 
 from __future__ import annotations
 
-from math import cos, sin
+from math import cos, inf, sin
 from typing import NamedTuple
 
-from mech_twin.engine.compiled_steps import force_step, linkage_step, log_event, step_of
-from mech_twin.engine.sample_vectors import (
-    EVENT_WIDTH,
-    MOTOR_COMMAND,
-    MOTOR_JOINTS,
-    PRE_VELOCITY,
-    SIDES,
-    Array,
+import numpy as np
+
+from mech_twin.engine.compiled_steps import force_step, linkage_step, step_of
+from mech_twin.engine.hybrid.laws import HOLD, Indices
+from mech_twin.engine.hybrid.loop import LOG_FULL, MOST_PIECES, MOST_STEPS
+from mech_twin.engine.sample_vectors import MOTOR_COMMAND, MOTOR_JOINTS, REGIME, Array
+from mech_twin.kernel import borrowing_kernel, kernel
+from mech_twin.machines.winding_drum.dynamics import (
+    ANGLE,
+    DRIVE_WORK,
+    FRICTION_LOSS,
+    GRAVITY_WORK,
+    SHAFT,
+    SPEED,
+    STATE_SIZE,
+    YARN_ON,
+    DrumSystem,
+    advance_drum,
+    drive_torque,
+    drum_room,
+    sense_law,
 )
-from mech_twin.kernel import kernel
-from mech_twin.machines.winding_drum.dynamics import coasted, drive_torque, driven, start_sense
 from mech_twin.machines.winding_drum.memory import memory_of, motion_of, residuals_of
 from mech_twin.machines.winding_drum.wound_package import (
     Package,
@@ -28,19 +39,17 @@ from mech_twin.machines.winding_drum.wound_package import (
     rate_of_momentum,
     speed_terms,
     tangent_arm,
-    time_of_length,
     torque_terms,
     wound_at,
 )
 from mech_twin.parts.friction import sliding_torque
 
 RUNNING, ENDED, STUCK = 0, 1, 2
-END_KIND, STICK_KIND, RELEASE_KIND = 0, 1, 2
-PACKAGE_CONTACT, DRUM_CONTACT = 0, 1
 FAILURES = (
+    f"winding_drum: more than {MOST_PIECES} changes of regime; friction or weight change too fast",
     "winding_drum: no integration step of 1e-13 s or more is small enough for the drum; friction changes too fast",
+    f"winding_drum: coupling.step_s takes more than {MOST_STEPS} steps of integration; shorten it",
 )
-TOO_SHORT = -1
 
 
 class Drum(NamedTuple):
@@ -50,6 +59,7 @@ class Drum(NamedTuple):
     start_radius_m: float
     end_radius_m: float
     step_s: float
+    entry: int | None  # of its motion in this process
 
 
 class LoadedDrum(NamedTuple):
@@ -107,60 +117,47 @@ def start_row(model: Drum, theta: float, command: float, out: Array) -> None:
     fill_row(model, RUNNING, command, out)
 
 
-@kernel
-def drive(model: Drum, a: float, h: float, run: float, speed: float, out: Array) -> bool:
-    """Carry the drum on under the yarn for h (s); return whether every step was small enough.
-
-    ``run`` is the yarn (m) that runs meanwhile, ``speed`` its speed at the end (m/s).
-    """
-    p, now, past = model.package, motion_of(out), memory_of(out)
-    wound = wound_by_yarn(p, model.start_radius_m, now.yarn_m, now.radius_m)
-    done, good = driven(p, wound, now.drum_rad, now.yarn_m_per_s, a, h)
-    radius = radius_after(p, now.radius_m, run)
-    now.drum_rad, now.yarn_m, now.radius_m = done.angle_rad, now.yarn_m + run, radius
-    now.drum_rad_per_s, now.yarn_m_per_s = speed / tangent_arm(p, radius, done.angle_rad), speed
-    past.yarn_acceleration_m_per_s2 = a
-    past.drive_work_j = past.drive_work_j + done.drive_work_j
-    past.gravity_work_j = past.gravity_work_j + done.gravity_work_j
-    past.friction_loss_j = past.friction_loss_j + done.friction_loss_j
-    return good
-
-
-@kernel
-def log_drum(log: Array, count: int, time_s: float, kind: int, contact: int, phi: float, torque_nm: float) -> Array:
-    """Write an event with the angle of the drum on either side; rates and velocities are 0."""
-    log = log_event(log, count, time_s, kind, contact, 0.0, 0.0, 0.0, 0.0)
-    log[count, SIDES], log[count, EVENT_WIDTH:] = 1.0, 0.0
-    log[count, EVENT_WIDTH], log[count, EVENT_WIDTH + 3] = phi, phi
-    log[count, EVENT_WIDTH + 2] = torque_nm
-    return log
-
-
-@kernel
-def coast(
-    model: Drum, step: int, regime: int, done: float, out: Array, log: Array, count: int
-) -> tuple[Array, int, int]:
-    """Let the drum coast from ``done`` (s) of the step on; return the events, their number and the regime."""
-    p, step_s, now, past = model.package, model.step_s, motion_of(out), memory_of(out)
-    wound, begin = wound_at(p, now.radius_m), step * step_s
-    while step_s - done > 1e-15 * step_s:
-        if now.drum_rad_per_s == 0.0:
-            sense = start_sense(p, wound, now.drum_rad)
-            if (regime == STUCK) == (sense != 0.0):
-                regime = ENDED if sense != 0.0 else STUCK
-                kind = RELEASE_KIND if sense != 0.0 else STICK_KIND
-                log = log_drum(log, count, begin + done, kind, DRUM_CONTACT, now.drum_rad, 0.0)
-                count += 1
-            if sense == 0.0:
-                break
-        piece = coasted(p, wound, now.drum_rad, now.drum_rad_per_s, step_s - done)
-        if piece.time_s < 0.0:
-            return log, TOO_SHORT, regime
-        done += piece.time_s
-        now.drum_rad, now.drum_rad_per_s = piece.phi_rad, piece.omega_rad_per_s
-        past.gravity_work_j = past.gravity_work_j + piece.gravity_work_j
-        past.friction_loss_j = past.friction_loss_j + piece.friction_loss_j
-    return log, count, regime
+@borrowing_kernel
+def try_step(
+    model: Drum, step: int, linkage: Array, motor: Array, out: Array, log: Array, numbers: Array, marks: Indices
+) -> int:
+    """Fill in the drum one step later; return the number of events, negative where it failed."""
+    p, h, command, start = model.package, model.step_s, motor[MOTOR_COMMAND], model.start_radius_m
+    y, regimes = numbers[:STATE_SIZE], marks[:2]
+    for i in range(len(out)):
+        out[i] = linkage[i]
+    now, past, regime = motion_of(out), memory_of(out), int(linkage[REGIME])
+    last, first, theta, a, left = wound_at(p, now.radius_m), wound_at(p, now.radius_m), 0.0, 0.0, inf
+    regimes[SHAFT], regimes[YARN_ON] = sense_law(now.drum_rad_per_s), 0
+    if regime == RUNNING:
+        last, first = wound_at(p, model.end_radius_m), wound_by_yarn(p, start, now.yarn_m, now.radius_m)
+        theta, a = now.yarn_m_per_s, (motor[MOTOR_JOINTS + 1] - now.yarn_m_per_s) / h
+        left = (now.radius_m * now.radius_m - last.radius_m * last.radius_m) / (2.0 * p.layer_m)
+        regimes[SHAFT], regimes[YARN_ON] = HOLD, 1
+    y[ANGLE], y[SPEED] = now.drum_rad, now.drum_rad_per_s
+    y[DRIVE_WORK], y[GRAVITY_WORK], y[FRICTION_LOSS] = 0.0, 0.0, 0.0
+    motion = DrumSystem(p, first, last, theta, a, left, step * h)
+    count = advance_drum(model.entry, motion, h, y, regimes, log, numbers[STATE_SIZE:], marks[2:])
+    if count < 0:
+        return count
+    now.drum_rad, now.drum_rad_per_s = y[ANGLE], y[SPEED]
+    past.drive_work_j = past.drive_work_j + y[DRIVE_WORK]
+    past.gravity_work_j = past.gravity_work_j + y[GRAVITY_WORK]
+    past.friction_loss_j = past.friction_loss_j + y[FRICTION_LOSS]
+    if regimes[YARN_ON] == 1:
+        run = 0.5 * (theta + motor[MOTOR_JOINTS + 1]) * h
+        now.yarn_m, now.yarn_m_per_s, now.radius_m = (
+            now.yarn_m + run,
+            motor[MOTOR_JOINTS + 1],
+            radius_after(p, first.radius_m, run),
+        )
+        past.yarn_acceleration_m_per_s2 = a
+    elif regime == RUNNING:
+        now.yarn_m, now.yarn_m_per_s, now.radius_m = now.yarn_m + left, 0.0, last.radius_m
+        past.yarn_acceleration_m_per_s2 = 0.0
+    regime = RUNNING if regimes[YARN_ON] == 1 else STUCK if regimes[SHAFT] == HOLD else ENDED
+    fill_row(model, regime, command, out)
+    return count
 
 
 @step_of(linkage_step, Drum)
@@ -168,29 +165,12 @@ def drum_step(
     model: Drum, step: int, linkage: Array, motor: Array, body: Array, out: Array, log: Array
 ) -> tuple[Array, int]:
     """Fill in the drum one step later; the end of the package is located exactly inside the step."""
-    p, h, command = model.package, model.step_s, motor[MOTOR_COMMAND]
-    out[:] = linkage
-    now, past, count, done = motion_of(out), memory_of(out), 0, 0.0
-    regime = int(now.regime)
-    if regime == RUNNING:
-        theta, radius, speed = now.yarn_m_per_s, now.radius_m, motor[MOTOR_JOINTS + 1]
-        a, run = (speed - theta) / h, 0.5 * (theta + speed) * h
-        left = (radius * radius - model.end_radius_m * model.end_radius_m) / (2.0 * p.layer_m)
-        if run < left:
-            good = drive(model, a, h, run, speed, out)
-            fill_row(model, RUNNING, command, out)
-            return log, 0 if good else TOO_SHORT
-        done = time_of_length(theta, a, left)
-        if not drive(model, a, done, left, theta + a * done, out):
-            return log, TOO_SHORT
-        now.radius_m, regime, count = model.end_radius_m, ENDED, 1
-        wound, omega = wound_at(p, model.end_radius_m), now.drum_rad_per_s
-        torque = drive_torque(p, wound, now.drum_rad, now.yarn_m_per_s, a)
-        log = log_drum(log, 0, step * h + done, END_KIND, PACKAGE_CONTACT, now.drum_rad, torque)
-        log[0, PRE_VELOCITY], log[0, EVENT_WIDTH + 1], log[0, EVENT_WIDTH + 4] = now.yarn_m_per_s, omega, omega
-        now.yarn_m_per_s, past.yarn_acceleration_m_per_s2 = 0.0, 0.0
-    log, count, regime = coast(model, step, regime, done, out, log, count)
-    fill_row(model, regime, command, out)
+    size, places = drum_room()
+    numbers, marks = np.zeros(STATE_SIZE + size), np.zeros(2 + places, dtype=np.int64)
+    count = try_step(model, step, linkage, motor, out, log, numbers, marks)
+    while count == LOG_FULL:
+        log = np.empty((2 * len(log) + 8, log.shape[1]))
+        count = try_step(model, step, linkage, motor, out, log, numbers, marks)
     return log, count
 
 

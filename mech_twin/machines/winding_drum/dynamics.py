@@ -1,99 +1,75 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Motion of the drum within a step: driven by the yarn's prescribed speed, or coasting once yarn and drive let go."""
+"""What the drum declares to the one loop: turned by the yarn, or coasting once yarn and drive let go.
+
+One law acts on the shaft.  Under the yarn it holds the drum to the yarn's speed; afterwards it is Coulomb friction.
+"""
 
 from __future__ import annotations
 
-from math import copysign, exp, expm1, inf, log1p, sqrt
+from math import inf, isfinite, sqrt
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from mech_twin.engine.events import FALLING, RISING, Step, Watch, crossing, signals_of
-from mech_twin.engine.integration import (
-    Workspace,
-    controlled_step,
-    method_of,
-    rates_of,
-    start_step,
-    take_step,
+from mech_twin.engine.compiled_steps import fill_event
+from mech_twin.engine.hybrid.declared import declared, entry_of
+from mech_twin.engine.hybrid.laws import (
+    HIGH,
+    HOLD,
+    LOW,
+    Array,
+    Equations,
+    Indices,
+    accumulate,
+    begin_piece,
+    change_regimes,
+    declares,
+    end_piece,
+    evaluate,
+    fill_signals,
+    note_impact,
+    pass_signal,
 )
+from mech_twin.engine.hybrid.loop import MOST_STEPS, TOO_LONG, UNSTEADY, advance, room_in, room_sizes
+from mech_twin.engine.sample_vectors import EVENT_WIDTH, PRE_VELOCITY, SIDES
 from mech_twin.engine.tableaus import DORMAND_PRINCE_8
-from mech_twin.kernel import inline_kernel, kernel
+from mech_twin.kernel import borrowing_kernel, inline_kernel
 from mech_twin.machines.winding_drum.wound_package import (
     Package,
     Wound,
     gravity_moment,
     package_inertia,
     package_mass,
+    speed_terms,
     tangent_arm,
     torque_terms,
     wound_after,
 )
-from mech_twin.parts.friction import released, sliding_torque
+from mech_twin.parts.friction import sliding_torque
 
-Array = NDArray[np.float64]
-MOST_STEPS = 100_000
-STATE_SIZE = 4  # of a drum under the yarn, and of one that coasts
+ANGLE, SPEED, DRIVE_WORK, GRAVITY_WORK, FRICTION_LOSS = range(5)  # places in the state
+STATE_SIZE = 5
+SHAFT, YARN_ON = range(2)  # places in the regimes
+LAWS, OWN_SIGNALS = 1, 1
 RELATIVE = 1e-13  # error of a step over the size of what it integrates
 SURE_RAD = 0.5  # turned in a step: up to here the eighth order is right to about RELATIVE, whatever its estimate says
+END_KIND, STICK_KIND, RELEASE_KIND = 0, 1, 2
+PACKAGE_CONTACT, DRUM_CONTACT = 0, 1
 
 
-class DrivenState(NamedTuple):
-    """What is integrated under the yarn: the drum's angle, and works meanwhile."""
+class DrumSystem(NamedTuple):
+    """The system: constants, the package at the start; yarn of speed theta + a t, of which ``left_m`` is left.
 
-    angle_rad: float
-    drive_work_j: float
-    gravity_work_j: float
-    friction_loss_j: float
-
-
-class CoastingState(NamedTuple):
-    """What is integrated without yarn and drive."""
-
-    angle_rad: float
-    speed_rad_per_s: float
-    gravity_work_j: float
-    friction_loss_j: float
-
-
-@kernel
-def driven_state(y: Array) -> DrivenState:
-    """Return a state under the yarn (4,) by name."""
-    return DrivenState(y[0], y[1], y[2], y[3])
-
-
-@kernel
-def coasting_state(y: Array) -> CoastingState:
-    """Return a coasting state (4,) by name."""
-    return CoastingState(y[0], y[1], y[2], y[3])
-
-
-@kernel
-def fill_state(y: Array, state: DrivenState | CoastingState) -> None:
-    """Put either state, or its rates, into an array (4,)."""
-    for i in range(STATE_SIZE):
-        y[i] = state[i]
-
-
-class Driven(NamedTuple):
-    """Drum under yarn of speed theta + a t; its state is a `DrivenState`."""
-
-    package: Package
-    wound: Wound
-    theta_m_per_s: float
-    acceleration_m_per_s2: float
-
-
-class Coasting(NamedTuple):
-    """Drum without yarn and drive; its state is a `CoastingState`.
-
-    ``direction`` is the sense of turning, +1 or -1.
+    ``last`` is the package once the yarn has let go, ``begin_s`` when the step begins.
     """
 
     package: Package
-    wound: Wound
-    direction: float
+    first: Wound
+    last: Wound
+    theta_m_per_s: float
+    acceleration_m_per_s2: float
+    left_m: float
+    begin_s: float
 
 
 @inline_kernel
@@ -109,214 +85,161 @@ def drive_torque(p: Package, wound: Wound, phi: float, theta: float, a: float) -
     return wanted - min(max(wanted, -p.coulomb_nm), p.coulomb_nm)
 
 
-@rates_of(Driven, DORMAND_PRINCE_8)
-def driven_rates(system: Driven, t: float, y: Array, out: Array) -> None:
-    """Fill the rates of angle (rad/s), work of the drive, work of gravity and friction loss (W)."""
-    p, theta, a = system.package, system.theta_m_per_s, system.acceleration_m_per_s2
-    wound, speed = wound_after(p, system.wound, (theta + 0.5 * a * t) * t), theta + a * t
-    phi = driven_state(y).angle_rad
-    omega = speed / tangent_arm(p, wound.radius_m, phi)
-    drive, gravity = drive_torque(p, wound, phi, speed, a), gravity_moment(p, wound, phi)
-    lost = -sliding_torque(p.coulomb_nm, p.viscous_nms_per_rad, omega, 1.0) * omega
-    fill_state(out, DrivenState(omega, drive * omega, gravity * omega, lost))
+@inline_kernel
+def yarn_run(motion: DrumSystem, t: float) -> float:
+    """Return the yarn (m) that has run since the step began."""
+    return (motion.theta_m_per_s + 0.5 * motion.acceleration_m_per_s2 * t) * t
 
 
-@rates_of(Coasting, DORMAND_PRINCE_8)
-def coasting_rates(system: Coasting, t: float, y: Array, out: Array) -> None:
-    """Fill the rates of angle, speed, work of gravity and friction loss."""
-    p, now = system.package, coasting_state(y)
-    speed, gravity = now.speed_rad_per_s, gravity_moment(p, system.wound, now.angle_rad)
-    friction = sliding_torque(p.coulomb_nm, p.viscous_nms_per_rad, speed, system.direction)
-    acceleration = (gravity + friction) / package_inertia(p, system.wound)
-    fill_state(out, CoastingState(speed, acceleration, gravity * speed, -friction * speed))
+@inline_kernel
+def yarn_speed(motion: DrumSystem, t: float) -> float:
+    """Return the speed of the yarn (m/s)."""
+    return motion.theta_m_per_s + motion.acceleration_m_per_s2 * t
 
 
-@signals_of(Coasting)
-def coasting_signal(system: Coasting, index: int, t: float, y: Array) -> tuple[float, float]:
-    """Return the speed and its derivative: it comes to rest where the speed is zero."""
-    p, now = system.package, coasting_state(y)
-    speed, gravity = now.speed_rad_per_s, gravity_moment(p, system.wound, now.angle_rad)
-    friction = sliding_torque(p.coulomb_nm, p.viscous_nms_per_rad, speed, system.direction)
-    return speed, (gravity + friction) / package_inertia(p, system.wound)
+@inline_kernel
+def sense_law(omega: float) -> int:
+    """Return the regime of Coulomb friction at a speed."""
+    return LOW if omega > 0.0 else HIGH if omega < 0.0 else HOLD
 
 
-@kernel
-def sure_step(
-    system: Driven | Coasting, t: float, y: Array, wanted: float, sure: float, tolerance: Array, work: Workspace
-) -> tuple[float, float]:
-    """Take a step like `controlled_step`, one beyond ``sure`` (s) only if its fifth-order error alone is small enough.
+@declares(evaluate, DrumSystem)
+def evaluate_drum(motion: DrumSystem, t: float, y: Array, regimes: Indices, at: Equations) -> None:
+    """Fill in inertia, moment, and the bounds of the shaft's law: none under the yarn, which gives the acceleration."""
+    p, phi = motion.package, y[ANGLE]
+    at.directions[SHAFT, 0] = 1.0
+    if regimes[YARN_ON] == 1:
+        wound, theta = wound_after(p, motion.first, yarn_run(motion, t)), yarn_speed(motion, t)
+        first, second, third = speed_terms(p, wound.radius_m, phi, theta, motion.acceleration_m_per_s2)
+        at.mass[0, 0], at.force[0] = package_inertia(p, wound), 0.0
+        at.bias[SHAFT], at.low[SHAFT], at.high[SHAFT] = -(first + second + third), -inf, inf
+        return
+    at.mass[0, 0] = package_inertia(p, motion.last)
+    at.force[0] = gravity_moment(p, motion.last, phi) - p.viscous_nms_per_rad * y[SPEED]
+    at.bias[SHAFT], at.low[SHAFT], at.high[SHAFT] = 0.0, -p.coulomb_nm, p.coulomb_nm
 
-    All that is integrated varies with the angle of the drum and hardly else, so that the fifth-order errors of all are
-    zero at the same angles.  There the estimate, which falls with their square, says nothing of a step of radians.
+
+@declares(accumulate, DrumSystem)
+def accumulate_work(motion: DrumSystem, t: float, y: Array, regimes: Indices, at: Equations, out: Array) -> None:
+    """Fill in the power of drive, gravity and friction; under the yarn also the speed it gives the drum."""
+    p, phi, omega = motion.package, y[ANGLE], y[SPEED]
+    if regimes[YARN_ON] == 1:
+        wound, theta = wound_after(p, motion.first, yarn_run(motion, t)), yarn_speed(motion, t)
+        omega = theta / tangent_arm(p, wound.radius_m, phi)
+        out[ANGLE] = omega
+        out[DRIVE_WORK] = drive_torque(p, wound, phi, theta, motion.acceleration_m_per_s2) * omega
+        out[GRAVITY_WORK] = gravity_moment(p, wound, phi) * omega
+        out[FRICTION_LOSS] = -sliding_torque(p.coulomb_nm, p.viscous_nms_per_rad, omega, 1.0) * omega
+        return
+    out[DRIVE_WORK], out[GRAVITY_WORK] = 0.0, gravity_moment(p, motion.last, phi) * omega
+    out[FRICTION_LOSS] = (p.viscous_nms_per_rad * omega - at.multiplier[SHAFT]) * omega
+
+
+@declares(fill_signals, DrumSystem)
+def signal_end(
+    motion: DrumSystem, t: float, y: Array, regimes: Indices, at: Equations, values: Array, rates: Array
+) -> None:
+    """Fill in the yarn that is left."""
+    values[2 * LAWS], rates[2 * LAWS] = inf, 0.0
+    if regimes[YARN_ON] == 1:
+        values[2 * LAWS], rates[2 * LAWS] = motion.left_m - yarn_run(motion, t), -yarn_speed(motion, t)
+
+
+@declares(begin_piece, DrumSystem)
+def begin_nothing(motion: DrumSystem, t: float, y: Array, regimes: Indices) -> None:
+    """Return: nothing is kept from piece to piece."""
+
+
+@declares(end_piece, DrumSystem)
+def follow_yarn(motion: DrumSystem, t: float, before: Array, y: Array, regimes: Indices) -> None:
+    """Give the drum under the yarn the speed of the yarn."""
+    if regimes[YARN_ON] == 1:
+        radius = wound_after(motion.package, motion.first, yarn_run(motion, t)).radius_m
+        y[SPEED] = yarn_speed(motion, t) / tangent_arm(motion.package, radius, y[ANGLE])
+
+
+@borrowing_kernel
+def log_drum(motion: DrumSystem, t: float, kind: int, contact: int, phi: float, log: Array, count: int) -> None:
+    """Write an event with the angle of the drum on either side; rates and velocities are 0."""
+    fill_event(log, count, motion.begin_s + t, kind, contact, 0.0, 0.0, 0.0, 0.0)
+    log[count, SIDES] = 1.0
+    for i in range(EVENT_WIDTH, log.shape[1]):
+        log[count, i] = 0.0
+    log[count, EVENT_WIDTH], log[count, EVENT_WIDTH + 3] = phi, phi
+
+
+@declares(pass_signal, DrumSystem)
+def let_go(motion: DrumSystem, which: int, t: float, y: Array, regimes: Indices, log: Array, count: int) -> int:
+    """Let yarn and drive go at the end of the package."""
+    theta, last = yarn_speed(motion, t), motion.last
+    omega = theta / tangent_arm(motion.package, last.radius_m, y[ANGLE])
+    y[SPEED], regimes[YARN_ON], regimes[SHAFT] = omega, 0, sense_law(omega)
+    log_drum(motion, t, END_KIND, PACKAGE_CONTACT, y[ANGLE], log, count)
+    log[count, PRE_VELOCITY], log[count, EVENT_WIDTH + 1], log[count, EVENT_WIDTH + 4] = theta, omega, omega
+    log[count, EVENT_WIDTH + 2] = drive_torque(motion.package, last, y[ANGLE], theta, motion.acceleration_m_per_s2)
+    return count + 1
+
+
+@declares(change_regimes, DrumSystem)
+def change_sense(
+    motion: DrumSystem, t: float, y: Array, past: Indices, regimes: Indices, at: Equations, log: Array, count: int
+) -> int:
+    """Log that the drum sticks or is let go."""
+    if (past[SHAFT] == HOLD) == (regimes[SHAFT] == HOLD):
+        return count
+    log_drum(motion, t, STICK_KIND if regimes[SHAFT] == HOLD else RELEASE_KIND, DRUM_CONTACT, y[ANGLE], log, count)
+    return count + 1
+
+
+@declares(note_impact, DrumSystem)
+def no_impact(motion: DrumSystem, t: float, before: Array, y: Array, at: Equations, log: Array, count: int) -> int:
+    """Return that there was none."""
+    return count
+
+
+def drum_entry(package: Package) -> int | None:
+    """Return the address of the compiled functions of a drum."""
+    return entry_of(DrumSystem(package, Wound(1.0, 1.0), Wound(1.0, 1.0), 0.0, 0.0, 0.0, 0.0))
+
+
+@inline_kernel
+def drum_room() -> tuple[int, int]:
+    """Return how many numbers and marks `advance_drum` needs."""
+    return room_sizes(1, LAWS, OWN_SIGNALS, STATE_SIZE)
+
+
+@borrowing_kernel
+def advance_drum(
+    entry: int | None, motion: DrumSystem, span: float, y: Array, regimes: Indices, log: Array, numbers: Array,
+    marks: Indices,
+) -> int:  # fmt: skip
+    """Carry the drum on for ``span`` (s); return the number of events, negative where it failed.
+
+    A step turns the drum by no more than `SURE_RAD`: all that is integrated varies with its angle and hardly else, so
+    the errors that the estimate is made of are zero together at some angles.
     """
-    h, following = controlled_step(system, t, y, wanted, tolerance, work)
-    if h <= sure:
-        return h, following
-    weights, square = method_of(system).errors[0], 0.0
-    for i in range(STATE_SIZE):
-        total = 0.0
-        for j in range(len(weights)):
-            total += weights[j] * work.rates[j, i]
-        square += (h * total / tolerance[i]) ** 2
-    if square <= STATE_SIZE:
-        return h, following
-    return controlled_step(system, t, y, sure, tolerance, work)
-
-
-@kernel
-def drive_drum(system: Driven, y: Array, span: float, sure: float, tolerance: Array) -> bool:
-    """Advance ``y`` by ``span`` (s); return whether a step was found that is small enough.  ``sure``: `sure_step`."""
-    work = Workspace(np.empty((len(method_of(system).nodes), STATE_SIZE)), np.empty(STATE_SIZE), np.empty(STATE_SIZE))
-    t, wanted = 0.0, span
-    for _ in range(MOST_STEPS):
-        if span - t <= 1e-15 * span:
-            return True
-        start_step(system, t, y, work)
-        h, wanted = sure_step(system, t, y, min(wanted, span - t), sure, tolerance, work)
-        if h == 0.0 or not np.isfinite(driven_state(work.end).drive_work_j):
-            return False
-        y[:] = work.end
-        t += h
-    return False
-
-
-@kernel
-def coast_drum(system: Coasting, y: Array, span: float, sure: float, tolerance: Array) -> tuple[float, bool]:
-    """Advance ``y`` until ``span`` (s) is over or the drum comes to rest; return the time (s) and whether it went well.
-
-    At rest the speed is exactly 0.  ``sure``: `sure_step`.
-    """
-    work = Workspace(np.empty((len(method_of(system).nodes), STATE_SIZE)), np.empty(STATE_SIZE), np.empty(STATE_SIZE))
-    end = np.empty(STATE_SIZE)
-    t, wanted = 0.0, span
-    for _ in range(MOST_STEPS):
-        if span - t <= 1e-15 * span:
-            return span, True
-        start_step(system, t, y, work)
-        h, wanted = sure_step(system, t, y, min(wanted, span - t), sure, tolerance, work)
-        if h == 0.0 or not np.isfinite(coasting_state(work.end).speed_rad_per_s):
-            return t, False
-        end[:] = work.end
-        stands = coasting_state(y).speed_rad_per_s == 0.0
-        watch = Watch(0, FALLING if system.direction > 0.0 else RISING, stands)
-        rest = crossing(Step(system, t, y, h, work), watch, end)
-        if rest >= 0.0 and (rest > 0.0 or not stands):
-            take_step(system, t, y, rest, work)
-            now = coasting_state(work.end)
-            fill_state(y, CoastingState(now.angle_rad, 0.0, now.gravity_work_j, now.friction_loss_j))
-            return t + rest, True
-        y[:] = end
-        t += h
-    return t, False
-
-
-@kernel
-def driven(package: Package, wound: Wound, phi: float, theta: float, a: float, h: float) -> tuple[DrivenState, bool]:
-    """Return the drum's angle after h seconds, and the works meanwhile.
-
-    Parameters
-    ----------
-    package : Package
-        Constants.
-    wound : Wound
-        What is on the drum at the start.
-    phi : float
-        Drum angle at the start (rad).
-    theta, a : float
-        Yarn speed at the start (m/s) and its acceleration (m/s2).
-    h : float
-        Time (s).
-
-    Returns
-    -------
-    DrivenState, bool
-        The state, and whether every step was small enough.
-    """
-    y, tolerance = np.empty(STATE_SIZE), np.empty(STATE_SIZE)
-    fill_state(y, DrivenState(phi, 0.0, 0.0, 0.0))
-    speed = (theta + max(a, 0.0) * h) / (wound.radius_m - package.eccentricity_m)
-    # an angle keeps no more digits than it has
-    digits = max(1e-13 * max(1.0, speed * h), 1e-15 * abs(phi))
-    work = _work_error(package, wound, theta + max(a, 0.0) * h, h)
-    fill_state(tolerance, DrivenState(digits, work, work, work))
-    sure = SURE_RAD / speed if speed > 0.0 else h
-    good = drive_drum(Driven(package, wound, theta, a), y, h, sure, tolerance)
-    return driven_state(y), good
-
-
-class Coasted(NamedTuple):
-    """How a coasting piece ended: its time, the state, and the work meanwhile; at rest the speed is exactly 0.
-
-    The time is negative where no step was small enough.
-    """
-
-    time_s: float
-    phi_rad: float
-    omega_rad_per_s: float
-    gravity_work_j: float
-    friction_loss_j: float
-
-
-@kernel
-def coasted(package: Package, wound: Wound, phi: float, omega: float, h: float) -> Coasted:
-    """Return the drum after ``h`` seconds without yarn and drive, or where it comes to rest before."""
-    direction = 1.0 if omega > 0.0 else -1.0 if omega < 0.0 else start_sense(package, wound, phi)
-    if direction == 0.0:
-        return Coasted(h, phi, 0.0, 0.0, 0.0)
-    inertia = package_inertia(package, wound)
-    unbalance = package_mass(package, wound) * package.gravity * package.eccentricity_m
-    if unbalance == 0.0:
-        return _run_down(package, inertia, phi, omega, h)
-    y, tolerance = np.empty(STATE_SIZE), np.empty(STATE_SIZE)
-    fill_state(y, CoastingState(phi, omega, 0.0, 0.0))
-    swing = sqrt(2.0 * package_mass(package, wound) * package.gravity * package.eccentricity_m / inertia)
-    work = _energy_error(inertia, omega)
-    fill_state(tolerance, CoastingState(1e-13, RELATIVE * (abs(omega) + swing + 1e-6), work, work))
-    sure = SURE_RAD / (abs(omega) + swing + 1e-6)
-    time, good = coast_drum(Coasting(package, wound, direction), y, h, sure, tolerance)
-    now = coasting_state(y)
-    ended = time if good else -1.0
-    return Coasted(ended, now.angle_rad, now.speed_rad_per_s, now.gravity_work_j, now.friction_loss_j)
-
-
-@kernel
-def _run_down(package: Package, inertia: float, phi: float, omega: float, h: float) -> Coasted:
-    """Return a balanced drum after ``h`` seconds, or at rest before: J u' = -c - v u in closed form, u = |omega|.
-
-    With x = v t/J and f1(x) = (1 - exp(-x))/x, f2(x) = (1 - f1(x))/x: u = u0 exp(-x) - (c/J) t f1, and the way is
-    u0 t f1 - (c/J) t^2 f2.  It rests at t = (J/v) ln(1 + v u0/c).
-    """
-    c, v, u = package.coulomb_nm, package.viscous_nms_per_rad, abs(omega)
-    rest = inf
-    if c > 0.0:
-        ratio = v * u / c
-        rest = inertia * u / c * (log1p(ratio) / ratio if ratio > 0.0 else 1.0)
-    t = min(h, rest)
-    x = v * t / inertia
-    f1 = -expm1(-x) / x if x > 0.0 else 1.0
-    f2 = (1.0 - f1) / x if x > 1e-3 else 0.5 - x / 6.0 + x * x / 24.0
-    after = 0.0 if rest <= h else u * exp(-x) - c / inertia * t * f1
-    way = u * t * f1 - c / inertia * t * t * f2
-    loss = 0.5 * inertia * (u - after) * (u + after)
-    return Coasted(t, phi + copysign(way, omega), copysign(after, omega) if after != 0.0 else 0.0, 0.0, loss)
-
-
-@kernel
-def start_sense(package: Package, wound: Wound, phi: float) -> float:
-    """Return the sense (+1, -1) in which a drum at rest starts under the weight of its package, 0 where it sticks."""
-    return released(package.coulomb_nm, gravity_moment(package, wound, phi))
-
-
-@kernel
-def _work_error(package: Package, wound: Wound, theta: float, h: float) -> float:
-    """Return the error (J) of the works of a step, whose size is the energy held or moved in ``h`` (s)."""
-    speed = theta / (wound.radius_m - package.eccentricity_m)
-    gravity = package_mass(package, wound) * package.gravity * package.eccentricity_m
-    moved = (gravity + package.coulomb_nm + package.viscous_nms_per_rad * speed) * speed * h
-    end = wound_after(package, wound, theta * h) if package.layer_m < 0.0 else wound  # a full one is heavier
-    return max(_energy_error(package_inertia(package, end), speed), RELATIVE * moved)
-
-
-@kernel
-def _energy_error(inertia: float, omega: float) -> float:
-    return RELATIVE * max(1.0, 0.5 * inertia * omega * omega)
+    p, room = motion.package, room_in(numbers, marks, 1, LAWS, OWN_SIGNALS, STATE_SIZE, DORMAND_PRINCE_8)
+    heavy = (
+        wound_after(p, motion.first, min(yarn_run(motion, span), motion.left_m)) if p.layer_m < 0.0 else motion.first
+    )
+    inertia, weight = package_inertia(p, heavy), package_mass(p, heavy) * p.gravity * p.eccentricity_m
+    speed = abs(y[SPEED]) + sqrt(2.0 * weight / inertia)
+    if regimes[YARN_ON] == 1:
+        yarn = max(motion.theta_m_per_s, yarn_speed(motion, span))
+        speed = max(speed, yarn / (motion.first.radius_m - p.eccentricity_m))
+    moved = (weight + p.coulomb_nm + p.viscous_nms_per_rad * speed) * speed * span
+    room.tolerance[ANGLE] = max(RELATIVE * max(1.0, speed * span), 1e-15 * abs(y[ANGLE]))  # as many digits as it has
+    room.tolerance[SPEED] = RELATIVE * (speed + 1e-6)
+    work = RELATIVE * max(1.0, 0.5 * inertia * speed * speed, moved)
+    room.tolerance[DRIVE_WORK], room.tolerance[GRAVITY_WORK], room.tolerance[FRICTION_LOSS] = work, work, work
+    pieces = max(1.0, np.ceil(speed * span / SURE_RAD))
+    if not pieces <= MOST_STEPS:
+        return TOO_LONG
+    system, count, done = declared(entry, motion, room.at), 0, 0.0
+    for piece in range(1, int(pieces) + 1):
+        until = span * (piece / pieces)
+        count = advance(system, done, until - done, y, regimes, room, log, count)
+        if count < 0:
+            return count
+        done = until
+    return count if isfinite(y[DRIVE_WORK]) and isfinite(y[SPEED]) else UNSTEADY

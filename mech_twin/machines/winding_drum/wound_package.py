@@ -148,12 +148,6 @@ def radius_after(p: Package, radius: float, length: float) -> float:
     return sqrt(radius * radius - 2.0 * p.layer_m * length)
 
 
-@kernel
-def time_of_length(theta: float, a: float, length: float) -> float:
-    """Return when a length of yarn (m) has run at speed theta + a t: the stable root of the quadratic (s)."""
-    return 2.0 * length / (theta + sqrt(theta * theta + 2.0 * a * length))
-
-
 @inline_kernel
 def gravity_moment(p: Package, wound: Wound, phi: float) -> float:
     """Return the moment of the offset package's weight about the axis, m g e sin(phi), counter-clockwise (N m)."""

@@ -8,12 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from mech_twin.measurements.measurement_map import fixed
-from mech_twin.studies.identification.held_out import score
+from mech_twin.studies.identification.held_out import ChannelScore, score
 from mech_twin.studies.identification.least_squares_fit import Fitted
+from mech_twin.studies.identification.residuals import FitProblem
 from mech_twin.studies.identification.unknowns import GAIN, LAG, ZERO
 
 KNOWN_NOISE, SEEN_NOISE = 2.0, 3.0  # times the noise of a sensor, known or seen: more is an error of the model
-MISFIT = 0.01  # of the size of a channel: less does not count, whatever the noise
+LEAST_NOISE = 2e-4  # of the size of a channel: the model's own columns are no more exact between coupling steps
+BURSTS = 1.5  # times the robust spread of the residuals, which bursts hardly move: more is an error of the model
+BY_CHANCE = 1e-3
+FARTHEST, TINY = 1e4, 1e-300
 
 
 @dataclass(frozen=True)
@@ -29,28 +33,42 @@ class ChannelFit:
     lag_s: dict[str, float]
 
 
-def model_error(fitted: Fitted, least_misfit: float = MISFIT) -> str | None:
-    """Return why the model cannot be that of the runs, None where its residuals are those of the sensors.
+def refutation(fitted: Fitted) -> str | None:
+    """Return which channel is off by more than its sensor's noise, and by how much; None where the noise explains all.
 
-    Parameters
-    ----------
-    fitted : Fitted
-        Where a fit ended.
-    least_misfit : float
-        Share of the size of a channel by which it must be off at least, whatever its noise.
+    The residual counts over the noise that the sensor is known or seen to have, and not by chance (Ljung and Box).
     """
     problem = fitted.problem
-    for found in score(problem, fitted.x).channels:
-        channels = [c for run in problem.runs for c in run.channels if c.name == found.channel]
-        noise = max(channel.noise for channel in channels)
-        limit = KNOWN_NOISE if channels[0].channel.sigma else SEEN_NOISE
-        misfit = 1.0 - found.fit_percent / 100.0
-        if not np.isfinite(found.rms) or (misfit > least_misfit and found.rms > limit * noise and found.white_p < 1e-3):
+    for place, found in _scored(fitted):
+        noise, known = channel_noise(problem, place)
+        most = noise * (KNOWN_NOISE if known else SEEN_NOISE)
+        if not known:  # a filter in a sensor hides its noise from differences, but makes no bursts
+            most = min(most, BURSTS * max(noise, float(fitted.comparison.sigmas[place])))
+        if not np.isfinite(found.rms) or (found.rms > most and found.white_p < BY_CHANCE):
             return (
-                f"{found.channel} is off by {found.rms:.3g} in the rms ({100.0 * misfit:.1f} % of its size), its "
-                f"sensor by {noise:.3g}: the model lacks something"
+                f"{found.channel} is off by {found.rms:.3g} in the rms, {100.0 - found.fit_percent:.2g} % of its size, "
+                f"and its sensor's noise is {noise:.3g}"
             )
     return None
+
+
+def noise_misfit(fitted: Fitted) -> float:
+    """Return the residuals of all channels over their sensors' noise, in the rms; some 1 where the model is right."""
+    shares = [found.rms / channel_noise(fitted.problem, place)[0] for place, found in _scored(fitted)]
+    return float(np.sqrt(np.mean(np.minimum(shares, FARTHEST) ** 2))) if shares else fitted.cost
+
+
+def channel_noise(problem: FitProblem, place: int) -> tuple[float, bool]:
+    """Return the noise of a channel, at least the model's own resolution; and whether it is known."""
+    channels = [run.channels[place] for run in problem.runs]
+    size = max(float(np.std(channel.values)) for channel in channels)
+    noise = max(channel.noise for channel in channels)
+    return max(noise, LEAST_NOISE * size, TINY), bool(channels[0].channel.sigma)
+
+
+def _scored(fitted: Fitted) -> list[tuple[int, ChannelScore]]:
+    names = [channel.name for channel in fitted.problem.runs[0].channels]
+    return [(names.index(each.channel), each) for each in score(fitted.problem, fitted.x).channels]
 
 
 def channel_fits(fitted: Fitted) -> list[ChannelFit]:

@@ -13,13 +13,19 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
+from mech_twin.capabilities.blow_gauge import GAUGE_UNITS
 from mech_twin.engine.rollout import RollOut
 from mech_twin.measurements.blocks import Array
 from mech_twin.measurements.machine_columns import is_angle
 from mech_twin.measurements.measurement_map import Channel, fixed
 from mech_twin.measurements.units import TURN
 
-EVENT_FIELDS = ("time", "pre_velocity", "post_velocity", "impulse")  # the last word of an event channel
+EVENT_FIELDS = {  # the last word of an event channel
+    "time": "time_s",
+    "pre_velocity": "pre_velocity_m_per_s",
+    "post_velocity": "post_velocity_m_per_s",
+    "impulse": "impulse_ns",
+}
 POSITION, VELOCITY = ".position", ".velocity"
 
 
@@ -38,6 +44,7 @@ class ColumnCurves:
         self._first_s = float(self.times_s[0])
         self._step_s = float(self.times_s[1] - self.times_s[0]) if len(self.times_s) > 1 else 1.0
         self._unwrapped: dict[str, Array] = {}
+        self._of_events: dict[tuple[str, str], Array] = {}
 
     @property
     def step_s(self) -> float:
@@ -89,12 +96,17 @@ class ColumnCurves:
         since = times_s - events[np.maximum(after - 1, 0)]
         return np.asarray(np.minimum(np.abs(to_next), np.abs(since)) <= guard_s)
 
-    def events_of(self, kind: str) -> dict[str, Array]:
-        """Return what the events of one kind show, in time order: ``time`` and the fields of `EVENT_FIELDS`."""
-        events = self.rollout.event_numbers
-        chosen = events.kind == kind
-        speeds = (events.pre_velocity_m_per_s[chosen], events.post_velocity_m_per_s[chosen], events.impulse_ns[chosen])
-        return dict(zip(EVENT_FIELDS, (events.time_s[chosen], *speeds), strict=True))
+    def of_events(self, kind: str, field: str) -> Array:
+        """Return what the events of one kind show, in time order: one of `EVENT_FIELDS`, or a number of a gauge.
+
+        nan of an event that the gauge does not tell of.
+        """
+        if (kind, field) not in self._of_events:
+            events = self.rollout.event_numbers
+            gauged = field in GAUGE_UNITS
+            shown = self.rollout.gauge_numbers(kind, field) if gauged else getattr(events, EVENT_FIELDS[field])
+            self._of_events[kind, field] = shown if gauged else shown[events.kind == kind]
+        return self._of_events[kind, field]
 
     def _values(self, column: str) -> Array:
         if column not in self._unwrapped:

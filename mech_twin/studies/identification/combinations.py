@@ -3,14 +3,14 @@
 
 Derivatives by the logarithm of each key, cleared of what zeros, gains, lags and beginnings explain as well, are split
 by singular values.  A direction whose effect is a small share of what its keys do singly cannot be told from an error
-of the model of that share, so it counts as not seen.  What remains of keys that such directions tie together is told of
-those that were fitted and those held, from fits in which the held ones were moved (`families`).
+of the model of that share, so it counts as not seen.  What remains of keys that such directions tie together is given
+for those that were fitted and those fixed, from fits in which the fixed ones were moved (`key_dependence`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 
 import numpy as np
@@ -34,7 +34,7 @@ UNSURE = (
 
 
 @dataclass(frozen=True)
-class Sight:
+class Sensitivity:
     """How the channels see the keys.
 
     Attributes
@@ -49,6 +49,11 @@ class Sight:
         Shape (rows, keys): the cleared derivatives by logarithms.
     least_effects : ndarray
         Shape (keys,): less counts as none.  Of a key that is 0 nobody knows what much is.
+    contradicted : bool
+        Whether derivatives over two step lengths contradict each other in a direction that is seen: a motion that
+        forgets nothing, or a change of the order of events.
+    told_apart : bool
+        Whether the runs speak against leaving out a key that derivatives hardly tell from others.
     """
 
     effects: Array
@@ -56,6 +61,15 @@ class Sight:
     unseen: Array
     jacobian: Array
     least_effects: Array
+    contradicted: bool = False
+    told_apart: bool = False
+
+    def with_all_of(self, chosen: Sequence[int]) -> Sensitivity:
+        """Return the same with the directions seen that lie among these keys, if derivatives can be trusted."""
+        if self.contradicted:
+            return self
+        among = np.array([set(np.flatnonzero(np.abs(d) > PART).tolist()) <= set(chosen) for d in self.unseen.T], bool)
+        return replace(self, unseen=self.unseen[:, ~among], told_apart=True)
 
     def groups(self) -> list[list[int]]:
         """Return the keys that unseen directions tie together, group by group."""
@@ -67,7 +81,7 @@ class Sight:
         return [sorted(group) for group in groups]
 
 
-def sight(jacobian: Array, other: Array, keys: npt.NDArray[np.intp], values: Array) -> Sight:
+def sensitivity(jacobian: Array, other: Array, keys: npt.NDArray[np.intp], values: Array) -> Sensitivity:
     """Return how the channels see the keys.
 
     Parameters
@@ -94,18 +108,20 @@ def sight(jacobian: Array, other: Array, keys: npt.NDArray[np.intp], values: Arr
     left = remaining / np.where(effects > 0.0, effects, 1.0)
     least = np.where(zero, LEAST_OF_ZERO, LEAST_EFFECT)
     seen = np.flatnonzero((effects >= least) & (left > ALONE))
-    unseen = np.zeros((len(keys), 0))
+    unseen, contradicted = np.zeros((len(keys), 0)), False
     if len(seen):
         scaled, differing = own[:, seen] / remaining[seen], (own - again)[:, seen] / remaining[seen]
         _, singular, directions = np.linalg.svd(scaled, full_matrices=False)
         unsure = np.linalg.norm(differing @ directions.T, axis=0) > UNSURE * singular
-        lost = directions[(singular < UNSEEN * np.sqrt(len(seen))) | unsure]
+        small = singular < UNSEEN * np.sqrt(len(seen))
+        contradicted = bool((unsure & ~small).any())
+        lost = directions[small | unsure]
         unseen = np.zeros((len(keys), len(lost)))
         unseen[seen] = lost.T
-    return Sight(effects, left, unseen, own, least)
+    return Sensitivity(effects, left, unseen, own, least, contradicted)
 
 
-def base_keys(found: Sight, among: Sequence[int]) -> list[int]:
+def base_keys(found: Sensitivity, among: Sequence[int]) -> list[int]:
     """Return which of the keys to estimate so that no direction is unseen; the rest stay fixed.
 
     Of keys that repeat each other's effect the one with the largest effect stays: one that hardly acts would have to go
@@ -143,11 +159,11 @@ class Combination:
     form : str
         ``product`` or ``sum``.
     keys : tuple of str
-        A key that was fitted, then those held that it is seen with.
+        A key that was fitted, then those fixed that it is seen with.
     weights : tuple of float
         Exponents of a product, of which keys count by their magnitude but for the first; factors of a sum.
     within : dict of str to (float, float)
-        Ranges of held keys over which the interval holds.
+        Ranges of fixed keys over which the interval holds.
     """
 
     formula: str
@@ -164,7 +180,7 @@ class Combination:
         return float(_of(self.form, np.array([values[key] for key in self.keys]), np.array(self.weights)))
 
     def applies(self, values: Mapping[str, float]) -> bool:
-        """Return whether the held keys lie in the ranges over which the interval holds."""
+        """Return whether the fixed keys lie in the ranges over which the interval holds."""
         return all(low <= values[key] <= high for key, (low, high) in self.within.items())
 
     @property
@@ -174,58 +190,58 @@ class Combination:
 
 
 @dataclass(frozen=True)
-class HeldFamily:
-    """What fits as well where keys that are held are moved.
+class Family:
+    """What fits as well where keys that are fixed are moved.
 
     Attributes
     ----------
-    fitted, held : tuple of int
+    fitted, fixed : tuple of int
         Keys of the family: those that follow, and those that were moved.
     points : ndarray
         Shape (points, keys): values of all keys; the first is the fit.
     """
 
     fitted: tuple[int, ...]
-    held: tuple[int, ...]
+    fixed: tuple[int, ...]
     points: Array
 
 
 def combinations(
-    families: Sequence[HeldFamily], names: Sequence[str], units: Sequence[str], half_widths: Array, largest_error: float
+    families: Sequence[Family], names: Sequence[str], units: Sequence[str], half_widths: Array, largest_error: float
 ) -> list[Combination]:
-    """Return what is seen of each fitted key together with those held, the surest first.
+    """Return what is seen of each fitted key together with those fixed, the surest first.
 
     The exponents are those under which the combination changes least within its family; what it still changes by is
     added to its interval.
 
     Parameters
     ----------
-    families : sequence of HeldFamily
+    families : sequence of Family
         Of groups of keys that are tied together.
     names, units
         Of all keys.
     half_widths : ndarray
-        Shape (2, keys): down and up to the ends of the 95 % interval of each fitted key where the held ones stay.
+        Shape (2, keys): down and up to the ends of the 95 % interval of each fitted key where the fixed ones stay.
     largest_error : float
-        Half width over the size of the key above which a combination is not told.
+        Half width over the size of the key above which a combination is left out.
     """
-    told: list[tuple[float, Combination]] = []
+    found_forms: list[tuple[float, Combination]] = []
     for each in families:
         for lead in each.fitted:
-            places = [lead, *each.held]
+            places = [lead, *each.fixed]
             forms = [PRODUCT, SUM] if len({units[i] for i in places}) == 1 else [PRODUCT]
             own = (each.points[:, places], [names[i] for i in places], half_widths[:, lead])
             found = [one for form in forms if (one := _combination(form, *own)) is not None]
             if found:
                 best = min(found, key=lambda one: one[0] * (1.0 if one[1].form == PRODUCT else PRODUCT_FAVOURED))
-                told += [best] if best[0] <= largest_error and len(best[1].keys) > 1 else []
-    return [one for _, one in sorted(told, key=lambda one: one[0])]
+                found_forms += [best] if best[0] <= largest_error and len(best[1].keys) > 1 else []
+    return [one for _, one in sorted(found_forms, key=lambda one: one[0])]
 
 
 def _combination(
     form: str, values: Array, names: Sequence[str], half_widths: Array
 ) -> tuple[float, Combination] | None:
-    """Return a fitted key with held ones, after half its interval over the size of the key; None of no such form.
+    """Return a fitted key with fixed ones, after half its interval over the size of the key; None of no such form.
 
     ``values`` are those of the keys over their family, shape (points, keys), the fitted key and the fit first.
     """
@@ -253,11 +269,11 @@ def _combination(
     ]
     chosen = tuple(names[i] for i in kept.tolist())
     within = {names[i]: (float(values[:, i].min()), float(values[:, i].max())) for i in range(1, len(names))}
-    told = Combination(
+    combination = Combination(
         *(_formula(form, chosen, weights, here[kept]), form, chosen, tuple(map(float, weights)), estimate),
         *(float(min(ends)), float(max(ends)), within),
     )
-    return 0.5 * (most - least), told
+    return 0.5 * (most - least), combination
 
 
 def _of(form: str, values: Array, weights: Array) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from math import comb
 from pathlib import Path
 
 import numpy as np
@@ -13,10 +14,13 @@ from mech_twin.measurements.blocks import Array
 from mech_twin.measurements.errors import MeasurementError
 from mech_twin.measurements.machine_columns import EVENT, is_angle, is_event
 from mech_twin.measurements.measurement_map import Channel, fixed
+from mech_twin.measurements.quality import NORMAL_MEDIAN
 from mech_twin.measurements.runs import MeasuredChannel, MeasuredRun
 from mech_twin.studies.identification.channel_prediction import POSITION, jumps
 
 COMMANDS = ("motor.command", "linkage.command")
+DIFFERENCES = (2, 3, 4, 5, 6)  # orders that tell the noise of a channel
+FEWEST_DIFFERENCES = 8
 MOST_FITTED = 40_000  # samples of a channel in a run: more are thinned evenly
 LATEST_START_S = 600.0  # a run whose first stamp is later does not begin with the machine's own start
 
@@ -150,11 +154,27 @@ def _fit_channel(measured: MeasuredChannel) -> FitChannel:
     channel, quality = measured.channel, measured.quality
     own = abs(fixed(channel.gain, 1.0)) * channel.si_factor
     quantum = max(quality.quantum, channel.quantum) / 12.0**0.5
-    noise = channel.sigma if channel.sigma is not None else 0.0 if measured.name.startswith(EVENT) else quality.noise
-    noise = noise if np.isfinite(noise) else 0.0
     every = max(1, -(-len(measured.times_s) // MOST_FITTED))
     times, values = measured.times_s[::every], measured.values[::every]
-    return FitChannel(channel, times, values, own * float(np.hypot(noise, quantum)))
+    if channel.sigma is not None:
+        noise = own * channel.sigma
+    else:
+        noise = 0.0 if measured.name.startswith(EVENT) else seen_noise(measured.values)
+    return FitChannel(channel, times, values, float(np.hypot(noise, own * quantum)))
+
+
+def seen_noise(values: Array) -> float:
+    """Return the standard deviation of the noise in a series, from what differences of it leave of the motion.
+
+    Second differences still hold the curvature of a fast motion; higher ones hold less of it, and more of the noise.
+    White noise makes differences of order k larger by the root of (2k over k); the least of several orders counts.
+    """
+    found = []
+    for order in DIFFERENCES:
+        left = np.abs(np.diff(values, order))
+        if len(left) >= FEWEST_DIFFERENCES:
+            found.append(float(np.median(left)) / NORMAL_MEDIAN / comb(2 * order, order) ** 0.5)
+    return min(found, default=0.0)
 
 
 def _earlier(channel: FitChannel, shift_s: float) -> FitChannel:

@@ -11,7 +11,7 @@ from mech_twin.measurements.blocks import Array
 from mech_twin.studies.identification.fit_runs import FitRun
 from mech_twin.studies.identification.intervals import Linearised
 from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration
-from mech_twin.studies.identification.least_squares_fit import Fitted, solved
+from mech_twin.studies.identification.least_squares_fit import Fitted, stage_fit, stage_part
 from mech_twin.studies.identification.model_runs import ModelRuns
 from mech_twin.studies.identification.profile_likelihood import (
     KeyProfile,
@@ -48,16 +48,17 @@ def problem_of(question: IdentificationQuestion, keyed: KeyedConfiguration, runs
     return FitProblem(ModelRuns(keyed, runs, question.longest_begin_s, question.cores), unknowns, priors)
 
 
-def fits_from(setting: FitSetting, starts: Iterable[Array], scheduler: str) -> list[Fitted]:
-    """Return the fits from several starts, each computed by a worker of a cluster."""
+def fits_spread(setting: FitSetting, starts: Iterable[Array], share: float, *, scheduler: str) -> list[Fitted]:
+    """Return the fits of a stage from several starts, each computed by a worker of a cluster."""
+    one = partial(_stage, _alone(setting), share)
+    found = sorted(spread(one, list(enumerate(starts)), 1, scheduler), key=lambda each: each[0])
     problem = setting.problem()
-    found = list(spread(partial(_solved, _alone(setting)), list(enumerate(starts)), 1, scheduler))
-    return [Fitted(problem, x, comparison, cost) for _, x, comparison, cost in sorted(found, key=lambda each: each[0])]
+    return [Fitted(stage_part(problem, share, x), x, comparison, cost) for _, x, comparison, cost in found]
 
 
-def _solved(setting: FitSetting, start: tuple[int, Array]) -> tuple[int, Array, Weighting, float]:
+def _stage(setting: FitSetting, share: float, start: tuple[int, Array]) -> tuple[int, Array, Weighting, float]:
     place, x = start
-    fitted = solved(setting.problem(), x)
+    fitted = stage_fit(setting.problem(), x, share)
     return place, fitted.x, fitted.comparison, fitted.cost
 
 
@@ -65,8 +66,8 @@ def profiles_spread(setting: FitSetting, fitted: Fitted, found: Linearised, sche
     """Return the profile of a fit, each key followed by a worker of a cluster."""
     places = sought_keys(fitted)
     one = partial(_followed, _alone(setting), fitted.x, fitted.comparison, found)
-    told = sorted(spread(one, places, 1, scheduler), key=lambda each: each.place) if places else []
-    return profile_of_keys(len(fitted.x), told)
+    followed = sorted(spread(one, places, 1, scheduler), key=lambda each: each.place) if places else []
+    return profile_of_keys(len(fitted.x), followed)
 
 
 def _followed(setting: FitSetting, x: Array, comparison: Weighting, found: Linearised, place: int) -> KeyProfile:

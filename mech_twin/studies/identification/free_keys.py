@@ -5,16 +5,18 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from math import isfinite
 from pathlib import Path
 
 import yaml
 
-from mech_twin.configuration_tree import configuration_tree
+from mech_twin.configuration_tree import ConfigurationError, configuration_tree
 from mech_twin.parameters.load import configuration_file
 from mech_twin.quantity import Parameters
-from mech_twin.studies.identification.keyed_configuration import numbers_of
+from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration, numbers_of
 
 ASSUMED = "assumed"
+AUTO = "auto"  # in place of a key: every number of the machine
 _ORIGIN = re.compile(r"#.*?\b(assumed|published|derived|measured|catalogue|printed)\b")
 # how a run is computed, started and ended, and not what the machine is
 NOT_OF_THE_MACHINE = ("coupling", "supply", "integrator", "start", "stall", "run")
@@ -46,11 +48,26 @@ def assumed_keys(name: str, parameters: Parameters, path: Path | None = None) ->
         File whose comments tell the origins; that of the installed configuration if absent.
     """
     known = origins(configuration_file(name)) if path is None else origins(path) or origins(configuration_file(name))
-    return tuple(
-        key
-        for key, _ in numbers_of(configuration_tree(parameters))
-        if known.get(key) == ASSUMED and key.split(".")[0] not in NOT_OF_THE_MACHINE and key not in START_STATES
-    )
+    return tuple(key for key in _numbers(parameters) if known.get(key) == ASSUMED)
+
+
+def machine_keys(name: str, parameters: Parameters) -> tuple[str, ...]:
+    """Return the keys that are numbers of the machine itself and of which it accepts another value, whatever origin."""
+    found = []
+    for key in _numbers(parameters):
+        try:
+            KeyedConfiguration(name, parameters, (key,)).check()
+        except ConfigurationError:
+            continue
+        found.append(key)
+    return tuple(found)
+
+
+def _numbers(parameters: Parameters) -> Iterator[str]:
+    for key, value in numbers_of(configuration_tree(parameters)):
+        of_machine = key.split(".")[0] not in NOT_OF_THE_MACHINE and key not in START_STATES
+        if of_machine and isfinite(value):
+            yield key
 
 
 def _origins(node: yaml.MappingNode, lines: list[str], prefix: str, inherited: str) -> Iterator[tuple[str, str]]:

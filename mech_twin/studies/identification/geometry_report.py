@@ -96,7 +96,7 @@ def _keys(
         elif worst_fit < LEAST_FIT_PERCENT:
             verdict, reason = MODEL_ERROR, f"a channel fits to {worst_fit:.1f} % only: another assembly or mechanism?"
         value, width = float(fit.keys[i]), float(widths[i])
-        if verdict == IDENTIFIED and width > WIDEST * max(abs(value), abs(before)) > 0.0:
+        if verdict == IDENTIFIED and width > WIDEST * abs(value):
             verdict, reason = NOT_EXCITED, "the channels leave it open by more than half of itself on either side"
         found.append(KeyVerdict(key, before, value, float(errors[i]), value - width, value + width, verdict, reason))
     return tuple(found)

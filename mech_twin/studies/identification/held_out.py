@@ -14,7 +14,7 @@ from mech_twin.quantity import Parameters
 from mech_twin.studies.identification.event_matching import first_of_series, matched
 from mech_twin.studies.identification.fit_runs import FitRun
 from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration
-from mech_twin.studies.identification.least_squares_fit import noise_floors, solved
+from mech_twin.studies.identification.least_squares_fit import noise_floors, stage_fit, with_begins
 from mech_twin.studies.identification.model_runs import ModelRuns
 from mech_twin.studies.identification.residuals import FitProblem
 from mech_twin.studies.identification.unknowns import unknowns_of
@@ -96,7 +96,7 @@ def beside(
     keyed = KeyedConfiguration(name, parameters, ())
     unknowns = unknowns_of(keyed, NO_BOUNDS, runs, longest_begin_s)
     problem = FitProblem(ModelRuns(keyed, runs, longest_begin_s), unknowns)
-    return problem, solved(problem, unknowns.start, whole_only=True).x
+    return problem, stage_fit(problem, with_begins(problem, unknowns.start), 1.0).x
 
 
 def score(problem: FitProblem, x: Array) -> Score:
@@ -135,7 +135,7 @@ def _events(problem: FitProblem, x: Array) -> tuple[float | None, int, int]:
             first, last = max(run.from_s, run.first_s), min(run.until_s, run.last_s)
             own = channel.values[first_of_series(channel.times_s)]
             own = own[(own >= first) & (own <= last)]
-            model = curves[i].events_of(channel.kind)["time"] - begin
+            model = curves[i].of_events(channel.kind, "time") - begin
             model = model[first_of_series(model)]
             model = model[(model >= first) & (model <= last)]
             places = matched(own, model)

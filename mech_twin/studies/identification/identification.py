@@ -6,40 +6,40 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from mech_twin.capabilities.errors import StudyError
 from mech_twin.measurements.blocks import Array
 from mech_twin.quantity import Parameters
-from mech_twin.studies.identification.channel_fits import ChannelFit, channel_fits, model_error
-from mech_twin.studies.identification.combinations import Combination, Sight, base_keys
+from mech_twin.studies.identification.channel_fits import ChannelFit, channel_fits, noise_misfit, refutation
+from mech_twin.studies.identification.combinations import Combination, Sensitivity, base_keys
 from mech_twin.studies.identification.fit_runs import FitRun
-from mech_twin.studies.identification.fit_setting import FitSetting, fits_from, problem_of
-from mech_twin.studies.identification.held_out import Score, score, scored
+from mech_twin.studies.identification.fit_setting import FitSetting, fits_spread, problem_of
+from mech_twin.studies.identification.held_out import Score, scored
 from mech_twin.studies.identification.key_knowledge import (
     AroundFit,
     around_fit,
     carried_over,
+    predictable,
+    sensitivity_at,
     settled,
-    sight_at,
     verdicts_of,
-    with_held_as_configured,
+    with_fixed_as_configured,
 )
 from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration
-from mech_twin.studies.identification.least_squares_fit import Fitted, Told, quiet, refined, solved
+from mech_twin.studies.identification.least_squares_fit import Fitted, Progress, quiet, refined
 from mech_twin.studies.identification.question import IdentificationQuestion
-from mech_twin.studies.identification.residuals import FitProblem
+from mech_twin.studies.identification.staged_search import Search, searched
 from mech_twin.studies.identification.unknowns import BEGIN, KEY
 from mech_twin.studies.identification.verdicts import COMBINATION, IDENTIFIED, ONE_SIDED, KeyVerdict
 
 WRITTEN = (IDENTIFIED, ONE_SIDED, COMBINATION)  # verdicts whose estimates go into the configuration
 HOLD_OUT_SHARE = 0.2
 FEWEST_RUNS_TO_HOLD_OUT = 3
+WORSE = 1.2  # times the misfit: a fit of fewer keys that the runs speak against
 CHOICES = 3  # of the keys to estimate, made again where the fit ended
-STARTS = 3  # where the first one ends in residuals that are not those of the sensors
-SMALL_MISFIT = 1e-3  # of the size of a channel: no error of the model, but perhaps of the fit
-START_SPREAD = 0.15  # standard deviation of a further start about the first, over the scale of a key
 
 
 @dataclass(frozen=True)
@@ -59,6 +59,8 @@ class Identification:
         What is seen of keys that are not seen alone.
     channels : tuple of ChannelFit
         Over the fitted runs.
+    search : Search
+        How many starts were fitted, in how many valleys they ended, and how far the best is ahead.
     held_out, before : Score or None
         On what the fit never saw, with the configuration found and with the one before; a constant has a fit of 0.
     begins_s : dict of str to float
@@ -74,6 +76,7 @@ class Identification:
     keys: tuple[KeyVerdict, ...]
     combinations: tuple[Combination, ...]
     channels: tuple[ChannelFit, ...]
+    search: Search
     held_out: Score | None
     before: Score | None
     begins_s: dict[str, float]
@@ -85,7 +88,9 @@ class Identification:
 
     @property
     def better(self) -> bool:
-        """Whether what was held out is foretold better than before, and than by a constant."""
+        """Whether a key was found, and what was held out is foretold better than before, and than by a constant."""
+        if not any(key.verdict in WRITTEN for key in self.keys):
+            return False
         if self.held_out is None or self.before is None:
             return True
         return self.held_out.misfit < min(self.before.misfit, 1.0)
@@ -96,7 +101,7 @@ def identified(
     runs: Sequence[FitRun],
     held_runs: Sequence[FitRun] = (),
     share: float = 0.0,
-    told: Told = quiet,
+    progress: Progress = quiet,
 ) -> Identification:
     """Fit keys of a configuration to runs and return what may be said of them.
 
@@ -110,7 +115,7 @@ def identified(
         Runs that score the fit.
     share : float
         Share at the end of each fitted run that is not fitted and scores the fit, where no run is held out.
-    told : callable, optional
+    progress : callable, optional
         Takes a line on the progress.
     """
     began = time.monotonic()
@@ -119,38 +124,48 @@ def identified(
     same_channels([*runs, *held_runs])
     fitted_runs, later = (list(runs), []) if held_runs or share <= 0.0 else _split(runs, share)
     everything = problem_of(question, KeyedConfiguration(question.machine, question.base, question.keys), fitted_runs)
-    told("which keys the channels see")
+    progress("which keys the channels see")
     places = list(range(len(question.keys)))
-    chosen = _chosen(sight_at(everything, everything.unknowns.start), places)
-    fitted = _best_fit(question, [question.keys[i] for i in chosen], fitted_runs, told)
-    around = around_fit(question, fitted)
+    chosen = _chosen(sensitivity_at(everything, everything.unknowns.start), places)
+    fitted, search = _best_fit(question, [question.keys[i] for i in chosen], fitted_runs, progress)
+    if len(chosen) < len(places) and refutation(fitted) is not None:
+        # what a key does where the search began says little of what it does elsewhere
+        with_all = _best_fit(question, question.keys, fitted_runs, progress)
+        if noise_misfit(with_all[0]) < noise_misfit(fitted):
+            (fitted, search), chosen = with_all, places
+    around = predictable(question, around_fit(question, fitted), progress)
     for _ in range(CHOICES):
         again, wanted = _chosen(around.seen, places), False
         if set(again) != set(chosen):
-            fewer = _fit_of_fewer(question, around, again, told)
-            wanted = model_error(fewer) is not None and model_error(around.fitted) is None  # the key that is left out
+            fewer = _fit_of_fewer(question, around, again, progress)
+            # the key that is left out is wanted where the runs speak against the fit without it
+            wanted = refutation(fewer) is not None and noise_misfit(fewer) > WORSE * noise_misfit(around.fitted)
             if not wanted:
-                # where a key is held as configured the others may seem to be told: it is not taken up again
+                # where a key is fixed as configured the others may seem to be seen: it is not taken up again
                 places = [i for i in places if i in again or i not in chosen]
                 chosen, around = again, around_fit(question, fewer)
-        told("intervals")
-        around, known = settled(question, around, chosen, told)
+        if wanted:
+            around = around.with_all_of(chosen)
+        progress("intervals")
+        around, known = settled(question, around, chosen, progress)
         if wanted or set(_chosen(around.seen, places)) == set(chosen):
             break
     fitted = around.fitted
-    keys, combined = verdicts_of(question, around, chosen, known, told)
+    keys, combined = verdicts_of(question, around, chosen, known, search, progress)
     parameters = _found(question, keys, fitted)
-    told("what was held out")
+    progress("what was held out")
     held, before = _scores(question, parameters, fitted, fitted_runs, held_runs, later)
     count = len(chosen)
     deviations = np.sqrt(np.diag(known.covariance)[:count])
-    correlation = known.covariance[:count, :count] / np.outer(deviations, deviations) if count else np.zeros((0, 0))
+    sizes = np.outer(deviations, deviations)
+    correlation = known.covariance[:count, :count] / np.where(sizes > 0.0, sizes, np.inf)
     return Identification(
         question,
         parameters,
         tuple(keys),
         tuple(combined),
         tuple(channel_fits(fitted)),
+        search,
         held,
         before,
         {u.name: float(fitted.x[i] * u.scale) for i, u in enumerate(fitted.problem.unknowns.all) if u.kind == BEGIN},
@@ -180,66 +195,39 @@ def _split(runs: Sequence[FitRun], share: float) -> tuple[list[FitRun], list[Fit
     return first, rest
 
 
-def _chosen(seen: Sight, places: Sequence[int]) -> list[int]:
+def _chosen(seen: Sensitivity, places: Sequence[int]) -> list[int]:
     """Return the keys to estimate: those that have an effect, less those that only repeat the effect of others."""
     return base_keys(seen, [i for i in places if seen.effects[i] >= seen.least_effects[i] and seen.left[i] > 0.0])
 
 
-def _best_fit(question: IdentificationQuestion, keys: Sequence[str], runs: Sequence[FitRun], told: Told) -> Fitted:
-    """Return the best fit of some of the keys; further starts where the residuals of the first contradict the sensors.
-
-    A fit that has ended beside its minimum, in a motion with impacts, may be off by less than an error of the model.
-    """
-    keyed = KeyedConfiguration(question.machine, question.base, tuple(keys))
-    problem = problem_of(question, keyed, runs)
-    start = problem.unknowns.start.copy()
-    best = solved(problem, start, told)
-    others = _further_starts(question, problem)
-    if question.scheduler is not None and model_error(best, SMALL_MISFIT) is not None:
-        told("further starts, on the cluster")
-        setting = FitSetting(question, tuple(keys), tuple(runs))
-        return min([best, *fits_from(setting, others, question.scheduler)], key=_misfit)
-    for number, other in enumerate(others, 2):
-        if model_error(best, SMALL_MISFIT) is None:
-            break
-        told(f"start {number} of {STARTS}")
-        best = min(best, solved(problem, other, told), key=_misfit)
-    return best
+def _best_fit(
+    question: IdentificationQuestion, keys: Sequence[str], runs: Sequence[FitRun], progress: Progress
+) -> tuple[Fitted, Search]:
+    """Return the best fit of some of the keys, and what the search for it has seen."""
+    problem = problem_of(question, KeyedConfiguration(question.machine, question.base, tuple(keys)), runs)
+    fits = None
+    if question.scheduler is not None:
+        fits = partial(fits_spread, FitSetting(question, tuple(keys), tuple(runs)), scheduler=question.scheduler)
+    return searched(problem, problem.unknowns.start.copy(), question.seed, progress, fits)
 
 
-def _further_starts(question: IdentificationQuestion, problem: FitProblem) -> list[Array]:
-    """Return other places to start from, about that of the configuration."""
-    random = np.random.default_rng(question.seed)
-    places, found = problem.unknowns.places(KEY), []
-    for _ in range(1, STARTS):
-        moved = problem.unknowns.start.copy()
-        moved[places] += START_SPREAD * random.standard_normal(len(places))
-        found.append(np.clip(moved, *problem.unknowns.bounds()))
-    return found
+def _fit_of_fewer(
+    question: IdentificationQuestion, around: AroundFit, chosen: Sequence[int], progress: Progress
+) -> Fitted:
+    """Return the fit of other keys than those of a fit, from a place that fits as well.
 
-
-def _fit_of_fewer(question: IdentificationQuestion, around: AroundFit, chosen: Sequence[int], told: Told) -> Fitted:
-    """Return the fit of other keys than those of a fit, from a place that fits as well; from the start if it does not.
-
-    The keys that are no longer estimated are held as configured.
+    The keys that are no longer estimated are fixed as configured.
     """
     names = tuple(question.keys[i] for i in chosen)
     problem = problem_of(question, KeyedConfiguration(question.machine, question.base, names), around.whole.runs)
-    values = with_held_as_configured(question, around, chosen)
+    values = with_fixed_as_configured(question, around, chosen)
     start = carried_over(around.fitted, problem.unknowns)
     start[problem.unknowns.places(KEY)] = values[list(chosen)] / problem.unknowns.scales[: len(chosen)]
-    found = refined(problem, start, told)
-    if model_error(found) is None or model_error(around.fitted) is not None:
-        return found
-    return min(found, _best_fit(question, names, around.whole.runs, told), key=_misfit)
-
-
-def _misfit(fitted: Fitted) -> float:
-    return score(fitted.problem, fitted.x).misfit
+    return refined(problem, start, progress)
 
 
 def _found(question: IdentificationQuestion, keys: Sequence[KeyVerdict], fitted: Fitted) -> Parameters:
-    """Return the configuration found: keys of which nothing is told stay as they were."""
+    """Return the configuration found: keys of which nothing is known stay as they were."""
     values = {key.key: key.estimate for key in keys if key.verdict in WRITTEN}
     keyed = KeyedConfiguration(question.machine, question.base, tuple(values))
     return keyed.parameters(list(values.values())) if values else question.base

@@ -29,7 +29,7 @@ BLOCKS = 30  # of all runs together
 FEWEST_BLOCKS = 8  # of a run
 RANK = 1e-10  # of the largest singular value of the scaled derivatives
 NORMAL = float(stats.norm.ppf(0.975))
-HELD_OFF = 0.5  # of its size: by how much a free key that stays as configured may be off
+FIXED_OFF = 0.5  # of its size: by how much a free key that stays as configured may be off
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Linearised:
     channels: npt.NDArray[np.int64]
 
     def of(self, chosen: npt.NDArray[np.intp]) -> Linearised:
-        """Return the same for some of the unknowns, the others held where they are."""
+        """Return the same for some of the unknowns, the others fixed where they are."""
         return replace(self, jacobian=self.jacobian[:, chosen], other=self.other[:, chosen])
 
     def over(self, factors: Array) -> Linearised:
@@ -110,7 +110,7 @@ class Uncertainty:
     origin : tuple of str
         Which of the errors was the widest, by unknown.
     given_tied : ndarray
-        Shape (2, unknowns): the same of a key whose held keys that it is tied to are as configured.
+        Shape (2, unknowns): the same of a key whose fixed keys that it is tied to are as configured.
     """
 
     errors: Array
@@ -151,9 +151,9 @@ def uncertainty(found: Linearised) -> Uncertainty:
 
 def _with_memory(found: Linearised, inverse: Array) -> tuple[str, Array, float]:
     """Return the standard errors where residuals have a memory, with Student's t of the samples that this leaves."""
-    told = remembered_noise(found.jacobian, found.residuals, found.channels)
-    freedom = max(told.samples - found.jacobian.shape[1], 1.0)
-    middle = told.middle * told.samples / freedom
+    noise = remembered_noise(found.jacobian, found.residuals, found.channels)
+    freedom = max(noise.samples - found.jacobian.shape[1], 1.0)
+    middle = noise.middle * noise.samples / freedom
     error = np.sqrt(np.maximum(np.diag(inverse @ middle @ inverse), 0.0))
     return "noise with a memory", error, float(stats.t.ppf(0.975, freedom))
 
@@ -163,25 +163,26 @@ def last_step(found: Linearised) -> Array:
     return -inverse_information(found.jacobian) @ (found.jacobian.T @ found.residuals)
 
 
-def moved_by_held(found: Linearised, held: Array) -> Array:
-    """Return how far the unknowns move if keys that were held are off by half of themselves, shape (unknowns,).
+def moved_by_fixed(found: Linearised, fixed: Array) -> Array:
+    """Return how far the unknowns move if keys that were fixed are off by half of themselves, shape (unknowns,).
 
     Parameters
     ----------
     found : Linearised
         Derivatives by the unknowns of the fit.
-    held : ndarray
-        Shape (rows, keys held): derivatives by the logarithms of those that were held.
+    fixed : ndarray
+        Shape (rows, keys fixed): derivatives by the logarithms of those that were fixed.
     """
-    moves = inverse_information(found.jacobian) @ (found.jacobian.T @ held)
-    return np.asarray(HELD_OFF * np.sqrt(np.sum(moves**2, axis=1)))
+    moves = inverse_information(found.jacobian) @ (found.jacobian.T @ fixed)
+    return np.asarray(FIXED_OFF * np.sqrt(np.sum(moves**2, axis=1)))
 
 
 def inverse_information(jacobian: Array) -> Array:
     """Return the inverse of J'J of scaled columns; directions that nothing sees are left out, shape (n, n)."""
     size = np.linalg.norm(jacobian, axis=0)
     size = np.where(size > 0.0, size, 1.0)
-    _, singular, directions = np.linalg.svd(jacobian / size, full_matrices=False)
+    triangle = np.linalg.qr(jacobian / size, mode="r")  # the same singular values, of few rows
+    _, singular, directions = np.linalg.svd(triangle, full_matrices=False)
     kept = singular > RANK * singular.max(initial=0.0)
     scaled = directions[kept] / singular[kept, None]
     return np.asarray(scaled.T @ scaled / np.outer(size, size))

@@ -9,29 +9,31 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mech_twin.measurements.blocks import Array
-from mech_twin.studies.identification.channel_fits import model_error
-from mech_twin.studies.identification.combinations import Combination, HeldFamily, Sight, combinations, sight
-from mech_twin.studies.identification.families import family
+from mech_twin.studies.identification.channel_fits import refutation
+from mech_twin.studies.identification.combinations import Combination, Family, Sensitivity, combinations, sensitivity
 from mech_twin.studies.identification.fit_setting import FitSetting, problem_of, profiles_spread
 from mech_twin.studies.identification.intervals import (
     Linearised,
     Uncertainty,
     last_step,
     linearised,
-    moved_by_held,
+    moved_by_fixed,
     uncertainty,
 )
+from mech_twin.studies.identification.key_dependence import family
 from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration, unit_at
-from mech_twin.studies.identification.least_squares_fit import Fitted, Told, noise_floors, quiet, refined, spreads
+from mech_twin.studies.identification.least_squares_fit import Fitted, Progress, noise_floors, quiet, refined, spreads
 from mech_twin.studies.identification.profile_likelihood import Profile, Walk, no_profile, profiled
 from mech_twin.studies.identification.question import IdentificationQuestion
 from mech_twin.studies.identification.residuals import FitProblem
+from mech_twin.studies.identification.staged_search import Search
 from mech_twin.studies.identification.unknowns import BEGIN, GAIN, KEY, LAG, ZERO, Unknowns
-from mech_twin.studies.identification.verdicts import KeyEvidence, KeyVerdict, key_verdicts
+from mech_twin.studies.identification.verdicts import KeyEvidence, KeyVerdict, key_verdicts, refuted
 
 LARGEST_ERROR = 0.5  # half width over the size of a key: of a combination that is told
 REFITS = 2  # where a step or a profile shows that the fit had not ended
 FARTHEST = 1.0  # logarithm by which a key may move where another goes back to what is configured
+PREDICTABLE = (0.5, 0.25, 0.12)  # shares of the runs, where derivatives over the whole contradict each other
 OFFSET = 0.1  # of a half width: a step left over that is longer
 
 
@@ -42,25 +44,29 @@ class AroundFit:
     fitted: Fitted
     whole: FitProblem
     line: Linearised
-    seen: Sight
+    seen: Sensitivity
 
     @property
     def x(self) -> Array:
         """What was found, as unknowns of the whole."""
         return carried_over(self.fitted, self.whole.unknowns)
 
+    def with_all_of(self, chosen: Sequence[int]) -> AroundFit:
+        """Return the same where the runs speak against leaving any of these keys out."""
+        return replace(self, seen=self.seen.with_all_of(chosen))
 
-def sight_at(problem: FitProblem, x: Array) -> Sight:
+
+def sensitivity_at(problem: FitProblem, x: Array) -> Sensitivity:
     """Return how the channels see the keys before anything is fitted."""
     floors = noise_floors(problem.runs)
     sigmas = np.maximum(floors, spreads(problem, x, problem.comparison(x, floors)))
-    return _sight(Fitted(problem, x, problem.comparison(x, sigmas), 0.0))[0]
+    return _sensitivity(Fitted(problem, x, problem.comparison(x, sigmas), 0.0))[0]
 
 
-def _sight(fitted: Fitted) -> tuple[Sight, Linearised]:
+def _sensitivity(fitted: Fitted) -> tuple[Sensitivity, Linearised]:
     line = linearised(fitted)
     places = fitted.problem.unknowns.places(KEY)
-    return sight(line.jacobian, line.other, places, fitted.x[places]), line
+    return sensitivity(line.jacobian, line.other, places, fitted.x[places]), line
 
 
 def carried_over(fitted: Fitted, unknowns: Unknowns) -> Array:
@@ -76,30 +82,49 @@ def around_fit(question: IdentificationQuestion, fitted: Fitted) -> AroundFit:
     keyed = KeyedConfiguration(question.machine, base, question.keys)
     whole = problem_of(question, keyed, fitted.problem.runs)
     x = carried_over(fitted, whole.unknowns)
-    seen, line = _sight(Fitted(whole, x, fitted.comparison, fitted.cost))
+    seen, line = _sensitivity(Fitted(whole, x, fitted.comparison, fitted.cost))
     return AroundFit(fitted, whole, line, seen)
 
 
-def with_held_as_configured(question: IdentificationQuestion, around: AroundFit, chosen: Sequence[int]) -> Array:
-    """Return values of all free keys that fit as well, those that are to be held as configured, shape (keys,).
+def predictable(question: IdentificationQuestion, around: AroundFit, progress: Progress = quiet) -> AroundFit:
+    """Return the fit of the longest first share of the runs over which derivatives tell where the keys lead.
 
-    Along a direction that the channels do not see, the fit does not change: on it the held keys go back.
+    A motion that forgets nothing of its beginning makes a small error of a key large.  The later part of a run then has
+    a valley narrower than any difference, and derivatives there say nothing of a key's interval.
+    """
+    problem, here = around.fitted.problem, around
+    for share in PREDICTABLE if around.seen.contradicted else ():
+        progress(f"first {100.0 * share:.0f} % of the runs alone")
+        runs = [
+            run.within(run.from_s, run.first_s + share * (min(run.last_s, run.until_s) - run.first_s))
+            for run in problem.runs
+        ]
+        here = around_fit(question, refined(problem.over(runs), around.fitted.x, progress))
+        if not here.seen.contradicted:
+            return here
+    return around
+
+
+def with_fixed_as_configured(question: IdentificationQuestion, around: AroundFit, chosen: Sequence[int]) -> Array:
+    """Return values of all free keys that fit as well, those that are to be fixed as configured, shape (keys,).
+
+    Along a direction that the channels do not see, the fit does not change: on it the fixed keys go back.
     """
     keyed = KeyedConfiguration(question.machine, question.base, question.keys)
     before, values = keyed.values(), around.whole.unknowns.keys(around.whole.unknowns.start)
     logs = np.log(np.where(before * values > 0.0, before / np.where(values == 0.0, 1.0, values), 1.0))
     sizes = np.linalg.norm(around.seen.jacobian, axis=0)
     directions = around.seen.unseen / np.where(sizes > 0.0, sizes, np.inf)[:, None]
-    held = np.setdiff1d(np.arange(len(values)), np.array(chosen, dtype=np.intp))
-    along, *_ = np.linalg.lstsq(directions[held], logs[held], rcond=None)
+    fixed = np.setdiff1d(np.arange(len(values)), np.array(chosen, dtype=np.intp))
+    along, *_ = np.linalg.lstsq(directions[fixed], logs[fixed], rcond=None)
     moved = values * np.exp(np.clip(directions @ along, -FARTHEST, FARTHEST))
     return np.asarray(
-        np.clip(np.where(np.isin(np.arange(len(values)), held), before, moved), *keyed.bounds(question.bounds))
+        np.clip(np.where(np.isin(np.arange(len(values)), fixed), before, moved), *keyed.bounds(question.bounds))
     )
 
 
 def settled(
-    question: IdentificationQuestion, around: AroundFit, chosen: Sequence[int], told: Told = quiet
+    question: IdentificationQuestion, around: AroundFit, chosen: Sequence[int], progress: Progress = quiet
 ) -> tuple[AroundFit, Uncertainty]:
     """Return the fit where it truly ends, and what is known there of its unknowns.
 
@@ -111,7 +136,7 @@ def settled(
         A fit and derivatives by all free keys.
     chosen : sequence of int
         Which of the free keys it estimates; the others it holds.
-    told : callable, optional
+    progress : callable, optional
         Takes a line on the progress.
     """
     kept = np.concatenate([np.array(chosen, dtype=np.intp), around.whole.unknowns.places(BEGIN, ZERO, GAIN, LAG)])
@@ -119,22 +144,23 @@ def settled(
         fitted = around.fitted
         own = around.line.of(kept).over(fitted.problem.unknowns.scales / around.whole.unknowns.scales[kept])
         known, left_over = uncertainty(own), _left_over(fitted, own)
-        profile = _profile(question, fitted, own, told)
+        profile = _profile(question, fitted, own, progress)
         ended = profile.better is None and np.all(np.abs(left_over) <= OFFSET * known.half_widths[0])
         if ended or left == 0:
             break
-        told("the fit once more, from where it had not ended")
+        progress("the fit once more, from where it had not ended")
         x = fitted.x if profile.better is None else profile.better
-        around = around_fit(question, refined(fitted.problem, x, told))
+        again = around_fit(question, refined(fitted.problem, x, progress))
+        around = again.with_all_of(chosen) if around.seen.told_apart else again
     return around, _widened(known, own, around.seen, chosen, np.abs(left_over), profile)
 
 
-def _profile(question: IdentificationQuestion, fitted: Fitted, own: Linearised, told: Told) -> Profile:
-    if model_error(fitted) is not None:
+def _profile(question: IdentificationQuestion, fitted: Fitted, own: Linearised, progress: Progress) -> Profile:
+    if refutation(fitted) is not None:
         return no_profile(len(fitted.x))
     if question.scheduler is None:
-        return profiled(fitted, own, told)
-    told("profiles, on the cluster")
+        return profiled(fitted, own, progress)
+    progress("profiles, on the cluster")
     setting = FitSetting(question, fitted.problem.model.keyed.keys, fitted.problem.runs)
     return profiles_spread(setting, fitted, own, question.scheduler)
 
@@ -149,54 +175,59 @@ def _left_over(fitted: Fitted, own: Linearised) -> Array:
 
 
 def _widened(
-    known: Uncertainty, own: Linearised, seen: Sight, chosen: Sequence[int], left_over: Array, profile: Profile
+    known: Uncertainty, own: Linearised, seen: Sensitivity, chosen: Sequence[int], left_over: Array, profile: Profile
 ) -> Uncertainty:
-    """Return intervals that hold what keys held, steps left over and profiles add to them."""
+    """Return intervals that hold what keys fixed, steps left over and profiles add to them."""
     ends = np.array([profile.lower, profile.upper])
 
-    def with_held(held: Sequence[int]) -> Array:
-        moved = moved_by_held(own, seen.jacobian[:, list(held)])
+    def with_fixed(fixed: Sequence[int]) -> Array:
+        moved = moved_by_fixed(own, seen.jacobian[:, list(fixed)])
         return np.asarray(np.fmax(np.hypot(known.half_widths, moved) + left_over, ends))
 
-    held = [i for i in range(len(seen.effects)) if i not in chosen]
-    halves = with_held(held)
+    fixed = [i for i in range(len(seen.effects)) if i not in chosen]
+    halves = with_fixed(fixed)
     given = halves.copy()
     for group in seen.groups():
         places = [place for place, i in enumerate(chosen) if i in group]
-        given[:, places] = with_held([i for i in held if i not in group])[:, places]
+        given[:, places] = with_fixed([i for i in fixed if i not in group])[:, places]
     return replace(known, half_widths=halves, given_tied=given)
 
 
-def held_families(
-    walk: Walk, seen: Sight, names: Sequence[str], chosen: Sequence[int], bounds: Array, told: Told = quiet
-) -> list[HeldFamily]:
-    """Return what fits as well where keys that are held move, for each group of keys that are tied together.
+def fixed_families(
+    walk: Walk,
+    seen: Sensitivity,
+    names: Sequence[str],
+    chosen: Sequence[int],
+    bounds: Array,
+    progress: Progress = quiet,
+) -> list[Family]:
+    """Return what fits as well where keys that are fixed move, for each group of keys that are tied together.
 
     Parameters
     ----------
     walk : Walk
         About the fit, its first unknowns the free keys.
-    seen : Sight
+    seen : Sensitivity
         How the channels see them.
     names : sequence of str
         Their names.
     chosen : sequence of int
         Those that are fitted.
     bounds : ndarray
-        Shape (2, keys): what held keys may be.
-    told : callable, optional
+        Shape (2, keys): what fixed keys may be.
+    progress : callable, optional
         Takes a line on the progress.
     """
     count, found = len(names), []
     scales = walk.problem.unknowns.scales[:count]
     follows = ~np.isin(np.arange(len(walk.x)), np.setdiff1d(np.arange(count), np.array(chosen, dtype=np.intp)))
     for group in seen.groups():
-        held, fitted = [i for i in group if i not in chosen], [i for i in group if i in chosen]
-        if held and fitted:
-            told(f"what fits as well with other {', '.join(names[i] for i in held)}")
-            met = family(walk, held, follows, bounds / scales)
+        fixed, fitted = [i for i in group if i not in chosen], [i for i in group if i in chosen]
+        if fixed and fitted:
+            progress(f"what fits as well with other {', '.join(names[i] for i in fixed)}")
+            met = family(walk, fixed, follows, bounds / scales)
             if met is not None:
-                found.append(HeldFamily(tuple(fitted), tuple(held), met[:, :count] * scales))
+                found.append(Family(tuple(fitted), tuple(fixed), met[:, :count] * scales))
     return found
 
 
@@ -205,7 +236,8 @@ def verdicts_of(
     around: AroundFit,
     chosen: Sequence[int],
     known: Uncertainty,
-    told: Told = quiet,
+    search: Search,
+    progress: Progress = quiet,
 ) -> tuple[list[KeyVerdict], list[Combination]]:
     """Return the verdict on each free key, and what is seen of keys that are not seen alone."""
     count, seen = len(question.keys), around.seen
@@ -219,15 +251,15 @@ def verdicts_of(
         estimates[i], scale = values[question.keys[i]], fitted.problem.unknowns.all[place].scale
         errors[i], halves[:, i] = known.errors[place] * scale, known.half_widths[:, place] * scale
         given[:, i] = known.given_tied[:, place] * scale
-    bounds, lacking, combined = keyed.bounds(question.bounds), model_error(fitted), []
+    bounds, lacking, combined = keyed.bounds(question.bounds), refutation(fitted), []
     if lacking is None:
         walk = Walk(Fitted(around.whole, around.x, fitted.comparison, fitted.cost), around.line)
-        families = held_families(walk, seen, question.keys, chosen, bounds, told)
+        families = fixed_families(walk, seen, question.keys, chosen, bounds, progress)
         units = [unit_at(type(question.base), key) for key in question.keys]
         combined = combinations(families, question.keys, units, given, LARGEST_ERROR)
-    held = frozenset(set(range(count)) - set(chosen))
+    fixed = frozenset(set(range(count)) - set(chosen))
     evidence = KeyEvidence(
         *(question.keys, before, estimates, errors, halves, bounds),
-        *(scales, seen, held, lacking),
+        *(scales, seen, fixed, refuted(lacking, search)),
     )
     return key_verdicts(evidence, combined), combined

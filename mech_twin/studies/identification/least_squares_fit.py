@@ -20,7 +20,7 @@ from mech_twin.studies.identification.residuals import FitProblem, Weighting
 from mech_twin.studies.identification.unknowns import BEGIN, GAIN, KEY, ZERO
 
 HORIZONS = (0.03, 0.06, 0.12, 0.25, 0.5, 1.0)  # shares of the run, one stage each
-HELD = 0.3  # of the scale of a key: standard deviation by which it is held near its start while few data tell it
+NEAR = 0.3  # of the scale of a key: standard deviation of its prior about its start while few data tell it
 FEWEST_STEPS = 60  # coupling steps of a stage
 EVALUATIONS, FEWEST = 30, 10
 ROUNDS = 3  # of the last stage
@@ -32,7 +32,7 @@ LOSS, LOSS_SCALE = "soft_l1", 3.0
 LEAST_NOISE = 1e-6  # of the size of a channel
 NORMAL_MEDIAN = 0.6745
 
-Told = Callable[[str], None]
+Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True)
@@ -66,21 +66,15 @@ def quiet(_: str) -> None:
     """Tell nobody."""
 
 
-def solved(problem: FitProblem, x: Array, told: Told = quiet, *, whole_only: bool = False) -> Fitted:
-    """Return the fit from a start, in stages; or on the whole runs at once."""
-    x = with_begins(problem, x)
-    for share in [1.0] if whole_only else stage_shares(problem.runs, problem.model.step_s):
-        told(f"first {100.0 * share:.0f} % of the runs" if share < 1.0 else "whole runs")
-        part = problem if share == 1.0 else _part(problem, share, x)
-        x = with_offsets(part, x)
-        fitted = _rounds(part, x, told, last=share == 1.0)
-        x = fitted.x
-    return fitted
+def stage_fit(problem: FitProblem, x: Array, share: float, progress: Progress = quiet) -> Fitted:
+    """Return the fit of the first share of the runs from a start; zeros and gains are first found in closed form."""
+    part = stage_part(problem, share, x)
+    return rounds(part, with_offsets(part, x), progress, last=share == 1.0)
 
 
-def refined(problem: FitProblem, x: Array, told: Told = quiet) -> Fitted:
+def refined(problem: FitProblem, x: Array, progress: Progress = quiet) -> Fitted:
     """Return the fit of the whole runs from where another one ended."""
-    return _rounds(problem, x, told, last=True)
+    return rounds(problem, x, progress, last=True)
 
 
 def stage_shares(runs: Sequence[FitRun], step_s: float) -> list[float]:
@@ -89,23 +83,26 @@ def stage_shares(runs: Sequence[FitRun], step_s: float) -> list[float]:
     return [share for share in HORIZONS if share == 1.0 or share * longest >= FEWEST_STEPS * step_s]
 
 
-def _part(problem: FitProblem, share: float, x: Array) -> FitProblem:
-    """Return the problem on the first share of each run; its roll-outs are as much shorter.
+def stage_part(problem: FitProblem, share: float, x: Array) -> FitProblem:
+    """Return the problem on the first share of each run, the whole at 1; its roll-outs are as much shorter.
 
-    What so short a part does not tell of a key must not carry it away: each is held near where it is.
+    What so short a part does not tell of a key must not carry it away: each has a prior about where it is.
     """
+    if share == 1.0:
+        return problem
     unknowns = problem.unknowns
-    held = {}
+    near = {}
     for i in unknowns.places(KEY):
         key = unknowns.all[i]
-        held[key.name] = (float(x[i]) * key.scale, HELD * key.scale)
+        near[key.name] = (float(x[i]) * key.scale, NEAR * key.scale)
     runs = [
         replace(run, until_s=run.first_s + share * (min(run.last_s, run.until_s) - run.first_s)) for run in problem.runs
     ]
-    return problem.over(runs, held)
+    return problem.over(runs, near)
 
 
-def _rounds(problem: FitProblem, x: Array, told: Told, *, last: bool) -> Fitted:
+def rounds(problem: FitProblem, x: Array, progress: Progress, *, last: bool) -> Fitted:
+    """Return the fit of a stage from a start; of the last one in rounds, until standard deviations settle."""
     sigmas = noise_floors(problem.runs)
     low, high = problem.unknowns.bounds()
     fitted: Fitted | None = None
@@ -130,7 +127,7 @@ def _rounds(problem: FitProblem, x: Array, told: Told, *, last: bool) -> Fitted:
             gtol=1e-9,
         )
         x = found.x
-        told(f"{problem.model.rolled_out} runs of the model")
+        progress(f"{problem.model.rolled_out} runs of the model")
         fitted = _fitted(problem, x, comparison)
     sigmas = np.maximum(sigmas, spreads(problem, x, problem.comparison(x, sigmas)))
     return _fitted(problem, x, problem.comparison(x, sigmas))

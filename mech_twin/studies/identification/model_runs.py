@@ -3,17 +3,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
 from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.engine.rollout import RollOut, roll_out
 from mech_twin.measurements.blocks import Array
+from mech_twin.parameters.load import catalogue_entry
 from mech_twin.quantity import Parameters
 from mech_twin.studies.identification.channel_prediction import ColumnCurves, needed_columns
 from mech_twin.studies.identification.fit_runs import FitRun
 from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration, number_at
-from mech_twin.studies.rolling_out import rollouts
+from mech_twin.studies.named_rollouts import rollouts
 
 Curves = tuple[ColumnCurves, ...]
 
@@ -86,14 +88,19 @@ class ModelRuns:
         duration_s = self.duration_s(run) + 2.0 * self.step_s
         command = run.command or 1.0
         self.rolled_out += len(configured)
-        members = rollouts(
-            self.keyed.name,
-            list(configured),
-            duration_s,
-            columns=self._columns,
-            commands=[command] * len(configured),
-            cores=self._cores,
-        )
+        members: Iterable[RollOut]
+        if len(configured) == 1 or self._cores == 1:  # no threads to begin and to end
+            entry = catalogue_entry(self.keyed.name)
+            members = [roll_out(entry.build(each), duration_s, self._columns, None, command) for each in configured]
+        else:
+            members = rollouts(
+                self.keyed.name,
+                duration_s,
+                list(configured),
+                columns=self._columns,
+                commands=[command] * len(configured),
+                cores=self._cores,
+            )
         return [None if member.error is not None else ColumnCurves(member) for member in members]
 
     def _parameters(self, values: Array) -> Parameters | None:

@@ -19,7 +19,7 @@ from scipy import stats
 
 from mech_twin.measurements.blocks import Array
 from mech_twin.studies.identification.intervals import Linearised, inverse_information
-from mech_twin.studies.identification.least_squares_fit import LOSS_SCALE, Fitted, Told, quiet
+from mech_twin.studies.identification.least_squares_fit import LOSS_SCALE, Fitted, Progress, quiet
 from mech_twin.studies.identification.unknowns import KEY
 
 LEAST_RISE, MOST_RISE = 0.6, 1.6  # of the rise that a parabola has: another one is followed
@@ -62,7 +62,7 @@ def no_profile(count: int) -> Profile:
     return Profile(np.full(count, np.nan), np.full(count, np.nan), None, ())
 
 
-def profiled(fitted: Fitted, found: Linearised, told: Told = quiet) -> Profile:
+def profiled(fitted: Fitted, found: Linearised, progress: Progress = quiet) -> Profile:
     """Return the profile of the keys of which derivatives do not tell the interval.
 
     Parameters
@@ -71,12 +71,12 @@ def profiled(fitted: Fitted, found: Linearised, told: Told = quiet) -> Profile:
         Where the fit ended.
     found : Linearised
         Derivatives there by the unknowns of the fit, in its order.
-    told : callable, optional
+    progress : callable, optional
         Takes a line on the progress.
     """
     walk, told_keys = Walk(fitted, found), []
     for place in sought_keys(fitted):
-        told(f"profile of {fitted.problem.unknowns.all[place].name}")
+        progress(f"profile of {fitted.problem.unknowns.all[place].name}")
         told_keys.append(_key_profile(walk, place))
     return profile_of_keys(len(fitted.x), told_keys)
 
@@ -204,7 +204,7 @@ class Walk:
         return cost - self.least
 
     def _followed(self, place: int, value: float, start: Array, jacobian: Array) -> tuple[Array, Array]:
-        """Return the unknowns that fit best with a key held at a value, and the derivatives that led there.
+        """Return the unknowns that fit best with a key fixed at a value, and the derivatives that led there.
 
         They are those of the point before, brought on by what each step shows; taken anew where they lead no further.
         """

@@ -15,6 +15,7 @@ from mech_twin.measurements.blocks import Array
 from mech_twin.studies.identification.held_out import beside
 from mech_twin.studies.identification.identification import Identification
 from mech_twin.studies.identification.residuals import FitProblem
+from mech_twin.studies.identification.staged_search import Search
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -53,8 +54,19 @@ def report_page(found: Identification, runs: Sequence[str], held_out: Sequence[s
         f"<p>Fitted to {escape(', '.join(runs))}; held out: {escape(', '.join(held_out)) or 'the last share'}, "
         f"{outcome}. {found.model_runs} runs of the model, {found.seconds:.1f} s, seed {found.question.seed}.</p>"
     )
+    head += f"<p>{escape(search_words(found.search))}</p>"
     parts = [head, "<h2>Parameters</h2>", _verdict_table(found), *_pictures(found), "<h2>Held out</h2>", _scores(found)]
     return PAGE.format(title=escape(title), style=STYLE, body="\n".join(parts))
+
+
+def search_words(search: Search) -> str:
+    """Return what the search has seen, as a sentence."""
+    if search.starts == 1:
+        return "The first start ended where the sensors' noise explains the residuals; no other was tried."
+    ends = f"{search.starts} starts ended in {search.valleys} valleys, {search.agreeing} of them in the best"
+    if search.valleys == 1:
+        return f"{ends}."
+    return f"{ends}; the misfit of the second best is {search.margin:.3g} times as large."
 
 
 def _table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

@@ -78,9 +78,9 @@ class FitProblem:
         self.priors = dict(priors or {})
         self._priors = [(i, *self.priors[key]) for i, key in enumerate(model.keyed.keys) if key in self.priors]
 
-    def over(self, runs: Sequence[FitRun], held: Mapping[str, tuple[float, float]] | None = None) -> FitProblem:
-        """Return the same problem on other stretches of its runs, with keys held near values where nothing is known."""
-        return FitProblem(self.model.over(runs), self.unknowns, {**(held or {}), **self.priors})
+    def over(self, runs: Sequence[FitRun], near: Mapping[str, tuple[float, float]] | None = None) -> FitProblem:
+        """Return the same problem on other stretches of its runs, with priors about keys of which nothing is known."""
+        return FitProblem(self.model.over(runs), self.unknowns, {**(near or {}), **self.priors})
 
     def comparison(self, x: Array, sigmas: Array) -> Weighting:
         """Return what is compared near ``x``: samples beside an event of the model are left out."""
@@ -111,9 +111,12 @@ class FitProblem:
         """Return the time of the machine's own run at which time 0 of a measured one stands."""
         return self.unknowns.value(x, BEGIN, run, 0, self.runs[run].begin_s or 0.0)
 
-    def parts(self, x: Array) -> list[list[Array]]:
-        """Return measured less predicted of every sample of each channel in each run, in SI units."""
-        curves = self.model.at(self.unknowns.keys(x))
+    def parts(self, x: Array, curves: Curves | None = None) -> list[list[Array]]:
+        """Return measured less predicted of every sample of each channel in each run, in SI units.
+
+        ``curves`` are the roll-outs at the keys of ``x``, where they are known already.
+        """
+        curves = self.model.at(self.unknowns.keys(x)) if curves is None else curves
         return [
             [
                 np.full(len(channel.times_s), np.nan) if curves is None else self._off(x, i, place, channel, curves[i])
@@ -143,15 +146,15 @@ class FitProblem:
         self, x: Array, run: int, channel: FitChannel, curves: ColumnCurves, at_s: Array
     ) -> tuple[Array, Array]:
         """Return what the matched event of the model shows, and its time; an unmatched one is off by the limit."""
-        events = curves.events_of(channel.kind)
-        begins = first_of_series(events["time"])
-        times, values = events["time"][begins], events[channel.field][begins]
+        told = curves.of_events(channel.kind, "time")
+        begins = first_of_series(told)
+        times, values = told[begins], curves.of_events(channel.kind, channel.field)[begins]
         values = values - self.begin(x, run) if channel.field == "time" else values
         limit = SHARE * min(usual_spacing(channel.times_s), 1e3) if channel.field == "time" else np.std(channel.values)
         found = matched(at_s, times)
         if not len(times):
             return channel.values + limit, np.full(len(at_s), np.nan)
-        hit = found >= 0
+        hit = (found >= 0) & np.isfinite(values[found])
         return np.where(hit, values[found], channel.values + limit), np.where(hit, times[found], np.nan)
 
     def residuals(self, x: Array, comparison: Weighting) -> Array:
@@ -307,12 +310,12 @@ class FitProblem:
         inverse_gain = self.unknowns.value(x, GAIN, run, place, 1.0)
         if curves is centre:
             return inverse_gain * shown[mask]
-        own = curves.events_of(channel.kind)
-        begins = first_of_series(own["time"])
+        own = curves.of_events(channel.kind, "time")
+        begins = first_of_series(own)
         hit = np.isfinite(times)
         next_to = np.full(len(times), -1, dtype=np.int64)
-        next_to[hit] = matched(times[hit], own["time"][begins])
-        values = own[channel.field][begins]
+        next_to[hit] = matched(times[hit], own[begins])
+        values = curves.of_events(channel.kind, channel.field)[begins]
         if not len(values):
             return inverse_gain * shown[mask]
         values = values - self.begin(x, run) if channel.field == "time" else values

@@ -31,14 +31,14 @@ class SavedIdentification:
         Verdicts, channels and scores.
     runs, held_out : tuple of Path
         Runs that were fitted, and those that were not.
-    map_file : Path
-        Their map.
+    map_file : Path or None
+        Their map; None where it was proposed.
     """
 
     found: Identification
     runs: tuple[Path, ...]
     held_out: tuple[Path, ...]
-    map_file: Path
+    map_file: Path | None
 
     @property
     def parameters(self) -> Parameters:

@@ -20,10 +20,10 @@ from mech_twin.measurements.blocks import Array
 from mech_twin.measurements.machine_columns import joint_column
 from mech_twin.measurements.measurement_map import Channel, MeasurementMap
 from mech_twin.parameters.load import catalogue_entry, validated
-from mech_twin.studies.identification.combinations import Combination, base_keys, combinations, sight
+from mech_twin.studies.identification.combinations import Combination, base_keys, combinations, sensitivity
 from mech_twin.studies.identification.fit_runs import FitChannel, FitRun
 from mech_twin.studies.identification.intervals import Linearised, inverse_information
-from mech_twin.studies.identification.key_knowledge import LARGEST_ERROR, held_families
+from mech_twin.studies.identification.key_knowledge import LARGEST_ERROR, PREDICTABLE, fixed_families
 from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration, unit_at
 from mech_twin.studies.identification.least_squares_fit import Fitted
 from mech_twin.studies.identification.model_runs import ModelRuns
@@ -175,9 +175,24 @@ def _as_shown(problem: FitProblem, x: Array) -> FitProblem:
 def _verdicts(
     run: _PlannedRun, samples: FitRun, *, together: bool = False
 ) -> tuple[list[KeyVerdict], list[Combination]]:
+    """Return what a fit would say, over the first share of the run in which derivatives tell where the keys lead."""
+    for share in (1.0, *PREDICTABLE):
+        part = samples.within(-np.inf, samples.first_s + share * (samples.last_s - samples.first_s))
+        found = _verdicts_of(run, part, together=together)
+        if found is not None:
+            return found
+    whole = _verdicts_of(run, samples, together=together, contradicted=True)
+    assert whole is not None
+    return whole
+
+
+def _verdicts_of(
+    run: _PlannedRun, samples: FitRun, *, together: bool = False, contradicted: bool = False
+) -> tuple[list[KeyVerdict], list[Combination]] | None:
     """Return what a fit of the keys would say, from the derivatives at the configuration itself.
 
-    ``together``: also what it would say of keys that are not seen alone.
+    ``together``: also what it would say of keys that are not seen alone.  None where derivatives over two step lengths
+    contradict each other, unless that is allowed.
     """
     question = run.question
     keyed = KeyedConfiguration(question.machine, question.base, question.keys)
@@ -189,7 +204,9 @@ def _verdicts(
     weighting = Weighting(sigmas, problem.comparison(x, sigmas).masks)
     jacobian, other = problem.two_jacobians(x, weighting)
     places = unknowns.places(KEY)
-    seen = sight(jacobian, other, places, x[places])
+    seen = sensitivity(jacobian, other, places, x[places])
+    if seen.contradicted and not contradicted:
+        return None
     count = len(question.keys)
     chosen = base_keys(seen, [i for i in range(count) if seen.effects[i] >= seen.least_effects[i]])
     kept = np.concatenate([np.array(chosen, dtype=np.intp), unknowns.places(BEGIN, ZERO, GAIN, LAG)])
@@ -207,7 +224,7 @@ def _verdicts(
         line = Linearised(jacobian, other, np.zeros(len(jacobian)), *(np.zeros(len(jacobian), dtype=np.int64),) * 3)
         walk = Walk(Fitted(_as_shown(problem, x), x, weighting, 0.0), line, 1.0)
         units = [unit_at(type(question.base), key) for key in question.keys]
-        families = held_families(walk, seen, question.keys, chosen, bounds)
+        families = fixed_families(walk, seen, question.keys, chosen, bounds)
         combined = combinations(families, question.keys, units, both, LARGEST_ERROR)
     scales = unknowns.scales[:count]
     evidence = KeyEvidence(question.keys, values, values, errors, both, _open(bounds), scales, seen, fixed, None)

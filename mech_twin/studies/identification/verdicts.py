@@ -9,10 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from mech_twin.measurements.blocks import Array
-from mech_twin.studies.identification.combinations import ALONE, Combination, Sight
+from mech_twin.studies.identification.combinations import ALONE, Combination, Sensitivity
+from mech_twin.studies.identification.staged_search import Search
 
 IDENTIFIED, ONE_SIDED, COMBINATION = "identified", "one-sided", "only_in_combination"
-NOT_EXCITED, AT_BOUND, MODEL_ERROR = "not_excited", "at_bound", "model_error"
+NOT_EXCITED, AT_BOUND = "not_excited", "at_bound"
+MODEL_ERROR, NOT_CONVERGED = "model_error", "not_converged"
 WIDEST = 0.5  # half width over value: wider says no more than the order of magnitude
 NEAR_BOUND = 1e-6
 
@@ -42,16 +44,29 @@ class KeyEvidence:
     half_widths: Array
     bounds: Array
     scales: Array
-    sight: Sight
+    sensitivity: Sensitivity
     fixed: frozenset[int]
-    model_error: str | None
+    refuted: tuple[str, str] | None
 
 
-def key_verdicts(evidence: KeyEvidence, told: Sequence[Combination]) -> list[KeyVerdict]:
+def refuted(off: str | None, search: Search) -> tuple[str, str] | None:
+    """Return verdict and reason of every key of a fit that the noise refutes; None where the noise explains all.
+
+    Where most starts ended in the best valley, the model lacks something; else the search may have missed it.
+    """
+    if off is None:
+        return None
+    seen = f"{search.agreeing} of {search.starts} starts ended in the best of {search.valleys} valleys"
+    if search.agreed:
+        return MODEL_ERROR, f"{off}, and {seen}: the model lacks something"
+    return NOT_CONVERGED, f"{off}, and {seen}: the fit has not found the keys"
+
+
+def key_verdicts(evidence: KeyEvidence, combinations: Sequence[Combination]) -> list[KeyVerdict]:
     """Return the verdict on each key."""
-    tied = {i: group for group in evidence.sight.groups() for i in group}
-    formulas = {key: f"{each.formula}, for {each.condition}" for each in reversed(told) for key in each.keys}
-    formulas |= {each.keys[0]: f"{each.formula}, for {each.condition}" for each in told}
+    tied = {i: group for group in evidence.sensitivity.groups() for i in group}
+    formulas = {key: f"{each.formula}, for {each.condition}" for each in reversed(combinations) for key in each.keys}
+    formulas |= {each.keys[0]: f"{each.formula}, for {each.condition}" for each in combinations}
     return [_verdict(evidence, i, tied, formulas) for i in range(len(evidence.names))]
 
 
@@ -68,15 +83,15 @@ def _verdict(evidence: KeyEvidence, i: int, tied: Mapping[int, list[int]], formu
 def _word(evidence: KeyEvidence, i: int, tied: Mapping[int, list[int]], formulas: Mapping[str, str]) -> tuple[str, str]:
     """Return the verdict on a key and its reason."""
     unseen = _not_seen_alone(evidence, i, tied, formulas)
-    if unseen is not None and (unseen[0] != COMBINATION or evidence.model_error is None):
+    if unseen is not None and (unseen[0] != COMBINATION or evidence.refuted is None):
         return unseen
+    if evidence.refuted is not None:
+        return evidence.refuted
     estimate = float(evidence.estimates[i])
     low, high = evidence.bounds[:, i].tolist()
     near = NEAR_BOUND * max(abs(estimate), float(evidence.scales[i]))
     if estimate - low < near or high - estimate < near:
         return AT_BOUND, f"the fit stopped at the bound {low if estimate - low < near else high:.6g}"
-    if evidence.model_error is not None:
-        return MODEL_ERROR, evidence.model_error
     down, up = evidence.half_widths[:, i].tolist()
     if np.isfinite(down) != np.isfinite(up):
         end = f"at least {estimate - down:.6g}" if np.isfinite(down) else f"at most {estimate + up:.6g}"
@@ -88,13 +103,10 @@ def _by_width(evidence: KeyEvidence, i: int, estimate: float, half: float) -> tu
     """Return whether the interval is narrow enough to speak of a number."""
     if not np.isfinite(half):
         return NOT_EXCITED, "the misfit rises to neither side"
-    if evidence.before[i] == 0.0:
-        if half > WIDEST * abs(estimate):
+    if half > WIDEST * abs(estimate):
+        if evidence.before[i] == 0.0:
             return NOT_EXCITED, f"the channels do not tell it from 0, to {half:.3g}"
-        return IDENTIFIED, "the channels see it"
-    size = max(float(evidence.scales[i]), abs(estimate))
-    if half > WIDEST * size:
-        return NOT_EXCITED, f"the channels leave it open by {100.0 * half / size:.0f} % on either side"
+        return NOT_EXCITED, f"the channels leave it open by {half:.3g} on either side, more than half of its value"
     return IDENTIFIED, "the channels see it"
 
 
@@ -102,10 +114,10 @@ def _not_seen_alone(
     evidence: KeyEvidence, i: int, tied: Mapping[int, list[int]], formulas: Mapping[str, str]
 ) -> tuple[str, str] | None:
     """Return the verdict on a key that has no effect, or none of its own."""
-    sight = evidence.sight
-    if sight.effects[i] < sight.least_effects[i]:
+    sensitivity = evidence.sensitivity
+    if sensitivity.effects[i] < sensitivity.least_effects[i]:
         return NOT_EXCITED, "no channel changes by more than its noise if the key changes by all of itself"
-    if sight.left[i] < ALONE:
+    if sensitivity.left[i] < ALONE:
         return COMBINATION, "the channels see it only together with their zeros, gains and lags, or with the beginning"
     if i not in tied:
         return None

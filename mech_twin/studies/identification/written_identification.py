@@ -72,6 +72,7 @@ def document(
         "parameters": [asdict(key) for key in found.keys],
         "combinations": [asdict(each) for each in found.combinations],
         "channels": [_channel(each) for each in found.channels],
+        "search": asdict(found.search),
         "held_out": None if found.held_out is None else held_out_record(found),
         "begins_s": found.begins_s,
         "correlation": {"keys": list(found.fitted_keys), "matrix": found.correlation.tolist()},

@@ -17,6 +17,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import floor, isfinite
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -30,6 +31,7 @@ from mech_twin.studies.monitoring.cycle_boundaries import (
     rise_crossing,
     turn_crossing,
 )
+from mech_twin.studies.monitoring.sensor_quality import ChannelQuality, channel_quality
 
 PATIENCE_S = 1.0  # stamps by which the reference may run ahead of another channel
 EVENT_WAIT_S = 0.1  # and ahead of an event channel, which is silent while nothing happens
@@ -56,6 +58,8 @@ class FeatureVector(NamedTuple):
         Of the features, units in `FeatureFeed.features`.
     values : ndarray
         Shape (features,), SI; nan where a channel was silent or has a gap.
+    quality : mapping
+        Column: what its samples were, events left out.
     """
 
     number: int
@@ -63,6 +67,7 @@ class FeatureVector(NamedTuple):
     end_s: float
     names: tuple[str, ...]
     values: Array
+    quality: Mapping[str, ChannelQuality] = MappingProxyType({})
 
 
 @dataclass
@@ -82,6 +87,8 @@ class FeatureFeed:
         Those that these columns give.
     skipped : int
         Cycles left out: a gap in the reference, or a standstill.
+    run_up_s : float
+        Cycles that begin so soon after the first sample of the reference are left out, uncounted.
 
     Raises
     ------
@@ -92,6 +99,8 @@ class FeatureFeed:
     declared: CycleFeatures
     columns: Sequence[str]
     skipped: int = 0
+    run_up_s: float = 0.0
+    _begun_s: float | None = None
     _buffers: dict[str, ChannelBuffer] = field(default_factory=dict)
     _boundaries: list[float] = field(default_factory=list)
     _number: int = 0
@@ -131,12 +140,14 @@ class FeatureFeed:
             numbers = self._without_jumps(numbers)
         buffer.add(times, numbers)
         if column == self.declared.reference.column:
+            if self._begun_s is None and len(buffer.times_s):
+                self._begun_s = float(buffer.times_s[0])
             self._find_boundaries()
         return self._complete(final=False)
 
     def begun_anew(self) -> FeatureFeed:
         """Return a feed that knows nothing of the samples before; the number it leaves out tells of the gap."""
-        return FeatureFeed(self.declared, self.columns, self.skipped, _number=self._number + 1)
+        return FeatureFeed(self.declared, self.columns, self.skipped, self.run_up_s, _number=self._number + 1)
 
     def finish(self) -> list[FeatureVector]:
         """Return the cycles that only waited for more samples, at the end of a run."""
@@ -196,6 +207,8 @@ class FeatureFeed:
             self._number += 1
             self._boundaries.pop(0)
             self._forget(end_s)
+            if begin_s < (self._begun_s or 0.0) + self.run_up_s:
+                continue
             if vector is None:
                 self.skipped += 1
             else:
@@ -225,16 +238,18 @@ class FeatureFeed:
         if reference.kind == "turn":
             start = TURN * floor((values[0] - reference.begin + 0.5 * CROSSING_RAD) / TURN) + reference.begin
             angles = phase_of_turn(values, start)
-        channels = {}
+        channels, told = {}, {}
         for column, buffer in self._buffers.items():
             own_s, own = buffer.between(begin_s, end_s)
+            if not is_event_channel(column):
+                told[column] = channel_quality(own_s, own)
             if len(own_s) if is_event_channel(column) else is_whole(own_s, begin_s, end_s):
                 phase = TURN * (own_s - begin_s) / period_s if angles is None else np.interp(own_s, inner, angles)
                 channels[column] = sampled(own_s, phase, own)
         cycle = SampledCycle(self._number, begin_s, end_s, channels)
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             numbers = np.array([_number(feature, cycle) for feature in self.features])
-        return FeatureVector(self._number, begin_s, end_s, self._names, numbers)
+        return FeatureVector(self._number, begin_s, end_s, self._names, numbers, told)
 
     def _forget(self, end_s: float) -> None:
         for column, buffer in self._buffers.items():
@@ -264,7 +279,7 @@ def is_event_channel(column: str) -> bool:
 
 
 def feed_channels(
-    feed: FeatureFeed, channels: Mapping[str, tuple[Array, Array]], slice_s: float = 0.5
+    feed: FeatureFeed, channels: Mapping[str, tuple[Array, Array]], slice_s: float = 0.5, *, final: bool = True
 ) -> list[FeatureVector]:
     """Return the cycles of a whole run: its channels fed slice by slice, as they would have come.
 
@@ -276,6 +291,8 @@ def feed_channels(
         Column: stamps (s) and values (SI), shape (n,) each; that of the reference is fed last in each slice.
     slice_s : float
         Length of a slice.
+    final : bool
+        Whether nothing comes after: cycles that wait for more samples are given out too.
     """
     reference = feed.declared.reference.column
     order = [*(column for column in channels if column != reference), reference]
@@ -290,7 +307,7 @@ def feed_channels(
             if each[i + 1] > each[i]:
                 part = slice(each[i], each[i + 1])
                 found += feed.feed(column, channels[column][0][part], channels[column][1][part])
-    return [*found, *feed.finish()]
+    return [*found, *feed.finish()] if final else found
 
 
 def _slice_ends(times: Sequence[Array], slice_s: float) -> Array:

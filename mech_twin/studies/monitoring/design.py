@@ -9,7 +9,7 @@ Two faults i and j look alike by the share of i's effect that j can explain at i
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from math import ceil, isfinite
 from typing import NamedTuple
 
@@ -21,7 +21,9 @@ from mech_twin.studies.monitoring.charts import siegmund_run_length
 from mech_twin.studies.monitoring.cycle_features import FeatureVector
 from mech_twin.studies.monitoring.monitor import MonitorSetup
 from mech_twin.studies.monitoring.naming import MODEL_SHARE, Signature
+from mech_twin.studies.monitoring.operating_fit import left_by_point, operating_surface
 from mech_twin.studies.monitoring.sensing import seen_run
+from mech_twin.studies.monitoring.sensor_quality import sensor_limits
 from mech_twin.studies.monitoring.signatures import MonitoredMachine, machine_signatures, mean_period_s
 from mech_twin.studies.monitoring.thresholds import ChartLimits, chart_limits
 
@@ -85,11 +87,44 @@ def arl0_cycles(arl0_h: float, period_s: float) -> float:
 def fitted_setup(
     monitored: MonitoredMachine, vectors: Sequence[FeatureVector], arl0_h: float, seed: int = 0
 ) -> MonitorSetup:
-    """Return the setup of a monitor from healthy cycles, for a stated time between false alarms (h)."""
-    baseline, innovations = fitted_baseline(vectors)
-    limits = chart_limits(baseline, innovations, arl0_cycles(arl0_h, baseline.period_s), seed)
-    signatures = machine_signatures(monitored, baseline.names)
-    return MonitorSetup(monitored.name, baseline, limits, signatures, monitored.declared.settling_cycles)
+    """Return the setup of a monitor from healthy cycles, for a stated time between false alarms (h).
+
+    Charts and signatures are of what the operating point leaves of the features, where the machine declares one.
+    """
+    return setup_for_cycles(monitored, vectors, lambda period_s: arl0_cycles(arl0_h, period_s), seed)
+
+
+def setup_for_cycles(
+    monitored: MonitoredMachine,
+    vectors: Sequence[FeatureVector],
+    wanted: float | Callable[[float], float],
+    seed: int = 0,
+    *,
+    named: bool = True,
+) -> MonitorSetup:
+    """Return the same for a stated number of cycles between false alarms, or that as a function of the period (s).
+
+    Without ``named`` there are no signatures: changes are found, but not named.
+    """
+    raw, _ = fitted_baseline(vectors)
+    surface, runs = operating_surface(monitored, vectors, raw.names), vectors
+    if surface is not None:
+        surface, runs = left_by_point(surface, vectors)
+    baseline, innovations = fitted_baseline(runs)
+    arl0 = wanted(baseline.period_s) if callable(wanted) else wanted
+    limits = chart_limits(baseline, innovations, arl0, seed)
+    signatures = machine_signatures(monitored, raw.names) if named else ()
+    if surface is not None:
+        signatures = tuple(map(surface.reduced_signature, signatures))
+    return MonitorSetup(
+        monitored.name,
+        baseline,
+        limits,
+        signatures,
+        monitored.declared.settling_cycles,
+        operating=surface,
+        sensors=sensor_limits([(vector.end_s - vector.begin_s, vector.quality) for vector in vectors]),
+    )
 
 
 def sensor_design(setup: MonitorSetup) -> SensorDesign:

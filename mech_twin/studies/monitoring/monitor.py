@@ -13,9 +13,9 @@ Nothing here reads a clock: times are the stamps of the samples.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from mech_twin.studies.monitoring.baseline import Baseline, baseline_of_record
 from mech_twin.studies.monitoring.charts import WINDOW, ChartState, ChartValues
 from mech_twin.studies.monitoring.cycle_features import FeatureVector
 from mech_twin.studies.monitoring.fault_life import FaultLife, LifeRules, acknowledged, after_cycle, shelved
+from mech_twin.studies.monitoring.findings import FaultEvent, Findings, Verdict, finding_name
 from mech_twin.studies.monitoring.naming import (
     Candidate,
     Signature,
@@ -31,9 +32,18 @@ from mech_twin.studies.monitoring.naming import (
     estimated_change,
     signature_of_record,
 )
+from mech_twin.studies.monitoring.operating import OperatingSurface, OperatingValue, surface_of_record
+from mech_twin.studies.monitoring.operating_track import OperatingTrack
+from mech_twin.studies.monitoring.sensor_quality import (
+    SensorFinding,
+    SensorLimits,
+    limits_of,
+    limits_record,
+    sensor_findings,
+)
 from mech_twin.studies.monitoring.thresholds import ChartLimits, limits_of_record
 
-UNKNOWN = "unknown"
+SENSOR = "sensor_"
 CAP = 2.0  # of the threshold: bound of the CUSUMs
 FARTHEST_SIGMA = 1e6  # of a feature from its mean: a sample of 1e300 must not stay in the charts
 REMEMBERED = 150  # cycles of innovations kept for naming
@@ -42,7 +52,6 @@ UNKNOWN_AFTER = 25  # cycles beyond the settling from which it may be called unk
 ONSET_CYCLES = 40  # after the alarm, in which the onset is still moved to where the jump is seen best
 NAMED_EACH_CYCLE, NAMED_EVERY = 25, 5  # after the alarm a change is named in each cycle, later in every fifth
 NAMING_CYCLES = 80  # after the alarm, in which a name may still change; then it stands
-Verdict = Literal["learning", "healthy", "pending", "named", "group", "unknown", "passing"]
 
 
 @dataclass(frozen=True)
@@ -55,6 +64,8 @@ class MonitorSetup:
     signatures: tuple[Signature, ...] = ()
     settling_cycles: int = 5
     rules: LifeRules = field(default_factory=LifeRules)
+    operating: OperatingSurface | None = None
+    sensors: Mapping[str, SensorLimits] = field(default_factory=dict)
 
     @property
     def arl0_h(self) -> float:
@@ -70,6 +81,8 @@ class MonitorSetup:
             "signatures": [signature.record() for signature in self.signatures],
             "settling_cycles": self.settling_cycles,
             "rules": self.rules._asdict(),
+            **({} if self.operating is None else {"operating": self.operating.record()}),
+            **({"sensors": limits_record(self.sensors)} if self.sensors else {}),
         }
 
 
@@ -88,71 +101,9 @@ def setup_of_record(record: Mapping[str, Any]) -> MonitorSetup:
         tuple(signature_of_record(each) for each in record["signatures"]),
         int(record["settling_cycles"]),
         LifeRules(**record["rules"]),
+        surface_of_record(record["operating"]) if "operating" in record else None,
+        limits_of(record.get("sensors", {})),
     )
-
-
-class Findings(NamedTuple):
-    """What the monitor says after a cycle.
-
-    Attributes
-    ----------
-    number : int
-        Of the cycle.
-    time_s : float
-        Stamp of its end.
-    names : tuple of str
-        Features of the baseline.
-    standard : ndarray
-        Shape (d,): innovations over their standard deviations; nan where a feature or the history is missing.
-    charts : ChartValues or None
-        The statistics; None where the cycle could not be judged.
-    alarm : bool
-        Whether a chart is over its threshold, or was and is not quiet yet.
-    alarm_begins : bool
-        Whether that began with this cycle: what the stated rate of false alarms counts.
-    verdict : str
-        ``learning`` (history is missing), ``healthy``, ``pending`` (alarm, not named yet), ``named``, ``group``,
-        ``unknown``, ``passing`` (something happened, but nothing of it lasts).
-    onset_s : float
-        Stamp of the cycle in which the change began; nan without an alarm.
-    delay_cycles : int
-        Cycles from there to the alarm.
-    candidates : tuple of Candidate
-        The best first.
-    faults : tuple of FaultLife
-        Every fault that is not cleared.
-    missing : tuple of str
-        Features of the baseline that this cycle did not have.
-    announce : bool
-        Whether an operator is to be called now; at most once in ``LifeRules.announce_every_s``.
-    """
-
-    number: int
-    time_s: float
-    names: tuple[str, ...]
-    standard: Array
-    charts: ChartValues | None
-    alarm: bool = False
-    alarm_begins: bool = False
-    verdict: Verdict = "learning"
-    onset_s: float = float("nan")
-    delay_cycles: int = 0
-    candidates: tuple[Candidate, ...] = ()
-    faults: tuple[FaultLife, ...] = ()
-    missing: tuple[str, ...] = ()
-    announce: bool = False
-
-    @property
-    def finding(self) -> str:
-        """Name of the fault, of the group (`a or b`), or ``unknown``; empty without one."""
-        return finding_name(self.verdict, self.candidates)
-
-
-def finding_name(verdict: Verdict, found: tuple[Candidate, ...]) -> str:
-    """Return what a finding is called."""
-    if verdict in ("named", "group"):
-        return " or ".join(sorted(candidate.name for candidate in found))
-    return UNKNOWN if verdict == "unknown" else ""
 
 
 @dataclass
@@ -184,6 +135,7 @@ class Monitor:
     _episode: _Episode | None = None
     _number: int | None = None
     _announced_s: float = float("-inf")
+    _events: list[FaultEvent] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         baseline = self.setup.baseline
@@ -191,10 +143,25 @@ class Monitor:
         self._root = np.linalg.inv(np.linalg.cholesky(baseline.covariance))
         farthest = FARTHEST_SIGMA * baseline.sigma
         self._believed = baseline.mean - farthest, baseline.mean + farthest
+        surface = self.setup.operating
+        self._track = None if surface is None else OperatingTrack(surface)
+        self._steady = 1.0 + np.abs(baseline.coefficients).sum(axis=0)
+        self._off = np.zeros(len(baseline.names))
 
     def observe(self, vector: FeatureVector) -> Findings:
         """Take the features of the next cycle; return what follows."""
-        baseline = self.setup.baseline
+        self._events.clear()
+        found = self._observed(vector)
+        return found._replace(events=tuple(self._events))
+
+    def _observed(self, vector: FeatureVector) -> Findings:
+        baseline, surface = self.setup.baseline, self.setup.operating
+        wrong = sensor_findings(self.setup.sensors, vector.end_s - vector.begin_s, vector.quality)
+        if wrong:
+            return self._with_wrong_sensor(vector, wrong)
+        point = None
+        if surface is not None:
+            vector, point = surface.reduced(vector)
         row, missing = _row_of(vector, baseline.names)
         if self._number is not None and vector.number != self._number + 1:
             self._history.clear()
@@ -202,6 +169,8 @@ class Monitor:
         if missing:
             self._history.clear()
             return self._unjudged(vector, row, missing)
+        if self._track is not None and point is not None:
+            self._off = self._track.advance(point)
         self._history.append(np.clip(row, *self._believed))
         if len(self._history) <= baseline.order:
             return self._unjudged(vector, np.full(len(row), np.nan), ())
@@ -235,13 +204,35 @@ class Monitor:
         found = Findings(vector.number, vector.end_s, self.setup.baseline.names, nothing, None, alarm)
         return found._replace(faults=self._living(), missing=missing)
 
+    def _with_wrong_sensor(self, vector: FeatureVector, wrong: tuple[SensorFinding, ...]) -> Findings:
+        """Say what is wrong with the sensors; nothing is said of the machine, and what was about to be said is not."""
+        self._number = vector.number
+        self._history.clear()
+        self._episode = None
+        self._charts.restart()
+        self._innovations.clear()
+        first = wrong[0]
+        for name, life in self.lives.items():  # what was only being named was the sensor's doing
+            if life.state == "pending" and not name.startswith(SENSOR):
+                self._events.append(FaultEvent(vector.end_s, name, "withdrawn", f"it is {first.name}"))
+                self.lives[name] = FaultLife(name, "cleared", vector.end_s)
+        sensors = {name for name in self.lives if name.startswith(SENSOR)}
+        announce = self._live_on(first.name, vector.end_s, {first.name, *sensors})
+        found = (Candidate(first.name, first.size, first.size, first.size, "1", 0.0),)
+        nothing = np.full(len(self.setup.baseline.names), np.nan)
+        return Findings(
+            vector.number, vector.end_s, self.setup.baseline.names, nothing, None, verdict="named",
+            onset_s=vector.begin_s, candidates=found, faults=self._living(), announce=announce,
+        )  # fmt: skip
+
     def _judged(self, vector: FeatureVector, innovation: Array) -> Findings:
         standard = innovation / self.setup.baseline.sigma
-        charts = self._charts.advance(standard, self._root @ innovation)
+        seen = np.sign(innovation) * np.maximum(np.abs(innovation) - self._steady * self._off, 0.0)
+        charts = self._charts.advance(seen / self.setup.baseline.sigma, self._root @ seen)
         self._innovations.append((vector.number, vector.begin_s, innovation))
         begins = self._follow_episode(vector, charts)
         episode = self._episode
-        verdict: Verdict = "healthy"
+        verdict: Verdict = "operating_point" if self.operating else "healthy"
         found: tuple[Candidate, ...] = ()
         if episode is not None:
             often = episode.age <= NAMED_EACH_CYCLE or episode.age % NAMED_EVERY == 0
@@ -265,13 +256,20 @@ class Monitor:
             self._living(),
             (),
             announce,
+            self.operating,
         )
+
+    @property
+    def operating(self) -> tuple[OperatingValue, ...]:
+        """Variables of the operating point that are not where they were in the baseline."""
+        return () if self._track is None else self._track.changed()
 
     def _follow_episode(self, vector: FeatureVector, charts: ChartValues) -> bool:
         """Begin or end the alarm; return whether it begins."""
         limits = self.setup.limits
         if self._episode is None:
             over = any(value > limit for value, limit in zip(charts.statistics, limits.alarm, strict=True))
+            over = over or any(value.is_outside for value in self.operating)
             if over:
                 self._episode = _Episode(vector.number, *self._onset(charts))
             return over
@@ -280,6 +278,7 @@ class Monitor:
         if episode.age <= ONSET_CYCLES and charts.jump_cycles < WINDOW:
             episode.onset, episode.onset_s = self._onset(charts)
         quiet = all(value <= limit for value, limit in zip(charts.statistics, limits.quiet, strict=True))
+        quiet = quiet and not any(value.is_outside for value in self.operating)
         episode.quiet = episode.quiet + 1 if quiet else 0
         if episode.quiet >= self.setup.rules.clear:
             self._episode = None
@@ -300,21 +299,29 @@ class Monitor:
         change = estimated_change(self.setup.baseline, np.array(rows), settling)
         if change is None:
             return "pending", ()
+        change = change.doubted(self._off)
+        outside = tuple(value.candidate for value in self.operating if value.is_outside)
         if not change.lasts:
-            return "passing", ()
+            return ("named", outside[:1]) if outside else ("passing", ())
         found = candidates(change, self.setup.signatures)
+        if outside and not found:
+            return "named", outside[:1]
         if not found:
             return ("unknown" if len(rows) >= settling + UNKNOWN_AFTER else "pending"), ()
         return ("named" if len(found) == 1 else "group"), found
 
-    def _live_on(self, seen: str, time_s: float) -> bool:
-        """Advance the life of every fault; return whether one is to be announced now."""
+    def _live_on(self, seen: str, time_s: float, judged: Collection[str] | None = None) -> bool:
+        """Advance the life of every fault, or of those that could be judged; return whether to announce one now."""
         if seen and seen not in self.lives:
             self.lives[seen] = FaultLife(seen)
         announce = False
         for name, life in self.lives.items():
+            if judged is not None and name not in judged:
+                continue
             later = after_cycle(life, name == seen, time_s, self.setup.rules)
             self.lives[name] = later
+            if later.state != life.state:
+                self._events.append(FaultEvent(time_s, name, later.state))
             rises = later.state == "active" and life.state in ("pending", "cleared")
             if rises and later.is_announced(time_s) and time_s - self._announced_s >= self.setup.rules.announce_every_s:
                 announce, self._announced_s = True, time_s
@@ -326,6 +333,8 @@ class Monitor:
         if episode is None or not finding:
             return
         if episode.finding and episode.finding != finding:
+            if self.lives[episode.finding].state != "cleared":
+                self._events.append(FaultEvent(time_s, episode.finding, "withdrawn", f"it is {finding}"))
             self.lives[episode.finding] = FaultLife(episode.finding, "cleared", time_s)
         episode.finding = finding
 

@@ -10,7 +10,7 @@ r_j(s), computed by roll-outs and interpolated over s.  What it leaves open is::
 A model is never exact: ``MODEL_SHARE`` of what each feature does may be off, which is added to the scatter of delta
 before anything is compared, and so much of the whole may stay open too.  A machine with a large fault may no longer
 repeat itself from cycle to cycle: its signature then has a scatter of its own, which n cycles average, and a doubt
-where the response bends between two sizes; both are added, and the determinant is that of a likelihood.
+where the response bends between two sizes. Both are added, and the determinant is that of a likelihood.
 Candidates are all faults that leave little more open than the best; one candidate is a name, several are a group,
 none that leaves little enough open is ``unknown``.
 """
@@ -145,6 +145,14 @@ class Change(NamedTuple):
     def lasts(self) -> bool:
         """Whether there is a change at all, beyond what noise makes."""
         return self.weight > float(chi2.isf(UNKNOWN_CHANCE, len(self.delta)))
+
+    def doubted(self, off: Array) -> Change:
+        """Return the change where each feature (d,) may be off by so much for another reason."""
+        return self._replace(information=_doubted(self.information, off)) if off.any() else self
+
+
+def _doubted(information: Array, off: Array) -> Array:
+    return np.asarray(np.linalg.inv(np.linalg.inv(information) + np.diag(off**2)))
 
 
 def estimated_change(baseline: Baseline, innovations: Array, settling: int) -> Change | None:

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,10 +12,12 @@ from mech_twin.measurements.machine_columns import is_event
 from mech_twin.measurements.measurement_map import Channel, MeasurementMap, fixed
 from mech_twin.measurements.runs import MeasuredRun
 from mech_twin.studies.monitoring.charts import CHARTS
-from mech_twin.studies.monitoring.cycle_features import FeatureVector
+from mech_twin.studies.monitoring.cycle_features import FeatureFeed, FeatureVector, feed_channels
 from mech_twin.studies.monitoring.fault_life import FaultLife
-from mech_twin.studies.monitoring.monitor import Findings, Monitor
+from mech_twin.studies.monitoring.findings import FaultEvent, Findings
+from mech_twin.studies.monitoring.monitor import Monitor
 from mech_twin.studies.monitoring.naming import Candidate
+from mech_twin.studies.monitoring.operating import OperatingValue
 from mech_twin.studies.monitoring.sensing import Seen, first_channels
 
 
@@ -53,27 +55,51 @@ class Alarm(NamedTuple):
 
 
 class JudgedRun(NamedTuple):
-    """What the monitor says of a run: cycles judged and left out, its alarms, the faults that are not cleared."""
+    """What the monitor says of a run.
+
+    Attributes
+    ----------
+    cycles, skipped : int
+        Judged ones, and those left out.
+    alarms : tuple of Alarm
+        In order.
+    faults : tuple of FaultLife
+        Those that are not cleared.
+    operating : tuple of OperatingValue
+        Where the variables stood at last that were not where they are in the baseline.
+    events : tuple of FaultEvent
+        Every change of a fault's state, as it would have been told live.
+    """
 
     cycles: int
     skipped: int
     alarms: tuple[Alarm, ...]
     faults: tuple[FaultLife, ...]
+    operating: tuple[OperatingValue, ...] = ()
+    events: tuple[FaultEvent, ...] = ()
+
+    @property
+    def has_fault(self) -> bool:
+        """Whether a chart gave alarm, or a fault became active."""
+        return bool(self.alarms) or any(event.state == "active" for event in self.events)
 
 
 def judged(monitor: Monitor, vectors: Iterable[FeatureVector], skipped: int = 0) -> JudgedRun:
     """Return what a monitor says of the cycles of a run."""
     alarms: list[Alarm] = []
+    events: list[FaultEvent] = []
     cycles, last = 0, None
     for vector in vectors:
         found = monitor.observe(vector)
+        events += found.events
         cycles += found.charts is not None
         if found.alarm_begins:
             alarms.append(_begun(found))
         elif alarms and np.isnan(alarms[-1].ended_s) and found.charts is not None:
             alarms[-1] = _followed(alarms[-1], found)
         last = found
-    return JudgedRun(cycles, skipped, tuple(alarms), () if last is None else last.faults)
+    faults = () if last is None else last.faults
+    return JudgedRun(cycles, skipped, tuple(alarms), faults, monitor.operating, tuple(events))
 
 
 def _begun(found: Findings) -> Alarm:
@@ -86,6 +112,19 @@ def _followed(alarm: Alarm, found: Findings) -> Alarm:
     if not found.alarm:
         return alarm._replace(ended_s=found.time_s)
     return alarm._replace(verdict=found.verdict, finding=found.finding, candidates=found.candidates)
+
+
+def vectors_of_parts(feed: FeatureFeed, parts: Sequence[MeasuredRun]) -> tuple[FeatureFeed, list[FeatureVector]]:
+    """Return the features of a run, the machine started anew with each part, as a live monitor gives them.
+
+    The feed that is returned tells how many cycles were left out.
+    """
+    found: list[FeatureVector] = []
+    for place, part in enumerate(parts):
+        if place:
+            feed = feed.begun_anew()
+        found += feed_channels(feed, seen_of_run(part), final=place == len(parts) - 1)
+    return feed, found
 
 
 def seen_of_run(run: MeasuredRun, begin_s: float = 0.0) -> Seen:

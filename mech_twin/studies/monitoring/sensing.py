@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mech_twin.capabilities.blow_gauge import GAUGE_UNITS
 from mech_twin.capabilities.cycle import TURN, Array
 from mech_twin.engine.rollout import Profile, RollOut, roll_out
 from mech_twin.measurements.machine_columns import is_angle, is_event
@@ -145,5 +146,9 @@ def _seen_events(
 ) -> tuple[Array, Array]:
     _, kind, what = channel.quantity.split(".")
     told = run.event_numbers
-    chosen = (told.kind == kind) & (told.time_s >= begin_s)
-    return told.time_s[chosen], _shown(getattr(told, EVENT_FIELDS[what])[chosen], channel, random)
+    of_kind = told.kind == kind
+    gauged = what in GAUGE_UNITS
+    values = run.gauge_numbers(kind, what) if gauged else getattr(told, EVENT_FIELDS[what])[of_kind]
+    times_s = told.time_s[of_kind]
+    chosen = (times_s >= begin_s) & np.isfinite(values)
+    return times_s[chosen], _shown(values[chosen], channel, random)

@@ -10,12 +10,14 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from mech_twin.studies.monitoring.baseline import LARGEST_ORDER
 from mech_twin.studies.monitoring.monitor import MonitorSetup, setup_of_record
+from mech_twin.studies.monitoring.operating import polynomial_terms
 
 LARGEST = 1e30  # of any number in SI units
 SMALLEST_VARIANCE = 1e-60
 MOST_FEATURES, MOST_SIZES, MOST_SIGNATURES = 1000, 1000, 1000
 MOST_CYCLES = 2**53
 LONGEST_S = 1e9
+MOST_VARIABLES, MOST_TERMS = 20, 2000
 LARGEST_BYTES = 64 << 20
 
 Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
@@ -106,6 +108,52 @@ class _Rules(_Record):
     announce_every_s: Annotated[float, Field(ge=0.0, le=LONGEST_S)]
 
 
+class OperatingRecord(_Record):
+    """See `OperatingSurface`."""
+
+    names: Annotated[list[Words], Field(min_length=2, max_length=MOST_FEATURES)]
+    variables: Annotated[list[Words], Field(min_length=1, max_length=MOST_VARIABLES)]
+    beyond: Annotated[list[Words], Field(max_length=MOST_VARIABLES)]
+    pivots: Annotated[list[Annotated[int, Field(ge=0, lt=MOST_FEATURES)]], Field(max_length=MOST_VARIABLES)]
+    ranges: Annotated[list[Annotated[float, Field(gt=0.0, le=10.0)]], Field(max_length=MOST_VARIABLES)]
+    mean: Row
+    root: Rows
+    coefficients: Annotated[list[Row], Field(max_length=MOST_TERMS)]
+    doubt: Row
+    wander: Row
+    moved: Row
+    transient: Rows
+    hold: Annotated[int, Field(ge=1, le=10_000)]
+
+    @model_validator(mode="after")
+    def _fits(self) -> OperatingRecord:
+        d, q = len(self.names), len(self.variables)
+        if len(set(self.names)) < d or len(set(self.pivots)) < q or not all(place < d for place in self.pivots):
+            raise ValueError(f"names and pivots: expected each once, pivots below {d}")
+        if q >= d or not q == len(self.beyond) == len(self.pivots) == len(self.ranges):
+            raise ValueError(f"beyond, pivots, ranges: expected {q}, one of each variable, fewer than names")
+        _check_rows("mean", [self.mean], 1, d)
+        _check_rows("root", self.root, d, d)
+        _check_rows("coefficients", self.coefficients, len(polynomial_terms(q)), d)
+        _check_rows("doubt", [self.doubt], 1, d - q)
+        _check_rows("wander and moved", [self.wander, self.moved], 2, q)
+        _check_rows("transient", self.transient, q, d - q)
+        slopes = np.array(self.coefficients)[:q][:, self.pivots]
+        if not abs(np.linalg.det(slopes / np.maximum(np.abs(slopes).max(axis=0), 1e-300))) > 1e-9:
+            raise ValueError("coefficients: expected pivots that tell the variables apart")
+        return self
+
+
+class SensorRecord(_Record):
+    """See `SensorLimits`."""
+
+    rate_hz: Annotated[float, Field(gt=0.0, le=LARGEST)]
+    spacing_s: Annotated[float, Field(gt=0.0, le=LONGEST_S)]
+    lost: Annotated[float, Field(ge=0.0, le=1.0)]
+    equal_share: Annotated[float, Field(ge=0.0, le=1.0)]
+    isolation: Size
+
+
 class SetupRecord(_Record):
     """See `MonitorSetup`."""
 
@@ -115,6 +163,8 @@ class SetupRecord(_Record):
     signatures: Annotated[list[SignatureRecord], Field(max_length=MOST_SIGNATURES)]
     settling_cycles: Annotated[int, Field(ge=0, le=MOST_CYCLES)]
     rules: _Rules
+    operating: OperatingRecord | None = None
+    sensors: Annotated[dict[Words, SensorRecord], Field(max_length=MOST_FEATURES)] = {}
 
     @model_validator(mode="after")
     def _fits(self) -> SetupRecord:
@@ -123,6 +173,10 @@ class SetupRecord(_Record):
             raise ValueError("signatures: expected each name once")
         for signature in self.signatures:
             signature.check_features(len(self.baseline.names))
+        if self.operating is not None:
+            pivots = {self.operating.names[place] for place in self.operating.pivots}
+            if self.baseline.names != [name for name in self.operating.names if name not in pivots]:
+                raise ValueError("baseline.names: expected those of operating.names that are no pivots")
         return self
 
     def setup(self) -> MonitorSetup:

@@ -13,6 +13,7 @@ from pydantic import ValidationError
 from mech_twin.capabilities.cycle import Array, CycleFeatures
 from mech_twin.capabilities.errors import StudyError
 from mech_twin.capabilities.faults import MachineFault
+from mech_twin.capabilities.operating_point import OperatingVariable
 from mech_twin.capabilities.variation import varied
 from mech_twin.engine.errors import MotionError
 from mech_twin.engine.rollout import roll_out
@@ -35,8 +36,8 @@ from mech_twin.studies.monitoring.sensing import (
     without_noise,
 )
 
-STEADY_CYCLES = 40  # simulated beyond the run-up
-USED_CYCLES = 20  # at the end, whose mean counts
+STEADY_CYCLES = 80  # simulated beyond the run-up
+USED_CYCLES = 60  # at the end, whose mean counts
 SCATTER_CYCLES = 80  # instead, where the machine does not repeat itself
 LARGE_SCATTER = 9.0  # of the variance of a healthy feature: beyond it the machine does not repeat itself
 BEND = 1.0  # squared standard deviations that a response may be off the line between two sizes
@@ -99,6 +100,12 @@ class MonitoredMachine:
         ask = self.entry.capabilities.faults
         return () if ask is None else ask(self.parameters)
 
+    @property
+    def operating(self) -> tuple[OperatingVariable, ...]:
+        """What may differ from day to day while it is healthy."""
+        ask = self.entry.capabilities.operating
+        return () if ask is None else ask(self.parameters)
+
     def feed(self) -> FeatureFeed:
         """Return a fresh feed for one run."""
         return FeatureFeed(self.declared, self.columns)
@@ -147,8 +154,8 @@ def machine_signatures(monitored: MonitoredMachine, names: Iterable[str]) -> tup
     wanted = tuple(names)
     period_s = mean_period_s(monitored)
     duration_s = monitored.declared.run_up_s + STEADY_CYCLES * period_s
-    healthy = _draws(monitored, monitored.parameters, 1.0, duration_s)
-    reference = _steady(monitored, healthy, wanted)
+    healthy = noisy_draws(monitored, monitored.parameters, 1.0, duration_s)
+    reference = steady_cycles(monitored, healthy, wanted)
     if reference is None:
         raise StudyError(
             f"{monitored.name}: the simulated machine gives no steady cycles; expected some after its run-up"
@@ -166,12 +173,12 @@ def _of_machine(
     def response(size: float) -> SteadyCycles | None:
         try:
             parameters = monitored.varied(fault.changes(monitored.parameters, size))
-            found = _steady(monitored, _draws(monitored, parameters, fault.command(size), duration_s), names)
+            found = steady_cycles(monitored, noisy_draws(monitored, parameters, fault.command(size), duration_s), names)
             if found is None or not _scatters(found, reference):
                 return found
             longer_s = duration_s + SCATTER_CYCLES / STEADY_CYCLES * (duration_s - monitored.declared.run_up_s)
-            draws = _draws(monitored, parameters, fault.command(size), longer_s)
-            return _steady(monitored, draws, names, SCATTER_CYCLES) or found
+            draws = noisy_draws(monitored, parameters, fault.command(size), longer_s)
+            return steady_cycles(monitored, draws, names, SCATTER_CYCLES) or found
         except (ValidationError, MotionError):
             return None  # this machine cannot have the fault at that size
 
@@ -264,7 +271,7 @@ def _of_sensors(
             responses = {0.0: np.zeros(len(names))}
             for share in (1.0,) if kind == "stuck" else SENSOR_SHARES:
                 wrong = [with_sensor_fault(seen, shifted(fault, share)) for seen in healthy]
-                steady = _steady(monitored, wrong, names)
+                steady = steady_cycles(monitored, wrong, names)
                 size = share if kind == "stuck" else share * (fault.bias or fault.gain or fault.lag_s)
                 if steady is not None:
                     responses[size] = steady.mean - reference.mean
@@ -291,7 +298,7 @@ def _sensor_faults(
     return found
 
 
-def _draws(monitored: MonitoredMachine, parameters: Parameters, command: float, duration_s: float) -> list[Seen]:
+def noisy_draws(monitored: MonitoredMachine, parameters: Parameters, command: float, duration_s: float) -> list[Seen]:
     """Return a run seen a few times, each time through other noise, the same for all parameters."""
     machine, begin_s = monitored.entry.build(parameters), monitored.declared.run_up_s
     run = roll_out(machine, duration_s, needed_columns(monitored.sensors), None, command)
@@ -303,7 +310,7 @@ def _draws(monitored: MonitoredMachine, parameters: Parameters, command: float, 
     ]
 
 
-def _steady(
+def steady_cycles(
     monitored: MonitoredMachine, draws: Iterable[Seen], names: tuple[str, ...], used: int = USED_CYCLES
 ) -> SteadyCycles | None:
     """Return the features of the last cycles, by what the healthy machine declares; None without a cycle.

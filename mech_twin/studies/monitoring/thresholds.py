@@ -4,7 +4,7 @@
 The charts run over long sequences drawn from the healthy innovations (moving blocks, several times as long as the
 charts look back, so that what the prewhitening left of the dependence stays in), each judged by a baseline fitted anew
 to a draw of the baseline's own length - mean, autoregression and covariance.  With M the largest value in a block of B
-cycles, the rate of alarms of a chart at a threshold h is nominally r(h) = -ln P(M <= h)/B; beyond what the draws show,
+cycles, the rate of alarms of a chart at a threshold h is nominally r(h) = -ln P(M <= h)/B. Beyond what the draws show,
 ln r goes on in a straight line.  Charts share the rate evenly.
 
 Nominally, since the baseline has seen the cycles that the draws are made of: its mean, autoregression and covariance

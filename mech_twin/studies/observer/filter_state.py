@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Extended Kalman filter on the machine's own steps: state and covariance in sizes of the state, one step at a time.
 
-The filter stands at the frame *before* the sample, with the process noise of the step already in its covariance; a
+The filter stands at the frame *before* the sample, with the process noise of the step already in its covariance. A
 sample is compared with the frame the machine's roles arrive at from there, corrects the state before, and the roles
 take the step anew.  So an estimated frame is always one that the roles computed: forces, dependent joints and contacts
 fit each other, and nothing is put together afterwards.
@@ -12,7 +12,7 @@ correcting the keys (SchmidtApplication1966).
 
 Jacobians are differences of neighbouring roll-outs of one step.  Neighbours of a step with an impact have the impact
 too, at their own instants, so their differences hold the jump of the covariance at an impact (the saltation matrix)
-without it being written down; a neighbour that misses an event of the step is replaced by the one on the other side.
+without it being written down. A neighbour that misses an event of the step is replaced by the one on the other side.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The regime that belongs to a crank angle, for machines whose load changes at fixed angles.
 
-A correction that moves the crank past such an angle moves it past the event too, which then never comes; the regime
+A correction that moves the crank past such an angle moves it past the event too, which then never comes. The regime
 is therefore set to that of the model's own run at this angle, where the run has only that one in the neighbourhood.
 """
 

@@ -139,7 +139,7 @@ def _speed_at_full_command(run: ModelRun, name: str) -> float:
 def undetermined(run: ModelRun, space: StateSpace) -> Indices:
     """Return the places of numbers that cannot be told of a machine whose past is unknown.
 
-    They go on from their own last value and are no state, such as sums; or they are angles geared to the crank by a
+    They go on from their own last value and are no state, such as sums. Or they are angles geared to the crank by a
     ratio that is no whole number, so that they depend on how many turns it has made.
     """
     states = set(space.places.tolist())

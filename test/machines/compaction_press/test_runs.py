@@ -75,7 +75,7 @@ def test_the_motor_is_loaded_as_its_curve_says():
     slip = 1.0 - speed / (50.0 * pi)
     rated = 2200.0 / (1440.0 * pi / 30.0)
     assert numbers["turn_motor_rms_torque_over_rated"] == pytest.approx(torque / rated, rel=1e-12)
-    assert numbers["turn_motor_heating_over_rated"] == pytest.approx(torque * slip / (rated * 0.04), rel=0.05)
+    assert numbers["turn_motor_rotor_loss_over_rated"] == pytest.approx(torque * slip / (rated * 0.04), rel=0.05)
     assert torque * 4.8 * 0.95 == pytest.approx(1.5 * numbers["turn_crank_speed_mean_rad_per_s"], rel=0.1)
 
 

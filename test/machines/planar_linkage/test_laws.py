@@ -25,10 +25,10 @@ from mech_twin.machines.planar_linkage import build
 from mech_twin.machines.planar_linkage.assembly import mechanism_constants
 from mech_twin.machines.planar_linkage.chain import CRANK, ChainMotion, chain_motion
 from mech_twin.machines.planar_linkage.linkage import IDLE, PlanarLinkage, reduced
-from mech_twin.machines.planar_linkage.metrics import cycle
+from mech_twin.machines.planar_linkage.metrics import cycle, cycle_metrics
 from mech_twin.machines.planar_linkage.parameters import PlanarLinkageParameters
 from mech_twin.machines.planar_linkage.pins import pin_forces
-from mech_twin.machines.planar_linkage.roles import planar_linkage_role
+from mech_twin.machines.planar_linkage.roles import dead_centres, planar_linkage_role, regimes_at
 from mech_twin.machines.planar_linkage.sizing import sizing
 from mech_twin.machines.vibration_crank import slider_crank
 from mech_twin.machines.vibration_crank.parameters import VibrationCrank, slider_crank_constants
@@ -341,6 +341,20 @@ def test_the_working_stroke_takes_its_force_times_its_length() -> None:
     assert kinds.count("stroke_begins") == 1 and kinds.count("stroke_ends") == 1
 
 
+def test_the_largest_forces_of_a_turn_count_both_sides_of_a_dead_centre() -> None:
+    parameters = machine_parameters("planar_linkage")
+    chain = constants(parameters)
+    metrics = cycle_metrics(parameters, chain, ("crank_bearing",))
+    w, sense = parameters.drive.speed_rad_per_s, parameters.direction
+    centres = dead_centres(chain)
+    for centre in (*centres.rear, *centres.front):
+        for beside in (centre - 1e-9, centre + 1e-9):
+            regime = int(regimes_at(chain, np.array([beside]), sense)[0])
+            at = pin_forces(chain, beside, w, 0.0, regime)
+            assert math.hypot(at.x[0], at.y[0]) <= metrics["crank_bearing_force_max_n"] * (1.0 + 1e-6)
+            assert abs(at.drive_nm) <= metrics["drive_torque_peak_nm"] * (1.0 + 1e-6)
+
+
 def test_a_tool_that_turns_back_finds_nothing_until_where_it_turned() -> None:
     role = machine("planar_linkage").linkage
 
@@ -454,3 +468,13 @@ def refused() -> Iterator[tuple[dict[str, Any], str]]:
 def test_what_cannot_turn_is_refused_in_words(tree: dict[str, Any], reason: str) -> None:
     with pytest.raises(ValueError, match=reason):
         linkage(**tree)
+
+
+@pytest.mark.parametrize("speed_rpm", [45.0, -60.0])
+def test_no_sample_of_a_run_exceeds_the_largest_forces_of_its_turn(speed_rpm: float) -> None:
+    """The largest force lies between two rows of the table of the turn as a rule, and is looked for there."""
+    linkage = machine("planar_linkage", overrides={"drive.speed_rpm": speed_rpm, "coupling.step_s": 0.001})
+    told = linkage.report()
+    for frame in frames(linkage, 1.5):
+        for pin, (x, y, _) in zip(frame.forces.pins, frame.forces.wrenches, strict=True):
+            assert math.hypot(x, y) <= told[f"{pin}_force_max_n"] * (1.0 + 1e-9), (pin, frame.linkage.time_s)

@@ -155,8 +155,8 @@ def test_the_torque_of_the_motor_and_its_heating_are_those_of_a_run():
     slip = 1.0 - np.array([frame.motor.velocity[0] for frame in turn]) / motor.synchronous_speed_rad_per_s
     assert report["motor_torque_rms_nm"] == pytest.approx(math.sqrt(np.mean(torque**2)), rel=3e-3)
     heating = np.mean(torque * slip) / (53.85 * 0.025)
-    assert report["motor_heating_of_rated_1"] == pytest.approx(heating, rel=5e-3)
-    assert report["motor_heating_of_rated_1"] > 1.5  # the motor of one cart has the power, but not for its swings
+    assert report["motor_rotor_loss_of_rated_1"] == pytest.approx(heating, rel=5e-3)
+    assert report["motor_rotor_loss_of_rated_1"] > 1.5  # the motor of one cart has the power, but not for its swings
 
 
 def report_turn(report: dict[str, float]) -> float:

@@ -16,11 +16,11 @@ from scipy.integrate import solve_ivp
 
 from mech_twin.engine.coupling import complete_frame, next_frame
 from mech_twin.engine.run import frames
+from mech_twin.engine.sample_vectors import EVENT_WIDTH
 from mech_twin.machines.roller_former.cart_statics import load_moment, shaft_terms
 from mech_twin.machines.roller_former.dynamics import DriveLine, Modes, state_array
-from mech_twin.machines.roller_former.events import empty_log
 from mech_twin.machines.roller_former.forces import former_forces
-from mech_twin.machines.roller_former.integration import DONE, advance_motion
+from mech_twin.machines.roller_former.integration import advance_motion, entry_for
 from mech_twin.machines.roller_former.memory import FormerMemory
 from mech_twin.machines.roller_former.metrics import former_metrics, turn_metrics
 from mech_twin.machines.roller_former.parameters import former_of
@@ -41,10 +41,11 @@ def strongly_coupled(carts: int, duration_s: float, overrides: Mapping[str, Any]
     start, former = linkage.start(), linkage.former
     y = state_array(joints_of(start.position).crank, joints_of(start.velocity).crank)
     memory, torque = FormerMemory(*start.memory.values), DriveLine(True, 1.0, 0.0, 0.0, 0.0)
-    senses, load = (memory.direction_1, memory.drive_direction_1, 1.0), (memory.load_on_1 > 0.0, memory.load_share_1)
-    modes = Modes(*senses, *load, memory.slow_s, memory.stalled_1 > 0.0, 0.0)
-    done = advance_motion(former, torque, 0.0, duration_s, y, modes, empty_log(), np.inf)
-    assert done.status == DONE
+    senses, load = (memory.direction_1, memory.drive_direction_1), (memory.load_on_1 > 0.0, memory.load_share_1)
+    modes = Modes(*senses, *load, memory.slow_s, memory.stalled_1 > 0.0)
+    entry, log = entry_for(former), np.empty((8, EVENT_WIDTH))
+    done, _ = advance_motion(entry, former, torque, 0.0, duration_s, y, modes, log, np.inf)
+    assert done.status >= 0
     return y
 
 

@@ -16,7 +16,7 @@ from mech_twin.measurements.measurement_map import MeasurementMap
 from mech_twin.measurements.sensors import SensorBench
 from mech_twin.samples import Frame
 from mech_twin.studies.identification.channel_prediction import ColumnCurves, needed_columns, predicted
-from mech_twin.studies.rolling_out import rollout
+from mech_twin.studies.named_rollouts import rollout
 
 DURATION_S = 0.4
 SHOWN = {
@@ -53,7 +53,7 @@ def test_a_channel_shows_the_roll_out_as_the_sensors_show_the_run(name: str) -> 
     given = sensors(name)
     bench = SensorBench(given, machine_columns(built(name)), built(name).coupling_step_s)
     readings = [reading for frame in run(name) for reading in bench.observe(frame)] + list(bench.rest())
-    curves = ColumnCurves(rollout(name, None, DURATION_S, columns=needed_columns(list(CHANNELS[name]))))
+    curves = ColumnCurves(rollout(name, DURATION_S, columns=needed_columns(list(CHANNELS[name]))))
     for channel in given.channels:
         own = [reading for reading in readings if reading.sources == (channel.source,)]
         assert len(own) > 200
@@ -66,7 +66,7 @@ def test_a_channel_shows_the_roll_out_as_the_sensors_show_the_run(name: str) -> 
 
 
 def test_beside_an_event_is_within_the_guard_of_one_and_nowhere_else() -> None:
-    curves = ColumnCurves(rollout("impact_mass", None, DURATION_S, columns=["linkage.mass.position"]))
+    curves = ColumnCurves(rollout("impact_mass", DURATION_S, columns=["linkage.mass.position"]))
     times = np.linspace(0.0, DURATION_S, 4001)
     nearest = np.array([np.abs(curves.event_times_s - time).min() for time in times])
     found = curves.beside_event(times, 2e-3)
@@ -76,7 +76,9 @@ def test_beside_an_event_is_within_the_guard_of_one_and_nowhere_else() -> None:
 
 
 def test_events_of_a_kind_come_in_order_with_their_speeds() -> None:
-    impacts = ColumnCurves(rollout("impact_mass", None, DURATION_S)).events_of("impact")
+    curves = ColumnCurves(rollout("impact_mass", DURATION_S))
+    fields = ("time", "pre_velocity", "post_velocity")
+    impacts = {field: curves.of_events("impact", field) for field in fields}
     assert (np.diff(impacts["time"]) >= 0.0).all()
     fast = np.abs(impacts["pre_velocity"]) > 1.0
     restitution = built("impact_mass").parameters.restitution  # type: ignore[attr-defined]
@@ -85,7 +87,7 @@ def test_events_of_a_kind_come_in_order_with_their_speeds() -> None:
 
 @pytest.mark.parametrize("name", CHANNELS)
 def test_events_as_arrays_are_the_events(name: str) -> None:
-    found = rollout(name, None, DURATION_S, columns=[])
+    found = rollout(name, DURATION_S, columns=[])
     events, numbers = found.stepped_events, found.event_numbers
     assert [(step, event.time_s, event.kind) for step, event in events] == list(
         zip(numbers.step.tolist(), numbers.time_s.tolist(), numbers.kind.tolist(), strict=True)

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mech_twin.studies.identification.combinations import Combination, HeldFamily, combinations
-from mech_twin.studies.identification.families import family
+from mech_twin.studies.identification.combinations import Combination, Family, combinations
 from mech_twin.studies.identification.intervals import Linearised, uncertainty
+from mech_twin.studies.identification.key_dependence import family
 from mech_twin.studies.identification.least_squares_fit import Fitted
 from mech_twin.studies.identification.profile_likelihood import Walk
 from mech_twin.studies.identification.unknowns import KEY, Unknown, Unknowns
@@ -31,7 +31,7 @@ LAWS: dict[str, Callable[[float, float], float]] = {
 def told_of(lead: Sequence[float], units: tuple[str, str] = ("kg", "m"), half: float = 0.01) -> list[Combination]:
     """Return what is told of a key that was found at these values beside those of a held one."""
     points = np.column_stack([lead, HELD])
-    return combinations([HeldFamily((0,), (1,), points)], ("lead", "held"), units, np.full((2, 2), half), 0.5)
+    return combinations([Family((0,), (1,), points)], ("lead", "held"), units, np.full((2, 2), half), 0.5)
 
 
 def test_a_product_is_told_as_it_is_and_with_the_interval_of_the_fit_alone() -> None:
@@ -141,7 +141,7 @@ def held_of(law: str, repeats: int) -> tuple[int, int]:
         walk, halves = fit_of(problem)
         points = family(walk, [1], FOLLOWS, BOUNDS)
         assert points is not None
-        families, names, units = [HeldFamily((0,), (1,), points)], ("lead", "held", "rate"), ("m", "m", "1/s")
+        families, names, units = [Family((0,), (1,), points)], ("lead", "held", "rate"), ("m", "m", "1/s")
         (told,) = combinations(families, names, units, halves, 0.5)
         true = dict(zip(names, problem.true, strict=True))
         assert told.applies(true)
@@ -186,7 +186,7 @@ def test_two_held_keys_are_moved_to_all_corners_of_their_ranges() -> None:
     assert {tuple(corner) for corner in points[-4:, 1:]} == {(0.5, 0.5), (0.5, 1.5), (1.5, 0.5), (1.5, 1.5)}
     seen = points[:, 0] * points[:, 1] / points[:, 2] ** 2
     assert seen == pytest.approx(np.full(13, seen[0]), rel=1e-6)
-    families, names = [HeldFamily((0,), (1, 2), points)], ("lead", "held", "rate")
+    families, names = [Family((0,), (1, 2), points)], ("lead", "held", "rate")
     (told,) = combinations(families, names, ("m", "m", "1/s"), np.full((2, 3), 0.01), 0.5)
     assert told.formula == "lead held rate^-2"
     assert set(told.within) == {"held", "rate"}

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mech_twin.studies.identification.intervals import HELD_OFF, Linearised, last_step, moved_by_held, uncertainty
+from mech_twin.studies.identification.intervals import FIXED_OFF, Linearised, last_step, moved_by_fixed, uncertainty
 
 ROWS, BLOCKS, REPEATS = 600, 30, 200
 TIMES = np.linspace(0.0, 1.0, ROWS)
@@ -59,8 +59,8 @@ def test_a_fit_that_stopped_early_has_the_rest_of_its_way_as_last_step() -> None
 def test_a_held_key_moves_the_others_as_a_fit_with_it_off_would() -> None:
     random = np.random.default_rng(5)
     held = COLUMNS @ np.array([0.5, 0.0, 0.0, -1.0, 0.0]) + 0.01 * random.standard_normal(ROWS)
-    moved, *_ = np.linalg.lstsq(COLUMNS, HELD_OFF * held, rcond=None)
-    found = moved_by_held(line_of(np.zeros(ROWS)), held[:, None])
+    moved, *_ = np.linalg.lstsq(COLUMNS, FIXED_OFF * held, rcond=None)
+    found = moved_by_fixed(line_of(np.zeros(ROWS)), held[:, None])
     np.testing.assert_allclose(found, np.abs(moved), rtol=1e-9)
     assert found[0] > 0.2
     assert found[1] < 0.01

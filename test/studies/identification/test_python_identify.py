@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 import yaml
 
 import mech_twin as mt
+from mech_twin.cli.main import main
 from mech_twin.configuration_tree import ConfigurationError
 from mech_twin.output_file import OutputError
 from mech_twin.parameters.load import machine_parameters
@@ -46,6 +48,30 @@ def plant(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
 @pytest.fixture(scope="module")
 def found(plant: tuple[Path, Path]) -> SavedIdentification:
     return mt.identify(MACHINE, [plant[0]], plant[1], list(TRUE), cores=1)
+
+
+def test_all_keys_free_are_what_the_channels_see_and_the_others_stay(
+    plant: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["mech-twin", "identify", MACHINE, str(plant[0]), "--map", str(plant[1]), "--free", "auto"]
+    monkeypatch.setattr(sys, "argv", [*words, "--json"])
+    with pytest.raises(SystemExit) as end:
+        main()
+    told = capsys.readouterr()
+    assert not end.value.code, told.err
+    rows = {row["key"]: row for row in json.loads(told.out)["parameters"]}
+    seen = {key for key, row in rows.items() if row["verdict"] == "identified"}
+    assert seen == {*TRUE, "drive.speed_rpm"}
+    for key, true in TRUE.items():
+        assert rows[key]["low_95"] <= true <= rows[key]["high_95"]
+    assert all(rows[key]["estimate"] == rows[key]["before"] for key in rows.keys() - seen)
+    assert len(rows) > 10
+    monkeypatch.setattr(sys, "argv", [*words, "--motion", "measured"])
+    with pytest.raises(SystemExit) as end:
+        main()
+    told = capsys.readouterr()
+    assert end.value.code and told.err.startswith("mech-twin: --free auto: expected keys, or --motion simulated")
+    assert len(told.err.splitlines()) == 1
 
 
 def test_the_table_holds_the_machine_that_was_measured(found: SavedIdentification) -> None:

@@ -3,20 +3,36 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from mech_twin.studies.identification.combinations import Combination, Sight
-from mech_twin.studies.identification.verdicts import COMBINATION, MODEL_ERROR, KeyEvidence, key_verdicts
+from mech_twin.studies.identification.combinations import Combination, Sensitivity
+from mech_twin.studies.identification.staged_search import Search
+from mech_twin.studies.identification.verdicts import (
+    COMBINATION,
+    IDENTIFIED,
+    MODEL_ERROR,
+    NOT_CONVERGED,
+    KeyEvidence,
+    key_verdicts,
+    refuted,
+)
+
+OFF = "torque is off by 3"
 
 
-@pytest.mark.parametrize(("lacking", "verdict"), [(None, COMBINATION), ("torque: 3 % too much", MODEL_ERROR)])
+@pytest.mark.parametrize(
+    ("lacking", "verdict"),
+    [(None, COMBINATION), ((MODEL_ERROR, OFF), MODEL_ERROR), ((NOT_CONVERGED, OFF), NOT_CONVERGED)],
+)
 def test_keys_that_repeat_each_other_carry_a_combination_only_where_the_model_fits(
-    lacking: str | None, verdict: str
+    lacking: tuple[str, str] | None, verdict: str
 ) -> None:
     """What carries a combination is written into the configuration; nothing is where the model lacks something."""
     tie = np.array([[1.0], [-1.0]]) / np.sqrt(2.0)
-    seen = Sight(np.full(2, 50.0), np.ones(2), tie, np.eye(2), np.full(2, 2.0))
+    seen = Sensitivity(np.full(2, 50.0), np.ones(2), tie, np.eye(2), np.full(2, 2.0))
     ones, bounds = np.ones(2), np.array([[0.05, 0.05], [20.0, 20.0]])
     evidence = KeyEvidence(
         ("mass", "force"),
@@ -32,7 +48,26 @@ def test_keys_that_repeat_each_other_carry_a_combination_only_where_the_model_fi
     )
     told = key_verdicts(evidence, [])
     assert [key.verdict for key in told] == [verdict, verdict]
-    assert (lacking or "together with") in told[0].reason
+    assert (lacking[1] if lacking else "together with") in told[0].reason
+
+
+@pytest.mark.parametrize(("agreeing", "verdict"), [(2, NOT_CONVERGED), (3, MODEL_ERROR)])
+def test_what_the_noise_refutes_is_the_models_fault_only_where_several_starts_end_alike(
+    agreeing: int, verdict: str
+) -> None:
+    """A key with a narrow interval is not identified where the residual is more than the sensor's noise."""
+    found = refuted(OFF, Search(5, 3, agreeing, 1.4))
+    assert found is not None
+    assert found[0] == verdict
+    assert f"{agreeing} of 5 starts" in found[1]
+    alone = Sensitivity(np.full(1, 50.0), np.ones(1), np.zeros((1, 0)), np.eye(1), np.full(1, 2.0))
+    one, bounds = np.ones(1), np.array([[0.05], [20.0]])
+    evidence = KeyEvidence(
+        *(("mass",), one, one, 0.001 * one, np.full((2, 1), 0.002), bounds, one, alone, frozenset(), found)
+    )
+    assert [key.verdict for key in key_verdicts(evidence, [])] == [verdict]
+    seen = replace(evidence, refuted=refuted(None, Search(1, 1, 1, np.inf)))
+    assert [key.verdict for key in key_verdicts(seen, [])] == [IDENTIFIED]
 
 
 @pytest.mark.parametrize(
@@ -41,7 +76,7 @@ def test_keys_that_repeat_each_other_carry_a_combination_only_where_the_model_fi
 def test_keys_are_called_tied_only_where_the_fit_holds_one_of_them(held: frozenset[int], word: str) -> None:
     """Derivatives that two step lengths contradict say that keys are not told apart, and not that they go together."""
     tie = np.array([[1.0], [-1.0]]) / np.sqrt(2.0)
-    seen = Sight(np.full(2, 50.0), np.ones(2), tie, np.eye(2), np.full(2, 2.0))
+    seen = Sensitivity(np.full(2, 50.0), np.ones(2), tie, np.eye(2), np.full(2, 2.0))
     ones, bounds = np.ones(2), np.array([[0.05, 0.05], [20.0, 20.0]])
     evidence = KeyEvidence(
         *(("mass", "force"), ones, 1.1 * ones, 0.01 * ones, np.full((2, 2), 0.02), bounds, ones, seen, held, None)
@@ -53,7 +88,7 @@ def test_keys_are_called_tied_only_where_the_fit_holds_one_of_them(held: frozens
 
 def test_the_reason_says_for_which_values_of_a_held_key_a_combination_holds() -> None:
     tie = np.array([[1.0], [-1.0]]) / np.sqrt(2.0)
-    seen = Sight(np.full(2, 50.0), np.ones(2), tie, np.eye(2), np.full(2, 2.0))
+    seen = Sensitivity(np.full(2, 50.0), np.ones(2), tie, np.eye(2), np.full(2, 2.0))
     ones, bounds = np.ones(2), np.array([[0.05, 0.05], [20.0, 20.0]])
     evidence = KeyEvidence(
         *(("mass", "force"), ones, ones, ones, np.full((2, 2), 0.02), bounds, ones, seen, frozenset({1}), None)

@@ -16,7 +16,8 @@ from mech_twin.parameters.load import machine_parameters
 from mech_twin.parts.induction_motor import motor_constants, motor_torque
 from mech_twin.studies.monitoring.cycle_features import FeatureVector
 from mech_twin.studies.monitoring.design import fitted_setup, simulated_vectors
-from mech_twin.studies.monitoring.monitor import Findings, Monitor
+from mech_twin.studies.monitoring.findings import Findings
+from mech_twin.studies.monitoring.monitor import Monitor
 from mech_twin.studies.monitoring.report import judged
 from mech_twin.studies.monitoring.sensing import SensorFault, seen_run, with_sensor_fault, without_noise
 from mech_twin.studies.monitoring.signatures import MonitoredMachine

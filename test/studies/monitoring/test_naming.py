@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from studies.monitoring.synthetic import autoregressive, vectors
 
 from mech_twin.studies.monitoring.baseline import Baseline, fitted_baseline
-from mech_twin.studies.monitoring.monitor import Findings, Monitor, MonitorSetup
+from mech_twin.studies.monitoring.findings import Findings
+from mech_twin.studies.monitoring.monitor import Monitor, MonitorSetup
 from mech_twin.studies.monitoring.naming import Signature, estimated_change, signature_of_record
 from mech_twin.studies.monitoring.thresholds import chart_limits
 

@@ -26,7 +26,6 @@ from mech_twin.machines.mb10_breaker.pressed_body.collar_contact import (
 from mech_twin.machines.mb10_breaker.pressed_body.flight import SwingStretch, highest, motion, touchdown
 from mech_twin.machines.mb10_breaker.pressed_body.parameters import PressedBody
 
-SEATED_GAP_M = 2e-5  # gap at the blow up to which the tool counts as seated
 COUNTED_CUT = 1e-2  # returns slower than this part of their series' first are the tail of a completed series
 LONGEST_REPEAT = 8  # cycles after which a motion may repeat to be called periodic
 PATIENCE = 400  # cycles waited for a repetition
@@ -51,6 +50,11 @@ class CycleMetrics(NamedTuple):
     lift_m: float
     return_s: float
     settled_s: float
+
+    @property
+    def flight_share(self) -> float:
+        """Part of the cycle in which the body is not at rest on its collar."""
+        return 1.0 - self.contact_share
 
 
 @kernel

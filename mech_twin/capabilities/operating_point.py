@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What may differ from day to day on a healthy machine: supply, load, temperature, tolerances, each within a range."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+from mech_twin.capabilities.faults import value_at
+from mech_twin.quantity import Parameters
+
+
+class OperatingVariable(NamedTuple):
+    """A quantity whose value is no fault while it stays within its range.
+
+    Attributes
+    ----------
+    name, meaning : str
+        What it is called, and one line for the operator.
+    range : float
+        Share of the healthy value by which it may differ either way.
+    changes : callable
+        ``changes(parameters, share)``: configuration keys (dotted) and their values at that share.
+    beyond : str
+        Name of the fault where it is outside its range.
+    """
+
+    name: str
+    meaning: str
+    range: float
+    changes: Callable[[Any, float], Mapping[str, Any]]
+    beyond: str
+
+
+def varying_key(name: str, meaning: str, key: str, share: float, beyond: str, *more: str) -> OperatingVariable:
+    """Return the variable that changes a key, and those that go along, by a share of the healthy value."""
+
+    def changes(parameters: Parameters, size: float) -> dict[str, Any]:
+        return {each: float(value_at(parameters, each)) * (1.0 + size) for each in (key, *more)}
+
+    return OperatingVariable(name, meaning, share, changes, beyond)
+
+
+FREQUENCY_RANGE, VOLTAGE_RANGE, RESISTANCE_RANGE = 0.05, 0.05, 0.16  # the last: 40 K of copper
+
+
+def motor_changes(
+    parameters: Parameters, motor_key: str = "motor", *, torque: float = 1.0, slip: float = 1.0, field: float = 1.0
+) -> dict[str, Any]:
+    """Return the keys of an induction motor whose torque, slip speed or speed of the field is so many times its own.
+
+    Values that a source prints go along; what is left is the motor of no catalogue.
+    """
+    motor = value_at(parameters, motor_key)
+    synchronous, rated = float(motor["synchronous_speed_rpm"]), float(motor["rated_speed_rpm"])
+    rated_later = field * synchronous - slip * (synchronous - rated)
+    found = {
+        "catalogue_name": None,
+        "synchronous_speed_rpm": field * synchronous,
+        "rated_speed_rpm": rated_later,
+        "rated_power_w": float(motor["rated_power_w"]) * torque * rated_later / rated,
+    }
+    printed = {"rated_torque_nm": torque, "breakdown_torque_nm": torque, "breakdown_slip": slip / field}
+    found |= {key: motor[key] * share for key, share in printed.items() if motor.get(key) is not None}
+    return {f"{motor_key}.{key}": value for key, value in found.items()}
+
+
+def motor_variables(motor_key: str = "motor") -> tuple[OperatingVariable, ...]:
+    """Return frequency and voltage of the supply of an induction motor, and the resistance of its warm rotor.
+
+    With frequency the voltage goes along, as it does behind a converter and nearly so in a weak grid, so that the flux
+    and with it the torque at a slip in rad/s stay.  Voltage changes the torque at every slip by its square; resistance
+    stretches the slip that belongs to a torque.
+    """
+
+    def frequency(parameters: Parameters, size: float) -> dict[str, Any]:
+        return motor_changes(parameters, motor_key, field=1.0 + size)
+
+    def voltage(parameters: Parameters, size: float) -> dict[str, Any]:
+        return motor_changes(parameters, motor_key, torque=(1.0 + size) ** 2)
+
+    def resistance(parameters: Parameters, size: float) -> dict[str, Any]:
+        return motor_changes(parameters, motor_key, slip=1.0 + size)
+
+    return (
+        OperatingVariable("supply_frequency", "frequency of the supply", FREQUENCY_RANGE, frequency, "supply_sag"),
+        OperatingVariable("supply_voltage", "voltage of the supply", VOLTAGE_RANGE, voltage, "supply_voltage_range"),
+        OperatingVariable(
+            "rotor_resistance", "resistance of the motor's rotor, by its temperature", RESISTANCE_RANGE, resistance,
+            "rotor_resistance_range",
+        ),
+    )  # fmt: skip
+
+
+def drive_variables(kind: str) -> tuple[OperatingVariable, ...]:
+    """Return the supply of a crank's drive: the speed itself where it is prescribed."""
+    if kind == "kloss":
+        return motor_variables()
+    key = "drive.speed_rpm"
+    return (varying_key("supply_frequency", "frequency of the supply", key, FREQUENCY_RANGE, "supply_sag"),)

@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Verbs that compare a machine with measured runs: each a model of its options."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import ClassVar, Literal
+
+from mech_twin.cli.verb import Apart, Beside, Rules, Verb, argument, option
+from mech_twin.cli.verbs import Config, Force, Json, MachineName, MapFile, Settings
+
+
+class ShadowVerb(Verb):
+    """Follow a running machine by its topics: its state, forces and their uncertainty, below /MACHINE/twin."""
+
+    answer: ClassVar[str] = "mech_twin.cli.shadow:shadow_machine"
+    machine: MachineName
+    followed: str = option("namespace of the machine to follow", ..., "--from", metavar="NAMESPACE")
+    given_map: MapFile = None
+    config: Config = None
+    settings: Settings = []
+    record: Path | None = option("directory of a recording of what is received and estimated")
+    duration_s: float = option("time after which it ends, s (10, 2min); 0: until stopped", 0.0, unit="s")
+    uncertain: list[str] = option(
+        "standard deviation of a configuration key; may be given several times",
+        [],
+        metavar="KEY=2%",
+        shown="2% of each force",
+    )
+    monitor: Path | None = option("judge each cycle by this reference (`mech-twin monitor --save-baseline`)")
+    black_box: Path | None = option("folder for a recording of 10 s before and 5 s after each fault")
+    advise: Path | None = option("advise on an output of the machine: file of targets and limits")
+    view: str = option("measured and model over each other: web, none or file NAME.rrd", "none", metavar="VIEW")
+    view_port: int = option("port of the page; 0: a free one", 0, ge=0, le=65535)
+    mqtt: str | None = option("broker that is told each fault (extra: alerts)", metavar="HOST:PORT")
+    prometheus: str | None = option("serve the faults as metrics there; :9464 is this host alone", metavar="HOST:PORT")
+    force: Force = False
+    as_json: Json = False
+
+
+class MapVerb(Verb):
+    """Propose the map of a measurement, and show the quality of its data."""
+
+    answer: ClassVar[str] = "mech_twin.cli.map:propose_map"
+    measurements: list[Path] = argument(
+        "runs of one kind: bags, or tables (CSV, TSV, Parquet)", metavar="MEASUREMENT..."
+    )
+    machine: MachineName
+    config: Config = None
+    out: Path | None = option("file (.yaml) to write the map to, instead of standard output")
+    force: Force = False
+    as_json: Json = False
+
+
+class IdentifyVerb(Verb):
+    """Find parameters of a machine from measured runs, with intervals, verdicts and a held-out score."""
+
+    answer: ClassVar[str] = "mech_twin.cli.identify:identify_machine"
+    rules: ClassVar[Rules] = (
+        *(
+            Apart("plan", each, "a plan computes no fit")
+            for each in ("hold_out", "motion", "begin", "latest_begin_s", "seed", "scheduler", "out")
+        ),
+        Beside("sensors", ("plan",), "runs have their --map"),
+        Beside("duration_s", ("plan",), "runs have their own length"),
+        Beside("latest_begin_s", ("begin",), "it bounds --begin unknown"),
+    )
+    machine: MachineName
+    runs: list[Path] = argument("runs: bags or tables", [])
+    map_file: Path | None = option("map of the runs (see `mech-twin map`)", None, "--map")
+    free: list[str] = option(
+        "key to be found; auto: all numbers of the machine that the channels see",
+        [],
+        metavar="KEY[=LOW:HIGH]|auto",
+        shown="those that the configuration calls assumed",
+    )
+    fixed: list[str] = option("key to be kept as it is", [], "--fix", metavar="KEY")
+    priors: list[str] = option("what is known of a key from elsewhere", [], "--prior", metavar="KEY=MEAN,SD")
+    hold_out: str | None = option(
+        "run, or share of each run, that scores the fit",
+        metavar="RUN|SHARE",
+        shown="the last of three or more runs, else 0.2",
+    )
+    motion: Literal["auto", "measured", "simulated", "bounces"] = option(
+        "what moves the model: auto, measured (the crank), simulated, or bounces (no model)", "auto", metavar="MOTION"
+    )
+    begin: Literal["start", "unknown"] = option(
+        "where the runs begin: at the start of the machine, or unknown", "start", metavar="start|unknown"
+    )
+    latest_begin_s: float | None = option("latest unknown beginning within the machine's run, s", unit="s", shown="10")
+    plan: bool = option("without runs: which keys these sensors would find", False)
+    sensors: Path | None = option("with --plan: sensors as of `simulate --sensors`")
+    duration_s: float | None = option("with --plan: length of the run, s", unit="s")
+    seed: int = option("seed of the further starts of the fit", 0, ge=0)
+    cores: int | None = option("processor cores to use", ge=1, shown="all")
+    scheduler: str | None = option("Dask scheduler for starts and profiles, tcp://HOST:PORT", metavar="ADDRESS")
+    out: Path | None = option("directory of the results, or file (.yaml) of the configuration")
+    config: Path | None = option("configuration to start from instead of the installed one", None, "--config", "--base")
+    settings: Settings = []
+    force: Force = False
+    as_json: Json = False
+
+
+class MonitorVerb(Verb):
+    """Judge runs against a healthy one and name the faults (exit code 1: an alarm), or judge a sensor set."""
+
+    answer: ClassVar[str] = "mech_twin.cli.monitor:monitor_machine"
+    rules: ClassVar[Rules] = tuple(
+        Apart("design", each, "a sensor set is judged without runs")
+        for each in ("map_file", "baseline", "save_baseline", "skip_s")
+    )
+    machine: MachineName
+    runs: list[Path] = argument("runs to be judged: bags or tables", [])
+    map_file: MapFile = None
+    baseline: Path | None = option(
+        "healthy run, or a file that --save-baseline wrote", shown="the first part of the runs"
+    )
+    save_baseline: Path | None = option("file (.json) for baseline, thresholds, signatures")
+    known_arl0_h: float | None = option(
+        "mean time between false alarms of all charts together, h", None, "--arl0", ge=1e-3, shown="24"
+    )
+    skip_s: float | None = option(
+        "time at the start of each run that is left out, s", unit="s", shown="the machine's run-up"
+    )
+    design: bool = option("judge a sensor set instead of runs", False)
+    sensors: Path | None = option("with --design: the sensors, as for simulate")
+    seed: int | None = option("seed of the draws that thresholds come from", ge=0, shown="0")
+    config: Config = None
+    settings: Settings = []
+    force: Force = False
+    as_json: Json = False

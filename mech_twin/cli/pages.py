@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: Apache-2.0
+"""``mech-twin new`` and ``mech-twin check``: a page to start from, and what a page amounts to before it runs."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+from mech_twin.cli.console import numbered, print_json, print_table, say_result
+from mech_twin.cli.failure import CommandError
+from mech_twin.cli.verbs import CheckVerb, NewVerb
+from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.output_file import check_output_file
+from mech_twin.parameters.load import PAGE_SUFFIXES, configuration_directories, is_page, machine_parameters
+from mech_twin.samples import Shape
+
+
+def shipped_pages() -> dict[str, Path]:
+    """Return the pages that are installed, by kind."""
+    found: dict[str, Path] = {}
+    for directory in reversed(configuration_directories()):
+        found |= {path.stem: path for path in sorted(directory.joinpath("pages").glob("*.yaml"))}
+    return dict(sorted(found.items()))
+
+
+def write_page(asked: NewVerb) -> None:
+    """Write a page to start from to standard output, or name the kinds."""
+    kind, pages = asked.kind, shipped_pages()
+    if kind is None:
+        rows = [(name, _first_line(path)) for name, path in pages.items()]
+        print_table("pages to start from: mech-twin new KIND > my.yaml", ("kind", "what"), rows)
+        return
+    if kind not in pages:
+        raise CommandError(f"no page '{kind}' to start from; expected one of {', '.join(pages)}")
+    sys.stdout.write(pages[kind].read_text(encoding="utf-8"))
+
+
+def _first_line(path: Path) -> str:
+    return path.read_text(encoding="utf-8").splitlines()[0].lstrip("# ")
+
+
+def check_page(asked: CheckVerb) -> None:
+    """Say what a page amounts to: freedoms, closures, masses, the pose at the start; draw it if asked."""
+    page, picture = asked.page, asked.picture
+    if not is_page(page):
+        raise CommandError(f"{page}: expected the path of a page, ending in {' or '.join(PAGE_SUFFIXES)}")
+    if picture is not None:
+        check_output_file(picture, force=asked.force)
+    from mech_twin.machines.page.roles import PageModel
+
+    parameters = machine_parameters(page)
+    try:
+        found = _page_record(PageModel(parameters.expanded))  # type: ignore[attr-defined] # the model of a page
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{page}: {error}") from error
+    if picture is not None:
+        _draw(_start_shapes(parameters), picture)
+    if asked.as_json:
+        print_json(found)
+        return
+    print_table(f"{page}: {parameters.name}", ("quantity", "value", "unit"), numbered(found["numbers"]))  # type: ignore[attr-defined]
+    rows = [(j["joint"], j["kind"], j["role"], f"{j['start']:.6g}", j["unit"]) for j in found["joints"]]
+    print_table("joints at the start", ("joint", "kind", "moves as", "start", "unit"), rows)
+    if found["contacts"]:
+        gaps = [(c["contact"], c["state"], f"{c['gap']:.4g}") for c in found["contacts"]]
+        print_table("contacts at the start", ("contact", "state", "gap"), gaps)
+    for line in found["remarks"]:
+        say_result(line)
+
+
+def check_is_no_page(recording: Path) -> None:
+    """Refuse a page where a recording is expected, and say which verbs show it."""
+    if is_page(str(recording)) and recording.is_file():
+        raise CommandError(
+            f"{recording}: expected a recording, not a page or configuration; `mech-twin check` draws a page, "
+            "`mech-twin simulate PAGE --bag NAME` records one"
+        )
+
+
+def _page_record(shared: Any) -> dict[str, Any]:
+    """Return what a page amounts to as plain values."""
+    from mech_twin.machines.page import start_numbers
+    from mech_twin.machines.page.drawing import real
+
+    numbers, assembly, places = start_numbers(shared), shared.assembly, shared.places
+    split, coordinates = assembly.split, assembly.coordinates
+    roles = {coordinates[j]: "free" for j in split.free} | {coordinates[j]: "driven" for j in split.driven}
+    roles |= {coordinates[j]: "dependent" for j in split.dependent}
+    now = shared.start_instant
+    motion = now.joint_motion()
+    kinds = {name: joint.kind for name, joint in shared.page.joints.items()}
+    joints = []
+    for i, name in enumerate(assembly.columns):
+        joint = next(own for own in kinds if name == own or (name.startswith(f"{own}_") and kinds[own] == "free"))
+        unit = "m" if name in assembly.slides else "rad"
+        joints.append(
+            {
+                "joint": name, "kind": kinds[joint], "role": roles.get(name, "closes a loop"),
+                "start": real(motion[2 * i]), "unit": unit,
+            }
+        )  # fmt: skip
+    contacts = []
+    for name, law in zip(places.laws, now.laws, strict=True):
+        if law.restitution >= 0.0:
+            gap = real(law.scalar.value)
+            contacts.append({"contact": name, "state": "open" if gap > 1e-12 else "closed", "gap": gap})
+    masses = {name: body.mass_kg for name, body in shared.page.bodies.items()}
+    remarks = [f"{name} has no mass" for name, mass in masses.items() if mass == 0.0]
+    for name in shared.page.springs:
+        size = real((now.conservative | now.actions)[name].efforts[0].size)
+        remarks.append(f"{name} gives {size:.4g} {'N m' if shared.page.springs[name].turns else 'N'} at the start")
+    return {
+        "page": shared.page.name, "numbers": numbers, "joints": joints, "contacts": contacts, "masses_kg": masses,
+        "remarks": remarks,
+    }  # fmt: skip
+
+
+def _start_shapes(parameters: Any) -> tuple[Shape, ...]:
+    from mech_twin.machines.page.drawing import PageDrawing, real
+    from mech_twin.machines.page.roles import PageModel
+
+    shared = PageModel(parameters.expanded)
+    motion = shared.start_instant.joint_motion()
+    return PageDrawing(shared).shapes_at({name: real(motion[2 * i]) for i, name in enumerate(shared.assembly.columns)})
+
+
+def _draw(shapes: tuple[Shape, ...], picture: Path) -> None:
+    """Draw shapes into a picture."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8.0, 6.0), layout="constrained")
+    axes = figure.add_subplot()
+    xs = [x for shape in shapes for x, _ in shape.points_m]
+    ys = [y for shape in shapes for _, y in shape.points_m]
+    reach = max(max(xs) - min(xs), max(ys) - min(ys), 1e-6)
+    for shape in shapes:
+        colour = tuple(part / 255.0 for part in shape.colour)
+        points = list(zip(*shape.points_m, strict=True))
+        width = max(0.6, 400.0 * shape.width_m / reach)
+        if shape.kind == "points":
+            axes.plot(*points, "o", color=colour, markersize=1.4 * width, zorder=3)
+        else:
+            axes.plot(*points, color=colour, linewidth=width, solid_capstyle="round")
+        if shape.text:
+            x, y = (0.5 * (min(part) + max(part)) for part in points)
+            axes.annotate(shape.text, (x, y), textcoords="offset points", xytext=(6, 6), color=colour, fontsize=9)
+    axes.set_aspect("equal")
+    axes.set_xlabel("x, m")
+    axes.set_ylabel("y, m")
+    figure.savefig(picture)

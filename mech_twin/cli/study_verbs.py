@@ -1,0 +1,169 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The questions of ``mech-twin study MACHINE QUESTION``: each a model of its options."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, ClassVar
+
+from mech_twin.cli.verb import Apart, Rules, Verb, option
+from mech_twin.cli.verbs import Config, Csv, Force, Json
+
+Settings = Annotated[
+    list[str], option("override configuration keys", [], "--set", metavar="KEY=VALUE...", complete="settings")
+]
+Everything = Annotated[bool, option("every row and column", False, "--all")]
+Cores = Annotated[int | None, option("processor cores to use, a process each", ge=1, le=1024, shown="all cores")]
+Scheduler = Annotated[str | None, option("Dask scheduler, tcp://HOST:PORT", metavar="ADDRESS")]
+Seed = Annotated[int, option("seed of the random draws; the same seed gives the same answer", 1, ge=0)]
+Over = Annotated[
+    list[str],
+    option(
+        "from:to:count, from:to:count:log, or a,b,c; several keys make a grid",
+        ...,
+        metavar="KEY=VALUES...",
+        complete="settings",
+    ),
+]
+Limits = Annotated[
+    list[str],
+    option(
+        "limits that replace the usual ones, SI units; `--limit help` lists them",
+        [],
+        metavar="NAME=VALUE...",
+        complete="limits",
+    ),
+]
+Bounds = Annotated[
+    list[str],
+    option(
+        "bounds that replace the usual ones of design variables, SI units",
+        [],
+        metavar="NAME=LOW:HIGH...",
+        complete="bounds",
+    ),
+]
+SPREAD = Apart("cores", "scheduler", "processes here, or workers of a cluster")
+
+
+class SweepVerb(Verb):
+    """Sweep configuration keys over a grid; resume an interrupted sweep."""
+
+    answer: ClassVar[str] = "mech_twin.cli.study_output:answer_sweep"
+    rules: ClassVar[Rules] = (SPREAD,)
+    machine: str
+    over: Over
+    out: Path | None = option("table to write, NAME.parquet or NAME.csv", shown="MACHINE-sweep.parquet")
+    number: list[str] = option("number to tabulate; may be given several times", [], metavar="NAME", shown="all")
+    duration_s: float = option("time to simulate at each point, s (3, 500ms); 0: the analysis alone", 0.0, unit="s")
+    no_picture: bool = option("write the table alone", False)
+    cores: Cores = None
+    scheduler: Scheduler = None
+    config: Config = None
+    settings: Settings = []
+    everything: Everything = False
+    force: Force = False
+    as_csv: Csv = False
+    as_json: Json = False
+
+
+class SizeVerb(Verb):
+    """Size spring and preload, flywheel, counterweight, or motor and drive; say which constraint binds."""
+
+    answer: ClassVar[str] = "mech_twin.cli.study_output:answer_size"
+    machine: str
+    out: Path | None = option("configuration to write", shown="MACHINE-sized.yaml")
+    objective: str | None = option(
+        "quantity to minimise, or what is to be made large",
+        metavar="NAME",
+        shown="the usual one of the machine",
+        complete="objectives",
+    )
+    limit: Limits = []
+    tolerance: float | None = option(
+        "relative tolerance of each assumed value within which the limits hold", shown="the usual one of the machine"
+    )
+    config: Config = None
+    settings: Settings = []
+    force: Force = False
+    as_json: Json = False
+
+
+class SearchVerb(Verb):
+    """Choose a machine's dimensions: scan, then optimise; a Pareto front for several objectives."""
+
+    answer: ClassVar[str] = "mech_twin.cli.study_design:answer_search"
+    machine: str
+    objective: list[str] = option(
+        "quantity to minimise; several give a Pareto front",
+        [],
+        metavar="NAME",
+        shown="the usual one of the machine",
+        complete="objectives",
+    )
+    bound: Bounds = []
+    limit: Limits = []
+    seed: Seed = 1
+    points: int | None = option("points of a Pareto front", ge=1, le=1000, shown="9")
+    out: Path | None = option("configuration to write", shown="MACHINE-found.yaml")
+    config: Config = None
+    settings: Settings = []
+    force: Force = False
+    as_json: Json = False
+
+
+class DesignsVerb(Verb):
+    """Evaluate random designs of a machine, a million or more."""
+
+    answer: ClassVar[str] = "mech_twin.cli.study_design:answer_designs"
+    rules: ClassVar[Rules] = (SPREAD,)
+    machine: str
+    count: int = option("random designs to evaluate", 1_000_000, ge=1, le=1_000_000_000)
+    bound: Bounds = []
+    limit: Limits = []
+    seed: Seed = 1
+    out: Path | None = option("Parquet file of the feasible designs")
+    cores: Cores = None
+    scheduler: Scheduler = None
+    config: Config = None
+    settings: Settings = []
+    force: Force = False
+    as_json: Json = False
+
+
+class SynthesiseVerb(Verb):
+    """Synthesise a one-impact cycle as published, and a robust one beside it."""
+
+    answer: ClassVar[str] = "mech_twin.cli.study_long_run:answer_synthesise"
+    machine: str
+    impact_speed_m_per_s: float = option("target impact speed, m/s", 20.0, "--impact-speed")
+    margin: float = option("stability margin: least 1 - |largest multiplier|", 0.1)
+    basin_fraction: float = option(
+        "basin of attraction: least share of random starts that reach the cycle", 0.999, "--basin"
+    )
+    tolerance: float = option("relative tolerance of P1, P2, t1, T and R within which the cycle persists", 0.01)
+    stroke_ratio: float = option("upper limit of the largest gap over the stroke", 2.5)
+    starts: int = option("random starts that test the basin, at most 1000000", 1000, ge=1)
+    seed: Seed = 1
+    periods: int = option("length of the endurance runs in periods, at most 1000000000", 1_000_000, ge=1)
+    out: Path | None = option("robust configuration to write", shown="MACHINE-robust.yaml")
+    config: Config = None
+    settings: Settings = []
+    force: Force = False
+    as_json: Json = False
+
+
+class RegimesVerb(Verb):
+    """Map the long-run regimes of a machine over one key; draw the bifurcation diagram."""
+
+    answer: ClassVar[str] = "mech_twin.cli.study_long_run:answer_regimes"
+    machine: str
+    over: Over
+    settling: int = option("settling periods left out, at most 100000", 1000, ge=1)
+    out: Path | None = option("bifurcation diagram to write (.png, .svg, .pdf)", shown="MACHINE-regimes.png")
+    config: Config = None
+    settings: Settings = []
+    everything: Everything = False
+    force: Force = False
+    as_csv: Csv = False
+    as_json: Json = False

@@ -1,0 +1,203 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A verb, declared once: a model of its options, from which command line, help, completion and reference derive."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from importlib import import_module
+from inspect import Parameter, Signature
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple, get_args, get_origin
+
+import typer
+from pydantic import BaseModel, ConfigDict, Field
+from pydantic.fields import FieldInfo
+
+from mech_twin.cli import completion
+from mech_twin.cli.failure import CommandError
+from mech_twin.cli.option_values import machine_name, seconds
+
+Form = Literal["narrow", "wide", "csv", "json"]
+
+
+class Apart(NamedTuple):
+    """Two options that exclude each other, and why."""
+
+    first: str
+    second: str
+    why: str
+
+
+class Beside(NamedTuple):
+    """An option that needs one of others beside it, and why."""
+
+    option: str
+    others: tuple[str, ...]
+    why: str
+
+
+Rules = tuple[Apart | Beside, ...]
+
+
+class Verb(BaseModel):
+    """What a verb was asked for: a field for each option, named with its unit.
+
+    Attributes
+    ----------
+    answer : str
+        Function that carries the verb out, ``MODULE:FUNCTION``; it is imported when the verb is called.
+    rules : tuple
+        Which options exclude each other, and which need another.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", defer_build=True)
+    answer: ClassVar[str]
+    rules: ClassVar[Rules] = ()
+
+    def answered(self) -> None:
+        """Carry the verb out."""
+        module, _, function = self.answer.partition(":")
+        getattr(import_module(module), function)(self)
+
+    @property
+    def form(self) -> Form:
+        """The form of output that was asked for, of a verb with several."""
+        for option, form in FORMS.items():
+            if getattr(self, option, False):
+                return form
+        return "narrow"
+
+
+FORMS: dict[str, Form] = {"as_json": "json", "as_csv": "csv", "wide": "wide", "everything": "wide"}
+
+
+def option(
+    meaning: str,
+    default: Any = None,
+    *flags: str,
+    unit: str = "",
+    metavar: str | None = None,
+    shown: str | None = None,
+    complete: str = "",
+    **bounds: Any,
+) -> Any:
+    """Return the field of an option.
+
+    Parameters
+    ----------
+    meaning : str
+        What it is for, in the help and in the reference.
+    default : object
+        Value where it is not given; ``...`` where it has to be.
+    *flags : str
+        How it is written, where not as the field without its unit: ``--duration`` of ``duration_s``.
+    unit : str
+        ``"s"`` for a time, which may be written with its unit.
+    metavar : str, optional
+        What stands for the value in the help.
+    shown : str, optional
+        The default in words.
+    complete : str
+        Function of `completion` that offers values.
+    **bounds
+        ``ge`` and ``le`` of a number.
+    """
+    extra = {"flags": list(flags), "unit": unit, "metavar": metavar, "shown": shown, "complete": complete}
+    return Field(default, description=meaning, json_schema_extra=extra, **bounds)  # type: ignore[arg-type] # JSON
+
+
+def argument(meaning: str, default: Any = ..., *, metavar: str | None = None, complete: str = "") -> Any:
+    """Return the field of a value that stands without an option; see `option`."""
+    extra = {"argument": True, "metavar": metavar, "complete": complete}
+    return Field(default, description=meaning, json_schema_extra=extra)  # type: ignore[arg-type] # JSON
+
+
+def declared(field: FieldInfo) -> dict[str, Any]:
+    """Return what `option` or `argument` declared of a field."""
+    extra = field.json_schema_extra
+    return extra if isinstance(extra, dict) else {}
+
+
+def flags_of(name: str, field: FieldInfo) -> tuple[str, ...]:
+    """Return how an option is written on the command line."""
+    said = declared(field)
+    bare = name.removesuffix(f"_{said['unit']}") if said.get("unit") else name
+    return tuple(said.get("flags") or (f"--{bare.replace('_', '-')}",))
+
+
+def command(verb: type[Verb]) -> Callable[..., None]:
+    """Return the function of a verb as the command line library wants it, its signature made from the fields."""
+    fields = verb.model_fields
+    words = {name: choices for name, field in fields.items() if (choices := _choices(field))}
+
+    def asked(context: typer.Context, **values: Any) -> None:
+        given = {name: value for name, value in values.items() if value is not None}
+        for name, allowed in words.items():
+            if name in given and given[name] not in allowed:
+                joined = " or ".join(allowed) if len(allowed) == 2 else f"one of {', '.join(allowed)}"
+                raise CommandError(f"{flags_of(name, fields[name])[0]} {given[name]}: expected {joined}")
+        if context.obj is not None:  # of ``study``, whose machine stands before the question
+            given["machine"] = context.obj
+        verb(**given).answered()
+
+    shown = {name: field for name, field in fields.items() if declared(field)}
+    parameters = [Parameter("context", Parameter.POSITIONAL_OR_KEYWORD, annotation=typer.Context)]
+    parameters += [_parameter(name, field) for name, field in shown.items()]
+    asked.__signature__ = Signature(parameters)  # type: ignore[attr-defined] # which the library reads
+    asked.__annotations__ = {each.name: each.annotation for each in parameters}
+    asked.__doc__ = verb.__doc__
+    asked.verb = verb  # type: ignore[attr-defined] # of which the command checks the rules
+    return asked
+
+
+def _choices(field: FieldInfo) -> tuple[str, ...]:
+    """Return the words that an option may have; none where it is free."""
+    kinds = (field.annotation, *get_args(field.annotation))
+    return next((get_args(kind) for kind in kinds if get_origin(kind) is Literal), ())
+
+
+def _parameter(name: str, field: FieldInfo) -> Parameter:
+    """Return a field as a parameter of the command."""
+    said = declared(field)
+    complete = said.get("complete") or ""
+    kind: Any = str if _choices(field) else field.annotation
+    options: dict[str, Any] = {"help": field.description, "metavar": said.get("metavar")}
+    if complete:
+        options["autocompletion"] = getattr(completion, complete)
+    if complete == "machines":
+        options["callback"] = machine_name
+    if said.get("argument"):
+        info: Any = typer.Argument(**options)
+    else:
+        if said.get("unit") == "s":
+            options |= {"parser": seconds, "metavar": "TIME"}
+        for bound in field.metadata:
+            options |= {word: getattr(bound, at) for at, word in (("ge", "min"), ("le", "max")) if hasattr(bound, at)}
+        info = typer.Option(*flags_of(name, field), show_default=said.get("shown") or True, **options)
+    if field.default == []:
+        kind = kind | None
+    absent = None if field.default == [] else field.default
+    default = Parameter.empty if field.is_required() else absent
+    return Parameter(name, Parameter.POSITIONAL_OR_KEYWORD, default=default, annotation=Annotated[kind, info])
+
+
+def check_rules(verb: type[Verb], given: frozenset[str]) -> None:
+    """Raise where options were given of which one would be left out.
+
+    Raises
+    ------
+    CommandError
+        Naming both options and the reason.
+    """
+    for line in _broken(verb, given):
+        raise CommandError(line)
+
+
+def _broken(verb: type[Verb], given: frozenset[str]) -> Iterator[str]:
+    def flag(name: str) -> str:
+        return flags_of(name, verb.model_fields[name])[0]
+
+    for rule in (Apart("as_json", "as_csv", "one form of output"), *verb.rules):
+        if isinstance(rule, Apart) and {rule.first, rule.second} <= given:
+            yield f"{flag(rule.first)} and {flag(rule.second)} exclude each other: {rule.why}"
+        if isinstance(rule, Beside) and rule.option in given and not given & set(rule.others):
+            yield f"{flag(rule.option)} goes with {' or '.join(map(flag, rule.others))}: {rule.why}"

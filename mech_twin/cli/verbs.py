@@ -1,0 +1,307 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Verbs on machines and recordings: each a model of its options, answered by a file of its own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, ClassVar, Literal
+
+from mech_twin.cli.verb import Apart, Beside, Rules, Verb, argument, option
+
+MachineName = Annotated[
+    str, argument("machine, or the beginning of its name (see `mech-twin list`)", complete="machines")
+]
+Config = Annotated[Path | None, option("configuration file instead of the installed one")]
+Settings = Annotated[
+    list[str],
+    option(
+        "override configuration keys, such as body.spring_rate_n_per_m=4e4",
+        [],
+        "--set",
+        metavar="KEY=VALUE...",
+        complete="settings",
+    ),
+]
+Namespace = Annotated[str | None, option("namespace of the nodes instead of the machine's name", metavar="NAME")]
+Bag = Annotated[Path, argument("recording: a directory, or one .mcap file")]
+BagOrTable = Annotated[
+    Path,
+    argument(
+        "recording: a directory, or one .mcap file; with --map also a table (.csv, .tsv, .parquet)", metavar="BAG"
+    ),
+]
+MapFile = Annotated[
+    Path | None, option("map of a measurement: which channel is what (see `mech-twin map`)", None, "--map")
+]
+Force = Annotated[bool, option("overwrite existing results", False)]
+Json = Annotated[bool, option("print JSON to standard output", False, "--json")]
+Everything = Annotated[bool, option("every number and event, not only the headlines", False, "--all")]
+Csv = Annotated[bool, option("print comma-separated values", False, "--csv")]
+Wide = Annotated[bool, option("every column, whatever the width of the terminal", False)]
+Port = Annotated[int, option("port of the web view; 0: any free port", 0, ge=0, le=65535)]
+
+
+class ListVerb(Verb):
+    """List available machines."""
+
+    answer: ClassVar[str] = "mech_twin.cli.catalogue:show_catalogue"
+    as_json: Json = False
+
+
+class RunVerb(Verb):
+    """Run a machine as ROS 2 nodes, with recorder and viewer."""
+
+    answer: ClassVar[str] = "mech_twin.cli.run:run_machine"
+    rules: ClassVar[Rules] = (
+        Apart("record", "no_record", "a recording or none"),
+        Apart("snapshot_s", "no_record", "the last seconds are a recording"),
+    )
+    machine: MachineName = "mb10_breaker"
+    pace: Literal["realtime", "max"] | None = option(
+        "pace of the run", metavar="realtime|max", shown="run.pace, else realtime"
+    )
+    duration_s: float | None = option(
+        "simulated time, s (10, 2min); 0: until stopped", unit="s", shown="run.duration_s, else 0"
+    )
+    record: Path | None = option("recording directory", shown="recordings/MACHINE-DATE")
+    snapshot_s: float | None = option(
+        "record only this time before each trigger (`tell MACHINE snapshot`) and alarm, s",
+        unit="s",
+        shown="run.snapshot_s, else 0",
+    )
+    no_record: bool = option("do not record", False)
+    view: str = option("web: a page to watch and to command; none; or a file NAME.rrd for rerun", "web", metavar="VIEW")
+    view_port: Port = 0
+    hold: bool = option("keep the web view after the run, until Ctrl-C", False)
+    processes: bool = option("run each node in its own process", False)
+    motor: str | None = option("class of your own in the place of the motor", metavar="MODULE:CLASS")
+    forces: str | None = option("the same for the force analysis", metavar="MODULE:CLASS")
+    body: str | None = option("the same for the body", metavar="MODULE:CLASS")
+    namespace: Namespace = None
+    open_to_other_hosts: bool = option("expose topics and web view to the network, without authentication", False)
+    config: Config = None
+    settings: Settings = []
+    everything: Everything = False
+    force: Force = False
+    as_json: Json = False
+
+
+class SimulateVerb(Verb):
+    """Simulate a machine in one process, without ROS communication."""
+
+    answer: ClassVar[str] = "mech_twin.cli.simulate:simulate_machine"
+    rules: ClassVar[Rules] = (
+        Apart("as_csv", "everything", "CSV has every number; events are in --json"),
+        Beside("samples", ("as_json",), "samples are printed as JSON; --table FILE writes them"),
+        Beside("seed", ("sensors",), "a run without sensors draws nothing at random"),
+    )
+    machine: MachineName
+    duration_s: float = option("simulated time, s (3, 500ms, 2min)", ..., unit="s")
+    bag: Path | None = option("recording (MCAP) of the messages that the nodes would publish")
+    table: Path | None = option("table of every sample (.parquet, .csv, .tsv)")
+    sensors: Path | None = option("sensors (.yaml) through which the run is written instead")
+    change: list[str] = option(
+        "change a live parameter, motor.command or the operating point at S, s; S..S is a ramp, -20% relative",
+        [],
+        metavar="KEY=VALUE@S",
+        complete="live_settings",
+    )
+    seed: int = option("seed of the noise, jitter and losses of the sensors", 0, ge=0)
+    samples: bool = option("with --json: include every sample, as columns", False)
+    config: Config = None
+    settings: Settings = []
+    everything: Everything = False
+    force: Force = False
+    as_csv: Csv = False
+    as_json: Json = False
+
+
+class AnalyseVerb(Verb):
+    """Analyse one position or one cycle: kinematics, forces and machine constants."""
+
+    answer: ClassVar[str] = "mech_twin.cli.analyse:analyse_machine"
+    rules: ClassVar[Rules] = (Apart("crank_deg", "cycle", "one position or one cycle"),)
+    machine: MachineName
+    crank_deg: float | None = option("crank angle, degrees")
+    cycle: int | None = option("positions over one cycle", ge=2, le=1_000_000)
+    config: Config = None
+    settings: Settings = []
+    wide: Wide = False
+    as_csv: Csv = False
+    as_json: Json = False
+
+
+ON_TOPICS = ("rate", "start_s", "duration_s", "loop", "clock", "topics", "listeners", "namespace")
+RECOMPUTING = ("analyse", "resimulate")
+
+
+class ReplayVerb(Verb):
+    """Replay a recording on its topics, or recompute it and compare bit for bit (exit code 1: different)."""
+
+    answer: ClassVar[str] = "mech_twin.cli.replay:replay"
+    rules: ClassVar[Rules] = (
+        Apart("analyse", "resimulate", "forces alone, or the whole run"),
+        *(
+            Apart(mode, each, "the recording is read at once, nothing is published")
+            for mode in RECOMPUTING
+            for each in ON_TOPICS
+        ),
+        Beside("tolerance", ("analyse",), "a run computed again from its start keeps no small error"),
+        Beside("config", RECOMPUTING, "a replay needs no configuration"),
+        Beside("as_json", RECOMPUTING, "a replay has no result to print"),
+    )
+    bag: BagOrTable
+    rate: float = option("playback rate: recorded seconds per second", 1.0)
+    start_s: float = option("start time within the recording, s", 0.0, unit="s")
+    duration_s: float | None = option("duration to replay, s", unit="s")
+    loop: bool = option("repeat until stopped", False)
+    clock: bool = option("publish /clock from the playback time", False)
+    topics: list[str] = option("only these topics", [], metavar="T...")
+    listeners: int = option("subscribers to wait for on each topic", 0, ge=0)
+    namespace: Namespace = None
+    analyse: bool = option("recompute the forces from the recorded motion and compare", False)
+    resimulate: bool = option("recompute the whole run and compare", False)
+    given_map: MapFile = None
+    config: Config = None
+    tolerance: float | None = option("with --analyse: allowed relative difference from the model", ge=0.0)
+    as_json: Json = False
+
+
+class ViewVerb(Verb):
+    """Show a recording in the viewer; with a map, the mechanism in a measured motion."""
+
+    answer: ClassVar[str] = "mech_twin.cli.view:view_bag"
+    rules: ClassVar[Rules] = (
+        Apart("save", "port", "a file has no page"),
+        Beside("config", ("given_map",), "a recording holds its own configuration"),
+    )
+    bag: BagOrTable
+    given_map: MapFile = None
+    config: Config = None
+    save: Path | None = option("write a file NAME.rrd instead of opening the view")
+    port: Port = 0
+    force: Force = False
+
+
+class InfoVerb(Verb):
+    """Describe a recording: what, how long, whether complete; with a map, the quality of a measurement's channels."""
+
+    answer: ClassVar[str] = "mech_twin.cli.info:show_info"
+    rules: ClassVar[Rules] = (
+        Apart("given_map", "as_csv", "the quality of channels is a table for people, or --json"),
+        Apart("given_map", "wide", "the quality of channels has one table"),
+        Beside("config", ("given_map",), "a recording holds its own configuration"),
+    )
+    bag: BagOrTable
+    given_map: MapFile = None
+    config: Config = None
+    wide: bool = option("all columns, whatever the width of the terminal", False)
+    as_csv: bool = option("print the table of topics as CSV", False, "--csv")
+    as_json: Json = False
+
+
+class CompareVerb(Verb):
+    """Compare two recordings or configurations (exit code 1: a number differs by more than the tolerance)."""
+
+    answer: ClassVar[str] = "mech_twin.cli.compare:compare_sides"
+    rules: ClassVar[Rules] = (Beside("column", ("picture",), "columns are those of the picture"),)
+    first: str = argument("recording, configuration file (.yaml) or machine", metavar="A")
+    second: str = argument("what to compare it with, of the same machine", metavar="B")
+    tolerance: float = option("allowed relative difference", 0.0, ge=0.0, le=1.0)
+    duration_s: float | None = option(
+        "time to simulate a configuration, s", unit="s", shown="that of the recording, else 3"
+    )
+    picture: Path | None = option("picture (.png or .svg) of what differs")
+    column: list[str] = option("column in the picture, again for more", [], shown="what differs most")
+    view: Literal["web", "none"] = option("web: both in one view on the bench", "none")
+    view_port: Port = 0
+    everything: bool = option("all numbers, not only those that differ", False, "--all")
+    force: Force = False
+    as_json: Json = False
+
+
+class BenchVerb(Verb):
+    """Open the bench without a run: machines and pages to run, recordings to open, two of them in one view."""
+
+    answer: ClassVar[str] = "mech_twin.cli.bench:open_bench"
+    folder: Path = argument("directory of recordings and of pages of your own", Path())
+    port: Port = 0
+
+
+class FoxgloveVerb(Verb):
+    """Serve a running machine to Foxglove: topics, and with --commands its live parameters and services."""
+
+    answer: ClassVar[str] = "mech_twin.cli.foxglove:serve_foxglove"
+    target: str = argument("machine, or namespace of its nodes", metavar="TARGET")
+    port: int = option("port, on this host alone; 0: any free port", 8765, ge=0, le=65535)
+    commands: bool = option("let clients set live parameters and call services", False)
+
+
+class TellVerb(Verb):
+    """Tell a running machine to start, stop or change, its monitor to be quiet, its advisor yes or no."""
+
+    answer: ClassVar[str] = "mech_twin.cli.tell:tell_nodes"
+    target: str = argument("machine, or namespace of its nodes", metavar="TARGET")
+    what: list[str] = argument(
+        "start, stop, reset; step (of a paused run); snapshot (of a recorder); acknowledge, shelve (a fault); "
+        "accept, reject (an advice); "
+        "pause, resume, next-impact (a replay); or live parameters and their values",
+        metavar="ORDER|KEY=VALUE",
+    )
+    fault: str | None = option("fault that is acknowledged or shelved; all without")
+    wait_s: float = option("time to find the nodes, s", 5.0, unit="s", shown="5")
+
+
+class RecoverVerb(Verb):
+    """Salvage a damaged recording: write its intact part into a new one."""
+
+    answer: ClassVar[str] = "mech_twin.cli.recover:recover_bag"
+    bag: Bag
+    out: Path = argument("directory of the new recording")
+    force: Force = False
+    as_json: Json = False
+
+
+class ReproduceVerb(Verb):
+    """Compare every published number with the computed one; draw the published figures."""
+
+    answer: ClassVar[str] = "mech_twin.cli.reproduce:reproduce_machines"
+    machine: str | None = argument("machine, or the beginning of its name; all if absent", None, complete="machines")
+    figures: Path | None = option("directory for the figures of the sources")
+    config: Config = None
+    settings: Settings = []
+    wide: Wide = False
+    as_csv: bool = option("every column as CSV", False, "--csv")
+    force: Force = False
+    as_json: Json = False
+
+
+class NewVerb(Verb):
+    """Write a page to start from: a planar machine of one's own."""
+
+    answer: ClassVar[str] = "mech_twin.cli.pages:write_page"
+    kind: str | None = argument("page to start from; names them where absent", None)
+
+
+class CheckVerb(Verb):
+    """Check a page: freedoms, loops, masses, contacts and the pose at the start."""
+
+    answer: ClassVar[str] = "mech_twin.cli.pages:check_page"
+    page: str = argument("page (.yaml)", metavar="PAGE")
+    picture: Path | None = option("picture (.png or .svg) of the machine at its start")
+    force: Force = False
+    as_json: Json = False
+
+
+class FmuVerb(Verb):
+    """Export a machine as a functional mock-up unit (FMI 2.0 or 3.0, co-simulation) that needs no Python."""
+
+    answer: ClassVar[str] = "mech_twin.cli.export:export_unit"
+    machine: MachineName
+    fmi: int = option("version of the standard: 2 or 3", 2, ge=2, le=3)
+    windows: bool = option("for 64-bit Windows as well as for Linux", False)
+    out: Path | None = option("file to write", shown="MACHINE.fmu")
+    config: Config = None
+    settings: Settings = []
+    force: Force = False
+    as_json: Json = False

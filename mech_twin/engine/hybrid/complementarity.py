@@ -1,0 +1,204 @@
+# SPDX-License-Identifier: Apache-2.0
+r"""Which laws hold, let go or slide: one linear complementarity problem between bounds.
+
+    a = A lam + c,   low <= lam <= high:    lam = low => a >= 0,   lam = high => a <= 0,   between => a = 0
+
+A = W M^-1 W' is positive definite where the directions that hold are independent: then the solution is unique, and
+principal pivoting on the least index (K. G. Murty, Linear Complementarity, Linear and Nonlinear Programming, 1988,
+chapter 4) ends.  Where they are dependent (two stops on one body) the force stands at the laws declared first, and the
+others keep the force nearest to zero; where they contradict each other, that is said.
+"""
+
+from __future__ import annotations
+
+import math
+
+from mech_twin.engine.hybrid.laws import HIGH, HOLD, LOW, OPEN, Array, Equations
+from mech_twin.kernel import borrowing_kernel, inline_kernel
+
+SOLVED, CONTRADICTION = 0, -1
+DEPENDENT = 1e-11  # of a law's own mobility: less is left of it beside the laws that hold before it
+NEAR = 1e-11  # of the terms that are summed: acceleration or force that is zero but for rounding
+
+
+@inline_kernel
+def factorise(matrix: Array, factor: Array) -> None:
+    """Fill L of a symmetric positive definite matrix (n, n) = L D L', with 1 / D on the diagonal."""
+    for i in range(len(matrix)):
+        for j in range(i + 1):
+            total = matrix[i, j]
+            for k in range(j):
+                total -= factor[i, k] * factor[j, k] / factor[k, k]
+            factor[i, j] = 1.0 / total if i == j else total * factor[j, j]
+
+
+@inline_kernel
+def back_substitute(factor: Array, vector: Array) -> None:
+    """Solve in place with a factor of `factorise`."""
+    n = len(vector)
+    for i in range(n):
+        for k in range(i):
+            vector[i] -= factor[i, k] * vector[k]
+    for i in range(n - 1, -1, -1):
+        vector[i] *= factor[i, i]
+        for k in range(i + 1, n):
+            vector[i] -= factor[k, i] * vector[k]
+
+
+@borrowing_kernel
+def fill_mobilities(at: Equations, all_laws: bool) -> None:
+    """Fill M^-1 w of the laws that are part (``at.status`` not `OPEN`), or of all, and w . M^-1 w between them."""
+    m, n = at.directions.shape
+    for i in range(m):
+        if at.status[i] == OPEN and not all_laws:
+            continue
+        for k in range(n):
+            at.mobility[i, k] = at.directions[i, k]
+        back_substitute(at.factor, at.mobility[i])
+        for j in range(i + 1):
+            if at.status[j] != OPEN or all_laws:
+                total = 0.0
+                for k in range(n):
+                    total += at.directions[j, k] * at.mobility[i, k]
+                at.matrix[i, j] = at.matrix[j, i] = total
+
+
+@inline_kernel
+def nearest_to_zero(low: float, high: float) -> float:
+    """Return the number between the bounds that is nearest to zero."""
+    return min(max(0.0, low), high)
+
+
+@inline_kernel
+def holds_by_itself(at: Equations, law: int) -> bool:
+    """Tell whether a law holds and does not depend on those before it."""
+    return bool(at.status[law] == HOLD and at.hold_factor[law, law] != 0.0)
+
+
+@borrowing_kernel
+def factor_holding(at: Equations, force: Array) -> None:
+    """Factorise the mobilities of the laws that hold; a dependent one has a row of zeros, and its force is filled."""
+    factor = at.hold_factor
+    for i in range(len(force)):
+        factor[i, i] = 0.0
+        if at.status[i] != HOLD:
+            continue
+        for j in range(i):
+            factor[i, j] = 0.0
+            if holds_by_itself(at, j):
+                total = at.matrix[i, j]
+                for k in range(j):
+                    total -= factor[i, k] * factor[j, k]
+                factor[i, j] = total / factor[j, j]
+        rest = at.matrix[i, i]
+        for k in range(i):
+            rest -= factor[i, k] * factor[i, k]
+        if rest > DEPENDENT * at.matrix[i, i]:
+            factor[i, i] = rest**0.5
+        else:
+            force[i] = nearest_to_zero(at.least[i], at.most[i])
+
+
+@borrowing_kernel
+def solve_holding(at: Equations, force: Array) -> None:
+    """Fill the forces of the laws that hold (``at.status``), those at a bound being filled in already.
+
+    A law that depends on those before it takes the force nearest to zero.
+    """
+    m, factor = len(force), at.hold_factor
+    factor_holding(at, force)
+    for i in range(m):
+        if not holds_by_itself(at, i):
+            continue
+        total = -at.free[i]
+        for j in range(m):
+            if holds_by_itself(at, j):
+                total -= factor[i, j] * force[j] if j < i else 0.0
+            elif at.status[j] != OPEN:
+                total -= at.matrix[i, j] * force[j]
+        force[i] = total / factor[i, i]
+    for i in range(m - 1, -1, -1):
+        if holds_by_itself(at, i):
+            for k in range(i + 1, m):
+                if holds_by_itself(at, k):
+                    force[i] -= factor[k, i] * force[k]
+            force[i] /= factor[i, i]
+
+
+@inline_kernel
+def acceleration_of(at: Equations, force: Array, law: int) -> tuple[float, float]:
+    """Return the acceleration of a law under the forces, and the size of the terms it is the sum of."""
+    total, size = at.free[law], abs(at.free[law])
+    for j in range(len(force)):
+        if at.status[j] != OPEN:
+            term = at.matrix[law, j] * force[j]
+            total, size = total + term, size + abs(term)
+    return total, size
+
+
+@inline_kernel
+def better_status(at: Equations, force: Array, law: int) -> int:
+    """Return the status that a law ought to have: its own where it is right."""
+    better = int(at.status[law])
+    if holds_by_itself(at, law):
+        if force[law] < at.least[law] - NEAR * (abs(force[law]) + abs(at.least[law])):
+            better = LOW
+        elif force[law] > at.most[law] + NEAR * (abs(force[law]) + abs(at.most[law])):
+            better = HIGH
+        return better
+    a, size = acceleration_of(at, force, law)
+    if better == HOLD and abs(a) > NEAR * size:
+        better = LOW if a > 0.0 else HIGH
+    elif (better == LOW and a < -NEAR * size) or (better == HIGH and a > NEAR * size):
+        better = HOLD
+    return better
+
+
+@inline_kernel
+def earlier_law(at: Equations, law: int) -> int:
+    """Return the law that must let go so that a dependent one may hold, -1 where none can."""
+    for j in range(law):
+        if at.status[j] == HOLD and abs(at.least[j]) < math.inf and at.matrix[law, j] != 0.0:
+            return j
+    return -1
+
+
+@borrowing_kernel
+def solve_laws(at: Equations, force: Array) -> int:
+    """Fill forces and status of the laws that are part; return `SOLVED` or `CONTRADICTION`.
+
+    Parameters
+    ----------
+    at : Equations
+        ``matrix``, ``free``, ``least`` and ``most`` are filled; ``status`` says what each law did before, and is
+        changed: `HOLD`, `LOW` or `HIGH` (at that bound), `OPEN` where the law is no part.
+    force : (m,) array
+        Filled.
+    """
+    m = len(force)
+    for _ in range(50 + 50 * m):
+        for i in range(m):
+            if at.status[i] == LOW:
+                force[i] = at.least[i]
+            elif at.status[i] == HIGH:
+                force[i] = at.most[i]
+            else:
+                force[i] = 0.0
+        solve_holding(at, force)
+        wrong = -1
+        for i in range(m):
+            if at.status[i] == OPEN:
+                continue
+            better = better_status(at, force, i)
+            if better != at.status[i]:
+                bound = at.least[i] if better == LOW else at.most[i]
+                wrong = i
+                if better != HOLD and abs(bound) == math.inf:
+                    wrong, better = earlier_law(at, i), LOW
+                    if wrong < 0:
+                        return CONTRADICTION
+                at.status[wrong] = better
+                break
+        if wrong < 0:
+            return SOLVED
+    return CONTRADICTION

@@ -1,0 +1,208 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Any declared system as one type, so that the loop is compiled once and not for each machine.
+
+The functions of a system (`laws`) are compiled behind one entry; `Declared` holds the entry's address and those of the
+system and of the equations it fills.  A call through an address costs some nanoseconds, and the compiler does not look
+through it.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numba
+from llvmlite import ir  # type: ignore[import-untyped]
+from numba.extending import intrinsic, overload
+
+from mech_twin.engine.addresses import build, interpreted, number_of, place_of, types, value_at
+from mech_twin.engine.hybrid.laws import (
+    Array,
+    Equations,
+    Indices,
+    accumulate,
+    begin_piece,
+    change_regimes,
+    declares,
+    end_piece,
+    evaluate,
+    fill_signals,
+    note_impact,
+    pass_signal,
+)
+from mech_twin.engine.hybrid.loop import room_for
+from mech_twin.kernel import borrowing_kernel, inline_kernel
+
+EVALUATE, ACCUMULATE, SIGNALS, BEGIN, END, PASS, CHANGE, IMPACT = range(8)
+_numba: Any = numba
+NUMBERS, MARKS, TABLE = types.float64[::1], types.int64[::1], types.float64[:, ::1]
+
+
+def entry_types(system: Any, equations: Any) -> tuple[Any, ...]:
+    """Return the types of the arguments of `enter`."""
+    at = [types.CPointer(kind) for kind in (system, equations, NUMBERS, MARKS, NUMBERS, NUMBERS, MARKS, TABLE)]
+    return (types.int64, types.int64, types.float64, *at, types.int64)
+
+
+def _call(typing_context: Any, entry: Any, *arguments: Any) -> Any:
+    """Call `enter`, compiled for a system, at its address; the arguments are its own, pointers as numbers."""
+    opaque = entry_types(types.void, types.void)
+
+    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        word = ir.IntType(64)
+        kinds = [types.float64 if kind == types.float64 else types.int64 for kind in opaque]
+        function = builder.inttoptr(values[0], context.call_conv.get_function_type(types.int64, kinds).as_pointer())
+        given = [builder.extract_value(values[1], i) for i in range(len(kinds))]
+        given = [
+            v if kind == types.float64 or v.type == word else builder.sext(v, word)
+            for v, kind in zip(given, kinds, strict=True)
+        ]
+        status, result = context.call_conv.call_function(builder, function, types.int64, kinds, given)
+        with build.if_unlikely(builder, status.is_error):
+            context.call_conv.return_status_propagate(builder, status)
+        return result
+
+    return types.int64(entry, types.StarArgTuple(arguments)), generate
+
+
+call: Any = intrinsic(_call)
+
+
+@inline_kernel
+def address_of(value: Any) -> int:
+    """Return where a value is kept, as a number."""
+    return number_of(place_of(value))  # type: ignore[no-any-return]
+
+
+@borrowing_kernel
+def enter(
+    phase: int, which: int, t: float, system: Any, equations: Any, y: Any, regimes: Any, first: Any, second: Any,
+    past: Any, log: Any, count: int,
+) -> int:  # fmt: skip
+    """Do for a system what the phase says, all arrays and constants given by their places in memory."""
+    if phase == EVALUATE:
+        evaluate(value_at(system), t, value_at(y), value_at(regimes), value_at(equations))
+    elif phase == ACCUMULATE:
+        accumulate(value_at(system), t, value_at(y), value_at(regimes), value_at(equations), value_at(first))
+    elif phase == SIGNALS:
+        fill_signals(
+            value_at(system), t, value_at(y), value_at(regimes), value_at(equations), value_at(first), value_at(second)
+        )
+    elif phase == BEGIN:
+        begin_piece(value_at(system), t, value_at(y), value_at(regimes))
+    elif phase == END:
+        end_piece(value_at(system), t, value_at(first), value_at(y), value_at(regimes))
+    elif phase == PASS:
+        return pass_signal(value_at(system), which, t, value_at(y), value_at(regimes), value_at(log), count)
+    elif phase == CHANGE:
+        return change_regimes(
+            value_at(system), t, value_at(y), value_at(past), value_at(regimes), value_at(equations), value_at(log),
+            count,
+        )  # fmt: skip
+    elif phase == IMPACT:
+        return note_impact(value_at(system), t, value_at(first), value_at(y), value_at(equations), value_at(log), count)
+    return count
+
+
+def entry_of(system: Any) -> int | None:
+    """Return the address in this process of `enter`, compiled for the type of a system; None in uncompiled code."""
+    if interpreted:
+        return None
+    signature = entry_types(_numba.typeof(system), _numba.typeof(room_for(1, 1, 0, 2).at))
+    compiler: Any = enter
+    compiler.compile(signature)
+    compiled = compiler.overloads[signature]
+    return int(compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name))
+
+
+class Declared(NamedTuple):
+    """A system by the addresses of its entry, its constants, and the equations of the room it moves in."""
+
+    entry: int
+    system: int
+    equations: int
+
+
+def by_address(entry: int | None, system: Any, place: Any, equations: Any) -> Any:
+    """Return a system as `Declared`; without an entry the system itself."""
+    return system
+
+
+@overload(by_address)
+def _by_address(entry: Any, system: Any, place: Any, equations: Any) -> Any:
+    def itself(entry: Any, system: Any, place: Any, equations: Any) -> Any:
+        return system
+
+    def as_declared(entry: Any, system: Any, place: Any, equations: Any) -> Any:
+        return Declared(entry, number_of(place), number_of(equations))
+
+    return itself if isinstance(entry, types.NoneType) else as_declared
+
+
+@inline_kernel
+def declared(entry: int | None, system: Any, at: Equations) -> Any:
+    """Return a system as `Declared`, for as long as the calling kernel runs; without an entry the system itself.
+
+    Code that is compiled ahead, or not at all, has no entry.
+    """
+    return by_address(entry, system, place_of(system), place_of(at))
+
+
+@declares(evaluate, Declared)
+def _evaluate(system: Declared, t: float, y: Array, regimes: Indices, at: Equations) -> None:
+    call(
+        system.entry, EVALUATE, 0, t, system.system, system.equations, address_of(y), address_of(regimes), 0, 0, 0, 0, 0
+    )
+
+
+@declares(accumulate, Declared)
+def _accumulate(system: Declared, t: float, y: Array, regimes: Indices, at: Equations, out: Array) -> None:
+    call(
+        system.entry, ACCUMULATE, 0, t, system.system, system.equations, address_of(y), address_of(regimes),
+        address_of(out), 0, 0, 0, 0,
+    )  # fmt: skip
+
+
+@declares(fill_signals, Declared)
+def _fill_signals(
+    system: Declared, t: float, y: Array, regimes: Indices, at: Equations, values: Array, rates: Array
+) -> None:
+    call(
+        system.entry, SIGNALS, 0, t, system.system, system.equations, address_of(y), address_of(regimes),
+        address_of(values), address_of(rates), 0, 0, 0,
+    )  # fmt: skip
+
+
+@declares(begin_piece, Declared)
+def _begin_piece(system: Declared, t: float, y: Array, regimes: Indices) -> None:
+    call(system.entry, BEGIN, 0, t, system.system, 0, address_of(y), address_of(regimes), 0, 0, 0, 0, 0)
+
+
+@declares(end_piece, Declared)
+def _end_piece(system: Declared, t: float, before: Array, y: Array, regimes: Indices) -> None:
+    call(system.entry, END, 0, t, system.system, 0, address_of(y), address_of(regimes), address_of(before), 0, 0, 0, 0)
+
+
+@declares(pass_signal, Declared)
+def _pass_signal(system: Declared, which: int, t: float, y: Array, regimes: Indices, log: Array, count: int) -> int:
+    return call(  # type: ignore[no-any-return]
+        system.entry, PASS, which, t, system.system, 0, address_of(y), address_of(regimes), 0, 0, 0, address_of(log),
+        count,
+    )  # fmt: skip
+
+
+@declares(change_regimes, Declared)
+def _change_regimes(
+    system: Declared, t: float, y: Array, past: Indices, regimes: Indices, at: Equations, log: Array, count: int
+) -> int:
+    return call(  # type: ignore[no-any-return]
+        system.entry, CHANGE, 0, t, system.system, system.equations, address_of(y), address_of(regimes), 0, 0,
+        address_of(past), address_of(log), count,
+    )  # fmt: skip
+
+
+@declares(note_impact, Declared)
+def _note_impact(system: Declared, t: float, before: Array, y: Array, at: Equations, log: Array, count: int) -> int:
+    return call(  # type: ignore[no-any-return]
+        system.entry, IMPACT, 0, t, system.system, system.equations, address_of(y), 0, address_of(before), 0, 0,
+        address_of(log), count,
+    )  # fmt: skip

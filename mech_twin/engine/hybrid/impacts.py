@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: Apache-2.0
+r"""Impacts: the law's problem in velocities and impulses, all contacts that close at an instant together.
+
+    u+ = u- + M^-1 sum_i w_i P_i,    v_i+ + e_i v_i- >= 0,    P_i >= 0,    P_i (v_i+ + e_i v_i-) = 0
+
+for struck contacts (v_i- < 0), with e = 0 for those that are closed already (J. J. Moreau, with Newton's restitution).
+Friction, gears and walls that give way have bounded forces: they give no impulse.
+"""
+
+from __future__ import annotations
+
+import math
+
+from mech_twin.engine.hybrid.complementarity import fill_mobilities, solve_holding, solve_laws
+from mech_twin.engine.hybrid.laws import HOLD, OPEN, Array, Equations, Indices, only_freedom
+from mech_twin.kernel import borrowing_kernel
+
+CLOSED_M = 1e-12  # a gap of this size is none
+
+
+@borrowing_kernel
+def add_impulses(at: Equations, y: Array, impulse: Array) -> None:
+    """Change the velocities of the state, and those of the laws, by impulses (m,)."""
+    m, n = at.mobility.shape
+    for i in range(m):
+        if impulse[i] != 0.0:
+            for k in range(n):
+                y[n + k] += at.mobility[i, k] * impulse[i]
+    for i in range(m):
+        total = at.drift[i]
+        for k in range(n):
+            total += at.directions[i, k] * y[n + k]
+        at.velocity[i] = total
+
+
+@borrowing_kernel
+def strike(y: Array, regimes: Indices, at: Equations, struck: Indices) -> int:
+    """Change velocities by the impacts of all gaps that close; ``at`` is prepared, ``at.multiplier`` gets the impulses.
+
+    ``struck`` (m,) is filled: 1 for a contact that was struck, 2 for one that was closed.
+    """
+    m = len(at.gap)
+    for i in range(m):
+        e, struck[i], at.status[i] = at.restitution[i], 0, OPEN
+        at.free[i], at.least[i], at.most[i] = at.velocity[i], 0.0, math.inf
+        if e < 0.0:
+            continue
+        if regimes[i] == OPEN and at.gap[i] <= CLOSED_M and at.velocity[i] < 0.0:
+            struck[i], at.status[i], at.free[i] = 1, HOLD, (1.0 + e) * at.velocity[i]
+        elif regimes[i] == HOLD:
+            struck[i], at.status[i] = 2, HOLD
+    fill_mobilities(at, True)
+    answer = solve_laws(at, at.multiplier)
+    for i in range(m):
+        if struck[i] == 0:
+            at.multiplier[i] = 0.0
+    add_impulses(at, y, at.multiplier)
+    return answer
+
+
+@borrowing_kernel
+def halt(y: Array, regimes: Indices, at: Equations, halted: Indices, room: Array) -> None:
+    """Take the velocity out of the laws that are marked, those that hold staying without; ``at`` is prepared."""
+    for i in range(len(at.gap)):
+        at.status[i] = HOLD if halted[i] == 1 or regimes[i] == HOLD else OPEN
+        at.free[i], at.least[i], at.most[i] = at.velocity[i], -math.inf, math.inf
+        room[i] = 0.0
+    fill_mobilities(at, True)
+    solve_holding(at, room)
+    add_impulses(at, y, room)
+    for i in range(len(at.gap)):  # one freedom is held to the bit
+        k = only_freedom(at, i) if at.status[i] == HOLD else -1
+        if k >= 0:
+            y[len(at.force) + k], at.velocity[i] = -at.drift[i] / at.directions[i, k], 0.0

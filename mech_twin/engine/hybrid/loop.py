@@ -1,0 +1,307 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The one loop: smooth pieces of motion, and what their events change, through a coupling step of any machine.
+
+After an event the law's problem decides the next regimes: in velocities and impulses where a gap closes
+(`impacts.strike`), in accelerations and forces else (`motion.settle_regimes`).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from mech_twin.engine.addresses import place_of
+from mech_twin.engine.hybrid.complementarity import SOLVED
+from mech_twin.engine.hybrid.event_location import NOTHING, Signals, advance_piece
+from mech_twin.engine.hybrid.impacts import halt, strike
+from mech_twin.engine.hybrid.laws import (
+    HIGH,
+    HOLD,
+    LOW,
+    OPEN,
+    Array,
+    Equations,
+    Indices,
+    begin_piece,
+    change_regimes,
+    end_piece,
+    note_impact,
+    pass_signal,
+)
+from mech_twin.engine.hybrid.motion import Piece, PieceAt, prepare_instant, settle_regimes
+from mech_twin.engine.integration import Tableau, Workspace
+from mech_twin.engine.tableaus import DORMAND_PRINCE_5
+from mech_twin.kernel import borrowing_kernel, inline_kernel, kernel
+
+TOO_MANY, UNSTEADY, TOO_LONG, CONTRADICTS = -1, -2, -3, -4
+LOG_FULL, ENDED = -100, -101  # the second: the system asked for it
+MOST_PIECES = 10_000  # of one coupling step
+MOST_STEPS = 20_000  # of one piece
+SHORTEST_SERIES_S = 1e-10  # a series of impacts that is over sooner has its limit at once
+MOVES = 1e-11  # of the velocities that the impulses give: a law that got less still holds
+STRUCK, CLOSED, JUMPED = 1, 2, 3  # what an impact did to a law
+ROWS = 16  # stages of the largest tableau
+
+
+class Room(NamedTuple):
+    """What the loop writes in: an instant, a step, signals; marks and regimes of the laws (m,); states."""
+
+    at: Equations
+    work: Workspace
+    search: Signals
+    candidates: Indices
+    struck: Indices
+    ended: Indices
+    past: Indices
+    cut: Array
+    before: Array
+    tolerance: Array
+    method: Tableau
+    steps: Indices  # (1,) steps of integration since the room is there
+
+
+@inline_kernel
+def room_sizes(n: int, m: int, signals: int, size: int) -> tuple[int, int]:
+    """Return how many numbers and marks the room of `room_in` needs."""
+    numbers = 2 * n * n + 6 * n + 2 * m * m + 2 * m * n + 13 * m + (ROWS + 5) * size + 8 * (2 * m + signals)
+    return numbers, 5 * m + 1
+
+
+@inline_kernel
+def room_in(numbers: Array, marks: Indices, n: int, m: int, signals: int, size: int, method: Tableau) -> Room:
+    """Return room for a system of n freedoms, m laws, own signals, and numbers of state, as parts of two arrays."""
+    s, free = 2 * m + signals, 0
+    mass, free = numbers[free : free + n * n].reshape(n, n), free + n * n
+    factor, free = numbers[free : free + n * n].reshape(n, n), free + n * n
+    directions, free = numbers[free : free + m * n].reshape(m, n), free + m * n
+    mobility, free = numbers[free : free + m * n].reshape(m, n), free + m * n
+    matrix, free = numbers[free : free + m * m].reshape(m, m), free + m * m
+    hold_factor, free = numbers[free : free + m * m].reshape(m, m), free + m * m
+    by_freedom, free = numbers[free : free + 2 * n].reshape(2, n), free + 2 * n
+    stage, free = numbers[free : free + 2 * n], free + 2 * n
+    lost, free = numbers[free : free + 2 * n], free + 2 * n
+    by_law, free = numbers[free : free + 13 * m].reshape(13, m), free + 13 * m
+    stages, free = numbers[free : free + ROWS * size].reshape(ROWS, size), free + ROWS * size
+    by_state, free = numbers[free : free + 5 * size].reshape(5, size), free + 5 * size
+    by_signal = numbers[free : free + 8 * s].reshape(8, s)
+    for i in range(m):
+        by_law[4, i], by_law[5, i] = math.inf, -1.0
+    at = Equations(
+        mass, by_freedom[0], directions, by_law[0], by_law[1], by_law[4], by_law[2], by_law[3], by_law[5],
+        by_freedom[1], by_law[6], by_law[7], by_law[8], factor, mobility, matrix, by_law[9], by_law[10], by_law[11],
+        hold_factor, marks[:m],
+    )  # fmt: skip
+    work = Workspace(stages, stage, by_state[0])
+    search = Signals(
+        by_signal[0], by_signal[1], by_signal[2], by_signal[3], by_signal[4], by_signal[5], by_signal[6], by_signal[7],
+        by_state[1], by_state[2], lost,
+    )  # fmt: skip
+    return Room(
+        at, work, search, marks[m : 2 * m], marks[2 * m : 3 * m], marks[3 * m : 4 * m], marks[4 * m : 5 * m],
+        by_law[12], by_state[3], by_state[4], method, marks[5 * m :],
+    )  # fmt: skip
+
+
+@kernel
+def room_for(freedoms: int, laws: int, signals: int, size: int) -> Room:
+    """Return new room for a system."""
+    numbers, marks = room_sizes(freedoms, laws, signals, size)
+    places = np.zeros(marks, dtype=np.int64)
+    return room_in(np.zeros(numbers), places, freedoms, laws, signals, size, DORMAND_PRINCE_5)
+
+
+@inline_kernel
+def copy(source: Array, out: Array) -> None:
+    """Fill an array with another."""
+    for i in range(len(out)):
+        out[i] = source[i]
+
+
+@inline_kernel
+def clear(out: Array) -> None:
+    """Fill an array with zeros."""
+    for i in range(len(out)):
+        out[i] = 0.0
+
+
+@borrowing_kernel
+def let_open(at: Equations, regimes: Indices) -> None:
+    """Name a gap whose law no longer presses open: its force is at its low bound, 0."""
+    for i in range(len(at.gap)):
+        if regimes[i] == LOW and at.restitution[i] >= 0.0:
+            regimes[i] = OPEN
+
+
+@borrowing_kernel
+def settle(system: Any, t: float, y: Array, regimes: Indices, room: Room) -> int:
+    """Decide the regimes of the laws that are marked as candidates; gaps that let go are open."""
+    answer = settle_regimes(system, t, y, regimes, room.candidates, room.at)
+    let_open(room.at, regimes)
+    return answer
+
+
+@borrowing_kernel
+def series_ends(at: Equations, regimes: Indices, law: int) -> bool:
+    """Tell whether what is left of a bouncing contact's series takes less than `SHORTEST_SERIES_S`."""
+    e, fall = at.restitution[law], -at.law_acceleration[law]
+    return bool(
+        regimes[law] == OPEN
+        and fall > 0.0
+        and e < 1.0
+        and 2.0 * at.velocity[law] < SHORTEST_SERIES_S * fall * (1.0 - e)
+    )
+
+
+@inline_kernel
+def moved_by_impact(regime: int, v: float, at: Equations, law: int) -> bool:
+    """Tell whether an impact has set a law without a gap in motion, or turned its motion round."""
+    if regime == HOLD:
+        size = 0.0
+        for k in range(len(at.multiplier)):
+            size += abs(at.matrix[law, k] * at.multiplier[k])
+        return abs(v) > MOVES * size
+    return (regime == LOW and v < 0.0) or (regime == HIGH and v > 0.0)
+
+
+@borrowing_kernel
+def mark_stopped(at: Equations, regimes: Indices, candidates: Indices) -> None:
+    """Let those laws without a gap hold, if they can, that are at rest, or whose motion the impulses have used up."""
+    for i in range(len(at.gap)):
+        if at.restitution[i] < 0.0 and regimes[i] != HOLD:
+            size = 0.0
+            for k in range(len(at.gap)):
+                size += abs(at.matrix[i, k] * at.multiplier[k])
+            if abs(at.velocity[i]) <= MOVES * size:
+                regimes[i], candidates[i] = HOLD, 1
+
+
+@borrowing_kernel
+def close_gaps(system: Any, t: float, y: Array, regimes: Indices, room: Room) -> int:
+    """Let contacts strike whose gap has closed, cut series that are over, and decide the regimes."""
+    at, m = room.at, len(room.candidates)
+    answer = strike(y, regimes, at, room.struck)
+    for i in range(m):
+        impulse, v = at.multiplier[i], at.velocity[i]
+        room.candidates[i] = 1 if regimes[i] == HOLD else 0
+        if room.struck[i] == STRUCK:
+            bounces = at.restitution[i] > 0.0 and impulse > 0.0
+            room.candidates[i] = 0 if bounces or (impulse == 0.0 and v > 0.0) else 1
+            regimes[i] = OPEN if room.candidates[i] == 0 else HOLD
+        elif room.struck[i] == CLOSED and impulse == 0.0 and v > 0.0:
+            regimes[i], room.candidates[i] = OPEN, 0
+        elif at.restitution[i] < 0.0 and moved_by_impact(regimes[i], v, at, i):
+            regimes[i], room.candidates[i], room.struck[i] = LOW if v > 0.0 else HIGH, 0, JUMPED
+        room.cut[i] = impulse
+    mark_stopped(at, regimes, room.candidates)
+    answer = min(answer, settle(system, t, y, regimes, room))
+    again = False
+    for i in range(m):
+        room.ended[i] = 1 if room.struck[i] == STRUCK and series_ends(at, regimes, i) else 0
+        again = again or room.ended[i] == 1
+    if again:
+        halt(y, regimes, at, room.ended, at.multiplier)
+        mark_stopped(at, regimes, room.candidates)
+        for i in range(m):
+            room.cut[i] += at.multiplier[i]
+            if room.ended[i] == 1:
+                regimes[i], room.candidates[i] = HOLD, 1
+        answer = min(answer, settle(system, t, y, regimes, room))
+    for i in range(m):
+        at.multiplier[i] = room.cut[i]
+    return answer
+
+
+@borrowing_kernel
+def change_law(system: Any, t: float, y: Array, regimes: Indices, law: int, upper: bool, room: Room) -> int:
+    """Let a law that holds reach a bound, or one that slides come to rest, and decide the regimes.
+
+    One that reaches its bound lets go: its acceleration is 0 there but for rounding, which must not decide.
+    """
+    at, m = room.at, len(room.candidates)
+    held = regimes[law] == HOLD
+    for i in range(m):
+        room.candidates[i] = 1 if regimes[i] == HOLD or i == law else 0
+        room.struck[i] = 1 if i == law else 0
+    if held:
+        regimes[law], room.candidates[law] = HIGH if upper else LOW, 0
+    else:
+        halt(y, regimes, at, room.struck, at.multiplier)
+        mark_stopped(at, regimes, room.candidates)
+        regimes[law] = HOLD
+    return settle(system, t, y, regimes, room)
+
+
+@borrowing_kernel
+def pass_law(system: Any, t: float, y: Array, regimes: Indices, which: int, room: Room, log: Array, count: int) -> int:
+    """Let a law change at its signal, and log it; return the number of events, or `CONTRADICTS`."""
+    at, search, m, law, answer = room.at, room.search, len(room.candidates), which // 2, SOLVED
+    for i in range(m):
+        room.past[i] = regimes[i]
+    prepare_instant(system, t, y, regimes, at)
+    clear(search.at_root)
+    if regimes[law] == OPEN and at.velocity[law] < 0.0:
+        at.gap[law] = 0.0
+        copy(y, room.before)
+        answer = close_gaps(system, t, y, regimes, room)
+        count = note_impact(system, t, room.before, y, at, log, count)
+    elif regimes[law] == OPEN and at.velocity[law] > 0.0:
+        search.at_root[2 * law] = 1.0
+    else:
+        answer = change_law(system, t, y, regimes, law, which % 2 == 1, room)
+    for i in range(m):
+        begins = room.past[i] != regimes[i] or room.struck[i] == STRUCK or i == law
+        if regimes[i] != HOLD and begins and room.struck[i] != JUMPED:
+            search.at_root[2 * i] = 1.0
+    if answer != SOLVED:
+        return CONTRADICTS
+    return change_regimes(system, t, y, room.past, regimes, at, log, count)
+
+
+@borrowing_kernel
+def advance(system: Any, t: float, span: float, y: Array, regimes: Indices, room: Room, log: Array, count: int) -> int:
+    """Carry a system on for ``span`` (s) from ``t``; return the number of its events, negative where it failed.
+
+    Parameters
+    ----------
+    system : NamedTuple
+        Constants for whose type the functions of `laws` are declared.
+    y : (2 n + k,) array
+        Coordinates, velocities, quadratures; changed in place.
+    regimes : (m + r,) array of int
+        Regime of each law, then the machine's own; changed in place.
+    room : Room
+        From `room_for`; ``tolerance`` holds the largest error of a step.
+    log : (rows, width) array
+        Table of events, of which ``count`` are there; where it may be too short the answer is `LOG_FULL`.
+    """
+    m, done, wanted = len(room.candidates), 0.0, span
+    clear(room.search.lost)
+    piece = PieceAt(place_of(Piece(system, regimes, room.at)), place_of(room.method))
+    clear(room.search.at_root)
+    begin_piece(system, t, y, regimes)
+    for _ in range(MOST_PIECES):
+        copy(y, room.before)
+        length, wanted, which, steps = advance_piece(
+            piece, t + done, y, span - done, wanted, room.tolerance, MOST_STEPS, room.work, room.search
+        )
+        if steps < 0:
+            return UNSTEADY if steps == -1 else TOO_LONG
+        done += length
+        end_piece(system, t + done, room.before, y, regimes)
+        room.steps[0] += max(steps, 1)
+        if which == NOTHING:
+            return count
+        if len(log) - count < 2 * m + 2:
+            return LOG_FULL
+        clear(room.search.lost)  # what an event sets it sets exactly
+        if which >= 2 * m:
+            clear(room.search.at_root)
+            count = pass_signal(system, which - 2 * m, t + done, y, regimes, log, count)
+        else:
+            count = pass_law(system, t + done, y, regimes, which, room, log, count)
+        if count < 0 or span - done <= 1e-15 * span:
+            return count
+        begin_piece(system, t + done, y, regimes)
+    return TOO_MANY

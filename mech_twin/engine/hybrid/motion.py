@@ -1,0 +1,184 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Motion between two events: accelerations under the laws that hold, and the signals that end it.
+
+Signals come from the laws: open -> gap; holding -> distance of the force to either bound; sliding -> velocity.  The
+machine adds its own.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+from mech_twin.engine.addresses import value_at
+from mech_twin.engine.hybrid.complementarity import (
+    back_substitute,
+    factorise,
+    fill_mobilities,
+    solve_holding,
+    solve_laws,
+)
+from mech_twin.engine.hybrid.laws import (
+    HIGH,
+    HOLD,
+    LOW,
+    OPEN,
+    Array,
+    Equations,
+    Indices,
+    accumulate,
+    evaluate,
+    fill_signals,
+    only_freedom,
+)
+from mech_twin.engine.integration import rates_of
+from mech_twin.kernel import borrowing_kernel, embedded_kernel
+
+UNKNOWN = math.nan  # the derivative of a signal that has none to offer
+
+
+class Piece(NamedTuple):
+    """A smooth piece of motion: constants of the system, regimes of its laws (and of the machine), room."""
+
+    system: Any
+    regimes: Indices
+    at: Equations
+
+
+class PieceAt(NamedTuple):
+    """The places of a piece and of its method: what the integration passes from call to call."""
+
+    place: Any
+    method: Any
+
+
+@embedded_kernel
+def prepare_instant(system: Any, t: float, y: Array, regimes: Indices, at: Equations) -> None:
+    """Evaluate the system, factorise its mass, and fill the velocities of the laws."""
+    evaluate(system, t, y, regimes, at)
+    factorise(at.mass, at.factor)
+    n = len(at.force)
+    for i in range(len(at.gap)):
+        total = at.drift[i]
+        for k in range(n):
+            total += at.directions[i, k] * y[n + k]
+        at.velocity[i] = total
+
+
+@embedded_kernel
+def accelerate(at: Equations) -> None:
+    """Fill acceleration and accelerations of the laws under ``at.multiplier``, the mass being factorised."""
+    n, m = len(at.force), len(at.gap)
+    for k in range(n):
+        at.acceleration[k] = at.force[k]
+        for i in range(m):
+            if at.multiplier[i] != 0.0:
+                at.acceleration[k] += at.directions[i, k] * at.multiplier[i]
+    back_substitute(at.factor, at.acceleration)
+    for i in range(m):
+        total = at.bias[i]
+        for k in range(n):
+            total += at.directions[i, k] * at.acceleration[k]
+        at.law_acceleration[i] = total
+
+
+@embedded_kernel
+def fill_free_accelerations(at: Equations) -> None:
+    """Fill ``at.free`` with the accelerations of the laws under no force of theirs; ``at.multiplier`` is zero."""
+    for i in range(len(at.gap)):
+        at.multiplier[i] = 0.0
+    accelerate(at)
+    for i in range(len(at.gap)):
+        at.free[i] = at.law_acceleration[i]
+
+
+@embedded_kernel
+def find_accelerations(system: Any, t: float, y: Array, regimes: Indices, at: Equations) -> None:
+    """Fill accelerations and multipliers in given regimes: laws at a bound have that force, holding ones are solved."""
+    prepare_instant(system, t, y, regimes, at)
+    m, holding = len(at.gap), False
+    for i in range(m):
+        at.status[i] = regimes[i]
+        if regimes[i] == HOLD:
+            holding = True
+        at.multiplier[i] = at.low[i] if regimes[i] == LOW else at.high[i] if regimes[i] == HIGH else 0.0
+    if holding:
+        for i in range(m):
+            at.least[i], at.most[i] = at.low[i], at.high[i]
+        fill_mobilities(at, False)
+        fill_free_accelerations(at)
+        for i in range(m):
+            at.multiplier[i] = at.low[i] if regimes[i] == LOW else at.high[i] if regimes[i] == HIGH else 0.0
+        solve_holding(at, at.multiplier)
+    accelerate(at)
+    if holding:  # one freedom is held to the bit
+        for i in range(m):
+            k = only_freedom(at, i) if regimes[i] == HOLD else -1
+            if k >= 0:
+                at.acceleration[k] = -at.bias[i] / at.directions[i, k]
+
+
+@borrowing_kernel
+def settle_regimes(system: Any, t: float, y: Array, regimes: Indices, candidates: Indices, at: Equations) -> int:
+    """Decide the regimes of all laws without velocity by the complementarity of force and acceleration.
+
+    ``candidates`` (m,): 1 for a law that is closed and has no velocity; the others keep their regime.  Return `SOLVED`,
+    or less where laws contradict each other.
+    """
+    prepare_instant(system, t, y, regimes, at)
+    m = len(at.gap)
+    for i in range(m):
+        at.status[i] = regimes[i] if candidates[i] == 1 else OPEN
+    fill_mobilities(at, True)
+    fill_free_accelerations(at)
+    for i in range(m):  # sliding laws give a known force
+        if candidates[i] == 1:
+            at.least[i], at.most[i] = at.low[i], at.high[i]
+            continue
+        slides = at.low[i] if regimes[i] == LOW else at.high[i] if regimes[i] == HIGH else 0.0
+        at.least[i] = at.most[i] = slides
+        if slides != 0.0:
+            for j in range(m):
+                at.free[j] += at.matrix[j, i] * slides
+    answer = solve_laws(at, at.multiplier)
+    for i in range(m):
+        if candidates[i] == 1:
+            regimes[i] = at.status[i]
+        else:
+            at.multiplier[i] = at.least[i]
+    accelerate(at)
+    return answer
+
+
+def method_at(system: Any) -> Any:
+    """Return the method of integration."""
+    return value_at(system.method)
+
+
+@rates_of(PieceAt, method_at)
+def piece_rates(piece: PieceAt, t: float, y: Array, out: Array) -> None:
+    """Fill in velocities, accelerations and the rates of the quadratures."""
+    system, regimes, at = value_at(piece.place)
+    find_accelerations(system, t, y, regimes, at)
+    n = len(at.force)
+    for k in range(n):
+        out[k], out[n + k] = y[n + k], at.acceleration[k]
+    accumulate(system, t, y, regimes, at, out)
+
+
+@borrowing_kernel
+def read_signals(piece: PieceAt, t: float, y: Array, values: Array, rates: Array) -> None:
+    """Fill all signals of the instant that `piece_rates` has just evaluated: two a law, then the machine's."""
+    system, regimes, at = value_at(piece.place)
+    for i in range(len(at.gap)):
+        first, second = 2 * i, 2 * i + 1
+        values[first], rates[first] = math.inf, UNKNOWN
+        values[second], rates[second] = math.inf, UNKNOWN
+        if regimes[i] == OPEN:
+            values[first], rates[first] = at.gap[i], at.velocity[i]
+        elif regimes[i] == HOLD:
+            values[first], values[second] = at.multiplier[i] - at.low[i], at.high[i] - at.multiplier[i]
+        else:
+            sign = 1.0 if regimes[i] == LOW else -1.0
+            values[first], rates[first] = sign * at.velocity[i], sign * at.law_acceleration[i]
+    fill_signals(system, t, y, regimes, at, values, rates)

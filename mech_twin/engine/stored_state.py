@@ -1,0 +1,158 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The state of a machine as text, to be stored and given back to a later step of this run or of another.
+
+All state is in the samples of linkage and body.  What is an instant of the run in them (names that begin with
+``origin_``) moves along with the step.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from typing import Any, NamedTuple, TypeVar
+
+from mech_twin.engine.coupling import GIVEN_STATE, RESET
+from mech_twin.engine.errors import StateError
+from mech_twin.roles import Machine
+from mech_twin.samples import BodySample, Event, LinkageSample, Named
+
+ORIGIN_STEP, ORIGIN_TIME = "origin_step_1", "origin_s"
+Moving = TypeVar("Moving", LinkageSample, BodySample)
+
+
+class StoredState(NamedTuple):
+    """Linkage and body at one step."""
+
+    linkage: LinkageSample
+    body: BodySample | None
+
+
+def check_storable(machine: Machine) -> None:
+    """Refuse a machine whose state cannot be told from another step.
+
+    Raises
+    ------
+    StateError
+        A drive of it follows the time of the run.
+    """
+    timed = getattr(machine.linkage, "timed_drives", ())
+    if timed:
+        raise StateError(f"{machine.name}: drive {timed[0]} follows the time of the run, so no state is offered")
+
+
+def begins_with_state(sample: LinkageSample) -> bool:
+    """Return whether a run was set to a stored state at this sample."""
+    return any(event.kind == RESET and event.contact == GIVEN_STATE for event in sample.events)
+
+
+def state_text(machine: Machine, state: StoredState) -> str:
+    """Return a state as JSON; its numbers read back to the bit.
+
+    Raises
+    ------
+    StateError
+        It cannot be told from another step: a drive follows the time, or the step that ends here had an event.
+    """
+    check_storable(machine)
+    samples = [sample for sample in state if sample is not None]
+    if any(sample.events for sample in samples):
+        raise StateError(f"step {state.linkage.step} ends with an event, which a state does not hold: take one more")
+    told: dict[str, Any] = {"machine": machine.name, "step": state.linkage.step, "command": state.linkage.command}
+    for name, sample in zip(("linkage", "body"), samples, strict=False):
+        told[name] = {
+            "regime": sample.regime,
+            "position": dict(zip(sample.joints, sample.position, strict=True)),
+            "velocity": dict(zip(sample.joints, sample.velocity, strict=True)),
+            "effort": dict(zip(sample.joints, sample.effort, strict=True)),
+            "memory": sample.memory.as_dict(),
+        }
+    if state.body is not None:
+        told["body"]["pressing_force_n"] = state.body.pressing_force_n
+    return json.dumps(told)
+
+
+def stored_state(machine: Machine, text: str, like: StoredState, step: int) -> StoredState:
+    """Return the state of a text at a step, with the event that says so.
+
+    Parameters
+    ----------
+    machine : Machine
+        The machine, with the configuration in force.
+    text : str
+        What `state_text` returned.
+    like : StoredState
+        Samples of this machine: which joints and memory a state has.
+    step : int
+        Step from which it goes on.
+
+    Raises
+    ------
+    StateError
+        It is no state of this machine.
+    """
+    check_storable(machine)
+    told = _object(_parsed(text), "state")
+    if told.get("machine") != machine.name:
+        raise StateError(f"state: machine {told.get('machine')!r}: expected {machine.name!r}")
+    stored = told.get("step")
+    if not isinstance(stored, int) or stored < 0:
+        raise StateError(f"state: step {stored!r}: expected a whole number, 0 or more")
+    step_s = machine.coupling_step_s
+    linkage = _moved(_sample(told, "linkage", like.linkage, machine.linkage.regimes), stored, step, step_s)
+    command = _number(told.get("command"), "command")
+    linkage = linkage._replace(command=command, events=(Event(step * step_s, RESET, GIVEN_STATE),))
+    if like.body is None or machine.body is None:
+        return StoredState(linkage, None)
+    body = _moved(_sample(told, "body", like.body, machine.body.regimes), stored, step, step_s)
+    force = _number(told["body"].get("pressing_force_n"), "body.pressing_force_n")
+    return StoredState(linkage, body._replace(pressing_force_n=force, events=()))
+
+
+def _parsed(text: str) -> Any:
+    try:
+        return json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise StateError(f"state: {str(error)[:100]}: expected the text that get_state returned") from error
+
+
+def _sample(told: Mapping[str, Any], name: str, like: Moving, regimes: tuple[str, ...]) -> Moving:
+    part = _object(told.get(name), name)
+    regime = part.get("regime")
+    if not isinstance(regime, int) or not 0 <= regime < max(1, len(regimes)):
+        raise StateError(f"state: {name}.regime {regime!r}: expected 0 to {max(0, len(regimes) - 1)}")
+    return like._replace(
+        regime=regime,
+        position=_numbers(part, name, "position", like.joints),
+        velocity=_numbers(part, name, "velocity", like.joints),
+        effort=_numbers(part, name, "effort", like.joints),
+        memory=Named(like.memory.names, _numbers(part, name, "memory", like.memory.names)),
+    )
+
+
+def _numbers(part: Mapping[str, Any], of: str, key: str, names: tuple[str, ...]) -> tuple[float, ...]:
+    found = _object(part.get(key), f"{of}.{key}")
+    if set(found) != set(names):
+        other = sorted(set(found) ^ set(names))[0]
+        raise StateError(f"state: {of}.{key}.{other}: expected {', '.join(names) or 'nothing'}")
+    return tuple(_number(found[name], f"{of}.{key}.{name}") for name in names)
+
+
+def _number(value: Any, where: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise StateError(f"state: {where} {value!r}: expected a finite number")
+    return float(value)
+
+
+def _object(value: Any, where: str) -> Mapping[str, Any]:
+    if not isinstance(value, dict):
+        raise StateError(f"state: {where}: expected the text that get_state returned")
+    return value
+
+
+def _moved(sample: Moving, stored: int, step: int, step_s: float) -> Moving:
+    """Return a sample stored at one step as one of another."""
+    by = {ORIGIN_STEP: float(step - stored), ORIGIN_TIME: (step - stored) * step_s}
+    pairs = zip(sample.memory.names, sample.memory.values, strict=True)
+    memory = Named(sample.memory.names, tuple(value + by.get(name, 0.0) for name, value in pairs))
+    return sample._replace(step=step, time_s=step * step_s, memory=memory)

@@ -1,0 +1,202 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Writes a machine as a functional mock-up unit (``.fmu``)."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import subprocess
+import tempfile
+import zipfile
+from collections.abc import Sequence
+from importlib.resources import files
+from pathlib import Path
+from typing import NamedTuple
+
+from mech_twin import __version__
+from mech_twin.dependencies import require_extra
+from mech_twin.engine.compiled_machine import compiled_machine
+from mech_twin.fmi.errors import ExportError
+from mech_twin.fmi.model_description import described
+from mech_twin.fmi.step_object import ObjectFile, StepCode, of_interpreter
+from mech_twin.fmi.unit_variables import FIRST_COMMAND, MachineUnit, Variable, unit_of
+from mech_twin.output_file import check_output_file, written_file
+from mech_twin.parameters.load import description_text
+from mech_twin.roles import Machine
+
+SUFFIX = ".fmu"
+VERSIONS = (2, 3)
+ZIP_TIME = (1980, 1, 1, 0, 0, 0)  # the same machine gives the same bytes
+EVERY_SOURCE = ("unit.c", "runtime.c")
+
+
+class Platform(NamedTuple):
+    """Where a unit runs: triple of the compiler, words for the linker, folders in FMI 2.0 and 3.0, ending."""
+
+    triple: str
+    linking: tuple[str, ...]
+    folders: tuple[str, str]
+    suffix: str
+
+
+LINUX = Platform(
+    "x86_64-unknown-linux-gnu",
+    ("-target", "x86_64-linux-gnu.2.17", "-fPIC", "-Wl,-z,defs"),  # no symbol is left to whoever loads it
+    ("linux64", "x86_64-linux"),
+    ".so",
+)
+WINDOWS = Platform("x86_64-pc-windows-gnu", ("-target", "x86_64-windows-gnu"), ("win64", "x86_64-windows"), ".dll")
+
+
+class Exported(NamedTuple):
+    """A unit that was written: its file, variables, and the keys that an importer may set."""
+
+    file: Path
+    variables: tuple[Variable, ...]
+    parameters: tuple[str, ...]
+
+
+def export_fmu(
+    machine: Machine,
+    out: Path | str,
+    version: int = 2,
+    platforms: Sequence[Platform] = (LINUX,),
+    *,
+    force: bool = False,
+) -> Exported:
+    """Write a machine as a unit for co-simulation that needs no Python.
+
+    Parameters
+    ----------
+    machine : Machine
+        The machine with its configuration.
+    out : path
+        File to write, ``NAME.fmu``.
+    version : int
+        2 or 3, of the standard.
+    platforms : sequence of Platform
+        What it runs on.
+    force : bool
+        Whether an existing file may be overwritten.
+
+    Raises
+    ------
+    ExportError
+        A role of the machine is not compiled, or the linker fails.
+    OutputError
+        The file cannot be written.
+    """
+    if version not in VERSIONS:
+        raise ExportError(f"version {version} of FMI: expected 2 or 3")
+    out = Path(out)
+    check_output_file(out, force=force, suffixes=(SUFFIX,))
+    require_extra("fmu")
+    compiled = compiled_machine(machine)
+    if compiled is None:
+        raise ExportError(f"{machine.name}: a role of it is no compiled kernel; expected kernels for all roles")
+    unit = unit_of(machine, compiled)
+    code = StepCode(compiled, unit.packed)
+    token = _token(unit, version)
+    libraries = {
+        f"binaries/{platform.folders[version - 2]}/{unit.name}{platform.suffix}": _linked(
+            unit, code, platform, version, token
+        )
+        for platform in platforms
+    }
+    content = {
+        "modelDescription.xml": described(unit, version, unit.name, token),
+        "resources/configuration.yaml": description_text(machine.name, machine.parameters).encode(),
+        **libraries,
+    }
+    with written_file(out, force=force) as file, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, data in content.items():
+            archive.writestr(zipfile.ZipInfo(name, ZIP_TIME), data, zipfile.ZIP_DEFLATED)
+    return Exported(out, unit.variables, tuple(each.key.name for each in unit.adjustable))
+
+
+def _token(unit: MachineUnit, version: int) -> str:
+    """Return what ties a library to its description: the same for the same machine, version and program."""
+    key = repr((version, __version__, unit.packed, unit.first_row.tolist(), unit.variables))
+    digest = hashlib.sha256(key.encode()).hexdigest()
+    return f"{{{digest[:8]}-{digest[8:12]}-{digest[12:16]}-{digest[16:20]}-{digest[20:32]}}}"
+
+
+def _linked(unit: MachineUnit, code: StepCode, platform: Platform, version: int, token: str) -> bytes:
+    """Return the shared library for a platform."""
+    import ziglang  # type: ignore[import-untyped]
+
+    sources = files("mech_twin.fmi").joinpath("sources")
+    compiled = code.object_file(platform.triple)
+    with tempfile.TemporaryDirectory() as directory:
+        place = Path(directory)
+        names = [*EVERY_SOURCE, f"fmi{version}.c"]
+        for name in (*names, "unit.h"):
+            place.joinpath(name).write_bytes(sources.joinpath(name).read_bytes())
+        place.joinpath("machine.h").write_text(_sizes(unit, token), encoding="utf-8")
+        place.joinpath("machine_data.h").write_text(_constants(unit), encoding="utf-8")
+        place.joinpath("interpreter.c").write_text(_interpreter(compiled), encoding="utf-8")
+        place.joinpath("step.o").write_bytes(compiled.content)
+        made = place / f"unit{platform.suffix}"
+        words = [
+            str(Path(ziglang.__file__).with_name("zig")), "cc", *platform.linking, "-shared", "-O2", "-s",
+            "-fvisibility=hidden", "-fno-sanitize=all", "-o", str(made), *names, "interpreter.c", "step.o", "-lm",
+        ]  # fmt: skip
+        done = subprocess.run(words, cwd=place, capture_output=True, text=True, check=False)
+        if done.returncode != 0 or not made.is_file():
+            reason = next((line for line in done.stderr.splitlines() if "error" in line), done.stderr[-200:])
+            raise ExportError(f"{unit.name}: the linker for {platform.triple} failed: {reason.strip()}")
+        return made.read_bytes()
+
+
+def _sizes(unit: MachineUnit, token: str) -> str:
+    failures = getattr(unit.machine.linkage, "failures", ())
+    counts = {
+        "REAL_COUNT": len(unit.packed.reals), "ROW_COUNT": len(unit.first_row), "EFFORT_COUNT": len(unit.efforts),
+        "PARAMETER_COUNT": len(unit.adjustable), "KIND_COUNT": len(unit.kinds), "FAILURE_COUNT": len(failures),
+    }  # fmt: skip
+    lines = [f"#define {name} {count}" for name, count in counts.items()]
+    lines += [f'#define TOKEN "{token}"', f'#define MACHINE_NAME "{unit.name}"']
+    lines += [f"#define STEP_S {float(unit.machine.coupling_step_s)!r}", f"#define FIRST_COMMAND {FIRST_COMMAND!r}"]
+    return "\n".join(lines) + "\n"
+
+
+def _constants(unit: MachineUnit) -> str:
+    adjustable = unit.adjustable
+    begins = [0]
+    for each in adjustable:
+        begins.append(begins[-1] + len(each.places))
+    failures = getattr(unit.machine.linkage, "failures", ())
+    return "\n".join(
+        (
+            _array("double", "REALS", map(_hexadecimal, unit.packed.reals)),
+            _array("int64_t", "WHOLES", map(str, unit.packed.wholes)),
+            _array("uint8_t", "FLAGS", (str(int(flag)) for flag in unit.packed.flags)),
+            _array("double", "FIRST_ROW", map(_hexadecimal, unit.first_row.tolist())),
+            _array("int", "EFFORT_PLACES", map(str, unit.efforts)),
+            _array("int", "PARAMETER_BEGINS", map(str, begins)),
+            _array("int", "PARAMETER_PLACES", (str(place) for each in adjustable for place in each.places)),
+            _array("double", "PARAMETER_LEAST", (_hexadecimal(each.least) for each in adjustable)),
+            _array("double", "PARAMETER_GREATEST", (_hexadecimal(each.greatest) for each in adjustable)),
+            _array("char *const", "PARAMETER_NAMES", (f'"{each.key.name}"' for each in adjustable)),
+            _array("char *const", "FAILURES", (f'"{failure}"' for failure in failures)),
+        )
+    )
+
+
+def _array(kind: str, name: str, values: object) -> str:
+    """Return an array in C; one of no values holds a zero, which C asks for and nobody reads."""
+    listed = list(values) or ["0"]  # type: ignore[call-overload]
+    return f"static const {kind} {name}[] = {{{', '.join(listed)}}};"
+
+
+def _hexadecimal(value: float) -> str:
+    """Return a number in C, exactly."""
+    if math.isnan(value):
+        return "NAN"
+    return value.hex() if math.isfinite(value) else f"{value:+f}"[0] + "INFINITY"
+
+
+def _interpreter(code: ObjectFile) -> str:
+    """Return the functions and variables of the interpreter that tables of exceptions name and nobody uses."""
+    functions = [f"void *{name}(void) {{ return 0; }}" for name in of_interpreter(code.functions)]
+    return "\n".join([*functions, *(f"void *{name};" for name in of_interpreter(code.variables))]) + "\n"

@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The constants of a machine's kernels as three flat arrays, and the expression that makes them tuples again.
+
+A unit without Python holds its constants as plain memory; its kernels take named tuples.  So the entry of the unit
+begins with an expression such as ``Models(Generator(reals[0], reals[1]), ...)``, which the compiler sees through.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numba
+import numpy as np
+from llvmlite import ir  # type: ignore[import-untyped]
+from numba.extending import intrinsic
+
+from mech_twin.mechanics.straight_line import Generated, generated_at
+
+types: Any = numba.types  # numba has type hints for its front only
+
+KINDS = {"f": "reals", "i": "wholes", "b": "flags"}  # kind of an array's numbers, and where they go
+
+
+@dataclass
+class PackedModels:
+    """Constants of the kernels of one machine.
+
+    Attributes
+    ----------
+    reals, wholes, flags : list
+        Numbers, whole numbers (single truth values as 0 and 1 among them), and arrays of truth values.
+    expression : str
+        Python expression over arrays of these names that makes the constants again.
+    names : dict of str to object
+        The named tuples in it, and what gives the address of each generated function.
+    generated : dict of str to Generated
+        The generated functions, by the symbols under which the expression asks for their addresses.
+    """
+
+    reals: list[float] = field(default_factory=list)
+    wholes: list[int] = field(default_factory=list)
+    flags: list[bool] = field(default_factory=list)
+    expression: str = ""
+    names: dict[str, Any] = field(default_factory=dict)
+    generated: dict[str, Generated] = field(default_factory=dict)
+
+
+def packed_models(models: Any) -> PackedModels:
+    """Return the constants of a machine's kernels, packed."""
+    packed = PackedModels()
+    packed.expression = _expression(packed, models)
+    return packed
+
+
+def _expression(packed: PackedModels, value: Any) -> str:
+    """Return the expression of one constant, its numbers added to the arrays."""
+    if isinstance(value, tuple):
+        if type(value) is tuple:
+            return f"({', '.join(_expression(packed, item) for item in value)},)"
+        # an entry is an address of this process: without one the functions of the system are compiled in
+        fields = zip(value._fields, value, strict=True)  # type: ignore[attr-defined]
+        inner = ", ".join("None" if name == "entry" else _expression(packed, item) for name, item in fields)
+        name = f"{type(value).__module__}.{type(value).__name__}".replace(".", "_")
+        packed.names[name] = type(value)
+        return f"{name}({inner})"
+    if isinstance(value, bool | np.bool_):
+        packed.wholes.append(int(value))
+        return f"(wholes[{len(packed.wholes) - 1}] != 0)"
+    if isinstance(value, int):
+        return _whole(packed, value)
+    if isinstance(value, float):
+        packed.reals.append(value)
+        return f"reals[{len(packed.reals) - 1}]"
+    name = KINDS[value.dtype.kind]
+    into = getattr(packed, name)
+    begin = len(into)
+    into.extend(value.ravel().tolist())
+    flat = f"{name}[{begin}:{len(into)}]"
+    return flat if value.ndim == 1 else f"{flat}.reshape({value.shape})"
+
+
+def _whole(packed: PackedModels, value: int) -> str:
+    """Return the expression of a whole number, or of the address of a generated function."""
+    function = generated_at(value)
+    if function is None:
+        packed.wholes.append(value)
+        return f"wholes[{len(packed.wholes) - 1}]"
+    symbol = f"mech_generated_{len(packed.generated)}"
+    packed.generated[symbol] = function
+    packed.names[f"address_of_{symbol}"] = _address_of(symbol)
+    return f"address_of_{symbol}()"
+
+
+def _address_of(symbol: str) -> Any:
+    """Return a function of no arguments, for compiled code, that gives the address of a symbol linked with it."""
+
+    def address(typing_context: Any) -> Any:
+        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            module = builder.module
+            known = module.globals.get(symbol)
+            function = known or ir.Function(module, ir.FunctionType(ir.VoidType(), ()), symbol)
+            return builder.ptrtoint(function, ir.IntType(64))
+
+        return types.int64(), generate
+
+    return intrinsic(address)

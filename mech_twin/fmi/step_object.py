@@ -1,0 +1,163 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The coupling scheme of one machine, compiled ahead of its use to an object file for any x86-64 processor.
+
+One function is compiled, ``mech_step``; every kernel of the machine is in it.  It is the code of the compiled run
+(`engine.compiled_run`), so that a unit computes what `simulate` does.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import llvmlite.binding as llvm  # type: ignore[import-untyped]
+import numba
+import numpy as np
+from numba import types
+
+from mech_twin.engine.compiled_machine import CompiledMachine
+from mech_twin.engine.compiled_run import FROM_BODY, SOURCE, TABLE_EXTRA, Models, Widths, run_steps
+from mech_twin.engine.compiled_steps import force_step, motor_step
+from mech_twin.engine.sample_vectors import (
+    FEW_ROWS,
+    IMPULSE,
+    KIND,
+    LOAD_WIDTH,
+    POST_VELOCITY,
+    PRE_VELOCITY,
+    TIME,
+    Places,
+)
+from mech_twin.fmi.packed_models import PackedModels
+
+_numba: Any = numba  # its type hints leave out what is used here
+
+SYMBOL = "mech_step"
+PROCESSOR = "x86-64"  # the oldest: what is computed does not depend on it, since nothing is contracted
+EVENT_FIELDS = ("count", "time_s", "pre_velocity_m_per_s", "post_velocity_m_per_s", "impulse_ns")
+
+_PICKLED = re.compile(r'^(@\.const\.pickle\S+ = .* constant \[\d+ x i8\]) c"[^"\n]*"', re.MULTILINE)
+
+# the arguments are one call's: constants, whether to begin, step, command, frame, and the last event of each kind
+_SOURCE = """
+def mech_step(reals_at, wholes_at, flags_at, begin, step, target, row_at, events_at):
+    reals = carray(reals_at, ({reals},), float64)
+    wholes = carray(wholes_at, ({wholes},), int64)
+    flags = carray(flags_at, ({flags},), bool_)
+    row = carray(row_at, ({row},), float64)
+    events = carray(events_at, ({kinds}, {fields}), float64)
+    models = {models}
+    if begin:
+        motor_step(models.motor, row[{at.linkage}:{at.motor}], target, row[{at.motor}:{at.forces}])
+        log, loads = empty(({few}, {widths.linkage})), empty(({few}, {load_width}))
+        force_step(models.forces, step, row[{at.linkage}:{at.motor}], log, 0, row[{at.forces}:{at.body}], loads)
+        return 0
+    targets = empty(1)
+    targets[0] = target
+    table, told, steps, failed, status = run_steps(
+        models, Places({places}), Widths({width_list}), step, {step_s!r}, targets, row, empty(0, int64), empty((1, 0)),
+        empty(0, int64), empty(0)
+    )
+    if failed != 0:
+        return status
+    for i in range(told):
+        kind = int(table[i, {extra} + {kind}])
+        if table[i, {source}] == {from_body}:
+            kind += {linkage_kinds}
+        events[kind, 0] += 1.0
+        events[kind, 1] = table[i, {extra} + {time}]
+        events[kind, 2] = table[i, {extra} + {pre}]
+        events[kind, 3] = table[i, {extra} + {post}]
+        events[kind, 4] = table[i, {extra} + {impulse}]
+    return told
+"""
+
+
+class ObjectFile(NamedTuple):
+    """Compiled code: the bytes of the file, and the functions and variables it expects from who links it."""
+
+    content: bytes
+    functions: tuple[str, ...]
+    variables: tuple[str, ...]
+
+
+class StepCode:
+    """The compiled step of a machine, before it is made for a platform.
+
+    Parameters
+    ----------
+    compiled : CompiledMachine
+        The machine.
+    packed : PackedModels
+        Its constants.
+    """
+
+    def __init__(self, compiled: CompiledMachine, packed: PackedModels) -> None:
+        layout, widths = compiled.layout, compiled.widths
+        of_body = () if layout.body is None else layout.body.events.kinds
+        places = layout.places
+        source = _SOURCE.format(
+            reals=len(packed.reals), wholes=len(packed.wholes), flags=len(packed.flags), row=places.end,
+            kinds=max(1, len(layout.linkage.events.kinds) + len(of_body)), fields=len(EVENT_FIELDS),
+            models=packed.expression, at=places, places=", ".join(map(str, places)), widths=widths,
+            width_list=", ".join(map(str, widths)), few=FEW_ROWS, load_width=LOAD_WIDTH,
+            step_s=float(compiled.machine.coupling_step_s), extra=TABLE_EXTRA, source=SOURCE, from_body=FROM_BODY,
+            linkage_kinds=len(layout.linkage.events.kinds), kind=KIND, time=TIME, pre=PRE_VELOCITY,
+            post=POST_VELOCITY, impulse=IMPULSE,
+        )  # fmt: skip
+        named: dict[str, Any] = {
+            "carray": _numba.carray, "empty": np.empty, "float64": np.float64, "int64": np.int64, "bool_": np.bool_,
+            "motor_step": motor_step, "force_step": force_step, "run_steps": run_steps, "Places": Places,
+            "Widths": Widths, Models.__name__: Models, **packed.names,
+        }  # fmt: skip
+        exec(compile(source, "<entry of the unit>", "exec"), named)  # numbers and names of this package
+        pointer, whole, real = types.voidptr, types.int64, types.float64
+        arguments = (pointer, pointer, pointer, whole, whole, real, pointer, pointer)
+        compiler = _numba.njit(
+            whole(*arguments), fastmath=False, _nrt=True, no_cpython_wrapper=True, no_cfunc_wrapper=True
+        )
+        for symbol, function in packed.generated.items():
+            llvm.add_symbol(symbol, function.address())  # for this process, which links what it compiles
+        entry = compiler(named[SYMBOL])
+        found = entry.overloads[arguments]
+        self._name = found.fndesc.llvm_func_name
+        # the texts of exceptions, which nobody reads here, name files of the machine that exports
+        self._text = _PICKLED.sub(r"\1 zeroinitializer", found.library.get_llvm_str())
+        self._generated = {symbol: function.code() for symbol, function in packed.generated.items()}
+
+    def object_file(self, triple: str) -> ObjectFile:
+        """Return the object file for a platform, such as ``x86_64-unknown-linux-gnu``."""
+        llvm.initialize_all_targets()
+        llvm.initialize_all_asmprinters()
+        machine = llvm.Target.from_triple(triple).create_target_machine(
+            cpu=PROCESSOR, opt=3, reloc="pic", codemodel="default"
+        )
+        module = llvm.parse_assembly(self._text)
+        for symbol, code in self._generated.items():
+            other = llvm.parse_assembly(code.text)
+            other.get_function(code.symbol).name = symbol
+            module.link_in(other)
+        module.triple, module.data_layout = triple, str(machine.target_data)
+        for symbol in (*module.functions, *module.global_variables):
+            if not symbol.is_declaration:
+                symbol.linkage = "external" if symbol.name == self._name else "internal"
+        module.get_function(self._name).name = SYMBOL
+        _drop_unused(module, machine)
+        functions = sorted(each.name for each in module.functions if each.is_declaration)
+        variables = sorted(each.name for each in module.global_variables if each.is_declaration)
+        return ObjectFile(machine.emit_object(module), tuple(functions), tuple(variables))
+
+
+def _drop_unused(module: Any, machine: Any) -> None:
+    passes = llvm.create_new_module_pass_manager()
+    passes.add_global_dead_code_eliminate_pass()
+    passes.run(module, llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options()))
+
+
+def of_interpreter(names: Sequence[str]) -> list[str]:
+    """Return the names of the interpreter among those expected: how an exception would be made for Python.
+
+    Code without Python never calls them; their addresses stand in the tables of exceptions all the same.
+    """
+    return [name for name in names if re.match(r"_?Py[A-Z]", name)]

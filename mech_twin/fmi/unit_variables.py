@@ -1,0 +1,204 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The variables of a unit: what an importer sets and reads, each with its unit, in the names of the samples."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+
+from mech_twin.configuration_tree import ConfigurationError, configuration_tree, merged_tree, tree_from_flat
+from mech_twin.engine.compiled_machine import CompiledMachine, compiled_machine
+from mech_twin.engine.coupling import complete_frame
+from mech_twin.engine.sample_vectors import Array
+from mech_twin.fmi.packed_models import PackedModels, packed_models
+from mech_twin.fmi.step_object import EVENT_FIELDS
+from mech_twin.machines.page.parameters import Page
+from mech_twin.measurements.machine_columns import sliding_in, unit_in
+from mech_twin.parameters.declared_keys import Key, keys
+from mech_twin.parameters.load import catalogue_entry, validated
+from mech_twin.roles import Machine
+from mech_twin.samples import Frame
+
+# value references; those of one group follow each other (the same numbers stand in sources/unit.h)
+TIME_REFERENCE, COMMAND, MOTOR_GIVEN, EFFORTS, PARAMETERS, FRAME, EVENTS = 0, 1, 2, 100, 10_000, 100_000, 1_000_000
+FIRST_COMMAND = 1.0
+WIDEST = 2.0  # a parameter may be set from its value over this to its value times this
+TRIED = (1.001, 0.999, 1.25, 0.8, 1.5, 1.0 / 1.5, WIDEST, 1.0 / WIDEST)
+Causality = Literal["independent", "input", "parameter", "output", "local"]
+
+
+class Variable(NamedTuple):
+    """A variable of a unit: name, value reference, unit, and what it is."""
+
+    name: str
+    reference: int
+    kind: Literal["real", "count", "truth"]
+    causality: Causality
+    variability: Literal["continuous", "discrete", "fixed"]
+    unit: str = ""
+    start: float | None = None
+    least: float | None = None
+    greatest: float | None = None
+    meaning: str = ""
+
+
+class Adjustable(NamedTuple):
+    """A configuration key that an importer may set: its declaration and where the kernels' constants hold it."""
+
+    key: Key
+    places: tuple[int, ...]
+    least: float
+    greatest: float
+
+
+@dataclass(frozen=True)
+class MachineUnit:
+    """A machine as its unit sees it: constants, first frame, variables."""
+
+    machine: Machine
+    compiled: CompiledMachine
+    packed: PackedModels
+    first_row: Array
+    adjustable: tuple[Adjustable, ...]
+    efforts: tuple[int, ...]  # places of the motor's efforts in a row, none where the linkage does not feel the motor
+    kinds: tuple[str, ...]  # of events: the linkage's, then the body's
+
+    @property
+    def name(self) -> str:
+        """Name of the machine."""
+        return unit_name(self.machine)
+
+    @property
+    def variables(self) -> tuple[Variable, ...]:
+        """Every variable, in the order of the description."""
+        return tuple(_variables(self))
+
+
+def unit_name(machine: Machine) -> str:
+    """Return the name of a machine, that of a page where it is one."""
+    return str(machine.parameters.name) if isinstance(machine.parameters, Page) else machine.name
+
+
+def unit_of(machine: Machine, compiled: CompiledMachine) -> MachineUnit:
+    """Return a machine as its unit sees it."""
+    frame = _first_frame(machine)
+    layout = compiled.layout
+    packed, row = packed_models(compiled.models), layout.row(frame)
+    of_body = () if layout.body is None else layout.body.events.kinds
+    kinds = (*layout.linkage.events.kinds, *(f"body_{kind}" for kind in of_body))
+    begin = layout.places.motor + 1
+    efforts = tuple(range(begin + 2, layout.places.forces, 3)) if _feels_motor(machine, frame) else ()
+    return MachineUnit(machine, compiled, packed, row, tuple(_adjustable(machine, packed, row)), efforts, kinds)
+
+
+def _first_frame(machine: Machine) -> Frame:
+    return complete_frame(machine, machine.linkage.start(), None, FIRST_COMMAND)
+
+
+def _feels_motor(machine: Machine, frame: Frame) -> bool:
+    """Return whether another effort of the motor changes the next step of the linkage."""
+    stronger = frame.motor._replace(effort=tuple(2.0 * effort + 1.0 for effort in frame.motor.effort))
+    alike = machine.linkage.advance(frame.linkage, frame.motor, frame.body)
+    return machine.linkage.advance(frame.linkage, stronger, frame.body) != alike
+
+
+def _adjustable(machine: Machine, packed: PackedModels, row: Array) -> Iterator[Adjustable]:
+    """Yield the keys whose value the kernels' constants hold as it is, wherever it was tried within its range.
+
+    Another key decides constants that are derived from it, or the first frame; for those the machine is exported anew.
+    """
+    for key in keys(machine.parameters):
+        if type(key.value) is not float or key.value == 0.0:
+            continue
+        found: set[tuple[int, ...] | None] = set()
+        values = []
+        for factor in TRIED:
+            value = key.value * factor
+            other = _other(machine, key.name, value)
+            if other is not None:
+                values.append(value)
+                found.add(_places(machine, packed, row, other, key.value, value))
+        places = found.pop() if len(found) == 1 else None
+        if places:
+            yield Adjustable(key, places, min((key.value, *values)), max((key.value, *values)))
+
+
+class _Other(NamedTuple):
+    """A machine with another value of a key: its constants and first frame."""
+
+    machine: Machine
+    packed: PackedModels
+    row: Array
+
+
+def _other(machine: Machine, key: str, value: float) -> _Other | None:
+    """Return the machine with another value of a key; None where the configuration refuses it."""
+    entry = catalogue_entry(machine.name)
+    tree = merged_tree(configuration_tree(machine.parameters), tree_from_flat({key: value}, key))
+    try:
+        built = entry.build(validated(entry, tree, key))
+        compiled = compiled_machine(built)
+        if compiled is None:
+            return None
+        return _Other(built, packed_models(compiled.models), compiled.layout.row(_first_frame(built)))
+    except (ConfigurationError, ValueError, ArithmeticError):
+        return None
+
+
+def _places(
+    machine: Machine, packed: PackedModels, row: Array, other: _Other, old: float, new: float
+) -> tuple[int, ...] | None:
+    """Return where the constants hold the value itself; None where anything else has changed beside it."""
+    theirs = other.packed
+    if other.machine.coupling_step_s != machine.coupling_step_s:
+        return None
+    if (packed.expression, packed.wholes, packed.flags) != (theirs.expression, theirs.wholes, theirs.flags):
+        return None
+    ours, found = np.array(packed.reals), np.array(theirs.reals)
+    apart = np.flatnonzero((ours != found) & ~(np.isnan(ours) & np.isnan(found)))  # nan: not used
+    if not (np.all(ours[apart] == old) and np.all(found[apart] == new)):
+        return None
+    return tuple(apart.tolist()) if np.array_equal(row, other.row, equal_nan=True) else None
+
+
+def _variables(unit: MachineUnit) -> Iterator[Variable]:
+    machine, layout = unit.machine, unit.compiled.layout
+    command = "asked fraction of rated supply frequency; counts from the next coupling step on"
+    yield Variable("time", TIME_REFERENCE, "real", "independent", "continuous", "s")
+    yield Variable("speed_command", COMMAND, "real", "input", "discrete", "1", FIRST_COMMAND, meaning=command)
+    sliding, names = sliding_in(machine), list(layout.columns)
+    if unit.efforts:
+        given = "whether the efforts of the motor are given from outside, in place of the machine's own motor"
+        yield Variable("motor_given", MOTOR_GIVEN, "truth", "parameter", "fixed", start=0.0, meaning=given)
+    for i, place in enumerate(unit.efforts):
+        effort = names[place]
+        yield Variable(
+            f"given.{effort}", EFFORTS + i, "real", "input", "discrete", unit_in(effort, sliding),
+            float(unit.first_row[place]), meaning=f"{effort} where motor_given is true, held over a coupling step",
+        )  # fmt: skip
+    for i, (key, _, least, greatest) in enumerate(unit.adjustable):
+        meaning = key.field.description or key.name
+        yield Variable(
+            f"parameters.{key.name}", PARAMETERS + i, "real", "parameter", "fixed", key.unit, key.value, least,
+            greatest, meaning,
+        )  # fmt: skip
+    for place, name in enumerate(names[1:], 1):
+        inner = ".memory." in name or ".residual." in name
+        causality: Causality = "local" if inner else "output"
+        yield Variable(name, FRAME + place, "real", causality, "discrete", "" if inner else unit_in(name, sliding))
+    yield from _events(unit)
+
+
+def _events(unit: MachineUnit) -> Iterator[Variable]:
+    units: Mapping[str, str] = dict(zip(EVENT_FIELDS, ("", "s", "m/s", "m/s", "N.s"), strict=True))
+    meaning = {"count": "how many there were", "time_s": "exact time of the last, 0 before the first"}
+    for i, kind in enumerate(unit.kinds):
+        for j, name in enumerate(EVENT_FIELDS):
+            what: Any = "count" if name == "count" else "real"
+            yield Variable(
+                f"event.{kind}.{name}", EVENTS + len(EVENT_FIELDS) * i + j, what, "output", "discrete", units[name],
+                meaning=meaning.get(name, "of the last"),
+            )  # fmt: skip

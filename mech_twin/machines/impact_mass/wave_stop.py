@@ -1,0 +1,159 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The stop of the impact mass as a rod on a wall: what one blow gives, and the restitution that follows.
+
+All laws of such a stop are of the first degree in the speed: linear contacts, no gap, no threshold.  So forces grow
+with the speed, energies with its square, and the restitution is one number, for which the event walk stays exact.  The
+rods are at rest before each blow: it finds the stop in its seat, quiet.  The generator gives no impulse in the blow.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Literal
+
+import numpy as np
+from pydantic import model_validator
+
+from mech_twin.capabilities.blow_gauge import BlowGauge, GaugeCurve
+from mech_twin.machines.impact_mass.states import IMPACT, KIND_CONTACTS, KIND_NAMES
+from mech_twin.parts.rod_waves.blow import RodBlow
+from mech_twin.parts.rod_waves.parameters import Wall, WaveTool, wave_grid
+from mech_twin.parts.rod_waves.struck_tool import (
+    LARGEST_HEAD,
+    force_room,
+    gauge_numbers,
+    gauge_room,
+    life_numbers,
+    place_m,
+    rod_blow,
+    strain_per_n,
+)
+from mech_twin.quantity import Parameters, choice
+from mech_twin.samples import Event
+
+NO_CURVE = np.empty((0, 2))
+POWERS = (2, 2, 2, 1, 1, 1)  # of the speed, of each number of a gauge
+
+
+class StopWall(Wall):
+    """The wall behind the stop."""
+
+    kind: Literal["loading", "yielding", "rigid", "free"] = choice("law of the wall", default="loading")
+
+
+class StopRod(WaveTool):
+    """The stop as a rod."""
+
+    wall: StopWall = choice("the wall behind the stop", default=StopWall())
+
+
+class StopModel(Parameters):
+    """The stop: rigid with a given restitution, or a rod."""
+
+    model: Literal["rigid", "wave"] = choice("the stop: rigid, or a rod in which the blow is a wave", default="rigid")
+    wave: StopRod = choice("the stop as a rod, with model wave", default=StopRod())
+
+    @model_validator(mode="after")
+    def _is_of_first_degree(self) -> StopModel:
+        rod = self.wave
+        if self.model == "rigid":
+            return self
+        for key, value, expected, holds in (
+            ("face.kind", rod.face.kind, "linear", rod.face.kind == "linear"),
+            ("wall.kind", rod.wall.kind, "loading or rigid", rod.wall.kind in ("loading", "rigid")),
+            ("wall.threshold_n", rod.wall.threshold_n, "0", rod.wall.threshold_n == 0.0),
+            ("wall.exponent", rod.wall.exponent, "1", rod.wall.exponent == 1.0),
+            ("foot_gap_m", rod.foot_gap_m, "0", rod.foot_gap_m == 0.0),
+        ):
+            if not holds:
+                raise ValueError(
+                    f"wave.{key} must be {expected}, so that the restitution is the same at every speed; got {value}"
+                )
+        wave_grid(rod, 0.0)
+        return self
+
+
+@lru_cache(maxsize=64)
+def unit_blow(rod: StopRod, mass_kg: float) -> RodBlow:
+    """Return the blow of a mass on a stop at 1 m/s."""
+    grid = wave_grid(rod, 0.0)
+    return rod_blow(grid, float(mass_kg), 1.0, 0.0, True, NO_CURVE, np.empty((0, 1)))
+
+
+def rod_restitution(rod: StopRod, mass_kg: float, least: float, largest: float) -> float:
+    """Return the speed of a mass after a blow on a stop over that before it.
+
+    Raises
+    ------
+    ValueError
+        The head of the mass is most of it; the blow does not end; the mass does not rebound within the bounds.
+    """
+    head = wave_grid(rod, 0.0).head_mass_kg
+    if head > LARGEST_HEAD * mass_kg:
+        raise ValueError(
+            f"stop.wave.head must have at most {LARGEST_HEAD:g} of mass_kg, {LARGEST_HEAD * mass_kg:g} kg; "
+            f"got {head:.6g}"
+        )
+    found = unit_blow(rod, mass_kg)
+    if not found.parted:
+        raise ValueError(
+            f"stop.wave.window_s = {rod.window_s:g} s is over before mass and stop have parted: expected a longer one, "
+            "or a stiffer wall"
+        )
+    restitution = found.impulse_ns / mass_kg - 1.0
+    if not least <= restitution <= largest:
+        raise ValueError(
+            f"stop.wave gives a restitution of {restitution:.6g}; expected {least:g} to {largest:g}: "
+            "a mass that rebounds"
+        )
+    return restitution
+
+
+def blow_numbers(rod: StopRod, mass_kg: float, speed_m_per_s: float) -> dict[str, float]:
+    """Return what a blow at a speed gives."""
+    unit, grid, v = unit_blow(rod, mass_kg), wave_grid(rod, 0.0), speed_m_per_s
+    return {
+        "incident_energy_j": unit.incident_energy_j * v * v,
+        "forward_energy_j": unit.forward_energy_j * v * v,
+        "reflected_energy_j": unit.reflected_energy_j * v * v,
+        "transmitted_energy_j": unit.transmitted_energy_j * v * v,
+        "stop_energy_j": (unit.tool_vibration_j + 0.5 * unit.tool_momentum_ns**2 / grid.tool_mass_kg) * v * v,
+        "blow_efficiency": unit.transmitted_energy_j / unit.striker_energy_j,
+        "penetration_m": unit.penetration_m * v,
+        "peak_force_n": unit.peak_force_n * v,
+        "peak_stress_pa": unit.peak_stress_pa * v,
+        "stress_place_m": place_m(grid, unit.peak_stress_at_s),
+        "peak_tension_pa": unit.peak_tension_pa * v,
+        "tension_place_m": place_m(grid, unit.peak_tension_at_s),
+        "blow_contact_time_s": unit.contact_time_s,
+        "blow_contacts": float(unit.contacts),
+        **_life(rod, mass_kg, v),
+    }
+
+
+def _life(rod: StopRod, mass_kg: float, speed_m_per_s: float) -> dict[str, float]:
+    line, grid = rod.life.line, wave_grid(rod, 0.0)
+    if line is None or speed_m_per_s <= 0.0:
+        return {}
+    forces = force_room(grid)
+    found = rod_blow(grid, float(mass_kg), speed_m_per_s, 0.0, True, NO_CURVE, forces)
+    return life_numbers(grid, line, found, forces)
+
+
+def stop_gauge(rod: StopRod, mass_kg: float) -> BlowGauge:
+    """Return the strain gauge on the stop."""
+    grid = wave_grid(rod, 0.0)
+    of_unit = gauge_numbers(grid, unit_blow(rod, mass_kg))
+
+    def numbers(event: Event) -> tuple[float, ...]:
+        v = event.pre_velocity_m_per_s
+        return tuple(number * v**power for number, power in zip(of_unit, POWERS, strict=True))
+
+    def curve(event: Event) -> GaugeCurve:
+        room = gauge_room(grid)
+        v = event.pre_velocity_m_per_s
+        found = rod_blow(grid, float(mass_kg), v, 0.0, True, room, np.empty((0, 1)))
+        force = room[: found.steps].sum(axis=1)
+        return GaugeCurve(grid.span_s, force, strain_per_n(grid) * force)
+
+    return BlowGauge(KIND_NAMES[int(IMPACT)], KIND_CONTACTS[int(IMPACT)], numbers, curve, rod.gauge_curve)

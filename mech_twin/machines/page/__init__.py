@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A planar machine from a page of YAML, with the names of its user."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from mech_twin.machines.page.drawing import PageDrawing
+from mech_twin.machines.page.equations import PageInstant
+from mech_twin.machines.page.force_laws import PageNumbers
+from mech_twin.machines.page.mechanism import mechanism
+from mech_twin.machines.page.metrics import PageRun
+from mech_twin.machines.page.parameters import Page
+from mech_twin.machines.page.roles import Drives, PageLinkage, PageModel, PageReactions
+from mech_twin.quantity import Parameters
+from mech_twin.roles import Machine
+
+PARAMETERS = Page
+
+
+def build(parameters: Parameters) -> Machine:
+    """Return the machine of a page."""
+    if not isinstance(parameters, Page):
+        raise TypeError(f"expected Page parameters, got {type(parameters).__name__}")
+    shared = PageModel(parameters.expanded)
+    shared.start_instant  # noqa: B018 # refuses what cannot start
+    drawing = PageDrawing(shared)
+
+    def report() -> dict[str, float]:
+        return start_numbers(shared)
+
+    return Machine(
+        "page",
+        parameters,
+        parameters.coupling.step_s,
+        Drives(shared),
+        PageLinkage(shared),
+        PageReactions(shared),
+        None,
+        lambda sample, _: drawing.shapes(sample),
+        report,
+        lambda angle: pose_numbers(shared, angle),
+        lambda: PageRun(shared),
+        mechanism(shared),
+        rests_when_supplied=True,
+    )
+
+
+def start_numbers(shared: PageModel) -> dict[str, float]:
+    """Return freedoms, closures and masses of a page, and its energies at the start."""
+    now, places = shared.start_instant, shared.places
+    kinetic, potential = map(float, now.energies())  # type: ignore[arg-type]
+    return {
+        "freedoms": float(places.free),
+        "driven_joints": float(places.driven),
+        "closures": float(shared.assembly.structure.closures),
+        "total_mass_kg": sum(body.mass_kg for body in shared.page.bodies.values()),
+        "start_kinetic_energy_j": kinetic,
+        "start_potential_energy_j": potential,
+    }
+
+
+def pose_numbers(shared: PageModel, angle: float) -> dict[str, Any]:
+    """Return joints and outputs in the pose in which the first led coordinate has a value, the others as they start."""
+    assembly, places = shared.assembly, shared.places
+    split = assembly.split
+    s = assembly.start.copy()
+    first = (*split.driven, *split.free)[0]
+    for value in np.linspace(s[first], angle, 32)[1:]:
+        s[first] = value
+        s = assembly.closed(s)
+    state = list(shared.start_state)
+    n = places.free
+    for group, begin in ((split.free, 0), (split.dependent, 2 * n), (split.driven, 2 * n + places.dependent)):
+        for i, j in enumerate(group):
+            state[begin + i] = float(s[j])
+    now = PageInstant(places, PageNumbers(None), [0.0] * places.controls, 0.0, state)
+    motion = now.joint_motion()
+    out: dict[str, Any] = {}
+    for i, name in enumerate(assembly.columns):
+        unit = "m" if name in assembly.slides else "rad"
+        out[f"{name}_{unit}"], out[f"{name}_{unit}_per_s"] = float(motion[2 * i]), float(motion[2 * i + 1])  # type: ignore[arg-type]
+    return out | {name: float(value) for name, value in now.outputs().items()}  # type: ignore[arg-type]

@@ -1,0 +1,368 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A page put together: its structure, closed at the start, and which of its coordinates are free."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.machines.page.elements import DEGREE, RPM
+from mech_twin.machines.page.parameters import GROUND, Page
+from mech_twin.mechanics.kinematics import Kinematics
+from mech_twin.mechanics.recording import Number
+from mech_twin.mechanics.structure import (
+    COORDINATES,
+    FREE,
+    REVOLUTE,
+    SLIDER,
+    PlanarJoint,
+    RigidBody,
+    Split,
+    Structure,
+    StructureError,
+    split_of,
+)
+
+Array = NDArray[np.float64]
+CLOSED = 1e-11  # of the machine's size: a miss of a loop that is none
+REGULAR = 1e-3  # least of the closures' singular values over the largest: the coordinates are well determined
+TRIALS, TURNS = 60, 200  # starts of the search for a closed pose, and its steps
+MOST_COORDINATES = 12
+PARTS = {REVOLUTE: ("",), SLIDER: ("",), "weld": (), FREE: ("_x", "_y", "_angle")}
+
+
+def exact_turn(degrees: float) -> tuple[float, float]:
+    """Return cosine and sine of an angle in degrees, exact at right angles."""
+    right = {0.0: (1.0, 0.0), 90.0: (0.0, 1.0), 180.0: (-1.0, 0.0), 270.0: (0.0, -1.0)}
+    found = right.get(degrees % 360.0)
+    return found or (math.cos(degrees * DEGREE), math.sin(degrees * DEGREE))
+
+
+def structure_of(page: Page, number: Callable[[float], Number]) -> Structure:
+    """Return the structure of a page; ``number`` makes each of its numbers, in a fixed order."""
+    names = [GROUND, *page.bodies]
+    bodies = [RigidBody(GROUND)]
+    for name, body in page.bodies.items():
+        x, y = map(number, body.centre_m)
+        bodies.append(RigidBody(name, number(body.mass_kg), number(body.inertia_kg_m2), (x, y)))
+    joints = []
+    for name, joint in page.joints.items():
+        (first, at), (second, on) = (page.point(point) for point in joint.between)
+        axis, by = exact_turn(joint.direction_deg or 0.0), joint.turned_deg or 0.0
+        cosine, sine = exact_turn(by)
+        turned = (number(by * DEGREE), number(cosine), number(sine))
+        joints.append(
+            PlanarJoint(
+                name, joint.kind, names.index(first), names.index(second), (number(at[0]), number(at[1])),
+                (number(on[0]), number(on[1])), (number(axis[0]), number(axis[1])), turned,
+            )
+        )  # fmt: skip
+    order = list(page.joints)
+    driven = [drive.joint for drive in page.drives.values() if drive.kind == "constant_speed"]
+    others = [drive.joint for drive in page.drives.values() if drive.kind != "constant_speed"]
+    return Structure(bodies, joints, [order.index(joint) for joint in (*driven, *others)])
+
+
+@dataclass(frozen=True)
+class Assembly:
+    """A page's structure in numbers, and the pose it starts in."""
+
+    page: Page
+
+    @cached_property
+    def structure(self) -> Structure:
+        """The structure in numbers."""
+        for name, joint in self.page.joints.items():
+            (first, _), (second, _) = (self.page.point(point) for point in joint.between)
+            if first == second:
+                raise ConfigurationError(f"joints.{name}.between: both points are of {first}; expected two bodies")
+        made = structure_of(self.page, float)
+        try:
+            size = made.size
+        except StructureError as error:
+            raise ConfigurationError(f"joints: {error}") from error
+        if size > MOST_COORDINATES * 3:
+            raise ConfigurationError(f"joints: {size} coordinates; expected at most {3 * MOST_COORDINATES}")
+        return made
+
+    @cached_property
+    def coordinates(self) -> tuple[str, ...]:
+        """The name of each coordinate of the tree."""
+        names = list(self.page.joints)
+        found = []
+        for branch in self.structure.branches:
+            name = names[branch.joint]
+            found += [name + part for part in PARTS[self.structure.joints[branch.joint].kind]]
+        return tuple(found)
+
+    @cached_property
+    def columns(self) -> tuple[str, ...]:
+        """The name of each coordinate of all joints, also those that close loops, in the order of the page."""
+        return tuple(name + part for name, joint in self.page.joints.items() for part in PARTS[joint.kind])
+
+    @cached_property
+    def slides(self) -> frozenset[str]:
+        """The columns that are lengths."""
+        kinds = {name: joint.kind for name, joint in self.page.joints.items()}
+        sliders = {name for name, kind in kinds.items() if kind == SLIDER}
+        return frozenset(sliders | {n + p for n, k in kinds.items() if k == FREE for p in ("_x", "_y")})
+
+    @cached_property
+    def driven_speeds(self) -> dict[int, float]:
+        """Speed at full supply of each coordinate that a drive leads."""
+        places = {name: j for j, name in enumerate(self.coordinates)}
+        found = {}
+        for name, drive in self.page.drives.items():
+            if drive.kind != "constant_speed":
+                continue
+            if drive.joint not in places:
+                raise ConfigurationError(
+                    f"drives.{name}.joint: '{drive.joint}' closes a loop whose other joints are driven already"
+                )
+            speed = drive.speed_m_per_s if drive.speed_rpm is None else drive.speed_rpm * RPM
+            found[places[drive.joint]] = float(speed or 0.0)
+        return found
+
+    @cached_property
+    def size_m(self) -> float:
+        """The extent of the machine: of its points, and of where its joints start."""
+        points = [self.page.ground.points_m, *(body.points_m for body in self.page.bodies.values())]
+        reach = [math.hypot(*place) for there in points for place in there.values()]
+        travels = [abs(x) for j in self.page.joints.values() for x in (j.start_m, j.start_x_m, j.start_y_m) if x]
+        return max([*reach, *travels, 1e-3])
+
+    @cached_property
+    def _wanted(self) -> list[tuple[int, int, float]]:
+        """Joint, part and value of each start that the page tells."""
+        found = []
+        for number, joint in enumerate(self.page.joints.values()):
+            found += [(number, part, x) for part, x in enumerate(joint.starts()) if x is not None]
+        return found
+
+    def _closures(self, s: Array) -> tuple[Array, Array]:
+        """Return what the loops miss, lengths in parts of the machine's size, and its rows."""
+        found = Kinematics(self.structure, s.tolist()).closures()
+        values = np.array([float(c.value) for c in found])  # type: ignore[arg-type]
+        return values, np.array([c.row for c in found], dtype=float).reshape(len(found), self.structure.size)
+
+    def _closed_near(self, guess: Array) -> tuple[Array, float]:
+        """Return the pose that a search from a guess ends in, and what it misses: Levenberg and Marquardt."""
+        s, damping = guess.copy(), 1e-3
+        values, rows = self._closures(s)
+        for _ in range(TURNS):
+            if np.abs(values).max(initial=0.0) <= CLOSED * self.size_m:
+                break
+            pull = np.linalg.solve(rows.T @ rows + damping * np.eye(len(s)), -rows.T @ values)
+            trial_values, trial_rows = self._closures(s + pull)
+            if np.linalg.norm(trial_values) < np.linalg.norm(values):
+                s, values, rows, damping = s + pull, trial_values, trial_rows, max(0.2 * damping, 1e-15)
+            else:
+                damping *= 5.0
+            if damping > 1e12:
+                break
+        return s, float(np.abs(values).max(initial=0.0))
+
+    @cached_property
+    def _guess(self) -> tuple[Array, NDArray[np.bool_]]:
+        """The start of each coordinate of the tree, and whether the page tells it."""
+        guess, told = np.zeros(self.structure.size), np.zeros(self.structure.size, dtype=bool)
+        for number, part, value in self._wanted:
+            place = self.structure.first_coordinate.get(number)
+            if place is not None:
+                guess[place + part], told[place + part] = value, True
+        return guess, told
+
+    @cached_property
+    def near_start(self) -> Array:
+        """A closed pose near the starts that the page tells.
+
+        Raises
+        ------
+        ConfigurationError
+            No pose closes the loops.
+        """
+        guess, told = self._guess
+        rng = np.random.default_rng(1)
+        best, miss = self._closed_near(guess)
+        for trial in range(TRIALS):
+            if miss <= CLOSED * self.size_m:
+                return best
+            spread = np.where(told, 0.02 if trial < TRIALS // 2 else 0.5, 1.0)
+            scale = np.where([name in self.slides for name in self.coordinates], self.size_m, math.pi)
+            found, missed = self._closed_near(guess + spread * scale * rng.uniform(-1.0, 1.0, len(guess)))
+            if missed < miss:
+                best, miss = found, missed
+        if miss <= CLOSED * self.size_m:
+            return best
+        raise ConfigurationError(self._miss_told(best))
+
+    def _miss_told(self, s: Array) -> str:
+        """Return which loop misses most, and by how much."""
+        place, misses = 0, []
+        values = self._closures(s)[0]
+        for number in self.structure.loops:
+            joint = self.structure.joints[number]
+            count = 3 - COORDINATES[joint.kind]
+            misses.append((float(np.abs(values[place : place + count]).max(initial=0.0)), joint))
+            place += count
+        miss, joint = max(misses, key=lambda pair: pair[0])
+        first, second = self.structure.bodies[joint.first].name, self.structure.bodies[joint.second].name
+        return (
+            f"joints.{joint.name}: the loop through it cannot close: at best {first} and {second} miss each other by "
+            f"{miss:.4g} {'m or rad' if joint.kind != REVOLUTE else 'm'}; check the lengths of its links"
+        )
+
+    @cached_property
+    def split(self) -> Split:
+        """Which coordinates are free, driven and dependent.
+
+        Raises
+        ------
+        ConfigurationError
+            Loops or drives leave no freedom, or hold each other.
+        """
+        structure = self.structure
+        rows = self._closures(self.near_start)[1]
+        freedoms, driven = structure.size - structure.closures, tuple(self.driven_speeds)
+        if len(rows):
+            values = np.linalg.svd(rows, compute_uv=False)
+            if len(rows) > structure.size or values[len(rows) - 1] < 1e-7 * values[0]:
+                raise ConfigurationError(self._redundant(rows))
+        if freedoms <= 0:
+            raise ConfigurationError("joints: no freedom is left: the joints hold every body; take one away")
+        if len(driven) > freedoms:
+            raise ConfigurationError(
+                f"drives: {len(driven)} joints have a given speed, but the machine has {freedoms} "
+                f"freedom{'s' if freedoms > 1 else ''}"
+            )
+        if freedoms - len(driven) > MOST_COORDINATES:
+            raise ConfigurationError(f"joints: {freedoms} freedoms; expected at most {MOST_COORDINATES}")
+
+        def regular(rest: tuple[int, ...]) -> bool:
+            if not len(rows):
+                return True
+            if len(rest) < len(rows):
+                return False
+            values = np.linalg.svd(rows[:, list(rest)], compute_uv=False)
+            return bool(values[len(rows) - 1] > REGULAR * values[0])
+
+        try:
+            return split_of(structure.size, structure.closures, driven, self._order, regular)
+        except StructureError as error:
+            raise ConfigurationError(f"joints: {error}; the start is at a dead point, move it") from error
+
+    def _redundant(self, rows: Array) -> str:
+        """Return which loop says what others say already, or contradicts them."""
+        place = 0
+        for number in self.structure.loops:
+            joint = self.structure.joints[number]
+            place += 3 - COORDINATES[joint.kind]
+            values = np.linalg.svd(rows[:place], compute_uv=False)
+            if place > self.structure.size or values[place - 1] < 1e-7 * values[0]:
+                return (
+                    f"joints.{joint.name}: the joints before it hold its bodies already, in the pose at the start; "
+                    "take a joint away, or start away from the dead point"
+                )
+        return "joints: the loops hold each other"
+
+    @property
+    def _order(self) -> list[int]:
+        """The coordinates in the order in which they are to be free: driven joints, turning ones on the ground."""
+        drives = [drive.joint for drive in self.page.drives.values()]
+
+        def rank(j: int) -> tuple[int, int]:
+            branch = next(b for b in reversed(self.structure.branches) if b.coordinate <= j and self._count(b.joint))
+            joint = self.structure.joints[branch.joint]
+            if joint.name in drives:
+                return 0, drives.index(joint.name)
+            if joint.kind == FREE:
+                return 1, j
+            grounded = 0 in (joint.first, joint.second)
+            return (2 if grounded and joint.kind == REVOLUTE else 3 if grounded else 4), j
+
+        return sorted(range(self.structure.size), key=rank)
+
+    def _count(self, joint: int) -> int:
+        return COORDINATES[self.structure.joints[joint].kind]
+
+    @cached_property
+    def start(self) -> Array:
+        """The coordinates at the start: led ones as the page tells them, dependent ones on the closures.
+
+        Raises
+        ------
+        ConfigurationError
+            The loops do not close where the page starts.
+        """
+        guess, told = self._guess
+        s, split = self.near_start.copy(), self.split
+        for j in split.led:
+            s[j] = guess[j] if told[j] else s[j]
+        return self.closed(s)
+
+    def closed(self, s: Array) -> Array:
+        """Return a pose with its dependent coordinates on the closures, by Newton."""
+        s, dependent = s.copy(), list(self.split.dependent)
+        miss = 0.0
+        for _ in range(TURNS):
+            values, rows = self._closures(s)
+            miss = float(np.abs(values).max(initial=0.0))
+            if not dependent or miss <= 1e-15 * self.size_m:
+                return s
+            change = np.linalg.lstsq(rows[:, dependent], -values, rcond=None)[0]
+            reach = np.abs(change).max()
+            s[dependent] += change * min(1.0, 0.5 / reach) if reach > 0.0 else 0.0
+            if reach <= 1e-15 * (1.0 + np.abs(s).max()):
+                break
+        if miss > 1e3 * CLOSED * self.size_m:
+            raise ConfigurationError(self._miss_told(s))
+        return s
+
+    @cached_property
+    def start_speeds(self) -> Array:
+        """The speeds of the led coordinates at the start.
+
+        Raises
+        ------
+        ConfigurationError
+            The page tells speeds that contradict each other.
+        """
+        from mech_twin.mechanics.dynamics import ReducedSystem
+
+        split, fraction = self.split, self.page.supply.initial_fraction
+        fixed = [fraction * self.driven_speeds[j] for j in split.driven]
+        none: list[Number] = [0.0] * len(split.led)
+        at = ReducedSystem(self.structure, split, self.start.tolist(), none, [0.0] * len(split.driven))
+        rows, rights, owners = [], [], []
+        for number, (name, joint) in enumerate(self.page.joints.items()):
+            for part, speed in enumerate(joint.speeds()):
+                if speed is not None:
+                    rows.append(at.reduced(at.motion.joint_coordinates(number)[part].row))
+                    rights.append(speed)
+                    owners.append(name)
+        n = len(split.free)
+        if not rows or not n:
+            return np.array([*[0.0] * n, *fixed])
+        matrix, right = np.array(rows, dtype=float), np.array(rights) - np.array(rows, dtype=float)[:, n:] @ fixed
+        free = np.linalg.lstsq(matrix[:, :n], right, rcond=None)[0]
+        miss = np.abs(matrix[:, :n] @ free - right)
+        if miss.max() > 1e-9 * (1.0 + np.abs(right).max()):
+            worst = owners[int(miss.argmax())]
+            raise ConfigurationError(
+                f"joints.{worst}: the speed at the start contradicts other joints' by {miss.max():.4g}; leave it out"
+            )
+        return np.array([*free, *fixed])
+
+    def joint_number(self, name: str) -> int:
+        """Return the place of a joint."""
+        return list(self.page.joints).index(name)
+
+    def body_number(self, name: str) -> int:
+        """Return the place of a body."""
+        return [GROUND, *self.page.bodies].index(name)

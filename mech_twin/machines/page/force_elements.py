@@ -1,0 +1,141 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Elements of a page that act by length, speed or gas: springs, gas springs, dampers, friction, elastic shafts."""
+
+from __future__ import annotations
+
+from typing import Literal, Self
+
+from pydantic import model_validator
+
+from mech_twin.machines.page.elements import Name, one_of, only
+from mech_twin.machines.page.tables import TableRows, table
+from mech_twin.quantity import Parameters, choice, quantity
+
+AIR_PA = 101325.0
+
+
+class GasPort(Parameters):
+    """A port of a gas spring: beyond a travel of a slider the gas is at ambient pressure."""
+
+    joint: str = choice("slider whose travel opens the port")
+    open_above_m: float | None = quantity("m", "travel above which the port is open", default=None)
+    open_below_m: float | None = quantity("m", "travel below which the port is open", default=None)
+
+    @model_validator(mode="after")
+    def _one_limit(self) -> Self:
+        one_of(self, "open_above_m", "open_below_m")
+        return self
+
+
+class GasCharge(Parameters):
+    """The gas of a gas spring: p (V/m)^n stays as it is but for leak and ports."""
+
+    area_m2: float = quantity("m2", "area of the piston; of a joint less than 0 where growing travel compresses")
+    volume_m3: float = quantity("m3", "volume at the start", gt=0.0)
+    pressure_pa: float = quantity("Pa", "absolute pressure at the start", default=AIR_PA, gt=0.0)
+    ambient_pa: float = quantity("Pa", "pressure outside", default=AIR_PA, ge=0.0)
+    exponent: float = quantity("1", "exponent n: 1 isothermal, 1.4 air without heat", default=1.4, ge=1.0, le=2.0)
+    leak_per_s: float = quantity(
+        "1/s", "share of the gas lost a second, at an excess of one start pressure", default=0.0, ge=0.0
+    )
+    ports: dict[Name, GasPort] = choice("ports by name", default={})
+
+    @model_validator(mode="after")
+    def _has_area(self) -> Self:
+        if self.area_m2 == 0.0:
+            raise ValueError("area_m2 must not be 0")
+        return self
+
+
+class CouplingElement(Parameters):
+    """An elastic shaft between two revolutes: rate and damping of their difference, with backlash."""
+
+    kind: Literal["shaft"] = choice("an elastic shaft")
+    joints: tuple[str, str] = choice("the two revolutes that it couples; untwisted, amid its backlash, at the start")
+    rate_nm_per_rad: float = quantity("N m/rad", "rate", live=True, gt=0.0)
+    damping_nms_per_rad: float = quantity("N m s/rad", "damping while it carries", live=True, default=0.0, ge=0.0)
+    backlash_deg: float = quantity("deg", "play in all", default=0.0, ge=0.0, le=90.0)
+
+
+class SpringElement(Parameters):
+    """A spring between two points, or of a joint: linear, progressive by table, or of gas."""
+
+    between: tuple[str, str] | None = choice("the two points", default=None)
+    joint: str | None = choice("joint along which it acts", default=None)
+    rate_n_per_m: float | None = quantity("N/m", "rate of a spring along a length", live=True, default=None, ge=0.0)
+    rate_nm_per_rad: float | None = quantity("N m/rad", "rate of a turning spring", live=True, default=None, ge=0.0)
+    free_m: float | None = quantity("m", "length, or travel, without force", default=None)
+    free_deg: float | None = quantity("deg", "angle without moment", default=None)
+    preload_n: float | None = quantity("N", "force at the start, positive where it lengthens", default=None)
+    preload_nm: float | None = quantity("N m", "moment at the start, positive where it turns on", default=None)
+    table_m_n: TableRows | None = table(
+        "m, N", "progressive spring: length or travel, and force, positive where it lengthens", default=None
+    )
+    table_deg_nm: TableRows | None = table(
+        "deg, N m", "progressive turning spring: angle, and moment, positive where it turns on", default=None
+    )
+    gas: GasCharge | None = choice("gas instead of a spring: positive where it lengthens", default=None)
+
+    @model_validator(mode="after")
+    def _complete(self) -> Self:
+        one_of(self, "between", "joint")
+        for key in ("table_m_n", "table_deg_nm", "gas"):
+            if getattr(self, key) is not None:
+                only(self, key, (key,), ("between", "joint"))
+                if key == "table_deg_nm" and self.between is not None:
+                    raise ValueError("a spring between points has the key table_m_n")
+                if key == "gas" and self.between is not None and self.gas is not None and self.gas.area_m2 < 0.0:
+                    raise ValueError("gas.area_m2 between points must be above 0")
+                return self
+        if self.between is not None or self.rate_nm_per_rad is None:
+            one_of(self, "rate_n_per_m")
+            one_of(self, "free_m", "preload_n")
+        else:
+            one_of(self, "rate_n_per_m", "rate_nm_per_rad")
+            one_of(self, "free_deg", "preload_nm")
+        return self
+
+    @property
+    def turns(self) -> bool:
+        """Whether it is a turning spring."""
+        return self.rate_nm_per_rad is not None or self.table_deg_nm is not None
+
+
+class Damper(Parameters):
+    """A viscous damper between two points, or of a joint."""
+
+    between: tuple[str, str] | None = choice("the two points", default=None)
+    joint: str | None = choice("joint along which it acts", default=None)
+    rate_ns_per_m: float | None = quantity("N/m", "force per speed, N s/m", live=True, default=None, ge=0.0)
+    rate_nms_per_rad: float | None = quantity("N m s/rad", "moment per angular speed", live=True, default=None, ge=0.0)
+
+    @model_validator(mode="after")
+    def _complete(self) -> Self:
+        one_of(self, "between", "joint")
+        one_of(self, "rate_ns_per_m", "rate_nms_per_rad")
+        if self.between is not None and self.rate_ns_per_m is None:
+            raise ValueError("a damper between points needs the key rate_ns_per_m")
+        return self
+
+    @property
+    def turns(self) -> bool:
+        """Whether it is a turning damper."""
+        return self.rate_nms_per_rad is not None
+
+
+class FrictionElement(Parameters):
+    """Coulomb friction of a joint; a joint at rest sticks as long as the force is smaller."""
+
+    joint: str = choice("joint that rubs")
+    coulomb_n: float | None = quantity("N", "friction of a slider", live=True, default=None, ge=0.0)
+    coulomb_nm: float | None = quantity("N m", "friction of a revolute", live=True, default=None, ge=0.0)
+
+    @model_validator(mode="after")
+    def _complete(self) -> Self:
+        one_of(self, "coulomb_n", "coulomb_nm")
+        return self
+
+    @property
+    def turns(self) -> bool:
+        """Whether it is of a turning joint."""
+        return self.coulomb_nm is not None

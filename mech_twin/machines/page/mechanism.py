@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Frames of a page: each body, and each joint's pin with the axes of the machine; loops are opened at their joints."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+from mech_twin.capabilities.mechanism import ROOT, Bar, FrameTree, Joint, Loop, Point, fixed, sliding, turning
+from mech_twin.machines.page.drawing import COLOURS
+from mech_twin.machines.page.elements import DEGREE
+from mech_twin.machines.page.parameters import GROUND, Page
+from mech_twin.machines.page.roles import PageModel
+from mech_twin.mechanics.structure import FREE, REVOLUTE, SLIDER, Branch
+
+REACH = 10.0  # of the machine's size: a joint slides no further, for the description
+
+
+class Frames:
+    """The tree of frames as it is made: of a body, the joints and the angle by which it is turned."""
+
+    def __init__(self, shared: PageModel) -> None:
+        self.shared, self.joints = shared, list[Joint]()
+        self.turns: dict[str, tuple[tuple[tuple[str, float], ...], float]] = {ROOT: ((), 0.0)}
+
+    @property
+    def page(self) -> Page:
+        """The page."""
+        return self.shared.page
+
+    def body(self, number: int) -> str:
+        """Return the frame of a body."""
+        name = [GROUND, *self.page.bodies][number]
+        return ROOT if number == 0 else name
+
+    def place(self, branch: Branch) -> None:
+        """Add the frames from a body to the next along a joint of the tree."""
+        name, joint = list(self.page.joints.items())[branch.joint]
+        (_, first_at), (_, second_at) = (self.page.point(point) for point in joint.between)
+        onward = branch.child == self.shared.assembly.structure.joints[branch.joint].second
+        near, far, sense = (first_at, second_at, 1.0) if onward else (second_at, first_at, -1.0)
+        parent, child = self.body(branch.parent), self.body(branch.child)
+        turned, angle = self.turns[parent]
+        seat, by = f"{name}_seat", sense * (joint.turned_deg or 0.0) * DEGREE
+        if joint.kind == REVOLUTE:
+            self.joints.append(turning(name, parent, seat, near, ratio=sense))
+            turned = (*turned, (name, sense))
+        elif joint.kind == FREE:
+            seat, turned = self._free(name, parent, near, sense), (*turned, (f"{name}_angle", sense))
+        else:
+            self.joints.append(fixed(parent, seat, near, by))
+            angle += by
+            if joint.kind == SLIDER:
+                direction = (joint.direction_deg or 0.0) * DEGREE - (by if onward else 0.0)
+                axis = sense * math.cos(direction), sense * math.sin(direction)
+                self._slide(name, seat, f"{name}_slide", axis)
+                seat = f"{name}_slide"
+        self.turns[child] = (turned, angle)
+        self.joints.append(fixed(seat, child, (-far[0], -far[1])))
+
+    def _slide(self, name: str, parent: str, child: str, axis: Point) -> None:
+        self.joints.append(sliding(name, parent, child, axis, REACH * self.shared.assembly.size_m))
+
+    def _free(self, name: str, parent: str, near: Point, sense: float) -> str:
+        """Add the three frames of a body that flies; return the last."""
+        self.joints.append(fixed(parent, f"{name}_seat", near))
+        ends = [f"{name}_{part}" for part in ("first", "second", "third")]
+        if sense > 0.0:
+            self._slide(f"{name}_x", f"{name}_seat", ends[0], (1.0, 0.0))
+            self._slide(f"{name}_y", ends[0], ends[1], (0.0, 1.0))
+            self.joints.append(turning(f"{name}_angle", ends[1], ends[2]))
+        else:
+            self.joints.append(turning(f"{name}_angle", f"{name}_seat", ends[0], ratio=-1.0))
+            self._slide(f"{name}_x", ends[0], ends[1], (-1.0, 0.0))
+            self._slide(f"{name}_y", ends[1], ends[2], (0.0, -1.0))
+        return ends[2]
+
+    def pin(self, name: str, point: str) -> None:
+        """Add the frame of a pin at a point, turned back to the axes of the machine."""
+        body, at = self.page.point(point)
+        parent = ROOT if body == GROUND else body
+        turned, angle = self.turns[parent]
+        frames = [*(f"{name}_back_{i}" for i in range(len(turned))), name]
+        self.joints.append(fixed(parent, frames[0], at, -angle))
+        for before, after, (joint, sense) in zip(frames, frames[1:], reversed(turned), strict=False):
+            self.joints.append(turning(joint, before, after, ratio=-sense))
+
+
+def mechanism(shared: PageModel) -> FrameTree:
+    """Return the frames of a page."""
+    page, structure = shared.page, shared.assembly.structure
+    frames = Frames(shared)
+    for branch in structure.branches:
+        frames.place(branch)
+    for name, joint in page.joints.items():
+        if joint.kind != FREE:
+            frames.pin(name, joint.between[1])
+    for name, contact in page.contacts.items():
+        frames.pin(name, contact.point or page.joints[contact.joint or ""].between[1])
+    loops, names = [], list(page.joints)
+    for number in structure.loops:
+        joint = page.joints[names[number]]
+        if joint.kind == REVOLUTE:
+            frames.pin(f"{names[number]}_other", joint.between[0])
+            loops.append(Loop(names[number], f"{names[number]}_other"))
+    carried = {joint.name for joint in frames.joints}
+    lengths = tuple(name for name in shared.assembly.columns if name in shared.assembly.slides - carried)
+    sliders = tuple(n for n, d in page.drives.items() if not d.turns)
+    return FrameTree(tuple(frames.joints), tuple(loops), _bars(shared), (*lengths, *sliders))
+
+
+def _bars(shared: PageModel) -> tuple[Bar, ...]:
+    width = 0.03 * shared.assembly.size_m
+    found = []
+    for k, (name, body) in enumerate(shared.page.bodies.items()):
+        ends = [(0.0, 0.0), *body.points_m.values()]
+        for tail, head in pairwise(ends):
+            found.append(Bar(name, tail, head, width, COLOURS[k % len(COLOURS)]))
+        if len(ends) == 1:
+            found.append(Bar(name, (-width, 0.0), (width, 0.0), width, COLOURS[k % len(COLOURS)]))
+    return tuple(found)

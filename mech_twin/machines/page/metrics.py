@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Numbers of a run of a page: extremes and means of what it tells, blows of each contact, work of each element."""
+
+from __future__ import annotations
+
+from math import hypot, inf
+
+from mech_twin.machines.page.roles import PageModel
+from mech_twin.samples import Frame
+
+
+class PageRun:
+    """Running numbers of a run.
+
+    Parameters
+    ----------
+    shared : PageModel
+        The page.
+    """
+
+    def __init__(self, shared: PageModel) -> None:
+        self._shared = shared
+        self._extremes: dict[str, tuple[float, float]] = {}
+        self._blows: dict[str, list[float]] = {}  # count, largest impulse, sum of impulses, fastest, energy
+        self._first = self._last = 0.0
+        self._work: dict[str, float] = {}
+        self._begun = False
+
+    def observe(self, frame: Frame) -> None:
+        """Take one frame into account."""
+        linkage, shared = frame.linkage, self._shared
+        if not self._begun:
+            self._begun, self._first = True, linkage.time_s
+        self._last = linkage.time_s
+        slides = shared.assembly.slides
+        for name, position, speed in zip(linkage.joints, linkage.position, linkage.velocity, strict=True):
+            unit = "m" if name in slides else "rad"
+            self._take(f"{name}_{{}}_{unit}", position)
+            self._take(f"{name}_speed_{{}}_{unit}_per_s", speed)
+        for pin, wrench in zip(frame.forces.pins, frame.forces.wrenches, strict=True):
+            self._take(f"{pin}_force_{{}}_n", hypot(wrench.force_x_n, wrench.force_y_n))
+        for name, value in frame.forces.quantities.as_dict().items():
+            self._take(_with_place(name), value)
+        for event in linkage.events:
+            if event.kind == "impact":
+                self._blow(event.contact, event.impulse_ns, event.pre_velocity_m_per_s, event.post_velocity_m_per_s)
+        self._work = {n: v for n, v in linkage.memory.as_dict().items() if n.endswith("_work_j")}
+
+    def _take(self, name: str, value: float) -> None:
+        least, most = self._extremes.get(name, (inf, -inf))
+        self._extremes[name] = min(least, value), max(most, value)
+
+    def _blow(self, contact: str, impulse: float, before: float, after: float) -> None:
+        found = self._blows.setdefault(contact, [0.0, 0.0, 0.0, 0.0, 0.0])
+        found[0] += 1.0
+        found[1] = max(found[1], impulse)
+        found[2] += impulse
+        found[3] = max(found[3], before)
+        found[4] += 0.5 * impulse * (before + after)  # work of the impulse, at the mean of the speeds
+
+    def numbers(self) -> dict[str, float]:
+        """Return the numbers so far."""
+        out: dict[str, float] = {}
+        span = self._last - self._first
+        for name, (count, largest, total, fastest, energy) in self._blows.items():
+            out[f"{name}_impacts"] = count
+            out[f"{name}_impact_speed_max_m_per_s"] = fastest
+            out[f"{name}_impact_impulse_max_ns"] = largest
+            out[f"{name}_impact_loss_j"] = energy
+            if span > 0.0:
+                out[f"{name}_impact_rate_hz"] = count / span
+                out[f"{name}_impact_force_mean_n"] = total / span
+        for name, (least, most) in self._extremes.items():
+            if name.endswith("_force_{}_n"):
+                out[name.format("max")] = most
+                continue
+            out[name.format("min")], out[name.format("max")] = least, most
+        out |= {f"run_{name}": value for name, value in self._work.items()}
+        if span > 0.0:
+            drives = (*self._shared.places.driven_names, *self._shared.places.motors)
+            work = sum(self._work.get(f"{name}_work_j", 0.0) for name in drives)
+            out["run_drive_work_j"] = work
+            out["run_power_mean_w"] = work / span
+        return out
+
+
+def _with_place(name: str) -> str:
+    """Return the name of a number with a place for min or max before its unit."""
+    for unit in ("_rad_per_s", "_m_per_s", "_rad", "_nm", "_n", "_w", "_m"):
+        if name.endswith(unit):
+            return f"{name.removesuffix(unit)}_{{}}{unit}"
+    return f"{name}_{{}}"

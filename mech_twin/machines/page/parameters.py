@@ -1,0 +1,180 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A page: a planar machine with names of its user's, and what its elements are joined to."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from functools import cached_property
+from typing import Self
+
+from pydantic import model_validator
+
+from mech_twin.engine.coupling import Coupling
+from mech_twin.machines.page.elements import (
+    BodyElement,
+    Contact,
+    DriveElement,
+    Ground,
+    JointElement,
+    LoadElement,
+    Name,
+    Output,
+    Supply,
+    Vector,
+    vector,
+)
+from mech_twin.machines.page.force_elements import CouplingElement, Damper, FrictionElement, SpringElement
+from mech_twin.quantity import Parameters, choice
+
+GROUND = "ground"
+MOST_BODIES, MOST_ELEMENTS = 30, 60
+GROUPS = ("joints", "couplings", "drives", "springs", "dampers", "friction", "contacts", "loads", "outputs")
+USUAL_STEP_S = 0.001
+DOWN = (0.0, -9.80665)
+
+
+class Page(Parameters):
+    """A planar machine from a page."""
+
+    name: Name = choice("name of the machine", default="page")
+    gravity_m_per_s2: Vector = vector("m/s2", "gravity, x and y", default=DOWN)
+    ground: Ground = choice("what stands still", default=Ground())
+    bodies: dict[Name, BodyElement] = choice("rigid bodies by name")
+    joints: dict[Name, JointElement] = choice("joints by name")
+    couplings: dict[Name, CouplingElement] = choice("elastic shafts by name", default={})
+    drives: dict[Name, DriveElement] = choice("drives by name", default={})
+    supply: Supply = choice("supply of the drives", default=Supply())
+    springs: dict[Name, SpringElement] = choice("springs by name", default={})
+    dampers: dict[Name, Damper] = choice("dampers by name", default={})
+    friction: dict[Name, FrictionElement] = choice("friction by name", default={})
+    contacts: dict[Name, Contact] = choice("contacts and stops by name", default={})
+    loads: dict[Name, LoadElement] = choice("loads by name", default={})
+    outputs: dict[Name, Output] = choice("outputs by name", default={})
+    coupling: Coupling = choice("coupling of the roles", default=Coupling(step_s=USUAL_STEP_S))
+
+    @model_validator(mode="after")
+    def _of_a_size(self) -> Self:
+        if GROUND in self.bodies:
+            raise ValueError("bodies.ground: the ground is there already; its points stand under ground.points_m")
+        if not self.bodies:
+            raise ValueError("bodies: expected at least one body")
+        if len(self.bodies) > MOST_BODIES:
+            raise ValueError(f"bodies: expected at most {MOST_BODIES}, got {len(self.bodies)}")
+        for group, elements in self.groups():
+            if len(elements) > MOST_ELEMENTS:
+                raise ValueError(f"{group}: expected at most {MOST_ELEMENTS}, got {len(elements)}")
+        seen = {name: f"bodies.{name}" for name in self.bodies}
+        for group, elements in self.groups():
+            for name in elements:
+                if name in seen:
+                    raise ValueError(f"{group}.{name}: {seen[name]} has the same name; each element has its own")
+                seen[name] = f"{group}.{name}"
+        return self
+
+    @model_validator(mode="after")
+    def _joined_to_what_is_there(self) -> Self:
+        for where, point in self._points():
+            self.check_point(where, point)
+        for group, elements in self.groups():
+            for name, element in elements.items():
+                joint = getattr(element, "joint", None)
+                if joint is not None and "joint" in element.model_fields_set:
+                    self._check_joint(f"{group}.{name}", joint, element)
+        for name, drive in self.drives.items():
+            others = [other for other, d in self.drives.items() if d.joint == drive.joint and other != name]
+            if others and drive.kind == "constant_speed":
+                raise ValueError(
+                    f"drives.{name}.joint: '{drive.joint}' has a given speed already and cannot be driven by "
+                    f"drives.{others[0]} too"
+                )
+        self._check_names_inside()
+        return self
+
+    def _check_names_inside(self) -> None:
+        """Refuse joints and bodies that stand deeper in an element and are not there."""
+        for name, coupling in self.couplings.items():
+            for joint in coupling.joints:
+                self._check_joint(f"couplings.{name}", joint, coupling, turns=True)
+        for name, spring in self.springs.items():
+            for port, opening in (spring.gas.ports if spring.gas is not None else {}).items():
+                self._check_joint(f"springs.{name}.gas.ports.{port}", opening.joint, opening, turns=False)
+        for name, load in self.loads.items():
+            if load.body is not None:
+                self._check_body(f"loads.{name}.body", load.body)
+        for name, output in self.outputs.items():
+            for body in output.angle or ():
+                self._check_body(f"outputs.{name}.angle", body)
+
+    @cached_property
+    def expanded(self) -> Page:
+        """The page with a body and a joint for each unbalance: a mass on an arm that a constant speed turns."""
+        shaken = {name: drive for name, drive in self.drives.items() if drive.kind == "unbalance"}
+        if not shaken:
+            return self
+        bodies, joints, drives = dict(self.bodies), dict(self.joints), dict(self.drives)
+        for name, drive in shaken.items():
+            mass, shaft = f"{name}_mass", f"{name}_shaft"
+            bodies[mass] = BodyElement(mass_kg=drive.mass_kg or 0.0, centre_m=(drive.radius_m or 0.0, 0.0))
+            joints[shaft] = JointElement(
+                kind="revolute", between=(drive.point or "", mass), start_deg=drive.start_deg or 0.0
+            )
+            drives[name] = DriveElement(kind="constant_speed", joint=shaft, speed_rpm=drive.speed_rpm)
+        there = {key: getattr(self, key) for key in type(self).model_fields}
+        return Page(**there | {"bodies": bodies, "joints": joints, "drives": drives})
+
+    def groups(self) -> Iterator[tuple[str, Mapping[str, Parameters]]]:
+        """Yield the groups of elements that are joined to others."""
+        for group in (
+            "joints",
+            "couplings",
+            "drives",
+            "springs",
+            "dampers",
+            "friction",
+            "contacts",
+            "loads",
+            "outputs",
+        ):
+            yield group, getattr(self, group)
+
+    def _points(self) -> Iterator[tuple[str, str]]:
+        for group, elements in self.groups():
+            for name, element in elements.items():
+                for key in ("between", "distance"):
+                    for point in getattr(element, key, None) or ():
+                        yield f"{group}.{name}.{key}", point
+                for key in ("point", "line"):
+                    point = getattr(element, key, None)
+                    if point is not None:
+                        yield f"{group}.{name}.{key}", point
+
+    def _check_body(self, where: str, body: str) -> None:
+        if body != GROUND and body not in self.bodies:
+            raise ValueError(f"{where}: no body '{body}'; expected one of {', '.join((GROUND, *self.bodies))}")
+
+    def check_point(self, where: str, point: str) -> None:
+        """Refuse a point that no body has."""
+        body, dot, name = point.partition(".")
+        self._check_body(where, body)
+        there = self.ground.points_m if body == GROUND else self.bodies[body].points_m
+        if dot and name not in there:
+            known = ", ".join(there) or f"none; write it under {body}.points_m"
+            raise ValueError(f"{where}: {body} has no point '{name}'; expected one of {known}")
+
+    def _check_joint(self, where: str, name: str, element: Parameters, *, turns: bool | None = None) -> None:
+        if name not in self.joints:
+            raise ValueError(f"{where}.joint: no joint '{name}'; expected one of {', '.join(self.joints)}")
+        kind = self.joints[name].kind
+        if turns is None:
+            turns = getattr(element, "turns", None)
+        if kind not in ("revolute", "slider"):
+            raise ValueError(f"{where}.joint: '{name}' is a {kind}; expected a revolute or a slider")
+        if turns is not None and turns != (kind == "revolute"):
+            unit = "rpm, deg, or N m" if kind == "revolute" else "m, m/s, or N"
+            raise ValueError(f"{where}.joint: '{name}' is a {kind}; expected keys in {unit}")
+
+    def point(self, name: str) -> tuple[str, tuple[float, float]]:
+        """Return the body of a point and its place in the body's frame."""
+        body, dot, point = name.partition(".")
+        there = self.ground.points_m if body == GROUND else self.bodies[body].points_m
+        return body, there[point] if dot else (0.0, 0.0)

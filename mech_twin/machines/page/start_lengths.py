@@ -1,0 +1,51 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Lengths at the start, from which springs and gaps are told."""
+
+from __future__ import annotations
+
+from mech_twin.machines.page.elements import DEGREE
+from mech_twin.machines.page.force_elements import SpringElement
+from mech_twin.machines.page.state_places import StatePlaces
+from mech_twin.mechanics.kinematics import Kinematics
+
+
+class StartLengths:
+    """Lengths and angles of the springs at the start: a preload is told there."""
+
+    def __init__(self, places: StatePlaces) -> None:
+        self._places = places
+
+    def free(self, spring: SpringElement) -> float:
+        """Return the length, travel (m) or angle (rad) at which a spring gives nothing."""
+        if spring.free_m is not None:
+            return spring.free_m
+        if spring.free_deg is not None:
+            return spring.free_deg * DEGREE
+        preload = spring.preload_n if spring.preload_n is not None else spring.preload_nm or 0.0
+        rate = spring.rate_n_per_m if spring.rate_n_per_m is not None else spring.rate_nm_per_rad or 0.0
+        return self.length(spring) + (preload / rate if rate else 0.0)
+
+    def twist(self, joints: tuple[str, str]) -> float:
+        """Return the difference of two joints' angles at the start (rad)."""
+        assembly = self._places.assembly
+        motion = Kinematics(assembly.structure, assembly.start.tolist())
+        first, second = (motion.joint_coordinates(assembly.joint_number(name))[0].value for name in joints)
+        difference = first - second
+        assert isinstance(difference, float | int)
+        return float(difference)
+
+    def length(self, spring: SpringElement) -> float:
+        """Return length, travel (m) or angle (rad) at the start."""
+        assembly = self._places.assembly
+        motion = Kinematics(assembly.structure, assembly.start.tolist())
+        if spring.joint is not None:
+            value = motion.joint_coordinates(assembly.joint_number(spring.joint))[0].value
+        else:
+            assert spring.between is not None
+            first, second = (
+                motion.point(assembly.body_number(body), place)
+                for body, place in map(assembly.page.point, spring.between)
+            )
+            value = motion.distance(first, second).value
+        assert isinstance(value, float | int)
+        return float(value)

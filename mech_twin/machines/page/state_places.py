@@ -1,0 +1,194 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where each number of a page's state and controls stands."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+from mech_twin.machines.page.assembly import Assembly
+from mech_twin.machines.page.parameters import Page
+from mech_twin.machines.page.tables import Rows, bends_of, instants
+
+HERTZ = 1.5  # exponent of a compliant contact
+NO_GAP = -1.0
+NEAR_M = 1e-11  # beyond its gap, where it gives no force, a compliant contact counts as changed: it stays so
+
+
+@dataclass(frozen=True)
+class StatePlaces:
+    """Where the numbers of a page stand in state, controls and values, and what they are called."""
+
+    page: Page
+    assembly: Assembly
+
+    @cached_property
+    def free(self) -> int:
+        """Number of free coordinates."""
+        return len(self.assembly.split.free)
+
+    @cached_property
+    def driven(self) -> int:
+        """Number of driven coordinates."""
+        return len(self.assembly.split.driven)
+
+    @cached_property
+    def dependent(self) -> int:
+        """Number of dependent coordinates."""
+        return len(self.assembly.split.dependent)
+
+    @cached_property
+    def laws(self) -> tuple[str, ...]:
+        """Names of the laws: rigid contacts, layers, then what rubs or resists."""
+        return (*self.rigid, *self.layers, *self.resisted)
+
+    @cached_property
+    def rigid(self) -> tuple[str, ...]:
+        """Contacts with restitution."""
+        return tuple(name for name, c in self.page.contacts.items() if c.restitution is not None)
+
+    @cached_property
+    def layers(self) -> tuple[str, ...]:
+        """Contacts with a layer."""
+        return tuple(name for name, c in self.page.contacts.items() if c.layer_m_n is not None)
+
+    @cached_property
+    def compliant(self) -> tuple[str, ...]:
+        """Contacts with a stiffness."""
+        return tuple(name for name, c in self.page.contacts.items() if c.stiffness_n_per_m is not None)
+
+    @cached_property
+    def touching(self) -> tuple[str, ...]:
+        """Contacts whose force acts on a point or a stop."""
+        return (*self.rigid, *self.layers, *self.compliant)
+
+    @cached_property
+    def resisted(self) -> dict[str, str]:
+        """The joint of each law without a gap, by the law's name: that of its element, or of the joint if several."""
+        page = self.page
+        found: dict[str, list[str]] = {}
+        for name, friction in page.friction.items():
+            found.setdefault(friction.joint, []).append(name)
+        for name, load in page.loads.items():
+            if load.joint is not None and load.resists:
+                found.setdefault(load.joint, []).append(name)
+        for name, contact in page.contacts.items():
+            if contact.gives_way_n is not None:
+                found.setdefault(contact.joint or "", []).append(name)
+        for name, drive in page.drives.items():
+            if (drive.gear_efficiency or 1.0) < 1.0:
+                found.setdefault(drive.joint, []).append(f"{name}_gear")
+        return {names[0] if len(names) == 1 else joint: joint for joint, names in found.items()}
+
+    @cached_property
+    def motors(self) -> tuple[str, ...]:
+        """Drives that give a force or torque."""
+        return tuple(name for name, drive in self.page.drives.items() if drive.kind != "constant_speed")
+
+    @cached_property
+    def tabled(self) -> tuple[str, ...]:
+        """Drives by table."""
+        return tuple(name for name, drive in self.page.drives.items() if drive.kind == "table")
+
+    @cached_property
+    def programs(self) -> dict[str, tuple[float, ...]]:
+        """The instants of each drive that goes by time, within a period, which ends them (s)."""
+        found: dict[str, tuple[float, ...]] = {}
+        for name, drive in self.page.drives.items():
+            if drive.kind == "program":
+                found[name] = (drive.first_s or 0.5, drive.period_s or 1.0)
+            elif drive.table_s_n is not None or drive.table_s_nm is not None:
+                found[name] = tuple(instants(drive.rows, drive.period_s or math.inf))
+        return found
+
+    @cached_property
+    def gases(self) -> tuple[str, ...]:
+        """Gas springs."""
+        return tuple(name for name, spring in self.page.springs.items() if spring.gas is not None)
+
+    @cached_property
+    def ports(self) -> dict[str, int]:
+        """The gas spring of each port."""
+        found: dict[str, int] = {}
+        for i, name in enumerate(self.gases):
+            gas = self.page.springs[name].gas
+            found |= {f"{name}_{port}": i for port in (gas.ports if gas is not None else {})}
+        return found
+
+    @cached_property
+    def backlashes(self) -> tuple[str, ...]:
+        """Both ends of the play of each coupling."""
+        slack = [name for name, coupling in self.page.couplings.items() if coupling.backlash_deg > 0.0]
+        return tuple(f"{name}_{end}" for name in slack for end in ("forward", "backward"))
+
+    @cached_property
+    def bends(self) -> tuple[str, ...]:
+        """Bends of tables, and where a layer begins: places where a force is not smooth."""
+        page, found = self.page, list(self.layers)
+        for name, spring in page.springs.items():
+            rows = spring.table_m_n if spring.table_m_n is not None else spring.table_deg_nm
+            found += self._bends(name, rows, held=False)
+        for name, load in page.loads.items():
+            found += self._bends(name, load.resisting if load.over_speed is None else load.over_speed, held=True)
+        for name in self.tabled:
+            if name not in self.programs:
+                found += self._bends(name, page.drives[name].rows, held=True)
+        return tuple(found)
+
+    @staticmethod
+    def _bends(name: str, rows: Rows | None, *, held: bool) -> list[str]:
+        return [] if rows is None else [f"{name}_bend_{i}" for i in range(len(bends_of(rows, held=held)))]
+
+    @cached_property
+    def switches(self) -> tuple[str, ...]:
+        """Elements with a signal of their own."""
+        return (*self.programs, *self.ports, *self.compliant, *self.backlashes, *self.bends)
+
+    @cached_property
+    def worked(self) -> tuple[str, ...]:
+        """Elements whose work is booked beside that of driven coordinates and laws."""
+        loads = [name for name, load in self.page.loads.items() if not load.resists]
+        shafts = [name for name, coupling in self.page.couplings.items() if coupling.damping_nms_per_rad > 0.0]
+        return (*self.motors, *self.page.dampers, *shafts, *self.gases, *loads, *self.compliant)
+
+    @cached_property
+    def driven_names(self) -> tuple[str, ...]:
+        """The drive of each driven coordinate."""
+        of_joint = {d.joint: name for name, d in self.page.drives.items() if d.kind == "constant_speed"}
+        return tuple(of_joint[self.assembly.coordinates[j]] for j in self.assembly.split.driven)
+
+    @cached_property
+    def motion(self) -> int:
+        """Where the books begin in the state."""
+        return 2 * self.free + self.dependent + 2 * self.driven
+
+    @property
+    def books(self) -> tuple[str, ...]:
+        """The books, in their order in the state; the last is what impacts take."""
+        return (*self.driven_names, *self.worked, *self.laws, "impacts")
+
+    @property
+    def state(self) -> int:
+        """Numbers in the state: motion, books, and the amount of gas in each gas spring over that at the start."""
+        return self.motion + len(self.books) + len(self.gases)
+
+    @property
+    def motor_controls(self) -> int:
+        """Where the drives begin in the controls: force, its slope in the speed, and the speed it is of; for each."""
+        return self.driven
+
+    @property
+    def switch_controls(self) -> int:
+        """Where the switches begin in the controls: regime and time of the next change; for each."""
+        return self.motor_controls + 3 * len(self.motors)
+
+    @property
+    def found_controls(self) -> int:
+        """Where begins what the loop has found: accelerations, forces of laws, efforts of driven coordinates."""
+        return self.switch_controls + 2 * len(self.switches)
+
+    @property
+    def controls(self) -> int:
+        """Numbers in the controls."""
+        return self.found_controls + self.free + len(self.laws) + self.driven

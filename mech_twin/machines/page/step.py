@@ -1,0 +1,365 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The roles of a page as kernels: drives, a coupling step, force analysis; compiled once for all pages."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from mech_twin.engine.compiled_steps import force_step, linkage_step, motor_step, step_of
+from mech_twin.engine.hybrid.complementarity import SOLVED
+from mech_twin.engine.hybrid.declared import declared
+from mech_twin.engine.hybrid.laws import OPEN, Array, Indices
+from mech_twin.engine.hybrid.loop import LOG_FULL, Room, advance, let_open, room_for
+from mech_twin.engine.hybrid.motion import find_accelerations, prepare_instant, settle_regimes
+from mech_twin.engine.integration import Workspace
+from mech_twin.engine.sample_vectors import (
+    COMMAND,
+    LINKAGE_JOINTS,
+    MOTOR_COMMAND,
+    MOTOR_JOINTS,
+    PINS,
+    REGIME,
+)
+from mech_twin.kernel import kernel
+from mech_twin.machines.page.system import PageSystem, driving_effort, put_back, starting_regimes, tell_regimes
+from mech_twin.mechanics.straight_line import call_straight_line
+from mech_twin.parts.induction_motor import MotorConstants, motor_torque, motor_torque_slope
+from mech_twin.parts.supply import limited_change, limited_command
+
+SPEED, EFFORT, PROGRAM, DC, INDUCTION, TABLE = range(6)
+KIND, COLUMN, RATIO, FIRST, SECOND, SWITCHED = range(6)  # of a row of the drives; then the induction motor's numbers
+MOTOR_NUMBERS, DRIVE_WIDTH = 6, 14
+ROUNDING = 1.0 + 1e-9
+NEAR_DEAD_POINT = -10
+REGULAR = 1e-3  # least regularity of the closures: the sine of an angle between links
+
+
+class PageDrives(NamedTuple):
+    """Constants of the motor role: a row for each drive, rate of the supply (1/s), coupling step (s)."""
+
+    drives: Array
+    switches: int  # where their regimes begin in a linkage row
+    tables: int  # where begins what drives by table give under full supply
+    rate_per_s: float
+    step_s: float
+
+
+class PageMachine(NamedTuple):
+    """Constants of the linkage role; places are of a linkage row and its memory."""
+
+    system: PageSystem
+    entry: int | None  # of the system in this process
+    report: int
+    drives: Array
+    columns: Indices  # of the joints of free, dependent and driven coordinates
+    tolerance: Array
+    reported: Array  # room
+    joints: int
+    books: int
+    kept: int  # the books, and the amounts of gas
+    tables: int
+    motors: int
+    step_s: float
+
+
+class PageForces(NamedTuple):
+    """Constants of the force analysis."""
+
+    machine: PageMachine
+    reactions: int
+    told: Array  # room
+    pins: int
+    quantities: int
+
+
+@kernel
+def induction_motor(row: Array) -> MotorConstants:
+    """Return the constants of a row's motor."""
+    m = row[MOTOR_NUMBERS:]
+    return MotorConstants(m[0], m[1], m[2], m[3], m[4], m[5], m[6], m[7] != 0.0)
+
+
+@step_of(motor_step, PageDrives)
+def page_drives(model: PageDrives, linkage: Array, target: float, out: Array) -> None:
+    """Fill in position, speed and effort of each drive at its own shaft; of a given speed the one asked for."""
+    command = limited_command(linkage[COMMAND], target, model.rate_per_s, model.step_s)
+    out[MOTOR_COMMAND] = command
+    for i in range(len(model.drives)):
+        row = model.drives[i]
+        joint, place = LINKAGE_JOINTS + 3 * int(row[COLUMN]), MOTOR_JOINTS + 3 * i
+        position, speed, ratio, kind = linkage[joint], linkage[joint + 1], row[RATIO], int(row[KIND])
+        effort = command * row[FIRST]
+        if kind == SPEED:
+            reach = abs(row[FIRST]) * model.rate_per_s * model.step_s * ROUNDING
+            speed, effort = limited_change(speed, command * row[FIRST], reach), linkage[joint + 2]
+        elif kind == PROGRAM:
+            regime = int(linkage[model.switches + int(row[SWITCHED])])
+            effort = command * (row[FIRST] if regime % 2 == 0 else row[SECOND])
+        elif kind == TABLE:
+            effort = command * linkage[model.tables + int(row[SWITCHED])]
+        elif kind == DC:
+            effort = row[FIRST] * (command - ratio * speed / row[SECOND])
+        elif kind == INDUCTION:
+            effort = motor_torque(induction_motor(row), ratio * speed, command)
+        out[place], out[place + 1], out[place + 2] = ratio * position, ratio * speed, effort
+
+
+@kernel
+def motor_controls(model: PageMachine, linkage: Array, motor: Array) -> None:
+    """Fill in what the drives give in the step: forces with their slopes, accelerations of given speeds."""
+    controls, command = model.system.controls, motor[MOTOR_COMMAND]
+    place, led = model.system.driven, 0
+    for i in range(len(model.drives)):
+        row, at = model.drives[i], MOTOR_JOINTS + 3 * i
+        ratio, kind, speed = row[RATIO], int(row[KIND]), linkage[LINKAGE_JOINTS + 3 * int(row[COLUMN]) + 1]
+        if kind == SPEED:
+            controls[led] = (motor[at + 1] - speed) / model.step_s
+            led += 1
+            continue
+        first, slope = ratio * motor[at + 2], 0.0
+        if kind == TABLE:
+            first = ratio * command
+        elif kind == PROGRAM:
+            first, slope = command * row[FIRST], command * row[SECOND]
+        elif kind == DC:
+            slope = -ratio * ratio * row[FIRST] / row[SECOND]
+        elif kind == INDUCTION:
+            slope = ratio * ratio * motor_torque_slope(induction_motor(row), ratio * speed, command)
+        controls[place], controls[place + 1], controls[place + 2] = first, slope, speed
+        place += 3
+
+
+@kernel
+def memory_place(model: PageMachine) -> int:
+    """Return where the memory begins in a linkage row."""
+    return LINKAGE_JOINTS + 3 * model.joints
+
+
+@kernel
+def fill_state(model: PageMachine, linkage: Array, y: Array, regimes: Indices) -> None:
+    """Fill state and regimes from a linkage row."""
+    s = model.system
+    n, nz, nr = s.free, s.dependent, s.driven
+    for i in range(n):
+        joint = LINKAGE_JOINTS + 3 * model.columns[i]
+        y[i], y[n + i] = linkage[joint], linkage[joint + 1]
+    for i in range(nz):
+        y[2 * n + i] = linkage[LINKAGE_JOINTS + 3 * model.columns[n + i]]
+    for i in range(nr):
+        joint = LINKAGE_JOINTS + 3 * model.columns[n + nz + i]
+        y[2 * n + nz + i], y[2 * n + nz + nr + i] = linkage[joint], linkage[joint + 1]
+    place = memory_place(model)
+    for i in range(len(regimes)):
+        regimes[i] = int(linkage[place + i])
+    place += len(regimes)
+    for i in range(model.kept):
+        y[2 * n + nz + 2 * nr + i] = linkage[place + i]
+
+
+@kernel
+def fill_found(model: PageMachine, linkage: Array) -> None:
+    """Fill in the controls what the loop has found, and the drives' efforts, from the memory of a linkage row."""
+    s = model.system
+    place = memory_place(model) + s.law_count + s.switches + model.kept
+    begin = s.switch_controls + 2 * s.switches
+    for i in range(s.free + s.law_count + s.driven):
+        s.controls[begin + i] = linkage[place + i]
+    place += s.free + s.law_count + s.driven
+    for i in range(s.driven + 3 * model.motors):
+        s.controls[i] = linkage[place + i]
+
+
+@kernel
+def page_room(system: PageSystem, size: int) -> Room:
+    """Return room for a page; its stages are whole states, since the dependent coordinates stand among the books."""
+    room = room_for(system.free, system.law_count, system.switches, size)
+    work = Workspace(room.work.rates, np.empty(size), room.work.end)
+    return Room(
+        room.at, work, room.search, room.candidates, room.struck, room.ended, room.past, room.cut, room.before,
+        room.tolerance, room.method, room.steps,
+    )  # fmt: skip
+
+
+@kernel
+def energy_held(model: PageMachine, t: float, y: Array) -> float:
+    """Return kinetic and potential energy of a state (J)."""
+    call_straight_line(model.report, model.system.numbers, model.system.controls, t, y, model.reported)
+    return float(model.reported[2 * model.joints] + model.reported[2 * model.joints + 1])
+
+
+@kernel
+def fill_efforts(
+    model: PageMachine, regimes: Indices, acceleration: Array, multiplier: Array, place: int, out: Array
+) -> None:
+    """Fill the efforts of the drives into their joints, and into the memory from ``place`` on."""
+    s, nr = model.system, model.system.driven
+    led = 0
+    for i in range(len(model.drives)):
+        if int(model.drives[i, KIND]) == SPEED:
+            effort = driving_effort(s, led, acceleration, multiplier)
+            out[place + led] = effort
+            out[LINKAGE_JOINTS + 3 * int(model.drives[i, COLUMN]) + 2] += effort
+            led += 1
+    place += nr
+    for i in range(nr + 3 * model.motors):
+        out[place + i] = s.controls[i]
+    given = nr
+    for i in range(len(model.drives)):
+        kind, joint = int(model.drives[i, KIND]), LINKAGE_JOINTS + 3 * int(model.drives[i, COLUMN])
+        if kind == SPEED:
+            continue
+        effort = s.controls[given] + s.controls[given + 1] * (out[joint + 1] - s.controls[given + 2])
+        if kind == PROGRAM:
+            regime = regimes[s.law_count + int(model.drives[i, SWITCHED])]
+            effort = s.controls[given] if regime % 2 == 0 else s.controls[given + 1]
+        elif kind == EFFORT:
+            effort = s.controls[given]
+        elif kind == TABLE:
+            effort = s.controls[given] * model.reported[2 * model.joints + 2 + int(model.drives[i, SWITCHED])]
+        out[joint + 2] += effort
+        given += 3
+
+
+@kernel
+def fill_linkage(model: PageMachine, t: float, y: Array, regimes: Indices, out: Array) -> float:
+    """Fill joints and memory of a linkage row at a state; return the energy held (J)."""
+    s = model.system
+    n, nz, nr, m = s.free, s.dependent, s.driven, s.law_count
+    room = page_room(s, len(y))
+    tell_regimes(s, regimes)
+    find_accelerations(declared(model.entry, s, room.at), t, y, regimes, room.at)
+    energy = energy_held(model, t, y)
+    for i in range(model.joints):
+        joint = LINKAGE_JOINTS + 3 * i
+        out[joint], out[joint + 1], out[joint + 2] = model.reported[2 * i], model.reported[2 * i + 1], 0.0
+    for i in range(n):  # as the loop has them, to the bit
+        joint = LINKAGE_JOINTS + 3 * model.columns[i]
+        out[joint], out[joint + 1] = y[i], y[n + i]
+    place = memory_place(model)
+    for i in range(len(regimes)):
+        out[place + i] = regimes[i]
+    place += len(regimes)
+    for i in range(model.kept):
+        out[place + i] = y[2 * n + nz + 2 * nr + i]
+    place += model.kept
+    for i in range(n):
+        out[place + i] = room.at.acceleration[i]
+    for i in range(m):
+        out[place + n + i] = room.at.multiplier[i]
+    place += n + m
+    fill_efforts(model, regimes, room.at.acceleration, room.at.multiplier, place, out)
+    tables = len(out) - 5 - nr - model.tables
+    for i in range(model.tables):
+        out[tables + i] = model.reported[2 * model.joints + 2 + i]
+    return energy
+
+
+@kernel
+def fill_residuals(model: PageMachine, y: Array, energy: float, begun: float, turned: float, out: Array) -> float:
+    """Fill in what the loops miss (m), and the energy that is not in the books, over what was turned over (J).
+
+    ``begun`` is the energy at the start and what live changes of parameters have put in (J).
+    """
+    s = model.system
+    books, misses, place = 0.0, 0.0, len(out) - 2
+    for i in range(model.books):
+        books += y[len(y) - model.kept + i]
+    for i in range(s.dependent):
+        misses = max(misses, abs(s.corrections[s.dependent + i]))
+    out[place] = misses
+    out[place + 1] = (energy - begun - books) / max(turned, 1e-9)
+    return misses
+
+
+@step_of(linkage_step, PageMachine)
+def page_step(
+    model: PageMachine, step: int, linkage: Array, motor: Array, body: Array, out: Array, log: Array
+) -> tuple[Array, int]:
+    """Fill in the machine one coupling step later, its events located inside the step."""
+    s = model.system
+    y, regimes = np.empty(len(model.tolerance)), np.empty(s.law_count + s.switches, dtype=np.int64)
+    motor_controls(model, linkage, motor)
+    room, t, count = page_room(s, len(y)), step * model.step_s, LOG_FULL
+    room.tolerance[:] = model.tolerance
+    fill_state(model, linkage, y, regimes)
+    begun = linkage[len(out) - 5] + energy_held(model, t, y) - linkage[len(out) - 3]
+    while count == LOG_FULL:
+        fill_state(model, linkage, y, regimes)
+        system = declared(model.entry, s, room.at)
+        count = advance(system, t, (step + 1) * model.step_s - t, y, regimes, room, log, 0)
+        if count == LOG_FULL:
+            log = np.empty((2 * len(log) + 8, log.shape[1]))
+    if count < 0:
+        return log, count
+    led = 2 * s.free + s.dependent + s.driven
+    i = 0
+    for k in range(len(model.drives)):
+        if int(model.drives[k, KIND]) == SPEED:  # what rounding leaves of the sum of the steps is kept (Kahan)
+            joint, kept = LINKAGE_JOINTS + 3 * int(model.drives[k, COLUMN]), len(out) - 5 - s.driven + i
+            before, after = linkage[joint + 1], motor[MOTOR_JOINTS + 3 * k + 1]
+            way = 0.5 * (before + after) * model.step_s - linkage[kept]
+            y[led - s.driven + i] = linkage[joint] + way
+            out[kept] = (y[led - s.driven + i] - linkage[joint]) - way
+            y[led + i] = after
+            i += 1
+    regular = put_back(s, y)
+    if not regular > REGULAR:
+        return log, NEAR_DEAD_POINT
+    out[REGIME], out[COMMAND] = 0.0, motor[MOTOR_COMMAND]
+    for k in range(s.law_count):
+        if s.restitutions[k] >= 0.0 and regimes[k] != OPEN:
+            out[REGIME] = 1.0
+    energy = fill_linkage(model, (step + 1) * model.step_s, y, regimes, out)
+    held = len(out) - 5
+    turned = linkage[held + 1]
+    for k in range(model.books):
+        turned += abs(y[len(y) - model.kept + k] - linkage[memory_place(model) + len(regimes) + k])
+    out[held], out[held + 1], out[held + 2] = begun, turned, energy
+    fill_residuals(model, y, energy, begun, max(turned, abs(energy), abs(begun)), out)
+    return log, count
+
+
+@kernel
+def start_page(model: PageMachine, t: float, y: Array, regimes: Indices, out: Array) -> int:
+    """Fill in a linkage row at the start, the regimes decided; return `SOLVED`, or less where laws contradict."""
+    s = model.system
+    room = page_room(s, len(y))
+    system = declared(model.entry, s, room.at)
+    candidates = np.zeros(s.law_count, dtype=np.int64)
+    put_back(s, y)
+    tell_regimes(s, regimes)
+    prepare_instant(system, t, y, regimes, room.at)
+    starting_regimes(room.at.velocity, room.at.gap, s.restitutions, regimes, candidates)
+    answer = settle_regimes(system, t, y, regimes, candidates, room.at)
+    let_open(room.at, regimes)
+    energy = fill_linkage(model, t, y, regimes, out)
+    held = len(out) - 5
+    out[REGIME], out[held], out[held + 1], out[held + 2] = 0.0, energy, 0.0, energy
+    for k in range(s.law_count):
+        if s.restitutions[k] >= 0.0 and regimes[k] != OPEN:
+            out[REGIME] = 1.0
+    fill_residuals(model, y, energy, energy, 1.0, out)
+    return min(answer, SOLVED)
+
+
+@step_of(force_step, PageForces)
+def page_forces(
+    model: PageForces, step: int, linkage: Array, log: Array, count: int, out: Array, loads: Array
+) -> tuple[Array, int]:
+    """Fill in the forces in the joints and of the elements, and how far the two routes to an effort differ."""
+    machine, s = model.machine, model.machine.system
+    y, regimes = np.empty(len(machine.tolerance)), np.empty(s.law_count + s.switches, dtype=np.int64)
+    fill_state(machine, linkage, y, regimes)
+    tell_regimes(s, regimes)
+    fill_found(machine, linkage)
+    call_straight_line(model.reactions, s.numbers, s.controls, step * machine.step_s, y, model.told)
+    out[0] = 0.0
+    for i in range(3 * model.pins + model.quantities):
+        out[PINS + i] = model.told[i]
+    place, size, worst = 3 * model.pins + model.quantities, s.free + s.dependent + s.driven, 0.0
+    for i in range(size):
+        worst = max(worst, abs(model.told[place + i]) / max(model.told[place + size + i], 1e-9))
+    out[PINS + place] = worst
+    return loads, 0

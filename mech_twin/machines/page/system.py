@@ -1,0 +1,274 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A page as a system of the one loop: generated functions called by address, one set of kernels for all pages."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from mech_twin.engine.compiled_steps import fill_event
+from mech_twin.engine.hybrid import laws
+from mech_twin.engine.hybrid.laws import HIGH, HOLD, LOW, OPEN, Array, Equations, Indices, declares
+from mech_twin.kernel import borrowing_kernel
+from mech_twin.mechanics.straight_line import call_straight_line
+
+PHASE, PORT, TOUCH, BEND = range(4)  # what a switch is
+IMPACT, CONTACT, RELEASE, STICK, SLIP, SWITCH = range(6)
+KINDS = ("impact", "contact", "release", "stick", "slip", "switch")
+ROUNDS = 6  # of Newton that put the dependent coordinates back
+CLOSED = 1e-15  # of a coordinate: a correction that is rounding
+
+
+class PageSystem(NamedTuple):
+    """A page for the loop: functions by address, numbers, controls, room for values; sizes, all counts.
+
+    ``programs`` of the switches are the first; ``timing`` has of each how many instants a period has, and these.
+    ``kinds`` tells what a switch is, ``gas`` whose amount the port has.
+    """
+
+    instant: int
+    correction: int
+    numbers: Array
+    controls: Array
+    values: Array
+    corrections: Array
+    restitutions: Array
+    timing: Array
+    kinds: Indices
+    gas: Indices
+    free: int
+    dependent: int
+    driven: int
+    law_count: int
+    switches: int
+    programs: int
+    worked: int
+    switch_controls: int
+    law_values: int
+    follow_values: int
+    gases: int
+
+
+@borrowing_kernel
+def next_change(timing: Array, program: int, phase: int) -> float:
+    """Return when a phase of a program ends (s); phases are counted from 0, as many a period as it has instants."""
+    count = int(timing[program, 0])
+    if phase < count:
+        return float(timing[program, 1 + phase])
+    return float((phase // count) * timing[program, count] + timing[program, 1 + phase % count])
+
+
+@borrowing_kernel
+def tell_regimes(system: PageSystem, regimes: Indices) -> None:
+    """Fill the regimes of the switches into the controls."""
+    for i in range(system.switches):
+        regime = regimes[system.law_count + i]
+        place = system.switch_controls + 2 * i
+        system.controls[place] = regime % 2
+        system.controls[place + 1] = next_change(system.timing, i, regime) if i < system.programs else 0.0
+
+
+@borrowing_kernel
+def put_back(system: PageSystem, y: Array) -> float:
+    """Put the dependent coordinates back on the closures, by Newton; return how regular they are, 1 without any."""
+    n, nz = system.free, system.dependent
+    least = 1.0
+    for _ in range(ROUNDS if nz else 0):
+        call_straight_line(system.correction, system.numbers, system.controls, 0.0, y, system.corrections)
+        reach = 0.0
+        for i in range(nz):
+            change = system.corrections[i]
+            y[2 * n + i] += change
+            reach = max(reach, abs(change) / (1.0 + abs(y[2 * n + i])))
+        if not reach > CLOSED:
+            break
+    for i in range(2 * nz, len(system.corrections) if nz else 0):
+        least = min(least, system.corrections[i])
+    return least
+
+
+@declares(laws.evaluate, PageSystem)
+def evaluate_page(system: PageSystem, t: float, y: Array, regimes: Indices, at: Equations) -> None:
+    """Fill masses, forces and laws from the generated function."""
+    values = system.values
+    call_straight_line(system.instant, system.numbers, system.controls, t, y, values)
+    n = system.free
+    for i in range(n):
+        for j in range(n):
+            at.mass[i, j] = values[i * n + j]
+        at.force[i] = values[n * n + i]
+    width = n + system.driven + 5
+    for i in range(system.law_count):
+        place = system.law_values + i * width
+        for j in range(n):
+            at.directions[i, j] = values[place + j]
+        place += n + system.driven
+        at.drift[i], at.bias[i], at.gap[i] = values[place], values[place + 1], values[place + 2]
+        at.low[i], at.high[i] = values[place + 3], values[place + 4]
+        at.restitution[i] = system.restitutions[i]
+
+
+@borrowing_kernel
+def driving_effort(system: PageSystem, which: int, acceleration: Array, multiplier: Array) -> float:
+    """Return the effort that a driven coordinate needs, at the instant evaluated last."""
+    n = system.free
+    place = n * n + n + which * (n + 1)
+    total = -system.values[place + n]
+    for j in range(n):
+        total += system.values[place + j] * acceleration[j]
+    width = n + system.driven + 5
+    for i in range(system.law_count):
+        total -= system.values[system.law_values + i * width + n + which] * multiplier[i]
+    return float(total)
+
+
+@borrowing_kernel
+def gas_values(system: PageSystem) -> int:
+    """Return where the gas springs begin in the values: rate of each amount, then what an open port makes it."""
+    return system.follow_values + system.dependent + system.worked + 2 * system.switches
+
+
+@declares(laws.accumulate, PageSystem)
+def accumulate_page(system: PageSystem, t: float, y: Array, regimes: Indices, at: Equations, out: Array) -> None:
+    """Fill in the rates of dependent and driven coordinates, and the powers of drives, elements and laws."""
+    n, nz, nr = system.free, system.dependent, system.driven
+    place = 2 * n
+    for i in range(nz):
+        out[place + i] = system.values[system.follow_values + i]
+    place += nz
+    for i in range(nr):
+        out[place + i], out[place + nr + i] = y[place + nr + i], system.controls[i]
+    speeds, place = place + nr, place + 2 * nr
+    for i in range(nr):
+        out[place + i] = driving_effort(system, i, at.acceleration, at.multiplier) * y[speeds + i]
+    place += nr
+    for i in range(system.worked):
+        out[place + i] = system.values[system.follow_values + nz + i]
+    place += system.worked
+    for i in range(system.law_count):
+        out[place + i] = at.multiplier[i] * at.velocity[i]
+    out[place + system.law_count] = 0.0
+    place += system.law_count + 1
+    for i in range(system.gases):
+        out[place + i] = system.values[gas_values(system) + i]
+
+
+@declares(laws.fill_signals, PageSystem)
+def signal_switches(
+    system: PageSystem, t: float, y: Array, regimes: Indices, at: Equations, values: Array, rates: Array
+) -> None:
+    """Fill in the time to the next change of a program, and the gaps of compliant contacts."""
+    place = system.follow_values + system.dependent + system.worked
+    for i in range(system.switches):
+        values[2 * system.law_count + i] = system.values[place + 2 * i]
+        rates[2 * system.law_count + i] = system.values[place + 2 * i + 1]
+
+
+@declares(laws.begin_piece, PageSystem)
+def begin_page(system: PageSystem, t: float, y: Array, regimes: Indices) -> None:
+    """Tell the generated functions the regimes."""
+    tell_regimes(system, regimes)
+
+
+@declares(laws.end_piece, PageSystem)
+def end_page(system: PageSystem, t: float, before: Array, y: Array, regimes: Indices) -> None:
+    """Put the dependent coordinates back."""
+    put_back(system, y)
+
+
+@declares(laws.pass_signal, PageSystem)
+def pass_switch(system: PageSystem, which: int, t: float, y: Array, regimes: Indices, log: Array, count: int) -> int:
+    """Go on to the next phase of a program, or note that a contact, a port or a bend of a table is passed."""
+    place, kind = system.law_count + which, system.kinds[which]
+    regimes[place] = regimes[place] + 1 if kind == PHASE else 1 - regimes[place]
+    if kind == BEND:
+        return count
+    if kind == PORT and regimes[place] == 0:
+        call_straight_line(system.instant, system.numbers, system.controls, t, y, system.values)
+        gas = system.gas[which]
+        y[len(y) - system.gases + gas] = system.values[gas_values(system) + system.gases + gas]
+    told = CONTACT if regimes[place] == 1 else RELEASE
+    fill_event(log, count, t, told if kind == TOUCH else SWITCH, place, 0.0, 0.0, 0.0, 0.0)
+    return count + 1
+
+
+@declares(laws.change_regimes, PageSystem)
+def log_changes(
+    system: PageSystem, t: float, y: Array, past: Indices, regimes: Indices, at: Equations, log: Array, count: int
+) -> int:
+    """Log contacts that stay or let go, and joints that stick or slip."""
+    for i in range(system.law_count):
+        if past[i] == regimes[i]:
+            continue
+        if system.restitutions[i] >= 0.0:
+            kind = CONTACT if regimes[i] == HOLD else RELEASE
+            if past[i] == OPEN and regimes[i] != HOLD:
+                continue
+        elif regimes[i] == HOLD:
+            kind = STICK
+        elif past[i] == HOLD:
+            kind = SLIP
+        else:
+            continue
+        fill_event(log, count, t, kind, i, 0.0, 0.0, 0.0, 0.0)
+        count += 1
+    return count
+
+
+@borrowing_kernel
+def kinetic_change(system: PageSystem, before: Array, y: Array, at: Equations) -> float:
+    """Return by how much the kinetic energy has changed with the speeds of the free coordinates (J)."""
+    n, nr = system.free, system.driven
+    w = 2 * n + system.dependent + nr
+    total = 0.0
+    for i in range(n):
+        moved = y[n + i] - before[n + i]
+        for j in range(n):
+            total += 0.5 * at.mass[i, j] * moved * (y[n + j] + before[n + j])
+        for k in range(nr):
+            total += moved * system.values[n * n + n + k * (n + 1) + i] * y[w + k]
+    return total
+
+
+@declares(laws.note_impact, PageSystem)
+def note_page_impact(
+    system: PageSystem, t: float, before: Array, y: Array, at: Equations, log: Array, count: int
+) -> int:
+    """Log the impulses, approach positive; book what the impact takes and what the drives give to it."""
+    n, nr, nz = system.free, system.driven, system.dependent
+    change = kinetic_change(system, before, y, at)
+    books, speeds = 2 * n + nz + 2 * nr, 2 * n + nz + nr
+    width = n + nr + 5
+    for k in range(nr):
+        impulse = 0.0
+        for j in range(n):
+            impulse += system.values[n * n + n + k * (n + 1) + j] * (y[n + j] - before[n + j])
+        for i in range(system.law_count):
+            impulse -= system.values[system.law_values + i * width + n + k] * at.multiplier[i]
+        y[books + k] += impulse * y[speeds + k]
+        change -= impulse * y[speeds + k]
+    y[books + nr + system.worked + system.law_count] += change
+    for i in range(system.law_count):
+        if at.multiplier[i] != 0.0:
+            v, past = at.drift[i], at.drift[i]
+            for j in range(n):
+                v += at.directions[i, j] * y[n + j]
+                past += at.directions[i, j] * before[n + j]
+            fill_event(log, count, t, IMPACT, i, -past, -v, at.multiplier[i], 0.0)
+            count += 1
+    return count
+
+
+@borrowing_kernel
+def starting_regimes(velocity: Array, gap: Array, restitution: Array, regimes: Indices, candidates: Indices) -> None:
+    """Fill in the regimes of laws that move or are open; mark those at rest as candidates."""
+    for i in range(len(gap)):
+        candidates[i] = 0
+        still = abs(velocity[i]) <= 1e-12
+        if restitution[i] >= 0.0:
+            regimes[i] = OPEN
+            if gap[i] <= 1e-12 and still:
+                regimes[i], candidates[i] = HOLD, 1
+        elif still:
+            regimes[i], candidates[i] = HOLD, 1
+        else:
+            regimes[i] = LOW if velocity[i] > 0.0 else HIGH

@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Tables of a page: straight lines between rows, on numbers or on symbols, with the place of each bend."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Annotated, Any, NamedTuple
+
+from pydantic import AfterValidator, Field
+
+from mech_twin.mechanics.recording import Number, floor_of, larger
+
+MOST_ROWS = 50
+LARGEST = 1e9
+TURN_DEG = 360.0
+
+Rows = tuple[tuple[float, float], ...]
+
+
+def _rising(rows: Rows) -> Rows:
+    if not 2 <= len(rows) <= MOST_ROWS:
+        raise ValueError(f"expected 2 to {MOST_ROWS} rows, got {len(rows)}")
+    if not all(abs(x) <= LARGEST for row in rows for x in row):
+        raise ValueError(f"expected numbers up to {LARGEST:g}")
+    for (before, _), (after, _) in pairwise(rows):
+        if not after > before:
+            raise ValueError(f"the first column must rise: {after:g} follows {before:g}")
+    return rows
+
+
+TableRows = Annotated[Rows, AfterValidator(_rising)]
+
+
+def table(unit: str, meaning: str, **options: Any) -> Any:
+    """Return the field of a table of two columns."""
+    return Field(description=meaning, json_schema_extra={"unit": unit, "live": False}, **options)
+
+
+class Line(NamedTuple):
+    """A table as a sum of ramps: value and slope ahead of the first bend; place, and change of the slope, of each."""
+
+    first_x: Number
+    first: Number
+    slope: Number
+    bends: tuple[tuple[Number, Number], ...]
+
+    def at(self, x: Number) -> Number:
+        """Return the value."""
+        value = self.first + self.slope * (x - self.first_x)
+        for place, change in self.bends:
+            value = value + change * larger(x - place, 0.0)
+        return value
+
+    def area(self, x: Number) -> Number:
+        """Return the integral from the first row on."""
+        way = x - self.first_x
+        value = self.first * way + 0.5 * self.slope * (way * way)
+        for place, change in self.bends:
+            beyond = larger(x - place, 0.0)
+            value = value + 0.5 * change * (beyond * beyond)
+        return value
+
+
+def bends_of(rows: Rows, *, held: bool) -> list[tuple[float, float]]:
+    """Return place, and change of the slope, of each bend; beyond its ends a table is held, or goes on."""
+    slopes = [(after[1] - before[1]) / (after[0] - before[0]) for before, after in pairwise(rows)]
+    if held:
+        slopes = [0.0, *slopes, 0.0]
+        places = [x for x, _ in rows]
+    else:
+        places = [x for x, _ in rows[1:-1]]
+    return [(x, b - a) for x, (a, b) in zip(places, pairwise(slopes), strict=True)]
+
+
+def line(rows: Rows, number: Any, *, held: bool) -> Line:
+    """Return a table with its numbers made by ``number``."""
+    slope = 0.0 if held else (rows[1][1] - rows[0][1]) / (rows[1][0] - rows[0][0])
+    bends = tuple((number(x), number(change)) for x, change in bends_of(rows, held=held))
+    return Line(number(rows[0][0]), number(rows[0][1]), number(slope), bends)
+
+
+def scaled_rows(rows: Rows, x: float, y: float = 1.0) -> Rows:
+    """Return a table in other units."""
+    return tuple((x * a, y * b) for a, b in rows)
+
+
+def repeats(rows_deg: Rows) -> bool:
+    """Tell whether a table over an angle is of a whole turn, and so of every turn."""
+    return rows_deg[-1][0] - rows_deg[0][0] == TURN_DEG and rows_deg[0][1] == rows_deg[-1][1]
+
+
+def wrapped(x: Number, first: Number, span: Number) -> Number:
+    """Return a number brought into a span that begins at ``first``."""
+    return x - span * floor_of((x - first) / span)
+
+
+def instants(rows: Sequence[tuple[float, float]], period: float) -> list[float]:
+    """Return the instants of a table's bends, or of a program's phases, within a period, which ends them."""
+    return [*(x for x, _ in rows if 0.0 < x < period), period]

@@ -1,0 +1,290 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Arithmetic that is recorded instead of done: constants folded, zeros dropped, equal expressions kept once.
+
+A formulation written once on numbers runs on plain floats and gives values, or on the leaves of a `Recording` and
+gives expressions, which `mech_twin.mechanics.straight_line` writes as straight-line source.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
+
+
+class Node(NamedTuple):
+    """One operation: its name, and as operands indices of earlier nodes, or text: of a leaf, or of a constant."""
+
+    operation: str
+    left: int | str
+    right: int | str | None = None
+
+
+class Recording:
+    """Operations in the order in which they were asked for."""
+
+    def __init__(self) -> None:
+        self.nodes: list[Node] = []
+        self._known: dict[Node, int] = {}
+
+    def leaf(self, text: str) -> Expression:
+        """Return the expression that the generated source spells as ``text``, such as ``s[2]``."""
+        return self.expression(Node("leaf", text))
+
+    def expression(self, node: Node) -> Expression:
+        """Return the expression of a node, the earlier one where it is known."""
+        index = self._known.get(node)
+        if index is None:
+            index = self._known[node] = len(self.nodes)
+            self.nodes.append(node)
+        return Expression(self, index)
+
+
+class Expression:
+    """A number known when the generated source runs."""
+
+    __slots__ = ("index", "recording")
+
+    def __init__(self, recording: Recording, index: int) -> None:
+        self.recording = recording
+        self.index = index
+
+    def __add__(self, other: Number) -> Number:
+        return _sum(self, other)
+
+    def __radd__(self, other: Number) -> Number:
+        return _sum(self, other)
+
+    def __sub__(self, other: Number) -> Number:
+        return _difference(self, other)
+
+    def __rsub__(self, other: Number) -> Number:
+        return _difference(other, self)
+
+    def __mul__(self, other: Number) -> Number:
+        return _product(self, other)
+
+    def __rmul__(self, other: Number) -> Number:
+        return _product(self, other)
+
+    def __truediv__(self, other: Number) -> Number:
+        return _quotient(self, other)
+
+    def __rtruediv__(self, other: Number) -> Number:
+        return _quotient(other, self)
+
+    def __neg__(self) -> Number:
+        node = self.recording.nodes[self.index]
+        if node.operation == "neg":
+            return Expression(self.recording, int(node.left))
+        return self.recording.expression(Node("neg", self.index))
+
+
+Number = float | Expression
+
+
+def _operand(x: Number) -> int | str:
+    """Return an index for an expression, text for a constant: 1 and 1.0 would be the same node."""
+    return x.index if isinstance(x, Expression) else repr(float(x))
+
+
+def _home(a: Number, b: Number) -> Recording:
+    chosen = a if isinstance(a, Expression) else b
+    assert isinstance(chosen, Expression)
+    return chosen.recording
+
+
+def _unsigned(x: Number) -> tuple[bool, Number]:
+    """Return whether a number is recorded as a negation, and the number without its sign."""
+    if isinstance(x, Expression):
+        node = x.recording.nodes[x.index]
+        if node.operation == "neg":
+            return True, Expression(x.recording, int(node.left))
+    return False, x
+
+
+def _ordered(operation: str, a: Number, b: Number) -> Number:
+    """Record an operation whose operands may be exchanged."""
+    left, right = sorted((_operand(a), _operand(b)), key=lambda x: (isinstance(x, int), x))
+    return _home(a, b).expression(Node(operation, left, right))
+
+
+def _sum(a: Number, b: Number) -> Number:
+    if _is(a, 0.0):
+        return b
+    if _is(b, 0.0):
+        return a
+    (minus_a, x), (minus_b, y) = _unsigned(a), _unsigned(b)
+    if minus_a and minus_b:
+        return -_sum(x, y)
+    if minus_b:
+        return _difference(a, y)
+    if minus_a:
+        return _difference(b, x)
+    return _ordered("add", a, b)
+
+
+def _difference(a: Number, b: Number) -> Number:  # noqa: PLR0911 # one line a rule
+    if _is(b, 0.0):
+        return a
+    if _is(a, 0.0):
+        return -b
+    (minus_a, x), (minus_b, y) = _unsigned(a), _unsigned(b)
+    if minus_b:
+        return _sum(a, y)
+    if minus_a:
+        return -_sum(x, b)
+    left, right = _operand(a), _operand(b)
+    if isinstance(left, int) and left == right and isinstance(right, int):
+        return 0.0
+    if isinstance(left, int) and isinstance(right, int) and left > right:  # b - a is kept, not both
+        return -_home(a, b).expression(Node("sub", right, left))
+    return _home(a, b).expression(Node("sub", left, right))
+
+
+def _product(a: Number, b: Number) -> Number:
+    for x, y in ((a, b), (b, a)):
+        if _is(x, 0.0):
+            return 0.0
+        if _is(x, 1.0):
+            return y
+        if _is(x, -1.0):
+            return -y
+    (minus_a, x), (minus_b, y) = _unsigned(a), _unsigned(b)
+    if minus_a or minus_b:
+        return -_product(x, y) if minus_a != minus_b else _product(x, y)
+    return _ordered("mul", a, b)
+
+
+def _quotient(a: Number, b: Number) -> Number:
+    if _is(a, 0.0):
+        return 0.0
+    if _is(b, 1.0):
+        return a
+    (minus_a, x), (minus_b, y) = _unsigned(a), _unsigned(b)
+    if minus_a or minus_b:
+        return -_quotient(x, y) if minus_a != minus_b else _quotient(x, y)
+    return _home(a, b).expression(Node("div", _operand(a), _operand(b)))
+
+
+def _is(x: Number, value: float) -> bool:
+    return isinstance(x, float | int) and x == value
+
+
+def is_zero(x: Number) -> bool:
+    """Tell whether a number is zero whatever the arguments are."""
+    return _is(x, 0.0)
+
+
+def cosine(x: Number) -> Number:
+    """Return cos x."""
+    return x.recording.expression(Node("cos", x.index)) if isinstance(x, Expression) else math.cos(x)
+
+
+def sine(x: Number) -> Number:
+    """Return sin x."""
+    return x.recording.expression(Node("sin", x.index)) if isinstance(x, Expression) else math.sin(x)
+
+
+def square_root(x: Number) -> Number:
+    """Return the square root."""
+    return x.recording.expression(Node("sqrt", x.index)) if isinstance(x, Expression) else math.sqrt(x)
+
+
+def magnitude(x: Number) -> Number:
+    """Return |x|."""
+    return x.recording.expression(Node("abs", x.index)) if isinstance(x, Expression) else abs(x)
+
+
+def floor_of(x: Number) -> Number:
+    """Return the largest whole number that is not above x."""
+    return x.recording.expression(Node("floor", x.index)) if isinstance(x, Expression) else float(math.floor(x))
+
+
+def smaller(a: Number, b: Number) -> Number:
+    """Return the smaller of two numbers."""
+    if isinstance(a, Expression) or isinstance(b, Expression):
+        same = isinstance(a, Expression) and isinstance(b, Expression) and a.index == b.index
+        return a if same else _ordered("min", a, b)
+    return min(a, b)
+
+
+def larger(a: Number, b: Number) -> Number:
+    """Return the larger of two numbers."""
+    if isinstance(a, Expression) or isinstance(b, Expression):
+        same = isinstance(a, Expression) and isinstance(b, Expression) and a.index == b.index
+        return a if same else _ordered("max", a, b)
+    return max(a, b)
+
+
+def power(base: Number, exponent: Number) -> Number:
+    """Return a power."""
+    if isinstance(base, Expression) or isinstance(exponent, Expression):
+        return _home(base, exponent).expression(Node("pow", _operand(base), _operand(exponent)))
+    return float(base**exponent)
+
+
+def total(terms: Sequence[Number]) -> Number:
+    """Return the sum in the order given, 0.0 of nothing."""
+    result: Number = 0.0
+    for term in terms:
+        result = result + term
+    return result
+
+
+def tangents(outputs: Sequence[Number], seeds: Mapping[int, Number]) -> list[Number]:
+    """Return the directional derivatives of outputs in forward mode.
+
+    Parameters
+    ----------
+    outputs : sequence of Number
+        What is differentiated.
+    seeds : mapping of int to Number
+        Derivative of each leaf, by its index; a leaf that is not named is held.
+    """
+    recording = next((x.recording for x in outputs if isinstance(x, Expression)), None)
+    if recording is None:
+        return [0.0] * len(outputs)
+    rates: dict[int, Number] = {}
+
+    def value(x: int | str | None) -> Number:
+        return Expression(recording, x) if isinstance(x, int) else float(x or 0.0)
+
+    def rate(x: int | str | None) -> Number:
+        return rates[x] if isinstance(x, int) else 0.0
+
+    last = max((x.index for x in outputs if isinstance(x, Expression)), default=-1)
+    for index in range(last + 1):
+        node = recording.nodes[index]
+        rates[index] = seeds.get(index, 0.0) if node.operation == "leaf" else _rate(node, index, value, rate, recording)
+    return [rates[x.index] if isinstance(x, Expression) else 0.0 for x in outputs]
+
+
+def _rate(  # noqa: PLR0911 # one line an operation
+    node: Node,
+    index: int,
+    value: Callable[[int | str | None], Number],
+    rate: Callable[[int | str | None], Number],
+    recording: Recording,
+) -> Number:
+    """Return the derivative of one operation."""
+    d = rate(node.left)
+    itself = Expression(recording, index)
+    match node.operation:
+        case "neg":
+            return -d
+        case "cos":
+            return -(sine(value(node.left)) * d)
+        case "sin":
+            return cosine(value(node.left)) * d
+        case "sqrt":
+            return 0.5 * d / itself
+        case "add":
+            return d + rate(node.right)
+        case "sub":
+            return d - rate(node.right)
+        case "mul":
+            return d * value(node.right) + value(node.left) * rate(node.right)
+        case "div":
+            return (d - itself * rate(node.right)) / value(node.right)
+    raise TypeError(f"{node.operation} has no derivative everywhere")

@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a strain gauge tells of a blow: its numbers on ``blow/gauge``, its curve on ``blow/wave``.
+
+Both bear the stamp of the blow.  The curve is a trajectory of one joint, ``gauge``: position is the strain, effort the
+force (N), compression positive; each point has its time since the first touch, rounded to the nanosecond.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from mech_twin.capabilities.blow_gauge import GAUGE_UNITS, BlowGauge
+from mech_twin.messages.joint_state_cdr import Header, StepMessage, encoded, stamp_of
+from mech_twin.messages.step_message import set_stamp
+from mech_twin.samples import Event
+
+JOINT = "gauge"
+
+
+def numbers_message(gauge: BlowGauge, event: Event) -> StepMessage:
+    """Return the numbers of a blow as efforts by their names; positions and velocities, which they have none, are 0."""
+    numbers = gauge.numbers(event)
+    zeros = (0.0,) * len(numbers)
+    return StepMessage(Header(stamp_of(event.time_s)), tuple(GAUGE_UNITS), zeros, zeros, numbers)
+
+
+def numbers_bytes(gauge: BlowGauge, event: Event) -> bytes:
+    """Return the bytes of `numbers_message`."""
+    return encoded(numbers_message(gauge, event))
+
+
+def curve_message(gauge: BlowGauge, event: Event) -> JointTrajectory:
+    """Return the curve of a blow."""
+    curve = gauge.curve(event)
+    message = JointTrajectory(joint_names=[JOINT])
+    set_stamp(message.header, event.time_s)
+    pairs = zip(curve.strain.tolist(), curve.force_n.tolist(), strict=True)
+    for i, (strain, force) in enumerate(pairs, start=1):
+        point = JointTrajectoryPoint(positions=[strain], effort=[force])
+        point.time_from_start.sec, point.time_from_start.nanosec = stamp_of(i * curve.span_s)
+        message.points.append(point)
+    return message
+
+
+def told_blows(gauge: BlowGauge | None, events: tuple[Event, ...]) -> Iterator[tuple[BlowGauge, Event]]:
+    """Yield the gauge and each of the events it tells of."""
+    if gauge is not None:
+        yield from ((gauge, event) for event in events if gauge.tells(event))

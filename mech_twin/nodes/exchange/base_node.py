@@ -1,0 +1,322 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What every node of the twin shares: options, parameters, counted publishers, diagnostics, steady timers.
+
+Nothing here knows a role or builds a machine, so that a process that only records or shows compiles no kernel.
+
+`RunOptions` is how a node is run, as opposed to what the machine is: the group ``run`` of its parameters.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
+from typing import Any, Literal
+
+from pydantic import ValidationError
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.node import Node
+from rclpy.subscription import Subscription
+from rclpy.timer import Timer
+
+from mech_twin.messages.joint_state_cdr import CdrError, StepMessage, received_message
+from mech_twin.messages.step_message import MessageError
+from mech_twin.messages.stream_window import STREAM_RATE_HZ
+from mech_twin.messages.topics import DIAGNOSTICS, Topic
+from mech_twin.nodes.exchange.counting_publisher import (
+    CountingPublisher,
+    JointStatePublisher,
+    PeakHoldPublisher,
+    StepPublisher,
+)
+from mech_twin.nodes.exchange.diagnostics import NodeDiagnostics, TopicStatistics, array_message
+from mech_twin.nodes.exchange.hand_over import HandOver, Listener, ReceivedStep, Step
+from mech_twin.nodes.exchange.parameter_bridge import declare_machine, declared_tree
+from mech_twin.nodes.exchange.peers import new_source
+from mech_twin.parameters.errors import refusal
+from mech_twin.parameters.load import RUN_GROUP, catalogue_entry, machine_parameters, validated
+from mech_twin.quantity import LONGEST_RUN_S, Parameters, choice, quantity
+from mech_twin.terminal_output import printable
+
+
+class RunOptions(Parameters):
+    """StepPacer, length and company of a run."""
+
+    pace: Literal["realtime", "max"] = choice("follow the wall clock, or run as fast as answers come", default="max")
+    duration_s: float = quantity(
+        "s", "simulated time to run; 0 runs until stopped", ge=0.0, le=LONGEST_RUN_S, default=0.0
+    )
+    step_count: int = quantity("1", "steps that service step takes", ge=1, le=1_000_000, default=1, live=True)
+    reset_state: str = choice(
+        "state to which service reset goes back, as get_state returned it; the initial one if empty",
+        live=True,
+        default="",
+    )
+    recorder: bool = choice("wait for a recorder before the first step", default=False)
+    viewer: bool = choice("wait for a viewer before the first step", default=False)
+    observer: bool = choice("wait for an observer of the steps", default=False)
+    exclusive: bool = choice("refuse to start where somebody publishes this node's step messages", default=True)
+    stream_rate_hz: float = quantity(
+        "Hz",
+        "messages per simulated second on decimated topics, up to one a step; more where something strikes",
+        gt=0.0,
+        default=STREAM_RATE_HZ,
+    )
+    view_rate_hz: float = quantity("Hz", "drawings per simulated second", gt=0.0, le=1000.0, default=30.0)
+    peer_timeout_s: float = quantity("s", "silence after which a peer counts as gone", gt=0.0, default=0.5)
+    discovery_limit_s: float = quantity("s", "longest wait for peers before the first step", gt=0.0, default=10.0)
+    max_loss_s: float = quantity("s", "age at which a recorded message is on its way to the disk", gt=0.0, default=0.5)
+    fsync: bool = choice("force each chunk of a recording to the disk, against loss of power", default=False)
+    snapshot_s: float = quantity(
+        "s",
+        "record only what the last seconds before a trigger (service recorder/snapshot) or an alarm held; 0 everything",
+        ge=0.0,
+        le=600.0,
+        default=0.0,
+    )
+    split_mib: float = quantity("MiB", "size at which a recording goes on in a new file", gt=0.0, default=512.0)
+    split_s: float = quantity("s", "time after which it does; 0 never", ge=0.0, default=0.0)
+    motor: str = choice("class in the place of the motor: MODULE:CLASS, or an entry point; none if empty", default="")
+    forces: str = choice("class in the place of the force analysis, likewise", default="")
+    body: str = choice("class in the place of the body, likewise", default="")
+
+
+WINDOW_S = 1.0
+PULSE_S = 0.1
+
+
+class TwinNode(Node):
+    """A node of the twin.
+
+    Parameters
+    ----------
+    name : str
+        Name of the node.
+    machine_name : str
+        Machine of the catalogue, and the namespace.
+    parameters : Parameters, optional
+        Configuration to start from; the installed file if absent.  ROS parameter overrides are laid over it.
+    options : RunOptions, optional
+        How to run.
+
+    Raises
+    ------
+    ConfigurationError
+        If the parameters do not validate.
+    """
+
+    def __init__(
+        self, name: str, machine_name: str, parameters: Parameters | None = None, options: RunOptions | None = None
+    ) -> None:
+        super().__init__(name, namespace=f"/{machine_name}")
+        origin = f"parameters of node {name}"
+        declare_machine(self, machine_name)
+        defaults = parameters or machine_parameters(machine_name)
+        tree = declared_tree(self, ("", defaults), (f"{RUN_GROUP}.", options or RunOptions()))
+        self.machine_name = machine_name
+        self.options = _options(tree.pop(RUN_GROUP), origin)
+        self.initial_parameters: Parameters = validated(catalogue_entry(machine_name), tree, origin)
+        self.done = False
+        self.quiet = False
+        self.time_s = 0.0
+        self.statistics = TopicStatistics()
+        self.diagnostics = NodeDiagnostics(self.get_fully_qualified_name(), self.statistics)
+        self.source = new_source()
+        self.outputs: list[CountingPublisher] = []
+        self._listeners: list[Listener] = []
+        self._hand_over: HandOver | None = None
+        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._pulse_at: float | None = None
+        self._diagnostics_out = self.output(DIAGNOSTICS)
+        self.every(WINDOW_S, self.report)
+        self.every(PULSE_S, self._pulse)
+
+    # -- what a node may add ----------------------------------------------------------------------------------------
+
+    def diagnostic_values(self) -> Mapping[str, str]:
+        """Return further values for the diagnostics."""
+        return {}
+
+    def close(self) -> None:
+        """Let go of what this node holds open beside its topics."""
+
+    def quiet_s(self) -> float:
+        """Return for how long this node has heard nothing it must keep."""
+        return float("inf")
+
+    @property
+    def received(self) -> dict[str, int]:
+        """Messages recorded, by full topic name."""
+        return {}
+
+    def resumed(self) -> None:
+        """Begin measuring time anew, after this process was suspended."""
+
+    def check_peers(self, now_s: float) -> None:
+        """Look whether somebody is missing; called ten times a second."""
+
+    # -- time -------------------------------------------------------------------------------------------------------
+
+    def every(self, period_s: float, call: Callable[[], None]) -> Timer:
+        """Return a timer on the steady clock: a step of the wall clock, or somebody's ``/clock``, does not touch it."""
+        return self.create_timer(period_s, call, clock=self._steady)
+
+    def _pulse(self) -> None:
+        """Notice that this process itself was suspended (by a signal, or for want of a processor)."""
+        now, before = time.monotonic(), self._pulse_at
+        self._pulse_at = now
+        if before is not None and now - before > self.options.peer_timeout_s + PULSE_S:
+            self.statistics.count("process", "suspended", f"no processor time for {now - before:.1f} s")
+            self.resumed()
+        self.check_peers(now)
+
+    # -- topics -----------------------------------------------------------------------------------------------------
+
+    def subscribe(self, topic: Topic, call: Callable[[Any], None], **changes: Any) -> Subscription:
+        """Return a new subscription; a publisher whose quality of service does not fit is counted."""
+        callbacks = SubscriptionEventCallbacks(incompatible_qos=partial(self._on_incompatible, topic.name, "publisher"))
+        qos = changes.pop("qos", topic.qos)
+        return self.create_subscription(topic.type, topic.name, call, qos, event_callbacks=callbacks, **changes)
+
+    def subscribe_steps(
+        self,
+        topic: Topic,
+        decode: Callable[[StepMessage], Any],
+        take: Callable[[Any, Step], None],
+        **changes: Any,
+    ) -> None:
+        """Listen to a topic of step messages; what is none is counted.
+
+        Parameters
+        ----------
+        topic : Topic
+            What is heard.
+        decode : callable
+            Returns the sample of a message, or raises `MessageError`.
+        take : callable
+            Called with each sample and the step it came by.
+        """
+
+        def receive(raw: bytes) -> None:
+            try:
+                message = received_message(raw)
+                sample = decode(message)
+            except (CdrError, MessageError) as error:
+                self.statistics.count(topic.name, "malformed", str(error))
+            else:
+                take(sample, ReceivedStep(message))
+
+        self.listen(topic, lambda step: take(step.sample, step), receive, **changes)
+
+    def listen(
+        self,
+        topic: Topic,
+        take: Callable[[Any], None],
+        receive: Callable[[bytes], None],
+        patient: bool = False,
+        **changes: Any,
+    ) -> None:
+        """Subscribe to a topic: by hand from nodes of the same executor, else as bytes; see `Listener`."""
+        listener = Listener(self.resolve_topic_name(topic.name), take, receive, patient)
+        listener.publishers = self.subscribe(topic, listener.hear, raw=True, **changes).handle.get_publisher_count
+        self._listeners.append(listener)
+        if self._hand_over is not None:
+            self._hand_over.listen(listener)
+
+    def join(self, hand_over: HandOver) -> None:
+        """Exchange steps as objects with the nodes of one executor."""
+        self._hand_over = hand_over
+        for listener in self._listeners:
+            hand_over.listen(listener)
+        for output in self.outputs:
+            output.join(hand_over.channel(self.resolve_topic_name(output.name)))
+
+    def leave(self) -> None:
+        """Exchange steps as bytes only."""
+        hand_over, self._hand_over = self._hand_over, None
+        if hand_over is None:
+            return
+        for output in self.outputs:
+            output.leave()
+        for listener in self._listeners:
+            hand_over.leave(listener)
+
+    def _on_incompatible(self, topic: str, who: str, event: Any) -> None:
+        policy = event.last_policy_kind.name.removeprefix("RMW_QOS_POLICY_").lower()
+        self.statistics.count(topic, "incompatible", f"a {who} whose {policy} does not fit is not connected")
+
+    def output(self, topic: Topic, peers: int = 0, *, recorded: bool = True) -> CountingPublisher:
+        """Return a new counted publisher; so many peers, and the recorder, must listen before the first step."""
+        listeners = peers + (recorded and self.options.recorder)
+        return self._added(CountingPublisher(self, topic, listeners, self._told(topic)))
+
+    def step_output(self, topic: Topic, peers: int) -> StepPublisher:
+        """Return the publisher of a step message, which a viewer and an observer listen to as well."""
+        listeners = peers + self.options.recorder + self.options.viewer + self.options.observer
+        made = StepPublisher(self, topic, listeners, self._told(topic))
+        self._added(made)
+        return made
+
+    def peak_hold_output(self, topic: Topic, window: int, message: Callable[[Any], Any]) -> PeakHoldPublisher:
+        """Return a new publisher that keeps the greatest message of each window of steps."""
+        made = PeakHoldPublisher(self, topic, int(self.options.recorder), window, message, self._told(topic))
+        self._added(made)
+        return made
+
+    def joint_state_output(
+        self, topic: Topic, window: int, message: Callable[[Any], StepMessage]
+    ) -> JointStatePublisher:
+        """Return a new publisher of joint states, one a window of steps and more around impacts."""
+        made = JointStatePublisher(self, topic, int(self.options.recorder), window, message, self._told(topic))
+        self._added(made)
+        return made
+
+    def _added(self, made: CountingPublisher) -> CountingPublisher:
+        self.outputs.append(made)
+        if self._hand_over is not None:
+            made.join(self._hand_over.channel(self.resolve_topic_name(made.name)))
+        return made
+
+    def _told(self, topic: Topic) -> Callable[[Any], None]:
+        return partial(self._on_incompatible, topic.name, "subscriber")
+
+    @property
+    def matched(self) -> bool:
+        """Whether everybody who must hear this node does."""
+        return all(output.matched for output in self.outputs)
+
+    def flush(self) -> None:
+        """Publish what decimated topics still hold."""
+        for output in self.outputs:
+            output.flush()
+
+    # -- diagnostics ------------------------------------------------------------------------------------------------
+
+    def report(self) -> None:
+        """Publish the diagnostics of the window that ends now."""
+        if self.quiet:
+            return
+        sent = {f"sent {output.name}": str(output.sent) for output in self.outputs}
+        status, lines = self.diagnostics.close_window({**sent, **self.diagnostic_values()})
+        for line in lines:
+            self.get_logger().warning(printable(line))
+        self._diagnostics_out.send(array_message(self.time_s, status))
+
+
+def _options(tree: Mapping[str, Any], source: str) -> RunOptions:
+    try:
+        return RunOptions.model_validate(tree)
+    except ValidationError as error:
+        raise refusal(source, error, RunOptions) from error
+
+
+def sent_messages(nodes: Iterable[TwinNode]) -> dict[str, int]:
+    """Return how many messages nodes have published, by full topic name."""
+    total: dict[str, int] = {}
+    for node in nodes:
+        for output in node.outputs:
+            name = node.resolve_topic_name(output.name)
+            total[name] = total.get(name, 0) + output.sent
+    return total

@@ -1,0 +1,286 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Nodes served by one executor hand each other steps as objects, in the order they were sent.  Knows no ROS.
+
+Each listener keeps its subscription.  A step is handed to it while only nodes here publish on the topic; else it gets
+the bytes like everybody.  Bytes are published where a subscription is not served by hand.  What a listener was handed
+and is published for others comes back by its subscription too: as bytes it is known to expect, and drops.
+
+Order survives each change of the way: nothing is handed while bytes sent before are expected, and bytes that arrive
+while a handed step waits are taken after it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable, Iterable
+from functools import cached_property
+from typing import Any, NamedTuple
+
+from mech_twin.messages.joint_state_cdr import StepMessage
+from mech_twin.messages.step_marks import ConfigurationMark, configuration_mark, source
+from mech_twin.messages.step_message import REVISION, Row
+from mech_twin.samples import ForceSample, LinkageSample, MotorSample
+
+SECOND = LinkageSample._fields.index("command")  # where a body has its pressing force
+
+
+class HandedStep:
+    """A sample as its node publishes it; bytes are made where somebody asks for them, and once.
+
+    Parameters
+    ----------
+    sample : LinkageSample, MotorSample, ForceSample or BodySample
+        The sample.
+    marks : tuple of Row
+        What the node adds; its signature last.
+    encode : callable
+        Returns the bytes of sample and marks.
+    """
+
+    def __init__(self, sample: Any, marks: tuple[Row, ...], encode: Callable[[Any, tuple[Row, ...]], bytes]) -> None:
+        self.sample = sample
+        self._marks = marks
+        self._encode = encode
+
+    @property
+    def source(self) -> float:
+        """The number the publishing node signs with."""
+        return self._marks[-1].position
+
+    @property
+    def configuration(self) -> ConfigurationMark:
+        """The configuration the sample was computed with."""
+        row = self._marks[-2] if len(self._marks) > 1 else None
+        known = row is not None and row.name == REVISION
+        return ConfigurationMark(int(row.position), row.velocity) if row is not None and known else ConfigurationMark()
+
+    @cached_property
+    def raw(self) -> bytes:
+        """The bytes of the step message."""
+        return self._encode(self.sample, self._marks)
+
+    @property
+    def finite(self) -> bool:
+        """Whether the sum of all numbers is finite; where it is not, a decoder of bytes has to look at each."""
+        return math.isfinite(_sum(self.sample))
+
+
+class HandedBytes(NamedTuple):
+    """A message of which only bytes are wanted."""
+
+    raw: bytes
+
+    @property
+    def finite(self) -> bool:
+        """Nobody asks it for numbers."""
+        return True
+
+
+Handed = HandedStep | HandedBytes
+
+
+class ReceivedStep:
+    """A step that came as bytes."""
+
+    def __init__(self, message: StepMessage) -> None:
+        self._message = message
+
+    @property
+    def source(self) -> float:
+        """The number the publishing node signs with; 0 if it does not."""
+        return source(self._message)
+
+    @property
+    def configuration(self) -> ConfigurationMark:
+        """The configuration the sample was computed with; revision 0 if the message does not say."""
+        return configuration_mark(self._message)
+
+    @property
+    def raw(self) -> bytes:
+        """The bytes as they came."""
+        return self._message.raw
+
+
+Step = HandedStep | ReceivedStep
+
+
+def _sum(sample: Any) -> float:
+    """Return the sum of all numbers of a sample, added up a column at a time: this is done at each step."""
+    if isinstance(sample, ForceSample):
+        total = sum(map(sum, sample.wrenches)) + sum(sample.quantities.values) + sample.body_moment_nm
+        more = sample.loads
+    else:
+        total = sum(sample.position) + sum(sample.velocity) + sum(sample.effort)
+        if isinstance(sample, MotorSample):
+            return float(total + sample.command)
+        total += sum(sample.memory.values) + sample[SECOND]
+        more = sample.events
+    total += sum(sample.residuals.values)
+    return float(total + _numbers_of(more)) if more else float(total)
+
+
+def _numbers_of(part: Iterable[Any]) -> float:
+    """Return the sum of all numbers in nested tuples; words count nothing."""
+    total = 0.0
+    for entry in part:
+        if isinstance(entry, (int, float)):
+            total += entry
+        elif isinstance(entry, tuple):
+            total += _numbers_of(entry)
+    return total
+
+
+class Listener:
+    """A subscription.
+
+    Parameters
+    ----------
+    topic : str
+        Full name.
+    take : callable
+        Called with a step that is handed over.
+    receive : callable
+        Called with the bytes of a step.
+    patient : bool
+        Whether its steps may come some at a time, later than those of others.
+
+    Attributes
+    ----------
+    publishers : callable
+        Returns how many publishers its subscription is matched with, those of this process included.
+    """
+
+    def __init__(
+        self, topic: str, take: Callable[[Any], None], receive: Callable[[bytes], None], patient: bool = False
+    ) -> None:
+        self.topic, self.patient = topic, patient
+        self.publishers: Callable[[], int] = int
+        self._take, self._receive = take, receive
+        self._waiting: Waiting | None = None
+        self._queued = 0
+        self._expected: deque[tuple[bytes, bool]] = deque()  # whether it was handed over as well
+        self._only_bytes = 0
+
+    def hear(self, raw: bytes) -> None:
+        """Take bytes that the subscription received, unless the step was handed over."""
+        if self._was_handed(raw):
+            return
+        if self._queued and self._waiting is not None:
+            self._queued += 1
+            self._waiting.append((self, self._receive, raw))
+        else:
+            self._receive(raw)
+
+    def queue(self, step: Handed, senders: int) -> bool:
+        """Put a step on its way by hand, if only these senders publish and no bytes of them are expected."""
+        if self._waiting is None or self._only_bytes or self.publishers() > senders:
+            return False
+        self._queued += 1
+        self._waiting.append((self, self._take, step))
+        return True
+
+    def expect(self, raw: bytes, handed: bool) -> None:
+        """Take note of bytes that are on their way."""
+        self._expected.append((raw, handed))
+        self._only_bytes += not handed
+
+    def taken(self) -> None:
+        """Take note that one of the queued steps is delivered."""
+        self._queued -= 1
+
+    def joined(self, waiting: Waiting | None) -> None:
+        """Queue steps there from now on."""
+        self._waiting, self._queued = waiting, 0
+        self._expected.clear()
+        self._only_bytes = 0
+
+    def _was_handed(self, raw: bytes) -> bool:
+        """Return whether these bytes are expected and were handed over; those expected before them are lost."""
+        if not any(known == raw for known, _ in self._expected):
+            return False
+        while True:
+            known, handed = self._expected.popleft()
+            self._only_bytes -= not handed
+            if known == raw:
+                return handed
+
+
+Waiting = deque[tuple[Listener, Callable[[Any], None], Any]]
+
+
+class StepChannel:
+    """The listeners and senders of one executor on one topic."""
+
+    def __init__(self) -> None:
+        self.listeners: list[Listener] = []
+        self.senders = 0
+
+    def send(self, step: Handed, subscriptions: Callable[[], int], publish: Callable[[bytes], None]) -> None:
+        """Hand a step over, and publish its bytes where a subscription is not served by hand.
+
+        Parameters
+        ----------
+        step : Handed
+            What is sent.
+        subscriptions : callable
+            Returns how many subscriptions the publisher is matched with, those of this process included.
+        publish : callable
+            Sends bytes to all of them.
+        """
+        senders = self.senders if step.finite else -1
+        handed = [listener.queue(step, senders) for listener in self.listeners]
+        if subscriptions() > sum(handed):
+            for listener, by_hand in zip(self.listeners, handed, strict=True):
+                listener.expect(step.raw, by_hand)
+            publish(step.raw)
+
+
+class HandOver:
+    """The channels of one executor, and the steps on their way: at once, or ``later`` to who is patient."""
+
+    def __init__(self) -> None:
+        self.waiting: Waiting = deque()
+        self.later: Waiting = deque()
+        self._channels: dict[str, StepChannel] = {}
+
+    @property
+    def used(self) -> bool:
+        """Whether anybody hands over to anybody."""
+        return any(channel.senders and channel.listeners for channel in self._channels.values())
+
+    def channel(self, topic: str) -> StepChannel:
+        """Return the channel of a topic by its full name."""
+        return self._channels.setdefault(topic, StepChannel())
+
+    def listen(self, listener: Listener) -> None:
+        """Hand steps of its topic to a listener from now on."""
+        listener.joined(self._queue(listener))
+        self.channel(listener.topic).listeners.append(listener)
+
+    def leave(self, listener: Listener) -> None:
+        """Hand a listener nothing more, what is on its way included."""
+        self.channel(listener.topic).listeners.remove(listener)
+        listener.joined(None)
+        queue = self._queue(listener)
+        others = [entry for entry in queue if entry[0] is not listener]
+        queue.clear()
+        queue.extend(others)
+
+    def deliver(self) -> None:
+        """Deliver the step that has waited longest."""
+        _deliver(self.waiting)
+
+    def deliver_later(self) -> None:
+        """Deliver all that waits for who is patient: what is done many times in a row is done faster."""
+        while self.later:
+            _deliver(self.later)
+
+    def _queue(self, listener: Listener) -> Waiting:
+        return self.later if listener.patient else self.waiting
+
+
+def _deliver(queue: Waiting) -> None:
+    listener, call, step = queue.popleft()
+    listener.taken()
+    call(step)

@@ -1,0 +1,153 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Parameter models <-> ROS 2 parameters: every key declared with type, range, unit and description."""
+
+from __future__ import annotations
+
+import types
+import typing
+from typing import Any, Literal
+
+from pydantic.fields import FieldInfo
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
+from rclpy.node import Node
+
+from mech_twin.configuration_tree import ConfigurationError, tree_from_flat
+from mech_twin.machines.catalog import CATALOGUE
+from mech_twin.parameters.declared_keys import Key, keys
+from mech_twin.parameters.load import MACHINE_KEY, is_of_ros
+from mech_twin.quantity import Parameters
+
+UNBOUNDED = 1.7e308
+
+
+def _choices(annotation: Any) -> list[str]:
+    """Return the words a key may have; none if any, or if it is no word."""
+    options = typing.get_args(annotation) if isinstance(annotation, types.UnionType) else (annotation,)
+    return [str(word) for option in options if typing.get_origin(option) is Literal for word in typing.get_args(option)]
+
+
+def _is_float(annotation: Any) -> bool:
+    return annotation is float or float in typing.get_args(annotation)
+
+
+def descriptor(key: Key) -> ParameterDescriptor:
+    """Return the ROS descriptor of a key: description with unit, range, and whether it is read-only."""
+    extra = key.field.json_schema_extra
+    unit = extra.get("unit") if isinstance(extra, dict) else None
+    text = f"{key.field.description or key.name} [{unit}]" if unit else key.field.description or key.name
+    described = ParameterDescriptor(name=key.name, description=text, read_only=not key.live)
+    choices = _choices(key.field.annotation)
+    bounds = [str(bound) for bound in key.field.metadata]
+    described.additional_constraints = ", ".join([*([f"one of {', '.join(choices)}"] if choices else []), *bounds])
+    if choices:
+        described.description += f" ({', '.join(choices)})"
+    low, high = _bounds(key.field)
+    if low is None and high is None:
+        return described
+    if isinstance(key.value, float):
+        described.floating_point_range = [
+            FloatingPointRange(
+                from_value=-UNBOUNDED if low is None else float(low),
+                to_value=UNBOUNDED if high is None else float(high),
+            )
+        ]
+    elif isinstance(key.value, int) and not isinstance(key.value, bool):
+        top = 2**31 if high is None else int(high)
+        described.integer_range = [IntegerRange(from_value=-(2**31) if low is None else int(low), to_value=top, step=1)]
+    return described
+
+
+def live_keys(parameters: Parameters) -> list[dict[str, Any]]:
+    """Return the keys that may change while the machine runs: name, meaning, unit, value, bounds, words to choose."""
+    found = []
+    for key in keys(parameters):
+        if not key.live or key.value is None or isinstance(key.value, list):
+            continue
+        extra = key.field.json_schema_extra
+        unit = extra.get("unit") if isinstance(extra, dict) else None
+        low, high = _bounds(key.field)
+        told = {"name": key.name, "meaning": key.field.description or "", "unit": "" if unit in (None, "1") else unit}
+        bounds = {"low": low, "high": high, "choices": _choices(key.field.annotation)}
+        found.append({**told, **bounds, "value": key.value})
+    return found
+
+
+def _bounds(field: FieldInfo) -> tuple[float | None, float | None]:
+    low = high = None
+    for bound in field.metadata:
+        low = getattr(bound, "ge", getattr(bound, "gt", low))
+        high = getattr(bound, "le", getattr(bound, "lt", high))
+    return low, high
+
+
+def machine_override(node: Node) -> str | None:
+    """Return the machine a node is told to be of, as rcl resolves it for the node's name and namespace."""
+    given = node._parameter_overrides.get(MACHINE_KEY)
+    return None if given is None else str(given.value)
+
+
+def declare_machine(node: Node, machine_name: str) -> None:
+    """Declare the machine as a parameter that can be read only.
+
+    Raises
+    ------
+    ConfigurationError
+        If the node is told to be of another machine.
+    """
+    told = machine_override(node)
+    if told is not None and told != machine_name:
+        where = f"parameters of node {node.get_name()}"
+        raise ConfigurationError(f"{where}: key '{MACHINE_KEY}', value {told!r}: expected '{machine_name}'")
+    described = ParameterDescriptor(name=MACHINE_KEY, description="machine of the catalogue", read_only=True)
+    described.additional_constraints = f"one of {', '.join(CATALOGUE)}"
+    node.declare_parameter(MACHINE_KEY, machine_name, described)
+
+
+def declared_tree(node: Node, *groups: tuple[str, Parameters]) -> dict[str, Any]:
+    """Declare every key on the node and return the values in force, the node's overrides laid over the defaults.
+
+    Parameters
+    ----------
+    node : Node
+        Where the keys are declared.
+    *groups : tuple of str and Parameters
+        Prefix (empty or ending in a dot) and the model declared below it.
+
+    Raises
+    ------
+    ConfigurationError
+        If an override has an unknown key, a wrong type or a value out of range.
+    """
+    known = {key.name: key for prefix, parameters in groups for key in keys(parameters, prefix)}
+    overrides = dict(node._parameter_overrides)  # rclpy has no public reader of them
+    own = {name for name in overrides if node.has_parameter(name)}
+    for name in overrides:
+        if name not in known and name not in own and not is_of_ros(name):
+            raise ConfigurationError(f"parameters of node {node.get_name()}: unknown key '{name}'")
+    flat = {}
+    for name, key in known.items():
+        if key.value is None and name not in overrides:
+            continue
+        flat[name] = _declare(node, key, overrides.get(name))
+    return tree_from_flat(flat)
+
+
+def _declare(node: Node, key: Key, override: Any) -> Any:
+    default = float(key.value) if _is_float(key.field.annotation) and isinstance(key.value, int) else key.value
+    if default is None:
+        default = override.value
+    try:
+        return node.declare_parameter(key.name, default, descriptor(key)).value
+    except InvalidParameterTypeException as error:
+        expected = type(default).__name__
+        given = override.value if override is not None else default
+        raise ConfigurationError(
+            f"parameters of node {node.get_name()}: key '{key.name}', value {given!r}: expected {expected}"
+        ) from error
+    except InvalidParameterValueException as error:
+        given = override.value if override is not None else default
+        bounds = ", ".join(str(bound) for bound in key.field.metadata)
+        raise ConfigurationError(
+            f"parameters of node {node.get_name()}: key '{key.name}', value {given!r}: expected {bounds}"
+        ) from error

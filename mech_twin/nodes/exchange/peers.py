@@ -1,0 +1,247 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Who is at the other end of a topic: which publisher is followed, who has answered, who is gone, who tells time.
+
+One publisher of a topic is followed at a time, another only when the first is gone.  Each node signs its step messages
+with a number of its own (row ``~source``).  A message without one comes from somebody's own program; all of those are
+one source, `ANONYMOUS`. A run goes on when every peer has answered a step; a missing answer is asked for again, until
+its peer counts as gone. Two clocks on one topic make time jump for who follows it.
+"""
+
+from __future__ import annotations
+
+import secrets
+import time
+from collections.abc import Callable
+from enum import Enum
+from typing import NamedTuple
+
+from rclpy.node import Node
+
+from mech_twin.messages.topics import CLOCK
+from mech_twin.samples import BodySample, ForceSample, MotorSample
+
+ANONYMOUS = 0.0
+SOURCE_BITS = 48  # a float64 holds it exactly
+
+
+def new_source() -> float:
+    """Return a number no other node signs with."""
+    return float(1 + secrets.randbits(SOURCE_BITS))
+
+
+class Admission(Enum):
+    """What a lock says of a message's source."""
+
+    FOLLOWED = "followed"
+    NEWLY_FOLLOWED = "newly followed"
+    REFUSED = "refused"
+
+
+class SourceLock:
+    """The one publisher that is followed on a topic."""
+
+    def __init__(self) -> None:
+        self.source: float | None = None
+
+    @property
+    def locked(self) -> bool:
+        """Whether somebody is followed."""
+        return self.source is not None
+
+    def admit(self, source: float, vacant: bool) -> Admission:
+        """Return whether a message of this source counts; where the place is vacant, its source is followed on."""
+        if source == self.source:
+            return Admission.FOLLOWED
+        if not vacant:
+            return Admission.REFUSED
+        self.source = source
+        return Admission.NEWLY_FOLLOWED
+
+
+class HeardSource:
+    """The publisher that a mere listener follows: one that signs before one that does not, until it falls silent.
+
+    Parameters
+    ----------
+    silence_s : float
+        Time without a message after which it counts as gone.
+    clock : callable
+        Steady time in seconds.
+    """
+
+    def __init__(self, silence_s: float, clock: Callable[[], float] = time.monotonic) -> None:
+        self._silence_s = silence_s
+        self._clock = clock
+        self._lock = SourceLock()
+        self._heard_s = clock()
+
+    def admit(self, source: float, alone: Callable[[], bool]) -> Admission:
+        """Return whether a message of this source counts.
+
+        ``alone`` tells whether nobody else publishes there; it is asked where nobody is followed yet and the message
+        is not signed.
+        """
+        now_s = self._clock()
+        if self._lock.locked:
+            unsigned = self._lock.source == ANONYMOUS and source != ANONYMOUS
+            vacant = unsigned or now_s - self._heard_s > self._silence_s
+        else:
+            vacant = source != ANONYMOUS or alone()
+        admission = self._lock.admit(source, vacant)
+        if admission is not Admission.REFUSED:
+            self._heard_s = now_s
+        return admission
+
+
+Answer = MotorSample | ForceSample | BodySample
+
+
+class AnswerFault(NamedTuple):
+    """Why an answer is not used: a kind of `topic_statistics.KINDS`, and words for a person."""
+
+    kind: str
+    reason: str
+
+
+class SteppingBarrier:
+    """Answers of the peers to one step.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Peers that must answer.
+    """
+
+    def __init__(self, names: tuple[str, ...]) -> None:
+        self.names = names
+        self._answers: dict[str, Answer] = {}
+        self._previous: dict[str, Answer] = {}
+
+    @property
+    def complete(self) -> bool:
+        """Whether every peer has answered."""
+        return len(self._answers) == len(self.names)
+
+    @property
+    def motor(self) -> MotorSample:
+        """The motor's answer.
+
+        Raises
+        ------
+        KeyError
+            If it has not answered.
+        """
+        answer = self._answers["motor"]
+        assert isinstance(answer, MotorSample)
+        return answer
+
+    @property
+    def body(self) -> BodySample | None:
+        """The body's answer, None where there is none."""
+        answer = self._answers.get("body")
+        return answer if isinstance(answer, BodySample) else None
+
+    def missing(self) -> tuple[str, ...]:
+        """Return who has not answered."""
+        return tuple(name for name in self.names if name not in self._answers)
+
+    def expect_next(self) -> None:
+        """Begin a new step."""
+        self._previous, self._answers = self._answers, {}
+
+    def take(self, peer: str, sample: Answer, step: int) -> AnswerFault | None:
+        """Keep a peer's answer to this step; anything else is not kept, and the reason is returned."""
+        fault = self._fault(peer, sample, step)
+        if fault is None:
+            self._answers[peer] = sample
+        return fault
+
+    def _fault(self, peer: str, sample: Answer, step: int) -> AnswerFault | None:
+        known = self._answers.get(peer) if sample.step == step else None
+        if known is None and sample.step == step - 1:
+            known = self._previous.get(peer)
+        if known is not None and known == sample:
+            return AnswerFault("repeated", f"step {sample.step}")
+        if known is not None:
+            return AnswerFault("conflicting", f"another answer to step {sample.step}")
+        if sample.step != step:
+            return AnswerFault("late" if sample.step < step else "early", f"step {sample.step} at step {step}")
+        return None
+
+
+ASK_AGAIN_S = 0.3
+ASK_AGAIN_WAITING_S = 0.1
+
+
+class PeerWait:
+    """The time since the last step, and how long the run has waited for peers in all.
+
+    Parameters
+    ----------
+    timeout_s : float
+        Time without an answer after which a peer counts as gone.
+    now_s : float
+        Steady time of the beginning.
+    """
+
+    def __init__(self, timeout_s: float, now_s: float) -> None:
+        self.count = 0
+        self._timeout_s = timeout_s
+        self._step_at_s = now_s
+        self._asked_at_s = now_s
+        self._since_s: float | None = None
+        self._ended_s = 0.0
+
+    @property
+    def waiting(self) -> bool:
+        """Whether the run waits for a peer that is gone."""
+        return self._since_s is not None
+
+    def silence_s(self, now_s: float) -> float:
+        """Return the time since the last step."""
+        return now_s - self._step_at_s
+
+    def total_s(self, now_s: float) -> float:
+        """Return how long the run has waited in all, the present wait included."""
+        return self._ended_s + (0.0 if self._since_s is None else now_s - self._since_s)
+
+    def due(self, now_s: float) -> bool:
+        """Return whether what is missing is to be asked for again."""
+        patience_s = ASK_AGAIN_WAITING_S if self.waiting else ASK_AGAIN_S
+        return now_s - max(self._step_at_s, self._asked_at_s) > patience_s
+
+    def ask(self, now_s: float) -> bool:
+        """Take note of a repeated question; return whether the peer counts as gone from now on."""
+        self._asked_at_s = now_s
+        if self.waiting or self.silence_s(now_s) <= self._timeout_s:
+            return False
+        self._since_s = now_s
+        self.count += 1
+        return True
+
+    def stepped(self, now_s: float) -> None:
+        """Take note of a step, which ends a wait."""
+        self._ended_s = self.total_s(now_s)
+        self._since_s = None
+        self._step_at_s = now_s
+
+    def resumed(self, now_s: float) -> None:
+        """Measure anew, after this process itself was suspended."""
+        self._step_at_s = now_s
+
+
+def other_clocks(node: Node) -> str:
+    """Return one line that names the other publishers of a node's clock and what to do; empty if there is none."""
+    topic = node.resolve_topic_name(CLOCK.name)
+    others = clock_publishers(node)
+    if not others or len(node.get_publishers_info_by_topic(topic)) == len(others):  # this node is none of them
+        return ""
+    names = ", ".join(sorted(others))
+    return f"{topic} is published by {names} as well: with --namespace a replay has a clock of its own"
+
+
+def clock_publishers(node: Node) -> set[str]:
+    """Return the full names of the other nodes that publish a node's clock."""
+    topic = node.resolve_topic_name(CLOCK.name)
+    found = {f"{end.node_namespace.rstrip('/')}/{end.node_name}" for end in node.get_publishers_info_by_topic(topic)}
+    return found - {node.get_fully_qualified_name()}

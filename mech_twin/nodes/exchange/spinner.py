@@ -1,0 +1,219 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The one executor of a process: serves its nodes until something holds, and takes them down within a bound.
+
+The middleware may never let go: Fast DDS 2.14 waits until no callback of its discovery runs before it takes a
+participant down, in a loop that hardly ever leaves the lock which those callbacks need to end: of nodes that all end at
+one instant about one in a thousand went on for ever.  The interpreter's lock is held meanwhile, so no thread and no
+handler of the process can act.  The kernel can: by then all that was open is closed.
+"""
+
+from __future__ import annotations
+
+import gc
+import signal
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from types import TracebackType
+from typing import Protocol, runtime_checkable
+
+import rclpy
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.experimental.events_executor import EventsExecutor
+from rclpy.node import Node
+from rclpy.task import Future
+
+from mech_twin.nodes.exchange.base_node import TwinNode
+from mech_twin.nodes.exchange.hand_over import HandOver
+
+LONGEST_WAIT_S = 0.1
+SHORTEST_WAIT_S = 1e-4
+SLICE_S = 0.02
+LONGEST_SLICE_S = 1.0
+BY_MESSAGE_S = 1.0  # after a node has waited for the wall clock
+# a step makes some thousand short-lived tuples: with the interpreter's own thresholds a twentieth of a run is spent
+# looking for cycles among them
+GARBAGE_THRESHOLDS = (50_000, 20, 50)
+
+
+@runtime_checkable
+class Ticking(Protocol):
+    """A node that has something to do between messages.
+
+    Attributes
+    ----------
+    interrupt : callable
+        To be called where a message has made something due sooner than the last ``tick`` said.
+    """
+
+    interrupt: Callable[[], None]
+
+    def tick(self) -> float:
+        """Do what is due; return how long nothing more will be."""
+        ...
+
+
+@runtime_checkable
+class Exchanging(Protocol):
+    """A node that exchanges steps, as objects with those of the same executor."""
+
+    def join(self, hand_over: HandOver) -> None:
+        """Exchange objects there from now on."""
+        ...
+
+    def leave(self) -> None:
+        """Exchange bytes only."""
+        ...
+
+
+class Spinner:
+    """A context in which nodes are served.
+
+    One executor for as long as the nodes live: what a second one would find waiting it does not hear of.  Its own
+    ``spin()`` is never called: in these wheels it does not end on a signal.
+    """
+
+    def __init__(self, nodes: Iterable[Node] = ()) -> None:
+        self.nodes: list[Node] = []
+        self._executor = EventsExecutor()
+        self._steps = HandOver()
+        self._slice = Future()
+        self._by_message_until_s = 0.0
+        self._slice_end_s = 0.0
+        self._thresholds = gc.get_threshold()
+        for node in nodes:
+            self.add(node)
+
+    def add(self, node: Node) -> None:
+        """Serve one more node."""
+        self.nodes.append(node)
+        self._executor.add_node(node)
+        if isinstance(node, Exchanging):
+            node.join(self._steps)
+
+    def remove(self, node: Node) -> None:
+        """Serve a node no longer; what it has been handed, if it is patient, it still takes."""
+        self._steps.deliver_later()
+        self.nodes.remove(node)
+        if isinstance(node, Exchanging):
+            node.leave()
+        self._executor.remove_node(node)
+
+    def until(self, predicate: Callable[[], bool]) -> None:
+        """Serve the nodes until the predicate, asked after each message, holds or rclpy is shut down."""
+        ticking = [node for node in self.nodes if isinstance(node, Ticking)]
+        running, spin_once = rclpy.get_default_context().ok, self._executor.spin_once
+        while running() and not predicate():
+            if self._steps.waiting:
+                self._steps.deliver()
+                self._serve_others()
+            else:
+                self._steps.deliver_later()
+                spin_once(timeout_sec=_wait_s(ticking))
+
+    def serve(self, ended: Callable[[], bool]) -> None:
+        """Serve the nodes until a run has ended, which is asked some fifty times a second, or rclpy is shut down.
+
+        Between the questions the executor goes from message to message by itself, unless a node calls ``interrupt``:
+        one that waits for the wall clock is served message by message.  To begin such a slice costs some bytes that
+        rclpy never gives back, so a slice goes on until something is due.
+        """
+        ticking = [node for node in self.nodes if isinstance(node, Ticking)]
+        for node in ticking:
+            node.interrupt = self._interrupt
+        first, running = self.nodes[0], rclpy.get_default_context().ok
+
+        def look() -> None:
+            if not running() or ended() or _wait_s(ticking) < SLICE_S:
+                self._slice.set_result(None)
+
+        timer = first.create_timer(SLICE_S, look, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        try:
+            while running() and not ended():
+                self._deliver_all()
+                if self._steps.waiting:
+                    continue
+                self._serve_others()
+                wait_s = _wait_s(ticking)
+                if wait_s < SLICE_S or self._steps.used or time.monotonic() < self._by_message_until_s:
+                    self._executor.spin_once(timeout_sec=wait_s)
+                else:
+                    self._slice = Future()
+                    self._executor.spin_until_future_complete(self._slice, timeout_sec=LONGEST_SLICE_S)
+        finally:
+            first.destroy_timer(timer)
+
+    def _deliver_all(self) -> None:
+        """Deliver what is handed over, and what that leads to, until it is the turn of others."""
+        steps = self._steps
+        while steps.waiting and not self._serve_others():
+            steps.deliver()
+
+    def _serve_others(self) -> bool:
+        """Serve those that are patient, and the executor, if a slice is over; return whether it is."""
+        if time.monotonic() < self._slice_end_s:
+            return False
+        self._steps.deliver_later()
+        self._drain()
+        self._slice_end_s = time.monotonic() + SLICE_S
+        return True
+
+    def _drain(self) -> None:
+        """Serve everything that waits in the executor by now: a task is served after it."""
+        end_s = time.monotonic() + LONGEST_SLICE_S
+        task = self._executor.create_task(int)
+        while not task.done() and time.monotonic() < end_s:
+            self._executor.spin_once(timeout_sec=SHORTEST_WAIT_S)
+
+    def _interrupt(self) -> None:
+        self._by_message_until_s = time.monotonic() + BY_MESSAGE_S
+        self._slice.set_result(None)
+
+    def __enter__(self) -> Spinner:
+        gc.freeze()  # what is loaded by now stays; to search it for garbage again and again halts a run for 0.15 s
+        self._thresholds = gc.get_threshold()
+        gc.set_threshold(*GARBAGE_THRESHOLDS)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for node in list(self.nodes):
+            self.remove(node)
+        self._executor.shutdown()
+        gc.set_threshold(*self._thresholds)
+        gc.unfreeze()
+
+
+def _wait_s(ticking: Iterable[Ticking]) -> float:
+    """Return how long to wait for a message: until something is due."""
+    wait_s = LONGEST_WAIT_S
+    for node in ticking:
+        wait_s = min(wait_s, node.tick())
+    return max(wait_s, SHORTEST_WAIT_S)
+
+
+LIMIT_S = 4.0  # it takes a tenth of a second, on a busy machine one
+
+
+def destroy_nodes(nodes: Sequence[Node]) -> None:
+    """Close what nodes hold open, then take them down; with the last of a process goes the middleware."""
+    for node in nodes:
+        if isinstance(node, TwinNode):
+            node.close()
+    with _bounded():
+        for node in nodes:
+            node.destroy_node()
+
+
+@contextmanager
+def _bounded() -> Iterator[None]:
+    """Let SIGALRM end the process where this takes longer than its limit."""
+    handler = signal.signal(signal.SIGALRM, signal.SIG_DFL)
+    remaining_s, interval_s = signal.setitimer(signal.ITIMER_REAL, LIMIT_S)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, remaining_s, interval_s)
+        signal.signal(signal.SIGALRM, handler)

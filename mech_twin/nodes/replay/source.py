@@ -1,0 +1,236 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is replayed of a bag: the messages that are sound, from any position, in memory that does not grow.
+
+The position follows the wall clock: rate, pause, jumps.  Nothing here reads that clock itself.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from rclpy.qos import QoSProfile
+
+from mech_twin.messages.topics import CLOCK, IMPACTS, type_name
+from mech_twin.recording.errors import BagError, DecodeError, UnknownTypeError
+from mech_twin.recording.message_types import decoded, is_latched, message_class, recorded_qos
+
+if TYPE_CHECKING:
+    from mech_twin.recording.bag_contents import BagMessage, RecordingReader
+
+LARGEST_LAG_S = 0.1
+
+
+class ReplayClock:
+    """Position that runs at a rate.
+
+    Parameters
+    ----------
+    position_ns : int
+        Log time to begin at.
+    rate : float
+        Recorded seconds per second.
+    now_s : float
+        Steady time of the beginning.
+    """
+
+    def __init__(self, position_ns: int, rate: float, now_s: float) -> None:
+        self.rate = rate
+        self.paused = False
+        self._anchor_ns = position_ns
+        self._anchor_s = now_s
+
+    def position_ns(self, now_s: float) -> int:
+        """Return the log time that is due at a steady time."""
+        if self.paused:
+            return self._anchor_ns
+        return self._anchor_ns + round((now_s - self._anchor_s) * self.rate * 1e9)
+
+    def wait_s(self, log_time_ns: int, now_s: float) -> float:
+        """Return how long to wait until a log time is due; at most 0 if it is, without end while paused."""
+        if self.paused:
+            return float("inf")
+        return (log_time_ns - self._anchor_ns) * 1e-9 / self.rate + self._anchor_s - now_s
+
+    def jump(self, position_ns: int, now_s: float) -> None:
+        """Go on from another position."""
+        self._anchor_ns, self._anchor_s = position_ns, now_s
+
+    def change_rate(self, rate: float, now_s: float) -> None:
+        """Go on at another rate from where the position is."""
+        self.jump(self.position_ns(now_s), now_s)
+        self.rate = rate
+
+    def pause(self, now_s: float) -> None:
+        """Stand still."""
+        self.jump(self.position_ns(now_s), now_s)
+        self.paused = True
+
+    def resume(self, now_s: float) -> None:
+        """Go on from where it stands."""
+        self.jump(self.position_ns(now_s), now_s)
+        self.paused = False
+
+    def give_way(self, log_time_ns: int, now_s: float) -> bool:
+        """Return whether a message is so late that the position was put back to it: slower, rather than a flood."""
+        late = -self.wait_s(log_time_ns, now_s) > LARGEST_LAG_S
+        if late:
+            self.jump(log_time_ns, now_s)
+        return late
+
+
+LARGEST_LATCH = 100
+
+
+class SelectionError(BagError):
+    """What was asked for is not in the bag."""
+
+
+class PlayedTopic(NamedTuple):
+    """A topic that is replayed."""
+
+    name: str
+    kind: Any
+    qos: QoSProfile
+
+    @property
+    def latched(self) -> bool:
+        """Whether who comes late gets its last messages."""
+        return is_latched(self.qos)
+
+
+class ReplaySource:
+    """Part of a bag.
+
+    Parameters
+    ----------
+    reader : RecordingReader
+        The open bag.
+    topics : list of str
+        Full names, or names below the machine's; all if empty.
+    start_s, duration_s : float
+        Part of the bag, from its beginning; None is to its end.
+
+    Attributes
+    ----------
+    topics : dict
+        What is replayed.
+    unknown : dict
+        Topics that are not, and why.
+    malformed : Counter
+        By topic, messages whose bytes are not of its type.
+
+    Raises
+    ------
+    SelectionError
+        If the bag is empty, or has no such topic or time.
+    """
+
+    def __init__(
+        self,
+        reader: RecordingReader,
+        topics: list[str] | None = None,
+        start_s: float = 0.0,
+        duration_s: float | None = None,
+    ) -> None:
+        if reader.start_ns is None or reader.end_ns is None:
+            raise SelectionError(reader.path, "holds no messages")
+        self._reader = reader
+        self._zero_ns = reader.start_ns
+        self.first_ns = self._zero_ns + round(start_s * 1e9)
+        wanted_end = reader.end_ns if duration_s is None else self.first_ns + round(duration_s * 1e9)
+        self.last_ns = min(reader.end_ns, wanted_end)
+        if self.first_ns > reader.end_ns:
+            length = (reader.end_ns - self._zero_ns) * 1e-9
+            raise SelectionError(reader.path, f"lasts {length:g} s; --start {start_s:g} is beyond its end")
+        self.unknown: dict[str, str] = {}
+        self.malformed: Counter[str] = Counter()
+        self.topics: dict[str, PlayedTopic] = {}
+        for name in self._selected(topics or []):
+            self._admit(name)
+
+    def seconds(self, log_time_ns: int) -> float:
+        """Return a log time in seconds from the beginning of the bag."""
+        return (log_time_ns - self._zero_ns) * 1e-9
+
+    def log_time_ns(self, seconds: float) -> int:
+        """Return the log time of a position in seconds."""
+        return self._zero_ns + round(seconds * 1e9)
+
+    def messages(self, from_ns: int) -> Iterator[BagMessage]:
+        """Yield the sound messages from a log time on; the latched ones of that very time are `latched_at` it."""
+        for message in self._read(list(self.topics), from_ns, self.last_ns):
+            played = self.topics[message.topic]
+            if not (played.latched and message.log_time_ns <= from_ns) and self._sound(message):
+                yield message
+
+    def latched_at(self, log_time_ns: int) -> dict[str, list[BagMessage]]:
+        """Return for each latched topic what a late listener would have got at a log time; none is an empty list."""
+        latched = {name: played for name, played in self.topics.items() if played.latched}
+        held: dict[str, deque[BagMessage]] = {
+            name: deque(maxlen=min(played.qos.depth or 1, LARGEST_LATCH)) for name, played in latched.items()
+        }
+        for message in self._read(list(latched), self._zero_ns, log_time_ns):
+            if self._sound(message):
+                held[message.topic].append(message)
+        return {name: list(messages) for name, messages in held.items()}
+
+    def next_impact_ns(self, after_ns: int) -> int | None:
+        """Return the log time of the first impact (an event with impulse) later than a log time."""
+        kind = type_name(IMPACTS)
+        names = [
+            name
+            for name, topic in self._reader.topics.items()
+            if topic.type_name == kind and name.endswith(f"/{IMPACTS.name}") and topic.message_count
+        ]
+        for message in self._read(names, after_ns + 1, self.last_ns):
+            if self._impulse(message) != 0.0:
+                return message.log_time_ns
+        return None
+
+    def without_clock(self) -> None:
+        """Leave the recorded clock out: whoever replays tells the time."""
+        self.topics.pop(CLOCK.name, None)
+
+    def _read(self, names: list[str], from_ns: int, to_ns: int) -> Iterator[BagMessage]:
+        if not names or to_ns < from_ns:
+            return
+        start, duration = self.seconds(from_ns), (to_ns - from_ns) * 1e-9
+        for message in self._reader.messages(names, start, duration):
+            if from_ns <= message.log_time_ns <= to_ns:
+                yield message
+
+    def _impulse(self, message: BagMessage) -> float:
+        try:
+            return float(decoded(message.raw, IMPACTS.type).vector.z)
+        except DecodeError:
+            self.malformed[message.topic] += 1
+            return 0.0
+
+    def _sound(self, message: BagMessage) -> bool:
+        try:
+            decoded(message.raw, self.topics[message.topic].kind)
+        except DecodeError:
+            self.malformed[message.topic] += 1
+            return False
+        return True
+
+    def _selected(self, wanted: list[str]) -> list[str]:
+        names = list(self._reader.topics)
+        if not wanted:
+            return names
+        chosen = []
+        for word in wanted:
+            found = [name for name in names if name == word or name.split("/", 2)[-1] == word]
+            if not found:
+                raise SelectionError(self._reader.path, f"has no topic '{word}'; it has {', '.join(names)}")
+            chosen += found
+        return [name for name in names if name in chosen]
+
+    def _admit(self, name: str) -> None:
+        about = self._reader.topics[name]
+        try:
+            self.topics[name] = PlayedTopic(name, message_class(about), recorded_qos(about.qos_yaml))
+        except UnknownTypeError as error:
+            self.unknown[name] = str(error)

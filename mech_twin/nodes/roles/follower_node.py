@@ -1,0 +1,300 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A role node that answers a step message with a step message: motor, force analysis and body.
+
+It adopts the configuration its questions name, and answers a step asked again with the same sample.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import Any, Generic, NamedTuple, TypeVar
+
+from std_msgs.msg import String
+
+from mech_twin.messages.joint_state_cdr import StepMessage
+from mech_twin.messages.step_marks import ConfigurationMark
+from mech_twin.messages.topics import DESCRIPTION, EVERY_LATCHED, REJOIN, Topic
+from mech_twin.nodes.exchange.base_node import RunOptions
+from mech_twin.nodes.exchange.hand_over import Step
+from mech_twin.nodes.exchange.peers import ASK_AGAIN_S, Admission, SourceLock
+from mech_twin.nodes.roles.role_node import RETRY_S, RoleNode
+from mech_twin.parameters.load import Description, description
+from mech_twin.quantity import Parameters
+
+REMEMBERED_SOURCES = 8
+
+
+class StoredDescription(NamedTuple):
+    """A described configuration, and the text it came as."""
+
+    content: Description
+    text: str
+
+    @property
+    def mark(self) -> ConfigurationMark:
+        """What the step messages computed with it say."""
+        return ConfigurationMark(self.content.revision, self.content.source)
+
+
+class DescriptionStore:
+    """The newest configuration of each of the last few sources."""
+
+    def __init__(self) -> None:
+        self._by_source: dict[float, StoredDescription] = {}
+
+    def add(self, content: Description, text: str) -> None:
+        """Keep a description, unless its source has described a later revision."""
+        known = self._by_source.pop(content.source, None)
+        offered = StoredDescription(content, text)
+        newest = known if known is not None and known.content.revision > content.revision else offered
+        self._by_source[content.source] = newest
+        while len(self._by_source) > REMEMBERED_SOURCES:
+            del self._by_source[next(iter(self._by_source))]
+
+    def find(self, wanted: ConfigurationMark) -> StoredDescription | None:
+        """Return the configuration a question names, or a later one of the same source; None if it is not there yet."""
+        known = self._by_source.get(wanted.source)
+        return known if known is not None and known.content.revision >= wanted.revision else None
+
+
+REMEMBERED_STEPS = 4
+
+Question = TypeVar("Question")
+Answer = TypeVar("Answer")
+
+
+class Exchange(NamedTuple, Generic[Question, Answer]):
+    """A question and its answer; the question is None where the answer came from a peer when the node rejoined."""
+
+    question: Question | None
+    answer: Answer
+
+
+class ExchangeMemory(Generic[Question, Answer]):
+    """The newest few steps, with what was asked and answered."""
+
+    def __init__(self) -> None:
+        self._exchanges: dict[int, Exchange[Question, Answer]] = {}
+        self._last: int | None = None
+
+    @property
+    def last_step(self) -> int | None:
+        """The newest step answered."""
+        return self._last
+
+    def get(self, step: int) -> Exchange[Question, Answer] | None:
+        """Return what was exchanged at a step, if it is remembered."""
+        return self._exchanges.get(step)
+
+    def remember(self, step: int, question: Question | None, answer: Answer) -> None:
+        """Keep an exchange, and forget old ones."""
+        self._exchanges[step] = Exchange(question, answer)
+        if self._last == step - 1:
+            self._exchanges.pop(step - REMEMBERED_STEPS, None)
+        else:
+            for old in [known for known in self._exchanges if known <= step - REMEMBERED_STEPS]:
+                del self._exchanges[old]
+        self._last = max(self._exchanges) if self._last is None or step < self._last else step
+
+    def return_to(self, step: int) -> None:
+        """Forget what came after this step: whoever asks now goes on from there, or begins a run of its own."""
+        if step not in self._exchanges and step - 1 not in self._exchanges and step <= (self.last_step or 0):
+            self._exchanges.clear()
+        for later in [known for known in self._exchanges if known > step]:
+            del self._exchanges[later]
+        self._last = max(self._exchanges, default=None)
+
+
+class FollowerNode(RoleNode):
+    """Answers each step once; a step asked again (a peer came back) is answered again with the same sample.
+
+    Parameters
+    ----------
+    questions : Topic
+        Step messages that are answered.
+    asker : str
+        Node that publishes them.  See `TwinNode` for the other arguments.
+    """
+
+    def __init__(
+        self,
+        role: str,
+        machine_name: str,
+        parameters: Parameters | None,
+        options: RunOptions | None,
+        questions: Topic,
+        asker: str,
+    ) -> None:
+        super().__init__(role, machine_name, parameters, options)
+        self.exchanges: ExchangeMemory[Any, Any] = ExchangeMemory()
+        self.last_message: Step | None = None
+        self._questions, self._asker = questions, asker
+        self._lock = SourceLock()
+        self._descriptions = DescriptionStore()
+        self._born_s = self._heard_s = time.monotonic()
+        self._listening = False
+        self._unanswered: tuple[Any, Step] | None = None
+        # keeps all: with a depth of 1, another publisher's latched description would displace the linkage's
+        self.subscribe(DESCRIPTION, self._on_description, qos=EVERY_LATCHED)
+        self.subscribe(REJOIN, self._on_rejoin)
+        self._retry_timer = self.every(RETRY_S, self._retry)
+
+    @property
+    def last_question(self) -> Any:
+        """The newest sample answered; None before the first, and where it is known by its answer only."""
+        last = self.exchanges.last_step
+        exchange = None if last is None else self.exchanges.get(last)
+        return None if exchange is None else exchange.question
+
+    # -- what a follower is -----------------------------------------------------------------------------------------
+
+    def decoded(self, message: StepMessage) -> Any:
+        """Return the sample asked about."""
+        raise NotImplementedError
+
+    def answer(self, question: Any, previous: Any) -> Any:
+        """Return the answer to a new step, or None if it cannot be given yet; ``previous`` is the last step's."""
+        raise NotImplementedError
+
+    def send(self, answer: Any) -> None:
+        """Publish an answer."""
+        raise NotImplementedError
+
+    def show(self, question: Any, answer: Any) -> None:
+        """Publish what a new answer means to people and other tools, each topic at its own rate."""
+
+    def tell_peer(self, peer: str) -> None:
+        """Tell a peer that came back where it was."""
+
+    # -- questions --------------------------------------------------------------------------------------------------
+
+    def _retry(self) -> None:
+        if not self._listening:
+            self._listen_when_heard()
+        elif self._unanswered is not None:
+            self._answer(*self._unanswered)
+        else:
+            self._retry_timer.cancel()
+
+    def _listen_when_heard(self) -> None:
+        """Subscribe; a linkage that sees the subscription may count on the answers being heard."""
+        if self.matched or time.monotonic() - self._born_s > self.options.discovery_limit_s:
+            self._listening = True
+            self.subscribe_steps(self._questions, self.decoded, self._on_question)
+
+    def _on_question(self, question: Any, message: Step) -> None:
+        if not self._is_followed(question.step, message.source):
+            reason = f"step {question.step} from another publisher than the one that is followed"
+            self.statistics.count(self._questions.name, "unknown_source", reason)
+        else:
+            self._answer(question, message)
+
+    def _is_followed(self, step: int, who: float) -> bool:
+        """Return whether this publisher is the one to answer; a new one is, once the one before has fallen silent."""
+        now = time.monotonic()
+        if who == self._lock.source:
+            self._heard_s = now
+            return True
+        admission = self._lock.admit(who, vacant=not self._lock.locked or now - self._heard_s > self._silence_limit_s)
+        if admission is Admission.REFUSED:
+            return False
+        if admission is Admission.NEWLY_FOLLOWED:
+            self.exchanges.return_to(step)
+        self._heard_s = now
+        return True
+
+    @property
+    def _silence_limit_s(self) -> float:
+        """After how long nothing heard means that who asks is gone; one that waits asks again sooner than that."""
+        return self.options.peer_timeout_s + ASK_AGAIN_S
+
+    def _answer_later(self, question: Any, message: Step) -> None:
+        self._unanswered = (question, message)
+        self._retry_timer.reset()
+
+    def _answer(self, question: Any, message: Step) -> None:
+        if not self._is_configured(message.configuration):  # its description is on its way
+            self._answer_later(question, message)
+            return
+        self._unanswered = None
+        last = self.exchanges.last_step
+        if last is not None and question.step <= last:
+            self._on_old_step(question, last)
+        else:
+            self._on_new_step(question, message, last)
+
+    def _on_new_step(self, question: Any, message: Step, last: int | None) -> None:
+        previous = self.exchanges.get(question.step - 1)
+        answer = self.answer(question, None if previous is None else previous.answer)
+        if answer is None:
+            self._answer_later(question, message)
+            return
+        if last is not None and question.step > last + 1:
+            gap = question.step - last - 1
+            self.statistics.count(self._questions.name, "missing", f"step {question.step} after {last}", gap)
+        self.exchanges.remember(question.step, question, answer)
+        self.last_message = message
+        self.time_s = question.time_s
+        self.diagnostics.state = "running"
+        self.send(answer)
+        self.on_sample(answer)
+        self.show(question, answer)
+
+    def _on_old_step(self, question: Any, last: int) -> None:
+        known = self.exchanges.get(question.step)
+        if known is None:
+            self.statistics.count(self._questions.name, "late", f"step {question.step} after {last}")
+        elif known.question is None or known.question == question:
+            self.statistics.count(self._questions.name, "repeated", f"step {question.step} asked again")
+            self.diagnostics.state = "running"
+            self.send(known.answer)
+        else:
+            self.statistics.count(self._questions.name, "conflicting", f"another sample of step {question.step}")
+
+    # -- peers ------------------------------------------------------------------------------------------------------
+
+    def check_peers(self, now_s: float) -> None:
+        """Say so when nothing has been asked for longer than a peer may be silent."""
+        silent_s = now_s - self._heard_s
+        if not self._lock.locked or silent_s <= self._silence_limit_s or self.diagnostics.state.startswith("waiting"):
+            return
+        self.diagnostics.state = f"waiting for {self._asker}"
+        reason = f"nothing for {silent_s:.1f} s after step {self.exchanges.last_step}"
+        self.statistics.count(self._questions.name, "timeout", reason)
+        self.report()
+
+    def resumed(self) -> None:
+        """Measure silence from now on."""
+        self._heard_s = time.monotonic()
+
+    def _on_rejoin(self, message: String) -> None:
+        self.tell_peer(message.data)
+
+    def _on_description(self, message: String) -> None:
+        """Keep a configuration; it is adopted when a question of the linkage that is followed names it."""
+        try:
+            described = description(message.data)
+        except ValueError as error:
+            self.statistics.count(DESCRIPTION.name, "malformed", str(error))
+            return
+        if described.machine != self.machine.name:
+            self.statistics.count(DESCRIPTION.name, "unknown_source", f"machine {described.machine}")
+            return
+        if self.revision > 0 and described.source != self.described_by:
+            reason = f"revision {described.revision} of another node than the one that is followed"
+            self.statistics.count(DESCRIPTION.name, "unknown_source", reason)
+        self._descriptions.add(described, message.data)
+        if self._unanswered is not None:
+            self._answer(*self._unanswered)
+
+    def _is_configured(self, wanted: ConfigurationMark) -> bool:
+        """Adopt the configuration a question was computed with; return False while its description is not there."""
+        if wanted.revision == 0 or (wanted.source == self.described_by and wanted.revision <= self.revision):
+            return True
+        found = self._descriptions.find(wanted)
+        if found is None:
+            return False
+        self.use(found.content.parameters)
+        self.revision, self.described_by = found.mark
+        self.description = found.text
+        return True

@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The frames node: where every link and pin is, for TF, and what the machine looks like, for the robot description.
+
+It listens to the joint states of a run, or of a replay, and is no part of the exchange of steps.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from std_msgs.msg import String
+
+from mech_twin.capabilities.mechanism import FrameTree
+from mech_twin.capabilities.urdf import urdf
+from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.messages.frames import transforms
+from mech_twin.messages.joint_state_cdr import CdrError, Decoder
+from mech_twin.messages.step_message import stamp_s
+from mech_twin.messages.stream_window import steps_per_window
+from mech_twin.messages.topics import (
+    DESCRIPTION,
+    EVERY_LATCHED,
+    FRAMES,
+    JOINT_STATES,
+    ROBOT_DESCRIPTION,
+    Topic,
+    type_name,
+)
+from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode
+from mech_twin.parameters.load import catalogue_entry, description
+from mech_twin.quantity import Parameters
+from mech_twin.recording.stamps import stamp_ns
+from mech_twin.roles import Machine
+
+# what is not taken in time is of no use any more, and nobody waits for this node
+NEWEST = QoSProfile(depth=10, history=HistoryPolicy.KEEP_LAST, reliability=ReliabilityPolicy.BEST_EFFORT)
+EARLY = 0.999  # of a period: stamps are rounded to nanoseconds
+
+
+def mechanism_of(machine: Machine) -> FrameTree:
+    """Return the frames of a machine.
+
+    Raises
+    ------
+    ConfigurationError
+        If the machine has none.
+    """
+    if machine.mechanism is None:
+        raise ConfigurationError(f"machine {machine.name} says nothing of its frames; see docs/adding-a-machine.md")
+    return machine.mechanism
+
+
+class FramesNode(TwinNode):
+    """Publishes frames and robot description; see `TwinNode` for the arguments.
+
+    ``/tf`` is published where the package tf2_msgs is installed; the wheels have none.
+    """
+
+    def __init__(
+        self, machine_name: str, parameters: Parameters | None = None, options: RunOptions | None = None
+    ) -> None:
+        super().__init__("frames", machine_name, parameters, options)
+        self._frames = self.output(FRAMES)
+        self._urdf = self.output(ROBOT_DESCRIPTION)
+        self._tf = _tf_output(self)
+        self._described = self.initial_parameters
+        machine = catalogue_entry(machine_name).build(self._described)
+        self._mechanism = mechanism_of(machine)
+        window = steps_per_window(self.options.stream_rate_hz, machine.coupling_step_s)
+        self._period_ns = round(window * machine.coupling_step_s * 1e9)
+        self._decode = Decoder()
+        self._last_ns: int | None = None
+        self._describe()
+        self.subscribe(DESCRIPTION, self._on_description, qos=EVERY_LATCHED)
+        self.subscribe(JOINT_STATES, self._on_joints, qos=NEWEST, raw=True)
+
+    def _on_joints(self, raw: bytes) -> None:
+        """Publish the frames at the stream's rate; time that goes back is another run, or a replay that jumped."""
+        now_ns = stamp_ns(type_name(JOINT_STATES), raw)
+        if now_ns is None:
+            return
+        last_ns = self._last_ns
+        if last_ns is not None and last_ns <= now_ns < last_ns + EARLY * self._period_ns:
+            return
+        try:
+            message = self._decode(raw)
+            positions = dict(zip(message.name, message.position, strict=True))
+            self.time_s = stamp_s(message.header)
+            found = transforms(self._mechanism, positions, self.time_s, self.get_namespace())
+        except (CdrError, ValueError) as error:
+            self.statistics.count(JOINT_STATES.name, "malformed", str(error))
+        except KeyError as error:
+            self.statistics.count(JOINT_STATES.name, "malformed", f"joint {error.args[0]} is missing")
+        else:
+            self._last_ns = now_ns
+            self._send(found)
+
+    def _send(self, found: list[Any]) -> None:
+        self.diagnostics.state = "running"
+        for transform in found:
+            self._frames.send(transform)
+        if self._tf is not None:
+            publisher, message_type = self._tf
+            publisher.send(message_type(transforms=found))
+
+    def _on_description(self, message: String) -> None:
+        """Take over the dimensions of the machine that runs."""
+        try:
+            described = description(message.data)
+        except ValueError as error:
+            self.statistics.count(DESCRIPTION.name, "malformed", str(error))
+            return
+        if described.machine != self.machine_name or described.parameters == self._described:
+            return
+        self._described = described.parameters
+        self._mechanism = mechanism_of(catalogue_entry(self.machine_name).build(described.parameters))
+        self._describe()
+
+    def _describe(self) -> None:
+        self._urdf.send(String(data=urdf(self.machine_name, self._mechanism)))
+
+
+def _tf_output(node: TwinNode) -> tuple[Any, Any] | None:
+    """Return the publisher of ``/tf`` and the type of its messages, None where that type is not installed."""
+    try:
+        from tf2_msgs.msg import TFMessage
+    except ModuleNotFoundError:
+        node.get_logger().info("tf2_msgs is not installed: frames are published on 'frames', not on /tf")
+        return None
+    return node.output(Topic("/tf", TFMessage), recorded=False), TFMessage

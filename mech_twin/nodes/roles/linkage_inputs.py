@@ -1,0 +1,241 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the linkage node hears from its peers: one answer a step from each, of the publisher that is followed.
+
+A linkage that starts asks its peers on ``rejoin`` and ``rejoin/*`` where the run is; see
+``docs/decisions/0008-a-restarted-node-asks-its-peers.md``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import partial
+from types import ModuleType
+
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+
+from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.messages import body as body_messages
+from mech_twin.messages import force as force_messages
+from mech_twin.messages import linkage as linkage_messages
+from mech_twin.messages import motor as motor_messages
+from mech_twin.messages.joint_state_cdr import StepMessage
+from mech_twin.messages.step_message import MessageError
+from mech_twin.messages.step_table import arranged
+from mech_twin.messages.topics import (
+    REJOIN,
+    REJOIN_BODY,
+    REJOIN_DESCRIPTION,
+    REJOIN_LINKAGE,
+    REJOIN_MOTOR,
+    STEP_BODY,
+    STEP_FORCES,
+    STEP_MOTOR,
+    Topic,
+)
+from mech_twin.nodes.exchange.hand_over import Step
+from mech_twin.nodes.exchange.peers import ANONYMOUS, Admission, Answer, PeerWait, SourceLock, SteppingBarrier
+from mech_twin.nodes.roles.role_node import RoleNode
+from mech_twin.parameters.load import Description, description
+from mech_twin.samples import BodySample, LinkageSample
+
+ASK_AGAIN_S = 0.3
+NOBODY_LIMIT_S = 1.0
+
+
+class RejoinRequest:
+    """The question of a starting linkage, and what was answered.
+
+    Parameters
+    ----------
+    peer_limit_s : float
+        Longest wait for the answers where a peer that can give them is there.
+
+    Attributes
+    ----------
+    open : bool
+        Whether answers are still waited for.
+    linkage : LinkageSample, optional
+        The sample to go on from, if somebody had one.
+    description : Description, optional
+        The configuration that was in force, if somebody had one.
+    """
+
+    def __init__(self, peer_limit_s: float) -> None:
+        self.open = True
+        self.linkage: LinkageSample | None = None
+        self.description: Description | None = None
+        self._peer_limit_s = peer_limit_s
+        self._answered: set[str] = set()
+        self._begun_s: float | None = None
+        self._asked_s = -math.inf
+
+    def due(self, now_s: float) -> bool:
+        """Return whether to ask now, for the first time or again."""
+        if now_s - self._asked_s <= ASK_AGAIN_S:
+            return False
+        self._asked_s = now_s
+        return True
+
+    def settled(self, now_s: float, somebody_answers: bool) -> bool:
+        """Return whether everything is answered, or nobody will answer."""
+        self._begun_s = now_s if self._begun_s is None else self._begun_s
+        limit_s = self._peer_limit_s if somebody_answers else NOBODY_LIMIT_S
+        return self._answered == {"linkage", "description"} or now_s - self._begun_s > limit_s
+
+    def answer_linkage(self, sample: LinkageSample | None) -> None:
+        """Take the last sample a peer has; None if it has none."""
+        if self.open:
+            self.linkage = sample
+            self._answered.add("linkage")
+
+    def answer_description(self, description: Description | None) -> None:
+        """Take the configuration a peer has; None if it has none."""
+        if self.open:
+            self.description = description
+            self._answered.add("description")
+
+    def close(self) -> None:
+        """Accept no further answers."""
+        self.open = False
+
+
+class LinkageRejoin:
+    """Asks the peers where the run is, and answers a motor or a body that asks.
+
+    Parameters
+    ----------
+    node : RoleNode
+        The linkage's node.
+    """
+
+    def __init__(self, node: RoleNode) -> None:
+        self.request = RejoinRequest(node.options.discovery_limit_s)
+        self.last_motor: Step | None = None
+        self.last_body: BodySample | None = None
+        self._node = node
+        self._ask = node.output(REJOIN, recorded=False)
+        self._body = node.output(REJOIN_BODY, recorded=False)
+        self._motor = node.output(REJOIN_MOTOR, recorded=False)
+        node.subscribe(REJOIN, self._on_request)
+        node.subscribe(REJOIN_LINKAGE, self._on_linkage)
+        node.subscribe(REJOIN_DESCRIPTION, self._on_description)
+
+    def settled(self, now_s: float) -> bool:
+        """Ask where the run is; return whether that is answered, or nobody will."""
+        if self.request.due(now_s):
+            self._ask.send(String(data="linkage"))
+        return self.request.settled(now_s, self._node.count_publishers(REJOIN_LINKAGE.name) > 0)
+
+    def _on_linkage(self, message: JointState) -> None:
+        if not self.request.open:
+            return
+        try:
+            self.request.answer_linkage(linkage_messages.from_message(message) if message.name else None)
+        except MessageError as error:
+            self._node.statistics.count(REJOIN_LINKAGE.name, "malformed", str(error))
+
+    def _on_description(self, message: String) -> None:
+        if not self.request.open:
+            return
+        try:
+            described = description(message.data) if message.data else None
+        except ConfigurationError as error:
+            self._node.statistics.count(REJOIN_DESCRIPTION.name, "malformed", str(error))
+            return
+        if described is None or described.machine == self._node.machine.name:
+            self.request.answer_description(described)
+
+    def _on_request(self, message: String) -> None:
+        if message.data == "body" and self.last_body is not None:
+            self._body.send(body_messages.to_message(self.last_body))
+        elif message.data == "motor" and not self.request.open:
+            self._motor.send(JointState() if self.last_motor is None else self.last_motor.raw)
+
+
+TOPICS = {"motor": STEP_MOTOR, "body": STEP_BODY, "force_analysis": STEP_FORCES}
+CONVERTERS: dict[str, ModuleType] = {
+    "motor": motor_messages,
+    "body": body_messages,
+    "force_analysis": force_messages,
+}
+
+
+class LinkageInputs:
+    """Subscriptions of the linkage.
+
+    Parameters
+    ----------
+    node : RoleNode
+        The linkage's node.
+    rejoin : LinkageRejoin
+        Is handed the last sample of motor and body, to tell them when they come back.
+    wait : PeerWait
+        Says whether the run waits for a peer, whose place another publisher may then take.
+    step : callable
+        Step that is to be answered; None before the first.
+    on_answer : callable
+        Called after each answer that counts.
+    """
+
+    def __init__(
+        self,
+        node: RoleNode,
+        rejoin: LinkageRejoin,
+        wait: PeerWait,
+        step: Callable[[], int | None],
+        on_answer: Callable[[], object],
+    ) -> None:
+        peers = ("motor", "body") if node.machine.body is not None else ("motor", "force_analysis")
+        self.barrier = SteppingBarrier(peers)
+        self.topics: dict[str, Topic] = {peer: TOPICS[peer] for peer in peers}
+        self._node, self._rejoin, self._wait = node, rejoin, wait
+        self._step, self._on_answer = step, on_answer
+        self._locks = {peer: SourceLock() for peer in peers}
+        for peer in peers:
+            node.subscribe_steps(self.topics[peer], partial(self._decoded, peer), partial(self._on_answered, peer))
+
+    def _on_answered(self, peer: str, sample: Answer, message: Step) -> None:
+        topic, step = self.topics[peer].name, self._step()
+        if step is None:
+            return
+        if sample.step == step and not self._is_followed(peer, message.source):
+            reason = f"step {sample.step} from another publisher than the one that is followed"
+            self._node.statistics.count(topic, "unknown_source", reason)
+            return
+        fault = self.barrier.take(peer, sample, step)
+        if fault is not None:
+            self._node.statistics.count(topic, fault.kind, fault.reason)
+            return
+        self._remember(peer, message, sample)
+        self._on_answer()
+
+    def _decoded(self, peer: str, message: StepMessage) -> Answer:
+        sample: Answer = CONVERTERS[peer].from_message(message, self._node.machine.coupling_step_s)
+        joints = self._joints(peer)
+        if joints is None:
+            return sample
+        in_order: Answer = arranged(sample, joints)
+        return in_order
+
+    def _joints(self, peer: str) -> tuple[str, ...] | None:
+        machine = self._node.machine
+        if peer == "motor":
+            return machine.motor.joints
+        return machine.body.joints if peer == "body" and machine.body is not None else None
+
+    def _remember(self, peer: str, message: Step, sample: Answer) -> None:
+        if peer == "motor":
+            self._rejoin.last_motor = message
+        elif peer == "body":
+            self._rejoin.last_body = self.barrier.body
+
+    def _is_followed(self, peer: str, who: float) -> bool:
+        """Return whether this publisher is the peer: the first one heard, until the run waits for it."""
+        lock = self._locks[peer]
+        if lock.locked:
+            vacant = self._wait.waiting and peer in self.barrier.missing()
+        else:  # what does not say where it comes from is heard only where nobody else could be meant
+            vacant = who != ANONYMOUS or self._node.count_publishers(self.topics[peer].name) <= 1
+        return lock.admit(who, vacant) is not Admission.REFUSED

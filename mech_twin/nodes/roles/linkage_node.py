@@ -1,0 +1,334 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The linkage node: time authority of a run.  It steps when its peers have answered, and waits while one is missing.
+
+A step is due at once, or when the wall clock has come as far.  Live parameters change between two steps.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.parameter import Parameter
+from std_srvs.srv import SetBool, Trigger
+
+from mech_twin.configuration_tree import ConfigurationError, configuration_tree, merged_tree, tree_from_flat
+from mech_twin.engine.coupling import restarted
+from mech_twin.engine.errors import StateError
+from mech_twin.engine.stored_state import StoredState, check_storable, state_text, stored_state
+from mech_twin.nodes.exchange.base_node import RunOptions
+from mech_twin.nodes.exchange.peers import PeerWait
+from mech_twin.nodes.roles.linkage_inputs import LinkageInputs, LinkageRejoin
+from mech_twin.nodes.roles.linkage_outputs import LinkageOutputs
+from mech_twin.nodes.roles.role_node import RETRY_S, RoleNode
+from mech_twin.nodes.roles.step_pacer import LagNotice, StepPacer
+from mech_twin.nodes.roles.stepping_services import RequestOutcome, SteppingServices, answer_later
+from mech_twin.parameters.load import RUN_GROUP, catalogue_entry, description_text, is_of_ros
+from mech_twin.parameters.load import validated as validated_tree
+from mech_twin.quantity import Parameters
+from mech_twin.samples import LinkageSample
+
+
+class LiveParameters:
+    """The configuration asked for, until the next step adopts it.
+
+    Parameters
+    ----------
+    machine_name : str
+        Machine of the catalogue.
+    """
+
+    def __init__(self, machine_name: str) -> None:
+        self._entry = catalogue_entry(machine_name)
+        self._pending: Parameters | None = None
+
+    def validated(self, in_force: Parameters, changes: Mapping[str, Any]) -> Parameters:
+        """Return the configuration with changes (dotted keys) laid over what is in force or already asked for.
+
+        Raises
+        ------
+        ConfigurationError
+            If it does not validate as a whole.
+        """
+        flat = {name: value for name, value in changes.items() if not name.startswith(f"{RUN_GROUP}.")}
+        base = configuration_tree(self._pending or in_force)
+        return validated_tree(self._entry, merged_tree(base, tree_from_flat(flat)), "parameter change")
+
+    def request(self, in_force: Parameters, changes: Mapping[str, Any]) -> None:
+        """Ask for a change; see `validated`."""
+        self._pending = self.validated(in_force, changes)
+
+    def take(self) -> Parameters | None:
+        """Return the configuration to adopt now, if one was asked for, and ask for none any more."""
+        pending, self._pending = self._pending, None
+        return pending
+
+
+def _nobody_waits() -> None:
+    """Interrupt nobody."""
+
+
+class LinkageNode(RoleNode):
+    """Shell around the linkage role; see `TwinNode` for the arguments."""
+
+    def __init__(
+        self, machine_name: str, parameters: Parameters | None = None, options: RunOptions | None = None
+    ) -> None:
+        super().__init__("linkage", machine_name, parameters, options)
+        self.sample: LinkageSample | None = None
+        self.interrupt: Callable[[], None] = _nobody_waits
+        self._born_s = time.monotonic()
+        self.paused = False
+        self._reset_asked: str | None = None
+        self._live = LiveParameters(machine_name)
+        self._pacer = StepPacer(self.machine.coupling_step_s, self.options.pace == "realtime")
+        self._lag = LagNotice()
+        self._wait = PeerWait(self.options.peer_timeout_s, self._born_s)
+        self._rejoin = LinkageRejoin(self)
+        self._out = LinkageOutputs(self)
+        self._in = LinkageInputs(self, self._rejoin, self._wait, self._step_of_sample, self._on_answer)
+        self._barrier = self._in.barrier
+        self.create_service(Trigger, "reset", self._on_reset)
+        self.create_service(SetBool, "pause", self._on_pause)
+        self._stepping = SteppingServices(self, self, self._on_answer)
+        answer_later(self.create_service(Trigger, "step", self._stepping.on_step))
+        self.create_service(Trigger, "get_state", self._stepping.on_get_state)
+        self.create_service(Trigger, "get_features", self._stepping.on_get_features)
+        self.add_post_set_parameters_callback(self._on_parameters)
+        self.every(RETRY_S, self._attend)
+
+    def residual_limits(self) -> dict[str, float]:
+        """Return the limits of loop closure, energy balance and their like."""
+        return dict(self.machine.linkage.residual_limits)
+
+    def diagnostic_values(self) -> dict[str, str]:
+        """Return step, revision, lag, and how long the run has waited for peers."""
+        return {
+            "step": "-" if self.sample is None else str(self.sample.step),
+            "revision": str(self.revision),
+            "clock": self._out.shared_clock.topics,
+            "lag s": f"{self._pacer.lag_s:.6f}",
+            "worst lag s": f"{self._pacer.worst_lag_s:.6f}",
+            "given up s": f"{self._pacer.given_up_s:.1f}",
+            "waits": str(self._wait.count),
+            "waited s": f"{self._wait.total_s(time.monotonic()):.1f}",
+        }
+
+    def report(self) -> None:
+        """Publish the diagnostics of the window that ends now, and say whether the run is behind the wall clock."""
+        state, line = self._lag.lines(self._pacer)
+        if state:
+            self.diagnostics.warn(state)
+        if line:
+            self.get_logger().warning(line)
+        self._out.shared_clock.check()
+        super().report()
+
+    def _step_of_sample(self) -> int | None:
+        return None if self.sample is None else self.sample.step
+
+    # -- the first step ---------------------------------------------------------------------------------------------
+
+    def _attend(self) -> None:
+        """Begin when everybody listens; ask again while a peer is missing."""
+        now = time.monotonic()
+        if self.sample is None:
+            self._begin_if_ready(now)
+        elif not self.done and self._stepping.held and self._wait.due(now):
+            self._wait.stepped(now)
+            self._out.send_step(self.sample)  # so that nobody takes a pause for a linkage that is gone
+        elif not self.done and not self._barrier.complete and self._wait.due(now):
+            self._ask_again(self.sample, now)
+
+    def _begin_if_ready(self, now: float) -> None:
+        if not self.matched and now - self._born_s < self.options.discovery_limit_s:
+            self.diagnostics.state = "waiting for peers"
+        elif self._rejoin.settled(now):
+            self._begin()
+
+    def _begin(self) -> None:
+        self._rejoin.request.close()
+        described, last = self._rejoin.request.description, self._rejoin.request.linkage
+        if described is not None:
+            self.use(described.parameters)
+            self.revision = described.revision
+        self.sample = last or self.machine.linkage.start()
+        if last is not None:
+            self.get_logger().info(f"resuming at step {last.step}")
+        self._out.shared_clock.begin()
+        self._describe(self.sample.step)
+        self._publish(self.sample, repeated=last is not None)
+        self._wait.stepped(time.monotonic())
+
+    # -- stepping ---------------------------------------------------------------------------------------------------
+
+    def tick(self) -> float:
+        """Take the next step if it is due; return how long nothing more will be."""
+        self._stepping.settle(self._barrier.complete, self.done)
+        if self.sample is None or self.done or self._stepping.held or not self._barrier.complete:
+            return RETRY_S
+        if self.sample.step >= self._last_step():
+            self.done = True
+            self._stepping.settle(answered=True, ended=True)
+            self.diagnostics.state = "finished"
+            return 0.0
+        wait_s = self._pacer.wait_s(self.sample.step + 1)
+        if wait_s > 0.0:
+            return wait_s
+        self._step(self.sample)
+        return RETRY_S
+
+    def _on_answer(self) -> None:
+        if self.tick() < RETRY_S:
+            self.interrupt()
+
+    def _last_step(self) -> float:
+        duration = self.options.duration_s
+        return round(duration / self.machine.coupling_step_s) if duration > 0.0 else math.inf
+
+    def _step(self, sample: LinkageSample) -> None:
+        asked = self._live.take()
+        if asked is not None:
+            self._adopt(asked, sample.step + 1)
+        self.sample = self._advanced(sample) if self._reset_asked is None else self._reset(sample)
+        self._stepping.stepped()
+        self._pacer.passed(self.sample.step)
+        self._barrier.expect_next()
+        self._wait.stepped(time.monotonic())
+        self._publish(self.sample)
+
+    def _advanced(self, sample: LinkageSample) -> LinkageSample:
+        return self.machine.linkage.advance(sample, self._barrier.motor, self._barrier.body)
+
+    def _reset(self, sample: LinkageSample) -> LinkageSample:
+        text, self._reset_asked = self._reset_asked, None
+        if not text:
+            return restarted(self.machine, sample.step + 1)
+        state = stored_state(self.machine, text, StoredState(sample, self._barrier.body), sample.step + 1)
+        self._rejoin.last_body = state.body  # the body asks for it
+        return state.linkage
+
+    def _publish(self, sample: LinkageSample, repeated: bool = False) -> None:
+        self.time_s = sample.time_s
+        regimes = self.machine.linkage.regimes
+        going = "paused" if self.paused else "running"
+        self.diagnostics.state = f"{going}, {regimes[sample.regime]}" if regimes else going
+        self._out.send_step(sample)
+        if not repeated:
+            self.on_sample(sample)
+            self.diagnostics.observe(sample.residuals)
+            self._out.send_views(sample, self._rejoin.last_body)
+
+    # -- waiting ----------------------------------------------------------------------------------------------------
+
+    def _ask_again(self, sample: LinkageSample, now: float) -> None:
+        """Publish the step again for who has not answered, and say so once a peer counts as gone."""
+        missing = self._barrier.missing()
+        begins = self._wait.ask(now)
+        if self._wait.waiting:
+            self.diagnostics.state = f"waiting for {', '.join(missing)}"
+            self._pacer.resume()  # a wait is not caught up; a late answer is
+        if begins:
+            reason = f"no answer to step {sample.step} for {self._wait.silence_s(now):.1f} s"
+            for peer in missing:
+                self.statistics.count(self._in.topics[peer].name, "timeout", reason)
+            self.report()
+        self._out.send_step(sample)
+
+    def resumed(self) -> None:
+        """Go on from the wall clock as it is: the time this process was suspended is not caught up."""
+        self._pacer.resume()
+        self._wait.resumed(time.monotonic())
+
+    # -- configuration ----------------------------------------------------------------------------------------------
+
+    def judge_parameters(self, changes: list[Parameter]) -> SetParametersResult:
+        """Say whether a change of live parameters validates; it takes effect at the next step."""
+        return self._tried(changes, self._live.validated)
+
+    def _on_parameters(self, changes: list[Parameter]) -> None:
+        self._tried(changes, self._live.request)
+
+    def _tried(
+        self, changes: list[Parameter], call: Callable[[Parameters, dict[str, object]], object]
+    ) -> SetParametersResult:
+        values = {change.name: change.value for change in changes if not is_of_ros(change.name)}
+        own = {name: value for name, value in values.items() if not name.startswith(f"{RUN_GROUP}.")}
+        if values and not self._adopting:
+            try:
+                self._check_state(values.get(f"{RUN_GROUP}.reset_state"))
+                if own:
+                    call(self.machine.parameters, own)
+            except (ConfigurationError, StateError) as error:
+                return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def _adopt(self, parameters: Parameters, step: int) -> None:
+        self.machine = self.built(parameters)
+        self.diagnostics.limits(self.residual_limits(), self.machine.coupling_step_s)
+        self.revision += 1
+        self._describe(step)
+
+    def _describe(self, from_step: int) -> None:
+        self.revision = max(1, self.revision)
+        self.described_by = self.source
+        parameters = self.machine.parameters
+        self.description = description_text(self.machine.name, parameters, self.revision, from_step, self.source)
+        self._out.describe(self.description)
+
+    def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        outcome = self.reset()
+        response.success, response.message = outcome.done, outcome.line
+        return response
+
+    def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        """Take no step until told to go on; the time that passes meanwhile is not caught up."""
+        response.success, response.message = True, self.pause(request.data)
+        return response
+
+    # -- stepped from outside -----------------------------------------------------------------------------------
+
+    def step_text(self) -> str:
+        """Return step and time."""
+        return "not begun" if self.sample is None else f"step {self.sample.step}, {self.sample.time_s:.9g} s"
+
+    def pause(self, held: bool) -> str:
+        """Hold the run, or let it go on; say which."""
+        self.paused = held
+        self.diagnostics.state = "paused" if held else "running"
+        self._stepping.settle(answered=True, ended=not held)
+        self._pacer.resume()
+        return "paused" if held else "goes on"
+
+    def reset(self) -> RequestOutcome:
+        """Ask for the initial state, or that of ``run.reset_state``, at the next step."""
+        text = self.get_parameter(f"{RUN_GROUP}.reset_state").value
+        try:
+            self._check_state(text)
+        except StateError as error:
+            return RequestOutcome("RESULT_OPERATION_FAILED", str(error))
+        self._reset_asked = text
+        return RequestOutcome("RESULT_OK", f"{'stored' if text else 'initial'} state at the next step")
+
+    def stored(self) -> RequestOutcome:
+        """Return the state as text."""
+        try:
+            check_storable(self.machine)
+        except StateError as error:
+            return RequestOutcome("RESULT_FEATURE_UNSUPPORTED", str(error))
+        if self.sample is None or not self._barrier.complete:
+            return RequestOutcome(
+                "RESULT_INCORRECT_STATE", f"{self.step_text()} is not answered yet: pause the run first"
+            )
+        try:
+            return RequestOutcome("RESULT_OK", state_text(self.machine, StoredState(self.sample, self._barrier.body)))
+        except StateError as error:
+            return RequestOutcome("RESULT_INCORRECT_STATE", str(error))
+
+    def _check_state(self, text: str | None) -> None:
+        """Refuse what is no state of this machine."""
+        if text and self.sample is not None:
+            stored_state(self.machine, text, StoredState(self.sample, self._rejoin.last_body), self.sample.step)

@@ -1,0 +1,357 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The recorder node: every topic of a machine, raw, to an MCAP recording.
+
+The time of a recording is that of the newest step of the run that is followed; what is missing, repeated or late on a
+topic is counted.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from std_srvs.srv import Trigger
+
+from mech_twin.messages.joint_state_cdr import CdrError, stamp_of
+from mech_twin.messages.step_head import NS_PER_S, StepHead, StepHeadReader
+from mech_twin.messages.step_message import MessageError
+from mech_twin.messages.topics import (
+    BLOW_GAUGE,
+    BLOW_WAVE,
+    CLOCK,
+    DIAGNOSTICS,
+    EVERY,
+    EVERY_LATCHED,
+    FRAMES,
+    LATCHED,
+    OWN_CLOCK,
+    ROBOT_DESCRIPTION,
+    STEP_LINKAGE,
+    WRENCHES,
+    Topic,
+    pin_wrench,
+    recorded_topics,
+    step_topics,
+    type_name,
+)
+from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode
+from mech_twin.nodes.exchange.hand_over import HandedStep
+from mech_twin.nodes.exchange.peers import Admission, HeardSource
+from mech_twin.parameters.load import catalogue_entry, description_text
+from mech_twin.quantity import Parameters
+from mech_twin.recording.bag_writer import BagWriter, WriterState
+from mech_twin.recording.errors import DecodeError
+from mech_twin.recording.message_types import decoded
+from mech_twin.recording.recent_messages import RecentMessage, RecentMessages
+from mech_twin.recording.schemas import offered_qos
+from mech_twin.recording.stamps import stamp_ns
+from mech_twin.stop_signal import closed_first
+
+
+class SequenceFault(NamedTuple):
+    """A kind of `topic_statistics.KINDS`, words for a person, and how many steps it concerns."""
+
+    kind: str
+    reason: str
+    number: int
+
+
+class StepSequence:
+    """The first and the newest step of a topic."""
+
+    def __init__(self) -> None:
+        self.first: int | None = None
+        self._last: int | None = None
+
+    def take(self, step: int) -> SequenceFault | None:
+        """Take a step into account; return what is wrong with it, if anything is."""
+        last, self._last = self._last, step if self._last is None else max(step, self._last)
+        if last is None:
+            self.first = step
+        if last is None or step == last + 1:
+            return None
+        reason = f"step {step} after {last}"
+        if step > last:
+            return SequenceFault("missing", reason, step - last - 1)
+        return SequenceFault("repeated" if step == last else "late", reason, 1)
+
+
+LARGEST_NS = 10**9 * NS_PER_S  # later than 30 years of simulated time: somebody's wall clock
+SAME_RUN_NS = 10 * NS_PER_S
+
+
+class RecordingClock:
+    """Log time of what is recorded."""
+
+    def __init__(self) -> None:
+        self._now_ns: int | None = None
+
+    @property
+    def now_ns(self) -> int:
+        """Time of the newest step; 0 before the first."""
+        return 0 if self._now_ns is None else self._now_ns
+
+    def lead(self, stamp_ns: int) -> bool:
+        """Go to the time of the linkage's step; return whether it is a time a run can have."""
+        plausible = 0 <= stamp_ns < LARGEST_NS
+        if plausible:
+            self._now_ns = stamp_ns
+        return plausible
+
+    def belongs(self, stamp_ns: int) -> bool:
+        """Return whether a stamp is near the time of the run; before the first step any plausible one is."""
+        if self._now_ns is None:
+            return 0 <= stamp_ns < LARGEST_NS
+        return stamp_ns >= 0 and abs(stamp_ns - self._now_ns) <= SAME_RUN_NS
+
+
+TICK_S = 0.1
+TICKS_PER_LOSS = 0.2
+MIB = 1024.0 * 1024.0
+
+
+class StepInput:
+    """One topic of step messages: how they are read, who is followed, which step was the last."""
+
+    def __init__(self, silence_s: float) -> None:
+        self.read = StepHeadReader()
+        self.source = HeardSource(silence_s)
+        self.sequence = StepSequence()
+
+
+OPTIONAL = (FRAMES, ROBOT_DESCRIPTION, BLOW_GAUGE, BLOW_WAVE)  # recorded where somebody publishes them
+
+
+class RecorderNode(TwinNode):
+    """Writes what it hears; the log time of a message is the simulated time at which it came.
+
+    Time and gaps are those of the publishers that are followed, one per topic of step messages, and the linkage's lead.
+    The topics of the pins are found on the graph, so that nothing of the machine need be built.
+
+    Parameters
+    ----------
+    directory : Path
+        The recording to make.  See `TwinNode` for the other arguments.
+    """
+
+    def __init__(
+        self,
+        machine_name: str,
+        directory: Path,
+        parameters: Parameters | None = None,
+        options: RunOptions | None = None,
+    ) -> None:
+        super().__init__("recorder", machine_name, parameters, options)
+        self._closed = False
+        self._last_heard_s = time.monotonic()
+        self._time = RecordingClock()
+        self._recent = RecentMessages(self.options.snapshot_s) if self.options.snapshot_s > 0.0 else None
+        self._alarms: set[str] = set()
+        self._snapshots = 0
+        self.create_service(Trigger, "~/snapshot", self._on_snapshot)
+        has_body = catalogue_entry(machine_name).has_body
+        self._steps = {topic.name: StepInput(self.options.peer_timeout_s) for topic in step_topics(has_body)}
+        self._recorded: set[str] = set()
+        self._optional = {self.resolve_topic_name(topic.name): topic for topic in OPTIONAL}
+        self._wrench_prefix = self.resolve_topic_name(WRENCHES) + "/"
+        with closed_first():
+            self.writer = BagWriter(
+                directory,
+                configuration=description_text(machine_name, self.initial_parameters),
+                max_loss_s=self.options.max_loss_s,
+                fsync=self.options.fsync,
+                split_bytes=round(self.options.split_mib * MIB),
+                split_duration_s=self.options.split_s or None,
+            )
+            try:
+                for topic in recorded_topics((), has_body):
+                    self._record(topic)
+                self.every(min(TICK_S, TICKS_PER_LOSS * self.options.max_loss_s), self._tick)
+            except BaseException:  # a signal, too
+                self.close()
+                raise
+
+    @property
+    def received(self) -> dict[str, int]:
+        """Messages heard, by full topic name."""
+        kept = Counter() if self._recent is None else self._recent.heard
+        return {name: max(row.received, kept[name]) for name, row in self.writer.counters.items()}
+
+    def quiet_s(self) -> float:
+        """Return for how long nothing has come to be recorded."""
+        return time.monotonic() - self._last_heard_s
+
+    def diagnostic_values(self) -> dict[str, str]:
+        """Return the state of the writer, with which step it begins, and what it dropped."""
+        counters = self.writer.counters.values()
+        first = self._steps[STEP_LINKAGE.name].sequence.first
+        return {
+            "recording": str(self.writer.directory),
+            "first step": "-" if first is None else str(first),
+            "written": str(sum(row.written for row in counters)),
+            "dropped": str(sum(row.dropped for row in counters)),
+            "missed": str(sum(row.missed for row in counters)),
+            **({} if self._recent is None else {"snapshots": str(self._snapshots)}),
+        }
+
+    def report(self) -> None:
+        """Publish the diagnostics of the window that ends now, and name the step topics that several publish.
+
+        A message does not tell its publisher: whoever copies the number of the one that is followed is taken for it.
+        """
+        for topic in self._steps:
+            publishers = self.get_publishers_info_by_topic(self.resolve_topic_name(topic))
+            if len(publishers) > 1:
+                names = ", ".join(sorted(f"{each.node_namespace}/{each.node_name}" for each in publishers))
+                self.diagnostics.warn(f"{topic} is published by {names}: whose message is whose is not certain")
+
+        super().report()
+
+    def close(self) -> None:
+        """Finish the recording; one in which nothing was recorded is deleted."""
+        self._closed = True
+        self.writer.close(discard_empty=True)
+
+    # -- topics -----------------------------------------------------------------------------------------------------
+
+    def _record(self, topic: Topic) -> None:
+        name = self.resolve_topic_name(topic.name)
+        self._recorded.add(name)
+        latched = topic.qos is LATCHED
+        durability = "transient_local" if latched else "volatile"
+        self.writer.add_topic(name, type_name(topic), offered_qos(durability=durability, depth=topic.qos.depth))
+        heard = OWN_CLOCK if topic is CLOCK else topic  # on the shared one may be another machine
+        if latched:
+            call = partial(self._on_message, topic, name, True)
+            self.create_subscription(topic.type, topic.name, call, EVERY_LATCHED, raw=True)
+        elif topic.name in self._steps:
+            of_topic = self._steps[topic.name]
+            handed, received = (partial(call, topic, name, of_topic) for call in (self._on_handed, self._on_step))
+            self.listen(topic, handed, received, patient=True, qos=EVERY)
+        else:
+            received = partial(self._on_message, topic, name, False)
+            self.listen(heard, lambda handed: received(handed.raw), received, patient=True, qos=EVERY)
+
+    def _record_found(self) -> None:
+        """Record the pins' topics that have appeared, and those of a node of frames."""
+        kind = type_name(pin_wrench("any"))
+        for name, types in self.get_topic_names_and_types():
+            if name.startswith(self._wrench_prefix) and name not in self._recorded and kind in types:
+                self._record(pin_wrench(name.removeprefix(self._wrench_prefix)))
+            elif name in self._optional and name not in self._recorded and type_name(self._optional[name]) in types:
+                self._record(self._optional[name])
+
+    # -- messages ---------------------------------------------------------------------------------------------------
+
+    def _on_message(self, topic: Topic, name: str, latched: bool, raw: bytes) -> None:
+        self._last_heard_s = time.monotonic()
+        stamp = stamp_ns(type_name(topic), raw)
+        if stamp is not None and not self._time.belongs(stamp):
+            self._count_stamp(topic, stamp)
+        self._write(name, raw, self._time.now_ns, latched)
+        if topic is DIAGNOSTICS and self._recent is not None:
+            self._heed_alarms(raw)
+
+    def _on_handed(self, topic: Topic, name: str, of_topic: StepInput, step: HandedStep) -> None:
+        self._last_heard_s = time.monotonic()
+        sample = step.sample
+        stamp = stamp_of(sample.time_s)
+        head = StepHead(stamp.sec * NS_PER_S + stamp.nanosec, sample.step, step.source)
+        self._record_step(topic, name, of_topic, head, step.raw)
+
+    def _on_step(self, topic: Topic, name: str, of_topic: StepInput, raw: bytes) -> None:
+        self._last_heard_s = time.monotonic()
+        try:
+            head = of_topic.read(raw)
+        except (CdrError, MessageError) as error:
+            self.statistics.count(topic.name, "malformed", str(error))
+            self._write(name, raw, self._time.now_ns)
+            return
+        self._record_step(topic, name, of_topic, head, raw)
+
+    def _record_step(self, topic: Topic, name: str, of_topic: StepInput, head: StepHead, raw: bytes) -> None:
+        if not self._is_followed(topic, of_topic, head.source):
+            self.statistics.count(topic.name, "unknown_source", "another publisher than the one that is followed")
+            self._write(name, raw, self._time.now_ns)
+            return
+        self._write(name, raw, self._time_of(topic, head.stamp_ns))
+        if head.step is not None:
+            self._check_sequence(topic, name, of_topic.sequence, head.step)
+
+    def _is_followed(self, topic: Topic, of_topic: StepInput, who: float) -> bool:
+        """Return whether the run is this publisher's."""
+        return of_topic.source.admit(who, lambda: self.count_publishers(topic.name) <= 1) is not Admission.REFUSED
+
+    def _time_of(self, topic: Topic, stamp: int) -> int:
+        """Return the log time of a step that is followed: its stamp, where it is a time of this run."""
+        if self._time.lead(stamp) if topic == STEP_LINKAGE else self._time.belongs(stamp):
+            return stamp
+        self._count_stamp(topic, stamp)
+        return self._time.now_ns
+
+    def _count_stamp(self, topic: Topic, stamp: int) -> None:
+        reason = f"stamp {stamp * 1e-9:g} s is no time of this run; recorded at {self._time.now_ns * 1e-9:g} s"
+        self.statistics.count(topic.name, "unknown_source", reason)
+
+    def _check_sequence(self, topic: Topic, name: str, sequence: StepSequence, step: int) -> None:
+        fault = sequence.take(step)
+        if fault is None:
+            return
+        if fault.kind == "missing":
+            self.writer.count_missed(name, fault.number)
+        else:
+            self.writer.count_late(name)
+        self.statistics.count(topic.name, fault.kind, fault.reason, fault.number)
+
+    def _write(self, name: str, raw: bytes, at_ns: int, latched: bool = False) -> None:
+        if self._closed:  # what is handed over after the end belongs to no recording
+            return
+        if self._recent is None or latched:
+            self.writer.write(name, raw, at_ns, at_ns, latched=latched)
+        else:
+            self._recent.take(RecentMessage(name, raw, at_ns))
+
+    # -- the last seconds -------------------------------------------------------------------------------------------
+
+    def _on_snapshot(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        before = self._snapshots
+        response.message = "run.snapshot_s is 0: everything is recorded" if self._recent is None else self._snapshot()
+        response.success = self._snapshots > before
+        return response
+
+    def _snapshot(self) -> str:
+        """Write the last seconds; return what was written."""
+        assert self._recent is not None
+        messages = self._recent.released()
+        if not messages:
+            return "nothing was heard since the start or the last snapshot"
+        for message in messages:
+            self.writer.write(message.topic, message.raw, message.at_ns, message.at_ns)
+        self._snapshots += 1
+        span = (messages[-1].at_ns - messages[0].at_ns) * 1e-9
+        return f"{len(messages)} messages of the last {span:.3g} s written to {self.writer.directory}"
+
+    def _heed_alarms(self, raw: bytes) -> None:
+        """Write the last seconds where a status of this machine becomes an error."""
+        try:
+            statuses = decoded(raw, DiagnosticArray).status
+        except DecodeError:
+            return
+        own = [status for status in statuses if status.name.startswith(f"{self.get_namespace()}/")]
+        alarms = {status.name for status in own if status.level == DiagnosticStatus.ERROR}
+        new = alarms - self._alarms
+        self._alarms = (self._alarms | alarms) - {status.name for status in own if status.name not in alarms}
+        if new:
+            self.get_logger().warning(f"{', '.join(sorted(new))}: alarm; {self._snapshot()}")
+
+    def _tick(self) -> None:
+        self._record_found()
+        self.time_s = self._time.now_ns * 1e-9
+        self.writer.tick()
+        self.diagnostics.state = self.writer.state.value
+        if self.writer.state is WriterState.ERROR:
+            self.diagnostics.error(self.writer.error)

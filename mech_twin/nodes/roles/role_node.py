@@ -1,0 +1,228 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the four role nodes share: the machine, and the configuration the linkage publishes.
+
+A role of somebody's own may take the place of ours inside the process: a class, named ``module:Class`` or by entry
+point.  What it returns is written as a step message and read again: it meets the checks of a message from another
+node.  What they refuse, or an error of the class itself, ends the run in one line.
+"""
+
+from __future__ import annotations
+
+import sys
+import traceback
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import partial
+from importlib import import_module
+from importlib.metadata import entry_points
+from pathlib import Path
+from types import ModuleType
+from typing import Any, NamedTuple
+
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.parameter import Parameter
+
+from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.engine.run import warm_up
+from mech_twin.messages import body, force, motor
+from mech_twin.messages.joint_state_cdr import received_message
+from mech_twin.messages.step_marks import revision_row
+from mech_twin.messages.step_message import SOURCE, Row
+from mech_twin.messages.step_table import arranged
+from mech_twin.messages.stream_window import steps_per_window
+from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode
+from mech_twin.nodes.exchange.peers import ANONYMOUS
+from mech_twin.parameters.declared_keys import keys
+from mech_twin.parameters.load import catalogue_entry, is_of_ros
+from mech_twin.quantity import Parameters
+from mech_twin.roles import Machine
+from mech_twin.samples import Sample
+
+ENTRY_POINTS = "mech_twin.roles"
+
+
+class RolePlace(NamedTuple):
+    """A role that may be replaced: its methods, the messages of its samples, and the key under which it is named."""
+
+    methods: tuple[str, ...]
+    messages: ModuleType
+    key: str
+
+
+PLACES: Mapping[str, RolePlace] = {
+    "motor": RolePlace(("respond",), motor, "run.motor"),
+    "forces": RolePlace(("analyse",), force, "run.forces"),
+    "body": RolePlace(("start", "follow"), body, "run.body"),
+}
+
+
+class UsersRoleError(ConfigurationError):
+    """A class that cannot take the place of a role."""
+
+
+class UsersRole:
+    """An object in the place of a role; what it does not say, the role that was there says.
+
+    Parameters
+    ----------
+    name : str
+        How it was named.
+    place : Place
+        What it takes the place of.
+    made : object
+        Of the user's class.
+    own : object
+        The role that was there.
+    step_s : float
+        Coupling step.
+    """
+
+    def __init__(self, name: str, place: RolePlace, made: Any, own: Any, step_s: float) -> None:
+        self._name, self._place, self._made, self._own, self._step_s = name, place, made, own, step_s
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        if name in self._place.methods:
+            return partial(self._checked, name)
+        return getattr(self._made, name) if hasattr(self._made, name) else getattr(self._own, name)
+
+    def _checked(self, method: str, *samples: Any) -> Any:
+        asked = samples[-1] if method == "follow" else samples[0]
+        try:
+            answer = getattr(self._made, method)(*samples)
+        except Exception as error:
+            place = traceback.extract_tb(error.__traceback__)[-1]
+            where = f"{Path(place.filename).name}:{place.lineno}"
+            raise self._refusal(method, f"{type(error).__name__}: {error} ({where})") from error
+        try:
+            sample = self._place.messages.from_message(
+                received_message(self._place.messages.to_bytes(answer)), self._step_s
+            )
+            joints = getattr(self._own, "joints", None)
+            sample = sample if joints is None else arranged(sample, joints)
+        except Exception as error:  # whatever it returned
+            raise self._refusal(method, f"returned {type(answer).__name__}, refused: {error}") from error
+        if sample.step != asked.step:
+            raise self._refusal(method, f"answered step {sample.step}, expected {asked.step}")
+        return sample
+
+    def _refusal(self, method: str, why: str) -> UsersRoleError:
+        return UsersRoleError(f"{self._place.key} {self._name}: {method}: {why}")
+
+
+def with_users_roles(machine: Machine, options: RunOptions) -> Machine:
+    """Return a machine with the classes that the options name in the place of its roles.
+
+    Raises
+    ------
+    UsersRoleError
+        If one cannot be loaded, lacks a method, or cannot be made from the machine's parameters.
+    """
+    named = {role: getattr(options, role) for role in PLACES}
+    return replace(machine, **{role: _users_role(name, role, machine) for role, name in named.items() if name})
+
+
+def _users_role(name: str, role: str, machine: Machine) -> Any:
+    place, own = PLACES[role], getattr(machine, role)
+    if own is None:
+        raise UsersRoleError(f"{place.key} {name}: machine {machine.name} has no {role}")
+    try:
+        made = _loaded(name, place)(machine.parameters)
+    except UsersRoleError:
+        raise
+    except Exception as error:
+        raise UsersRoleError(
+            f"{place.key} {name}: cannot be made from the machine's parameters: {type(error).__name__}: {error}"
+        ) from error
+    lacking = [method for method in place.methods if not callable(getattr(made, method, None))]
+    if lacking:
+        raise UsersRoleError(f"{place.key} {name}: expected a class with the method {lacking[0]}")
+    return UsersRole(name, place, made, own, machine.coupling_step_s)
+
+
+def _loaded(name: str, place: RolePlace) -> Callable[..., Any]:
+    module, colon, attribute = name.partition(":")
+    if not colon:
+        found = next(iter(entry_points(group=ENTRY_POINTS, name=name)), None)
+        if found is None:
+            raise UsersRoleError(f"{place.key} {name}: expected MODULE:CLASS, or a name of the group {ENTRY_POINTS}")
+        module, attribute = found.module, found.attr
+    if "" not in sys.path and str(Path.cwd()) not in sys.path:
+        sys.path.append(str(Path.cwd()))  # last: nothing there hides what is installed
+    try:
+        loaded: Callable[..., Any] = getattr(import_module(module), attribute)
+    except Exception as error:
+        raise UsersRoleError(f"{place.key} {name}: {type(error).__name__}: {error}") from error
+    return loaded
+
+
+RETRY_S = 0.02
+
+
+def _unobserved(sample: Sample) -> None:
+    """Take a sample nobody observes."""
+
+
+class RoleNode(TwinNode):
+    """A node that is a shell around one role of a machine; see `TwinNode` for the arguments."""
+
+    def __init__(
+        self, role: str, machine_name: str, parameters: Parameters | None = None, options: RunOptions | None = None
+    ) -> None:
+        super().__init__(role, machine_name, parameters, options)
+        self.machine: Machine = self.built(self.initial_parameters)
+        warm_up(self.machine)
+        self.diagnostics.limits(self.residual_limits(), self.machine.coupling_step_s)
+        self.signature = Row(SOURCE, self.source)
+        self.stream_window = steps_per_window(self.options.stream_rate_hz, self.machine.coupling_step_s)
+        self.revision = 0
+        self.described_by = ANONYMOUS
+        self.description = ""
+        self.on_sample: Callable[[Sample], None] = _unobserved
+        self._adopting = False
+        self._marked: tuple[int, float] | None = None
+        self._marks: tuple[Row, ...] = ()
+        self.add_on_set_parameters_callback(self.judge_parameters)
+
+    def residual_limits(self) -> Mapping[str, float]:
+        """Return the limit of each residual this node publishes."""
+        return {}
+
+    @property
+    def marks(self) -> tuple[Row, ...]:
+        """Rows this node adds to its step messages: the configuration they were computed with, and who it is."""
+        if self._marked != (self.revision, self.described_by):
+            self._marked = self.revision, self.described_by
+            self._marks = revision_row(*self._marked), self.signature
+        return self._marks
+
+    def built(self, parameters: Parameters) -> Machine:
+        """Return the machine of these parameters, with a user's classes in the place of its roles."""
+        return with_users_roles(catalogue_entry(self.machine_name).build(parameters), self.options)
+
+    def use(self, parameters: Parameters) -> None:
+        """Rebuild the role from new parameters, and show them as this node's own."""
+        if parameters == self.machine.parameters:
+            return
+        before = {key.name: key.value for key in keys(self.machine.parameters)}
+        self.machine = self.built(parameters)
+        self.diagnostics.limits(self.residual_limits(), self.machine.coupling_step_s)
+        changed = [
+            Parameter(key.name, value=key.value)
+            for key in keys(parameters)
+            if key.live and key.value != before.get(key.name)
+        ]
+        self._adopting = True
+        try:
+            self.set_parameters(changed)
+        finally:
+            self._adopting = False
+
+    def judge_parameters(self, changes: list[Parameter]) -> SetParametersResult:
+        """Refuse a change made here: the linkage passes parameters on, so that all roles change at one step."""
+        own = [change.name for change in changes if not is_of_ros(change.name)]
+        if self._adopting or not own:
+            return SetParametersResult(successful=True)
+        names = ", ".join(own)
+        return SetParametersResult(successful=False, reason=f"{names}: set it on node linkage, which passes it on")

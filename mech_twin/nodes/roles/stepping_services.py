@@ -1,0 +1,196 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Step a paused run, read its state, give one back: services of the linkage, with the types of std_srvs.
+
+Where the package simulation_interfaces is installed, the same is offered under its names and types too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from importlib import import_module
+from importlib.util import find_spec
+from typing import Any, NamedTuple, Protocol
+
+from rclpy.node import Node
+from rclpy.task import Future
+from std_srvs.srv import Trigger
+
+STANDARD = "simulation_interfaces"
+# of simulation_interfaces/msg/SimulatorFeatures: what this run does, and nothing else
+FEATURES = (
+    "SIMULATION_RESET",
+    "SIMULATION_RESET_STATE",
+    "SIMULATION_STATE_GETTING",
+    "SIMULATION_STATE_SETTING",
+    "SIMULATION_STATE_PAUSE",
+    "STEP_SIMULATION_SINGLE",
+    "STEP_SIMULATION_MULTIPLE",
+)
+STATE_FEATURE = "state: get_state returns one, parameter run.reset_state with service reset goes back to one"
+
+
+class RequestOutcome(NamedTuple):
+    """What became of a request: the name of a result of simulation_interfaces, and a line."""
+
+    result: str
+    line: str
+
+    @property
+    def done(self) -> bool:
+        """Whether it was done."""
+        return self.result == "RESULT_OK"
+
+
+class Stepped(Protocol):
+    """The linkage, as far as it is stepped from outside."""
+
+    paused: bool
+
+    def step_text(self) -> str:
+        """Return step and time."""
+        ...
+
+    def pause(self, held: bool) -> str:
+        """Hold the run, or let it go on."""
+        ...
+
+    def reset(self) -> RequestOutcome:
+        """Ask for the initial state, or that of ``run.reset_state``, at the next step."""
+        ...
+
+    def stored(self) -> RequestOutcome:
+        """Return the state as text."""
+        ...
+
+
+class SteppingServices:
+    """What the services of a run that is stepped from outside do; the linkage creates those of std_srvs.
+
+    Parameters
+    ----------
+    node : Node
+        The linkage's node.
+    run : Stepped
+        The same, as what is stepped.
+    wake : callable
+        Called once steps are asked for.
+    """
+
+    def __init__(self, node: Node, run: Stepped, wake: Callable[[], object]) -> None:
+        self._node, self._run, self._wake = node, run, wake
+        self._left = 0
+        self._taken: Callable[[RequestOutcome], None] | None = None
+        if find_spec(STANDARD) is not None:
+            self._offer_standard()
+
+    @property
+    def held(self) -> bool:
+        """Whether no step may be taken."""
+        return self._run.paused and self._left == 0
+
+    def stepped(self) -> None:
+        """Take note of a step."""
+        self._left = max(0, self._left - 1)
+
+    def settle(self, answered: bool, ended: bool = False) -> None:
+        """Answer who asked for steps, once the last of them is taken and its peers have answered it."""
+        if self._taken is None or not (ended or (self._left == 0 and answered)):
+            return
+        done, self._left, taken, self._taken = self._left == 0, 0, self._taken, None
+        taken(RequestOutcome("RESULT_OK" if done else "RESULT_OPERATION_FAILED", self._run.step_text()))
+
+    def _take(self, steps: int, answered: Callable[[RequestOutcome], Any]) -> Any:
+        """Ask for steps; return the answer, or the future of one."""
+        if not self._run.paused:
+            line = "the run is not paused: call pause with data: true first"
+            return answered(RequestOutcome("RESULT_INCORRECT_STATE", line))
+        if self._taken is not None:
+            return answered(RequestOutcome("RESULT_INCORRECT_STATE", "steps are being taken"))
+        future = Future()
+        self._left, self._taken = steps, lambda outcome: future.set_result(answered(outcome))
+        self._wake()
+        return future
+
+    # -- std_srvs ---------------------------------------------------------------------------------------------------
+
+    def on_step(self, request: Trigger.Request, response: Trigger.Response) -> Any:
+        """Take steps of a paused run; the answer is a future."""
+        return self._take(self._node.get_parameter("run.step_count").value, partial(_told, response))
+
+    def on_get_state(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Tell the state."""
+        return _told(response, self._run.stored())
+
+    def on_get_features(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Tell what there is of simulation_interfaces."""
+        lines = [*FEATURES, *([STATE_FEATURE] if self._run.stored().result != "RESULT_FEATURE_UNSUPPORTED" else [])]
+        return _told(response, RequestOutcome("RESULT_OK", "\n".join(lines)))
+
+    # -- simulation_interfaces --------------------------------------------------------------------------------------
+
+    def _offer_standard(self) -> None:
+        services, self._messages = import_module(f"{STANDARD}.srv"), import_module(f"{STANDARD}.msg")
+        for name, kind, call in (
+            ("get_simulator_features", "GetSimulatorFeatures", self._features),
+            ("get_simulation_state", "GetSimulationState", self._state),
+            ("set_simulation_state", "SetSimulationState", self._set_state),
+            ("reset_simulation", "ResetSimulation", self._reset),
+            ("step_simulation", "StepSimulation", self._step),
+        ):
+            answer_later(self._node.create_service(getattr(services, kind), name, call))
+
+    def _features(self, request: Any, response: Any) -> Any:
+        known = self._messages.SimulatorFeatures
+        response.features.features = [getattr(known, name) for name in FEATURES]
+        response.features.custom_info = STATE_FEATURE
+        return response
+
+    def _state(self, request: Any, response: Any) -> Any:
+        states = self._messages.SimulationState
+        response.state.state = states.STATE_PAUSED if self._run.paused else states.STATE_PLAYING
+        return self._answered(response, RequestOutcome("RESULT_OK", self._run.step_text()))
+
+    def _set_state(self, request: Any, response: Any) -> Any:
+        states, wanted = self._messages.SimulationState, request.state.state
+        if wanted not in (states.STATE_PAUSED, states.STATE_PLAYING):
+            line = f"state {wanted}: expected STATE_PLAYING or STATE_PAUSED"
+            return self._answered(response, RequestOutcome("RESULT_FEATURE_UNSUPPORTED", line))
+        if self._run.paused == (wanted == states.STATE_PAUSED):
+            response.result.result = type(response).ALREADY_IN_TARGET_STATE
+            return response
+        return self._answered(response, RequestOutcome("RESULT_OK", self._run.pause(wanted == states.STATE_PAUSED)))
+
+    def _reset(self, request: Any, response: Any) -> Any:
+        if request.scope != type(request).SCOPE_STATE:
+            line = f"scope {request.scope}: expected SCOPE_STATE, since the time of a run goes on"
+            return self._answered(response, RequestOutcome("RESULT_FEATURE_UNSUPPORTED", line))
+        return self._answered(response, self._run.reset())
+
+    def _step(self, request: Any, response: Any) -> Any:
+        if request.steps < 1:
+            return self._answered(response, RequestOutcome("RESULT_OPERATION_FAILED", "steps 0: expected 1 or more"))
+        return self._take(request.steps, partial(self._answered, response))
+
+    def _answered(self, response: Any, outcome: RequestOutcome) -> Any:
+        response.result.result = getattr(self._messages.Result, outcome.result)
+        response.result.error_message = "" if outcome.done else outcome.line
+        return response
+
+
+def answer_later(service: Any) -> None:
+    """Let a service return a future of its answer: this executor sends what a callback returns, and awaits nothing."""
+    send = service.send_response
+
+    def send_when_done(response: Any, header: Any) -> None:
+        if isinstance(response, Future):
+            response.add_done_callback(lambda future: send(future.result(), header))
+        else:
+            send(response, header)
+
+    service.send_response = send_when_done
+
+
+def _told(response: Trigger.Response, outcome: RequestOutcome) -> Trigger.Response:
+    response.success, response.message = outcome.done, outcome.line
+    return response

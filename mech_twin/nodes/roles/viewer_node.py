@@ -1,0 +1,274 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The viewer node: what the topics say, shown on the bench or kept for rerun; metrics about once a second.
+
+Its base, the observer, hears every step message, puts the frames together again, and gathers metrics and events.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable
+from functools import partial
+from typing import TYPE_CHECKING
+
+from visualization_msgs.msg import MarkerArray
+
+from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.engine.assembly import OPEN_STEPS, FrameAssembler
+from mech_twin.engine.trajectory import frame_events
+from mech_twin.messages import body as body_messages
+from mech_twin.messages import force as force_messages
+from mech_twin.messages import linkage as linkage_messages
+from mech_twin.messages import motor as motor_messages
+from mech_twin.messages import scene
+from mech_twin.messages.joint_state_cdr import StepMessage
+from mech_twin.messages.step_message import MessageError
+from mech_twin.messages.topics import (
+    EVERY,
+    SCENE,
+    STEP_BODY,
+    STEP_FORCES,
+    STEP_LINKAGE,
+    STEP_MOTOR,
+    step_topics,
+)
+from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode
+from mech_twin.nodes.exchange.hand_over import Step
+from mech_twin.nodes.exchange.peers import Admission, HeardSource
+from mech_twin.parameters.load import catalogue_entry
+from mech_twin.quantity import Parameters
+from mech_twin.roles import Machine, Observer
+from mech_twin.samples import Drawing, Event, Frame, Sample, Shape
+from mech_twin.view.bench.link import PREFIX, BenchLink
+from mech_twin.view.bench.scene import BenchScene
+from mech_twin.view.sending import LIVE
+
+if TYPE_CHECKING:
+    from mech_twin.view.rerun_scene import RerunScene
+
+KEPT_EVENTS = 20_000  # 2 kB each: more would grow a process for hours
+
+
+class RunMetrics:
+    """Observer of a run, with its events (the newest of a long run).
+
+    Parameters
+    ----------
+    build : callable
+        Returns the machine.  Called when the first frame comes, or the metrics are asked for: building a machine may
+        compile, which a process that waits for a run need not.
+    """
+
+    def __init__(self, build: Callable[[], Machine]) -> None:
+        self._build = build
+        self._machine: Machine | None = None
+        self.begin_anew()
+
+    def begin_anew(self) -> None:
+        """Forget the run so far: another begins."""
+        self.events: deque[Event] = deque(maxlen=KEPT_EVENTS)
+        self.event_count = 0
+        self.frames = 0
+        self.last: Frame | None = None
+        self._observer: Observer | None = None
+
+    def observe(self, frame: Frame) -> tuple[Event, ...]:
+        """Take one frame into account and return its events."""
+        self.frames += 1
+        self.last = frame
+        if self._observer is None:
+            self._observer = self._built().observer()
+        self._observer.observe(frame)
+        events = frame_events(frame)
+        self.events.extend(events)
+        self.event_count += len(events)
+        return events
+
+    def numbers(self) -> dict[str, float]:
+        """Return the metrics so far, the closed-form ones of a cycle included."""
+        return {**self._built().report(), **self.running_numbers()}
+
+    def running_numbers(self) -> dict[str, float]:
+        """Return the metrics of the run alone."""
+        return {} if self._observer is None else self._observer.numbers()
+
+    def regime(self, index: int) -> str:
+        """Return the name of a regime of the linkage, empty where the machine has none."""
+        regimes = self._built().linkage.regimes
+        return regimes[index] if regimes else ""
+
+    @property
+    def machine(self) -> Machine:
+        """The machine, built when it is first asked for."""
+        return self._built()
+
+    def _built(self) -> Machine:
+        if self._machine is None:
+            self._machine = self._build()
+        return self._machine
+
+
+FIRST_STEP_S = 1.0  # for what does not say its step, until the linkage has taken one: at time 0 any length does
+DECODERS: dict[str, Callable[..., Sample]] = {
+    STEP_LINKAGE.name: linkage_messages.from_message,
+    STEP_MOTOR.name: motor_messages.from_message,
+    STEP_FORCES.name: force_messages.from_message,
+    STEP_BODY.name: body_messages.from_message,
+}
+
+
+class ObserverNode(TwinNode):
+    """Observes a run from its topics, each from the one publisher that is followed; see `TwinNode` for the arguments.
+
+    A linkage that takes the place of one that is gone, and counts its steps anew, is another run.
+
+    Parameters
+    ----------
+    on_topics : bool
+        Whether to listen; if not, whoever has the frames calls `show`.
+    """
+
+    def __init__(
+        self,
+        machine_name: str,
+        parameters: Parameters | None = None,
+        options: RunOptions | None = None,
+        name: str = "observer",
+        on_topics: bool = True,
+    ) -> None:
+        super().__init__(name, machine_name, parameters, options)
+        self._entry = catalogue_entry(machine_name)
+        self.run_metrics = RunMetrics(lambda: self._entry.build(self.initial_parameters))
+        self._begin_anew()
+        topics = step_topics(self._entry.has_body) if on_topics else ()
+        self._sources = {topic.name: HeardSource(self.options.peer_timeout_s) for topic in topics}
+        for topic in topics:
+            self.subscribe_steps(
+                topic, partial(self._decoded, topic.name), partial(self._on_step, topic.name), qos=EVERY
+            )
+
+    def show(self, frame: Frame) -> None:
+        """Take one whole frame into account."""
+        self.diagnostics.state = "running"
+        self.time_s = frame.linkage.time_s
+        self.run_metrics.observe(frame)
+
+    def _begin_anew(self) -> None:
+        self.run_metrics.begin_anew()  # the same one: a status line looks at it
+        self.newest_step, self.newest_s = -1, 0.0
+        self._step_s = FIRST_STEP_S
+        self._assembler = FrameAssembler(self._entry.has_body)
+
+    def _decoded(self, name: str, message: StepMessage) -> Sample:
+        return DECODERS[name](message, self._step_s)
+
+    def _on_step(self, name: str, sample: Sample, message: Step) -> None:
+        admission = self._sources[name].admit(message.source, lambda: self.count_publishers(name) <= 1)
+        if admission is Admission.REFUSED:
+            reason = f"step {sample.step} from another publisher than the one that is followed"
+            self.statistics.count(name, "unknown_source", reason)
+            return
+        if name == STEP_LINKAGE.name:
+            self._follow(sample, admission)
+        frame = self._assembler.add(sample)
+        if frame is not None:
+            self.show(frame)
+
+    def _follow(self, linkage: Sample, admission: Admission) -> None:
+        """Take note of where the run is; one that goes on from further back than can be waited for is another."""
+        if admission is Admission.NEWLY_FOLLOWED and linkage.step < self.newest_step - OPEN_STEPS:
+            self._begin_anew()
+        self.newest_step, self.newest_s = linkage.step, linkage.time_s
+        if linkage.step > 0:
+            self._step_s = linkage.time_s / linkage.step
+
+
+METRICS_EVERY_S = 1.0
+APART_S = (
+    10.0  # as far as a drawing may be from the newest step: topics overtake each other, and simulated time is fast
+)
+
+
+def opened_scene(machine_name: str, place: str) -> BenchScene | RerunScene:
+    """Return a scene on a bench (``bench:SOCKET``), or in a file for rerun (``NAME.rrd``).
+
+    Raises
+    ------
+    ConfigurationError
+        It is neither.
+    """
+    if place.startswith(PREFIX):
+        return BenchScene(BenchLink(place), LIVE)
+    if not place.endswith(".rrd"):
+        raise ConfigurationError(f"viewer: --place {place}: expected a file NAME.rrd or {PREFIX}SOCKET")
+    from mech_twin.view.rerun_scene import RerunScene  # the page does without rerun
+
+    return RerunScene(machine_name, rrd_path=place)
+
+
+class ViewerNode(ObserverNode):
+    """Shows a run.
+
+    Parameters
+    ----------
+    place : str
+        Where: see `opened_scene`, and `TwinNode` for the other arguments.
+    """
+
+    def __init__(
+        self,
+        machine_name: str,
+        place: str,
+        parameters: Parameters | None = None,
+        options: RunOptions | None = None,
+        on_topics: bool = True,
+    ) -> None:
+        super().__init__(machine_name, parameters, options, name="viewer", on_topics=on_topics)
+        self.scene = opened_scene(machine_name, place)
+        self._shown = time.monotonic()
+        # the drawing, the state and the curves are then of one instant
+        self._draws = place.startswith(PREFIX) or not on_topics
+        self.draw: Callable[[Frame], tuple[Shape, ...]] | None = None  # of the run in this process, as it is now
+        if not self._draws:
+            self.create_subscription(MarkerArray, SCENE.name, self._on_scene, EVERY)
+
+    def close(self) -> None:
+        """Show the last metrics and let the scene go."""
+        self.scene.metrics(self.run_metrics.running_numbers())
+        self.scene.close()
+
+    def show(self, frame: Frame) -> None:
+        """Show one whole frame."""
+        self.diagnostics.state = "running"
+        self.time_s = frame.linkage.time_s
+        self.newest_s = max(self.newest_s, self.time_s)  # frames that come without topics tell where the run is
+        if self.run_metrics.frames == 0 and isinstance(self.scene, BenchScene):
+            self.scene.watch(self.run_metrics.machine)
+        if self.run_metrics.frames == 0 and (tree := self.run_metrics.machine.mechanism) is not None:
+            self.scene.know(tree, self.run_metrics.machine.blow_energy)
+        self.scene.frame(motor=frame.motor, linkage=frame.linkage, forces=frame.forces, body=frame.body)
+        for event in self.run_metrics.observe(frame):
+            self.scene.event(event)
+        if isinstance(self.scene, BenchScene):
+            self.scene.state(frame)
+        if self._draws and self.scene.drawing_due(self.time_s):
+            machine = self.run_metrics.machine
+            shapes = machine.draw(frame.linkage, frame.body) if self.draw is None else self.draw(frame)
+            self.scene.drawing(Drawing(frame.linkage.step, self.time_s, shapes))
+        now = time.monotonic()
+        if now - self._shown > METRICS_EVERY_S:
+            self._shown = now
+            self.scene.metrics(self.run_metrics.running_numbers())
+
+    def _on_scene(self, message: MarkerArray) -> None:
+        try:
+            drawing = scene.from_message(message)
+        except MessageError as error:
+            self.statistics.count(SCENE.name, "malformed", str(error))
+            return
+        if abs(drawing.time_s - self.newest_s) > APART_S:
+            reason = f"stamp {drawing.time_s:g} s is no time of this run, which is at {self.newest_s:g} s"
+            self.statistics.count(SCENE.name, "unknown_source", reason)
+            return
+        self.scene.drawing(drawing)

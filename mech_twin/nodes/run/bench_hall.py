@@ -1,0 +1,194 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a bench without a run of its own offers: the recordings of a folder, machines and pages to run.
+
+It begins one command at a time, which shows itself on the bench: ``view``, ``compare``, ``run``.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import sys
+from collections.abc import Awaitable, Callable, Mapping, Sequence
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from mech_twin.recording.bag_directory import bag_files
+from mech_twin.recording.bag_reader import about_bag, open_bag
+from mech_twin.recording.bag_samples import NoSamplesError, recorded_machine
+from mech_twin.recording.errors import BagError
+from mech_twin.recording.recovery import recover
+from mech_twin.view.bench.link import BEGUN_BY
+from mech_twin.view.bench.server import OrderError
+
+OPEN, OVERLAY, RUN, SALVAGE, DOWNLOAD, LIST = "open", "overlay", "run", "salvage", "download", "list"
+END_S = 10.0  # that a command may take to end
+SAID_LINES = 3  # of a command that failed
+NOT_FOR_IT = "it holds no samples of a machine"
+
+
+class Hall:
+    """The recordings of a folder, and the command that is shown.
+
+    Parameters
+    ----------
+    folder : Path
+        Where recordings are, and are made.
+    machines : sequence of str
+        What may be run.
+    place : str
+        Where a command finds the bench.
+    clear : callable
+        Lets the bench forget what it showed.
+    tell : callable
+        Tells the pages something.
+    offer : callable
+        Lets the pages fetch a file once; returns its address.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        machines: Sequence[str],
+        place: str,
+        clear: Callable[[], Awaitable[None]],
+        tell: Callable[[str, Mapping[str, Any]], None],
+        offer: Callable[[Path], str],
+    ) -> None:
+        self._folder, self._machines, self._place = folder, list(machines), place
+        self._clear, self._tell, self._offer = clear, tell, offer
+        self._known: dict[tuple[str, int, int], dict[str, Any]] = {}
+        self._process: asyncio.subprocess.Process | None = None
+        self._watch: asyncio.Task[None] | None = None
+
+    async def look(self) -> None:
+        """Tell the recordings, newest first, and what may be run."""
+        recordings = await asyncio.to_thread(self._recordings)
+        self._tell("hall", {"folder": self._folder.name, "recordings": recordings, "machines": self._machines})
+
+    async def obey(self, message: Mapping[str, Any]) -> str:
+        """Carry an order out; return what is said of it.
+
+        Raises
+        ------
+        OrderError
+            It names nothing that is there, or it failed.
+        """
+        name, values = message["name"], message.get("values", {})
+        if name == LIST:
+            await self.look()
+            return "list of recordings"
+        if name == RUN:
+            machine = self._named(values, "machine", self._machines)
+            kept = f"{Path(machine).stem}-{datetime.now():%Y%m%d-%H%M%S}"
+            return await self._begin("run", machine, "--record", kept)
+        first = self._recording(values, "recording")
+        if name == OPEN:
+            return await self._begin("view", first.name)
+        if name == OVERLAY:
+            return await self._begin("compare", first.name, self._recording(values, "other").name, "--view", "web")
+        if name == DOWNLOAD:
+            files = [{"name": file.name, "address": self._offer(file)} for file in bag_files(first)]
+            self._tell("offer", {"id": message.get("id"), "files": files})
+            return f"{first.name}: {len(files)} file{'' if len(files) == 1 else 's'}"
+        return await self._salvaged(first)
+
+    async def close(self) -> None:
+        """End the command that is shown."""
+        process, self._process = self._process, None
+        if self._watch is not None:
+            self._watch.cancel()
+        if process is None or process.returncode is not None:
+            return
+        process.terminate()
+        try:
+            async with asyncio.timeout(END_S):
+                await process.communicate()
+        except TimeoutError:
+            process.kill()
+            await process.wait()
+
+    async def _begin(self, *words: str) -> str:
+        await self.close()
+        await self._clear()
+        self._process = await asyncio.create_subprocess_exec(
+            *(sys.executable, "-m", "mech_twin", *words),
+            stdin=asyncio.subprocess.DEVNULL,
+            stdout=asyncio.subprocess.DEVNULL,
+            stderr=asyncio.subprocess.PIPE,
+            cwd=self._folder,
+            env=os.environ | {BEGUN_BY: self._place},
+        )
+        self._tell("status", {"text": f"{' '.join(words[:2])} begins"})
+        self._watch = asyncio.create_task(self._watched(self._process, words[0]))
+        return " ".join(words)
+
+    async def _watched(self, process: asyncio.subprocess.Process, verb: str) -> None:
+        """Tell the pages when a command is over, and what it said if it failed."""
+        assert process.stderr is not None
+        said: list[str] = []
+        async for line in process.stderr:
+            said = [*said, line.decode(errors="replace").strip()][-SAID_LINES:]
+        code = await process.wait()
+        failed = code not in (0, 1) if verb == "compare" else code != 0
+        text = f"{verb}: {'; '.join(said)}" if failed else f"{verb} is over"
+        if failed:
+            self._tell("status", {"text": text})
+        self._tell("end", {"text": text})
+        await self.look()
+
+    async def _salvaged(self, bag: Path) -> str:
+        out = self._folder / f"{bag.stem}_salvaged"
+        try:
+            report = await asyncio.to_thread(recover, bag, out)
+        except (BagError, OSError, ValueError) as error:
+            raise OrderError(f"salvage {bag.name}: {error}") from error
+        await self.look()
+        return f"{out.name}: {sum(report.messages.values())} messages salvaged"
+
+    def _recording(self, values: Mapping[str, Any], key: str) -> Path:
+        return self._folder / self._named(values, key, [path.name for path in self._paths()])
+
+    @staticmethod
+    def _named(values: Mapping[str, Any], key: str, known: Sequence[str]) -> str:
+        """Return what a value names, which must be in the list: no path leads out of the folder."""
+        if values.get(key) not in known:
+            raise OrderError(f"{key} {values.get(key)!r}: expected one of the list ({len(known)})")
+        return str(values[key])
+
+    def _paths(self) -> list[Path]:
+        found = [
+            path
+            for path in self._folder.iterdir()
+            if path.suffix == ".mcap" or (path.is_dir() and (any(path.glob("*.mcap")) or any(path.glob("*.db3"))))
+        ]
+        return sorted(found, key=lambda path: path.stat().st_mtime, reverse=True)
+
+    def _recordings(self) -> list[dict[str, Any]]:
+        rows = []
+        for path in self._paths():
+            size = sum(file.stat().st_size for file in (path.iterdir() if path.is_dir() else [path]))
+            key = (path.name, path.stat().st_mtime_ns, size)
+            if key not in self._known:
+                self._known[key] = _described(path)
+            rows.append({"name": path.name, "size_bytes": size, **self._known[key]})
+        return rows
+
+
+def _described(path: Path) -> dict[str, Any]:
+    """Return machine, length and state of a recording, and whether it can be opened as it is."""
+    told: dict[str, Any] = {"machine": "", "length_s": None, "opens": False}
+    try:
+        info, machine = about_bag(path, recorded_machine)
+    except NoSamplesError:
+        return told | {"state": NOT_FOR_IT}
+    except BagError as error:
+        return told | {"state": f"damaged: {error}"}
+    known = {"machine": machine, "length_s": round(info.duration_s, 3)}
+    try:
+        with open_bag(path):
+            state = "complete" if not info.problems else "closed, but not complete"
+            return known | {"opens": True, "state": state}
+    except BagError:
+        return known | {"opens": False, "state": "damaged" if info.finished else "not closed"}

@@ -1,0 +1,293 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The bench as a process of its own: the page's server, and a node that passes its orders on to the machine.
+
+It is told on standard input what to serve, and says on standard output where: one line of JSON each way.
+
+What a run would do next with other values is rolled out here too, from its present state, beside it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import queue
+import signal
+import sys
+import threading
+from collections.abc import Callable, Mapping
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from mech_twin.configuration_tree import ConfigurationError, merged_tree, tree_from_flat
+from mech_twin.engine.errors import MotionError
+from mech_twin.nodes.run.bench_hall import DOWNLOAD, LIST, OPEN, OVERLAY, RUN, SALVAGE, Hall
+from mech_twin.parent_death import end_with_parent
+from mech_twin.view.bench.link import FEED, PREFIX
+from mech_twin.view.bench.server import Bench, OrderError
+
+SPAN_S = 0.3  # of the machine's time: three blows of the breaker
+
+
+class Ghost:
+    """Roll-outs of one machine, one at a time.
+
+    Parameters
+    ----------
+    name : str
+        Machine of the catalogue.
+    configuration : mapping
+        Its whole configuration.
+    """
+
+    def __init__(self, name: str, configuration: Mapping[str, Any]) -> None:
+        self._name, self._configuration = name, dict(configuration)
+        self._pool: ProcessPoolExecutor | None = None
+        self.frame: dict[str, Any] | None = None
+
+    def changed(self, key: str, value: Any) -> None:
+        """Take over a live parameter that has changed."""
+        self._configuration = merged_tree(self._configuration, tree_from_flat({key: value}))
+
+    async def tried(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        """Return curves and cards of the next moments with these values.
+
+        Raises
+        ------
+        ConfigurationError
+            The machine refuses them; or nothing runs yet.
+        """
+        if self.frame is None:
+            raise ConfigurationError("nothing runs yet")
+        tree = merged_tree(self._configuration, tree_from_flat(dict(values)))
+        if self._pool is None:
+            self._pool = ProcessPoolExecutor(
+                1, mp_context=get_context("spawn"), initializer=end_with_parent, initargs=(os.getpid(),)
+            )
+        future = self._pool.submit(rolled_out, self._name, tree, self.frame)
+        return await asyncio.wrap_future(future)
+
+    def close(self) -> None:
+        """Let the process go."""
+        if self._pool is not None:
+            self._pool.shutdown(wait=False, cancel_futures=True)
+
+
+def rolled_out(name: str, tree: dict[str, Any], content: dict[str, Any]) -> dict[str, Any]:
+    """Return what the page draws of the next moments of a machine from a frame on."""
+    from mech_twin.engine.run import continued
+    from mech_twin.engine.trajectory import frame_events
+    from mech_twin.parameters.load import catalogue_entry, validated
+    from mech_twin.view.banner import Banner
+    from mech_twin.view.bench.frame_text import framed
+    from mech_twin.view.bench.picture import packed_curves
+    from mech_twin.view.bench.scene import RoleCurves
+    from mech_twin.view.sending import LIVE
+
+    entry = catalogue_entry(name)
+    machine = entry.build(validated(entry, tree, "trial"))
+    begin = framed(content)
+    roles = RoleCurves(frozenset() if machine.mechanism is None else machine.mechanism.sliding_joints)
+    banner = Banner(machine.mechanism, *([] if machine.blow_energy is None else [machine.blow_energy]))
+    for frame in continued(machine, begin, SPAN_S, begin.motor.command):
+        roles.add(frame.motor, frame.linkage, frame.forces, frame.body)
+        banner.add(frame.motor, frame.linkage, frame.forces)
+        for event in frame_events(frame):
+            banner.strike(event)
+    return {
+        "from_s": begin.linkage.time_s,
+        "to_s": begin.linkage.time_s + SPAN_S,
+        "curves": packed_curves(roles.taken(LIVE)),
+        "cards": banner.cards(),
+    }
+
+
+SERVICE_S = 2.0  # how long a person waits for a service to be found
+END_S = 2.0  # that a machine's orders may take to end
+HALL_ORDERS = (OPEN, OVERLAY, RUN, SALVAGE, DOWNLOAD, LIST)
+SPEED, CHANGE, PAUSE, GO_ON = "speed", "change", "pause", "go-on"
+
+
+class _Asked(NamedTuple):
+    """An order, and where its answer goes."""
+
+    message: Mapping[str, Any]
+    answer: Callable[[str, bool], None]
+
+
+class Orders(threading.Thread):
+    """Carries out the orders of a bench, one after the other, by the services of the machine that runs.
+
+    Parameters
+    ----------
+    namespace : str
+        Of the machine.
+    changed : callable
+        Told of each live parameter that has changed, whoever changed it.
+    """
+
+    def __init__(self, namespace: str, changed: Callable[[str, Any], None]) -> None:
+        super().__init__(daemon=True, name="orders")
+        self._namespace, self._changed = namespace, changed
+        self._asked: queue.Queue[_Asked] = queue.Queue()
+        self._is_over = False
+
+    def ask(self, asked: _Asked) -> None:
+        """Put an order in line."""
+        self._asked.put(asked)
+
+    def close(self) -> None:
+        """Take no further order, and end."""
+        self._is_over = True
+
+    def run(self) -> None:
+        """Carry out what is asked for until closed."""
+        from mech_twin.nodes.run.telling import Teller
+
+        with Teller(self._namespace, SERVICE_S) as teller:
+            teller.watch_parameters(self._changed)
+            while not self._is_over:
+                teller.serve_until(lambda: self._is_over or not self._asked.empty())
+                while not self._asked.empty():
+                    asked = self._asked.get()
+                    asked.answer(*carried_out(teller, asked.message))
+
+
+def carried_out(teller: Any, message: Mapping[str, Any]) -> tuple[str, bool]:
+    """Return what the machine says of an order, and whether it is done."""
+    from mech_twin.nodes.run.domain import UnansweredError
+    from mech_twin.nodes.run.telling import ORDERS
+
+    name, values = message["name"], message.get("values", {})
+    carry = {
+        SPEED: lambda: teller.set_speed(float(values["share"])),
+        CHANGE: lambda: teller.change(values),
+        PAUSE: lambda: teller.pause(True),
+        GO_ON: lambda: teller.pause(False),
+    } | {order: partial(teller.order, order, message.get("fault")) for order in ORDERS if order != PAUSE}
+    if name not in carry or (name == CHANGE and not values):
+        return f"{name}: expected one of {', '.join(carry)}", False
+    try:
+        return carry[name](), True
+    except UnansweredError as error:
+        return str(error), False
+    except (KeyError, ValueError, TypeError):
+        return f"{name}: expected a number", False
+
+
+class BenchProcess:
+    """Server and orders together."""
+
+    def __init__(self, told: Mapping[str, Any]) -> None:
+        self._told = told
+        self._orders: Orders | None = None
+        self._ghost: Ghost | None = None
+        self._loop = asyncio.get_running_loop()
+        self.bench = Bench(self._obey, others=told["others"], history_bytes=told["history_bytes"])
+        self.bench.on_machine(self._know)
+        self._hall: Hall | None = None
+        if told.get("hall"):
+            place = f"{PREFIX}{Path(told['folder']) / FEED}"
+            shown = Path(told["hall"]["folder"]), told["hall"]["machines"], place
+            self._hall = Hall(*shown, self._clear, self.bench.tell, self.bench.offer)
+
+    async def serve(self) -> None:
+        """Serve until a signal."""
+        over = asyncio.Event()
+        for number in (signal.SIGTERM, signal.SIGINT):
+            self._loop.add_signal_handler(number, over.set)
+        try:
+            await self.bench.start(self._told["port"], Path(self._told["folder"]) / FEED)
+        except OSError as error:
+            why = "is busy" if error.errno == 98 else f"cannot be used ({os.strerror(error.errno or 0)})"
+            _say({"error": f"web port {self._told['port']} {why}; choose another one"})
+            return
+        _say({"port": self.bench.port, "token": self.bench.token})
+        if self._hall is not None:
+            await self._hall.look()
+        await over.wait()
+        if self._hall is not None:
+            await self._hall.close()
+        await self.bench.stop()
+        await self._let_go()
+
+    async def _let_go(self) -> None:
+        """Pass no further orders on to the machine that ran."""
+        ghost, orders, self._ghost, self._orders = self._ghost, self._orders, None, None
+        if ghost is not None:
+            ghost.close()
+        if orders is not None:
+            orders.close()
+            await asyncio.to_thread(orders.join, END_S)
+
+    async def _clear(self) -> None:
+        """Forget the machine that ran, when the last of it has come in."""
+        await self._let_go()
+        await self.bench.begin_anew()
+
+    def _know(self, machine: Mapping[str, Any]) -> None:
+        """Begin to pass orders on, if the machine takes any."""
+        if self._orders is None and machine.get("namespace"):
+            self._orders = Orders(machine["namespace"], self._changed)
+            self._orders.start()
+        if self._ghost is None and machine.get("configuration"):
+            self._ghost = Ghost(machine["name"], machine["configuration"])
+            self.bench.on_frame(self._at, self._tried)
+
+    def _at(self, frame: dict[str, Any]) -> None:
+        if self._ghost is not None:
+            self._ghost.frame = frame
+
+    async def _tried(self, values: Mapping[str, Any]) -> Mapping[str, Any]:
+        if self._ghost is None:
+            raise OrderError("nothing runs that could be tried out")
+        try:
+            return await self._ghost.tried(values)
+        except (ConfigurationError, MotionError) as error:
+            raise OrderError(str(error)) from error
+
+    def _changed(self, name: str, value: Any) -> None:
+        if self._ghost is not None:
+            self._loop.call_soon_threadsafe(self._ghost.changed, name, value)
+        self._loop.call_soon_threadsafe(self.bench.tell, "changed", {"name": name, "value": value})
+
+    async def _obey(self, message: Mapping[str, Any]) -> str:
+        if self._hall is not None and message["name"] in HALL_ORDERS:
+            return await self._hall.obey(message)
+        if self._orders is None:
+            raise OrderError("nothing runs that could be commanded")
+        future: asyncio.Future[tuple[str, bool]] = self._loop.create_future()
+
+        def answer(text: str, is_done: bool) -> None:
+            self._loop.call_soon_threadsafe(future.set_result, (text, is_done))
+
+        self._orders.ask(_Asked(message, answer))
+        text, is_done = await future
+        if not is_done:
+            raise OrderError(text)
+        if message["name"] in (PAUSE, GO_ON):
+            self.bench.tell("pause", {"is_paused": message["name"] == PAUSE})
+        return text
+
+
+def _say(line: Mapping[str, Any]) -> None:
+    sys.stdout.write(json.dumps(line) + "\n")
+    sys.stdout.flush()
+
+
+def main() -> None:
+    """Serve what standard input tells of until a signal, or until the process that began it ends."""
+    told = json.loads(sys.stdin.readline())
+    end_with_parent(told["parent"])
+
+    async def serve() -> None:
+        await BenchProcess(told).serve()
+
+    asyncio.run(serve())
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,291 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The nodes of a machine, in one process on one executor or each in a process of its own, until the run is over."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import rclpy
+import yaml
+from rclpy.signals import SignalHandlerOptions
+
+from mech_twin.configuration_tree import configuration_tree
+from mech_twin.engine.assembly import FrameAssembler
+from mech_twin.interruption import EXIT_CODE_BASE, SIGNALS
+from mech_twin.messages.topics import run_topics
+from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode, sent_messages
+from mech_twin.nodes.exchange.spinner import Spinner, destroy_nodes
+from mech_twin.nodes.roles.body_node import BodyNode
+from mech_twin.nodes.roles.force_node import ForceNode
+from mech_twin.nodes.roles.linkage_node import LinkageNode
+from mech_twin.nodes.roles.motor_node import MotorNode
+from mech_twin.nodes.roles.recorder_node import RecorderNode
+from mech_twin.nodes.roles.role_node import RoleNode
+from mech_twin.nodes.roles.viewer_node import ObserverNode, RunMetrics
+from mech_twin.nodes.run.console import attended, keep_log_apart
+from mech_twin.nodes.run.domain import NodeEndedError, ros_arguments, run_namespace
+from mech_twin.nodes.run.name_guard import NameGuard
+from mech_twin.parameters.load import MACHINE_KEY, RUN_GROUP, catalogue_entry
+from mech_twin.quantity import Parameters
+from mech_twin.samples import Frame, Sample, Shape
+from mech_twin.stop_signal import StopSignal
+
+if TYPE_CHECKING:
+    from mech_twin.nodes.roles.viewer_node import ViewerNode
+
+DRAIN_LIMIT_S = 2.0
+
+
+class Outcome(NamedTuple):
+    """What a run came to: its metrics, and the messages sent and recorded, by full topic name."""
+
+    metrics: RunMetrics
+    sent: dict[str, int]
+    recorded: dict[str, int]
+
+
+def role_nodes(machine_name: str, parameters: Parameters | None, options: RunOptions) -> Iterator[RoleNode]:
+    """Yield the role nodes of a machine, the linkage last; a machine without a moving body has no body node."""
+    yield MotorNode(machine_name, parameters, options)
+    yield ForceNode(machine_name, parameters, options)
+    if catalogue_entry(machine_name).has_body:
+        yield BodyNode(machine_name, parameters, options)
+    yield LinkageNode(machine_name, parameters, options)
+
+
+def guarded_topics(machine_name: str, namespace: str | None) -> list[str]:
+    """Return the full names of the topics of a run that nobody else may publish."""
+    full = run_namespace(machine_name, namespace)
+    return [f"{full}/{topic.name}" for topic in run_topics(catalogue_entry(machine_name).has_body)]
+
+
+def run_in_process(
+    machine_name: str,
+    parameters: Parameters,
+    options: RunOptions,
+    directory: Path | None,
+    place: str | None,
+    namespace: str | None = None,
+) -> Outcome:
+    """Run all nodes of a machine in this process until it is over or a signal asks to stop.
+
+    Parameters
+    ----------
+    machine_name, parameters, options
+        What to run, and how.
+    directory : Path, optional
+        Recording to make.
+    place : str, optional
+        Address of a viewer, or an ``.rrd`` file.
+    namespace : str, optional
+        Where the nodes live; ``/MACHINE`` if absent.
+
+    Raises
+    ------
+    NameInUseError
+        If a run or a replay is alive there.
+    BagError
+        If the recording cannot be made there.
+    """
+    keep_log_apart()
+    rclpy.init(args=ros_arguments(machine_name, namespace), signal_handler_options=SignalHandlerOptions.NO)
+    nodes: list[TwinNode] = []
+    with StopSignal() as signal, ExitStack() as at_end, ExitStack() as stack:
+        at_end.callback(rclpy.try_shutdown)
+        at_end.callback(destroy_nodes, nodes)
+        stack.enter_context(signal.interrupting())
+        topics = guarded_topics(machine_name, namespace)
+        guard = at_end.enter_context(NameGuard(topics)) if options.exclusive else None
+        apart = options.model_copy(update={"viewer": False})  # it is handed the frames
+        roles: list[RoleNode] = []
+        for node in role_nodes(machine_name, parameters, apart):
+            roles.append(node)
+            nodes.append(node)
+        if guard is not None:
+            guard.check(own_publishers=1)
+        stack.close()
+        if directory is not None:
+            nodes.append(RecorderNode(machine_name, directory, parameters, apart))
+        viewer = None
+        if place is not None:
+            from mech_twin.nodes.roles.viewer_node import ViewerNode  # rerun is an extra
+
+            viewer = ViewerNode(machine_name, place, parameters, apart, on_topics=False)
+            nodes.append(viewer)
+        metrics = _observed(roles, viewer)
+        linkage = roles[-1]
+        with Spinner(nodes) as spinner:
+            with attended(machine_name, metrics, directory, spinner) as quits:
+                spinner.serve(lambda: signal.asked or linkage.done or quits())
+            drain(nodes, spinner)
+        return Outcome(metrics, sent_messages(nodes), _recorded(nodes))
+
+
+def _observed(roles: Sequence[RoleNode], viewer: ViewerNode | None) -> RunMetrics:
+    """Return the metrics of the run, fed - and the viewer with them - by the role nodes as they compute."""
+    linkage = roles[-1]
+    machine = linkage.machine
+
+    def drawn(frame: Frame) -> tuple[Shape, ...]:
+        return linkage.machine.draw(frame.linkage, frame.body)  # with the parameters in force
+
+    assembler = FrameAssembler(machine.body is not None)
+    metrics = RunMetrics(lambda: machine) if viewer is None else viewer.run_metrics
+    if viewer is not None:
+        viewer.draw = drawn
+    take: Callable[[Frame], object] = metrics.observe if viewer is None else viewer.show
+
+    def on_sample(sample: Sample) -> None:
+        frame = assembler.add(sample)
+        if frame is not None:
+            take(frame)
+
+    for node in roles:
+        node.on_sample = on_sample
+    return metrics
+
+
+def drain(nodes: Sequence[TwinNode], spinner: Spinner) -> None:
+    """Serve the nodes until what was sent has been recorded, and nothing more comes."""
+    for node in nodes:
+        node.done = True
+        node.flush()
+        node.report()
+    end = time.monotonic() + DRAIN_LIMIT_S
+
+    def settled() -> bool:
+        recorded, sent = _recorded(nodes), sent_messages(nodes)
+        late = any(recorded.get(name, number) < number for name, number in sent.items())
+        return not late or time.monotonic() > end
+
+    for node in nodes:
+        node.quiet = True
+    spinner.until(settled)
+
+
+def _recorded(nodes: Sequence[TwinNode]) -> dict[str, int]:
+    total: dict[str, int] = {}
+    for node in nodes:
+        total |= node.received
+    return total
+
+
+STOP_LIMIT_S = 10.0  # a bound for a busy machine; they end within a second
+SETTLE_S = 0.1
+ENDED_BY_SIGNAL = {EXIT_CODE_BASE + number for number in SIGNALS}
+ENDED_WELL = {0, -signal.SIGALRM}  # closed what it had open, and its middleware did not let go: see `departure`
+ROS_FILE = ("--ros-args", "--params-file")
+
+Processes = dict[str, "subprocess.Popen[bytes]"]
+
+
+def run_processes(
+    machine_name: str,
+    parameters: Parameters,
+    options: RunOptions,
+    directory: Path | None,
+    place: str | None,
+    namespace: str | None = None,
+) -> Outcome:
+    """Run every node of a machine in a process of its own; see `composition.run_in_process` for the arguments.
+
+    This process observes the steps from outside, for the metrics of the run.
+
+    Raises
+    ------
+    NameInUseError
+        If a run or a replay is alive there.
+    NodeEndedError
+        If a node ends with an error.
+    """
+    asked = options
+    options = options.model_copy(update={"observer": True, "exclusive": False})
+    rules = ros_arguments(machine_name, namespace)
+    keep_log_apart()
+    rclpy.init(args=rules, signal_handler_options=SignalHandlerOptions.NO)
+    processes: Processes = {}
+    with ExitStack() as at_end, StopSignal() as stop:
+        guarding = ExitStack()
+        try:
+            with stop.interrupting():
+                if asked.exclusive:
+                    guarding.enter_context(NameGuard(guarded_topics(machine_name, namespace))).check()
+                observer = ObserverNode(machine_name, parameters, options)
+            # not before: a signal may end the process at once up to here, and nothing would remove the directory
+            folder = at_end.enter_context(tempfile.TemporaryDirectory(prefix="mech_twin-"))
+            file = Path(folder) / "parameters.yaml"
+            file.write_text(_parameter_file(machine_name, parameters, options), encoding="utf-8")
+            for name, arguments in _roster(catalogue_entry(machine_name).has_body, directory, place):
+                processes[name] = _started(name, [*arguments, *rules, *ROS_FILE, str(file)])
+            with Spinner([observer]) as spinner:
+                with attended(machine_name, observer.run_metrics, directory, spinner) as quits:
+                    spinner.serve(lambda: stop.asked or _any_ended(processes) or quits())
+                settled = time.monotonic() + SETTLE_S
+                spinner.until(lambda: stop.asked or time.monotonic() > settled)
+        finally:
+            codes = _stopped(processes)
+            guarding.close()
+            rclpy.try_shutdown()
+    if stop.asked and set(codes.values()) & ENDED_BY_SIGNAL:  # before the run had begun
+        raise SystemExit(EXIT_CODE_BASE + stop.number)
+    failed = ", ".join(f"{name} (exit code {code})" for name, code in codes.items() if code not in ENDED_WELL)
+    if failed:
+        raise NodeEndedError(f"ended with an error: {failed}")
+    return Outcome(observer.run_metrics, {}, {})
+
+
+def _roster(has_body: bool, directory: Path | None, place: str | None) -> list[tuple[str, list[str]]]:
+    """Return the nodes in the order they are started, with their arguments."""
+    recorder = [] if directory is None else [("recorder_node", ["--directory", str(directory)])]
+    viewer = [] if place is None else [("viewer_node", ["--place", place])]
+    roles = ["motor_node", "force_node", *(["body_node"] if has_body else []), "linkage_node"]
+    return [*recorder, *viewer, *((name, list[str]()) for name in roles)]
+
+
+def _parameter_file(machine_name: str, parameters: Parameters, options: RunOptions) -> str:
+    tree = {MACHINE_KEY: machine_name, **configuration_tree(parameters), RUN_GROUP: configuration_tree(options)}
+    return yaml.safe_dump({"/**": {"ros__parameters": tree}}, sort_keys=False)
+
+
+def _started(name: str, arguments: Sequence[str]) -> subprocess.Popen[bytes]:
+    code = (
+        f"from mech_twin.programs import {name}; from mech_twin.parent_death import end_with_parent; "
+        f"end_with_parent({os.getpid()}); {name}()"
+    )
+    command = [sys.executable, "-c", code, *arguments]
+    # it inherits that signals wait, until `programs.end_by_signal` answers them: an interpreter that starts would trace
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
+    try:
+        return subprocess.Popen(command, stdout=sys.stderr.fileno())
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _any_ended(processes: Processes) -> bool:
+    return any(process.poll() is not None for process in processes.values())
+
+
+def _stopped(processes: Processes) -> dict[str, int]:
+    """End all processes at once - those that listen do so until nothing more comes - and return their exit codes."""
+    for process in processes.values():
+        if process.poll() is None:
+            process.send_signal(signal.SIGTERM)  # of SIGINT each would tell
+    end = time.monotonic() + STOP_LIMIT_S
+    return {name: _exit_code(process, end) for name, process in processes.items()}
+
+
+def _exit_code(process: subprocess.Popen[bytes], end: float) -> int:
+    try:
+        return process.wait(max(0.1, end - time.monotonic()))
+    except subprocess.TimeoutExpired:
+        process.kill()
+        return process.wait()

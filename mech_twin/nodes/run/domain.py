@@ -1,0 +1,184 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The process's place in ROS: discovery stays on this machine unless the user says otherwise.
+
+Importing this loads no ROS, which reads its environment once.  A run lives in ``/MACHINE`` unless it is told
+otherwise.  In a namespace of its own it also has a clock of its own, so that two runs of one machine share nothing but
+``/diagnostics``, whose entries carry full node names.
+
+A node's process ends when its launch does, even by SIGKILL (Linux).
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import sys
+import tempfile
+from collections.abc import Iterable
+from pathlib import Path
+
+from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.parent_death import end_with_parent
+from mech_twin.system_limits import SurroundingsError, check_address_space
+
+
+class NodeEndedError(RuntimeError):
+    """A node's process ended by itself, with an error it has told itself."""
+
+
+class NameInUseError(NodeEndedError):
+    """Somebody publishes already on the topics this process was to publish on."""
+
+
+class UnansweredError(RuntimeError):
+    """A node that was told something is not there, does not answer, or refuses."""
+
+
+DISCOVERY = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+THIS_HOST = "LOCALHOST"
+OTHER_HOSTS = "SUBNET"
+LOG_DIRECTORY = "ROS_LOG_DIR"
+ADDRESS_SPACE_BYTES = 1 << 30  # with less, threads and libraries of the middleware fail at places of their own
+SHARED_MEMORY = Path("/dev/shm")
+SHARED_MEMORY_BYTES = 4 << 20  # each process of a run takes 0.6 MB
+
+
+def settle_domain(open_to_other_hosts: bool = False) -> str:
+    """Set what rclpy reads from the environment, where the user has not set it; call before importing rclpy.
+
+    Parameters
+    ----------
+    open_to_other_hosts : bool
+        Let nodes on other hosts of the network discover this process, and it them.
+
+    Returns
+    -------
+    str
+        The discovery range in force.
+
+    Raises
+    ------
+    SurroundingsError
+        If shared memory is full, or the address space too small.
+    """
+    os.environ.setdefault(DISCOVERY, OTHER_HOSTS if open_to_other_hosts else THIS_HOST)
+    os.environ.setdefault("AMENT_PREFIX_PATH", sys.prefix)
+    if LOG_DIRECTORY not in os.environ and not _home_takes_logs():
+        os.environ[LOG_DIRECTORY] = tempfile.gettempdir()
+    _check_log_directory()
+    check_address_space(ADDRESS_SPACE_BYTES, "ROS 2 takes")
+    _check_shared_memory()
+    return os.environ[DISCOVERY]
+
+
+def _home_takes_logs() -> bool:
+    """Return whether rclpy can log where it does unasked; with a directory there that is another user's it ends."""
+    if "HOME" not in os.environ:
+        return False
+    place = Path(os.environ.get("ROS_HOME") or Path(os.environ["HOME"]) / ".ros") / "log"
+    try:
+        place.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return False
+    return os.access(place, os.W_OK)
+
+
+def _check_log_directory() -> None:
+    """Raise where the directory for logs that the user has named cannot be made: rclpy would not start."""
+    named = os.environ.get(LOG_DIRECTORY)
+    if not named:
+        return
+    try:
+        Path(named).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise SurroundingsError(f"{LOG_DIRECTORY} {named}: cannot be made ({error.strerror})") from error
+    if not os.access(named, os.W_OK):
+        raise SurroundingsError(f"{LOG_DIRECTORY} {named}: cannot be written")
+
+
+def _check_shared_memory() -> None:
+    """Raise where shared memory is too full: whoever writes there beyond its end is ended by a bus error.
+
+    The tracing that rclpy loads does so unasked, and so does Fast DDS, which with discovery on this machine alone uses
+    shared memory whatever it is told.  Where it cannot be written at all, both do without.
+    """
+    free = _free_shared_memory()
+    if free is not None and free < SHARED_MEMORY_BYTES:
+        needed = f"{SHARED_MEMORY_BYTES >> 20} MiB"
+        raise SurroundingsError(
+            f"{SHARED_MEMORY} is full ({free >> 10} KiB free, ROS 2 needs {needed}): remove files there"
+        )
+
+
+def _free_shared_memory() -> int | None:
+    """Return the free bytes of shared memory, None where it cannot be written."""
+    try:
+        place = os.statvfs(SHARED_MEMORY)
+    except OSError:
+        return None
+    return place.f_bavail * place.f_frsize if os.access(SHARED_MEMORY, os.W_OK) else None
+
+
+NAME = re.compile(r"/?[A-Za-z][A-Za-z0-9_]*(/[A-Za-z][A-Za-z0-9_]*)*")
+
+
+def run_namespace(machine_name: str, namespace: str | None) -> str:
+    """Return the full namespace of a run.
+
+    Raises
+    ------
+    ConfigurationError
+        If it is no name of ROS.
+    """
+    if namespace is None:
+        return f"/{machine_name}"
+    if not NAME.fullmatch(namespace) or "__" in namespace or namespace.endswith("_"):
+        raise ConfigurationError(f"--namespace {namespace}: expected letters, digits and _, such as hall/plant_2")
+    return f"/{namespace.removeprefix('/')}"
+
+
+def ros_arguments(machine_name: str, namespace: str | None) -> list[str]:
+    """Return the arguments of ROS that put the nodes of a run into its namespace; none where it is the default."""
+    if namespace is None:
+        return []
+    from mech_twin.messages.topics import CLOCK  # a name is checked before surroundings are, and before rclpy is loaded
+
+    full = run_namespace(machine_name, namespace)
+    return ["--ros-args", "-r", f"__ns:={full}", "-r", f"{CLOCK.name}:={full}{CLOCK.name}"]
+
+
+def replay_arguments(topics: Iterable[str], namespace: str | None) -> list[str]:
+    """Return the arguments of ROS that move recorded topics, the first level of their names replaced."""
+    if namespace is None:
+        return []
+    from mech_twin.messages.topics import CLOCK
+
+    full = run_namespace("", namespace)
+    moved = {name: full + (CLOCK.name if name == CLOCK.name else f"/{name.split('/', 2)[-1]}") for name in topics}
+    rules = [f"{old}:={new}" for old, new in moved.items() if old.count("/") > 1 or old == CLOCK.name]
+    return ["--ros-args", "-r", f"__ns:={full}", *(word for rule in rules for word in ("-r", rule))]
+
+
+PARENT = "MECH_TWIN_PARENT"
+
+
+def end_with_launch() -> None:
+    """End with the process that the variable ``MECH_TWIN_PARENT`` names, where it is this one's parent.
+
+    A launch that is ended by SIGTERM or SIGKILL does not end what it has launched.
+    """
+    named = os.environ.get(PARENT, "")
+    if not named.isdecimal():
+        return
+    if os.getppid() == int(named) or not _is_alive(int(named)):  # or something stands between, such as a debugger
+        end_with_parent(int(named))
+
+
+def _is_alive(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:  # somebody else's
+        return True
+    return True

@@ -1,0 +1,389 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Each node as a program of its own: ``linkage_node --ros-args --params-file config/mb10_breaker.yaml``.
+
+Also what the launch files start: programs, parameters, names; nothing here needs the launch library.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.dependencies import missing_extra
+from mech_twin.engine.errors import MotionError
+from mech_twin.interruption import end_at_once
+from mech_twin.machines.catalog import CATALOGUE
+from mech_twin.messages.topics import CLOCK
+from mech_twin.nodes.run.domain import (
+    DISCOVERY,
+    THIS_HOST,
+    NameInUseError,
+    end_with_launch,
+    run_namespace,
+    settle_domain,
+)
+from mech_twin.parameters.load import MACHINE_KEY, catalogue_entry, configuration_file
+from mech_twin.stop_signal import StopSignal
+from mech_twin.system_limits import lacking
+from mech_twin.terminal_output import printable
+
+if TYPE_CHECKING:
+    from mech_twin.nodes.exchange.base_node import TwinNode
+
+PACES = ("realtime", "max")
+RANGES = ("", "LOCALHOST", "SUBNET", "OFF", "SYSTEM_DEFAULT")
+SWITCH = ("true", "false")
+RESPAWN_DELAY_S = 0.5  # the launch library hears of an end within this, and does not start what is over again
+REFUSED = 2  # exit code of a program that cannot run as it was told to
+LINKAGE = "linkage"
+
+
+class Program(NamedTuple):
+    """One node: its program, its name, the program's own arguments."""
+
+    executable: str
+    name: str
+    arguments: tuple[str, ...] = ()
+
+
+class LaunchRequest(NamedTuple):
+    """Arguments of a launch file, as text; empty where nothing is asked."""
+
+    machine: str
+    namespace: str = ""
+    pace: str = "realtime"
+    duration: str = "0"
+    params_file: str = ""
+    use_sim_time: str = "false"
+    record: str = ""
+    view: str = ""
+    frames: str = "true"
+
+
+def programs(request: LaunchRequest) -> list[Program]:
+    """Return the nodes of a machine in the order they are started, the linkage last: the run ends with it.
+
+    Raises
+    ------
+    ConfigurationError
+        If the catalogue has no such machine.
+    """
+    has_body = catalogue_entry(request.machine).has_body
+    return [
+        *([Program("recorder_node", "recorder", ("--directory", request.record))] if request.record else []),
+        *([Program("viewer_node", "viewer", ("--place", request.view))] if request.view else []),
+        *([Program("frames_node", "frames")] if request.frames == "true" else []),
+        Program("motor_node", "motor"),
+        Program("force_node", "force_analysis"),
+        *([Program("body_node", "body")] if has_body else []),
+        Program("linkage_node", LINKAGE),
+    ]
+
+
+def namespace(request: LaunchRequest) -> str:
+    """Return the full namespace of the nodes, ``/MACHINE`` if none is asked for.
+
+    Raises
+    ------
+    ConfigurationError
+        If it is no name of ROS.
+    """
+    return run_namespace(request.machine, request.namespace or None)
+
+
+def remappings(request: LaunchRequest) -> list[tuple[str, str]]:
+    """Return the rules beside the namespace: who is told one has a clock of its own."""
+    return [(CLOCK.name, namespace(request) + CLOCK.name)] if request.namespace else []
+
+
+def parameter_files(request: LaunchRequest) -> list[str]:
+    """Return the parameter files, a later one laid over an earlier.
+
+    Raises
+    ------
+    ConfigurationError
+        If a file is not there.
+    """
+    installed = [str(configuration_file(catalogue_entry(request.machine).name))]
+    if not request.params_file:
+        return installed
+    if not Path(request.params_file).is_file():
+        raise ConfigurationError(f"params_file {request.params_file}: no such file")
+    return [*installed, request.params_file]
+
+
+def parameters(request: LaunchRequest) -> dict[str, str | float | bool]:
+    """Return the parameters laid over those of the files.
+
+    Raises
+    ------
+    ConfigurationError
+        If the duration is no length of time.
+    """
+    asked: dict[str, str | float | bool] = {
+        MACHINE_KEY: request.machine,
+        "run.pace": request.pace,
+        "run.recorder": bool(request.record),
+        "run.viewer": bool(request.view),
+        "use_sim_time": request.use_sim_time == "true",
+    }
+    try:
+        duration_s = float(request.duration)
+    except ValueError:
+        duration_s = math.nan
+    if not 0.0 <= duration_s < math.inf:
+        raise ConfigurationError(f"duration {request.duration}: expected seconds, 0 or more (0 runs until stopped)")
+    return asked | {"run.duration_s": duration_s}
+
+
+def ends_run(name: str, exit_code: int, respawn: bool) -> bool:
+    """Return whether the run is over because this node ended.
+
+    It is with the linkage's last step, with a refusal, and, unless ended nodes are started again, with any error.
+    """
+    if exit_code == 0:
+        return name == LINKAGE
+    return exit_code == REFUSED or not respawn
+
+
+def several(machines: str, record: str = "", view: str = "") -> list[LaunchRequest]:
+    """Return a request for each of ``[NAMESPACE=]MACHINE,...``; each has its own namespace, recording and view file.
+
+    Raises
+    ------
+    ConfigurationError
+        If a machine is unknown, a namespace stands twice, or there is none.
+    """
+    requests: dict[str, LaunchRequest] = {}
+    for word in filter(None, (part.strip() for part in machines.split(","))):
+        first, _, second = word.partition("=")
+        name = second or first
+        place = run_namespace(catalogue_entry(name).name, first).removeprefix("/")
+        if place in requests:
+            raise ConfigurationError(f"machines {machines}: namespace {place} stands twice; write NAMESPACE={name}")
+        label = place.replace("/", "-")
+        requests[place] = LaunchRequest(
+            name, place, record=f"{record}/{label}" if record else "", view=_own_view(view, label)
+        )
+    if not requests:
+        raise ConfigurationError("machines: expected [NAMESPACE=]MACHINE,...")
+    return list(requests.values())
+
+
+def _own_view(view: str, label: str) -> str:
+    """Return the view of one of several runs: files are apart, a viewer's address is shared."""
+    return f"{view.removesuffix('.rrd')}-{label}.rrd" if view.endswith(".rrd") else view
+
+
+def discovery(asked: str, environment: Mapping[str, str] = os.environ) -> tuple[str, str]:
+    """Return the discovery range in force and, where it is not the one asked for, a line that says so."""
+    users = environment.get(DISCOVERY)
+    if users is None:
+        return asked or THIS_HOST, ""
+    line = f"discovery: {DISCOVERY}={users} is set and is not overridden by {asked}" if asked not in ("", users) else ""
+    return users, line
+
+
+QUIET_S = 0.15
+QUIET_LIMIT_S = 0.6
+EXIT_CODE = 2
+
+
+@contextmanager
+def machine_of(node_name: str) -> Iterator[str]:
+    """Provide the machine a node of this name is told to be of: its parameter ``machine``, as rcl resolves it.
+
+    A file may name the node with its namespace, which is the machine's name unless it was remapped: then the machine is
+    looked for under each name of the catalogue.  The node that was asked lives until the block ends: with the last node
+    of a process its middleware goes too, and to bring that up again takes time and meets the others' discovery twice.
+
+    Raises
+    ------
+    ConfigurationError
+        If no parameter says it, or it is none of the catalogue.
+    """
+    import rclpy
+
+    from mech_twin.nodes.exchange.parameter_bridge import machine_override
+    from mech_twin.nodes.exchange.spinner import destroy_nodes
+
+    with ExitStack() as at_end:
+        for namespace in ("", *CATALOGUE):
+            node = rclpy.create_node(
+                node_name, namespace=namespace, enable_rosout=False, start_parameter_services=False
+            )
+            at_end.callback(destroy_nodes, [node])
+            told = machine_override(node)
+            if told is not None and namespace in ("", told):
+                yield catalogue_entry(told).name
+                return
+    raise ConfigurationError(
+        f"parameters of node {node_name}: key '{MACHINE_KEY}' is not set; expected one of {', '.join(CATALOGUE)} "
+        f"(-p {MACHINE_KEY}:=NAME, or a parameter file)"
+    )
+
+
+def _program(
+    make: Callable[[str, argparse.Namespace], TwinNode], node_name: str, description: str, *options: str
+) -> None:
+    parser = argparse.ArgumentParser(description=description)
+    for option in options:
+        parser.add_argument(option)
+    own, ros = parser.parse_known_args()
+    if ros and ros[0] != "--ros-args":
+        parser.error(f"unknown argument {ros[0]}; ROS arguments come after --ros-args")
+    try:
+        with StopSignal() as stop:
+            end_with_launch()
+            _serve(lambda: _told(make, node_name, own), ros, stop)
+    except SystemExit as end:
+        end_at_once(end.code if isinstance(end.code, int) else EXIT_CODE)
+    except Exception as error:
+        line = _told_line(error)
+        if line is None:
+            raise
+        sys.stderr.write(f"{Path(sys.argv[0]).name}: {printable(line)}\n")
+        raise SystemExit(EXIT_CODE) from error
+    end_at_once(0)
+
+
+def _told(make: Callable[[str, argparse.Namespace], TwinNode], node_name: str, own: argparse.Namespace) -> TwinNode:
+    with machine_of(node_name) as machine:
+        return make(machine, own)
+
+
+def _told_line(error: Exception) -> str | None:
+    """Return the line that tells of an error in what the program was given; None if the error is its own."""
+    lack = lacking(error)
+    if lack is not None:
+        return lack
+    from mech_twin.recording.errors import BagError
+
+    if isinstance(error, ModuleNotFoundError):
+        return missing_extra(error)
+    known = (ConfigurationError, MotionError, BagError, NameInUseError)
+    return " ".join(str(error).split()) if isinstance(error, known) else None
+
+
+def _serve(make: Callable[[], TwinNode], ros: list[str], stop: StopSignal) -> None:
+    with ExitStack() as at_end:
+        with stop.interrupting():  # from here on: to load the libraries takes a second
+            node = _made(make, ros, at_end)
+        from mech_twin.nodes.exchange.spinner import Spinner
+
+        with Spinner([node]) as spinner:
+            spinner.serve(lambda: stop.asked or node.done)
+            node.flush()
+            node.report()
+            end = time.monotonic() + QUIET_LIMIT_S
+            spinner.until(lambda: node.quiet_s() > QUIET_S or time.monotonic() > end)
+
+
+def _made(make: Callable[[], TwinNode], ros: list[str], at_end: ExitStack) -> TwinNode:
+    """Return the node, alone under its name if it must be; what is to be closed is put on the stack."""
+    settle_domain()
+    import rclpy
+    from rclpy._rclpy_pybind11 import RCLError
+    from rclpy.signals import SignalHandlerOptions
+
+    from mech_twin.nodes.exchange.spinner import destroy_nodes
+    from mech_twin.nodes.run.name_guard import NameGuard
+
+    try:
+        rclpy.init(args=[sys.argv[0], *ros], signal_handler_options=SignalHandlerOptions.NO)
+    except (RCLError, rclpy.exceptions.ROSInterruptException) as error:
+        raise ConfigurationError(str(error)) from error
+    at_end.callback(rclpy.try_shutdown)
+    node = make()
+    at_end.callback(destroy_nodes, [node])
+    exclusive = [node.resolve_topic_name(output.name) for output in node.outputs if output.exclusive]
+    if exclusive and node.options.exclusive:
+        at_end.enter_context(NameGuard(exclusive)).check(own_publishers=1)
+    return node
+
+
+def motor_node() -> None:
+    """Run the motor node."""
+
+    def make(machine: str, own: argparse.Namespace) -> TwinNode:
+        from mech_twin.nodes.roles.motor_node import MotorNode
+
+        return MotorNode(machine)
+
+    _program(make, "motor", "motor of a machine")
+
+
+def linkage_node() -> None:
+    """Run the linkage node."""
+
+    def make(machine: str, own: argparse.Namespace) -> TwinNode:
+        from mech_twin.nodes.roles.linkage_node import LinkageNode
+
+        return LinkageNode(machine)
+
+    _program(make, "linkage", "linkage of a machine, and time authority of its run")
+
+
+def force_node() -> None:
+    """Run the force analysis node."""
+
+    def make(machine: str, own: argparse.Namespace) -> TwinNode:
+        from mech_twin.nodes.roles.force_node import ForceNode
+
+        return ForceNode(machine)
+
+    _program(make, "force_analysis", "force analysis of a machine")
+
+
+def body_node() -> None:
+    """Run the body node."""
+
+    def make(machine: str, own: argparse.Namespace) -> TwinNode:
+        from mech_twin.nodes.roles.body_node import BodyNode
+
+        return BodyNode(machine)
+
+    _program(make, "body", "body of a machine")
+
+
+def frames_node() -> None:
+    """Run the frames node."""
+
+    def make(machine: str, own: argparse.Namespace) -> TwinNode:
+        from mech_twin.nodes.roles.frames_node import FramesNode
+
+        return FramesNode(machine)
+
+    _program(make, "frames", "frames of a machine for TF, and its robot description")
+
+
+def recorder_node() -> None:
+    """Run the recorder node."""
+
+    def make(machine: str, own: argparse.Namespace) -> TwinNode:
+        from mech_twin.nodes.roles.recorder_node import RecorderNode
+
+        directory = own.directory or f"recordings/{machine}-{datetime.now():%Y%m%d-%H%M%S}"
+        return RecorderNode(machine, Path(directory))
+
+    _program(make, "recorder", "recorder of a machine", "--directory")
+
+
+def viewer_node() -> None:
+    """Run the viewer node."""
+
+    def make(machine: str, own: argparse.Namespace) -> TwinNode:
+        from mech_twin.nodes.roles.viewer_node import ViewerNode
+
+        return ViewerNode(machine, own.place or f"{machine}.rrd")
+
+    _program(make, "viewer", "viewer of a machine", "--place")

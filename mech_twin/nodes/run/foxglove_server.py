@@ -1,0 +1,203 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A running machine for Foxglove: its topics as they are, and, where allowed, its live parameters and services.
+
+A topic is listened to only while a client looks at it.  The server asks for no token: see SECURITY.md.
+"""
+
+from __future__ import annotations
+
+import json
+import queue
+import time
+from collections.abc import Callable, Mapping
+from concurrent.futures import Future
+from concurrent.futures import TimeoutError as FutureTimeoutError
+from functools import partial
+from importlib import import_module
+from typing import Any, NamedTuple
+
+import foxglove
+from foxglove.websocket import (
+    Capability,
+    MessageSchema,
+    Parameter,
+    ServerListener,
+    Service,
+    ServiceSchema,
+)
+from rclpy.qos import QoSProfile
+from rclpy.subscription import Subscription
+
+from mech_twin.nodes.run.bench_process import GO_ON, carried_out
+from mech_twin.nodes.run.telling import Teller
+from mech_twin.recording.errors import UnknownTypeError
+from mech_twin.recording.schemas import message_schema
+
+LOOPBACK = "127.0.0.1"
+LOOK_S = 0.5  # how often new topics are looked for
+ANSWER_S = 15.0
+DEPTH = 100
+GLOBAL = ("/tf", "/tf_static")
+SERVICES = ("start", "stop", "reset", "pause", GO_ON, "step")
+VALUES = "values"
+NOTHING = {"type": "object", "properties": {}}
+SAID = {"type": "object", "properties": {"success": {"type": "boolean"}, "message": {"type": "string"}}}
+
+
+class _Task(NamedTuple):
+    """What a client asks for, done by the thread that owns the node."""
+
+    message: Mapping[str, Any]
+    done: Future[tuple[Any, bool]]
+
+
+class _Listener(ServerListener):
+    """What clients do, put in line for the node."""
+
+    def __init__(self, server: FoxgloveServer) -> None:
+        self._server = server
+
+    def on_subscribe(self, client: Any, channel: Any) -> None:
+        self._server.wanted[channel.topic] = self._server.wanted.get(channel.topic, 0) + 1
+
+    def on_unsubscribe(self, client: Any, channel: Any) -> None:
+        self._server.wanted[channel.topic] = self._server.wanted.get(channel.topic, 1) - 1
+
+    def on_get_parameters(self, client: Any, param_names: list[str], request_id: str | None = None) -> list[Parameter]:
+        known, _ = self._server.ask({"name": VALUES})
+        return [Parameter(name, value=known[name]) for name in param_names or known if name in known]
+
+    def on_set_parameters(
+        self, client: Any, parameters: list[Parameter], request_id: str | None = None
+    ) -> list[Parameter]:
+        changes = {each.name: each.get_value() for each in parameters if each.get_value() is not None}
+        said, is_done = self._server.ask({"name": "change", "values": changes})
+        if not is_done:
+            self._server.complain(str(said))
+        return self.on_get_parameters(client, list(changes))
+
+
+class FoxgloveServer:
+    """The server of one machine.
+
+    Parameters
+    ----------
+    namespace : str
+        Of the machine.
+    port : int
+        To listen on, on this host alone; 0: any free one.
+    commands : bool
+        Whether clients may set live parameters and call services.
+
+    Raises
+    ------
+    OSError
+        The port is busy.
+    """
+
+    def __init__(self, namespace: str, port: int, *, commands: bool) -> None:
+        self.namespace = "/" + namespace.strip("/")
+        self.wanted: dict[str, int] = {}
+        self._tasks: queue.Queue[_Task] = queue.Queue()
+        self._context = foxglove.Context()
+        self._channels: dict[str, foxglove.Channel] = {}
+        self._subscriptions: dict[str, Subscription] = {}
+        try:
+            self._server = foxglove.start_server(
+                name=f"mech_twin {namespace}",
+                host=LOOPBACK,
+                port=port,
+                context=self._context,
+                capabilities=[Capability.Parameters, Capability.Services] if commands else [],
+                server_listener=_Listener(self),
+                supported_encodings=["json"] if commands else [],
+                services=[self._service(order) for order in SERVICES] if commands else [],
+            )
+        except RuntimeError as error:
+            raise OSError(f"port {port}: {error}") from error
+        self.port = self._server.port
+
+    def serve(self, is_over: Callable[[], bool], wait_s: float = 2.0) -> None:
+        """Relay topics, and do what clients ask for, until it is over."""
+        with Teller(self.namespace, wait_s) as teller:
+            teller.watch_parameters(self._changed)
+            while not is_over():
+                self._look(teller)
+                end = time.monotonic() + LOOK_S
+                teller.serve_until(partial(self._is_due, is_over, end))
+                while not self._tasks.empty():
+                    task = self._tasks.get()
+                    task.done.set_result(_done(teller, task.message))
+
+    def ask(self, message: Mapping[str, Any]) -> tuple[Any, bool]:
+        """Have something done by the thread that serves; return what is said of it, and whether it is done."""
+        task = _Task(message, Future())
+        self._tasks.put(task)
+        try:
+            return task.done.result(ANSWER_S)
+        except FutureTimeoutError:
+            return f"{message['name']}: no answer within {ANSWER_S:g} s", False
+
+    def complain(self, text: str) -> None:
+        """Tell the clients of a refusal."""
+        self._server.publish_status(text, foxglove.websocket.StatusLevel.Warning)
+
+    def close(self) -> None:
+        """Let the clients go."""
+        self._server.stop()
+
+    def _is_due(self, is_over: Callable[[], bool], end_s: float) -> bool:
+        return is_over() or not self._tasks.empty() or time.monotonic() > end_s
+
+    def _changed(self, name: str, value: Any) -> None:
+        self._server.publish_parameter_values([Parameter(name, value=value)])
+
+    def _look(self, teller: Teller) -> None:
+        """Offer the topics that there are, and listen to those that are looked at."""
+        node = teller.node
+        for name, kinds in node.get_topic_names_and_types():
+            if name not in self._channels and (name.startswith(f"{self.namespace}/") or name in GLOBAL):
+                self._offer(name, kinds[0])
+        for name, channel in self._channels.items():
+            looked_at, heard = self.wanted.get(name, 0) > 0, self._subscriptions.get(name)
+            if looked_at and heard is None:
+                publishers = node.get_publishers_info_by_topic(name)
+                if publishers:
+                    offered = publishers[0].qos_profile
+                    qos = QoSProfile(depth=DEPTH, reliability=offered.reliability, durability=offered.durability)
+                    kind = _message(channel.schema_name() or "")
+                    self._subscriptions[name] = node.create_subscription(kind, name, channel.log, qos, raw=True)
+            elif not looked_at and heard is not None:
+                node.destroy_subscription(self._subscriptions.pop(name))
+
+    def _offer(self, name: str, kind: str) -> None:
+        try:
+            text = message_schema(kind).definition.encode()
+        except UnknownTypeError:
+            return
+        schema = foxglove.Schema(name=kind, encoding="ros2msg", data=text)
+        self._channels[name] = foxglove.Channel(name, schema=schema, message_encoding="cdr", context=self._context)
+
+    def _service(self, order: str) -> Service:
+        schema = ServiceSchema(
+            order, request=_schema(f"{order}_request", NOTHING), response=_schema(f"{order}_response", SAID)
+        )
+        return Service(f"{self.namespace}/{order}", schema=schema, handler=partial(self._called, order))
+
+    def _called(self, order: str, request: Any) -> bytes:
+        text, is_done = self.ask({"name": order})
+        return json.dumps({"success": is_done, "message": text}).encode()
+
+
+def _done(teller: Teller, message: Mapping[str, Any]) -> tuple[Any, bool]:
+    return (teller.values(), True) if message["name"] == VALUES else carried_out(teller, message)
+
+
+def _message(kind: str) -> Any:
+    package, _, name = kind.split("/")
+    return getattr(import_module(f"{package}.msg"), name)
+
+
+def _schema(name: str, content: Mapping[str, Any]) -> MessageSchema:
+    schema = foxglove.Schema(name=name, encoding="jsonschema", data=json.dumps(content).encode())
+    return MessageSchema(encoding="json", schema=schema)

@@ -1,0 +1,202 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Refuses to start beside a living publisher of the same step messages.
+
+A name on the graph alone proves nothing: what was killed stays there for the lease of the middleware (20 s).  So a
+publisher counts as living if a step message of it arrives, or a diagnostics status of its node; a node of the twin
+sends one each second, and a run that waits repeats its step ten times a second.
+
+Of several that start at one instant none publishes yet.  So each claims its topics for as long as it lives.  On one
+host the kernel keeps the claims: that is known at once, and over with the process, however it ends.  Across hosts each
+tells the instant at which it began; who hears an elder claim to one of its own ends.
+"""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import os
+import secrets
+import socket
+import struct
+import sys
+import time
+from collections.abc import Iterable, Sequence
+from contextlib import ExitStack, suppress
+from functools import partial
+from types import TracebackType
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.experimental.events_executor import EventsExecutor
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+
+from mech_twin.messages.topics import DATA, DIAGNOSTICS, EVERY_LATCHED, LATCHED
+from mech_twin.nodes.run.domain import DISCOVERY, THIS_HOST, NameInUseError
+
+DISCOVERY_S = 3.5  # usually a tenth of a second; where that fails, with the announcement that comes each 3 s
+ON_THIS_HOST_S = 0.7  # the same, where only somebody's own publisher is left to be found
+PROOF_S = 1.5  # more than the window of the diagnostics
+TURN_S = 0.02
+CLAIMS = "/_mech_twin/claims"  # an instant, and the full names of topics; hidden from the usual lists
+LONGEST_CLAIM = 10_000
+
+
+class HostClaims:
+    """Names held on this host: abstract Unix sockets, which the kernel gives to one process at a time.
+
+    Parameters
+    ----------
+    names : iterable of str
+        What is claimed; all or none.
+
+    Attributes
+    ----------
+    holder : str
+        What is held by whom, if another process holds one of them; else empty.
+    """
+
+    def __init__(self, names: Iterable[str]) -> None:
+        self.holder = ""
+        self._held = ExitStack()
+        domain = rclpy.get_default_context().get_domain_id()
+        for name in sorted(names):  # all in one order, so that one of several gets them all
+            address = b"\0mech_twin/" + hashlib.sha256(f"{domain} {name}".encode()).digest()
+            try:
+                held = self._held.enter_context(socket.socket(socket.AF_UNIX))
+                held.bind(address)
+                held.listen()
+            except OSError as error:
+                self.close()
+                if error.errno != errno.EADDRINUSE:
+                    raise
+                self.holder = f"{name} is claimed by an earlier start{_holder(address)}"
+                return
+
+    def close(self) -> None:
+        """Let go of the names."""
+        self._held.close()
+
+
+def _holder(address: bytes) -> str:
+    """Return the process that listens at an address, in words."""
+    with suppress(OSError), socket.socket(socket.AF_UNIX) as asked:
+        asked.settimeout(TURN_S)
+        asked.connect(address)
+        process, _, _ = struct.unpack("3i", asked.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12))
+        return f", process {process}"
+    return ""
+
+
+def discovery_s() -> float:
+    """Return how long somebody may stay undiscovered who makes no claim on this host."""
+    alone = os.environ.get(DISCOVERY) == THIS_HOST and not os.environ.get("ROS_STATIC_PEERS")
+    return ON_THIS_HOST_S if alone and sys.platform == "linux" else DISCOVERY_S
+
+
+class NameGuard:
+    """Listens from the moment it is made until it has checked, and claims its topics until it is closed.
+
+    What its process builds meanwhile is no time lost.
+
+    Parameters
+    ----------
+    topics : sequence of str
+        Full names of the topics of step messages this process is going to publish.
+    """
+
+    def __init__(self, topics: Sequence[str]) -> None:
+        self._topics = tuple(topics)
+        self._born_s = time.monotonic()
+        self._on_host = HostClaims(self._topics) if sys.platform == "linux" else None
+        self._heard: str | None = (self._on_host.holder if self._on_host else "") or None
+        # the steady clock is that of all processes of a machine; of two machines either may be the elder
+        self._claim = f"{time.monotonic_ns():020d}-{secrets.token_hex(8)}"
+        # its own name, whatever the namespace and name rules of the process are
+        self._node = rclpy.create_node(
+            f"_name_guard_{secrets.token_hex(4)}",
+            use_global_arguments=False,
+            enable_rosout=False,
+            start_parameter_services=False,
+        )
+        self._claims = self._node.create_publisher(String, CLAIMS, LATCHED)
+        self._claims.publish(String(data=" ".join((self._claim, *self._topics))))
+        self._executor = EventsExecutor()
+        self._executor.add_node(self._node)
+        listen = self._node.create_subscription
+        self._listening = [
+            *(listen(JointState, name, partial(self._on_step, name), DATA, raw=True) for name in self._topics),
+            listen(DiagnosticArray, DIAGNOSTICS.name, self._on_diagnostics, DATA),
+            listen(String, CLAIMS, self._on_claim, EVERY_LATCHED),
+        ]
+
+    def check(self, own_publishers: int = 0) -> None:
+        """Wait until nobody has been found for long enough; nodes of this process must not be served meanwhile.
+
+        Parameters
+        ----------
+        own_publishers : int
+            How many publishers each topic has in this process by now.
+
+        Raises
+        ------
+        NameInUseError
+            If somebody lives on one of the topics, or began earlier to.
+        """
+        self._serve_until(self._born_s + discovery_s())
+        if any(self._node.count_publishers(name) > own_publishers for name in self._topics):
+            self._serve_until(time.monotonic() + PROOF_S)
+        if self._heard is not None:
+            raise NameInUseError(f"{self._heard}; use another ROS_DOMAIN_ID or --namespace")
+        self._listen_no_more()
+
+    def _listen_no_more(self) -> None:
+        """Keep the claim alone: an executor that nobody turns held up the first step of the run for 0.1 s."""
+        if not self._listening:
+            return
+        while self._listening:
+            self._node.destroy_subscription(self._listening.pop())
+        self._executor.remove_node(self._node)
+        self._executor.shutdown()
+
+    def _serve_until(self, end_s: float) -> None:
+        while self._heard is None and rclpy.ok() and time.monotonic() < end_s:
+            self._executor.spin_once(timeout_sec=TURN_S)
+
+    def _on_step(self, name: str, raw: bytes) -> None:
+        self._heard = self._heard or _published(name)
+
+    def _on_claim(self, message: String) -> None:
+        claim, *topics = message.data[:LONGEST_CLAIM].split(" ")
+        taken = next((name for name in self._topics if name in topics), None)
+        if taken is not None and claim < self._claim:
+            self._heard = self._heard or f"{taken} is claimed by an earlier start, {self._claimants()}"
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        alive = {status.name for status in message.status}
+        for name in self._topics:
+            for endpoint in self._node.get_publishers_info_by_topic(name):
+                if f"{endpoint.node_namespace.rstrip('/')}/{endpoint.node_name}" in alive:
+                    self._heard = self._heard or _published(name)
+
+    def _claimants(self) -> str:
+        """Return who publishes claims beside this guard: which of them a claim came from, the middleware keeps."""
+        found = self._node.get_publishers_info_by_topic(CLAIMS)
+        names = {f"{each.node_namespace.rstrip('/')}/{each.node_name}" for each in found}
+        others = sorted(names - {self._node.get_fully_qualified_name()})
+        return f"of node {' or '.join(others)}" if others else "of a node that has gone"
+
+    def __enter__(self) -> NameGuard:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._listen_no_more()
+        self._node.destroy_node()
+        if self._on_host is not None:
+            self._on_host.close()
+
+
+def _published(name: str) -> str:
+    return f"{name} is published already, by a run or a replay that is alive"

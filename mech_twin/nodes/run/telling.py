@@ -1,0 +1,233 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a person tells the nodes of a running machine: one service call, answered or refused in the node's words."""
+
+from __future__ import annotations
+
+import time
+from array import array
+from collections.abc import Callable, Mapping
+from types import TracebackType
+from typing import Any, NamedTuple
+
+import rclpy
+from rcl_interfaces.msg import ParameterEvent
+from rcl_interfaces.srv import GetParameters, ListParameters, SetParametersAtomically
+from rclpy.client import Client
+from rclpy.node import Node
+from rclpy.parameter import Parameter, parameter_value_to_python
+from rclpy.qos import qos_profile_parameter_events
+from rclpy.signals import SignalHandlerOptions
+from std_msgs.msg import Float64
+from std_srvs.srv import SetBool, Trigger
+
+from mech_twin.messages.topics import SPEED_COMMAND
+from mech_twin.nodes.exchange.spinner import Spinner
+from mech_twin.nodes.run.domain import UnansweredError
+
+LOOK_S = 0.01
+ANSWER_S = 10.0  # a service that is there answers sooner, unless its node is stopped
+
+
+class Order(NamedTuple):
+    """What is told: the service below the machine's namespace, its type, and whether a name of a fault goes before."""
+
+    service: str
+    kind: Any = Trigger
+    of_a_fault: bool = False
+
+
+ORDERS = {
+    "start": Order("start"),
+    "stop": Order("stop"),
+    "reset": Order("reset"),
+    "step": Order("step"),
+    "snapshot": Order("recorder/snapshot"),
+    "acknowledge": Order("monitor/acknowledge", of_a_fault=True),
+    "shelve": Order("monitor/shelve", of_a_fault=True),
+    "accept": Order("advisor/accept", SetBool),
+    "reject": Order("advisor/reject", SetBool),
+    "pause": Order("replay/pause"),
+    "resume": Order("replay/resume"),
+    "next-impact": Order("replay/next_impact"),
+}
+
+
+class _Line:
+    """A node that calls services of a machine and waits for the answers."""
+
+    def __init__(self, node: Node, spinner: Spinner, namespace: str, wait_s: float) -> None:
+        self._node, self._spinner = node, spinner
+        self.namespace, self._wait_s = "/" + namespace.strip("/"), wait_s
+        self._clients: dict[str, Client] = {}
+
+    def ask(self, kind: Any, service: str, request: Any) -> Any:
+        """Return the answer of a service.
+
+        Raises
+        ------
+        UnansweredError
+            Nobody offers it, or it does not answer.
+        """
+        name = f"{self.namespace}/{service}"
+        if name not in self._clients:
+            self._clients[name] = self._node.create_client(kind, name)
+        client = self._clients[name]
+        if not self._until(client.service_is_ready, self._wait_s):
+            raise UnansweredError(f"{name}: nobody offers this service after {self._wait_s:g} s; does the machine run?")
+        answer = client.call_async(request)
+        if not self._until(answer.done, ANSWER_S):
+            raise UnansweredError(f"{name}: no answer within {ANSWER_S:g} s")
+        return answer.result()
+
+    def wait_until(self, holds: Callable[[], bool]) -> bool:
+        """Wait for something as long as for a service; return whether it holds."""
+        return self._until(holds, self._wait_s)
+
+    def _until(self, holds: Any, limit_s: float) -> bool:
+        end = time.monotonic() + limit_s
+        self._spinner.until(lambda: bool(holds()) or time.monotonic() > end)
+        return bool(holds())
+
+
+class _TellingNode(Node):
+    """A node that is served often enough for what a person does."""
+
+    interrupt = staticmethod(lambda: None)
+
+    def tick(self) -> float:
+        """Return how long to wait for a message (s)."""
+        return LOOK_S
+
+
+class Teller:
+    """Orders and live parameters for the nodes of one machine; a context manager, in the thread that uses it.
+
+    Parameters
+    ----------
+    namespace : str
+        Of the machine, such as its name.
+    wait_s : float
+        How long a service may take to be found (s).
+    """
+
+    def __init__(self, namespace: str, wait_s: float = 5.0) -> None:
+        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+        self.node = _TellingNode("teller", namespace="mech_twin")
+        self._spinner = Spinner([self.node])
+        self._line = _Line(self.node, self._spinner, namespace, wait_s)
+        command = f"{self._line.namespace}/{SPEED_COMMAND.name}"
+        self._speed = self.node.create_publisher(Float64, command, SPEED_COMMAND.qos)
+
+    def order(self, order: str, fault: str | None = None) -> str:
+        """Give an order of `ORDERS`; return what the node says of it; raises as `tell` does."""
+        return _ordered(self._line, order, fault)
+
+    def change(self, values: Mapping[str, Any], node: str = "linkage") -> str:
+        """Change parameters of a node, all or none; return what they are now; raises as `tell` does."""
+        return _changed(self._line, node, values)
+
+    def values(self, node: str = "linkage") -> dict[str, Any]:
+        """Return the parameters of a node and their values; raises as `tell` does."""
+        request = ListParameters.Request(depth=ListParameters.Request.DEPTH_RECURSIVE)
+        names = list(self._line.ask(ListParameters, f"{node}/list_parameters", request).result.names)
+        answer = self._line.ask(GetParameters, f"{node}/get_parameters", GetParameters.Request(names=names))
+        found = zip(names, map(parameter_value_to_python, answer.values), strict=True)
+        return {name: list(value) if isinstance(value, array) else value for name, value in found if value is not None}
+
+    def pause(self, wanted: bool) -> str:
+        """Let a run take no further step, or go on; raises as `tell` does."""
+        return str(self._line.ask(SetBool, "pause", SetBool.Request(data=wanted)).message)
+
+    def set_speed(self, share: float) -> str:
+        """Ask for a share of the rated speed.
+
+        Raises
+        ------
+        UnansweredError
+            It is not between 0 and 1, or no motor listens.
+        """
+        if not 0.0 <= share <= 1.0:
+            raise UnansweredError(f"speed {share:g}: expected 0 to 1 of the rated speed")
+        if not self._line.wait_until(lambda: self._speed.get_subscription_count() > 0):
+            raise UnansweredError(f"{self._speed.topic_name}: no motor listens; does the machine run?")
+        self._speed.publish(Float64(data=share))
+        return f"speed {share:.0%} of rated"
+
+    def watch_parameters(self, changed: Callable[[str, Any], None], node: str = "linkage") -> None:
+        """Have each change of a node's parameters told, whoever made it."""
+        name = f"{self._line.namespace}/{node}"
+
+        def heard(event: ParameterEvent) -> None:
+            if event.node == name:
+                for each in event.changed_parameters:
+                    changed(each.name, parameter_value_to_python(each.value))
+
+        self.node.create_subscription(ParameterEvent, "/parameter_events", heard, qos_profile_parameter_events)
+
+    def serve_until(self, holds: Callable[[], bool]) -> None:
+        """Hear what comes until something holds."""
+        self._spinner.until(holds)
+
+    def __enter__(self) -> Teller:
+        self._spinner.__enter__()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._spinner.__exit__(kind, error, trace)
+        self.node.destroy_node()
+        rclpy.try_shutdown()
+
+
+def tell(
+    namespace: str, order: str | None, values: Mapping[str, Any], fault: str | None = None, wait_s: float = 5.0
+) -> str:
+    """Give an order to the nodes of a machine, or change live parameters of it; return what they answer.
+
+    Parameters
+    ----------
+    namespace : str
+        Of the machine, such as its name.
+    order : str or None
+        A name of `ORDERS`; None to change parameters.
+    values : mapping
+        Live parameters and their values, judged as a whole.
+    fault : str or None
+        The fault that is acknowledged or shelved; None: all.
+    wait_s : float
+        How long the service may take to be found (s).
+
+    Raises
+    ------
+    UnansweredError
+        The nodes are not there, do not answer, or refuse.
+    """
+    with Teller(namespace, wait_s) as teller:
+        return teller.change(values) if order is None else teller.order(order, fault)
+
+
+def _ordered(line: _Line, order: str, fault: str | None) -> str:
+    """Give an order; return what the node says of it."""
+    asked = ORDERS[order]
+    if asked.of_a_fault:
+        _changed(line, asked.service.split("/", maxsplit=1)[0], {"fault": fault or ""})
+    request = SetBool.Request(data=True) if asked.kind is SetBool else Trigger.Request()
+    answer = line.ask(asked.kind, asked.service, request)
+    if not answer.success:
+        raise UnansweredError(f"{order}: refused: {answer.message}")
+    return f"{order}: {answer.message or 'done'}"
+
+
+def _changed(line: _Line, node: str, values: Mapping[str, Any]) -> str:
+    """Change parameters of a node, all or none; return what they are now."""
+    numbers = {
+        name: float(value) if isinstance(value, int) and not isinstance(value, bool) else value
+        for name, value in values.items()
+    }
+    changes = [Parameter(name, value=value).to_parameter_msg() for name, value in numbers.items()]
+    request = SetParametersAtomically.Request(parameters=changes)
+    answer = line.ask(SetParametersAtomically, f"{node}/set_parameters_atomically", request).result
+    if not answer.successful:
+        raise UnansweredError(f"{', '.join(numbers)}: refused: {answer.reason}")
+    return ", ".join(f"{name} = {value}" for name, value in numbers.items())

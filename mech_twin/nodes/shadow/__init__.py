@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A real machine followed as it runs: its state estimated, judged, recorded, shown."""

@@ -1,0 +1,254 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The advisor node: offers a change that brings a number of the cycle nearer to what is wanted, and waits for a yes.
+
+Its one way to a machine is the speed command, or a live parameter of the linkage.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from rcl_interfaces.srv import SetParameters
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from std_msgs.msg import Float64
+from std_srvs.srv import SetBool
+
+from mech_twin.messages.topics import DECISIONS, RECOMMENDATION, SPEED_COMMAND
+from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode
+from mech_twin.parameters.load import catalogue_entry
+from mech_twin.quantity import Parameters
+from mech_twin.studies.advice import (
+    AdviceState,
+    AdviceStep,
+    Decision,
+    Recommendation,
+    Setting,
+    accepted,
+    after_machine_cycle,
+    ended,
+    offered,
+    rejected,
+    watched,
+)
+from mech_twin.studies.advice_search import COMMAND, AdviceWish, advice_model, recommendation
+from mech_twin.studies.monitoring.cycle_features import FeatureFeed, FeatureVector
+from mech_twin.studies.observer.lock_on import SeenSample
+
+
+class AdviceOutlet:
+    """Sends settings of one output; made only where something may go out.
+
+    Parameters
+    ----------
+    node : Node
+        Who sends.
+    namespace : str
+        The machine's.
+    key : str
+        The output.
+    """
+
+    def __init__(self, node: Node, namespace: str, key: str) -> None:
+        self._key = key
+        if key == COMMAND:
+            name = f"{namespace}/{SPEED_COMMAND.name}"
+            self._publisher = node.create_publisher(Float64, name, SPEED_COMMAND.qos)
+        else:
+            self._client = node.create_client(SetParameters, f"{namespace}/linkage/set_parameters")
+
+    def send(self, setting: Setting) -> None:
+        """Send a setting.
+
+        Raises
+        ------
+        ValueError
+            It is of another output than the one allowed.
+        """
+        if setting.key != self._key:
+            raise ValueError(f"setting of {setting.key!r}: expected {self._key!r}")
+        if self._key == COMMAND:
+            self._publisher.publish(Float64(data=setting.value))
+            return
+        parameter = Parameter(setting.key, value=setting.value).to_parameter_msg()
+        self._client.call_async(SetParameters.Request(parameters=[parameter]))
+
+
+PENDING = "pending"
+
+
+class AdvisorNode(TwinNode):
+    """Advises on one output of the machine; see `TwinNode` for the other arguments.
+
+    Parameters
+    ----------
+    wish : AdviceWish
+        What is wanted, and what may be changed for it.
+    namespace : str
+        The machine's.
+    columns : sequence of str
+        Column of each channel of the samples.
+
+    Raises
+    ------
+    ConfigurationError
+        The figure is none that these channels give, or the output is none of the machine.
+    """
+
+    def __init__(
+        self,
+        machine_name: str,
+        wish: AdviceWish,
+        namespace: str,
+        columns: Sequence[str],
+        parameters: Parameters | None = None,
+        options: RunOptions | None = None,
+    ) -> None:
+        super().__init__("advisor", machine_name, parameters, options)
+        self.model = advice_model(catalogue_entry(machine_name), self.initial_parameters, wish, columns)
+        self.wish, self.state, self.number = wish, AdviceState(), 0
+        self._now_s = 0.0  # of the newest cycle, counted as its samples are
+        self.has_fault: Callable[[], bool] = lambda: False
+        self.known_changes: Callable[[], Mapping[str, Any]] = dict
+        self._columns = tuple(columns)
+        self._feed = FeatureFeed(self.model.declared, list(dict.fromkeys(columns)))
+        self._value = wish.output.value
+        self._figures: deque[float] = deque(maxlen=wish.cycles)
+        self._heard_s = time.monotonic()
+        self._decided_s = float("-inf")
+        self._thinking: Future[Recommendation | None] | None = None
+        self._thread = ThreadPoolExecutor(1)
+        self._outlet = None if wish.dry_run else AdviceOutlet(self, namespace, wish.output.key)
+        self._recommendation = self.output(RECOMMENDATION, recorded=False)
+        self._decisions = self.output(DECISIONS, recorded=False)
+        self.declare_parameter(PENDING, 0)
+        self.create_service(SetBool, "~/accept", self._accept)
+        self.create_service(SetBool, "~/reject", self._reject)
+
+    def observe(self, sample: SeenSample) -> None:
+        """Take a sample of the machine into account."""
+        for channel, value in zip(sample.channels, sample.values, strict=True):
+            for vector in self._feed.feed(self._columns[channel], [sample.time_s], [value]):
+                self._on_cycle(vector)
+
+    def begin_anew(self) -> None:
+        """Take a trial back and forget what was measured: the machine has been started anew, its time is another."""
+        self._take(ended(self.state, self._now_s, "the machine's time has become another"))
+        self._feed = self._feed.begun_anew()
+        self._figures.clear()
+        self._decided_s = float("-inf")
+
+    def check_peers(self, now_s: float) -> None:
+        """Offer what has been found, and end a trial of which nothing is heard."""
+        if self._thinking is not None and self._thinking.done():
+            found, self._thinking = self._thinking.result(), None
+            if found is not None:
+                self._take(offered(self.state, found, self._now_s))
+        if self.state.phase == "trial":
+            silent_s = now_s - self._heard_s
+            self._take(watched(self.state, self.state.newest_s + silent_s, self.wish.rules))
+        self.diagnostics.state = self.state.phase
+
+    def diagnostic_values(self) -> dict[str, str]:
+        """Return the newest figure, and whether an accepted advice acts on the machine."""
+        newest = f"{self._figures[-1]:.6g}" if self._figures else "nan"
+        return {
+            self.wish.figure: newest,
+            "advice in force": str(self.state.in_force),
+            "dry run": str(self.wish.dry_run),
+        }
+
+    def close(self) -> None:
+        """Take a trial back, and let go of the thread."""
+        self._take(ended(self.state, self._now_s))
+        self._thread.shutdown(wait=True, cancel_futures=True)
+
+    # -- the machine's cycles ---------------------------------------------------------------------------------------
+
+    def _on_cycle(self, vector: FeatureVector) -> None:
+        self._now_s, self._heard_s = vector.end_s, time.monotonic()
+        figure = float(vector.values[vector.names.index(self.wish.figure)])
+        if not np.isfinite(figure):
+            return
+        self._figures.append(figure)
+        miss = abs(figure - self.wish.wanted)
+        self._take(after_machine_cycle(self.state, miss, self._now_s, self.has_fault(), self.wish.rules))
+        is_free = self.state.phase == "idle" and self._thinking is None and not self.has_fault()
+        is_due = self._now_s - self._decided_s >= self.wish.interval_s
+        if is_free and is_due and len(self._figures) == self.wish.cycles:
+            measured = np.array(self._figures)
+            self._figures.clear()
+            model = self.model.under(self.known_changes())
+            self._thinking = self._thread.submit(recommendation, model, self._value, measured, self._now_s)
+
+    def _miss(self) -> float:
+        advice = self.state.advice
+        if self._figures:
+            return abs(float(np.mean(self._figures)) - self.wish.wanted)
+        return 0.0 if advice is None else advice.gain
+
+    # -- decisions --------------------------------------------------------------------------------------------------
+
+    def _accept(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        return self._answered(
+            request, response, lambda: accepted(self.state, self._miss(), self._now_s, self.wish.rules)
+        )
+
+    def _reject(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        return self._answered(request, response, lambda: rejected(self.state, self._now_s))
+
+    def _answered(
+        self, request: SetBool.Request, response: SetBool.Response, step: Callable[[], AdviceStep]
+    ) -> SetBool.Response:
+        if not request.data:
+            response.success, response.message = False, "expected data: true"
+            return response
+        found = step()
+        self._take(found)
+        decision = found.decision
+        response.success = decision is not None and decision.what not in ("refused", "expired")
+        response.message = "" if decision is None else f"{decision.what}: {decision.reason}"
+        return response
+
+    def _take(self, step: AdviceStep) -> None:
+        """Put a decision into effect, and tell it."""
+        before, self.state = self.state, step.state
+        decision = step.decision
+        if decision is None:
+            return
+        self._decided_s = decision.time_s
+        if decision.sent is not None and self._outlet is not None:
+            self._outlet.send(decision.sent)
+            self._value = decision.sent.value
+            self._figures.clear()
+        if decision.what == "offered":
+            self.number += 1
+        pending = self.number if self.state.phase == "offered" else 0
+        self.set_parameters([Parameter(PENDING, value=pending)])
+        self._decisions.send(_decision_status(self.get_fully_qualified_name(), self.number, decision))
+        self._recommendation.send(self._advice_status(self.state.advice or before.advice, decision))
+
+    def _advice_status(self, advice: Recommendation | None, decision: Decision) -> DiagnosticStatus:
+        status = DiagnosticStatus(
+            name=f"{self.get_fully_qualified_name()}: advice {self.number}", message=decision.what
+        )
+        status.hardware_id = self.diagnostics.hardware
+        values = (
+            {} if advice is None else {name.replace("_", " "): f"{value}" for name, value in advice._asdict().items()}
+        )
+        status.values = [KeyValue(key=key, value=value) for key, value in values.items()]
+        return status
+
+
+def _decision_status(name: str, number: int, decision: Decision) -> DiagnosticStatus:
+    status = DiagnosticStatus(name=f"{name}: advice {number}", message=f"{decision.what}: {decision.reason}")
+    sent = "" if decision.sent is None else f"{decision.sent.key} = {decision.sent.value:.6g}"
+    values = {"time s": f"{decision.time_s:.3f}", "decision": decision.what, "sent": sent}
+    status.values = [KeyValue(key=key, value=value) for key, value in values.items()]
+    return status

@@ -1,0 +1,384 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a shadow listens to: the topics of a map, or the twin's own, and the samples in their messages.
+
+A machine's stamps may begin anywhere, jump where it is started anew, and stand still while it does.  A single stamp
+that does not go on from the others is somebody else's, or damaged: it leads no time.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping, Sequence
+from math import isfinite
+from typing import Any, Generic, NamedTuple, TypeVar
+
+from geometry_msgs.msg import Vector3Stamped, WrenchStamped
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import Imu, JointState
+from std_msgs.msg import Float64
+
+from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.measurements.machine_columns import is_event
+from mech_twin.measurements.measurement_map import Channel, MeasurementMap
+from mech_twin.messages.joint_state_cdr import CdrError, Decoder, Stamp, stamp_of
+from mech_twin.messages.topics import BODY_JOINT_STATES, JOINT_STATES, Topic
+from mech_twin.recording.measured_topics import EPOCH_NS, JOINT_FIELDS, SECOND_NS, STAMP
+from mech_twin.roles import Machine
+from mech_twin.studies.observer.estimate import SensedChannel
+from mech_twin.studies.observer.lock_on import SeenSample
+
+BEHIND_NS = SECOND_NS  # as far as topics of a machine may lag behind each other
+AHEAD_NS = SECOND_NS // 4
+PACE = 2.0  # of the machine's time, at which it may have gone on while nothing was heard
+CONFIRMING = 3  # stamps that go on from each other, before another time is believed
+MOST_TIMES = 8  # that are waited for at once
+MOST_HELD = 1000
+Item = TypeVar("Item")
+
+
+class Heard(NamedTuple):
+    """A stamp (ns), and when it came (s of the steady clock)."""
+
+    stamp_ns: int
+    at_s: float
+
+    def goes_on_from(self, before: Heard) -> bool:
+        """Return whether it is at most as far ahead as time has passed, and hardly behind."""
+        passed_ns = PACE * max(self.at_s - before.at_s, 0.0) * SECOND_NS
+        return -BEHIND_NS <= self.stamp_ns - before.stamp_ns <= AHEAD_NS + passed_ns
+
+
+class FollowedClock:
+    """The newest stamp of a machine.
+
+    A stamp is believed that goes on from the newest.  Another time is believed where several go on from each other
+    and none from the newest meanwhile; the first, too.
+
+    Attributes
+    ----------
+    now_ns : int or None
+        The newest; None while none is believed.
+    jumps : int
+        How often another time has been believed.
+    led_by : frozenset of int
+        The stamps by which the present time was believed.
+    """
+
+    def __init__(self) -> None:
+        self.jumps = 0
+        self.led_by: frozenset[int] = frozenset()
+        self._newest: Heard | None = None
+        self._others: deque[list[Heard]] = deque(maxlen=MOST_TIMES)
+
+    @property
+    def now_ns(self) -> int | None:
+        """The newest stamp that is believed."""
+        return None if self._newest is None else self._newest.stamp_ns
+
+    def at(self, at_s: float) -> int | None:
+        """Return the machine's time at an instant of the steady clock, if any is known."""
+        newest = self._newest
+        return None if newest is None else newest.stamp_ns + round((at_s - newest.at_s) * SECOND_NS)
+
+    def admit(self, stamp_ns: int, at_s: float) -> bool:
+        """Return whether a stamp that came at an instant of the steady clock is believed."""
+        heard = Heard(stamp_ns, at_s)
+        if stamp_ns < 0:
+            return False
+        if self._newest is not None and heard.goes_on_from(self._newest):
+            self._newest = Heard(max(self._newest.stamp_ns, stamp_ns), at_s)
+            self._others.clear()
+            return True
+        row = next((row for row in self._others if heard.goes_on_from(row[-1])), None)
+        if row is None:
+            self._others.append(row := [])
+        row.append(heard)
+        if len(row) < CONFIRMING:
+            return False
+        self.jumps += self._newest is not None
+        self.led_by = frozenset(each.stamp_ns for each in row)
+        self._newest = max(row)
+        self._others.clear()
+        return True
+
+
+class Admitted(NamedTuple, Generic[Item]):
+    """What came, the time that counts for it (ns), and whether its own stamp is believed."""
+
+    item: Item
+    at_ns: int
+    believed: bool
+
+
+class StampGate(Generic[Item]):
+    """Holds what comes back until it is known what time it is, and gives it out in the order it came."""
+
+    def __init__(self) -> None:
+        self.clock = FollowedClock()
+        self.held: list[tuple[Item, int | None]] = []
+
+    def take(self, item: Item, stamp_ns: int | None, at_s: float) -> list[Admitted[Item]]:
+        """Take something, and its stamp where it has one that leads; return what can be told by now."""
+        believed = stamp_ns is not None and self.clock.admit(stamp_ns, at_s)
+        if self.clock.now_ns is not None:
+            return [*self.released(), Admitted(item, self.clock.now_ns, believed)]
+        self.held.append((item, stamp_ns))
+        return self.released() if len(self.held) > MOST_HELD else []
+
+    def released(self) -> list[Admitted[Item]]:
+        """Return what was held back; where no time is known it counts as come at 0."""
+        held, self.held = self.held, []
+        led_by, found = self.clock.led_by, []
+        at_ns = min(led_by, default=0)
+        for item, stamp in held:
+            believed = stamp is not None and stamp in led_by
+            at_ns = max(at_ns, stamp) if stamp is not None and believed else at_ns
+            found.append(Admitted(item, at_ns, believed))
+        return found
+
+
+TYPES: Mapping[str, Any] = {
+    "wrench": WrenchStamped,
+    "vector": Vector3Stamped,
+    "angular_velocity": Imu,
+    "linear_acceleration": Imu,
+    "data": Float64,
+}
+EVENT_TYPE = Vector3Stamped  # of a topic of which the stamps alone are used
+COMMAND = "motor.command"
+
+
+class StampOrigin:
+    """The second that times are counted from: 0, or that of the first stamp where stamps are those of a wall clock.
+
+    The first is the first that is believed (`FollowedClock`).
+
+    A float holds a wall clock's stamp to 0.2 us only; a recording is read with the same origin.
+    """
+
+    def __init__(self) -> None:
+        self.second: int | None = None
+
+    def seconds(self, stamp: Any) -> float:
+        """Return the time of a stamp since the origin."""
+        if self.second is None:
+            self.second = stamp.sec if stamp.sec * SECOND_NS > EPOCH_NS else 0
+        return float(((stamp.sec - self.second) * SECOND_NS + stamp.nanosec) * 1e-9)
+
+    def clock_s(self, time_s: float) -> float:
+        """Return the machine's clock at a time since the origin."""
+        return time_s + (self.second or 0)
+
+    def stamp(self, time_s: float) -> Stamp:
+        """Return the stamp of a time since the origin."""
+        found = stamp_of(time_s)
+        return Stamp(found.sec + (self.second or 0), found.nanosec)
+
+
+class HeardValues(NamedTuple):
+    """Channels of a message in SI units: their numbers, values, stamp (None where the type has none), and delay."""
+
+    channels: tuple[int, ...]
+    values: tuple[float, ...]
+    stamp: Stamp | None
+    lag_s: float
+
+    @property
+    def led_ns(self) -> int | None:
+        """The machine's time (ns)."""
+        return None if self.stamp is None else stamp_ns_of(self.stamp) - round(self.lag_s * SECOND_NS)
+
+    def sample(self, origin: StampOrigin, else_ns: int) -> SeenSample:
+        """Return it at the machine's time since the origin; a message without a stamp is of the time given."""
+        stamp = Stamp(*divmod(else_ns, SECOND_NS)) if self.stamp is None else self.stamp
+        return SeenSample(origin.seconds(stamp) - self.lag_s, self.channels, self.values)
+
+
+def stamp_ns_of(stamp: Any) -> int:
+    """Return a stamp in nanoseconds."""
+    return int(stamp.sec) * SECOND_NS + int(stamp.nanosec)
+
+
+class FollowedField(NamedTuple):
+    """One number of the messages of a topic: the channel's place, and where it stands."""
+
+    place: int
+    channel: Channel
+
+    @property
+    def of_joint(self) -> bool:
+        """Whether it is a field of a JointState."""
+        return self.channel.source.joint is not None and self.channel.source.field in JOINT_FIELDS
+
+    @property
+    def of_stamp(self) -> bool:
+        """Whether it is the time of the message, which every type has that has a header."""
+        return self.channel.source.field == STAMP
+
+    @property
+    def of_event(self) -> bool:
+        """Whether it tells of events, which the observer does not take."""
+        return is_event(self.channel.quantity)
+
+
+class FollowedTopic:
+    """A topic of the machine that is listened to, and the channels in its messages.
+
+    Parameters
+    ----------
+    name : str
+        Full name.
+    fields : sequence of FollowedField
+        What of its messages is used.
+    """
+
+    def __init__(self, name: str, fields: Sequence[FollowedField]) -> None:
+        self.fields = tuple(fields)
+        kinds = {_type_of(field) for field in fields if not field.of_stamp} or {EVENT_TYPE}
+        if len(kinds) != 1:
+            raise ConfigurationError(f"topic {name!r} would have several types: {', '.join(k.__name__ for k in kinds)}")
+        if len({field.of_event for field in fields}) != 1:
+            raise ConfigurationError(f"topic {name!r} would hold both samples and events; expected a topic for each")
+        self.of_events = fields[0].of_event
+        self.topic = Topic(name, kinds.pop())
+        self._decode = Decoder()
+
+    @property
+    def has_stamps(self) -> bool:
+        """Whether its messages tell their time."""
+        return hasattr(self.topic.type, "header")
+
+    @property
+    def lag_s(self) -> float:
+        """Delay of what it tells."""
+        return float(self.fields[0].channel.lag_s)
+
+    def values(self, raw: bytes) -> HeardValues | None:
+        """Return the channels of a message; None where none of them is in it.
+
+        Raises
+        ------
+        CdrError
+            The bytes are no message of the type, or a value is not finite.
+        """
+        joints = self.topic.type is JointState
+        message: Any = self._decode(raw) if joints else _converted(raw, self.topic.type)
+        found = {f.place: (f.channel, _value(message, f)) for f in self.fields if _has(message, f)}
+        if not found:
+            return None
+        values = tuple(float(channel.to_machine(value)) for channel, value in found.values())
+        if not all(map(isfinite, values)):
+            raise CdrError("a value is not finite")
+        stamp = message.header.stamp if self.has_stamps else None
+        return HeardValues(tuple(found), values, stamp, self.lag_s)
+
+
+def events_last(given: MeasurementMap) -> MeasurementMap:
+    """Return the map with its channels of events behind those that the observer takes."""
+    ordered = sorted(given.channels, key=lambda channel: is_event(channel.quantity))
+    return given.model_copy(update={"channels": tuple(ordered)})
+
+
+def sensed_channels(given: MeasurementMap) -> list[SensedChannel]:
+    """Return the channels of a map as the observer takes them; those of events are not for it, but for the monitor.
+
+    Raises
+    ------
+    ConfigurationError
+        A zero, gain or lag is no number; channels of one topic have several lags.
+    """
+    lags: dict[str | None, float] = {}
+    for place, channel in enumerate(given.channels):
+        for key in ("zero", "gain", "lag_s"):
+            value = getattr(channel, key)
+            if isinstance(value, str):
+                raise ConfigurationError(
+                    f"key 'channels.{place}.{key}', value {value!r}: expected a number to follow a machine by; "
+                    "`mech-twin identify` or `replay --analyse` finds it"
+                )
+        if lags.setdefault(channel.source.topic, float(channel.lag_s)) != channel.lag_s:
+            raise ConfigurationError(
+                f"key 'channels.{place}.lag_s', value {channel.lag_s}: expected that of the other channels of its topic"
+            )
+    return [SensedChannel(channel.quantity, _sigma(channel)) for channel in given.channels]
+
+
+def followed_topics(given: MeasurementMap, namespace: str) -> list[FollowedTopic]:
+    """Return the topics of a map; names without a leading slash stand below the namespace.
+
+    Raises
+    ------
+    ConfigurationError
+        A channel is a column of a table; channels of one topic need several types, or are samples and events.
+    """
+    by_topic: dict[str, list[FollowedField]] = {}
+    for place, channel in enumerate(given.channels):
+        name = channel.source.topic
+        if name is None:
+            raise ConfigurationError(f"key 'channels.{place}': expected a topic to follow")
+        full = name if name.startswith("/") else f"{namespace}/{name}"
+        by_topic.setdefault(full, []).append(FollowedField(place, channel))
+    return [FollowedTopic(name, fields) for name, fields in by_topic.items()]
+
+
+def own_map(machine: Machine) -> MeasurementMap:
+    """Return the map of a machine that publishes as the twin does: positions of the joints that are its coordinates."""
+    leading = [joint for joint in machine.linkage.joints if joint in machine.linkage.coordinates]
+    if machine.body is not None:
+        leading = [joint for joint in leading if joint not in machine.body.joints]
+    sources = [(JOINT_STATES.name, "linkage", joint) for joint in leading]
+    if machine.body is not None:
+        sources += [(BODY_JOINT_STATES.name, "body", joint) for joint in machine.body.joints]
+    channels = [
+        {"source": {"topic": topic, "joint": joint, "field": "position"}, "is": f"{role}.{joint}.position"}
+        for topic, role, joint in sources
+    ]
+    return MeasurementMap.model_validate({"machine": machine.name, "channels": channels})
+
+
+def _type_of(field: FollowedField) -> Any:
+    channel = field.channel
+    if field.of_joint:
+        return JointState
+    root = (channel.source.field or "").partition(".")[0]
+    if root not in TYPES:
+        known = ", ".join((*JOINT_FIELDS, *TYPES))
+        raise ConfigurationError(f"field {channel.source.field!r} of {channel.source.topic!r}: expected one of {known}")
+    return TYPES[root]
+
+
+def _sigma(channel: Channel) -> float:
+    """Return the standard deviation in SI units; nan where it is not known."""
+    if channel.sigma is None:
+        return float("nan")
+    of_steps = channel.quantum**2 / 12.0
+    return float((channel.sigma**2 + of_steps) ** 0.5 * abs(float(channel.gain)) * channel.si_factor)
+
+
+def _converted(raw: bytes, kind: Any) -> Any:
+    try:
+        return deserialize_message(raw, kind)
+    except RuntimeError as error:
+        raise CdrError(f"{len(raw)} bytes that are no {kind.__name__}") from error
+
+
+def _has(message: Any, field: FollowedField) -> bool:
+    source = field.channel.source
+    if field.of_joint:
+        return source.joint in message.name
+    return source.joint is None or message.header.frame_id == source.joint
+
+
+def _value(message: Any, field: FollowedField) -> float:
+    source = field.channel.source
+    if field.of_stamp:
+        return float(message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec)
+    if field.of_joint:
+        column: Sequence[float] = getattr(message, source.field or "")
+        place = message.name.index(source.joint)
+        if place >= len(column):
+            raise CdrError(f"{source.field} of joint {source.joint} is missing")
+        return float(column[place])
+    for word in (source.field or "").split("."):
+        message = getattr(message, word)
+    return float(message)

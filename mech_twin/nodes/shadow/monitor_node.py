@@ -1,0 +1,353 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The monitor node: judges each cycle of the machine a shadow follows, and names what is wrong with it.
+
+Beside ``/diagnostics`` alerts go to an MQTT broker, and to a page that Prometheus scrapes.  An outlet that cannot be
+reached never stops what it tells of: MQTT goes on trying in a thread of its own, with the newest alert of each fault
+waiting.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Any, Protocol
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.parameter import Parameter
+from std_srvs.srv import Trigger
+
+from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.dependencies import extra_needed
+from mech_twin.messages.joint_state_cdr import Header, StepMessage, encoded
+from mech_twin.messages.topics import DIAGNOSTICS, STANDARD_RESIDUALS
+from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode
+from mech_twin.nodes.shadow.inputs import StampOrigin
+from mech_twin.parameters.load import catalogue_entry
+from mech_twin.quantity import Parameters
+from mech_twin.studies.live_monitor import LiveMonitor, changes_by_faults, fault_values, has_news
+from mech_twin.studies.monitoring.alerts import Alert, alerts_of
+from mech_twin.studies.monitoring.fault_life import FaultLife
+from mech_twin.studies.monitoring.findings import Findings
+from mech_twin.studies.monitoring.monitor import MonitorSetup
+from mech_twin.studies.observer.lock_on import SeenSample
+
+LOCAL, MQTT_PORT = "127.0.0.1", 1883
+ROOT = "mech_twin"
+LONGEST_RETRY_S = 60
+
+
+class AlertOutlet(Protocol):
+    """Takes alerts."""
+
+    def send(self, alerts: Sequence[Alert]) -> None:
+        """Tell the newest state of every fault."""
+
+    def close(self) -> None:
+        """Tell what is left, and let go."""
+
+
+def mqtt_topic(alert: Alert) -> str:
+    """Return the topic of a fault; a level holds none of the signs that MQTT gives a meaning."""
+    level = re.sub(r"[+#/\s]+", "_", alert.name)
+    return f"{ROOT}/{alert.machine}/faults/{level}"
+
+
+def host_and_port(text: str, option: str, usual: int) -> tuple[str, int]:
+    """Return ``HOST:PORT``, ``HOST`` or ``:PORT``.
+
+    Raises
+    ------
+    ConfigurationError
+        The port is none.
+    """
+    host, _, port = text.rpartition(":") if ":" in text else (text, "", str(usual))
+    if not port.isdigit() or not 0 <= int(port) <= 65535:
+        raise ConfigurationError(f"{option} {text}: expected HOST:PORT, the port 0 to 65535")
+    return host or LOCAL, int(port)
+
+
+class MqttOutlet:
+    """Publishes each fault as a retained JSON message, and takes it away when the fault is cleared.
+
+    Parameters
+    ----------
+    address : str
+        ``HOST:PORT`` of the broker.
+
+    Raises
+    ------
+    ConfigurationError
+        The extra is not installed, or the address is none.
+    """
+
+    def __init__(self, address: str) -> None:
+        try:
+            from paho.mqtt.client import Client
+            from paho.mqtt.enums import CallbackAPIVersion
+        except ImportError as error:
+            raise ConfigurationError(f"--mqtt {extra_needed('alerts')}") from error
+        self._host, self._port = host_and_port(address, "--mqtt", MQTT_PORT)
+        self._sent: dict[str, bytes] = {}
+        self._client: Any = Client(CallbackAPIVersion.VERSION2)
+        self._client.reconnect_delay_set(1, LONGEST_RETRY_S)
+        self._client.connect_async(self._host, self._port)
+        self._client.loop_start()
+
+    def send(self, alerts: Sequence[Alert]) -> None:
+        """Publish what has changed."""
+        for alert in alerts:
+            topic = mqtt_topic(alert)
+            payload = b"" if alert.state == "cleared" else json.dumps(alert.record()).encode()
+            if self._sent.get(topic, b"") != payload:
+                self._sent[topic] = payload
+                self._client.publish(topic, payload, qos=1, retain=True)
+
+    def close(self) -> None:
+        """Let go of the broker; what it holds of this machine stays, as its newest state."""
+        self._client.disconnect()
+        self._client.loop_stop()
+
+
+class PrometheusOutlet:
+    """Serves the newest alerts as metrics, on 127.0.0.1 unless another host is named.
+
+    Parameters
+    ----------
+    address : str
+        ``HOST:PORT`` to serve on; port 0 chooses a free one.
+
+    Raises
+    ------
+    ConfigurationError
+        The extra is not installed, or the address is none or taken.
+    """
+
+    def __init__(self, address: str) -> None:
+        try:
+            from prometheus_client import CollectorRegistry, start_http_server
+        except ImportError as error:
+            raise ConfigurationError(f"--prometheus {extra_needed('alerts')}") from error
+        host, port = host_and_port(address, "--prometheus", 0)
+        self._alerts: tuple[Alert, ...] = ()
+        registry = CollectorRegistry()
+        registry.register(self)
+        try:
+            self._server, self._thread = start_http_server(port, host, registry)
+        except OSError as error:
+            raise ConfigurationError(f"--prometheus {address}: cannot serve there: {error.strerror}") from error
+
+    @property
+    def port(self) -> int:
+        """Where it serves."""
+        return int(self._server.server_port)
+
+    def send(self, alerts: Sequence[Alert]) -> None:
+        """Keep the alerts for the next scrape."""
+        self._alerts = tuple(alert for alert in alerts if alert.state != "cleared")
+
+    def collect(self) -> Iterator[Any]:
+        """Yield the metrics, as the client library asks for them."""
+        from prometheus_client.core import GaugeMetricFamily
+
+        alerts, labels = self._alerts, ("machine", "fault")
+        tables: tuple[tuple[str, str, Iterable[tuple[Alert, float | None]]], ...] = (
+            ("alarm", "1 while somebody is to come", ((a, float(a.alarm)) for a in alerts)),
+            ("acknowledged", "1 where somebody has said yes", ((a, float(a.acknowledged)) for a in alerts)),
+            ("size", "size of the fault, in its unit", ((a, a.size) for a in alerts)),
+            ("size_low_95", "lower end of its 95 % interval", ((a, a.low_95) for a in alerts)),
+            ("size_high_95", "upper end of its 95 % interval", ((a, a.high_95) for a in alerts)),
+            ("since_seconds", "the machine's clock since when", ((a, a.since_s) for a in alerts)),
+        )
+        for name, meaning, rows in tables:
+            family = GaugeMetricFamily(f"{ROOT}_fault_{name}", meaning, labels=labels)
+            for alert, value in rows:
+                if value is not None:
+                    family.add_metric((alert.machine, alert.name), value)
+            yield family
+        states = GaugeMetricFamily(f"{ROOT}_fault_state", "1 for the state of the fault", labels=(*labels, "state"))
+        for alert in alerts:
+            states.add_metric((alert.machine, alert.name, alert.state), 1.0)
+        yield states
+
+    def close(self) -> None:
+        """Serve no longer."""
+        self._server.shutdown()
+        self._server.server_close()
+        self._thread.join()
+
+
+FAULT, SHELVE_S = "fault", "shelve_s"
+USUAL_SHELVE_S, LONGEST_SHELVE_S = 3600.0, 30.0 * 86400.0
+LEVELS = {"active": DiagnosticStatus.WARN, "latched": DiagnosticStatus.WARN, "pending": DiagnosticStatus.OK}
+
+
+class MonitorNode(TwinNode):
+    """Judges cycles; see `TwinNode` for the other arguments.
+
+    Its services act on the fault that its parameter ``fault`` names, on all of them where it is empty;
+    ``shelve_s`` says for how long a fault is shelved.
+
+    Parameters
+    ----------
+    setup : MonitorSetup
+        Frozen reference, as `mech-twin monitor --save-baseline` writes it.
+    columns : sequence of str
+        Column of each channel of the samples.
+    origin : StampOrigin
+        What times are counted from.
+
+    Raises
+    ------
+    ConfigurationError
+        The machine declares no features of a cycle.
+    """
+
+    def __init__(
+        self,
+        machine_name: str,
+        setup: MonitorSetup,
+        columns: Sequence[str],
+        origin: StampOrigin,
+        parameters: Parameters | None = None,
+        options: RunOptions | None = None,
+    ) -> None:
+        super().__init__("monitor", machine_name, parameters, options)
+        ask = catalogue_entry(machine_name).capabilities.features
+        if ask is None:
+            raise ConfigurationError(f"{machine_name} declares no features of a cycle; expected a machine that does")
+        self.live = LiveMonitor(setup, ask(self.initial_parameters), columns)
+        self.on_active: Callable[[FaultLife], None] = lambda life: None
+        self.outlets: Sequence[AlertOutlet] = ()
+        self._origin, self._now_s = origin, 0.0
+        self._states: dict[str, str] = {}
+        self._standard = self.output(STANDARD_RESIDUALS, recorded=False)
+        self._faults = self.output(DIAGNOSTICS, recorded=False)
+        self.declare_parameter(FAULT, "")
+        self.declare_parameter(SHELVE_S, USUAL_SHELVE_S)
+        self.add_on_set_parameters_callback(_judged)
+        self.create_service(Trigger, "~/acknowledge", self._acknowledge)
+        self.create_service(Trigger, "~/shelve", self._shelve)
+
+    def observe(self, sample: SeenSample) -> None:
+        """Take a sample of the machine into account."""
+        for found in self.live.take(sample):
+            self._now_s, self.time_s = found.time_s, self._origin.clock_s(found.time_s)
+            self.diagnostics.state = found.finding or found.verdict
+            self._send_standard(found)
+            for event in found.events:
+                self.get_logger().info(event.text)
+            self._tell_changes(found)
+
+    @property
+    def has_active_fault(self) -> bool:
+        """Whether a fault is active, shelved or not."""
+        return any(life.state == "active" for life in self.live.monitor.lives.values())
+
+    @property
+    def has_news(self) -> bool:
+        """Whether a fault is active that nobody has acknowledged."""
+        return has_news(self.live.monitor.lives.values())
+
+    @property
+    def known_changes(self) -> dict[str, Any]:
+        """Keys of the configuration as the fault that is acknowledged has changed them."""
+        ask = catalogue_entry(self.machine_name).capabilities.faults
+        faults = () if ask is None else ask(self.initial_parameters)
+        return changes_by_faults(self.initial_parameters, faults, self.live.monitor, self.live.newest)
+
+    def diagnostic_values(self) -> dict[str, str]:
+        """Return the newest cycle and its verdict."""
+        found = self.live.newest
+        return {} if found is None else {"cycle": str(found.number), "verdict": found.verdict}
+
+    def report(self) -> None:
+        """Publish the diagnostics of the node, and one status a fault."""
+        super().report()
+        if not self.quiet and self.live.newest is not None:
+            self._send_faults(self.live.newest)
+
+    def _send_standard(self, found: Findings) -> None:
+        zeros = (0.0,) * len(found.names)
+        header = Header(self._origin.stamp(found.time_s))
+        self._standard.send(encoded(StepMessage(header, found.names, tuple(found.standard.tolist()), zeros, zeros)))
+
+    def _tell_changes(self, found: Findings) -> None:
+        """Publish at once what has changed, and call for the black box where a fault becomes active."""
+        states: dict[str, str] = {life.name: life.state for life in found.faults}
+        if states != self._states:
+            self._send_faults(found)
+        for life in found.faults:
+            if life.state == "active" and self._states.get(life.name) != "active":
+                self.get_logger().warning(f"{life.name} is active" + (" (shelved)" if self._is_shelved(life) else ""))
+                self.on_active(life)
+        self._states = states
+
+    def _is_shelved(self, life: FaultLife) -> bool:
+        return not life.is_announced(self._now_s)
+
+    def _send_faults(self, found: Findings) -> None:
+        message = DiagnosticArray()
+        message.header.stamp.sec, message.header.stamp.nanosec = self._origin.stamp(found.time_s)
+        for life in self.live.monitor.lives.values():
+            status = DiagnosticStatus(name=f"{self.get_fully_qualified_name()}: {life.name}", message=life.state)
+            status.hardware_id = self.diagnostics.hardware
+            seen = life.is_announced(self._now_s)
+            status.level = LEVELS.get(life.state, DiagnosticStatus.OK) if seen else DiagnosticStatus.OK
+            values = fault_values(self.live.monitor.setup, life, found)
+            status.values = [KeyValue(key=key, value=value) for key, value in values.items()]
+            message.status.append(status)
+        if message.status:
+            self._faults.send(message)
+        origin_s = self._origin.clock_s(0.0)
+        alerts = alerts_of(self.machine_name, self.live.monitor.lives.values(), found, self._now_s, origin_s)
+        for outlet in self.outlets:
+            outlet.send(alerts)
+
+    def destroy_node(self) -> None:
+        """Let go of the outlets too."""
+        for outlet in self.outlets:
+            outlet.close()
+        super().destroy_node()
+
+    # -- services ---------------------------------------------------------------------------------------------------
+
+    def _named(self) -> list[str]:
+        """Return the faults that a service acts on."""
+        told: Parameter = self.get_parameter(FAULT)
+        lives = self.live.monitor.lives
+        return [name for name in lives if told.value in ("", name)]
+
+    def _acknowledge(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        for name in self._named():
+            self.live.monitor.acknowledge(name, self._now_s)
+        return self._answered(response, "acknowledged")
+
+    def _shelve(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        until_s = self._now_s + float(self.get_parameter(SHELVE_S).value)
+        for name in self._named():
+            self.live.monitor.shelve(name, until_s)
+        return self._answered(response, "shelved")
+
+    def _answered(self, response: Trigger.Response, done: str) -> Trigger.Response:
+        names = self._named()
+        if names and self.live.newest is not None:
+            self._send_faults(self.live.newest)
+        response.success = bool(names)
+        told = self.get_parameter(FAULT).value
+        response.message = (
+            f"{done}: {', '.join(names)}" if names else f"no fault{f' {told!r}' if told else ''} to act on"
+        )
+        return response
+
+
+def _judged(asked: list[Parameter]) -> SetParametersResult:
+    """Return whether the parameters may be so; that a fault does not exist is said by the service that acts on it."""
+    for parameter in asked:
+        if parameter.name == SHELVE_S and not 0.0 < float(parameter.value) <= LONGEST_SHELVE_S:
+            given = f"{SHELVE_S} = {parameter.value:g} s"
+            return SetParametersResult(
+                successful=False, reason=f"{given} must be above 0 and at most {LONGEST_SHELVE_S:g} s"
+            )
+    return SetParametersResult(successful=True)

@@ -1,0 +1,249 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Records what a shadow hears and what it says: all of it in one bag, or what surrounds a fault (the black box)."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from functools import partial
+from itertools import chain, count
+from pathlib import Path
+from typing import NamedTuple
+
+from rclpy.qos import QoSProfile
+
+from mech_twin.messages.topics import DIAGNOSTICS, EVERY, Topic, type_name
+from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode
+from mech_twin.nodes.shadow.inputs import Admitted, FollowedTopic, StampGate
+from mech_twin.nodes.shadow.shadow_node import FOLLOWED
+from mech_twin.parameters.load import description_text
+from mech_twin.quantity import Parameters
+from mech_twin.recording.bag_writer import BagWriter, WriterState
+from mech_twin.recording.errors import BagError
+from mech_twin.recording.measured_topics import SECOND_NS
+from mech_twin.recording.schemas import offered_qos
+from mech_twin.recording.stamps import stamp_ns
+
+TICK_S = 0.1
+BEFORE_S, AFTER_S = 10.0, 5.0
+
+
+class UntimedMessage(NamedTuple):
+    """A message as bytes: full topic name, and the machine's time in it, None where it tells none."""
+
+    topic: str
+    raw: bytes
+    led_ns: int | None
+
+
+class LoggedMessage(NamedTuple):
+    """A message as bytes: full topic name, and log time."""
+
+    topic: str
+    raw: bytes
+    at_ns: int
+
+
+class ShadowTopics(NamedTuple):
+    """What the shadow says, and what it hears."""
+
+    own: tuple[Topic, ...]
+    followed: tuple[FollowedTopic, ...]
+
+
+class ShadowListener(TwinNode):
+    """Hears the topics of the machine and of its shadow; see `TwinNode` for the other arguments.
+
+    The log time of a message is its stamp where that is believed (`FollowedClock`) and not earlier than the newest one,
+    else the newest.  A stamp that is not believed is counted; until one is, messages are held back.
+
+    Parameters
+    ----------
+    topics : ShadowTopics
+        What is heard here.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        machine_name: str,
+        topics: ShadowTopics,
+        parameters: Parameters | None = None,
+        options: RunOptions | None = None,
+    ) -> None:
+        super().__init__(name, machine_name, parameters, options)
+        self.admission = StampGate[UntimedMessage]()
+        self._jumps = self._logged_ns = 0
+        followed = tuple(each.topic for each in topics.followed)
+        self._has_stamps = any(each.has_stamps for each in topics.followed)
+        self._lags_ns = {each.topic.name: round(each.lag_s * SECOND_NS) for each in topics.followed}
+        self.topics = {self.resolve_topic_name(topic.name): topic for topic in (*topics.own, DIAGNOSTICS, *followed)}
+        self.described = description_text(machine_name, self.initial_parameters)
+        for full, topic in self.topics.items():
+            self._listen(full, topic, FOLLOWED if topic in followed else EVERY)
+        self.every(TICK_S, self.tick_writer)
+
+    def take(self, message: LoggedMessage) -> None:
+        """Keep a message."""
+        raise NotImplementedError
+
+    def tick_writer(self) -> None:
+        """Do what is due ten times a second."""
+        raise NotImplementedError
+
+    def opened(self, directory: Path) -> BagWriter:
+        """Return a new bag with the topics declared."""
+        writer = BagWriter(directory, configuration=self.described)
+        for full, topic in self.topics.items():
+            writer.add_topic(full, type_name(topic), offered_qos(durability="volatile", depth=topic.qos.depth))
+        return writer
+
+    def _listen(self, full: str, topic: Topic, qos: QoSProfile) -> None:
+        self.subscribe(topic, partial(self._on_message, full, type_name(topic)), qos=qos, raw=True)
+
+    @property
+    def newest_s(self) -> float:
+        """The machine's time (s)."""
+        return (self.admission.clock.now_ns or 0) / SECOND_NS
+
+    def release(self) -> None:
+        """Keep what is held back, at the end of a shadow that knew no time."""
+        for found in self.admission.released():
+            self._keep(found)
+
+    def _on_message(self, full: str, kind: str, raw: bytes) -> None:
+        now_s = time.monotonic()
+        led_ns = self._led_ns(full, kind, raw, now_s)
+        for found in self.admission.take(UntimedMessage(full, raw, led_ns), led_ns, now_s):
+            self._keep(found)
+            if found.item.led_ns is not None and not found.believed:
+                reason = f"a stamp that does not go on from {found.at_ns / SECOND_NS:g} s, at which it is recorded"
+                self.statistics.count(found.item.topic, "unknown_source", reason)
+
+    def _led_ns(self, full: str, kind: str, raw: bytes, now_s: float) -> int | None:
+        """Return the machine's time in a message; of a machine that tells no time at all the steady clock's."""
+        if full not in self._lags_ns:
+            return None
+        stamp = stamp_ns(kind, raw) if self._has_stamps else round(now_s * SECOND_NS)
+        return None if stamp is None else stamp - self._lags_ns[full]
+
+    def _keep(self, found: Admitted[UntimedMessage]) -> None:
+        at_ns = found.at_ns + self._lags_ns.get(found.item.topic, 0)
+        if self._jumps == self.admission.clock.jumps:
+            at_ns = max(at_ns, self._logged_ns)
+        self._jumps, self._logged_ns = self.admission.clock.jumps, at_ns
+        self.take(LoggedMessage(found.item.topic, found.item.raw, at_ns))
+
+
+class ShadowRecorder(ShadowListener):
+    """Writes all of it to one bag.
+
+    Parameters
+    ----------
+    directory : Path
+        The recording to make.
+    """
+
+    def __init__(
+        self, machine_name: str, directory: Path, topics: ShadowTopics, parameters: Parameters | None = None
+    ) -> None:
+        super().__init__("shadow_recorder", machine_name, topics, parameters)
+        self.writer = self.opened(directory)
+
+    @property
+    def received(self) -> dict[str, int]:
+        """Messages heard, by full topic name."""
+        return {name: row.received for name, row in self.writer.counters.items()}
+
+    def take(self, message: LoggedMessage) -> None:
+        """Write a message."""
+        self.writer.write(message.topic, message.raw, message.at_ns, message.at_ns)
+
+    def tick_writer(self) -> None:
+        """Let the writer put what is due on the disk, and say how it is."""
+        self.time_s = self.newest_s
+        self.writer.tick()
+        self.diagnostics.state = self.writer.state.value
+        if self.writer.state is WriterState.ERROR:
+            self.diagnostics.error(self.writer.error)
+
+    def close(self) -> None:
+        """Finish the recording; one in which nothing was recorded is deleted."""
+        self.release()
+        self.writer.close(discard_empty=True)
+
+
+class BlackBox(ShadowListener):
+    """Keeps the last 10 s, and writes them and the next 5 s to a bag of their own when a fault becomes active.
+
+    A fault within those 5 s prolongs the bag.
+
+    Parameters
+    ----------
+    directory : Path
+        Folder of the bags; each is named for its fault and its stamp, and numbered where a bag of an earlier run has
+        that name.
+    """
+
+    def __init__(
+        self, machine_name: str, directory: Path, topics: ShadowTopics, parameters: Parameters | None = None
+    ) -> None:
+        super().__init__("black_box", machine_name, topics, parameters)
+        self.bags: list[Path] = []
+        self.failed: list[str] = []
+        self._directory = directory
+        self._kept: deque[LoggedMessage] = deque()
+        self._writer: BagWriter | None = None
+        self._since_ns, self._until_ns = 0, 0
+        self.diagnostics.state = "no fault yet"
+
+    def trigger(self, fault: str, time_s: float) -> None:
+        """Write what surrounds a fault that became active at a stamp."""
+        self._until_ns = round((time_s + AFTER_S) * SECOND_NS)
+        if self._writer is not None:
+            return
+        words = "_".join("".join(sign if sign.isalnum() else " " for sign in fault).split())
+        place = _unused(self._directory / f"{words}-{round(time_s * 1000):d}")
+        try:
+            self._writer = self.opened(place)
+        except BagError as error:  # the shadow goes on without: what it finds counts for more than this bag
+            self.failed.append(f"no black box: {error}")
+            self.diagnostics.error(self.failed[-1])
+            return
+        self.bags.append(place)
+        self.diagnostics.state = f"writing {place}"
+        self._since_ns = round((time_s - BEFORE_S) * SECOND_NS)
+        for message in self._kept:
+            if message.at_ns >= self._since_ns:
+                self._writer.write(message.topic, message.raw, message.at_ns, message.at_ns)
+
+    def take(self, message: LoggedMessage) -> None:
+        """Keep a message, and write it while a fault is near."""
+        self._kept.append(message)
+        while not 0 <= message.at_ns - self._kept[0].at_ns <= round(BEFORE_S * SECOND_NS):
+            self._kept.popleft()
+        if self._writer is None:
+            return
+        if not self._since_ns <= message.at_ns <= self._until_ns:  # or the machine was started anew
+            self.close()
+        else:
+            self._writer.write(message.topic, message.raw, message.at_ns, message.at_ns)
+
+    def tick_writer(self) -> None:
+        """Let the writer put what is due on the disk."""
+        self.time_s = self.newest_s
+        if self._writer is not None:
+            self._writer.tick()
+
+    def close(self) -> None:
+        """Finish the bag that is being written."""
+        if self._writer is not None:
+            self._writer.close()
+            self._writer = None
+            self.diagnostics.state = f"wrote {self.bags[-1]}"
+
+
+def _unused(place: Path) -> Path:
+    """Return the first of a name, and the name with a number, that nothing has."""
+    numbered = (place.with_name(f"{place.name}-{number}") for number in count(2))
+    return next(each for each in chain([place], numbered) if not (each.exists() or each.is_symlink()))

@@ -1,0 +1,179 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A shadow from beginning to end: the name checked, the node spun until a signal or its time is over."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import NamedTuple
+
+import rclpy
+from rclpy.signals import SignalHandlerOptions
+
+from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.messages.topics import ESTIMATED, RESIDUALS, TWIN, shadow_topics
+from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode, sent_messages
+from mech_twin.nodes.exchange.spinner import Spinner, destroy_nodes
+from mech_twin.nodes.run.domain import run_namespace
+from mech_twin.nodes.run.name_guard import NameGuard
+from mech_twin.nodes.shadow.advisor_node import AdvisorNode
+from mech_twin.nodes.shadow.monitor_node import AlertOutlet, MonitorNode
+from mech_twin.nodes.shadow.recorder import BlackBox, ShadowRecorder, ShadowTopics
+from mech_twin.nodes.shadow.shadow_node import ShadowNode, ShadowSetup
+from mech_twin.parameters.load import catalogue_entry
+from mech_twin.quantity import Parameters
+from mech_twin.stop_signal import StopSignal
+from mech_twin.studies.advice_search import AdviceWish
+from mech_twin.studies.monitoring.monitor import MonitorSetup
+from mech_twin.studies.observer.lock_on import SeenSample
+
+
+class ShadowOutcome(NamedTuple):
+    """What a shadow came to: last diagnostic values, messages sent by topic, bags of the black box, those not made."""
+
+    values: dict[str, str]
+    sent: dict[str, int]
+    black_boxes: tuple[Path, ...] = ()
+    failed_boxes: tuple[str, ...] = ()
+
+
+class Company(NamedTuple):
+    """What runs beside a shadow: recording, monitor with its reference, black box, advisor, view, outlets of alerts."""
+
+    record: Path | None = None
+    monitor: MonitorSetup | None = None
+    black_box: Path | None = None
+    advice: AdviceWish | None = None
+    view: str | None = None
+    outlets: Sequence[AlertOutlet] = ()
+
+
+ALONE = Company()
+
+
+def followed_namespace(machine_name: str, told: str) -> str:
+    """Return the full namespace of the machine that is followed.
+
+    Raises
+    ------
+    ConfigurationError
+        It is no name of ROS, or the shadow's own.
+    """
+    try:
+        full = run_namespace(machine_name, told)
+    except ConfigurationError as error:
+        raise ConfigurationError(str(error).replace("--namespace", "--from", 1)) from error
+    own = f"/{machine_name}/{TWIN}"
+    if f"{full}/".startswith(f"{own}/"):
+        raise ConfigurationError(f"--from {told}: expected the machine's namespace, {own} is the shadow's own")
+    return full
+
+
+def follow(
+    machine_name: str,
+    setup: ShadowSetup,
+    parameters: Parameters,
+    company: Company = ALONE,
+    duration_s: float = 0.0,
+    ready: Callable[[ShadowNode], None] = lambda node: None,
+) -> ShadowOutcome:
+    """Follow a machine until a signal, or for a duration.
+
+    Parameters
+    ----------
+    machine_name, setup, parameters
+        The model, and whom it follows.
+    company : Company
+        What runs beside it.
+    duration_s : float
+        Time (s) after which it ends by itself; 0: never.
+    ready : callable
+        Told the node when it listens.
+
+    Raises
+    ------
+    NameInUseError
+        Another shadow of this machine is alive.
+    """
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    nodes: list[TwinNode] = []
+    with StopSignal() as signal, ExitStack() as at_end, ExitStack() as starting:
+        at_end.callback(rclpy.try_shutdown)
+        at_end.callback(destroy_nodes, nodes)
+        starting.enter_context(signal.interrupting())
+        guard = at_end.enter_context(NameGuard([f"/{machine_name}/{topic.name}" for topic in (ESTIMATED, RESIDUALS)]))
+        node = ShadowNode(machine_name, setup, parameters, RunOptions())
+        nodes.append(node)
+        guard.check(own_publishers=1)
+        starting.close()
+        nodes += nodes_beside(machine_name, node, parameters, company)
+        ready(node)
+        end_s = time.monotonic() + duration_s if duration_s > 0.0 else float("inf")
+        with Spinner(nodes) as spinner:
+            spinner.serve(lambda: signal.asked or time.monotonic() > end_s)
+        node.report()
+        boxes = [each for each in nodes if isinstance(each, BlackBox)]
+        bags = tuple(bag for box in boxes for bag in box.bags)
+        failed = tuple(line for box in boxes for line in box.failed)
+        values = {name: value for each in nodes for name, value in each.diagnostic_values().items()}
+        return ShadowOutcome(values, sent_messages(nodes), bags, failed)
+
+
+def nodes_beside(machine_name: str, node: ShadowNode, parameters: Parameters, company: Company) -> list[TwinNode]:
+    """Return recorder, monitor, black box, advisor and viewer of a shadow, wired to it."""
+    machine = catalogue_entry(machine_name).build(parameters)
+    topics = ShadowTopics(
+        shadow_topics(machine.forces.pins, machine.body is not None),
+        tuple(node.followed),
+    )
+    found: list[TwinNode] = []
+    if company.record is not None:
+        found.append(ShadowRecorder(machine_name, company.record, topics, parameters))
+    if company.monitor is not None:
+        monitor = MonitorNode(machine_name, company.monitor, node.columns, node.origin, parameters)
+        monitor.outlets = company.outlets
+        node.on_sample = monitor.observe
+        node.at_other_time.append(monitor.live.begin_anew)
+        found.append(monitor)
+        if company.black_box is not None:
+            box = BlackBox(machine_name, company.black_box, topics, parameters)
+            monitor.on_active = lambda life: box.trigger(life.name, node.origin.clock_s(life.since_s))
+            found.append(box)
+    if company.advice is not None:
+        found.append(advisor_beside(machine_name, node, parameters, company.advice, found))
+    if company.view is not None:
+        from mech_twin.nodes.shadow.viewer_node import ShadowViewerNode
+
+        advisor = next((each for each in found if isinstance(each, AdvisorNode)), None)
+        viewer = ShadowViewerNode(machine_name, company.view, node, monitor_among(found), advisor, parameters)
+        node.on_estimate = viewer.take
+        found.append(viewer)
+    return found
+
+
+def monitor_among(nodes: Sequence[TwinNode]) -> MonitorNode | None:
+    """Return the monitor, if there is one."""
+    return next((each for each in nodes if isinstance(each, MonitorNode)), None)
+
+
+def advisor_beside(
+    machine_name: str, node: ShadowNode, parameters: Parameters, wish: AdviceWish, others: Sequence[TwinNode]
+) -> AdvisorNode:
+    """Return the advisor of a shadow, fed with its samples, and told of the faults of a monitor beside it."""
+    advisor = AdvisorNode(machine_name, wish, node.setup.namespace, node.columns, parameters)
+    before = node.on_sample
+
+    def on_sample(sample: SeenSample) -> None:
+        before(sample)
+        advisor.observe(sample)
+
+    node.on_sample = on_sample
+    node.at_other_time.append(advisor.begin_anew)
+    node.is_obeyed = lambda: advisor.state.in_force
+    monitor = monitor_among(others)
+    if monitor is not None:
+        advisor.has_fault = lambda: monitor.has_news
+        advisor.known_changes = lambda: monitor.known_changes
+    return advisor

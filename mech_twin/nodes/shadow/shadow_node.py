@@ -1,0 +1,361 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The shadow node: follows a machine's topics with the observer, and publishes what it says of the machine.
+
+It listens to the machine and publishes below ``twin``; it is no part of the machine's exchange of steps and never
+publishes on a name of the machine.  It says states, residuals and virtual sensors, each with its standard deviation.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
+from functools import partial
+from math import nan
+from typing import NamedTuple
+
+import numpy as np
+from geometry_msgs.msg import WrenchStamped
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from std_msgs.msg import Float64
+
+from mech_twin.engine.sample_vectors import Array
+from mech_twin.measurements.machine_columns import is_event, joint_column, sliding_in
+from mech_twin.measurements.measurement_map import MeasurementMap
+from mech_twin.messages import impact
+from mech_twin.messages.joint_state_cdr import CdrError, Header, Stamp, StepMessage, encoded
+from mech_twin.messages.topics import (
+    DETECTED_IMPACTS,
+    ESTIMATED,
+    RESIDUALS,
+    SPEED_COMMAND,
+    VIRTUAL_DRIVE,
+    VIRTUAL_PRESSING_FORCE,
+    Topic,
+    sigma_of,
+    virtual_pin,
+)
+from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode
+from mech_twin.nodes.exchange.counting_publisher import CountingPublisher
+from mech_twin.nodes.shadow.inputs import (
+    COMMAND,
+    FollowedTopic,
+    HeardValues,
+    StampGate,
+    StampOrigin,
+    events_last,
+    followed_topics,
+    own_map,
+    sensed_channels,
+)
+from mech_twin.parameters.load import catalogue_entry
+from mech_twin.quantity import Parameters
+from mech_twin.recording.measured_topics import SECOND_NS
+from mech_twin.roles import Machine
+from mech_twin.samples import Event
+from mech_twin.studies.observer.estimate import FrameEstimate, ObserverState, SensedChannel
+from mech_twin.studies.observer.held import held_sigma
+from mech_twin.studies.observer.lock_on import SeenSample
+from mech_twin.studies.observer.observer import ObserverOptions, PhaseLockedObserver
+
+PRESSING_FORCE_COLUMN = "body.pressing_force_n"
+FIELDS = ("position", "velocity", "effort")
+Output = Callable[[Topic], CountingPublisher]
+
+
+class JointTable(NamedTuple):
+    """Joints of a machine, each once, and the places of position, velocity and effort in a row."""
+
+    names: tuple[str, ...]
+    position: tuple[int, ...]
+    velocity: tuple[int, ...]
+    effort: tuple[int, ...]
+
+
+class VirtualSensor(NamedTuple):
+    """One virtual sensor: its publisher and that of its sigma, and the places of force x, force y and moment."""
+
+    value: CountingPublisher
+    sigma: CountingPublisher
+    frame: str
+    force_x: int | None
+    force_y: int | None
+    moment: int | None
+
+
+def joint_table(columns: Mapping[str, int]) -> JointTable:
+    """Return the joints of a machine; a body's own come before the linkage's copy of them."""
+    found: dict[str, str] = {}
+    for role in ("body", "linkage", "motor"):
+        for column in columns:
+            parts = joint_column(column)
+            if parts is not None and parts.role == role and parts.field == "position":
+                found.setdefault(parts.joint, role)
+    told = [tuple(columns[f"{role}.{joint}.{field}"] for joint, role in found.items()) for field in FIELDS]
+    return JointTable(tuple(found), *told)
+
+
+class ShadowOutputs:
+    """Publishers of a shadow.
+
+    Parameters
+    ----------
+    output : callable
+        Makes a counted publisher.
+    machine : Machine
+        The model.
+    columns : mapping
+        Places of a row by column.
+    namespace : str
+        Frames of the wrenches stand below it.
+    stamp : callable
+        Stamp of a time.
+    """
+
+    def __init__(
+        self,
+        output: Output,
+        machine: Machine,
+        columns: Mapping[str, int],
+        namespace: str,
+        stamp: Callable[[float], Stamp],
+    ) -> None:
+        self._stamp = stamp
+        self._joints = joint_table(columns)
+        self._columns = columns
+        self._estimated, self._sigma = output(ESTIMATED), output(sigma_of(ESTIMATED))
+        self._residuals, self._impacts = output(RESIDUALS), output(DETECTED_IMPACTS)
+        frames = f"{namespace.removeprefix('/')}/"
+        self._virtual: list[VirtualSensor] = []
+        for pin in machine.forces.pins:
+            places = [columns.get(f"forces.{pin}.{name}") for name in ("force_x_n", "force_y_n", "moment_nm")]
+            self._add(output, virtual_pin(pin), frames + pin, *places)
+        first = machine.linkage.joints[0]
+        drive = columns[f"linkage.{first}.effort"]
+        by_force = first in sliding_in(machine)
+        self._add(output, VIRTUAL_DRIVE, frames + first, drive if by_force else None, None, None if by_force else drive)
+        if machine.body is not None:
+            self._add(output, VIRTUAL_PRESSING_FORCE, f"{frames}tool", columns[PRESSING_FORCE_COLUMN], None, None)
+
+    def _add(self, output: Output, topic: Topic, frame: str, *places: int | None) -> None:
+        self._virtual.append(VirtualSensor(output(topic), output(sigma_of(topic)), frame, *places))
+
+    def send_joints(self, time_s: float, row: Array, sigma: Array) -> None:
+        """Publish the joints, those that are not measured too; what cannot be told is NaN."""
+        self._estimated.send(encoded(self._joint_message(time_s, row)))
+        self._sigma.send(encoded(self._joint_message(time_s, sigma)))
+
+    def send_residuals(self, estimate: FrameEstimate, channels: tuple[SensedChannel, ...]) -> None:
+        """Publish measured less predicted of the channels of a sample; fields that are not measured are NaN."""
+        rows: dict[str, dict[str, float]] = {}
+        for place, value in zip(estimate.channels, estimate.innovations, strict=True):
+            parts = joint_column(channels[place].column)
+            name, field = (parts.joint, parts.field) if parts else (channels[place].column, "effort")
+            rows.setdefault(name, {})[field] = value
+        position, velocity, effort = (tuple(row.get(field, nan) for row in rows.values()) for field in FIELDS)
+        header = Header(self._stamp(estimate.time_s))
+        self._residuals.send(encoded(StepMessage(header, tuple(rows), position, velocity, effort)))
+
+    def send_virtual(self, time_s: float, row: Array, sigma: Array) -> None:
+        """Publish the virtual sensors."""
+        for sensor in self._virtual:
+            sensor.value.send(_wrench(self._stamp(time_s), sensor, row))
+            sensor.sigma.send(_wrench(self._stamp(time_s), sensor, sigma))
+
+    def send_impacts(self, events: tuple[Event, ...]) -> None:
+        """Publish the events with an impulse."""
+        for event in events:
+            if event.impulse_ns != 0.0:
+                message = impact.to_message(event)
+                message.header.stamp.sec, message.header.stamp.nanosec = self._stamp(event.time_s)
+                self._impacts.send(message)
+
+    def _joint_message(self, time_s: float, row: Array) -> StepMessage:
+        names, *places = self._joints
+        position, velocity, effort = (tuple(row[list(of_field)].tolist()) for of_field in places)
+        return StepMessage(Header(self._stamp(time_s)), names, position, velocity, effort)
+
+
+def _wrench(stamp: Stamp, sensor: VirtualSensor, row: Array) -> WrenchStamped:
+    message = WrenchStamped()
+    message.header.stamp.sec, message.header.stamp.nanosec = stamp
+    message.header.frame_id = sensor.frame
+    message.wrench.force.x = 0.0 if sensor.force_x is None else float(row[sensor.force_x])
+    message.wrench.force.y = 0.0 if sensor.force_y is None else float(row[sensor.force_y])
+    message.wrench.torque.z = 0.0 if sensor.moment is None else float(row[sensor.moment])
+    return message
+
+
+# whoever publishes reliably or not is heard; what cannot be taken in time is lost and counted as a gap in time
+FOLLOWED = QoSProfile(
+    depth=2000,
+    history=HistoryPolicy.KEEP_LAST,
+    reliability=ReliabilityPolicy.BEST_EFFORT,
+    durability=DurabilityPolicy.VOLATILE,
+)
+COUNTED_AS = {"late": "late", "repeated": "repeated", "jump": "early", "unbelievable": "conflicting"}
+LATENCIES = 1000  # of the newest samples that the median is of
+
+
+class ShadowSetup(NamedTuple):
+    """Whom a shadow follows: namespace, map (None: the twin's own topics), and the observer's options."""
+
+    namespace: str
+    given: MeasurementMap | None = None
+    options: ObserverOptions = ObserverOptions()
+    deviations: Mapping[str, float] | None = None
+
+
+class HeardMessage(NamedTuple):
+    """What a message of the machine says, its topic, and when it came (s of the steady clock)."""
+
+    followed: FollowedTopic
+    heard: HeardValues
+    arrived_s: float
+
+
+class ShadowNode(TwinNode):
+    """Follows one machine; see `TwinNode` for the other arguments.
+
+    Parameters
+    ----------
+    setup : ShadowSetup
+        Whom it follows.
+    """
+
+    def __init__(
+        self,
+        machine_name: str,
+        setup: ShadowSetup,
+        parameters: Parameters | None = None,
+        options: RunOptions | None = None,
+    ) -> None:
+        super().__init__("shadow", machine_name, parameters, options)
+        entry = catalogue_entry(machine_name)
+        machine = entry.build(self.initial_parameters)
+        given = events_last(setup.given) if setup.given else own_map(machine)
+        sensed = sensed_channels(given)
+        self.columns = tuple(channel.column for channel in sensed)
+        channels = [channel for channel in sensed if not is_event(channel.column)]
+        self.level = "model"
+        self.setup = setup
+        self.is_obeyed: Callable[[], bool] = lambda: False
+        self.on_sample: Callable[[SeenSample], None] = lambda sample: None
+        self.on_estimate: Callable[[SeenSample, FrameEstimate], None] = lambda sample, estimate: None
+        self.at_other_time: list[Callable[[], None]] = []
+        self.observer = PhaseLockedObserver(machine, entry.build, channels, setup.options, setup.deviations)
+        self.estimate: FrameEstimate | None = None
+        self._counted: dict[str, int] = {}
+        self._latencies_s: deque[float] = deque(maxlen=LATENCIES)
+        self._heard_s: float | None = None
+        self._stale = False
+        self._next_virtual_s = -np.inf
+        columns = self.observer.columns
+        self.origin = StampOrigin()
+        self.admission = StampGate[HeardMessage]()
+        self._jumps = 0
+        output = partial(self.output, recorded=False)
+        self._outputs = ShadowOutputs(output, machine, columns, self.get_namespace(), self.origin.stamp)
+        self._command = next((i for i, channel in enumerate(given.channels) if channel.quantity == COMMAND), None)
+        self.followed = followed_topics(given, setup.namespace)
+        self._has_stamps = any(followed.has_stamps for followed in self.followed)
+        for followed in self.followed:
+            self.subscribe(followed.topic, partial(self._on_message, followed), qos=FOLLOWED, raw=True)
+        command = SPEED_COMMAND._replace(name=f"{setup.namespace}/{SPEED_COMMAND.name}")
+        self.subscribe(command, self._on_command)
+
+    # -- following --------------------------------------------------------------------------------------------------
+
+    def _on_message(self, followed: FollowedTopic, raw: bytes) -> None:
+        arrived_s = time.monotonic()
+        try:
+            heard = followed.values(raw)
+        except (CdrError, ValueError) as error:
+            self.statistics.count(followed.topic.name, "malformed", str(error))
+            return
+        if heard is None:
+            return
+        stamp_ns = heard.led_ns
+        if stamp_ns is None and not self._has_stamps:  # a machine that tells no time at all is of the steady clock
+            stamp_ns = round(arrived_s * SECOND_NS)
+        for found in self.admission.take(HeardMessage(followed, heard, arrived_s), stamp_ns, arrived_s):
+            if found.believed or (found.item.heard.stamp is None and self.admission.clock.now_ns is not None):
+                self._take(found.item)
+            else:
+                self._count_stamp(found.item)
+
+    def _count_stamp(self, message: HeardMessage) -> None:
+        shown_s = (message.heard.led_ns or 0) / SECOND_NS
+        reason = f"stamp {shown_s:g} s does not go on from {(self.admission.clock.now_ns or 0) / SECOND_NS:g} s"
+        self.statistics.count(message.followed.topic.name, "unknown_source", reason)
+
+    def _take(self, message: HeardMessage) -> None:
+        """Take what is believed into account."""
+        followed, arrived_s = message.followed, message.arrived_s
+        at_ns = self.admission.clock.at(arrived_s)
+        if self._jumps != self.admission.clock.jumps:
+            self._jumps = self.admission.clock.jumps
+            for call in self.at_other_time:
+                call()
+        sample = message.heard.sample(self.origin, at_ns or 0)
+        self._heard_s, self._stale = arrived_s, False
+        if self._command in sample.channels:
+            self.observer.command(sample.values[sample.channels.index(self._command)])
+        self.on_sample(sample)
+        if followed.of_events:
+            return
+        estimate = self.observer.take(sample)
+        self._count(followed.topic.name)
+        if estimate is not None:
+            self._publish(estimate)
+            self._latencies_s.append(time.monotonic() - arrived_s)
+            self.on_estimate(sample, estimate)
+
+    def _on_command(self, message: Float64) -> None:
+        if 0.0 <= message.data <= 1.0:
+            self.observer.command(message.data)
+        else:
+            self.statistics.count(SPEED_COMMAND.name, "malformed", f"{message.data} is not between 0 and 1")
+
+    def _publish(self, estimate: FrameEstimate) -> None:
+        self.estimate, self.time_s = estimate, self.origin.clock_s(estimate.time_s)
+        self._outputs.send_joints(estimate.time_s, estimate.row, estimate.sigma)
+        self._outputs.send_residuals(estimate, self.observer.channels)
+        self._outputs.send_impacts(estimate.events)
+        if not self._next_virtual_s - 1.0 < estimate.time_s < self._next_virtual_s:
+            self._next_virtual_s = estimate.time_s + 0.999 / self.options.stream_rate_hz
+            self._outputs.send_virtual(estimate.time_s, estimate.row, estimate.sigma)
+
+    def _count(self, topic: str) -> None:
+        for reason, kind in COUNTED_AS.items():
+            more = self.observer.counts[reason] - self._counted.get(reason, 0)
+            if more > 0:
+                self._counted[reason] = self.observer.counts[reason]
+                self.statistics.count(topic, kind, f"{reason} sample", more)
+
+    # -- silence and diagnostics ------------------------------------------------------------------------------------
+
+    def check_peers(self, now_s: float) -> None:
+        """Hold the estimates, their sigma growing, while nothing comes."""
+        silent_s = 0.0 if self._heard_s is None else now_s - self._heard_s
+        if silent_s <= self.options.peer_timeout_s:
+            self.diagnostics.state = self.observer.state.value
+            locked = self.observer.state is ObserverState.LOCKED
+            self.level = "model" if not locked else "twin" if self.is_obeyed() else "shadow"
+            return
+        if not self._stale:
+            self.statistics.count(self.followed[0].topic.name, "timeout", "nothing from the machine")
+        self._stale, self.level = True, "model"
+        self.diagnostics.state = f"waiting: STALE, nothing from the machine for {silent_s:.1f} s"
+        if self.estimate is not None:
+            sigma = held_sigma(self.observer.run, self.estimate.sigma, silent_s)
+            self._outputs.send_joints(self.estimate.time_s, self.estimate.row, sigma)
+            self._outputs.send_virtual(self.estimate.time_s, self.estimate.row, sigma)
+
+    def diagnostic_values(self) -> dict[str, str]:
+        """Return level, state, what was lost, and the latency from a sample to its estimate."""
+        values = {"level": self.level, "observer": self.observer.state.value}
+        values |= {f"samples {reason}": str(number) for reason, number in self.observer.counts.items()}
+        if self._latencies_s:
+            values["latency median ms"] = f"{1e3 * float(np.median(self._latencies_s)):.3g}"
+        return values

@@ -1,0 +1,209 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The node that shows a shadow: measured and model over each other, residuals, the state and the faults."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
+
+from mech_twin.captions import titled
+from mech_twin.measurements.machine_columns import joint_column, sliding_in, unit_in
+from mech_twin.measurements.units import shown_unit
+from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode
+from mech_twin.nodes.shadow.monitor_node import MonitorNode
+from mech_twin.nodes.shadow.shadow_node import ShadowNode
+from mech_twin.parameters.load import catalogue_entry
+from mech_twin.quantity import Parameters
+from mech_twin.roles import Machine
+from mech_twin.samples import BodySample, Frame, LinkageSample, Shape
+from mech_twin.studies.monitoring.fault_life import FaultLife
+from mech_twin.studies.observer.estimate import FrameEstimate, SensedChannel
+from mech_twin.studies.observer.lock_on import SeenSample
+from mech_twin.view.bench.link import PREFIX, BenchLink
+from mech_twin.view.bench.shadow_scene import BenchShadowScene
+from mech_twin.view.shadow_picture import ChannelReading, ShadowPicture, ShownChannel
+
+if TYPE_CHECKING:
+    from mech_twin.nodes.shadow.advisor_node import AdvisorNode
+    from mech_twin.view.shadow_scene import ShadowScene
+
+TICK_S = 0.2  # how often the line of state is looked at where no estimates come
+SEEN = ("active", "latched", "pending")
+Placed = TypeVar("Placed", LinkageSample, BodySample)
+
+
+class ShadowState(NamedTuple):
+    """What the line above the picture tells: observer, level, time (s), residual (in sigma), faults if monitored."""
+
+    observer: str
+    level: str
+    time_s: float | None
+    largest_sigma: float
+    faults: tuple[FaultLife, ...] | None
+
+
+class ShadowViewerNode(TwinNode):
+    """Shows what a shadow says; see `TwinNode` for the other arguments.
+
+    It is handed the samples and estimates in this process and listens to no topic.
+
+    Parameters
+    ----------
+    place : str
+        A bench (``bench:SOCKET``), or the file to write for rerun.
+    shadow : ShadowNode
+        Whose estimates are shown.
+    monitor : MonitorNode, optional
+        Whose faults are shown.
+    advisor : AdvisorNode, optional
+        Whose advice is shown.
+    """
+
+    def __init__(
+        self,
+        machine_name: str,
+        place: str,
+        shadow: ShadowNode,
+        monitor: MonitorNode | None = None,
+        advisor: AdvisorNode | None = None,
+        parameters: Parameters | None = None,
+        options: RunOptions | None = None,
+    ) -> None:
+        super().__init__("shadow_viewer", machine_name, parameters, options)
+        self._shadow, self._monitor, self._advisor = shadow, monitor, advisor
+        self._machine = catalogue_entry(machine_name).build(self.initial_parameters)
+        self._channels = shadow.observer.channels
+        self._largest_sigma = 0.0
+        self._shown = ""
+        sliding = sliding_in(self._machine)
+        shown = [ShownChannel(each.column, channel_title(each.column, sliding)) for each in self._channels]
+        self.scene = opened_shadow_scene(machine_name, shown, place)
+        self.every(TICK_S, self._tick)
+
+    def take(self, sample: SeenSample, estimate: FrameEstimate) -> None:
+        """Show a sample of the machine and the estimate at it."""
+        self.diagnostics.state = "running"
+        self.time_s = self._shadow.origin.clock_s(estimate.time_s)
+        readings = channel_readings(self._shadow, estimate, sample)
+        self.scene.take(estimate.time_s, readings)
+        shares = [abs(each.residual) / each.sigma for each in readings.values() if each.sigma > 0.0]
+        self._largest_sigma = max(shares, default=0.0)
+        if self.scene.is_due():
+            frame = self._shadow.observer.frame(estimate)
+            model, measured = drawings(self._machine, frame, self._channels, sample)
+            self._show(self._picture(model, measured))
+
+    def close(self) -> None:
+        """Show the last state and let the scene go."""
+        self._show(self._picture())
+        self.scene.close()
+
+    def _tick(self) -> None:
+        """Show a state that has changed where no estimate comes to show it with."""
+        if self._shadow.diagnostics.state != "locked" and self._banner() != self._shown and self.scene.is_due():
+            self._show(self._picture())
+
+    def _show(self, picture: ShadowPicture) -> None:
+        self._shown = picture.banner
+        self.scene.show(picture)
+
+    def _picture(self, model: Sequence[Shape] = (), measured: Sequence[Shape] = ()) -> ShadowPicture:
+        state = self._state()
+        faults = [
+            (each.name, str(each.state), each.is_acknowledged) for each in state.faults or () if each.state in SEEN
+        ]
+        cards = (("level", state.level), ("largest residual", f"{state.largest_sigma:.1f} sigma"))
+        return ShadowPicture(model, measured, state_line(state), state.observer, cards, tuple(faults), self._advice())
+
+    def _advice(self) -> str:
+        advisor = self._advisor
+        if advisor is None or advisor.state.phase != "offered" or advisor.state.advice is None:
+            return ""
+        told = advisor.state.advice._asdict()
+        return ", ".join(f"{name.replace('_', ' ')} {_shortly(value)}" for name, value in told.items())
+
+    def _banner(self) -> str:
+        return state_line(self._state())
+
+    def _state(self) -> ShadowState:
+        shadow, monitor = self._shadow, self._monitor
+        faults = None if monitor is None else tuple(monitor.live.monitor.lives.values())
+        time_s = None if shadow.estimate is None else shadow.estimate.time_s
+        told, now = shadow.diagnostics.state, shadow.observer.state.value
+        observer = told if told.startswith("waiting") else now  # what is told is as old as the last look at the peers
+        return ShadowState(observer, shadow.level, time_s, self._largest_sigma, faults)
+
+
+def _shortly(value: object) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def opened_shadow_scene(
+    machine_name: str, channels: Sequence[ShownChannel], place: str
+) -> BenchShadowScene | ShadowScene:
+    """Return the scene of a shadow on a bench (``bench:SOCKET``), or in a file for rerun."""
+    if place.startswith(PREFIX):
+        return BenchShadowScene(channels, BenchLink(place))
+    from mech_twin.view.shadow_scene import ShadowScene  # the page does without rerun
+
+    return ShadowScene(f"{machine_name} shadow", channels, place)
+
+
+def state_line(state: ShadowState) -> str:
+    """Return the line, in Markdown."""
+    parts = [f"**{state.observer}**", f"level: {state.level}"]
+    if state.time_s is not None:
+        parts += [f"t = {state.time_s:.2f} s", f"residual {state.largest_sigma:.1f} sigma"]
+    return "  ·  ".join([*parts, *_fault_words(state.faults)])
+
+
+def _fault_words(faults: Sequence[FaultLife] | None) -> list[str]:
+    if faults is None:
+        return ["no monitor"]
+    seen = [fault for fault in faults if fault.state in SEEN]
+    return [
+        f"**FAULT {fault.name}: {fault.state}{', acknowledged' if fault.is_acknowledged else ''}**" for fault in seen
+    ] or ["no fault"]
+
+
+def channel_title(column: str, sliding: frozenset[str]) -> str:
+    """Return what a channel is called over its plots, with its unit; of the joints some slide."""
+    parts = joint_column(column)
+    name = f"{titled(parts.joint)} {parts.field}" if parts is not None else titled(column.partition(".")[2] or column)
+    return f"{name}, {shown_unit(unit_in(column, sliding))}"
+
+
+def channel_readings(shadow: ShadowNode, estimate: FrameEstimate, sample: SeenSample) -> dict[str, ChannelReading]:
+    """Return the channels of a sample; sigma is that of the estimate and of the sensor together."""
+    observer = shadow.observer
+    found = {}
+    for place, residual in zip(estimate.channels, estimate.innovations, strict=True):
+        channel = observer.channels[place]
+        estimated = float(estimate.sigma[observer.places[place]])
+        sigma = (estimated**2 + channel.sigma**2) ** 0.5
+        found[channel.column] = ChannelReading(sample.values[sample.channels.index(place)], residual, sigma)
+    return found
+
+
+def drawings(
+    machine: Machine, frame: Frame, channels: Sequence[SensedChannel], sample: SeenSample
+) -> tuple[tuple[Shape, ...], tuple[Shape, ...]]:
+    """Return the mechanism as estimated, and as measured: with the measured joints in the place of the estimated ones.
+
+    Nothing is drawn as measured where no position is measured.
+    """
+    model = machine.draw(frame.linkage, frame.body)
+    positions = {
+        parts.joint: value
+        for place, value in zip(sample.channels, sample.values, strict=True)
+        if (parts := joint_column(channels[place].column)) is not None and parts.field == "position"
+    }
+    if not positions:
+        return model, ()
+    body = None if frame.body is None else _placed(frame.body, positions)
+    return model, machine.draw(_placed(frame.linkage, positions), body)
+
+
+def _placed(sample: Placed, positions: Mapping[str, float]) -> Placed:
+    placed = tuple(positions.get(joint, at) for joint, at in zip(sample.joints, sample.position, strict=True))
+    return sample._replace(position=placed)

@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Runs of a measurement opened by their path, bags and tables alike, and maps read by the columns of their machine."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from mech_twin.measurements.blocks import Block, RunReader, SourceColumn
+from mech_twin.measurements.errors import MeasurementError
+from mech_twin.measurements.machine_columns import machine_columns
+from mech_twin.measurements.measurement_map import MeasurementMap, Source, TimeSource, read_map
+from mech_twin.measurements.tables import TableReader, is_table
+from mech_twin.nodes.run.domain import settle_domain
+from mech_twin.parameters.load import machine as built_machine
+from mech_twin.roles import Machine
+
+if TYPE_CHECKING:
+    from mech_twin.recording.measured_topics import MeasuredTopics, TopicField
+
+
+class BagRun:
+    """A bag as a run of a measurement."""
+
+    def __init__(self, topics: MeasuredTopics) -> None:
+        self.path = topics.path
+        self._topics = topics
+
+    def offered(self) -> list[SourceColumn]:
+        """Return every number in the messages of the known types."""
+        found = [Source(topic=item.topic, joint=item.joint, field=item.field) for item in self._topics.fields()]
+        return [SourceColumn(source, None) for source in found]
+
+    def proposed_time(self) -> TimeSource:
+        """Return the stamps in the headers."""
+        return TimeSource(stamps="header")
+
+    def blocks(self, sources: Sequence[Source], time: TimeSource) -> Iterator[Block]:
+        """Yield the samples of these channels; see `RunReader.blocks`."""
+        fields = [topic_field(source, str(self.path)) for source in sources]
+        for found in self._topics.blocks(fields, by_header=time.stamps != "log"):
+            yield Block(*found)
+
+
+def topic_field(source: Source, where: str) -> TopicField:
+    """Return the field of a topic that a channel stands in.
+
+    Raises
+    ------
+    MeasurementError
+        Its source is a column of a table alone.
+    """
+    from mech_twin.recording.measured_topics import TopicField
+
+    if source.topic is None or source.field is None:
+        raise MeasurementError(where, f"source {source.label!r} is a column, expected a topic and a field for a bag")
+    return TopicField(source.topic, source.joint, source.field)
+
+
+@contextmanager
+def opened_run(path: Path) -> Iterator[RunReader]:
+    """Open one run of a measurement, a bag or a table."""
+    if is_table(path):
+        yield TableReader(path)
+        return
+    settle_domain()
+    from mech_twin.recording.bag_reader import open_bag
+    from mech_twin.recording.measured_topics import MeasuredTopics
+
+    with open_bag(path) as reader:
+        yield BagRun(MeasuredTopics(reader))
+
+
+@cache
+def columns_of(name: str) -> Mapping[str, str]:
+    """Return the columns of an installed machine with their SI units."""
+    return machine_columns(built_machine(name))
+
+
+def given_map(path: Path, configured: Machine | None = None) -> MeasurementMap:
+    """Return the map of a file, checked against the machine it names: the configured one, else as it is installed."""
+    if configured is None:
+        return read_map(path, columns_of)
+    known = machine_columns(configured)
+    return read_map(path, lambda name: known if name == configured.name else columns_of(name))
+
+
+def configured_map(path: Path, config: Path | None) -> MeasurementMap:
+    """Return the map of a file, checked against the machine it names as a configuration file has it."""
+    return read_map(path, lambda name: machine_columns(built_machine(name, config)))

@@ -1,0 +1,358 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Operating point: what features a healthy machine has at another supply, load or temperature, and what is left.
+
+The model is rolled out at points of the ranges that a machine declares; a polynomial goes through what features do::
+
+    r(u) = sum over terms k of c_k u^k,      u in shares of the ranges, r(0) = 0, terms up to the third degree
+
+In each cycle u is found from the features x themselves, with the noise N of neighbouring cycles, the ranges as prior::
+
+    u = argmin (x - m - r(u))' N^-1 (x - m - r(u)) + |u|^2
+
+What no operating point explains is left: q pivot features are spent on u, those of a pivoted QR of J = dr/du, and of
+the d - q others the part that the pivots do not tell is kept::
+
+    y = (x - m - r)_others - J_others J_pivots^-1 (x - m - r)_pivots
+
+y has no part along J, so that charts, naming and signatures of y do not see where the machine runs.  Variables that do
+the same to these features are one group, under the name of each; what sensors do not see is left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import combinations_with_replacement
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.linalg import qr
+from scipy.stats import qmc
+
+from mech_twin.capabilities.cycle import Array
+from mech_twin.studies.monitoring.cycle_features import FeatureVector
+from mech_twin.studies.monitoring.naming import Candidate, Signature
+
+ARRAYS = ("ranges", "mean", "root", "coefficients", "doubt", "wander", "moved", "transient")
+DEGREE = 3
+LIMIT = 1.3  # of the ranges: where points are rolled out, and beyond which no u is believed
+OUTSIDE = 1.1  # of a range: what is farther out, is outside
+POINTS_A_TERM = 3
+SEEN = 0.25  # standard deviations of a feature at the end of a range: a variable that does less is not seen
+STEPS = 8  # of Gauss and Newton
+SMOOTHED = 0.05  # weight of the newest cycle in the smoothed operating point
+SIGNIFICANT = 5.0  # of the wander of the baseline's own smoothed point
+MOVES = 1.5  # of the largest movement within the baseline: a larger one is a change of operating point
+
+
+class OperatingValue(NamedTuple):
+    """Where a variable stands: name, share of the healthy value with its 95 % interval, its range, the fault beyond."""
+
+    name: str
+    share: float
+    low_95: float
+    high_95: float
+    range: float
+    beyond: str
+
+    @property
+    def is_outside(self) -> bool:
+        """Whether the whole interval is outside the range, by more than a hair."""
+        edge = OUTSIDE * self.range
+        return self.low_95 > edge or self.high_95 < -edge
+
+    @property
+    def candidate(self) -> Candidate:
+        """What it is as a fault; beyond what was rolled out the size is a least one."""
+        low, high = self.low_95, self.high_95
+        if abs(self.share) >= (LIMIT - 0.01) * self.range:
+            low, high = (low, 1.0) if self.share > 0.0 else (-1.0, high)
+        return Candidate(self.beyond, self.share, low, high, "1", 0.0)
+
+
+@dataclass(frozen=True)
+class OperatingSurface:
+    """What features do over the operating points, d features and q variables.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Features, d.
+    variables, beyond : tuple of str
+        Names of the variables, q, and of the faults where they are outside their ranges.
+    pivots : tuple of int
+        Places of the features that are spent on them, q.
+    ranges : ndarray
+        Shape (q,): shares of the healthy values.
+    mean : ndarray
+        Shape (d,): the healthy features at u = 0.
+    root : ndarray
+        Shape (d, d): L^-1 with N = L L', the noise from cycle to cycle.
+    coefficients : ndarray
+        Shape (terms, d).
+    doubt : ndarray
+        Shape (d - q,): by what y may be off at the end of a range.
+    wander : ndarray
+        Shape (q,): standard deviation of the smoothed u in the baseline.
+    moved : ndarray
+        Shape (q,): the largest movement of u within `hold` cycles of the baseline.
+    transient : ndarray
+        Shape (q, d - q): how far y goes while u moves by 1.
+    hold : int
+        Cycles that a transient lasts.
+    """
+
+    names: tuple[str, ...]
+    variables: tuple[str, ...]
+    beyond: tuple[str, ...]
+    pivots: tuple[int, ...]
+    ranges: Array
+    mean: Array
+    root: Array
+    coefficients: Array
+    doubt: Array
+    wander: Array
+    moved: Array
+    transient: Array
+    hold: int
+
+    @cached_property
+    def others(self) -> tuple[int, ...]:
+        """Places of the features that are left, d - q."""
+        return tuple(i for i in range(len(self.names)) if i not in self.pivots)
+
+    @cached_property
+    def left_names(self) -> tuple[str, ...]:
+        """Names of the features that are left."""
+        return tuple(self.names[i] for i in self.others)
+
+    @cached_property
+    def _terms(self) -> Array:
+        return polynomial_terms(len(self.variables))
+
+    def response(self, u: Array) -> tuple[Array, Array]:
+        """Return r (d,) and dr/du (d, q) at a point."""
+        values, slopes = term_values(self._terms, u)
+        return values @ self.coefficients, (slopes @ self.coefficients).T
+
+    def located(self, row: Array) -> Array:
+        """Return the operating point (q,) of one cycle, in shares of the ranges."""
+        u, whole = np.zeros(len(self.variables)), row - self.mean
+        for _ in range(STEPS):
+            r, slope = self.response(u)
+            weighted = self.root @ slope
+            step = np.linalg.solve(weighted.T @ weighted + np.eye(len(u)), weighted.T @ (self.root @ (whole - r)) - u)
+            later = np.clip(u + step, -LIMIT, LIMIT)
+            if np.abs(later - u).max() < 1e-9:
+                break
+            u = later
+        return u
+
+    def annihilator(self, u: Array) -> Array:
+        """Return A (d - q, d) with y = A (x - m - r): no part of y goes along dr/du."""
+        slope = self.response(u)[1]
+        found = np.zeros((len(self.others), len(self.names)))
+        found[np.arange(len(self.others)), self.others] = 1.0
+        found[:, self.pivots] = -np.linalg.solve(slope[list(self.pivots)].T, slope[list(self.others)].T).T
+        return found
+
+    def rest(self, row: Array) -> tuple[Array, Array]:
+        """Return y (d - q,) of one cycle and its operating point (q,); of a row with nan both are nan."""
+        if not np.isfinite(row).all():
+            return np.full(len(self.others), np.nan), np.full(len(self.variables), np.nan)
+        u = self.located(row)
+        return self.annihilator(u) @ (row - self.mean - self.response(u)[0]), u
+
+    def reduced(self, vector: FeatureVector) -> tuple[FeatureVector, Array]:
+        """Return the vector of what is left of a cycle, and its operating point."""
+        known = dict(zip(vector.names, vector.values.tolist(), strict=True))
+        y, u = self.rest(np.array([known.get(name, np.nan) for name in self.names]))
+        return vector._replace(names=self.left_names, values=y), u
+
+    def reduced_signature(self, signature: Signature) -> Signature:
+        """Return what a fault does to y; where it is a variable beyond its range, nothing within."""
+        at_rest = self.rest(self.mean)[0]
+        found = np.array([self.rest(self.mean + response)[0] - at_rest for response in signature.responses])
+        if signature.name in self.beyond:
+            found[np.abs(signature.sizes) <= self.ranges[self.beyond.index(signature.name)]] = 0.0
+        maps = [self.annihilator(self.located(self.mean + response)) for response in signature.responses]
+        told: dict[str, Any] = {}
+        if len(signature.scatter):
+            told |= {"scatter": np.array([f @ a.T for f, a in zip(signature.scatter, maps, strict=True)])}
+            told |= {"cycles": signature.cycles}
+        if len(signature.doubt):
+            told["doubt"] = np.array([a @ doubt for doubt, a in zip(signature.doubt, maps, strict=True)])
+        return Signature(
+            signature.name, signature.meaning, signature.unit, signature.sizes, found, key=signature.key, **told
+        )
+
+    def record(self) -> dict[str, Any]:
+        """Return the surface as JSON values."""
+        words = {"names": list(self.names), "variables": list(self.variables), "beyond": list(self.beyond)}
+        numbers = {"pivots": list(self.pivots), "hold": self.hold}
+        return {**words, **numbers, **{key: getattr(self, key).tolist() for key in ARRAYS}}
+
+
+def surface_of_record(record: Mapping[str, Any]) -> OperatingSurface:
+    """Return the surface of its record."""
+    words: dict[str, Any] = {key: tuple(record[key]) for key in ("names", "variables", "beyond", "pivots")}
+    arrays = {key: np.array(record[key], dtype=np.float64) for key in ARRAYS}
+    return OperatingSurface(**{**words, **arrays}, hold=int(record["hold"]))
+
+
+def polynomial_terms(variables: int) -> Array:
+    """Return the exponents (terms, q) of all terms of degree 1 to `DEGREE`."""
+    rows = [
+        np.bincount(chosen, minlength=variables)
+        for degree in range(1, DEGREE + 1)
+        for chosen in combinations_with_replacement(range(variables), degree)
+    ]
+    return np.array(rows, dtype=np.int64)
+
+
+def term_values(terms: Array, u: Array) -> tuple[Array, Array]:
+    """Return the terms at a point (terms,), and their derivatives (q, terms)."""
+    powers = u[None, :] ** terms
+    slopes = np.empty((len(u), len(terms)))
+    for k in range(len(u)):
+        factors = powers.copy()
+        factors[:, k] = terms[:, k] * u[k] ** np.maximum(terms[:, k] - 1, 0)
+        slopes[k] = factors.prod(axis=1)
+    return powers.prod(axis=1), slopes
+
+
+class SurfaceVariable(NamedTuple):
+    """A variable for a surface: names of a group joined, the fault beyond, and the range in shares."""
+
+    name: str
+    beyond: str
+    range: float
+
+
+def chosen_variables(
+    variables: Sequence[SurfaceVariable], effects: Array, root: Array
+) -> tuple[list[int], list[SurfaceVariable], Array]:
+    """Return which variables are kept, with the groups that they stand for, and what is left of the others (d,).
+
+    Parameters
+    ----------
+    variables : sequence of Variable
+        All of them, n.
+    effects : ndarray
+        Shape (n, d): what each does to the features at the end of its range.
+    root : ndarray
+        Shape (d, d): of the noise, see `OperatingSurface`.
+    """
+    white, kept = effects @ root.T, list[int]()
+    left = white.copy()
+    while len(kept) < len(variables):
+        sizes = np.linalg.norm(left, axis=1)
+        best = int(np.argmax(sizes))
+        if sizes[best] <= SEEN or len(kept) + 1 >= effects.shape[1]:
+            break
+        kept.append(best)
+        basis = np.linalg.qr(white[kept].T)[0]
+        left = white - (white @ basis) @ basis.T
+        left[kept] = 0.0
+    groups = [variables[i] for i in kept]
+    open_rest = np.zeros(effects.shape[1])
+    for i, variable in enumerate(variables):
+        if i in kept or not kept or np.linalg.norm(white[i]) <= SEEN:
+            continue
+        shares = np.linalg.lstsq(white[kept].T, white[i], rcond=None)[0]
+        open_rest += np.abs(effects[i] - shares @ effects[kept])
+        most = int(np.argmax(np.abs(shares)))
+        for k, share in enumerate(np.abs(shares)):
+            groups[k] = groups[k]._replace(
+                range=groups[k].range * (1.0 + share * variables[kept[k]].range / groups[k].range)
+            )
+        groups[most] = groups[most]._replace(name=f"{groups[most].name} or {variable.name}")
+    return kept, groups, open_rest
+
+
+def fitted_surface(
+    groups: Sequence[SurfaceVariable],
+    rolled_out: Callable[[Array], Array | None],
+    names: tuple[str, ...],
+    rows: Array,
+    root: Array,
+    unexplained: Array,
+) -> OperatingSurface:
+    """Return the surface of roll-outs at points of the ranges, about the baseline's own cycles.
+
+    Parameters
+    ----------
+    groups : sequence of Variable
+        Kept ones, q.
+    rolled_out : callable
+        Change of the features (d,) at shares (q,) of the healthy values; None where the machine does not run so.
+    names : tuple of str
+        Features.
+    rows : ndarray
+        Shape (n, d): features of healthy cycles.
+    root : ndarray
+        See `OperatingSurface`.
+    unexplained : ndarray
+        Shape (d,): what variables that were left out may add.
+    """
+    q, ranges = len(groups), np.array([group.range for group in groups])
+    terms = polynomial_terms(q)
+    count = POINTS_A_TERM * len(terms)
+    places = LIMIT * (2.0 * qmc.Sobol(q, seed=1).random(1 << (count - 1).bit_length())[:count] - 1.0)
+    places = np.concatenate([places, LIMIT * np.eye(q), -LIMIT * np.eye(q)])
+    found = [(u, response) for u in places if (response := rolled_out(u * ranges)) is not None]
+    points, responses = (np.array(each) for each in zip(*found, strict=True))
+    design = np.array([term_values(terms, u)[0] for u in points])
+    coefficients = np.linalg.lstsq(design, responses, rcond=None)[0]
+    leverage = np.clip(np.einsum("ij,ji->i", design, np.linalg.pinv(design)), 0.0, 0.9)
+    held_out = (responses - design @ coefficients) / (1.0 - leverage)[:, None]
+    slope = coefficients[:q].T
+    pivots = tuple(int(i) for i in qr((root.diagonal()[:, None] * slope).T, pivoting=True, mode="r")[1][:q])
+    nothing = np.zeros(q)
+    blank = OperatingSurface(
+        names, tuple(g.name for g in groups), tuple(g.beyond for g in groups), pivots, ranges, rows.mean(axis=0), root,
+        coefficients, np.zeros(len(names) - q), nothing, nothing, np.zeros((q, len(names) - q)), 1,
+    )  # fmt: skip
+    for _ in range(2):  # the mean at u = 0, the baseline's own wander taken off
+        own = np.array([blank.response(blank.located(row))[0] for row in rows])
+        blank = replace(blank, mean=(rows - own).mean(axis=0))
+    off = np.array([blank.annihilator(u) @ left for u, left in zip(np.clip(points, -1, 1), held_out, strict=True)])
+    doubt = np.sqrt((off**2).mean(axis=0)) + np.abs(blank.annihilator(nothing) @ unexplained)
+    return replace(blank, doubt=doubt)
+
+
+def with_transients(surface: OperatingSurface, runs: Sequence[tuple[Array, Array]], noise: Array) -> OperatingSurface:
+    """Return the surface with what y does while a variable moves, from runs in which one steps.
+
+    Parameters
+    ----------
+    surface : OperatingSurface
+        Without.
+    runs : sequence of (ndarray, ndarray)
+        For each variable y (n, d - q) about its settled mean from the step on, and u (n, q).
+    noise : ndarray
+        Shape (d - q,): standard deviation of y in these.
+    """
+    transient, hold = np.zeros((len(surface.variables), len(surface.others))), 2
+    for k, (y, u) in enumerate(runs):
+        over = np.maximum(np.abs(y) - 4.0 * noise, 0.0)
+        lasting = np.flatnonzero(over.any(axis=1))
+        if len(lasting):
+            hold = max(hold, int(lasting[-1]) + 2)
+        transient[k] = MOVES * over.max(axis=0) / max(float(np.ptp(u[:, k])), 1e-9)
+    return replace(surface, transient=transient, hold=hold)
+
+
+def with_baseline(surface: OperatingSurface, runs: Sequence[Array]) -> OperatingSurface:
+    """Return the surface with what the points (n, q) of the baseline did, run by run: wander and movement."""
+    moved, smooth = np.zeros(len(surface.variables)), []
+    for u in runs:
+        for first in range(len(u)):
+            moved = np.maximum(moved, np.ptp(u[first : first + surface.hold], axis=0))
+        kept = u[0]
+        for i, each in enumerate(u):
+            kept = kept + max(1.0 / (i + 1.0), SMOOTHED) * (each - kept)
+            smooth.append(kept)
+    scatter = np.concatenate(runs).std(axis=0) * (SMOOTHED / (2.0 - SMOOTHED)) ** 0.5
+    return replace(surface, moved=moved, wander=np.maximum(np.std(smooth, axis=0), scatter))

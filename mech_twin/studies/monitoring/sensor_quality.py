@@ -1,0 +1,123 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Whether a sensor tells anything: told from its samples alone, before anything is said of the machine.
+
+Of each channel in each cycle four numbers are kept: samples, the lower quartile of their spacing, the longest run of
+equal values as a share of the cycle, and how far a single sample stands out of its neighbours.  Losses hardly move
+that quartile where stamps jitter.  ::
+
+    isolation = largest of |x_i - (x_(i-1) + x_(i+1))/2| - 2 |x_(i+1) - x_(i-1)|
+
+The baseline says what is usual.  A channel that shows exact plateaus while it is healthy cannot be called stuck.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from mech_twin.capabilities.cycle import Array
+
+PLATEAU = 0.3  # of a cycle: a channel that stands still for longer while it is healthy is no stuck one
+LOST = 0.1  # of the samples, beyond what the baseline loses
+SPACING = 1.15  # of the usual spacing, or its inverse: another rate
+ISOLATION = 4.0  # of the largest in the baseline
+KINDS = ("stuck", "dropout", "rate", "spikes")
+
+
+class ChannelQuality(NamedTuple):
+    """A channel in one cycle: samples, quartile of spacing (s), longest equal run, isolation (SI); see the module."""
+
+    samples: int
+    spacing_s: float
+    equal_share: float
+    isolation: float
+
+
+def channel_quality(times_s: Array, values: Array) -> ChannelQuality:
+    """Return the quality of the samples (n,) of a channel within a cycle."""
+    if len(values) < 3:
+        return ChannelQuality(len(values), float("nan"), 0.0, 0.0)
+    changes = np.flatnonzero(np.diff(values))
+    longest = int(np.diff(np.concatenate([[-1], changes, [len(values) - 1]])).max())
+    apart = np.abs(values[1:-1] - 0.5 * (values[:-2] + values[2:])) - 2.0 * np.abs(values[2:] - values[:-2])
+    return ChannelQuality(
+        len(values), float(np.quantile(np.diff(times_s), 0.25)), longest / len(values), float(max(apart.max(), 0.0))
+    )
+
+
+class SensorLimits(NamedTuple):
+    """What is usual of a channel: samples a second, spacing (s), share lost, longest equal run, isolation (SI)."""
+
+    rate_hz: float
+    spacing_s: float
+    lost: float
+    equal_share: float
+    isolation: float
+
+
+class SensorFinding(NamedTuple):
+    """What is wrong with a channel, and how much of it: a share, or a number over the usual one."""
+
+    kind: str
+    column: str
+    size: float
+
+    @property
+    def name(self) -> str:
+        """What it is called as a fault."""
+        return f"sensor_{self.kind}:{self.column}"
+
+
+def sensor_limits(cycles: Sequence[tuple[float, Mapping[str, ChannelQuality]]]) -> dict[str, SensorLimits]:
+    """Return what is usual, from healthy cycles: duration (s) and the quality of each channel."""
+    found = {}
+    for column in dict.fromkeys(name for _, told in cycles for name in told):
+        rows = np.array([[period_s, *told[column]] for period_s, told in cycles if column in told])
+        rows = rows[rows[:, 1] >= 3]
+        if not len(rows):
+            continue
+        rates = rows[:, 1] / rows[:, 0]
+        rate_hz = float(np.median(rates))
+        found[column] = SensorLimits(
+            rate_hz,
+            float(np.median(rows[:, 2])),
+            float(np.clip(1.0 - np.quantile(rates, 0.001) / rate_hz, 0.0, 1.0)),
+            float(rows[:, 3].max()),
+            float(rows[:, 4].max()),
+        )
+    return found
+
+
+def sensor_findings(
+    limits: Mapping[str, SensorLimits], period_s: float, told: Mapping[str, ChannelQuality]
+) -> tuple[SensorFinding, ...]:
+    """Return what is wrong with the sensors in a cycle of this duration (s)."""
+    found = []
+    for column, usual in limits.items():
+        quality = told.get(column, ChannelQuality(0, float("nan"), 0.0, 0.0))
+        lost = 1.0 - quality.samples / (usual.rate_hz * period_s)
+        stretched = quality.spacing_s / usual.spacing_s
+        is_even = (1.0 - lost) * stretched >= 1.0 - 0.5 * LOST  # as many as fill the cycle at their own spacing
+        if usual.equal_share < PLATEAU and quality.equal_share > 0.5 * (1.0 + usual.equal_share):
+            found.append(SensorFinding("stuck", column, quality.equal_share))
+        elif is_even and not 1.0 / SPACING <= stretched <= SPACING:
+            found.append(SensorFinding("rate", column, stretched))
+        elif lost > usual.lost + LOST + 2.0 / max(usual.rate_hz * period_s, 1.0):
+            found.append(SensorFinding("dropout", column, lost))
+        elif usual.isolation > 0.0 and quality.isolation > ISOLATION * usual.isolation:
+            found.append(SensorFinding("spikes", column, quality.isolation / usual.isolation))
+    return tuple(sorted(found, key=lambda each: KINDS.index(each.kind)))
+
+
+def limits_record(limits: Mapping[str, SensorLimits]) -> dict[str, Any]:
+    """Return the limits as JSON values."""
+    return {column: usual._asdict() for column, usual in limits.items()}
+
+
+def limits_of(record: Mapping[str, Mapping[str, Any]]) -> dict[str, SensorLimits]:
+    """Return the limits of their record."""
+    return {
+        column: SensorLimits(**{key: float(value) for key, value in told.items()}) for column, told in record.items()
+    }

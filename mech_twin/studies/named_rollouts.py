@@ -1,0 +1,268 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Roll-outs by name of machine, configuration and changed keys, one or many at once on all cores."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import CancelledError, ThreadPoolExecutor
+from dataclasses import dataclass, fields
+from threading import Event
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mech_twin.capabilities.arguments import by_name, several
+from mech_twin.capabilities.errors import StudyError
+from mech_twin.columns import Columns
+from mech_twin.configuration_tree import configuration_tree, merged_tree, tree_from_flat
+from mech_twin.engine.rollout import Profile, RollOut, roll_out
+from mech_twin.engine.sample_vectors import Array
+from mech_twin.measurements.machine_columns import shown_units
+from mech_twin.parameters.live_change import live_numbers
+from mech_twin.parameters.load import catalogue_entry, machine_parameters, validated
+from mech_twin.quantity import Parameters
+from mech_twin.roles import Machine
+from mech_twin.samples import Frame
+from mech_twin.stop_signal import raising_interrupt
+from mech_twin.studies.spreading import available_cores
+
+if TYPE_CHECKING:
+    import pandas
+    import pyarrow
+    from matplotlib.figure import Figure
+
+Change = tuple[float, Mapping[str, Any] | Parameters]
+
+
+@dataclass(frozen=True, repr=False, kw_only=True)
+class NamedRollOut(RollOut):
+    """A roll-out that knows its machine and the units of its columns.
+
+    Attributes
+    ----------
+    name : str
+        Machine of the catalogue.
+    units : mapping of str to str
+        Of the columns, empty for pure numbers.
+    """
+
+    name: str
+    units: Mapping[str, str]
+
+    @property
+    def samples(self) -> Columns:
+        """The columns as a table: ``to_pandas()``, ``to_arrow()``, ``plot()``."""
+        title = f"{self.name}: {self.columns['time_s'][-1] - self.columns['time_s'][0]:g} s"
+        return Columns(title, "time_s", self.columns, self.units)
+
+    def plot(self, *names: str) -> Figure:
+        """Return a picture of columns over time; see `Columns.plot`."""
+        return self.samples.plot(*names)
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """Return a frame, the units in its ``attrs``; needs the extra 'pandas'."""
+        return self.samples.to_pandas()
+
+    def to_arrow(self) -> pyarrow.Table:
+        """Return a table, the unit of each column in its metadata; needs the extra 'tables'."""
+        return self.samples.to_arrow()
+
+    def __repr__(self) -> str:
+        return f"{self.samples!r}\n{len(self.events)} events"
+
+
+@dataclass(frozen=True, repr=False)
+class RollOuts:
+    """Roll-outs of one machine, member by member.
+
+    Attributes
+    ----------
+    members : tuple of NamedRollOut
+        In the order asked for.  One whose motion could not be followed to the end has ``error`` set and nan after it.
+    """
+
+    members: tuple[NamedRollOut, ...]
+
+    def __getitem__(self, column: str) -> Array:
+        """Return a column of every member, (members, steps + 1); shorter members end in nan."""
+        found = [member.columns[column] for member in self.members]
+        stacked = np.full((len(found), max(map(len, found))), np.nan)
+        for row, values in zip(stacked, found, strict=True):
+            row[: len(values)] = values
+        return stacked
+
+    def __len__(self) -> int:
+        return len(self.members)
+
+    def __repr__(self) -> str:
+        return f"{len(self)} roll-outs, the first {self.members[0]!r}" if self.members else "no roll-outs"
+
+    def __iter__(self) -> Iterator[NamedRollOut]:
+        return iter(self.members)
+
+
+@raising_interrupt()
+def rollout(
+    machine: str | Machine,
+    duration_s: float,
+    settings: Parameters | Mapping[str, Any] | None = None,
+    *,
+    columns: Sequence[str] | None = None,
+    start: Frame | None = None,
+    command: Profile = 1.0,
+    changes: Sequence[Change] = (),
+) -> NamedRollOut:
+    """Return a run of a machine as arrays, equal to the bit to what its roles compute step by step.
+
+    Parameters
+    ----------
+    machine : str or Machine
+        Machine of the catalogue by name, or one that is built.
+    duration_s : float
+        Simulated time (s), rounded to whole coupling steps.
+    settings : mapping or Parameters, optional
+        Values by dotted key laid over the machine's configuration, or a whole configuration; as it is if absent.
+    columns : sequence of str, optional
+        Columns wanted beside ``time_s``, all if absent: ``role.joint.position`` (m or rad), ``.velocity``, ``.effort``,
+        ``forces.pin.force_x_n``, ``forces.QUANTITY``, ``linkage.memory.NAME``, ``linkage.residual.NAME``, ...
+    start : Frame, optional
+        Frame to go on from, such as ``final`` of another roll-out; the machine's own start if absent.
+    command : float, callable, sequence of pairs or ndarray
+        Asked fraction of rated supply frequency: one number; ``command(step)``; pairs of time (s) and the value from
+        then on, 1 before the first; or one number a step, the first that of the start.
+    changes : sequence of pairs
+        Time (s) from which on, and live keys (dotted) with their values, or a whole configuration.
+
+    Raises
+    ------
+    MotionError
+        If the motion cannot be followed to the end.
+    KeyboardInterrupt
+        At Ctrl-C, within a fraction of a second.
+    """
+    found = _member(machine, settings, duration_s, columns, start, command, changes)(lambda: None)
+    if found.error is not None:
+        raise found.error
+    return found
+
+
+@raising_interrupt()
+def rollouts(
+    machine: str | Machine,
+    duration_s: float,
+    settings: Sequence[Parameters | Mapping[str, Any] | None],
+    *,
+    columns: Sequence[str] | None = None,
+    starts: Sequence[Frame | None] | None = None,
+    commands: Sequence[Profile] | None = None,
+    changes: Sequence[Change] = (),
+    cores: int | None = None,
+) -> RollOuts:
+    """Return a run for each parameter set, start and command, computed on all cores.
+
+    Each is computed by itself, so neither the batch nor the number of cores changes a bit of it.
+
+    Parameters
+    ----------
+    machine, duration_s, columns, changes
+        As for `rollout`.
+    settings : sequence of mapping or Parameters
+        One a member, as for `rollout`.
+    starts, commands : sequence, optional
+        One a member.
+    cores : int, optional
+        Threads to use; all cores if absent.
+    """
+    settings = several("settings", settings, "a list of settings, one a member")
+    count = len(settings)
+    for name, given in (("starts", starts), ("commands", commands)):
+        if given is not None and len(given) != count:
+            raise StudyError(f"{len(given)} {name} for {count} settings; expected one each")
+    asked = [
+        _member(
+            machine,
+            settings[i],
+            duration_s,
+            columns,
+            starts[i] if starts is not None else None,
+            commands[i] if commands is not None else 1.0,
+            changes,
+        )
+        for i in range(count)
+    ]
+    ended = Event()
+
+    def between() -> None:
+        if ended.is_set():
+            raise CancelledError
+
+    with ThreadPoolExecutor(max(1, cores or available_cores())) as pool:
+        waiting = [pool.submit(member, between) for member in asked]
+        try:
+            return RollOuts(tuple(member.result() for member in waiting))
+        except BaseException:  # Ctrl-C, or a member that failed: the others end with it
+            ended.set()
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+
+
+def changed(name: str, parameters: Parameters, keys: Mapping[str, Any], source: str) -> Parameters:
+    """Return parameters with other values of live keys (dotted).
+
+    Raises
+    ------
+    StudyError
+        If a key is not one that may change while the machine runs.
+    ConfigurationError
+        If the configuration does not validate as a whole.
+    """
+    live = live_keys(parameters)
+    for key in keys:
+        if key not in live:
+            raise StudyError(f"{source}: key '{key}' cannot change during a run; expected one of {', '.join(live)}")
+    tree = merged_tree(configuration_tree(parameters), tree_from_flat(keys, source))
+    return validated(catalogue_entry(name), tree, source)
+
+
+def live_keys(parameters: Parameters) -> list[str]:
+    """Return the dotted keys of parameters that may change while the machine runs."""
+    return [key for key, _ in live_numbers(parameters)]
+
+
+def _member(
+    machine: str | Machine,
+    parameters: Parameters | Mapping[str, Any] | None,
+    duration_s: float,
+    columns: Sequence[str] | None,
+    start: Frame | None,
+    command: Profile,
+    changes: Sequence[Change],
+) -> Callable[[Callable[[], None]], NamedRollOut]:
+    """Return what computes one roll-out, its machines built."""
+    base = _built(machine, parameters)
+    units = shown_units(base)
+    machines, known = [], base.parameters
+    for time_s, change in changes:
+        source = f"change at {time_s} s"
+        known = changed(base.name, known, change, source) if isinstance(change, Mapping) else change
+        machines.append((time_s, catalogue_entry(base.name).build(known)))
+
+    def compute(between: Callable[[], None]) -> NamedRollOut:
+        found = roll_out(base, duration_s, columns, start, command, machines, between)
+        parts = {part.name: getattr(found, part.name) for part in fields(found)}
+        return NamedRollOut(**parts, name=base.name, units=units)
+
+    return compute
+
+
+def _built(machine: str | Machine, parameters: Parameters | Mapping[str, Any] | None) -> Machine:
+    name, known = (machine.name, machine.parameters) if isinstance(machine, Machine) else (machine, None)
+    if isinstance(machine, Machine) and parameters is None:
+        return machine
+    if isinstance(parameters, Parameters):
+        return catalogue_entry(name).build(parameters)
+    if known is None:
+        return catalogue_entry(name).build(machine_parameters(name, None, parameters))
+    keys = by_name("settings", parameters, "settings by dotted key, or a configuration")
+    tree = merged_tree(configuration_tree(known), tree_from_flat(keys, "settings"))
+    return catalogue_entry(name).build(validated(catalogue_entry(name), tree, "settings"))

@@ -1,0 +1,199 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Two runs, or two configurations run alike, side by side: settings, numbers and columns that differ."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from textwrap import fill
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mech_twin.capabilities.arguments import real_number
+from mech_twin.capabilities.errors import StudyError
+from mech_twin.captions import axis_title, unit_of
+
+LABEL_LETTERS = 32  # of an axis, in a line
+ROUNDING = 1e-9  # of the largest number in a unit
+RESIDUAL = "worst_"  # how the names of residuals in a summary begin
+
+
+class ComparedRun(NamedTuple):
+    """One of the two: its label, machine, configuration tree, summary numbers, samples as columns over time.
+
+    ``broken`` names the residuals beyond their limits; residuals are rounding and not compared.  ``units`` are those of
+    samples whose name does not end in theirs, such as the position of a joint.
+    """
+
+    label: str
+    machine: str
+    configuration: Mapping[str, Any]
+    summary: Mapping[str, float]
+    broken: tuple[str, ...]
+    samples: Mapping[str, Sequence[float] | NDArray[np.float64]]
+    units: Mapping[str, str] = MappingProxyType({})
+
+
+class Differing(NamedTuple):
+    """A setting or a number of both sides, None where a side has it not; ``relative`` is |a - b| over the larger."""
+
+    name: str
+    first: Any
+    second: Any
+    relative: float
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Settings that differ, every number of the two sides, and the tolerance they were judged by."""
+
+    machine: str
+    labels: tuple[str, str]
+    settings: tuple[Differing, ...]
+    numbers: tuple[Differing, ...]
+    tolerance: float
+
+    @property
+    def beyond(self) -> tuple[Differing, ...]:
+        """Numbers that differ by more than the tolerance."""
+        return tuple(number for number in self.numbers if not number.relative <= self.tolerance)
+
+
+def compared(first: ComparedRun, second: ComparedRun, tolerance: float = 0.0) -> Comparison:
+    """Return two sides compared.
+
+    Parameters
+    ----------
+    first, second : ComparedRun
+        Both of one machine.
+    tolerance : float
+        Relative difference, |a - b| / max(|a|, |b|), up to which two numbers count as equal.
+
+    Raises
+    ------
+    StudyError
+        If they are of different machines, or the tolerance is no number from 0 to 1.
+    """
+    if first.machine != second.machine:
+        raise StudyError(
+            f"A ({first.label}) is {first.machine}, B ({second.label}) {second.machine}; expected one machine"
+        )
+    real_number("tolerance", tolerance, "0 to 1, a part of the larger of two numbers", 0.0, 1.0)
+    settings = _paired(dict(leaves(first.configuration)), dict(leaves(second.configuration)))
+    return Comparison(
+        first.machine,
+        (first.label, second.label),
+        tuple(setting for setting in settings if setting.first != setting.second),
+        tuple(number for number in _paired(first.summary, second.summary) if not number.name.startswith(RESIDUAL)),
+        tolerance,
+    )
+
+
+def leaves(tree: Mapping[str, Any], path: str = "") -> list[tuple[str, Any]]:
+    """Return every value of a configuration tree under its dotted key."""
+    found: list[tuple[str, Any]] = []
+    for key, value in tree.items():
+        here = f"{path}{key}"
+        found += leaves(value, f"{here}.") if isinstance(value, Mapping) else [(here, value)]
+    return found
+
+
+def _paired(first: Mapping[str, Any], second: Mapping[str, Any]) -> tuple[Differing, ...]:
+    return tuple(
+        Differing(name, first.get(name), second.get(name), relative_difference(first.get(name), second.get(name)))
+        for name in dict.fromkeys((*first, *second))
+    )
+
+
+def relative_difference(first: Any, second: Any) -> float:
+    """Return |a - b| / max(|a|, |b|) of two numbers; 0 for equal values, infinite for what is no pair of numbers."""
+    if first == second:
+        return 0.0
+    if not all(isinstance(value, int | float) for value in (first, second)):
+        return math.inf
+    if math.isnan(first) and math.isnan(second):
+        return 0.0
+    apart = abs(first - second) / max(abs(first), abs(second))
+    return math.inf if math.isnan(apart) else float(apart)
+
+
+def columns_apart(first: ComparedRun, second: ComparedRun, most: int) -> list[str]:
+    """Return the columns that differ most: greatest distance at a common time over the greatest magnitude.
+
+    A column that is rounding beside the others of its unit is left out: it differs by as much as it is large.
+    """
+    found: list[tuple[float, float, str]] = []
+    largest: dict[str, float] = {}
+    time, other_time = (np.asarray(side.samples["time_s"]) for side in (first, second))
+    for name in first.samples:
+        if name == "time_s" or name not in second.samples:
+            continue
+        here, there = (np.asarray(side.samples[name], dtype=np.float64) for side in (first, second))
+        shared = time[(time >= other_time[0]) & (time <= other_time[-1])]
+        if not len(shared):
+            continue
+        distance = np.abs(np.interp(shared, time, here) - np.interp(shared, other_time, there)).max()
+        size = max(np.abs(here).max(), np.abs(there).max())
+        unit = _unit(name, first)
+        largest[unit] = max(largest.get(unit, 0.0), float(size))
+        if distance > 0.0:
+            found.append((float(distance / size), float(size), name))
+    real = [each for each in found if each[1] > ROUNDING * largest[_unit(each[2], first)]]
+    return [name for _, _, name in sorted(real, key=lambda item: -item[0])[:most]]
+
+
+def drawn_side_by_side(first: ComparedRun, second: ComparedRun, names: Sequence[str]) -> Any:
+    """Return a picture of columns of both sides over time, one panel a column."""
+    from mech_twin.capabilities.plots import house_style, sheet
+
+    with house_style():
+        figure, all_axes = sheet(len(names), 1, height=1.0 + 1.7 * len(names), sharex=True)
+        for axes, name in zip(all_axes, names, strict=True):
+            for side, line in ((first, "-"), (second, "--")):
+                axes.plot(side.samples["time_s"], side.samples[name], line, label=side.label)
+            label = f"{name.partition('.')[0]} {axis_title(name, _unit(name, first, second))}"
+            axes.set_ylabel(fill(label, LABEL_LETTERS), fontsize=7.5)
+        all_axes[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
+        all_axes[-1].set_xlabel("time [s]")
+    return figure
+
+
+def at_equal_angle(
+    first: ComparedRun, second: ComparedRun, column: str
+) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    """Return times of the second side and the times at which the first has turned as far; None if either does not turn.
+
+    Parameters
+    ----------
+    first, second : ComparedRun
+        The two sides.
+    column : str
+        Angle of what leads the cycle (rad), whole or within a turn.
+    """
+    times, turned = zip(*(_turned(side, column) for side in (first, second)), strict=True)
+    if any(not len(angle) or angle[-1] - angle[0] < 2.0 * np.pi for angle in turned):
+        return None
+    shared = (turned[1] >= turned[0][0]) & (turned[1] <= turned[0][-1])
+    return times[1][shared], np.interp(turned[1][shared], turned[0], times[0])
+
+
+def _turned(side: ComparedRun, column: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return times and angle of a side where it has turned further than ever before, so that an angle has one time."""
+    if column not in side.samples:
+        return np.empty(0), np.empty(0)
+    time_s = np.asarray(side.samples["time_s"], dtype=np.float64)
+    angle = np.unwrap(np.asarray(side.samples[column], dtype=np.float64))
+    if len(angle) and angle[-1] < angle[0]:
+        angle = -angle
+    further = np.ones(len(angle), dtype=bool)
+    further[1:] = angle[1:] > np.maximum.accumulate(angle)[:-1]
+    return time_s[further], angle[further] - angle[0]
+
+
+def _unit(name: str, *sides: ComparedRun) -> str:
+    """Return the unit of a column on both sides; of a linkage of one's own they may differ."""
+    return " / ".join(dict.fromkeys(unit for side in sides if (unit := side.units.get(name) or unit_of(name))))

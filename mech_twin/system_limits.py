@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the system may lack: an error that comes from it as one line that says what is missing."""
+
+from __future__ import annotations
+
+import errno
+import os
+import resource
+
+MIB = 1 << 20
+UNLIMITED = "none"
+_OPEN_FILES = {errno.EMFILE, errno.ENFILE}
+# the words of the dynamic loader and of libraries that reserve memory themselves
+_NO_MEMORY = ("failed to map segment", "cannot allocate memory", "Cannot allocate memory", "bad_alloc")
+_SECURITY = "security"  # what the middleware says of a missing key, and of a library that was built without
+
+
+NUMERICS_BYTES = 480 * MIB  # with less, the libraries of the kernels fail at places of their own, or wait for ever
+
+
+def check_address_space(needed: int, what: str) -> None:
+    """Raise where the limit of address space leaves less than is needed.
+
+    Raises
+    ------
+    SurroundingsError
+        Naming the limit, and what takes more.
+    """
+    limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+    if limit != resource.RLIM_INFINITY and limit < needed:
+        told = f"limit of address space {limit // MIB} MiB, {what} {needed // MIB} MiB"
+        raise SurroundingsError(f"not enough memory ({told}): raise it, ulimit -v unlimited")
+
+
+class SurroundingsError(Exception):
+    """The system lacks something that a run needs; the message is one line that names it."""
+
+
+def lacking(error: BaseException) -> str | None:
+    """Return the line that names what the system lacks, or None if the error has another reason.
+
+    Parameters
+    ----------
+    error : BaseException
+        As it was raised; what it was raised from is looked at too.
+    """
+    if isinstance(error, SurroundingsError):
+        return str(error)
+    cause: BaseException | None = error
+    while cause is not None:
+        if _is_open_files(cause):
+            limit = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
+            return f"too many open files (limit {_limit(limit, 1)}): raise it, ulimit -n 256"
+        if _is_memory(cause):
+            limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+            return f"not enough memory (limit of address space {_limit(limit, MIB)}): raise it, ulimit -v unlimited"
+        if isinstance(cause, RuntimeError) and _SECURITY in str(cause).lower():
+            said = str(cause).partition("\n")[0].partition(", at /")[0]
+            return f"ROS_SECURITY_ENABLE is set, and DDS security cannot be had: {said}"
+        cause = cause.__cause__ or cause.__context__
+    return None
+
+
+def _is_open_files(error: BaseException) -> bool:
+    if isinstance(error, OSError):
+        return error.errno in _OPEN_FILES
+    return isinstance(error, RuntimeError) and os.strerror(errno.EMFILE) in str(error)  # as the middleware tells it
+
+
+def _is_memory(error: BaseException) -> bool:
+    if isinstance(error, MemoryError) or (isinstance(error, OSError) and error.errno == errno.ENOMEM):
+        return True
+    return isinstance(error, ImportError | RuntimeError) and any(words in str(error) for words in _NO_MEMORY)
+
+
+def _limit(limit: int, unit: int) -> str:
+    if limit == resource.RLIM_INFINITY:
+        return UNLIMITED
+    return f"{limit // unit} MiB" if unit == MIB else str(limit)

@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A page that the bench serves: what is in line for it, and how fast it draws."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections import deque
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from aiohttp import web
+
+from mech_twin.view.bench.pictures import Pictures
+
+SEND_S = 5.0  # a page that does not take a message within this time is gone
+
+
+class BenchPage:
+    """A page that has shown the token."""
+
+    def __init__(self, socket: web.WebSocketResponse, pending_bytes: int, abort: Callable[[], None]) -> None:
+        self.socket, self.abort = socket, abort
+        self.pending = Pictures(pending_bytes)
+        self.outbox: deque[str] = deque(maxlen=1000)
+        self.wake = asyncio.Event()
+        self.is_ready = True  # for the next pictures: it has drawn the ones before
+        self.orders = 0
+        self.is_trying = False
+
+    def tell(self, message: Mapping[str, Any] | str) -> None:
+        """Put a message in line."""
+        self.outbox.append(message if isinstance(message, str) else json.dumps(message))
+        self.wake.set()
+
+    async def pump(self) -> None:
+        """Send what is in line, pictures only as fast as the page draws them."""
+        while True:
+            await self.wake.wait()
+            self.wake.clear()
+            while self.outbox:
+                await self._send(self.outbox.popleft())
+            if self.is_ready and len(self.pending):
+                self.is_ready = False
+                body = b",".join(self.pending.take()).decode()
+                await self._send(f'{{"kind":"pictures","list":[{body}]}}')
+
+    async def _send(self, text: str) -> None:
+        async with asyncio.timeout(SEND_S):
+            await self.socket.send_str(text)

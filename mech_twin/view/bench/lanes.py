@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which regime each part of a machine is in, over time: a lane a part, and what of it a picture has to tell."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from mech_twin.roles import Machine
+from mech_twin.samples import BodySample, LinkageSample, MotorSample
+
+MOST_CHANGES = 400  # of a lane and a picture; the oldest go first
+STALLED = ("stalled", "stalled_1")
+SENSE = "_sense"  # how a memory ends that says which way friction acts
+SENSES = ("held", "forwards", "backwards")  # of 0, 1, -1
+TOOL = ("stands", "moves", "pushed", "blocked")  # of the memory `tool_regime`
+
+
+class Lanes:
+    """Lanes of a run.
+
+    Parameters
+    ----------
+    machine : Machine
+        Names the regimes.
+    """
+
+    def __init__(self, machine: Machine) -> None:
+        self._linkage = machine.linkage.regimes
+        self._body = () if machine.body is None else machine.body.regimes
+        self._now: dict[str, str] = {}
+        self._first: dict[str, str] = {}
+        self._begin_s: float | None = None
+        self._changes: dict[str, list[list[Any]]] = {}
+
+    def add(self, motor: MotorSample | None, linkage: LinkageSample | None, body: BodySample | None) -> None:
+        """Take a step into account."""
+        for time_s, lane, word in self._words(motor, linkage, body):
+            if self._begin_s is None:
+                self._begin_s = time_s
+            before = self._now.get(lane)
+            if word == before:
+                continue
+            self._now[lane] = word
+            changes = self._changes.setdefault(lane, [])
+            changes.append([round(time_s, 9), word])
+            del changes[:-MOST_CHANGES]
+
+    def taken(self) -> list[list[Any]]:
+        """Return for each lane its name, since when, the word at that time, and the changes after it; forget them."""
+        begin_s = self._begin_s
+        if begin_s is None:
+            return []
+        told = [
+            [lane, round(begin_s, 9), self._first.get(lane, word), self._changes.get(lane, [])]
+            for lane, word in self._now.items()
+        ]
+        self._first, self._changes, self._begin_s = dict(self._now), {}, None
+        return told
+
+    def _words(
+        self, motor: MotorSample | None, linkage: LinkageSample | None, body: BodySample | None
+    ) -> Iterator[tuple[float, str, str]]:
+        if linkage is not None:
+            if len(self._linkage) > 1 and not self._body:  # where there is a body, they are its
+                yield linkage.time_s, "machine", _named(self._linkage, linkage.regime)
+            yield from self._remembered(linkage)
+        if body is not None and self._body:
+            yield body.time_s, "body", _named(self._body, body.regime)
+        if motor is not None:
+            stalled = linkage is not None and any(
+                value > 0.0
+                for name, value in zip(linkage.memory.names, linkage.memory.values, strict=True)
+                if name in STALLED
+            )
+            yield motor.time_s, "supply", "stalled" if stalled else "on" if motor.command > 0.0 else "off"
+
+    @staticmethod
+    def _remembered(linkage: LinkageSample) -> Iterator[tuple[float, str, str]]:
+        for name, value in zip(linkage.memory.names, linkage.memory.values, strict=True):
+            if name == "tool_regime":
+                yield linkage.time_s, "tool", _named(TOOL, int(value))
+            elif name.endswith(SENSE):
+                part = name.removesuffix(SENSE)
+                yield linkage.time_s, f"{part} friction", SENSES[int(value)]
+
+
+def _named(words: Sequence[str], number: int) -> str:
+    return words[number].replace("_", " ") if 0 <= number < len(words) else str(number)

@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From a run to its bench: messages over a socket in a folder that only this user can enter.
+
+Each message is its length (4 bytes, big-endian), a byte that says whether it is a picture, and JSON::
+
+    0 0 1 44 | p | {"time_s": 1.25, ...}
+"""
+
+from __future__ import annotations
+
+import json
+import socket
+import struct
+import threading
+import time
+from collections.abc import Mapping
+from types import TracebackType
+from typing import Any
+
+HEAD = struct.Struct("!Ic")
+PICTURE, MESSAGE = b"p", b"m"
+LARGEST_BYTES = 16 << 20
+BUFFER_BYTES = 1 << 20
+PREFIX = "bench:"
+BEGUN_BY = "MECH_TWIN_BENCH"  # variable of a command that a bench begins: where that bench is
+FEED = "feed"  # name of the socket in the folder
+
+
+class BenchLink:
+    """A connection to a bench; what it cannot take is dropped, never waited for, unless asked to wait.
+
+    Parameters
+    ----------
+    place : str
+        ``bench:PATH`` of the socket.
+    wait_s : float
+        How long a picture may wait for the bench to take in the ones before it (s).
+    """
+
+    def __init__(self, place: str, wait_s: float = 0.0) -> None:
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER_BYTES)
+        self._wait_s = wait_s
+        self._left = b""
+        self._lock = threading.Lock()
+        self.is_alive = True
+        try:
+            self._socket.connect(place.removeprefix(PREFIX))
+        except OSError:  # the bench is gone, which ends no run
+            self.is_alive = False
+        self._socket.setblocking(False)
+
+    def tell(self, kind: str, content: Mapping[str, Any]) -> bool:
+        """Send a message: a state, a list of parameters; return whether it was taken."""
+        return self._send(MESSAGE, {"kind": kind, **content}, 1.0)
+
+    def show(self, picture: Mapping[str, Any]) -> bool:
+        """Send a picture; return whether it was taken."""
+        return self._send(PICTURE, picture, self._wait_s)
+
+    def close(self) -> None:
+        """Send what is begun, and let go."""
+        with self._lock:
+            self._flush(1.0)
+            self._socket.close()
+            self.is_alive = False
+
+    def __enter__(self) -> BenchLink:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _send(self, kind: bytes, content: Mapping[str, Any], limit_s: float) -> bool:
+        with self._lock:
+            if not self.is_alive or not self._flush(limit_s):
+                return False
+            body = json.dumps(content, separators=(",", ":")).encode()
+            self._left = HEAD.pack(len(body), kind) + body
+            self._flush(limit_s)
+            return self.is_alive
+
+    def _flush(self, limit_s: float) -> bool:
+        """Send what is left of the message before; return whether all of it has gone."""
+        end = time.monotonic() + limit_s
+        while self._left and self.is_alive:
+            try:
+                self._left = self._left[self._socket.send(self._left) :]
+            except BlockingIOError:
+                if time.monotonic() >= end:
+                    return False
+                time.sleep(0.002)
+            except OSError:
+                self.is_alive = False
+        return not self._left
+
+
+class OverlayLink(BenchLink):
+    """A connection for the second of two runs in one view: its pictures are laid over those of the first."""
+
+    def tell(self, kind: str, content: Mapping[str, Any]) -> bool:
+        """Leave a message to the first run; return that it was taken."""
+        return True
+
+    def show(self, picture: Mapping[str, Any]) -> bool:
+        """Send a picture of the second run; return whether it was taken."""
+        return super().show({**picture, "side": 1})

@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Pictures as they go to a page: numbers packed, everything of one instant together."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from mech_twin.captions import caption
+from mech_twin.samples import Shape
+from mech_twin.view.extent import Bounds
+
+# numbers of a run that say most of it stand first; those with none of these words follow as the machine has them
+FIRST_WORDS = ("blow_energy", "blow_rate", "seated", "contact_share", "missed", "impact_speed", "power", "torque_peak")
+
+
+class Curves(NamedTuple):
+    """Curves with common times: names and values of shape (n, k)."""
+
+    path: str
+    names: tuple[str, ...]
+    time_s: npt.NDArray[np.float64]
+    values: npt.NDArray[np.float64]
+
+
+class Panel(NamedTuple):
+    """A plot: its title with the unit, and the paths it shows."""
+
+    title: str
+    paths: tuple[str, ...]
+
+
+def packed_shapes(shapes: Iterable[Shape]) -> dict[str, Any]:
+    """Return shapes: kinds, colours, widths, texts, numbers of points, and all points in one array of 32-bit floats."""
+    kept = [shape for shape in shapes if shape.points_m]
+    points = [point for shape in kept for point in shape.points_m]
+    return {
+        "kinds": "".join(shape.kind[0] for shape in kept),
+        "colours": [shape.colour for shape in kept],
+        "widths": [round(shape.width_m, 6) for shape in kept],
+        "texts": [shape.text for shape in kept],
+        "counts": [len(shape.points_m) for shape in kept],
+        "points": packed(np.array(points, dtype=np.float64).reshape(-1, 2), "<f4"),
+    }
+
+
+def packed_curves(curves: Iterable[Curves]) -> dict[str, list[str]]:
+    """Return for each path the times and, row by row, the values."""
+    return {each.path: [packed(each.time_s, "<f8"), packed(each.values, "<f4")] for each in curves}
+
+
+def packed(values: npt.NDArray[np.float64], kind: str) -> str:
+    """Return numbers as text: their bytes in base 64."""
+    return base64.b64encode(np.ascontiguousarray(values, dtype=kind).tobytes()).decode("ascii")
+
+
+def packed_layout(panels: Sequence[Panel], names: Mapping[str, tuple[str, ...]]) -> dict[str, Any]:
+    """Return which plots there are, and the names of the curves."""
+    shown = [
+        {"title": panel.title, "curves": [{"path": path, "names": names[path]} for path in panel.paths]}
+        for panel in panels
+    ]
+    return {"panels": shown}
+
+
+def packed_bounds(bounds: Bounds | None) -> list[float] | None:
+    """Return left, right, low, high (m)."""
+    return None if bounds is None else list(bounds)
+
+
+def metric_rows(numbers: Mapping[str, float]) -> list[list[str]]:
+    """Return name, value (four digits) and unit of the numbers of a run: of each first word the shortest name first."""
+    first = [min((name for name in numbers if word in name), key=len, default="") for word in FIRST_WORDS]
+    rows = []
+    for name in dict.fromkeys((*filter(None, first), *numbers)):
+        words, unit = caption(name)
+        rows.append([words, f"{numbers[name]:.4g}", unit])
+    return rows

@@ -1,0 +1,310 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a run shows on the bench: at each picture drawing, state, cards and curves of one instant."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+
+from mech_twin.capabilities.mechanism import FrameTree
+from mech_twin.engine.invariants import RunInvariants
+from mech_twin.roles import Machine
+from mech_twin.samples import BodySample, Drawing, Event, ForceSample, Frame, LinkageSample, MotorSample
+from mech_twin.view.annotations import Annotations, lost_energy
+from mech_twin.view.banner import Banner, sliding_joints
+from mech_twin.view.bench.frame_text import listed
+from mech_twin.view.bench.lanes import Lanes
+from mech_twin.view.bench.link import BenchLink
+from mech_twin.view.bench.picture import (
+    Curves,
+    Panel,
+    metric_rows,
+    packed_bounds,
+    packed_curves,
+    packed_layout,
+    packed_shapes,
+)
+from mech_twin.view.curve_groups import (
+    Groups,
+    body_groups,
+    force_groups,
+    linkage_groups,
+    motor_groups,
+    present,
+    quantity_path,
+    same_names,
+)
+from mech_twin.view.decimation import extreme_rows
+from mech_twin.view.event_text import event_line, is_told
+from mech_twin.view.extent import Bounds, DrawnExtent
+from mech_twin.view.labels import texts_of
+from mech_twin.view.sending import Sending
+
+Sample = MotorSample | LinkageSample | ForceSample | BodySample
+KEPT_SAMPLES = 4000  # of each role, while the bench takes none in
+STATE_S = 0.1  # by the wall clock, between two states of the run
+MOST_EVENTS = 200  # of a picture
+LOUD = 0.01  # of the hardest impact so far: weaker ones are in the recording, not in the log
+HEALTH_S = 0.5  # by the wall clock, between two states of the residuals
+HALTED_S = 0.3  # without a step: a pause, or a wait for a peer, is no lag
+MOMENTS, FORCES = quantity_path("N m"), quantity_path("N")
+UNITLESS = "number"
+TINY = 1e-300
+
+
+class _Role:
+    """The samples of one role since the last picture."""
+
+    def __init__(self, groups: Callable[[Sequence[Any]], Groups]) -> None:
+        self._groups = groups
+        self._samples: deque[Any] = deque(maxlen=KEPT_SAMPLES)
+        self.units: dict[str, str] = {}
+
+    def add(self, sample: Sample) -> None:
+        """Take a sample."""
+        self._samples.append(sample)
+
+    def taken(self, sending: Sending) -> Iterator[Curves]:
+        """Remove the samples and yield their curves, decimated so that the extremes stay."""
+        samples, self._samples = self._samples, deque(maxlen=KEPT_SAMPLES)
+        while samples:
+            batch = [samples.popleft()]
+            while samples and same_names(batch[0], samples[0]):
+                batch.append(samples.popleft())
+            time_s = np.array([sample.time_s for sample in batch])
+            span_s = (time_s[-1] - time_s[0]) / max(len(batch) - 1, 1)
+            window = max(sending.window, round(sending.window_s / span_s)) if span_s > 0.0 else sending.window
+            for group in self._groups(batch):
+                if group.names:
+                    self.units[group.path] = group.unit
+                    rows = extreme_rows(group.values, window)
+                    yield Curves(group.path, group.names, time_s[rows], group.values[rows])
+
+
+class RoleCurves:
+    """The samples of all roles since the last picture.
+
+    Parameters
+    ----------
+    sliding : frozenset of str
+        Joints that slide.
+    """
+
+    def __init__(self, sliding: frozenset[str] = frozenset()) -> None:
+        self.sliding = sliding
+        self._roles = (
+            _Role(lambda samples: motor_groups(samples, self.sliding)),
+            _Role(lambda samples: linkage_groups(samples, self.sliding)),
+            _Role(force_groups),
+            _Role(body_groups),
+        )
+
+    @property
+    def units(self) -> dict[str, str]:
+        """The unit of each path that has one of its own."""
+        return {path: unit for role in self._roles for path, unit in role.units.items()}
+
+    def add(self, *samples: Sample | None) -> None:
+        """Take the samples of a step: motor, linkage, forces, body."""
+        for role, sample in zip(self._roles, samples, strict=True):
+            if sample is not None:
+                role.add(sample)
+
+    def taken(self, sending: Sending) -> list[Curves]:
+        """Remove the samples and return their curves, decimated so that the extremes stay."""
+        return [curve for role in self._roles for curve in role.taken(sending)]
+
+
+class BenchScene:
+    """A run on the bench; a context manager.
+
+    Parameters
+    ----------
+    link : BenchLink
+        To the bench.
+    sending : Sending
+        How often, and how much of the curves.
+    """
+
+    def __init__(self, link: BenchLink, sending: Sending) -> None:
+        self._link, self._sending = link, sending
+        self._roles = RoleCurves()
+        self._banner = Banner(None)
+        self._annotations: Annotations | None = None
+        self._extent = DrawnExtent()
+        self._bounds: Bounds | None = None
+        self._names: dict[str, tuple[str, ...]] = {}
+        self._events: deque[list[Any]] = deque(maxlen=MOST_EVENTS)
+        self._sent_at = self._told_at = -1.0
+        self._time_s = 0.0
+        self._lanes: Lanes | None = None
+        self._invariants: RunInvariants | None = None
+        self._hardest_ns = 0.0
+        self._health_at = self._stepped_at = -1.0
+        self._zero_s: float | None = None
+
+    def watch(self, machine: Machine) -> None:
+        """Show also regimes, and residuals against their limits; before the first step."""
+        self._lanes, self._invariants = Lanes(machine), RunInvariants(machine)
+
+    def know(self, tree: FrameTree, blow_energy: Callable[[Event], float] | None = None) -> None:
+        """Show also what needs the machine's frames; before the first step."""
+        energy = lost_energy if blow_energy is None else blow_energy
+        self._roles.sliding = sliding_joints(tree)
+        self._banner = Banner(tree, energy)
+        self._annotations = Annotations(tree, energy)
+
+    def frame(
+        self,
+        motor: MotorSample | None = None,
+        linkage: LinkageSample | None = None,
+        forces: ForceSample | None = None,
+        body: BodySample | None = None,
+    ) -> None:
+        """Add the samples of a step, all or some."""
+        self._banner.add(motor, linkage, forces)
+        if self._annotations is not None and linkage is not None:
+            self._annotations.add(linkage, forces)
+        for sample in (motor, linkage, forces, body):
+            if sample is not None:
+                if sample.time_s < self._time_s - 1.0:
+                    self._link.tell("anew", {})
+                    self._time_s = sample.time_s
+                self._time_s = max(self._time_s, sample.time_s)
+        self._roles.add(motor, linkage, forces, body)
+        if self._lanes is not None:
+            self._lanes.add(motor, linkage, body)
+        if self._invariants is not None and linkage is not None and forces is not None and motor is not None:
+            self._invariants.observe(Frame(linkage, motor, forces, body))
+
+    def state(self, frame: Frame) -> None:
+        """Tell the whole state of the run, from which the bench can go on by itself: now and then."""
+        now = time.monotonic()
+        behind_s = self._behind_s(frame.linkage.time_s, now)
+        if now - self._told_at >= STATE_S:
+            self._told_at = now
+            self._link.tell("frame", listed(frame))
+        if now - self._health_at >= HEALTH_S:
+            self._health_at = now
+            self._tell_health(behind_s)
+
+    def drawing_due(self, time_s: float) -> bool:
+        """Return whether the next picture may go out: 30 in a second by the wall clock."""
+        return time.monotonic() - self._sent_at >= self._sending.picture_s
+
+    def drawing(self, drawing: Drawing) -> None:
+        """Send a picture: this drawing, and what is known of the run up to it."""
+        before = time.monotonic()
+        curves = self._roles.taken(self._sending)
+        self._lay_out(curves)
+        self._extent.widen(drawing.shapes)
+        if not self._extent.within(self._bounds):
+            self._bounds = self._extent.bounds()
+        notes = self._annotations.shapes(drawing.time_s, self._bounds) if self._annotations else ()
+        width_m = 1.0 if self._bounds is None else self._bounds.right_m - self._bounds.left_m
+        lines = [shape for shape in (*drawing.shapes, *notes) if shape.kind != "text"]
+        picture = {
+            "time_s": round(drawing.time_s, 9),
+            "sent_s": time.time(),
+            "state": self._banner.state(),
+            "alarm": self._banner.alarm(),
+            "command": self._banner.command,
+            "cards": self._banner.cards(),
+            "bounds": packed_bounds(self._bounds),
+            "shapes": packed_shapes((*lines, *texts_of(drawing.shapes, notes, width_m))),
+            "curves": packed_curves(curves),
+            "events": list(self._events),
+            "lanes": [] if self._lanes is None else self._lanes.taken(),
+        }
+        if self._link.show(picture):
+            self._events.clear()
+        self._sent_at = before
+
+    def event(self, event: Event) -> None:
+        """Show an event: a line of the log, and a flash."""
+        size_ns = abs(event.impulse_ns)
+        self._hardest_ns = max(self._hardest_ns, size_ns)
+        if is_told(event) and (size_ns == 0.0 or size_ns >= LOUD * self._hardest_ns):
+            self._events.append([event.time_s, event_line(event)])
+        self._banner.strike(event)
+        if self._annotations is not None:
+            self._annotations.strike(event)
+
+    def metrics(self, metrics: Mapping[str, float]) -> None:
+        """Show the numbers of the run."""
+        self._link.tell("metrics", {"rows": metric_rows(metrics)})
+
+    def close(self) -> None:
+        """Tell the residuals of the whole run, and let the bench go."""
+        self._tell_health(None)
+        self._link.close()
+
+    def __enter__(self) -> BenchScene:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _behind_s(self, time_s: float, now_s: float) -> float:
+        """Return by how much the run has fallen behind the wall clock since it last went without a halt."""
+        ahead_s = time_s - now_s
+        halted = now_s - self._stepped_at > HALTED_S
+        self._stepped_at = now_s
+        if self._zero_s is None or halted or ahead_s > self._zero_s:
+            self._zero_s = ahead_s
+        return self._zero_s - ahead_s
+
+    def _tell_health(self, behind_s: float | None) -> None:
+        """Tell the worst residuals so far beside their limits, the one that is nearest to its limit first."""
+        if self._invariants is None:
+            return
+        found = sorted(self._invariants.residuals().items(), key=lambda each: -each[1].worst / max(each[1].limit, TINY))
+        rows = [[name.replace("_", " "), f"{r.worst:.2g}", f"{r.limit:.2g}", r.broken] for name, r in found]
+        self._link.tell("health", {"residuals": rows, "behind_s": behind_s})
+
+    def _lay_out(self, curves: Sequence[Curves]) -> None:
+        """Tell which plots there are where that has changed."""
+        names = self._names | {curve.path: curve.names for curve in curves}
+        if names != self._names:
+            self._names = names
+            self._link.tell("layout", packed_layout(panels(names, self._roles.units), names))
+
+
+def panels(names: Mapping[str, tuple[str, ...]], units: Mapping[str, str]) -> list[Panel]:
+    """Return the plots of a machine, those first that say most: what presses, what strikes, what turns."""
+    moment = present(names, "body_moment", "body/effort") if present(names, "body") else []
+    rest = [path for path in present(names, "quantities") if path not in (MOMENTS, FORCES)]
+    wanted = {
+        "Pressing force, N": present(names, "body/pressing_force"),
+        "Pin reactions, N": present(names, "pins/magnitude"),
+        "Torque, N m": [*present(names, "motor/torque"), *present(names, MOMENTS)],
+        "Speed, rad/s": present(names, "motor/speed", "linkage/speed"),
+        "Speed, m/s": present(names, "motor_sliding/speed", "linkage_sliding/speed"),
+        "Force of the drive, N": present(names, "motor_sliding/torque"),
+        "Forces, N": present(names, FORCES),
+        **{f"{_quantity(units.get(path, ''))}": [path] for path in rest},
+        "Position, rad": present(names, "linkage/position"),
+        "Position, m": present(names, "linkage_sliding/position"),
+        "Body position, rad": present(names, "body/position"),
+        "Body speed, rad/s": present(names, "body/speed"),
+        "Moment on the body, N m": moment,
+        "Effort of the joints, N m": present(names, "linkage/effort"),
+        "Effort of the joints, N": present(names, "linkage_sliding/effort"),
+        "Pin reactions along x, N": present(names, "pins/force_x"),
+        "Pin reactions along y, N": present(names, "pins/force_y"),
+        "Supply, share of rated": present(names, "motor/supply"),
+        "Residuals, powers of ten": present(names, "residuals"),
+    }
+    return [Panel(title, tuple(paths)) for title, paths in wanted.items() if paths]
+
+
+def _quantity(unit: str) -> str:
+    names = {"W": "Power, W", "J": "Energy, J", "m": "Lengths, m", "m/s": "Further speeds, m/s", "N s": "Impulses, N s"}
+    return names.get(unit, f"Quantities, {unit or UNITLESS}")

@@ -1,0 +1,373 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The bench's server: what a run tells goes to the pages, what the page that commands asks goes to the machine.
+
+The page itself holds nothing of the run and is given to whoever asks on this machine.  Everything else goes over one
+connection a page, which begins with the token of the printed address::
+
+    run --- socket of this user ---> Bench --- pictures ---> page 1 (commands)
+                                       |   <-- orders ------
+    machine <--- orders ---------------+   --- pictures ---> page 2 (watches)
+"""
+
+from __future__ import annotations
+
+import asyncio
+import hmac
+import json
+import math
+import platform
+import secrets
+from collections.abc import Awaitable, Callable, Mapping
+from contextlib import suppress
+from importlib.metadata import version
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from aiohttp import WSCloseCode, WSMsgType, web
+
+from mech_twin import __version__
+from mech_twin.view.bench.bench_page import SEND_S, BenchPage
+from mech_twin.view.bench.guard import HEADERS, LONGEST_LINE, SILENT_S, Guard, content_policy, plain, silent_logger
+from mech_twin.view.bench.link import HEAD, LARGEST_BYTES, PICTURE
+from mech_twin.view.bench.pictures import Pictures
+
+LOOPBACK, EVERYWHERE = "127.0.0.1", "0.0.0.0"
+TOKEN_S = 3.0  # how long a connection may be open without the token
+HEARTBEAT_S = 10.0
+OFFER_S = 60.0  # how long a file may be fetched
+LOOK_S = 0.02
+MOST_PAGES = 16
+MOST_ORDERS = 4  # of one page that have no answer yet
+LARGEST_ORDER = 16 << 10
+PENDING_BYTES = 4 << 20  # of pictures kept for a page that is slower than the run
+STATES = ("machine", "layout", "status", "parameters", "metrics", "alarms", "advice", "pause", "end", "health")
+KEPT = (*STATES, "comparison", "hall")
+KINDS = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
+
+Try = Callable[[Mapping[str, Any]], Awaitable[Mapping[str, Any]]]
+Obey = Callable[[Mapping[str, Any]], Awaitable[str]]
+
+
+class OrderError(Exception):
+    """An order that is refused; the message is one line for who gave it."""
+
+
+class Bench:
+    """The server.
+
+    Parameters
+    ----------
+    obey : callable
+        Carries an order out and returns what the machine says of it, or raises `OrderError`.
+    others : bool
+        Whether to listen to other hosts too.
+    history_bytes : int
+        Pictures kept for pages opened later.
+    """
+
+    def __init__(self, obey: Obey, *, others: bool = False, history_bytes: int = 32 << 20) -> None:
+        self.token = secrets.token_urlsafe(32)
+        self._obey = obey
+        self._others = others
+        self._guard = Guard(others=others)
+        self._history = Pictures(history_bytes)
+        self._pending_bytes = max(PENDING_BYTES, history_bytes)
+        self._told = {"versions": json.dumps({"kind": "versions", "text": _versions()})}
+        self._pages: list[BenchPage] = []
+        self._commander: BenchPage | None = None
+        self._feeds: set[asyncio.StreamWriter] = set()
+        self._feed: asyncio.Server | None = None
+        self._runner: web.AppRunner | None = None
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._files = {path.name: path.read_bytes() for path in _page_files()}
+        self._on_machine: Callable[[Mapping[str, Any]], None] = lambda machine: None
+        self._on_frame: Callable[[dict[str, Any]], None] = lambda frame: None
+        self._try: Try | None = None
+        self._offers: dict[str, tuple[Path, float]] = {}
+
+    @property
+    def pages(self) -> list[BenchPage]:
+        """The pages that are open."""
+        return self._pages
+
+    @property
+    def port(self) -> int:
+        """Port of the page."""
+        return self._guard.port
+
+    def on_machine(self, call: Callable[[Mapping[str, Any]], None]) -> None:
+        """Have something called with what is said of the machine that runs."""
+        self._on_machine = call
+
+    def on_frame(self, call: Callable[[dict[str, Any]], None], tried: Try) -> None:
+        """Have the state of the run told now and then, and values tried out from it that a page asks about."""
+        self._on_frame, self._try = call, tried
+
+    async def start(self, port: int, feed: Path) -> None:
+        """Listen on the port (0: a free one), and on the socket for runs.
+
+        Raises
+        ------
+        OSError
+            The port is busy.
+        """
+        app = web.Application(middlewares=[self._guard.middleware], client_max_size=0)
+        app.router.add_get("/feed", self._serve_page)
+        app.router.add_get("/offer/{ticket}", self._serve_offer)
+        app.router.add_get("/{name:[a-z.]*}", self._serve_file)
+        runner = web.AppRunner(
+            app,
+            access_log=None,
+            logger=silent_logger(),
+            keepalive_timeout=SILENT_S,
+            max_line_size=LONGEST_LINE,
+            max_field_size=LONGEST_LINE,
+            lingering_time=0.0,
+            shutdown_timeout=0.2,
+        )
+        await runner.setup()
+        site = web.TCPSite(runner, EVERYWHERE if self._others else LOOPBACK, port)
+        await site.start()
+        self._guard.port = runner.addresses[0][1]
+        self._feed = await asyncio.start_unix_server(self._hear, feed)
+        self._runner = runner
+        if runner.server is not None:
+            self._later(self._guard.watch(runner.server))
+
+    async def stop(self) -> None:
+        """Let all pages go, and listen no longer."""
+        if self._feed is not None:
+            self._feed.close()
+        for writer in self._feeds:
+            writer.close()
+        if self._runner is not None:
+            for page in self._pages:
+                page.abort()
+            await self._runner.cleanup()
+        for task in self._tasks:
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+
+    def tell(self, kind: str, content: Mapping[str, Any]) -> None:
+        """Tell all pages, and those opened later where it is a state."""
+        text = json.dumps({"kind": kind, **content})
+        if kind in KEPT:
+            self._told[kind] = text
+        for page in self._pages:
+            page.tell(text)
+
+    async def begin_anew(self) -> None:
+        """Forget what was shown, when the last of who told it has come in."""
+        with suppress(TimeoutError):
+            async with asyncio.timeout(SEND_S):
+                while self._feeds:
+                    await asyncio.sleep(LOOK_S)
+        for kind in (*STATES, "comparison"):
+            self._told.pop(kind, None)
+        self._take("anew", {"all": True})
+
+    def offer(self, file: Path) -> str:
+        """Let a file be fetched once, soon, by who is told its address; return that."""
+        now = asyncio.get_running_loop().time()
+        self._offers = {key: kept for key, kept in self._offers.items() if kept[1] > now}
+        ticket = secrets.token_urlsafe(32)
+        self._offers[ticket] = (file, now + OFFER_S)
+        return f"/offer/{ticket}"
+
+    # -- what a run tells ---------------------------------------------------------------------------------------------
+
+    async def _hear(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """Take in what a process of this user tells, until it ends or says what cannot be understood."""
+        self._feeds.add(writer)
+        with suppress(asyncio.IncompleteReadError, ValueError, ConnectionError):
+            while True:
+                length, kind = HEAD.unpack(await reader.readexactly(HEAD.size))
+                if length > LARGEST_BYTES:
+                    break
+                body = await reader.readexactly(length)
+                if kind == PICTURE:
+                    self._show(body)
+                else:
+                    message = json.loads(body)
+                    self._take(message.pop("kind"), message)
+        self._feeds.discard(writer)
+        writer.close()
+
+    def _show(self, picture: bytes) -> None:
+        self._history.add(picture)
+        for page in self._pages:
+            page.pending.add(picture)
+            page.wake.set()
+
+    def _take(self, kind: str, message: dict[str, Any]) -> None:
+        if kind == "anew":  # the run has begun anew: its time goes back
+            self._history.clear()
+            for page in self._pages:
+                page.pending.clear()
+        elif kind == "machine":
+            self._on_machine(message)
+        elif kind == "frame":
+            self._on_frame(message)
+            return
+        self.tell(kind, message)
+
+    # -- pages --------------------------------------------------------------------------------------------------------
+
+    async def _serve_file(self, request: web.Request) -> web.StreamResponse:
+        name = request.match_info["name"] or "index.html"
+        body = self._files.get(name)
+        if body is None:
+            return plain(404, "no such file")
+        kind = KINDS.get(Path(name).suffix, "text/plain")
+        policy = {"Content-Security-Policy": content_policy(request.headers["Host"])}
+        return web.Response(body=body, content_type=kind, charset="utf-8", headers=HEADERS | policy)
+
+    async def _serve_offer(self, request: web.Request) -> web.StreamResponse:
+        file, until = self._offers.pop(request.match_info["ticket"], (None, 0.0))
+        if file is None or until < asyncio.get_running_loop().time() or not file.is_file():
+            return plain(404, "no such file")
+        return web.FileResponse(file, headers=HEADERS | {"Content-Disposition": f'attachment; filename="{file.name}"'})
+
+    async def _serve_page(self, request: web.Request) -> web.StreamResponse:
+        """Serve one page over its connection, which begins with the token."""
+        if "Origin" not in request.headers:  # a browser always says where a page is from
+            return plain(403, "expected a page of this server")
+        socket = web.WebSocketResponse(max_msg_size=LARGEST_ORDER, heartbeat=HEARTBEAT_S, compress=False, timeout=1.0)
+        if not socket.can_prepare(request):
+            return plain(400, "expected a WebSocket")
+        await socket.prepare(request)
+        if not await self._has_token(socket):
+            await socket.close(code=WSCloseCode.POLICY_VIOLATION, message=b"token")
+        elif len(self._pages) >= MOST_PAGES:
+            await socket.close(code=WSCloseCode.TRY_AGAIN_LATER, message=b"pages")
+        else:
+            await self._attend(socket, lambda: request.transport.abort() if request.transport is not None else None)
+        return socket
+
+    async def _has_token(self, socket: web.WebSocketResponse) -> bool:
+        try:
+            async with asyncio.timeout(TOKEN_S):
+                message = await socket.receive()
+        except TimeoutError:
+            return False
+        told = message.data if message.type is WSMsgType.TEXT else ""
+        return hmac.compare_digest(told.encode(), self.token.encode())
+
+    async def _attend(self, socket: web.WebSocketResponse, abort: Callable[[], None]) -> None:
+        page = BenchPage(socket, self._pending_bytes, abort)
+        for text in self._told.values():
+            page.tell(text)
+        for picture in self._history:
+            page.pending.add(picture)
+        self._pages.append(page)
+        if self._commander is None:
+            self._commander = page
+        self._tell_commander()
+        pump = self._later(self._pumped(page))
+        try:
+            async for message in socket:
+                if message.type is WSMsgType.TEXT:
+                    self._listen(page, message.data)
+        finally:
+            pump.cancel()
+            self._pages.remove(page)
+            if self._commander is page:
+                self._commander = None
+            self._tell_commander()
+
+    async def _pumped(self, page: BenchPage) -> None:
+        try:
+            await page.pump()
+        except (TimeoutError, ConnectionError):
+            page.abort()
+
+    def _tell_commander(self) -> None:
+        for page in self._pages:
+            is_free = self._commander is None
+            page.tell({"kind": "role", "commands": page is self._commander, "free": is_free, "pages": len(self._pages)})
+
+    def _listen(self, page: BenchPage, text: str) -> None:
+        try:
+            message = json.loads(text)
+            kind = message["kind"]
+        except (ValueError, TypeError, KeyError, RecursionError):
+            return
+        if kind == "drawn":
+            page.is_ready = True
+            page.wake.set()
+        elif kind == "take":
+            self._commander = page
+            self._tell_commander()
+        elif kind == "order":
+            self._order(page, message)
+        elif kind == "try" and self._try is not None and page is self._commander and not page.is_trying:
+            page.is_trying = True
+            self._later(self._tried(page, message, self._try))
+
+    def _order(self, page: BenchPage, message: Mapping[str, Any]) -> None:
+        answer = {"kind": "answer", "id": message.get("id"), "is_done": False}
+        if page is not self._commander:
+            page.tell(answer | {"text": "another page commands; take over first"})
+        elif page.orders >= MOST_ORDERS:
+            page.tell(answer | {"text": "too many orders at once; wait for the answers"})
+        else:
+            page.orders += 1
+            self._later(self._obeyed(page, message, answer))
+
+    async def _obeyed(self, page: BenchPage, message: Mapping[str, Any], answer: dict[str, Any]) -> None:
+        try:
+            check_order(message)
+            said = {"is_done": True, "text": await self._obey(message)}
+        except OrderError as error:
+            said = {"text": str(error)}
+        finally:
+            page.orders -= 1
+        page.tell(answer | said)
+
+    async def _tried(self, page: BenchPage, message: Mapping[str, Any], tried: Try) -> None:
+        """Tell a page, and it alone, what would come of values; nothing is sent to the machine."""
+        try:
+            check_order({"name": "try", **message})
+            page.tell({"kind": "ghost", "id": message.get("id"), **await tried(message.get("values", {}))})
+        except OrderError as error:
+            page.tell({"kind": "ghost", "id": message.get("id"), "refused": str(error)})
+        finally:
+            page.is_trying = False
+
+    def _later(self, work: Awaitable[None]) -> asyncio.Task[None]:
+        task = asyncio.ensure_future(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+        return task
+
+
+def check_order(message: Mapping[str, Any]) -> None:
+    """Check the form of an order: a name, and for a change the values.
+
+    Raises
+    ------
+    OrderError
+        Saying what was expected.
+    """
+    name, values, fault = message.get("name"), message.get("values", {}), message.get("fault")
+    if not isinstance(name, str):
+        raise OrderError("expected the name of an order")
+    if fault is not None and not isinstance(fault, str):
+        raise OrderError(f"{name}: expected the name of a fault")
+    if not isinstance(values, dict):
+        raise OrderError(f"{name}: expected values by key")
+    for key, value in values.items():
+        if not isinstance(value, bool | int | float | str):
+            raise OrderError(f"{key}: expected a number, a word or a switch")
+        if isinstance(value, float) and not math.isfinite(value):
+            raise OrderError(f"{key}: expected a finite number")
+
+
+def _versions() -> str:
+    return f"mech_twin {__version__}, Python {platform.python_version()}, NumPy {version('numpy')}"
+
+
+def _page_files() -> list[Path]:
+    folder = Path(str(files("mech_twin.view.bench"))) / "page"
+    return [path for path in folder.iterdir() if path.suffix in KINDS]

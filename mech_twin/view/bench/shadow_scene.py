@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A shadow on the bench: measured and model over each other, residuals in their band, faults and advice."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Mapping, Sequence
+from types import TracebackType
+
+from mech_twin.view.bench.link import BenchLink
+from mech_twin.view.bench.picture import (
+    Curves,
+    Panel,
+    packed_bounds,
+    packed_curves,
+    packed_layout,
+    packed_shapes,
+)
+from mech_twin.view.extent import Bounds, DrawnExtent
+from mech_twin.view.labels import texts_of
+from mech_twin.view.shadow_picture import (
+    BANDED,
+    CURVES,
+    ChannelReading,
+    ShadowPicture,
+    ShownChannel,
+    as_measured,
+    channel_rows,
+)
+
+PICTURE_S = 0.05  # by the wall clock
+KEPT_SAMPLES = 4000  # of each channel, while the bench takes none in
+WINDOW = 5
+
+
+class BenchShadowScene:
+    """The scene of a shadow; a context manager.
+
+    Parameters
+    ----------
+    channels : sequence of ShownChannel
+        What is measured.
+    link : BenchLink
+        To the bench.
+    """
+
+    def __init__(self, channels: Sequence[ShownChannel], link: BenchLink) -> None:
+        self._channels, self._link = tuple(channels), link
+        self._pending: dict[str, deque[tuple[float, ChannelReading]]] = {
+            each.column: deque(maxlen=KEPT_SAMPLES) for each in channels
+        }
+        self._extent = DrawnExtent()
+        self._bounds: Bounds | None = None
+        self._time_s = 0.0
+        self._sent_at = -1.0
+        self._faults: tuple[tuple[str, str, bool], ...] | None = None
+        self._advice = ""
+        shown: list[Panel] = []
+        for each in self._channels:
+            shown += [Panel(each.title, (each.curves,)), Panel(f"Residual: {each.title}", (each.residual,))]
+        names = {each.curves: CURVES for each in channels} | {each.residual: BANDED for each in channels}
+        link.tell("layout", packed_layout(shown, names))
+
+    def take(self, time_s: float, readings: Mapping[str, ChannelReading]) -> None:
+        """Keep the channels of a sample for the next picture."""
+        if time_s < self._time_s - 1.0:
+            self._link.tell("anew", {})
+            self._time_s = time_s
+        self._time_s = max(self._time_s, time_s)
+        for column, reading in readings.items():
+            self._pending[column].append((time_s, reading))
+
+    def is_due(self) -> bool:
+        """Return whether the next picture may go out: 20 in a second by the wall clock."""
+        return time.monotonic() - self._sent_at >= PICTURE_S
+
+    def show(self, picture: ShadowPicture) -> None:
+        """Send a picture, and the curves up to it."""
+        self._sent_at = time.monotonic()
+        shapes = (*picture.model, *as_measured(picture.measured))
+        self._extent.widen(shapes)
+        if not self._extent.within(self._bounds):
+            self._bounds = self._extent.bounds()
+        width_m = 1.0 if self._bounds is None else self._bounds.right_m - self._bounds.left_m
+        drawn = [shape for shape in shapes if shape.kind != "text"]
+        active = [name for name, state, _ in picture.faults if state != "pending"]
+        self._link.show(
+            {
+                "time_s": round(self._time_s, 9),
+                "sent_s": time.time(),
+                "state": picture.state,
+                "alarm": f"fault: {', '.join(active)}" if active else "",
+                "command": None,
+                "cards": picture.cards,
+                "bounds": packed_bounds(self._bounds),
+                "shapes": packed_shapes((*drawn, *texts_of(picture.model, (), width_m))) if shapes else None,
+                "curves": packed_curves(self._taken()),
+                "events": [],
+            }
+        )
+        self._tell_faults(picture)
+
+    def close(self) -> None:
+        """Let the bench go."""
+        self._link.close()
+
+    def __enter__(self) -> BenchShadowScene:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _tell_faults(self, picture: ShadowPicture) -> None:
+        if picture.faults != self._faults:
+            self._faults = picture.faults
+            rows = [{"name": name, "state": state, "acknowledged": known} for name, state, known in picture.faults]
+            self._link.tell("alarms", {"faults": rows})
+        if picture.advice != self._advice:
+            self._advice = picture.advice
+            self._link.tell("advice", {"text": picture.advice})
+
+    def _taken(self) -> list[Curves]:
+        rows = (channel_rows(each, self._pending[each.column], WINDOW) for each in self._channels)
+        return [Curves(*each) for found in rows for each in found]

@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A bench started beside a run: its process, its address, its end."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import socket
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from mech_twin.terminal_output import printable
+from mech_twin.view.bench.link import FEED, PREFIX
+from mech_twin.view.errors import ViewerError
+
+LOOPBACK = "127.0.0.1"
+STOP_LIMIT_S = 2.0
+PROGRAM = "from mech_twin.nodes.run.bench_process import main; main()"
+
+
+def _to_stderr(line: str) -> None:
+    sys.stderr.write(printable(line) + "\n")
+
+
+class StartedBench:
+    """The running bench; a context manager.
+
+    Its process ends with the thread that starts it, even by SIGKILL.
+
+    Parameters
+    ----------
+    port : int or None
+        Port of the page; None or 0 selects a free one.
+    open_to_other_hosts : bool
+        Listen on all interfaces instead of the loopback interface; a warning is announced.
+    history_bytes : int
+        Pictures kept for pages opened later.
+    hall : mapping, optional
+        Folder of recordings, and machines to run, that are offered.
+    announce : callable
+        Receives the warning (default: standard error).
+
+    Raises
+    ------
+    ViewerError
+        The port is busy, or the process ended; one line.
+    """
+
+    def __init__(
+        self,
+        port: int | None = None,
+        *,
+        open_to_other_hosts: bool = False,
+        history_bytes: int = 32 << 20,
+        hall: Mapping[str, Any] | None = None,
+        announce: Callable[[str], None] = _to_stderr,
+    ) -> None:
+        self._folder = Path(tempfile.mkdtemp(prefix="mech_twin_bench_"))  # for this user alone
+        told = {
+            "port": port or 0,
+            "folder": str(self._folder),
+            "others": open_to_other_hosts,
+            "history_bytes": history_bytes,
+            "parent": os.getpid(),
+            "hall": hall,
+        }
+        # a session of its own: Ctrl-C in the terminal reaches the run alone, which then ends the bench
+        self._process = subprocess.Popen(
+            [sys.executable, "-c", PROGRAM],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+        )
+        try:
+            said = self._told_back(json.dumps(told))
+            if "error" in said:
+                self._process.wait(STOP_LIMIT_S)  # it ends by itself
+                raise ViewerError(f"view: {said['error']}")
+        except BaseException:
+            self.close()
+            raise
+        self.port = int(said["port"])
+        self._token = said["token"]
+        if open_to_other_hosts:
+            announce(
+                f"view: OPEN TO OTHER HOSTS, in plain text: page on port {self.port}, all interfaces of "
+                f"{socket.gethostname()}; who has its whole address watches and commands"
+            )
+
+    @property
+    def url(self) -> str:
+        """Address of the page, with the token without which it shows nothing; the part after # leaves no browser."""
+        return f"http://{LOOPBACK}:{self.port}/#{self._token}"
+
+    @property
+    def place(self) -> str:
+        """Where what is to be shown is sent; see `BenchLink`."""
+        return f"{PREFIX}{self._folder / FEED}"
+
+    @property
+    def pid(self) -> int | None:
+        """Process id of the bench, None if it does not run."""
+        return self._process.pid if self._process.poll() is None else None
+
+    def close(self) -> None:
+        """End the bench and remove its files; idempotent."""
+        if self._process.poll() is None:
+            self._process.terminate()
+            try:
+                self._process.wait(STOP_LIMIT_S)
+            except subprocess.TimeoutExpired:
+                self._process.kill()
+                self._process.wait()
+        for stream in (self._process.stdin, self._process.stdout):
+            if stream is not None and not stream.closed:
+                stream.close()
+        shutil.rmtree(self._folder, ignore_errors=True)
+
+    def __enter__(self) -> StartedBench:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _told_back(self, line: str) -> dict[str, str]:
+        """Tell the process what to serve; return what it says of it."""
+        told, said = self._process.stdin, self._process.stdout
+        if told is None or said is None:
+            raise ViewerError("view: the page's process cannot be talked to")
+        try:
+            told.write(line + "\n")
+            told.close()
+        except BrokenPipeError:
+            pass
+        answer = said.readline()
+        if not answer:
+            raise ViewerError(f"view: the page's process ended at once with code {self._process.wait()}")
+        found: dict[str, str] = json.loads(answer)
+        return found

@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a shadow shows with one picture."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mech_twin.samples import Shape
+from mech_twin.view.decimation import extreme_rows
+
+Array = NDArray[np.float64]
+
+CHANNELS, RESIDUALS = "channels", "residuals"
+MEASURED_COLOUR = (204, 90, 180)
+CURVES = ("measured", "model")
+BANDED = ("residual", "+2 sigma", "-2 sigma")
+
+
+class ShownChannel(NamedTuple):
+    """A channel: its column, a title with its unit, and the entity paths of its two plots."""
+
+    column: str
+    title: str
+
+    @property
+    def curves(self) -> str:
+        """Path of measured and model."""
+        return f"{CHANNELS}/{self.column}"
+
+    @property
+    def residual(self) -> str:
+        """Path of the residual and its band."""
+        return f"{RESIDUALS}/{self.column}"
+
+
+class ChannelReading(NamedTuple):
+    """A channel at a sample: measured value, measured less predicted, its standard deviation (SI units)."""
+
+    measured: float
+    residual: float
+    sigma: float
+
+
+class ChannelRows(NamedTuple):
+    """Rows of one plot of a channel: its path, names of the columns, times (n,) and values (n, columns)."""
+
+    path: str
+    names: tuple[str, ...]
+    time_s: Array
+    values: Array
+
+
+def channel_rows(channel: ShownChannel, kept: deque[tuple[float, ChannelReading]], window: int) -> list[ChannelRows]:
+    """Return what a channel has for its two plots, and forget it; extremes alone of each window of samples."""
+    if not kept:
+        return []
+    time_s = np.array([at_s for at_s, _ in kept])
+    measured, residual, sigma = np.array([reading for _, reading in kept]).T
+    kept.clear()
+    values = np.column_stack([measured, measured - residual])
+    banded = np.column_stack([residual, 2.0 * sigma, -2.0 * sigma])
+    found = []
+    for path, names, columns in ((channel.curves, CURVES, values), (channel.residual, BANDED, banded)):
+        rows = extreme_rows(columns, window)
+        found.append(ChannelRows(path, names, time_s[rows], columns[rows]))
+    return found
+
+
+class ShadowPicture(NamedTuple):
+    """What goes out with one picture beside the curves: drawings of model and measurement, and what is known of them.
+
+    ``banner`` is all of it in one line; ``cards`` are names and values, ``faults`` name, state and whether it is
+    acknowledged, ``advice`` what is recommended and waits for an answer (empty: nothing).
+    """
+
+    model: Sequence[Shape]
+    measured: Sequence[Shape]
+    banner: str
+    state: str = ""
+    cards: tuple[tuple[str, str], ...] = ()
+    faults: tuple[tuple[str, str, bool], ...] = ()
+    advice: str = ""
+
+
+def as_measured(shapes: Sequence[Shape]) -> list[Shape]:
+    """Return the lines of a drawing thinner, in the colour of what is measured, with no names."""
+    return [
+        shape._replace(name=f"measured_{shape.name}", colour=MEASURED_COLOUR, width_m=0.3 * shape.width_m, text="")
+        for shape in shapes
+        if shape.kind == "line"
+    ]

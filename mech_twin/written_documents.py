@@ -1,0 +1,120 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a verb printed with ``--json``, as the object that Python returns for the same question."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from math import nan
+from typing import Any, NamedTuple
+
+from mech_twin.capabilities.errors import StudyError
+from mech_twin.capabilities.published import PublishedRow
+from mech_twin.capabilities.sizing import Constraint
+from mech_twin.columns import Columns, Numbers
+from mech_twin.engine.invariants import Residual
+from mech_twin.measurements.machine_columns import shown_units
+from mech_twin.parameters.load import catalogue_entry, validated
+from mech_twin.quantity import Parameters
+from mech_twin.results import Analysis, Run, SizingResult
+from mech_twin.samples import Coordinate, Event
+
+Document = Mapping[str, Any]
+
+
+class KnownDocument(NamedTuple):
+    """A kind of document: the verb that prints it, the keys by which it is known, and what it is in Python."""
+
+    verb: str
+    keys: frozenset[str]
+    read: Callable[[Document], Any]
+
+
+def from_document(text: str, source: str) -> Any:
+    """Return what the text of a document is in Python.
+
+    Raises
+    ------
+    StudyError
+        It is no JSON, or of a verb that has no object.
+    ConfigurationError
+        The configuration in it does not validate.
+    """
+    try:
+        document = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise StudyError(f"{source}: not JSON ({error}); expected what a verb printed with --json") from error
+    held = set(document) if isinstance(document, dict) else set()
+    kind = next((kind for kind in KINDS if kind.keys <= held), None)
+    if kind is None:
+        verbs = ", ".join(kind.verb for kind in KINDS)
+        raise StudyError(f"{source}: expected what one of these printed with --json: {verbs}")
+    try:
+        return kind.read(document)
+    except (KeyError, TypeError, AttributeError) as error:
+        raise StudyError(f"{source}: not as `{kind.verb}` prints it ({type(error).__name__}: {error})") from error
+
+
+def _parameters(document: Document) -> Parameters:
+    return validated(catalogue_entry(document["machine"]), document["config"], "config")
+
+
+def _numbers(title: str, values: Document) -> Numbers:
+    """Return numbers; one that was not finite is written as null."""
+    return Numbers(title, {name: nan if value is None else value for name, value in values.items()})
+
+
+def _run(document: Document) -> Run:
+    name, parameters = document["machine"], _parameters(document)
+    samples = document.get("samples", {"time_s": []})
+    units = shown_units(catalogue_entry(name).build(parameters))
+    return Run(
+        name,
+        parameters,
+        _numbers(name, document["summary"]),
+        Columns(name, "time_s", samples, units),
+        tuple(map(_event, document["events"])),
+        {key: Residual(**residual) for key, residual in document["residuals"].items()},
+    )
+
+
+def _event(record: Document) -> Event:
+    sides = {side: tuple(Coordinate(*row) for row in record.get(side, ())) for side in ("pre", "post")}
+    return Event(**{**record, **sides})
+
+
+def _analysis(document: Document) -> Analysis:
+    name = document["machine"]
+    cycle = Columns(name, "crank_rad", document.get("cycle", {"crank_rad": []}))
+    return Analysis(name, _parameters(document), _numbers(name, document["summary"]), cycle)
+
+
+def _sizes(document: Document) -> SizingResult:
+    constraints = (
+        Constraint(each["name"], each["value"], each["limit"], each["side"]) for each in document["constraints"]
+    )
+    return SizingResult(
+        document["machine"], document["objective"], document["sizes"], _parameters(document), document["metrics"],
+        tuple(constraints), document["binding"], tuple(document["trade_off"]), document["tolerance"],
+    )  # fmt: skip
+
+
+def _points(document: Document) -> Columns:
+    rows = document["rows"]
+    names = dict.fromkeys(name for row in rows for name in row)
+    columns = {name: [nan if row.get(name) is None else row[name] for row in rows] for name in names}
+    return Columns(f"{document['machine']}: sweep", next(iter(names)), columns)
+
+
+def _published(document: Document) -> tuple[PublishedRow, ...]:
+    rows = ({key: value for key, value in row.items() if key != "holds"} for row in document["rows"])
+    return tuple(PublishedRow(**row) for row in rows)
+
+
+KINDS = (
+    KnownDocument("simulate", frozenset({"machine", "config", "summary", "residuals", "events"}), _run),
+    KnownDocument("study size", frozenset({"machine", "config", "sizes", "constraints"}), _sizes),
+    KnownDocument("study sweep", frozenset({"machine", "points", "rows"}), _points),
+    KnownDocument("reproduce", frozenset({"all_gated_hold", "rows"}), _published),
+    KnownDocument("analyse", frozenset({"machine", "config", "summary"}), _analysis),
+)

@@ -1,0 +1,27 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A value that changes a machine's figures out of all proportion is said with what follows from it."""
+
+from __future__ import annotations
+
+import pytest
+
+from mech_twin.cli.consequences import consequences, say_consequences
+
+
+def test_a_preload_in_the_wrong_unit_is_said_with_the_force_it_makes(capsys):
+    say_consequences("mb10_breaker", None, ["body.preload_deflection_m=4.0"])
+    said = capsys.readouterr().err
+    assert "rest force" in said and "2.132e+05 N" in said
+    assert "288 times" in said
+
+
+@pytest.mark.parametrize("settings", [[], ["body.preload_deflection_m=0.02"]])
+def test_a_usual_value_is_not_commented_on(capsys, settings):
+    say_consequences("mb10_breaker", None, settings)
+    assert capsys.readouterr().err == ""
+
+
+def test_figures_are_sorted_by_ratio_and_those_without_one_are_left_out():
+    before = {"a_n": 1.0, "b_n": 0.0, "c_n": -2.0, "d": "text", "e_n": float("nan")}
+    after = {"a_n": 29.0, "b_n": 5.0, "c_n": 200.0, "d": "other", "e_n": 1.0, "new_n": 3.0}
+    assert consequences(before, after) == [("c_n", 200.0, 100.0)]

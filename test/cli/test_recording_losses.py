@@ -1,0 +1,37 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A command whose recording lost messages says so, and ends with an exit code of its own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from small_disk import small_disk
+
+from mech_twin.cli.failure import LOSS_EXIT_CODE, report_losses
+from mech_twin.cli.info import show_info
+from mech_twin.cli.verbs import InfoVerb
+from mech_twin.recording.bag_writer import BagWriter
+from mech_twin.recording.schemas import string_cdr
+
+
+def test_a_recording_on_a_full_disk_is_not_called_complete(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with small_disk(tmp_path / "disk", monkeypatch) as disk:
+        with BagWriter(disk / "bag", configuration="", compression="none", chunk_bytes=20_000) as writer:
+            writer.add_topic("/n", "std_msgs/msg/String")
+            for number in range(1000):
+                writer.write("/n", string_cdr(f"{number:2000}"), number, number)
+        with pytest.raises(SystemExit) as ended:
+            report_losses(None, tmp_path / "none", disk / "bag")  # of a shadow's black boxes each is asked
+        show_info(InfoVerb(bag=disk / "bag"))
+    written = capsys.readouterr()
+    assert ended.value.code == LOSS_EXIT_CODE
+    assert f"{writer.dropped} messages lost" in written.err
+    assert f"closed, but not complete; {writer.dropped} dropped" in written.out
+
+
+def test_a_run_that_recorded_nothing_lost_nothing(tmp_path: Path) -> None:
+    report_losses(None)
+    report_losses(tmp_path / "none")

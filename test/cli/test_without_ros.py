@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The library, the verbs that need no topics, and the export of a unit work where there is no ROS at hand."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROS = (
+    "rclpy", "rcl_interfaces", "builtin_interfaces", "diagnostic_msgs", "geometry_msgs", "rosgraph_msgs", "sensor_msgs",
+    "std_msgs", "std_srvs", "visualization_msgs",
+)  # fmt: skip
+WITHOUT = f"""
+import sys
+
+class Absent:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in {ROS!r}:
+            raise ModuleNotFoundError(f"No module named {{name!r}}", name=name)
+
+sys.meta_path.insert(0, Absent())
+"""
+VERBS = [
+    ["simulate", "winding_drum", "--duration", "0.1"],
+    ["analyse", "winding_drum"],
+    ["study", "winding_drum", "sweep", "--over", "package_radius_m=0.1,0.12", "--no-picture", "--out", "out.csv"],
+    ["compare", "winding_drum", "winding_drum", "--duration", "0.1"],
+    ["reproduce", "winding_drum"],
+    ["export", "fmu", "winding_drum"],
+]
+
+
+def ended(code: str, place: Path) -> subprocess.CompletedProcess[str]:
+    words = [sys.executable, "-c", WITHOUT + code]
+    return subprocess.run(words, cwd=place, capture_output=True, text=True, check=False)
+
+
+@pytest.mark.parametrize("verb", VERBS, ids=lambda words: words[0])
+def test_a_verb_without_topics_needs_no_ros(verb: list[str], tmp_path: Path) -> None:
+    done = ended(f"sys.argv = ['mech-twin', *{verb!r}]\nfrom mech_twin.cli.main import main\nmain()", tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout
+
+
+def test_the_library_needs_no_ros(tmp_path: Path) -> None:
+    runs = "mt.simulate('winding_drum', 0.1).sound, len(mt.rollout('impact_mass', 0.1).events)"
+    code = f"import mech_twin as mt\nprint({runs})"
+    done = ended(code, tmp_path)
+    assert done.stdout.split()[0] == "True", done.stderr
+
+
+def test_a_verb_with_topics_is_what_lacks_it(tmp_path: Path) -> None:
+    done = ended(
+        "sys.argv = ['mech-twin', 'run', 'winding_drum']\nfrom mech_twin.cli.main import main\nmain()", tmp_path
+    )
+    assert done.returncode != 0
+    assert "rclpy" in done.stderr

@@ -1,0 +1,42 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Keys that an importer may set, set together, give the constants that the configuration would."""
+
+from __future__ import annotations
+
+import random
+
+import numpy as np
+import pytest
+
+from mech_twin.configuration_tree import ConfigurationError, configuration_tree, merged_tree, tree_from_flat
+from mech_twin.engine.compiled_machine import compiled_machine
+from mech_twin.fmi.packed_models import packed_models
+from mech_twin.fmi.unit_variables import unit_of
+from mech_twin.machines.catalog import CATALOGUE
+from mech_twin.parameters.load import catalogue_entry, validated
+from mech_twin.parameters.load import machine as built_machine
+
+SETS = 20
+
+
+@pytest.mark.parametrize("name", CATALOGUE)
+def test_values_set_together_are_the_constants_of_that_configuration(name: str) -> None:
+    machine, entry = built_machine(name), catalogue_entry(name)
+    compiled = compiled_machine(machine)
+    assert compiled is not None
+    unit = unit_of(machine, compiled)
+    chance, legal = random.Random(1), 0
+    for _ in range(SETS):
+        values = {each.key.name: chance.uniform(each.least, each.greatest) for each in unit.adjustable}
+        expected = np.array(unit.packed.reals)
+        for each in unit.adjustable:
+            expected[list(each.places)] = values[each.key.name]
+        tree = merged_tree(configuration_tree(machine.parameters), tree_from_flat(values))
+        try:
+            other = compiled_machine(entry.build(validated(entry, tree, "drawn")))
+        except (ConfigurationError, ValueError):
+            continue
+        assert other is not None
+        assert np.array_equal(packed_models(other.models).reals, expected, equal_nan=True)
+        legal += 1
+    assert legal > 0

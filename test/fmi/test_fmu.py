@@ -1,0 +1,341 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A unit computes what a run does, to the bit, in the tools of others and where there is no Python."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+import zipfile
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import fmpy
+import numpy as np
+import pytest
+from fmpy.fmi2 import FMU2Slave
+from fmpy.validation import validate_fmu
+
+import mech_twin as mt
+from mech_twin.cli.main import main
+from mech_twin.fmi.export import LINUX, WINDOWS, export_fmu
+from mech_twin.parameters.load import machine as built_machine
+
+DURATION_S = 1.0
+REAL = {"Real", "Float64"}
+ALL_MACHINES = ["winding_drum", "vibration_crank", "compaction_press", "planar_linkage", "roller_former"]
+
+
+@pytest.fixture(scope="session")
+def unit(tmp_path_factory: pytest.TempPathFactory) -> Any:
+    """Return the unit of a machine in a version of the standard, exported once."""
+    folder = tmp_path_factory.mktemp("units")
+
+    @cache
+    def exported(name: str, version: int) -> Path:
+        file = folder / f"{name}_{version}.fmu"
+        platforms = (LINUX, WINDOWS) if (name, version) == ("impact_mass", 2) else (LINUX,)
+        return export_fmu(built_machine(name), file, version, platforms).file
+
+    return exported
+
+
+def in_fmpy(file: Path, duration_s: float = DURATION_S, **asked: Any) -> np.ndarray:
+    """Return what FMPy reads after every coupling step."""
+    description = fmpy.read_model_description(str(file))
+    names = [v.name for v in description.modelVariables if v.causality in ("output", "local")]
+    step_s = float(description.defaultExperiment.stepSize)
+    return fmpy.simulate_fmu(
+        str(file), stop_time=duration_s, output_interval=step_s, step_size=step_s, output=names,
+        fmi_type="CoSimulation", **asked,
+    )  # fmt: skip
+
+
+def same_as_run(found: np.ndarray, run: Any) -> list[str]:
+    """Return the columns of a run that a unit gives otherwise, or not at all."""
+    return [name for name in run.columns if name != "time_s" and found[name].tobytes() != run[name].tobytes()]
+
+
+@pytest.mark.parametrize(
+    ("name", "version"),
+    [
+        ("impact_mass", 2),
+        ("impact_mass", 3),
+        pytest.param("mb10_breaker", 2, marks=pytest.mark.slow),
+        *(pytest.param(name, 3, marks=pytest.mark.slow) for name in ALL_MACHINES),
+    ],
+)
+def test_every_number_and_event_of_a_unit_is_that_of_a_run_to_the_bit(unit: Any, name: str, version: int) -> None:
+    found, run = in_fmpy(unit(name, version)), mt.rollout(name, DURATION_S)
+    assert same_as_run(found, run) == []
+    for kind in set(run.event_numbers.kind.tolist()):
+        of_kind = run.event_numbers.kind == kind
+        key = kind if f"event.{kind}.count" in found.dtype.names else f"body_{kind}"
+        last = np.flatnonzero(np.diff(run.event_numbers.step[of_kind], append=np.inf))
+        told = np.flatnonzero(np.diff(found[f"event.{key}.count"], prepend=0))
+        assert found[f"event.{key}.count"][-1] == of_kind.sum()
+        assert found[f"event.{key}.time_s"][told].tolist() == run.event_numbers.time_s[of_kind][last].tolist()
+        assert found[f"event.{key}.impulse_ns"][told].tolist() == run.event_numbers.impulse_ns[of_kind][last].tolist()
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_a_unit_keeps_to_the_standard(unit: Any, version: int) -> None:
+    assert validate_fmu(str(unit("impact_mass", version))) == []
+
+
+def test_every_number_that_has_a_unit_in_the_samples_has_it_in_the_description(unit: Any) -> None:
+    units = mt.rollout("impact_mass", 0.0).samples.units
+    described = {v.name: v.unit for v in fmpy.read_model_description(str(unit("impact_mass", 2))).modelVariables}
+    for name in ("linkage.mass.position", "linkage.mass.velocity", "forces.stop.force_x_n"):
+        if name in units:
+            assert described[name] == units[name].replace(" ", ".")
+    assert described["event.impact.impulse_ns"] == "N.s"
+    assert described["parameters.period_s"] == "s"
+
+
+with_wine = pytest.mark.skipif(shutil.which("wine") is None, reason="no wine, which runs programs of Windows")
+
+
+@pytest.mark.parametrize(
+    ("library", "target", "run_by"),
+    [
+        ("linux64/impact_mass.so", ("x86_64-linux-gnu.2.17", "-ldl"), ()),
+        pytest.param("win64/impact_mass.dll", ("x86_64-windows-gnu",), ("wine",), marks=with_wine),
+    ],
+)
+def test_a_library_of_a_unit_needs_no_python(
+    unit: Any, tmp_path: Path, library: str, target: tuple[str, ...], run_by: tuple[str, ...]
+) -> None:
+    with zipfile.ZipFile(unit("impact_mass", 2)) as archive:
+        archive.extract(f"binaries/{library}", tmp_path)
+    token = fmpy.read_model_description(str(unit("impact_mass", 2))).guid
+    importer = tmp_path / "importer.exe"
+    source = Path(__file__).with_name("importer.c")
+    compiler = [sys.executable, "-m", "ziglang", "cc", "-w", "-o", str(importer), str(source), "-target", *target]
+    subprocess.run(compiler, check=True)
+    run = mt.rollout("impact_mass", 0.5)
+    described = {
+        v.name: v.valueReference for v in fmpy.read_model_description(str(unit("impact_mass", 2))).modelVariables
+    }
+    names = ["linkage.mass.position", "linkage.mass.velocity"]
+    wine = {"WINEPREFIX": str(tmp_path / "wine"), "WINEDEBUG": "-all", "PATH": "/usr/bin:/bin"} if run_by else {}
+    done = subprocess.run(
+        [*run_by, str(importer), f"binaries/{library}", token, "500", "0.001",
+         *(str(described[name]) for name in (*names, "event.impact.time_s"))],
+        cwd=tmp_path, env=wine, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    impacts = run.event_numbers.time_s[run.event_numbers.kind == "impact"]
+    expected = [*(run[name][-1] for name in names), impacts[-1]]
+    assert [float.fromhex(line) for line in done.stdout.split()] == expected
+
+
+def test_a_library_tells_nothing_of_the_machine_that_exported_it(unit: Any) -> None:
+    with zipfile.ZipFile(unit("impact_mass", 2)) as archive:
+        content = b"".join(map(archive.read, archive.namelist()))
+    places = {str(Path(module.__file__).parent) for module in (np, mt) if module.__file__}
+    assert not [place for place in places if place.encode() in content]
+
+
+def test_a_library_for_windows_offers_the_functions_of_the_standard(unit: Any) -> None:
+    with zipfile.ZipFile(unit("impact_mass", 2)) as archive:
+        library = archive.read("binaries/win64/impact_mass.dll")
+    assert library[:2] == b"MZ"
+    assert b"fmi2DoStep\0" in library
+    assert b"python3" not in library.lower()
+
+
+def test_a_parameter_that_an_importer_sets_is_that_of_the_configuration(unit: Any) -> None:
+    settings = {"period_s": 0.06, "phase1_duration_s": 0.021}
+    found = in_fmpy(unit("impact_mass", 2), start_values={f"parameters.{key}": v for key, v in settings.items()})
+    assert same_as_run(found, mt.rollout("impact_mass", DURATION_S, settings)) == []
+    assert same_as_run(found, mt.rollout("impact_mass", DURATION_S)) != []
+
+
+def test_a_parameter_beyond_what_was_tried_is_refused_with_its_bounds(unit: Any) -> None:
+    told: list[str] = []
+    with pytest.raises(Exception, match="SetReal"):
+        in_fmpy(
+            unit("impact_mass", 2), 0.01, validate=False, start_values={"parameters.period_s": 50.0},
+            logger=lambda *words: told.append(str(words)),
+        )  # fmt: skip
+    assert any("parameter period_s, value 50: expected" in line for line in told)
+
+
+def test_a_command_counts_from_the_next_step_on(unit: Any) -> None:
+    command = np.where(np.arange(501) < 200, 1.0, 0.6)
+    given = np.array(
+        [(0.001 * i, value) for i, value in enumerate(command)], dtype=[("time", "f8"), ("speed_command", "f8")]
+    )
+    steps = np.concatenate([[1.0], command[:-1]])
+    found = in_fmpy(unit("impact_mass", 3), 0.5, input=_held(given))
+    assert same_as_run(found, mt.rollout("impact_mass", 0.5, command=steps)) == []
+
+
+def _held(rows: np.ndarray) -> np.ndarray:
+    """Return an input that jumps at each row instead of going on in a line."""
+    before = rows.copy()[1:]
+    before["speed_command"] = rows["speed_command"][:-1]
+    before["time"] = np.nextafter(before["time"], 0.0)
+    return np.sort(np.concatenate([rows, before]), order="time")
+
+
+def test_a_motor_of_somebody_else_that_gives_the_same_effort_gives_the_same_motion(unit: Any) -> None:
+    run = mt.rollout("impact_mass", 0.5)
+    efforts = [name for name in run.columns if name.startswith("motor.") and name.endswith(".effort")]
+    assert _driven(unit, {name: run[name] for name in efforts}, 500) == run["linkage.mass.position"].tolist()
+    stronger = {name: 1.5 * run[name] for name in efforts}
+    assert _driven(unit, stronger, 500) != run["linkage.mass.position"].tolist()
+
+
+def _driven(unit: Any, efforts: dict[str, np.ndarray], steps: int) -> list[float]:
+    with _Slave(unit("impact_mass", 2)) as slave:
+        slave.set_truth("motor_given", True)
+        slave.begin()
+        found = [slave.get("linkage.mass.position")]
+        for step in range(steps):
+            for name, column in efforts.items():
+                slave.set(f"given.{name}", float(column[step]))
+            slave.step(0.001 * step)
+            found.append(slave.get("linkage.mass.position"))
+        return found
+
+
+class _Slave:
+    """One instance in FMPy, by the names of its variables."""
+
+    def __init__(self, file: Path) -> None:
+        description = fmpy.read_model_description(str(file))
+        self._folder = fmpy.extract(str(file))
+        self._references = {v.name: v.valueReference for v in description.modelVariables}
+        self.fmu = FMU2Slave(
+            guid=description.guid, unzipDirectory=self._folder, instanceName="one",
+            modelIdentifier=description.coSimulation.modelIdentifier,
+        )  # fmt: skip
+        self.fmu.instantiate()
+        self.fmu.setupExperiment(startTime=0.0)
+
+    def begin(self) -> None:
+        self.fmu.enterInitializationMode()
+        self.fmu.exitInitializationMode()
+
+    def step(self, time_s: float) -> None:
+        self.fmu.doStep(time_s, 0.001)
+
+    def get(self, name: str) -> float:
+        return self.fmu.getReal([self._references[name]])[0]
+
+    def set(self, name: str, value: float) -> None:
+        self.fmu.setReal([self._references[name]], [value])
+
+    def set_truth(self, name: str, value: bool) -> None:
+        self.fmu.setBoolean([self._references[name]], [value])
+
+    def __enter__(self) -> _Slave:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.fmu.freeInstance()
+        shutil.rmtree(self._folder)
+
+
+def test_a_state_given_back_goes_on_with_the_same_bits(unit: Any) -> None:
+    with _Slave(unit("impact_mass", 2)) as slave:
+        slave.begin()
+        for step in range(150):
+            slave.step(0.001 * step)
+        stored = slave.fmu.serializeFMUstate(state := slave.fmu.getFMUstate())
+        slave.fmu.freeFMUstate(state)
+        once = _onward(slave)
+        slave.fmu.setFMUstate(slave.fmu.deSerializeFMUstate(stored))
+        assert _onward(slave) == once
+    with _Slave(unit("impact_mass", 2)) as other:
+        other.begin()
+        other.fmu.setFMUstate(other.fmu.deSerializeFMUstate(stored))
+        assert _onward(other) == once
+
+
+def _onward(slave: _Slave) -> list[float]:
+    found = []
+    for step in range(150, 300):
+        slave.step(0.001 * step)
+        found.append(slave.get("linkage.mass.velocity"))
+    return found
+
+
+def test_a_long_step_ends_where_short_ones_do(unit: Any) -> None:
+    ends = []
+    for length in (1, 10, 250):
+        with _Slave(unit("impact_mass", 2)) as slave:
+            slave.begin()
+            for begin in range(0, 500, length):
+                slave.fmu.doStep(0.001 * begin, 0.001 * length)
+            ends.append(slave.get("linkage.mass.velocity"))
+    assert ends == [mt.rollout("impact_mass", 0.5)["linkage.mass.velocity"][-1]] * 3
+
+
+def test_event_mode_ends_a_step_where_something_happened(unit: Any) -> None:
+    file = str(unit("impact_mass", 3))
+    found = fmpy.simulate_fmu(
+        file, stop_time=0.5, output_interval=0.1, step_size=0.1, output=["event.impact.count", "event.phase.count"],
+        use_event_mode=True, early_return_allowed=True,
+    )  # fmt: skip
+    events = mt.rollout("impact_mass", 0.5).event_numbers
+    ends = {round(0.001 * step, 9) for step in events.step.tolist() if step % 100}
+    assert ends <= set(np.round(found["time"], 9).tolist())
+    assert found["event.impact.count"][-1] == (events.kind == "impact").sum()
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--out", "x.zip"], "x.zip: expected a name that ends in .fmu"),
+        (["--fmi", "4"], "--fmi"),
+        (["--out", "there.fmu"], "there.fmu: exists already"),
+    ],
+)
+def test_what_cannot_be_exported_is_refused_in_one_line(
+    words: list[str], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    tmp_path.joinpath("there.fmu").touch()
+    monkeypatch.setattr(sys, "argv", ["mech-twin", "export", "fmu", "winding_drum", *words])
+    with pytest.raises(SystemExit) as end:
+        main()
+    assert end.value.code == 2
+    complaint = capsys.readouterr().err
+    assert said in complaint
+    assert complaint.count("\n") == 1
+
+
+def test_the_command_writes_a_unit_that_holds_its_configuration(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["mech-twin", "export", "fmu", "impact", "--set", "period_s=0.12", "--fmi", "3"])
+    with pytest.raises(SystemExit) as end:
+        main()
+    assert end.value.code == 0
+    assert "impact_mass.fmu: FMI 3.0 co-simulation" in capsys.readouterr().out
+    with zipfile.ZipFile("impact_mass.fmu") as archive:
+        assert b"period_s: 0.12" in archive.read("resources/configuration.yaml")
+    assert (
+        same_as_run(in_fmpy(tmp_path / "impact_mass.fmu", 0.2), mt.rollout("impact_mass", 0.2, {"period_s": 0.12}))
+        == []
+    )
+
+
+@pytest.mark.parametrize(("name", "version"), [("spring_hammer", 3), pytest.param("rammer", 2, marks=pytest.mark.slow)])
+def test_a_unit_of_a_page_strikes_when_a_run_of_it_does_to_the_bit(name: str, version: int, tmp_path: Path) -> None:
+    page = str(Path(__file__).resolve().parents[2] / "config" / "pages" / f"{name}.yaml")
+    file = export_fmu(built_machine(page), tmp_path / "unit.fmu", version).file
+    found, run = in_fmpy(file), mt.rollout(page, DURATION_S)
+    assert same_as_run(found, run) == []
+    for kind in set(run.event_numbers.kind.tolist()):
+        of_kind = run.event_numbers.kind == kind
+        last = np.flatnonzero(np.diff(run.event_numbers.step[of_kind], append=np.inf))
+        told = np.flatnonzero(np.diff(found[f"event.{kind}.count"], prepend=0))
+        assert found[f"event.{kind}.time_s"][told].tolist() == run.event_numbers.time_s[of_kind][last].tolist()
+    assert (run.event_numbers.kind == "impact").sum() > 0
+    assert validate_fmu(str(file)) == []
+    assert fmpy.read_model_description(str(file)).coSimulation.modelIdentifier == name

@@ -1,0 +1,272 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Elements of a page against their closed forms, with the energy in balance."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from machines.page.pages import run
+
+BLOCK = """
+gravity_m_per_s2: [0, 0]
+bodies: {block: {mass_kg: 2}}
+joints: {guide: {kind: slider, between: [ground, block]}}
+"""
+WHEEL = """
+gravity_m_per_s2: [0, 0]
+bodies: {wheel: {inertia_kg_m2: 0.5}}
+joints: {shaft: {kind: revolute, between: [ground, wheel]}}
+"""
+TWO_WHEELS = """
+gravity_m_per_s2: [0, 0]
+bodies: {first: {inertia_kg_m2: 0.2}, second: {inertia_kg_m2: 0.3}}
+joints:
+  first_shaft: {kind: revolute, between: [ground, first], start_rad_per_s: 2}
+  second_shaft: {kind: revolute, between: [ground, second]}
+"""
+
+
+def balanced(text, duration_s, **changes):
+    """Return frames and simulation of a run whose residuals keep their limits."""
+    told, simulation = run(text, duration_s, **changes)
+    assert all(r.worst <= r.limit for r in simulation.residuals().values()), simulation.residuals()
+    return told, simulation
+
+
+def moving(speed):
+    return {"joints": {"guide": {"start_m_per_s": speed}}}
+
+
+def test_a_progressive_spring_has_the_turning_point_of_its_two_rates():
+    k1, k2, bend, v0, mass = 200.0, 1000.0, 0.1, 2.0, 2.0
+    rows = [[-1.0, 200.0], [0.1, -20.0], [1.0, -20.0 - 900.0]]
+    told, _ = balanced(BLOCK, 0.4, springs={"spring": {"joint": "guide", "table_m_n": rows}}, **moving(v0))
+    w1, w2 = math.sqrt(k1 / mass), math.sqrt(k2 / mass)
+    met = math.asin(bend * w1 / v0) / w1
+    v1 = math.sqrt(v0**2 - (w1 * bend) ** 2)
+    at_rest = bend - k1 * bend / k2  # of the second rate's line
+    for frame in told[::13]:
+        t = frame.linkage.time_s
+        if t <= met:
+            x = v0 / w1 * math.sin(w1 * t)
+        elif t <= met + 0.1:
+            into = t - met
+            x = at_rest + (bend - at_rest) * math.cos(w2 * into) + v1 / w2 * math.sin(w2 * into)
+        else:
+            continue
+        assert frame.linkage.position[0] == pytest.approx(x, abs=1e-10)
+
+
+GAS = {"joint": "guide", "gas": {"area_m2": -0.002, "volume_m3": 4e-4, "pressure_pa": 3e5, "exponent": 1.3}}
+
+
+def gas_energy(x, area=0.002, v0=4e-4, p0=3e5, n=1.3, outside=101325.0):
+    """Return the work that takes a chamber from its start to a travel that makes it smaller."""
+    v = v0 - area * x
+    return p0 * v0 / (n - 1.0) * ((v0 / v) ** (n - 1.0) - 1.0) - outside * area * x
+
+
+def test_a_gas_spring_keeps_the_energy_of_its_adiabat():
+    told, _ = balanced(BLOCK, 0.2, springs={"cushion": GAS}, **moving(6.0))
+    reach = 0.0
+    for frame in told:
+        x, v = frame.linkage.position[0], frame.linkage.velocity[0]
+        assert v * v + gas_energy(x) == pytest.approx(36.0, rel=1e-9)
+        assert frame.linkage.memory["cushion_work_j"] == pytest.approx(-gas_energy(x), abs=1e-8)
+        reach = max(reach, x)
+    assert reach > 0.05
+
+
+def test_an_open_port_lets_the_gas_out_and_closes_on_air():
+    ports = {"vent": {"joint": "guide", "open_below_m": -0.02}}
+    gas = {**GAS["gas"], "ports": ports, "exponent": 1.4}
+    there = {"springs": {"cushion": {"joint": "guide", "gas": gas}}, **moving(-1.0)}
+    pull = {"back": {"point": "block", "force_n": [300.0, 0.0]}}
+    told, simulation = balanced(BLOCK, 0.2, loads=pull, **there)
+    out, back = [event.time_s for event in simulation.events if event.kind == "switch"][:2]
+    assert 0.0 < out < back
+    shut = 4e-4 + 0.002 * 0.02
+    seen = 0
+    for frame in told:
+        t, force = frame.linkage.time_s, frame.forces.quantities["cushion_force_n"]
+        volume = 4e-4 - 0.002 * frame.linkage.position[0]
+        if t < out:
+            expected = -0.002 * (3e5 * (4e-4 / volume) ** 1.4 - 101325.0)
+        elif t < back:
+            expected = 0.0
+        elif frame.linkage.position[0] > -0.02:
+            expected = -0.002 * 101325.0 * ((shut / volume) ** 1.4 - 1.0)
+            seen += 1
+        else:
+            break
+        assert force == pytest.approx(expected, abs=1e-6)
+    assert seen > 20
+
+
+def test_a_leak_empties_a_chamber_to_the_pressure_outside():
+    gas = {**GAS["gas"], "exponent": 1.0, "leak_per_s": 3.0}
+    held = {"hold": {"kind": "constant_speed", "joint": "guide", "speed_m_per_s": 0.0}}
+    told, _ = balanced(BLOCK, 1.0, springs={"cushion": {"joint": "guide", "gas": gas}}, drives=held)
+    left = 101325.0 / 3e5
+    for frame in told[::100]:
+        share = left + (1.0 - left) * math.exp(-3.0 * frame.linkage.time_s)
+        assert frame.linkage.memory["cushion_gas_1"] == pytest.approx(share, abs=1e-11)
+        assert frame.linkage.effort[0] == pytest.approx(0.002 * (3e5 * share - 101325.0), rel=1e-9)
+
+
+def drive(**keys):
+    return {"drives": {"motor": {"kind": "table", **keys}}}
+
+
+def test_a_torque_by_speed_runs_up_as_its_straight_line():
+    rows = [[-1000.0, 20.0], [0.0, 10.0], [1000.0, 0.0]]
+    told, _ = balanced(WHEEL, 1.0, **drive(joint="shaft", table_rpm_nm=rows, gear_ratio=2.0))
+    full = 1000.0 * math.pi / 30.0
+    rate = 2.0 * 2.0 * 10.0 / full / 0.5
+    for frame in told[::100]:
+        speed = 0.5 * full * (1.0 - math.exp(-rate * frame.linkage.time_s))
+        assert frame.linkage.velocity[0] == pytest.approx(speed, abs=1e-9)
+        assert frame.forces.quantities["motor_torque_nm"] == pytest.approx(2.0 * 10.0 * (1.0 - 2.0 * speed / full))
+
+
+def test_a_force_over_time_gives_the_momentum_of_its_area():
+    rows = [[0.0, 0.0], [0.0503, 40.0], [0.06, -10.0], [0.1, 0.0]]
+    told, _ = balanced(BLOCK, 1.0, **drive(joint="guide", table_s_n=rows, period_s=0.1))
+    area = 0.5 * 40.0 * 0.0503 + 0.5 * 30.0 * 0.0097 - 0.5 * 10.0 * 0.04
+    for periods in (1, 5, 10):
+        assert told[100 * periods].linkage.velocity[0] == pytest.approx(periods * area / 2.0, rel=1e-11)
+    assert told[25].motor.effort[0] == pytest.approx(40.0 * 0.025 / 0.0503, rel=1e-12)
+
+
+def test_a_torque_over_the_angle_does_the_same_work_each_turn():
+    rows = [[10.0, 0.0], [100.0, 40.0], [200.0, 5.0], [370.0, 0.0]]
+    told, _ = balanced(WHEEL, 1.0, joints={"shaft": {"start_deg": 20.0}}, **drive(joint="shaft", table_deg_nm=rows))
+    x, y = np.array(rows).T
+    turn = math.radians(np.trapezoid(y, x))
+
+    def work(angle):
+        turns, into = divmod(math.degrees(angle) - 10.0, 360.0)
+        at = np.interp(10.0 + into, x, y)
+        ahead = x < 10.0 + into
+        return turns * turn + math.radians(np.trapezoid([*y[ahead], at], [*x[ahead], 10.0 + into]))
+
+    assert told[-1].linkage.position[0] > 4.0 * math.pi
+    for frame in told[::50]:
+        energy = 0.25 * frame.linkage.velocity[0] ** 2
+        done = work(frame.linkage.position[0]) - work(math.radians(20.0))
+        assert energy == pytest.approx(done, abs=1e-9)
+
+
+def test_a_resistance_over_the_travel_stops_where_its_area_is_the_energy():
+    load = {"cut": {"joint": "guide", "table_m_n": [[0.1, 0.0], [0.2, 50.0], [1.0, 50.0]], "against": "forward"}}
+    told, simulation = balanced(BLOCK, 0.5, loads=load, **moving(3.0))
+    assert told[-1].linkage.velocity[0] == 0.0
+    assert told[-1].linkage.position[0] == pytest.approx(0.2 + (9.0 - 2.5) / 50.0, abs=1e-11)
+    assert told[-1].linkage.memory["cut_work_j"] == pytest.approx(-9.0, rel=1e-11)
+    assert [event.kind for event in simulation.events] == ["stick"]
+
+
+def test_a_load_by_speed_slows_as_its_straight_line():
+    load = {"fan": {"joint": "shaft", "table_rpm_nm": [[0.0, 0.0], [600.0, -30.0]]}}
+    told, _ = balanced(WHEEL, 0.5, loads=load, joints={"shaft": {"start_rad_per_s": 50.0}})
+    rate = 30.0 / (20.0 * math.pi) / 0.5
+    for frame in told[::50]:
+        assert frame.linkage.velocity[0] == pytest.approx(50.0 * math.exp(-rate * frame.linkage.time_s), rel=1e-10)
+
+
+def test_an_elastic_shaft_swings_at_the_frequency_of_its_two_inertias():
+    shaft = {"shaft": {"kind": "shaft", "joints": ["first_shaft", "second_shaft"], "rate_nm_per_rad": 600.0}}
+    shaft["shaft"]["damping_nms_per_rad"] = 0.4
+    told, _ = balanced(TWO_WHEELS, 0.5, couplings=shaft)
+    inertia = 0.2 * 0.3 / 0.5
+    decay, w0 = 0.5 * 0.4 / inertia, math.sqrt(600.0 / inertia)
+    w = math.sqrt(w0 * w0 - decay * decay)
+    for frame in told[::20]:
+        t = frame.linkage.time_s
+        twist = 2.0 / w * math.exp(-decay * t) * math.sin(w * t)
+        first, second = frame.linkage.position
+        assert first - second == pytest.approx(twist, abs=1e-11)
+        assert 0.2 * first + 0.3 * second == pytest.approx(0.4 * t, abs=1e-11)
+
+
+def test_a_shaft_with_backlash_carries_nothing_across_its_play():
+    shaft = {"kind": "shaft", "joints": ["first_shaft", "second_shaft"], "rate_nm_per_rad": 600.0, "backlash_deg": 6.0}
+    told, simulation = balanced(TWO_WHEELS, 0.2, couplings={"shaft": shaft})
+    w, half = math.sqrt(600.0 / 0.12), math.radians(3.0)
+    kinds = [(event.kind, event.contact) for event in simulation.events[:3]]
+    assert kinds == [("contact", "shaft_forward"), ("release", "shaft_forward"), ("contact", "shaft_backward")]
+    met, left, back = [event.time_s for event in simulation.events[:3]]
+    assert met == pytest.approx(half / 2.0, abs=1e-9)
+    assert left == pytest.approx(met + math.pi / w, abs=1e-9)
+    assert back == pytest.approx(left + half, abs=1e-9)
+    assert all(f.forces.quantities["shaft_moment_nm"] == 0.0 for f in told if left < f.linkage.time_s < back)
+
+
+@pytest.mark.parametrize(
+    ("load", "acceleration"), [(14.0, (16.0 - 14.0) / 0.5), (20.0, 0.0), (26.0, (25.0 - 26.0) / 0.5)]
+)
+def test_a_gear_passes_on_between_eta_m_and_m_over_eta(load, acceleration):
+    motor = drive(joint="shaft", table_rpm_nm=[[-1.0, 10.0], [1.0, 10.0]], gear_ratio=2.0, gear_efficiency=0.8)
+    told, _ = balanced(WHEEL, 0.2, loads={"weight": {"body": "wheel", "torque_nm": -load}}, **motor)
+    assert told[-1].linkage.velocity[0] == pytest.approx(0.2 * acceleration, abs=1e-11)
+    lost = told[-1].linkage.memory["motor_gear_work_j"]
+    assert lost <= 0.0
+    assert (lost < 0.0) == (acceleration != 0.0)
+
+
+def test_a_wall_gives_way_until_the_blow_is_spent_and_stays():
+    wall = {"wall": {"joint": "guide", "gives_way_n": 400.0}}
+    told, _ = balanced(BLOCK, 0.3, contacts=wall, **moving(5.0))
+    assert told[-1].linkage.position[0] == pytest.approx(25.0 / 400.0, abs=1e-12)
+    assert told[-1].linkage.velocity[0] == 0.0
+    pushed, _ = balanced(BLOCK, 0.3, contacts=wall, loads={"push": {"point": "block", "force_n": [399.0, 0.0]}})
+    assert pushed[-1].linkage.position[0] == 0.0
+    assert pushed[-1].forces.quantities["wall_force_n"] == pytest.approx(-399.0)
+    pulled, _ = balanced(BLOCK, 0.3, contacts=wall, loads={"pull": {"point": "block", "force_n": [-4.0, 0.0]}})
+    assert pulled[-1].linkage.position[0] == pytest.approx(-0.5 * 2.0 * 0.09, rel=1e-10)
+
+
+DROP = """
+gravity_m_per_s2: [0, -10]
+ground: {points_m: {top: [0, 0]}}
+bodies: {plate: {mass_kg: 2}}
+joints: {fall: {kind: slider, between: [ground, plate], direction_deg: 90, start_m: 0.2}}
+contacts: {soil: {point: plate, line: ground.top, normal_deg: 90, layer_m_n: [[0, 0], [1, 4000]]}}
+"""
+
+
+def test_a_layer_takes_the_fall_and_then_bears_the_weight():
+    told, _ = balanced(DROP, 0.6)
+    depth = (20.0 + math.sqrt(400.0 + 2.0 * 4000.0 * 4.0)) / 4000.0
+    assert told[-1].linkage.position[0] == pytest.approx(-depth, abs=1e-10)
+    assert told[-1].linkage.velocity[0] == 0.0
+    soil = told[-1].forces.wrenches[told[-1].forces.pins.index("soil")]
+    assert soil.force_y_n == pytest.approx(20.0, rel=1e-10)
+
+
+def test_a_layer_gives_nothing_back_and_lets_the_plate_go():
+    text = DROP + "drives: {pull: {kind: table, joint: fall, table_s_n: [[0.3, 0], [0.301, 60]]}}\n"
+    told, _ = balanced(text, 0.8)
+    assert told[-1].linkage.position[0] > 0.2
+    work = told[-1].linkage.memory["soil_work_j"]
+    depth = (20.0 + math.sqrt(400.0 + 2.0 * 4000.0 * 4.0)) / 4000.0
+    assert work == pytest.approx(-2000.0 * depth**2, rel=1e-9)
+
+
+def test_an_unbalance_shakes_its_body_as_a_rotating_force():
+    text = """
+gravity_m_per_s2: [0, 0]
+bodies: {box: {mass_kg: 9}}
+joints: {guide: {kind: slider, between: [ground, box]}}
+springs: {spring: {joint: guide, rate_n_per_m: 4000, free_m: 0}}
+drives: {shaker: {kind: unbalance, point: box, mass_kg: 1, radius_m: 0.05, speed_rpm: 300}}
+"""
+    told, _ = balanced(text, 1.0)
+    w, w0 = 10.0 * math.pi, math.sqrt(4000.0 / 10.0)
+    size = 0.05 * w * w / 10.0 / (w0 * w0 - w * w)
+    for frame in told[::25]:
+        t = frame.linkage.time_s
+        x = size * (math.cos(w * t) - math.cos(w0 * t))
+        assert frame.linkage.joint("guide").position == pytest.approx(x, abs=1e-10)

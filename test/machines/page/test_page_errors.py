@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is wrong with a page is told in one line that names element, key and what was expected."""
+
+from __future__ import annotations
+
+import pytest
+from machines.page.pages import BALL, PENDULUM, SLIDER_CRANK, page
+
+from mech_twin.machines.page import build
+
+
+def refused(text, **changes):
+    """Return why a page is refused."""
+    with pytest.raises(ValueError) as refusal:  # of pydantic, or of the configuration
+        build(page(text, **changes))
+    return str(refusal.value)
+
+
+def test_an_unknown_point_is_named_with_those_there():
+    told = refused(SLIDER_CRANK, joints={"pin": {"between": ["crank.pinn", "rod"]}})
+    assert "joints.pin.between: crank has no point 'pinn'; expected one of pin" in told
+
+
+def test_an_unknown_body_and_joint_are_named():
+    assert "no body 'pistn'" in refused(SLIDER_CRANK, joints={"wrist": {"between": ["rod.end", "pistn"]}})
+    assert "drives.motor.joint: no joint 'berring'" in refused(SLIDER_CRANK, drives={"motor": {"joint": "berring"}})
+
+
+def test_a_key_of_another_kind_is_refused():
+    told = refused(SLIDER_CRANK, joints={"bearing": {"start_m": 0.1}})
+    assert "kind revolute has no key start_m" in told
+    told = refused(SLIDER_CRANK, drives={"motor": {"torque_nm": 1.0}})
+    assert "kind constant_speed has no key torque_nm" in told
+
+
+def test_units_of_slider_and_revolute_are_kept_apart():
+    told = refused(SLIDER_CRANK, friction={"rub": {"joint": "guide", "coulomb_nm": 1.0}})
+    assert "friction.rub.joint: 'guide' is a slider; expected keys in m, m/s, or N" in told
+
+
+def test_a_loop_that_cannot_close_tells_by_how_much():
+    told = refused(
+        SLIDER_CRANK, joints={"guide": {"between": ["ground.far", "piston"]}}, ground={"points_m": {"far": [0.0, 2.0]}}
+    )
+    assert "cannot close" in told
+    assert "1.5 m" in told
+
+
+def test_no_freedom_left_is_told():
+    told = refused(PENDULUM, joints={"weld": {"kind": "weld", "between": ["ground", "rod"]}})
+    assert "hold its bodies already" in told or "no freedom is left" in told
+
+
+def test_a_motion_without_inertia_is_named():
+    told = refused(PENDULUM, bodies={"rod": {"mass_kg": 0.0, "inertia_kg_m2": 0.0}})
+    assert "joints.pivot: a motion without inertia" in told
+
+
+def test_a_contact_that_begins_inside_is_named_with_its_depth():
+    told = refused(BALL, joints={"fall": {"start_m": -0.25}})
+    assert "contacts.bounce: begins 0.25 m" in told
+
+
+def test_two_drives_of_one_joint_are_refused():
+    told = refused(SLIDER_CRANK, drives={"second": {"kind": "constant_torque", "joint": "bearing", "torque_nm": 1.0}})
+    assert "given speed already" in told
+
+
+def test_more_given_speeds_than_freedoms_are_refused():
+    told = refused(SLIDER_CRANK, drives={"second": {"kind": "constant_speed", "joint": "guide", "speed_m_per_s": 1.0}})
+    assert "2 joints have a given speed, but the machine has 1 freedom" in told
+
+
+def test_a_body_that_nothing_joins_is_named():
+    told = refused(PENDULUM, bodies={"stone": {"mass_kg": 1.0}})
+    assert "nothing joins stone to the ground" in told
+
+
+def test_speeds_that_contradict_each_other_are_refused():
+    told = refused(
+        SLIDER_CRANK,
+        drives={"motor": {"kind": "constant_torque", "torque_nm": 1.0, "speed_rpm": None}},
+        joints={"bearing": {"start_rad_per_s": 1.0}, "guide": {"start_m_per_s": 5.0}},
+    )
+    assert "the speed at the start contradicts" in told
+
+
+def test_a_spring_between_points_that_coincide_is_refused():
+    told = refused(PENDULUM, springs={"coil": {"between": ["ground", "rod"], "rate_n_per_m": 10.0, "free_m": 0.1}})
+    assert "springs.coil.between: ground and rod coincide at the start" in told
+
+
+BLOCK = """
+bodies: {block: {mass_kg: 2}}
+joints: {guide: {kind: slider, between: [ground, block]}}
+"""
+
+
+VENT = {"vent": {"joint": "guid", "open_above_m": 1}}
+
+
+@pytest.mark.parametrize(
+    ("group", "element", "told"),
+    [
+        ("springs", {"joint": "guide", "table_m_n": [[0.0, 1.0], [0.0, 2.0]]}, "the first column must rise"),
+        ("springs", {"joint": "guide", "table_m_n": [[0.0, 1.0]]}, "expected 2 to 50 rows, got 1"),
+        ("springs", {"joint": "guide", "gas": {"area_m2": 0.0, "volume_m3": 1.0}}, "area_m2 must not be 0"),
+        (
+            "springs",
+            {"joint": "guide", "gas": {"area_m2": 1.0, "volume_m3": 1.0, "ports": VENT}},
+            "springs.there.gas.ports.vent.joint: no joint 'guid'",
+        ),
+        ("couplings", {"kind": "shaft", "joints": ["guide", "guide"], "rate_nm_per_rad": 1.0}, "'guide' is a slider"),
+        ("contacts", {"joint": "guide", "gives_way_n": 5.0, "most_m": 1.0}, "wall has no key most_m"),
+        ("contacts", {"joint": "guide", "most_m": 0.0, "layer_m_n": [[0.1, 0], [1, 5]]}, "expected depths from 0 on"),
+        ("loads", {"joint": "guide", "table_m_n": [[0, -1], [1, 5]]}, "a resistance is 0 or more"),
+        ("drives", {"kind": "table", "joint": "guide"}, "expected exactly one of table_rpm_nm"),
+        ("drives", {"kind": "table", "joint": "guide", "table_rpm_nm": [[0, 1], [1, 0]]}, "expected keys in m, m/s"),
+        ("drives", {"kind": "unbalance", "mass_kg": 1.0, "radius_m": 0.1, "speed_rpm": 9.0}, "needs the key point"),
+        ("drives", {"kind": "constant_force", "force_n": 1.0}, "needs the key joint"),
+        ("drives", {"kind": "constant_force", "force_n": 1.0, "joint": ""}, "drives.there.joint: no joint ''"),
+    ],
+)  # fmt: skip
+def test_a_wrong_key_of_an_element_is_named_with_what_was_expected(group, element, told):
+    assert told in refused(BLOCK, **{group: {"there": element}})

@@ -1,0 +1,158 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Laws of a page's motion: closed forms, events at their instants, energies, forces, and a run that goes on."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+from machines.page.pages import BALL, PENDULUM, SLIDER_CRANK, run
+from scipy.special import ellipk
+
+
+def impacts(simulation):
+    return [event for event in simulation.events if event.kind == "impact"]
+
+
+def test_a_bouncing_ball_strikes_at_its_instants_and_comes_to_rest():
+    told, simulation = run(BALL, 2.0)
+    fall = math.sqrt(0.2)
+    found = impacts(simulation)
+    expected = fall
+    for k, event in enumerate(found[:12]):
+        assert event.time_s == pytest.approx(expected, abs=1e-11)
+        assert event.pre_velocity_m_per_s == pytest.approx(10.0 * fall * 0.5**k, rel=1e-10)
+        assert event.impulse_ns == pytest.approx(2.0 * 1.5 * 10.0 * fall * 0.5**k, rel=1e-10)
+        expected += 2.0 * fall * 0.5 ** (k + 1)
+    assert told[-1].linkage.position == pytest.approx([0.0], abs=1e-12)
+    assert told[-1].linkage.velocity == (0.0,)
+    assert told[-1].forces.wrenches[-1].force_y_n == pytest.approx(20.0, rel=1e-12)  # the weight
+    assert told[-1].linkage.memory["impacts_work_j"] == pytest.approx(-20.0, rel=1e-9)
+
+
+def test_a_pendulum_has_the_period_of_the_elliptic_integral():
+    told, _ = run(PENDULUM, 2.0)
+    length = (0.1 + 2 * 0.25) / (2 * 0.5)
+    period = 4.0 * math.sqrt(length / 9.81) * ellipk(math.sin(math.radians(15.0)) ** 2)
+    before = next(f for f, g in pairwise(told) if f.linkage.velocity[0] < 0.0 < g.linkage.velocity[0])
+    after = told[before.linkage.step + 1]
+    share = before.linkage.velocity[0] / (before.linkage.velocity[0] - after.linkage.velocity[0])
+    assert before.linkage.time_s + share * 1e-3 == pytest.approx(0.5 * period, abs=2e-9)
+    assert max(abs(f.linkage.residuals["energy_balance"]) for f in told) < 1e-10
+
+
+def test_a_slider_crank_at_constant_speed_has_its_closed_form():
+    told, simulation = run(SLIDER_CRANK, 0.5)
+    r, rod, w = 0.1, 0.4, 20.0 * math.pi
+    for frame in told[::7]:
+        angle = math.radians(30.0) + w * frame.linkage.time_s
+        slope = -math.asin(r / rod * math.sin(angle))
+        travel = r * math.cos(angle) + rod * math.cos(slope)
+        slope_rate = -r * w * math.cos(angle) / (rod * math.cos(slope))
+        speed = -r * w * math.sin(angle) - rod * math.sin(slope) * slope_rate
+        slope_bend = (r * w * w * math.sin(angle) + rod * math.sin(slope) * slope_rate**2) / (rod * math.cos(slope))
+        bend = -r * w * w * math.cos(angle) - rod * math.cos(slope) * slope_rate**2 - rod * math.sin(slope) * slope_bend
+        assert frame.linkage.joint("guide").position == pytest.approx(travel, abs=1e-12)
+        assert frame.linkage.joint("guide").velocity == pytest.approx(speed, abs=1e-10)
+        assert frame.forces.quantities["path_x_m"] == pytest.approx(travel, abs=1e-12)
+        wrist = frame.forces.wrenches[frame.forces.pins.index("wrist")]
+        assert wrist.force_x_n == pytest.approx(3.0 * bend, abs=1e-8 * 3.0 * r * w * w)
+        centre = (r * math.cos(angle) + 0.2 * math.cos(slope), r * math.sin(angle) + 0.2 * math.sin(slope))
+        rate = (
+            -r * w * math.sin(angle) - 0.2 * math.sin(slope) * slope_rate,
+            r * w * math.cos(angle) + 0.2 * math.cos(slope) * slope_rate,
+        )
+        held = 0.5 * (0.05 * w * w + rate[0] ** 2 + rate[1] ** 2 + 0.02 * slope_rate**2 + 3.0 * speed**2)
+        assert centre[0] != 0.0
+        assert frame.linkage.memory["energy_j"] == pytest.approx(held, rel=1e-11)
+    assert all(residual.worst <= residual.limit for residual in simulation.residuals().values())
+
+
+def test_a_given_speed_keeps_its_angle_over_ten_thousand_steps():
+    told, _ = run(SLIDER_CRANK, 10.0)
+    last = told[-1].linkage
+    assert last.time_s == 10.0
+    assert last.joint("bearing").position == pytest.approx(math.radians(30.0) + 200.0 * math.pi, abs=3e-13)
+
+
+def test_friction_stops_a_block_where_its_energy_is_used_up():
+    text = """
+gravity_m_per_s2: [0, 0]
+bodies: {block: {mass_kg: 2}}
+joints: {guide: {kind: slider, between: [ground, block], start_m_per_s: 3}}
+friction: {rubbing: {joint: guide, coulomb_n: 5}}
+"""
+    told, simulation = run(text, 2.0)
+    (stick,) = [event for event in simulation.events if event.kind == "stick"]
+    assert stick.time_s == pytest.approx(2.0 * 3.0 / 5.0, abs=1e-12)
+    assert told[-1].linkage.position[0] == pytest.approx(0.5 * 2.0 * 9.0 / 5.0, abs=1e-12)
+    assert told[-1].linkage.velocity[0] == 0.0
+    assert told[-1].linkage.memory["rubbing_work_j"] == pytest.approx(-9.0, rel=1e-12)
+
+
+def test_a_program_switches_at_its_own_instants():
+    text = """
+gravity_m_per_s2: [0, 0]
+bodies: {mass: {mass_kg: 1}}
+joints: {guide: {kind: slider, between: [ground, mass]}}
+drives: {pulse: {kind: program, joint: guide, levels_n: [2, -1], period_s: 0.3, first_s: 0.1003}}
+"""
+    told, simulation = run(text, 0.9)
+    times = [event.time_s for event in simulation.events]
+    assert times[:4] == pytest.approx([0.1003, 0.3, 0.4003, 0.6], abs=1e-12)
+    speed = 3 * (2 * 0.1003 - (0.3 - 0.1003))
+    assert told[-1].linkage.velocity[0] == pytest.approx(speed, abs=1e-12)
+
+
+def test_an_oscillator_with_a_damper_decays_as_it_should():
+    text = """
+gravity_m_per_s2: [0, 0]
+ground: {points_m: {wall: [-1, 0]}}
+bodies: {mass: {mass_kg: 2}}
+joints: {guide: {kind: slider, between: [ground, mass], start_m: 0.1}}
+springs: {spring: {between: [ground.wall, mass], rate_n_per_m: 200, free_m: 1}}
+dampers: {dashpot: {joint: guide, rate_ns_per_m: 4}}
+"""
+    told, _ = run(text, 1.0)
+    decay, w = 1.0, math.sqrt(100.0 - 1.0)
+    for frame in told[::50]:
+        t = frame.linkage.time_s
+        x = 0.1 * math.exp(-decay * t) * (math.cos(w * t) + decay / w * math.sin(w * t))
+        assert frame.linkage.position[0] == pytest.approx(x, abs=1e-11)
+        assert frame.forces.quantities["spring_force_n"] == pytest.approx(-200.0 * x, abs=1e-8)
+
+
+def test_a_dc_motor_runs_up_by_its_line():
+    text = """
+gravity_m_per_s2: [0, 0]
+bodies: {wheel: {inertia_kg_m2: 0.5}}
+joints: {shaft: {kind: revolute, between: [ground, wheel]}}
+drives: {motor: {kind: dc_motor, joint: shaft, stall_torque_nm: 10, no_load_speed_rpm: 300}}
+"""
+    told, _ = run(text, 1.0)
+    w0 = 10.0 * math.pi
+    rate = 10.0 / w0 / 0.5
+    for frame in told[::100]:
+        assert frame.linkage.velocity[0] == pytest.approx(w0 * (1 - math.exp(-rate * frame.linkage.time_s)), abs=1e-9)
+
+
+def test_a_compliant_contact_gives_the_depth_of_its_energy():
+    changes = {"contacts": {"bounce": {"restitution": None, "stiffness_n_per_m": 1e6}}}
+    told, simulation = run(
+        BALL.replace("restitution: 0.5", "stiffness_n_per_m: 1.0e+6"), 1.0, coupling={"step_s": 1e-5}
+    )
+    del changes
+    first, second = [event.time_s for event in simulation.events[:2]]
+    assert first == pytest.approx(math.sqrt(0.2), abs=1e-10)
+    depth = -min(frame.linkage.position[0] for frame in told if first < frame.linkage.time_s < second)
+    assert 1e6 / 2.5 * depth**2.5 == pytest.approx(2.0 * 10.0 * (1.0 + depth), rel=1e-6)
+
+
+def test_constant_speed_takes_impacts_without_changing():
+    """A driven crank throws a ram against an anvil: the drive's books hold the impact's share."""
+    text = Path("config/pages/spring_hammer.yaml").read_text(encoding="utf-8")
+    _, simulation = run(text, 3.0)
+    assert len(impacts(simulation)) > 3
+    assert all(residual.worst <= residual.limit for residual in simulation.residuals().values())

@@ -1,0 +1,154 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Alerts leave the machine: a real broker keeps them, a real scrape reads them, a yes makes them quiet."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import socket
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from urllib.request import urlopen
+
+import numpy as np
+import pytest
+
+from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.nodes.shadow.monitor_node import MqttOutlet, PrometheusOutlet, host_and_port
+from mech_twin.studies.monitoring.alerts import Alert, alerts_of
+from mech_twin.studies.monitoring.fault_life import FaultLife, acknowledged, shelved
+from mech_twin.studies.monitoring.findings import Findings
+from mech_twin.studies.monitoring.naming import Candidate
+
+LIMIT_S = 30.0
+SOFT = Candidate("spring_soft", -0.2, -0.23, -0.17, "1", 0.01)
+FOUND = Findings(9, 12.0, ("a",), np.zeros(1), None, verdict="named", candidates=(SOFT,))
+ACTIVE = FaultLife("spring_soft", "active", 10.0)
+
+
+def alerts(life: FaultLife) -> tuple[Alert, ...]:
+    return alerts_of("mb10_breaker", [life], FOUND, 12.0, origin_s=1000.0)
+
+
+def until(predicate: Callable[[], bool]) -> None:
+    end = time.monotonic() + LIMIT_S
+    while not predicate() and time.monotonic() < end:
+        time.sleep(0.02)
+    assert predicate(), "did not happen within the limit"
+
+
+def test_an_acknowledged_or_shelved_fault_is_no_alarm() -> None:
+    (alert,) = alerts(ACTIVE)
+    assert alert == Alert("mb10_breaker", "spring_soft", "active", 1010.0, -0.2, -0.23, -0.17, "1", False, True)
+    assert not alerts(acknowledged(ACTIVE, 11.0))[0].alarm
+    assert not alerts(shelved(ACTIVE, 100.0))[0].alarm
+    assert not alerts(FaultLife("spring_soft", "pending", 10.0))[0].alarm
+
+
+@pytest.mark.parametrize("text", ["broker:abc", "broker:70000", "broker:-1"])
+def test_an_address_that_is_none_is_refused_in_one_line(text: str) -> None:
+    with pytest.raises(ConfigurationError, match=r"--mqtt broker:.*expected HOST:PORT"):
+        host_and_port(text, "--mqtt", 1883)
+    assert host_and_port(":1884", "--mqtt", 1883) == ("127.0.0.1", 1884)
+    assert host_and_port("broker", "--mqtt", 1883) == ("broker", 1883)
+
+
+def test_a_scrape_tells_state_size_interval_and_since_when_and_is_quiet_after_a_yes() -> None:
+    pytest.importorskip("prometheus_client")
+    from prometheus_client.parser import text_string_to_metric_families
+
+    outlet = PrometheusOutlet("127.0.0.1:0")
+
+    def scraped() -> dict[str, float]:
+        with urlopen(f"http://127.0.0.1:{outlet.port}/metrics", timeout=LIMIT_S) as answer:
+            families = text_string_to_metric_families(answer.read().decode())
+            return {f"{s.name}{s.labels.get('state', '')}": s.value for family in families for s in family.samples}
+
+    try:
+        assert scraped() == {}
+        outlet.send(alerts(ACTIVE))
+        told = scraped()
+        assert told["mech_twin_fault_alarm"] == 1.0
+        assert told["mech_twin_fault_stateactive"] == 1.0
+        sizes = [told[f"mech_twin_fault_{name}"] for name in ("size", "size_low_95", "size_high_95", "since_seconds")]
+        assert sizes == [-0.2, -0.23, -0.17, 1010.0]
+        outlet.send(alerts(acknowledged(ACTIVE, 11.0)))
+        assert (scraped()["mech_twin_fault_alarm"], scraped()["mech_twin_fault_acknowledged"]) == (0.0, 1.0)
+        outlet.send(alerts(FaultLife("spring_soft", "cleared", 20.0)))
+        assert scraped() == {}
+        with pytest.raises(ConfigurationError, match="cannot serve there"):
+            PrometheusOutlet(f"127.0.0.1:{outlet.port}")
+    finally:
+        outlet.close()
+
+
+def test_every_metric_of_the_dashboard_is_one_that_is_served() -> None:
+    pytest.importorskip("prometheus_client")
+    board = json.loads((Path(__file__).parents[2] / "config" / "grafana_faults.json").read_text(encoding="utf-8"))
+    asked = {
+        metric
+        for panel in board["panels"]
+        for target in panel["targets"]
+        for metric in re.findall(r"mech_twin_\w+", target["expr"])
+    }
+    outlet = PrometheusOutlet("127.0.0.1:0")
+    try:
+        served = {family.name for family in outlet.collect()}
+    finally:
+        outlet.close()
+    assert len(asked) >= 6
+    assert asked <= served
+
+
+@pytest.fixture
+def broker(tmp_path: Path) -> Iterator[int]:
+    """Run a mosquitto on a free port of 127.0.0.1."""
+    program = shutil.which("mosquitto", path="/usr/sbin:/usr/local/sbin:/usr/bin")
+    if program is None:
+        pytest.skip("no MQTT broker here: apt-get install mosquitto; CI has one")
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = int(free.getsockname()[1])
+    config = tmp_path / "mosquitto.conf"
+    config.write_text(f"listener {port} 127.0.0.1\nallow_anonymous true\npersistence false\n", encoding="utf-8")
+    with subprocess.Popen([program, "-c", str(config)], stderr=subprocess.DEVNULL) as process:
+        yield port
+        process.terminate()
+
+
+def test_a_broker_keeps_the_newest_of_each_fault_and_loses_it_when_the_fault_is_cleared(broker: int) -> None:
+    mqtt = pytest.importorskip("paho.mqtt.client")
+    outlet = MqttOutlet(f"127.0.0.1:{broker}")
+    heard: dict[str, bytes] = {}
+    client = mqtt.Client(mqtt.CallbackAPIVersion.VERSION2)
+    client.on_connect = lambda *_: client.subscribe("mech_twin/#", qos=1)
+    client.on_message = lambda _, __, message: heard.__setitem__(message.topic, message.payload)
+    client.connect_async("127.0.0.1", broker)
+    topic = "mech_twin/mb10_breaker/faults/spring_soft"
+    try:
+        outlet.send(alerts(ACTIVE))
+        client.loop_start()  # subscribes after the alert was sent: a retained one is told all the same
+        until(lambda: topic in heard)
+        told = json.loads(heard[topic])
+        assert (told["state"], told["size"], told["since_s"], told["alarm"]) == ("active", -0.2, 1010.0, True)
+        outlet.send(alerts(acknowledged(ACTIVE, 11.0)))
+        until(lambda: not json.loads(heard[topic])["alarm"])
+        assert json.loads(heard[topic])["acknowledged"]
+        outlet.send(alerts(FaultLife("spring_soft", "cleared", 20.0)))
+        until(lambda: heard[topic] == b"")
+    finally:
+        client.disconnect()
+        client.loop_stop()
+        outlet.close()
+
+
+def test_a_broker_that_is_not_there_stops_nothing() -> None:
+    pytest.importorskip("paho.mqtt.client")
+    begun_s = time.monotonic()
+    outlet = MqttOutlet("127.0.0.1:1")
+    outlet.send(alerts(ACTIVE))
+    outlet.close()
+    assert time.monotonic() - begun_s < LIMIT_S

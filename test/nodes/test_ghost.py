@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The roll-out of the next moments: with the values in force it is what the run then does."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from itertools import islice
+
+import pytest
+
+from mech_twin.configuration_tree import ConfigurationError, configuration_tree
+from mech_twin.engine.run import continued, frames
+from mech_twin.machines.catalog import CATALOGUE
+from mech_twin.nodes.run.bench_process import SPAN_S, Ghost, rolled_out
+from mech_twin.parameters.load import machine as load
+from mech_twin.view.bench.frame_text import framed, listed
+
+BEFORE, AFTER = 150, 100
+
+
+def sent(frame):
+    """Return a frame as it reaches the bench."""
+    return json.loads(json.dumps(listed(frame)))
+
+
+@pytest.mark.parametrize("name", sorted(CATALOGUE))
+def test_a_run_goes_on_from_a_frame_told_to_the_bench_as_it_does_itself_to_the_bit(name):
+    machine = load(name)
+    run = frames(machine, (BEFORE + AFTER) * machine.coupling_step_s)
+    at = next(islice(run, BEFORE, None))
+    itself = list(run)
+    told = list(continued(machine, framed(sent(at)), AFTER * machine.coupling_step_s, 1.0))
+    assert len(told) == AFTER
+    assert told == itself[:AFTER]
+
+
+def test_a_trial_takes_its_values_begins_at_the_present_and_leaves_the_run_as_it_is():
+    name = "mb10_breaker"
+    machine = load(name)
+    at = next(islice(frames(machine, 1.0), 600, None))
+    tree = configuration_tree(machine.parameters)
+    before = json.dumps(tree)
+    same = rolled_out(name, tree, sent(at))
+    heavier = rolled_out(name, tree | {"body": tree["body"] | {"preload_deflection_m": 0.02}}, sent(at))
+    assert same["from_s"] == at.linkage.time_s
+    assert same["to_s"] == pytest.approx(at.linkage.time_s + SPAN_S)
+    assert same["curves"]["pins/magnitude"] == rolled_out(name, tree, sent(at))["curves"]["pins/magnitude"]
+    assert same["curves"]["body/pressing_force"] != heavier["curves"]["body/pressing_force"]
+    assert json.dumps(tree) == before
+
+
+def test_a_trial_of_a_value_the_machine_refuses_is_refused_in_its_words():
+    machine = load("mb10_breaker")
+    ghost = Ghost("mb10_breaker", configuration_tree(machine.parameters))
+    with pytest.raises(ConfigurationError, match="nothing runs yet"):
+        asyncio.run(ghost.tried({}))
+    ghost.frame = sent(next(frames(machine, 0.1)))
+    try:
+        with pytest.raises(ConfigurationError, match=r"tool\.restitution.*7"):
+            asyncio.run(ghost.tried({"tool.restitution": 7.0}))
+    finally:
+        ghost.close()

@@ -1,0 +1,51 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`mech-twin tell` reaches the nodes of a running machine, and says in their words what they refuse."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+RUN = [sys.executable, "-m", "mech_twin"]
+
+
+def told(*words: str) -> subprocess.CompletedProcess[str]:
+    """Return how `mech-twin tell` ended."""
+    return subprocess.run([*RUN, "tell", *words], capture_output=True, text=True, timeout=60, check=False)
+
+
+@pytest.fixture
+def running(ros_domain, tmp_path):
+    """Run a vibration crank at real pace until the test is over."""
+    command = [*RUN, "run", "vibration_crank", "--view", "none", "--no-record", "--pace", "realtime"]
+    with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL) as process:
+        yield process
+        process.send_signal(signal.SIGINT)
+        process.wait(30)
+
+
+def test_orders_and_values_are_answered_by_the_nodes_themselves(running):
+    begin = time.monotonic()
+    first = told("vibration_crank", "stop", "--wait", "60")
+    assert first.returncode == 0, (first.stderr, time.monotonic() - begin)
+    assert "supply off" in first.stdout
+    assert "supply on" in told("vibration_crank", "start").stdout
+    assert told("vibration_crank", "drive.speed_rpm=290").stdout == "drive.speed_rpm = 290.0\n"
+    assert told("vibration_crank", "reset").returncode == 0
+    refused = told("vibration_crank", "drive.speed_rpm=0")
+    assert refused.returncode == 2
+    assert refused.stderr.startswith("mech-twin: tell vibration_crank drive.speed_rpm: refused: ")
+    assert refused.stderr.count("\n") == 1
+    unwatched = told("vibration_crank", "acknowledge", "--wait", "0.5")
+    assert unwatched.returncode == 2
+    assert "nobody offers this service" in unwatched.stderr
+
+
+def test_an_order_that_there_is_not_is_refused_with_those_that_there_are(ros_domain):
+    found = told("vibration_crank", "jump")
+    assert found.returncode == 2
+    assert "expected KEY=VALUE ..., or one of start, stop, reset" in found.stderr

@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The breaker with its blow as a wave: over topics, in a recording and in its replay as in one process."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rclpy.serialization import deserialize_message
+from recordings import entries_of
+from replay_bench import ReplayBench
+from sensor_msgs.msg import JointState
+from trajectory_msgs.msg import JointTrajectory
+
+from mech_twin.capabilities.blow_gauge import BlowGauge
+from mech_twin.engine.run import frames
+from mech_twin.messages.blow import curve_message, numbers_bytes
+from mech_twin.messages.topics import BLOW_GAUGE, BLOW_WAVE, full_name, step_topics
+from mech_twin.nodes.exchange.base_node import RunOptions
+from mech_twin.nodes.roles.viewer_node import DECODERS
+from mech_twin.nodes.run.composition import run_in_process
+from mech_twin.parameters.load import machine
+from mech_twin.recording.bag_reader import BagReader
+from mech_twin.recording.frame_recorder import FrameRecorder
+from mech_twin.samples import Frame
+
+NAME = "mb10_breaker"
+CURVES = {"tool.model": "wave", "tool.wave.gauge_curve": True}
+BLOWS = [full_name(NAME, topic) for topic in (BLOW_GAUGE, BLOW_WAVE)]
+
+
+def test_topics_equal_engine_to_the_bit(ros_domain: int, tmp_path: Path) -> None:
+    built = machine(NAME, None, CURVES)
+    options = RunOptions(pace="max", duration_s=0.4, recorder=True, exclusive=False)
+    run_in_process(NAME, built.parameters, options, tmp_path / "bag", None)
+    expected = list(frames(built, 0.4))
+    assert any(event.kind == "blow" for frame in expected for event in frame.linkage.events)
+    with BagReader(tmp_path / "bag") as reader:
+        for topic in step_topics(True):
+            for row in reader.messages(topics=[full_name(NAME, topic)]):
+                sample = DECODERS[topic.name](deserialize_message(row.raw, JointState))
+                assert sample == getattr(expected[sample.step], topic.name.removeprefix("step/"))
+    assert built.gauge is not None
+    told = blows(expected, built.gauge)
+    assert told[0]
+    assert recorded_blows(tmp_path / "bag") == told
+    with ReplayBench(tmp_path / "bag") as bench:
+        bench.to_the_end()
+        for name in BLOWS:
+            assert bench.of(name) == [e.raw for e in entries_of(tmp_path / "bag") if e.topic == name]
+
+
+def blows(expected: list[Frame], gauge: BlowGauge) -> list[list[Any]]:
+    """Return the messages of each topic of blows, decoded."""
+    events = [event for frame in expected for event in frame.linkage.events if gauge.tells(event)]
+    numbers = [deserialize_message(numbers_bytes(gauge, event), JointState) for event in events]
+    return [numbers, [curve_message(gauge, event) for event in events]]
+
+
+def recorded_blows(bag: Path) -> list[list[Any]]:
+    with BagReader(bag) as reader:
+        rows = [list(reader.messages(topics=[name])) for name in BLOWS]
+    kinds = (JointState, JointTrajectory)
+    return [[deserialize_message(row.raw, kind) for row in each] for each, kind in zip(rows, kinds, strict=True)]
+
+
+def test_a_recording_without_nodes_holds_the_same_blows(tmp_path: Path) -> None:
+    built = machine(NAME, None, CURVES)
+    recorder = FrameRecorder(built, tmp_path / "bag", "")
+    expected = list(frames(built, 0.4))
+    for frame in expected:
+        recorder.write(frame)
+    recorder.close()
+    assert built.gauge is not None
+    assert recorded_blows(tmp_path / "bag") == blows(expected, built.gauge)
+
+
+def test_the_curve_of_a_blow_holds_the_numbers_of_its_gauge() -> None:
+    built = machine(NAME, None, CURVES)
+    assert built.gauge is not None
+    event = next(e for frame in frames(built, 0.4) for e in frame.linkage.events if built.gauge.tells(e))
+    curve = built.gauge.curve(event)
+    assert curve.force_n.max() == built.gauge.number(event, "peak_force")
+    assert curve.strain.max() == built.gauge.number(event, "peak_strain")
+    assert -curve.force_n.min() == built.gauge.number(event, "peak_tension")
+    force = curve.force_n.max() / curve.strain.max()
+    assert force == pytest.approx(2.1e11 * 0.25 * np.pi * 0.06**2, rel=1e-9)  # E A

@@ -1,0 +1,129 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Sensors at fault are told of the sensor, first, and never of the machine."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mech_twin.cli.measurement import columns_of
+from mech_twin.measurements.measurement_map import read_map
+from mech_twin.parameters.load import machine_parameters
+from mech_twin.studies.monitoring.baseline import fitted_baseline
+from mech_twin.studies.monitoring.design import simulated_vectors
+from mech_twin.studies.monitoring.findings import Findings
+from mech_twin.studies.monitoring.monitor import Monitor, MonitorSetup
+from mech_twin.studies.monitoring.sensing import Seen, seen_run
+from mech_twin.studies.monitoring.sensor_quality import channel_quality, sensor_findings, sensor_limits
+from mech_twin.studies.monitoring.signatures import MonitoredMachine
+from mech_twin.studies.monitoring.thresholds import chart_limits
+
+NAME, COLUMN = "vibration_crank", "linkage.slider.position"
+SENSOR = {  # beside that which cycles are counted by
+    NAME: COLUMN,
+    "mb10_breaker": "motor.rotor.effort",
+    "compaction_press": "linkage.pendulum.position",
+    "impact_mass": "linkage.mass.position",
+    "roller_former": "linkage.twist.position",
+    "winding_drum": "linkage.drum.effort",
+}
+AFTER_CYCLES = 30
+SENSORS = Path(__file__).resolve().parents[3] / "benchmarks" / "monitoring" / "sensors"
+Samples = tuple[np.ndarray, np.ndarray]
+
+
+@cache
+def watched(name: str) -> tuple[MonitoredMachine, MonitorSetup]:
+    machine = MonitoredMachine(name, machine_parameters(name), read_map(SENSORS / f"{name}.yaml", columns_of))
+    vectors = simulated_vectors(machine, 90 if name == "winding_drum" else 200, 1)
+    baseline, innovations = fitted_baseline(vectors)
+    limits = sensor_limits([(vector.end_s - vector.begin_s, vector.quality) for vector in vectors])
+    return machine, MonitorSetup(name, baseline, chart_limits(baseline, innovations, 1e5), (), sensors=limits)
+
+
+@cache
+def healthy(name: str) -> tuple[Seen, float, float]:
+    """Return a healthy run, an instant in it, and the duration of a cycle (s)."""
+    machine, setup = watched(name)
+    begin_s, period_s = machine.declared.run_up_s, setup.baseline.period_s
+    built, since_s = machine.entry.build(machine.parameters), begin_s + (AFTER_CYCLES + 0.2) * period_s
+    duration_s = begin_s + 2.0 * AFTER_CYCLES * period_s
+    seen = seen_run(built, machine.sensors, duration_s, random=np.random.default_rng(7), begin_s=begin_s)
+    return seen, since_s, period_s
+
+
+def told(wrong: Callable[[np.ndarray, np.ndarray], Samples], name: str = NAME) -> list[Findings]:
+    """Return what the monitor says where a sensor goes wrong."""
+    machine, setup = watched(name)
+    seen, since_s, _ = healthy(name)
+    times, values = seen[SENSOR[name]]
+    late = times >= since_s
+    after_s, after = wrong(times[late], values[late])
+    channel = np.concatenate([times[~late], after_s]), np.concatenate([values[~late], after])
+    monitor = Monitor(setup)
+    return [monitor.observe(vector) for vector in machine.vectors({**seen, SENSOR[name]: channel})]
+
+
+def stuck(times: np.ndarray, values: np.ndarray) -> Samples:
+    return times, np.full_like(values, values[0])
+
+
+def dropping(times: np.ndarray, values: np.ndarray) -> Samples:
+    kept = np.random.default_rng(1).random(len(times)) > 0.3
+    return times[kept], values[kept]
+
+
+def silent(times: np.ndarray, values: np.ndarray) -> Samples:
+    return times[:0], values[:0]
+
+
+def slower(times: np.ndarray, values: np.ndarray) -> Samples:
+    at = np.arange(times[0], times[-1], (times[-1] - times[0]) / (0.7 * len(times)))
+    return at, np.interp(at, times, values)
+
+
+def spiking(times: np.ndarray, values: np.ndarray) -> Samples:
+    shown = values.copy()
+    shown[10::20] += max(6.0 * channel_quality(times, values).isolation, 0.5 * float(np.ptp(values)))
+    return times, shown
+
+
+@pytest.mark.parametrize("name", SENSOR)
+@pytest.mark.parametrize(
+    ("wrong", "kind"),
+    [(stuck, "stuck"), (dropping, "dropout"), (silent, "dropout"), (slower, "rate"), (spiking, "spikes")],
+)
+def test_a_sensor_at_fault_is_named_and_the_machine_is_not(
+    wrong: Callable[[np.ndarray, np.ndarray], Samples], kind: str, name: str
+) -> None:
+    found, (_, since_s, period_s) = told(wrong, name), healthy(name)
+    named = {each.finding for each in found if each.time_s > since_s + period_s and each.finding}
+    assert named == {f"sensor_{kind}:{SENSOR[name]}"}  # in a cycle that begins before, both are seen
+    active = {life.name for each in found for life in each.faults if life.state == "active"}
+    assert active == {f"sensor_{kind}:{SENSOR[name]}"}
+    first = next(each for each in found if each.finding)
+    assert since_s - period_s <= first.onset_s <= since_s + 2.0 * period_s
+
+
+@pytest.mark.parametrize("name", SENSOR)
+def test_a_healthy_sensor_is_not_named(name: str) -> None:
+    assert not any(each.finding for each in told(lambda times, values: (times, values), name))
+
+
+def test_jitter_does_not_matter() -> None:
+    def jittering(times: np.ndarray, values: np.ndarray) -> Samples:
+        at = times + np.random.default_rng(2).uniform(-5e-4, 5e-4, len(times))
+        return at, np.interp(at, times, values)
+
+    assert not any(each.finding for each in told(jittering))
+
+
+def test_a_channel_with_plateaus_while_healthy_is_not_called_stuck() -> None:
+    times = np.linspace(0.0, 1.0, 101)
+    flat = np.where(times < 0.6, 0.0, np.sin(times))
+    limits = sensor_limits([(1.0, {"body": channel_quality(times, flat)})])
+    assert sensor_findings(limits, 1.0, {"body": channel_quality(times, np.zeros(101))}) == ()

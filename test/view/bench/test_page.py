@@ -1,0 +1,224 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A person runs the breaker and opens the bench: it shows the run, and each control changes the machine."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import time
+
+import pytest
+from browser import COMMAND, UP_MS, opened, running
+from playwright.sync_api import expect
+
+from mech_twin.cli.live_view import CompileStatus
+from mech_twin.view.bench.link import BenchLink
+from mech_twin.view.bench.started import StartedBench
+
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
+
+expect.set_options(timeout=20_000)  # a busy machine answers late, not differently
+AA_TEXT, AA_SHAPE = 4.5, 3.0  # contrast that WCAG 2 asks of text, and of what has to be seen to understand
+# the contrast of every visible text against the ground behind it, and of every legend's sample against white
+CONTRAST = """() => {
+  const parse = (colour) => colour.match(/[\\d.]+/g).map(Number);
+  const light = (rgb) => rgb.slice(0, 3).map((v) => v / 255)
+    .map((v) => (v <= 0.03928 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4))
+    .reduce((sum, v, i) => sum + v * [0.2126, 0.7152, 0.0722][i], 0);
+  const ratio = (one, other) => {
+    const [a, b] = [light(one), light(other)].sort((x, y) => y - x);
+    return (a + 0.05) / (b + 0.05);
+  };
+  const ground = (node) => {
+    for (let at = node; at; at = at.parentElement) {
+      const found = parse(getComputedStyle(at).backgroundColor);
+      if (found.length < 4 || found[3] > 0.99) return found;
+    }
+    return [255, 255, 255];
+  };
+  return [...document.querySelectorAll("body *")]
+    .filter((node) => node.offsetParent !== null)
+    .filter((node) => [...node.childNodes].some((child) => child.nodeType === 3 && child.textContent.trim()))
+    .map((node) => [node.textContent.trim().slice(0, 40), ratio(parse(getComputedStyle(node).color), ground(node))]);
+}"""
+# the connection is lost, and what the page says meanwhile kept
+CUT = """() => {
+  const state = document.getElementById("state");
+  window.states = [];
+  new MutationObserver(() => window.states.push(state.textContent)).observe(state, { childList: true });
+  window.bench.cut();
+}"""
+LEGENDS = """() => [...document.querySelectorAll(".plot:has(.u-over)")].map((plot) => {
+  const legend = plot.querySelector(".legend");
+  const data = plot.querySelector(".u-over").getBoundingClientRect(), key = legend.getBoundingClientRect();
+  const colour = (item) => [...item.getContext("2d").getImageData(7, 4, 1, 1).data].slice(0, 3);
+  return {
+    title: plot.querySelector("h2").textContent,
+    names: [...legend.querySelectorAll("li")].map((item) => item.textContent),
+    colours: [...legend.querySelectorAll("canvas")].map(colour),
+    over: key.top < data.bottom && key.bottom > data.top,
+    cut: legend.scrollWidth > legend.clientWidth,
+  };
+})"""
+
+
+LANES = """() => [...document.querySelectorAll("#lane-words li")].map((item) => [
+  item.textContent, [...item.querySelector("canvas").getContext("2d").getImageData(7, 4, 1, 1).data].slice(0, 3),
+])"""
+
+
+def share(page) -> float:
+    """Return the share of rated speed that the page says is in force (%)."""
+    return float(re.match(r"(\d+) % now", page.locator("#speed-now").inner_text() or "0 % now")[1])
+
+
+def try_preload(page):
+    """Move a slider without letting it go: the page tells what would come of it, and sends nothing."""
+    row, answers = page.locator("[data-name='body.preload_deflection_m']"), page.locator("#answers li")
+    sent = answers.count()
+    row.locator("input[type=range]").evaluate("(it) => { it.value = 0.02; it.dispatchEvent(new Event('input')); }")
+    expect(row.locator(".was")).to_contain_text("with 0.02: crank", timeout=60_000)
+    assert answers.count() == sent
+
+
+def test_a_run_is_watched_and_commanded_from_its_page(browser, ros_domain, tmp_path):
+    with running("run", "mb10_breaker", "--no-record", folder=tmp_path) as (url, _), opened(browser, url) as page:
+        expect(page.locator("#machine")).to_have_text("mb10 breaker")
+        expect(page.locator("#state")).to_have_text("running", timeout=UP_MS)
+        answers = page.locator("#answers li")
+
+        # the drawing moves, and header and picture say one time
+        before = page.locator("#drawing").screenshot()
+        page.wait_for_timeout(700)
+        assert page.locator("#drawing").screenshot() != before
+        told, shown = page.evaluate(
+            "() => [document.getElementById('time').textContent, window.bench.shown.toFixed(2)]"
+        )
+        assert told == f"t = {shown} s"
+
+        # speed
+        page.locator("#speed").evaluate("(it) => { it.value = 0.5; it.dispatchEvent(new Event('change')); }")
+        expect(answers.first).to_have_text("speed 50% of rated")
+        expect(page.locator("#speed-now")).to_have_text("50 % now", timeout=20_000)
+
+        # a live parameter, its undo, and a value the machine refuses
+        number = page.locator("[data-name='tool.wall_force_n'] input[type=number]")
+        number.fill("700")
+        number.press("Enter")
+        expect(answers.first).to_have_text("tool.wall_force_n = 700.0")
+        expect(page.locator("[data-name='tool.wall_force_n'] .was")).to_have_text("was 500")
+        page.locator("#undo").click()
+        expect(answers.first).to_have_text("tool.wall_force_n = 500.0")
+        expect(number).to_have_value("500")
+        restitution = page.locator("[data-name='tool.restitution'] input[type=number]")
+        restitution.fill("7")
+        restitution.press("Enter")
+        expect(answers.first).to_have_class("refused")
+        expect(answers.first).to_contain_text("tool.restitution")
+        expect(restitution).to_have_value("0.35")
+
+        # a slider on its way: what would come of it, and nothing sent
+        try_preload(page)
+
+        # pause, go on, stop, start, reset
+        page.locator("#order-pause").click()
+        expect(page.locator("#state")).to_have_text("paused")
+        page.wait_for_timeout(300)
+        still = page.evaluate("() => window.bench.shown")
+        page.wait_for_timeout(700)
+        assert page.evaluate("() => window.bench.shown") == still
+        page.locator("#order-pause").click()
+        page.wait_for_function(f"() => window.bench.shown > {still}")
+        page.locator("#order-stop").click()
+        expect(page.locator("#state")).to_have_text(re.compile("running down|stopped"), timeout=20_000)
+        page.locator("#order-start").click()
+        expect(page.locator("#state")).to_have_text("running", timeout=20_000)
+        page.locator("#order-reset").click()
+        expect(answers.first).to_contain_text("initial state")
+
+        # time: halt, one picture back, follow
+        page.locator("#drawing").focus()
+        page.keyboard.press(",")
+        halted = page.evaluate("() => window.bench.shown")
+        page.wait_for_timeout(500)
+        page.keyboard.press(",")
+        page.wait_for_function(f"() => window.bench.shown < {halted}")
+        page.keyboard.press("f")
+        page.wait_for_function(f"() => window.bench.shown > {halted} + 0.2")
+
+
+def test_one_of_two_pages_commands_and_a_page_comes_back_after_its_connection_was_lost(browser, ros_domain, tmp_path):
+    with running("run", "mb10_breaker", "--no-record", folder=tmp_path) as (url, _), opened(browser, url) as first:
+        expect(first.locator("#role")).to_have_text("this page commands")
+        with opened(browser, url) as second:
+            expect(second.locator("#role")).to_have_text("another page commands, 2 pages")
+            expect(second.locator("#order-stop")).to_be_disabled()
+            second.locator("#take").click()
+            expect(second.locator("#order-stop")).to_be_enabled()
+            expect(first.locator("#order-stop")).to_be_disabled()
+        expect(first.locator("#role")).to_have_text("nobody commands")
+        first.evaluate(CUT)
+        expect(first.locator("#role")).to_have_text("this page commands", timeout=20_000)
+        assert "no connection" in first.evaluate("() => window.states")
+        before = first.evaluate("() => window.bench.shown")
+        first.wait_for_function(f"() => window.bench.shown > {before}")
+
+
+def test_the_page_is_legible_and_every_curve_named_in_a_colour_of_its_own(browser, ros_domain, tmp_path):
+    with running("run", "roller_former", "--no-record", folder=tmp_path) as (url, _), opened(browser, url) as page:
+        page.wait_for_selector("#metrics tr", timeout=UP_MS)
+        faint = [(text, ratio) for text, ratio in page.evaluate(CONTRAST) if ratio < AA_TEXT]
+        assert faint == []
+        legends = page.evaluate(LEGENDS)
+        assert len(legends) >= 4
+        for plot in legends:
+            assert plot["names"], plot["title"]
+            assert len(plot["names"]) == len(plot["colours"])
+            assert len({tuple(colour) for colour in plot["colours"]}) == len(plot["colours"]), plot["title"]
+            assert not plot["over"], f"{plot['title']}: the legend lies on the data"
+            assert not plot["cut"], plot["title"]
+            for red, green, blue in plot["colours"]:
+                assert contrast_to_white(red, green, blue) >= AA_SHAPE, (plot["title"], red, green, blue)
+        lanes = page.evaluate(LANES)
+        assert lanes and all(word for word, _ in lanes)
+        assert len({tuple(colour) for _, colour in lanes}) == len(lanes)
+        assert all(contrast_to_white(*colour) >= AA_SHAPE for _, colour in lanes)
+        text = page.locator("body").inner_text()
+        assert not re.search(r"\d\.?\d*e-\d\d", text.partition("Numbers of the run")[0])
+        assert page.evaluate("() => document.documentElement.scrollWidth <= innerWidth")
+
+
+def contrast_to_white(*colour: int) -> float:
+    """Return the contrast of a colour to white."""
+    parts = [value / 255 for value in colour]
+    linear = [part / 12.92 if part <= 0.03928 else ((part + 0.055) / 1.055) ** 2.4 for part in parts]
+    return 1.05 / (0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2] + 0.05)
+
+
+def test_while_kernels_compile_the_page_says_so_from_the_first_second(browser):
+    with StartedBench() as bench, BenchLink(bench.place) as link, opened(browser, bench.url, shows=False) as page:
+        begin = time.monotonic()
+        link.tell("status", {"text": "loading"})
+        expect(page.locator("#status")).to_have_text("loading", timeout=1000)
+        assert time.monotonic() - begin < 1.0
+        CompileStatus(link).compiling("mech_twin.machines.x.forces.moment", 34)
+        expect(page.locator("#status")).to_contain_text(
+            "compiling kernels for this processor, once: number 34 (moment)"
+        )
+        expect(page.locator("#state")).to_have_text("starting")
+        with opened(browser, bench.url.partition("#")[0], shows=False) as other:
+            expect(other.locator("#status")).to_contain_text("needs the whole address")
+
+
+def test_a_recording_is_played_scrubbed_and_has_no_commands(browser, ros_domain, tmp_path):
+    made = [*COMMAND, "run", "vibration_crank", "--duration", "2", "--pace", "max", "--view", "none", "--record", "bag"]
+    subprocess.run(made, check=True, capture_output=True, cwd=tmp_path)
+    with running("view", "bag", folder=tmp_path) as (url, _), opened(browser, url, shows=False) as page:
+        expect(page.locator("#command")).to_be_hidden()
+        page.wait_for_function("() => Number(document.getElementById('cursor').max) > 1.9", timeout=UP_MS)
+        page.locator("#cursor").evaluate("(it) => { it.value = 0.5; it.dispatchEvent(new Event('input')); }")
+        page.wait_for_function("() => Math.abs(window.bench.shown - 0.5) < 0.05")
+        page.locator("#pace").select_option("0.1")
+        page.locator("#play").click()
+        page.wait_for_timeout(2000)
+        assert 0.55 < page.evaluate("() => window.bench.shown") < 0.9
