@@ -95,6 +95,26 @@ class UninterruptedLock:
                 raise_signal(number)
 
 
+def send_after_wrapper(number: int, frame: FrameType | None) -> None:
+    """Send the main thread the signal again as the function that called a wrapper goes on.
+
+    A signal that comes while a kernel computes is seen first in the wrapper of its result: sent again by the clock, it
+    could meet every wrapper and nothing else.
+    """
+    while is_in_wrapper(frame):
+        frame = frame.f_back  # type: ignore[union-attr]  # a wrapper is not None
+    if frame is None or sys.gettrace() is not None:  # a debugger or a measure of coverage traces already
+        send_again(number)
+        return
+
+    def trace(*_: object) -> None:
+        sys.settrace(None)
+        raise_signal(number)
+
+    frame.f_trace = trace
+    sys.settrace(lambda *_: None)  # calls are not traced, but the marked function is
+
+
 def tell_interrupted() -> None:
     """Write the line of an interrupted program to standard error, if that can be done now."""
     with suppress(OSError, ValueError, AttributeError, RuntimeError):  # RuntimeError: it is being written to

@@ -22,6 +22,7 @@ from mech_twin.interruption import (
     is_importing,
     is_in_compiler,
     is_in_wrapper,
+    send_after_wrapper,
     send_again,
     tell_interrupted,
 )
@@ -151,6 +152,6 @@ def _sent_again(number: int, frame: FrameType | None) -> bool:
     if UninterruptedLock.holds_back(number):
         return True
     if is_in_wrapper(frame):
-        send_again(number)
+        send_after_wrapper(number, frame)
         return True
     return False

@@ -5,10 +5,15 @@ from __future__ import annotations
 
 import os
 import signal
+import threading
+import time
+from collections.abc import Iterator
+from typing import NamedTuple
 
 import pytest
 
-from mech_twin.stop_signal import StopSignal
+from mech_twin.kernel import kernel
+from mech_twin.stop_signal import StopSignal, raising_interrupt
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
@@ -32,3 +37,42 @@ def test_a_signal_beside_what_is_marked_asks_to_stop_and_no_more(number: signal.
             pass
         os.kill(os.getpid(), number)
         assert stop.asked
+
+
+class Sum(NamedTuple):
+    """The result of a kernel."""
+
+    value: float
+
+
+@kernel
+def long_sum(count: int) -> Sum:
+    """Return a sum that takes a while."""
+    value = 0.0
+    for index in range(count):
+        value += (index * 0.5) % 3.0
+    return Sum(value)
+
+
+@pytest.fixture
+def pythons_own_ctrl_c() -> Iterator[None]:
+    """Let Ctrl-C do what it does in a new process: the tests before may have turned it off."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("pythons_own_ctrl_c")
+def test_ctrl_c_ends_a_row_of_long_kernels_whose_results_are_tuples() -> None:
+    """It is seen first where a result is wrapped, which must not be interrupted, each time."""
+    long_sum(1)
+    started = time.monotonic()
+    long_sum(1_000_000)
+    count = int(1_000_000 * 0.05 / (time.monotonic() - started))  # 50 ms: ten times what a signal waits for
+    threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT)).start()
+    calls = 0
+    with pytest.raises(KeyboardInterrupt), raising_interrupt():
+        while calls < 200:
+            long_sum(count)
+            calls += 1
+    assert calls < 10
