@@ -15,10 +15,13 @@ INSTALL_HASHED = $(BIN)/python -m pip install -q --require-hashes --no-deps -r $
 READERS := test/recording/npm
 # rooms, and files of others, whose tests neither talk over topics nor watch the clock: they share the cores, the others
 # run one by one
-QUIET_ROOMS := engine golden literature machines measurements packaging parameters parts studies
-QUIET_FILES := $(addprefix cli/test_,completion.py errors.py reproduce.py run_options.py simulate_residuals.py) \
-  $(addprefix recording/test_,bag_writer.py fuzz.py message_writer.py recovery.py) view/test_decimation.py view/test_rerun_scene.py \
-  test_captions.py test_kernel_cache.py test_output_file.py test_random_configurations.py
+QUIET_ROOMS := engine fmi golden literature machines measurements mechanics messages packaging parameters parts studies
+QUIET_FILES := $(addprefix cli/test_,completion.py consequences.py errors.py measurement_commands.py monitor.py pages.py \
+    plain_recordings.py recording_losses.py reproduce.py run_options.py simulate_residuals.py story_recording.py study.py tables.py) \
+  $(addprefix recording/test_,bag_samples.py bag_writer.py compressed_bags.py false_index.py foreign_readers.py fuzz.py \
+    message_writer.py recovery.py ros_distro.py schemas.py sqlite_bag.py) \
+  $(addprefix view/test_,annotations.py decimation.py labels.py rerun_scene.py) view/bench/test_lanes.py \
+  $(addprefix test_,captions.py changed_values.py kernel_cache.py output_file.py random_configurations.py terminal_output.py)
 QUIET := $(wildcard $(addprefix test/,$(QUIET_ROOMS) $(QUIET_FILES)))
 SHARED := -n 2 --dist loadfile $(QUIET)
 ALONE := test $(addprefix --ignore=,$(QUIET) test/reliability)
@@ -29,6 +32,8 @@ REST := not browser and slow
 ARGS ?=
 
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
+# tests are read once and not in each process that collects them or starts a program
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: run test test-fast test-rest test-all kernels explore test-browser test-ros test-oldest lint coverage bench
 .PHONY: colcon test-launch mutation hooks audit sbom licences hashes docs clean soak faults

@@ -4,15 +4,20 @@
 import re
 from pathlib import Path
 
-from setuptools import find_packages, setup
+from setuptools import Distribution, find_packages, setup
 
 try:
     from setuptools.command.bdist_wheel import bdist_wheel
+    from setuptools.command.editable_wheel import editable_wheel
 except ImportError:  # Ubuntu's setuptools, which colcon uses on a native installation, makes no wheels
     bdist_wheel = None
 
 PACKAGE = "mech_twin"
 NODES = ("motor_node", "linkage_node", "force_node", "body_node", "frames_node", "recorder_node", "viewer_node")
+INDEX = [  # by which ros2 and ament find the package
+    ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
+    (f"share/{PACKAGE}", ["package.xml"]),
+]
 LAUNCHER = """#!/bin/sh
 exec "$(dirname -- "$0")/../../bin/$(basename -- "$0")" "$@"
 """
@@ -38,8 +43,14 @@ def launchers(folder):
     return files(folder, "*")
 
 
+class WithData(Distribution):
+    """The package; an editable installation takes its data files too where it answers to `has_data`."""
+
+    has_data = Distribution.has_data_files
+
+
 def commands():
-    """Return the command that makes a wheel; colcon puts its programs into lib/mech_twin itself."""
+    """Return the commands that make wheels; colcon puts its programs into lib/mech_twin itself."""
     if bdist_wheel is None:
         return {}
 
@@ -48,7 +59,12 @@ def commands():
             self.distribution.data_files.append((f"lib/{PACKAGE}", launchers(Path("build/launchers"))))
             super().run()
 
-    return {"bdist_wheel": Wheel}
+    class EditableWheel(editable_wheel):
+        def run(self):  # configuration and launch files stay in the source tree alone, where they are edited
+            self.distribution.data_files = [*INDEX, (f"lib/{PACKAGE}", launchers(Path("build/launchers")))]
+            super().run()
+
+    return {"bdist_wheel": Wheel, "editable_wheel": EditableWheel}
 
 
 setup(
@@ -64,8 +80,7 @@ setup(
         f"{PACKAGE}.fmi": ["sources/*"],
     },
     data_files=[
-        ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
-        (f"share/{PACKAGE}", ["package.xml"]),
+        *INDEX,
         (f"share/{PACKAGE}/config", files("config", "*.*")),
         (f"share/{PACKAGE}/config/pages", files("config/pages", "*.yaml")),
         (f"share/{PACKAGE}/launch", files("launch", "*.launch.py")),
@@ -104,5 +119,6 @@ setup(
         ]
     },
     cmdclass=commands(),
+    distclass=WithData,
     zip_safe=False,
 )  # fmt: skip

@@ -28,10 +28,7 @@ SHOWN_S = 4.0  # of the machine's time, by which the curves are full
 SHADOW = "view_shadow"
 PICTURES = {
     f"view_{name}": ("run", name, "--no-record")
-    for name in (
-        *("mb10_breaker", "compaction_press", "vibration_crank", "impact_mass", "roller_former", "winding_drum"),
-        "planar_linkage",
-    )
+    for name in ("mb10_breaker", "compaction_press", "vibration_crank", "impact_mass", "roller_former", "winding_drum")
 } | {SHADOW: ("shadow", "vibration_crank", "--from", "plant", "--view", "web")}
 PLANT = ("run", "vibration_crank", "--namespace", "plant", "--no-record", "--view", "none")
 

@@ -34,7 +34,6 @@ MACHINES = (
     "impact_mass",
     "roller_former",
     "winding_drum",
-    "planar_linkage",
 )
 Act = Callable[[Any], None]
 

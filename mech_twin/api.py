@@ -99,9 +99,8 @@ def simulate(
         built.parameters,
         Numbers(title, simulation.summary()),
         Columns(title, "time_s", simulation.trajectory.columns(), shown_units(built)),
-        tuple(simulation.events),
-        simulation.residuals(),
-    )
+        tuple(simulation.events), simulation.residuals(), simulation.remarks(),
+    )  # fmt: skip
 
 
 def _frame_recorder(built: Any, bag: Path, *, force: bool) -> Any:

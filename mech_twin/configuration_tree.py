@@ -15,10 +15,14 @@ def configuration_tree(parameters: Parameters) -> dict[str, Any]:
 
 
 def merged_tree(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
-    """Return ``base`` with the keys of ``over`` laid upon it, group by group."""
+    """Return ``base`` with the keys of ``over`` laid upon it, group by group; ``key.0`` is the first of a row."""
     merged = dict(base)
     for key, value in over.items():
         below = merged.get(key)
+        if isinstance(below, list | tuple) and isinstance(value, dict):
+            row = {str(place): item for place, item in enumerate(below)}
+            merged[key] = list(merged_tree(row, value).values()) if value.keys() <= row.keys() else value
+            continue
         merged[key] = merged_tree(below, value) if isinstance(below, dict) and isinstance(value, dict) else value
     return merged
 

@@ -42,6 +42,8 @@ class Run:
         Impacts and changes of state in order of time, at their exact times.
     residuals : dict of Residual
         The worst of each residual and its limit; ``broken`` where the limit is exceeded.
+    remarks : tuple of str
+        What limits the numbers: where they go beyond what the model holds for.
     """
 
     machine: str
@@ -50,6 +52,7 @@ class Run:
     samples: Columns
     events: tuple[Event, ...]
     residuals: dict[str, Residual]
+    remarks: tuple[str, ...] = ()
 
     @property
     def sound(self) -> bool:
@@ -76,10 +79,13 @@ class Run:
 
 @dataclass(frozen=True, repr=False)
 class RunComparison:
-    """What differs between two runs; ``found`` has settings, numbers, and those beyond the tolerance."""
+    """What differs between two runs; ``found`` has settings, numbers, and those beyond the tolerance.
+
+    ``sides`` are the two runs, none where the comparison was read from a document.
+    """
 
     found: Comparison
-    sides: tuple[ComparedRun, ComparedRun]
+    sides: tuple[ComparedRun, ComparedRun] | tuple[()] = ()
 
     def __repr__(self) -> str:
         found = self.found
@@ -100,6 +106,8 @@ class RunComparison:
         """Return a picture of the columns that differ most, the two runs over each other."""
         from mech_twin.studies.run_comparison import columns_apart, drawn_side_by_side
 
+        if not self.sides:
+            raise StudyError("nothing to draw: the document of a comparison holds no columns of the two runs")
         names = columns_apart(*self.sides, panels)
         if not names:
             raise StudyError("nothing to draw: no column differs")

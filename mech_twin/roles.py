@@ -79,6 +79,16 @@ class MotorRole(Protocol):
         ...
 
 
+@runtime_checkable
+class EffortMotor(Protocol):
+    """A motor that can be asked for an effort: the linkage feels what it gives, and nothing else of it."""
+
+    @property
+    def effort_limit(self) -> float:
+        """Greatest effort it gives (N m, or N where it pushes); 0 where this configuration cannot be asked."""
+        ...
+
+
 class LinkageRole(Protocol):
     """Owner of all mechanism and drive state."""
 
@@ -192,6 +202,11 @@ class Observer(Protocol):
         ...
 
 
+def no_remarks(numbers: Mapping[str, float]) -> Iterable[str]:
+    """Return that there is nothing to say."""
+    return ()
+
+
 @dataclass(frozen=True)
 class Machine:
     """Parameters, the four roles built from them, and what a designer asks of the machine.
@@ -222,6 +237,8 @@ class Machine:
         Energy of an impact from its event (J), 0 for what is no blow; None where it is what the mechanism loses.
     gauge : BlowGauge
         Strain gauge on what is struck; None where there is none.
+    remarks : callable
+        ``remarks(numbers)``: lines on numbers of a run beyond what the model holds for, and on what it rounds.
     """
 
     name: str
@@ -239,6 +256,7 @@ class Machine:
     rests_when_supplied: bool = False
     blow_energy: Callable[[Event], float] | None = None
     gauge: BlowGauge | None = None
+    remarks: Callable[[Mapping[str, float]], Iterable[str]] = no_remarks
 
 
 @dataclass(frozen=True)

@@ -55,8 +55,23 @@ class Named(NamedTuple):
         return dict(zip(self.names, self.values, strict=True))
 
 
+class EffortCommand(NamedTuple):
+    """What a motor is asked for in place of a supply: an effort, and a spring and a damper that hold it at a position.
+
+    At each step the motor gives ``effort + stiffness (position - q) - damping v`` at its first joint, within its limit.
+    """
+
+    effort: float = 0.0
+    position: float = 0.0
+    stiffness: float = 0.0
+    damping: float = 0.0
+
+
 class MotorSample(NamedTuple):
-    """What the motor gives at a step: its joints, and the supply fraction in force after rate limiting."""
+    """What the motor gives at a step: its joints, the supply fraction in force after rate limiting, the effort asked.
+
+    With an effort asked the supply is off: its fraction is 0.
+    """
 
     step: int
     time_s: float
@@ -65,6 +80,7 @@ class MotorSample(NamedTuple):
     velocity: tuple[float, ...]
     effort: tuple[float, ...]
     command: float
+    asked: EffortCommand | None = None
 
 
 class LinkageSample(NamedTuple):

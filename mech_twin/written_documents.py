@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from math import nan
+from math import inf, nan
 from typing import Any, NamedTuple
 
 from mech_twin.capabilities.errors import StudyError
@@ -16,8 +16,9 @@ from mech_twin.engine.invariants import Residual
 from mech_twin.measurements.machine_columns import shown_units
 from mech_twin.parameters.load import catalogue_entry, validated
 from mech_twin.quantity import Parameters
-from mech_twin.results import Analysis, Run, SizingResult
+from mech_twin.results import Analysis, Run, RunComparison, SizingResult
 from mech_twin.samples import Coordinate, Event
+from mech_twin.studies.run_comparison import Comparison, Differing
 
 Document = Mapping[str, Any]
 
@@ -67,14 +68,16 @@ def _numbers(title: str, values: Document) -> Numbers:
 def _run(document: Document) -> Run:
     name, parameters = document["machine"], _parameters(document)
     samples = document.get("samples", {"time_s": []})
-    units = shown_units(catalogue_entry(name).build(parameters))
+    built, numbers = catalogue_entry(name).build(parameters), _numbers(name, document["summary"])
+    units = shown_units(built)
     return Run(
         name,
         parameters,
-        _numbers(name, document["summary"]),
+        numbers,
         Columns(name, "time_s", samples, units),
         tuple(map(_event, document["events"])),
         {key: Residual(**residual) for key, residual in document["residuals"].items()},
+        tuple(built.remarks(numbers)),
     )
 
 
@@ -111,10 +114,20 @@ def _published(document: Document) -> tuple[PublishedRow, ...]:
     return tuple(PublishedRow(**row) for row in rows)
 
 
+def _comparison(document: Document) -> RunComparison:
+    settings, numbers = (
+        tuple(Differing(**{**row, "relative": inf if row["relative"] is None else row["relative"]}) for row in rows)
+        for rows in (document["settings"], document["numbers"])
+    )
+    labels = (document["first"], document["second"])
+    return RunComparison(Comparison(document["machine"], labels, settings, numbers, document["tolerance"]))
+
+
 KINDS = (
     KnownDocument("simulate", frozenset({"machine", "config", "summary", "residuals", "events"}), _run),
     KnownDocument("study size", frozenset({"machine", "config", "sizes", "constraints"}), _sizes),
     KnownDocument("study sweep", frozenset({"machine", "points", "rows"}), _points),
+    KnownDocument("compare", frozenset({"machine", "first", "second", "settings", "numbers"}), _comparison),
     KnownDocument("reproduce", frozenset({"all_gated_hold", "rows"}), _published),
     KnownDocument("analyse", frozenset({"machine", "config", "summary"}), _analysis),
 )

@@ -21,7 +21,7 @@ from mech_twin.engine.run import warm_up, warm_up_run
 from mech_twin.kernel import compiled_count
 from mech_twin.parameters.load import machine
 
-LONGEST_FIRST = ("planar_linkage", "roller_former", "mb10_breaker")
+LONGEST_FIRST = ("roller_former", "mb10_breaker")
 
 
 def compiled(name: str) -> tuple[str, int, float]:

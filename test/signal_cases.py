@@ -136,14 +136,19 @@ def has_recorded(started: Started) -> bool:
     return file.exists() and file.stat().st_size > 100_000
 
 
+def processor_s(pid: int) -> float:
+    """Return how long a process and those below it have used the processor."""
+    ticks = 0
+    for each in {pid, *descendants(pid)}:
+        with suppress(OSError, IndexError):
+            fields = Path(f"/proc/{each}/stat").read_text().rpartition(")")[2].split()
+            ticks += int(fields[11]) + int(fields[12])
+    return ticks / os.sysconf("SC_CLK_TCK")
+
+
 def has_computed(started: Started) -> bool:
     """Return whether it and its processes have used the processor for longer than their imports."""
-    ticks = 0
-    for pid in {started.process.pid, *descendants(started.process.pid)}:
-        with suppress(OSError, IndexError):
-            fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-            ticks += int(fields[11]) + int(fields[12])
-    return ticks >= COMPUTED_S * os.sysconf("SC_CLK_TCK")
+    return processor_s(started.process.pid) >= COMPUTED_S
 
 
 def has_workers(started: Started) -> bool:

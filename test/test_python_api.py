@@ -23,6 +23,7 @@ from mech_twin.configuration_tree import ConfigurationError
 from mech_twin.engine.run import frames
 from mech_twin.engine.trajectory import Trajectory
 from mech_twin.machines.catalog import CATALOGUE
+from mech_twin.parameters.load import configuration_file
 from mech_twin.parameters.load import machine as built_machine
 from mech_twin.results import Columns
 
@@ -271,6 +272,22 @@ def test_what_a_verb_prints_as_json_is_the_same_object_in_python(verb, tmp_path,
     assert plain(read) == plain(expected)
     if hasattr(expected, "to_pandas"):
         assert read.to_pandas().equals(expected.to_pandas())
+
+
+def test_what_compare_prints_as_json_is_the_comparison_in_python(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    one_cart = str(configuration_file("roller_former_1"))
+    words = ["compare", "roller_former", one_cart, "--duration", "0.1", "--json"]
+    monkeypatch.setattr(sys, "argv", ["mech-twin", *words])
+    with pytest.raises(SystemExit):
+        main()
+    Path("told.json").write_text(capsys.readouterr().out, encoding="utf-8")
+    read = mt.from_json("told.json")
+    expected = mt.compare(*(mt.simulate("roller_former", 0.1, config=config) for config in (None, one_cart)))
+    assert plain(read.found.settings) == plain(expected.found.settings) and read.found.settings
+    assert read.to_pandas()["relative"].equals(expected.to_pandas()["relative"])
+    with pytest.raises(StudyError, match="holds no columns"):
+        read.plot()
 
 
 def plain(value):

@@ -39,7 +39,6 @@ def test_a_legal_configuration_runs_and_what_is_refused_is_refused_in_one_line(n
 @pytest.mark.parametrize(
     ("name", "number"),
     [
-        *(("planar_linkage", number) for number in (40, 897, 1199)),
         *(("compaction_press", number) for number in (151, 651, 1378)),
         *(("mb10_breaker", number) for number in (100, 293, 316, 352, 462, 1903)),
     ],
@@ -60,7 +59,7 @@ def test_a_crank_at_rest_that_two_rules_sent_to_and_fro_runs(number: int) -> Non
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", sorted(set(NAMES) - {"planar_linkage"}))  # a dyad's kind changes only with its lengths
+@machines
 def test_the_draws_reach_every_key_and_are_refused_at_times(name: str) -> None:
     """What is optional may stay absent: a printed value has to fit the others closely."""
     draws = [Draw(name, SEED, number) for number in range(24)]

@@ -3,8 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from math import nan
+from collections.abc import Callable, Iterator, Mapping
+from math import degrees, nan, radians
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -26,6 +26,10 @@ GAUGE_UNITS: Mapping[str, str] = MappingProxyType(
     }
 )
 
+RIGID_TURN_RAD = radians(2.0)  # a crank that turns further within a blow: the striker's mass is not one number in it
+RIGID_SHARE = 0.02  # of the striker's mass: so much may it change within a blow
+ROUNDED = 1e-3  # of a length: less is not told
+
 
 class GaugeCurve(NamedTuple):
     """Force (N) and strain at a gauge, compression positive, ``span_s`` apart, the first after the first span."""
@@ -36,21 +40,49 @@ class GaugeCurve(NamedTuple):
 
 
 class BlowGauge(NamedTuple):
-    """The gauge of a machine: of which impacts it tells, what, and its curve; ``sends_curve`` where that is asked for.
+    """The gauge of a machine: of which impacts it tells, what, and its curve; ``sent``: contacts whose curve is sent.
 
     ``numbers`` are those of `GAUGE_UNITS`, in their order.
     """
 
     kind: str
-    contact: str
+    contacts: tuple[str, ...]
     numbers: Callable[[Event], tuple[float, ...]]
     curve: Callable[[Event], GaugeCurve]
-    sends_curve: bool
+    sent: tuple[str, ...]
 
     def tells(self, event: Event) -> bool:
         """Return whether it tells of an event."""
-        return event.kind == self.kind and event.contact == self.contact and event.impulse_ns > 0.0
+        return event.kind == self.kind and event.contact in self.contacts and event.impulse_ns > 0.0
 
     def number(self, event: Event, name: str) -> float:
         """Return a number of an event by its name; nan of one it does not tell of."""
         return self.numbers(event)[tuple(GAUGE_UNITS).index(name)] if self.tells(event) else nan
+
+
+def blow_remarks(roundings: Mapping[str, tuple[float, float]], numbers: Mapping[str, float]) -> Iterator[str]:
+    """Yield what limits the blows of a run as waves: lengths on the grid, a striker's mass that changes within them.
+
+    Parameters
+    ----------
+    roundings : dict
+        Length asked for and the one on the grid (m), by key.
+    numbers : dict
+        Of the run.
+    """
+    for key, (asked, taken) in roundings.items():
+        if abs(taken - asked) > ROUNDED * asked:
+            yield f"{key} = {asked:g} m is led as {taken:.6g} m, whole cells"
+    for name, value in numbers.items():
+        if name.endswith("turn_in_window_rad") and value > RIGID_TURN_RAD:
+            yield (
+                f"{name} = {value:.3g}: the mechanism turns {degrees(value):.2g} deg within a blow; above "
+                f"{degrees(RIGID_TURN_RAD):g} deg its mass at the tool is not one number, and the blow is an estimate"
+            )
+        if name.endswith("striker_mass_change") and abs(value) > RIGID_SHARE:
+            yield (
+                f"{name} = {value:.3g}: the mechanism's mass at the contact changes within a blow; above "
+                f"{RIGID_SHARE:g} it is not one number, and the blow is an estimate"
+            )
+        if name.endswith("blow_unended") and value > 0.0:
+            yield f"{name} = {value:.3g}: blows whose window ends before striker and rod have parted; lengthen window_s"

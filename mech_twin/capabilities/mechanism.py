@@ -12,7 +12,7 @@ on from a frame at the pin that is turned back, by ratio -1.  A pin's frame has 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 ROOT = "machine"
@@ -71,6 +71,33 @@ class Bar(NamedTuple):
     colour: Colour
 
 
+class Inertia(NamedTuple):
+    """A mass (kg) of a link, its centre in the link's frame (m), and inertia about that centre (kg m2; 0: a point)."""
+
+    link: str
+    mass_kg: float
+    centre_m: Point = (0.0, 0.0)
+    about_centre_kg_m2: float = 0.0
+
+
+def inertia_about_origin(link: str, mass_kg: float, centre_m: Point, about_origin_kg_m2: float) -> Inertia:
+    """Return the mass of a link whose inertia is told about the origin of its frame."""
+    own = about_origin_kg_m2 - mass_kg * (centre_m[0] ** 2 + centre_m[1] ** 2)
+    return Inertia(link, mass_kg, centre_m, max(own, 0.0))
+
+
+def joined(inertias: Sequence[Inertia]) -> Inertia:
+    """Return masses of one link as one, about their common centre."""
+    mass = sum(one.mass_kg for one in inertias)
+    x = sum(one.mass_kg * one.centre_m[0] for one in inertias) / mass
+    y = sum(one.mass_kg * one.centre_m[1] for one in inertias) / mass
+    about = sum(
+        one.about_centre_kg_m2 + one.mass_kg * ((one.centre_m[0] - x) ** 2 + (one.centre_m[1] - y) ** 2)
+        for one in inertias
+    )
+    return Inertia(inertias[0].link, mass, (x, y), about)
+
+
 class Pose(NamedTuple):
     """Place (m) and orientation (rad) of a frame in another."""
 
@@ -83,12 +110,15 @@ class FrameTree(NamedTuple):
     """The tree, parents before children; where it was opened; what its links look like.
 
     ``lengths`` names the joints of linkage and motor whose positions are lengths (m) though they carry no frame.
+    ``inertias`` are the machine's masses, several of a link add up; ``untold`` says of links what it does not know.
     """
 
     joints: tuple[Joint, ...]
     loops: tuple[Loop, ...] = ()
     bars: tuple[Bar, ...] = ()
     lengths: tuple[str, ...] = ()
+    inertias: tuple[Inertia, ...] = ()
+    untold: tuple[str, ...] = ()
 
     @property
     def frames(self) -> tuple[str, ...]:

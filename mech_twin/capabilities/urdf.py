@@ -3,6 +3,9 @@
 
 Joints have the names of the machine's joints, so that its joint states move the description as they stand.  A joint
 that moves as another does is a mimic joint.  URDF has no closed chains: where one was opened stands in a comment.
+
+Masses are the machine's own numbers.  A plane has one inertia, ``izz``; ``ixx`` and ``iyy`` are those of a flat link,
+half of it each, and nothing that moves in the plane depends on them.
 """
 
 from __future__ import annotations
@@ -11,9 +14,10 @@ import math
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
-from mech_twin.capabilities.mechanism import Bar, FrameTree, Joint
+from mech_twin.capabilities.mechanism import Bar, FrameTree, Inertia, Joint, joined
 
 UNLIMITED = "1e6"  # effort and speed: the machine's own limits are not the description's
+PLANAR = "planar: of each inertia izz is known; ixx and iyy are those of a flat link"
 SHORTEST_M = 1e-6  # a box of a link without extent
 
 
@@ -30,8 +34,13 @@ def urdf(name: str, mechanism: FrameTree) -> str:
     robot = Element("robot", name=name)
     for loop in mechanism.loops:
         robot.append(ElementTree.Comment(f" closed chain, opened here: {loop.first} and {loop.second} are one pin "))
+    for untold in (PLANAR, *mechanism.untold):
+        robot.append(ElementTree.Comment(f" {untold} "))
     for frame in mechanism.frames:
         link = SubElement(robot, "link", name=frame)
+        masses = [one for one in mechanism.inertias if one.link == frame and one.mass_kg > 0.0]
+        if masses:
+            _add_inertial(link, joined(masses))
         for bar in mechanism.bars:
             if bar.link == frame:
                 _add_visual(link, bar)
@@ -62,6 +71,16 @@ def _add_joint(robot: Element, joint: Joint, *, first: bool) -> None:
         SubElement(element, "limit", limit | {"lower": repr(-joint.travel_m), "upper": repr(joint.travel_m)})
     if not first:
         SubElement(element, "mimic", joint=joint.name, multiplier=repr(joint.ratio))
+
+
+def _add_inertial(link: Element, inertia: Inertia) -> None:
+    inertial, about = SubElement(link, "inertial"), inertia.about_centre_kg_m2
+    if about == 0.0:
+        inertial.append(ElementTree.Comment(" a point: the machine knows no inertia of this link "))
+    SubElement(inertial, "origin", xyz=_row(*inertia.centre_m, 0.0), rpy=_row(0.0, 0.0, 0.0))
+    SubElement(inertial, "mass", value=repr(float(inertia.mass_kg)))
+    flat = {"ixx": 0.5 * about, "ixy": 0.0, "ixz": 0.0, "iyy": 0.5 * about, "iyz": 0.0, "izz": about}
+    SubElement(inertial, "inertia", {name: repr(float(value)) for name, value in flat.items()})
 
 
 def _add_visual(link: Element, bar: Bar) -> None:

@@ -16,9 +16,7 @@ HEADLINES = {"operation": 5, "impacts": 8, "bearings": 3}
 BEARING_FORCES = 2  # of the headlines of bearings; beside them the largest impulse of a blow
 IMPULSE = "N s"
 FORCES = ("N", "kN", IMPULSE)
-BEARING_WORDS = frozenset(
-    {"bearing", "pin", "shaft", "guide", "rod", "shaking", "dyad", "ground", "harmonic", "rotating"}
-)
+BEARING_WORDS = frozenset({"bearing", "pin", "shaft", "guide", "rod", "shaking", "ground", "harmonic", "rotating"})
 IMPACT_WORDS = frozenset(
     {"blow", "blows", "impact", "impacts", "striking", "hardest", "chatter", "contact", "stop", "releases"}
     | {"settled", "spring", "gap", "lift", "feed", "body", "return", "press", "layer", "periods", "rests", "period"}

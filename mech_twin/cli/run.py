@@ -13,7 +13,7 @@ from pydantic import ValidationError
 
 from mech_twin.cli.consequences import say_consequences
 from mech_twin.cli.console import print_json, say
-from mech_twin.cli.failure import CommandError, report_losses
+from mech_twin.cli.failure import CommandError, messages_in, report_losses
 from mech_twin.cli.live_view import RUN_ORDERS, WEB_VIEWS, check_view, hold_view, opened_view, told_machine
 from mech_twin.cli.run_summary import show_events, show_numbers
 from mech_twin.cli.verbs import RunVerb
@@ -159,6 +159,6 @@ def _write(request: RunVerb, parameters: Parameters, outcome: Outcome, directory
             "events": [event_record(event) for event in outcome.metrics.events],
             "recording": None if directory is None else str(directory),
             "messages_sent": outcome.sent,
-            "messages_recorded": outcome.recorded,
+            "messages_recorded": messages_in(directory),
         }
     )

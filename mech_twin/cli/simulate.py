@@ -57,6 +57,8 @@ def simulate_machine(asked: SimulateVerb) -> None:
         )
         show_residuals(document["residuals"])
         show_events(simulation.events, everything=asked.everything)
+    for remark in simulation.remarks():
+        say(f"warning: {remark}")
     broken = broken_lines(simulation.residuals(), machine.coupling_step_s)
     if broken:
         say(f"{name}: {'; '.join(broken)}")

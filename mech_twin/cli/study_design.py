@@ -47,7 +47,7 @@ def answer_search(request: SearchVerb) -> None:
         raise CommandError(f"--points {request.points}: expected several --objective, which give a Pareto front")
     if shows_limits(request.limit, request.machine, "design"):
         return
-    out = request.out or Path(f"{request.machine}-found.yaml")
+    out = request.out or Path(f"{Path(request.machine).stem}-found.yaml")
     check_output_file(out, force=request.force, suffixes=YAML_SUFFIXES)
     parameters = machine_parameters(request.machine, request.config, assignments(request.settings))
     with study_errors(), told(f"searching designs of {request.machine}"):

@@ -16,7 +16,7 @@ import yaml
 from mech_twin.capabilities.progress import listening
 from mech_twin.cli.console import FIRST_ESTIMATE_S, estimate, print_numbers, say
 from mech_twin.cli.failure import CommandError
-from mech_twin.parameters.load import scalar
+from mech_twin.parameters.yaml_text import scalar
 from mech_twin.studies.asking import asked_of
 
 RANGE = "from:to:count, from:to:count:log or a,b,c"

@@ -29,7 +29,7 @@ TABLE = (".parquet", ".csv")
 
 def answer_sweep(request: SweepVerb) -> None:
     """Sweep, and say what was written."""
-    table = request.out or Path(f"{request.machine}-sweep.parquet")
+    table = request.out or Path(f"{Path(request.machine).stem}-sweep.parquet")
     check_output_file(table, force=request.force, suffixes=TABLE)
     if not request.no_picture:
         check_output_file(table.with_suffix(".png"), force=request.force)
@@ -106,7 +106,7 @@ def _varying(points: Sequence[Point], names: Sequence[str]) -> list[str]:
 def answer_size(asked: SizeVerb) -> None:
     """Size, write the configuration, and say which constraint binds."""
     machine, config, limits = asked.machine, asked.config, asked.limit
-    out = asked.out or Path(f"{machine}-sized.yaml")
+    out = asked.out or Path(f"{Path(machine).stem}-sized.yaml")
     if HELP not in limits:
         check_output_file(out, force=asked.force, suffixes=YAML_SUFFIXES)
     if shows_limits(limits, machine, "sizing"):
@@ -117,7 +117,7 @@ def answer_size(asked: SizeVerb) -> None:
             machine, parameters, limits=limits_of(limits), objective=asked.objective, tolerance=asked.tolerance
         )
         notes = notes_of(objective=answer.objective, tolerance=answer.tolerance, binding=answer.binding)
-        write_configuration(answer.machine, answer.parameters, out, config, notes)
+        write_configuration(machine, answer.parameters, out, config, notes)
     if asked.as_json:
         print_json(
             {

@@ -81,7 +81,7 @@ class SizeVerb(Verb):
     )
     limit: Limits = []
     tolerance: float | None = option(
-        "relative tolerance of each assumed value within which the limits hold", shown="the usual one of the machine"
+        "relative tolerance of each assumed value within which limits are tried", shown="the usual one of the machine"
     )
     config: Config = None
     settings: Settings = []
@@ -141,7 +141,7 @@ class SynthesiseVerb(Verb):
     basin_fraction: float = option(
         "basin of attraction: least share of random starts that reach the cycle", 0.999, "--basin"
     )
-    tolerance: float = option("relative tolerance of P1, P2, t1, T and R within which the cycle persists", 0.01)
+    tolerance: float = option("relative tolerance of P1, P2, t1, T and R within which the cycle is tried", 0.01)
     stroke_ratio: float = option("upper limit of the largest gap over the stroke", 2.5)
     starts: int = option("random starts that test the basin, at most 1000000", 1000, ge=1)
     seed: Seed = 1

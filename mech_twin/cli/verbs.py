@@ -281,6 +281,7 @@ class NewVerb(Verb):
 
     answer: ClassVar[str] = "mech_twin.cli.pages:write_page"
     kind: str | None = argument("page to start from; names them where absent", None)
+    former: Path | None = option("page from a planar_linkage's configuration, or a recording of it", None, "--from")
 
 
 class CheckVerb(Verb):

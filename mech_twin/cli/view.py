@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from mech_twin.cli.console import progress, say
 from mech_twin.cli.failure import CommandError
-from mech_twin.cli.live_view import opened_bench
+from mech_twin.cli.live_view import changed_settings, opened_bench
 from mech_twin.cli.overlay import PATIENCE_S, SHOWN_BYTES
 from mech_twin.cli.pages import check_is_no_page
 from mech_twin.cli.verbs import ViewVerb
-from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.configuration_tree import ConfigurationError, configuration_tree
 from mech_twin.engine.step_samples import StepSamples
 from mech_twin.nodes.run.domain import settle_domain
 from mech_twin.output_file import check_output_file, written_file
@@ -46,7 +46,7 @@ def view_bag(asked: ViewVerb) -> None:
         with stop.interrupting():
             shown = _recorded(stack, bag) if map_file is None else _measured(bag, map_file, asked.config)
             file = None if save is None else stack.enter_context(written_file(save, force=asked.force))
-            scene = _bench(stack, asked.port, shown.machine, bag) if file is None else _file(stack, file, shown.machine)
+            scene = _bench(stack, asked.port, shown, bag) if file is None else _file(stack, file, shown.machine)
         shown.show(scene, stop)
         scene.close()
         if save is not None and stop.asked:
@@ -60,10 +60,11 @@ def view_bag(asked: ViewVerb) -> None:
 
 
 class _Shown(NamedTuple):
-    """A run to show: the name of its machine, and what puts it into the scene."""
+    """A run to show: the name of its machine, what puts it into the scene, its settings that are not as installed."""
 
     machine: str
     show: Callable[[BenchScene | RerunScene, StopSignal], None]
+    settings: Callable[[], list[list[str]]]
 
 
 def _recorded(stack: ExitStack, bag: Path) -> _Shown:
@@ -71,14 +72,25 @@ def _recorded(stack: ExitStack, bag: Path) -> _Shown:
     from mech_twin.recording.bag_samples import BagSamples
 
     samples = BagSamples(stack.enter_context(open_bag(bag)))
-    return _Shown(samples.machine, lambda scene, stop: _show(scene, samples, stop))
+    return _Shown(samples.machine, lambda scene, stop: _show(scene, samples, stop), lambda: _settings(samples))
+
+
+def _settings(samples: BagSamples) -> list[list[str]]:
+    from mech_twin.studies.configuration_history import ConfigurationHistory
+
+    try:
+        history = ConfigurationHistory(samples.descriptions(), "the recording")
+    except ConfigurationError:  # which is said where the metrics are asked for
+        return []
+    return changed_settings(history.name, configuration_tree(history.parameters))
 
 
 def _measured(measurement: Path, map_file: Path, config: Path | None) -> _Shown:
     from mech_twin.cli.measured_run import read_measured, show_measured
 
     read = read_measured(measurement, map_file, config)
-    return _Shown(read.machine.name, lambda scene, stop: show_measured(scene, read, stop))
+    name, tree = read.machine.name, configuration_tree(read.machine.parameters)
+    return _Shown(name, lambda scene, stop: show_measured(scene, read, stop), lambda: changed_settings(name, tree))
 
 
 def _file(stack: ExitStack, file: Path, machine: str) -> RerunScene:
@@ -88,16 +100,16 @@ def _file(stack: ExitStack, file: Path, machine: str) -> RerunScene:
     return stack.enter_context(RerunScene(machine, rrd_path=file))
 
 
-def _bench(stack: ExitStack, port: int, machine: str, bag: Path) -> BenchScene:
+def _bench(stack: ExitStack, port: int, shown: _Shown, bag: Path) -> BenchScene:
     """Return a scene on a bench started here."""
     from mech_twin.view.bench.link import BenchLink
     from mech_twin.view.bench.scene import BenchScene
     from mech_twin.view.sending import RECORDED
 
     view = opened_bench(port, stack, history_bytes=SHOWN_BYTES)
-    told = {"name": machine, "namespace": "", "orders": [], "parameters": [], "recording": str(bag)}
-    view.tell("machine", told)
     view.tell("status", {"text": f"reading {bag}"})
+    told = {"name": shown.machine, "namespace": "", "orders": [], "parameters": [], "recording": str(bag)}
+    view.tell("machine", told | {"settings": shown.settings()})
     return stack.enter_context(BenchScene(BenchLink(view.destination or "", PATIENCE_S), RECORDED))
 
 

@@ -65,6 +65,11 @@ def chosen(generic: Callable[..., Any], model: Any) -> Callable[..., Any]:
     return _declared[generic, type(model)]
 
 
+def is_declared(generic: Callable[..., Any], model_type: type) -> bool:
+    """Return whether a kernel is declared for a type."""
+    return (generic, model_type) in _declared
+
+
 def step_of(
     generic: Callable[..., Any], model_type: type, compiler: Callable[[Any], Any] = kernel
 ) -> Callable[[Function], Function]:

@@ -15,10 +15,12 @@ from __future__ import annotations
 
 from typing import Any, Literal
 
+from mech_twin.capabilities.errors import StudyError
 from mech_twin.quantity import Parameters, choice, quantity
-from mech_twin.roles import BodyRole, Machine
-from mech_twin.samples import BodySample, Event, ForceSample, Frame, LinkageSample
+from mech_twin.roles import BodyRole, EffortMotor, Machine
+from mech_twin.samples import BodySample, EffortCommand, Event, ForceSample, Frame, LinkageSample, MotorSample
 
+Target = float | EffortCommand  # asked fraction of rated supply frequency, or an effort in its place
 RESET = "reset"
 GIVEN_STATE = "state"  # contact of a reset to a stored state; that of one to the initial state is the linkage
 
@@ -57,15 +59,49 @@ def next_body(role: BodyRole, body: BodySample | None, forces: ForceSample) -> B
     return role.follow(body, forces)
 
 
-def complete_frame(machine: Machine, linkage: LinkageSample, body: BodySample | None, target: float) -> Frame:
+def effort_limit(machine: Machine) -> float:
+    """Return the greatest effort that the motor can be asked for (N m or N).
+
+    Raises
+    ------
+    StudyError
+        The machine's motor takes no effort.
+    """
+    limit = _limit(machine)
+    if limit == 0.0:
+        raise StudyError(
+            f"{machine.name}: takes no effort command: expected one motor that gives an effort; a drive at a given "
+            "speed takes what effort that needs, a program or table follows its own times"
+        )
+    return limit
+
+
+def _limit(machine: Machine) -> float:
+    return machine.motor.effort_limit if isinstance(machine.motor, EffortMotor) else 0.0
+
+
+def driven(machine: Machine, linkage: LinkageSample, target: Target) -> MotorSample:
+    """Return the motor at the linkage's step: as its supply lets it, or with the effort asked of it, within its limit.
+
+    Who takes a command asks `effort_limit` first; a limit that a live parameter has set to 0 since leaves no effort.
+    """
+    if not isinstance(target, EffortCommand):
+        return machine.motor.respond(linkage, target)
+    limit, off = _limit(machine), machine.motor.respond(linkage, 0.0)
+    asked = target.effort + target.stiffness * (target.position - off.position[0]) - target.damping * off.velocity[0]
+    effort = min(max(asked, -limit), limit)
+    return off._replace(effort=(effort,) * len(off.joints), command=0.0, asked=target)
+
+
+def complete_frame(machine: Machine, linkage: LinkageSample, body: BodySample | None, target: Target) -> Frame:
     """Return the frame that belongs to this linkage sample; ``body`` is the one of the step before."""
-    motor = machine.motor.respond(linkage, target)
+    motor = driven(machine, linkage, target)
     forces = machine.forces.analyse(linkage)
     followed = None if machine.body is None else next_body(machine.body, body, forces)
     return Frame(linkage, motor, forces, followed)
 
 
-def next_frame(machine: Machine, frame: Frame, target: float) -> Frame:
+def next_frame(machine: Machine, frame: Frame, target: Target) -> Frame:
     """Return the frame one coupling step later."""
     linkage = machine.linkage.advance(frame.linkage, frame.motor, frame.body)
     return complete_frame(machine, linkage, frame.body, target)

@@ -19,7 +19,7 @@ from mech_twin.capabilities.arguments import real_number, several
 from mech_twin.capabilities.errors import StudyError, UnknownNameError
 from mech_twin.captions import unknown_name
 from mech_twin.engine.compiled_machine import CompiledMachine, compiled_machine
-from mech_twin.engine.coupling import complete_frame, next_frame
+from mech_twin.engine.coupling import Target, complete_frame, effort_limit, next_frame
 from mech_twin.engine.errors import MotionError
 from mech_twin.engine.invariants import Residual, RunInvariants, residuals_of_run
 from mech_twin.engine.sample_vectors import (
@@ -33,9 +33,10 @@ from mech_twin.engine.sample_vectors import (
 )
 from mech_twin.engine.trajectory import frame_events
 from mech_twin.roles import Machine
-from mech_twin.samples import Event, Frame
+from mech_twin.samples import EffortCommand, Event, Frame
 
-Profile = float | Callable[[int], float] | Sequence[tuple[float, float]] | NDArray[np.float64]
+Profile = Target | Callable[[int], Target] | Sequence[tuple[float, Target]] | NDArray[np.float64]
+Targets = Array | list[Target]  # one a step; an array where no effort is among them
 ON_STEP = 1e-9  # of a step: a time this little after a step counts as on it
 
 
@@ -133,9 +134,9 @@ def roll_out(
         Names of the columns wanted (`column_names`); all if absent.
     start : Frame, optional
         Frame to go on from; the machine's own start if absent.
-    command : float, callable, sequence of pairs or ndarray
-        Asked fraction of rated supply frequency: one number; ``command(step)``; pairs of time (s) and the value from
-        then on, 1 before the first; or one number a step, the first that of the start.
+    command : float, EffortCommand, callable, sequence of pairs or ndarray
+        Asked fraction of rated supply frequency, or an effort in its place.  One for the run; ``command(step)``; pairs
+        of time (s) and the command from then on, 1 before the first; or one number a step, the first that of the start.
     changes : iterable of (float, Machine)
         The machine with other parameters, and the time (s) from which on it is the one that runs.
     between : callable
@@ -153,13 +154,16 @@ def roll_out(
         raise StudyError(f"start: a frame with the joints {told}; expected one of {machine.name}")
     targets = command_profile(command, first, count, machine.coupling_step_s)
     if start is None:
-        start = complete_frame(machine, machine.linkage.start(), None, float(targets[0]))
+        start = complete_frame(machine, machine.linkage.start(), None, _plain(targets[0]))
     pieces = _pieces(machine, first, count, changes)
     compiled = [compiled_machine(piece.machine) for piece in pieces]
-    if all(compiled):
+    if all(compiled) and isinstance(targets, np.ndarray):
         found = _compiled_run([c for c in compiled if c], pieces, start, targets, columns, between)
     else:
-        found = _run_by_roles(pieces, start, targets, columns, between)
+        asked = targets.tolist() if isinstance(targets, np.ndarray) else targets
+        if any(isinstance(target, EffortCommand) for target in asked):
+            effort_limit(machine)
+        found = _run_by_roles(pieces, start, asked[1:], columns, between)
     lasts = np.cumsum([first, *(piece.steps for piece in pieces)])[1:].tolist()
     return replace(found, machines=tuple((last, piece.machine) for last, piece in zip(lasts, pieces, strict=True)))
 
@@ -172,36 +176,52 @@ def column_names(machine: Machine) -> tuple[str, ...]:
     return tuple(layout_of(complete_frame(machine, machine.linkage.start(), None, 1.0)).columns)
 
 
-def command_profile(command: Profile, first: int, count: int, step_s: float) -> Array:
-    """Return the asked fraction of rated supply frequency at ``first`` and the ``count`` steps after it.
+def command_profile(command: Profile, first: int, count: int, step_s: float) -> Targets:
+    """Return the asked fraction of rated supply frequency, or effort, at ``first`` and the ``count`` steps after it.
 
     Raises
     ------
     ValueError
         If an array has another length, or a number is not finite.
     """
-    steps = range(first, first + count + 1)
     if isinstance(command, np.ndarray):
-        profile = np.asarray(command, dtype=np.float64)
-        if profile.shape != (count + 1,):
-            raise StudyError(f"command has shape {profile.shape}; expected one number a step, ({count + 1},)")
-    elif isinstance(command, int | float):
-        profile = np.full(count + 1, float(command))
+        numbers = np.ascontiguousarray(command, dtype=np.float64)
+        if numbers.shape != (count + 1,):
+            raise StudyError(f"command has shape {numbers.shape}; expected one number a step, ({count + 1},)")
+        return _finite(numbers)
+    if isinstance(command, int | float):
+        return _finite(np.full(count + 1, float(command)))
+    if isinstance(command, EffortCommand):
+        profile: list[Target] = [command] * (count + 1)
     elif callable(command):
-        profile = np.array([float(command(step)) for step in steps])
+        profile = [command(step) for step in range(first, first + count + 1)]
     else:
-        times = [time_s for time_s, _ in _pairs(command)]
+        pairs = _pairs(command)
+        times = [time_s for time_s, _ in pairs]
         if times != sorted(times):
             raise StudyError(f"command has times {times}; expected them in ascending order")
-        profile = np.ones(count + 1)
-        for time_s, value in command:
-            profile[max(_step_at(time_s, step_s) - first, 0) :] = value
-    if not np.isfinite(profile).all():
+        profile = [1.0] * (count + 1)
+        for time_s, value in pairs:
+            begin = min(max(_step_at(time_s, step_s) - first, 0), count + 1)
+            profile[begin:] = [value] * (count + 1 - begin)
+    efforts = {target for target in profile if isinstance(target, EffortCommand)}
+    numbers = np.array([t for t in profile if not isinstance(t, EffortCommand)], dtype=np.float64)
+    _finite(np.array([number for effort in efforts for number in effort]))
+    return [_plain(target) for target in profile] if efforts else _finite(numbers)
+
+
+def _plain(target: Target) -> Target:
+    return target if isinstance(target, EffortCommand) else float(target)
+
+
+def _finite(numbers: Array) -> Array:
+    """Return the numbers of a command, all finite."""
+    if not np.isfinite(numbers).all():
         raise StudyError("command holds a number that is not finite")
-    return np.ascontiguousarray(profile)
+    return numbers
 
 
-def _pairs(command: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
+def _pairs(command: Sequence[tuple[float, Target]]) -> list[tuple[float, Target]]:
     """Return pairs of time and value."""
     expected = "a number, pairs of time (s) and value, an array with one number a step, or a function of the step"
     found = []
@@ -295,19 +315,19 @@ def _compiled_run(
 def _run_by_roles(
     pieces: list[_Piece],
     start: Frame,
-    targets: Array,
+    targets: list[Target],
     columns: Sequence[str] | None,
     between: Callable[[], None],
 ) -> RollOut:
     layout, frame, error = layout_of(start), start, None
     names = _picked(layout, columns)
     picked = [layout.columns[name] for name in names]
-    found = np.full((len(targets), len(names)), np.nan)
+    found = np.full((len(targets) + 1, len(names)), np.nan)
     found[0] = layout.row(start)[picked]
     invariants, events = RunInvariants(pieces[0].machine), []
     invariants.observe(start)
     machines = [piece.machine for piece in pieces for _ in range(piece.steps)]
-    for done, (machine, target) in enumerate(zip(machines, targets[1:].tolist(), strict=True), 1):
+    for done, (machine, target) in enumerate(zip(machines, targets, strict=True), 1):
         between()
         try:
             frame = next_frame(machine, frame, target)

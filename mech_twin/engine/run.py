@@ -3,14 +3,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
 from mech_twin.engine.compiled_machine import compiled_machine
-from mech_twin.engine.coupling import complete_frame, next_frame
+from mech_twin.engine.coupling import Target, complete_frame, effort_limit, next_frame
 from mech_twin.roles import Machine
-from mech_twin.samples import Frame
+from mech_twin.samples import EffortCommand, Frame
 
 FEW_FRAMES, MANY_FRAMES = 32, 512  # computed at a time: few at first, since who asks may stop early
 
@@ -28,7 +28,7 @@ def rated(step: int) -> float:
 def frames(
     machine: Machine,
     duration_s: float,
-    target: Callable[[int], float] = rated,
+    target: Callable[[int], Target] = rated,
     machine_at: Callable[[int], Machine] | None = None,
 ) -> Iterator[Frame]:
     """Yield the frames of a run from step 0 to the last within ``duration_s``.
@@ -40,7 +40,7 @@ def frames(
     duration_s : float
         Simulated time.
     target : callable
-        ``target(step)``: asked fraction of rated supply frequency at a step.
+        ``target(step)``: asked fraction of rated supply frequency at a step, or an effort in its place.
     machine_at : callable, optional
         ``machine_at(step)``: the machine with the parameters in force at a step, where they change during the run.
     """
@@ -64,13 +64,15 @@ def continued(machine: Machine, frame: Frame, duration_s: float, target: float) 
     yield from _frames_after(machine, frame, [target] * steps_for(machine, duration_s))
 
 
-def _frames_after(machine: Machine, frame: Frame, targets: list[float]) -> Iterator[Frame]:
+def _frames_after(machine: Machine, frame: Frame, targets: Sequence[Target]) -> Iterator[Frame]:
     """Yield the frame of each step after one; the whole of them computed at once where the roles are compiled."""
     compiled = compiled_machine(machine)
-    if compiled is not None:
+    if compiled is not None and not any(isinstance(target, EffortCommand) for target in targets):
         yield from compiled.frames_after(frame, np.array(targets, dtype=np.float64))
         return
     for target in targets:
+        if isinstance(target, EffortCommand):
+            effort_limit(machine)
         frame = next_frame(machine, frame, target)
         yield frame
 

@@ -152,6 +152,7 @@ def _sizes(unit: MachineUnit, token: str) -> str:
     failures = getattr(unit.machine.linkage, "failures", ())
     counts = {
         "REAL_COUNT": len(unit.packed.reals), "ROW_COUNT": len(unit.first_row), "EFFORT_COUNT": len(unit.efforts),
+        "SUPPLY_OFF": int(unit.supply_off), "MOTOR_COMMAND_PLACE": unit.compiled.layout.places.motor,
         "PARAMETER_COUNT": len(unit.adjustable), "KIND_COUNT": len(unit.kinds), "FAILURE_COUNT": len(failures),
     }  # fmt: skip
     lines = [f"#define {name} {count}" for name, count in counts.items()]
@@ -177,6 +178,7 @@ def _constants(unit: MachineUnit) -> str:
             _array("int", "PARAMETER_PLACES", (str(place) for each in adjustable for place in each.places)),
             _array("double", "PARAMETER_LEAST", (_hexadecimal(each.least) for each in adjustable)),
             _array("double", "PARAMETER_GREATEST", (_hexadecimal(each.greatest) for each in adjustable)),
+            _array("int", "PARAMETER_LIVE", (str(int(each.key.live)) for each in adjustable)),
             _array("char *const", "PARAMETER_NAMES", (f'"{each.key.name}"' for each in adjustable)),
             _array("char *const", "FAILURES", (f'"{failure}"' for failure in failures)),
         )

@@ -19,7 +19,7 @@ from mech_twin.machines.page.parameters import Page
 from mech_twin.measurements.machine_columns import sliding_in, unit_in
 from mech_twin.parameters.declared_keys import Key, keys
 from mech_twin.parameters.load import catalogue_entry, validated
-from mech_twin.roles import Machine
+from mech_twin.roles import EffortMotor, Machine
 from mech_twin.samples import Frame
 
 # value references; those of one group follow each other (the same numbers stand in sources/unit.h)
@@ -72,6 +72,12 @@ class MachineUnit:
         return unit_name(self.machine)
 
     @property
+    def supply_off(self) -> bool:
+        """Whether the supply is off where the efforts are given: the linkage feels them and no command beside."""
+        motor = self.machine.motor
+        return isinstance(motor, EffortMotor) and motor.effort_limit > 0.0
+
+    @property
     def variables(self) -> tuple[Variable, ...]:
         """Every variable, in the order of the description."""
         return tuple(_variables(self))
@@ -109,6 +115,7 @@ def _adjustable(machine: Machine, packed: PackedModels, row: Array) -> Iterator[
     """Yield the keys whose value the kernels' constants hold as it is, wherever it was tried within its range.
 
     Another key decides constants that are derived from it, or the first frame; for those the machine is exported anew.
+    A live key may decide the first frame: it changes while the unit runs, as in a run, and never before.
     """
     for key in keys(machine.parameters):
         if type(key.value) is not float or key.value == 0.0:
@@ -120,7 +127,7 @@ def _adjustable(machine: Machine, packed: PackedModels, row: Array) -> Iterator[
             other = _other(machine, key.name, value)
             if other is not None:
                 values.append(value)
-                found.add(_places(machine, packed, row, other, key.value, value))
+                found.add(_places(machine, packed, row, other, key._replace(value=value), key.value))
         places = found.pop() if len(found) == 1 else None
         if places:
             yield Adjustable(key, places, min((key.value, *values)), max((key.value, *values)))
@@ -149,7 +156,7 @@ def _other(machine: Machine, key: str, value: float) -> _Other | None:
 
 
 def _places(
-    machine: Machine, packed: PackedModels, row: Array, other: _Other, old: float, new: float
+    machine: Machine, packed: PackedModels, row: Array, other: _Other, key: Key, old: float
 ) -> tuple[int, ...] | None:
     """Return where the constants hold the value itself; None where anything else has changed beside it."""
     theirs = other.packed
@@ -157,11 +164,14 @@ def _places(
         return None
     if (packed.expression, packed.wholes, packed.flags) != (theirs.expression, theirs.wholes, theirs.flags):
         return None
+    new, live = key.value, key.live
     ours, found = np.array(packed.reals), np.array(theirs.reals)
     apart = np.flatnonzero((ours != found) & ~(np.isnan(ours) & np.isnan(found)))  # nan: not used
     if not (np.all(ours[apart] == old) and np.all(found[apart] == new)):
         return None
-    return tuple(apart.tolist()) if np.array_equal(row, other.row, equal_nan=True) else None
+    if not live and not np.array_equal(row, other.row, equal_nan=True):
+        return None  # a live key counts from the first step on, and leaves the first frame as it is
+    return tuple(apart.tolist())
 
 
 def _variables(unit: MachineUnit) -> Iterator[Variable]:
@@ -181,10 +191,12 @@ def _variables(unit: MachineUnit) -> Iterator[Variable]:
         )  # fmt: skip
     for i, (key, _, least, greatest) in enumerate(unit.adjustable):
         meaning = key.field.description or key.name
+        kind: tuple[str, Causality, Any] = ("parameters", "parameter", "fixed")
+        if key.live:
+            kind = ("live", "input", "discrete")
         yield Variable(
-            f"parameters.{key.name}", PARAMETERS + i, "real", "parameter", "fixed", key.unit, key.value, least,
-            greatest, meaning,
-        )  # fmt: skip
+            f"{kind[0]}.{key.name}", PARAMETERS + i, "real", *kind[1:], key.unit, key.value, least, greatest, meaning
+        )
     for place, name in enumerate(names[1:], 1):
         inner = ".memory." in name or ".residual." in name
         causality: Causality = "local" if inner else "output"

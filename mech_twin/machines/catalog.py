@@ -11,6 +11,8 @@ from typing import Any
 from mech_twin.quantity import Parameters
 from mech_twin.roles import Capabilities, Machine
 
+FORMER = "planar_linkage"  # a machine that pages took the place of
+
 
 @dataclass(frozen=True)
 class Entry:
@@ -56,6 +58,5 @@ CATALOGUE = {
         Entry("impact_mass", "mass under a two-level periodic force, with a stop"),
         Entry("roller_former", "roller forming installation, 1 to 4 carts on one crank shaft"),
         Entry("winding_drum", "winding drum with an ideal or eccentric package"),
-        Entry("planar_linkage", "linkage of one's own: a crank that drives up to four dyads"),
     )
 }

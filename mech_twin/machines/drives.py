@@ -272,6 +272,11 @@ class KlossDrive(CompiledMotor):
     direction: float = 1.0
     joints: tuple[str, ...] = ("rotor",)
 
+    @property
+    def effort_limit(self) -> float:
+        """Greatest torque that can be asked of it (N m): its breakdown torque."""
+        return float(self.motor.breakdown_torque_nm)
+
     @cached_property
     def model(self) -> Any:
         """Constants of the kernel."""

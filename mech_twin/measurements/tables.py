@@ -38,7 +38,7 @@ def is_table(path: Path) -> bool:
     if path.is_dir():
         return False
     try:
-        with path.open("rb") as stream:
+        with opened_input(path) as stream:
             head = stream.read(HEAD_BYTES)
     except OSError:
         return path.suffix.lower() in TABLE_SUFFIXES
@@ -50,7 +50,7 @@ def is_table(path: Path) -> bool:
 def _is_parquet(path: Path) -> bool:
     """Return whether a file is Parquet by its first bytes, or says so by its name."""
     try:
-        with path.open("rb") as stream:
+        with opened_input(path) as stream:
             return stream.read(len(PARQUET_MAGIC)) == PARQUET_MAGIC or path.suffix.lower() == ".parquet"
     except OSError:
         return False

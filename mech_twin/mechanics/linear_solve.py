@@ -158,7 +158,7 @@ def _blocks(a: Matrix) -> list[tuple[list[int], list[int]]]:
         for j in range(n):
             if k in needs[j]:
                 needs[j] |= needs[k]
-    order = sorted(range(n), key=lambda j: (len(needs[j]), min(needs[j]), j))
+    order = sorted(range(n), key=lambda j: (len(needs[j]), sorted(needs[j]), j))  # a block needs the same
     blocks: list[list[int]] = [[order[0]]]
     for before, j in pairwise(order):
         if before in needs[j] and j in needs[before]:

@@ -10,7 +10,7 @@ from geometry_msgs.msg import TransformStamped, Vector3Stamped, WrenchStamped
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64, String
+from std_msgs.msg import Float64, Float64MultiArray, String
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import MarkerArray
 
@@ -51,6 +51,8 @@ MOTOR_JOINT_STATES = Topic("motor/joint_states", JointState)
 FORCE_JOINT_STATES = Topic("forces/joint_states", JointState)
 BODY_JOINT_STATES = Topic("body/joint_states", JointState)
 SPEED_COMMAND = Topic("motor/speed_command", Float64)
+EFFORT_COMMAND = Topic("motor/effort_command", Float64)
+POSITION_COMMAND = Topic("motor/position_command", Float64MultiArray)
 PRESSING_FORCE = Topic("body/pressing_force", WrenchStamped)
 IMPACTS = Topic("impacts", Vector3Stamped)
 SCENE = Topic("scene", MarkerArray)
@@ -132,7 +134,8 @@ def recorded_topics(pins: tuple[str, ...], has_body: bool) -> tuple[Topic, ...]:
     """Return everything a recording holds."""
     body = (PRESSING_FORCE,) if has_body else ()
     wrenches = tuple(pin_wrench(pin) for pin in pins)
-    rest = (SPEED_COMMAND, IMPACTS, SCENE, DESCRIPTION, CLOCK, DIAGNOSTICS)
+    commands = (SPEED_COMMAND, EFFORT_COMMAND, POSITION_COMMAND)
+    rest = (*commands, IMPACTS, SCENE, DESCRIPTION, CLOCK, DIAGNOSTICS)
     return (*run_topics(has_body), *wrenches, *body, *rest)
 
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator, Mapping
 from difflib import get_close_matches
 from typing import get_args, get_origin
@@ -10,6 +11,7 @@ from typing import get_args, get_origin
 from pydantic import BaseModel
 
 ANY_NAME = "NAME"  # stands for the user's own name of an element
+PLACE = re.compile(r"(?:(?<=_m)\.[a-z]\w*)?\.[01]$")  # of a number in a row: of a vector, or of a named point
 
 
 def key_units(model: type[BaseModel], prefix: str = "") -> dict[str, str]:
@@ -27,10 +29,14 @@ def key_units(model: type[BaseModel], prefix: str = "") -> dict[str, str]:
 
 
 def declared_key(key: str, units: Mapping[str, str]) -> str:
-    """Return a key as its model declares it: the user's own name of an element is ``NAME`` there."""
+    """Return a key as its model declares it: the user's own name of an element is ``NAME`` there.
+
+    A number of a row, such as ``bodies.rod.points_m.end.0``, is declared with the row.
+    """
     group, _, rest = key.partition(".")
     named = f"{group}.{ANY_NAME}.{rest.partition('.')[2]}"
-    return named if key not in units and named in units else key
+    spelled = (key, named, PLACE.sub("", key), PLACE.sub("", named))
+    return next((known for known in spelled if known in units), key)
 
 
 def _models(annotation: object) -> Iterator[type[BaseModel]]:

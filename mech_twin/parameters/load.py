@@ -11,9 +11,7 @@ A configuration file has the form of a ROS 2 parameter file, so that one file se
 
 from __future__ import annotations
 
-import math
 import os
-import re
 import sys
 from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
@@ -27,16 +25,15 @@ from mech_twin import __version__
 from mech_twin.capabilities.arguments import by_name
 from mech_twin.configuration_tree import ConfigurationError, configuration_tree, merged_tree, tree_from_flat
 from mech_twin.input_file import opened_input
-from mech_twin.machines.catalog import CATALOGUE, Entry
+from mech_twin.machines.catalog import CATALOGUE, FORMER, Entry
 from mech_twin.parameters.errors import LONGEST_VALUE, refusal, shown_value
 from mech_twin.parameters.key_lines import KeyLines, key_lines, no_lines
 from mech_twin.parameters.motors import NAME_KEY, with_catalogue_motor
+from mech_twin.parameters.yaml_text import document_of, refuse_aliases_and_tags, scalar
 from mech_twin.quantity import Parameters
 from mech_twin.roles import Machine
 
 SIZE_LIMIT_BYTES = 1_000_000
-DEPTH_LIMIT = 20
-LARGEST_BITS, LONGEST_NUMBER = 1023, 1100  # of a whole number, binary; letters of any
 LARGEST_COUNTER = 2**53  # a float64 holds it exactly
 MACHINE_KEY = "machine"
 MOTOR_TABLE = "motors_4a"
@@ -69,6 +66,8 @@ def catalogue_entry(name: str) -> Entry:
         return PAGE
     if isinstance(name, str) and name in CATALOGUE:
         return CATALOGUE[name]
+    if name == FORMER:
+        raise ConfigurationError(f"{FORMER} is a page now: `mech-twin new --from OLD.yaml > my.yaml` writes it")
     within = [known for known in CATALOGUE if len(str(name)) > 1 and str(name) in known]
     near = get_close_matches(str(name), CATALOGUE, 1) or within
     hint = f"; did you mean '{near[0]}'?" if near else ""
@@ -121,8 +120,8 @@ def configuration_file(name: str) -> Path:
         path = directory / f"{name}.yaml"
         if path.is_file():
             return path
-    looked = ", ".join(str(directory) for directory in configuration_directories())
-    raise ConfigurationError(f"configuration file {name}.yaml not found; looked in {looked}")
+    looked = configuration_directories()
+    raise ConfigurationError(f"configuration file {name}.yaml not found; looked in {', '.join(map(str, looked))}")
 
 
 def file_tree(path: Path) -> dict[str, Any]:
@@ -190,78 +189,11 @@ def document_tree(path: Path) -> dict[str, Any]:
 
 def _text_document(text: str, source: str) -> Any:
     try:
-        _refuse_aliases_and_tags(text)
-        return yaml.load(text, Loader=_UniqueKeyLoader)
+        return document_of(text)
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         said = str(error).replace('in "<unicode string>", line', "at line")  # the parser's name of a text
         line = " ".join(said.split())[:300] or type(error).__name__
         raise ConfigurationError(f"{source}: not a valid YAML file: {line}") from error
-
-
-class NumberLoader(yaml.SafeLoader):
-    """A safe loader that reads 1e-3, 1e5 and inf as numbers, as YAML 1.2 and ROS 2 do; YAML 1.1 has them as words."""
-
-    def construct_yaml_int(self, node: yaml.ScalarNode) -> int:
-        """Return a whole number that a float64 can hold; others can be computed with but not be told in decimals."""
-        number = int(super().construct_yaml_int(node)) if len(node.value) <= LONGEST_NUMBER else 0
-        if len(node.value) > LONGEST_NUMBER or number.bit_length() > LARGEST_BITS:
-            raise yaml.constructor.ConstructorError(None, None, "a number beyond 1e308", node.start_mark)
-        return number
-
-    def construct_yaml_float(self, node: yaml.ScalarNode) -> float:
-        """Return a number; YAML counts in sixties where it has colons, and may come to one that is too large."""
-        try:
-            return float(super().construct_yaml_float(node)) if len(node.value) <= LONGEST_NUMBER else math.inf
-        except OverflowError:
-            return math.inf
-
-
-NumberLoader.add_constructor("tag:yaml.org,2002:int", NumberLoader.construct_yaml_int)
-NumberLoader.add_constructor("tag:yaml.org,2002:float", NumberLoader.construct_yaml_float)
-
-NumberLoader.add_implicit_resolver(
-    "tag:yaml.org,2002:float",
-    re.compile(
-        r"^[-+]?(?:(?:[0-9][0-9_]*\.?[0-9_]*|\.[0-9][0-9_]*)(?:[eE][-+]?[0-9]+)?|\.?(?:inf|Inf|INF)|\.?(?:nan|NaN|NAN))$"
-    ),
-    list("-+0123456789.iInN"),
-)
-
-
-class _UniqueKeyLoader(NumberLoader):
-    """A loader that refuses a key given twice."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        seen = set()
-        for key_node, _ in node.value:
-            key = self.construct_object(key_node, deep=True)
-            if not isinstance(key, str):
-                raise yaml.constructor.ConstructorError(None, None, f"key {key!r} is not a word", key_node.start_mark)
-            if key in seen:
-                raise yaml.constructor.ConstructorError(None, None, f"key '{key}' stands twice", key_node.start_mark)
-            seen.add(key)
-        return super().construct_mapping(node, deep)
-
-
-def _refuse_aliases_and_tags(text: str) -> None:
-    depth = 0
-    for event in yaml.parse(text, Loader=yaml.SafeLoader):
-        if isinstance(event, yaml.AliasEvent):
-            raise yaml.YAMLError("an alias (*name) is not allowed in a parameter file")
-        tag = getattr(event, "tag", None)
-        if tag is not None:
-            raise yaml.YAMLError(f"a tag ({tag}) is not allowed in a parameter file")
-        if isinstance(event, yaml.CollectionStartEvent):
-            depth += 1
-            if depth > DEPTH_LIMIT:
-                raise yaml.YAMLError(f"nested deeper than {DEPTH_LIMIT} levels")
-        elif isinstance(event, yaml.CollectionEndEvent):
-            depth -= 1
-
-
-def scalar(text: str) -> Any:
-    """Return the value of a YAML scalar or list."""
-    return yaml.load(text, Loader=NumberLoader)
 
 
 def assignments(texts: Iterable[str]) -> dict[str, Any]:
@@ -278,7 +210,7 @@ def assignments(texts: Iterable[str]) -> dict[str, Any]:
         if not equals or not key.strip():
             raise ConfigurationError(f"--set {text[:LONGEST_VALUE]}: expected key.path=value")
         try:
-            _refuse_aliases_and_tags(value)
+            refuse_aliases_and_tags(value)
             flat[key.strip()] = scalar(value)
         except (yaml.YAMLError, ValueError, RecursionError) as error:
             raise ConfigurationError(f"--set {key.strip()}: value {shown_value(value)} cannot be read") from error
@@ -302,8 +234,7 @@ def machine_parameters(name: str, path: Path | None = None, overrides: Mapping[s
     ConfigurationError
         Naming file, key, value and what was expected.
     """
-    entry = catalogue_entry(name)
-    expected = "settings by dotted key, such as {'coupling.step_s': 0.001}"
+    entry, expected = catalogue_entry(name), "settings by dotted key, such as {'coupling.step_s': 0.001}"
     file, given = path or configuration_file(name), by_name("settings", overrides, expected)
     text = configuration_text(file)
     tree = merged_tree(text_tree(text, str(file)), tree_from_flat(given))
@@ -359,8 +290,7 @@ def description_text(
 
 def table(name: str) -> dict[str, Any]:
     """Return an installed table that is no machine's configuration, such as the motors of a catalogue."""
-    document = yaml.safe_load(configuration_file(name).read_text(encoding="utf-8"))
-    return dict(document)
+    return dict(yaml.safe_load(configuration_file(name).read_text(encoding="utf-8")))
 
 
 class Description(NamedTuple):

@@ -19,6 +19,8 @@ from mech_twin.parameters.load import (
     configuration_file,
     configuration_text,
     description_text,
+    is_page,
+    kind_of,
     text_tree,
     validated,
 )
@@ -29,11 +31,15 @@ MOTOR = "motor"
 
 
 class TextPlace(NamedTuple):
-    """Where a value stands in a text, or, of no length, where a line may be inserted before the first of a group."""
+    """Where a value stands in a text, or, of no length, where a line may be inserted before the first of a group.
+
+    ``flow`` is whether the group stands in braces, where a comment would end the line.
+    """
 
     begin: int
     end: int
     column: int
+    flow: bool
 
 
 def write_configuration(
@@ -67,7 +73,7 @@ def configured_text(name: str, parameters: Parameters, base: Path, notes: Iterab
     head = "".join(f"# {line}\n" for line in (f"{name}, written by mech-twin {__version__}", *notes))
     text = configuration_text(base)
     candidate = head + _with_values(name, text, parameters, str(base))
-    return candidate if _reads_as(candidate, name, parameters) else head + description_text(name, parameters)
+    return candidate if _reads_as(candidate, name, parameters) else head + description_text(kind_of(name), parameters)
 
 
 def _reads_as(text: str, name: str, parameters: Parameters) -> bool:
@@ -80,12 +86,14 @@ def _reads_as(text: str, name: str, parameters: Parameters) -> bool:
 def _with_values(name: str, text: str, parameters: Parameters, source: str) -> str:
     """Return the text with each changed value in place, from its end to its beginning, so that places stay right."""
     before = dict(_flat(configuration_tree(validated(catalogue_entry(name), text_tree(text, source), source))))
-    wanted = {MACHINE_KEY: name, **dict(_flat(configuration_tree(parameters)))}
+    wanted = dict(_flat(configuration_tree(parameters)))
+    wanted |= {} if is_page(name) else {MACHINE_KEY: name}
     values, groups = _places(text)
     changed = {key: value for key, value in wanted.items() if before.get(key) != value and key != MACHINE_KEY}
     edits = [(values[key], _replacing(text, values[key], value)) for key, value in changed.items() if key in values]
-    new = {key: wanted[key] for key in (MACHINE_KEY, *changed) if key not in values and not _of_catalogue(key, wanted)}
-    edits += [(groups[group], _line(rest, groups[group].column)) for group, rest in _by_group(new, groups).items()]
+    keys = [key for key in (MACHINE_KEY, *changed) if key in wanted and key not in values]
+    new = {key: wanted[key] for key in keys if not _of_catalogue(key, wanted)}
+    edits += [(groups[group], _line(rest, groups[group])) for group, rest in _by_group(new, groups).items()]
     for place, words in sorted(edits, key=lambda edit: -edit[0].begin):
         text = text[: place.begin] + words + text[place.end :]
     return text
@@ -98,11 +106,13 @@ def _of_catalogue(key: str, wanted: Mapping[str, Any]) -> bool:
 
 def _replacing(text: str, place: TextPlace, value: Any) -> str:
     """Return a value and, at the beginning of the comment beside it, what stood there before."""
-    return f"{_shown(value)}  # was {text[place.begin : place.end].strip()};"
+    before = text[place.begin : place.end].strip()
+    return _shown(value) if place.flow else f"{_shown(value)}  # was {before};"
 
 
-def _line(values: Mapping[str, Any], column: int) -> str:
-    return "".join(f"{key}: {_shown(value)}\n{' ' * column}" for key, value in values.items())
+def _line(values: Mapping[str, Any], place: TextPlace) -> str:
+    end = ", " if place.flow else f"\n{' ' * place.column}"
+    return "".join(f"{key}: {_shown(value)}{end}" for key, value in values.items())
 
 
 def _by_group(new: Mapping[str, Any], groups: Mapping[str, TextPlace]) -> dict[str, dict[str, Any]]:
@@ -135,19 +145,23 @@ def _places(text: str) -> tuple[dict[str, TextPlace], dict[str, TextPlace]]:
         for key, group in section.value if isinstance(section, yaml.MappingNode) else ():
             if key.value == SECTION and isinstance(group, yaml.MappingNode):
                 _find(group, "", values, groups)
+    if not groups and isinstance(document, yaml.MappingNode):  # a page without the head of a parameter file
+        _find(document, "", values, groups)
     return values, groups
 
 
 def _find(node: yaml.MappingNode, path: str, values: dict[str, TextPlace], groups: dict[str, TextPlace]) -> None:
     """Enter the places of a group and of all below it."""
-    start = node.start_mark
-    groups.setdefault(path, TextPlace(start.index, start.index, start.column))
+    start, flow = node.start_mark, bool(node.flow_style)
+    behind = start.index + flow  # the brace
+    groups.setdefault(path, TextPlace(behind, behind, start.column, flow))
     for key, value in node.value:
         below = f"{path}.{key.value}" if path else str(key.value)
         if isinstance(value, yaml.MappingNode):
             _find(value, below, values, groups)
         else:
-            values.setdefault(below, TextPlace(value.start_mark.index, value.end_mark.index, value.start_mark.column))
+            begin, end = value.start_mark, value.end_mark
+            values.setdefault(below, TextPlace(begin.index, end.index, begin.column, flow))
 
 
 def _shown(value: Any) -> str:

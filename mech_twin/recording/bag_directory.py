@@ -56,7 +56,7 @@ def bag_files(path: Path) -> list[Path]:
     if path.is_file():
         return [path]
     if not path.is_dir():
-        raise MissingBagError(path, "there is no such bag")
+        raise MissingBagError(path, "is not a regular file" if path.exists() else "there is no such bag")
     files = [inside(path, file) for file in parts(path, MCAP_SUFFIX)]
     if not files:
         hint = "; convert sqlite3 storage with `ros2 bag convert` or `rosbags-convert`" if is_sqlite_bag(path) else ""

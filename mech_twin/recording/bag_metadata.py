@@ -16,7 +16,7 @@ import yaml
 from mech_twin.bounded_yaml import bounded_yaml
 from mech_twin.input_file import opened_input
 from mech_twin.output_file import FILE_MODE, NEW_FILE
-from mech_twin.recording.errors import DamagedBagError, ForeignFileError, MissingBagError
+from mech_twin.recording.errors import DamagedBagError, ForeignFileError, MissingBagError, salvage
 
 FILE_NAME = "metadata.yaml"
 MAX_FILE_BYTES = 1 << 20
@@ -109,8 +109,9 @@ def read_metadata(directory: Path, storage: str = MCAP) -> BagMetadata:
             text = stream.read(MAX_FILE_BYTES + 1)
     except OSError as error:
         raise MissingBagError(path, f"cannot be read ({error.strerror})") from error
+    remedy = f"to read the rest, move {path} away" if storage == SQLITE else salvage(directory)
     if len(text) > MAX_FILE_BYTES:
-        raise DamagedBagError(path, f"larger than {MAX_FILE_BYTES} bytes")
+        raise DamagedBagError(path, f"larger than {MAX_FILE_BYTES} bytes", remedy)
     try:
         information = bounded_yaml(text)["rosbag2_bagfile_information"]
         found = information["storage_identifier"]
@@ -118,7 +119,7 @@ def read_metadata(directory: Path, storage: str = MCAP) -> BagMetadata:
         compression = str(information.get("compression_format") or ZSTD).lower()
         custom = {str(key): str(value) for key, value in (information.get("custom_data") or {}).items()}
     except (yaml.YAMLError, KeyError, TypeError, AttributeError, ValueError, RecursionError) as error:
-        raise DamagedBagError(path, f"is not rosbag2 metadata ({type(error).__name__}: {error})") from error
+        raise DamagedBagError(path, f"is not rosbag2 metadata ({type(error).__name__}: {error})", remedy) from error
     if found != storage:
         raise ForeignFileError(
             path, f"storage '{found}' does not match its files or is not supported; convert it with `ros2 bag convert`"
@@ -127,9 +128,9 @@ def read_metadata(directory: Path, storage: str = MCAP) -> BagMetadata:
         raise ForeignFileError(path, f"compression '{compression}': expected {ZSTD}; convert with `ros2 bag convert`")
     for name in names:
         if Path(name).name != name or name in {"", ".."}:
-            raise DamagedBagError(path, f"names a file outside its directory: '{name}'")
+            raise DamagedBagError(path, f"names a file outside its directory: '{name}'", remedy)
     if len(names) > MAX_SPLITS:
-        raise DamagedBagError(path, f"names {len(names)} files, more than {MAX_SPLITS}")
+        raise DamagedBagError(path, f"names {len(names)} files, more than {MAX_SPLITS}", remedy)
     return BagMetadata(names, custom)
 
 

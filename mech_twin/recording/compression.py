@@ -12,6 +12,7 @@ from typing import BinaryIO
 
 import zstandard
 
+from mech_twin.input_file import opened_input
 from mech_twin.recording.errors import BagBeyondLimitsError, DamagedBagError, MissingBagError
 from mech_twin.recording.mcap_records import MAX_RECORD_BYTES, UnreadableRecordError
 
@@ -63,7 +64,7 @@ def plain_file(path: Path, stack: ExitStack, *, partial: bool = False) -> Path:
     made = Path(directory) / path.with_suffix("").name
     room = _SHARE_OF_DISK * shutil.disk_usage(directory).free
     try:
-        with path.open("rb") as source, made.open("wb") as target:
+        with opened_input(path) as source, made.open("wb") as target:
             for piece in _content(path, source, partial):
                 room -= len(piece)
                 if room < 0:

@@ -46,10 +46,15 @@ class UnfinishedBagError(BagError):
 
 
 class DamagedBagError(BagError):
-    """The recording is corrupt."""
+    """The recording is corrupt; without a remedy of its own, `recover` takes the file."""
 
-    def __init__(self, file: Path | str, reason: str) -> None:
-        super().__init__(file, f"{reason}; salvage the intact part: mech-twin recover {file} OUT")
+    def __init__(self, file: Path | str, reason: str, remedy: str = "") -> None:
+        super().__init__(file, f"{reason}; {remedy or salvage(file)}")
+
+
+def salvage(bag: Path | str) -> str:
+    """Return what salvages a bag that `recover` takes."""
+    return f"salvage the intact part: mech-twin recover {bag} OUT"
 
 
 class OutsideBagError(BagError):

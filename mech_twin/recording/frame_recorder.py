@@ -75,7 +75,7 @@ class FrameRecorder:
         self._machine = machine
         self._writer = BagWriter(directory, configuration=description)
         gauge = machine.gauge
-        gauged = () if gauge is None else (BLOW_GAUGE, *((BLOW_WAVE,) if gauge.sends_curve else ()))
+        gauged = () if gauge is None else (BLOW_GAUGE, *((BLOW_WAVE,) if gauge.sent else ()))
         for topic in (*recorded_topics(machine.forces.pins, machine.body is not None), *gauged):
             durability = "transient_local" if topic.qos is LATCHED else "volatile"
             qos = offered_qos(durability=durability, depth=topic.qos.depth)
@@ -129,7 +129,7 @@ class FrameRecorder:
     def _write_blows(self, events: tuple[Event, ...]) -> None:
         for gauge, event in blow.told_blows(self._machine.gauge, events):
             self._put(BLOW_GAUGE, blow.numbers_message(gauge, event))
-            if gauge.sends_curve:
+            if event.contact in gauge.sent:
                 self._put(BLOW_WAVE, blow.curve_message(gauge, event))
 
     def _write_joint_states(self, frame: Frame) -> None:

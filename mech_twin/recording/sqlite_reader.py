@@ -136,7 +136,9 @@ def _reported(file: Path) -> Iterator[None]:
     try:
         yield
     except _FAILURES as error:
-        raise DamagedBagError(file, f"cannot be read as a sqlite3 bag ({error})") from error
+        raise DamagedBagError(
+            file, f"cannot be read as a sqlite3 bag ({error})", f"salvage its tables: sqlite3 {file} .recover"
+        ) from error
 
 
 def _topic_info(item: Connection, messages_before: int) -> TopicInfo:

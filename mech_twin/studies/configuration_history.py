@@ -8,6 +8,7 @@ from collections.abc import Iterable
 
 from mech_twin.configuration_tree import ConfigurationError
 from mech_twin.parameters.load import Description, catalogue_entry, description
+from mech_twin.quantity import Parameters
 from mech_twin.roles import Machine
 
 
@@ -50,6 +51,11 @@ class ConfigurationHistory:
     def versions(self) -> tuple[str, ...]:
         """The versions of this package that made the recording."""
         return tuple(dict.fromkeys(described.version for described in self._described))
+
+    @property
+    def parameters(self) -> Parameters:
+        """The parameters that the run began with."""
+        return self._described[0].parameters
 
     @property
     def changes(self) -> int:

@@ -81,7 +81,7 @@ def fields(sample: object, path: str = "") -> Iterator[tuple[str, Value]]:
             yield from fields(item, f"{path}[{i}]")
     elif isinstance(sample, str):
         yield path, sample
-    else:
+    elif sample is not None:
         yield path, float(sample)  # type: ignore[arg-type]
 
 
@@ -110,7 +110,7 @@ def _flatten(item: object, flat: list[float | str]) -> None:
     if isinstance(item, tuple):
         for part in item:
             _flatten(part, flat)
-    else:
+    elif item is not None:
         flat.append(item)  # type: ignore[arg-type]
 
 

@@ -127,9 +127,9 @@ def rollout(
         ``forces.pin.force_x_n``, ``forces.QUANTITY``, ``linkage.memory.NAME``, ``linkage.residual.NAME``, ...
     start : Frame, optional
         Frame to go on from, such as ``final`` of another roll-out; the machine's own start if absent.
-    command : float, callable, sequence of pairs or ndarray
-        Asked fraction of rated supply frequency: one number; ``command(step)``; pairs of time (s) and the value from
-        then on, 1 before the first; or one number a step, the first that of the start.
+    command : float, EffortCommand, callable, sequence of pairs or ndarray
+        Asked fraction of rated supply frequency, or an effort in its place.  One for the run; ``command(step)``; pairs
+        of time (s) and the command from then on, 1 before the first; or one number a step, the first that of the start.
     changes : sequence of pairs
         Time (s) from which on, and live keys (dotted) with their values, or a whole configuration.
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 
-from mech_twin.engine.coupling import RESET, next_body, restarted
+from mech_twin.engine.coupling import RESET, driven, next_body, restarted
 from mech_twin.engine.step_samples import StepSamples
 from mech_twin.engine.stored_state import begins_with_state
 from mech_twin.roles import Machine
@@ -80,7 +80,8 @@ def resimulated(steps: Iterable[StepSamples], machine_at: MachineAt) -> Verdict:
     """Return whether the run comes out the same when computed again; ends at the first sample that does not.
 
     Each step is computed from the computed one before it.  Of the recording go in: the command (the motor's, after
-    rate limiting), the resets with the states given to them, and the parameters.  See `analysed` for the arguments.
+    rate limiting, or the effort asked of it), the resets with the states given to them, and the parameters.
+    See `analysed` for the arguments.
     """
     verdict = Verdict()
     before: Frame | None = None
@@ -111,11 +112,11 @@ def _next(machine: Machine, before: Frame | None, known: StepSamples, verdict: V
     """Return the frame computed for a step; None if the recording does not say what is needed to go on."""
     if known.motor is None:
         return None
-    target = known.motor.command
+    target = known.motor.command if known.motor.asked is None else known.motor.asked
     linkage = _linkage(machine, before, known, verdict)
     if linkage is None:
         return None
-    motor = machine.motor.respond(linkage, target)
+    motor = driven(machine, linkage, target)
     forces = machine.forces.analyse(linkage)
     body = None
     if machine.body is not None:

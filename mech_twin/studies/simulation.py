@@ -36,6 +36,10 @@ class Simulation:
         """Return the closed-form numbers of a cycle and those of the run so far."""
         return {**self._machine.report(), **self._observer.numbers()}
 
+    def remarks(self) -> tuple[str, ...]:
+        """Return what limits the numbers so far."""
+        return tuple(self._machine.remarks(self.summary()))
+
     def document(self) -> dict[str, Any]:
         """Return everything but the samples as plain values."""
         return {

@@ -71,11 +71,36 @@ def channel_rows(channel: ShownChannel, kept: deque[tuple[float, ChannelReading]
     return found
 
 
+class ShownFault(NamedTuple):
+    """A fault on the panel.
+
+    Attributes
+    ----------
+    name, state : str
+        Which, and the state of its life.
+    since_s : float
+        Time at which it came into that state (s).
+    size : str
+        Of the best candidate, with interval and unit; empty where nothing has a size.
+    is_acknowledged : bool
+        Whether somebody has said yes to it.
+    shelved_until_s : float or None
+        Time until which it is not announced (s); None where it is.
+    """
+
+    name: str
+    state: str
+    since_s: float
+    size: str = ""
+    is_acknowledged: bool = False
+    shelved_until_s: float | None = None
+
+
 class ShadowPicture(NamedTuple):
     """What goes out with one picture beside the curves: drawings of model and measurement, and what is known of them.
 
-    ``banner`` is all of it in one line; ``cards`` are names and values, ``faults`` name, state and whether it is
-    acknowledged, ``advice`` what is recommended and waits for an answer (empty: nothing).
+    ``banner`` is all of it in one line; ``cards`` are names and values, ``advice`` name and value of what is
+    recommended and waits for an answer (empty: nothing).
     """
 
     model: Sequence[Shape]
@@ -83,8 +108,8 @@ class ShadowPicture(NamedTuple):
     banner: str
     state: str = ""
     cards: tuple[tuple[str, str], ...] = ()
-    faults: tuple[tuple[str, str, bool], ...] = ()
-    advice: str = ""
+    faults: tuple[ShownFault, ...] = ()
+    advice: tuple[tuple[str, str], ...] = ()
 
 
 def as_measured(shapes: Sequence[Shape]) -> list[Shape]:

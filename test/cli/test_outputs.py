@@ -15,11 +15,11 @@ import struct
 import subprocess
 import sys
 import termios
-import time
 from pathlib import Path
 
 import pytest
 from recordings import simulated_bag
+from signal_cases import processor_s, until
 
 from mech_twin.cli.main import main
 from mech_twin.recording.bag_reader import BagReader
@@ -27,6 +27,7 @@ from mech_twin.recording.bag_reader import BagReader
 pytestmark = pytest.mark.usefixtures("ros_domain")
 COMMAND = [sys.executable, "-c", "from mech_twin.cli.main import main; main()"]
 DRUM = "winding_drum"
+BEGUN_S = 3.0  # of the processor, however long that takes: more than the imports, and less than any of these verbs
 # two objectives: a whole front, which takes much longer than the test
 SEARCH = [
     "study",
@@ -197,7 +198,7 @@ def test_ctrl_c_is_one_line_and_leaves_no_file(words, tmp_path):
     process = subprocess.Popen(
         [*COMMAND, *aimed(words, str(tmp_path / "out"), directory)], stderr=subprocess.PIPE, stdout=subprocess.DEVNULL
     )
-    time.sleep(4.0)  # it computes by now; the moment does not matter
+    until(lambda: processor_s(process.pid) > BEGUN_S)
     process.send_signal(signal.SIGINT)
     _, errors = process.communicate(timeout=20)
     assert process.returncode == 130, errors

@@ -4,8 +4,10 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import pytest
+import yaml
 from typer.testing import CliRunner
 
 from mech_twin.capabilities.errors import StudyError
@@ -13,8 +15,10 @@ from mech_twin.cli.failure import CommandError
 from mech_twin.cli.main import app
 from mech_twin.cli.pages import shipped_pages
 from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.parameters.load import description, machine_parameters
 
 RUNNER = CliRunner()
+FORMER = Path(__file__).parents[1] / "machines" / "page" / "former_linkages.json"
 
 
 def answer(*words):
@@ -119,7 +123,76 @@ def test_a_page_is_not_followed_and_that_is_told(page):
         answer("shadow", page, "--from", "/there")
 
 
-@pytest.mark.parametrize(("question", "reason"), [("size", "nothing to size"), ("search", "no design question")])
+@pytest.mark.parametrize(
+    ("question", "reason"), [("size", "leads every joint; this page has 1 free"), ("search", "no design question")]
+)
 def test_questions_that_a_page_does_not_answer_are_refused_by_name(page, question, reason):
     with pytest.raises(StudyError, match=reason):
         answer("study", page, question)
+
+
+def test_a_flywheel_is_written_into_the_page(tmp_path):
+    page, sized = tmp_path / "my.yaml", tmp_path / "sized.yaml"
+    page.write_text(answer("new", "quick_return"), encoding="utf-8")
+    found = json.loads(answer("study", page, "size", "--limit", "non_uniformity=0.1", "--out", sized, "--json"))
+    flywheel = found["metrics"]["flywheel_inertia_kg_m2"]
+    assert found["sizes"] == {"bodies.crank.inertia_kg_m2": pytest.approx(0.2 + flywheel)}
+    before, after = machine_parameters(str(page)), machine_parameters(str(sized))
+    assert after.bodies["crank"].inertia_kg_m2 == pytest.approx(0.2 + flywheel)
+    assert after.bodies["ram"] == before.bodies["ram"]
+    assert "# was 0.2;" in sized.read_text(encoding="utf-8")
+    assert "the slow stroke runs to the left" in sized.read_text(encoding="utf-8")
+    again = json.loads(
+        answer("study", sized, "size", "--limit", "non_uniformity=0.1", "--out", page, "--force", "--json")
+    )
+    assert again["metrics"]["flywheel_inertia_kg_m2"] == pytest.approx(0.0, abs=1e-6 * flywheel)
+
+
+def test_a_length_of_the_page_is_swept_as_a_number_of_its_point(page, tmp_path):
+    table = tmp_path / "sweep.csv"
+    words = ("--duration", "0.2", "--out", table, "--no-picture", "--cores", "1", "--force")
+    answer("study", page, "sweep", "--over", "bodies.crank.points_m.pin.0=0.03,0.04", *words)
+    rows = table.read_text(encoding="utf-8").splitlines()
+    assert len(rows) == 3
+    assert rows[1].split(",")[1:] != rows[2].split(",")[1:]
+    with pytest.raises(StudyError, match=r"no configuration key 'bodies\.crank\.points_m\.pin\.2'"):
+        answer("study", page, "sweep", "--over", "bodies.crank.points_m.pin.2=0.03,0.04", *words)
+    assert machine_parameters(str(page), None, {"gravity_m_per_s2.1": -1.6}).gravity_m_per_s2 == (0.0, -1.6)
+
+
+def test_a_configuration_of_the_former_linkage_becomes_a_page(tmp_path):
+    former = json.loads(FORMER.read_text(encoding="utf-8"))["shaper"]["configuration"]
+    file, page = tmp_path / "old.yaml", tmp_path / "my.yaml"
+    file.write_text(yaml.safe_dump({"/**": {"ros__parameters": {"machine": "planar_linkage", **former}}}))
+    page.write_text(answer("new", "--from", file), encoding="utf-8")
+    found = json.loads(answer("check", page, "--json"))
+    assert found["numbers"]["driven_joints"] == 1
+    assert found["numbers"]["freedoms"] == 0
+    assert found["masses_kg"]["dyad_2_second"] == 30.0
+    assert "# A page from the planar_linkage of old.yaml" in page.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("/**: {ros__parameters: {machine: mb10_breaker}}", "key 'machine', value 'mb10_breaker': expected"),
+        ("/**: {ros__parameters: {crank: {length_m: 0.1}}}", "key 'dyad_1': expected a group"),
+        ("bodies: {}\njoints: {}", "key 'crank': expected a group"),
+    ],
+)
+def test_what_is_no_former_linkage_is_refused_in_one_line(text, said, tmp_path):
+    file = tmp_path / "old.yaml"
+    file.write_text(text, encoding="utf-8")
+    with pytest.raises(ConfigurationError, match=said) as told:
+        answer("new", "--from", file)
+    assert str(told.value).startswith(str(file))
+    assert "\n" not in str(told.value)
+
+
+def test_the_former_linkage_and_its_recordings_are_told_where_they_went(page, tmp_path):
+    with pytest.raises(ConfigurationError, match=r"planar_linkage is a page now: `mech-twin new --from OLD\.yaml"):
+        answer("simulate", "planar_linkage", "--duration", "1")
+    former = json.loads(FORMER.read_text(encoding="utf-8"))["shaper"]["configuration"]
+    text = yaml.safe_dump({"machine": "planar_linkage", "/**": {"ros__parameters": former}})
+    with pytest.raises(ConfigurationError, match="planar_linkage is a page now"):
+        description(text)

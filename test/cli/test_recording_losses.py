@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from small_disk import small_disk
 
-from mech_twin.cli.failure import LOSS_EXIT_CODE, report_losses
+from mech_twin.cli.failure import LOSS_EXIT_CODE, messages_in, report_losses
 from mech_twin.cli.info import show_info
 from mech_twin.cli.verbs import InfoVerb
 from mech_twin.recording.bag_writer import BagWriter
@@ -26,6 +26,7 @@ def test_a_recording_on_a_full_disk_is_not_called_complete(
         with pytest.raises(SystemExit) as ended:
             report_losses(None, tmp_path / "none", disk / "bag")  # of a shadow's black boxes each is asked
         show_info(InfoVerb(bag=disk / "bag"))
+        assert messages_in(disk / "bag") == {"/n": 1000 - writer.dropped}
     written = capsys.readouterr()
     assert ended.value.code == LOSS_EXIT_CODE
     assert f"{writer.dropped} messages lost" in written.err
@@ -35,3 +36,4 @@ def test_a_recording_on_a_full_disk_is_not_called_complete(
 def test_a_run_that_recorded_nothing_lost_nothing(tmp_path: Path) -> None:
     report_losses(None)
     report_losses(tmp_path / "none")
+    assert messages_in(None) == messages_in(tmp_path / "none") == {}

@@ -49,12 +49,6 @@ def test_the_table_shows_the_awkward_rows(capsys):
     assert "435.8" in shown
 
 
-@pytest.mark.slow
-def test_the_table_fits_80_columns(capsys):
-    reproduce_machines(ReproduceVerb())
-    assert max(len(line) for line in capsys.readouterr().out.splitlines()) <= 80
-
-
 def test_csv_has_a_line_for_each_row(capsys):
     reproduce_machines(ReproduceVerb(machine="vibration_crank", as_json=True))
     rows = json.loads(capsys.readouterr().out)["rows"]

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -80,6 +81,8 @@ def test_a_key_of_a_file_is_said_as_an_escape(tmp_path: Path) -> None:
 PIPES = {
     "configuration": ["simulate", "winding_drum", "--duration", "1", "--config"],
     "map": ["info", "pyproject.toml", "--map"],
+    "recording": ["info"],
+    "run": ["monitor", "winding_drum", "--baseline", "none.json"],
 }
 
 
@@ -89,7 +92,7 @@ def test_a_pipe_that_nobody_writes_is_refused(words: list[str], tmp_path: Path) 
     os.mkfifo(pipe)
     done = subprocess.run([*COMMAND, *words, str(pipe)], capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 2
-    assert "pipe: cannot be read: it is not a regular file" in done.stderr
+    assert re.search("pipe: .*is not a regular file", done.stderr)
 
 
 @pytest.mark.parametrize("verb", ["run", "simulate"])

@@ -2,11 +2,10 @@
 """``mech-twin study``: the questions as they are asked on the command line."""
 
 import json
-import subprocess
-import sys
 
 import pytest
 import yaml
+from command_line import mech_twin
 
 from mech_twin.capabilities.progress import listening, tell
 from mech_twin.cli.failure import CommandError
@@ -16,9 +15,11 @@ from mech_twin.parameters.load import machine
 pytestmark = pytest.mark.slow
 
 
-def asked(directory, *words):
-    command = [sys.executable, "-c", "from mech_twin.cli.main import main; main()", "study", *words]
-    return subprocess.run(command, cwd=directory, capture_output=True, text=True, timeout=120, check=False)
+@pytest.fixture
+def asked(tmp_path, monkeypatch):
+    """Return what asks a question in a directory of the test's own."""
+    monkeypatch.chdir(tmp_path)
+    return lambda *words: mech_twin("study", *words)
 
 
 def test_ranges_lists_and_logarithms_are_read():
@@ -35,23 +36,21 @@ def test_an_axis_that_cannot_be_read_is_refused(text):
         axes_of([text])
 
 
-def test_a_sweep_is_written_and_told_as_json(tmp_path):
+def test_a_sweep_is_written_and_told_as_json(asked, tmp_path):
     words = ("winding_drum", "sweep", "--over", "eccentricity_m=0.0,0.004", "--out", "d.csv", "--json")
-    done = asked(tmp_path, *words)
-    assert done.returncode == 0, done.stderr
-    document = json.loads(done.stdout)
+    done = asked(*words)
+    assert done.code == 0, done.err
+    document = json.loads(done.out)
     report = machine("winding_drum").report()
     assert {name: document["rows"][1][name] for name in report} == pytest.approx(report)
     assert (tmp_path / "d.csv").is_file()
     assert (tmp_path / "d.png").is_file()
 
 
-def test_sizes_are_written_as_a_configuration_that_runs(tmp_path):
-    done = asked(
-        tmp_path, "vibration_crank", "size", "--limit", "counterweight_mass_kg=45", "--tolerance", "0", "--json"
-    )
-    assert done.returncode == 0, done.stderr
-    assert "counterweight_mass_kg <= 45" in json.loads(done.stdout)["binding"]
+def test_sizes_are_written_as_a_configuration_that_runs(asked, tmp_path):
+    done = asked("vibration_crank", "size", "--limit", "counterweight_mass_kg=45", "--tolerance", "0", "--json")
+    assert done.code == 0, done.err
+    assert "counterweight_mass_kg <= 45" in json.loads(done.out)["binding"]
     built = machine("vibration_crank", tmp_path / "vibration_crank-sized.yaml")
     assert built.report()["counterweight_mass_kg"] == pytest.approx(45.0, rel=1e-3)
 
@@ -85,17 +84,17 @@ def test_sizes_are_written_as_a_configuration_that_runs(tmp_path):
         (("compaction_press", "search", "--bound", "crank=0.2:0.1"), "bounds of crank"),
     ],
 )
-def test_a_wrong_question_is_one_line_and_exit_code_2(tmp_path, words, told):
-    done = asked(tmp_path, *words)
-    assert done.returncode == 2
-    assert told in done.stderr
-    assert done.stderr.count("\n") == 1
+def test_a_wrong_question_is_one_line_and_exit_code_2(asked, words, told):
+    done = asked(*words)
+    assert done.code == 2
+    assert told in done.err
+    assert done.err.count("\n") == 1
 
 
 @pytest.mark.slow
-def test_the_robust_cycle_is_written_and_holds(tmp_path):
-    done = asked(tmp_path, "impact_mass", "synthesise", "--json")
-    document = json.loads(done.stdout)
+def test_the_robust_cycle_is_written_and_holds(asked, tmp_path):
+    done = asked("impact_mass", "synthesise", "--json")
+    document = json.loads(done.out)
     assert [held["rests_in_period"] for held in document["published"]["endurance"][1:]] == [7, 8]
     assert all(held["held_periods"] == 1_000_000 for held in document["robust"]["endurance"])
     text = (tmp_path / "impact_mass-robust.yaml").read_text()
@@ -104,11 +103,11 @@ def test_the_robust_cycle_is_written_and_holds(tmp_path):
 
 
 @pytest.mark.slow
-def test_the_press_that_is_printed_is_the_one_that_is_written_with_its_speed_and_force(tmp_path):
+def test_the_press_that_is_printed_is_the_one_that_is_written_with_its_speed_and_force(asked, tmp_path):
     words = ("--set", "drive.speed_rpm=200.0", "--set", "working_force.peak_n=15000.0", "--json")
-    done = asked(tmp_path, "compaction_press", "search", *words)
-    assert done.returncode == 0, done.stderr
-    design = json.loads(done.stdout)["designs"][0]
+    done = asked("compaction_press", "search", *words)
+    assert done.code == 0, done.err
+    design = json.loads(done.out)["designs"][0]
     built = machine("compaction_press", tmp_path / "compaction_press-found.yaml")
     assert built.parameters.drive.speed_rpm == 200.0
     assert built.parameters.working_force.peak_n == 15000.0
@@ -150,9 +149,9 @@ def test_what_is_told_reaches_whoever_listens_and_nobody_else() -> None:
         ("compaction_press", "designs", ("gamma_max_deg", "stroke_m")),
     ],
 )
-def test_limits_are_listed_with_their_usual_values_and_nothing_is_computed(machine, study, names, tmp_path):
-    found = asked(tmp_path, machine, study, "--limit", "help", *(["--count", "1"] if study == "designs" else []))
-    assert found.returncode == 0, found.stderr
-    assert all(name in found.stdout for name in names)
-    assert "no limit" not in found.stderr
+def test_limits_are_listed_with_their_usual_values_and_nothing_is_computed(machine, study, names, asked, tmp_path):
+    found = asked(machine, study, "--limit", "help", *(["--count", "1"] if study == "designs" else []))
+    assert found.code == 0, found.err
+    assert all(name in found.out for name in names)
+    assert "no limit" not in found.err
     assert list(tmp_path.iterdir()) == []

@@ -7,38 +7,23 @@ import shutil
 import subprocess
 import sys
 import zipfile
-from functools import cache
 from pathlib import Path
 from typing import Any
 
 import fmpy
 import numpy as np
 import pytest
-from fmpy.fmi2 import FMU2Slave
+from fmi_slave import Slave
 from fmpy.validation import validate_fmu
 
 import mech_twin as mt
 from mech_twin.cli.main import main
-from mech_twin.fmi.export import LINUX, WINDOWS, export_fmu
+from mech_twin.fmi.export import export_fmu
 from mech_twin.parameters.load import machine as built_machine
 
 DURATION_S = 1.0
 REAL = {"Real", "Float64"}
-ALL_MACHINES = ["winding_drum", "vibration_crank", "compaction_press", "planar_linkage", "roller_former"]
-
-
-@pytest.fixture(scope="session")
-def unit(tmp_path_factory: pytest.TempPathFactory) -> Any:
-    """Return the unit of a machine in a version of the standard, exported once."""
-    folder = tmp_path_factory.mktemp("units")
-
-    @cache
-    def exported(name: str, version: int) -> Path:
-        file = folder / f"{name}_{version}.fmu"
-        platforms = (LINUX, WINDOWS) if (name, version) == ("impact_mass", 2) else (LINUX,)
-        return export_fmu(built_machine(name), file, version, platforms).file
-
-    return exported
+ALL_MACHINES = ["winding_drum", "vibration_crank", "compaction_press", "roller_former"]
 
 
 def in_fmpy(file: Path, duration_s: float = DURATION_S, **asked: Any) -> np.ndarray:
@@ -180,67 +165,8 @@ def _held(rows: np.ndarray) -> np.ndarray:
     return np.sort(np.concatenate([rows, before]), order="time")
 
 
-def test_a_motor_of_somebody_else_that_gives_the_same_effort_gives_the_same_motion(unit: Any) -> None:
-    run = mt.rollout("impact_mass", 0.5)
-    efforts = [name for name in run.columns if name.startswith("motor.") and name.endswith(".effort")]
-    assert _driven(unit, {name: run[name] for name in efforts}, 500) == run["linkage.mass.position"].tolist()
-    stronger = {name: 1.5 * run[name] for name in efforts}
-    assert _driven(unit, stronger, 500) != run["linkage.mass.position"].tolist()
-
-
-def _driven(unit: Any, efforts: dict[str, np.ndarray], steps: int) -> list[float]:
-    with _Slave(unit("impact_mass", 2)) as slave:
-        slave.set_truth("motor_given", True)
-        slave.begin()
-        found = [slave.get("linkage.mass.position")]
-        for step in range(steps):
-            for name, column in efforts.items():
-                slave.set(f"given.{name}", float(column[step]))
-            slave.step(0.001 * step)
-            found.append(slave.get("linkage.mass.position"))
-        return found
-
-
-class _Slave:
-    """One instance in FMPy, by the names of its variables."""
-
-    def __init__(self, file: Path) -> None:
-        description = fmpy.read_model_description(str(file))
-        self._folder = fmpy.extract(str(file))
-        self._references = {v.name: v.valueReference for v in description.modelVariables}
-        self.fmu = FMU2Slave(
-            guid=description.guid, unzipDirectory=self._folder, instanceName="one",
-            modelIdentifier=description.coSimulation.modelIdentifier,
-        )  # fmt: skip
-        self.fmu.instantiate()
-        self.fmu.setupExperiment(startTime=0.0)
-
-    def begin(self) -> None:
-        self.fmu.enterInitializationMode()
-        self.fmu.exitInitializationMode()
-
-    def step(self, time_s: float) -> None:
-        self.fmu.doStep(time_s, 0.001)
-
-    def get(self, name: str) -> float:
-        return self.fmu.getReal([self._references[name]])[0]
-
-    def set(self, name: str, value: float) -> None:
-        self.fmu.setReal([self._references[name]], [value])
-
-    def set_truth(self, name: str, value: bool) -> None:
-        self.fmu.setBoolean([self._references[name]], [value])
-
-    def __enter__(self) -> _Slave:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.fmu.freeInstance()
-        shutil.rmtree(self._folder)
-
-
 def test_a_state_given_back_goes_on_with_the_same_bits(unit: Any) -> None:
-    with _Slave(unit("impact_mass", 2)) as slave:
+    with Slave(unit("impact_mass", 2)) as slave:
         slave.begin()
         for step in range(150):
             slave.step(0.001 * step)
@@ -249,13 +175,13 @@ def test_a_state_given_back_goes_on_with_the_same_bits(unit: Any) -> None:
         once = _onward(slave)
         slave.fmu.setFMUstate(slave.fmu.deSerializeFMUstate(stored))
         assert _onward(slave) == once
-    with _Slave(unit("impact_mass", 2)) as other:
+    with Slave(unit("impact_mass", 2)) as other:
         other.begin()
         other.fmu.setFMUstate(other.fmu.deSerializeFMUstate(stored))
         assert _onward(other) == once
 
 
-def _onward(slave: _Slave) -> list[float]:
+def _onward(slave: Slave) -> list[float]:
     found = []
     for step in range(150, 300):
         slave.step(0.001 * step)
@@ -266,7 +192,7 @@ def _onward(slave: _Slave) -> list[float]:
 def test_a_long_step_ends_where_short_ones_do(unit: Any) -> None:
     ends = []
     for length in (1, 10, 250):
-        with _Slave(unit("impact_mass", 2)) as slave:
+        with Slave(unit("impact_mass", 2)) as slave:
             slave.begin()
             for begin in range(0, 500, length):
                 slave.fmu.doStep(0.001 * begin, 0.001 * length)

@@ -40,6 +40,15 @@ def test_the_command_runs_a_machine_made_by_the_recipe(checkout: Path) -> None:
     assert json.loads(done.stdout)["summary"]["largest_speed_rad_per_s"] == pytest.approx(4.0 * 1.75, abs=0.02)
 
 
+def test_the_page_of_the_recipe_turns_as_the_package_does(checkout: Path) -> None:
+    speeds = []
+    for name, metric in ((MACHINE, "largest_speed_rad_per_s"), (f"{MACHINE}.yaml", "shaft_speed_max_rad_per_s")):
+        done = ran(checkout, "-m", "mech_twin", "simulate", name, "--duration", "2", "--json")
+        assert done.returncode == 0, done.stderr
+        speeds.append(json.loads(done.stdout)["summary"][metric])
+    assert speeds[1] == pytest.approx(speeds[0], rel=1e-12)
+
+
 def test_a_question_the_machine_has_no_answer_to_is_one_line(checkout: Path) -> None:
     done = ran(checkout, "-m", "mech_twin", "study", MACHINE, "size")
     assert done.returncode == 2

@@ -4,12 +4,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
 import pytest
 from catalogue import NAMES, built
+from crank_drives import BOOM
 from numpy.typing import NDArray
 from urdf_parser_py.urdf import URDF
 
@@ -23,6 +24,7 @@ from mech_twin.samples import Frame
 
 NEAR_M = 1e-9
 RUN_S = 0.6
+SHORT_S = 1e-6  # either way, for a speed
 EVERY = 37  # steps between positions that are looked at
 FOUR_BAR_PINS = ("crank_bearing", "crank_pin", "rocker_pin", "rocker_bearing")
 SLIDER = {"joints": ("crank_bearing", "crank_pin", "follower_pin"), "counterweight": ("counterweight",)}
@@ -39,10 +41,6 @@ DRAWN: dict[str, Mapping[str, tuple[str | None, ...]]] = {
         "guide_rollers_2": ("guide_front_2", "guide_rear_2"),
     },
     "winding_drum": {"axis": ("shaft",), "yarn": ("yarn_exit", None)},
-    "planar_linkage": {
-        "pins": ("crank_bearing", "dyad_1_from", "dyad_1_from", "dyad_1_to", "dyad_2_from", "dyad_2_between"),
-        "dyad_1_second": ("dyad_1_to", "dyad_1_between", "dyad_2_from"),
-    },
 }
 
 
@@ -195,6 +193,74 @@ def test_a_foreign_reader_of_the_description_finds_every_frame_where_it_is(name:
             angle = math.atan2(place[1, 0], place[0, 0])
             assert abs(math.remainder(angle - expected.angle_rad, 2.0 * math.pi)) < NEAR_M, link
             assert place[2, 3] == 0.0
+
+
+# masses of a machine as its configuration tells them
+MASSES: dict[str, Callable[[Any], float]] = {
+    "mb10_breaker": lambda p: sum(getattr(p.linkage, f"{link}_mass_kg") for link in LINKS) + p.tool.mass_kg,
+    "compaction_press": lambda p: p.links.crank.mass_kg + p.links.plate.mass_kg + p.links.pendulum.mass_kg,
+    "vibration_crank": lambda p: p.masses.reciprocating + p.masses.rotating + p.balance.counterweight_kg,
+    "impact_mass": lambda p: p.mass_kg,
+    "roller_former": lambda p: p.carts.count * (p.carts.mass_kg + p.carts.rod_mass_kg),
+    "winding_drum": lambda p: 0.0,
+    "planar_linkage": lambda p: (
+        p.crank.mass.mass_kg
+        + sum(part.mass_kg for dyad in p.dyads.values() for part in (dyad.first, dyad.second) if part)
+    ),
+}
+LINKS = ("crank", "coupler", "rocker")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_foreign_reader_finds_the_masses_of_the_machine(name: str) -> None:
+    machine = built(name)
+    text = urdf(name, mechanism_of(machine))
+    inertials = [link.inertial for link in URDF.from_xml_string(text.encode()).links if link.inertial]
+    assert sum(inertial.mass for inertial in inertials) == pytest.approx(MASSES[name](machine.parameters), rel=1e-12)
+    assert bool(inertials) == (name != "winding_drum")
+    for inertial in inertials:
+        assert inertial.inertia.ixx + inertial.inertia.iyy == inertial.inertia.izz
+    unknown = {"mb10_breaker": "body: ", "roller_former": "crank: ", "winding_drum": "drum: "}
+    assert unknown.get(name, "planar") in text
+
+
+@pytest.mark.parametrize(
+    ("name", "settings"),
+    [
+        ("compaction_press", {}),
+        ("vibration_crank", {}),
+        ("vibration_crank", BOOM),
+        ("roller_former", {}),
+        ("planar_linkage", {}),
+    ],
+)
+def test_the_masses_of_the_description_move_with_the_energy_of_the_machine(name: str, settings: dict[str, Any]) -> None:
+    """The inertia reduced to the crank, which the machine has from its own equations, against mass times speed."""
+    parameters = machine_parameters(name, None, settings)
+    machine = CATALOGUE[name].build(parameters)
+    robot = URDF.from_xml_string(urdf(name, mechanism_of(machine)).encode())
+    more = parameters.carts.count * parameters.carts.crank_inertia_kg_m2 if name == "roller_former" else 0.0
+    compared = 0
+    for frame in looked_at(machine):
+        linkage, speed = frame.linkage, frame.linkage.joint("crank").velocity
+        if abs(speed) < 0.1:
+            continue
+        before, after = (
+            in_space(robot, {j: q + way * v for j, q, v in zip(linkage.joints, *linkage[3:5], strict=True)})
+            for way in (-SHORT_S, SHORT_S)
+        )
+        doubled = 0.0
+        for link in robot.links:
+            if link.inertial:
+                centre = np.array([*link.inertial.origin.xyz, 1.0])
+                velocity = (after[link.name] - before[link.name]) @ centre / (2.0 * SHORT_S)
+                turned = np.linalg.inv(before[link.name]) @ after[link.name]
+                rate = math.atan2(turned[1, 0], turned[0, 0]) / (2.0 * SHORT_S)
+                doubled += link.inertial.mass * velocity @ velocity + link.inertial.inertia.izz * rate**2
+        expected = frame.forces.quantities["reduced_inertia_kg_m2"]
+        assert doubled / speed**2 + more == pytest.approx(expected, rel=1e-6)
+        compared += 1
+    assert compared > 5
 
 
 @pytest.mark.parametrize("name", NAMES)

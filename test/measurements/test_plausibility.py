@@ -117,7 +117,7 @@ def test_a_wrong_unit_is_named_with_the_right_one(motion: dict[str, Array], turn
 
 
 def test_the_unit_of_what_slides_is_a_length_whatever_its_name() -> None:
-    machine, ram = built("planar_linkage"), "linkage.dyad_2_second.position"
+    machine, ram = built("vibration_crank"), "linkage.slider.position"
     rows = [frame.linkage for frame in frames(machine, 3.0)]
     own = {"time_s": np.array([row.time_s for row in rows])}
     for name in ("linkage.crank.position", ram):

@@ -13,6 +13,7 @@ from mechanics.random_structures import coordinates_of, thrown
 from mech_twin.kernel import kernel
 from mech_twin.mechanics.dynamics import AppliedLoad, JointEffort, ReducedSystem
 from mech_twin.mechanics.kinematics import Kinematics, Scalar
+from mech_twin.mechanics.linear_solve import solution
 from mech_twin.mechanics.recording import Recording
 from mech_twin.mechanics.straight_line import call_straight_line, generated
 from mech_twin.mechanics.structure import (
@@ -230,3 +231,21 @@ def test_a_body_that_nothing_joins_is_named():
     structure = Structure([RigidBody("ground"), RigidBody("ram", 1.0)], [])
     with pytest.raises(StructureError, match="ram"):
         structure.branches  # noqa: B018
+
+
+def test_loops_that_hang_on_the_same_loop_are_blocks_of_their_own():
+    """Two blocks of two columns, woven into each other, need nothing but the same first block."""
+    rng = np.random.default_rng(1)
+    a, b = np.zeros((6, 6)), rng.uniform(-1.0, 1.0, (6, 1))
+    first, second, third = (0, 1), (2, 4), (3, 5)
+    for block, columns in ((first, first), (second, first + second), (third, first + third)):
+        a[np.ix_(block, columns)] = rng.uniform(0.5, 1.0, (2, len(columns))) + np.eye(2, len(columns))
+    recording = Recording()
+    symbols = [
+        [recording.leaf(f"numbers[{6 * i + j}]") if x else 0.0 for j, x in enumerate(row)] for i, row in enumerate(a)
+    ]
+    found, _ = solution(symbols, b.tolist())
+    made = generated({"solution": [row[0] for row in found]})["solution"]
+    out = np.zeros(6)
+    made.function(a.ravel(), np.zeros(1), 0.0, np.zeros(1), out)
+    assert out == pytest.approx(np.linalg.solve(a, b)[:, 0], rel=1e-9)

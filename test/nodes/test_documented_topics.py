@@ -57,6 +57,6 @@ def test_every_documented_topic_is_advertised_and_no_other(name: str, ros_domain
             info.node_name for info in run.client.get_subscriptions_info_by_topic(f"/{name}/motor/speed_command")
         }
         assert received == {"motor"}
-        for topic in promised.keys() - {"motor/speed_command"}:
+        for topic in promised.keys() - {f"motor/{kind}_command" for kind in ("speed", "effort", "position")}:
             full = topic if topic.startswith("/") else f"/{name}/{topic}"
             assert run.client.count_publishers(full) > 0, topic

@@ -7,6 +7,8 @@ import itertools
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib.util import find_spec
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -32,8 +34,11 @@ from mech_twin.messages.topics import (
     SCENE,
     pin_wrench,
 )
+from mech_twin.nodes.exchange.base_node import RunOptions
 from mech_twin.nodes.roles.frames_node import FramesNode
+from mech_twin.nodes.run.composition import run_in_process
 from mech_twin.parameters.load import description_text, machine_parameters
+from mech_twin.recording.bag_reader import BagReader
 
 pytestmark = pytest.mark.usefixtures("ros_domain")
 ENOUGH = 5  # instants
@@ -133,6 +138,22 @@ def test_frames_come_at_the_streams_rate_and_not_at_every_step() -> None:
         step_s = built(name).coupling_step_s
     gaps = [b - a for a, b in itertools.pairwise(times)]
     assert min(gaps) > 9.9 * step_s
+
+
+def test_a_run_tells_frames_and_description_unasked_and_once_what_is_missing_for_tf(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    name = "winding_drum"
+    options = RunOptions(pace="max", duration_s=3.0, recorder=True)
+    run_in_process(name, built(name).parameters, options, tmp_path / "bag", None)
+    with BagReader(tmp_path / "bag") as reader:
+        described, moved_to = (
+            reader.topics[f"/{name}/{topic.name}"].message_count for topic in (ROBOT_DESCRIPTION, FRAMES)
+        )
+    assert described == 1
+    assert moved_to > 0
+    missing = find_spec("tf2_msgs") is None
+    assert capfd.readouterr().err.count("tf2_msgs is not installed") == int(missing)
 
 
 def test_two_runs_have_a_tree_each() -> None:

@@ -13,10 +13,11 @@ from pathlib import Path
 import pytest
 import rclpy
 from rclpy.signals import SignalHandlerOptions
+from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from mech_twin.configuration_tree import ConfigurationError
-from mech_twin.messages.topics import LATCHED
+from mech_twin.messages.topics import EVERY, LATCHED, STEP_LINKAGE
 from mech_twin.nodes.run.domain import NameInUseError, replay_arguments, ros_arguments, run_namespace
 from mech_twin.nodes.run.name_guard import CLAIMS, HostClaims, NameGuard
 from mech_twin.recording.bag_reader import BagReader
@@ -40,6 +41,21 @@ def finished(*command: str) -> subprocess.CompletedProcess[str]:
 def recorded(bag: Path) -> bool:
     file = bag / f"{bag.name}_0.mcap"
     return file.exists() and file.stat().st_size > 20_000
+
+
+def hear_a_step() -> None:
+    """Wait until somebody publishes a step of the drum."""
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        listener, heard = rclpy.create_node("listener", namespace="/hall"), []
+        listener.create_subscription(JointState, f"/winding_drum/{STEP_LINKAGE.name}", heard.append, EVERY, raw=True)
+        end = time.monotonic() + LIMIT_S
+        while not heard and time.monotonic() < end:
+            rclpy.spin_once(listener, timeout_sec=0.1)
+        listener.destroy_node()
+    finally:
+        rclpy.try_shutdown()
+    assert heard, "no step"
 
 
 @pytest.fixture
@@ -127,7 +143,7 @@ def test_a_run_beside_a_paused_replay_is_refused(ros_domain: int, tmp_path: Path
     assert finished(*COMMAND, "simulate", "winding_drum", "--duration", "0.2", "--bag", str(bag)).returncode == 0
     replay = started("replay", str(bag), "--rate", "0.001")  # 200 s for 0.2 s: a step each second
     try:
-        time.sleep(8.0)  # its start, and a step
+        hear_a_step()
         assert_refused(finished(*COMMAND, *DRUM, "--no-record", "--duration", "1"))
     finally:
         replay.terminate()

@@ -13,7 +13,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 import rclpy
-from catalogue import built
+from catalogue import PAGES, built
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.signals import SignalHandlerOptions
 from rrd_tables import rrd_tables
@@ -197,10 +197,10 @@ def test_the_view_shows_measured_and_model_with_the_residual_in_its_band_and_the
 
 
 def test_a_channel_of_a_joint_that_slides_is_in_metres_whatever_its_name() -> None:
-    sliding = sliding_in(built("planar_linkage"))
-    assert channel_title("linkage.dyad_2_second.position", sliding) == "dyad 2 second position, m"
-    assert channel_title("linkage.dyad_2_second.effort", sliding) == "dyad 2 second effort, N"
-    assert channel_title("linkage.dyad_1_second.velocity", sliding) == "dyad 1 second velocity, rad/s"
+    sliding = sliding_in(built(next(page for page in PAGES if page.endswith("quick_return.yaml"))))
+    assert channel_title("linkage.ram_guide.position", sliding) == "ram guide position, m"
+    assert channel_title("linkage.ram_guide.effort", sliding) == "ram guide effort, N"
+    assert channel_title("linkage.lever_pivot.velocity", sliding) == "lever pivot velocity, rad/s"
     assert channel_title("linkage.slider.velocity", sliding_in(built("vibration_crank"))) == "slider velocity, m/s"
 
 

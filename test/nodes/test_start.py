@@ -15,12 +15,13 @@ from bench_run import BenchRun
 from catalogue import NAMES, built
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from process_run import ProcessRun
+from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
 from mech_twin.engine.run import frames
 from mech_twin.engine.start_forecast import LOOK_AHEAD_S, STANDING_REACH, start_forecast
 from mech_twin.messages.topics import DIAGNOSTICS
-from mech_twin.nodes.roles.motor_node import MotorNode
+from mech_twin.nodes.roles.motor_node import FORECAST_BURST_S, FORECAST_SHARE, MotorNode
 from mech_twin.parameters.load import machine
 
 pytestmark = pytest.mark.usefixtures("ros_domain")
@@ -87,6 +88,40 @@ def test_calls_without_end_leave_the_run_nine_tenths_of_its_time() -> None:
             assert answer.success or "ask again in" in answer.message
         taken_s = time.monotonic() - begun
         assert refused >= 150, taken_s
+        run.steps(20)
+
+
+def test_changes_and_starts_in_turn_without_end_leave_the_run_its_time() -> None:
+    """Each change makes a new machine, and a start of a new machine was computed however often one was asked for."""
+    key = "body.spring_rate_n_per_m"
+    with BenchRun("mb10_breaker") as run:
+        run.steps(20)
+        motor, linkage = run.node("motor"), run.node("linkage")
+        assert isinstance(motor, MotorNode)
+        begun, starts_s = time.monotonic(), [0.0]
+        for number in range(60):
+            linkage.set_parameters([Parameter(key, value=40000.0 + number)])
+            run.steps(1)
+            asked_s = time.monotonic()
+            motor._on_start(Trigger.Request(), Trigger.Response())
+            starts_s.append(time.monotonic() - asked_s)
+        taken_s = time.monotonic() - begun
+        assert sum(starts_s) < FORECAST_BURST_S + FORECAST_SHARE * taken_s + 2.0 * max(starts_s)
+
+
+def test_changes_without_end_are_refused_but_for_some_each_second() -> None:
+    key = "friction.viscous_nms_per_rad"
+    with BenchRun("winding_drum") as run:
+        run.steps(20)
+        linkage = run.node("linkage")
+        begun = time.monotonic()
+        answers = [linkage.set_parameters([Parameter(key, value=0.1 + 1e-4 * number)])[0] for number in range(300)]
+        taken_s = time.monotonic() - begun
+        refused = [answer.reason for answer in answers if not answer.successful]
+        assert 20 <= 300 - len(refused) <= 51 + 25.0 * taken_s
+        assert all("asked too often: ask again in" in reason for reason in refused)
+        run.spin_for(1.0)
+        assert linkage.set_parameters([Parameter(key, value=0.5)])[0].successful
         run.steps(20)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The breaker with its blow as a wave: over topics, in a recording and in its replay as in one process."""
+"""Breaker and page with a blow as a wave: over topics, in a recording and in its replay as in one process."""
 
 from __future__ import annotations
 
@@ -28,28 +28,35 @@ from mech_twin.samples import Frame
 
 NAME = "mb10_breaker"
 CURVES = {"tool.model": "wave", "tool.wave.gauge_curve": True}
-BLOWS = [full_name(NAME, topic) for topic in (BLOW_GAUGE, BLOW_WAVE)]
+HAMMER = Path(__file__).parents[2] / "config" / "pages" / "rock_hammer.yaml"
+CASES = [(NAME, CURVES), (str(HAMMER), {"contacts.blow.rod.gauge_curve": True})]
 
 
-def test_topics_equal_engine_to_the_bit(ros_domain: int, tmp_path: Path) -> None:
-    built = machine(NAME, None, CURVES)
+def blow_topics(space: str) -> list[str]:
+    """Return the names of the topics of blows."""
+    return [full_name(space, topic) for topic in (BLOW_GAUGE, BLOW_WAVE)]
+
+
+@pytest.mark.parametrize(("name", "settings"), CASES, ids=["breaker", "page"])
+def test_topics_equal_engine_to_the_bit(ros_domain: int, tmp_path: Path, name: str, settings: dict[str, Any]) -> None:
+    built = machine(name, None, settings)
     options = RunOptions(pace="max", duration_s=0.4, recorder=True, exclusive=False)
-    run_in_process(NAME, built.parameters, options, tmp_path / "bag", None)
+    run_in_process(built.name, built.parameters, options, tmp_path / "bag", None)
     expected = list(frames(built, 0.4))
-    assert any(event.kind == "blow" for frame in expected for event in frame.linkage.events)
     with BagReader(tmp_path / "bag") as reader:
-        for topic in step_topics(True):
-            for row in reader.messages(topics=[full_name(NAME, topic)]):
+        for topic in step_topics(built.body is not None):
+            for row in reader.messages(topics=[full_name(built.name, topic)]):
                 sample = DECODERS[topic.name](deserialize_message(row.raw, JointState))
                 assert sample == getattr(expected[sample.step], topic.name.removeprefix("step/"))
     assert built.gauge is not None
     told = blows(expected, built.gauge)
     assert told[0]
-    assert recorded_blows(tmp_path / "bag") == told
+    assert recorded_blows(tmp_path / "bag", built.name) == told
     with ReplayBench(tmp_path / "bag") as bench:
         bench.to_the_end()
-        for name in BLOWS:
-            assert bench.of(name) == [e.raw for e in entries_of(tmp_path / "bag") if e.topic == name]
+        for topic_name in blow_topics(built.name):
+            entries = [e.raw for e in entries_of(tmp_path / "bag") if e.topic == topic_name]
+            assert bench.of(topic_name) == entries
 
 
 def blows(expected: list[Frame], gauge: BlowGauge) -> list[list[Any]]:
@@ -59,9 +66,9 @@ def blows(expected: list[Frame], gauge: BlowGauge) -> list[list[Any]]:
     return [numbers, [curve_message(gauge, event) for event in events]]
 
 
-def recorded_blows(bag: Path) -> list[list[Any]]:
+def recorded_blows(bag: Path, space: str = NAME) -> list[list[Any]]:
     with BagReader(bag) as reader:
-        rows = [list(reader.messages(topics=[name])) for name in BLOWS]
+        rows = [list(reader.messages(topics=[name])) for name in blow_topics(space)]
     kinds = (JointState, JointTrajectory)
     return [[deserialize_message(row.raw, kind) for row in each] for each, kind in zip(rows, kinds, strict=True)]
 

@@ -37,6 +37,10 @@ def canonical(name: str) -> str:
     return re.sub(r"[-_.]+", "-", name).lower()
 
 
+def called(function: ast.expr) -> str:
+    return getattr(function, "attr", getattr(function, "id", ""))
+
+
 def imports(tree: ast.AST, *, deferred: bool = False) -> Iterator[tuple[str, bool]]:
     """Yield each root package that is imported, and whether only when a function is called or types are checked."""
     for node in ast.iter_child_nodes(tree):
@@ -48,7 +52,7 @@ def imports(tree: ast.AST, *, deferred: bool = False) -> Iterator[tuple[str, boo
             isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test)
         )
         yield from imports(node, deferred=deferred or inside)
-    if isinstance(tree, ast.Call) and ast.unparse(tree.func).endswith(("import_module", "find_spec")) and tree.args:
+    if isinstance(tree, ast.Call) and called(tree.func) in ("import_module", "find_spec") and tree.args:
         named = tree.args[0]
         if isinstance(named, ast.Constant) and isinstance(named.value, str):
             yield named.value.partition(".")[0], True

@@ -11,6 +11,7 @@ import sys
 import tarfile
 import venv
 from pathlib import Path
+from typing import Any
 from zipfile import ZipFile
 
 import pytest
@@ -34,15 +35,21 @@ def tracked() -> list[str]:
     return [name for name in os.fsdecode(listed.stdout).split("\0") if name and (ROOT / name).is_file()]
 
 
+def copied_source(place: Path) -> Path:
+    """Copy the files git knows of to a place; return it."""
+    for name in tracked():
+        (place / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy2(ROOT / name, place / name)
+    return place
+
+
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a wheel built from the files git knows of, away from the source tree."""
     if shutil.which("git") is None or not (ROOT / ".git").exists():
         pytest.skip("the wheel is made of the files git knows of; this is no clone")
     place = tmp_path_factory.mktemp("wheel")
-    for name in tracked():
-        (place / "source" / name).parent.mkdir(parents=True, exist_ok=True)
-        shutil.copy2(ROOT / name, place / "source" / name)
+    copied_source(place / "source")
     options = ["--no-deps", "--no-build-isolation", "--no-index", "--quiet", "--wheel-dir", str(place)]
     command = [sys.executable, "-m", "pip", "wheel", *options, str(place / "source")]
     subprocess.run(command, check=True, capture_output=True, cwd=place, env={**os.environ, "PYTHONPATH": ""})
@@ -91,12 +98,40 @@ def test_programs_are_where_ros2_run_looks_and_start(wheel: Path, tmp_path: Path
         assert (share / name).is_file()
 
 
+def test_ros2_finds_an_editable_installation_and_its_programs(tmp_path: Path) -> None:
+    """As `ros2 pkg` and `ros2 run` look: prefix and share by the index, programs in `lib` of the prefix."""
+    source, env = copied_source(tmp_path / "source"), tmp_path / "env"
+    venv.create(env, with_pip=False, symlinks=True)
+    python = env / "bin" / "python"
+    site = next(path for path in map(Path, sys.path) if path.name == "site-packages")
+    (own,) = env.glob("lib/python*/site-packages")
+    (own / "build_tools.pth").write_text(f"{site}\n", encoding="utf-8")  # setuptools, which pip does not fetch here
+    options = ["--no-deps", "--no-build-isolation", "--no-index", "--quiet"]
+    command = [sys.executable, "-m", "pip", "--python", str(python), "install", *options, "-e", str(source)]
+    subprocess.run(command, check=True, capture_output=True, env={**os.environ, "PYTHONPATH": ""})
+    asked = (
+        "from ament_index_python.packages import get_package_prefix as prefix, get_package_share_directory as share\n"
+        "import mech_twin\n"
+        "print(prefix('mech_twin'), share('mech_twin'), mech_twin.__file__, sep='\\n')"
+    )
+    environment = {**os.environ, "PYTHONPATH": "", "AMENT_PREFIX_PATH": str(env)}
+    environment.pop("_ROS_WHEELS_BOOTSTRAP_COMPLETE", None)
+    there: dict[str, Any] = {"capture_output": True, "text": True, "env": environment, "cwd": tmp_path}
+    told = subprocess.run([str(python), "-c", asked], check=False, **there)
+    assert told.returncode == 0, told.stderr
+    assert told.stdout.split() == [str(env), str(env / "share" / "mech_twin"), str(source / "mech_twin/__init__.py")]
+    assert (env / "share" / "mech_twin" / "package.xml").is_file()
+    assert not (env / "share" / "mech_twin" / "config").exists(), "a copy would go stale beside the one that is edited"
+    found = {file.name: file for file in (env / "lib" / "mech_twin").iterdir()}
+    assert set(found) == PROGRAMS
+    done = subprocess.run([str(found["mech-twin"]), "--version"], check=False, timeout=120, **there)
+    assert done.returncode == 0 and __version__ in done.stdout, done.stderr
+
+
 def test_source_distribution_holds_every_file_but_those_of_the_repository_itself(tmp_path: Path) -> None:
     if shutil.which("git") is None or not (ROOT / ".git").exists():
         pytest.skip("the source distribution is made of the files git knows of; this is no clone")
-    for name in tracked():
-        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
-        shutil.copy2(ROOT / name, tmp_path / name)
+    copied_source(tmp_path)
     command = [sys.executable, "setup.py", "--quiet", "sdist"]
     subprocess.run(command, check=True, capture_output=True, cwd=tmp_path, env={**os.environ, "PYTHONPATH": ""})
     (made,) = (tmp_path / "dist").glob("*.tar.gz")

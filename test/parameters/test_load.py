@@ -8,10 +8,12 @@ import re
 from pathlib import Path
 
 import pytest
+import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mech_twin.configuration_tree import ConfigurationError, merged_tree, tree_from_flat
+from mech_twin.parameters import yaml_text
 from mech_twin.parameters.load import assignments, configuration_file, file_tree, machine_parameters, text_tree
 
 DRUM = "winding_drum"
@@ -172,3 +174,20 @@ def test_a_text_that_is_no_yaml_is_refused_with_its_place_in_the_file_alone(tmp_
     with pytest.raises(ConfigurationError, match=where) as caught:
         file_tree(file)
     assert "unicode string" not in str(caught.value)
+
+
+def test_a_batch_reads_its_configuration_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    read = []
+    scan = yaml.parse
+    monkeypatch.setattr(yaml, "parse", lambda text, **how: read.append(text) or scan(text, **how))
+    yaml_text._parsed.cache_clear()
+    for radius_m in (0.1, 0.2, 0.3):
+        assert machine_parameters(DRUM, overrides={"package_radius_m": radius_m}).package_radius_m == radius_m
+    assert len(read) == 1
+
+
+def test_what_one_does_to_a_configuration_it_has_read_the_next_does_not_see() -> None:
+    file = configuration_file(DRUM)
+    known = file_tree(file)
+    known["supply"].clear()
+    assert file_tree(file)["supply"]

@@ -22,7 +22,6 @@ CHOSEN = {
     "impact_mass": {"restitution": 0.31},
     "roller_former": {"motor.catalogue_name": "4A160M6U3", "drive.stiffness_nm_per_rad": 120000.0},
     "winding_drum": {"eccentricity_m": 0.0011},
-    "planar_linkage": {"crank.length_m": 0.095, "dyad_1.second.mass_kg": 12.5},
 }
 
 

@@ -183,6 +183,9 @@ def test_bad_metadata_is_said_in_one_line(bag: Path, text: str, error: type, rea
     with pytest.raises(error, match=reason) as caught:
         BagReader(bag)
     assert "\n" not in str(caught.value)
+    if error is DamagedBagError:
+        assert f"mech-twin recover {bag} OUT" in str(caught.value)
+        assert recover(bag, bag.with_name("salvaged")).messages["/twin/joint_states"] == 100
 
 
 def test_a_missing_bag_is_named(tmp_path: Path) -> None:

@@ -142,6 +142,7 @@ def test_what_cannot_be_read_is_said_in_one_line(bags, harm, error, tmp_path):
     with pytest.raises(error) as caught, open_bag(bag) as reader:
         list(reader.messages())
     assert "\n" not in str(caught.value)
+    assert "mech-twin recover" not in str(caught.value)  # it takes no database
 
 
 def test_a_database_is_not_read_through_a_link_out_of_the_bag(bags, tmp_path):

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A signal at any moment ends every verb soon, with its exit code or a closed recording, and leaves nobody behind.
 
-Each verb meets each of its moments here, run and simulation with every signal; the whole matrix is
-``benchmarks/reliability/signals.py``.
+Each verb meets each of its moments here, run and simulation every signal, a run in one process each signal at each
+moment; the whole matrix is ``benchmarks/reliability/signals.py``.
 """
 
 from __future__ import annotations
@@ -40,7 +40,12 @@ EVERY_SIGNAL = ("run", "processes", "simulate")
 EVERY_MOMENT = ("importing", "compiling", "under way")
 OTHERS = [("run", "discovery")]
 OTHERS += [(verb, moment) for verb in VERBS if verb not in EVERY_SIGNAL for moment in VERBS[verb].moments]
-CASES = [(*case, False) for case in product(EVERY_SIGNAL, EVERY_MOMENT, SIGNALS)]
+CASES = [("run", *case, False) for case in product(EVERY_MOMENT, SIGNALS)]
+CASES += [
+    (verb, moment, SIGNALS[(i + j) % 3], False)
+    for i, verb in enumerate(EVERY_SIGNAL[1:])
+    for j, moment in enumerate(EVERY_MOMENT)
+]
 CASES += [(verb, moment, SIGNALS[i % 3], True) for i, (verb, moment) in enumerate(OTHERS)]
 CASES += [("processes", "starting", number, group) for number in SIGNALS for group in (False, True)]
 CASES += [("processes", "importing", signal.SIGINT, True), ("processes", "under way", signal.SIGINT, True)]
@@ -58,6 +63,8 @@ def test_every_signal_meets_a_verb_of_every_kind() -> None:
         (verb, moment) for verb in VERBS for moment in VERBS[verb].moments
     }
     assert {number for verb, _, number, _ in CASES if verb not in EVERY_SIGNAL} == set(SIGNALS)
+    assert {(verb, number) for verb, _, number, _ in CASES if verb in EVERY_SIGNAL} == {*product(EVERY_SIGNAL, SIGNALS)}
+    assert {(moment, number) for _, moment, number, _ in CASES} >= {*product(EVERY_MOMENT, SIGNALS)}
 
 
 def test_killing_the_parent_leaves_no_orphan_and_a_recording_that_is_closed(tmp_path: Path) -> None:

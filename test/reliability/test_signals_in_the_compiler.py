@@ -41,11 +41,12 @@ DOORS = {
         ["linkage_node", "--ros-args", "-p", "machine:=winding_drum"],
     ),
 }
+NUMBERS = (signal.SIGINT, signal.SIGTERM)
+# each door at each place, and each of both with either signal
+CASES = [(door, place, NUMBERS[(i + j) % 2]) for i, door in enumerate(DOORS) for j, place in enumerate(PLACES)]
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=lambda number: number.name)
-@pytest.mark.parametrize("place", PLACES)
-@pytest.mark.parametrize("door", DOORS)
+@pytest.mark.parametrize(("door", "place", "number"), CASES)
 def test_a_signal_while_compiling_ends_the_process(
     door: str, place: str, number: signal.Signals, tmp_path: Path
 ) -> None:

@@ -8,8 +8,10 @@ import pytest
 
 from mech_twin.capabilities.published import FAILED, Literature
 from mech_twin.capabilities.variation import varied
+from mech_twin.cli.reproduce import reproduce_machines
+from mech_twin.cli.verbs import ReproduceVerb
 from mech_twin.parameters.load import machine_parameters
-from mech_twin.studies import reproduce
+from mech_twin.studies import reproduce, reproduction
 from mech_twin.studies.reproduction import all_hold, machines_with_published_values
 
 pytestmark = pytest.mark.slow
@@ -24,9 +26,13 @@ CHANGES = {
 }
 
 
-@cache
-def rows_of(machine):
-    return reproduce(machine)
+rows_of = cache(reproduction.machine_rows)
+
+
+@pytest.fixture
+def each_machine_computed_once(monkeypatch):
+    """Take the rows of every machine from those that other tests have computed already."""
+    monkeypatch.setattr(reproduction, "machine_rows", rows_of)
 
 
 @pytest.mark.parametrize("machine", machines_with_published_values())
@@ -46,8 +52,7 @@ def test_a_changed_input_changes_what_is_computed_and_breaks_gated_rows(machine,
         assert not all_hold(after)
 
 
-@pytest.mark.slow
-def test_the_contradictions_of_the_sources_come_first():
+def test_the_contradictions_of_the_sources_come_first(each_machine_computed_once):
     rows = reproduce()
     verdicts = [row.verdict == "contradicts itself" for row in rows]
     assert verdicts == sorted(verdicts, reverse=True)
@@ -62,6 +67,13 @@ def test_the_contradictions_of_the_sources_come_first():
         "Loveikin",
         "winding",
     ]
+
+
+def test_the_table_fits_80_columns(each_machine_computed_once, capsys):
+    reproduce_machines(ReproduceVerb())
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) > len(machines_with_published_values())
+    assert max(map(len, lines)) <= 80
 
 
 def test_errors_mean_what_the_measure_says():

@@ -20,6 +20,7 @@ from mech_twin.engine.hybrid.laws import (
     Equations,
     Indices,
     accumulate,
+    begin_impact,
     begin_piece,
     change_regimes,
     declares,
@@ -32,7 +33,7 @@ from mech_twin.engine.hybrid.laws import (
 from mech_twin.engine.hybrid.loop import room_for
 from mech_twin.kernel import borrowing_kernel, inline_kernel
 
-EVALUATE, ACCUMULATE, SIGNALS, BEGIN, END, PASS, CHANGE, IMPACT = range(8)
+EVALUATE, ACCUMULATE, SIGNALS, BEGIN, END, PASS, CHANGE, STRIKE, IMPACT = range(9)
 _numba: Any = numba
 NUMBERS, MARKS, TABLE = types.float64[::1], types.int64[::1], types.float64[:, ::1]
 
@@ -98,6 +99,8 @@ def enter(
             value_at(system), t, value_at(y), value_at(past), value_at(regimes), value_at(equations), value_at(log),
             count,
         )  # fmt: skip
+    elif phase == STRIKE:
+        begin_impact(value_at(system), t, value_at(y), value_at(regimes), value_at(equations))
     elif phase == IMPACT:
         return note_impact(value_at(system), t, value_at(first), value_at(y), value_at(equations), value_at(log), count)
     return count
@@ -198,6 +201,11 @@ def _change_regimes(
         system.entry, CHANGE, 0, t, system.system, system.equations, address_of(y), address_of(regimes), 0, 0,
         address_of(past), address_of(log), count,
     )  # fmt: skip
+
+
+@declares(begin_impact, Declared)
+def _begin_impact(system: Declared, t: float, y: Array, regimes: Indices, at: Equations) -> None:
+    call(system.entry, STRIKE, 0, t, system.system, system.equations, address_of(y), address_of(regimes), 0, 0, 0, 0, 0)
 
 
 @declares(note_impact, Declared)

@@ -15,6 +15,7 @@ from mech_twin.engine.hybrid.complementarity import fill_mobilities, solve_holdi
 from mech_twin.engine.hybrid.laws import HOLD, OPEN, Array, Equations, Indices, only_freedom
 from mech_twin.kernel import borrowing_kernel
 
+STRUCK, CLOSED = 1, 2  # what an impact did to a law
 CLOSED_M = 1e-12  # a gap of this size is none
 
 
@@ -34,10 +35,10 @@ def add_impulses(at: Equations, y: Array, impulse: Array) -> None:
 
 
 @borrowing_kernel
-def strike(y: Array, regimes: Indices, at: Equations, struck: Indices) -> int:
-    """Change velocities by the impacts of all gaps that close; ``at`` is prepared, ``at.multiplier`` gets the impulses.
+def seek_impulses(regimes: Indices, at: Equations, struck: Indices, rebounds: float) -> int:
+    """Fill ``at.multiplier`` with the impulses of all gaps that close; with ``rebounds`` 0 none of them rebounds.
 
-    ``struck`` (m,) is filled: 1 for a contact that was struck, 2 for one that was closed.
+    ``struck`` (m,) is filled: `STRUCK` for a contact that was struck, `CLOSED` for one that was closed, else 0.
     """
     m = len(at.gap)
     for i in range(m):
@@ -46,14 +47,21 @@ def strike(y: Array, regimes: Indices, at: Equations, struck: Indices) -> int:
         if e < 0.0:
             continue
         if regimes[i] == OPEN and at.gap[i] <= CLOSED_M and at.velocity[i] < 0.0:
-            struck[i], at.status[i], at.free[i] = 1, HOLD, (1.0 + e) * at.velocity[i]
+            struck[i], at.status[i], at.free[i] = STRUCK, HOLD, (1.0 + rebounds * e) * at.velocity[i]
         elif regimes[i] == HOLD:
-            struck[i], at.status[i] = 2, HOLD
+            struck[i], at.status[i] = CLOSED, HOLD
     fill_mobilities(at, True)
     answer = solve_laws(at, at.multiplier)
     for i in range(m):
         if struck[i] == 0:
             at.multiplier[i] = 0.0
+    return answer
+
+
+@borrowing_kernel
+def strike(y: Array, regimes: Indices, at: Equations, struck: Indices) -> int:
+    """Change velocities by the impacts of all gaps that close; ``at`` is prepared, ``struck`` as in `seek_impulses`."""
+    answer = seek_impulses(regimes, at, struck, 1.0)
     add_impulses(at, y, at.multiplier)
     return answer
 

@@ -32,9 +32,10 @@ from collections.abc import Callable
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
+from numba.extending import overload
 from numpy.typing import NDArray
 
-from mech_twin.engine.compiled_steps import chosen, step_of
+from mech_twin.engine.compiled_steps import chosen, is_declared, step_of
 from mech_twin.kernel import borrowing_kernel, embedded_kernel
 
 Array = NDArray[np.float64]
@@ -138,6 +139,25 @@ def change_regimes(
 ) -> int:
     """Take note of laws that have changed from ``past`` to ``regimes``, and log it; return the number of events."""
     return int(chosen(change_regimes, system)(system, t, y, past, regimes, at, log, count))
+
+
+def begin_impact(system: Any, t: float, y: Array, regimes: Indices, at: Equations) -> None:
+    """Fill ``at.restitution`` of contacts that are about to strike, where it follows from the impact.
+
+    A system for which nothing is declared has given restitutions.
+    """
+    if is_declared(begin_impact, type(system)):
+        chosen(begin_impact, system)(system, t, y, regimes, at)
+
+
+@overload(begin_impact, jit_options={"forceinline": True})
+def _given_restitutions(system: Any, t: float, y: Array, regimes: Indices, at: Equations) -> Any:
+    kind = getattr(system, "instance_class", None)
+
+    def keep(system: Any, t: float, y: Array, regimes: Indices, at: Equations) -> None:
+        return None
+
+    return keep if kind is not None and not is_declared(begin_impact, kind) else None
 
 
 def note_impact(system: Any, t: float, before: Array, y: Array, at: Equations, log: Array, count: int) -> int:

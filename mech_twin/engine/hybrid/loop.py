@@ -15,7 +15,7 @@ import numpy as np
 from mech_twin.engine.addresses import place_of
 from mech_twin.engine.hybrid.complementarity import SOLVED
 from mech_twin.engine.hybrid.event_location import NOTHING, Signals, advance_piece
-from mech_twin.engine.hybrid.impacts import halt, strike
+from mech_twin.engine.hybrid.impacts import CLOSED, STRUCK, halt, strike
 from mech_twin.engine.hybrid.laws import (
     HIGH,
     HOLD,
@@ -24,6 +24,7 @@ from mech_twin.engine.hybrid.laws import (
     Array,
     Equations,
     Indices,
+    begin_impact,
     begin_piece,
     change_regimes,
     end_piece,
@@ -41,7 +42,9 @@ MOST_PIECES = 10_000  # of one coupling step
 MOST_STEPS = 20_000  # of one piece
 SHORTEST_SERIES_S = 1e-10  # a series of impacts that is over sooner has its limit at once
 MOVES = 1e-11  # of the velocities that the impulses give: a law that got less still holds
-STRUCK, CLOSED, JUMPED = 1, 2, 3  # what an impact did to a law
+JUMPED = 3  # beside `STRUCK` and `CLOSED`: an impact set the law in motion
+LAST, ROUND, FASTEST = range(3)  # rows of `Room.series`
+LEAP = 1e3  # of a step's error: a halt that changes a velocity by more is none
 ROWS = 16  # stages of the largest tableau
 
 
@@ -56,6 +59,7 @@ class Room(NamedTuple):
     ended: Indices
     past: Indices
     cut: Array
+    series: Array  # (3, m): last impact of each law (s), the time before it since the one before, its speed (m/s)
     before: Array
     tolerance: Array
     method: Tableau
@@ -65,7 +69,7 @@ class Room(NamedTuple):
 @inline_kernel
 def room_sizes(n: int, m: int, signals: int, size: int) -> tuple[int, int]:
     """Return how many numbers and marks the room of `room_in` needs."""
-    numbers = 2 * n * n + 6 * n + 2 * m * m + 2 * m * n + 13 * m + (ROWS + 5) * size + 8 * (2 * m + signals)
+    numbers = 2 * n * n + 6 * n + 2 * m * m + 2 * m * n + 16 * m + (ROWS + 5) * size + 8 * (2 * m + signals)
     return numbers, 5 * m + 1
 
 
@@ -83,6 +87,7 @@ def room_in(numbers: Array, marks: Indices, n: int, m: int, signals: int, size: 
     stage, free = numbers[free : free + 2 * n], free + 2 * n
     lost, free = numbers[free : free + 2 * n], free + 2 * n
     by_law, free = numbers[free : free + 13 * m].reshape(13, m), free + 13 * m
+    series, free = numbers[free : free + 3 * m].reshape(3, m), free + 3 * m
     stages, free = numbers[free : free + ROWS * size].reshape(ROWS, size), free + ROWS * size
     by_state, free = numbers[free : free + 5 * size].reshape(5, size), free + 5 * size
     by_signal = numbers[free : free + 8 * s].reshape(8, s)
@@ -100,7 +105,7 @@ def room_in(numbers: Array, marks: Indices, n: int, m: int, signals: int, size: 
     )  # fmt: skip
     return Room(
         at, work, search, marks[m : 2 * m], marks[2 * m : 3 * m], marks[3 * m : 4 * m], marks[4 * m : 5 * m],
-        by_law[12], by_state[3], by_state[4], method, marks[5 * m :],
+        by_law[12], series, by_state[3], by_state[4], method, marks[5 * m :],
     )  # fmt: skip
 
 
@@ -154,6 +159,31 @@ def series_ends(at: Equations, regimes: Indices, law: int) -> bool:
     )
 
 
+@borrowing_kernel
+def mark_turns(at: Equations, t: float, room: Room) -> None:
+    """Mark contacts that strike by turns (two bodies and a wall) where what is left of their series is over in no time.
+
+    From turn to turn the intervals of a contact, and the speeds at which it closes, fall by ratios: what is left is a
+    geometric series.  Impacts by turns whose speeds grow, or whose intervals do, end by themselves.  ``room.cut`` holds
+    the velocities before the impact.
+    """
+    series = room.series
+    for i in range(len(at.gap)):
+        if room.struck[i] != STRUCK:
+            continue
+        since, past, slower = t - series[LAST, i], series[ROUND, i], -room.cut[i] < series[FASTEST, i]
+        ends = slower and since < past < math.inf and since * since < SHORTEST_SERIES_S * (past - since)
+        turns = False
+        for j in range(len(at.gap)):
+            turns = turns or (j != i and series[LAST, j] >= series[LAST, i] > -math.inf)
+        for j in range(len(at.gap)):
+            if ends and turns and series[LAST, j] >= series[LAST, i]:
+                room.ended[j] = 1
+    for i in range(len(at.gap)):
+        if room.struck[i] == STRUCK:
+            series[ROUND, i], series[LAST, i], series[FASTEST, i] = t - series[LAST, i], t, -room.cut[i]
+
+
 @inline_kernel
 def moved_by_impact(regime: int, v: float, at: Equations, law: int) -> bool:
     """Tell whether an impact has set a law without a gap in motion, or turned its motion round."""
@@ -181,7 +211,11 @@ def mark_stopped(at: Equations, regimes: Indices, candidates: Indices) -> None:
 def close_gaps(system: Any, t: float, y: Array, regimes: Indices, room: Room) -> int:
     """Let contacts strike whose gap has closed, cut series that are over, and decide the regimes."""
     at, m = room.at, len(room.candidates)
+    copy(at.velocity, room.cut)
     answer = strike(y, regimes, at, room.struck)
+    for i in range(m):
+        room.ended[i] = 0
+    mark_turns(at, t, room)
     for i in range(m):
         impulse, v = at.multiplier[i], at.velocity[i]
         room.candidates[i] = 1 if regimes[i] == HOLD else 0
@@ -198,7 +232,8 @@ def close_gaps(system: Any, t: float, y: Array, regimes: Indices, room: Room) ->
     answer = min(answer, settle(system, t, y, regimes, room))
     again = False
     for i in range(m):
-        room.ended[i] = 1 if room.struck[i] == STRUCK and series_ends(at, regimes, i) else 0
+        if room.struck[i] == STRUCK and series_ends(at, regimes, i):
+            room.ended[i] = 1
         again = again or room.ended[i] == 1
     if again:
         halt(y, regimes, at, room.ended, at.multiplier)
@@ -214,10 +249,20 @@ def close_gaps(system: Any, t: float, y: Array, regimes: Indices, room: Room) ->
 
 
 @borrowing_kernel
+def leaps(y: Array, before: Array, tolerance: Array, n: int) -> bool:
+    """Tell whether a velocity differs from what it was by more than the error of a step."""
+    found = False
+    for k in range(n, 2 * n):
+        found = found or abs(y[k] - before[k]) > LEAP * tolerance[k]
+    return found
+
+
+@borrowing_kernel
 def change_law(system: Any, t: float, y: Array, regimes: Indices, law: int, upper: bool, room: Room) -> int:
     """Let a law that holds reach a bound, or one that slides come to rest, and decide the regimes.
 
     One that reaches its bound lets go: its acceleration is 0 there but for rounding, which must not decide.
+    One whose direction vanishes, at a dead centre, has no velocity whatever the motion is: it slides on, the other way.
     """
     at, m = room.at, len(room.candidates)
     held = regimes[law] == HOLD
@@ -227,9 +272,14 @@ def change_law(system: Any, t: float, y: Array, regimes: Indices, law: int, uppe
     if held:
         regimes[law], room.candidates[law] = HIGH if upper else LOW, 0
     else:
+        copy(y, room.before)
         halt(y, regimes, at, room.struck, at.multiplier)
-        mark_stopped(at, regimes, room.candidates)
-        regimes[law] = HOLD
+        if leaps(y, room.before, room.tolerance, len(at.force)):
+            copy(room.before, y)
+            regimes[law], room.candidates[law] = LOW + HIGH - regimes[law], 0
+        else:
+            mark_stopped(at, regimes, room.candidates)
+            regimes[law] = HOLD
     return settle(system, t, y, regimes, room)
 
 
@@ -244,6 +294,7 @@ def pass_law(system: Any, t: float, y: Array, regimes: Indices, which: int, room
     if regimes[law] == OPEN and at.velocity[law] < 0.0:
         at.gap[law] = 0.0
         copy(y, room.before)
+        begin_impact(system, t, y, regimes, at)
         answer = close_gaps(system, t, y, regimes, room)
         count = note_impact(system, t, room.before, y, at, log, count)
     elif regimes[law] == OPEN and at.velocity[law] > 0.0:
@@ -278,6 +329,8 @@ def advance(system: Any, t: float, span: float, y: Array, regimes: Indices, room
     """
     m, done, wanted = len(room.candidates), 0.0, span
     clear(room.search.lost)
+    for i in range(m):
+        room.series[LAST, i], room.series[ROUND, i], room.series[FASTEST, i] = -math.inf, math.inf, math.inf
     piece = PieceAt(place_of(Piece(system, regimes, room.at)), place_of(room.method))
     clear(room.search.at_root)
     begin_piece(system, t, y, regimes)

@@ -29,7 +29,12 @@ static int told(unit *it, const char *text) {
 
 static void give_efforts(unit_state *s) {
     if (!s->motor_given) return;
+    if (SUPPLY_OFF) s->row[MOTOR_COMMAND_PLACE] = 0.0; /* so that the linkage holds the effort, and not its own curve */
     for (int i = 0; i < EFFORT_COUNT; i++) s->row[EFFORT_PLACES[i]] = s->efforts[i];
+}
+
+static void put_parameter(unit_state *s, int i) {
+    for (int k = PARAMETER_BEGINS[i]; k < PARAMETER_BEGINS[i + 1]; k++) s->reals[PARAMETER_PLACES[k]] = s->parameters[i];
 }
 
 void unit_reset(unit *it) {
@@ -38,6 +43,7 @@ void unit_reset(unit *it) {
     if (REAL_COUNT > 0) memcpy(s->reals, REALS, REAL_COUNT * sizeof(double));
     memcpy(s->row, FIRST_ROW, sizeof s->row);
     s->command = FIRST_COMMAND;
+    for (int i = 0; i < PARAMETER_COUNT; i++) s->parameters[i] = s->reals[PARAMETER_PLACES[PARAMETER_BEGINS[i]]];
     for (int i = 0; i < EFFORT_COUNT; i++) s->efforts[i] = s->row[EFFORT_PLACES[i]];
 }
 
@@ -56,6 +62,8 @@ int unit_advance(unit *it, double until_s, int stop_at_event, int *stopped) {
     int64_t last = (int64_t)floor((until_s - s->start_s) / STEP_S + ON_STEP);
     char text[300];
     *stopped = 0;
+    for (int i = 0; i < PARAMETER_COUNT; i++) /* a live one counts from the next step on */
+        if (PARAMETER_LIVE[i]) put_parameter(s, i);
     while (s->step < last) {
         int64_t count = 0;
         give_efforts(s);
@@ -88,7 +96,7 @@ int unit_get_real(const unit *it, unsigned reference, double *value) {
     else if (reference == COMMAND) *value = s->command;
     else if (reference >= EFFORTS && reference < EFFORTS + EFFORT_COUNT) *value = s->efforts[reference - EFFORTS];
     else if (reference >= PARAMETERS && reference < PARAMETERS + PARAMETER_COUNT)
-        *value = s->reals[PARAMETER_PLACES[PARAMETER_BEGINS[reference - PARAMETERS]]];
+        *value = s->parameters[reference - PARAMETERS];
     else if (reference >= FRAME && reference < FRAME + ROW_COUNT) *value = s->row[reference - FRAME];
     else if (reference >= EVENTS && reference < EVENTS + EVENT_FIELDS * KIND_COUNT) {
         unsigned field = (reference - EVENTS) % EVENT_FIELDS;
@@ -117,7 +125,7 @@ int unit_set_real(unit *it, unsigned reference, double value) {
     else if (reference >= EFFORTS && reference < EFFORTS + EFFORT_COUNT) s->efforts[reference - EFFORTS] = value;
     else if (reference >= PARAMETERS && reference < PARAMETERS + PARAMETER_COUNT) {
         unsigned i = reference - PARAMETERS;
-        if (s->begun) {
+        if (s->begun && !PARAMETER_LIVE[i]) {
             snprintf(text, sizeof text, MACHINE_NAME ": parameter %s is fixed once the run has begun", PARAMETER_NAMES[i]);
             return told(it, text);
         }
@@ -127,7 +135,8 @@ int unit_set_real(unit *it, unsigned reference, double value) {
                 PARAMETER_NAMES[i], value, PARAMETER_LEAST[i], PARAMETER_GREATEST[i]);
             return told(it, text);
         }
-        for (int k = PARAMETER_BEGINS[i]; k < PARAMETER_BEGINS[i + 1]; k++) s->reals[PARAMETER_PLACES[k]] = value;
+        s->parameters[i] = value;
+        if (!PARAMETER_LIVE[i]) put_parameter(s, (int)i);
     } else return unknown(it, "input or parameter", reference);
     return 0;
 }

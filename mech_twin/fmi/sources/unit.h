@@ -22,6 +22,7 @@ typedef struct {
     double start_s;         /* time of the importer at step 0 */
     double command;         /* asked fraction of rated supply frequency */
     double efforts[SINGLE_EFFORTS];
+    double parameters[PARAMETER_COUNT > 0 ? PARAMETER_COUNT : 1];
     int32_t motor_given;    /* whether the efforts of the motor come from the importer */
     int32_t begun;
     double row[ROW_COUNT];  /* the frame: time, linkage, motor, forces, body */

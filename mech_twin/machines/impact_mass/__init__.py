@@ -7,6 +7,7 @@ import math
 from functools import partial
 from typing import Any
 
+from mech_twin.capabilities.blow_gauge import blow_remarks
 from mech_twin.machines.impact_mass.drawing import mass_drawing
 from mech_twin.machines.impact_mass.forces import StopReaction
 from mech_twin.machines.impact_mass.mechanism import mechanism
@@ -15,8 +16,9 @@ from mech_twin.machines.impact_mass.observer import MassObserver
 from mech_twin.machines.impact_mass.parameters import ImpactMass
 from mech_twin.machines.impact_mass.roles import ForceGenerator, MassOnStop
 from mech_twin.machines.impact_mass.wave_stop import blow_numbers, stop_gauge, unit_blow
+from mech_twin.parts.rod_waves.parameters import rounded_lengths
 from mech_twin.quantity import Parameters
-from mech_twin.roles import Capabilities, Machine
+from mech_twin.roles import Capabilities, Machine, no_remarks
 
 PARAMETERS = ImpactMass
 
@@ -76,9 +78,10 @@ def build(parameters: Parameters) -> Machine:
         report,
         analyse,
         lambda: MassObserver(p.stop_position_m, partial(blow_numbers, p.stop.wave, p.mass_kg) if waves else None),
-        mechanism(p.stop_position_m),
+        mechanism(p.stop_position_m, p.mass_kg),
         rests_when_supplied=True,
         gauge=stop_gauge(p.stop.wave, p.mass_kg) if waves else None,
+        remarks=partial(blow_remarks, rounded_lengths(p.stop.wave, "stop.wave")) if waves else no_remarks,
     )
 
 

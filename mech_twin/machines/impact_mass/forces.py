@@ -23,9 +23,9 @@ from mech_twin.engine.sample_vectors import (
 )
 from mech_twin.kernel import kernel
 from mech_twin.machines.impact_mass.contact_estimate import ContactEstimate, contact_estimate
-from mech_twin.machines.impact_mass.mass_row import CONTACTS
 from mech_twin.machines.impact_mass.memory import memory_of
 from mech_twin.machines.impact_mass.states import IMPACT, KIND_NAMES, STUCK
+from mech_twin.machines.impact_mass.step import CONTACTS
 
 
 class StopQuantities(NamedTuple):

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from mech_twin.engine.compiled_steps import linkage_step, log_event, motor_step, step_of
+from mech_twin.engine.compiled_steps import linkage_step, motor_step, step_of
 from mech_twin.engine.sample_vectors import (
     COMMAND,
     LINKAGE_JOINTS,
@@ -24,12 +24,9 @@ from mech_twin.machines.impact_mass.memory import (
     memory_of,
     motion_of,
 )
-from mech_twin.machines.impact_mass.states import KIND_CONTACTS, PHASE_1
-from mech_twin.machines.impact_mass.step import mass_step, reanchored, rescaled
+from mech_twin.machines.impact_mass.states import PHASE_1
+from mech_twin.machines.impact_mass.step import Span, mass_step, reanchored, rescaled
 from mech_twin.parts.supply import limited_command
-
-CONTACTS = tuple(dict.fromkeys(KIND_CONTACTS))
-CONTACT_OF_KIND = tuple(CONTACTS.index(contact) for contact in KIND_CONTACTS)
 
 
 class Generator(NamedTuple):
@@ -105,7 +102,9 @@ def mass_on_stop(
     if before != system:
         motion = reanchored(motion, before, system, steps, model.step_s)
     counts = rescaled(counts_of(memory), memory.mass_kg / model.mass_kg)
-    done = mass_step(motion, system, counts, steps + 1.0, model.step_s)
+    origin_s, latest_s = memory.origin_step_1 * model.step_s, (step + 1) * model.step_s
+    span = Span(origin_s, steps + 1.0, model.step_s, latest_s, model.mass_kg)
+    done = mass_step(motion, system, counts, span, log)
     velocity, added_kg = linkage[LINKAGE_JOINTS + 1], model.mass_kg - memory.mass_kg
     after = memory_of(out)
     fill_memory(done.motion, done.counts, system, after)
@@ -118,10 +117,4 @@ def mass_on_stop(
     out[LINKAGE_JOINTS], out[LINKAGE_JOINTS + 1] = model.stop_m - done.gap_m, done.velocity_m_per_s
     out[LINKAGE_JOINTS + 2] = levels[0] if done.motion.phase == PHASE_1 else levels[1]
     out[RESIDUALS_AT], out[RESIDUALS_AT + 1] = done.residuals.momentum_balance, done.residuals.energy_balance
-    origin_s, latest_s = memory.origin_step_1 * model.step_s, (step + 1) * model.step_s
-    for i in range(len(done.rows)):
-        kind, period, tau, pre, post, impulse = done.rows[i, :6]
-        time_s = min(origin_s + (period * system.period_s + tau), latest_s)
-        contact = CONTACT_OF_KIND[int(kind)]
-        log = log_event(log, i, time_s, int(kind), contact, pre, post, impulse * model.mass_kg, period)
-    return log, len(done.rows)
+    return done.log, done.found

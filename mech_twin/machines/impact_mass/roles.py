@@ -11,7 +11,7 @@ from mech_twin.engine.compiled_roles import CompiledLinkage, CompiledMotor
 from mech_twin.engine.sample_vectors import EventLayout, LinkageLayout, MotorLayout
 from mech_twin.machines.impact_mass.balance import BalanceResiduals
 from mech_twin.machines.impact_mass.dynamics import ImpactSystem, impact_system, initial_motion
-from mech_twin.machines.impact_mass.mass_row import CONTACTS, Generator, StoppedMass
+from mech_twin.machines.impact_mass.mass_row import Generator, StoppedMass
 from mech_twin.machines.impact_mass.memory import MassMemory, StepEnergies, packed
 from mech_twin.machines.impact_mass.states import (
     FREE_REGIME,
@@ -20,7 +20,7 @@ from mech_twin.machines.impact_mass.states import (
     STUCK,
     STUCK_REGIME,
 )
-from mech_twin.machines.impact_mass.step import RunningCounts
+from mech_twin.machines.impact_mass.step import CONTACTS, RunningCounts
 from mech_twin.samples import LinkageSample, Named
 
 RESIDUAL_LIMITS = dict.fromkeys(BalanceResiduals._fields, 1e-9)
@@ -38,6 +38,11 @@ class ForceGenerator(CompiledMotor):
     rate_per_s: float
     step_s: float
     joints: tuple[str, ...] = ("generator", "phase_1_level", "phase_2_level")
+
+    @property
+    def effort_limit(self) -> float:
+        """Greatest force that can be asked of it (N): its stronger level."""
+        return float(max(abs(self.phase1_force_n), abs(self.phase2_force_n)))
 
     @cached_property
     def model(self) -> Generator:

@@ -9,9 +9,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
+from mech_twin.engine.compiled_steps import log_event
+from mech_twin.engine.sample_vectors import Array
 from mech_twin.kernel import kernel
 from mech_twin.machines.impact_mass.balance import (
     BalanceResiduals,
@@ -41,14 +40,15 @@ from mech_twin.machines.impact_mass.states import (
     IMPACT,
     IMPACT_REGIME,
     IMPACTS_SUMMED,
+    KIND_CONTACTS,
     PHASE_CHANGE,
     SERIES,
     STUCK,
     STUCK_REGIME,
 )
 
-EVENT_COLUMNS = len(MotionEvent._fields)
-KIND, PERIOD, TAU, PRE, POST, IMPULSE, IMPACTS = range(EVENT_COLUMNS)  # of a row of the table of events
+CONTACTS = tuple(dict.fromkeys(KIND_CONTACTS))
+CONTACT_OF_KIND = tuple(CONTACTS.index(contact) for contact in KIND_CONTACTS)
 
 
 class RunningCounts(NamedTuple):
@@ -82,8 +82,8 @@ def rescaled(counts: RunningCounts, ratio: float) -> RunningCounts:
 class MassStep(NamedTuple):
     """The mass one coupling step later.
 
-    Anchor, counts, balance and what it leaves over; gap (m) and velocity (m/s) at the end; regime; event rows (n, 7)
-    in the columns of `MotionEvent`.
+    Anchor, counts, balance and what it leaves over; gap (m) and velocity (m/s) at the end; regime; table of events, and
+    how many it holds.
     """
 
     motion: MassMotion
@@ -93,7 +93,18 @@ class MassStep(NamedTuple):
     gap_m: float
     velocity_m_per_s: float
     regime: int
-    rows: NDArray[np.float64]
+    log: Array
+    found: int
+
+
+class Span(NamedTuple):
+    """The step that is walked: its origin of time (s), number of its end from there, length (s); the mass (kg)."""
+
+    origin_s: float
+    steps: float
+    step_s: float
+    latest_s: float  # the end of the step, as samples tell it
+    mass_kg: float
 
 
 @kernel
@@ -123,19 +134,12 @@ def counts_after_step(counts: RunningCounts, rest_impulse: float, step_impulse: 
 
 
 @kernel
-def doubled_table(rows: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a table twice as long with the same first rows."""
-    longer = np.empty((2 * len(rows), EVENT_COLUMNS))
-    longer[: len(rows)] = rows
-    return longer
-
-
-@kernel
-def write_event(row: NDArray[np.float64], event: MotionEvent) -> None:
-    """Write an event into a row of the table."""
-    row[KIND], row[PERIOD], row[TAU] = event.kind, event.period, event.tau_s
-    row[PRE], row[POST] = event.pre_m_per_s, event.post_m_per_s
-    row[IMPULSE], row[IMPACTS] = event.impulse_per_mass, event.impacts
+def logged(log: Array, count: int, event: MotionEvent, system: ImpactSystem, span: Span) -> Array:
+    """Return the table with an event in row ``count``, at the time that samples tell."""
+    time_s = min(span.origin_s + (event.period * system.period_s + event.tau_s), span.latest_s)
+    kind, impulse_ns = int(event.kind), event.impulse_per_mass * span.mass_kg
+    contact = CONTACT_OF_KIND[kind]
+    return log_event(log, count, time_s, kind, contact, event.pre_m_per_s, event.post_m_per_s, impulse_ns, event.period)
 
 
 @kernel
@@ -186,7 +190,7 @@ def lies_in_step(
 
 
 @kernel
-def mass_step(motion: MassMotion, system: ImpactSystem, counts: RunningCounts, steps: float, step_s: float) -> MassStep:
+def mass_step(motion: MassMotion, system: ImpactSystem, counts: RunningCounts, span: Span, log: Array) -> MassStep:
     """Return the mass one coupling step later.
 
     Parameters
@@ -197,13 +201,12 @@ def mass_step(motion: MassMotion, system: ImpactSystem, counts: RunningCounts, s
         Forces per unit of mass and restitution during the step.
     counts : RunningCounts
         Running counts.
-    steps : float
-        Number of the step that ends here, counted from the origin of time.
-    step_s : float
-        Coupling step, s.
+    span : Span
+        The step.
+    log : ndarray
+        Table of events; replaced by a longer one where they do not fit.
     """
-    rows = np.empty((8, EVENT_COLUMNS))
-    found, struck = 0, False
+    steps, step_s, found, struck = span.steps, span.step_s, 0, False
     balance = empty_balance()
     passed = elapsed(motion, system, steps - 1.0, step_s)
     gap, first = gap_after(motion, system, passed)
@@ -213,9 +216,7 @@ def mass_step(motion: MassMotion, system: ImpactSystem, counts: RunningCounts, s
         balance, rest = balance_after_event(balance, motion, system, coming, gap, passed)
         counts = counts_after_event(counts, coming, rest)
         struck = struck or coming.impacts > 0.0
-        if found == len(rows):
-            rows = doubled_table(rows)
-        write_event(rows[found], coming)
+        log = logged(log, found, coming, system, span)
         found += 1
         motion, passed, gap = after, 0.0, after.gap_m
         most = LISTED_MOST if found < LISTED_MOST else 1.0  # a step full of events sums each series from its second on
@@ -231,7 +232,7 @@ def mass_step(motion: MassMotion, system: ImpactSystem, counts: RunningCounts, s
     counts = counts_after_step(counts, rest, balance.stop_impulse_m_per_s)
     regime = regime_at(motion, coming, struck)
     left = residuals(balance, first, end_velocity)
-    return MassStep(motion, counts, balance, left, end_gap, end_velocity, regime, rows[:found])
+    return MassStep(motion, counts, balance, left, end_gap, end_velocity, regime, log, found)
 
 
 @kernel

@@ -156,4 +156,5 @@ def stop_gauge(rod: StopRod, mass_kg: float) -> BlowGauge:
         force = room[: found.steps].sum(axis=1)
         return GaugeCurve(grid.span_s, force, strain_per_n(grid) * force)
 
-    return BlowGauge(KIND_NAMES[int(IMPACT)], KIND_CONTACTS[int(IMPACT)], numbers, curve, rod.gauge_curve)
+    contacts = (KIND_CONTACTS[int(IMPACT)],)
+    return BlowGauge(KIND_NAMES[int(IMPACT)], contacts, numbers, curve, contacts if rod.gauge_curve else ())

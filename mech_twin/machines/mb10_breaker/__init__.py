@@ -4,7 +4,9 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 
+from mech_twin.capabilities.blow_gauge import blow_remarks
 from mech_twin.machines.mb10_breaker.blow_cycle_metrics import blow_energy
 from mech_twin.machines.mb10_breaker.constants import breaker
 from mech_twin.machines.mb10_breaker.coupling_limits import coupling_limits
@@ -18,8 +20,9 @@ from mech_twin.machines.mb10_breaker.roles import BreakerForces, BreakerLinkage,
 from mech_twin.machines.mb10_breaker.run_metrics import BreakerObserver
 from mech_twin.machines.mb10_breaker.wave_metrics import tool_gauge
 from mech_twin.parts.induction_motor import motor_constants
+from mech_twin.parts.rod_waves.parameters import rounded_lengths
 from mech_twin.quantity import Parameters
-from mech_twin.roles import BodyRole, Capabilities, Machine
+from mech_twin.roles import BodyRole, Capabilities, Machine, no_remarks
 
 PARAMETERS = BreakerParameters
 
@@ -56,6 +59,7 @@ def build(parameters: Parameters) -> Machine:
         mechanism=mechanism(constants, p.linkage.striker_angle_deg),
         blow_energy=lambda event: blow_energy(constants, event),
         gauge=tool_gauge(constants, p.tool.wave.gauge_curve),
+        remarks=partial(blow_remarks, rounded_lengths(p.tool.wave, "tool.wave")) if constants.waves else no_remarks,
     )
 
 

@@ -5,7 +5,16 @@ from __future__ import annotations
 
 import math
 
-from mech_twin.capabilities.mechanism import ROOT, Bar, FrameTree, fixed, four_bar_chain, turning
+from mech_twin.capabilities.mechanism import (
+    ROOT,
+    Bar,
+    FrameTree,
+    Inertia,
+    fixed,
+    four_bar_chain,
+    inertia_about_origin,
+    turning,
+)
 from mech_twin.machines.mb10_breaker.dynamics import Breaker
 
 PINS = ("crank_bearing", "crank_pin", "rocker_pin", "rocker_bearing")
@@ -41,4 +50,11 @@ def mechanism(b: Breaker, striker_angle_deg: float) -> FrameTree:
             Bar("rocker", (0.0, 0.0), tip, 0.012, (40, 40, 40)),
             Bar("tool", (0.0, 0.0), (TOOL_LENGTH_M, 0.0), 0.020, (205, 133, 63)),
         ),
+        inertias=(
+            inertia_about_origin("crank", b.crank.mass_kg, (b.crank.along_m, b.crank.across_m), b.crank.inertia_kg_m2),
+            Inertia("coupler", b.coupler.mass_kg, (b.coupler.along_m, b.coupler.across_m), b.coupler.inertia_kg_m2),
+            Inertia("rocker", b.rocker.mass_kg, (b.rocker.along_m, b.rocker.across_m), b.rocker.inertia_kg_m2),
+            Inertia("tool", b.tool_mass_kg),
+        ),
+        untold=(f"body: {b.body_inertia_kg_m2:g} kg m2 about the crank axis, its mass is not known",),
     )

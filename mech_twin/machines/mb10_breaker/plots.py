@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Plots of the breaker's body: amplitude and pressing force against the spring, the preload, both excitations."""
+"""Plots of the breaker's body over spring, preload and excitation; with the blow as a wave those of the blow too."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from mech_twin.machines.mb10_breaker.pressed_body.metrics import preload_range, 
 from mech_twin.machines.mb10_breaker.pressed_body.parameters import pressed_body
 from mech_twin.machines.mb10_breaker.published import SOFT_TABLE, paper_body
 from mech_twin.machines.mb10_breaker.spring_curves import swing_curve
+from mech_twin.machines.mb10_breaker.wave_plots import wave_pictures
 
 RATES = np.geomspace(100.0, 3.8e6, 1400)
 PRELOAD_M = 0.01
@@ -28,6 +29,8 @@ def pictures(parameters: BreakerParameters) -> Iterator[Picture]:
     yield _spring(changed)
     yield _preload(changed)
     yield _pulses(changed, parameters)
+    if parameters.tool.model == "wave":
+        yield from wave_pictures(parameters)
 
 
 def _spring(parameters: BreakerParameters) -> Picture:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections import deque
 
+from mech_twin.capabilities.last_records import LAST, over_last
 from mech_twin.machines.mb10_breaker.blow_contact import blow_contact, fading
 from mech_twin.machines.mb10_breaker.blow_cycle_metrics import (
     PEAKS,
@@ -26,7 +27,6 @@ from mech_twin.machines.motor_duty import MotorState, duty_after, shaft_work_j
 from mech_twin.parts.induction_motor import motor_constants, motor_torque
 from mech_twin.samples import Coordinate, Event, Frame, LinkageSample
 
-STEADY_BLOWS = 20
 COUNTED = {"blow": "blows", "missed": "missed_blows", "off_collar": "off_collar_blows", "stalled": "stalled"}
 Record = dict[str, float]
 
@@ -50,9 +50,9 @@ class BreakerObserver:
         self._line = parameters.tool.wave.life.line
         self._cycle = BlowCycle(0.0)
         self._body = BodyCycle(0.0, 0.0 if parameters.body.contact == "one_sided" else None)
-        self._blows: deque[Record] = deque(maxlen=STEADY_BLOWS)
-        self._waves: deque[Record] = deque(maxlen=STEADY_BLOWS)
-        self._body_cycles: deque[Record] = deque(maxlen=STEADY_BLOWS)
+        self._blows: deque[Record] = deque(maxlen=LAST)
+        self._waves: deque[Record] = deque(maxlen=LAST)
+        self._body_cycles: deque[Record] = deque(maxlen=LAST)
         self._worst: Record = {}
         self._run: Record = dict.fromkeys(
             ("largest_spring_force_n", "largest_lift_at_tool_m", "largest_gap_at_blow_m", *PEAKS), 0.0
@@ -91,9 +91,9 @@ class BreakerObserver:
         for count, records in (("steady_blows", self._blows), ("steady_body_cycles", self._body_cycles)):
             if records:
                 found[count] = float(len(records))
-                found.update(_over_last(records))
+                found.update(over_last(records))
         if self._waves:
-            found.update(_over_last(self._waves))
+            found.update(over_last(self._waves))
         return found
 
     def _motor_state(self, crank_speed: float, body_speed: float, command: float) -> MotorState:
@@ -210,19 +210,3 @@ class BreakerObserver:
         run["largest_spring_force_n"] = max(run["largest_spring_force_n"], force)
         for name, peak in zip(PEAKS, self._cycle.peaks, strict=True):
             run[name] = max(run[name], peak)
-
-
-def _over_last(records: deque[Record]) -> Record:
-    """Return each metric that all records have: its extreme if its name says so, else its mean."""
-    found = {}
-    for name in records[-1]:
-        values = [record[name] for record in records if name in record]
-        if len(values) < len(records):
-            continue
-        if "smallest" in name:
-            found[f"steady_{name}"] = min(values)
-        elif "largest" in name or "peak" in name:
-            found[f"steady_{name}"] = max(values)
-        else:
-            found[f"steady_{name}"] = sum(values) / len(values)
-    return found

@@ -2,7 +2,7 @@
 """Preload of the running breaker: the tool seated before every blow, in the worst case over the tolerances.
 
 The worst corner is looked for one number at a time, by the part of the cycle in flight that a preload below the edge
-leaves, and then proved: the preload chosen is run at the corners next to it and at random points within the box.  A
+leaves, and then tried: the preload chosen is run at the corners next to it and at random points within the box.  A
 point that breaks a limit there becomes the new worst one, until none is found.
 """
 
@@ -43,7 +43,7 @@ def seats(found: Seating, limits: Mapping[str, float] = LIMITS) -> bool:
 
 
 def running_sizing(soft: BreakerParameters, limits: Mapping[str, float], objective: str, tolerance: float) -> Sizing:
-    """Return the preload with the smallest objective among those that keep the limits over the whole box."""
+    """Return the preload with the smallest objective of those that keep the limits at all points tried."""
     runs: dict[tuple[float, tuple[tuple[str, float], ...]], Seating] = {}
     expected = 2 * SEARCH_RUNS if tolerance == 0.0 else SEARCH_RUNS + 2 * len(ASSUMED)
 
@@ -57,12 +57,12 @@ def running_sizing(soft: BreakerParameters, limits: Mapping[str, float], objecti
 
     below, nominal = _least_seating(at, {}, limits)
     worst = _worst_corner(at, nominal, tolerance)
-    chosen, proved = nominal, 1
+    chosen, tried = nominal, 1
     for _ in range(MOST_ROUNDS):
         expected += ROUND_RUNS if worst else 0
         low, bound = (below, nominal) if not worst else _least_seating(at, worst, limits)
         chosen = _least_objective(at, worst, bound, limits, objective)
-        broken, proved = _broken_at(at, chosen, worst, limits, tolerance)
+        broken, tried = _broken_at(at, chosen, worst, limits, tolerance)
         if broken is None:
             break
         worst = broken
@@ -94,7 +94,7 @@ def running_sizing(soft: BreakerParameters, limits: Mapping[str, float], objecti
             "rest_force_n": chosen,
             "rational_from_rest_force_n": bound,
             "nominal_edge_rest_force_n": nominal,
-            "points_tried_in_the_box": float(proved),
+            "points_tried_in_the_box": float(tried),
             **metrics,
             **{f"worst_{key.replace('.', '_')}_factor": factor for key, factor in worst.items()},
         },

@@ -3,18 +3,45 @@
 
 The striker is rigid, with the effective mass m_e of crank and body at its face; it strikes at the closing speed.  The
 impulse P of the whole blow acts as a rigid one does, -M^-1 j P.  Springs, motor and gravity give none within it.
-A tool that goes on into the wall keeps its mean momentum.  One that the wall throws back is taken to come to rest in
-its seat, at the permanent penetration: its energy is lost, its push on the collar left out.
+A tool that goes on into the wall keeps its mean momentum.  One that the wall throws back strikes the collar of the
+body, with the collar's restitution, where the body does not leave faster; then it rests in its seat, at the permanent
+penetration, and what it has left is lost.
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from mech_twin.kernel import kernel
-from mech_twin.machines.mb10_breaker.dynamics import Breaker, striker
+from mech_twin.machines.mb10_breaker.dynamics import Breaker, masses_at, striker
 from mech_twin.machines.mb10_breaker.impacts import Blow, impact_direction
 from mech_twin.parts.rod_waves.struck_tool import rod_blow
+
+
+class Push(NamedTuple):
+    """What a push does: change of u and phi', angular impulse on the body (N m s), work on crank and body (J)."""
+
+    du: float
+    dp: float
+    impulse_nms: float
+    work: float
+
+
+@kernel
+def push_on_body(b: Breaker, q: float, phi: float, p: float, back: float) -> Push:
+    """Return the push of a tool that comes back at a speed (m/s) on the collar of the body, if it reaches it.
+
+    Dp = (1 + e) m_t (w - r p) r/(m_t r^2 + M22 - M12^2/M11), Du = -(M12/M11) Dp; a body that is held takes none.
+    """
+    closing, r = back - b.tool_radius_m * p, b.tool_radius_m
+    if b.held or closing <= 0.0:
+        return Push(0.0, 0.0, 0.0, 0.0)
+    m = masses_at(b, q, phi)
+    seen = m.m22 - m.m12 * m.m12 / m.m11
+    dp = (1.0 + b.collar_restitution) * b.tool_mass_kg * closing * r / (b.tool_mass_kg * r * r + seen)
+    return Push(-m.m12 / m.m11 * dp, dp, seen * dp, seen * dp * (p + 0.5 * dp))
 
 
 @kernel
@@ -32,16 +59,21 @@ def strike_as_wave(
     found = rod_blow(b.wave, along.effective_kg, v, tool_speed, seated, none, none)
     impulse, after = found.impulse_ns, found.tool_momentum_ns / b.tool_mass_kg
     travel, plastic = found.tool_travel_m, False
-    if after <= 0.0:
-        after, travel = 0.0, found.penetration_m
-    left = tool_speed + v - impulse / along.effective_kg - after
-    if left > 0.0:
-        rest = left * along.effective_kg * b.tool_mass_kg / (along.effective_kg + b.tool_mass_kg)
-        impulse, after, left, plastic = impulse + rest, after + rest / b.tool_mass_kg, 0.0, True
-    gained = 0.5 * b.tool_mass_kg * (after - tool_speed) * (after + tool_speed)
-    loss = impulse * (tool_speed + v - 0.5 * impulse / along.effective_kg) - gained
+    u, p = u - along.x * impulse, p - along.y * impulse
+    loss = impulse * (tool_speed + v - 0.5 * impulse / along.effective_kg)
     pressed = along.pressed and not b.held
     collar = -along.m12 * along.x * impulse - b.tool_radius_m * impulse if pressed else 0.0
-    return Blow(
-        u - along.x * impulse, p - along.y * impulse, impulse, gained, loss, collar, after, travel, left, plastic
-    )
+    if after <= 0.0:
+        pushed = push_on_body(b, q, phi, p, -after)
+        loss -= pushed.work
+        u, p, collar = u + pushed.du, p + pushed.dp, collar + pushed.impulse_nms
+        after, travel = 0.0, found.penetration_m
+    left = slope * u - b.tool_radius_m * p - after
+    if left > 0.0:
+        rest = left * along.effective_kg * b.tool_mass_kg / (along.effective_kg + b.tool_mass_kg)
+        loss += rest * (after + left - 0.5 * rest / along.effective_kg)
+        u, p, impulse = u - along.x * rest, p - along.y * rest, impulse + rest
+        collar -= (along.m12 * along.x + b.tool_radius_m) * rest if pressed else 0.0
+        after, left, plastic = after + rest / b.tool_mass_kg, 0.0, True
+    gained = 0.5 * b.tool_mass_kg * (after - tool_speed) * (after + tool_speed)
+    return Blow(u, p, impulse, gained, loss - gained, collar, after, travel, left, plastic)

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from mech_twin.capabilities.blow_gauge import BlowGauge, GaugeCurve
 from mech_twin.machines.mb10_breaker.dynamics import Breaker
-from mech_twin.machines.mb10_breaker.impacts import impact_direction
+from mech_twin.machines.mb10_breaker.impacts import ImpactDirection, impact_direction
 from mech_twin.machines.mb10_breaker.state import EventSide
+from mech_twin.machines.mb10_breaker.wave_blow import push_on_body
 from mech_twin.parts.rod_waves.blow import RodBlow
 from mech_twin.parts.rod_waves.fatigue import StressLine
 from mech_twin.parts.rod_waves.struck_tool import (
@@ -20,8 +21,8 @@ from mech_twin.parts.rod_waves.struck_tool import (
     gauge_numbers,
     gauge_room,
     life_numbers,
-    place_m,
     rod_blow,
+    rod_numbers,
     strain_per_n,
 )
 from mech_twin.samples import Event
@@ -41,50 +42,37 @@ def tool_gauge(b: Breaker, sends_curve: bool) -> BlowGauge | None:
         force = room[: found.steps].sum(axis=1)
         return GaugeCurve(b.wave.span_s, force, strain_per_n(b.wave) * force)
 
-    return BlowGauge("blow", "tool", numbers, curve, sends_curve)
+    return BlowGauge("blow", ("tool",), numbers, curve, ("tool",) if sends_curve else ())
 
 
-def blow_of(b: Breaker, event: Event, gauge: NDArray[np.float64], forces: NDArray[np.float64]) -> tuple[RodBlow, float]:
-    """Return the blow of an event on the tool and its effective mass (kg); rows of both arrays are filled a step."""
-    before, after = EventSide(*event.pre), EventSide(*event.post)
-    takes_part = not b.held and after.body.velocity != before.body.velocity
-    seated = b.held or before.body.position == 0.0
-    along = impact_direction(b, before.crank.position, before.body.position, b.held or not takes_part, True)
-    if takes_part:
-        along = impact_direction(b, before.crank.position, before.body.position, False, False)
-    tool = before.tool.velocity
-    found = rod_blow(b.wave, along.effective_kg, event.pre_velocity_m_per_s, tool, seated or tool > 0.0, gauge, forces)
-    return found, along.effective_kg
+def blow_of(
+    b: Breaker, event: Event, gauge: NDArray[np.float64], forces: NDArray[np.float64]
+) -> tuple[RodBlow, ImpactDirection]:
+    """Return the blow of an event on the tool, and its direction; rows of both arrays are filled a step."""
+    before = EventSide(*event.pre)
+    rests = b.held or before.body.position == before.body.velocity == 0.0
+    along = impact_direction(b, before.crank.position, before.body.position, rests, False)
+    tool, closing = before.tool.velocity, event.pre_velocity_m_per_s
+    found = rod_blow(b.wave, along.effective_kg, closing, tool, rests or tool > 0.0, gauge, forces)
+    return found, along
 
 
 def blow_metrics(b: Breaker, event: Event, line: StressLine | None = None) -> dict[str, float]:
     """Return the metrics of one blow on the tool; of its life where an S-N line is given."""
     forces = np.empty((0, 1)) if line is None else force_room(b.wave)
-    found, effective = blow_of(b, event, np.empty((0, 2)), forces)
-    v, crank = event.pre_velocity_m_per_s, EventSide(*event.pre).crank
-    rebound = v - found.impulse_ns / effective
-    parting = found.tool_momentum_ns / b.tool_mass_kg - rebound
+    found, along = blow_of(b, event, np.empty((0, 2)), forces)
+    v, before = event.pre_velocity_m_per_s, EventSide(*event.pre)
+    rebound = v - found.impulse_ns / along.effective_kg
+    tool = found.tool_momentum_ns / b.tool_mass_kg
+    body, thrown_back = before.body, max(0.0, -tool)
+    p = body.velocity - along.y * found.impulse_ns
+    push = push_on_body(b, before.crank.position, body.position, p, thrown_back)
     return {
-        "incident_energy_j": found.incident_energy_j,
-        "transmitted_energy_j": found.transmitted_energy_j,
-        "forward_energy_j": found.forward_energy_j,
-        "reflected_energy_j": found.reflected_energy_j,
+        **rod_numbers(b.wave, found),
         "striker_rebound_m_per_s": -rebound,
-        "restitution_effective": parting / v,
-        "penetration_m": found.penetration_m,
-        "peak_force_n": found.peak_force_n,
-        "wall_peak_force_n": found.wall_peak_force_n,
-        "peak_stress_pa": found.peak_stress_pa,
-        "stress_place_m": place_m(b.wave, found.peak_stress_at_s),
-        "peak_tension_pa": found.peak_tension_pa,
-        "tension_place_m": place_m(b.wave, found.peak_tension_at_s),
-        "blow_contact_time_s": found.contact_time_s,
-        "blow_contacts": float(found.contacts),
-        "blow_efficiency": found.transmitted_energy_j / found.striker_energy_j,
-        "tool_energy_j": 0.5 * found.tool_momentum_ns**2 / b.tool_mass_kg,
-        "tool_thrown_back_m_per_s": max(0.0, -found.tool_momentum_ns / b.tool_mass_kg),
-        "tool_vibration_j": found.tool_vibration_j,
-        "blow_window_s": found.duration_s,
-        "crank_turn_in_contact_rad": abs(crank.velocity) * found.contact_time_s,
+        "restitution_effective": (tool - rebound) / v,
+        "tool_thrown_back_m_per_s": thrown_back,
+        "collar_push_ns": push.impulse_nms / b.tool_radius_m,
+        "crank_turn_in_window_rad": abs(before.crank.velocity) * found.duration_s,
         **({} if line is None else life_numbers(b.wave, line, found, forces)),
     }

@@ -19,8 +19,10 @@ from mech_twin.machines.mb10_breaker.settled_run import settled_run_metrics, wit
 from mech_twin.machines.mb10_breaker.tool_sizing import DIAMETERS_M, as_rod, sized_blow
 from mech_twin.parts.rod_waves.blow import RodBlow
 from mech_twin.parts.rod_waves.first_pass import (
+    STRIKERS,
     led_share_of_mass,
     led_share_of_rectangle,
+    led_share_of_steps,
     share_of_mass,
     share_of_rectangle,
 )
@@ -63,6 +65,7 @@ def wave_pictures(parameters: BreakerParameters) -> Iterator[Picture]:
 
 def _efficiency(parameters: BreakerParameters) -> Picture:
     figure, panels = sheet(1, 2, 9.0, 3.8)
+    middle = np.geomspace(0.05, 50.0, 40)
     fine, coarse = np.geomspace(0.05, 50.0, 200), np.geomspace(0.05, 50.0, 13)
     for closed, led, colour, label in (
         (share_of_rectangle, led_share_of_rectangle, BLUE, "rod of the tool's impedance, $x = 2Lk/cZ$"),
@@ -70,7 +73,10 @@ def _efficiency(parameters: BreakerParameters) -> Picture:
     ):
         panels[0].semilogx(fine, [closed(float(x)) for x in fine], color=colour, label=label)
         panels[0].semilogx(coarse, [led(float(x)) for x in coarse], "o", color=colour, markersize=4)
-    panels[0].set_xlabel("dimensionless wall stiffness")
+    for (label, steps), style in zip(STRIKERS.items(), ("-", "--", "-.", ":"), strict=True):
+        shares = [led_share_of_steps(steps, float(x), 100) for x in middle]
+        panels[0].semilogx(middle, shares, color=INK, linestyle=style, linewidth=1.0, label=label)
+    panels[0].set_xlabel("dimensionless wall stiffness, $x = 2Tk/Z$ or $a$")
     panels[0].set_title("First wave, long tool: lines closed form, dots led")
     for ratio, colour in zip(RATIOS, (BLUE, GREEN, ORANGE), strict=True):
         shares = []
@@ -83,8 +89,8 @@ def _efficiency(parameters: BreakerParameters) -> Picture:
     panels[1].set_title("Whole blow of the breaker at rated speed")
     for axes in panels:
         axes.set_ylabel("share of the striker's energy in the wall")
-        axes.set_ylim(0.0, 1.25)
-        axes.legend(loc="upper right")
+        axes.set_ylim(0.0, 1.6)
+        axes.legend(loc="upper right", fontsize=7)
     caption = "The wall keeps what loading and unloading enclose; a short tool brings the wave to it again and again."
     return Picture("mb10_breaker_blow_efficiency", f"{caption} {OWN}", figure)
 

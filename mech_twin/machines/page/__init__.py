@@ -3,10 +3,12 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
 
+from mech_twin.capabilities.blow_gauge import blow_remarks
 from mech_twin.machines.page.drawing import PageDrawing
 from mech_twin.machines.page.equations import PageInstant
 from mech_twin.machines.page.force_laws import PageNumbers
@@ -15,7 +17,7 @@ from mech_twin.machines.page.metrics import PageRun
 from mech_twin.machines.page.parameters import Page
 from mech_twin.machines.page.roles import Drives, PageLinkage, PageModel, PageReactions
 from mech_twin.quantity import Parameters
-from mech_twin.roles import Machine
+from mech_twin.roles import Capabilities, Machine
 
 PARAMETERS = Page
 
@@ -45,7 +47,17 @@ def build(parameters: Parameters) -> Machine:
         lambda: PageRun(shared),
         mechanism(shared),
         rests_when_supplied=True,
+        gauge=shared.rods.gauge(),
+        remarks=partial(blow_remarks, shared.rods.roundings()),
     )
+
+
+def capabilities() -> Capabilities:
+    """Return what a page answers beside running."""
+    from mech_twin.capabilities.sizing import SizingQuestion
+    from mech_twin.machines.page import sizing
+
+    return Capabilities(sizing=SizingQuestion(sizing.LIMITS, sizing.OBJECTIVES, sizing.sizing))
 
 
 def start_numbers(shared: PageModel) -> dict[str, float]:

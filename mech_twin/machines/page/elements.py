@@ -12,8 +12,9 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
+from mech_twin.machines.page.rods import ContactRod
 from mech_twin.machines.page.tables import TableRows, table
-from mech_twin.parts.induction_motor import InductionMotorParameters
+from mech_twin.parts.induction_motor import InductionMotorParameters, motor_constants
 from mech_twin.quantity import Parameters, choice, quantity
 
 LONGEST_M, LARGEST = 1e3, 1e9
@@ -222,6 +223,14 @@ class DriveElement(Parameters):
         return next(rows for rows in (getattr(self, key) for key in TABLES) if rows is not None)
 
     @property
+    def effort_limit(self) -> float:
+        """Greatest effort that it can be asked for (N m or N); 0 where it follows a speed, times or a table."""
+        if self.kind == "induction_motor" and self.motor is not None:
+            return float(motor_constants(self.motor).breakdown_torque_nm)
+        given = {"constant_torque": self.torque_nm, "constant_force": self.force_n, "dc_motor": self.stall_torque_nm}
+        return abs(given.get(self.kind) or 0.0)
+
+    @property
     def turns(self) -> bool:
         """Whether it drives a turning joint."""
         lengths = (
@@ -260,6 +269,10 @@ class Contact(Parameters):
     damping_s_per_m: float = quantity(
         "1", "damping of a compliant contact: force (1 + d v), d in s/m", default=0.0, ge=0.0
     )
+    rod: ContactRod | None = choice(
+        "rod on a wall that the contact strikes through: the blow is a wave in it, its restitution a result",
+        default=None,
+    )
     layer_m_n: TableRows | None = table(
         "m, N", "layer: depth from 0 on, and force while it is pressed; none while it is let go", default=None
     )
@@ -270,7 +283,7 @@ class Contact(Parameters):
     @model_validator(mode="after")
     def _complete(self) -> Self:
         one_of(self, "point", "joint")
-        one_of(self, "restitution", "stiffness_n_per_m", "layer_m_n", "gives_way_n")
+        one_of(self, "restitution", "stiffness_n_per_m", "layer_m_n", "gives_way_n", "rod")
         if self.layer_m_n is not None and (self.layer_m_n[0][0] != 0.0 or min(f for _, f in self.layer_m_n) < 0.0):
             raise ValueError("layer_m_n: expected depths from 0 on, and forces of 0 or more")
         if self.gives_way_n is not None:
@@ -278,11 +291,16 @@ class Contact(Parameters):
         elif self.point is not None:
             only(
                 self, "point on line", ("point", "line", "normal_deg"),
-                ("restitution", "stiffness_n_per_m", "damping_s_per_m", "layer_m_n"),
+                ("restitution", "stiffness_n_per_m", "damping_s_per_m", "layer_m_n", "rod"),
             )  # fmt: skip
         else:
             one_of(self, "least_m", "most_m", "least_deg", "most_deg")
         return self
+
+    @property
+    def rigid(self) -> bool:
+        """Whether its blows are impulses."""
+        return self.restitution is not None or self.rod is not None
 
     @property
     def turns(self) -> bool | None:

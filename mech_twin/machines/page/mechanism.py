@@ -6,7 +6,18 @@ from __future__ import annotations
 import math
 from itertools import pairwise
 
-from mech_twin.capabilities.mechanism import ROOT, Bar, FrameTree, Joint, Loop, Point, fixed, sliding, turning
+from mech_twin.capabilities.mechanism import (
+    ROOT,
+    Bar,
+    FrameTree,
+    Inertia,
+    Joint,
+    Loop,
+    Point,
+    fixed,
+    sliding,
+    turning,
+)
 from mech_twin.machines.page.drawing import COLOURS
 from mech_twin.machines.page.elements import DEGREE
 from mech_twin.machines.page.parameters import GROUND, Page
@@ -106,7 +117,10 @@ def mechanism(shared: PageModel) -> FrameTree:
     carried = {joint.name for joint in frames.joints}
     lengths = tuple(name for name in shared.assembly.columns if name in shared.assembly.slides - carried)
     sliders = tuple(n for n, d in page.drives.items() if not d.turns)
-    return FrameTree(tuple(frames.joints), tuple(loops), _bars(shared), (*lengths, *sliders))
+    masses = tuple(
+        Inertia(n, b.mass_kg, (b.centre_m[0], b.centre_m[1]), b.inertia_kg_m2) for n, b in page.bodies.items()
+    )
+    return FrameTree(tuple(frames.joints), tuple(loops), _bars(shared), (*lengths, *sliders), masses)
 
 
 def _bars(shared: PageModel) -> tuple[Bar, ...]:

@@ -3,10 +3,16 @@
 
 from __future__ import annotations
 
+from collections import deque
 from math import hypot, inf
 
+import numpy as np
+
+from mech_twin.capabilities.last_records import LAST, over_last
+from mech_twin.machines.page.equations import PageInstant
+from mech_twin.machines.page.force_laws import PageNumbers
 from mech_twin.machines.page.roles import PageModel
-from mech_twin.samples import Frame
+from mech_twin.samples import Frame, LinkageSample
 
 
 class PageRun:
@@ -22,6 +28,8 @@ class PageRun:
         self._shared = shared
         self._extremes: dict[str, tuple[float, float]] = {}
         self._blows: dict[str, list[float]] = {}  # count, largest impulse, sum of impulses, fastest, energy
+        self._rods: dict[str, deque[dict[str, float]]] = {n: deque(maxlen=LAST) for n in shared.rods.rods}
+        self._struck: dict[str, LinkageSample] = {}  # at the end of the step of the last blow
         self._first = self._last = 0.0
         self._work: dict[str, float] = {}
         self._begun = False
@@ -44,6 +52,9 @@ class PageRun:
         for event in linkage.events:
             if event.kind == "impact":
                 self._blow(event.contact, event.impulse_ns, event.pre_velocity_m_per_s, event.post_velocity_m_per_s)
+            if shared.rods.tells(event):
+                self._rods[event.contact].append(shared.rods.numbers(event))
+                self._struck[event.contact] = linkage
         self._work = {n: v for n, v in linkage.memory.as_dict().items() if n.endswith("_work_j")}
 
     def _take(self, name: str, value: float) -> None:
@@ -70,6 +81,14 @@ class PageRun:
             if span > 0.0:
                 out[f"{name}_impact_rate_hz"] = count / span
                 out[f"{name}_impact_force_mean_n"] = total / span
+        for name, told in self._rods.items():
+            if told:
+                out |= over_last(told, f"steady_{name}_")
+                masses = [
+                    contact_mass(self._shared, name, self._struck[name], ahead)
+                    for ahead in (0.0, told[-1]["blow_window_s"])
+                ]
+                out[f"last_{name}_striker_mass_change"] = masses[1] / masses[0] - 1.0
         for name, (least, most) in self._extremes.items():
             if name.endswith("_force_{}_n"):
                 out[name.format("max")] = most
@@ -82,6 +101,25 @@ class PageRun:
             out["run_drive_work_j"] = work
             out["run_power_mean_w"] = work / span
         return out
+
+
+def contact_mass(shared: PageModel, contact: str, linkage: LinkageSample, ahead_s: float) -> float:
+    """Return the effective mass (kg) at a contact some time after a sample, its joints moving on as they do.
+
+    Contacts that are closed do not take part.
+    """
+    places, assembly = shared.places, shared.assembly
+    n, nr, split, state = places.free, places.driven, assembly.split, list(shared.start_state)
+    joints = zip(linkage.joints, linkage.position, linkage.velocity, strict=True)
+    at = {name: position + ahead_s * speed for name, position, speed in joints}
+    for group, begin in ((split.free, 0), (split.dependent, 2 * n), (split.driven, 2 * n + places.dependent)):
+        for i, j in enumerate(group):
+            state[begin + i] = at[assembly.coordinates[j]]
+    now = PageInstant(places, PageNumbers(None), [0.0] * places.controls, 0.0, state)
+    values = np.array(now.equations(), dtype=float)
+    place = shared.system.law_values + places.laws.index(contact) * (n + nr + 5)
+    along = values[place : place + n]
+    return float(1.0 / (along @ np.linalg.solve(values[: n * n].reshape(n, n), along)))
 
 
 def _with_place(name: str) -> str:

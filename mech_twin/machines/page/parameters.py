@@ -92,6 +92,9 @@ class Page(Parameters):
 
     def _check_names_inside(self) -> None:
         """Refuse joints and bodies that stand deeper in an element and are not there."""
+        for name, contact in self.contacts.items():
+            if contact.rod is not None:
+                self._check_rod(f"contacts.{name}", contact)
         for name, coupling in self.couplings.items():
             for joint in coupling.joints:
                 self._check_joint(f"couplings.{name}", joint, coupling, turns=True)
@@ -124,18 +127,19 @@ class Page(Parameters):
 
     def groups(self) -> Iterator[tuple[str, Mapping[str, Parameters]]]:
         """Yield the groups of elements that are joined to others."""
-        for group in (
-            "joints",
-            "couplings",
-            "drives",
-            "springs",
-            "dampers",
-            "friction",
-            "contacts",
-            "loads",
-            "outputs",
-        ):
+        for group in GROUPS:
             yield group, getattr(self, group)
+
+    def _check_rod(self, where: str, contact: Contact) -> None:
+        """Refuse a rod that does not stand on the ground, or that a turning joint strikes."""
+        if contact.line is not None:
+            if self.point(contact.line)[0] != GROUND:
+                raise ValueError(f"{where}.line: '{contact.line}' moves; a rod stands on the ground")
+        elif contact.joint is not None:
+            if contact.turns:
+                raise ValueError(f"{where}.rod: '{contact.joint}' turns; expected a slider, or a point on a line")
+            if GROUND not in (self.point(point)[0] for point in self.joints[contact.joint].between):
+                raise ValueError(f"{where}.rod: no body of '{contact.joint}' is the ground; a rod stands on it")
 
     def _points(self) -> Iterator[tuple[str, str]]:
         for group, elements in self.groups():

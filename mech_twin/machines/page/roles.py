@@ -22,6 +22,7 @@ from mech_twin.machines.page.equations import PageInstant
 from mech_twin.machines.page.force_laws import PageNumbers
 from mech_twin.machines.page.functions import Functions, drive_row, functions_of, start_state
 from mech_twin.machines.page.parameters import Page
+from mech_twin.machines.page.rods import PageRods
 from mech_twin.machines.page.state_places import StatePlaces
 from mech_twin.machines.page.step import (
     DC,
@@ -157,8 +158,15 @@ class PageModel:
             np.array([*restitutions, *[-1.0] * (len(p.laws) - len(p.rigid))], dtype=float), timing,
             np.array(kinds, dtype=np.int64), np.array(gas, dtype=np.int64),
             n, p.dependent, nr, len(p.laws), len(p.switches), len(p.programs), len(p.worked), p.switch_controls,
-            law_values, law_values + len(p.laws) * (n + nr + 5), len(p.gases),
+            law_values, law_values + len(p.laws) * (n + nr + 5), len(p.gases), self.rods.rows,
+            np.array([p.laws.index(name) for name in self.rods.rods], dtype=np.int64),
+            np.zeros(len(p.laws), dtype=np.int64),
         )  # fmt: skip
+
+    @cached_property
+    def rods(self) -> PageRods:
+        """The rods that contacts strike through."""
+        return PageRods({name: c.rod for name, c in self.page.contacts.items() if c.rod is not None})
 
     @cached_property
     def tolerance(self) -> Array:
@@ -245,6 +253,12 @@ class Drives(CompiledMotor):
     def joints(self) -> tuple[str, ...]:
         """Names of the drives."""
         return tuple(self.shared.ordered_drives)
+
+    @property
+    def effort_limit(self) -> float:
+        """Greatest effort that can be asked: of one motor or constant effort alone; else 0."""
+        drives = tuple(self.shared.ordered_drives.values())
+        return drives[0].effort_limit if len(drives) == 1 else 0.0
 
     @cached_property
     def model(self) -> PageDrives:

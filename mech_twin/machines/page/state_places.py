@@ -45,8 +45,8 @@ class StatePlaces:
 
     @cached_property
     def rigid(self) -> tuple[str, ...]:
-        """Contacts with restitution."""
-        return tuple(name for name, c in self.page.contacts.items() if c.restitution is not None)
+        """Contacts with restitution: given, or that of a blow on a rod."""
+        return tuple(name for name, c in self.page.contacts.items() if c.rigid)
 
     @cached_property
     def layers(self) -> tuple[str, ...]:

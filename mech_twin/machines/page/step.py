@@ -177,8 +177,8 @@ def page_room(system: PageSystem, size: int) -> Room:
     room = room_for(system.free, system.law_count, system.switches, size)
     work = Workspace(room.work.rates, np.empty(size), room.work.end)
     return Room(
-        room.at, work, room.search, room.candidates, room.struck, room.ended, room.past, room.cut, room.before,
-        room.tolerance, room.method, room.steps,
+        room.at, work, room.search, room.candidates, room.struck, room.ended, room.past, room.cut,
+        room.series, room.before, room.tolerance, room.method, room.steps,
     )  # fmt: skip
 
 

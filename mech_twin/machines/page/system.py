@@ -7,8 +7,10 @@ from typing import NamedTuple
 
 from mech_twin.engine.compiled_steps import fill_event
 from mech_twin.engine.hybrid import laws
+from mech_twin.engine.hybrid.impacts import STRUCK, seek_impulses
 from mech_twin.engine.hybrid.laws import HIGH, HOLD, LOW, OPEN, Array, Equations, Indices, declares
 from mech_twin.kernel import borrowing_kernel
+from mech_twin.machines.page.rods import rod_restitution
 from mech_twin.mechanics.straight_line import call_straight_line
 
 PHASE, PORT, TOUCH, BEND = range(4)  # what a switch is
@@ -23,6 +25,7 @@ class PageSystem(NamedTuple):
 
     ``programs`` of the switches are the first; ``timing`` has of each how many instants a period has, and these.
     ``kinds`` tells what a switch is, ``gas`` whose amount the port has.
+    ``rods`` has a row for each rod, ``struck`` its law; ``marks`` is room, a law each.
     """
 
     instant: int
@@ -46,6 +49,9 @@ class PageSystem(NamedTuple):
     law_values: int
     follow_values: int
     gases: int
+    rods: Array
+    struck: Indices
+    marks: Indices
 
 
 @borrowing_kernel
@@ -212,6 +218,20 @@ def log_changes(
         fill_event(log, count, t, kind, i, 0.0, 0.0, 0.0, 0.0)
         count += 1
     return count
+
+
+@declares(laws.begin_impact, PageSystem)
+def begin_blow(system: PageSystem, t: float, y: Array, regimes: Indices, at: Equations) -> None:
+    """Lead the blow on each rod that is struck; m_e is plastic impulse over closing speed."""
+    if len(system.struck) == 0:
+        return
+    seek_impulses(regimes, at, system.marks, 0.0)
+    for i in range(len(system.struck)):
+        law = system.struck[i]
+        closing, impulse = -at.velocity[law], at.multiplier[law]
+        if system.marks[law] == STRUCK and impulse > 0.0:
+            e = rod_restitution(system.rods, i, impulse / closing, closing)
+            at.restitution[law] = system.restitutions[law] = e
 
 
 @borrowing_kernel

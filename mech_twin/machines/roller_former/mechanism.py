@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from math import cos, sin
 
-from mech_twin.capabilities.mechanism import ROOT, Bar, FrameTree, Joint, Loop, fixed, sliding, turning
+from mech_twin.capabilities.mechanism import ROOT, Bar, FrameTree, Inertia, Joint, Loop, fixed, sliding, turning
 from mech_twin.machines.roller_former.drawing import BODY_HALF_HEIGHT_M, COLOURS
 from mech_twin.machines.roller_former.dynamics import Former
 
@@ -23,7 +23,20 @@ def mechanism(former: Former) -> FrameTree:
         ),
         tuple(Loop(f"rod_end_{number}", f"cart_pin_{number}") for number in range(1, len(offsets) + 1)),
         tuple(bar for number, offset in enumerate(offsets, 1) for bar in _bars(former, number, offset)),
+        inertias=tuple(mass for number in range(1, len(offsets) + 1) for mass in _masses(former, number)),
+        untold=(
+            f"drive: {former.motor_inertia_kg_m2:g} kg m2 at the crank, its mass is not known",
+            f"crank: {len(offsets)} times {former.bank.crank_inertia_kg_m2:g} kg m2 about the shaft, no mass known",
+        ),
     )
+
+
+def _masses(former: Former, number: int) -> tuple[Inertia, ...]:
+    """Return a cart, and its rod as the machine counts it: half of its mass at either end."""
+    bank = former.bank
+    half, pin_mass = float(bank.rod_half_kg[number - 1]), float(bank.mass_kg[number - 1])
+    rod = Inertia(f"rod_{number}", 2.0 * half, (0.5 * bank.rod_m, 0.0), 0.5 * half * bank.rod_m**2)
+    return (Inertia(f"cart_{number}", pin_mass - half), rod)
 
 
 def _cart(former: Former, number: int, offset_rad: float) -> tuple[Joint, ...]:

@@ -3,10 +3,11 @@
 
 from __future__ import annotations
 
-from mech_twin.capabilities.mechanism import ROOT, Bar, FrameTree, Joint, Loop, fixed, sliding, turning
+from mech_twin.capabilities.mechanism import ROOT, Bar, FrameTree, Inertia, Joint, Loop, fixed, sliding, turning
 from mech_twin.machines.vibration_crank.slider_crank import BOOM, INFINITE_ROD, SliderCrank
 
 RED, BLUE, GREEN, GREY = (200, 60, 40), (60, 90, 180), (90, 140, 60), (60, 60, 60)
+HALVES = "masses are points: half of the rod's turns with the crank pin, half of it moves with the follower"
 
 
 def mechanism(s: SliderCrank) -> FrameTree:
@@ -26,11 +27,21 @@ def mechanism(s: SliderCrank) -> FrameTree:
     )
     bars = (*crank, *_follower_bars(s))
     if s.kind == INFINITE_ROD:
-        return FrameTree(joints, (), bars)
+        return FrameTree(joints, (), bars, inertias=_masses(s), untold=(HALVES,))
     rod = Bar("rod", (0.0, 0.0), (s.rod_m, 0.0), 0.012, BLUE)
     return FrameTree(
-        (*joints, fixed("rod", "rod_end", (s.rod_m, 0.0))), (Loop("rod_end", "follower_pin"),), (*bars, rod)
-    )
+        (*joints, fixed("rod", "rod_end", (s.rod_m, 0.0))), (Loop("rod_end", "follower_pin"),), (*bars, rod),
+        inertias=_masses(s), untold=(HALVES,),
+    )  # fmt: skip
+
+
+def _masses(s: SliderCrank) -> tuple[Inertia, ...]:
+    """Return the points that the machine counts its masses in: at the crank pin, the counterweight, the follower."""
+    turning_masses = (Inertia("crank", s.rotating_mass, (s.crank_m, 0.0)), Inertia("counterweight", s.counter_mass))
+    if s.kind == BOOM:
+        joint, load = (s.boom_m, 0.0), (s.load_ratio * s.boom_m, 0.0)
+        return (*turning_masses, Inertia("boom", s.joint_mass, joint), Inertia("boom", s.load_mass, load))
+    return (*turning_masses, Inertia("slider", s.joint_mass))
 
 
 def _slider(s: SliderCrank) -> tuple[Joint, ...]:

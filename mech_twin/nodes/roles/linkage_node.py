@@ -23,6 +23,7 @@ from mech_twin.nodes.exchange.base_node import RunOptions
 from mech_twin.nodes.exchange.peers import PeerWait
 from mech_twin.nodes.roles.linkage_inputs import LinkageInputs, LinkageRejoin
 from mech_twin.nodes.roles.linkage_outputs import LinkageOutputs
+from mech_twin.nodes.roles.ration import Ration
 from mech_twin.nodes.roles.role_node import RETRY_S, RoleNode
 from mech_twin.nodes.roles.step_pacer import LagNotice, StepPacer
 from mech_twin.nodes.roles.stepping_services import RequestOutcome, SteppingServices, answer_later
@@ -30,6 +31,10 @@ from mech_twin.parameters.load import RUN_GROUP, catalogue_entry, description_te
 from mech_twin.parameters.load import validated as validated_tree
 from mech_twin.quantity import Parameters
 from mech_twin.samples import LinkageSample
+
+CHANGE_SHARE = 0.1  # of a run's time that changes of parameters may take
+CHANGE_LEAST_S = 0.004  # of one, with what the other roles and the recorder do for it: 25 a second for ever
+CHANGE_BURST_S = 0.2  # 50 at once
 
 
 class LiveParameters:
@@ -84,6 +89,7 @@ class LinkageNode(RoleNode):
         self.paused = False
         self._reset_asked: str | None = None
         self._live = LiveParameters(machine_name)
+        self._changes = Ration(CHANGE_SHARE, CHANGE_BURST_S)
         self._pacer = StepPacer(self.machine.coupling_step_s, self.options.pace == "realtime")
         self._lag = LagNotice()
         self._wait = PeerWait(self.options.peer_timeout_s, self._born_s)
@@ -247,10 +253,15 @@ class LinkageNode(RoleNode):
 
     def judge_parameters(self, changes: list[Parameter]) -> SetParametersResult:
         """Say whether a change of live parameters validates; it takes effect at the next step."""
-        return self._tried(changes, self._live.validated)
+        refused = "" if self._adopting else self._changes.refusal()
+        if refused:
+            return SetParametersResult(successful=False, reason=refused)
+        with self._changes.taking(CHANGE_LEAST_S):
+            return self._tried(changes, self._live.validated)
 
     def _on_parameters(self, changes: list[Parameter]) -> None:
-        self._tried(changes, self._live.request)
+        with self._changes.taking():
+            self._tried(changes, self._live.request)
 
     def _tried(
         self, changes: list[Parameter], call: Callable[[Parameters, dict[str, object]], object]
@@ -267,10 +278,11 @@ class LinkageNode(RoleNode):
         return SetParametersResult(successful=True)
 
     def _adopt(self, parameters: Parameters, step: int) -> None:
-        self.machine = self.built(parameters)
-        self.diagnostics.limits(self.residual_limits(), self.machine.coupling_step_s)
-        self.revision += 1
-        self._describe(step)
+        with self._changes.taking():
+            self.machine = self.built(parameters)
+            self.diagnostics.limits(self.residual_limits(), self.machine.coupling_step_s)
+            self.revision += 1
+            self._describe(step)
 
     def _describe(self, from_step: int) -> None:
         self.revision = max(1, self.revision)

@@ -113,7 +113,7 @@ class LinkageOutputs:
         self._description = node.output(DESCRIPTION)
         gauge = node.machine.gauge
         self._gauge = None if gauge is None else node.output(BLOW_GAUGE)
-        self._curve = node.output(BLOW_WAVE) if gauge is not None and gauge.sends_curve else None
+        self._curve = node.output(BLOW_WAVE) if gauge is not None and gauge.sent else None
         self._steps_per_drawing = max(1, round(1.0 / (node.options.view_rate_hz * node.machine.coupling_step_s)))
 
     def describe(self, text: str) -> None:
@@ -141,7 +141,7 @@ class LinkageOutputs:
         for gauge, event in blow.told_blows(self._node.machine.gauge, events):
             if self._gauge is not None:
                 self._gauge.send_made(partial(blow.numbers_bytes, gauge, event))
-            if self._curve is not None:
+            if self._curve is not None and event.contact in gauge.sent:
                 self._curve.send_made(partial(blow.curve_message, gauge, event))
 
     def _drawn(self, sample: LinkageSample, body: BodySample | None) -> MarkerArray:

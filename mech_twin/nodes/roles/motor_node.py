@@ -1,15 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The motor node: torque of the drive at each step, the speed command, start and stop."""
+"""The motor node: torque of the drive at each step, commands of speed, effort and position, start and stop."""
 
 from __future__ import annotations
 
 import math
-import time
+from collections.abc import Callable
 
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64, String
+from std_msgs.msg import Float64, Float64MultiArray, String
 from std_srvs.srv import Trigger
 
+from mech_twin.capabilities.errors import StudyError
+from mech_twin.engine.coupling import Target, driven, effort_limit
 from mech_twin.engine.start_forecast import LOOK_AHEAD_S, start_forecast
 from mech_twin.messages import linkage as linkage_messages
 from mech_twin.messages import motor as motor_messages
@@ -18,7 +20,9 @@ from mech_twin.messages.joint_states import has_impact, joints_message
 from mech_twin.messages.step_marks import marked
 from mech_twin.messages.step_message import TARGET, MessageError, Row
 from mech_twin.messages.topics import (
+    EFFORT_COMMAND,
     MOTOR_JOINT_STATES,
+    POSITION_COMMAND,
     REJOIN,
     REJOIN_DESCRIPTION,
     REJOIN_LINKAGE,
@@ -26,17 +30,20 @@ from mech_twin.messages.topics import (
     SPEED_COMMAND,
     STEP_LINKAGE,
     STEP_MOTOR,
+    Topic,
 )
 from mech_twin.nodes.exchange.base_node import RunOptions
 from mech_twin.nodes.exchange.hand_over import HandedStep
 from mech_twin.nodes.roles.follower_node import FollowerNode
+from mech_twin.nodes.roles.ration import Ration
 from mech_twin.quantity import Parameters
-from mech_twin.roles import Machine
-from mech_twin.samples import LinkageSample, MotorSample
+from mech_twin.samples import EffortCommand, LinkageSample, MotorSample
 
 RATED = 1.0
 HIGHEST_COMMAND = 1.0
+HOLD = ("position", "stiffness", "damping")  # numbers of a position command
 FORECAST_SHARE = 0.1  # of a run's time that forecasts may take, however often a start is asked for
+FORECAST_BURST_S = 0.5  # owed: who was refused, changes a parameter and asks again, is not kept waiting
 
 
 class MotorNode(FollowerNode):
@@ -46,16 +53,17 @@ class MotorNode(FollowerNode):
         self, machine_name: str, parameters: Parameters | None = None, options: RunOptions | None = None
     ) -> None:
         super().__init__("motor", machine_name, parameters, options, STEP_LINKAGE, "linkage")
-        self.target: float | None = None
+        self.target: Target | None = None
         self._asked_target = RATED
-        self._next_forecast_s = 0.0
-        self._forecast_machine: Machine | None = None
+        self._forecasts = Ration(FORECAST_SHARE, FORECAST_BURST_S)
         self._out = self.step_output(STEP_MOTOR, 1)
         self._states = self.joint_state_output(MOTOR_JOINT_STATES, self.stream_window, joints_message)
         self._rejoin = self.output(REJOIN, recorded=False)
         self._linkage_rejoins = self.output(REJOIN_LINKAGE, recorded=False)
         self._description_rejoins = self.output(REJOIN_DESCRIPTION, recorded=False)
-        self.subscribe(SPEED_COMMAND, self._on_command)
+        self.subscribe(SPEED_COMMAND, self._on_speed)
+        self.subscribe(EFFORT_COMMAND, self._on_effort)
+        self.subscribe(POSITION_COMMAND, self._on_position)
         self.subscribe(REJOIN_MOTOR, self._on_last_sample)
         self.create_service(Trigger, "start", self._on_start)
         self.create_service(Trigger, "stop", self._on_stop)
@@ -70,11 +78,11 @@ class MotorNode(FollowerNode):
             self._rejoin.send(String(data="motor"))
             return None
         self.target = RATED if self.target is None else self.target
-        return self.machine.motor.respond(question, self.target)
+        return driven(self.machine, question, self.target)
 
     def send(self, answer: MotorSample) -> None:
         """Publish a motor sample, with the command it is on its way to."""
-        target = Row(TARGET, RATED if self.target is None else self.target)
+        target = Row(TARGET, self.target if isinstance(self.target, float) else self._asked_target)
         self._out.send(HandedStep(answer, (target, self.signature), motor_messages.to_bytes))
 
     def show(self, question: LinkageSample, answer: MotorSample) -> None:
@@ -85,9 +93,10 @@ class MotorNode(FollowerNode):
         if self.target is not None:
             return
         try:
-            if message.name:
-                motor_messages.from_message(message, self.machine.coupling_step_s)
-            self._take_command(marked(message, TARGET, RATED))
+            sample = motor_messages.from_message(message, self.machine.coupling_step_s) if message.name else None
+            self._take_speed(marked(message, TARGET, RATED))
+            if sample is not None and sample.asked is not None:
+                self._take_effort(sample.asked)
         except MessageError as error:
             self.statistics.count(REJOIN_MOTOR.name, "malformed", str(error))
 
@@ -97,13 +106,37 @@ class MotorNode(FollowerNode):
             self._description_rejoins.send(String(data=self.description))
             self._linkage_rejoins.send(JointState() if self.last_message is None else self.last_message.raw)
 
-    def _on_command(self, message: Float64) -> None:
-        try:
-            self._take_command(message.data)
-        except MessageError as error:
-            self.statistics.count(SPEED_COMMAND.name, "malformed", str(error))
+    def _on_speed(self, message: Float64) -> None:
+        self._obey(SPEED_COMMAND, lambda: self._take_speed(message.data))
 
-    def _take_command(self, fraction: float) -> None:
+    def _on_effort(self, message: Float64) -> None:
+        self._obey(EFFORT_COMMAND, lambda: self._take_effort(EffortCommand(message.data)))
+
+    def _on_position(self, message: Float64MultiArray) -> None:
+        def hold() -> None:
+            if len(message.data) != len(HOLD):
+                raise MessageError(f"{len(message.data)} numbers; expected {len(HOLD)}: {', '.join(HOLD)}")
+            position, stiffness, damping = message.data
+            if stiffness < 0.0 or damping < 0.0:
+                raise MessageError(f"stiffness {stiffness:g}, damping {damping:g}; expected 0 or more of both")
+            self._take_effort(EffortCommand(0.0, position, stiffness, damping))
+
+        self._obey(POSITION_COMMAND, hold)
+
+    def _obey(self, topic: Topic, take: Callable[[], None]) -> None:
+        """Take a command; count one that is refused, with the reason."""
+        try:
+            take()
+        except (MessageError, StudyError) as error:
+            self.statistics.count(topic.name, "malformed", str(error))
+
+    def _take_effort(self, asked: EffortCommand) -> None:
+        limit = effort_limit(self.machine)
+        if not all(map(math.isfinite, asked)) or abs(asked.effort) > limit:
+            raise MessageError(f"{', '.join(map(str, asked))}: expected finite numbers, an effort within {limit:g}")
+        self.target = asked
+
+    def _take_speed(self, fraction: float) -> None:
         if not math.isfinite(fraction) or not 0.0 <= fraction <= HIGHEST_COMMAND:
             raise MessageError(f"{fraction} is outside 0 to {HIGHEST_COMMAND}")
         self.target = fraction
@@ -113,14 +146,12 @@ class MotorNode(FollowerNode):
     def _on_start(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Switch the supply on, if the machine turns then; the run waits while that is computed."""
         linkage, asked = self.last_question, self._asked_target
-        begun = time.monotonic()
-        if self._forecast_machine is self.machine and begun < self._next_forecast_s:
-            response.message = f"asked too often: ask again in {self._next_forecast_s - begun:.1f} s"
-            response.success = False
+        refused = self._forecasts.refusal()
+        if refused:
+            response.success, response.message = False, refused
             return response
-        forecast = None if linkage is None else start_forecast(self.machine, linkage, asked)
-        now, self._forecast_machine = time.monotonic(), self.machine
-        self._next_forecast_s = now + (now - begun) / FORECAST_SHARE
+        with self._forecasts.taking():
+            forecast = None if linkage is None else start_forecast(self.machine, linkage, asked)
         response.success = forecast is None or forecast.turns
         if forecast is None or forecast.turns:
             self.target = asked

@@ -21,11 +21,12 @@ from rclpy.signals import SignalHandlerOptions
 from mech_twin.configuration_tree import configuration_tree
 from mech_twin.engine.assembly import FrameAssembler
 from mech_twin.interruption import EXIT_CODE_BASE, SIGNALS
-from mech_twin.messages.topics import run_topics
+from mech_twin.messages.topics import FRAMES, ROBOT_DESCRIPTION, run_topics
 from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode, sent_messages
 from mech_twin.nodes.exchange.spinner import Spinner, destroy_nodes
 from mech_twin.nodes.roles.body_node import BodyNode
 from mech_twin.nodes.roles.force_node import ForceNode
+from mech_twin.nodes.roles.frames_node import FramesNode
 from mech_twin.nodes.roles.linkage_node import LinkageNode
 from mech_twin.nodes.roles.motor_node import MotorNode
 from mech_twin.nodes.roles.recorder_node import RecorderNode
@@ -46,11 +47,11 @@ DRAIN_LIMIT_S = 2.0
 
 
 class Outcome(NamedTuple):
-    """What a run came to: its metrics, and the messages sent and recorded, by full topic name."""
+    """What a run came to: its metrics, and the messages sent and heard by the recorder, by full topic name."""
 
     metrics: RunMetrics
     sent: dict[str, int]
-    recorded: dict[str, int]
+    heard: dict[str, int]
 
 
 def role_nodes(machine_name: str, parameters: Parameters | None, options: RunOptions) -> Iterator[RoleNode]:
@@ -123,11 +124,13 @@ def run_in_process(
             nodes.append(viewer)
         metrics = _observed(roles, viewer)
         linkage = roles[-1]
+        if linkage.machine.mechanism is not None:
+            nodes.append(FramesNode(machine_name, parameters, apart))
         with Spinner(nodes) as spinner:
             with attended(machine_name, metrics, directory, spinner) as quits:
                 spinner.serve(lambda: signal.asked or linkage.done or quits())
             drain(nodes, spinner)
-        return Outcome(metrics, sent_messages(nodes), _recorded(nodes))
+        return Outcome(metrics, _sent(nodes), _heard(nodes))
 
 
 def _observed(roles: Sequence[RoleNode], viewer: ViewerNode | None) -> RunMetrics:
@@ -163,8 +166,8 @@ def drain(nodes: Sequence[TwinNode], spinner: Spinner) -> None:
     end = time.monotonic() + DRAIN_LIMIT_S
 
     def settled() -> bool:
-        recorded, sent = _recorded(nodes), sent_messages(nodes)
-        late = any(recorded.get(name, number) < number for name, number in sent.items())
+        heard, sent = _heard(nodes), _sent(nodes)
+        late = any(heard.get(name, number) < number for name, number in sent.items())
         return not late or time.monotonic() > end
 
     for node in nodes:
@@ -172,11 +175,21 @@ def drain(nodes: Sequence[TwinNode], spinner: Spinner) -> None:
     spinner.until(settled)
 
 
-def _recorded(nodes: Sequence[TwinNode]) -> dict[str, int]:
+def _heard(nodes: Sequence[TwinNode]) -> dict[str, int]:
     total: dict[str, int] = {}
     for node in nodes:
         total |= node.received
-    return total
+    return _without_frames(nodes, total)
+
+
+def _sent(nodes: Sequence[TwinNode]) -> dict[str, int]:
+    return _without_frames(nodes, sent_messages(nodes))
+
+
+def _without_frames(nodes: Sequence[TwinNode], counts: dict[str, int]) -> dict[str, int]:
+    """Return counts without what a recorder hears only from when it finds it on: the run does not wait for that."""
+    found = {node.resolve_topic_name(topic.name) for node in nodes for topic in (FRAMES, ROBOT_DESCRIPTION)}
+    return {name: number for name, number in counts.items() if name not in found}
 
 
 STOP_LIMIT_S = 10.0  # a bound for a busy machine; they end within a second

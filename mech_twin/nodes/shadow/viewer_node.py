@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
@@ -16,12 +17,15 @@ from mech_twin.parameters.load import catalogue_entry
 from mech_twin.quantity import Parameters
 from mech_twin.roles import Machine
 from mech_twin.samples import BodySample, Frame, LinkageSample, Shape
+from mech_twin.studies.advice import Recommendation
+from mech_twin.studies.live_monitor import LiveMonitor
 from mech_twin.studies.monitoring.fault_life import FaultLife
+from mech_twin.studies.monitoring.naming import Candidate
 from mech_twin.studies.observer.estimate import FrameEstimate, SensedChannel
 from mech_twin.studies.observer.lock_on import SeenSample
 from mech_twin.view.bench.link import PREFIX, BenchLink
 from mech_twin.view.bench.shadow_scene import BenchShadowScene
-from mech_twin.view.shadow_picture import ChannelReading, ShadowPicture, ShownChannel
+from mech_twin.view.shadow_picture import ChannelReading, ShadowPicture, ShownChannel, ShownFault
 
 if TYPE_CHECKING:
     from mech_twin.nodes.shadow.advisor_node import AdvisorNode
@@ -109,18 +113,15 @@ class ShadowViewerNode(TwinNode):
 
     def _picture(self, model: Sequence[Shape] = (), measured: Sequence[Shape] = ()) -> ShadowPicture:
         state = self._state()
-        faults = [
-            (each.name, str(each.state), each.is_acknowledged) for each in state.faults or () if each.state in SEEN
-        ]
         cards = (("level", state.level), ("largest residual", f"{state.largest_sigma:.1f} sigma"))
-        return ShadowPicture(model, measured, state_line(state), state.observer, cards, tuple(faults), self._advice())
+        faults = () if self._monitor is None else shown_faults(self._monitor.live)
+        return ShadowPicture(model, measured, state_line(state), state.observer, cards, faults, self._advice())
 
-    def _advice(self) -> str:
+    def _advice(self) -> tuple[tuple[str, str], ...]:
         advisor = self._advisor
         if advisor is None or advisor.state.phase != "offered" or advisor.state.advice is None:
-            return ""
-        told = advisor.state.advice._asdict()
-        return ", ".join(f"{name.replace('_', ' ')} {_shortly(value)}" for name, value in told.items())
+            return ()
+        return advice_rows(advisor.state.advice, dry_run=advisor.wish.dry_run)
 
     def _banner(self) -> str:
         return state_line(self._state())
@@ -134,8 +135,36 @@ class ShadowViewerNode(TwinNode):
         return ShadowState(observer, shadow.level, time_s, self._largest_sigma, faults)
 
 
-def _shortly(value: object) -> str:
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
+def shown_faults(live: LiveMonitor) -> tuple[ShownFault, ...]:
+    """Return the faults that are pending, active or latched, each with the size of its best candidate."""
+    found = live.newest
+    if found is None:
+        return ()
+    shown = []
+    for life in live.monitor.lives.values():
+        if life.state in SEEN:
+            best = next((each for each in found.candidates if life.name in (found.finding, each.name)), None)
+            until_s = life.shelved_until_s if life.shelved_until_s > found.time_s else None
+            shown.append(ShownFault(life.name, life.state, life.since_s, _size(best), life.is_acknowledged, until_s))
+    return tuple(shown)
+
+
+def _size(best: Candidate | None) -> str:
+    if best is None or not math.isfinite(best.size):
+        return ""
+    return f"{best.name} {best.size:.4g} ({best.low_95:.4g} to {best.high_95:.4g}) {shown_unit(best.unit)}".rstrip()
+
+
+def advice_rows(advice: Recommendation, *, dry_run: bool) -> tuple[tuple[str, str], ...]:
+    """Return what an advice asks for and rests on, by name."""
+    return (
+        ("set", advice.key),
+        ("from, to", f"{advice.value:.4g} to {advice.proposed:.4g} (of {advice.low:.4g} to {advice.high:.4g})"),
+        ("gain", f"{advice.figure} nearer by {advice.gain:.3g} ({advice.gain_low:.3g} to {advice.gain_high:.3g})"),
+        ("because", advice.evidence),
+        ("holds until", f"t = {advice.expires_s:.1f} s"),
+        ("if accepted", "noted, nothing is sent" if dry_run else "sent to the machine, on trial"),
+    )
 
 
 def opened_shadow_scene(

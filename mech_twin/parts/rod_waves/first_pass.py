@@ -8,6 +8,8 @@ wave p of the striker (LundbergPercussive1982).
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 import numpy as np
 
@@ -17,6 +19,15 @@ from mech_twin.parts.rod_waves.contact_law import FREE_END, RIGID_FACE, linear_c
 
 UNIT = Section(1, 1.0, 1.0, 0.0)
 CELLS = 400
+Steps = Sequence[tuple[float, float]]  # from the back to the face: share of the transit time, impedance over the tool's
+STRIKERS: Mapping[str, Steps] = MappingProxyType(
+    {
+        "twice the impedance": ((1.0, 2.0),),
+        "thick, thin at the face": ((0.6, 2.5), (0.4, 1.0)),
+        "thin, thick at the face": ((0.4, 1.0), (0.6, 2.5)),
+        "thick amid thin ends": ((0.35, 0.8), (0.3, 2.0), (0.35, 1.0)),
+    }
+)
 
 
 def share_of_rectangle(x: float) -> float:
@@ -33,11 +44,28 @@ def share_of_mass(a: float) -> float:
 
 def led_share_of_rectangle(x: float, cells: int = CELLS) -> float:
     """Return the share of the rod as a striker, led on a grid of so many cells a striker."""
-    rods = [[UNIT._replace(cells=cells)], [UNIT._replace(cells=4 * cells)]]
-    wall = linear_contact(0.5 * x)  # striker of transit time 1: the wave lasts 2
+    return led_share_of_steps(((1.0, 1.0),), x, cells)
+
+
+def led_share_of_steps(steps: Steps, x: float, cells: int = CELLS) -> float:
+    """Return the share of a striker of several sections, led on a grid of so many cells a striker.
+
+    Parameters
+    ----------
+    steps : sequence of pairs
+        Of each section: share of the striker's transit time T, impedance over the tool's Z.
+    x : float
+        2 k T/Z of the wall; that of `share_of_rectangle` for a uniform striker.
+    cells : int
+        Cells of the striker.
+    """
+    sections = [UNIT._replace(cells=round(part * cells), impedance=z) for part, z in steps]
+    own = sum(section.cells for section in sections)
+    rods = [sections, [UNIT._replace(cells=8 * cells)]]
+    wall = linear_contact(0.5 * x)  # striker of transit time 1
     chain, state = chain_of(rods, [FREE_END, RIGID_FACE, wall], [0.0, 0.0, 0.0], 1.0 / cells)
-    set_speed(chain, state, 0, cells, 1.0)
-    return _led(chain, state, 1, 7.8)
+    set_speed(chain, state, 0, own, 1.0)
+    return _led(chain, state, 1, 15.9)
 
 
 def led_share_of_mass(a: float, cells: int = CELLS) -> float:

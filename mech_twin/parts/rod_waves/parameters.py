@@ -237,8 +237,8 @@ def _on_grid(segment: RodSegment, span_s: float) -> GridPiece:
     return GridPiece(cells, segment.impedance, segment.area_m2, loss, cells * span_s * segment.speed_m_per_s)
 
 
-def wave_grid(p: WaveTool, yielding_n: float) -> WaveGrid:
-    """Return the constants of a blow on a grid of equal transit time.
+def wave_grid(p: WaveTool, yielding_n: float, where: str = "wave.") -> WaveGrid:
+    """Return the constants of a blow on a grid of equal transit time; ``where`` stands before a key that is refused.
 
     Raises
     ------
@@ -246,24 +246,24 @@ def wave_grid(p: WaveTool, yielding_n: float) -> WaveGrid:
         No tool, a gauge beyond it, more cells than `MOST_CELLS`, or more steps than `MOST_STEPS`.
     """
     if p.rod.length_m == 0.0:
-        raise ValueError("wave.rod.length_m must be above 0: there is no tool to strike")
+        raise ValueError(f"{where}rod.length_m must be above 0: there is no tool to strike")
     span = (p.rod.transit_s + p.tip.transit_s) / p.cells
     head, rod, tip, foot = (_on_grid(piece, span) for piece in (p.head, p.rod, p.tip, p.foot))
     cells = head.cells + rod.cells + tip.cells + foot.cells
     if cells > MOST_CELLS:
         raise ValueError(
-            f"wave.cells = {p.cells} makes {cells} cells of head, tool and foot; at most {MOST_CELLS}: head "
+            f"{where}cells = {p.cells} makes {cells} cells of head, tool and foot; at most {MOST_CELLS}: head "
             "or foot is long against the tool"
         )
     if p.window_s > MOST_STEPS * span:
         raise ValueError(
-            f"wave.window_s must be at most {MOST_STEPS * span:.4g} s, {MOST_STEPS} times the transit time of a cell; "
-            f"got {p.window_s:g}: take fewer cells"
+            f"{where}window_s must be at most {MOST_STEPS * span:.4g} s, {MOST_STEPS} times the transit time of a "
+            f"cell; got {p.window_s:g}: take fewer cells"
         )
     along = p.gauge_m
     if along > p.rod.length_m + p.tip.length_m:
         raise ValueError(
-            f"wave.gauge_m must be at most {p.rod.length_m + p.tip.length_m:.6g} m, the length of the tool; "
+            f"{where}gauge_m must be at most {p.rod.length_m + p.tip.length_m:.6g} m, the length of the tool; "
             f"got {along:g}"
         )
     in_rod = min(along, p.rod.length_m)
@@ -286,11 +286,11 @@ def wave_grid(p: WaveTool, yielding_n: float) -> WaveGrid:
     )
 
 
-def rounded_lengths(p: WaveTool) -> dict[str, tuple[float, float]]:
-    """Return the length asked for and the one on the grid (m), of each piece that is there."""
+def rounded_lengths(p: WaveTool, where: str) -> dict[str, tuple[float, float]]:
+    """Return the length asked for and the one on the grid (m), of each piece that is there, by its key."""
     grid = wave_grid(p, 0.0)
     return {
-        name: (getattr(p, name).length_m, getattr(grid, name).length_m)
+        f"{where}.{name}.length_m": (getattr(p, name).length_m, getattr(grid, name).length_m)
         for name in ("head", "rod", "tip", "foot")
         if getattr(p, name).length_m > 0.0
     }

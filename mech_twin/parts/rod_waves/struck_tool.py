@@ -119,6 +119,31 @@ def gauge_numbers(grid: WaveGrid, found: RodBlow) -> tuple[float, ...]:
     return *energies, found.gauge_peak_n, found.gauge_peak_n * strain_per_n(grid), found.gauge_tension_n
 
 
+def rod_numbers(grid: WaveGrid, found: RodBlow) -> dict[str, float]:
+    """Return what a blow tells of the rods, the contacts and the wall, by name with unit."""
+    return {
+        "incident_energy_j": found.incident_energy_j,
+        "transmitted_energy_j": found.transmitted_energy_j,
+        "forward_energy_j": found.forward_energy_j,
+        "reflected_energy_j": found.reflected_energy_j,
+        "penetration_m": found.penetration_m,
+        "peak_force_n": found.peak_force_n,
+        "wall_peak_force_n": found.wall_peak_force_n,
+        "peak_stress_pa": found.peak_stress_pa,
+        "stress_place_m": place_m(grid, found.peak_stress_at_s),
+        "peak_tension_pa": found.peak_tension_pa,
+        "tension_place_m": place_m(grid, found.peak_tension_at_s),
+        "blow_contact_time_s": found.contact_time_s,
+        "blow_contacts": float(found.contacts),
+        "blow_efficiency": found.transmitted_energy_j / found.striker_energy_j,
+        "tool_energy_j": 0.5 * found.tool_momentum_ns**2 / grid.tool_mass_kg,
+        "tool_vibration_j": found.tool_vibration_j,
+        "contact_loss_j": found.contact_loss_j,
+        "blow_window_s": found.duration_s,
+        "blow_unended": 0.0 if found.parted else 1.0,
+    }
+
+
 def force_room(grid: WaveGrid) -> Array:
     """Return room for the force in each cell over the longest blow."""
     cells = grid.head.cells + grid.rod.cells + grid.tip.cells + grid.foot.cells

@@ -15,6 +15,7 @@ import scipy
 import yaml
 
 from mech_twin import __version__
+from mech_twin.input_file import opened_input
 from mech_twin.parameters.load import description_text
 from mech_twin.studies.identification.channel_fits import ChannelFit
 from mech_twin.studies.identification.held_out import Score
@@ -124,7 +125,7 @@ def digest(path: Path) -> str:
     if path.is_dir():
         files = {each.name: each for each in path.iterdir() if each.is_file()}
     for name in sorted(files):
-        with files[name].open("rb") as stream:
+        with opened_input(files[name]) as stream:
             while block := stream.read(HASHED_BLOCK):
                 found.update(block)
     return found.hexdigest()

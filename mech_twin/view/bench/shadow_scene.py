@@ -25,6 +25,7 @@ from mech_twin.view.shadow_picture import (
     ChannelReading,
     ShadowPicture,
     ShownChannel,
+    ShownFault,
     as_measured,
     channel_rows,
 )
@@ -54,8 +55,8 @@ class BenchShadowScene:
         self._bounds: Bounds | None = None
         self._time_s = 0.0
         self._sent_at = -1.0
-        self._faults: tuple[tuple[str, str, bool], ...] | None = None
-        self._advice = ""
+        self._faults: tuple[ShownFault, ...] | None = None
+        self._advice: tuple[tuple[str, str], ...] | None = None
         shown: list[Panel] = []
         for each in self._channels:
             shown += [Panel(each.title, (each.curves,)), Panel(f"Residual: {each.title}", (each.residual,))]
@@ -84,7 +85,7 @@ class BenchShadowScene:
             self._bounds = self._extent.bounds()
         width_m = 1.0 if self._bounds is None else self._bounds.right_m - self._bounds.left_m
         drawn = [shape for shape in shapes if shape.kind != "text"]
-        active = [name for name, state, _ in picture.faults if state != "pending"]
+        active = [each.name for each in picture.faults if each.state != "pending" and each.shelved_until_s is None]
         self._link.show(
             {
                 "time_s": round(self._time_s, 9),
@@ -116,11 +117,10 @@ class BenchShadowScene:
     def _tell_faults(self, picture: ShadowPicture) -> None:
         if picture.faults != self._faults:
             self._faults = picture.faults
-            rows = [{"name": name, "state": state, "acknowledged": known} for name, state, known in picture.faults]
-            self._link.tell("alarms", {"faults": rows})
+            self._link.tell("alarms", {"faults": [each._asdict() for each in picture.faults]})
         if picture.advice != self._advice:
             self._advice = picture.advice
-            self._link.tell("advice", {"text": picture.advice})
+            self._link.tell("advice", {"rows": picture.advice})
 
     def _taken(self) -> list[Curves]:
         rows = (channel_rows(each, self._pending[each.column], WINDOW) for each in self._channels)

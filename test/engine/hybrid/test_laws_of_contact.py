@@ -126,6 +126,59 @@ def test_equal_balls_in_a_row_pass_the_momentum_on_as_moreau_has_it():
     assert of_kind(rows, STRUCK)[0, TIME] == pytest.approx(0.5, abs=1e-12)
 
 
+def turns_of_two_balls(e, gap, load, most=400):
+    """Return the instants of impacts of two balls and a wall by turns, and the speeds after them.
+
+    Of mass 1 kg each: ball 1 rests ``gap`` from the wall, ball 2 comes from twice that with 1 m/s, pushed by a load.
+    """
+    x1, x2, u1, u2, t, times = gap, 2.0 * gap, 0.0, -1.0, 0.0, []
+    while len(times) < most:
+        opening = u2 - u1
+        root = math.sqrt(opening * opening - 2.0 * load * x2)
+        wall, both = x1 / -u1 if u1 < 0.0 else math.inf, math.inf
+        if opening < 0.0:
+            both = 2.0 * x2 / (root - opening)
+        elif load < 0.0:
+            both = -(opening + root) / load
+        span = min(wall, both)
+        if span == math.inf:
+            break
+        x1, x2, u2, t = x1 + u1 * span, x2 + (opening + 0.5 * load * span) * span, u2 + load * span, t + span
+        if wall < both:
+            x1, u1 = 0.0, -e * u1
+        else:
+            x2, u1, u2 = 0.0, 0.5 * (u1 + u2 + e * (u2 - u1)), 0.5 * (u1 + u2 - e * (u2 - u1))
+        times.append(t)
+    return np.array(times), (u1, u2)
+
+
+@pytest.mark.parametrize("steps", [1, 3])
+@pytest.mark.parametrize(("load", "e"), [(0.0, 0.05), (0.0, 0.15), (-3.0, 0.1), (-1.0, 0.05)])
+def test_two_balls_that_strike_each_other_and_a_wall_by_turns_rest_at_the_limit_of_their_series(load, e, steps):
+    """Below e = 3 - 2 sqrt 2 even balls that nothing presses strike infinitely often in a time that is over."""
+    gap, (times, _) = 0.01, turns_of_two_balls(e, 0.01, load)
+    balls = linear([1.0, 1.0], [[1.0, 0.0], [-1.0, 1.0]], load=[0.0, load], e=[e, e])
+    y, regimes, rows = run(balls, [gap, 3.0 * gap], [0.0, -1.0], [OPEN, OPEN], 1.2, steps)
+    blows = of_kind(rows, STRUCK)
+    blows = blows[np.concatenate([[True], np.diff(blows[:, TIME]) > 1e-9])]
+    told = times < times[-1] - 1e-6
+    np.testing.assert_allclose(blows[: told.sum(), TIME], times[told], rtol=0, atol=1e-11)
+    assert blows[-1, TIME] == pytest.approx(times[-1], abs=1e-8)
+    assert list(regimes) == [HOLD, HOLD]
+    np.testing.assert_allclose(y[:4], 0.0, atol=1e-10)
+
+
+@pytest.mark.parametrize("e", [0.2, 0.6, 1.0])
+def test_impacts_by_turns_that_end_apart_are_told_however_close_in_time(e):
+    gap = 3e-10
+    times, speeds = turns_of_two_balls(e, gap, 0.0)
+    balls = linear([1.0, 1.0], [[1.0, 0.0], [-1.0, 1.0]], e=[e, e])
+    y, regimes, rows = run(balls, [gap, 3.0 * gap], [0.0, -1.0], [OPEN, OPEN], 1.0)
+    assert len(of_kind(rows, STRUCK)) == len(times) < 20
+    np.testing.assert_allclose(y[2:4], speeds, rtol=1e-9)
+    assert list(regimes) == [OPEN, OPEN]
+
+
 def test_two_stops_on_one_body_share_the_force_and_hold_it():
     body = linear([1.0], [[1.0], [1.0]], load=[-7.0], e=[0.2, 0.2])
     y, regimes, _ = run(body, [0.3], [0.0], [OPEN, OPEN], 1.5)

@@ -6,20 +6,27 @@ from __future__ import annotations
 import math
 from itertools import pairwise
 
+import numpy as np
 import pytest
 
 from mech_twin.engine.coupling import complete_frame, next_frame, restarted
 from mech_twin.engine.run import frames
+from mech_twin.engine.sample_vectors import EVENT_WIDTH
 from mech_twin.machines.impact_mass import PARAMETERS, build
 from mech_twin.machines.impact_mass.balance import BalanceResiduals, residuals
 from mech_twin.machines.impact_mass.dynamics import initial_motion
 from mech_twin.machines.impact_mass.observer import CompensatedSum
 from mech_twin.machines.impact_mass.roles import RESIDUAL_LIMITS
-from mech_twin.machines.impact_mass.step import RunningCounts, mass_step
+from mech_twin.machines.impact_mass.step import RunningCounts, Span, mass_step
 from mech_twin.parameters.load import machine, machine_parameters
 from mech_twin.roles import RESIDUALS
 
-NO_COUNTS = RunningCounts(*(0.0,) * len(RunningCounts._fields))
+
+def first_step(parameters):
+    """Return the step of 0.049 s from rest, 0.5 m before the stop."""
+    counts, system = RunningCounts(*(0.0,) * len(RunningCounts._fields)), parameters.system
+    span = Span(0.0, 1.0, 0.049, 0.049, parameters.mass_kg)
+    return mass_step(initial_motion(0.5, 0.0, system), system, counts, span, np.empty((4, EVENT_WIDTH)))
 
 
 def run_with_changes(changes_at):
@@ -167,9 +174,7 @@ def test_the_residuals_are_those_of_the_dictionary_and_each_has_a_limit():
 )
 def test_a_balance_that_misses_a_thousandth_breaks_its_limit(lost, broken):
     parameters = machine_parameters("impact_mass")
-    system = parameters.system
-    motion = initial_motion(0.5, 0.0, system)
-    done = mass_step(motion, system, NO_COUNTS, 1.0, 0.049)
+    done = first_step(parameters)
     assert all(abs(value) < 1e-12 for value in done.residuals)
     for name, factor in lost.items():
         wrong = done.balance._replace(**{name: getattr(done.balance, name) * factor})
@@ -180,6 +185,6 @@ def test_a_balance_that_misses_a_thousandth_breaks_its_limit(lost, broken):
 def test_a_walk_with_the_wrong_restitution_would_break_the_momentum_balance():
     """The speed after an impact enters the walk and the balance on different ways: the sample shows a mismatch."""
     parameters = machine_parameters("impact_mass")
-    done = mass_step(initial_motion(0.5, 0.0, parameters.system), parameters.system, NO_COUNTS, 1.0, 0.049)
+    done = first_step(parameters)
     found = residuals(done.balance, 0.0, done.velocity_m_per_s * 1.0001)
     assert abs(found.momentum_balance) > RESIDUAL_LIMITS["momentum_balance"]

@@ -4,10 +4,11 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
-from machines.page.pages import run
+from machines.page.pages import SLIDER_CRANK, run
 
 BLOCK = """
 gravity_m_per_s2: [0, 0]
@@ -270,3 +271,16 @@ drives: {shaker: {kind: unbalance, point: box, mass_kg: 1, radius_m: 0.05, speed
         t = frame.linkage.time_s
         x = size * (math.cos(w * t) - math.cos(w0 * t))
         assert frame.linkage.joint("guide").position == pytest.approx(x, abs=1e-10)
+
+
+def test_a_resisted_slider_passes_its_dead_centres_with_its_crank():
+    """There the slider has no velocity for its load to use up: the crank loses the work of the load, and no more."""
+    free = {"motor": {"kind": "constant_torque", "torque_nm": 0.0, "speed_rpm": None}}
+    cut = {"cut": {"joint": "guide", "against_forward_n": 10.0}}
+    told, _ = run(SLIDER_CRANK, 0.5, drives=free, joints={"bearing": {"start_rad_per_s": 60.0}}, loads=cut)
+    travels = [frame.linkage.joint("guide").position for frame in told]
+    forward = sum(max(after - before, 0.0) for before, after in pairwise(travels))
+    assert -told[-1].linkage.memory["cut_work_j"] == pytest.approx(10.0 * forward, rel=1e-3)
+    for frame in told:
+        assert abs(frame.linkage.residuals["energy_balance"]) < 1e-7
+    assert told[-1].linkage.joint("bearing").position > 20.0

@@ -85,3 +85,15 @@ def test_a_foreign_parser_reads_the_description(path):
     shared = PageModel(machine_parameters(path))
     robot = URDF.from_xml_string(urdf(shared.page.name, mechanism(shared)))
     assert set(shared.page.bodies) <= {link.name for link in robot.links}
+
+
+@pytest.mark.parametrize("path", PAGES)
+def test_the_description_of_a_page_holds_the_masses_of_its_bodies(path: str) -> None:
+    page = machine_parameters(path).expanded
+    robot = URDF.from_xml_string(urdf("page", mechanism(PageModel(page))).encode())
+    found = {link.name: link.inertial for link in robot.links if link.inertial}
+    assert found.keys() == {name for name, body in page.bodies.items() if body.mass_kg > 0.0}
+    for name, inertial in found.items():
+        body = page.bodies[name]
+        assert (inertial.mass, inertial.inertia.izz) == pytest.approx((body.mass_kg, body.inertia_kg_m2), rel=1e-14)
+        assert tuple(inertial.origin.xyz) == pytest.approx((*body.centre_m, 0.0), rel=1e-14)

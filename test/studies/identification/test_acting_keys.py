@@ -30,7 +30,7 @@ def test_a_number_of_a_catalogue_motor_is_refused_with_the_reason() -> None:
         acting_tree("roller_former", base, ("motor.rotor_inertia_kg_m2",))
 
 
-@pytest.mark.parametrize("name", [name for name in CATALOGUE if name != "planar_linkage"])
+@pytest.mark.parametrize("name", CATALOGUE)
 def test_the_configuration_itself_comes_back_from_its_own_values(name: str) -> None:
     base = machine_parameters(name)
     keyed = KeyedConfiguration(name, base, assumed_keys(name, base))

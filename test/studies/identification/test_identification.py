@@ -58,11 +58,18 @@ def free(*keys: str) -> list[str]:
     return [word for key in keys for word in ("--free", key)]
 
 
-def test_keys_zeros_and_lag_are_found_and_what_is_not_seen_is_not_claimed(stand: Path, tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def identified(stand: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a directory with what identification writes of that run."""
+    out = tmp_path_factory.mktemp("identified")
     keys = free(*TRUE, *UNSEEN)
-    ended = mech_twin("identify", MACHINE, stand / "plant.csv", "--map", stand / "map.yaml", *keys, "--out", tmp_path)
+    ended = mech_twin("identify", MACHINE, stand / "plant.csv", "--map", stand / "map.yaml", *keys, "--out", out)
     assert ended.code == 0, ended.err
-    document = json.loads((tmp_path / "identification.json").read_text(encoding="utf-8"))
+    return out
+
+
+def test_keys_zeros_and_lag_are_found_and_what_is_not_seen_is_not_claimed(identified: Path) -> None:
+    document = json.loads((identified / "identification.json").read_text(encoding="utf-8"))
     found = {each["key"]: each for each in document["parameters"]}
     for key in ("crank_m", "rod_m", "working_force_n"):
         assert found[key]["verdict"] == "identified"
@@ -85,17 +92,16 @@ def test_keys_zeros_and_lag_are_found_and_what_is_not_seen_is_not_claimed(stand:
         document["held_out"]["before"]["fit_percent"]["linkage.slider.position"],
     )
     assert after > 99.5 > before
-    written = machine_parameters(MACHINE, tmp_path / f"{MACHINE}.yaml")
+    written = machine_parameters(MACHINE, identified / f"{MACHINE}.yaml")
     assert written.crank_m == pytest.approx(found["crank_m"]["estimate"], rel=1e-12)  # type: ignore[attr-defined]
-    text = (tmp_path / f"{MACHINE}.yaml").read_text(encoding="utf-8")
+    text = (identified / f"{MACHINE}.yaml").read_text(encoding="utf-8")
     assert "# identified 0.13" in text
     assert "# kept: not_excited" in text
 
 
-def test_a_machine_that_is_known_already_is_not_written_again(stand: Path, tmp_path: Path) -> None:
-    known = tmp_path / "known.yaml"
+def test_a_machine_that_is_known_already_is_not_written_again(stand: Path, identified: Path, tmp_path: Path) -> None:
+    known = identified / f"{MACHINE}.yaml"
     words = ("identify", MACHINE, stand / "plant.csv", "--map", stand / "map.yaml")
-    assert mech_twin(*words, *free(*TRUE), "--out", known).code == 0
     out = tmp_path / "again.yaml"
     ended = mech_twin(*words, *free("counterweight.density_kg_per_m3"), "--base", known, "--out", out)
     assert ended.code == 1

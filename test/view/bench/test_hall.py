@@ -48,8 +48,8 @@ def test_recordings_are_listed_opened_compared_fetched_and_salvaged(browser, rec
         expect(page.locator("#command")).to_be_hidden()
 
         # two in one view: the pressing force of the second is twice that of the first
-        row(page, "soft").get_by_role("button", name="Compare").click()
-        row(page, "hard").get_by_role("button", name="Compare with chosen").click()
+        row(page, "soft").get_by_role("button", name="Reference", exact=True).click()
+        row(page, "hard").get_by_role("button", name="Compare with reference").click()
         expect(page.locator("#settings")).to_contain_text("working_force.peak_n", timeout=UP_MS)
         expect(page.locator("#settings tr")).to_have_text("working_force.peak_n1e+042e+04")
         page.wait_for_function("() => window.bench.apart().rows > 100", timeout=UP_MS)

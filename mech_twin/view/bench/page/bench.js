@@ -1,17 +1,19 @@
 // SPDX-License-Identifier: Apache-2.0
 // The bench's page: draws the pictures of a run, and sends orders.  Everything on it is of one instant, the cursor's.
 
-import { colours, Curve, paint } from "./curves.js";
+import { colours, Curve } from "./curves.js";
 import { draw } from "./drawing.js";
 import * as report from "./report.js";
 import { Other } from "./other.js";
 import { Lanes } from "./lanes.js";
+import { key, made, Plots } from "./plots.js";
+import { adviceRow, faultRow } from "./twin.js";
 
 const find = (id) => document.getElementById(id);
 const KEPT_BYTES = 200e6; // of pictures in this page; the oldest go first
 const RETRY_MS = 1000;
 const QUIET_MS = 1500;
-const HEIGHT = 118;
+const PAGE_LAG_S = 0.5; // that a picture may be older than the state a trial went on from
 const FIRST_NUMBERS = 6; // that stand open
 
 const token = (() => {
@@ -21,16 +23,33 @@ const token = (() => {
 })();
 
 const run = { pictures: [], bytes: 0, machine: null, orders: [], paused: false, over: "", commands: false };
-const shown = { following: true, playing: false, at: 0, place: -1, drawn: null, last: 0, heard: 0 };
+const shown = { following: true, playing: false, at: 0, span: null, place: -1, drawn: null, last: 0, heard: 0 };
 const curves = new Map(); // path -> Curve
 const lanes = new Lanes(), other = new Other();
-let plots = [];
+const plots = new Plots(find("plots"), {
+  pieces(part, from, to) {
+    const piece = curves.get(part.path)?.between(from, to) ?? empty(part);
+    return (other.isThere && other.isDifference ? other.difference(part.path, piece) : piece) ?? empty(part);
+  },
+  second(part, from, to) {
+    const found = other.isThere ? !other.isDifference && other.between(part.path, from, to) : plots.to > plots.now && ghost.curves.get(part.path)?.between(from, to);
+    return found || empty(part);
+  },
+  told(at) {
+    find("reading").textContent = at === null ? "" : `cursor t = ${at.toFixed(5)} s`;
+    const words = at === null ? [] : Object.entries(lanes.at(at)).map(([name, word]) => `${name}: ${word}`);
+    find("lane-reading").textContent = words.join(", ");
+    find("lane-line").hidden = !(plots.share >= 0 && plots.share <= 1) || at === null;
+    if (at !== null) find("lane-line").style.left = `${lanes.place(find("lane-drawing"), plots.share)}px`;
+  },
+}, zoomed);
+const empty = (part) => [[], ...part.names.map(() => [])];
 let socket = null;
 let asked = 0;
 let owed = false;
 const waiting = new Map(); // id of an order -> what to do with the answer
 const undone = [];
-const ghost = { curves: new Map(), until: -1, begun: 0, asked: null, next: null, times: [] };
+const ghost = { curves: new Map(), from: Infinity, until: -1, begun: 0, asked: null, next: null, times: [] };
 
 // -- connection -------------------------------------------------------------------------------------------------------
 
@@ -73,7 +92,7 @@ function hear(message) {
     changed: () => changed(message.name, message.value),
     pause: () => { run.paused = message.is_paused; showPause(); },
     alarms: () => showFaults(message.faults),
-    advice: () => { find("advice").hidden = !message.text; find("advice-text").textContent = message.text; },
+    advice: () => showAdvice(message.rows),
     end: () => { run.over = message.text; answer(message.text, "done"); },
     ghost: () => showGhost(message),
     anew: () => { forget(); if (message.all) beginAnew(); },
@@ -173,15 +192,16 @@ function show(picture, at) {
   if (picture.shapes) draw(find("drawing"), picture.shapes, picture.bounds, other.isThere ? other.picture(at).shapes : null);
   if (picture.command !== null && document.activeElement !== find("speed")) find("speed").value = picture.command;
   if (picture.command !== null) find("speed-now").textContent = `${Math.round(100 * picture.command)} % now`;
-  const span = Number(find("span").value);
-  const wanted = Math.max(at, picture.time_s);
-  for (const plot of plots) plot.show(wanted - span, wanted);
+  const span = shown.span ?? Number(find("span").value);
+  const wanted = Math.max(at, picture.time_s), until = Math.max(wanted, isTried(wanted) ? ghost.until : wanted);
+  plots.ofTwo = other.isThere && !other.isDifference;
+  plots.show(wanted - span, wanted, until, shown.following);
   find("lanes").hidden = !lanes.size;
   if (find("lane-words").childElementCount !== lanes.words.length) {
     const hues = colours(lanes.words.length);
     find("lane-words").replaceChildren(...lanes.words.map((word, place) => key(word, hues[place])));
   }
-  if (lanes.size) lanes.draw(find("lane-drawing"), wanted - span, Math.max(wanted, ghost.until), wanted);
+  if (lanes.size) lanes.draw(find("lane-drawing"), wanted - span, until, wanted);
   if (document.activeElement !== find("cursor") || shown.following || shown.playing) find("cursor").value = at;
   window.bench.shown = picture.time_s;
   window.bench.onshow?.(picture);
@@ -204,94 +224,49 @@ function cards(list) {
 
 // -- curves -----------------------------------------------------------------------------------------------------------
 
-class Plot {
-  constructor(panel) {
-    this.box = document.createElement("section");
-    this.box.className = "plot";
-    const title = document.createElement("h2");
-    title.textContent = panel.title;
-    this.legend = document.createElement("ul");
-    this.legend.className = "legend";
-    this.holder = document.createElement("div");
-    this.box.append(title, this.holder, this.legend);
-    find("plots").append(this.box);
-    this.title = panel.title;
-    this.parts = panel.curves.map(({ path, names }) => ({ path, names }));
-    const all = this.parts.flatMap((part) => part.names);
-    this.names = all;
-    this.colours = colours(all.length);
-    all.forEach((name, place) => this.legend.append(key(name, this.colours[place])));
-    const width = Math.max(160, find("plots").clientWidth - 16);
-    const axis = { stroke: () => paint("--ink"), grid: { stroke: () => paint("--grid"), width: 1 }, ticks: { stroke: () => paint("--tick"), width: 1 }, font: "12px system-ui" };
-    this.plot = new uPlot({
-      width, height: HEIGHT, padding: [8, 8, 0, 0],
-      legend: { show: false },
-      cursor: { show: false },
-      scales: { x: { time: false }, y: { range: (_, low, high) => padded(low, high) } },
-      series: [{}, ...all.map((name, place) => ({ label: name, stroke: this.colours[place], width: 1.5, points: { show: false }, spanGaps: true })),
-        ...all.map((name, place) => ({ label: `${name}, tried`, stroke: this.colours[place], width: 1.5, dash: [5, 4], points: { show: false }, spanGaps: true }))],
-      axes: [{ ...axis, size: 24, gap: 2, values: (_, ticks) => ticks.map((tick) => `${Number(tick.toFixed(3))} s`), space: 70 },
-        { ...axis, size: 76, values: (_, ticks) => ticks.map(short), space: 18 }],
-    }, null, this.holder);
-    this.visible = true;
-    new IntersectionObserver((seen) => { this.visible = seen.at(-1).isIntersecting; }, { root: find("plots") }).observe(this.box);
-  }
-
-  show(from, to) {
-    if (!this.visible) return;
-    const tried = ghost.until > to;
-    const empty = (part) => [[], ...part.names.map(() => [])];
-    let pieces = this.parts.map((part) => curves.get(part.path)?.between(from, to) ?? empty(part));
-    if (other.isThere && other.isDifference) pieces = this.parts.map((part, place) => other.difference(part.path, pieces[place]) ?? empty(part));
-    const second = (part) => (other.isThere ? !other.isDifference && other.between(part.path, from, to)
-      : tried && ghost.curves.get(part.path)?.between(from, ghost.until));
-    for (const part of this.parts) pieces.push(second(part) || empty(part));
-    const data = uPlot.join(pieces);
-    this.plot.batch(() => {
-      this.plot.setData(data, false);
-      this.plot.setScale("x", { min: from, max: tried ? ghost.until : to });
-      this.plot.setScale("y", { min: null, max: null });
-    });
-  }
-
-  fit() { this.plot.setSize({ width: Math.max(160, find("plots").clientWidth - 16), height: HEIGHT }); }
-
-  remove() { this.plot.destroy(); this.box.remove(); }
-}
-
-function padded(low, high) {
-  if (low === null || high === null) return [0, 1];
-  const room = 0.05 * (high - low) || Math.max(1e-3, 0.05 * Math.abs(high));
-  return [low - room, high + room];
-}
-
-function short(value) {
-  const size = Math.abs(value);
-  if (size >= 1e6) return `${Number((value / 1e6).toPrecision(4))}M`;
-  if (size >= 1e4) return `${Number((value / 1e3).toPrecision(4))}k`;
-  return String(Number(value.toPrecision(4)));
-}
-
-function key(name, colour) {
-  const item = document.createElement("li");
-  const sample = document.createElement("canvas");
-  sample.width = 14; sample.height = 8;
-  const context = sample.getContext("2d");
-  context.fillStyle = colour;
-  context.fillRect(0, 2, 14, 4);
-  item.append(sample, name.replaceAll("_", " "));
-  return item;
-}
-
 function layOut(panels) {
-  for (const plot of plots) plot.remove();
   for (const { curves: list } of panels) {
     for (const { path, names } of list) {
       if (curves.get(path)?.width !== names.length) curves.set(path, new Curve(names.length));
     }
   }
-  plots = panels.map((panel) => new Plot(panel));
+  plots.layOut(panels);
+  listPanels();
   shown.drawn = null;
+}
+
+// what is shown of a recording, or of a machine that runs, is kept with its name while this window is open
+const kept = () => `shown of ${run.machine?.recording ?? run.machine?.name ?? ""}`;
+
+function listPanels() {
+  const told = JSON.parse(sessionStorage.getItem(kept()) ?? "{}");
+  plots.hide(told.hidden ?? []);
+  if (told.span) find("span").value = told.span;
+  find("panel-names").replaceChildren(...plots.list.map(({ title }) => {
+    const label = made("label"), box = made("input", { type: "checkbox", checked: !plots.hidden.has(title) });
+    box.onchange = () => { if (box.checked) plots.hidden.delete(title); else plots.hidden.add(title); plots.hide(plots.hidden); keep(); };
+    label.append(box, title);
+    return label;
+  }));
+  find("panels").hidden = !plots.list.length;
+}
+
+function keep() {
+  sessionStorage.setItem(kept(), JSON.stringify({ hidden: [...plots.hidden], span: find("span").value }));
+  shown.drawn = null;
+}
+
+// a stretch of time fills the plots, and the picture is of its end; null: the newest again, in the span asked for
+function zoomed(range) {
+  const first = run.pictures[0]?.time_s, newest = run.pictures.at(-1)?.time_s;
+  if (newest === undefined) return;
+  if (range === null) { shown.span = null; if (shown.wasFollowing) follow(true); return void (shown.drawn = null); }
+  if (shown.span === null) shown.wasFollowing = shown.following;
+  const [from, to] = [Math.max(first, range[0]), Math.min(newest, range[1])];
+  if (!(to - from > 1e-6)) return;
+  follow(false);
+  play(false);
+  Object.assign(shown, { span: to - from, at: to, drawn: null });
 }
 
 // -- commands ---------------------------------------------------------------------------------------------------------
@@ -318,6 +293,10 @@ function know(machine) {
   find("keys").replaceChildren(...machine.parameters.map(keyRow));
   if (machine.recording) follow(false);
   if (!machine.sides) find("comparison").hidden = true;
+  find("differs").hidden = !machine.settings?.length || Boolean(machine.sides);
+  find("changed").replaceChildren(...rowsOf(machine.settings ?? []));
+  if (plots.list.length) listPanels();
+  for (const [name, id] of [["acknowledge", "alarms"], ["accept", "advice"]]) if (!machine.orders.includes(name)) find(id).hidden = true;
   commands(run.commands);
   showPause();
 }
@@ -335,7 +314,9 @@ function keyRow(parameter) {
   const label = document.createElement("label");
   label.textContent = parameter.name + (parameter.unit ? `, ${parameter.unit}` : "");
   const meaning = document.createElement("p");
-  meaning.textContent = parameter.meaning;
+  const { low, high } = parameter;
+  const range = low == null && high == null ? "" : high == null ? `at least ${rounded(low)}` : low == null ? `at most ${rounded(high)}` : `${rounded(low)} to ${rounded(high)}`;
+  meaning.textContent = [parameter.meaning, range].filter(Boolean).join("; ");
   const controls = document.createElement("div");
   controls.className = "row";
   const inputs = parameter.choices.length ? [choice(parameter)]
@@ -391,7 +372,7 @@ function numbers(parameter) {
   slider.type = "range"; number.type = "number";
   const size = Math.abs(parameter.value) || 1;
   const low = Math.max(parameter.low ?? -Infinity, parameter.value >= 0 ? 0 : -3 * size);
-  const high = Math.min(parameter.high ?? Infinity, parameter.value >= 0 ? 3 * size : 3 * size);
+  const high = Math.min(parameter.high ?? Infinity, 3 * size);
   slider.min = low; slider.max = high; slider.step = "any";
   number.step = "any";
   slider.value = parameter.value;
@@ -445,32 +426,21 @@ function showRole(message) {
 
 function commands(can) {
   run.commands = can;
-  for (const each of document.querySelectorAll("#hall button, #command button, #command input, #keys input, #keys select, #alarms button, #advice button")) each.disabled = !can;
+  for (const each of document.querySelectorAll("#hall button, #command button, #command input, #keys input, #keys select, #alarms button, #advice button")) each.disabled = !can || each.dataset.idle !== undefined;
   find("undo").disabled = !can || !undone.length;
 }
 
 function showFaults(faults) {
   find("alarms").hidden = !run.orders.includes("acknowledge");
-  find("faults").replaceChildren(...(faults.length ? faults.map(faultRow) : ["no fault"]));
+  find("faults").replaceChildren(...(faults.length ? faults.map((fault) => faultRow(fault, order)) : ["no fault"]));
   commands(run.commands);
 }
 
-function faultRow(fault) {
-  const row = document.createElement("div");
-  row.className = fault.acknowledged ? "fault acknowledged" : "fault";
-  const text = document.createElement("div");
-  text.textContent = `${fault.name.replaceAll("_", " ")}: ${fault.state}${fault.acknowledged ? ", acknowledged" : ""}`;
-  const buttons = document.createElement("div");
-  buttons.className = "row";
-  for (const [name, word] of [["acknowledge", "Acknowledge"], ["shelve", "Shelve"]]) {
-    const button = document.createElement("button");
-    button.type = "button";
-    button.textContent = word;
-    button.onclick = () => order(name, { fault: fault.name });
-    buttons.append(button);
-  }
-  row.append(text, buttons);
-  return row;
+function showAdvice(rows) {
+  find("advice").hidden = !run.orders.includes("accept");
+  find("advice-rows").replaceChildren(...rows.map(adviceRow));
+  find("advice-none").hidden = rows.length > 0;
+  find("advice-answers").hidden = !rows.length;
 }
 
 function showMetrics(rows) {
@@ -507,16 +477,20 @@ function recordingRow(recording) {
   };
   if (recording.opens) {
     button("Open", () => order("open", { values: { recording: recording.name } }));
-    button(run.chosen && run.chosen !== recording.name ? "Compare with chosen" : "Compare", () => {
-      if (!run.chosen || run.chosen === recording.name) { run.chosen = recording.name; order("list"); return; }
-      order("overlay", { values: { recording: run.chosen, other: recording.name } });
-      run.chosen = "";
-    });
+    if (run.chosen === recording.name) button("No reference", () => choose(""));
+    else button("Reference", () => choose(recording.name));
+    if (run.chosen && run.chosen !== recording.name) button("Compare with reference", () => order("overlay", { values: { recording: run.chosen, other: recording.name } }));
   } else button("Salvage", () => order("salvage", { values: { recording: recording.name } }));
   button("Download", () => order("download", { values: { recording: recording.name } }));
   if (run.chosen === recording.name) row.classList.add("chosen");
   row.append(text, buttons);
   return row;
+}
+
+// the recording that others are compared with
+function choose(name) {
+  run.chosen = name;
+  order("list");
 }
 
 function fetchFile({ name, address }) {
@@ -530,7 +504,7 @@ function beginAnew() {
   layOut([]);
   Object.assign(run, { machine: null, orders: [], paused: false, over: "" });
   undone.length = 0;
-  for (const id of ["comparison", "numbers", "alarms", "advice", "command", "parameters", "log", "lamp"]) find(id).hidden = true;
+  for (const id of ["comparison", "numbers", "alarms", "advice", "command", "parameters", "log", "lamp", "differs"]) find(id).hidden = true;
   find("cover").hidden = false;
   find("cards").replaceChildren();
   find("time").textContent = "";
@@ -587,6 +561,9 @@ function showHealth({ residuals, behind_s: behind }) {
 
 // -- ghost: what would come of a value that is not sent yet -------------------------------------------------------------
 
+// what was tried goes on from the newest: where older times are shown it is not in sight
+function isTried(time) { return shown.span === null && ghost.from <= time + (shown.following ? PAGE_LAG_S : 0) && ghost.until > time; }
+
 function attempt(name, value) {
   const wanted = { name, value, begun: performance.now() };
   if (ghost.asked) { ghost.next = wanted; return; }
@@ -616,7 +593,7 @@ function showGhost(message) {
       fresh.add(times, values);
       ghost.curves.set(path, fresh);
     }
-    ghost.until = message.to_s;
+    Object.assign(ghost, { from: message.from_s, until: message.to_s });
     shown.drawn = null;
     row.textContent = `with ${rounded(value)}: ${message.cards.map(([card, told]) => `${card} ${told}`).join(", ")}`;
     window.bench.ghosts.push(performance.now() - begun);
@@ -647,7 +624,7 @@ function play(wanted) {
 find("follow").onclick = () => follow(!shown.following);
 find("play").onclick = () => play(!shown.playing);
 find("cursor").oninput = () => { follow(false); play(false); shown.at = Number(find("cursor").value); };
-find("span").onchange = () => { shown.drawn = null; };
+find("span").onchange = () => { shown.span = null; keep(); };
 for (const event of ["pointerenter", "focusin"]) find("keys").addEventListener(event, warm, { once: true });
 find("take").onclick = () => send({ kind: "take" });
 find("speed").oninput = () => { find("speed-now").textContent = `${Math.round(100 * find("speed").value)} % wanted`; };
@@ -676,14 +653,14 @@ function step(by) {
   if (run.pictures[place]) shown.at = run.pictures[place].time_s;
 }
 
-new ResizeObserver(() => { for (const plot of plots) plot.fit(); shown.drawn = null; }).observe(find("plots"));
+new ResizeObserver(() => { plots.fit(); shown.drawn = null; }).observe(find("plots"));
 new ResizeObserver(() => { shown.drawn = null; }).observe(find("drawing"));
 
 // -- report: what is on the page at the time shown ------------------------------------------------------------------------
 
 function seen() {
   const picture = shown.drawn ?? run.pictures.at(-1);
-  for (const plot of plots) plot.visible = true;
+  for (const plot of plots.shown) plot.visible = true;
   if (picture) show(picture, shown.at);
   const cells = (id) => [...find(id).querySelectorAll("tr")].map((line) => [...line.children].map((cell) => cell.textContent));
   const two = !find("comparison").hidden;
@@ -697,7 +674,7 @@ function seen() {
     pictures: [
       { title: "Machine", canvas: find("drawing"), words: [] },
       ...(lanes.size ? [{ title: "Regimes", canvas: find("lane-drawing"), words: lanes.words.map((word, place) => [word, colours(lanes.words.length)[place]]) }] : []),
-      ...plots.map((plot) => ({ title: plot.title, canvas: plot.plot.ctx.canvas, words: plot.names.map((name, place) => [name, plot.colours[place]]) })),
+      ...plots.shown.map((plot) => ({ title: plot.title, canvas: plot.plot.ctx.canvas, words: plot.names.map((name, place) => [name, plot.colours[place]]) })),
     ],
     tables: [
       ...(two ? [{ title: "Runs", head: ["side", "run"], rows: run.machine.sides.map((name, place) => ["AB"[place], name]) },
@@ -707,7 +684,8 @@ function seen() {
       { title: "Live parameters", head: ["key", "value", "unit"], rows: live },
       { title: "Numbers of the run", head: ["quantity", "value", "unit"], rows: [...cells("metrics"), ...cells("more-metrics")] },
       { title: "Residuals", head: ["residual", "worst", "limit"], rows: cells("residuals") },
-      { title: "Alarms", head: ["fault"], rows: [...find("faults").querySelectorAll(".fault > div:first-child")].map((each) => [each.textContent]) },
+      { title: "Alarms", head: ["fault"], rows: [...find("faults").querySelectorAll(".fault")].map((each) => [...each.querySelectorAll(":scope > b, :scope > div:not(.row)")].map((part) => part.textContent).join(", ")).map((text) => [text]) },
+      { title: "Advice", head: ["advice", ""], rows: cells("advice-rows") },
       { title: "Newest events", head: ["event"], rows: events },
     ],
   };
@@ -728,7 +706,7 @@ function apart() {
   return { rows, largest };
 }
 
-// what is looked at from outside: the time shown (s), and how many pictures were drawn
-window.bench = { apart, lanes: () => lanes.at(shown.at), shown: 0, frames: 0, ghosts: [], cut: () => socket.close() };
+// what is looked at from outside: the time shown (s), the stretch in the plots (s), how many pictures were drawn
+window.bench = { apart, window: () => [plots.from, plots.now], lanes: () => lanes.at(shown.at), shown: 0, frames: 0, ghosts: [], cut: () => socket.close() };
 requestAnimationFrame(frame);
 connect();

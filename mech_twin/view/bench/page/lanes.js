@@ -29,6 +29,12 @@ export class Lanes {
     return Object.fromEntries([...this.lanes].map(([name, lane]) => [name, lane.words[before(lane.times, time)] ?? ""]));
   }
 
+  // where a share of the window is (px)
+  place(canvas, share) {
+    const left = Math.min(LEFT, canvas.clientWidth / 3);
+    return left + share * (canvas.clientWidth - left - RIGHT);
+  }
+
   draw(canvas, from, to, now) {
     const ratio = window.devicePixelRatio || 1, width = canvas.clientWidth, height = ROW * this.lanes.size;
     if (!width) return;

@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Flywheel of a page whose joints one drive of constant speed leads, for an asked non-uniformity of that speed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mech_twin.capabilities.errors import StudyError
+from mech_twin.capabilities.sizing import Constraint, Sizing, Table, binding_of
+from mech_twin.capabilities.variation import varied
+from mech_twin.engine.run import frames
+from mech_twin.machines.page import build
+from mech_twin.machines.page.elements import RPM
+from mech_twin.machines.page.parameters import GROUND, Page
+from mech_twin.machines.page.roles import PageModel
+from mech_twin.parts.flywheel import exact_inertia, non_uniformity
+from mech_twin.samples import LinkageSample
+
+LIMITS: dict[str, float] = {"non_uniformity": 0.05}
+OBJECTIVES = ("flywheel_inertia_kg_m2",)
+TRADE = (0.01, 0.02, 0.03, 0.05, 0.08, 0.1, 0.15, 0.2)
+POSITIONS = 3600  # of a turn: what lies between them is of 1e-6 of a flywheel
+Array = NDArray[np.float64]
+
+
+def sizing(
+    parameters: Page, limits: Mapping[str, float], objective: str, table: Table, tolerance: float = 0.0
+) -> Sizing:
+    """Return the least flywheel with which a constant torque turns the led joint within the asked non-uniformity.
+
+    Raises
+    ------
+    StudyError
+        Not one drive of constant speed leads the page, or the non-uniformity is not between 0 and 2.
+    """
+    delta = limits["non_uniformity"]
+    if not 0.0 < delta < 2.0:
+        raise StudyError(f"limit non_uniformity={delta:g}: expected a number above 0 and below 2")
+    body, speed = _turned(parameters)
+    work, inertia = _turn(parameters, speed)
+    flywheel = max(0.0, exact_inertia(work, inertia, delta, speed))
+    key = f"bodies.{body}.inertia_kg_m2"
+    sizes = {key: parameters.bodies[body].inertia_kg_m2 + flywheel}
+    constraints = (Constraint("non_uniformity", non_uniformity(work, inertia, speed, flywheel), delta),)
+    otherwise = f"none: the page keeps the asked non-uniformity without a flywheel on {body}"
+    without = non_uniformity(work, inertia, speed)
+    return Sizing(
+        "page",
+        objective,
+        dict(sizes),
+        varied(parameters, sizes),
+        {"flywheel_inertia_kg_m2": flywheel, "non_uniformity_without_flywheel": without},
+        constraints,
+        binding_of(constraints, otherwise),
+        tuple(
+            {"non_uniformity": d, "flywheel_inertia_kg_m2": max(0.0, exact_inertia(work, inertia, d, speed))}
+            for d in TRADE
+        ),
+        tolerance,
+    )
+
+
+def _turned(page: Page) -> tuple[str, float]:
+    """Return the body that the leading drive turns on the ground, and its speed (rad/s)."""
+    places = build(page).linkage.shared.places  # type: ignore[attr-defined] # the linkage of a page
+    if places.free or places.driven != 1 or places.motors:
+        raise StudyError(
+            "page: a flywheel is sized where one drive of kind constant_speed leads every joint; "
+            f"this page has {places.free} free and {places.driven} driven"
+        )
+    (name,) = places.driven_names
+    drive = page.drives[name]
+    ends = [page.point(point)[0] for point in page.joints[drive.joint].between]
+    if drive.speed_rpm is None or GROUND not in ends or drive.speed_rpm == 0.0:
+        raise StudyError(f"page: drives.{name}: a flywheel needs a joint that turns a body on the ground at a speed")
+    return next(body for body in ends if body != GROUND), abs(drive.speed_rpm) * RPM
+
+
+def _turn(page: Page, speed: float) -> tuple[Array, Array]:
+    """Return work of a constant torque and all loads (J), and reduced inertia (kg m2), along a turn at full speed.
+
+    What the drive does beyond the change of kinetic energy, the loads take.
+    """
+    step_s = 2.0 * math.pi / speed / POSITIONS
+    full = varied(page, {"supply.initial_fraction": 1.0, "coupling.step_s": step_s})
+    shared = build(full).linkage.shared  # type: ignore[attr-defined] # the linkage of a page
+    (drive,) = shared.places.driven_names
+    kinetic, done = [], []
+    for frame in frames(build(full), POSITIONS * step_s):
+        kinetic.append(_kinetic_energy(shared, frame.linkage))
+        done.append(frame.linkage.memory[f"{drive}_work_j"])
+    held, given = np.array(kinetic), np.array(done)
+    share = np.linspace(0.0, 1.0, len(given))
+    mean = given[-1] - (held[-1] - held[0])
+    return mean * share + (held - held[0]) - given, 2.0 * held / speed**2
+
+
+def _kinetic_energy(shared: PageModel, linkage: LinkageSample) -> float:
+    """Return the kinetic energy of a sample of a page without free coordinates (J)."""
+    places, split, names = shared.places, shared.assembly.split, shared.assembly.coordinates
+    motion = [linkage.joint(names[j]).position for j in (*split.dependent, *split.driven)]
+    motion += [linkage.joint(names[j]).velocity for j in split.driven]
+    state = np.zeros(places.state)
+    state[: places.motion] = motion
+    report = shared.functions.report
+    out = np.zeros(report.size)
+    report.function(np.array(shared.functions.numbers), np.zeros(places.controls), linkage.time_s, state, out)
+    return float(out[2 * len(linkage.joints)])

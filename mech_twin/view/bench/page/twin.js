@@ -1,0 +1,32 @@
+// SPDX-License-Identifier: Apache-2.0
+// A shadow's panes: what is alarming since when, and what is advised, with the buttons that answer.
+
+import { made } from "./plots.js";
+
+const ORDERS = [["acknowledge", "Acknowledge"], ["shelve", "Shelve"]];
+const seconds = (time) => `t = ${time.toFixed(1)} s`;
+
+export function faultRow(fault, order) {
+  const row = made("div", { className: fault.is_acknowledged || fault.shelved_until_s !== null ? "fault known" : "fault" });
+  row.dataset.state = fault.state;
+  const words = [`${fault.state} since ${seconds(fault.since_s)}`];
+  if (fault.is_acknowledged) words.push("acknowledged");
+  if (fault.shelved_until_s !== null) words.push(`shelved until ${seconds(fault.shelved_until_s)}`);
+  const buttons = made("div", { className: "row" });
+  const idle = { acknowledge: fault.is_acknowledged || fault.state === "pending", shelve: fault.shelved_until_s !== null };
+  for (const [name, word] of ORDERS) {
+    const button = made("button", { type: "button", textContent: word, onclick: () => order(name, { fault: fault.name }) });
+    if (idle[name]) button.dataset.idle = "";
+    buttons.append(button);
+  }
+  row.append(made("b", { textContent: fault.name.replaceAll("_", " ") }), made("div", { textContent: words.join(", ") }));
+  if (fault.size) row.append(made("div", { textContent: fault.size.replaceAll("_", " ") }));
+  row.append(buttons);
+  return row;
+}
+
+export function adviceRow([name, value]) {
+  const line = made("tr");
+  line.append(made("th", { textContent: name }), made("td", { textContent: value }));
+  return line;
+}

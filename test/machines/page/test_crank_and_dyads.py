@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Pages made of a crank and dyads have the numbers of the machine `planar_linkage`, whose place they took.
+
+The reference values are that machine's, of version 0.1.0 at commit 29e0c5b, in runs of 1 s: frames of its links, drive
+torque, pin forces with moments, largest values of the run, and works; then its cycle in closed form and its flywheel.
+The first is the configuration that was installed, the next three were printed on its page, the others are drawn.
+"""
+
+from __future__ import annotations
+
+import copy
+import json
+import math
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mech_twin.capabilities.variation import varied
+from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.engine.run import frames
+from mech_twin.machines.page import build
+from mech_twin.machines.page.crank_and_dyads import page_of
+from mech_twin.machines.page.parameters import Page
+from mech_twin.machines.page.sizing import sizing
+from mech_twin.mechanics.kinematics import Kinematics
+
+FORMER = json.loads((Path(__file__).parent / "former_linkages.json").read_text(encoding="utf-8"))
+RELATIVE = dict.fromkeys(FORMER, 1e-9)
+RELATIVE["crank_rocker"] = 2e-8  # a page holds its motor's slope over a step: that is what 0.1 ms leave
+
+
+@cache
+def built(name):
+    """Return the machine of a converted page."""
+    return build(Page.model_validate(page_of(copy.deepcopy(FORMER[name]["configuration"]))))
+
+
+@cache
+def told(name):
+    """Return the frames of a run."""
+    return tuple(frames(built(name), 1.0))
+
+
+def drive_torque(name, frame):
+    """Return what the crank gets beyond the inertia of the rotor, as the former machine told it."""
+    linkage, motor = frame.linkage, built(name).parameters.drives["motor"]
+    effort = linkage.joint("crank_bearing").effort + linkage.memory.as_dict().get("motor_gear_moment_nm", 0.0)
+    if motor.motor is None:
+        return effort
+    inertia = motor.motor.rotor_inertia_kg_m2 * motor.gear_ratio**2
+    return effort - inertia * linkage.memory["crank_bearing_acceleration_rad_per_s2"]
+
+
+@pytest.mark.parametrize("name", FORMER)
+def test_a_converted_page_moves_and_bears_as_the_former_machine(name):
+    run, former, shared = told(name), FORMER[name], built(name).linkage.shared
+    torque = max(map(abs, (former["run"]["torque_max_nm"], former["run"]["torque_min_nm"])))
+    force = max(former["run"]["pins_max_n"].values())
+    size = shared.assembly.size_m
+    for at in former["at"]:
+        frame = run[at["step"]]
+        crank = frame.linkage.joint("crank_bearing")
+        assert crank.position == pytest.approx(at["crank_rad"], abs=RELATIVE[name])
+        assert crank.velocity == pytest.approx(at["crank_rad_per_s"], rel=RELATIVE[name])
+        motion = Kinematics(
+            shared.assembly.structure, [frame.linkage.joint(x).position for x in shared.assembly.coordinates]
+        )
+        for link, (angle, x, y) in at["frames"].items():
+            found = motion.frames[shared.assembly.body_number(link)]
+            assert math.remainder(found.angle - angle, 2.0 * math.pi) == pytest.approx(0.0, abs=RELATIVE[name])
+            assert (found.x, found.y) == pytest.approx((x, y), abs=RELATIVE[name] * size)
+        for pin, expected in at["pins"].items():
+            of_block = pin.endswith("between") and shared.page.joints[pin].kind == "slider"  # on the block, not the bar
+            found = np.array(frame.forces.wrenches[frame.forces.pins.index(pin)][:3]) * (-1.0 if of_block else 1.0)
+            assert found == pytest.approx(np.array(expected), abs=RELATIVE[name] * force), pin
+        assert drive_torque(name, frame) == pytest.approx(at["torque_nm"], abs=RELATIVE[name] * torque)
+
+
+@pytest.mark.parametrize("name", FORMER)
+def test_the_largest_values_and_works_of_its_run_are_the_former_machine_s(name):
+    run, former = told(name)[1:], FORMER[name]["run"]
+    torques = [drive_torque(name, frame) for frame in run]
+    largest = max(map(abs, torques))
+    assert max(torques) == pytest.approx(former["torque_max_nm"], abs=RELATIVE[name] * largest)
+    assert min(torques) == pytest.approx(former["torque_min_nm"], abs=RELATIVE[name] * largest)
+    for pin, most in former["pins_max_n"].items():
+        place = run[0].forces.pins.index(pin)
+        found = max(math.hypot(*frame.forces.wrenches[place][:2]) for frame in run)
+        assert found == pytest.approx(most, rel=RELATIVE[name]), pin
+    works = run[-1].linkage.memory.as_dict()
+    turned_over = run[-1].linkage.memory["turned_over_j"]
+    stroke = works.get("working_stroke_work_j", works.get("tool_stroke_work_j", 0.0))
+    assert stroke == pytest.approx(former["load_work_j"], abs=1e-9 * turned_over)
+    if name != "crank_rocker":  # of a motor the former machine booked the work behind its rotor and gear
+        assert works["motor_work_j"] == pytest.approx(former["drive_work_j"], abs=1e-9 * turned_over)
+
+
+@pytest.mark.parametrize("name", FORMER)
+def test_the_drive_torque_is_the_same_by_work_and_by_equilibrium(name):
+    for frame in told(name):
+        assert abs(frame.forces.residuals["drive_torque_routes"]) <= 1e-12
+        assert abs(frame.linkage.residuals["energy_balance"]) <= 1e-11
+
+
+@pytest.mark.parametrize("name", FORMER)
+def test_the_flywheel_is_the_former_machine_s(name):
+    tree = copy.deepcopy(FORMER[name]["configuration"])
+    tree["crank"]["flywheel_kg_m2"], tree["drive"]["kind"] = 0.0, "constant_speed"
+    found = sizing(Page.model_validate(page_of(tree)), {"non_uniformity": 0.05}, "flywheel_inertia_kg_m2", dict)
+    assert found.metrics["flywheel_inertia_kg_m2"] == pytest.approx(FORMER[name]["flywheel_kg_m2"], rel=3e-6)
+
+
+def test_the_flywheel_keeps_the_asked_non_uniformity_in_a_time_run():
+    tree = copy.deepcopy(FORMER["shaper"]["configuration"])
+    found = sizing(Page.model_validate(page_of(tree)), {"non_uniformity": 0.1}, "flywheel_inertia_kg_m2", dict)
+    turn = list(frames(built("shaper"), 1.0))
+    torque = turn[-1].linkage.memory["motor_work_j"] / (2.0 * math.pi)
+    free = varied(
+        found.parameters,
+        {
+            "drives.motor": {
+                "kind": "constant_torque",
+                "joint": "crank_bearing",
+                "torque_nm": -torque,
+                "speed_rpm": None,
+            },
+            "joints.crank_bearing.start_rad_per_s": -2.0 * math.pi,
+        },
+    )
+    speeds = [-frame.linkage.joint("crank_bearing").velocity for frame in frames(build(free), 3.0)][1000:2000]
+    spread = 2.0 * (max(speeds) - min(speeds)) / (max(speeds) + min(speeds))
+    assert spread == pytest.approx(0.1, rel=0.1)  # the mean speed of a free run is not exactly the rated one
+
+
+CRANK = {"length_m": 0.1, "mass": {"mass_kg": 1.0}}
+FOUR_BAR = {"kind": "rrr", "from_link": "crank", "to_x_m": 0.4, "first_m": 0.35, "second_m": 0.2}
+DRIVE = {"kind": "constant_speed", "speed_rpm": 60.0}
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"dyad_1": {**FOUR_BAR, "second_m": 0.01}}, "'dyad_1': the links do not meet"),
+        ({"dyad_1": {**FOUR_BAR, "from_link": "dyad_1_second"}}, "'dyad_1.from_link', value 'dyad_1_second': expected"),
+        ({"dyad_1": {"kind": "rrr", "from_link": "crank", "first_m": 0.3}}, "'dyad_1.second_m': expected a number"),
+        ({"dyad_1": {**FOUR_BAR, "weight_n": 3.0}}, "'dyad_1.weight_n', value 3.0: expected no such key"),
+        ({"crank": 3}, "'crank', value 3: expected a group"),
+        ({"crank": {}}, "'crank.length_m': expected a number"),
+        ({"dyad_1": {"kind": "rrp", "from_link": "crank", "to_y_m": 1.0, "first_m": 0.3}}, "does not reach the guide"),
+        ({"load_1": {"link": "ground", "x_m": 0.0}}, "'load_1.link', value 'ground': expected one of crank"),
+    ],
+)  # fmt: skip
+def test_what_is_no_such_linkage_is_refused_by_its_key(changes, said):
+    with pytest.raises(ConfigurationError, match=said):
+        page_of({"crank": CRANK, "dyad_1": FOUR_BAR, "drive": DRIVE} | changes)

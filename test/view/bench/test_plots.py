@@ -1,0 +1,154 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Plots of a page: a drag zooms all of them, one cursor reads all of them, and each can be left out."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+from browser import opened
+from playwright.sync_api import expect
+
+from mech_twin.view.bench.link import BenchLink
+from mech_twin.view.bench.picture import Curves, Panel, packed_curves, packed_layout
+from mech_twin.view.bench.started import StartedBench
+
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
+
+LENGTH_S, PICTURE_S, ROW_S = 2.0, 0.01, 0.001
+SPAN_S = 1.0  # of the page, unless told otherwise
+NAMES = {"line": ("rising by three metres in a second", "falling by one"), "square": ("squared",)}
+PANELS = [Panel("Lines, m", ("line",)), Panel("Square, m", ("square",))]
+WINDOW = "() => window.bench.window()"
+
+
+def machine(recording: str) -> dict:
+    settings = [["tool.restitution", "0.35", "0.3"]] if recording == "first" else []
+    told = {"name": "drawn_machine", "namespace": "", "orders": [], "parameters": []}
+    return told | {"recording": recording, "settings": settings}
+
+
+def picture(begin_s: float) -> dict:
+    time_s = begin_s + ROW_S * np.arange(1, round(PICTURE_S / ROW_S) + 1)
+    values = {"line": np.column_stack([3.0 * time_s, -time_s]), "square": np.column_stack([time_s**2])}
+    curves = packed_curves(Curves(path, NAMES[path], time_s, found) for path, found in values.items())
+    told = {"time_s": float(time_s[-1]), "sent_s": 0.0, "state": "running", "alarm": "", "command": None, "cards": []}
+    return told | {"bounds": None, "shapes": None, "curves": curves, "events": [], "lanes": []}
+
+
+@pytest.fixture
+def page(browser):
+    with StartedBench() as bench, BenchLink(bench.place, 5.0) as link:
+        link.tell("machine", machine("first"))
+        link.tell("layout", packed_layout(PANELS, NAMES))
+        for place in range(round(LENGTH_S / PICTURE_S)):
+            assert link.show(picture(PICTURE_S * place))
+        with opened(browser, bench.url, shows=False) as found:
+            found.link = link
+            found.locator("#follow").click()  # a recording stands still where it was opened
+            found.wait_for_function(f"() => window.bench.shown > {LENGTH_S - PICTURE_S / 2}")
+            found.wait_for_function("() => window.bench.window()[1] > 1.99")
+            yield found
+
+
+def over(page, plot: int) -> dict:
+    return page.locator(".u-over").nth(plot).bounding_box()
+
+
+def point(page, share: float, plot: int = 0) -> None:
+    box = over(page, plot)
+    page.mouse.move(box["x"] + share * box["width"], box["y"] + box["height"] / 2)
+
+
+def read_off(page) -> tuple[float, list[float]]:
+    """Return the cursor's time, and the values of all curves."""
+    told = page.locator("#reading").inner_text()
+    values = page.locator(".plot:has(.u-over) .legend b").all_inner_texts()
+    return float(re.fullmatch(r"cursor t = ([\d.]+) s", told)[1]), [float(value) for value in values]
+
+
+def check_values(page, expected_s: float, within_s: float) -> None:
+    at_s, values = read_off(page)
+    assert at_s == pytest.approx(expected_s, abs=within_s)
+    assert values == pytest.approx([3.0 * at_s, -at_s, at_s**2], rel=2e-3)
+
+
+def test_one_cursor_reads_every_curve_at_one_time(page):
+    assert page.evaluate(WINDOW) == pytest.approx([LENGTH_S - SPAN_S, LENGTH_S])
+    expect(page.locator("#reading")).to_have_text("")
+    places = [over(page, plot) for plot in range(2)]
+    point(page, 0.25)
+    assert [over(page, plot) for plot in range(2)] == places, "a plot moves away under the mouse"
+    check_values(page, LENGTH_S - SPAN_S + 0.25 * SPAN_S, 2.0 * SPAN_S / over(page, 0)["width"])
+    point(page, 0.75, plot=1)
+    check_values(page, LENGTH_S - SPAN_S + 0.75 * SPAN_S, 2.0 * SPAN_S / over(page, 1)["width"])
+    lines = page.locator(".plot .u-over .reading")
+    shares = [
+        (lines.nth(i).bounding_box()["x"] - over(page, i)["x"]) / over(page, i)["width"] for i in range(lines.count())
+    ]
+    assert shares == pytest.approx([0.75, 0.75], abs=0.01)
+    page.mouse.move(5, 5)
+    expect(page.locator("#reading")).to_have_text("")
+    expect(lines.first).to_be_hidden()
+
+
+def test_a_drag_zooms_all_plots_the_picture_is_of_their_end_and_a_double_click_goes_back(page):
+    box = over(page, 0)
+    point(page, 0.2)
+    page.mouse.down()
+    point(page, 0.3)
+    expect(page.locator(".band").first).to_be_visible()
+    point(page, 0.6)
+    page.mouse.up()
+    wanted = [LENGTH_S - SPAN_S + share * SPAN_S for share in (0.2, 0.6)]
+    page.wait_for_function("() => window.bench.window()[1] < 1.9")
+    found = page.evaluate(WINDOW)
+    assert found == pytest.approx(wanted, abs=3.0 * SPAN_S / box["width"])
+    assert page.evaluate("() => window.bench.shown") == pytest.approx(found[1], abs=PICTURE_S)
+    point(page, 0.5, plot=1)
+    check_values(page, sum(found) / 2, 0.01)
+    # what is left of the mouse stands at a click, and nothing is zoomed by it
+    page.mouse.down()
+    page.mouse.up()
+    assert page.evaluate(WINDOW) == pytest.approx(found)
+    page.locator(".u-over").first.dblclick()
+    page.wait_for_function("() => window.bench.window()[1] > 1.99")
+    assert page.evaluate(WINDOW) == pytest.approx([LENGTH_S - SPAN_S, LENGTH_S])
+
+
+def test_cursor_and_zoom_are_reached_by_the_keyboard(page):
+    page.locator(".plot:has(.u-over)").first.focus()
+    page.keyboard.press("Home")
+    check_values(page, LENGTH_S - SPAN_S, 1e-3)
+    page.keyboard.press("ArrowRight")
+    check_values(page, LENGTH_S - SPAN_S + 0.01 * SPAN_S, 1e-3)
+    for _ in range(5):
+        page.keyboard.press("Shift+ArrowRight")
+    check_values(page, LENGTH_S - SPAN_S + 0.51 * SPAN_S, 1e-3)
+    page.keyboard.press("+")
+    page.wait_for_function("() => window.bench.window()[1] < 1.9")
+    low, high = page.evaluate(WINDOW)
+    assert high - low == pytest.approx(SPAN_S / 2)
+    check_values(page, LENGTH_S - SPAN_S + 0.51 * SPAN_S, 1e-3)  # the cursor keeps its time
+    page.keyboard.press("0")
+    page.wait_for_function("() => window.bench.window()[1] > 1.99")
+    page.keyboard.press("Escape")
+    expect(page.locator("#reading")).to_have_text("")
+
+
+def test_what_is_shown_of_a_recording_is_kept_with_it_and_its_settings_stand_there(page):
+    expect(page.locator("#changed tr")).to_have_text("tool.restitution0.350.3")
+    page.locator("#panels summary").click()
+    page.get_by_label("Lines, m", exact=True).uncheck()
+    plots = page.locator(".plot:has(.u-over)")
+    expect(plots.first).to_be_hidden()
+    expect(plots.nth(1)).to_be_visible()
+    page.reload()
+    expect(plots.nth(1)).to_be_visible()
+    expect(plots.first).to_be_hidden()
+    page.link.tell("machine", machine("second"))
+    expect(plots.first).to_be_visible()
+    expect(page.locator("#differs")).to_be_hidden()
+    page.link.tell("machine", machine("first"))
+    expect(plots.first).to_be_hidden()

@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A person watches a machine beside its model: a fault is told, acknowledged and shelved, an advice is answered."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+import yaml
+from browser import COMMAND, UP_MS, opened, running
+from catalogue import built
+from playwright.sync_api import expect
+
+from mech_twin.engine.rollout import roll_out
+from mech_twin.parameters.load import catalogue_entry
+from mech_twin.studies.monitoring.baseline import fitted_baseline
+from mech_twin.studies.monitoring.cycle_features import FeatureFeed, feed_channels
+from mech_twin.studies.monitoring.monitor import MonitorSetup
+from mech_twin.studies.monitoring.thresholds import chart_limits
+
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
+
+NAME, HEALTHY_S, EVERY = "vibration_crank", 160.0, 20
+SIGMA = {"linkage.crank.position": 1e-3, "linkage.crank.effort": 2.0}
+CHANNELS = [
+    {
+        "source": {"topic": "joint_states", "joint": "crank", "field": column.rpartition(".")[2]},
+        "is": column,
+        "sigma": s,
+    }
+    for column, s in SIGMA.items()
+]
+WISH = {
+    "figure": "torque_peak_nm",
+    "wanted": 220.0,
+    "output": {"key": "motor/speed_command", "low": 0.5, "high": 1.0, "value": 1.0},
+    "step_share": 0.2,
+    "cycles": 3,
+    "interval_s": 2.0,
+    "settling_cycles": 2,
+    "trial_cycles": 2,
+    "dry_run": True,
+}
+FAULTY = ("masses.boom_kg=40.0", "masses.extra_kg=9.0")
+RATE_HZ = 50  # as the healthy run was sampled
+
+
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory):
+    """Return a folder with the map, the reference of a healthy machine, and what is wished."""
+    folder = tmp_path_factory.mktemp("shadow")
+    run, random = roll_out(built(NAME), HEALTHY_S), np.random.default_rng(1)
+    times = run["time_s"][::EVERY]
+    shown = {name: run[name][::EVERY] + s * random.standard_normal(len(times)) for name, s in SIGMA.items()}
+    ask = catalogue_entry(NAME).capabilities.features
+    declared = ask(built(NAME).parameters)
+    feed = FeatureFeed(declared, tuple(SIGMA), run_up_s=declared.run_up_s)
+    baseline, innovations = fitted_baseline(feed_channels(feed, {name: (times, x) for name, x in shown.items()}))
+    setup = MonitorSetup(NAME, baseline, chart_limits(baseline, innovations, 1000.0), (), settling_cycles=1)
+    (folder / "healthy.json").write_text(json.dumps(setup.record()), encoding="utf-8")
+    (folder / "map.yaml").write_text(yaml.safe_dump({"machine": NAME, "channels": CHANNELS}), encoding="utf-8")
+    (folder / "wish.yaml").write_text(yaml.safe_dump(WISH), encoding="utf-8")
+    return folder
+
+
+@contextmanager
+def plant(folder):
+    """Run a machine that is not what the model says."""
+    changes = [word for change in (*FAULTY, f"run.stream_rate_hz={RATE_HZ}") for word in ("--set", change)]
+    words = [*COMMAND, "run", NAME, "--namespace", "plant", "--no-record", "--view", "none", *changes]
+    process = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, cwd=folder)
+    try:
+        yield
+    finally:
+        process.terminate()
+        process.wait(60)
+
+
+def test_a_fault_is_acknowledged_and_shelved_and_an_advice_accepted_from_the_page(browser, ros_domain, kept):
+    words = ("shadow", NAME, "--from", "plant", "--map", "map.yaml", "--view", "web")
+    company = ("--monitor", "healthy.json", "--advise", "wish.yaml")
+    with plant(kept), running(*words, *company, folder=kept) as (url, _), opened(browser, url, shows=False) as page:
+        expect(page.locator("#state")).to_have_text("locked", timeout=UP_MS)
+        expect(page.locator(".plot:has(.u-over)")).to_have_count(4)  # two channels, each with its residual
+        expect(page.locator("#command")).to_be_hidden()
+        answers, fault = page.locator("#answers li"), page.locator(".fault").first
+
+        # a fault: since when, in the header, and by a button no longer news
+        expect(fault).to_have_attribute("data-state", "active", timeout=UP_MS)
+        expect(fault).to_contain_text(re.compile(r"active since t = \d+\.\d s"))
+        expect(page.locator("#alarm")).to_contain_text("fault: ")
+        expect(page.locator("#advice-none")).to_be_visible()  # first somebody looks
+        fault.get_by_role("button", name="Acknowledge").click()
+        expect(answers.first).to_contain_text("acknowledged", timeout=UP_MS)
+        expect(fault).to_contain_text("acknowledged", timeout=UP_MS)
+        expect(fault.get_by_role("button", name="Acknowledge")).to_be_disabled()
+        fault.get_by_role("button", name="Shelve").click()
+        expect(answers.first).to_contain_text("shelved", timeout=UP_MS)
+        expect(fault).to_contain_text(re.compile(r"shelved until t = \d+\.\d s"), timeout=UP_MS)
+        expect(page.locator("#alarm")).to_be_hidden(timeout=UP_MS)
+
+        # an advice, now that the fault is known
+        expect(page.locator("#advice-rows")).to_contain_text("motor/speed_command", timeout=UP_MS)
+        expect(page.locator("#advice-rows")).to_contain_text("nothing is sent")
+        page.locator("#reject").click()
+        expect(answers.first).to_contain_text("rejected", timeout=UP_MS)
+        expect(page.locator("#advice-none")).to_be_visible(timeout=UP_MS)
+        expect(page.locator("#advice-rows")).to_contain_text("motor/speed_command", timeout=UP_MS)
+        page.locator("#accept").click()
+        expect(answers.first).to_contain_text(re.compile("accepted|noted|dry run"), timeout=UP_MS)
+        page.screenshot(path=str(kept / "shadow.png"))
