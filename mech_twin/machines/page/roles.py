@@ -23,6 +23,7 @@ from mech_twin.machines.page.force_laws import PageNumbers
 from mech_twin.machines.page.functions import Functions, drive_row, functions_of, start_state
 from mech_twin.machines.page.parameters import Page
 from mech_twin.machines.page.rods import PageRods
+from mech_twin.machines.page.start_lengths import check_lines
 from mech_twin.machines.page.state_places import StatePlaces
 from mech_twin.machines.page.step import (
     DC,
@@ -37,7 +38,6 @@ from mech_twin.machines.page.step import (
     start_page,
 )
 from mech_twin.machines.page.system import BEND, KINDS, PHASE, PORT, TOUCH, PageSystem
-from mech_twin.mechanics.kinematics import Kinematics
 from mech_twin.samples import LinkageSample
 
 Array = NDArray[np.float64]
@@ -88,7 +88,7 @@ class PageModel:
             A freedom has no inertia, or a contact begins inside.
         """
         places = self.places
-        self._check_lengths()
+        check_lines(self.page, self.assembly)
         controls = [0.0] * places.controls
         now = PageInstant(places, PageNumbers(None), controls, 0.0, self.start_state)
         n = places.free
@@ -108,22 +108,6 @@ class PageModel:
                     f"contacts.{name}: begins {-value:.4g} m or rad inside its stop; start its bodies further off"
                 )
         return now
-
-    def _check_lengths(self) -> None:
-        """Refuse what acts between points, or tells their distance, where they coincide at the start."""
-        motion, page = Kinematics(self.assembly.structure, self.assembly.start.tolist()), self.page
-        found = {f"springs.{name}.between": spring.between for name, spring in page.springs.items()}
-        found |= {f"dampers.{name}.between": damper.between for name, damper in page.dampers.items()}
-        found |= {f"outputs.{name}.distance": output.distance for name, output in page.outputs.items()}
-        for where, between in found.items():
-            if between is None:
-                continue
-            ends = [motion.point(self.assembly.body_number(body), at) for body, at in map(page.point, between)]
-            if ends[0].x == ends[1].x and ends[0].y == ends[1].y:
-                raise ConfigurationError(
-                    f"{where}: {between[0]} and {between[1]} coincide at the start, so their line has no direction; "
-                    "name the joint that slides instead, or move a point"
-                )
 
     @cached_property
     def drives(self) -> Array:

@@ -3,8 +3,11 @@
 
 from __future__ import annotations
 
+from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.machines.page.assembly import Assembly
 from mech_twin.machines.page.elements import DEGREE
 from mech_twin.machines.page.force_elements import SpringElement
+from mech_twin.machines.page.parameters import Page
 from mech_twin.machines.page.state_places import StatePlaces
 from mech_twin.mechanics.kinematics import Kinematics
 
@@ -49,3 +52,26 @@ class StartLengths:
             value = motion.distance(first, second).value
         assert isinstance(value, float | int)
         return float(value)
+
+
+def check_lines(page: Page, assembly: Assembly) -> None:
+    """Refuse what acts between points, or tells their distance, where they coincide at the start.
+
+    Raises
+    ------
+    ConfigurationError
+        Two points coincide.
+    """
+    motion = Kinematics(assembly.structure, assembly.start.tolist())
+    found = {f"springs.{name}.between": spring.between for name, spring in page.springs.items()}
+    found |= {f"dampers.{name}.between": damper.between for name, damper in page.dampers.items()}
+    found |= {f"outputs.{name}.distance": output.distance for name, output in page.outputs.items()}
+    for where, between in found.items():
+        if between is None:
+            continue
+        ends = [motion.point(assembly.body_number(body), at) for body, at in map(page.point, between)]
+        if ends[0].x == ends[1].x and ends[0].y == ends[1].y:
+            raise ConfigurationError(
+                f"{where}: {between[0]} and {between[1]} coincide at the start, so their line has no direction; "
+                "name the joint that slides instead, or move a point"
+            )
