@@ -11,7 +11,8 @@ from typing import Any
 
 from mech_twin.captions import unit_of
 
-GROUPS = ("operation", "impacts", "bearings", "design", "checks")
+CHECKS = "checks"
+GROUPS = ("operation", "impacts", "bearings", "design", CHECKS)
 HEADLINES = {"operation": 5, "impacts": 8, "bearings": 3}
 BEARING_FORCES = 2  # of the headlines of bearings; beside them the largest impulse of a blow
 IMPULSE = "N s"

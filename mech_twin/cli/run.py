@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING
 from pydantic import ValidationError
 
 from mech_twin.cli.consequences import say_consequences
-from mech_twin.cli.console import print_json, say
+from mech_twin.cli.console import print_json, say, say_result
 from mech_twin.cli.failure import CommandError, messages_in, report_losses
 from mech_twin.cli.live_view import RUN_ORDERS, WEB_VIEWS, check_view, hold_view, opened_view, told_machine
-from mech_twin.cli.run_summary import show_events, show_numbers
+from mech_twin.cli.run_summary import how_told, show_events, show_numbers
 from mech_twin.cli.verbs import RunVerb
 from mech_twin.configuration_tree import configuration_tree
 from mech_twin.nodes.run.domain import DISCOVERY, OTHER_HOSTS, settle_domain
@@ -147,6 +147,7 @@ def _write(request: RunVerb, parameters: Parameters, outcome: Outcome, directory
     if not request.as_json:
         design = set(numbers) - set(outcome.metrics.running_numbers())
         show_numbers(f"{request.machine}: metrics of the run", numbers, design, everything=request.everything)
+        say_result(how_told(configuration_tree(parameters)["coupling"]["step_s"]))
         show_events(tuple(outcome.metrics.events), everything=request.everything)
         if directory is not None and directory.exists():
             say(f"recorded in {directory}; `mech-twin view {directory}` shows it again")

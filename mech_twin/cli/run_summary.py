@@ -5,27 +5,49 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 from mech_twin.cli.console import numbered, print_csv, print_table, say_result
-from mech_twin.cli.metric_groups import group_rows, grouped, headlines
+from mech_twin.cli.metric_groups import CHECKS, group_rows, grouped, headlines
 from mech_twin.samples import Event
+from mech_twin.studies.shorter_steps import told
 
 SHOWN_EVENTS = 12
+NO_NUMBERS: Mapping[str, float] = MappingProxyType({})
 HOLDS, BROKEN = "holds", "broken"
 AUDIBLE_M_PER_S = 1e-3  # slower impacts are the end of a series that dies out
 EVENT_COLUMNS = ("time, s", "kind", "contact", "before, m/s", "after, m/s", "impulse, N s")
 
 
-def show_numbers(title: str, numbers: Mapping[str, Any], design: Iterable[str], *, everything: bool) -> None:
-    """Write the numbers of a run in groups: the headlines, or all."""
+def show_numbers(
+    title: str,
+    numbers: Mapping[str, Any],
+    design: Iterable[str],
+    shorter: Mapping[str, float] = NO_NUMBERS,
+    *,
+    everything: bool,
+) -> None:
+    """Write the numbers of a run in groups: the headlines, or all; in the digits they have in shorter steps too."""
     groups = {
         group: values if everything else headlines(values, group) for group, values in grouped(numbers, design).items()
     }
-    show_groups(title, groups)
+    shown = {
+        group: values if group == CHECKS else {name: told(name, value, shorter) for name, value in values.items()}
+        for group, values in groups.items()
+    }
+    show_groups(title, shown)
     left = len(numbers) - sum(map(len, groups.values()))
     if left:
         say_result(f"{left} more numbers with --all; docs/glossary.md says what each is")
+
+
+def how_told(step_s: float, shorter_s: float | None = None) -> str:
+    """Return the line that says how far the numbers of a run depend on its coupling step."""
+    if shorter_s is None:
+        return f"one run in steps of {step_s * 1e3:g} ms: the last digits depend on the step; `simulate` tells how many"
+    steps = f"steps of {step_s * 1e3:g} ms and of {shorter_s * 1e3:.3g} ms"
+    return f"digits told are those that {steps} have in common, else both numbers; --json has all digits of both"
 
 
 def show_groups(title: str, groups: Mapping[str, Mapping[str, Any]]) -> None:

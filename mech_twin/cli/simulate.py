@@ -6,9 +6,9 @@ from __future__ import annotations
 from contextlib import ExitStack
 
 from mech_twin.cli.consequences import say_consequences
-from mech_twin.cli.console import busy, print_json, progress, say
+from mech_twin.cli.console import busy, print_json, progress, say, say_result
 from mech_twin.cli.failure import report_losses
-from mech_twin.cli.run_summary import print_numbers_csv, show_events, show_numbers, show_residuals
+from mech_twin.cli.run_summary import how_told, print_numbers_csv, show_events, show_numbers, show_residuals
 from mech_twin.cli.simulate_outputs import check_outputs, opened_outputs
 from mech_twin.cli.verbs import SimulateVerb
 from mech_twin.engine.invariants import broken_lines
@@ -16,6 +16,7 @@ from mech_twin.engine.run import frames, steps_for, warm_up_run
 from mech_twin.parameters.live_change import ChangingMachine, live_changes
 from mech_twin.parameters.load import assignments
 from mech_twin.parameters.load import machine as built_machine
+from mech_twin.studies.shorter_steps import RunInShorterSteps, in_shorter_steps
 from mech_twin.studies.simulation import Simulation
 
 BROKEN_EXIT_CODE = 1
@@ -29,7 +30,10 @@ def simulate_machine(asked: SimulateVerb) -> None:
     say_consequences(name, asked.config, asked.settings)
     with busy("compiling kernels, once after an installation or a change"):
         warm_up_run(machine)  # a signal while kernels are compiled ends the process: no recording may be open then
-    changing = ChangingMachine(machine, live_changes(asked.change))
+    changes = live_changes(asked.change)
+    changing = ChangingMachine(machine, changes)
+    shorter = None if asked.one_step else in_shorter_steps(machine, asked.duration_s)
+    beside = None if shorter is None else RunInShorterSteps(shorter, asked.duration_s, changes)
     simulation = Simulation(machine)
     if asked.change:
         run = frames(machine, asked.duration_s, changing.command, changing.at)
@@ -37,6 +41,7 @@ def simulate_machine(asked: SimulateVerb) -> None:
         run = frames(machine, asked.duration_s)
     with ExitStack() as outputs:
         opened = opened_outputs(outputs, asked, machine, changing)
+        opened += [] if beside is None else [beside.follow]
         counted = outputs.enter_context(progress(run, steps_for(machine, asked.duration_s) + 1, name))
         for frame in counted:
             simulation.observe(frame)
@@ -45,6 +50,9 @@ def simulate_machine(asked: SimulateVerb) -> None:
             for output in opened:
                 output(frame)
     document = simulation.document()
+    confirmed = {} if beside is None else beside.numbers(simulation.numbers())
+    if beside is not None:
+        document["shorter_steps"] = {"step_s": beside.step_s, "summary": confirmed}
     if asked.samples:
         document["samples"] = simulation.trajectory.columns()
     if asked.as_json:
@@ -52,9 +60,9 @@ def simulate_machine(asked: SimulateVerb) -> None:
     elif asked.as_csv:
         print_numbers_csv(document["summary"])
     else:
-        show_numbers(
-            f"{name}: {asked.duration_s:g} s", document["summary"], machine.report(), everything=asked.everything
-        )
+        title, everything = f"{name}: {asked.duration_s:g} s", asked.everything
+        show_numbers(title, document["summary"], machine.report(), confirmed, everything=everything)
+        say_result(how_told(machine.coupling_step_s, None if beside is None else beside.step_s))
         show_residuals(document["residuals"])
         show_events(simulation.events, everything=asked.everything)
     for remark in simulation.remarks():

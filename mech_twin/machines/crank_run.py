@@ -154,22 +154,26 @@ class CrankRun:
         return out
 
 
+def on_cubic(span: float, ends: tuple[float, float], rates: tuple[float, float], share: float) -> float:
+    """Return a value within a span, on the cubic through its values and rates at both ends."""
+    x, y = share * share * (3.0 - 2.0 * share), share * (1.0 - share)
+    return ends[0] + x * (ends[1] - ends[0]) + span * y * ((1.0 - share) * rates[0] - share * rates[1])
+
+
+def share_at(value: float, span: float, ends: tuple[float, float], rates: tuple[float, float]) -> float:
+    """Return the share of a span after which its cubic comes to a value between its ends."""
+    low, high, sense = 0.0, 1.0, 1.0 if ends[1] >= ends[0] else -1.0
+    for _ in range(53):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if sense * (on_cubic(span, ends, rates, middle) - value) < 0.0 else (low, middle)
+    return high
+
+
 def _at_angle(angle: float, first: RunSums, rates: Rates, last: RunSums, last_rates: Rates) -> RunSums:
     """Return the instant between two at which the crank is at an angle, on the cubics through both ends and rates."""
     span = last.time_s - first.time_s
-
-    def on_cubic(start: float, end: float, rate: float, last_rate: float, share: float) -> float:
-        x, y = share * share * (3.0 - 2.0 * share), share * (1.0 - share)
-        return start + x * (end - start) + span * y * ((1.0 - share) * rate - share * last_rate)
-
-    def angle_at(share: float) -> float:
-        speeds = rates.speed_rad_per_s, last_rates.speed_rad_per_s
-        return on_cubic(first.angle_rad, last.angle_rad, *speeds, share)
-
-    low, high, sense = 0.0, 1.0, 1.0 if last.angle_rad >= first.angle_rad else -1.0
-    for _ in range(53):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if sense * (angle_at(middle) - angle) < 0.0 else (low, middle)
-    work = on_cubic(first.drive_work_j, last.drive_work_j, rates.power_w, last_rates.power_w, high)
-    duty = MotorDuty(*(a + high * (b - a) for a, b in zip(first.duty, last.duty, strict=True)))
-    return RunSums(first.time_s + high * span, angle, work, duty)
+    speeds = rates.speed_rad_per_s, last_rates.speed_rad_per_s
+    share = share_at(angle, span, (first.angle_rad, last.angle_rad), speeds)
+    work = on_cubic(span, (first.drive_work_j, last.drive_work_j), (rates.power_w, last_rates.power_w), share)
+    duty = MotorDuty(*(a + share * (b - a) for a, b in zip(first.duty, last.duty, strict=True)))
+    return RunSums(first.time_s + share * span, angle, work, duty)

@@ -34,7 +34,11 @@ class Simulation:
 
     def summary(self) -> dict[str, float]:
         """Return the closed-form numbers of a cycle and those of the run so far."""
-        return {**self._machine.report(), **self._observer.numbers()}
+        return {**self._machine.report(), **self.numbers()}
+
+    def numbers(self) -> dict[str, float]:
+        """Return the numbers of the run so far."""
+        return self._observer.numbers()
 
     def remarks(self) -> tuple[str, ...]:
         """Return what limits the numbers so far."""

@@ -137,6 +137,17 @@ def test_the_summary_says_how_many_numbers_it_leaves_out(capsys) -> None:
     assert all(name in every for name in RUN)
 
 
+def test_a_number_is_told_in_the_digits_of_shorter_steps(capsys) -> None:
+    run, shorter = (
+        {"run_pin_force_max_n": 4248.81, "run_stalls": 20.0},
+        {"run_pin_force_max_n": 4251.17, "run_stalls": 21.0},
+    )
+    show_numbers("run", run, (), shorter, everything=True)
+    shown = capsys.readouterr().out
+    assert "4250" in shown and "4248.81" not in shown
+    assert "20 to 21" in shown
+
+
 def event(speed: float, impulse: float, kind: str = "impact") -> Event:
     return Event(1.0, kind, "stop", speed, -0.5 * speed, impulse, 1)
 

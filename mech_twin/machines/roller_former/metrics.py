@@ -3,11 +3,12 @@
 
 from __future__ import annotations
 
-from math import cos, floor, inf, isfinite, pi, sin, sqrt
-from typing import Any
+from math import cos, floor, inf, isfinite, sin, sqrt
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from mech_twin.machines.crank_run import on_cubic, share_at
 from mech_twin.machines.roller_former.cart_statics import (
     LOOK_AHEAD_RAD,
     cart_load,
@@ -170,32 +171,42 @@ EXTREMES = (
 )
 
 
+class TurnSums(NamedTuple):
+    """Sums since the start of a run, or how fast they grow: angle (rad), works (J), the coupling's squared moment."""
+
+    crank_rad: float
+    motor_work_j: float
+    load_work_j: float
+    coupling_square_n2m2s: float
+
+
 class FormerObserver:
     """Metrics of a run: those of its last whole turn (``last_turn_``), extremes and events of the whole.
 
-    The means of a turn are its works over its time and angle, from the first sample after each passage of the starting
-    angle to the next.
+    The means of a turn are its works over its time and angle, from one passage of the starting angle to the next; both
+    lie between samples.
     """
 
     def __init__(self) -> None:
         self._turn: int | None = None
-        self._first: Frame | None = None
+        self._first: tuple[float, TurnSums] | None = None
+        self._now: tuple[float, TurnSums, TurnSums] | None = None
         self._low = dict.fromkeys(EXTREMES, inf)
         self._high = dict.fromkeys(EXTREMES, -inf)
-        self._squares, self._count = 0.0, 0
         self._closed: dict[str, float] = {}
         self._run = {"turns": 0.0, "stalls": 0.0, "coupling_moment_max_of_run_nm": -inf, "motor_torque_max_nm": -inf}
 
     def observe(self, frame: Frame) -> None:
         """Take one frame into account."""
         linkage, run = frame.linkage, self._run
-        crank = joints_of(linkage.position).crank
-        turn = floor(crank / (2.0 * pi))
+        joints, before = joints_of(linkage.position), self._now
+        self._now = self._sums(frame)
+        turn = floor(joints.crank / TURN)
         if turn != self._turn:
-            self._begin_turn(frame)
+            self._begin_turn(TURN * turn, before, self._now)
         self._turn = turn
         self._add(frame)
-        run["turns"] = crank / (2.0 * pi)
+        run["turns"] = joints.crank / TURN
         run["stalls"] += sum(event.kind == "stall" for event in linkage.events)
         coupling = joints_of(linkage.effort).crank
         run["coupling_moment_max_of_run_nm"] = max(run["coupling_moment_max_of_run_nm"], coupling)
@@ -203,6 +214,22 @@ class FormerObserver:
         for event in linkage.events:
             if event.contact == "crank":
                 run[f"{event.kind}_at_s"] = event.time_s
+
+    def _sums(self, frame: Frame) -> tuple[float, TurnSums, TurnSums]:
+        """Return time, sums and rates at a frame; the coupling's moment is linear between two."""
+        linkage, memory = frame.linkage, FormerMemory(*frame.linkage.memory.values)
+        quantities = FormerQuantities(*frame.forces.quantities.values[:QUANTITIES])
+        coupling = joints_of(linkage.effort).crank
+        rates = TurnSums(
+            joints_of(linkage.velocity).crank, quantities.drive_power_w, quantities.load_power_w, coupling * coupling
+        )
+        squares = 0.0
+        if self._now is not None:
+            past_s, sums, past = self._now
+            mean = (past.coupling_square_n2m2s + rates.coupling_square_n2m2s) / 2.0
+            squares = sums.coupling_square_n2m2s + mean * (linkage.time_s - past_s)
+        crank = joints_of(linkage.position).crank
+        return linkage.time_s, TurnSums(crank, memory.motor_work_j, memory.load_work_j, squares), rates
 
     def _add(self, frame: Frame) -> None:
         linkage = frame.linkage
@@ -216,21 +243,19 @@ class FormerObserver:
         )
         for name, value in zip(EXTREMES, values, strict=True):
             self._low[name], self._high[name] = min(self._low[name], value), max(self._high[name], value)
-        self._squares += effort.crank * effort.crank
-        self._count += 1
 
-    def _begin_turn(self, frame: Frame) -> None:
-        """Close the turn that ends, if it was a whole one, and begin the next."""
-        if self._first is not None and turned_rad(self._first, frame) > WHOLE_TURN:
-            self._closed = self._metrics_of_turn(self._first, frame)
-        self._first = frame
+    def _begin_turn(
+        self, angle: float, before: tuple[float, TurnSums, TurnSums] | None, now: tuple[float, TurnSums, TurnSums]
+    ) -> None:
+        """Close the turn that ends, if it was a whole one, and begin the next at an angle passed since ``before``."""
+        first = now[:2] if before is None else passage(max(angle, TURN * (self._turn or 0)), before, now)
+        if self._first is not None and first[1].crank_rad - self._first[1].crank_rad > WHOLE_TURN:
+            self._closed = self._metrics_of_turn(*self._first, *first)
+        self._first = first
         self._low, self._high = dict.fromkeys(EXTREMES, inf), dict.fromkeys(EXTREMES, -inf)
-        self._squares, self._count = 0.0, 0
 
-    def _metrics_of_turn(self, first: Frame, last: Frame) -> dict[str, float]:
-        before, after = (FormerMemory(*frame.linkage.memory.values) for frame in (first, last))
-        time_s = last.linkage.time_s - first.linkage.time_s
-        angle = turned_rad(first, last)
+    def _metrics_of_turn(self, begin_s: float, before: TurnSums, end_s: float, after: TurnSums) -> dict[str, float]:
+        time_s, angle = end_s - begin_s, after.crank_rad - before.crank_rad
         elastic, coupling, *ranges = EXTREMES
         metrics = {}
         for name in (elastic, coupling):
@@ -239,7 +264,8 @@ class FormerObserver:
         for name in ranges:
             stem, unit = name.split("_rad", 1)
             metrics[f"{stem}_range_rad{unit}"] = self._high[name] - self._low[name]
-        metrics["coupling_moment_rms_nm"] = sqrt(self._squares / self._count)
+        squares = after.coupling_square_n2m2s - before.coupling_square_n2m2s
+        metrics["coupling_moment_rms_nm"] = sqrt(squares / time_s)
         metrics["speed_rad_per_s"] = angle / time_s
         metrics["drive_power_mean_w"] = (after.motor_work_j - before.motor_work_j) / time_s
         metrics["load_moment_mean_nm"] = (after.load_work_j - before.load_work_j) / angle
@@ -250,6 +276,12 @@ class FormerObserver:
         return {**self._run, **self._closed}
 
 
-def turned_rad(first: Frame, last: Frame) -> float:
-    """Return the angle the crank has turned from one frame to another (rad)."""
-    return joints_of(last.linkage.position).crank - joints_of(first.linkage.position).crank
+def passage(
+    angle: float, before: tuple[float, TurnSums, TurnSums], now: tuple[float, TurnSums, TurnSums]
+) -> tuple[float, TurnSums]:
+    """Return time and sums at which the crank passed an angle between two frames, on the cubics through both."""
+    (begin_s, first, rates), (end_s, last, last_rates) = before, now
+    span = end_s - begin_s
+    ends = list(zip(zip(first, last, strict=True), zip(rates, last_rates, strict=True), strict=True))
+    share = share_at(angle, span, *ends[0])
+    return begin_s + share * span, TurnSums(*(on_cubic(span, *each, share) for each in ends))

@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A run once more in shorter steps, beside the first: which digits of a number do not depend on the step.
+
+Peaks are taken at samples, and roles exchange theirs at steps, so that numbers of a run depend on its step.  The second
+run takes sqrt 5 times as many: its step is below half, and its samples fall between those of the first, wherever a
+peak lies.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from pydantic import ValidationError
+
+from mech_twin.capabilities.variation import varied
+from mech_twin.engine.run import frames, steps_for
+from mech_twin.parameters.live_change import ChangingMachine, LiveChange
+from mech_twin.parameters.load import catalogue_entry
+from mech_twin.roles import Machine
+from mech_twin.samples import Frame
+
+TIMES_AS_MANY = math.sqrt(5.0)
+DIGITS = 5  # told at most, since samples of both runs may miss a peak alike
+FIRST_ORDER = 1.0 / (1.0 - 1.0 / TIMES_AS_MANY)  # error over difference, of what falls as slowly as the step
+FEWEST_DIGITS = 2  # fewer say less than both numbers
+
+
+def in_shorter_steps(machine: Machine, duration_s: float) -> Machine | None:
+    """Return the machine with a shorter coupling step that divides the run; None where it has none so short."""
+    steps = steps_for(machine, duration_s)
+    shorter_s = machine.coupling_step_s * (steps / round(steps * TIMES_AS_MANY) if steps else 1.0 / TIMES_AS_MANY)
+    try:
+        parameters = varied(machine.parameters, {"coupling.step_s": shorter_s})
+    except ValidationError:
+        return None
+    return catalogue_entry(machine.name).build(parameters)
+
+
+class RunInShorterSteps:
+    """A run that goes along with one in longer steps.
+
+    Parameters
+    ----------
+    machine : Machine
+        The machine in shorter steps.
+    duration_s : float
+        Simulated time.
+    changes : sequence of LiveChange
+        What changes during the run.
+    """
+
+    def __init__(self, machine: Machine, duration_s: float, changes: Sequence[LiveChange] = ()) -> None:
+        changing = ChangingMachine(machine, changes)
+        self.step_s = machine.coupling_step_s
+        self._observer = machine.observer()
+        self._frames = frames(machine, duration_s, changing.command, changing.at)
+        self._time_s = -math.inf
+
+    def follow(self, other: Frame) -> None:
+        """Take the frames up to one of the other run into account."""
+        while self._time_s < other.linkage.time_s and (frame := next(self._frames, None)) is not None:
+            self._observer.observe(frame)
+            self._time_s = frame.linkage.time_s
+
+    def numbers(self, names: Iterable[str]) -> dict[str, float]:
+        """Return the numbers so far of these names, NaN where the run has none."""
+        found = self._observer.numbers()
+        return {name: found.get(name, math.nan) for name in names}
+
+
+def told(name: str, value: Any, shorter: Mapping[str, float]) -> Any:
+    """Return a number in the digits that shorter steps leave as they are; both numbers where those are few.
+
+    Half of the last digit told is worth at least the error, taken to fall in proportion to the step.  What does not
+    depend on the run is not among the numbers in shorter steps, and told as it is.
+
+    Examples
+    --------
+    >>> told("peak_n", 4248.81475, {"peak_n": 4251.16915}), told("gap_m", 2.0e-4, {"gap_m": 2.9e-4})
+    ('4250', '0.0002 to 0.00029')
+    """
+    if name not in shorter or value == shorter[name]:
+        return value
+    other = shorter[name]
+    if not (math.isfinite(value) and math.isfinite(other)):
+        return value if math.isnan(value) and math.isnan(other) else _both(value, other)
+    last = math.ceil(math.log10(2.0 * FIRST_ORDER * abs(value - other)))
+    size = math.floor(math.log10(abs(value))) + 1 if value else last
+    last = max(last, size - DIGITS)
+    digits = size - last
+    return _rounded(value, digits, last) if digits >= FEWEST_DIGITS else _both(value, other)
+
+
+def _rounded(value: float, digits: int, last: int) -> str:
+    """Return a number with so many digits, the last of them worth ten to a power."""
+    if 1e-4 <= abs(value) < 10.0**6:
+        return f"{round(value, -last):.{max(0, -last)}f}"
+    return f"{value:.{digits - 1}e}"
+
+
+def _both(value: float, other: float) -> str:
+    return f"{value:.3g} to {other:.3g}".replace("nan", "none")

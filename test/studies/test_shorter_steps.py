@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Numbers are told in the digits that do not depend on the coupling step."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mech_twin.engine.run import frames
+from mech_twin.parameters.load import machine as built
+from mech_twin.studies.shorter_steps import RunInShorterSteps, in_shorter_steps, told
+from mech_twin.studies.simulation import Simulation
+
+FINER = 3.7  # times shorter than the step of the run, so that samples of all three fall elsewhere
+NUMBERS = st.floats(1e-9, 1e9) | st.floats(-1e9, -1e-9)
+
+
+def last_digit(text: str) -> float:
+    """Return what a one in the last digit of a number as text is worth; zeros that end a whole one count for none."""
+    digits, _, power = text.partition("e")
+    whole, dot, part = digits.partition(".")
+    worth = -len(part) if dot else len(whole) - len(whole.rstrip("0"))
+    return float(10.0 ** (worth + int(power or 0)))
+
+
+def bounds(shown: float | str, run: float) -> tuple[float, float]:
+    """Return between what a number told says that it lies: a unit of its last digit, or the way between both."""
+    if not isinstance(shown, str):
+        shown = f"{run:.6g}"
+    first, apart, second = shown.partition(" to ")
+    if apart:
+        low, high = sorted((float(first), float(second)))
+        return low - (high - low), high + (high - low)
+    return float(shown) - last_digit(shown), float(shown) + last_digit(shown)
+
+
+@given(NUMBERS, st.floats(-1.0, 1.0), st.integers(0, 12))
+def test_both_numbers_are_the_one_told_but_for_a_unit_of_its_last_digit(value: float, apart: float, by: int) -> None:
+    other = value * (1.0 + apart * 10.0**-by)
+    low, high = bounds(told("of_run", value, {"of_run": other}), value)
+    slack = 1e-5 * abs(value) + 5e-3 * (abs(value) + abs(other)) * (by < 3)  # of an interval three digits are told
+    assert low - slack <= min(value, other)
+    assert max(value, other) <= high + slack
+
+
+def test_a_count_that_differs_is_told_as_both() -> None:
+    assert told("unseated_blows", 20.0, {"unseated_blows": 21.0}) == "20 to 21"
+    assert told("stall_events", 2.0, {"stall_events": math.nan}) == "2 to none"
+    assert told("rest_force_n", 740.87, {}) == 740.87
+
+
+@pytest.mark.parametrize("name", ["compaction_press", "roller_former", "vibration_crank", "mb10_breaker"])
+def test_a_third_step_agrees_with_every_number_told(name: str) -> None:
+    duration_s = 2.5
+    machine = built(name)
+    run = Simulation(machine)
+    shorter = in_shorter_steps(machine, duration_s)
+    assert shorter is not None
+    beside = RunInShorterSteps(shorter, duration_s)
+    for frame in frames(machine, duration_s):
+        run.observe(frame)
+        beside.follow(frame)
+    third_machine = built(name, None, {"coupling.step_s": machine.coupling_step_s / FINER})
+    finer = Simulation(third_machine)
+    for frame in frames(third_machine, duration_s):
+        finer.observe(frame)
+    numbers, third = run.numbers(), finer.numbers()
+    confirmed = beside.numbers(numbers)
+    outside = {}
+    for key, value in numbers.items():
+        if key.startswith("worst_") or not math.isfinite(value):
+            continue
+        low, high = bounds(told(key, value, confirmed), value)
+        if not low <= third[key] <= high:
+            outside[key] = (value, confirmed[key], told(key, value, confirmed), third[key])
+    assert outside == {}
