@@ -53,12 +53,18 @@ def test_list_names_every_machine() -> None:
 
 def test_simulate_gives_summary_events_and_samples() -> None:
     result = document("simulate", "impact_mass", "--duration", "0.2", "--json", "--samples")
-    assert set(result) == {"machine", "config", "summary", "residuals", "events", "samples"}
+    assert set(result) == {"machine", "config", "summary", "shorter_steps", "residuals", "events", "samples"}
+    assert result["shorter_steps"]["step_s"] < 0.5 * result["config"]["coupling"]["step_s"]
+    assert set(result["shorter_steps"]["summary"]) <= set(result["summary"])
     assert {"time_s", "kind", "pre_velocity_m_per_s", "post_velocity_m_per_s", "impulse_ns", "period"} <= set(
         result["events"][0]
     )
     assert len({len(column) for column in result["samples"].values()}) == 1
     assert result["samples"]["time_s"][-1] == pytest.approx(0.2)
+
+
+def test_one_step_leaves_the_second_run_out() -> None:
+    assert "shorter_steps" not in document("simulate", "impact_mass", "--duration", "0.1", "--json", "--one-step")
 
 
 def test_a_setting_changes_the_result() -> None:
