@@ -136,7 +136,7 @@ $(VENV)/.run: setup.py constraints/python.txt constraints/$(ROS).txt | $(VENV)/b
 
 $(VENV)/.test: setup.py constraints/python.txt constraints/$(ROS).txt | $(VENV)/bin/python
 	@echo "installing 1.8 GB of packages into $(VENV), which takes some minutes the first time"
-	$(if $(strip $(HASHED)),$(INSTALL_HASHED),$(BIN)/python -m pip install -q -e ".[$(EXTRAS),cluster,alerts,foxglove,fmu,test]" $(PINS))
+	$(if $(strip $(HASHED)),$(INSTALL_HASHED),$(BIN)/python -m pip install -q -e ".[$(EXTRAS),cluster,alerts,foxglove,fmu,life,test]" $(PINS))
 	touch $@ $(VENV)/.run
 	$(MAKE) -s $(READERS)/node_modules
 

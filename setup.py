@@ -104,6 +104,7 @@ setup(
         "alerts": ["paho-mqtt>=2.1", "prometheus_client>=0.20"],
         "cluster": ["distributed>=2026.8"],
         "fmu": ["ziglang>=0.14"],
+        "life": ["rainflow>=3.2"],
         "test": [
             "pytest", "pytest-timeout", "pytest-cov", "pytest-xdist", "hypothesis", "mpmath", "playwright", "psutil",
             "rosbags", "pandas", "ruff", "mypy", "import-linter", "types-PyYAML", "colcon-common-extensions",

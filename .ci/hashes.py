@@ -10,7 +10,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-EXTRAS = ("view", "plots", "tables", "cluster", "alerts", "foxglove", "fmu", "test")
+EXTRAS = ("view", "plots", "tables", "cluster", "alerts", "foxglove", "fmu", "life", "test")
 
 
 def main(tools: Path) -> None:

@@ -20,6 +20,7 @@ EXTRA_OF = {
     "pandas": "pandas",
     "distributed": "cluster",
     "ziglang": "fmu",
+    "rainflow": "life",
     "foxglove": "foxglove",
     "paho": "alerts",
     "prometheus_client": "alerts",

@@ -84,5 +84,9 @@ def blow_remarks(roundings: Mapping[str, tuple[float, float]], numbers: Mapping[
                 f"{name} = {value:.3g}: the mechanism's mass at the contact changes within a blow; above "
                 f"{RIGID_SHARE:g} it is not one number, and the blow is an estimate"
             )
+        if name.endswith("head_too_heavy") and value > 0.0:
+            yield f"{name} = {value:.3g}: blows whose head weighs nearly all of the striker, led without it"
+        if name.endswith("striker_stopped_m_per_s") and value > 1e-9:
+            yield f"{name} = {value:.3g}: the striker would go on after the rod, but is stopped at its contact"
         if name.endswith("blow_unended") and value > 0.0:
             yield f"{name} = {value:.3g}: blows whose window ends before striker and rod have parted; lengthen window_s"

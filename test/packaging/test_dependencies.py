@@ -177,6 +177,9 @@ def test_a_machine_is_run_over_topics_without_any_extra(ros_domain: int, tmp_pat
     assert (tmp_path / "bag" / "metadata.yaml").is_file()
 
 
+BROKEN_AT = ("--duration", "1", "--set", "stop.model=wave", "--set", "stop.wave.life.amplitude_pa=2e8")
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "extra"),
@@ -189,6 +192,7 @@ def test_a_machine_is_run_over_topics_without_any_extra(ros_domain: int, tmp_pat
         (("run", "winding_drum", "--duration", "0.1", "--no-record"), "view"),
         (("run", "winding_drum", "--duration", "0.1", "--no-record", "--view", "run.rrd", "--processes"), "view"),
         (("view", "bag", "--save", "bag.rrd"), "view"),
+        (("simulate", "impact_mass", *BROKEN_AT), "life"),
     ],
 )
 def test_a_verb_that_needs_a_missing_extra_says_so_in_one_line(

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from mech_twin.capabilities.cycle import (
-    CycleFeature,
     CycleFeatures,
     CycleReference,
     event_ratio,
@@ -15,23 +14,12 @@ from mech_twin.capabilities.cycle import (
     share_above,
     upper,
 )
+from mech_twin.capabilities.gauge_features import gauge_features
 from mech_twin.machines.impact_mass.parameters import ImpactMass
 
 FORCE, MASS = "motor.generator.effort", "linkage.mass.position"
 TIME, PRE, POST, IMPULSE = (f"event.impact.{what}" for what in ("time", "pre_velocity", "post_velocity", "impulse"))
-INCIDENT, FORWARD, REFLECTED, PEAK = (
-    f"event.impact.{what}" for what in ("incident_energy", "forward_energy", "reflected_energy", "peak_force")
-)
 SETTLING_PERIODS = 8
-
-
-def gauge_features() -> tuple[CycleFeature, ...]:
-    """Return the features of a strain gauge on the stop."""
-    return (
-        event_value("incident_energy_j", "J", INCIDENT, "energy of the first wave in the stop", "sum"),
-        event_ratio("reflected_share", REFLECTED, FORWARD, "energy that comes back over that going forward", 1.0),
-        event_value("gauge_peak_n", "N", PEAK, "largest force in the stop", "largest"),
-    )
 
 
 def features(parameters: ImpactMass) -> CycleFeatures:
@@ -53,7 +41,7 @@ def features(parameters: ImpactMass) -> CycleFeatures:
             event_value("impact_speed_m_per_s", "m/s", PRE, "speed of the hardest impact", "largest"),
             event_ratio("speed_ratio", POST, PRE, "speeds after the impacts over those before"),
             event_value("impulse_ns", "N.s", IMPULSE, "impulse of a period", "sum"),
-            *(gauge_features() if parameters.stop.model == "wave" else ()),
+            *(gauge_features("impact", "stop") if parameters.stop.model == "wave" else ()),
         ),
         SETTLING_PERIODS,
     )

@@ -8,10 +8,9 @@ rods are at rest before each blow: it finds the stop in its seat, quiet.  The ge
 
 from __future__ import annotations
 
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Literal
 
-import numpy as np
 from pydantic import model_validator
 
 from mech_twin.capabilities.blow_gauge import BlowGauge, GaugeCurve
@@ -20,18 +19,18 @@ from mech_twin.parts.rod_waves.blow import RodBlow
 from mech_twin.parts.rod_waves.parameters import Wall, WaveTool, wave_grid
 from mech_twin.parts.rod_waves.struck_tool import (
     LARGEST_HEAD,
+    NO_CURVE,
+    NO_FORCES,
     force_room,
+    gauge_curve,
     gauge_numbers,
-    gauge_room,
     life_numbers,
     place_m,
     rod_blow,
-    strain_per_n,
 )
 from mech_twin.quantity import Parameters, choice
 from mech_twin.samples import Event
 
-NO_CURVE = np.empty((0, 2))
 POWERS = (2, 2, 2, 1, 1, 1)  # of the speed, of each number of a gauge
 
 
@@ -77,7 +76,7 @@ class StopModel(Parameters):
 def unit_blow(rod: StopRod, mass_kg: float) -> RodBlow:
     """Return the blow of a mass on a stop at 1 m/s."""
     grid = wave_grid(rod, 0.0)
-    return rod_blow(grid, float(mass_kg), 1.0, 0.0, True, NO_CURVE, np.empty((0, 1)))
+    return rod_blow(grid, float(mass_kg), 1.0, 0.0, True, NO_CURVE, NO_FORCES)
 
 
 def rod_restitution(rod: StopRod, mass_kg: float, least: float, largest: float) -> float:
@@ -150,11 +149,9 @@ def stop_gauge(rod: StopRod, mass_kg: float) -> BlowGauge:
         return tuple(number * v**power for number, power in zip(of_unit, POWERS, strict=True))
 
     def curve(event: Event) -> GaugeCurve:
-        room = gauge_room(grid)
-        v = event.pre_velocity_m_per_s
-        found = rod_blow(grid, float(mass_kg), v, 0.0, True, room, np.empty((0, 1)))
-        force = room[: found.steps].sum(axis=1)
-        return GaugeCurve(grid.span_s, force, strain_per_n(grid) * force)
+        return GaugeCurve(
+            *gauge_curve(grid, partial(rod_blow, grid, float(mass_kg), event.pre_velocity_m_per_s, 0.0, True))
+        )
 
     contacts = (KIND_CONTACTS[int(IMPACT)],)
     return BlowGauge(KIND_NAMES[int(IMPACT)], contacts, numbers, curve, contacts if rod.gauge_curve else ())

@@ -7,7 +7,6 @@ from math import pi
 
 from mech_twin.capabilities.crank_features import speed_features
 from mech_twin.capabilities.cycle import (
-    CycleFeature,
     CycleFeatures,
     CycleReference,
     event_ratio,
@@ -18,26 +17,13 @@ from mech_twin.capabilities.cycle import (
     share_above,
     upper,
 )
+from mech_twin.capabilities.gauge_features import gauge_features
 from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
 
 CRANK, ROTOR, BODY = "linkage.crank.position", "motor.rotor.effort", "body.body.position"
 BLOW, PRE, POST, IMPULSE = (f"event.blow.{what}" for what in ("time", "pre_velocity", "post_velocity", "impulse"))
-INCIDENT, FORWARD, REFLECTED, PEAK = (
-    f"event.blow.{what}" for what in ("incident_energy", "forward_energy", "reflected_energy", "peak_force")
-)
 BEGIN_RAD = 0.5 * pi  # between two blows, the body on its collar again or soon
 SETTLING_CYCLES = 12  # the motor finds its new speed
-
-
-def gauge_features() -> tuple[CycleFeature, ...]:
-    """Return the features of a strain gauge on the tool: a soft wall or a worn foot changes what comes back."""
-    return (
-        event_value("incident_energy_j", "J", INCIDENT, "energy of the first wave in the tool", "sum"),
-        event_ratio(
-            "reflected_share", REFLECTED, FORWARD, "energy that comes back through the gauge over that forth", 1.0
-        ),
-        event_value("gauge_peak_n", "N", PEAK, "largest force in the tool", "largest"),
-    )
 
 
 def features(parameters: BreakerParameters) -> CycleFeatures:
@@ -59,7 +45,7 @@ def features(parameters: BreakerParameters) -> CycleFeatures:
             event_share("blow_share", BLOW, "when in the turn the blow comes"),
             event_ratio("blow_speed_ratio", POST, PRE, "speed of the striker after the blow over that before"),
             event_value("blow_impulse_ns", "N.s", IMPULSE, "impulse of the blow", "sum"),
-            *(gauge_features() if parameters.tool.model == "wave" else ()),
+            *(gauge_features("blow", "tool") if parameters.tool.model == "wave" else ()),
         ),
         SETTLING_CYCLES,
     )

@@ -55,9 +55,13 @@ def build(parameters: Parameters) -> Machine:
 def capabilities() -> Capabilities:
     """Return what a page answers beside running."""
     from mech_twin.capabilities.sizing import SizingQuestion
-    from mech_twin.machines.page import sizing
+    from mech_twin.machines.page import features, sizing
 
-    return Capabilities(sizing=SizingQuestion(sizing.LIMITS, sizing.OBJECTIVES, sizing.sizing))
+    return Capabilities(
+        sizing=SizingQuestion(sizing.LIMITS, sizing.OBJECTIVES, sizing.sizing),
+        features=features.features,
+        faults=features.faults,
+    )
 
 
 def start_numbers(shared: PageModel) -> dict[str, float]:

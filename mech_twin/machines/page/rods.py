@@ -1,13 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Rods of a page: a contact whose blow is a wave in a rod that stands on a wall.
 
-The striker is rigid, with the effective mass m_e that the machine has at the contact, those that are closed taking
-part; it strikes at the closing speed v.  The impulse P of the blow acts as that of a rigid contact does, whose
-restitution is P/(m_e v) - 1.  The rod is at rest in its seat before each blow.
+The striker has the effective mass m_e that the machine has at the contact, those that are closed taking part; a head
+that is a rod is part of it.  It strikes at the closing speed v.  The impulse P of the blow acts as that of a rigid
+contact does, whose restitution is P/(m_e v) - 1, 0 at least: a striker that would go on after the rod is stopped, and
+what it has left is lost.  The rod is at rest in its seat before each blow: what drove it into a wall has followed.
 """
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Literal, Self
 
 import numpy as np
@@ -16,17 +18,17 @@ from pydantic import model_validator
 
 from mech_twin.capabilities.blow_gauge import BlowGauge, GaugeCurve
 from mech_twin.kernel import borrowing_kernel, kernel
-from mech_twin.parts.rod_waves.blow import RodBlow
 from mech_twin.parts.rod_waves.contact_law import LAW_COLUMNS, ContactLaw
 from mech_twin.parts.rod_waves.parameters import GridPiece, Wall, WaveGrid, WaveTool, rounded_lengths, wave_grid
 from mech_twin.parts.rod_waves.struck_tool import (
-    force_room,
+    NO_CURVE,
+    NO_FORCES,
+    LedBlow,
+    gauge_curve,
     gauge_numbers,
-    gauge_room,
-    life_numbers,
     rod_blow,
-    rod_numbers,
-    strain_per_n,
+    told_of_blow,
+    with_head_within,
 )
 from mech_twin.quantity import choice
 from mech_twin.samples import Event
@@ -36,13 +38,18 @@ PIECE_COLUMNS = len(GridPiece._fields)
 FACE = 1 + 4 * PIECE_COLUMNS
 REST = FACE + 3 * LAW_COLUMNS
 ROD_COLUMNS = REST + 4
-NO_ROOM = np.empty((0, 2))
 
 
 class RodWall(Wall):
     """The wall behind a rod."""
 
-    kind: Literal["loading", "rigid"] = choice("law of the wall", default="loading")
+    kind: Literal["loading", "yielding", "rigid"] = choice("law of the wall", default="loading")
+
+    @model_validator(mode="after")
+    def _yields_at_a_force(self) -> Self:
+        if self.kind == "yielding" and self.threshold_n == 0.0:
+            raise ValueError("threshold_n must be above 0: a yielding wall gives way at it")
+        return self
 
 
 class ContactRod(WaveTool):
@@ -52,15 +59,15 @@ class ContactRod(WaveTool):
 
     @model_validator(mode="after")
     def _can_be_led(self) -> Self:
-        if self.head.length_m > 0.0:
-            raise ValueError(
-                f"head.length_m must be 0: the striker of a page is rigid, with the mass that its mechanism has at the "
-                f"contact; got {self.head.length_m:g}"
-            )
         if self.unseated_gap_m != WaveTool.model_fields["unseated_gap_m"].default:
             raise ValueError("unseated_gap_m has no effect here: the rod of a page stands in its seat")
         wave_grid(self, 0.0, "")
         return self
+
+    @property
+    def grid(self) -> WaveGrid:
+        """The constants of a blow; a yielding wall gives way at its threshold."""
+        return wave_grid(self, self.wall.threshold_n)
 
 
 def grid_row(grid: WaveGrid) -> list[float]:
@@ -101,7 +108,7 @@ def rod_restitution(rods: Array, rod: int, striker_kg: float, closing: float) ->
         row[REST + 3],
     )
     none = np.empty((0, 2))
-    found = rod_blow(grid, striker_kg, closing, 0.0, True, none, none)
+    found = rod_blow(with_head_within(grid, striker_kg), striker_kg, closing, 0.0, True, none, none)
     return float(min(max(found.impulse_ns / (striker_kg * closing) - 1.0, 0.0), 1.0))
 
 
@@ -116,7 +123,7 @@ class PageRods:
 
     def __init__(self, rods: dict[str, ContactRod]) -> None:
         self.rods = rods
-        self.grids = {name: wave_grid(rod, 0.0) for name, rod in rods.items()}
+        self.grids = {name: rod.grid for name, rod in rods.items()}
 
     @property
     def rows(self) -> Array:
@@ -127,23 +134,28 @@ class PageRods:
         """Return whether an event is a blow on a rod."""
         return event.kind == "impact" and event.contact in self.rods and event.impulse_ns > 0.0
 
-    def _led(self, event: Event, gauge: Array, forces: Array) -> tuple[RodBlow, float]:
-        """Return the blow of an event, led once more, and the striker's mass (kg)."""
+    def _led(self, event: Event) -> tuple[WaveGrid, float, LedBlow]:
+        """Return the grid of an event's blow, the striker's mass (kg), and what leads it once more."""
         closing = event.pre_velocity_m_per_s
         mass = event.impulse_ns / (closing - event.post_velocity_m_per_s)
-        return rod_blow(self.grids[event.contact], mass, closing, 0.0, True, gauge, forces), mass
+        grid = with_head_within(self.grids[event.contact], mass)
+        return grid, mass, partial(rod_blow, grid, mass, closing, 0.0, True)
 
     def numbers(self, event: Event) -> dict[str, float]:
         """Return what the blow of an event gives."""
-        grid, line = self.grids[event.contact], self.rods[event.contact].life.line
-        forces = NO_ROOM if line is None else force_room(grid)
-        found, mass = self._led(event, NO_ROOM, forces)
+        rod = self.rods[event.contact]
+        grid, mass, lead = self._led(event)
+        found, told = told_of_blow(grid, rod.life.line, lead)
+        if rod.wall.kind == "yielding":
+            told["overtravel_m"] = told["tool_energy_j"] / rod.wall.threshold_n
+        if rod.head.length_m > 0.0:
+            told["head_too_heavy"] = 1.0 if grid.head.cells == 0 else 0.0
         return {
-            **rod_numbers(grid, found),
+            **told,
             "striker_mass_kg": mass,
             "striker_rebound_m_per_s": -event.post_velocity_m_per_s,
             "restitution_effective": -event.post_velocity_m_per_s / event.pre_velocity_m_per_s,
-            **({} if line is None else life_numbers(grid, line, found, forces)),
+            "striker_stopped_m_per_s": max(0.0, event.pre_velocity_m_per_s - found.impulse_ns / mass),
         }
 
     def gauge(self) -> BlowGauge | None:
@@ -152,14 +164,12 @@ class PageRods:
             return None
 
         def numbers(event: Event) -> tuple[float, ...]:
-            return gauge_numbers(self.grids[event.contact], self._led(event, NO_ROOM, NO_ROOM)[0])
+            grid, _, lead = self._led(event)
+            return gauge_numbers(grid, lead(NO_CURVE, NO_FORCES))
 
         def curve(event: Event) -> GaugeCurve:
-            grid = self.grids[event.contact]
-            room = gauge_room(grid)
-            found, _ = self._led(event, room, NO_ROOM)
-            force = room[: found.steps].sum(axis=1)
-            return GaugeCurve(grid.span_s, force, strain_per_n(grid) * force)
+            grid, _, lead = self._led(event)
+            return GaugeCurve(*gauge_curve(grid, lead))
 
         curves = tuple(name for name, rod in self.rods.items() if rod.gauge_curve)
         return BlowGauge("impact", tuple(self.rods), numbers, curve, curves)

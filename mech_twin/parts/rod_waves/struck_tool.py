@@ -6,6 +6,8 @@ The striker is a rigid mass, with a rod as its head where it has one; the head's
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from mech_twin.kernel import kernel
@@ -15,6 +17,8 @@ from mech_twin.parts.rod_waves.contact_law import BOND, LAW_COLUMNS
 from mech_twin.parts.rod_waves.fatigue import StressLine, blow_damage
 from mech_twin.parts.rod_waves.parameters import GridPiece, WaveGrid
 
+LedBlow = Callable[[Array, Array], RodBlow]  # leads a blow; rooms for both waves at the gauge and for the forces
+NO_CURVE, NO_FORCES = np.empty((0, 2)), np.empty((0, 1))
 LARGEST_HEAD = 0.9  # of the striker's mass: the rest moves it as a rigid body
 
 
@@ -54,6 +58,16 @@ def empty_chain(grid: WaveGrid, striker_kg: float) -> Chain:
 def head_mass(grid: WaveGrid) -> float:
     """Return the mass of the striker's head (kg)."""
     return grid.head.cells * grid.head.impedance * grid.span_s
+
+
+@kernel
+def with_head_within(grid: WaveGrid, striker_kg: float) -> WaveGrid:
+    """Return the grid; without the head where that is more than `LARGEST_HEAD` of the striker's mass."""
+    head, none = grid.head, GridPiece(0, 1.0, 1.0, 0.0, 0.0)
+    return WaveGrid(
+        grid.span_s, head if head_mass(grid) <= LARGEST_HEAD * striker_kg else none, grid.rod, grid.tip, grid.foot,
+        grid.face, grid.seat, grid.wall, grid.foot_gap_m, grid.unseated_gap_m, grid.gauge, grid.window_s,
+    )  # fmt: skip
 
 
 @kernel
@@ -154,12 +168,20 @@ def life_numbers(grid: WaveGrid, line: StressLine, found: RodBlow, forces: Array
     """Return the damage that a blow does to head, tool or foot, where, and how many such blows make 1."""
     pieces = (grid.head, grid.rod, grid.tip, grid.foot)
     area = np.repeat([piece.area_m2 for piece in pieces], [piece.cells for piece in pieces]).astype(np.float64)
-    rooms, cycles = np.empty((2, found.steps + 2)), np.empty((found.steps + 2, 3))
-    damage, cell = blow_damage(line, forces[: found.steps], area, rooms, cycles)
+    damage, cell = blow_damage(line, forces[: found.steps], area)
     place = place_m(grid, (cell + 0.5) * grid.span_s)
     return {"damage_per_blow": damage, "damage_place_m": place, "life_blows": 1.0 / damage if damage > 0.0 else 0.0}
 
 
-def gauge_room(grid: WaveGrid) -> Array:
-    """Return room for both waves at the gauge over the longest blow."""
-    return np.zeros((int(grid.window_s / grid.span_s) + 1, 2))
+def gauge_curve(grid: WaveGrid, lead: LedBlow) -> tuple[float, Array, Array]:
+    """Return span (s), force (N) and strain at the gauge over a blow, a number each step of the grid."""
+    room = np.zeros((int(grid.window_s / grid.span_s) + 1, 2))
+    force = room[: lead(room, NO_FORCES).steps].sum(axis=1)
+    return grid.span_s, force, strain_per_n(grid) * force
+
+
+def told_of_blow(grid: WaveGrid, line: StressLine | None, lead: LedBlow) -> tuple[RodBlow, dict[str, float]]:
+    """Return a blow and what it tells of rods, contacts and wall; of its life where an S-N line is given."""
+    forces = NO_FORCES if line is None else force_room(grid)
+    found = lead(NO_CURVE, forces)
+    return found, {**rod_numbers(grid, found), **({} if line is None else life_numbers(grid, line, found, forces))}

@@ -21,7 +21,7 @@ from mech_twin.machines.mb10_breaker.wave_blow import push_on_body, strike_as_wa
 from mech_twin.machines.mb10_breaker.wave_metrics import blow_metrics, blow_of
 from mech_twin.machines.mb10_breaker.wave_plots import pressing, rated_rod_blow
 from mech_twin.parameters.load import machine
-from mech_twin.parts.rod_waves.struck_tool import rod_blow
+from mech_twin.parts.rod_waves.struck_tool import NO_CURVE, NO_FORCES, rod_blow
 
 WAVE = {"tool.model": "wave"}
 LOADING = WAVE | {"tool.wave.wall.kind": "loading"}
@@ -152,7 +152,7 @@ LAWS = {"tool.wave.wall.kind": "loading", "tool.wave.wall.exponent": 1.5, "tool.
 def test_the_blow_of_an_event_is_the_one_that_moved_the_machine(overrides):
     b, events = blows(overrides)
     for event in events:
-        found, _ = blow_of(b, event, np.empty((0, 2)), np.empty((0, 1)))
+        found = blow_of(b, event)[0](NO_CURVE, NO_FORCES)
         assert found.impulse_ns == pytest.approx(event.impulse_ns, rel=1e-12)
         assert abs(found.energy_error) < 1e-12
         assert found.parted
@@ -161,7 +161,8 @@ def test_the_blow_of_an_event_is_the_one_that_moved_the_machine(overrides):
 def test_energies_of_a_blow_add_up():
     """What the striker had is in wall, tool, vibration, face and its rebound."""
     b, events = blows({"tool.wave.wall.kind": "loading"})
-    found, along = blow_of(b, events[-1], np.empty((0, 2)), np.empty((0, 1)))
+    lead, along = blow_of(b, events[-1])
+    found = lead(NO_CURVE, NO_FORCES)
     told = blow_metrics(b, events[-1])
     left = 0.5 * along.effective_kg * told["striker_rebound_m_per_s"] ** 2
     left += told["tool_energy_j"] + told["tool_vibration_j"]

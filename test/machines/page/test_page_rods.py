@@ -36,11 +36,15 @@ def on_rod(rod):
     return BALL.replace(", restitution: 0.5", ""), rod_ball(rod)
 
 
-@pytest.mark.parametrize("rod", [{}, HERTZ, LAWS, {"wall": {"kind": "rigid"}}])
+HEAD = {"head": {"length_m": 0.28125, "diameter_m": 0.02}}  # 20 cells, 0.69 kg of the ball's 2 kg
+YIELDING = {"wall": {"kind": "yielding", "threshold_n": 2e3}}
+
+
+@pytest.mark.parametrize("rod", [{}, HERTZ, LAWS, {"wall": {"kind": "rigid"}}, HEAD, YIELDING, HEAD | YIELDING])
 def test_the_impulse_is_that_of_the_blow_and_its_energy_is_told(rod):
     text, changes = on_rod(rod)
     told, simulation = run(text, 1.6, **changes)
-    grid = wave_grid(page(text, **changes).contacts["bounce"].rod, 0.0)
+    grid = page(text, **changes).contacts["bounce"].rod.grid
     hits = [e for frame in told for e in frame.linkage.events if e.kind == "impact"]
     assert len(hits) >= 2
     taken = 0.0
@@ -50,7 +54,9 @@ def test_the_impulse_is_that_of_the_blow_and_its_energy_is_told(rod):
         assert event.impulse_ns == pytest.approx(found.impulse_ns, rel=1e-12)
         rebound = 0.5 * 2.0 * event.post_velocity_m_per_s**2
         kept = found.transmitted_energy_j + found.tool_vibration_j + found.contact_loss_j
-        kept += 0.5 * found.tool_momentum_ns**2 / grid.tool_mass_kg
+        kept += 0.5 * found.tool_momentum_ns**2 / grid.tool_mass_kg + found.striker_vibration_j
+        if grid.wall.loading == 0.0:  # it still pushes, and is pressed elastically, when the blow ends
+            kept += 0.5 * grid.wall.threshold_n**2 / grid.wall.unloading
         assert rebound + kept == pytest.approx(found.striker_energy_j, rel=1e-9)
         taken += kept
     assert told[-1].linkage.memory["impacts_work_j"] == pytest.approx(-taken, rel=1e-9)
@@ -155,13 +161,46 @@ def test_a_window_that_is_over_too_soon_is_said():
     assert any("window ends before" in line for line in simulation.remarks())
 
 
+def told_of_rod(rod, duration=0.6):
+    """Return what a run of the ball on a rod tells, and its remarks."""
+    text, changes = on_rod(rod)
+    _, simulation = run(text, duration, **changes)
+    return simulation.summary(), list(simulation.remarks())
+
+
+def test_a_head_is_part_of_the_striker_s_mass_and_softens_its_blow():
+    """A rod at the front gives way as a wave; one that weighs nearly all of the striker is left out, and said."""
+    rigid, _ = told_of_rod({})
+    headed, remarks = told_of_rod(HEAD)
+    assert not remarks
+    assert headed["steady_bounce_striker_mass_kg"] == pytest.approx(2.0, rel=1e-12)
+    assert headed["steady_bounce_peak_force_n"] < 0.98 * rigid["steady_bounce_peak_force_n"]
+    heavy, remarks = told_of_rod({"head": {"length_m": 0.3, "diameter_m": 0.05}})
+    assert any("led without it" in line for line in remarks)
+    assert heavy["steady_bounce_peak_force_n"] == pytest.approx(rigid["steady_bounce_peak_force_n"], rel=1e-12)
+
+
+def test_a_yielding_wall_takes_the_rod_s_motion_at_its_force():
+    told, _ = told_of_rod(YIELDING)
+    assert told["steady_bounce_overtravel_m"] * 2e3 == pytest.approx(told["steady_bounce_tool_energy_j"], rel=1e-12)
+    assert told["steady_bounce_wall_peak_force_n"] == pytest.approx(2e3, rel=1e-9)
+    assert told["steady_bounce_overtravel_m"] > told["steady_bounce_penetration_m"] > 0.0
+
+
+def test_a_striker_that_would_go_on_after_its_rod_is_stopped_and_that_is_said():
+    told, remarks = told_of_rod(YIELDING | {"rod": {"length_m": 0.05}, "gauge_m": 0.02, "cells": 16})
+    assert told["steady_bounce_striker_stopped_m_per_s"] > 0.1
+    assert told["steady_bounce_restitution_effective"] == pytest.approx(0.0, abs=1e-12)
+    assert any("is stopped at its contact" in line for line in remarks)
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        (rod_ball({"head": {"length_m": 0.1}}), "head.length_m must be 0"),
         (rod_ball({"unseated_gap_m": 0.01}), "stands in its seat"),
         (rod_ball({"gauge_m": 1.0}), "gauge_m must be at most 0.45 m"),
-        (rod_ball({"wall": {"kind": "yielding"}}), "'loading' or 'rigid'"),
+        (rod_ball({"wall": {"kind": "yielding"}}), "threshold_n must be above 0"),
+        (rod_ball({"wall": {"kind": "free"}}), "'loading', 'yielding' or 'rigid'"),
         ({"contacts": {"bounce": {"point": "ball", "line": "ground.floor", "normal_deg": 90, "rod": {},
                                   "restitution": 0.5}}}, "expected exactly one of restitution"),
         ({"contacts": {"bounce": {"point": "ground.floor", "line": "ball", "normal_deg": 90, "rod": {}}}},
