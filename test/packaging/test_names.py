@@ -36,3 +36,10 @@ def test_no_file_or_folder_has_a_name_that_says_nothing() -> None:
 def test_no_file_is_too_long_to_read() -> None:
     lengths = {path.relative_to(PACKAGE): len(path.read_text(encoding="utf-8").splitlines()) for path, _ in modules()}
     assert {path: lines for path, lines in lengths.items() if lines > LONGEST_FILE} == {}
+
+
+def test_no_script_or_style_of_a_page_is_too_long_to_read() -> None:
+    ours = [path for kind in ("js", "css", "html") for path in PACKAGE.rglob(f"page/*.{kind}") if path.stem != "uplot"]
+    lengths = {path.name: len(path.read_text(encoding="utf-8").splitlines()) for path in ours}
+    assert len(lengths) > 10
+    assert {name: lines for name, lines in lengths.items() if lines > LONGEST_FILE} == {}

@@ -1,0 +1,163 @@
+// SPDX-License-Identifier: Apache-2.0
+// Commands: buttons, speed, a row for each live parameter with undo, and which page may give them.
+
+import { order, send } from "./connection.js";
+import { attempt, warm } from "./ghost.js";
+import { follow, listPanels, plots } from "./instant.js";
+import { find, rounded, rowsOf, run } from "./state.js";
+
+const undone = [];
+
+const WORDS = { start: "Start", stop: "Stop motor", reset: "Reset", pause: "Pause", "step": "One step" };
+
+export function know(machine) {
+  run.machine = machine;
+  run.orders = machine.orders;
+  find("machine").textContent = machine.name.replaceAll("_", " ");
+  document.title = `${machine.name} - bench`;
+  const buttons = machine.orders.filter((name) => WORDS[name]);
+  find("orders").replaceChildren(...buttons.map((name) => {
+    const button = document.createElement("button");
+    button.type = "button";
+    button.id = `order-${name}`;
+    button.textContent = WORDS[name];
+    button.onclick = () => order(name === "pause" && run.paused ? "go-on" : name);
+    return button;
+  }));
+  find("command").hidden = !buttons.length;
+  find("speed-row").hidden = !machine.orders.includes("speed");
+  find("parameters").hidden = !machine.parameters.length;
+  find("keys").replaceChildren(...machine.parameters.map(keyRow));
+  if (machine.recording) follow(false);
+  if (!machine.sides) find("comparison").hidden = true;
+  find("differs").hidden = !machine.settings?.length || Boolean(machine.sides);
+  find("changed").replaceChildren(...rowsOf(machine.settings ?? []));
+  if (plots.list.length) listPanels();
+  for (const [name, id] of [["acknowledge", "alarms"], ["accept", "advice"]]) if (!machine.orders.includes(name)) find(id).hidden = true;
+  commands(run.commands);
+  showPause();
+}
+
+export function showPause() {
+  const button = find("order-pause");
+  if (button) { button.textContent = run.paused ? "Go on" : "Pause"; button.setAttribute("aria-pressed", run.paused); }
+  if (find("order-step")) find("order-step").hidden = !run.paused;
+}
+
+function keyRow(parameter) {
+  const row = document.createElement("div");
+  row.className = "key";
+  row.dataset.name = parameter.name;
+  const label = document.createElement("label");
+  label.textContent = parameter.name + (parameter.unit ? `, ${parameter.unit}` : "");
+  const meaning = document.createElement("p");
+  const { low, high } = parameter;
+  const range = low == null && high == null ? "" : high == null ? `at least ${rounded(low)}` : low == null ? `at most ${rounded(high)}` : `${rounded(low)} to ${rounded(high)}`;
+  meaning.textContent = [parameter.meaning, range].filter(Boolean).join("; ");
+  const controls = document.createElement("div");
+  controls.className = "row";
+  const inputs = parameter.choices.length ? [choice(parameter)]
+    : typeof parameter.value === "boolean" ? [tick(parameter)]
+    : typeof parameter.value === "number" ? numbers(parameter) : [words(parameter)];
+  inputs[0].id = `key-${parameter.name}`;
+  label.htmlFor = inputs[0].id;
+  controls.append(...inputs);
+  const was = document.createElement("p");
+  was.className = "was";
+  row.append(label, meaning, controls, was);
+  return row;
+}
+
+function change(name, value) {
+  const parameter = run.machine.parameters.find((each) => each.name === name);
+  const before = parameter.value;
+  if (before === value) return;
+  order("change", { values: { [name]: value } }, (isDone) => {
+    if (!isDone) return changed(name, before);
+    if (undone.at(-1)?.taken !== true) undone.push({ name, before });
+    else undone.pop();
+    find("undo").disabled = !undone.length || !run.commands;
+    changed(name, value);
+  });
+}
+
+function choice(parameter) {
+  const select = document.createElement("select");
+  select.append(...parameter.choices.map((word) => new Option(word, word, false, word === parameter.value)));
+  select.onchange = () => change(parameter.name, select.value);
+  return select;
+}
+
+function tick(parameter) {
+  const box = document.createElement("input");
+  box.type = "checkbox";
+  box.checked = parameter.value;
+  box.onchange = () => change(parameter.name, box.checked);
+  return box;
+}
+
+function words(parameter) {
+  const box = document.createElement("input");
+  box.value = parameter.value;
+  box.onchange = () => change(parameter.name, box.value);
+  return box;
+}
+
+// the slider goes over the range of the key, or about the value where the range is far wider; the number goes anywhere
+function numbers(parameter) {
+  const slider = document.createElement("input"), number = document.createElement("input");
+  slider.type = "range"; number.type = "number";
+  const size = Math.abs(parameter.value) || 1;
+  const low = Math.max(parameter.low ?? -Infinity, parameter.value >= 0 ? 0 : -3 * size);
+  const high = Math.min(parameter.high ?? Infinity, 3 * size);
+  slider.min = low; slider.max = high; slider.step = "any";
+  number.step = "any";
+  slider.value = parameter.value;
+  number.value = rounded(parameter.value);
+  slider.setAttribute("aria-label", `${parameter.name}, slider`);
+  number.setAttribute("aria-label", `${parameter.name}, number`);
+  slider.oninput = () => {
+    number.value = Number(Number(slider.value).toPrecision(4));
+    attempt(parameter.name, Number(number.value));
+  };
+  slider.onchange = () => change(parameter.name, Number(number.value));
+  number.onchange = () => { if (number.value !== "") change(parameter.name, Number(number.value)); };
+  return [slider, number];
+}
+
+export function changed(name, value) {
+  const parameter = run.machine?.parameters.find((each) => each.name === name);
+  const row = find("keys").querySelector(`[data-name="${CSS.escape(name)}"]`);
+  if (!parameter || !row) return;
+  if (parameter.value !== value) row.querySelector(".was").textContent = `was ${rounded(parameter.value)}`;
+  parameter.value = value;
+  for (const input of row.querySelectorAll("input, select")) {
+    if (input.type === "checkbox") input.checked = value;
+    else input.value = input.type === "number" ? rounded(value) : value;
+  }
+}
+
+export function showRole(message) {
+  const others = message.pages > 1 ? `, ${message.pages} pages` : "";
+  find("role").textContent = run.machine && !run.orders.length && find("hall").hidden ? ""
+    : (message.commands ? "this page commands" : message.free ? "nobody commands" : "another page commands") + others;
+  find("take").hidden = message.commands;
+  commands(message.commands);
+}
+
+export function commands(can) {
+  run.commands = can;
+  for (const each of document.querySelectorAll("#hall button, #command button, #command input, #keys input, #keys select, #alarms button, #advice button")) each.disabled = !can || each.dataset.idle !== undefined;
+  find("undo").disabled = !can || !undone.length;
+}
+
+export function forgetCommands() { undone.length = 0; }
+
+for (const event of ["pointerenter", "focusin"]) find("keys").addEventListener(event, warm, { once: true });
+find("take").onclick = () => send({ kind: "take" });
+find("speed").oninput = () => { find("speed-now").textContent = `${Math.round(100 * find("speed").value)} % wanted`; };
+find("speed").onchange = () => { order("speed", { values: { share: Number(find("speed").value) } }); find("speed").blur(); };
+find("undo").onclick = () => {
+  const last = undone.at(-1);
+  if (last) { last.taken = true; change(last.name, last.before); }
+};

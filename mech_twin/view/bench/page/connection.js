@@ -1,0 +1,48 @@
+// SPDX-License-Identifier: Apache-2.0
+// The connection to the bench: it begins with the token, comes back where it was lost, and carries orders and answers.
+
+import { answer, find, run, say } from "./state.js";
+
+const RETRY_MS = 1000;
+const token = (() => {
+  // only this page of this port may know it: the session's storage is by origin, the fragment is sent to nobody
+  if (location.hash.length > 1) sessionStorage.setItem("token", location.hash.slice(1));
+  return sessionStorage.getItem("token") ?? "";
+})();
+let socket = null;
+let asked = 0;
+const waiting = new Map(); // id of an order -> what to do with the answer
+
+export function connect(opened, heard, lost) {
+  if (!token) return say("This page needs the whole address that the terminal printed, with all that follows the #.");
+  socket = new WebSocket(`ws://${location.host}/feed`);
+  socket.onopen = () => { opened(); socket.send(token); };
+  socket.onmessage = (event) => heard(JSON.parse(event.data));
+  socket.onclose = (event) => {
+    lost();
+    if (event.reason === "token") return say("The address is of another run: its token is not right here.");
+    find("state").textContent = "no connection";
+    find("role").textContent = "trying to reach the bench again";
+    if (!run.pictures.length) say("The bench does not answer; trying again.");
+    setTimeout(() => connect(opened, heard, lost), RETRY_MS);
+  };
+}
+
+export function send(message) {
+  if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message));
+}
+
+export function order(name, more = {}, then = () => {}) {
+  asked += 1;
+  waiting.set(asked, then);
+  send({ kind: "order", id: asked, name, ...more });
+}
+
+export function answered(message) {
+  waiting.get(message.id)?.(message.is_done);
+  waiting.delete(message.id);
+  answer(message.text, message.is_done ? "done" : "refused");
+}
+
+export const isOpen = () => socket?.readyState === WebSocket.OPEN;
+export const cut = () => socket.close();

@@ -1,0 +1,51 @@
+// SPDX-License-Identifier: Apache-2.0
+// What would come of a value that is not sent yet: asked for while a slider moves, drawn dashed.
+
+import { send } from "./connection.js";
+import { Curve } from "./curves.js";
+import { curves, find, rounded, run, shown } from "./state.js";
+
+const PAGE_LAG_S = 0.5; // that a picture may be older than the state a trial went on from
+export const ghost = { curves: new Map(), from: Infinity, until: -1, begun: 0, asked: null, next: null };
+
+// what was tried goes on from the newest: where older times are shown it is not in sight
+export function isTried(time) { return shown.span === null && ghost.from <= time + (shown.following ? PAGE_LAG_S : 0) && ghost.until > time; }
+
+export function attempt(name, value) {
+  const wanted = { name, value, begun: performance.now() };
+  if (ghost.asked) { ghost.next = wanted; return; }
+  ghost.asked = wanted;
+  send({ kind: "try", values: { [name]: value } });
+}
+
+// the first trial loads the machine, which takes seconds: begin when a person reaches for a value
+export function warm() {
+  if (ghost.asked || !run.commands) return;
+  ghost.asked = { begun: 0 };
+  send({ kind: "try", values: {} });
+}
+
+export function showGhost(message) {
+  const { name, value, begun } = ghost.asked;
+  const row = name && find("keys").querySelector(`[data-name="${CSS.escape(name)}"] .was`);
+  ghost.asked = null;
+  if (!row) message.curves = null;
+  else if (message.refused) row.textContent = message.refused;
+  else {
+    ghost.curves.clear();
+    for (const [path, [times, values]] of Object.entries(message.curves)) {
+      const curve = curves.get(path);
+      if (!curve) continue;
+      const fresh = new Curve(curve.width);
+      fresh.add(times, values);
+      ghost.curves.set(path, fresh);
+    }
+    Object.assign(ghost, { from: message.from_s, until: message.to_s });
+    shown.drawn = null;
+    row.textContent = `with ${rounded(value)}: ${message.cards.map(([card, told]) => `${card} ${told}`).join(", ")}`;
+    window.bench.ghosts.push(performance.now() - begun);
+  }
+  const next = ghost.next;
+  ghost.next = null;
+  if (next) { attempt(next.name, next.value); ghost.asked.begun = next.begun; }
+}

@@ -1,0 +1,58 @@
+// SPDX-License-Identifier: Apache-2.0
+// What can be opened where nothing runs yet: recordings of a folder, machines, pages.
+
+import { commands } from "./command.js";
+import { order } from "./connection.js";
+import { find, run, say } from "./state.js";
+
+export function showHall({ folder, recordings, machines }) {
+  find("hall").hidden = false;
+  find("folder").textContent = folder;
+  if (!run.machine && !run.pictures.length) say("Open a recording, or run a machine.");
+  find("machines").replaceChildren(...machines.map((name) => new Option(name.split("/").at(-1).replaceAll("_", " "), name)));
+  find("recordings").replaceChildren(...(recordings.length ? recordings.map(recordingRow) : ["no recording here"]));
+  commands(run.commands);
+}
+
+function recordingRow(recording) {
+  const row = document.createElement("div");
+  row.className = "recording";
+  const text = document.createElement("div");
+  const length = recording.length_s === null ? "" : `, ${recording.length_s} s`;
+  text.textContent = `${recording.name}: ${recording.machine.replaceAll("_", " ") || "no machine"}${length}, ${(recording.size_bytes / 1e6).toFixed(1)} MB, ${recording.state}`;
+  const buttons = document.createElement("div");
+  buttons.className = "row";
+  const button = (word, does) => {
+    const made = document.createElement("button");
+    made.type = "button";
+    made.textContent = word;
+    made.onclick = () => does(made);
+    buttons.append(made);
+  };
+  if (recording.opens) {
+    button("Open", () => order("open", { values: { recording: recording.name } }));
+    if (run.chosen === recording.name) button("No reference", () => choose(""));
+    else button("Reference", () => choose(recording.name));
+    if (run.chosen && run.chosen !== recording.name) button("Compare with reference", () => order("overlay", { values: { recording: run.chosen, other: recording.name } }));
+  } else button("Salvage", () => order("salvage", { values: { recording: recording.name } }));
+  button("Download", () => order("download", { values: { recording: recording.name } }));
+  if (run.chosen === recording.name) row.classList.add("chosen");
+  row.append(text, buttons);
+  return row;
+}
+
+// the recording that others are compared with
+function choose(name) {
+  run.chosen = name;
+  order("list");
+}
+
+export function fetchFile({ name, address }) {
+  const link = document.createElement("a");
+  link.href = address;
+  link.download = name;
+  link.click();
+}
+
+find("list").onclick = () => order("list");
+find("begin").onclick = () => order("run", { values: { machine: find("machines").value } });

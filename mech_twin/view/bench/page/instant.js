@@ -1,0 +1,182 @@
+// SPDX-License-Identifier: Apache-2.0
+// The instant that is shown: drawing, header, cards, curves and lanes are all of it; following, playing and zooming move it.
+
+import { isOpen, send } from "./connection.js";
+import { colours, Curve } from "./curves.js";
+import { draw } from "./drawing.js";
+import { ghost, isTried } from "./ghost.js";
+import { placeOf } from "./pictures.js";
+import { key, made, Plots } from "./plots.js";
+import { curves, find, lanes, other, run, shown } from "./state.js";
+
+const QUIET_MS = 1500;
+
+export const plots = new Plots(find("plots"), {
+  pieces(part, from, to) {
+    const piece = curves.get(part.path)?.between(from, to) ?? empty(part);
+    return (other.isThere && other.isDifference ? other.difference(part.path, piece) : piece) ?? empty(part);
+  },
+  second(part, from, to) {
+    const found = other.isThere ? !other.isDifference && other.between(part.path, from, to) : plots.to > plots.now && ghost.curves.get(part.path)?.between(from, to);
+    return found || empty(part);
+  },
+  told(at) {
+    find("reading").textContent = at === null ? "" : `cursor t = ${at.toFixed(5)} s`;
+    const words = at === null ? [] : Object.entries(lanes.at(at)).map(([name, word]) => `${name}: ${word}`);
+    find("lane-reading").textContent = words.join(", ");
+    find("lane-line").hidden = !(plots.share >= 0 && plots.share <= 1) || at === null;
+    if (at !== null) find("lane-line").style.left = `${lanes.place(find("lane-drawing"), plots.share)}px`;
+  },
+}, zoomed);
+const empty = (part) => [[], ...part.names.map(() => [])];
+
+export function frame(now) {
+  requestAnimationFrame(frame);
+  const passed = Math.min(0.25, (now - shown.last) / 1000);
+  shown.last = now;
+  const newest = run.pictures.at(-1);
+  if (newest) {
+    find("cursor").min = run.pictures[0].time_s;
+    find("cursor").max = newest.time_s;
+    if (shown.following) shown.at = newest.time_s;
+    else if (shown.playing) {
+      shown.at = Math.min(newest.time_s, shown.at + passed * Number(find("pace").value));
+      if (shown.at >= newest.time_s) play(false);
+    }
+    const place = placeOf(shown.at);
+    const picture = run.pictures[place];
+    if (picture !== shown.drawn || shown.playing) show(picture, shown.following ? picture.time_s : shown.at);
+  }
+  if (shown.owed) { shown.owed = false; send({ kind: "drawn" }); }
+  const isQuiet = isOpen() && shown.following && newest && !run.over && run.machine?.namespace && now - shown.heard > QUIET_MS;
+  if (isQuiet) find("state").textContent = run.paused ? "paused" : "no new picture";
+}
+
+// header, drawing and curves are all of the picture's instant
+export function show(picture, at) {
+  shown.drawn = picture;
+  const header = `t = ${picture.time_s.toFixed(run.paused || !shown.following ? 4 : 2)} s`;
+  if (find("time").textContent !== header) find("time").textContent = header;
+  find("state").textContent = run.over && shown.following ? "over" : picture.state;
+  find("alarm").hidden = !picture.alarm;
+  find("alarm").textContent = picture.alarm;
+  cards(picture.cards);
+  if (picture.shapes) draw(find("drawing"), picture.shapes, picture.bounds, other.isThere ? other.picture(at).shapes : null);
+  if (picture.command !== null && document.activeElement !== find("speed")) find("speed").value = picture.command;
+  if (picture.command !== null) find("speed-now").textContent = `${Math.round(100 * picture.command)} % now`;
+  const span = shown.span ?? Number(find("span").value);
+  const wanted = Math.max(at, picture.time_s), until = Math.max(wanted, isTried(wanted) ? ghost.until : wanted);
+  plots.ofTwo = other.isThere && !other.isDifference;
+  plots.show(wanted - span, wanted, until, shown.following);
+  find("lanes").hidden = !lanes.size;
+  if (find("lane-words").childElementCount !== lanes.words.length) {
+    const hues = colours(lanes.words.length);
+    find("lane-words").replaceChildren(...lanes.words.map((word, place) => key(word, hues[place])));
+  }
+  if (lanes.size) lanes.draw(find("lane-drawing"), wanted - span, until, wanted);
+  if (document.activeElement !== find("cursor") || shown.following || shown.playing) find("cursor").value = at;
+  window.bench.shown = picture.time_s;
+  window.bench.onshow?.(picture);
+  window.bench.frames += 1;
+}
+
+function cards(list) {
+  const box = find("cards");
+  while (box.childElementCount > list.length) box.lastChild.remove();
+  while (box.childElementCount < list.length) {
+    const item = document.createElement("li");
+    item.append(document.createElement("b"), document.createElement("span"));
+    box.append(item);
+  }
+  list.forEach(([name, value], place) => {
+    box.children[place].firstChild.textContent = value;
+    box.children[place].lastChild.textContent = name;
+  });
+}
+
+export function layOut(panels) {
+  for (const { curves: list } of panels) {
+    for (const { path, names } of list) {
+      if (curves.get(path)?.width !== names.length) curves.set(path, new Curve(names.length));
+    }
+  }
+  plots.layOut(panels);
+  listPanels();
+  shown.drawn = null;
+}
+
+// what is shown of a recording, or of a machine that runs, is kept with its name while this window is open
+const kept = () => `shown of ${run.machine?.recording ?? run.machine?.name ?? ""}`;
+
+export function listPanels() {
+  const told = JSON.parse(sessionStorage.getItem(kept()) ?? "{}");
+  plots.hide(told.hidden ?? []);
+  if (told.span) find("span").value = told.span;
+  find("panel-names").replaceChildren(...plots.list.map(({ title }) => {
+    const label = made("label"), box = made("input", { type: "checkbox", checked: !plots.hidden.has(title) });
+    box.onchange = () => { if (box.checked) plots.hidden.delete(title); else plots.hidden.add(title); plots.hide(plots.hidden); keep(); };
+    label.append(box, title);
+    return label;
+  }));
+  find("panels").hidden = !plots.list.length;
+}
+
+function keep() {
+  sessionStorage.setItem(kept(), JSON.stringify({ hidden: [...plots.hidden], span: find("span").value }));
+  shown.drawn = null;
+}
+
+// a stretch of time fills the plots, and the picture is of its end; null: the newest again, in the span asked for
+function zoomed(range) {
+  const first = run.pictures[0]?.time_s, newest = run.pictures.at(-1)?.time_s;
+  if (newest === undefined) return;
+  if (range === null) { shown.span = null; if (shown.wasFollowing) follow(true); return void (shown.drawn = null); }
+  if (shown.span === null) shown.wasFollowing = shown.following;
+  const [from, to] = [Math.max(first, range[0]), Math.min(newest, range[1])];
+  if (!(to - from > 1e-6)) return;
+  follow(false);
+  play(false);
+  Object.assign(shown, { span: to - from, at: to, drawn: null });
+}
+
+export function follow(wanted) {
+  shown.following = wanted;
+  if (wanted) play(false);
+  find("follow").setAttribute("aria-pressed", wanted);
+}
+
+function play(wanted) {
+  if (wanted) {
+    follow(false);
+    const newest = run.pictures.at(-1)?.time_s ?? 0;
+    if (shown.at >= newest - 1e-6) shown.at = run.pictures[0]?.time_s ?? 0;
+  }
+  shown.playing = wanted;
+  find("play").textContent = wanted ? "Halt" : "Play";
+}
+
+find("follow").onclick = () => follow(!shown.following);
+find("play").onclick = () => play(!shown.playing);
+find("cursor").oninput = () => { follow(false); play(false); shown.at = Number(find("cursor").value); };
+find("span").onchange = () => { shown.span = null; keep(); };
+
+addEventListener("keydown", (event) => {
+  if (event.target.matches("input, select, button") || event.ctrlKey || event.metaKey || event.altKey) return;
+  const does = {
+    f: () => follow(true),
+    k: () => play(!shown.playing),
+    ",": () => step(-1),
+    ".": () => step(1),
+  }[event.key];
+  if (does) { event.preventDefault(); does(); }
+});
+
+function step(by) {
+  follow(false);
+  play(false);
+  const place = Math.max(0, Math.min(run.pictures.length - 1, placeOf(shown.at) + by));
+  if (run.pictures[place]) shown.at = run.pictures[place].time_s;
+}
+
+new ResizeObserver(() => { plots.fit(); shown.drawn = null; }).observe(find("plots"));
+new ResizeObserver(() => { shown.drawn = null; }).observe(find("drawing"));

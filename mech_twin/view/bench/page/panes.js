@@ -1,0 +1,65 @@
+// SPDX-License-Identifier: Apache-2.0
+// Panes that show what was told: faults, advice, numbers of the run, two runs side by side, residuals.
+
+import { commands } from "./command.js";
+import { order } from "./connection.js";
+import { find, other, rowsOf, run, shown } from "./state.js";
+import { adviceRow, faultRow } from "./twin.js";
+
+const FIRST_NUMBERS = 6; // that stand open
+
+export function showFaults(faults) {
+  find("alarms").hidden = !run.orders.includes("acknowledge");
+  find("faults").replaceChildren(...(faults.length ? faults.map((fault) => faultRow(fault, order)) : ["no fault"]));
+  commands(run.commands);
+}
+
+export function showAdvice(rows) {
+  find("advice").hidden = !run.orders.includes("accept");
+  find("advice-rows").replaceChildren(...rows.map(adviceRow));
+  find("advice-none").hidden = rows.length > 0;
+  find("advice-answers").hidden = !rows.length;
+}
+
+export function showMetrics(rows) {
+  const lines = rowsOf(rows);
+  find("numbers").hidden = !rows.length;
+  find("metrics").replaceChildren(...lines.slice(0, FIRST_NUMBERS));
+  find("more-metrics").replaceChildren(...lines.slice(FIRST_NUMBERS));
+}
+
+// two runs in one view: which is which, what differs, and how they are laid over each other
+export function showComparison({ settings, numbers, angle }) {
+  other.know(angle);
+  find("comparison").hidden = false;
+  find("align").disabled = !angle;
+  find("align").title = angle ? "" : "the leading joint does not turn a whole cycle in both runs";
+  const [first, second] = run.machine?.sides ?? ["A", "B"];
+  find("sides").replaceChildren(`A, solid: ${first}`, document.createElement("br"), `B, dashed: ${second}`);
+  find("settings").replaceChildren(...rowsOf(settings.length ? settings : [["no setting differs", "", ""]]));
+  find("compared").replaceChildren(...rowsOf(numbers.filter((row) => row[3] !== "0 %")));
+  find("equal").textContent = `${numbers.filter((row) => row[3] === "0 %").length} of ${numbers.length} numbers are equal`;
+  shown.drawn = null;
+}
+
+// one lamp for what must be zero or small: residuals against their limits, and how far the run and this page are behind
+export function showHealth({ residuals, behind_s: behind }) {
+  const broken = residuals.filter((row) => row[3]).length, late = behind !== null && behind > 0.5;
+  find("lamp").hidden = false;
+  find("lamp").className = broken ? "bad" : late ? "late" : "good";
+  find("lamp-text").textContent = broken ? `${broken} residual${broken > 1 ? "s" : ""} over the limit` : late ? `${behind.toFixed(1)} s behind` : "within limits";
+  const newest = run.pictures.at(-1);
+  const page = newest && shown.following ? `; this page ${Math.max(0, Date.now() / 1000 - newest.sent_s).toFixed(2)} s` : "";
+  find("lag").textContent = behind === null ? "" : `behind the wall clock: the run ${behind.toFixed(2)} s${page}`;
+  find("residuals").replaceChildren(...residuals.map(([name, worst, limit, isBroken]) => {
+    const line = document.createElement("tr");
+    line.className = isBroken ? "refused" : "";
+    line.append(...[name, worst, limit].map((text) => { const cell = document.createElement("td"); cell.textContent = text; return cell; }));
+    return line;
+  }));
+}
+
+find("align").onchange = () => { other.byAngle = find("align").value === "angle"; shown.drawn = null; };
+find("how").onchange = () => { other.isDifference = find("how").value === "difference"; shown.drawn = null; };
+find("accept").onclick = () => order("accept");
+find("reject").onclick = () => order("reject");

@@ -1,0 +1,34 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the page holds: the run as it was told, what is shown of it, and the places where words go.
+
+import { Lanes } from "./lanes.js";
+import { Other } from "./other.js";
+
+export const find = (id) => document.getElementById(id);
+export const run = { pictures: [], bytes: 0, machine: null, orders: [], paused: false, over: "", commands: false };
+export const shown = { following: true, playing: false, at: 0, span: null, place: -1, drawn: null, last: 0, heard: 0, owed: false };
+export const curves = new Map(); // path -> Curve
+export const lanes = new Lanes(), other = new Other();
+export const rounded = (value) => (typeof value === "number" ? Number(value.toPrecision(6)) : value);
+
+export function say(text) {
+  find("status").textContent = text;
+  find("cover").hidden = run.pictures.length > 0;
+  if (!run.pictures.length) find("state").textContent = "starting";
+}
+
+export function answer(text, kind) {
+  const line = document.createElement("li");
+  line.className = kind;
+  line.textContent = text;
+  find("answers").prepend(line);
+  while (find("answers").childElementCount > 50) find("answers").lastChild.remove();
+}
+
+export function rowsOf(rows) {
+  return rows.map((row) => {
+    const line = document.createElement("tr");
+    line.append(...row.map((text) => { const cell = document.createElement("td"); cell.textContent = text; return cell; }));
+    return line;
+  });
+}
