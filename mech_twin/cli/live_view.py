@@ -32,7 +32,11 @@ WEB_VIEWS = ("web",)
 NO_VIEW = "none"
 LOOK_S = 0.1
 RUN_ORDERS = ("start", "stop", "reset", "pause", "step", "speed", "change")
-SHADOW_ORDERS = ("acknowledge", "shelve", "accept", "reject")
+MONITOR_ORDERS, ADVISOR_ORDERS, IDENTIFIER_ORDERS = (
+    ("acknowledge", "shelve"),
+    ("accept", "reject"),
+    ("identify", "take-over"),
+)
 
 
 class OpenedView(NamedTuple):

@@ -30,6 +30,11 @@ class ShadowVerb(Verb):
     monitor: Path | None = option("judge each cycle by this reference (`mech-twin monitor --save-baseline`)")
     black_box: Path | None = option("folder for a recording of 10 s before and 5 s after each fault")
     advise: Path | None = option("advise on an output of the machine: file of targets and limits")
+    identify: list[str] = option(
+        "key that may be identified from the last minutes, when asked; auto: all numbers of the machine",
+        [],
+        metavar="KEY[=LOW:HIGH]|auto",
+    )
     view: str = option("measured and model over each other: web, none or file NAME.rrd", "none", metavar="VIEW")
     view_port: int = option("port of the page; 0: a free one", 0, ge=0, le=65535)
     mqtt: str | None = option("broker that is told each fault (extra: alerts)", metavar="HOST:PORT")

@@ -13,7 +13,14 @@ from pydantic import ValidationError
 
 from mech_twin.cli.console import print_json, say
 from mech_twin.cli.failure import CommandError, report_losses
-from mech_twin.cli.live_view import SHADOW_ORDERS, check_view, opened_view, told_machine
+from mech_twin.cli.live_view import (
+    ADVISOR_ORDERS,
+    IDENTIFIER_ORDERS,
+    MONITOR_ORDERS,
+    check_view,
+    opened_view,
+    told_machine,
+)
 from mech_twin.cli.measurement_verbs import ShadowVerb
 from mech_twin.cli.monitor import read_setup
 from mech_twin.machines.catalog import CATALOGUE
@@ -50,9 +57,10 @@ def shadow_machine(request: ShadowVerb) -> None:
     wish = None if request.advise is None else validated_wish(request.advise)
     check_view(request.view, request.view_port, force=request.force)
     settle_domain()
-    from mech_twin.nodes.shadow.session import Company, follow, followed_namespace
+    from mech_twin.nodes.shadow.session import Company, FreeKeys, follow, followed_namespace
     from mech_twin.nodes.shadow.shadow_node import ShadowSetup
 
+    free = FreeKeys(*_free_keys(request, parameters)) if request.identify else None
     setup = ShadowSetup(followed_namespace(request.machine, request.followed), given, deviations=deviations)
     if request.record is not None:
         check_recording_directory(request.record, force=request.force)
@@ -66,14 +74,28 @@ def shadow_machine(request: ShadowVerb) -> None:
     with ExitStack() as stack:
         view = opened_view(request.view, request.view_port, stack)
         if view.link is not None:
-            orders = SHADOW_ORDERS[: 0 if reference is None else 2] + SHADOW_ORDERS[2 if wish is not None else 4 :]
+            offered = ((reference, MONITOR_ORDERS), (wish, ADVISOR_ORDERS), (free, IDENTIFIER_ORDERS))
+            orders = [order for thing, each in offered if thing is not None for order in each]
             view.tell("machine", told_machine(request.machine, f"/{request.machine}", orders, None))
             view.tell("status", {"text": f"listening for {setup.namespace}"})
         outlets = _outlets(request)
-        company = Company(request.record, reference, request.black_box, wish, view.destination, outlets)
+        company = Company(request.record, reference, request.black_box, wish, view.destination, outlets, free)
         outcome = follow(request.machine, setup, parameters, company, request.duration_s, told)
     _report(request, outcome)
     report_losses(request.record, *outcome.black_boxes, known=outcome.failed_boxes)
+
+
+def _free_keys(request: ShadowVerb, parameters: Parameters) -> tuple[tuple[str, ...], dict[str, tuple[float, float]]]:
+    """Return the keys that may be identified, and their bounds."""
+    from mech_twin.cli.identify_request import bounded_keys
+    from mech_twin.studies.identification.free_keys import AUTO, machine_keys
+    from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration
+
+    keys, bounds = bounded_keys(request.identify)
+    if AUTO in keys:
+        keys = machine_keys(request.machine, parameters)
+    KeyedConfiguration(request.machine, parameters, keys).check()
+    return keys, bounds
 
 
 def _outlets(request: ShadowVerb) -> list[AlertOutlet]:

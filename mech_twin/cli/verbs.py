@@ -245,7 +245,7 @@ class TellVerb(Verb):
     target: str = argument("machine, or namespace of its nodes", metavar="TARGET")
     what: list[str] = argument(
         "start, stop, reset; step (of a paused run); snapshot (of a recorder); acknowledge, shelve (a fault); "
-        "accept, reject (an advice); "
+        "accept, reject (an advice); identify, take-over (of a shadow with --identify); "
         "pause, resume, next-impact (a replay); or live parameters and their values",
         metavar="ORDER|KEY=VALUE",
     )

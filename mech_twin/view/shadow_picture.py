@@ -96,11 +96,40 @@ class ShownFault(NamedTuple):
     shelved_until_s: float | None = None
 
 
+class ShownFit(NamedTuple):
+    """An identification from the last minutes on the panel.
+
+    Attributes
+    ----------
+    phase, told : str
+        How far it is, in a word (``idle``, ``running``, ``found``, ``not better``, ``failed``, ``taken over``), and a
+        line on it.
+    free : tuple of str
+        Keys that may change.
+    kept_s : int
+        How much of the machine's time is kept (s).
+    rows : tuple of rows
+        Key, value before, value found, 95 % interval, verdict.
+    held_out : tuple of rows
+        Channel, and its fit before and after on what was held out.
+    text : str
+        The configuration found, as a parameter file; empty where nothing is found.
+    """
+
+    phase: str
+    told: str
+    free: tuple[str, ...]
+    kept_s: int
+    rows: tuple[tuple[str, str, str, str, str], ...] = ()
+    held_out: tuple[tuple[str, str, str], ...] = ()
+    text: str = ""
+
+
 class ShadowPicture(NamedTuple):
     """What goes out with one picture beside the curves: drawings of model and measurement, and what is known of them.
 
     ``banner`` is all of it in one line; ``cards`` are names and values, ``advice`` name and value of what is
-    recommended and waits for an answer (empty: nothing).
+    recommended and waits for an answer (empty: nothing); ``fit`` is an identification, where one can be asked for.
     """
 
     model: Sequence[Shape]
@@ -110,6 +139,7 @@ class ShadowPicture(NamedTuple):
     cards: tuple[tuple[str, str], ...] = ()
     faults: tuple[ShownFault, ...] = ()
     advice: tuple[tuple[str, str], ...] = ()
+    fit: ShownFit | None = None
 
 
 def as_measured(shapes: Sequence[Shape]) -> list[Shape]:

@@ -151,6 +151,9 @@ class TwinNode(Node):
         """Messages recorded, by full topic name."""
         return {}
 
+    def adopt(self, parameters: Parameters) -> None:
+        """Go on with a model of other parameters, where this node has a model."""
+
     def resumed(self) -> None:
         """Begin measuring time anew, after this process was suspended."""
 

@@ -108,7 +108,7 @@ def rolled_out(name: str, tree: dict[str, Any], content: dict[str, Any]) -> dict
 SERVICE_S = 2.0  # how long a person waits for a service to be found
 END_S = 2.0  # that a machine's orders may take to end
 HALL_ORDERS = (OPEN, OVERLAY, RUN, SALVAGE, DOWNLOAD, LIST)
-SPEED, CHANGE, PAUSE, GO_ON = "speed", "change", "pause", "go-on"
+SPEED, CHANGE, PAUSE, GO_ON, IDENTIFY = "speed", "change", "pause", "go-on", "identify"
 
 
 class _Asked(NamedTuple):
@@ -168,6 +168,7 @@ def carried_out(teller: Any, message: Mapping[str, Any]) -> tuple[str, bool]:
         PAUSE: lambda: teller.pause(True),
         GO_ON: lambda: teller.pause(False),
     } | {order: partial(teller.order, order, message.get("fault")) for order in ORDERS if order != PAUSE}
+    carry[IDENTIFY] = lambda: _identified(teller, values)
     if name not in carry or (name == CHANGE and not values):
         return f"{name}: expected one of {', '.join(carry)}", False
     try:
@@ -176,6 +177,13 @@ def carried_out(teller: Any, message: Mapping[str, Any]) -> tuple[str, bool]:
         return str(error), False
     except (KeyError, ValueError, TypeError):
         return f"{name}: expected a number", False
+
+
+def _identified(teller: Any, values: Mapping[str, Any]) -> str:
+    """Have the last so many seconds fitted."""
+    if "span_s" in values:
+        teller.change({"span_s": float(values["span_s"])}, "identifier")
+    return str(teller.order(IDENTIFY))
 
 
 class BenchProcess:

@@ -46,6 +46,8 @@ ORDERS = {
     "shelve": Order("monitor/shelve", of_a_fault=True),
     "accept": Order("advisor/accept", SetBool),
     "reject": Order("advisor/reject", SetBool),
+    "identify": Order("identifier/identify"),
+    "take-over": Order("identifier/take_over"),
     "pause": Order("replay/pause"),
     "resume": Order("replay/resume"),
     "next-impact": Order("replay/next_impact"),

@@ -144,6 +144,10 @@ class AdvisorNode(TwinNode):
         self._figures.clear()
         self._decided_s = float("-inf")
 
+    def adopt(self, parameters: Parameters) -> None:
+        """Advise by a model with other parameters from now on."""
+        self.model = advice_model(catalogue_entry(self.machine_name), parameters, self.wish, self._columns)
+
     def check_peers(self, now_s: float) -> None:
         """Offer what has been found, and end a trial of which nothing is heard."""
         if self._thinking is not None and self._thinking.done():

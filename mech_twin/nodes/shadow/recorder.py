@@ -91,6 +91,10 @@ class ShadowListener(TwinNode):
         """Do what is due ten times a second."""
         raise NotImplementedError
 
+    def adopt(self, parameters: Parameters) -> None:
+        """Describe the model by other parameters, in the bags opened from now on."""
+        self.described = description_text(self.machine_name, parameters)
+
     def opened(self, directory: Path) -> BagWriter:
         """Return a new bag with the topics declared."""
         writer = BagWriter(directory, configuration=self.described)

@@ -6,6 +6,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -19,6 +20,7 @@ from mech_twin.nodes.exchange.spinner import Spinner, destroy_nodes
 from mech_twin.nodes.run.domain import run_namespace
 from mech_twin.nodes.run.name_guard import NameGuard
 from mech_twin.nodes.shadow.advisor_node import AdvisorNode
+from mech_twin.nodes.shadow.identifier_node import IdentifierNode
 from mech_twin.nodes.shadow.monitor_node import AlertOutlet, MonitorNode
 from mech_twin.nodes.shadow.recorder import BlackBox, ShadowRecorder, ShadowTopics
 from mech_twin.nodes.shadow.shadow_node import ShadowNode, ShadowSetup
@@ -39,8 +41,15 @@ class ShadowOutcome(NamedTuple):
     failed_boxes: tuple[str, ...] = ()
 
 
+class FreeKeys(NamedTuple):
+    """Keys that may be identified, and least and largest value of some of them."""
+
+    keys: tuple[str, ...]
+    bounds: dict[str, tuple[float, float]]
+
+
 class Company(NamedTuple):
-    """What runs beside a shadow: recording, monitor with its reference, black box, advisor, view, outlets of alerts."""
+    """What runs beside a shadow: recording, monitor, black box, advisor, view, outlets of alerts, keys to identify."""
 
     record: Path | None = None
     monitor: MonitorSetup | None = None
@@ -48,6 +57,7 @@ class Company(NamedTuple):
     advice: AdviceWish | None = None
     view: str | None = None
     outlets: Sequence[AlertOutlet] = ()
+    free: FreeKeys | None = None
 
 
 ALONE = Company()
@@ -143,19 +153,46 @@ def nodes_beside(machine_name: str, node: ShadowNode, parameters: Parameters, co
             found.append(box)
     if company.advice is not None:
         found.append(advisor_beside(machine_name, node, parameters, company.advice, found))
+    identifier = None if company.free is None else identifier_beside(machine_name, node, parameters, company.free)
+    if identifier is not None:
+        found.append(identifier)
     if company.view is not None:
         from mech_twin.nodes.shadow.viewer_node import ShadowViewerNode
 
         advisor = next((each for each in found if isinstance(each, AdvisorNode)), None)
         viewer = ShadowViewerNode(machine_name, company.view, node, monitor_among(found), advisor, parameters)
+        viewer.identifier = identifier
         node.on_estimate = viewer.take
         found.append(viewer)
+    if identifier is not None:
+        identifier.on_taken = partial(taken_over, (node, *found))
     return found
+
+
+def taken_over(nodes: Sequence[TwinNode], parameters: Parameters) -> None:
+    """Let the nodes of a shadow go on with a model of other parameters; the monitor's reference stays what it is."""
+    for each in nodes:
+        each.adopt(parameters)
 
 
 def monitor_among(nodes: Sequence[TwinNode]) -> MonitorNode | None:
     """Return the monitor, if there is one."""
     return next((each for each in nodes if isinstance(each, MonitorNode)), None)
+
+
+def identifier_beside(machine_name: str, node: ShadowNode, parameters: Parameters, free: FreeKeys) -> IdentifierNode:
+    """Return the identifier of a shadow, fed with its samples and commands."""
+    identifier = IdentifierNode(machine_name, node.channels, free.keys, free.bounds, parameters)
+    before = node.on_sample
+
+    def on_sample(sample: SeenSample) -> None:
+        before(sample)
+        identifier.observe(sample)
+
+    node.on_sample = on_sample
+    node.on_command = identifier.recent.command
+    node.at_other_time.append(identifier.recent.forget)
+    return identifier
 
 
 def advisor_beside(

@@ -236,14 +236,16 @@ class ShadowNode(TwinNode):
         given = events_last(setup.given) if setup.given else own_map(machine)
         sensed = sensed_channels(given)
         self.columns = tuple(channel.column for channel in sensed)
-        channels = [channel for channel in sensed if not is_event(channel.column)]
+        self._sensed = [channel for channel in sensed if not is_event(channel.column)]
+        self.channels = given.channels
         self.level = "model"
         self.setup = setup
         self.is_obeyed: Callable[[], bool] = lambda: False
         self.on_sample: Callable[[SeenSample], None] = lambda sample: None
         self.on_estimate: Callable[[SeenSample, FrameEstimate], None] = lambda sample, estimate: None
         self.at_other_time: list[Callable[[], None]] = []
-        self.observer = PhaseLockedObserver(machine, entry.build, channels, setup.options, setup.deviations)
+        self.on_command: Callable[[float], None] = lambda share: None
+        self.observer = PhaseLockedObserver(machine, entry.build, self._sensed, setup.options, setup.deviations)
         self.estimate: FrameEstimate | None = None
         self._counted: dict[str, int] = {}
         self._latencies_s: deque[float] = deque(maxlen=LATENCIES)
@@ -263,6 +265,14 @@ class ShadowNode(TwinNode):
             self.subscribe(followed.topic, partial(self._on_message, followed), qos=FOLLOWED, raw=True)
         command = SPEED_COMMAND._replace(name=f"{setup.namespace}/{SPEED_COMMAND.name}")
         self.subscribe(command, self._on_command)
+
+    def adopt(self, parameters: Parameters) -> None:
+        """Follow the machine by a model with other parameters from now on; it is searched anew."""
+        entry, before = catalogue_entry(self.machine_name), self.observer
+        options, deviations = self.setup.options, self.setup.deviations
+        self.observer = PhaseLockedObserver(entry.build(parameters), entry.build, self._sensed, options, deviations)
+        self.observer.counts.update(before.counts)
+        self.observer.command(before.target)
 
     # -- following --------------------------------------------------------------------------------------------------
 
@@ -314,6 +324,7 @@ class ShadowNode(TwinNode):
     def _on_command(self, message: Float64) -> None:
         if 0.0 <= message.data <= 1.0:
             self.observer.command(message.data)
+            self.on_command(message.data)
         else:
             self.statistics.count(SPEED_COMMAND.name, "malformed", f"{message.data} is not between 0 and 1")
 

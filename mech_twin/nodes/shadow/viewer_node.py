@@ -18,6 +18,7 @@ from mech_twin.quantity import Parameters
 from mech_twin.roles import Machine
 from mech_twin.samples import BodySample, Frame, LinkageSample, Shape
 from mech_twin.studies.advice import Recommendation
+from mech_twin.studies.identification.verdicts import KeyVerdict
 from mech_twin.studies.live_monitor import LiveMonitor
 from mech_twin.studies.monitoring.fault_life import FaultLife
 from mech_twin.studies.monitoring.naming import Candidate
@@ -25,10 +26,11 @@ from mech_twin.studies.observer.estimate import FrameEstimate, SensedChannel
 from mech_twin.studies.observer.lock_on import SeenSample
 from mech_twin.view.bench.link import PREFIX, BenchLink
 from mech_twin.view.bench.shadow_scene import BenchShadowScene
-from mech_twin.view.shadow_picture import ChannelReading, ShadowPicture, ShownChannel, ShownFault
+from mech_twin.view.shadow_picture import ChannelReading, ShadowPicture, ShownChannel, ShownFault, ShownFit
 
 if TYPE_CHECKING:
     from mech_twin.nodes.shadow.advisor_node import AdvisorNode
+    from mech_twin.nodes.shadow.identifier_node import IdentifierNode
     from mech_twin.view.shadow_scene import ShadowScene
 
 TICK_S = 0.2  # how often the line of state is looked at where no estimates come
@@ -75,14 +77,20 @@ class ShadowViewerNode(TwinNode):
     ) -> None:
         super().__init__("shadow_viewer", machine_name, parameters, options)
         self._shadow, self._monitor, self._advisor = shadow, monitor, advisor
-        self._machine = catalogue_entry(machine_name).build(self.initial_parameters)
-        self._channels = shadow.observer.channels
+        self.identifier: IdentifierNode | None = None
+        self.adopt(self.initial_parameters)
         self._largest_sigma = 0.0
         self._shown = ""
+        self._shown_fit: ShownFit | None = None
         sliding = sliding_in(self._machine)
         shown = [ShownChannel(each.column, channel_title(each.column, sliding)) for each in self._channels]
         self.scene = opened_shadow_scene(machine_name, shown, place)
         self.every(TICK_S, self._tick)
+
+    def adopt(self, parameters: Parameters) -> None:
+        """Draw a model of other parameters from now on."""
+        self._machine = catalogue_entry(self.machine_name).build(parameters)
+        self._channels = self._shadow.observer.channels
 
     def take(self, sample: SeenSample, estimate: FrameEstimate) -> None:
         """Show a sample of the machine and the estimate at it."""
@@ -104,18 +112,21 @@ class ShadowViewerNode(TwinNode):
 
     def _tick(self) -> None:
         """Show a state that has changed where no estimate comes to show it with."""
-        if self._shadow.diagnostics.state != "locked" and self._banner() != self._shown and self.scene.is_due():
+        fit = None if self.identifier is None else shown_fit(self.identifier)
+        is_new = fit != self._shown_fit or self._banner() != self._shown
+        if self._shadow.diagnostics.state != "locked" and is_new and self.scene.is_due():
             self._show(self._picture())
 
     def _show(self, picture: ShadowPicture) -> None:
-        self._shown = picture.banner
+        self._shown, self._shown_fit = picture.banner, picture.fit
         self.scene.show(picture)
 
     def _picture(self, model: Sequence[Shape] = (), measured: Sequence[Shape] = ()) -> ShadowPicture:
         state = self._state()
         cards = (("level", state.level), ("largest residual", f"{state.largest_sigma:.1f} sigma"))
         faults = () if self._monitor is None else shown_faults(self._monitor.live)
-        return ShadowPicture(model, measured, state_line(state), state.observer, cards, faults, self._advice())
+        known = state_line(state), state.observer, cards, faults, self._advice()
+        return ShadowPicture(model, measured, *known, None if self.identifier is None else shown_fit(self.identifier))
 
     def _advice(self) -> tuple[tuple[str, str], ...]:
         advisor = self._advisor
@@ -147,6 +158,27 @@ def shown_faults(live: LiveMonitor) -> tuple[ShownFault, ...]:
             until_s = life.shelved_until_s if life.shelved_until_s > found.time_s else None
             shown.append(ShownFault(life.name, life.state, life.since_s, _size(best), life.is_acknowledged, until_s))
     return tuple(shown)
+
+
+def shown_fit(identifier: IdentifierNode) -> ShownFit:
+    """Return what there is to say of an identification."""
+    found = identifier.found
+    keys = () if found is None else found.keys
+    rows = tuple(
+        (each.key, f"{each.before:.4g}", f"{each.estimate:.4g}", _interval(each), each.verdict.replace("_", " "))
+        for each in keys
+    )
+    held = () if found is None else found.held_out
+    scores = tuple((channel, f"{before:.1f} %", f"{after:.1f} %") for channel, after, before in held)
+    kept_s = int(identifier.recent.span_s)
+    text = "" if found is None else found.text
+    return ShownFit(identifier.phase, identifier.told, identifier.keys, kept_s, rows, scores, text)
+
+
+def _interval(key: KeyVerdict) -> str:
+    if not (math.isfinite(key.low_95) and math.isfinite(key.high_95)):
+        return "-"
+    return f"{key.low_95:.4g} to {key.high_95:.4g}"
 
 
 def _size(best: Candidate | None) -> str:

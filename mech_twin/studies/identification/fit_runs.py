@@ -134,33 +134,53 @@ def fit_run(run: MeasuredRun, *, begin_known: bool) -> FitRun:
         The run begins before the machine's start or long after it; or it has no channel beside that of the command.
     """
     channels = tuple(_fit_channel(each) for each in run.channels if each.name not in COMMANDS and len(each.times_s))
+    commands = [(each.times_s, each.values) for each in run.channels if each.name in COMMANDS]
+    return placed_run(run.path, channels, commands[0] if commands else None, begin_known=begin_known)
+
+
+def placed_run(
+    path: Path, channels: Sequence[FitChannel], command: tuple[Array, Array] | None, *, begin_known: bool
+) -> FitRun:
+    """Return the run of channels, and of times and values of the command; see `fit_run`."""
     if not channels:
-        raise MeasurementError(run.path, "expected a channel beside that of the command")
-    commands = [each for each in run.channels if each.name in COMMANDS]
+        raise MeasurementError(path, "expected a channel beside that of the command")
     first = min(float(each.times_s[0]) for each in channels)
     if begin_known and not -1.0 <= first <= LATEST_START_S:
         raise MeasurementError(
-            run.path,
+            path,
             f"the first sample stands at {first:.6g} s, and the run is taken to begin with the machine's own start at "
             "0 s; expected --begin unknown",
         )
     shift = 0.0 if begin_known else first
     moved = tuple(_earlier(each, shift) for each in channels)
-    command = tuple(_command(commands[0], shift)) if commands else ()
-    return FitRun(run.path, moved, command, 0.0 if begin_known else None)
+    changes = tuple(_changes(*command, shift)) if command is not None else ()
+    return FitRun(path, moved, changes, 0.0 if begin_known else None)
 
 
 def _fit_channel(measured: MeasuredChannel) -> FitChannel:
-    channel, quality = measured.channel, measured.quality
+    quantum = max(measured.quality.quantum, measured.channel.quantum)
+    return fit_channel(measured.channel, measured.times_s, measured.values, quantum)
+
+
+def fit_channel(channel: Channel, times_s: Array, values: Array, quantum: float) -> FitChannel:
+    """Return the samples of a channel, in SI units and in order, as a fit compares them.
+
+    Parameters
+    ----------
+    channel : Channel
+        Its line of the map.
+    times_s, values : ndarray
+        Shape (n,): known lag, zero and gain taken off.
+    quantum : float
+        Step of the sensor, in its own unit.
+    """
     own = abs(fixed(channel.gain, 1.0)) * channel.si_factor
-    quantum = max(quality.quantum, channel.quantum) / 12.0**0.5
-    every = max(1, -(-len(measured.times_s) // MOST_FITTED))
-    times, values = measured.times_s[::every], measured.values[::every]
+    every = max(1, -(-len(times_s) // MOST_FITTED))
     if channel.sigma is not None:
         noise = own * channel.sigma
     else:
-        noise = 0.0 if measured.name.startswith(EVENT) else seen_noise(measured.values)
-    return FitChannel(channel, times, values, float(np.hypot(noise, own * quantum)))
+        noise = 0.0 if channel.quantity.startswith(EVENT) else seen_noise(values)
+    return FitChannel(channel, times_s[::every], values[::every], float(np.hypot(noise, own * quantum / 12.0**0.5)))
 
 
 def seen_noise(values: Array) -> float:
@@ -182,7 +202,7 @@ def _earlier(channel: FitChannel, shift_s: float) -> FitChannel:
     return replace(channel, times_s=channel.times_s - shift_s, values=values)
 
 
-def _command(measured: MeasuredChannel, shift_s: float) -> Sequence[tuple[float, float]]:
+def _changes(times_s: Array, values: Array, shift_s: float) -> Sequence[tuple[float, float]]:
     """Return where the command changes, and to what."""
-    changed = np.flatnonzero(np.diff(measured.values, prepend=np.nan) != 0.0)
-    return [(float(measured.times_s[i]) - shift_s, float(np.clip(measured.values[i], 0.0, 1.0))) for i in changed]
+    changed = np.flatnonzero(np.diff(values, prepend=np.nan) != 0.0)
+    return [(float(times_s[i]) - shift_s, float(np.clip(values[i], 0.0, 1.0))) for i in changed]

@@ -41,7 +41,7 @@ MOST_PAGES = 16
 MOST_ORDERS = 4  # of one page that have no answer yet
 LARGEST_ORDER = 16 << 10
 PENDING_BYTES = 4 << 20  # of pictures kept for a page that is slower than the run
-STATES = ("machine", "layout", "status", "parameters", "metrics", "alarms", "advice", "pause", "end", "health")
+STATES = ("machine", "layout", "status", "parameters", "metrics", "alarms", "advice", "fit", "pause", "end", "health")
 KEPT = (*STATES, "comparison", "hall")
 KINDS = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
 

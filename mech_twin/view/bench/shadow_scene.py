@@ -26,6 +26,7 @@ from mech_twin.view.shadow_picture import (
     ShadowPicture,
     ShownChannel,
     ShownFault,
+    ShownFit,
     as_measured,
     channel_rows,
 )
@@ -57,6 +58,7 @@ class BenchShadowScene:
         self._sent_at = -1.0
         self._faults: tuple[ShownFault, ...] | None = None
         self._advice: tuple[tuple[str, str], ...] | None = None
+        self._fit: ShownFit | None = None
         shown: list[Panel] = []
         for each in self._channels:
             shown += [Panel(each.title, (each.curves,)), Panel(f"Residual: {each.title}", (each.residual,))]
@@ -121,6 +123,9 @@ class BenchShadowScene:
         if picture.advice != self._advice:
             self._advice = picture.advice
             self._link.tell("advice", {"rows": picture.advice})
+        if picture.fit is not None and picture.fit != self._fit:
+            self._fit = picture.fit
+            self._link.tell("fit", picture.fit._asdict())
 
     def _taken(self) -> list[Curves]:
         rows = (channel_rows(each, self._pending[each.column], WINDOW) for each in self._channels)

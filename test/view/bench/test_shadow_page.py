@@ -68,9 +68,9 @@ def kept(tmp_path_factory):
 
 
 @contextmanager
-def plant(folder):
+def plant(folder, faulty=FAULTY):
     """Run a machine that is not what the model says."""
-    changes = [word for change in (*FAULTY, f"run.stream_rate_hz={RATE_HZ}") for word in ("--set", change)]
+    changes = [word for change in (*faulty, f"run.stream_rate_hz={RATE_HZ}") for word in ("--set", change)]
     words = [*COMMAND, "run", NAME, "--namespace", "plant", "--no-record", "--view", "none", *changes]
     process = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, cwd=folder)
     try:
@@ -113,3 +113,42 @@ def test_a_fault_is_acknowledged_and_shelved_and_an_advice_accepted_from_the_pag
         page.locator("#accept").click()
         expect(answers.first).to_contain_text(re.compile("accepted|noted|dry run"), timeout=UP_MS)
         page.screenshot(path=str(kept / "shadow.png"))
+
+
+def test_a_hidden_mass_is_identified_from_the_last_seconds_and_the_model_goes_on_with_it(browser, ros_domain, kept):
+    words = ("shadow", NAME, "--from", "plant", "--map", "map.yaml", "--view", "web")
+    hidden, free = ("masses.extra_kg=9.0",), ("--identify", "masses.extra_kg")
+    with (
+        plant(kept, hidden),
+        running(*words, *free, folder=kept) as (url, _),
+        opened(browser, url, shows=False) as page,
+    ):
+        expect(page.locator("#state")).to_have_text("locked", timeout=UP_MS)
+        expect(page.locator("#fit-free")).to_have_text("1 free key: masses.extra_kg")
+        answers, told = page.locator("#answers li"), page.locator("#fit-told")
+        expect(page.locator("#fit-answers")).to_be_hidden()
+        expect(page.locator("#fit-span option").last).to_have_text("10 s", timeout=UP_MS)
+        page.locator("#identify").click()
+        expect(answers.first).to_have_text("identify: 1 keys, the last 10 s", timeout=UP_MS)
+        expect(page.locator("#identify")).to_be_disabled()
+        expect(told).to_contain_text(re.compile("which keys the channels see|intervals|held out|start"), timeout=UP_MS)
+        expect(told).to_contain_text("found: fitted in", timeout=UP_MS)
+        row = page.locator("#fit-rows tr")
+        expect(row).to_contain_text("identified")
+        low, high = map(float, re.search(r"([\d.]+) to ([\d.]+)", row.inner_text()).groups())
+        assert low < 9.0 < high
+        with page.expect_download() as saved:
+            page.locator("#fit-save").click()
+        assert saved.value.suggested_filename == f"{NAME}-identified.yaml"
+        text = yaml.safe_load(saved.value.path().read_text(encoding="utf-8"))
+        assert low < text["/**"]["ros__parameters"]["masses"]["extra_kg"] < high
+        page.screenshot(path=str(kept / "identified.png"))
+        page.locator("#take-over").click()
+        expect(answers.first).to_contain_text("the model goes on with what was found", timeout=UP_MS)
+        expect(told).to_contain_text("taken over")
+        expect(page.locator("#take-over")).to_be_disabled()
+        expect(page.locator("#state")).to_have_text("locked", timeout=UP_MS)
+        page.locator("#identify").click()
+        expect(told).to_contain_text(re.compile("found|not better"), timeout=UP_MS)
+        before = float(row.locator("td").nth(1).inner_text())
+        assert low < before < high, "the model that is fitted anew is the one taken over"

@@ -6,7 +6,7 @@ import { answered, connect, cut } from "./connection.js";
 import { ghost, showGhost } from "./ghost.js";
 import { fetchFile, showHall } from "./hall.js";
 import { frame, layOut, plots } from "./instant.js";
-import { showAdvice, showComparison, showFaults, showHealth, showMetrics } from "./panes.js";
+import { showAdvice, showComparison, showFaults, showFit, showHealth, showMetrics } from "./panes.js";
 import { forget, take } from "./pictures.js";
 import { answer, curves, find, lanes, other, run, say, shown } from "./state.js";
 import "./seen.js";
@@ -26,6 +26,7 @@ function hear(message) {
     pause: () => { run.paused = message.is_paused; showPause(); },
     alarms: () => showFaults(message.faults),
     advice: () => showAdvice(message.rows),
+    fit: () => showFit(message),
     end: () => { run.over = message.text; answer(message.text, "done"); },
     ghost: () => showGhost(message),
     anew: () => { forget(); if (message.all) beginAnew(); },
@@ -40,7 +41,7 @@ function beginAnew() {
   layOut([]);
   Object.assign(run, { machine: null, orders: [], paused: false, over: "" });
   forgetCommands();
-  for (const id of ["comparison", "numbers", "alarms", "advice", "command", "parameters", "log", "lamp", "differs"]) find(id).hidden = true;
+  for (const id of ["comparison", "numbers", "alarms", "advice", "fit", "command", "parameters", "log", "lamp", "differs"]) find(id).hidden = true;
   find("cover").hidden = false;
   find("cards").replaceChildren();
   find("time").textContent = "";

@@ -33,7 +33,7 @@ export function know(machine) {
   find("differs").hidden = !machine.settings?.length || Boolean(machine.sides);
   find("changed").replaceChildren(...rowsOf(machine.settings ?? []));
   if (plots.list.length) listPanels();
-  for (const [name, id] of [["acknowledge", "alarms"], ["accept", "advice"]]) if (!machine.orders.includes(name)) find(id).hidden = true;
+  for (const [name, id] of [["acknowledge", "alarms"], ["accept", "advice"], ["identify", "fit"]]) if (!machine.orders.includes(name)) find(id).hidden = true;
   commands(run.commands);
   showPause();
 }
@@ -147,7 +147,7 @@ export function showRole(message) {
 
 export function commands(can) {
   run.commands = can;
-  for (const each of document.querySelectorAll("#hall button, #command button, #command input, #keys input, #keys select, #alarms button, #advice button")) each.disabled = !can || each.dataset.idle !== undefined;
+  for (const each of document.querySelectorAll("#hall button, #command button, #command input, #keys input, #keys select, #alarms button, #advice button, #fit button, #fit select")) each.disabled = !can || each.dataset.idle !== undefined;
   find("undo").disabled = !can || !undone.length;
 }
 

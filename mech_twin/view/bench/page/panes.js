@@ -3,9 +3,11 @@
 
 import { commands } from "./command.js";
 import { order } from "./connection.js";
+import { save } from "./report.js";
 import { find, other, rowsOf, run, shown } from "./state.js";
-import { adviceRow, faultRow } from "./twin.js";
+import { adviceRow, faultRow, fitRow } from "./twin.js";
 
+const SPANS_S = [10, 30, 60, 120, 300]; // that may be fitted
 const FIRST_NUMBERS = 6; // that stand open
 
 export function showFaults(faults) {
@@ -20,6 +22,32 @@ export function showAdvice(rows) {
   find("advice-none").hidden = rows.length > 0;
   find("advice-answers").hidden = !rows.length;
 }
+
+// an identification from the last minutes: how far it is, what it found, and whether that may be taken over
+let configuration = "";
+export function showFit({ phase, told, free, kept_s: kept, rows, held_out: held, text }) {
+  find("fit").hidden = !run.orders.includes("identify");
+  find("fit").dataset.phase = phase;
+  find("fit-free").textContent = `${free.length} free key${free.length === 1 ? "" : "s"}: ${free.join(", ")}`;
+  const span = find("fit-span"), seconds = SPANS_S.filter((each) => each <= kept);
+  if (span.childElementCount !== Math.max(1, seconds.length)) {
+    const chosen = span.value;
+    span.replaceChildren(...(seconds.length ? seconds : [Math.max(2, kept)]).map((each) => new Option(each < 120 ? `${each} s` : `${each / 60} min`, each)));
+    if (seconds.includes(Number(chosen))) span.value = chosen; else span.lastChild.selected = true;
+  }
+  find("fit-told").textContent = `${phase}: ${told}`;
+  find("fit-keys").hidden = !rows.length;
+  find("fit-rows").replaceChildren(...rows.map(fitRow));
+  find("fit-held").hidden = !held.length;
+  find("fit-scores").replaceChildren(...rowsOf(held));
+  find("fit-answers").hidden = !text;
+  configuration = text;
+  mark("identify", phase === "running");
+  mark("take-over", phase !== "found");
+  commands(run.commands);
+}
+
+function mark(id, isIdle) { if (isIdle) find(id).dataset.idle = ""; else delete find(id).dataset.idle; }
 
 export function showMetrics(rows) {
   const lines = rowsOf(rows);
@@ -63,3 +91,6 @@ find("align").onchange = () => { other.byAngle = find("align").value === "angle"
 find("how").onchange = () => { other.isDifference = find("how").value === "difference"; shown.drawn = null; };
 find("accept").onclick = () => order("accept");
 find("reject").onclick = () => order("reject");
+find("identify").onclick = () => order("identify", { values: { span_s: Number(find("fit-span").value) } });
+find("take-over").onclick = () => order("take-over");
+find("fit-save").onclick = () => save(`${run.machine?.name ?? "machine"}-identified.yaml`, "application/yaml", configuration);

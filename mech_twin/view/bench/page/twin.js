@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A shadow's panes: what is alarming since when, and what is advised, with the buttons that answer.
+// A shadow's panes: what is alarming since when, what is advised and what was identified, as rows.
 
 import { made } from "./plots.js";
 
@@ -28,5 +28,14 @@ export function faultRow(fault, order) {
 export function adviceRow([name, value]) {
   const line = made("tr");
   line.append(made("th", { textContent: name }), made("td", { textContent: value }));
+  return line;
+}
+
+// a key that was free, its verdict below it, and its interval below what was found
+export function fitRow([name, before, found, interval, verdict]) {
+  const line = made("tr"), key = made("td", { textContent: name }), value = made("td", { textContent: found });
+  key.append(made("small", { textContent: ` ${verdict}` }));
+  value.append(made("small", { textContent: ` ${interval}` }));
+  line.append(key, made("td", { textContent: before }), value);
   return line;
 }

@@ -1,0 +1,189 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The identifier node: fits keys of the model to the machine's last minutes when asked, and offers what it found.
+
+The fit runs in a process of its own, at a lower priority, so that the shadow keeps up.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Sequence
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
+from multiprocessing.context import SpawnProcess
+
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.parameter import Parameter
+from std_srvs.srv import Trigger
+
+from mech_twin.capabilities.errors import StudyError
+from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.engine.errors import MotionError
+from mech_twin.measurements.errors import MeasurementError
+from mech_twin.measurements.measurement_map import Channel
+from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode
+from mech_twin.parent_death import end_with_parent
+from mech_twin.quantity import Parameters
+from mech_twin.studies.identification.fit_runs import FitRun
+from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration
+from mech_twin.studies.identification.question import IdentificationQuestion
+from mech_twin.studies.identification.recent_samples import RecentFit, RecentSamples, fitted_recent
+from mech_twin.studies.observer.lock_on import SeenSample
+
+SPAN_S = "span_s"
+USUAL_SPAN_S, SHORTEST_SPAN_S, LONGEST_SPAN_S = 60.0, 2.0, 300.0
+LATEST_BEGIN_S = 10.0  # of the stretch within the machine's own run
+NICE = 10
+FAILURES = (StudyError, MeasurementError, ConfigurationError, MotionError, ValueError)
+
+
+class _RunningFit:
+    """A fit in a process of its own."""
+
+    def __init__(self, question: IdentificationQuestion, run: FitRun) -> None:
+        context = get_context("spawn")
+        self._end, sender = context.Pipe(duplex=False)
+        self._process: SpawnProcess = context.Process(target=_fit, args=(os.getpid(), question, run, sender))
+        self._process.start()
+        sender.close()
+
+    def heard(self) -> Iterator[str | Exception | RecentFit]:
+        """Yield what it has said since: lines on its progress, at last what it found or why it failed."""
+        told: str | Exception | RecentFit = ""
+        while isinstance(told, str) and self._end.poll():
+            try:
+                told = self._end.recv()
+            except EOFError:
+                self._process.join()
+                told = StudyError(f"the fit ended with code {self._process.exitcode}")
+            yield told
+
+    def end(self) -> None:
+        """End it."""
+        self._process.terminate()
+        self._process.join()
+
+
+def _fit(parent: int, question: IdentificationQuestion, run: FitRun, said: Connection) -> None:
+    """Fit, as a process that ends with its parent and takes the processor last."""
+    end_with_parent(parent)
+    os.nice(NICE)
+    try:
+        said.send(fitted_recent(question, run, said.send))
+    except FAILURES as error:
+        said.send(StudyError(str(error)))
+
+
+class IdentifierNode(TwinNode):
+    """Identifies keys on request; see `TwinNode` for the other arguments.
+
+    Its service ``identify`` fits the last ``span_s`` seconds, ``take_over`` gives the model what was found.
+
+    Parameters
+    ----------
+    channels : sequence of Channel
+        Of the map.
+    keys : sequence of str
+        Keys that may change.
+    bounds : mapping
+        Least and largest value of some of them.
+
+    Raises
+    ------
+    ConfigurationError
+        The machine has no such key, or accepts no other value of it.
+    """
+
+    def __init__(
+        self,
+        machine_name: str,
+        channels: Sequence[Channel],
+        keys: Sequence[str],
+        bounds: dict[str, tuple[float, float]],
+        parameters: Parameters | None = None,
+        options: RunOptions | None = None,
+    ) -> None:
+        super().__init__("identifier", machine_name, parameters, options)
+        self.model = self.initial_parameters
+        KeyedConfiguration(machine_name, self.model, tuple(keys)).check()
+        self.keys, self._bounds = tuple(keys), dict(bounds)
+        self.recent = RecentSamples(channels, LONGEST_SPAN_S)
+        self.phase, self.told = "idle", "nothing identified yet"
+        self.found: RecentFit | None = None
+        self.on_taken: Callable[[Parameters], None] = lambda parameters: None
+        self._fit: _RunningFit | None = None
+        self.declare_parameter(SPAN_S, USUAL_SPAN_S)
+        self.add_on_set_parameters_callback(_judged)
+        self.create_service(Trigger, "~/identify", self._identify)
+        self.create_service(Trigger, "~/take_over", self._take_over)
+
+    def observe(self, sample: SeenSample) -> None:
+        """Keep a sample of the machine."""
+        self.recent.add(sample)
+
+    def check_peers(self, now_s: float) -> None:
+        """Hear what the fit says of itself."""
+        if self._fit is not None:
+            for told in self._fit.heard():
+                self._take(told)
+        self.diagnostics.state = self.phase
+
+    def diagnostic_values(self) -> dict[str, str]:
+        """Return what is identified, key by key."""
+        keys = () if self.found is None else self.found.keys
+        return {"identification": f"{self.phase}: {self.told}"} | {
+            each.key: f"{each.estimate:.6g} ({each.low_95:.6g} to {each.high_95:.6g}), {each.verdict}" for each in keys
+        }
+
+    def close(self) -> None:
+        """End a fit that goes on."""
+        if self._fit is not None:
+            self._fit.end()
+
+    def _take(self, told: str | Exception | RecentFit) -> None:
+        if isinstance(told, str):
+            self.told = told
+            return
+        self._fit = None
+        if isinstance(told, Exception):
+            self.phase, self.told = "failed", str(told)
+            return
+        self.found = told
+        self.phase = "found" if told.better else "not better"
+        word = "" if told.better else "; what was held out is foretold no better than before"
+        self.told = f"fitted in {told.seconds:.0f} s{word}"
+
+    def _identify(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        if self._fit is not None:
+            response.success, response.message = False, f"a fit goes on: {self.told}"
+            return response
+        try:
+            run = self.recent.run(float(self.get_parameter(SPAN_S).value))
+        except MeasurementError as error:
+            response.success, response.message = False, str(error)
+            return response
+        question = IdentificationQuestion(
+            self.machine_name, self.model, self.keys, self._bounds, longest_begin_s=LATEST_BEGIN_S, cores=1
+        )
+        self.phase, self.told, self.found = "running", f"fitting {run.path}", None
+        self._fit = _RunningFit(question, run)
+        response.success, response.message = True, f"{len(self.keys)} keys, {run.path}"
+        return response
+
+    def _take_over(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        if self.phase != "found" or self.found is None:
+            response.success, response.message = False, "nothing is found that foretells better than before"
+            return response
+        self.model, self.phase = self.found.parameters, "taken over"
+        self.told = "the model goes on with what was found"
+        self.on_taken(self.model)
+        response.success, response.message = True, self.told
+        return response
+
+
+def _judged(parameters: Sequence[Parameter]) -> SetParametersResult:
+    for each in parameters:
+        if each.name == SPAN_S and not SHORTEST_SPAN_S <= each.value <= LONGEST_SPAN_S:
+            expected = f"expected {SHORTEST_SPAN_S:g} to {LONGEST_SPAN_S:g} s"
+            return SetParametersResult(successful=False, reason=f"{SPAN_S} {each.value:g}: {expected}")
+    return SetParametersResult(successful=True)

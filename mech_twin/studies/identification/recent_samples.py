@@ -1,0 +1,155 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Identification from the last minutes of a machine that is followed: what is kept of them, and what a fit says."""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from mech_twin.measurements.blocks import Array
+from mech_twin.measurements.errors import MeasurementError
+from mech_twin.measurements.measurement_map import Channel
+from mech_twin.quantity import Parameters
+from mech_twin.studies.identification.fit_runs import COMMANDS, FitChannel, FitRun, fit_channel, placed_run
+from mech_twin.studies.identification.identification import HOLD_OUT_SHARE, Identification, identified
+from mech_twin.studies.identification.least_squares_fit import Progress, quiet
+from mech_twin.studies.identification.question import IdentificationQuestion
+from mech_twin.studies.identification.verdicts import KeyVerdict
+from mech_twin.studies.identification.written_identification import configuration_text
+from mech_twin.studies.observer.lock_on import SeenSample
+
+FEWEST_SAMPLES = 20  # of a channel, to be fitted
+
+
+class _Series:
+    """Times and values of one channel; what is older than asked for is let go now and then."""
+
+    def __init__(self) -> None:
+        self.times_s, self.values = array("d"), array("d")
+
+    def add(self, time_s: float, value: float, kept_s: float) -> None:
+        self.times_s.append(time_s)
+        self.values.append(value)
+        if time_s - self.times_s[0] > 2.0 * kept_s:
+            first = int(np.searchsorted(np.frombuffer(self.times_s), time_s - kept_s))
+            del self.times_s[:first], self.values[:first]
+
+    def after(self, from_s: float) -> tuple[Array, Array]:
+        """Return times and values from a time on, in order, each time once."""
+        times, places = np.unique(np.array(self.times_s), return_index=True)
+        first = np.searchsorted(times, from_s)
+        return times[first:], np.array(self.values)[places][first:]
+
+
+class RecentSamples:
+    """The last minutes of a machine.
+
+    Parameters
+    ----------
+    channels : sequence of Channel
+        Of the map, in the order of the samples' channel numbers.
+    longest_s : float
+        For how long samples are kept at least.
+    """
+
+    def __init__(self, channels: Sequence[Channel], longest_s: float) -> None:
+        self._channels, self._longest_s = tuple(channels), longest_s
+        self.forget()
+
+    def forget(self) -> None:
+        """Forget all: the machine's time has become another."""
+        self._series = [_Series() for _ in self._channels]
+        self._commands: list[tuple[float, float]] = []
+        self._first_s, self._newest_s = np.inf, -np.inf
+
+    @property
+    def span_s(self) -> float:
+        """How much is kept."""
+        return min(max(0.0, self._newest_s - self._first_s), self._longest_s)
+
+    def add(self, sample: SeenSample) -> None:
+        """Keep a sample."""
+        self._first_s, self._newest_s = min(self._first_s, sample.time_s), max(self._newest_s, sample.time_s)
+        for place, value in zip(sample.channels, sample.values, strict=True):
+            self._series[place].add(sample.time_s, value, self._longest_s)
+
+    def command(self, share: float) -> None:
+        """Keep a command that was heard beside the channels of the map."""
+        if np.isfinite(self._newest_s):
+            self._commands.append((self._newest_s, share))
+
+    def run(self, span_s: float) -> FitRun:
+        """Return the last of it as a run whose beginning in the machine's own run is unknown.
+
+        Raises
+        ------
+        MeasurementError
+            No channel has enough samples.
+        """
+        from_s, path = self._newest_s - span_s, Path(f"the last {min(span_s, self.span_s):.0f} s")
+        channels: list[FitChannel] = []
+        command = self._commanded(from_s)
+        for channel, series in zip(self._channels, self._series, strict=True):
+            times, values = series.after(from_s)
+            if channel.quantity in COMMANDS:
+                command = (times, values) if len(times) else command
+            elif len(times) >= FEWEST_SAMPLES:
+                channels.append(fit_channel(channel, times, values, channel.quantum))
+        if not channels:
+            raise MeasurementError(path, f"expected a channel with at least {FEWEST_SAMPLES} samples")
+        return placed_run(path, channels, command, begin_known=False)
+
+    def _commanded(self, from_s: float) -> tuple[Array, Array] | None:
+        """Return the command in force at a time, and the later ones."""
+        before = [share for time_s, share in self._commands if time_s <= from_s]
+        later = [(time_s, share) for time_s, share in self._commands if time_s > from_s]
+        if not before and not later:
+            return None
+        told = [(max(from_s, self._first_s), before[-1] if before else 1.0), *later]
+        times, values = np.array(told).T
+        return times, values
+
+
+class RecentFit(NamedTuple):
+    """What a fit to the last minutes says.
+
+    Attributes
+    ----------
+    keys : tuple of KeyVerdict
+        The keys that were free.
+    better : bool
+        Whether what was held out is foretold better than before.
+    held_out : tuple of (str, float, float)
+        Channel, and its fit in percent with what was found and with what was before.
+    parameters : Parameters
+        The configuration found.
+    text : str
+        The same as a parameter file.
+    seconds : float
+        Time it took.
+    """
+
+    keys: tuple[KeyVerdict, ...]
+    better: bool
+    held_out: tuple[tuple[str, float, float], ...]
+    parameters: Parameters
+    text: str
+    seconds: float
+
+
+def fitted_recent(question: IdentificationQuestion, run: FitRun, progress: Progress = quiet) -> RecentFit:
+    """Return what a fit to a run says; the last fifth of it is held out."""
+    found = identified(question, [run], (), HOLD_OUT_SHARE, progress)
+    text = configuration_text(found, [str(run.path)])
+    return RecentFit(found.keys, found.better, _held_out(found), found.parameters, text, found.seconds)
+
+
+def _held_out(found: Identification) -> tuple[tuple[str, float, float], ...]:
+    if found.held_out is None or found.before is None:
+        return ()
+    pairs = zip(found.held_out.channels, found.before.channels, strict=True)
+    return tuple((one.channel, one.fit_percent, other.fit_percent) for one, other in pairs)
