@@ -16,12 +16,10 @@ from mech_twin.cli.console import say
 from mech_twin.cli.failure import CommandError
 from mech_twin.configuration_tree import configuration_tree
 from mech_twin.dependencies import require_modules
-from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.output_file import check_output_file
-from mech_twin.parameters.load import PAGE, machine_parameters
 from mech_twin.parent_death import end_with_parent
 from mech_twin.stop_signal import StopSignal
-from mech_twin.studies.run_comparison import leaves
+from mech_twin.studies.run_comparison import changed_settings
 from mech_twin.view.bench.link import BEGUN_BY
 
 if TYPE_CHECKING:
@@ -147,16 +145,6 @@ def told_machine(name: str, namespace: str, orders: Sequence[str], parameters: P
     tree = None if parameters is None else configuration_tree(parameters)
     told = {"name": name, "namespace": namespace, "orders": list(orders), "parameters": keys}
     return told | {"configuration": tree, "settings": [] if tree is None else changed_settings(name, tree)}
-
-
-def changed_settings(name: str, tree: Mapping[str, Any]) -> list[list[str]]:
-    """Return key, value as installed and value of what differs in a configuration of a machine of the catalogue."""
-    if name not in CATALOGUE or name == PAGE.name:
-        return []
-    installed = dict(leaves(configuration_tree(machine_parameters(name))))
-    return [
-        [key, str(installed.get(key, "-")), str(value)] for key, value in leaves(tree) if installed.get(key) != value
-    ]
 
 
 def hold_view(page: str) -> None:

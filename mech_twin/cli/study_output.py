@@ -12,6 +12,7 @@ from mech_twin.capabilities.sizing import Sizing
 from mech_twin.captions import unit_of
 from mech_twin.cli.console import print_csv, print_json, print_numbers, print_table, say
 from mech_twin.cli.study_options import HELP, axes_of, counted, limits_of, notes_of, shows_limits, study_errors, told
+from mech_twin.cli.study_report import check_report, report_sizing, report_sweep
 from mech_twin.cli.study_verbs import SizeVerb, SweepVerb
 from mech_twin.configuration_tree import configuration_tree
 from mech_twin.dependencies import require_extra
@@ -33,6 +34,7 @@ def answer_sweep(request: SweepVerb) -> None:
     check_output_file(table, force=request.force, suffixes=TABLE)
     if not request.no_picture:
         check_output_file(table.with_suffix(".png"), force=request.force)
+    check_report(request.report, force=request.force)
     if table.suffix != ".csv":
         require_extra("tables")
     if not request.no_picture:
@@ -56,6 +58,9 @@ def answer_sweep(request: SweepVerb) -> None:
             say(f"interrupted; finished points are kept beside {table}: the same command goes on from there")
             raise SystemExit(130) from None
     keys, names = done.asked.keys, done.outputs
+    if request.report is not None:
+        varied = _varying(done.points, names)
+        report_sweep(request.report, done, request.machine, parameters, varied)
     if request.as_json:
         document: dict[str, Any] = {
             "machine": request.machine,
@@ -109,6 +114,7 @@ def answer_size(asked: SizeVerb) -> None:
     out = asked.out or Path(f"{Path(machine).stem}-sized.yaml")
     if HELP not in limits:
         check_output_file(out, force=asked.force, suffixes=YAML_SUFFIXES)
+        check_report(asked.report, force=asked.force)
     if shows_limits(limits, machine, "sizing"):
         return
     parameters = machine_parameters(machine, config, assignments(asked.settings))
@@ -118,6 +124,8 @@ def answer_size(asked: SizeVerb) -> None:
         )
         notes = notes_of(objective=answer.objective, tolerance=answer.tolerance, binding=answer.binding)
         write_configuration(machine, answer.parameters, out, config, notes)
+    if asked.report is not None:
+        report_sizing(asked.report, answer, parameters)
     if asked.as_json:
         print_json(
             {

@@ -43,6 +43,7 @@ Bounds = Annotated[
         complete="bounds",
     ),
 ]
+Report = Annotated[Path | None, option("report to write, one page that prints well (NAME.html)", None)]
 SPREAD = Apart("cores", "scheduler", "processes here, or workers of a cluster")
 
 
@@ -57,6 +58,7 @@ class SweepVerb(Verb):
     number: list[str] = option("number to tabulate; may be given several times", [], metavar="NAME", shown="all")
     duration_s: float = option("time to simulate at each point, s (3, 500ms); 0: the analysis alone", 0.0, unit="s")
     no_picture: bool = option("write the table alone", False)
+    report: Report = None
     cores: Cores = None
     scheduler: Scheduler = None
     config: Config = None
@@ -83,6 +85,7 @@ class SizeVerb(Verb):
     tolerance: float | None = option(
         "relative tolerance of each assumed value within which limits are tried", shown="the usual one of the machine"
     )
+    report: Report = None
     config: Config = None
     settings: Settings = []
     force: Force = False

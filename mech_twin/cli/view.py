@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from mech_twin.cli.console import progress, say
 from mech_twin.cli.failure import CommandError
-from mech_twin.cli.live_view import changed_settings, opened_bench
+from mech_twin.cli.live_view import opened_bench
 from mech_twin.cli.overlay import PATIENCE_S, SHOWN_BYTES
 from mech_twin.cli.pages import check_is_no_page
 from mech_twin.cli.verbs import ViewVerb
@@ -19,6 +19,7 @@ from mech_twin.configuration_tree import ConfigurationError, configuration_tree
 from mech_twin.engine.step_samples import StepSamples
 from mech_twin.nodes.run.domain import settle_domain
 from mech_twin.output_file import check_output_file, written_file
+from mech_twin.studies.run_comparison import changed_settings
 
 if TYPE_CHECKING:
     from mech_twin.nodes.roles.viewer_node import RunMetrics
@@ -76,13 +77,9 @@ def _recorded(stack: ExitStack, bag: Path) -> _Shown:
 
 
 def _settings(samples: BagSamples) -> list[list[str]]:
-    from mech_twin.studies.configuration_history import ConfigurationHistory
+    from mech_twin.studies.configuration_history import recorded_settings
 
-    try:
-        history = ConfigurationHistory(samples.descriptions(), "the recording")
-    except ConfigurationError:  # which is said where the metrics are asked for
-        return []
-    return changed_settings(history.name, configuration_tree(history.parameters))
+    return recorded_settings(samples.descriptions())
 
 
 def _measured(measurement: Path, map_file: Path, config: Path | None) -> _Shown:

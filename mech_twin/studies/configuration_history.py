@@ -6,10 +6,11 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Iterable
 
-from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.configuration_tree import ConfigurationError, configuration_tree
 from mech_twin.parameters.load import Description, catalogue_entry, description
 from mech_twin.quantity import Parameters
 from mech_twin.roles import Machine
+from mech_twin.studies.run_comparison import changed_settings
 
 
 class ConfigurationHistory:
@@ -68,3 +69,15 @@ class ConfigurationHistory:
         if self._built is None or self._built[0] != place:
             self._built = place, catalogue_entry(self.name).build(self._described[place].parameters)
         return self._built[1]
+
+
+def recorded_settings(texts: Iterable[str]) -> list[list[str]]:
+    """Return what differs from the machine as installed in the configuration a recording began with.
+
+    Nothing where the recording tells no configuration that validates.
+    """
+    try:
+        history = ConfigurationHistory(texts, "the recording")
+    except ConfigurationError:
+        return []
+    return changed_settings(history.name, configuration_tree(history.parameters))

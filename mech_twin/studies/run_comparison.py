@@ -16,6 +16,9 @@ from numpy.typing import NDArray
 from mech_twin.capabilities.arguments import real_number
 from mech_twin.capabilities.errors import StudyError
 from mech_twin.captions import axis_title, unit_of
+from mech_twin.configuration_tree import configuration_tree
+from mech_twin.machines.catalog import CATALOGUE
+from mech_twin.parameters.load import PAGE, machine_parameters
 
 LABEL_LETTERS = 32  # of an axis, in a line
 ROUNDING = 1e-9  # of the largest number in a unit
@@ -100,6 +103,16 @@ def leaves(tree: Mapping[str, Any], path: str = "") -> list[tuple[str, Any]]:
         here = f"{path}{key}"
         found += leaves(value, f"{here}.") if isinstance(value, Mapping) else [(here, value)]
     return found
+
+
+def changed_settings(name: str, tree: Mapping[str, Any]) -> list[list[str]]:
+    """Return key, value as installed and value of what differs in a configuration of a machine of the catalogue."""
+    if name not in CATALOGUE or name == PAGE.name:
+        return []
+    installed = dict(leaves(configuration_tree(machine_parameters(name))))
+    return [
+        [key, str(installed.get(key, "-")), str(value)] for key, value in leaves(tree) if installed.get(key) != value
+    ]
 
 
 def _paired(first: Mapping[str, Any], second: Mapping[str, Any]) -> tuple[Differing, ...]:

@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable
+from typing import NamedTuple
 
 from mech_twin.capabilities.mechanism import FrameTree
 from mech_twin.samples import Event, ForceSample, LinkageSample, MotorSample, Named
@@ -17,6 +18,31 @@ WEAK_SHARE = 0.05  # blows below this share of the hardest recent one are bounce
 AT_REST = 1e-3  # rad/s or m/s
 STALLED = ("stalled", "stalled_1")
 POWER = "drive_power_w"
+
+
+class Card(NamedTuple):
+    """A headline number.
+
+    Attributes
+    ----------
+    name, shown : str
+        As they are read.
+    key : str
+        The name without what changes of it; empty where it has no number.
+    value : float or None
+        In ``unit``.
+    unit : str
+        SI, or ``sigma``.
+    most : float or None
+        What the machine is rated for; None where nothing tells it.
+    """
+
+    name: str
+    shown: str
+    key: str = ""
+    value: float | None = None
+    unit: str = ""
+    most: float | None = None
 
 
 class Banner:
@@ -32,6 +58,7 @@ class Banner:
 
     def __init__(self, tree: FrameTree | None, energy: Callable[[Event], float] = lost_energy) -> None:
         self._energy = energy
+        self.rated_power_w: float | None = None
         self._slides = sliding_joints(tree)
         self._known = tree is not None
         self._command = math.nan
@@ -66,7 +93,7 @@ class Banner:
         linkage = self._linkage
         if linkage is None:
             return "waiting for the first step"
-        words = [f"{name} {value}" for name, value in self.cards()]
+        words = [f"{card.name} {card.shown}" for card in self.cards()]
         alarm = self.alarm()
         parts = [f"**{self.state()}**", f"t = {linkage.time_s:.2f} s", *words]
         return "  ·  ".join([*parts, f"**ALARM: {alarm}**" if alarm else "no alarm"])
@@ -92,7 +119,7 @@ class Banner:
         linkage = self._linkage
         return self._broken or ("the machine is stalled" if linkage is not None and self._stalled(linkage) else "")
 
-    def cards(self) -> list[tuple[str, str]]:
+    def cards(self) -> list[Card]:
         """Return name and value of what matters now: speed, rate, energy of the last blow, power."""
         linkage = self._linkage
         return [] if linkage is None else [*self._speed(linkage), *self._work(linkage)]
@@ -101,27 +128,29 @@ class Banner:
         memory = linkage.memory
         return any(name in memory.names and _named(memory, name) > 0.0 for name in STALLED)
 
-    def _speed(self, linkage: LinkageSample) -> list[tuple[str, str]]:
+    def _speed(self, linkage: LinkageSample) -> list[Card]:
         joint, speed = linkage.joints[0], linkage.velocity[0]
         if not self._known:
             return []
         if joint in self._slides:
-            return [(joint, f"{speed:+.2f} m/s")]
-        return [(joint, f"{speed:.4g} rad/s")]  # as at the terminal and on every topic
+            return [Card(joint, f"{speed:+.2f} m/s", joint, speed, "m/s")]
+        return [Card(joint, f"{speed:.4g} rad/s", joint, speed, "rad/s")]  # as at the terminal and on every topic
 
-    def _work(self, linkage: LinkageSample) -> list[tuple[str, str]]:
+    def _work(self, linkage: LinkageSample) -> list[Card]:
         _forget(self._blows, linkage.time_s)
         found = []
         hardest = max((energy for _, energy in self._blows), default=0.0)
         real = [(time_s, energy) for time_s, energy in self._blows if energy > WEAK_SHARE * hardest]
         if len(real) > 1:
-            found.append(("blow rate", f"{(len(real) - 1) / (real[-1][0] - real[0][0]):.1f}/s"))
+            rate_hz = (len(real) - 1) / (real[-1][0] - real[0][0])
+            found.append(Card("blow rate", f"{rate_hz:.1f}/s", "blow rate", rate_hz, "1/s"))
         if self._last_blow is not None:
             time_s, energy_j = self._last_blow
-            found.append((f"last blow at {time_s:.2f} s", with_prefix(energy_j, "J")))
+            found.append(Card(f"last blow at {time_s:.2f} s", with_prefix(energy_j, "J"), "last blow", energy_j, "J"))
         if self._power:
             mean_w = sum(power for _, power in self._power) / len(self._power)
-            found.append(("mean drive power", with_prefix(mean_w, "W")))
+            name, rated_w = "mean drive power", self.rated_power_w
+            found.append(Card(name, with_prefix(mean_w, "W"), name, mean_w, "W", rated_w))
         return found
 
     def _note_broken(self, linkage: LinkageSample) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mech_twin.samples import Shape
+from mech_twin.view.banner import Card
 from mech_twin.view.decimation import extreme_rows
 
 Array = NDArray[np.float64]
@@ -128,7 +129,7 @@ class ShownFit(NamedTuple):
 class ShadowPicture(NamedTuple):
     """What goes out with one picture beside the curves: drawings of model and measurement, and what is known of them.
 
-    ``banner`` is all of it in one line; ``cards`` are names and values, ``advice`` name and value of what is
+    ``banner`` is all of it in one line; ``cards`` are headline numbers, ``advice`` name and value of what is
     recommended and waits for an answer (empty: nothing); ``fit`` is an identification, where one can be asked for.
     """
 
@@ -136,7 +137,7 @@ class ShadowPicture(NamedTuple):
     measured: Sequence[Shape]
     banner: str
     state: str = ""
-    cards: tuple[tuple[str, str], ...] = ()
+    cards: tuple[Card, ...] = ()
     faults: tuple[ShownFault, ...] = ()
     advice: tuple[tuple[str, str], ...] = ()
     fit: ShownFit | None = None

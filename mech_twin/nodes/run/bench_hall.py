@@ -14,11 +14,13 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+from mech_twin.recording.bag_contents import RecordingReader
 from mech_twin.recording.bag_directory import bag_files
 from mech_twin.recording.bag_reader import about_bag, open_bag
-from mech_twin.recording.bag_samples import NoSamplesError, recorded_machine
+from mech_twin.recording.bag_samples import BagSamples, NoSamplesError, recorded_machine
 from mech_twin.recording.errors import BagError
 from mech_twin.recording.recovery import recover
+from mech_twin.studies.configuration_history import recorded_settings
 from mech_twin.view.bench.link import BEGUN_BY
 from mech_twin.view.bench.server import OrderError
 
@@ -176,16 +178,22 @@ class Hall:
         return rows
 
 
+def _told(reader: RecordingReader) -> tuple[str, list[list[str]]]:
+    """Return the machine of a recording, and its settings that are not as installed."""
+    machine = recorded_machine(reader)
+    return machine, recorded_settings(BagSamples(reader).descriptions())
+
+
 def _described(path: Path) -> dict[str, Any]:
-    """Return machine, length and state of a recording, and whether it can be opened as it is."""
-    told: dict[str, Any] = {"machine": "", "length_s": None, "opens": False}
+    """Return machine, length, settings and state of a recording, and whether it can be opened as it is."""
+    told: dict[str, Any] = {"machine": "", "length_s": None, "opens": False, "settings": []}
     try:
-        info, machine = about_bag(path, recorded_machine)
+        info, (machine, settings) = about_bag(path, _told)
     except NoSamplesError:
         return told | {"state": NOT_FOR_IT}
     except BagError as error:
         return told | {"state": f"damaged: {error}"}
-    known = {"machine": machine, "length_s": round(info.duration_s, 3)}
+    known = {"machine": machine, "length_s": round(info.duration_s, 3), "settings": settings}
     try:
         with open_bag(path):
             state = "complete" if not info.problems else "closed, but not complete"

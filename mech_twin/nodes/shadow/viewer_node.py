@@ -23,7 +23,9 @@ from mech_twin.studies.live_monitor import LiveMonitor
 from mech_twin.studies.monitoring.fault_life import FaultLife
 from mech_twin.studies.monitoring.naming import Candidate
 from mech_twin.studies.observer.estimate import FrameEstimate, SensedChannel
+from mech_twin.studies.observer.filter_state import GATE
 from mech_twin.studies.observer.lock_on import SeenSample
+from mech_twin.view.banner import Card
 from mech_twin.view.bench.link import PREFIX, BenchLink
 from mech_twin.view.bench.shadow_scene import BenchShadowScene
 from mech_twin.view.shadow_picture import ChannelReading, ShadowPicture, ShownChannel, ShownFault, ShownFit
@@ -123,7 +125,8 @@ class ShadowViewerNode(TwinNode):
 
     def _picture(self, model: Sequence[Shape] = (), measured: Sequence[Shape] = ()) -> ShadowPicture:
         state = self._state()
-        cards = (("level", state.level), ("largest residual", f"{state.largest_sigma:.1f} sigma"))
+        largest, name = state.largest_sigma, "largest residual"
+        cards = (Card("level", state.level), Card(name, f"{largest:.1f} sigma", name, largest, "sigma", GATE**0.5))
         faults = () if self._monitor is None else shown_faults(self._monitor.live)
         known = state_line(state), state.observer, cards, faults, self._advice()
         return ShadowPicture(model, measured, *known, None if self.identifier is None else shown_fit(self.identifier))

@@ -56,7 +56,8 @@ class KeyedConfiguration:
         return acting_tree(self.name, self.base, self.keys)
 
     def check(self) -> None:
-        """Raise a ConfigurationError where the machine accepts no other value of a key."""
+        """Raise a ConfigurationError where a key is unknown, or the machine accepts no other value of it."""
+        self.values()
         self.acting  # noqa: B018
 
     def values(self) -> Array:

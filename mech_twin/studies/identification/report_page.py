@@ -12,6 +12,7 @@ import numpy as np
 
 from mech_twin.capabilities.plots import BLUE, GREY, RED, house_style
 from mech_twin.measurements.blocks import Array
+from mech_twin.report_page import page
 from mech_twin.studies.identification.held_out import beside
 from mech_twin.studies.identification.identification import Identification
 from mech_twin.studies.identification.residuals import FitProblem
@@ -22,20 +23,6 @@ if TYPE_CHECKING:
 
 MOST_POINTS = 1500  # of a curve
 SHOWN_SHARE = 0.2  # of a run, at its end
-STYLE = """
-body { font-family: system-ui, sans-serif; margin: 2rem auto; max-width: 60rem; color: #2b2b2b; line-height: 1.45 }
-table { border-collapse: collapse; margin: 1rem 0; font-size: 0.92rem }
-th, td { border-bottom: 1px solid #ddd; padding: 0.25rem 0.7rem; text-align: right }
-th:first-child, td:first-child, td.words { text-align: left }
-.identified { color: #006b4c; font-weight: 600 } .other { color: #a04500 }
-svg { max-width: 100%; height: auto }
-"""
-PAGE = """<!DOCTYPE html>
-<html lang="en"><head><meta charset="utf-8"><title>{title}</title><style>{style}</style></head>
-<body><h1>{title}</h1>
-{body}
-</body></html>
-"""
 
 
 def report_page(found: Identification, runs: Sequence[str], held_out: Sequence[str]) -> str:
@@ -56,7 +43,7 @@ def report_page(found: Identification, runs: Sequence[str], held_out: Sequence[s
     )
     head += f"<p>{escape(search_words(found.search))}</p>"
     parts = [head, "<h2>Parameters</h2>", _verdict_table(found), *_pictures(found), "<h2>Held out</h2>", _scores(found)]
-    return PAGE.format(title=escape(title), style=STYLE, body="\n".join(parts))
+    return page(title, parts)
 
 
 def search_words(search: Search) -> str:

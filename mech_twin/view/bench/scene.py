@@ -135,6 +135,7 @@ class BenchScene:
         self._link, self._sending = link, sending
         self._roles = RoleCurves()
         self._banner = Banner(None)
+        self._rated_power_w: float | None = None
         self._annotations: Annotations | None = None
         self._extent = DrawnExtent()
         self._bounds: Bounds | None = None
@@ -151,12 +152,14 @@ class BenchScene:
     def watch(self, machine: Machine) -> None:
         """Show also regimes, and residuals against their limits; before the first step."""
         self._lanes, self._invariants = Lanes(machine), RunInvariants(machine)
+        self._rated_power_w = self._banner.rated_power_w = rated_power_w(machine)
 
     def know(self, tree: FrameTree, blow_energy: Callable[[Event], float] | None = None) -> None:
         """Show also what needs the machine's frames; before the first step."""
         energy = lost_energy if blow_energy is None else blow_energy
         self._roles.sliding = sliding_joints(tree)
         self._banner = Banner(tree, energy)
+        self._banner.rated_power_w = self._rated_power_w
         self._annotations = Annotations(tree, energy)
 
     def frame(
@@ -275,6 +278,13 @@ class BenchScene:
         if names != self._names:
             self._names = names
             self._link.tell("layout", packed_layout(panels(names, self._roles.units), names))
+
+
+def rated_power_w(machine: Machine) -> float | None:
+    """Return what the machine's motor is rated for (W); None where its configuration does not tell."""
+    motor = getattr(machine.parameters, "motor", None)
+    found = getattr(motor, "rated_power_w", None)
+    return found if isinstance(found, float) and found > 0.0 else None
 
 
 def panels(names: Mapping[str, tuple[str, ...]], units: Mapping[str, str]) -> list[Panel]:

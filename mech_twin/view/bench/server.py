@@ -15,18 +15,16 @@ import asyncio
 import hmac
 import json
 import math
-import platform
 import secrets
 from collections.abc import Awaitable, Callable, Mapping
 from contextlib import suppress
-from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 from aiohttp import WSCloseCode, WSMsgType, web
 
-from mech_twin import __version__
+from mech_twin.report_page import versions
 from mech_twin.view.bench.bench_page import SEND_S, BenchPage
 from mech_twin.view.bench.guard import HEADERS, LONGEST_LINE, SILENT_S, Guard, content_policy, plain, silent_logger
 from mech_twin.view.bench.link import HEAD, LARGEST_BYTES, PICTURE
@@ -73,7 +71,7 @@ class Bench:
         self._guard = Guard(others=others)
         self._history = Pictures(history_bytes)
         self._pending_bytes = max(PENDING_BYTES, history_bytes)
-        self._told = {"versions": json.dumps({"kind": "versions", "text": _versions()})}
+        self._told = {"versions": json.dumps({"kind": "versions", "text": versions()})}
         self._pages: list[BenchPage] = []
         self._commander: BenchPage | None = None
         self._feeds: set[asyncio.StreamWriter] = set()
@@ -362,10 +360,6 @@ def check_order(message: Mapping[str, Any]) -> None:
             raise OrderError(f"{key}: expected a number, a word or a switch")
         if isinstance(value, float) and not math.isfinite(value):
             raise OrderError(f"{key}: expected a finite number")
-
-
-def _versions() -> str:
-    return f"mech_twin {__version__}, Python {platform.python_version()}, NumPy {version('numpy')}"
 
 
 def _page_files() -> list[Path]:

@@ -41,6 +41,11 @@ def test_recordings_are_listed_opened_compared_fetched_and_salvaged(browser, rec
         expect(row(page, "soft")).to_contain_text(re.compile(r"compaction press, 1\.5 s, .* MB, complete"))
         expect(row(page, "cut.mcap")).to_contain_text(re.compile("damaged|not closed"))
 
+        # what of a machine is not as installed
+        expect(row(page, "soft").locator("details")).to_have_count(0)
+        row(page, "hard").locator("summary").click()
+        expect(row(page, "hard").locator("td")).to_have_text(["working_force.peak_n", "10000.0", "20000.0"])
+
         # open one
         row(page, "hard").get_by_role("button", name="Open").click()
         expect(page.locator("#machine")).to_have_text("compaction press", timeout=UP_MS)

@@ -81,6 +81,20 @@ def try_preload(page):
     assert answers.count() == sent
 
 
+def set_limit(page):
+    """Set a limit of a headline number: what is above it is said there, and in the log of events."""
+    most, outside = page.get_by_label("crank, at most"), page.locator("#cards .outside")
+    expect(most).to_have_value("")
+    expect(outside).to_have_count(0)
+    most.fill("1")
+    most.press("Enter")
+    expect(outside).to_contain_text("above 1 rad/s")
+    expect(page.locator("#events")).to_contain_text("crank above 1 rad/s")
+    most.fill("")
+    most.press("Enter")
+    expect(outside).to_have_count(0)
+
+
 def test_a_run_is_watched_and_commanded_from_its_page(browser, ros_domain, tmp_path):
     with running("run", "mb10_breaker", "--no-record", folder=tmp_path) as (url, _), opened(browser, url) as page:
         expect(page.locator("#machine")).to_have_text("mb10 breaker")
@@ -119,6 +133,8 @@ def test_a_run_is_watched_and_commanded_from_its_page(browser, ros_domain, tmp_p
 
         # a slider on its way: what would come of it, and nothing sent
         try_preload(page)
+
+        set_limit(page)
 
         # pause, go on, stop, start, reset
         page.locator("#order-pause").click()

@@ -7,6 +7,7 @@ import { ghost, showGhost } from "./ghost.js";
 import { fetchFile, showHall } from "./hall.js";
 import { frame, layOut, plots } from "./instant.js";
 import { showAdvice, showComparison, showFaults, showFit, showHealth, showMetrics } from "./panes.js";
+import { forgetLimits } from "./limits.js";
 import { forget, take } from "./pictures.js";
 import { answer, curves, find, lanes, other, run, say, shown } from "./state.js";
 import "./seen.js";
@@ -41,6 +42,7 @@ function beginAnew() {
   layOut([]);
   Object.assign(run, { machine: null, orders: [], paused: false, over: "" });
   forgetCommands();
+  forgetLimits();
   for (const id of ["comparison", "numbers", "alarms", "advice", "fit", "command", "parameters", "log", "lamp", "differs"]) find(id).hidden = true;
   find("cover").hidden = false;
   find("cards").replaceChildren();

@@ -3,7 +3,8 @@
 
 import { commands } from "./command.js";
 import { order } from "./connection.js";
-import { find, run, say } from "./state.js";
+import { made } from "./plots.js";
+import { find, rowsOf, run, say } from "./state.js";
 
 export function showHall({ folder, recordings, machines }) {
   find("hall").hidden = false;
@@ -23,11 +24,7 @@ function recordingRow(recording) {
   const buttons = document.createElement("div");
   buttons.className = "row";
   const button = (word, does) => {
-    const made = document.createElement("button");
-    made.type = "button";
-    made.textContent = word;
-    made.onclick = () => does(made);
-    buttons.append(made);
+    buttons.append(made("button", { type: "button", textContent: word, onclick: does }));
   };
   if (recording.opens) {
     button("Open", () => order("open", { values: { recording: recording.name } }));
@@ -38,7 +35,17 @@ function recordingRow(recording) {
   button("Download", () => order("download", { values: { recording: recording.name } }));
   if (run.chosen === recording.name) row.classList.add("chosen");
   row.append(text, buttons);
+  if (recording.settings.length) row.append(settingsOf(recording));
   return row;
+}
+
+// what the machine of a recording has that is not as installed
+function settingsOf({ settings }) {
+  const box = made("details"), table = made("table"), head = made("tr");
+  box.append(made("summary", { textContent: `${settings.length} setting${settings.length === 1 ? "" : "s"} not as installed` }), table);
+  head.append(...["key", "installed", "here"].map((word) => made("th", { textContent: word })));
+  table.append(head, ...rowsOf(settings));
+  return box;
 }
 
 // the recording that others are compared with

@@ -5,6 +5,7 @@ import { isOpen, send } from "./connection.js";
 import { colours, Curve } from "./curves.js";
 import { draw } from "./drawing.js";
 import { ghost, isTried } from "./ghost.js";
+import { judged, listLimits } from "./limits.js";
 import { placeOf } from "./pictures.js";
 import { key, made, Plots } from "./plots.js";
 import { curves, find, lanes, other, run, shown } from "./state.js";
@@ -60,7 +61,7 @@ export function show(picture, at) {
   find("state").textContent = run.over && shown.following ? "over" : picture.state;
   find("alarm").hidden = !picture.alarm;
   find("alarm").textContent = picture.alarm;
-  cards(picture.cards);
+  cards(picture.cards, shown.following ? picture.time_s : null);
   if (picture.shapes) draw(find("drawing"), picture.shapes, picture.bounds, other.isThere ? other.picture(at).shapes : null);
   if (picture.command !== null && document.activeElement !== find("speed")) find("speed").value = picture.command;
   if (picture.command !== null) find("speed-now").textContent = `${Math.round(100 * picture.command)} % now`;
@@ -80,17 +81,21 @@ export function show(picture, at) {
   window.bench.frames += 1;
 }
 
-function cards(list) {
+function cards(list, time) {
   const box = find("cards");
+  listLimits(list);
   while (box.childElementCount > list.length) box.lastChild.remove();
   while (box.childElementCount < list.length) {
-    const item = document.createElement("li");
-    item.append(document.createElement("b"), document.createElement("span"));
+    const item = made("li");
+    item.append(made("b"), made("span"), made("em"));
     box.append(item);
   }
-  list.forEach(([name, value], place) => {
-    box.children[place].firstChild.textContent = value;
-    box.children[place].lastChild.textContent = name;
+  list.forEach((card, place) => {
+    const [value, name, limit] = box.children[place].children, word = judged(card, time);
+    value.textContent = card[1];
+    name.textContent = card[0];
+    limit.textContent = word;
+    box.children[place].className = word ? "outside" : "";
   });
 }
 

@@ -25,7 +25,7 @@ export function take(list) {
   if (run.pictures.length) find("cover").hidden = true;
 }
 
-function note(time, text) {
+export function note(time, text) {
   const line = document.createElement("li");
   line.textContent = text;
   line.dataset.time = time;

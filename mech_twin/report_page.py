@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A report as one HTML file: it needs no network, holds its pictures, and prints well."""
+
+from __future__ import annotations
+
+import base64
+import platform
+from collections.abc import Iterable, Sequence
+from html import escape
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from mech_twin import __version__
+
+STYLE = """
+body { font-family: system-ui, sans-serif; margin: 2rem auto; max-width: 60rem; color: #2b2b2b; line-height: 1.45 }
+table { border-collapse: collapse; margin: 1rem 0; font-size: 0.92rem }
+th, td { border-bottom: 1px solid #ddd; padding: 0.25rem 0.7rem; text-align: right; overflow-wrap: anywhere }
+th:first-child, td:first-child, td.words { text-align: left }
+.identified { color: #006b4c; font-weight: 600 } .other { color: #a04500 }
+svg, img { max-width: 100%; height: auto }
+@media print {
+  body { margin: 0; max-width: none; font-size: 10pt; print-color-adjust: exact }
+  tr, figure, svg, img { break-inside: avoid } h2, h3 { break-after: avoid } thead { display: table-header-group }
+}
+"""
+PAGE = """<!DOCTYPE html>
+<html lang="en"><head><meta charset="utf-8"><title>{title}</title><style>{style}</style></head>
+<body><h1>{title}</h1>
+{body}
+</body></html>
+"""
+
+
+def page(title: str, parts: Iterable[str]) -> str:
+    """Return a page of parts that are HTML."""
+    return PAGE.format(title=escape(title), style=STYLE, body="\n".join(parts))
+
+
+def versions() -> str:
+    """Return what a report was made with."""
+    return f"mech_twin {__version__}, Python {platform.python_version()}, NumPy {version('numpy')}"
+
+
+def section(title: str, heads: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
+    """Return a heading and a table, numbers to six digits; nothing where there is no row."""
+    if not rows:
+        return ""
+    head = "".join(f"<th>{escape(each)}</th>" for each in heads)
+    body = "".join("<tr>" + "".join(f"<td>{escape(shown(cell))}</td>" for cell in row) + "</tr>" for row in rows)
+    return f"<h2>{escape(title)}</h2><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+
+
+def shown(value: Any) -> str:
+    """Return a value as a report writes it."""
+    return f"{value:.6g}" if isinstance(value, float) else "" if value is None else str(value)
+
+
+def picture(title: str, file: Path) -> str:
+    """Return a PNG file as a figure within the page."""
+    data = base64.b64encode(file.read_bytes()).decode()
+    return f'<figure><img alt="{escape(title)}" src="data:image/png;base64,{data}"></figure>'

@@ -1,0 +1,59 @@
+// SPDX-License-Identifier: Apache-2.0
+// Limits of the headline numbers: what the machine is rated for, or what the person at this page asks for.
+
+import { note } from "./pictures.js";
+import { made } from "./plots.js";
+import { find, run } from "./state.js";
+
+const kept = () => `limits of ${run.machine?.name ?? ""}`;
+const asked = () => JSON.parse(sessionStorage.getItem(kept()) ?? "{}");
+const outside = new Set(); // keys that were out of their limits at the picture before
+
+function of([, , key, , , most]) {
+  const own = asked()[key] ?? {};
+  return { least: own.least ?? null, most: own.most ?? most ?? null };
+}
+
+// what is wrong with a card at a time, in words; empty: it is within its limits, or has none
+export function judged(card, time) {
+  const [, , key, value, unit] = card;
+  if (value === null || value === undefined) return "";
+  const { least, most } = of(card);
+  const word = most !== null && value > most ? `above ${most} ${unit}` : least !== null && value < least ? `below ${least} ${unit}` : "";
+  if (word && !outside.has(key) && time !== null) note(time, `t = ${time.toFixed(3)} s: ${key} ${word}`);
+  if (word) outside.add(key); else outside.delete(key);
+  return word;
+}
+
+// a row for each headline number; rows stay while a person writes
+export function listLimits(cards) {
+  const keys = cards.filter(([, , key]) => key), shown = [...find("limit-rows").children].map((row) => row.dataset.key);
+  find("limits").hidden = !keys.length;
+  const news = keys.filter(([, , key]) => !shown.includes(key));
+  find("limit-rows").append(...news.map(row));
+}
+
+function row(card) {
+  const [, , key, , unit] = card, line = made("tr"), name = made("th", { textContent: `${key}, ${unit}` });
+  line.dataset.key = key;
+  const boxes = ["least", "most"].map((end) => {
+    const cell = made("td"), box = made("input", { type: "number", step: "any", value: of(card)[end] ?? "" });
+    box.setAttribute("aria-label", `${key}, at ${end}`);
+    box.onchange = () => {
+      const all = asked();
+      all[key] = { ...all[key], [end]: box.value === "" ? undefined : Number(box.value) };
+      sessionStorage.setItem(kept(), JSON.stringify(all));
+      if (box.value === "") box.value = of(card)[end] ?? "";
+    };
+    cell.append(box);
+    return cell;
+  });
+  line.append(name, ...boxes);
+  return line;
+}
+
+export function forgetLimits() {
+  outside.clear();
+  find("limit-rows").replaceChildren();
+  find("limits").hidden = true;
+}

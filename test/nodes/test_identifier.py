@@ -1,0 +1,137 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The identifier of a shadow: fed sample by sample it finds a hidden mass, and the model goes on with it on request."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+import rclpy
+from catalogue import built
+from rclpy.parameter import Parameter
+from rclpy.signals import SignalHandlerOptions
+from std_srvs.srv import Trigger
+
+from mech_twin.configuration_tree import ConfigurationError, configuration_tree, merged_tree, tree_from_flat
+from mech_twin.engine.rollout import roll_out
+from mech_twin.measurements.measurement_map import MeasurementMap
+from mech_twin.nodes.exchange.base_node import TwinNode
+from mech_twin.nodes.exchange.spinner import destroy_nodes
+from mech_twin.nodes.shadow.identifier_node import IdentifierNode
+from mech_twin.nodes.shadow.session import Company, FreeKeys, nodes_beside
+from mech_twin.nodes.shadow.shadow_node import ShadowNode, ShadowSetup
+from mech_twin.parameters.load import catalogue_entry, validated
+from mech_twin.studies.observer.lock_on import SeenSample
+from mech_twin.studies.observer.observer import PhaseLockedObserver
+
+NAME, KEY, HIDDEN = "vibration_crank", "masses.extra_kg", 9.0
+SIGMA = {"linkage.crank.position": 1e-3, "linkage.crank.effort": 2.0}
+LIMIT_S = 240.0
+MAP = MeasurementMap.model_validate(
+    {
+        "machine": NAME,
+        "channels": [
+            {"source": {"topic": "joint_states", "joint": "crank", "field": column.rpartition(".")[2]}}
+            | {"is": column, "sigma": sigma}
+            for column, sigma in SIGMA.items()
+        ],
+    }
+)
+
+
+@pytest.fixture
+def shadowed() -> Iterator[tuple[ShadowNode, IdentifierNode]]:
+    """Provide a shadow and its identifier, wired as in a session; nothing spins them."""
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    parameters = built(NAME).parameters
+    shadow = ShadowNode(NAME, ShadowSetup("/plant", MAP), parameters)
+    nodes: list[TwinNode] = [shadow]
+    nodes += nodes_beside(NAME, shadow, parameters, Company(free=FreeKeys((KEY,), {})))
+    yield shadow, next(node for node in nodes if isinstance(node, IdentifierNode))
+    destroy_nodes(nodes)
+    rclpy.try_shutdown()
+
+
+def seen(duration_s: float) -> Iterator[SeenSample]:
+    """Yield what the sensors of a machine with the hidden mass show."""
+    tree = merged_tree(configuration_tree(built(NAME).parameters), tree_from_flat({KEY: HIDDEN}))
+    entry = catalogue_entry(NAME)
+    run = roll_out(entry.build(validated(entry, tree, "hidden")), duration_s)
+    random = np.random.default_rng(5)
+    for row in range(0, len(run["time_s"]), 20):
+        values = tuple(float(run[name][row] + sigma * random.standard_normal()) for name, sigma in SIGMA.items())
+        yield SeenSample(float(run["time_s"][row]), (0, 1), values)
+
+
+def asked(service: object) -> Trigger.Response:
+    """Return what a service answers."""
+    return service(Trigger.Request(), Trigger.Response())  # type: ignore[operator]
+
+
+def test_what_cannot_be_done_is_refused_in_words(shadowed) -> None:
+    _, identifier = shadowed
+    answer = asked(identifier._identify)
+    assert (answer.success, "at least 20 samples" in answer.message) == (False, True)
+    answer = asked(identifier._take_over)
+    assert (answer.success, answer.message) == (False, "nothing is found that foretells better than before")
+    (judged,) = identifier.set_parameters([Parameter("span_s", value=1e4)])
+    assert (judged.successful, judged.reason) == (False, "span_s 10000: expected 2 to 300 s")
+
+
+def test_a_key_that_the_machine_does_not_have_is_refused() -> None:
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        with pytest.raises(ConfigurationError, match=r"masses\.nothing_kg"):
+            IdentifierNode(NAME, MAP.channels, ("masses.nothing_kg",), {})
+    finally:
+        rclpy.try_shutdown()
+
+
+@pytest.mark.slow
+def test_a_hidden_mass_is_found_and_shadow_and_description_go_on_with_it(shadowed) -> None:
+    shadow, identifier = shadowed
+    samples = list(seen(8.0))
+    for sample in samples:
+        shadow.on_sample(sample)
+        shadow.observer.take(sample)
+    assert identifier.recent.span_s == pytest.approx(8.0, abs=0.05)
+    identifier.set_parameters([Parameter("span_s", value=4.0)])
+    assert asked(identifier._identify).message == "1 keys, the last 4 s"
+    assert not asked(identifier._identify).success, "one fit at a time"
+    before, lines, end = shadow.observer, set(), time.monotonic() + LIMIT_S
+    while identifier.phase == "running" and time.monotonic() < end:
+        identifier.check_peers(time.monotonic())
+        lines.add(identifier.told)
+        time.sleep(0.02)
+    assert identifier.phase == "found", identifier.told
+    assert len(lines) > 2
+    (key,) = identifier.found.keys
+    assert key.low_95 < HIDDEN < key.high_95
+    assert KEY in identifier.diagnostic_values()
+    answer = asked(identifier._take_over)
+    assert answer.success
+    assert shadow.observer is not before
+    assert configuration_tree(identifier.model)["masses"]["extra_kg"] == key.estimate
+    assert not asked(identifier._take_over).success, "it is taken over once"
+    old = PhaseLockedObserver(built(NAME), catalogue_entry(NAME).build, before.channels)
+    misses = [
+        [abs(e.innovations[1]) for s in samples if (e := each.take(s)) is not None] for each in (old, shadow.observer)
+    ]
+    assert len(misses[1]) > 100
+    assert np.median(misses[1]) < np.median(misses[0])
+
+
+def test_a_fit_whose_process_is_killed_is_told_as_failed(shadowed) -> None:
+    _, identifier = shadowed
+    for row in range(400):
+        identifier.observe(SeenSample(0.02 * row, (0, 1), (0.1 * row, 0.0)))
+    assert asked(identifier._identify).success
+    identifier._fit._process.kill()
+    end = time.monotonic() + 60.0
+    while identifier.phase == "running" and time.monotonic() < end:
+        identifier.check_peers(time.monotonic())
+        time.sleep(0.02)
+    assert (identifier.phase, identifier.told) == ("failed", "the fit ended with code -9")
+    assert asked(identifier._identify).success, "another may be asked for"
