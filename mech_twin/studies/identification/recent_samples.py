@@ -25,7 +25,7 @@ from mech_twin.studies.observer.lock_on import SeenSample
 FEWEST_SAMPLES = 20  # of a channel, to be fitted
 
 
-class _Series:
+class _KeptSeries:
     """Times and values of one channel; what is older than asked for is let go now and then."""
 
     def __init__(self) -> None:
@@ -62,7 +62,7 @@ class RecentSamples:
 
     def forget(self) -> None:
         """Forget all: the machine's time has become another."""
-        self._series = [_Series() for _ in self._channels]
+        self._series = [_KeptSeries() for _ in self._channels]
         self._commands: list[tuple[float, float]] = []
         self._first_s, self._newest_s = np.inf, -np.inf
 

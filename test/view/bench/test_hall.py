@@ -38,6 +38,7 @@ def row(page, name):
 def test_recordings_are_listed_opened_compared_fetched_and_salvaged(browser, recordings, ros_domain):
     with running("bench", str(recordings), folder=recordings) as (url, _), opened(browser, url, shows=False) as page:
         expect(page.locator("#status")).to_have_text("Open a recording, or run a machine.", timeout=UP_MS)
+        expect(page.locator("#state")).to_have_text("ready")
         expect(row(page, "soft")).to_contain_text(re.compile(r"compaction press, 1\.5 s, .* MB, complete"))
         expect(row(page, "cut.mcap")).to_contain_text(re.compile("damaged|not closed"))
 

@@ -9,7 +9,10 @@ import { find, rowsOf, run, say } from "./state.js";
 export function showHall({ folder, recordings, machines }) {
   find("hall").hidden = false;
   find("folder").textContent = folder;
-  if (!run.machine && !run.pictures.length) say("Open a recording, or run a machine.");
+  if (!run.machine && !run.pictures.length) {
+    say("Open a recording, or run a machine.");
+    find("state").textContent = "ready";
+  }
   find("machines").replaceChildren(...machines.map((name) => new Option(name.split("/").at(-1).replaceAll("_", " "), name)));
   find("recordings").replaceChildren(...(recordings.length ? recordings.map(recordingRow) : ["no recording here"]));
   commands(run.commands);
