@@ -8,6 +8,8 @@ from typing import NamedTuple
 from mech_twin.messages.joint_state_cdr import AnyStep
 from mech_twin.messages.step_message import REVISION, SOURCE, Row
 
+ANONYMOUS = 0.0  # the source of who does not sign
+
 
 def marked(message: AnyStep, name: str, absent: float) -> float:
     """Return a number a node has added to a step message, or ``absent`` if it has not."""
@@ -18,7 +20,7 @@ def marked(message: AnyStep, name: str, absent: float) -> float:
 def source(message: AnyStep) -> float:
     """Return the number the publishing node signs with; 0 if it does not."""
     names = message.name
-    return float(message.position[-1]) if names and names[-1] == SOURCE else marked(message, SOURCE, 0.0)
+    return float(message.position[-1]) if names and names[-1] == SOURCE else marked(message, SOURCE, ANONYMOUS)
 
 
 def revision(message: AnyStep) -> int:

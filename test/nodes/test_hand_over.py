@@ -9,15 +9,18 @@ from functools import partial
 from hypothesis import given
 from hypothesis import strategies as st
 
+from mech_twin.messages.step_marks import ANONYMOUS
+from mech_twin.messages.step_message import SOURCE, Row
 from mech_twin.nodes.exchange.hand_over import HandedStep, HandOver, Listener, StepChannel
 from mech_twin.samples import MotorSample
 
+SIGNED = Row(SOURCE, 17.0)
 ACTS = st.sampled_from(["send", "send", "again", "deliver", "later", "drain", "stranger", "subscriber", "not finite"])
 
 
 def step(number: int, torque_nm: float = 1.0) -> HandedStep:
     sample = MotorSample(number, 1e-3 * number, ("rotor",), (0.0,), (0.0,), (torque_nm,), False)
-    return HandedStep(sample, (), lambda content, marks: b"%d %r" % (content.step, content.effort))
+    return HandedStep(sample, (SIGNED,), lambda content, marks: b"%d %r" % (content.step, content.effort))
 
 
 class Wire:
@@ -134,6 +137,25 @@ def test_bytes_that_are_lost_hold_nothing_up() -> None:
     bench.send(step(2))
     bench.deliver_all()
     assert bench.heard == [[step(1).raw, step(2).raw]] * 2
+
+
+def test_bytes_that_bear_the_number_of_a_sender_here_are_believed_only_if_it_sent_them() -> None:
+    bench, number = Bench(), SIGNED.position
+    bench.send(step(0))
+    bench.wire.stranger = True
+    bench.send(step(1))
+    for listener in bench.listeners:
+        assert listener.believed(number, step(1).raw) == number
+        assert listener.believed(number, step(0).raw) == ANONYMOUS, "it was handed over and never published"
+        assert listener.believed(number, step(1, 2.0).raw) == ANONYMOUS
+        assert listener.believed(number + 1.0, step(1, 2.0).raw) == number + 1.0
+
+
+def test_what_a_sender_publishes_after_it_has_left_is_believed() -> None:
+    bench, number = Bench(), SIGNED.position
+    bench.send(step(0))
+    bench.channel.left()
+    assert [each.believed(number, step(1).raw) for each in bench.listeners] == [number] * 2
 
 
 def test_who_leaves_is_handed_nothing_more() -> None:

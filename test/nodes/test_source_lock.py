@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from mech_twin.nodes.exchange.peers import ANONYMOUS, SOURCE_BITS, Admission, HeardSource, SourceLock, new_source
+from mech_twin.messages.step_marks import ANONYMOUS
+from mech_twin.nodes.exchange.peers import SOURCE_BITS, Admission, HeardSource, SourceLock, new_source
 
 
 def test_the_first_source_is_followed_and_a_second_is_refused_while_it_is_there() -> None:

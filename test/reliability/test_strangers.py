@@ -44,12 +44,14 @@ from mech_twin.messages.topics import (
     STEP_MOTOR,
     Topic,
 )
+from mech_twin.nodes.exchange.hand_over import HandOver
 from mech_twin.nodes.roles.force_node import ForceNode
 from mech_twin.nodes.roles.linkage_node import LinkageNode
 from mech_twin.nodes.roles.motor_node import MotorNode
 from mech_twin.nodes.roles.recorder_node import RecorderNode
 from mech_twin.nodes.roles.viewer_node import ViewerNode
 from mech_twin.parameters.load import description_text, machine_parameters
+from mech_twin.recording.bag_reader import open_bag
 from mech_twin.samples import Drawing, MotorSample, Shape
 
 pytestmark = pytest.mark.usefixtures("ros_domain")
@@ -383,21 +385,44 @@ def test_a_view_goes_on_with_the_run_that_takes_the_place_of_one_that_is_gone(tm
         run.until(lambda: viewer.run_metrics.frames > 50)
 
 
-def test_a_run_in_which_a_stranger_signed_as_the_motor_is_not_called_different(tmp_path: Path) -> None:
+def test_a_stranger_who_signs_as_the_motor_is_not_used_and_the_run_computed_again_is_identical(tmp_path: Path) -> None:
     with BenchRun(DRUM, recorder=True) as run:
         recorder = run.revive(lambda name, *known: RecorderNode(name, tmp_path / "bag", *known))
+        run.steps(20)
+        second_motor(run, stronger, run.node("motor").source)
+        run.steps(300)
+        used, recorded = run.linkage.statistics.total, recorder.statistics.total
+        kinds = ("unknown_source", "conflicting", "late")
+        run.until(lambda: sum(used[MOTOR, kind] for kind in kinds) > 50 and recorded[MOTOR, "unknown_source"] > 50)
+        run.linkage.done = True
+        run.spin_for(0.3)
+        recorder.close()
+        assert_engine(run)
+    found = json.loads(mech_twin("replay", tmp_path / "bag", "--resimulate", "--json").out)
+    assert found["identical"] is True and "contradicting" not in found["unused_samples"], found
+    with open_bag(tmp_path / "bag") as reader:
+        assert reader.topics[f"/{DRUM}/{MOTOR}/copied_source"].message_count == recorded[MOTOR, "unknown_source"]
+
+
+def test_a_recording_that_took_a_stranger_for_the_motor_is_not_called_different(tmp_path: Path) -> None:
+    """As a recorder in a process of its own hears it: nothing tells it who published a message."""
+    with BenchRun(DRUM, recorder=True) as run:
+        recorder = run.revive(lambda name, *known: RecorderNode(name, tmp_path / "bag", *known))
+        assert isinstance(recorder, RecorderNode)
+        recorder.leave()
         run.steps(20)
         second_motor(run, stronger, run.node("motor").source)
         run.steps(50)
         run.linkage.done = True
         run.spin_for(0.3)
         recorder.close()
+        recorder.join(HandOver())
     found = json.loads(mech_twin("replay", tmp_path / "bag", "--resimulate", "--json").out)
     assert found["unused_samples"]["contradicting"] > 0
     assert found["identical"] is not False, found
 
 
-def test_a_second_publisher_of_steps_is_named_since_who_copies_a_source_is_taken_for_it(tmp_path: Path) -> None:
+def test_a_second_publisher_of_steps_is_named(tmp_path: Path) -> None:
     with BenchRun(DRUM, recorder=True) as run:
         recorder = run.revive(
             lambda name, parameters, options: RecorderNode(name, tmp_path / "bag", parameters, options)

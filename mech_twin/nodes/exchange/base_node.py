@@ -22,6 +22,7 @@ from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 
 from mech_twin.messages.joint_state_cdr import CdrError, StepMessage, received_message
+from mech_twin.messages.step_marks import source
 from mech_twin.messages.step_message import MessageError
 from mech_twin.messages.stream_window import STREAM_RATE_HZ
 from mech_twin.messages.topics import DIAGNOSTICS, Topic
@@ -209,9 +210,9 @@ class TwinNode(Node):
             except (CdrError, MessageError) as error:
                 self.statistics.count(topic.name, "malformed", str(error))
             else:
-                take(sample, ReceivedStep(message))
+                take(sample, ReceivedStep(message, listener.believed(source(message), raw)))
 
-        self.listen(topic, lambda step: take(step.sample, step), receive, **changes)
+        listener = self.listen(topic, lambda step: take(step.sample, step), receive, **changes)
 
     def listen(
         self,
@@ -220,13 +221,14 @@ class TwinNode(Node):
         receive: Callable[[bytes], None],
         patient: bool = False,
         **changes: Any,
-    ) -> None:
-        """Subscribe to a topic: by hand from nodes of the same executor, else as bytes; see `Listener`."""
+    ) -> Listener:
+        """Return a subscription: by hand from nodes of the same executor, else as bytes."""
         listener = Listener(self.resolve_topic_name(topic.name), take, receive, patient)
         listener.publishers = self.subscribe(topic, listener.hear, raw=True, **changes).handle.get_publisher_count
         self._listeners.append(listener)
         if self._hand_over is not None:
             self._hand_over.listen(listener)
+        return listener
 
     def join(self, hand_over: HandOver) -> None:
         """Exchange steps as objects with the nodes of one executor."""

@@ -85,7 +85,7 @@ class CountingPublisher:
 
     def leave(self) -> None:
         """Send to nobody by hand."""
-        self._channel.senders -= 1
+        self._channel.left()
         self._channel = StepChannel()
 
     def flush(self) -> None:

@@ -7,6 +7,9 @@ and is published for others comes back by its subscription too: as bytes it is k
 
 Order survives each change of the way: nothing is handed while bytes sent before are expected, and bytes that arrive
 while a handed step waits are taken after it.
+
+What senders here sign is known here.  Bytes that bear a sender's number and that no sender here published are a copy
+by somebody else: their signature is not believed, and they count as unsigned.
 """
 
 from __future__ import annotations
@@ -18,10 +21,11 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 from mech_twin.messages.joint_state_cdr import StepMessage
-from mech_twin.messages.step_marks import ConfigurationMark, configuration_mark, source
+from mech_twin.messages.step_marks import ANONYMOUS, ConfigurationMark, configuration_mark
 from mech_twin.messages.step_message import REVISION, Row
 from mech_twin.samples import ForceSample, LinkageSample, MotorSample
 
+REMEMBERED = 1 << 16  # messages of a topic: a minute of steps of 1 ms, longer than any listener is behind
 SECOND = LinkageSample._fields.index("command")  # where a body has its pressing force
 
 
@@ -81,15 +85,19 @@ Handed = HandedStep | HandedBytes
 
 
 class ReceivedStep:
-    """A step that came as bytes."""
+    """A step that came as bytes.
 
-    def __init__(self, message: StepMessage) -> None:
+    Parameters
+    ----------
+    message : StepMessage
+        What came.
+    source : float
+        The number of its publisher as far as it is believed, 0 without any; see `Listener.believed`.
+    """
+
+    def __init__(self, message: StepMessage, source: float) -> None:
         self._message = message
-
-    @property
-    def source(self) -> float:
-        """The number the publishing node signs with; 0 if it does not."""
-        return source(self._message)
+        self.source = source
 
     @property
     def configuration(self) -> ConfigurationMark:
@@ -161,6 +169,12 @@ class Listener:
         self._queued = 0
         self._expected: deque[tuple[bytes, bool]] = deque()  # whether it was handed over as well
         self._only_bytes = 0
+        self._channel: StepChannel | None = None
+
+    def believed(self, source: float, raw: bytes) -> float:
+        """Return the number that signs bytes as heard; 0 where it is that of a sender here that did not send them."""
+        copied = self._channel is not None and self._channel.is_copy(source, raw)
+        return ANONYMOUS if copied else source
 
     def hear(self, raw: bytes) -> None:
         """Take bytes that the subscription received, unless the step was handed over."""
@@ -189,9 +203,9 @@ class Listener:
         """Take note that one of the queued steps is delivered."""
         self._queued -= 1
 
-    def joined(self, waiting: Waiting | None) -> None:
-        """Queue steps there from now on."""
-        self._waiting, self._queued = waiting, 0
+    def joined(self, waiting: Waiting | None, channel: StepChannel | None) -> None:
+        """Queue steps there from now on, and know what the senders of a channel sent."""
+        self._waiting, self._queued, self._channel = waiting, 0, channel
         self._expected.clear()
         self._only_bytes = 0
 
@@ -215,6 +229,17 @@ class StepChannel:
     def __init__(self) -> None:
         self.listeners: list[Listener] = []
         self.senders = 0
+        self._sources: set[float] = set()
+        self._published: dict[int, None] = {}  # hashes of the newest bytes
+
+    def left(self) -> None:
+        """Take note that a sender sends nothing here any more; what it publishes from now on is not known here."""
+        self.senders -= 1
+        self._sources.clear()
+
+    def is_copy(self, source: float, raw: bytes) -> bool:
+        """Return whether bytes bear the number of a sender here that did not publish them."""
+        return source in self._sources and hash(raw) not in self._published
 
     def send(self, step: Handed, subscriptions: Callable[[], int], publish: Callable[[bytes], None]) -> None:
         """Hand a step over, and publish its bytes where a subscription is not served by hand.
@@ -230,10 +255,18 @@ class StepChannel:
         """
         senders = self.senders if step.finite else -1
         handed = [listener.queue(step, senders) for listener in self.listeners]
+        if isinstance(step, HandedStep):
+            self._sources.add(step.source)
         if subscriptions() > sum(handed):
+            self._remember(step.raw)
             for listener, by_hand in zip(self.listeners, handed, strict=True):
                 listener.expect(step.raw, by_hand)
             publish(step.raw)
+
+    def _remember(self, raw: bytes) -> None:
+        self._published[hash(raw)] = None
+        if len(self._published) > REMEMBERED:
+            del self._published[next(iter(self._published))]
 
 
 class HandOver:
@@ -255,13 +288,14 @@ class HandOver:
 
     def listen(self, listener: Listener) -> None:
         """Hand steps of its topic to a listener from now on."""
-        listener.joined(self._queue(listener))
-        self.channel(listener.topic).listeners.append(listener)
+        channel = self.channel(listener.topic)
+        listener.joined(self._queue(listener), channel)
+        channel.listeners.append(listener)
 
     def leave(self, listener: Listener) -> None:
         """Hand a listener nothing more, what is on its way included."""
         self.channel(listener.topic).listeners.remove(listener)
-        listener.joined(None)
+        listener.joined(None, None)
         queue = self._queue(listener)
         others = [entry for entry in queue if entry[0] is not listener]
         queue.clear()

@@ -17,10 +17,10 @@ from typing import NamedTuple
 
 from rclpy.node import Node
 
+from mech_twin.messages.step_marks import ANONYMOUS
 from mech_twin.messages.topics import CLOCK
 from mech_twin.samples import BodySample, ForceSample, MotorSample
 
-ANONYMOUS = 0.0
 SOURCE_BITS = 48  # a float64 holds it exactly
 
 

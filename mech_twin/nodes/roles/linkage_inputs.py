@@ -21,6 +21,7 @@ from mech_twin.messages import force as force_messages
 from mech_twin.messages import linkage as linkage_messages
 from mech_twin.messages import motor as motor_messages
 from mech_twin.messages.joint_state_cdr import StepMessage
+from mech_twin.messages.step_marks import ANONYMOUS
 from mech_twin.messages.step_message import MessageError
 from mech_twin.messages.step_table import arranged
 from mech_twin.messages.topics import (
@@ -35,7 +36,7 @@ from mech_twin.messages.topics import (
     Topic,
 )
 from mech_twin.nodes.exchange.hand_over import Step
-from mech_twin.nodes.exchange.peers import ANONYMOUS, Admission, Answer, PeerWait, SourceLock, SteppingBarrier
+from mech_twin.nodes.exchange.peers import Admission, Answer, PeerWait, SourceLock, SteppingBarrier
 from mech_twin.nodes.roles.role_node import RoleNode
 from mech_twin.parameters.load import Description, description
 from mech_twin.samples import BodySample, LinkageSample

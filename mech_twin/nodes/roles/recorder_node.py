@@ -39,7 +39,7 @@ from mech_twin.messages.topics import (
     type_name,
 )
 from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode
-from mech_twin.nodes.exchange.hand_over import HandedStep
+from mech_twin.nodes.exchange.hand_over import HandedStep, Listener
 from mech_twin.nodes.exchange.peers import Admission, HeardSource
 from mech_twin.parameters.load import catalogue_entry, description_text
 from mech_twin.quantity import Parameters
@@ -121,8 +121,10 @@ class StepInput:
         self.read = StepHeadReader()
         self.source = HeardSource(silence_s)
         self.sequence = StepSequence()
+        self.listener: Listener | None = None
 
 
+COPIED = "copied_source"  # below a topic of steps: messages that bear the number of a node which did not send them
 OPTIONAL = (FRAMES, ROBOT_DESCRIPTION, BLOW_GAUGE, BLOW_WAVE)  # recorded where somebody publishes them
 
 
@@ -231,7 +233,7 @@ class RecorderNode(TwinNode):
         elif topic.name in self._steps:
             of_topic = self._steps[topic.name]
             handed, received = (partial(call, topic, name, of_topic) for call in (self._on_handed, self._on_step))
-            self.listen(topic, handed, received, patient=True, qos=EVERY)
+            of_topic.listener = self.listen(topic, handed, received, patient=True, qos=EVERY)
         else:
             received = partial(self._on_message, topic, name, False)
             self.listen(heard, lambda handed: received(handed.raw), received, patient=True, qos=EVERY)
@@ -271,7 +273,16 @@ class RecorderNode(TwinNode):
             self.statistics.count(topic.name, "malformed", str(error))
             self._write(name, raw, self._time.now_ns)
             return
-        self._record_step(topic, name, of_topic, head, raw)
+        if of_topic.listener is None or of_topic.listener.believed(head.source, raw) == head.source:
+            self._record_step(topic, name, of_topic, head, raw)
+        else:
+            self._record_copy(topic, f"{name}/{COPIED}", raw)
+
+    def _record_copy(self, topic: Topic, name: str, raw: bytes) -> None:
+        """Keep apart what somebody else sent with the number of a node, so that nobody takes it for the node's."""
+        self.statistics.count(topic.name, "unknown_source", "another publisher copied the number of a node")
+        self.writer.add_topic(name, type_name(topic), offered_qos(durability="volatile", depth=topic.qos.depth))
+        self._write(name, raw, self._time.now_ns)
 
     def _record_step(self, topic: Topic, name: str, of_topic: StepInput, head: StepHead, raw: bytes) -> None:
         if not self._is_followed(topic, of_topic, head.source):

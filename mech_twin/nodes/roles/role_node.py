@@ -26,12 +26,11 @@ from mech_twin.configuration_tree import ConfigurationError
 from mech_twin.engine.run import warm_up
 from mech_twin.messages import body, force, motor
 from mech_twin.messages.joint_state_cdr import received_message
-from mech_twin.messages.step_marks import revision_row
+from mech_twin.messages.step_marks import ANONYMOUS, revision_row
 from mech_twin.messages.step_message import SOURCE, Row
 from mech_twin.messages.step_table import arranged
 from mech_twin.messages.stream_window import steps_per_window
 from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode
-from mech_twin.nodes.exchange.peers import ANONYMOUS
 from mech_twin.parameters.declared_keys import keys
 from mech_twin.parameters.load import catalogue_entry, is_of_ros
 from mech_twin.quantity import Parameters
