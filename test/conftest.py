@@ -3,12 +3,11 @@
 
 from __future__ import annotations
 
-import os
 import signal
 from collections.abc import Iterator
-from itertools import count
 
 import pytest
+from domains import own_domain
 from hypothesis import Phase, settings
 
 # the first example of a test may compile kernels: a limit on the time of one example would fail with an empty cache;
@@ -20,10 +19,6 @@ settings.register_profile("explore", deadline=None, print_blob=True)
 settings.register_profile("mutation", deadline=None, database=None, phases=(Phase.explicit, Phase.generate))
 settings.load_profile("compiled")
 
-FIRST_DOMAIN = 60  # below are those people use by hand
-DOMAINS = 41  # 60-100: ports of domains from 101 on overlap the range Linux hands out to clients
-_handed_out = count()
-
 
 @pytest.fixture(scope="session", autouse=True)
 def signals_are_answered() -> None:
@@ -34,16 +29,11 @@ def signals_are_answered() -> None:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-def next_domain() -> int:
-    """Return a domain number that this process has not handed out lately, apart from those of other processes."""
-    return FIRST_DOMAIN + (os.getpid() * 7 + next(_handed_out)) % DOMAINS
-
-
 @pytest.fixture
 def ros_domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
     """Give a test a ROS domain of its own, for this process and those it starts: loopback only, fields checked."""
-    domain = next_domain()
-    monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    monkeypatch.setenv("ROS_PYTHON_CHECK_FIELDS", "1")
-    yield domain
+    with own_domain() as domain:
+        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+        monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        monkeypatch.setenv("ROS_PYTHON_CHECK_FIELDS", "1")
+        yield domain

@@ -17,6 +17,7 @@ enum { EVENT_FIELDS = 5, EVENT_COUNT = 0, EVENT_TIME = 1 };
 enum { SINGLE_EFFORTS = EFFORT_COUNT > 0 ? EFFORT_COUNT : 1 };
 
 typedef struct {
+    void *none;             /* NULL: fmusim frees what a state begins with, not what it is told the address of */
     double reals[REAL_COUNT > 0 ? REAL_COUNT : 1];
     int64_t step;           /* coupling steps taken */
     double start_s;         /* time of the importer at step 0 */
