@@ -346,8 +346,8 @@ def from_json(document: FilePath) -> Any:
     Parameters
     ----------
     document : path
-        File with the output of `simulate` (with ``--samples`` for the columns), `analyse`, `reproduce`, ``study size``
-        or ``study sweep``.
+        File with the output of `simulate` (with ``--samples`` for the columns), `analyse`, `reproduce`, `compare`,
+        ``study size``, ``study search`` or ``study sweep``.
 
     Raises
     ------

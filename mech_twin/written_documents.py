@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping
 from math import inf, nan
 from typing import Any, NamedTuple
 
+from mech_twin.capabilities.design import Design
 from mech_twin.capabilities.errors import StudyError
 from mech_twin.capabilities.published import PublishedRow
 from mech_twin.capabilities.sizing import Constraint
@@ -109,6 +110,16 @@ def _points(document: Document) -> Columns:
     return Columns(f"{document['machine']}: sweep", next(iter(names)), columns)
 
 
+def _designs(document: Document) -> list[Design]:
+    return [_design(document["machine"], set(document["objectives"]), dict(row)) for row in document["designs"]]
+
+
+def _design(machine: str, named: set[str], row: dict[str, Any]) -> Design:
+    margins, config = row.pop("margins"), row.pop("config")
+    objectives, variables = ({name: row[name] for name in row if (name in named) == asked} for asked in (True, False))
+    return Design(variables, objectives, margins, validated(catalogue_entry(machine), config, "config"))
+
+
 def _published(document: Document) -> tuple[PublishedRow, ...]:
     rows = ({key: value for key, value in row.items() if key != "holds"} for row in document["rows"])
     return tuple(PublishedRow(**row) for row in rows)
@@ -127,6 +138,7 @@ KINDS = (
     KnownDocument("simulate", frozenset({"machine", "config", "summary", "residuals", "events"}), _run),
     KnownDocument("study size", frozenset({"machine", "config", "sizes", "constraints"}), _sizes),
     KnownDocument("study sweep", frozenset({"machine", "points", "rows"}), _points),
+    KnownDocument("study search", frozenset({"machine", "objectives", "designs", "configuration"}), _designs),
     KnownDocument("compare", frozenset({"machine", "first", "second", "settings", "numbers"}), _comparison),
     KnownDocument("reproduce", frozenset({"all_gated_hold", "rows"}), _published),
     KnownDocument("analyse", frozenset({"machine", "config", "summary"}), _analysis),

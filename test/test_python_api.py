@@ -255,6 +255,10 @@ VERBS = {
         ["study", "winding_drum", "sweep", "--over", "package_radius_m=0.1,0.12", "--no-picture"],
         lambda: mt.sweep("winding_drum", {"package_radius_m": [0.1, 0.12]}, cores=1),
     ),
+    "search": (
+        ["study", "compaction_press", "search", "--bound", "crank=0.04:0.06"],
+        lambda: mt.search("compaction_press", bounds={"crank": (0.04, 0.06)}),
+    ),
     "reproduce": (["reproduce", "winding_drum"], lambda: mt.reproduce("winding_drum")),
 }
 
@@ -298,6 +302,8 @@ def plain(value):
         return [plain(item) for item in value.tolist()]
     if isinstance(value, float):
         return value.hex()
+    if isinstance(value, list):
+        return [plain(item) for item in value]
     if is_dataclass(value):
         return {field.name: plain(getattr(value, field.name)) for field in fields(value)}
     return value

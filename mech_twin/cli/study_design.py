@@ -11,6 +11,7 @@ from mech_twin.cli.console import print_json, print_numbers, print_table, say
 from mech_twin.cli.failure import CommandError
 from mech_twin.cli.study_options import counted, limits_of, notes_of, shows_limits, study_errors, told
 from mech_twin.cli.study_verbs import DesignsVerb, SearchVerb
+from mech_twin.configuration_tree import configuration_tree
 from mech_twin.dependencies import require_extra
 from mech_twin.output_file import YAML_SUFFIXES, check_output_file
 from mech_twin.parameters.load import assignments, machine_parameters
@@ -64,8 +65,12 @@ def answer_search(request: SearchVerb) -> None:
         write_configuration(request.machine, found[0].parameters, out, request.config, notes)
     rows = [{**design.variables, **design.objectives} for design in found]
     if request.as_json:
-        front = [{**row, "margins": design.margins} for row, design in zip(rows, found, strict=True)]
-        document: dict[str, Any] = {"machine": request.machine, "objectives": objectives, "seed": request.seed}
+        front = [
+            {**row, "margins": design.margins, "config": configuration_tree(design.parameters)}
+            for row, design in zip(rows, found, strict=True)
+        ]
+        names = list(found[0].objectives)
+        document: dict[str, Any] = {"machine": request.machine, "objectives": names, "seed": request.seed}
         print_json({**document, "designs": front, "configuration": str(out)})
         return
     title = f"Pareto front of {', '.join(objectives)}" if len(objectives) > 1 else "best design"

@@ -196,6 +196,7 @@ STOP_LIMIT_S = 10.0  # a bound for a busy machine; they end within a second
 SETTLE_S = 0.1
 ENDED_BY_SIGNAL = {EXIT_CODE_BASE + number for number in SIGNALS}
 ENDED_WELL = {0, -signal.SIGALRM}  # closed what it had open, and its middleware did not let go: see `departure`
+FRAMES_NODE = "frames_node"
 ROS_FILE = ("--ros-args", "--params-file")
 
 Processes = dict[str, "subprocess.Popen[bytes]"]
@@ -239,6 +240,16 @@ def run_processes(
             file.write_text(_parameter_file(machine_name, parameters, options), encoding="utf-8")
             for name, arguments in _roster(catalogue_entry(machine_name).has_body, directory, place):
                 processes[name] = _started(name, [*arguments, *rules, *ROS_FILE, str(file)])
+
+            def describe() -> None:
+                """Start the frames, once the run goes: before, others compile."""
+                metrics = observer.run_metrics
+                if metrics.frames and not stop.asked:
+                    look.cancel()
+                    if metrics.machine.mechanism is not None:
+                        processes[FRAMES_NODE] = _started(FRAMES_NODE, [*rules, *ROS_FILE, str(file)])
+
+            look = observer.every(SETTLE_S, describe)
             with Spinner([observer]) as spinner:
                 with attended(machine_name, observer.run_metrics, directory, spinner) as quits:
                     spinner.serve(lambda: stop.asked or _any_ended(processes) or quits())
@@ -248,6 +259,8 @@ def run_processes(
             codes = _stopped(processes)
             guarding.close()
             rclpy.try_shutdown()
+    if codes.get(FRAMES_NODE) in ENDED_BY_SIGNAL:  # of a short run, before they had begun
+        del codes[FRAMES_NODE]
     if stop.asked and set(codes.values()) & ENDED_BY_SIGNAL:  # before the run had begun
         raise SystemExit(EXIT_CODE_BASE + stop.number)
     failed = ", ".join(f"{name} (exit code {code})" for name, code in codes.items() if code not in ENDED_WELL)
