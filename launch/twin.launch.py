@@ -20,42 +20,41 @@ from launch.events import matches_action
 from launch.events.process import ProcessExited, ShutdownProcess
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
-from mech_twin.nodes.ends_with_launch import PARENT
 
 from launch import LaunchContext, LaunchDescription
 from mech_twin.machines.catalog import CATALOGUE
-from mech_twin.nodes import launch_plan
-from mech_twin.nodes.run.domain import DISCOVERY
+from mech_twin.nodes.run import executables
+from mech_twin.nodes.run.domain import DISCOVERY, PARENT
 
 PACKAGE = "mech_twin"
 
 
-def nodes_of(request: launch_plan.LaunchRequest, respawn: bool) -> dict[str, Node]:
+def nodes_of(request: executables.LaunchRequest, respawn: bool) -> dict[str, Node]:
     """Return the nodes of a machine by name, the linkage last."""
     shared = {
         "package": PACKAGE,
-        "namespace": launch_plan.namespace(request),
-        "remappings": launch_plan.remappings(request),
-        "parameters": [*launch_plan.parameter_files(request), launch_plan.parameters(request)],
+        "namespace": executables.namespace(request),
+        "remappings": executables.remappings(request),
+        "parameters": [*executables.parameter_files(request), executables.parameters(request)],
         "output": "screen",
         "respawn": respawn,
-        "respawn_delay": launch_plan.RESPAWN_DELAY_S,
+        "respawn_delay": executables.RESPAWN_DELAY_S,
         "additional_env": {PARENT: str(os.getpid())},  # whatever ends the launch ends them
     }
     return {
         program.name: Node(
             executable=program.executable, name=program.name, arguments=list(program.arguments), **shared
         )
-        for program in launch_plan.programs(request)
+        for program in executables.programs(request)
     }
 
 
 def started(context: LaunchContext) -> list:
     """Return the nodes of the machine asked for, and what ends them: each other, and the launch."""
-    given = {name: LaunchConfiguration(name).perform(context) for name in launch_plan.LaunchRequest._fields}
+    given = {name: LaunchConfiguration(name).perform(context) for name in executables.LaunchRequest._fields}
     respawn = LaunchConfiguration("respawn").perform(context) == "true"
-    nodes = nodes_of(launch_plan.LaunchRequest(**given), respawn)
-    value, line = launch_plan.discovery(LaunchConfiguration("discovery").perform(context))
+    nodes = nodes_of(executables.LaunchRequest(**given), respawn)
+    value, line = executables.discovery(LaunchConfiguration("discovery").perform(context))
     return [
         SetEnvironmentVariable(DISCOVERY, value),
         *([LogInfo(msg=line)] if line else []),
@@ -69,7 +68,7 @@ def end_with(name: str, nodes: dict[str, Node], respawn: bool) -> RegisterEventH
     """Return what ends a machine's nodes, and no others, when this one ends for good; the launch ends when all have."""
 
     def ended(event: ProcessExited, context: LaunchContext) -> list:
-        if context.is_shutdown or not launch_plan.ends_run(name, event.returncode, respawn):
+        if context.is_shutdown or not executables.ends_run(name, event.returncode, respawn):
             return []
         return [EmitEvent(event=ShutdownProcess(process_matcher=matches_action(node))) for node in nodes.values()]
 
@@ -102,7 +101,7 @@ def generate_launch_description() -> LaunchDescription:
             DeclareLaunchArgument(
                 "pace",
                 default_value="realtime",
-                choices=list(launch_plan.PACES),
+                choices=list(executables.PACES),
                 description="follow the wall clock, or run as fast as answers come",
             ),
             DeclareLaunchArgument("duration", default_value="0", description="simulated seconds; 0 until stopped"),
@@ -112,25 +111,25 @@ def generate_launch_description() -> LaunchDescription:
             DeclareLaunchArgument(
                 "use_sim_time",
                 default_value="false",
-                choices=list(launch_plan.SWITCH),
+                choices=list(executables.SWITCH),
                 description="ROS time of the nodes from the clock topic; a run does not depend on it",
             ),
             DeclareLaunchArgument(
                 "discovery",
                 default_value="",
-                choices=list(launch_plan.RANGES),
+                choices=list(executables.RANGES),
                 description=f"discovery range where {DISCOVERY} is not set; empty: LOCALHOST",
             ),
             DeclareLaunchArgument(
                 "respawn",
                 default_value="false",
-                choices=list(launch_plan.SWITCH),
+                choices=list(executables.SWITCH),
                 description="start a node that died again; it rejoins the run",
             ),
             DeclareLaunchArgument(
                 "frames",
                 default_value="true",
-                choices=list(launch_plan.SWITCH),
+                choices=list(executables.SWITCH),
                 description="publish TF and the robot description",
             ),
             DeclareLaunchArgument("record", default_value="", description="recording directory; empty makes none"),
