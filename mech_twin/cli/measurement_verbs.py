@@ -110,9 +110,12 @@ class MonitorVerb(Verb):
     """Judge runs against a healthy one and name the faults (exit code 1: an alarm), or judge a sensor set."""
 
     answer: ClassVar[str] = "mech_twin.cli.monitor:monitor_machine"
-    rules: ClassVar[Rules] = tuple(
-        Apart("design", each, "a sensor set is judged without runs")
-        for each in ("map_file", "baseline", "save_baseline", "skip_s")
+    rules: ClassVar[Rules] = (
+        *(
+            Apart("design", each, "a sensor set is judged without runs")
+            for each in ("map_file", "baseline", "save_baseline", "skip_s", "explain")
+        ),
+        Beside("picture", ("explain",), "it shows what a fault explains"),
     )
     machine: MachineName
     runs: list[Path] = argument("runs to be judged: bags or tables", [])
@@ -127,6 +130,10 @@ class MonitorVerb(Verb):
     skip_s: float | None = option(
         "time at the start of each run that is left out, s", unit="s", shown="the machine's run-up"
     )
+    explain: str | None = option(
+        "fault: which features have changed, how far, and what it would do to them", metavar="FAULT"
+    )
+    picture: Path | None = option("picture (.png or .svg) of the first alarm that is explained")
     design: bool = option("judge a sensor set instead of runs", False)
     sensors: Path | None = option("with --design: the sensors, as for simulate")
     seed: int | None = option("seed of the draws that thresholds come from", ge=0, shown="0")

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -16,6 +16,7 @@ from mech_twin.cli.console import say
 from mech_twin.cli.failure import CommandError
 from mech_twin.cli.measurement_verbs import MonitorVerb
 from mech_twin.cli.monitor_output import Judged, show_design, show_runs
+from mech_twin.dependencies import require_extra
 from mech_twin.engine.rollout import roll_out
 from mech_twin.input_file import opened_input
 from mech_twin.measurements.blocks import RunReader
@@ -37,6 +38,7 @@ from mech_twin.studies.monitoring.design import (
     sensor_design,
     simulated_vectors,
 )
+from mech_twin.studies.monitoring.explanation import Explanation, drawn_explanation, explanation, known_fault
 from mech_twin.studies.monitoring.monitor import Monitor, MonitorSetup
 from mech_twin.studies.monitoring.report import judged, known_sensors, vectors_of_parts
 from mech_twin.studies.monitoring.setup_record import LARGEST_BYTES, SetupRecord
@@ -72,6 +74,9 @@ def monitor_machine(asked: MonitorVerb) -> None:
         raise CommandError(f"--sensors {asked.sensors}: goes with --design; a run has --map")
     if asked.save_baseline is not None:
         check_output_file(asked.save_baseline, force=asked.force)
+    if asked.picture is not None:
+        require_extra("plots")
+        check_output_file(asked.picture, force=asked.force, suffixes=(".png", ".svg"))
     runs = [_vectors(asked, path, parameters) for path in asked.runs]
     setup, runs[0] = _setup(asked, parameters, runs[0])
     if asked.save_baseline is not None:
@@ -79,9 +84,36 @@ def monitor_machine(asked: MonitorVerb) -> None:
             file.write_text(json.dumps(setup.record()) + "\n", encoding="utf-8")
         say(f"written to {asked.save_baseline}")
     found = [Judged(str(run.path), judged(Monitor(setup), run.vectors, run.skipped)) for run in runs]
+    if asked.explain is not None:
+        found = [run._replace(why=_explained(setup, runs[0].units, run, asked.explain)) for run in found]
     show_runs(setup, runs[0].units, found, as_json=asked.as_json)
+    if asked.picture is not None:
+        _draw(asked.picture, setup, list(zip(runs, found, strict=True)), force=asked.force)
     if any(run.found.has_fault for run in found):
         raise SystemExit(FAULT_FOUND)
+
+
+def _explained(setup: MonitorSetup, units: Mapping[str, str], run: Judged, fault: str) -> tuple[Explanation, ...]:
+    """Return what speaks for and against a fault, of each alarm that had the cycles for it."""
+    known_fault(setup, fault)
+    told = [explanation(setup, units, alarm, fault) for alarm in run.found.alarms]
+    return tuple(each for each in told if each is not None)
+
+
+def _draw(path: Path, setup: MonitorSetup, runs: Sequence[tuple[_FeaturedRun, Judged]], *, force: bool) -> None:
+    """Write the picture of the first alarm that was explained; say where there is none."""
+    from mech_twin.capabilities.plots import house_style
+
+    for run, told in runs:
+        if not told.why:
+            continue
+        alarm = next(alarm for alarm in told.found.alarms if alarm.change is not None)
+        figure = drawn_explanation(setup, run.vectors, alarm, told.why[0])
+        with house_style(), written_file(path, force=force) as file:
+            figure.savefig(file)
+        say(f"written to {path}")
+        return
+    say(f"{path}: not written, there is no alarm to explain")
 
 
 class _FeaturedRun(NamedTuple):

@@ -11,15 +11,17 @@ from mech_twin.capabilities.cycle import CycleFeature
 from mech_twin.cli.console import print_json, print_table, say
 from mech_twin.studies.monitoring.charts import CHARTS
 from mech_twin.studies.monitoring.design import SensorDesign
+from mech_twin.studies.monitoring.explanation import Explanation
 from mech_twin.studies.monitoring.monitor import MonitorSetup
 from mech_twin.studies.monitoring.report import Alarm, JudgedRun
 
 
 class Judged(NamedTuple):
-    """A run by its name, and what was found in it."""
+    """A run by its name, what was found in it, and what speaks for and against a fault that was asked for."""
 
     run: str
     found: JudgedRun
+    why: tuple[Explanation, ...] = ()
 
 
 def show_runs(setup: MonitorSetup, units: Mapping[str, str], runs: Sequence[Judged], *, as_json: bool) -> None:
@@ -42,8 +44,28 @@ def show_runs(setup: MonitorSetup, units: Mapping[str, str], runs: Sequence[Judg
         rows = [row for alarm in run.found.alarms for row in _alarm_rows(alarm)]
         print_table(f"{run.run}: {run.found.cycles} cycles, {len(run.found.alarms)} alarms", heads, rows)
     for run in runs:
+        for explained in run.why:
+            _show_explanation(run.run, explained)
+    for run in runs:
         for event in run.found.events:
             say(f"{run.run}: {event.text}")
+
+
+def _show_explanation(run: str, found: Explanation) -> None:
+    fault = found.fault
+    verdict = "explains the change" if found.explains else "does not explain the change"
+    heads = ("feature", "unit", "healthy", "change", "+-95 %", "fault would", "moved, sigma", "left, sigma")
+    rows = [
+        (each.name, each.unit, *map(_rounded, (each.healthy, each.change, each.half_95, each.expected)),
+         f"{each.moved:.1f}", f"{each.left:.1f}")
+        for each in found.features
+    ]  # fmt: skip
+    print_table(
+        f"{run}: {fault.name} of {_rounded(fault.size)} {fault.unit} {verdict} since {found.onset_s:.3f} s "
+        f"({found.finding}), leaves {100.0 * fault.open_share:.1f} % of it open",
+        heads,
+        rows,
+    )
 
 
 def show_design(setup: MonitorSetup, design: SensorDesign, features: Sequence[CycleFeature], *, as_json: bool) -> None:
@@ -119,6 +141,7 @@ def _run_record(run: Judged) -> dict[str, Any]:
         "faults": faults,
         "events": [event._asdict() for event in run.found.events],
         "operating_point": [value._asdict() for value in run.found.operating],
+        **({"explained": [each.record() for each in run.why]} if run.why else {}),
     }
 
 

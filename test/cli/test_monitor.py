@@ -88,6 +88,18 @@ def test_a_fault_in_a_run_is_found_named_and_sized(
     assert other[0] == 2 and "--arl0 8: " in other[2] and "holds thresholds for 1 h" in other[2]
     shown = command(monkeypatch, capsys, *words, "--baseline", kept)
     assert shown[0] == 1 and "first_level" in shown[1] and "extrapolated" in shown[2]
+    picture = tmp_path / "why.svg"
+    asked = (*words, "--baseline", kept, "--explain", "first_level", "--picture", picture)
+    why = json.loads(command(monkeypatch, capsys, *asked, "--json")[1])["runs"][0]["explained"][0]
+    assert why["explains"] and why["fault"] == named and why["finding"] == "first_level"
+    force = next(each for each in why["features"] if each["name"] == "force_mean_n")
+    assert abs(force["change"] - force["expected"]) <= abs(0.1 * force["change"]) and force["unit"] == "N"
+    moved = [abs(each["moved_sigma"]) for each in why["features"]]
+    assert moved == sorted(moved, reverse=True)
+    drawn = picture.read_text(encoding="utf-8")
+    assert why["features"][0]["name"] in drawn and "first_level of" in drawn
+    refused = command(monkeypatch, capsys, *words, "--baseline", kept, "--explain", "gone")
+    assert refused[0] == 2 and "fault 'gone': expected one of " in refused[2] and "first_level" in refused[2]
 
 
 def test_a_healthy_run_has_no_alarm_and_exit_code_0(
@@ -153,6 +165,7 @@ def test_a_sensor_set_is_judged_before_it_is_bought(
         (("--design",), "--design: expected --sensors FILE and no runs"),
         (("FAULTY", "--sensors", "MAP"), "goes with --design; a run has --map"),
         (("FAULTY", "--map", "MAP", "--baseline", "gone.json"), "gone.json: cannot be read"),
+        (("FAULTY", "--map", "MAP", "--picture", "why.svg"), "--picture"),
         (("FAULTY", "--map", "MAP", "--skip", "100"), "no complete cycle of motor.generator.effort after 100 s"),
         (("FAULTY", "--map", "MAP", "--skip", "12"), "the baseline holds "),
     ],

@@ -27,6 +27,7 @@ from mech_twin.studies.monitoring.fault_life import FaultLife, LifeRules, acknow
 from mech_twin.studies.monitoring.findings import FaultEvent, Findings, Verdict, finding_name
 from mech_twin.studies.monitoring.naming import (
     Candidate,
+    Change,
     Signature,
     candidates,
     estimated_change,
@@ -117,6 +118,7 @@ class _Episode:
     quiet: int = 0
     finding: str = ""
     named: tuple[Verdict, tuple[Candidate, ...]] = ("pending", ())
+    change: Change | None = None
 
     @property
     def delay(self) -> int:
@@ -264,6 +266,11 @@ class Monitor:
         """Variables of the operating point that are not where they were in the baseline."""
         return () if self._track is None else self._track.changed()
 
+    @property
+    def change(self) -> Change | None:
+        """The change that the present alarm was named by; None without one."""
+        return None if self._episode is None else self._episode.change
+
     def _follow_episode(self, vector: FeatureVector, charts: ChartValues) -> bool:
         """Begin or end the alarm; return whether it begins."""
         limits = self.setup.limits
@@ -299,7 +306,7 @@ class Monitor:
         change = estimated_change(self.setup.baseline, np.array(rows), settling)
         if change is None:
             return "pending", ()
-        change = change.doubted(self._off)
+        change = episode.change = change.doubted(self._off)
         outside = tuple(value.candidate for value in self.operating if value.is_outside)
         if not change.lasts:
             return ("named", outside[:1]) if outside else ("passing", ())

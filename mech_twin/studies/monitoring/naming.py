@@ -84,6 +84,10 @@ class Signature:
             found += self.doubt[:, :, None] * self.doubt[:, None, :]
         return found if len(self.scatter) or len(self.doubt) else None
 
+    def response(self, size: float) -> Array:
+        """Return the change of the features (d,) at a size."""
+        return np.array([np.interp(size, self.sizes, column) for column in self.responses.T])
+
     @cached_property
     def _even(self) -> Array:
         """Finely spaced sizes, `GRID` from each to the next."""
@@ -229,13 +233,18 @@ def candidates(measured: Change, signatures: Sequence[Signature]) -> tuple[Candi
     if not explained:
         return ()
     rivals = explained[0][0].cost + float(chi2.isf(RIVAL_CHANCE, 1)) + tolerated
-    return tuple(
-        Candidate(
-            signature.name, fit.size, fit.low, fit.high, signature.unit, max(fit.left, 0.0) / max(change.weight, 1e-300)
-        )
-        for fit, signature in explained
-        if fit.cost <= rivals
-    )
+    return tuple(_candidate(fit, signature, change) for fit, signature in explained if fit.cost <= rivals)
+
+
+def fitted_fault(measured: Change, signature: Signature) -> Candidate:
+    """Return a fault at the size that explains a change best, whether or not it explains it."""
+    change = with_model_error(measured)
+    return _candidate(_fit(change, signature, MODEL_SHARE**2 * change.weight), signature, change)
+
+
+def _candidate(fit: _Fit, signature: Signature, change: Change) -> Candidate:
+    left = max(fit.left, 0.0) / max(change.weight, 1e-300)
+    return Candidate(signature.name, fit.size, fit.low, fit.high, signature.unit, left)
 
 
 class _Fit(NamedTuple):

@@ -16,7 +16,7 @@ from mech_twin.studies.monitoring.cycle_features import FeatureFeed, FeatureVect
 from mech_twin.studies.monitoring.fault_life import FaultLife
 from mech_twin.studies.monitoring.findings import FaultEvent, Findings
 from mech_twin.studies.monitoring.monitor import Monitor
-from mech_twin.studies.monitoring.naming import Candidate
+from mech_twin.studies.monitoring.naming import Candidate, Change
 from mech_twin.studies.monitoring.operating import OperatingValue
 from mech_twin.studies.monitoring.sensing import Seen, first_channels
 
@@ -38,6 +38,8 @@ class Alarm(NamedTuple):
         As in `Findings`, at the end of the alarm.
     candidates : tuple of Candidate
         The best first.
+    change : Change or None
+        Of the features, by which it was named; None where there were too few cycles.
     """
 
     onset_s: float
@@ -48,10 +50,12 @@ class Alarm(NamedTuple):
     verdict: str
     finding: str
     candidates: tuple[Candidate, ...]
+    change: Change | None = None
 
     def record(self) -> dict[str, Any]:
         """Return the alarm as JSON values."""
-        return {**self._asdict(), "candidates": [candidate._asdict() for candidate in self.candidates]}
+        told = {key: value for key, value in self._asdict().items() if key != "change"}
+        return {**told, "candidates": [candidate._asdict() for candidate in self.candidates]}
 
 
 class JudgedRun(NamedTuple):
@@ -96,7 +100,7 @@ def judged(monitor: Monitor, vectors: Iterable[FeatureVector], skipped: int = 0)
         if found.alarm_begins:
             alarms.append(_begun(found))
         elif alarms and np.isnan(alarms[-1].ended_s) and found.charts is not None:
-            alarms[-1] = _followed(alarms[-1], found)
+            alarms[-1] = _followed(alarms[-1], found, monitor.change)
         last = found
     faults = () if last is None else last.faults
     return JudgedRun(cycles, skipped, tuple(alarms), faults, monitor.operating, tuple(events))
@@ -108,10 +112,10 @@ def _begun(found: Findings) -> Alarm:
     return Alarm(found.onset_s, found.time_s, np.nan, found.delay_cycles, statistics, found.verdict, "", ())
 
 
-def _followed(alarm: Alarm, found: Findings) -> Alarm:
+def _followed(alarm: Alarm, found: Findings, change: Change | None) -> Alarm:
     if not found.alarm:
         return alarm._replace(ended_s=found.time_s)
-    return alarm._replace(verdict=found.verdict, finding=found.finding, candidates=found.candidates)
+    return alarm._replace(verdict=found.verdict, finding=found.finding, candidates=found.candidates, change=change)
 
 
 def vectors_of_parts(feed: FeatureFeed, parts: Sequence[MeasuredRun]) -> tuple[FeatureFeed, list[FeatureVector]]:

@@ -1,0 +1,181 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Why a change is, or is not, called a fault: each feature as it was, as it is, and as the fault would make it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from textwrap import fill
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from mech_twin.capabilities.cycle import Array
+from mech_twin.capabilities.errors import StudyError
+from mech_twin.captions import axis_title
+from mech_twin.studies.monitoring.cycle_features import FeatureVector
+from mech_twin.studies.monitoring.monitor import MonitorSetup
+from mech_twin.studies.monitoring.naming import Candidate, Signature, fitted_fault
+from mech_twin.studies.monitoring.report import Alarm
+
+HALF_95 = 1.96  # standard deviations
+CURVES, BARS = 3, 16  # features that are drawn over time, and as changes
+
+
+class FeatureChange(NamedTuple):
+    """One feature of an alarm.
+
+    Attributes
+    ----------
+    name, unit : str
+        Of the feature.
+    healthy, sigma : float
+        Its mean in the baseline, and its scatter from cycle to cycle.
+    change, half_95 : float
+        By how much it has changed since the onset, and half of the 95 % interval of that.
+    expected : float
+        By how much the fault would change it, at the size that explains the whole change best.
+    """
+
+    name: str
+    unit: str
+    healthy: float
+    sigma: float
+    change: float
+    half_95: float
+    expected: float
+
+    @property
+    def moved(self) -> float:
+        """The change in standard deviations of one cycle."""
+        return self.change / self.sigma
+
+    @property
+    def left(self) -> float:
+        """What the fault leaves open, in standard deviations of one cycle."""
+        return (self.change - self.expected) / self.sigma
+
+    def record(self) -> dict[str, Any]:
+        """Return the feature as JSON values."""
+        return {**self._asdict(), "moved_sigma": self.moved, "left_sigma": self.left}
+
+
+class Explanation(NamedTuple):
+    """What speaks for and against a fault in one alarm.
+
+    Attributes
+    ----------
+    fault : Candidate
+        At the size that explains the change best, with the share of the effect that it leaves open.
+    explains : bool
+        Whether the monitor takes it for a candidate.
+    finding : str
+        What the alarm is called.
+    onset_s, cycles : float
+        Stamp at which the change began, and cycles that the change is a mean of.
+    features : tuple of FeatureChange
+        The one that moved farthest first.
+    """
+
+    fault: Candidate
+    explains: bool
+    finding: str
+    onset_s: float
+    cycles: float
+    features: tuple[FeatureChange, ...]
+
+    def record(self) -> dict[str, Any]:
+        """Return the explanation as JSON values."""
+        features = [each.record() for each in self.features]
+        return {**self._asdict(), "fault": self.fault._asdict(), "features": features}
+
+
+def known_fault(setup: MonitorSetup, fault: str) -> Signature:
+    """Return what a fault does.
+
+    Raises
+    ------
+    StudyError
+        The monitor knows no such fault.
+    """
+    for signature in setup.signatures:
+        if signature.name == fault:
+            return signature
+    known = ", ".join(sorted(each.name for each in setup.signatures))
+    raise StudyError(f"fault {fault!r}: expected one of {known}")
+
+
+def explanation(setup: MonitorSetup, units: Mapping[str, str], alarm: Alarm, fault: str) -> Explanation | None:
+    """Return what speaks for and against a fault in an alarm; None where it had too few cycles to be named.
+
+    Raises
+    ------
+    StudyError
+        The monitor knows no such fault.
+    """
+    signature = known_fault(setup, fault)
+    if alarm.change is None:
+        return None
+    found, delta, baseline = fitted_fault(alarm.change, signature), alarm.change.delta, setup.baseline
+    half_95 = HALF_95 * np.sqrt(np.diag(np.linalg.inv(alarm.change.information)))
+    rows = zip(
+        baseline.names, healthy_features(setup), baseline.sigma, delta, half_95, signature.response(found.size),
+        strict=True,
+    )  # fmt: skip
+    features = [FeatureChange(name, units.get(name, "1"), *map(float, numbers)) for name, *numbers in rows]
+    features.sort(key=lambda each: -abs(each.moved))
+    explains = fault in {candidate.name for candidate in alarm.candidates}
+    called = alarm.finding or alarm.verdict
+    return Explanation(found, explains, called, alarm.onset_s, alarm.change.cycles, tuple(features))
+
+
+def healthy_features(setup: MonitorSetup) -> Array:
+    """Return the healthy means (d,) of the features that are judged, what the operating point does added again."""
+    if setup.operating is None:
+        return setup.baseline.mean
+    return setup.baseline.mean + setup.operating.mean[list(setup.operating.others)]
+
+
+def drawn_explanation(setup: MonitorSetup, vectors: Sequence[FeatureVector], alarm: Alarm, found: Explanation) -> Any:
+    """Return the picture: each feature's change beside what the fault would do, and the farthest ones over time."""
+    from mech_twin.capabilities.plots import BLUE, GREY, RED, house_style, sheet
+
+    bars, curves = found.features[:BARS], found.features[:CURVES]
+    with house_style():
+        figure, all_axes = sheet(1 + len(curves), 1, height=1.6 + 0.2 * len(bars) + 1.6 * len(curves))
+        axes, rows = all_axes[0], np.arange(len(bars))[::-1]
+        moved, half = [each.moved for each in bars], [each.half_95 / each.sigma for each in bars]
+        axes.errorbar(moved, rows, xerr=half, fmt="o", color=BLUE, markersize=4, label="measured, 95 %")
+        expected = [each.expected / each.sigma for each in bars]
+        label = f"{found.fault.name} of {found.fault.size:.3g} {found.fault.unit}"
+        axes.plot(expected, rows, "x", color=RED, label=label)
+        axes.axvline(0.0, color=GREY, linewidth=0.8)
+        axes.set_yticks(rows, [each.name for each in bars], fontsize=7.5)
+        axes.set_xlabel("change, in standard deviations of a cycle")
+        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
+        for panel, feature in zip(all_axes[1:], curves, strict=True):
+            _draw_over_time(panel, setup, vectors, feature)
+            panel.axvline(alarm.onset_s, color=RED, linewidth=1.0)
+            panel.axvline(alarm.alarm_s, color=RED, linewidth=1.0, linestyle="--")
+        all_axes[-1].set_xlabel("time [s]; band: healthy cycles, 95 %; line: onset; dashed: alarm")
+    return figure
+
+
+def _draw_over_time(panel: Any, setup: MonitorSetup, vectors: Sequence[FeatureVector], feature: FeatureChange) -> None:
+    from mech_twin.capabilities.plots import BLUE, GREY
+
+    place = setup.baseline.names.index(feature.name)
+    offset = feature.healthy - setup.baseline.mean[place]
+    seen = vectors if setup.operating is None else [setup.operating.reduced(vector)[0] for vector in vectors]
+    values = [vector.values[vector.names.index(feature.name)] + offset for vector in seen]
+    panel.plot([vector.end_s for vector in seen], values, ".", color=BLUE, markersize=3)
+    half = HALF_95 * _spread(setup, place)
+    panel.axhspan(feature.healthy - half, feature.healthy + half, color=GREY, alpha=0.3, linewidth=0.0)
+    panel.set_ylabel(fill(axis_title(feature.name, feature.unit), 24), fontsize=7.5)
+
+
+def _spread(setup: MonitorSetup, place: int) -> float:
+    """Return the standard deviation of a healthy feature, that of its innovations grown by its autoregression."""
+    impulse = np.zeros((400, len(setup.baseline.names)))
+    impulse[0] = 1.0
+    response = setup.baseline.features(impulse) - setup.baseline.mean
+    return float(setup.baseline.sigma[place] * np.sqrt((response[:, place] ** 2).sum()))
