@@ -116,14 +116,19 @@ class MonitorVerb(Verb):
             for each in ("map_file", "baseline", "save_baseline", "skip_s", "explain")
         ),
         Beside("picture", ("explain",), "it shows what a fault explains"),
+        Beside("renew", ("baseline",), "a file of --save-baseline is renewed"),
+        Beside("yes", ("renew",), "nothing else asks"),
+        Apart("renew", "save_baseline", "the file of --baseline is written"),
     )
     machine: MachineName
     runs: list[Path] = argument("runs to be judged: bags or tables", [])
     map_file: MapFile = None
-    baseline: Path | None = option(
-        "healthy run, or a file that --save-baseline wrote", shown="the first part of the runs"
+    baseline: list[Path] = option(
+        "healthy run, again for more days; or a file that --save-baseline wrote", [], shown="the first part of the runs"
     )
     save_baseline: Path | None = option("file (.json) for baseline, thresholds, signatures")
+    renew: bool = option("take the runs into the baseline file, where none has an alarm and you say yes", False)
+    yes: bool = option("with --renew: yes, without a question", False)
     known_arl0_h: float | None = option(
         "mean time between false alarms of all charts together, h", None, "--arl0", ge=1e-3, shown="24"
     )

@@ -6,19 +6,18 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
-
-from pydantic import ValidationError
 
 from mech_twin.capabilities.blow_gauge import GAUGE_UNITS
 from mech_twin.cli.console import say
 from mech_twin.cli.failure import CommandError
 from mech_twin.cli.measurement_verbs import MonitorVerb
+from mech_twin.cli.monitor_baseline import agreed, baseline_file, check_origin, check_request, earlier_runs, read_setup
 from mech_twin.cli.monitor_output import Judged, show_design, show_runs
 from mech_twin.dependencies import require_extra
 from mech_twin.engine.rollout import roll_out
-from mech_twin.input_file import opened_input
 from mech_twin.measurements.blocks import RunReader
 from mech_twin.measurements.machine_columns import is_event, machine_columns
 from mech_twin.measurements.measurement_map import Channel, MeasurementMap, Source
@@ -26,7 +25,6 @@ from mech_twin.measurements.proposal import EXACT, map_of, proposed_channels
 from mech_twin.measurements.runs import read_parts
 from mech_twin.opened_runs import given_map, opened_run
 from mech_twin.output_file import check_output_file, written_file
-from mech_twin.parameters.errors import refusal
 from mech_twin.parameters.load import assignments, catalogue_entry, kind_of, machine_parameters
 from mech_twin.quantity import Parameters
 from mech_twin.roles import Machine
@@ -40,13 +38,12 @@ from mech_twin.studies.monitoring.design import (
 )
 from mech_twin.studies.monitoring.explanation import Explanation, drawn_explanation, explanation, known_fault
 from mech_twin.studies.monitoring.monitor import Monitor, MonitorSetup
+from mech_twin.studies.monitoring.origin import BaselineRun, joined_runs, new_origin, sensors_hash
 from mech_twin.studies.monitoring.report import judged, known_sensors, vectors_of_parts
-from mech_twin.studies.monitoring.setup_record import LARGEST_BYTES, SetupRecord
 from mech_twin.studies.monitoring.signatures import MonitoredMachine
 
 FAULT_FOUND = 1  # exit code
 HEALTHY_SHARE = 0.4  # of the first run, where no baseline is given
-SETUP_SUFFIX = ".json"
 ARL0_H = 24.0
 EVENTS_OF_S = 2.0  # of the model's own run, that tell which contacts its events have
 IMPACTS, BLOW_GAUGE = "impacts", "blow/gauge"  # topics of the twin, below its namespace
@@ -60,10 +57,8 @@ def _arl0_h(asked: MonitorVerb) -> float:
 
 def monitor_machine(asked: MonitorVerb) -> None:
     """Judge runs, or a sensor set; exit with 1 where a fault was found."""
-    if asked.seed is not None and asked.baseline is not None and asked.baseline.suffix == SETUP_SUFFIX:
-        raise CommandError(
-            f"--seed {asked.seed}: {asked.baseline} holds thresholds already; expected a run as --baseline"
-        )
+    kept_file = baseline_file(asked.baseline)
+    check_request(asked, kept_file)
     parameters = machine_parameters(asked.machine, asked.config, assignments(asked.settings))
     if asked.design:
         _design(asked, parameters)
@@ -89,8 +84,39 @@ def monitor_machine(asked: MonitorVerb) -> None:
     show_runs(setup, runs[0].units, found, as_json=asked.as_json)
     if asked.picture is not None:
         _draw(asked.picture, setup, list(zip(runs, found, strict=True)), force=asked.force)
-    if any(run.found.has_fault for run in found):
+    faulty = any(run.found.has_fault for run in found)
+    if faulty and asked.renew:
+        say(f"{kept_file}: not renewed, a run has an alarm")
+    if faulty:
         raise SystemExit(FAULT_FOUND)
+    if asked.renew and kept_file is not None:
+        _renew(asked, kept_file, setup, runs, parameters)
+
+
+def _renew(
+    asked: MonitorVerb, file: Path, setup: MonitorSetup, runs: Sequence[_FeaturedRun], parameters: Parameters
+) -> None:
+    """Write the baseline anew, of its own runs and these, where there is a yes."""
+    earlier = earlier_runs(file, setup, [run.path for run in runs])
+    if not asked.yes and not agreed(file, setup, [str(run.path) for run in runs]):
+        say(f"{file}: not renewed")
+        return
+    read = [(_vectors(asked, run.path, parameters), run.cycles) for run in earlier]
+    known = [run._replace(vectors=run.vectors[:cycles]) for run, cycles in read]
+    renewed = _of_runs([*known, *runs], parameters, setup.arl0_h, 0)
+    with written_file(file, force=True) as unfinished:
+        unfinished.write_text(json.dumps(renewed.record()) + "\n", encoding="utf-8")
+    say(f"{file}: renewed with {len(runs)} more, {len(known) + len(runs)} runs, {renewed.baseline.cycles} cycles")
+
+
+def _of_runs(runs: Sequence[_FeaturedRun], parameters: Parameters, arl0_h: float, seed: int) -> MonitorSetup:
+    """Return the setup of the healthy cycles of several runs; those of the first are the sensors."""
+    for run in runs:
+        if sensors_hash(run.given) != sensors_hash(runs[0].given):
+            raise CommandError(f"{run.path}: has other channels than {runs[0].path}; expected the same in each day")
+    found = fitted_setup(runs[0].monitored, joined_runs([run.vectors for run in runs]), arl0_h, seed)
+    told = [BaselineRun(str(run.path.absolute()), len(run.vectors)) for run in runs]
+    return replace(found, origin=new_origin(parameters, runs[0].given, told))
 
 
 def _explained(setup: MonitorSetup, units: Mapping[str, str], run: Judged, fault: str) -> tuple[Explanation, ...]:
@@ -124,6 +150,7 @@ class _FeaturedRun(NamedTuple):
     skipped: int
     monitored: MonitoredMachine
     units: Mapping[str, str]
+    given: MeasurementMap
 
 
 def _design(asked: MonitorVerb, parameters: Parameters) -> None:
@@ -140,40 +167,24 @@ def _design(asked: MonitorVerb, parameters: Parameters) -> None:
 
 def _setup(asked: MonitorVerb, parameters: Parameters, first: _FeaturedRun) -> tuple[MonitorSetup, _FeaturedRun]:
     """Return the setup, and the first run without the cycles that were its baseline."""
-    if asked.baseline is not None and asked.baseline.suffix == SETUP_SUFFIX:
-        kept_setup = read_setup(asked.baseline, asked.machine)
+    file = baseline_file(asked.baseline)
+    if file is not None:
+        kept_setup = read_setup(file, asked.machine)
+        check_origin(file, kept_setup, parameters, first.given)
         wanted = arl0_cycles(asked.known_arl0_h or kept_setup.arl0_h, kept_setup.baseline.period_s)
         if not math.isclose(wanted, kept_setup.limits.arl0_cycles, rel_tol=1e-9):
             raise CommandError(
-                f"--arl0 {_arl0_h(asked):g}: {asked.baseline} holds thresholds for {kept_setup.arl0_h:g} h; "
+                f"--arl0 {_arl0_h(asked):g}: {file} holds thresholds for {kept_setup.arl0_h:g} h; "
                 "expected that, or a run as --baseline"
             )
         return kept_setup, first
-    if asked.baseline is not None:
-        reference = _vectors(asked, asked.baseline, parameters)
-        return fitted_setup(reference.monitored, reference.vectors, _arl0_h(asked), asked.seed or 0), first
+    if asked.baseline:
+        days = [_vectors(asked, path, parameters) for path in asked.baseline]
+        return _of_runs(days, parameters, _arl0_h(asked), asked.seed or 0), first
     kept = int(HEALTHY_SHARE * len(first.vectors))
     say(f"{first.path}: no --baseline given, the first {kept} of {len(first.vectors)} cycles are taken as healthy")
-    setup = fitted_setup(first.monitored, first.vectors[:kept], _arl0_h(asked), asked.seed or 0)
+    setup = _of_runs([first._replace(vectors=first.vectors[:kept])], parameters, _arl0_h(asked), asked.seed or 0)
     return setup, first._replace(vectors=first.vectors[kept:])
-
-
-def read_setup(path: Path, machine: str) -> MonitorSetup:
-    """Return the reference of a monitor, as `--save-baseline` writes it; a file that is none is a line."""
-    try:
-        with opened_input(path) as stream:
-            data = stream.read(LARGEST_BYTES + 1)
-    except OSError as error:
-        raise CommandError(f"{path}: cannot be read: {error.strerror}") from error
-    if len(data) > LARGEST_BYTES:
-        raise CommandError(f"{path}: larger than {LARGEST_BYTES} bytes; expected a baseline of --save-baseline")
-    try:
-        setup = SetupRecord.model_validate_json(data).setup()
-    except ValidationError as error:
-        raise refusal(f"{path}: expected a baseline as --save-baseline writes it", error) from error
-    if setup.machine != kind_of(machine):
-        raise CommandError(f"{path}: key 'machine', value {setup.machine!r}: expected {kind_of(machine)!r}")
-    return setup
 
 
 def _vectors(asked: MonitorVerb, path: Path, parameters: Parameters) -> _FeaturedRun:
@@ -194,7 +205,7 @@ def _vectors(asked: MonitorVerb, path: Path, parameters: Parameters) -> _Feature
             f"{path}: no complete cycle of {reference} after {feed.run_up_s:g} s; expected some (--skip)"
         )
     units = {feature.name: feature.unit for feature in feed.features}
-    return _FeaturedRun(path, vectors, feed.skipped, monitored, units)
+    return _FeaturedRun(path, vectors, feed.skipped, monitored, units, given)
 
 
 def _own_map(built: Machine, parameters: Parameters, reader: RunReader) -> MeasurementMap:

@@ -22,7 +22,7 @@ from mech_twin.cli.live_view import (
     told_machine,
 )
 from mech_twin.cli.measurement_verbs import ShadowVerb
-from mech_twin.cli.monitor import read_setup
+from mech_twin.cli.monitor_baseline import read_setup
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.nodes.run.domain import settle_domain
 from mech_twin.output_file import check_output_directory

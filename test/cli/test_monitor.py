@@ -6,6 +6,7 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
+from shutil import copytree
 from typing import Any
 
 import pytest
@@ -110,6 +111,37 @@ def test_a_healthy_run_has_no_alarm_and_exit_code_0(
     assert "cycles are taken as healthy" in err and "no alarm" in err
 
 
+def test_days_join_and_a_baseline_is_renewed_with_a_yes_alone(
+    plant: Plant, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    second, third, kept = tmp_path / "second", tmp_path / "third", tmp_path / "healthy.json"
+    for day in (second, third):
+        copytree(plant.healthy, day)
+    words = ("monitor", "impact_mass", second, "--map", plant.map, "--arl0", 1.0, "--set", OFF_BEAT)
+    days = ("--baseline", plant.healthy, "--baseline", second)
+    command(monkeypatch, capsys, *words, *days, "--save-baseline", kept)
+    before = json.loads(kept.read_text(encoding="utf-8"))
+    cycles = [run["cycles"] for run in before["origin"]["runs"]]
+    assert len(cycles) == 2 and before["baseline"]["cycles"] == sum(cycles)
+    renew = ("monitor", "impact_mass", third, *words[3:], "--baseline", kept, "--renew")
+    code, _, err = command(monkeypatch, capsys, *renew)  # nobody is at the terminal
+    assert code == 0 and "not renewed" in err and json.loads(kept.read_text(encoding="utf-8")) == before
+    other = command(monkeypatch, capsys, *renew[:-3], "--set", "restitution=0.4", *renew[-3:])
+    assert other[0] == 2 and "made with another configuration" in other[2]
+    faulty = ("monitor", "impact_mass", plant.faulty, *renew[3:], "--yes")
+    code, _, err = command(monkeypatch, capsys, *faulty)
+    assert code == 1 and "not renewed, a run has an alarm" in err
+    assert json.loads(kept.read_text(encoding="utf-8")) == before
+    old = before | {"origin": before["origin"] | {"made_utc": "2020-01-31T12:00:00+00:00"}}
+    kept.write_text(json.dumps(old), encoding="utf-8")
+    code, _, err = command(monkeypatch, capsys, *renew, "--yes")
+    after = json.loads(kept.read_text(encoding="utf-8"))
+    assert code == 0 and "days old, older than 90" in err and "renewed with 1 more, 3 runs" in err
+    assert after["baseline"]["cycles"] == sum(cycles) + cycles[0] and after["origin"]["made_utc"] > "2026"
+    again = command(monkeypatch, capsys, *renew, "--yes")
+    assert again[0] == 2 and "is in" in again[2] and "expected another day" in again[2]
+
+
 def test_a_run_under_the_twins_own_names_needs_no_map(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -166,6 +198,8 @@ def test_a_sensor_set_is_judged_before_it_is_bought(
         (("FAULTY", "--sensors", "MAP"), "goes with --design; a run has --map"),
         (("FAULTY", "--map", "MAP", "--baseline", "gone.json"), "gone.json: cannot be read"),
         (("FAULTY", "--map", "MAP", "--picture", "why.svg"), "--picture"),
+        (("FAULTY", "--map", "MAP", "--baseline", "FAULTY", "--renew"), "--renew: expected --baseline FILE.json"),
+        (("FAULTY", "--map", "MAP", "--baseline", "a.json", "--baseline", "FAULTY"), "a.json: expected it alone"),
         (("FAULTY", "--map", "MAP", "--skip", "100"), "no complete cycle of motor.generator.effort after 100 s"),
         (("FAULTY", "--map", "MAP", "--skip", "12"), "the baseline holds "),
     ],

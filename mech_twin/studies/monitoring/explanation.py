@@ -146,7 +146,8 @@ def drawn_explanation(setup: MonitorSetup, vectors: Sequence[FeatureVector], ala
         moved, half = [each.moved for each in bars], [each.half_95 / each.sigma for each in bars]
         axes.errorbar(moved, rows, xerr=half, fmt="o", color=BLUE, markersize=4, label="measured, 95 %")
         expected = [each.expected / each.sigma for each in bars]
-        label = f"{found.fault.name} of {found.fault.size:.3g} {found.fault.unit}"
+        unit = "" if found.fault.unit == "1" else f" {found.fault.unit}"
+        label = f"{found.fault.name} of {found.fault.size:.3g}{unit}"
         axes.plot(expected, rows, "x", color=RED, label=label)
         axes.axvline(0.0, color=GREY, linewidth=0.8)
         axes.set_yticks(rows, [each.name for each in bars], fontsize=7.5)

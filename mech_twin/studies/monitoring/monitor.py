@@ -35,6 +35,7 @@ from mech_twin.studies.monitoring.naming import (
 )
 from mech_twin.studies.monitoring.operating import OperatingSurface, OperatingValue, surface_of_record
 from mech_twin.studies.monitoring.operating_track import OperatingTrack
+from mech_twin.studies.monitoring.origin import Origin, origin_of_record
 from mech_twin.studies.monitoring.sensor_quality import (
     SensorFinding,
     SensorLimits,
@@ -67,6 +68,7 @@ class MonitorSetup:
     rules: LifeRules = field(default_factory=LifeRules)
     operating: OperatingSurface | None = None
     sensors: Mapping[str, SensorLimits] = field(default_factory=dict)
+    origin: Origin | None = None
 
     @property
     def arl0_h(self) -> float:
@@ -84,6 +86,7 @@ class MonitorSetup:
             "rules": self.rules._asdict(),
             **({} if self.operating is None else {"operating": self.operating.record()}),
             **({"sensors": limits_record(self.sensors)} if self.sensors else {}),
+            **({} if self.origin is None else {"origin": self.origin.record()}),
         }
 
 
@@ -104,6 +107,7 @@ def setup_of_record(record: Mapping[str, Any]) -> MonitorSetup:
         LifeRules(**record["rules"]),
         surface_of_record(record["operating"]) if "operating" in record else None,
         limits_of(record.get("sensors", {})),
+        origin_of_record(record["origin"]) if "origin" in record else None,
     )
 
 

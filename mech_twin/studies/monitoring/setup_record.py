@@ -3,10 +3,11 @@
 
 from __future__ import annotations
 
+from datetime import datetime
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from mech_twin.studies.monitoring.baseline import LARGEST_ORDER
 from mech_twin.studies.monitoring.monitor import MonitorSetup, setup_of_record
@@ -19,10 +20,12 @@ MOST_CYCLES = 2**53
 LONGEST_S = 1e9
 MOST_VARIABLES, MOST_TERMS = 20, 2000
 LARGEST_BYTES = 64 << 20
+MOST_RUNS = 10_000
 
 Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
 Size = Annotated[float, Field(ge=0.0, le=LARGEST)]
 Words = Annotated[str, Field(min_length=1, max_length=200)]
+Hash = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 Row = Annotated[list[Number], Field(max_length=MOST_FEATURES)]
 Rows = Annotated[list[Row], Field(max_length=MOST_SIZES)]
 
@@ -154,6 +157,29 @@ class SensorRecord(_Record):
     isolation: Size
 
 
+class BaselineRunRecord(_Record):
+    """See `BaselineRun`."""
+
+    run: Annotated[str, Field(min_length=1, max_length=4096)]
+    cycles: Annotated[int, Field(ge=0, le=MOST_CYCLES)]
+
+
+class OriginRecord(_Record):
+    """See `Origin`."""
+
+    made_utc: Words
+    configuration: Hash
+    sensors: Hash
+    runs: Annotated[list[BaselineRunRecord], Field(min_length=1, max_length=MOST_RUNS)]
+
+    @field_validator("made_utc")
+    @classmethod
+    def _is_an_instant(cls, text: str) -> str:
+        if datetime.fromisoformat(text).tzinfo is None:
+            raise ValueError("expected an instant with its zone, as 2026-01-31T12:00:00+00:00")
+        return text
+
+
 class SetupRecord(_Record):
     """See `MonitorSetup`."""
 
@@ -165,6 +191,7 @@ class SetupRecord(_Record):
     rules: _Rules
     operating: OperatingRecord | None = None
     sensors: Annotated[dict[Words, SensorRecord], Field(max_length=MOST_FEATURES)] = {}
+    origin: OriginRecord | None = None
 
     @model_validator(mode="after")
     def _fits(self) -> SetupRecord:
