@@ -21,7 +21,7 @@ from PIL import Image
 
 from mech_twin.engine.run import frames
 from mech_twin.engine.trajectory import frame_events
-from mech_twin.output_file import written_file
+from mech_twin.files.output_file import written_file
 from mech_twin.parameters.load import machine as built_machine
 from mech_twin.roles import Machine
 from mech_twin.samples import Event, Frame, Shape

@@ -18,12 +18,12 @@ from pydantic.fields import FieldInfo
 
 from mech_twin.cli.main import EXPORTS, QUESTIONS, VERBS
 from mech_twin.cli.verb import Apart, declared, flags_of
+from mech_twin.declarations.quantity import Parameters
 from mech_twin.machines.catalog import CATALOGUE, Entry
 from mech_twin.machines.page.parameters import Page
 from mech_twin.messages.topics import LATCHED, Topic, recorded_topics, type_name
 from mech_twin.nodes.exchange.base_node import RunOptions
 from mech_twin.parameters.load import machine_parameters
-from mech_twin.quantity import Parameters
 from mech_twin.roles import RESIDUALS, Machine
 
 ROOT = Path(__file__).resolve().parents[1]

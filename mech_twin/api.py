@@ -15,12 +15,12 @@ from typing import TYPE_CHECKING, Any
 
 from mech_twin.capabilities.arguments import real_number, several
 from mech_twin.capabilities.errors import StudyError
+from mech_twin.declarations.quantity import LONGEST_RUN_S
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.parameters.load import machine as built_machine
 from mech_twin.parameters.load import machine_parameters
-from mech_twin.quantity import LONGEST_RUN_S
-from mech_twin.results import Analysis, Columns, Numbers, Run, RunComparison, SizingResult, with_pictures
-from mech_twin.stop_signal import raising_interrupt
+from mech_twin.process.stop_signal import raising_interrupt
+from mech_twin.results.objects import Analysis, Columns, Numbers, Run, RunComparison, SizingResult, with_pictures
 
 if TYPE_CHECKING:
     from mech_twin.capabilities.design import Design
@@ -292,8 +292,8 @@ def identify(
         One line with file, key or channel, and what was expected.
     """
     from mech_twin.measurements.runs import read_run
-    from mech_twin.opened_runs import given_map as read_given
-    from mech_twin.opened_runs import opened_run
+    from mech_twin.results.opened_runs import given_map as read_given
+    from mech_twin.results.opened_runs import opened_run
     from mech_twin.studies.identification.fit_runs import FitRun, fit_run
     from mech_twin.studies.identification.free_keys import assumed_keys
     from mech_twin.studies.identification.identification import identified
@@ -354,7 +354,7 @@ def from_json(document: FilePath) -> Any:
     StudyError
         It cannot be read, or is of another verb.
     """
-    from mech_twin.written_documents import from_document
+    from mech_twin.results.written_documents import from_document
 
     path = _path(document, "document") or Path()
     try:

@@ -2,7 +2,7 @@
 """Where every program of the package begins: it answers a signal before anything large is imported.
 
 To import the libraries takes up to a second.  Nothing is open then, so the process ends at once; what comes after sets
-handlers of its own (`mech_twin.stop_signal`).
+handlers of its own (`mech_twin.process.stop_signal`).
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from functools import partial
 from types import FrameType
 from typing import Any
 
-from mech_twin.interruption import EXIT_CODE_BASE, answered_signals, end_at_once, tell_interrupted
-from mech_twin.terminal_output import outlive_terminal
+from mech_twin.process.interruption import EXIT_CODE_BASE, answered_signals, end_at_once, tell_interrupted
+from mech_twin.process.terminal_output import outlive_terminal
 
 
 def end_by_signal() -> None:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, runtime_checkable
 
-from mech_twin.quantity import Parameters
+from mech_twin.declarations.quantity import Parameters
 from mech_twin.samples import BodySample, Event, ForceSample, Frame, LinkageSample, MotorSample, Shape
 
 if TYPE_CHECKING:

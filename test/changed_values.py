@@ -17,7 +17,7 @@ from typing import Any, Literal, NamedTuple, get_args, get_origin
 from configuration_draws import Leaf, Path, is_group, leaves, value_at, with_value
 from random_configurations import BROKEN, UNBUILT, Outcome, end_of_run, judged
 
-from mech_twin.configuration_tree import ConfigurationError, configuration_tree
+from mech_twin.declarations.configuration_tree import ConfigurationError, configuration_tree
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.parameters.load import description_text, machine_parameters, validated
 

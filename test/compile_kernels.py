@@ -18,7 +18,7 @@ from rollout_cases import CASES
 
 import mech_twin
 from mech_twin.engine.run import warm_up, warm_up_run
-from mech_twin.kernel import compiled_count
+from mech_twin.kernels.kernel import compiled_count
 from mech_twin.parameters.load import machine
 
 LONGEST_FIRST = ("roller_former", "mb10_breaker")

@@ -20,10 +20,10 @@ import annotated_types
 import numpy as np
 from pydantic.fields import FieldInfo
 
-from mech_twin.configuration_tree import ConfigurationError, configuration_tree, merged_tree
+from mech_twin.declarations.configuration_tree import ConfigurationError, configuration_tree, merged_tree
+from mech_twin.declarations.quantity import RANGES, Parameters
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.parameters.load import configuration_directories, file_tree, machine_parameters, table, validated
-from mech_twin.quantity import RANGES, Parameters
 
 Path = tuple[str, ...]
 

@@ -21,10 +21,10 @@ from configuration_draws import Leaf, is_group, leaves, value_at
 
 from mech_twin.cli import console
 from mech_twin.cli.main import main
-from mech_twin.configuration_tree import configuration_tree
+from mech_twin.declarations.configuration_tree import configuration_tree
+from mech_twin.declarations.quantity import Parameters
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.parameters.load import machine_parameters
-from mech_twin.quantity import Parameters
 
 MAGNITUDES = (5e-324, 1e-300, 1e-30, 1e-9, 1e9, 1e21, 1e30, 1e300)
 FACTORS = (1e-6, 1e-3, 1e3, 1e6)

@@ -8,7 +8,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from mech_twin.quantity import Parameters
+from mech_twin.declarations.quantity import Parameters
 
 
 def accepts(model: type[Parameters], valid: dict[str, Any], key: str, value: float) -> bool:

@@ -22,7 +22,7 @@ from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 
-from mech_twin.configuration_tree import configuration_tree
+from mech_twin.declarations.configuration_tree import configuration_tree
 from mech_twin.engine.run import frames
 from mech_twin.messages import linkage as linkage_messages
 from mech_twin.messages.joint_state_cdr import Decoder

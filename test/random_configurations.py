@@ -17,14 +17,14 @@ from typing import Any, NamedTuple, get_args
 
 from configuration_draws import Draw, Refused, leaves
 
-from mech_twin.configuration_tree import ConfigurationError, configuration_tree, merged_tree
+from mech_twin.declarations.configuration_tree import ConfigurationError, configuration_tree, merged_tree
+from mech_twin.declarations.quantity import Parameters
 from mech_twin.engine.errors import MotionError
 from mech_twin.engine.invariants import Residual, broken_lines
 from mech_twin.engine.run import frames
 from mech_twin.engine.trajectory import frame_events, frame_numbers
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.parameters.load import description_text
-from mech_twin.quantity import Parameters
 from mech_twin.roles import Machine
 from mech_twin.samples import Frame
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from roller_former_cases import file_for
 
-from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.engine.run import frames
 from mech_twin.engine.trajectory import frame_numbers
 from mech_twin.parameters.load import machine

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 import pytest
 
-from mech_twin.captions import caption, metrics_table, titled
+from mech_twin.declarations.captions import caption, metrics_table, titled
 
 
 @pytest.mark.parametrize(

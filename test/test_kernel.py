@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from rollout_cases import CASES
 
-from mech_twin.kernel import borrowing_kernel, inline_kernel, kernel
+from mech_twin.kernels.kernel import borrowing_kernel, inline_kernel, kernel
 
 ALLOCATIONS = """
 import gc, json, sys

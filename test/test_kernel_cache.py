@@ -18,7 +18,7 @@ PACKAGE = {
     "__init__.py": "",
     "constants.py": "FACTOR = 2.0\n",
     "inner.py": """
-from mech_twin.kernel import kernel
+from mech_twin.kernels.kernel import kernel
 from .constants import FACTOR
 
 @kernel
@@ -27,7 +27,7 @@ def scaled(value):
 """,
     "outer.py": """
 from numba import prange
-from mech_twin.kernel import kernel, parallel_kernel
+from mech_twin.kernels.kernel import kernel, parallel_kernel
 from kernel_trial import inner
 
 @kernel
@@ -53,7 +53,7 @@ class Pair(NamedTuple):
     second: float
 """,
     "taker.py": """
-from mech_twin.kernel import kernel
+from mech_twin.kernels.kernel import kernel
 
 @kernel
 def first(pair):
@@ -65,7 +65,7 @@ import json, sys
 import numpy as np
 from kernel_trial import outer, taker
 from kernel_trial.pairs import Pair
-from mech_twin.kernel import compiled_count
+from mech_twin.kernels.kernel import compiled_count
 values = [outer.raised(1.5), float(outer.doubled(np.ones(4))[3]), taker.first(Pair(first=5.0, second=7.0))]
 hits = [sum(f.stats.cache_hits.values()) for f in (outer.raised, outer.doubled, taker.first)]
 print(json.dumps({"values": values, "hits": hits, "compiled": compiled_count()}))
@@ -239,7 +239,7 @@ def test_two_first_runs_at_once_store_every_signature_whole(package, tmp_path):
     kept = {path: path.stat().st_mtime_ns for path in stored(cache)}
     assert len(kept) == 12, "two kernels, six signatures"
     for order in ("up", "down"):
-        script = SIGNATURES + "\nfrom mech_twin.kernel import compiled_count\nassert compiled_count() == 0\n"
+        script = SIGNATURES + "\nfrom mech_twin.kernels.kernel import compiled_count\nassert compiled_count() == 0\n"
         subprocess.run(
             [sys.executable, "-c", script, "0", order], env=environment(package, cache), check=True, timeout=200
         )
@@ -287,7 +287,7 @@ def test_only_code_unused_for_a_month_is_removed_and_once_a_day(package, tmp_pat
 
 def test_each_compilation_is_counted_and_observed(package, tmp_path):
     script = """
-from mech_twin.kernel import compiled_count, on_compile
+from mech_twin.kernels.kernel import compiled_count, on_compile
 seen = []
 end = on_compile(lambda kernel, count: seen.append((kernel, count)))
 from kernel_trial import outer

@@ -6,7 +6,7 @@ import stat
 
 import pytest
 
-from mech_twin.output_file import OutputError, check_output_directory, check_output_file, written_file
+from mech_twin.files.output_file import OutputError, check_output_directory, check_output_file, written_file
 
 
 def names(directory):

@@ -17,15 +17,15 @@ from hypothesis import strategies as st
 
 import mech_twin as mt
 from mech_twin.capabilities.errors import StudyError
-from mech_twin.captions import unit_of
 from mech_twin.cli.main import main
-from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.declarations.captions import unit_of
+from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.engine.run import frames
 from mech_twin.engine.trajectory import Trajectory
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.parameters.load import configuration_file
 from mech_twin.parameters.load import machine as built_machine
-from mech_twin.results import Columns
+from mech_twin.results.objects import Columns
 
 
 def test_importing_the_package_loads_neither_machines_nor_ros():
@@ -326,7 +326,7 @@ def test_a_document_of_no_verb_is_refused_in_one_line(text, said, tmp_path):
 
 
 def test_a_frame_without_pandas_names_the_extra(monkeypatch):
-    monkeypatch.setattr("mech_twin.dependencies.find_spec", lambda name: None)
+    monkeypatch.setattr("mech_twin.process.dependencies.find_spec", lambda name: None)
     with pytest.raises(ModuleNotFoundError, match="needs the extra 'pandas': pip install"):
         Columns("trial", "time_s", {"time_s": [0.0]}).to_pandas()
 

@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 import pytest
 
-from mech_twin.kernel import kernel
-from mech_twin.stop_signal import StopSignal, raising_interrupt
+from mech_twin.kernels.kernel import kernel
+from mech_twin.process.stop_signal import StopSignal, raising_interrupt
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 

@@ -14,7 +14,7 @@ from typing import IO
 import pytest
 
 from mech_twin.nodes.run.console import TerminalKeys
-from mech_twin.terminal_output import outlive_terminal
+from mech_twin.process.terminal_output import outlive_terminal
 
 
 @pytest.fixture

@@ -29,7 +29,7 @@ sys.path.insert(1, str(Path(__file__).resolve().parents[2] / "test" / "studies" 
 from evidence import share_interval, write_rows
 from independent_machines import BENCHES, Bench, HiddenDraw, hidden_draw
 
-from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.measurements.measurement_map import MeasurementMap
 from mech_twin.measurements.runs import read_run
 from mech_twin.measurements.tables import TableReader

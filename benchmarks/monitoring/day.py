@@ -27,7 +27,7 @@ from scipy.stats import chi2
 
 from mech_twin.capabilities.cycle import TURN
 from mech_twin.engine.rollout import RollOut, roll_out
-from mech_twin.output_file import written_file
+from mech_twin.files.output_file import written_file
 from mech_twin.studies.monitoring.monitor import Monitor
 from mech_twin.studies.monitoring.operating_fit import parameters_at
 from mech_twin.studies.monitoring.sensing import needed_columns

@@ -41,7 +41,7 @@ from plants import (
     three_sizes,
 )
 
-from mech_twin.output_file import written_file
+from mech_twin.files.output_file import written_file
 from mech_twin.studies.monitoring.cycle_features import FeatureVector
 from mech_twin.studies.monitoring.design import setup_for_cycles
 from mech_twin.studies.monitoring.findings import Findings

@@ -11,7 +11,7 @@ from math import cos, pi, sin
 import numpy as np
 import numpy.typing as npt
 
-from mech_twin.kernel import kernel
+from mech_twin.kernels.kernel import kernel
 
 Array = npt.NDArray[np.float64]
 TURN = 2.0 * pi

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mech_twin.capabilities.errors import StudyError
-from mech_twin.quantity import Parameters
+from mech_twin.declarations.quantity import Parameters
 
 Array = NDArray[np.float64]
 

@@ -6,8 +6,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
-from mech_twin.configuration_tree import configuration_tree
-from mech_twin.quantity import Parameters
+from mech_twin.declarations.configuration_tree import configuration_tree
+from mech_twin.declarations.quantity import Parameters
 
 
 class MachineFault(NamedTuple):

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from mech_twin.quantity import Parameters
+from mech_twin.declarations.quantity import Parameters
 
 MOST_STARTS = 1_000_000  # of a basin: each is followed to its end at every point of the box of tolerances
 MOST_ENDURANCE_PERIODS = 1_000_000_000  # minutes of computing

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 from mech_twin.capabilities.faults import value_at
-from mech_twin.quantity import Parameters
+from mech_twin.declarations.quantity import Parameters
 
 
 class OperatingVariable(NamedTuple):

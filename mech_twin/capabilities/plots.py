@@ -15,7 +15,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
 
-from mech_twin.output_file import written_file
+from mech_twin.files.output_file import written_file
 
 # Okabe and Ito's palette, without its yellow
 BLUE, RED, GREEN, ORANGE, PURPLE, SKY, GREY = (

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple, Protocol
 
-from mech_twin.quantity import Parameters
+from mech_twin.declarations.quantity import Parameters
 
 Table = Callable[[str], Mapping[str, Any]]  # an installed table by its name
 NEAR = 5e-3  # of a limit: a constraint kept by less than this binds

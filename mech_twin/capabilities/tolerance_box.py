@@ -10,8 +10,8 @@ from typing import TypeVar
 import numpy as np
 
 from mech_twin.capabilities.variation import varied
-from mech_twin.configuration_tree import configuration_tree
-from mech_twin.quantity import Parameters
+from mech_twin.declarations.configuration_tree import configuration_tree
+from mech_twin.declarations.quantity import Parameters
 
 Model = TypeVar("Model", bound=Parameters)
 Factors = dict[str, float]  # by dotted key: what the configured value is multiplied with

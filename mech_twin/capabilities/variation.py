@@ -6,8 +6,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, TypeVar
 
-from mech_twin.configuration_tree import configuration_tree, merged_tree, tree_from_flat
-from mech_twin.quantity import Parameters
+from mech_twin.declarations.configuration_tree import configuration_tree, merged_tree, tree_from_flat
+from mech_twin.declarations.quantity import Parameters
 
 Model = TypeVar("Model", bound=Parameters)
 

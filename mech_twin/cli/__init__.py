@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The mech-twin command, one file per verb."""
 
-from mech_twin.dependencies import require_versions
+from mech_twin.process.dependencies import require_versions
 
 require_versions()  # before anything of a verb, which would fail with a trace, is loaded

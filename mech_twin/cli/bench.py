@@ -8,10 +8,10 @@ from mech_twin.cli.failure import CommandError
 from mech_twin.cli.live_view import hold_view
 from mech_twin.cli.pages import shipped_pages
 from mech_twin.cli.verbs import BenchVerb
-from mech_twin.dependencies import require_modules
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.nodes.run.domain import settle_domain
 from mech_twin.parameters.load import PAGE, PAGE_SUFFIXES
+from mech_twin.process.dependencies import require_modules
 
 
 def open_bench(asked: BenchVerb) -> None:

@@ -14,15 +14,15 @@ from mech_twin.cli.failure import CommandError
 from mech_twin.cli.live_view import NO_VIEW, hold_view
 from mech_twin.cli.overlay import Overlay
 from mech_twin.cli.verbs import CompareVerb
-from mech_twin.configuration_tree import ConfigurationError, configuration_tree
-from mech_twin.dependencies import require_extra
+from mech_twin.declarations.configuration_tree import ConfigurationError, configuration_tree
 from mech_twin.engine.invariants import broken_lines
 from mech_twin.engine.run import frames, steps_for
+from mech_twin.files.output_file import YAML_SUFFIXES, check_output_file, written_file
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.measurements.machine_columns import shown_units
-from mech_twin.output_file import YAML_SUFFIXES, check_output_file, written_file
 from mech_twin.parameters.load import file_tree, machine_of_prefix
 from mech_twin.parameters.load import machine as built_machine
+from mech_twin.process.dependencies import require_extra
 from mech_twin.roles import Machine
 from mech_twin.samples import Frame
 from mech_twin.studies.run_comparison import ComparedRun, Comparison, columns_apart, compared, drawn_side_by_side

@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-LOGGER = "mech_twin.kernel"
+LOGGER = "mech_twin.kernels"
 FIRST_TOLD_S = 5.0
 GROWTH = 2.0  # of the time until the next line
 
@@ -41,7 +41,7 @@ class CompileProgress(logging.Handler):
         """Pass a line of the compiler on; the one with which it begins starts the counting."""
         self._write(f"{record.getMessage()}\n")
         if record.levelno == logging.INFO and self._end is None:
-            from mech_twin.kernel_cache import on_compile
+            from mech_twin.kernels.cache import on_compile
 
             self._begun_s = self._clock()
             self._end = on_compile(self.compiling)

@@ -64,7 +64,7 @@ def _named(context: Context) -> str:
     Of ``study`` it stands before the question; while an option still lacks its value it is among the arguments that are
     not yet taken.
     """
-    from mech_twin.configuration_tree import ConfigurationError
+    from mech_twin.declarations.configuration_tree import ConfigurationError
     from mech_twin.parameters.load import machine_of_prefix
 
     above = context.parent.params if context.parent is not None else {}

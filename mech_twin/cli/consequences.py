@@ -8,8 +8,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from mech_twin.captions import caption
 from mech_twin.cli.console import say
+from mech_twin.declarations.captions import caption
 from mech_twin.parameters.load import assignments
 from mech_twin.parameters.load import machine as built_machine
 

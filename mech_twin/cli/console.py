@@ -12,7 +12,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
-from mech_twin.terminal_output import printable, printable_json
+from mech_twin.process.terminal_output import printable, printable_json
 
 Item = TypeVar("Item")
 
@@ -126,7 +126,7 @@ def print_numbers(title: str, numbers: Mapping[str, Any]) -> None:
 
 def numbered(numbers: Mapping[str, Any]) -> list[tuple[str, Any, str]]:
     """Return a row of each number: name, value, unit."""
-    from mech_twin.captions import unit_of
+    from mech_twin.declarations.captions import unit_of
 
     return [(name, value, unit_of(name)) for name, value in numbers.items()]
 

@@ -10,11 +10,11 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from mech_twin.dependencies import missing_extra
-from mech_twin.interruption import EXIT_CODE_BASE, INTERRUPTED_LINE
-from mech_twin.stop_signal import interruptible
-from mech_twin.system_limits import lacking
-from mech_twin.terminal_output import StandardOutputError, give_up_output, printable
+from mech_twin.process.dependencies import missing_extra
+from mech_twin.process.interruption import EXIT_CODE_BASE, INTERRUPTED_LINE
+from mech_twin.process.stop_signal import interruptible
+from mech_twin.process.system_limits import lacking
+from mech_twin.process.terminal_output import StandardOutputError, give_up_output, printable
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -105,11 +105,11 @@ def _is_input_error(error: Exception) -> bool:
     if isinstance(error, ImportError):
         return missing_extra(error) is not None
     from mech_twin.capabilities.errors import StudyError
-    from mech_twin.configuration_tree import ConfigurationError
+    from mech_twin.declarations.configuration_tree import ConfigurationError
     from mech_twin.engine.errors import MotionError
+    from mech_twin.files.output_file import OutputError
     from mech_twin.measurements.errors import MeasurementError
     from mech_twin.nodes.run.domain import NodeEndedError
-    from mech_twin.output_file import OutputError
     from mech_twin.recording.errors import BagError
     from mech_twin.view.errors import RerunSceneError, ViewerError
 

@@ -6,9 +6,9 @@ from __future__ import annotations
 from mech_twin.cli.console import say
 from mech_twin.cli.failure import CommandError
 from mech_twin.cli.verbs import FoxgloveVerb
-from mech_twin.dependencies import require_modules
 from mech_twin.nodes.run.domain import settle_domain
-from mech_twin.stop_signal import StopSignal
+from mech_twin.process.dependencies import require_modules
+from mech_twin.process.stop_signal import StopSignal
 
 
 def serve_foxglove(asked: FoxgloveVerb) -> None:

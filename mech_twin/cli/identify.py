@@ -21,13 +21,13 @@ from mech_twin.cli.identify_request import (
 )
 from mech_twin.cli.measurement import checked_run
 from mech_twin.cli.measurement_verbs import IdentifyVerb
-from mech_twin.configuration_tree import configuration_tree
-from mech_twin.dependencies import extra_needed
+from mech_twin.declarations.configuration_tree import configuration_tree
+from mech_twin.declarations.quantity import Parameters
 from mech_twin.measurements.machine_columns import joint_column
 from mech_twin.measurements.model_turn import TURNING, ModelTurn, model_turn
-from mech_twin.opened_runs import opened_run
 from mech_twin.parameters.load import assignments, machine_parameters
-from mech_twin.quantity import Parameters
+from mech_twin.process.dependencies import extra_needed
+from mech_twin.results.opened_runs import opened_run
 from mech_twin.roles import GuidedLinkage
 from mech_twin.studies.identification.acting_keys import number_in
 from mech_twin.studies.identification.fit_runs import FitRun, fit_run

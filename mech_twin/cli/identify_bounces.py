@@ -12,11 +12,11 @@ import numpy as np
 from mech_twin.cli.console import print_json, print_table, say
 from mech_twin.cli.failure import CommandError
 from mech_twin.cli.identify_request import IdentifyRequest
+from mech_twin.files.output_file import check_output_file, written_file
 from mech_twin.measurements.blocks import Array
 from mech_twin.measurements.errors import MeasurementError
-from mech_twin.opened_runs import opened_run
-from mech_twin.output_file import check_output_file, written_file
 from mech_twin.parameters.load import assignments, description_text, machine_parameters
+from mech_twin.results.opened_runs import opened_run
 from mech_twin.studies.identification.bounces import Bounces, bounces, restitution
 from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration
 from mech_twin.studies.identification.verdicts import IDENTIFIED, NOT_EXCITED, WIDEST, KeyVerdict

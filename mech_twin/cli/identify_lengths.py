@@ -12,13 +12,13 @@ from typing import Any
 from mech_twin.cli.console import print_json, print_table, say
 from mech_twin.cli.failure import CommandError
 from mech_twin.cli.identify_request import NOT_BETTER, IdentifyRequest, split_runs
+from mech_twin.files.output_file import check_output_file, written_file
 from mech_twin.measurements.measurement_map import MeasurementMap
 from mech_twin.measurements.model_turn import TURNING, model_turn
 from mech_twin.measurements.runs import read_run
-from mech_twin.opened_runs import opened_run
-from mech_twin.output_file import check_output_file, written_file
 from mech_twin.parameters.load import assignments, description_text, machine_parameters
 from mech_twin.parameters.load import machine as built_machine
+from mech_twin.results.opened_runs import opened_run
 from mech_twin.studies.identification.free_keys import AUTO
 from mech_twin.studies.identification.geometry_fit import GeometryData, geometry_data
 from mech_twin.studies.identification.geometry_model import GeometryModel

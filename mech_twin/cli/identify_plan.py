@@ -9,8 +9,8 @@ from pathlib import Path
 
 from mech_twin.cli.console import print_json, print_table, say
 from mech_twin.cli.failure import CommandError
-from mech_twin.opened_runs import given_map
 from mech_twin.parameters.load import catalogue_entry, kind_of
+from mech_twin.results.opened_runs import given_map
 from mech_twin.studies.identification.combinations import Combination
 from mech_twin.studies.identification.question import IdentificationQuestion
 from mech_twin.studies.identification.sensor_plan import sensor_plan

@@ -11,9 +11,9 @@ from mech_twin.cli.console import say
 from mech_twin.cli.failure import CommandError
 from mech_twin.cli.measurement_verbs import IdentifyVerb
 from mech_twin.measurements.measurement_map import MeasurementMap
-from mech_twin.opened_runs import given_map
 from mech_twin.parameters.load import assignments, kind_of
 from mech_twin.parameters.load import machine as built_machine
+from mech_twin.results.opened_runs import given_map
 from mech_twin.roles import Machine
 
 NOT_BETTER = 1

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 
-from mech_twin.bounded_yaml import bounded_yaml
 from mech_twin.cli.console import print_csv, print_json, print_table, say, say_result
 from mech_twin.cli.failure import CommandError
 from mech_twin.cli.pages import check_is_no_page
 from mech_twin.cli.verbs import InfoVerb
+from mech_twin.files.bounded_yaml import bounded_yaml
 from mech_twin.measurements.tables import is_table
 
 if TYPE_CHECKING:
@@ -67,7 +67,7 @@ def show_info(asked: InfoVerb) -> None:
 
 def _described(reader: RecordingReader) -> ConfigurationHistory | None:
     """Return the machine of a bag as `replay --resimulate` knows it; None where the bag does not say."""
-    from mech_twin.configuration_tree import ConfigurationError
+    from mech_twin.declarations.configuration_tree import ConfigurationError
     from mech_twin.recording.bag_samples import BagSamples
     from mech_twin.recording.errors import BagError
     from mech_twin.studies.configuration_history import ConfigurationHistory

@@ -14,16 +14,16 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from mech_twin.cli.compile_progress import LOGGER
 from mech_twin.cli.console import say
 from mech_twin.cli.failure import CommandError
-from mech_twin.configuration_tree import configuration_tree
-from mech_twin.dependencies import require_modules
-from mech_twin.output_file import check_output_file
-from mech_twin.parent_death import end_with_parent
-from mech_twin.stop_signal import StopSignal
+from mech_twin.declarations.configuration_tree import configuration_tree
+from mech_twin.files.output_file import check_output_file
+from mech_twin.process.dependencies import require_modules
+from mech_twin.process.parent_death import end_with_parent
+from mech_twin.process.stop_signal import StopSignal
 from mech_twin.studies.run_comparison import changed_settings
 from mech_twin.view.bench.link import BEGUN_BY
 
 if TYPE_CHECKING:
-    from mech_twin.quantity import Parameters
+    from mech_twin.declarations.quantity import Parameters
     from mech_twin.view.bench.link import BenchLink
 
 WEB_VIEWS = ("web",)
@@ -62,7 +62,7 @@ class CompileStatus(logging.Handler):
     def emit(self, record: logging.LogRecord) -> None:
         """Begin to count with the compiler's first line."""
         if self._end is None:
-            from mech_twin.kernel_cache import on_compile
+            from mech_twin.kernels.cache import on_compile
 
             self._begun_s = time.monotonic()
             self._end = on_compile(self.compiling)

@@ -15,8 +15,8 @@ from mech_twin.cli.compile_progress import compiling_shown
 from mech_twin.cli.failure import INTERRUPTED, CommandError, report_cli_errors
 from mech_twin.cli.option_values import machine_name
 from mech_twin.cli.verb import Verb, command
-from mech_twin.interruption import EXIT_CODE_BASE, end_at_once
-from mech_twin.system_limits import NUMERICS_BYTES, check_address_space
+from mech_twin.process.interruption import EXIT_CODE_BASE, end_at_once
+from mech_twin.process.system_limits import NUMERICS_BYTES, check_address_space
 
 VERBS: dict[str, type[Verb]] = {
     "list": verbs.ListVerb,

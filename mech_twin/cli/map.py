@@ -12,6 +12,7 @@ from mech_twin.cli.console import print_json, say, say_result
 from mech_twin.cli.failure import CommandError
 from mech_twin.cli.measurement import quality_record, show_quality
 from mech_twin.cli.measurement_verbs import MapVerb
+from mech_twin.files.output_file import YAML_SUFFIXES, check_output_file, written_file
 from mech_twin.measurements.blocks import RunReader
 from mech_twin.measurements.errors import MeasurementError
 from mech_twin.measurements.machine_columns import machine_columns
@@ -21,9 +22,8 @@ from mech_twin.measurements.plausibility import implausible, pairs_with_crank
 from mech_twin.measurements.proposal import UNSURE, ProposedChannel, map_of, map_text, proposed_channels
 from mech_twin.measurements.quality import Quality
 from mech_twin.measurements.runs import MeasuredRun, channel_qualities, read_run
-from mech_twin.opened_runs import opened_run
-from mech_twin.output_file import YAML_SUFFIXES, check_output_file, written_file
 from mech_twin.parameters.load import machine as built_machine
+from mech_twin.results.opened_runs import opened_run
 from mech_twin.roles import Machine
 
 TRUSTED = 0.9  # correlation from which the sign is believed

@@ -15,14 +15,14 @@ from mech_twin.cli.verbs import ReplayVerb
 from mech_twin.measurements.crank_motion import CrankMotion, crank_motion
 from mech_twin.measurements.model_turn import ModelTurn, model_turn
 from mech_twin.measurements.runs import MeasuredRun
-from mech_twin.opened_runs import configured_map, opened_run
 from mech_twin.parameters.load import machine as built_machine
+from mech_twin.results.opened_runs import configured_map, opened_run
 from mech_twin.roles import Machine
 from mech_twin.samples import Drawing, ForceSample, LinkageSample
 from mech_twin.studies.measured_forces import guided_samples, measured_forces
 
 if TYPE_CHECKING:
-    from mech_twin.stop_signal import StopSignal
+    from mech_twin.process.stop_signal import StopSignal
     from mech_twin.view.bench.scene import BenchScene
     from mech_twin.view.rerun_scene import RerunScene
 

@@ -16,8 +16,8 @@ from mech_twin.measurements.model_turn import ModelTurn, model_turn
 from mech_twin.measurements.plausibility import implausible
 from mech_twin.measurements.quality import Quality
 from mech_twin.measurements.runs import MeasuredRun, channel_qualities, read_run
-from mech_twin.opened_runs import columns_of, configured_map, opened_run, topic_field
 from mech_twin.parameters.load import machine as built_machine
+from mech_twin.results.opened_runs import columns_of, configured_map, opened_run, topic_field
 from mech_twin.roles import Machine
 
 if TYPE_CHECKING:

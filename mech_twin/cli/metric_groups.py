@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from mech_twin.captions import unit_of
+from mech_twin.declarations.captions import unit_of
 
 CHECKS = "checks"
 GROUPS = ("operation", "impacts", "bearings", "design", CHECKS)

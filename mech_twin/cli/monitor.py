@@ -16,17 +16,17 @@ from mech_twin.cli.failure import CommandError
 from mech_twin.cli.measurement_verbs import MonitorVerb
 from mech_twin.cli.monitor_baseline import agreed, baseline_file, check_origin, check_request, earlier_runs, read_setup
 from mech_twin.cli.monitor_output import Judged, show_design, show_runs
-from mech_twin.dependencies import require_extra
+from mech_twin.declarations.quantity import Parameters
 from mech_twin.engine.rollout import roll_out
+from mech_twin.files.output_file import check_output_file, written_file
 from mech_twin.measurements.blocks import RunReader
 from mech_twin.measurements.machine_columns import is_event, machine_columns
 from mech_twin.measurements.measurement_map import Channel, MeasurementMap, Source
 from mech_twin.measurements.proposal import EXACT, map_of, proposed_channels
 from mech_twin.measurements.runs import read_parts
-from mech_twin.opened_runs import given_map, opened_run
-from mech_twin.output_file import check_output_file, written_file
 from mech_twin.parameters.load import assignments, catalogue_entry, kind_of, machine_parameters
-from mech_twin.quantity import Parameters
+from mech_twin.process.dependencies import require_extra
+from mech_twin.results.opened_runs import given_map, opened_run
 from mech_twin.roles import Machine
 from mech_twin.studies.monitoring.cycle_features import FeatureVector
 from mech_twin.studies.monitoring.design import (

@@ -14,11 +14,11 @@ from pydantic import ValidationError
 from mech_twin.cli.console import say
 from mech_twin.cli.failure import CommandError
 from mech_twin.cli.measurement_verbs import MonitorVerb
-from mech_twin.input_file import opened_input
+from mech_twin.declarations.quantity import Parameters
+from mech_twin.files.input_file import opened_input
 from mech_twin.measurements.measurement_map import MeasurementMap
 from mech_twin.parameters.errors import refusal
 from mech_twin.parameters.load import kind_of
-from mech_twin.quantity import Parameters
 from mech_twin.studies.monitoring.monitor import MonitorSetup
 from mech_twin.studies.monitoring.origin import OLD_DAYS, BaselineRun, configuration_hash, sensors_hash
 from mech_twin.studies.monitoring.setup_record import LARGEST_BYTES, SetupRecord

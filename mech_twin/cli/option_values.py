@@ -30,7 +30,7 @@ def seconds(text: str | float) -> float:
         value = math.nan
     if not (math.isfinite(value) and value >= 0.0):
         raise typer.BadParameter(f"{text}: {EXPECTED}")
-    from mech_twin.quantity import LONGEST_RUN_S
+    from mech_twin.declarations.quantity import LONGEST_RUN_S
 
     if value > LONGEST_RUN_S:
         raise typer.BadParameter(f"{text}: expected at most {LONGEST_RUN_S} s, the longest time that ROS can state")

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from mech_twin.captions import caption
 from mech_twin.cli.live_view import opened_bench
+from mech_twin.declarations.captions import caption
 from mech_twin.engine.trajectory import frame_events
 from mech_twin.roles import Machine
 from mech_twin.samples import Drawing, Frame

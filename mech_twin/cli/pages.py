@@ -14,9 +14,9 @@ from mech_twin import __version__
 from mech_twin.cli.console import numbered, print_json, print_table, say_result
 from mech_twin.cli.failure import CommandError
 from mech_twin.cli.verbs import CheckVerb, NewVerb
-from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.declarations.configuration_tree import ConfigurationError
+from mech_twin.files.output_file import check_output_file
 from mech_twin.machines.catalog import FORMER
-from mech_twin.output_file import check_output_file
 from mech_twin.parameters.load import (
     MACHINE_KEY,
     MOTOR_TABLE,

@@ -9,8 +9,8 @@ from mech_twin.cli.console import busy, print_json, progress, say
 from mech_twin.cli.failure import CommandError
 from mech_twin.cli.reproduce_output import show_rows, show_wide_rows, write_csv
 from mech_twin.cli.verbs import ReproduceVerb
-from mech_twin.dependencies import require_extra
-from mech_twin.output_file import check_output_directory
+from mech_twin.files.output_file import check_output_directory
+from mech_twin.process.dependencies import require_extra
 
 WRITERS = {"narrow": show_rows, "wide": show_wide_rows, "csv": write_csv}
 

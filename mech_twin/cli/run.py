@@ -17,12 +17,12 @@ from mech_twin.cli.failure import CommandError, messages_in, report_losses
 from mech_twin.cli.live_view import RUN_ORDERS, WEB_VIEWS, check_view, hold_view, opened_view, told_machine
 from mech_twin.cli.run_summary import how_told, show_events, show_numbers
 from mech_twin.cli.verbs import RunVerb
-from mech_twin.configuration_tree import configuration_tree
+from mech_twin.declarations.configuration_tree import configuration_tree
+from mech_twin.declarations.quantity import Parameters
 from mech_twin.nodes.run.domain import DISCOVERY, OTHER_HOSTS, settle_domain
 from mech_twin.parameters.errors import refusal
 from mech_twin.parameters.load import PAGE, RUN_GROUP, assignments, is_page, machine_parameters, run_group
 from mech_twin.parameters.load import machine as built_machine
-from mech_twin.quantity import Parameters
 from mech_twin.recording.output_directory import check_recording_directory, remove_recording
 from mech_twin.studies.simulation import event_record
 

@@ -23,13 +23,13 @@ from mech_twin.cli.live_view import (
 )
 from mech_twin.cli.measurement_verbs import ShadowVerb
 from mech_twin.cli.monitor_baseline import read_setup
+from mech_twin.declarations.quantity import Parameters
+from mech_twin.files.output_file import check_output_directory
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.nodes.run.domain import settle_domain
-from mech_twin.output_file import check_output_directory
 from mech_twin.parameters.errors import refusal
 from mech_twin.parameters.key_hints import did_you_mean, key_units
 from mech_twin.parameters.load import assignments, catalogue_entry, document_tree, is_page, kind_of, machine_parameters
-from mech_twin.quantity import Parameters
 from mech_twin.recording.output_directory import check_recording_directory, remove_recording
 from mech_twin.studies.advice_search import AdviceWish
 
@@ -170,7 +170,7 @@ def _number_of(parameters: Parameters, key: str, word: str) -> float:
 def _map_of(request: ShadowVerb, parameters: Parameters) -> MeasurementMap | None:
     if request.given_map is None:
         return None
-    from mech_twin.opened_runs import given_map
+    from mech_twin.results.opened_runs import given_map
 
     given = given_map(request.given_map, catalogue_entry(request.machine).build(parameters))
     kind = kind_of(request.machine)

@@ -10,16 +10,16 @@ from typing import TYPE_CHECKING
 
 from mech_twin.cli.failure import CommandError
 from mech_twin.engine.trajectory import frame_numbers
+from mech_twin.files.output_file import check_output_file, written_file
 from mech_twin.measurements.machine_columns import machine_columns
 from mech_twin.measurements.sensors import Reading, SensorBench
 from mech_twin.measurements.table_writer import WRITTEN_SUFFIXES, TableWriter, sensor_table
-from mech_twin.opened_runs import given_map, topic_field
-from mech_twin.output_file import check_output_file, written_file
 from mech_twin.parameters.live_change import ChangingMachine
 from mech_twin.parameters.load import description_text
+from mech_twin.process.stop_signal import closed_first
+from mech_twin.results.opened_runs import given_map, topic_field
 from mech_twin.roles import Machine
 from mech_twin.samples import Frame
-from mech_twin.stop_signal import closed_first
 
 if TYPE_CHECKING:
     from mech_twin.cli.verbs import SimulateVerb

@@ -11,11 +11,11 @@ from mech_twin.cli.console import print_json, print_numbers, print_table, say
 from mech_twin.cli.failure import CommandError
 from mech_twin.cli.study_options import counted, limits_of, notes_of, shows_limits, study_errors, told
 from mech_twin.cli.study_verbs import DesignsVerb, SearchVerb
-from mech_twin.configuration_tree import configuration_tree
-from mech_twin.dependencies import require_extra
-from mech_twin.output_file import YAML_SUFFIXES, check_output_file
+from mech_twin.declarations.configuration_tree import configuration_tree
+from mech_twin.files.output_file import YAML_SUFFIXES, check_output_file
 from mech_twin.parameters.load import assignments, machine_parameters
 from mech_twin.parameters.written_configuration import write_configuration
+from mech_twin.process.dependencies import require_extra
 from mech_twin.studies import designs, search
 
 POINTS = 9  # of a Pareto front

@@ -12,10 +12,10 @@ from mech_twin.cli.console import print_csv, print_json, print_table, say
 from mech_twin.cli.failure import CommandError
 from mech_twin.cli.study_options import axes_of, counted, notes_of, study_errors, told
 from mech_twin.cli.study_verbs import RegimesVerb, SynthesiseVerb
-from mech_twin.dependencies import require_extra
-from mech_twin.output_file import YAML_SUFFIXES, check_output_file
+from mech_twin.files.output_file import YAML_SUFFIXES, check_output_file
 from mech_twin.parameters.load import assignments, machine_parameters
 from mech_twin.parameters.written_configuration import write_configuration
+from mech_twin.process.dependencies import require_extra
 from mech_twin.studies import regimes, synthesise
 
 PICTURE = (".png", ".svg", ".pdf")

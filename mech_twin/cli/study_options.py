@@ -95,7 +95,7 @@ def study_errors() -> Iterator[None]:
     """Turn a configuration that a study refuses, or a file that cannot be written, into a failed command."""
     from pydantic import ValidationError
 
-    from mech_twin.configuration_tree import ConfigurationError
+    from mech_twin.declarations.configuration_tree import ConfigurationError
     from mech_twin.parameters.errors import refusal
 
     try:

@@ -9,16 +9,16 @@ from pathlib import Path
 from typing import Any
 
 from mech_twin.capabilities.sizing import Sizing
-from mech_twin.captions import unit_of
 from mech_twin.cli.console import print_csv, print_json, print_numbers, print_table, say
 from mech_twin.cli.study_options import HELP, axes_of, counted, limits_of, notes_of, shows_limits, study_errors, told
 from mech_twin.cli.study_report import check_report, report_sizing, report_sweep
 from mech_twin.cli.study_verbs import SizeVerb, SweepVerb
-from mech_twin.configuration_tree import configuration_tree
-from mech_twin.dependencies import require_extra
-from mech_twin.output_file import YAML_SUFFIXES, check_output_file
+from mech_twin.declarations.captions import unit_of
+from mech_twin.declarations.configuration_tree import configuration_tree
+from mech_twin.files.output_file import YAML_SUFFIXES, check_output_file
 from mech_twin.parameters.load import assignments, machine_parameters
 from mech_twin.parameters.written_configuration import write_configuration
+from mech_twin.process.dependencies import require_extra
 from mech_twin.studies import size, sweep
 from mech_twin.studies.parameter_sweep import Sweep
 from mech_twin.studies.sweep_points import Point

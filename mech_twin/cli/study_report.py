@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from mech_twin.capabilities.sizing import Sizing
-from mech_twin.captions import unit_of
 from mech_twin.cli.console import say
-from mech_twin.configuration_tree import configuration_tree
-from mech_twin.output_file import check_output_file, written_file
-from mech_twin.quantity import Parameters
+from mech_twin.declarations.captions import unit_of
+from mech_twin.declarations.configuration_tree import configuration_tree
+from mech_twin.declarations.quantity import Parameters
+from mech_twin.files.output_file import check_output_file, written_file
 from mech_twin.report_page import page, picture, section, versions
 from mech_twin.studies.parameter_sweep import Sweep
 from mech_twin.studies.run_comparison import changed_settings

@@ -15,16 +15,16 @@ from mech_twin.cli.live_view import opened_bench
 from mech_twin.cli.overlay import PATIENCE_S, SHOWN_BYTES
 from mech_twin.cli.pages import check_is_no_page
 from mech_twin.cli.verbs import ViewVerb
-from mech_twin.configuration_tree import ConfigurationError, configuration_tree
+from mech_twin.declarations.configuration_tree import ConfigurationError, configuration_tree
 from mech_twin.engine.step_samples import StepSamples
+from mech_twin.files.output_file import check_output_file, written_file
 from mech_twin.nodes.run.domain import settle_domain
-from mech_twin.output_file import check_output_file, written_file
 from mech_twin.studies.run_comparison import changed_settings
 
 if TYPE_CHECKING:
     from mech_twin.nodes.roles.viewer_node import RunMetrics
+    from mech_twin.process.stop_signal import StopSignal
     from mech_twin.recording.bag_samples import BagSamples
-    from mech_twin.stop_signal import StopSignal
     from mech_twin.view.bench.scene import BenchScene
     from mech_twin.view.rerun_scene import RerunScene
 
@@ -40,7 +40,7 @@ def view_bag(asked: ViewVerb) -> None:
     if save is not None:
         check_output_file(save, force=asked.force)
     settle_domain()
-    from mech_twin.stop_signal import StopSignal
+    from mech_twin.process.stop_signal import StopSignal
 
     with ExitStack() as stack:
         stop = stack.enter_context(StopSignal())

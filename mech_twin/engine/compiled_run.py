@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from mech_twin.engine.compiled_steps import body_step, force_step, linkage_step, motor_step
 from mech_twin.engine.sample_vectors import FEW_ROWS, LOAD_WIDTH, Array, Places
-from mech_twin.kernel import kernel, released_kernel
+from mech_twin.kernels.kernel import kernel, released_kernel
 
 Indices = NDArray[np.int64]
 STEP, SOURCE = 0, 1  # columns before those of an event in the table of a run

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from mech_twin.engine.integration import declared_kernel
 from mech_twin.engine.sample_vectors import SIDES
-from mech_twin.kernel import borrowing_kernel, embedded_kernel, kernel
+from mech_twin.kernels.kernel import borrowing_kernel, embedded_kernel, kernel
 
 Array = NDArray[np.float64]
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -82,7 +82,7 @@ def step_of(
     model_type : type
         A `NamedTuple` of the same module as the kernel.
     compiler : callable
-        One of `mech_twin.kernel`.
+        One of `mech_twin.kernels.kernel`.
     """
 
     def declare(function: Function) -> Function:

@@ -16,7 +16,7 @@ from __future__ import annotations
 from typing import Any, Literal
 
 from mech_twin.capabilities.errors import StudyError
-from mech_twin.quantity import Parameters, choice, quantity
+from mech_twin.declarations.quantity import Parameters, choice, quantity
 from mech_twin.roles import BodyRole, EffortMotor, Machine
 from mech_twin.samples import BodySample, EffortCommand, Event, ForceSample, Frame, LinkageSample, MotorSample
 

@@ -10,7 +10,7 @@ from typing import ClassVar
 from mech_twin.engine.compiled_roles import CompiledForces
 from mech_twin.engine.crank_state import Memory
 from mech_twin.engine.sample_vectors import ForceLayout
-from mech_twin.kernel import kernel
+from mech_twin.kernels.kernel import kernel
 
 RESIDUAL, LIMIT = "drive_torque_routes", 1e-10
 

@@ -55,7 +55,7 @@ from mech_twin.engine.sample_vectors import (
     EVENT_WIDTH,
     SIDES,
 )
-from mech_twin.kernel import borrowing_kernel, inline_kernel
+from mech_twin.kernels.kernel import borrowing_kernel, inline_kernel
 from mech_twin.parts.gear import gear_split
 
 TOLERANCE = 1e-12  # of a step: angle in rad, speed and works over their size

@@ -10,7 +10,7 @@ import numpy as np
 
 from mech_twin.engine.compiled_steps import chosen
 from mech_twin.engine.sample_vectors import LINKAGE_JOINTS, Array
-from mech_twin.kernel import kernel
+from mech_twin.kernels.kernel import kernel
 from mech_twin.parts.induction_motor import MotorConstants, motor_torque_slope
 
 TURN = 2.0 * pi

@@ -72,7 +72,7 @@ from mech_twin.engine.sample_vectors import (
     REGIME,
 )
 from mech_twin.engine.tableaus import DORMAND_PRINCE_5
-from mech_twin.kernel import borrowing_kernel, kernel
+from mech_twin.kernels.kernel import borrowing_kernel, kernel
 
 NO_TORQUE = -5
 FAILURES = {

@@ -27,7 +27,7 @@ from numba.extending import overload
 from numpy.typing import NDArray
 
 from mech_twin.engine.integration import Array, Function, Workspace, declared_kernel, rates, take_step
-from mech_twin.kernel import borrowing_kernel, kernel
+from mech_twin.kernels.kernel import borrowing_kernel, kernel
 
 FALLING, RISING = -1, 1  # direction of a crossing
 NONE = -1

@@ -15,7 +15,7 @@ from numba.experimental import structref
 from numpy.typing import NDArray
 
 from mech_twin.engine.compiled_steps import body_step, force_step, linkage_step, motor_step
-from mech_twin.kernel import kernel
+from mech_twin.kernels.kernel import kernel
 
 Array = NDArray[np.float64]
 _settings: Any = config

@@ -30,7 +30,7 @@ import numpy as np
 from numba.extending import overload
 from numpy.typing import NDArray
 
-from mech_twin.kernel import borrowing_kernel, inline_kernel, kernel
+from mech_twin.kernels.kernel import borrowing_kernel, inline_kernel, kernel
 
 Array = NDArray[np.float64]
 Function = TypeVar("Function", bound=Callable[..., Any])

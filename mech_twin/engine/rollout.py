@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from mech_twin.capabilities.arguments import real_number, several
 from mech_twin.capabilities.errors import StudyError, UnknownNameError
-from mech_twin.captions import unknown_name
+from mech_twin.declarations.captions import unknown_name
 from mech_twin.engine.compiled_machine import CompiledMachine, compiled_machine
 from mech_twin.engine.coupling import Target, complete_frame, effort_limit, next_frame
 from mech_twin.engine.errors import MotionError

@@ -14,14 +14,14 @@ from pathlib import Path
 from typing import NamedTuple
 
 from mech_twin import __version__
-from mech_twin.dependencies import require_extra
 from mech_twin.engine.compiled_machine import compiled_machine
+from mech_twin.files.output_file import check_output_file, written_file
 from mech_twin.fmi.errors import ExportError
 from mech_twin.fmi.model_description import described
 from mech_twin.fmi.step_object import ObjectFile, StepCode, of_interpreter
 from mech_twin.fmi.unit_variables import FIRST_COMMAND, MachineUnit, Variable, unit_of
-from mech_twin.output_file import check_output_file, written_file
 from mech_twin.parameters.load import description_text
+from mech_twin.process.dependencies import require_extra
 from mech_twin.roles import Machine
 
 SUFFIX = ".fmu"

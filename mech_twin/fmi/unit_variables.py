@@ -9,7 +9,12 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from mech_twin.configuration_tree import ConfigurationError, configuration_tree, merged_tree, tree_from_flat
+from mech_twin.declarations.configuration_tree import (
+    ConfigurationError,
+    configuration_tree,
+    merged_tree,
+    tree_from_flat,
+)
 from mech_twin.engine.compiled_machine import CompiledMachine, compiled_machine
 from mech_twin.engine.coupling import complete_frame
 from mech_twin.engine.sample_vectors import Array

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
 
-from mech_twin.quantity import Parameters
+from mech_twin.declarations.quantity import Parameters
 from mech_twin.roles import Capabilities, Machine
 
 FORMER = "planar_linkage"  # a machine that pages took the place of

@@ -21,6 +21,7 @@ from typing import Any, Literal, NamedTuple, Self
 
 from pydantic import field_validator, model_validator
 
+from mech_twin.declarations.quantity import Parameters, choice, quantity
 from mech_twin.engine.compiled_roles import CompiledMotor
 from mech_twin.engine.compiled_steps import motor_step, step_of
 from mech_twin.engine.coupling import Coupling
@@ -34,12 +35,11 @@ from mech_twin.engine.sample_vectors import (
     Array,
     MotorLayout,
 )
-from mech_twin.kernel import kernel
+from mech_twin.kernels.kernel import kernel
 from mech_twin.parts.friction import Friction
 from mech_twin.parts.gear import Gear
 from mech_twin.parts.induction_motor import InductionMotorParameters, MotorConstants, motor_constants, motor_torque
 from mech_twin.parts.supply import SupplyParameters, limited_change, limited_command
-from mech_twin.quantity import Parameters, choice, quantity
 from mech_twin.roles import MotorRole
 
 # steps of the speed at a prescribed rate are sums of rounded terms: what rounding leaves must not cost a step

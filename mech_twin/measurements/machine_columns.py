@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from mech_twin.capabilities.blow_gauge import GAUGE_UNITS
-from mech_twin.captions import unit_of as caption_unit
+from mech_twin.declarations.captions import unit_of as caption_unit
 from mech_twin.engine.coupling import complete_frame
 from mech_twin.engine.trajectory import frame_numbers
 from mech_twin.measurements.units import UNITS, shown_unit

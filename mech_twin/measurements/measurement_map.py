@@ -15,12 +15,12 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, ConfigDict, Field, ValidationError, field_validator, model_validator
 
-from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.declarations.configuration_tree import ConfigurationError
+from mech_twin.declarations.quantity import Parameters
 from mech_twin.measurements.machine_columns import is_event, unit_of
 from mech_twin.measurements.units import SCALED_BY_GAIN, TIME_UNITS, UNITS
 from mech_twin.parameters.errors import refusal
 from mech_twin.parameters.load import document_tree
-from mech_twin.quantity import Parameters
 
 MOST_CHANNELS = 1000
 FREE, PER_RUN = "free", "per_run"

@@ -9,11 +9,11 @@ from pathlib import Path
 from types import TracebackType
 from typing import IO, Any
 
-from mech_twin.dependencies import require_extra
 from mech_twin.measurements.measurement_map import MeasurementMap
 from mech_twin.measurements.sensors import Reading
 from mech_twin.measurements.tables import TIME_COLUMN
 from mech_twin.measurements.units import TIME_UNITS
+from mech_twin.process.dependencies import require_extra
 
 ROWS_PER_BATCH = 1 << 16
 WRITTEN_SUFFIXES = (".parquet", ".csv", ".tsv")

@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mech_twin.dependencies import require_extra
-from mech_twin.input_file import opened_input
+from mech_twin.files.input_file import opened_input
 from mech_twin.measurements.blocks import EPOCH_S, NO_DELAYS, Array, Block, SourceColumn
 from mech_twin.measurements.errors import MeasurementError
 from mech_twin.measurements.measurement_map import Source, TimeSource
 from mech_twin.measurements.units import TIME_UNITS, time_unit_in, unit_in
+from mech_twin.process.dependencies import require_extra
 
 if TYPE_CHECKING:
     import pyarrow as pa

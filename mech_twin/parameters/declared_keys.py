@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from pydantic.fields import FieldInfo
 
-from mech_twin.quantity import Parameters
+from mech_twin.declarations.quantity import Parameters
 
 
 class Key(NamedTuple):

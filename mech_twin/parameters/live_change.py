@@ -18,10 +18,15 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 from mech_twin.capabilities.variation import varied
-from mech_twin.configuration_tree import ConfigurationError, configuration_tree, merged_tree, tree_from_flat
+from mech_twin.declarations.configuration_tree import (
+    ConfigurationError,
+    configuration_tree,
+    merged_tree,
+    tree_from_flat,
+)
+from mech_twin.declarations.quantity import Parameters
 from mech_twin.parameters.key_hints import declared_key, did_you_mean, key_units
 from mech_twin.parameters.load import assignments, catalogue_entry, validated
-from mech_twin.quantity import Parameters
 from mech_twin.roles import Machine
 
 COMMAND = "motor.command"

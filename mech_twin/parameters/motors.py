@@ -10,7 +10,7 @@ from typing import Any
 
 import yaml
 
-from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.declarations.configuration_tree import ConfigurationError
 
 NAME_KEY = "catalogue_name"
 

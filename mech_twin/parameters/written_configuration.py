@@ -10,8 +10,9 @@ from typing import Any, NamedTuple
 import yaml
 
 from mech_twin import __version__
-from mech_twin.configuration_tree import ConfigurationError, configuration_tree
-from mech_twin.output_file import written_file
+from mech_twin.declarations.configuration_tree import ConfigurationError, configuration_tree
+from mech_twin.declarations.quantity import Parameters
+from mech_twin.files.output_file import written_file
 from mech_twin.parameters.key_lines import SECTION
 from mech_twin.parameters.load import (
     MACHINE_KEY,
@@ -25,7 +26,6 @@ from mech_twin.parameters.load import (
     validated,
 )
 from mech_twin.parameters.motors import NAME_KEY
-from mech_twin.quantity import Parameters
 
 MOTOR = "motor"
 

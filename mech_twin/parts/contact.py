@@ -28,7 +28,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from mech_twin.kernel import kernel
+from mech_twin.kernels.kernel import kernel
 
 STEPS_PER_SCALE = 64  # of the shortest time in the motion: no sign change of the force can hide between two
 SOFTEST_RESTITUTION = 1e-4  # a smaller one is taken as this: the damping grows without bound towards e = 0

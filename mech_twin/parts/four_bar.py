@@ -23,8 +23,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from mech_twin.kernel import inline_kernel, kernel
-from mech_twin.proposed_value import at_least, at_most
+from mech_twin.declarations.proposed_value import at_least, at_most
+from mech_twin.kernels.kernel import inline_kernel, kernel
 
 OPEN = 1.0
 CROSSED = -1.0

@@ -12,8 +12,8 @@ r"""Friction of a turning joint: Coulomb and viscous, with sticking and release 
 
 from __future__ import annotations
 
-from mech_twin.kernel import inline_kernel, kernel
-from mech_twin.quantity import Parameters, quantity
+from mech_twin.declarations.quantity import Parameters, quantity
+from mech_twin.kernels.kernel import inline_kernel, kernel
 
 
 class Friction(Parameters):

@@ -18,8 +18,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from mech_twin.kernel import inline_kernel
-from mech_twin.quantity import Parameters, quantity
+from mech_twin.declarations.quantity import Parameters, quantity
+from mech_twin.kernels.kernel import inline_kernel
 
 
 class Gear(Parameters):

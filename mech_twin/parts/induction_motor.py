@@ -28,8 +28,8 @@ from typing import Literal, NamedTuple
 
 from pydantic import model_validator
 
-from mech_twin.kernel import kernel
-from mech_twin.quantity import Parameters, choice, quantity
+from mech_twin.declarations.quantity import Parameters, choice, quantity
+from mech_twin.kernels.kernel import kernel
 
 RPM = pi / 30.0
 LONGEST_RUN_UP_S = 1e3  # of the rotor alone at rated power; motors take a fraction of a second

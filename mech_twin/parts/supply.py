@@ -10,8 +10,8 @@
 
 from __future__ import annotations
 
-from mech_twin.kernel import kernel
-from mech_twin.quantity import Parameters, quantity
+from mech_twin.declarations.quantity import Parameters, quantity
+from mech_twin.kernels.kernel import kernel
 
 
 class SupplyParameters(Parameters):

@@ -13,9 +13,9 @@ from typing import Any
 
 import yaml
 
-from mech_twin.bounded_yaml import bounded_yaml
-from mech_twin.input_file import opened_input
-from mech_twin.output_file import FILE_MODE, NEW_FILE
+from mech_twin.files.bounded_yaml import bounded_yaml
+from mech_twin.files.input_file import opened_input
+from mech_twin.files.output_file import FILE_MODE, NEW_FILE
 from mech_twin.recording.errors import DamagedBagError, ForeignFileError, MissingBagError, salvage
 
 FILE_NAME = "metadata.yaml"

@@ -12,7 +12,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Literal
 
-from mech_twin.interruption import UninterruptedLock
+from mech_twin.process.interruption import UninterruptedLock
 from mech_twin.recording.bag_split import BagSplit, SplitRule, Storage, TopicCounters
 from mech_twin.recording.errors import UnwritableDirectoryError
 from mech_twin.recording.output_directory import new_directory

@@ -12,7 +12,7 @@ from typing import BinaryIO
 
 import zstandard
 
-from mech_twin.input_file import opened_input
+from mech_twin.files.input_file import opened_input
 from mech_twin.recording.errors import BagBeyondLimitsError, DamagedBagError, MissingBagError
 from mech_twin.recording.mcap_records import MAX_RECORD_BYTES, UnreadableRecordError
 

@@ -10,7 +10,7 @@ import yaml
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 
-from mech_twin.bounded_yaml import bounded_yaml
+from mech_twin.files.bounded_yaml import bounded_yaml
 from mech_twin.recording.bag_metadata import LONGEST_QOS
 from mech_twin.recording.errors import DecodeError, UnknownTypeError
 from mech_twin.recording.schemas import message_schema

@@ -7,7 +7,7 @@ import os
 import stat
 from pathlib import Path
 
-from mech_twin.output_file import DIRECTORY_MODE, OutputError, check_output_directory
+from mech_twin.files.output_file import DIRECTORY_MODE, OutputError, check_output_directory
 from mech_twin.recording.bag_metadata import FILE_NAME
 from mech_twin.recording.errors import BagExistsError, UnwritableDirectoryError
 from mech_twin.recording.split_file import RESERVATION_NAME

@@ -14,7 +14,7 @@ from pathlib import Path
 from mcap.records import Channel, Schema
 from mcap.writer import CompressionType, Writer
 
-from mech_twin.output_file import DIRECTORY_MODE
+from mech_twin.files.output_file import DIRECTORY_MODE
 from mech_twin.recording.bag_directory import bag_files, missing_parts
 from mech_twin.recording.bag_metadata import FILE_NAME, FileStatistics, TopicMetadata, read_metadata, write_metadata
 from mech_twin.recording.bag_split import LIBRARY, TOPIC_RECORD

@@ -13,7 +13,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from mech_twin.output_file import FILE_MODE, NEW_FILE
+from mech_twin.files.output_file import FILE_MODE, NEW_FILE
 
 RESERVATION_NAME = ".reserve"
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from mech_twin.capabilities.long_run import RegimeAnswer, RegimeQuestion, SynthesisAnswer, SynthesisQuestion
     from mech_twin.capabilities.published import PublishedRow
     from mech_twin.capabilities.sizing import Sizing
-    from mech_twin.quantity import Parameters
+    from mech_twin.declarations.quantity import Parameters
     from mech_twin.studies.design_scan import DesignScan
     from mech_twin.studies.parameter_sweep import Sweep
 

@@ -17,10 +17,15 @@ import numpy as np
 
 from mech_twin.capabilities.cycle import CycleFeatures
 from mech_twin.capabilities.variation import varied
-from mech_twin.configuration_tree import ConfigurationError, configuration_tree, merged_tree, tree_from_flat
+from mech_twin.declarations.configuration_tree import (
+    ConfigurationError,
+    configuration_tree,
+    merged_tree,
+    tree_from_flat,
+)
+from mech_twin.declarations.quantity import Parameters, choice, quantity
 from mech_twin.engine.rollout import roll_out
 from mech_twin.machines.catalog import Entry
-from mech_twin.quantity import Parameters, choice, quantity
 from mech_twin.roles import Machine
 from mech_twin.studies.advice import AdviceRules, Recommendation
 from mech_twin.studies.monitoring.cycle_features import FeatureFeed, available_features, feed_channels

@@ -6,9 +6,9 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Iterable
 
-from mech_twin.configuration_tree import ConfigurationError, configuration_tree
+from mech_twin.declarations.configuration_tree import ConfigurationError, configuration_tree
+from mech_twin.declarations.quantity import Parameters
 from mech_twin.parameters.load import Description, catalogue_entry, description
-from mech_twin.quantity import Parameters
 from mech_twin.roles import Machine
 from mech_twin.studies.run_comparison import changed_settings
 

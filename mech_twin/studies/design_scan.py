@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from mech_twin.capabilities.design import DesignQuestion, DesignSpace
 from mech_twin.capabilities.errors import StudyError
-from mech_twin.output_file import written_file
-from mech_twin.quantity import Parameters
+from mech_twin.declarations.quantity import Parameters
+from mech_twin.files.output_file import written_file
 from mech_twin.studies.asking import asked_of
 from mech_twin.studies.spreading import available_cores, spread
 

@@ -8,7 +8,7 @@ from array import array
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from mech_twin.captions import unit_of
+from mech_twin.declarations.captions import unit_of
 from mech_twin.samples import BodySample, ForceSample, LinkageSample, MotorSample, Named
 
 Sample = LinkageSample | MotorSample | ForceSample | BodySample

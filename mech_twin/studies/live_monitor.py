@@ -8,8 +8,8 @@ from typing import Any
 
 from mech_twin.capabilities.cycle import CycleFeatures
 from mech_twin.capabilities.faults import MachineFault
+from mech_twin.declarations.quantity import Parameters
 from mech_twin.measurements.units import shown_unit
-from mech_twin.quantity import Parameters
 from mech_twin.studies.monitoring.charts import CHARTS
 from mech_twin.studies.monitoring.cycle_features import FeatureFeed
 from mech_twin.studies.monitoring.fault_life import FaultLife

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.engine.trajectory import force_numbers, joint_numbers
 from mech_twin.measurements.blocks import Array
 from mech_twin.measurements.crank_motion import CrankMotion

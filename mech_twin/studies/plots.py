@@ -7,8 +7,8 @@ from pathlib import Path
 
 from mech_twin.capabilities.errors import StudyError
 from mech_twin.capabilities.plots import Picture, house_style, written
+from mech_twin.declarations.quantity import Parameters
 from mech_twin.parameters.load import catalogue_entry, machine_parameters
-from mech_twin.quantity import Parameters
 
 
 def machine_pictures(machine: str, parameters: Parameters | None = None) -> tuple[Picture, ...]:

@@ -7,9 +7,9 @@ from collections.abc import Iterable
 
 from mech_twin.capabilities.errors import StudyError
 from mech_twin.capabilities.published import CONTRADICTS, PublishedRow
+from mech_twin.declarations.quantity import Parameters
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.parameters.load import catalogue_entry, machine_parameters
-from mech_twin.quantity import Parameters
 
 
 def machine_rows(machine: str, parameters: Parameters | None = None) -> tuple[PublishedRow, ...]:

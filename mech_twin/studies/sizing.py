@@ -8,9 +8,9 @@ from collections.abc import Mapping
 from mech_twin.capabilities.arguments import by_name, real_number
 from mech_twin.capabilities.errors import StudyError
 from mech_twin.capabilities.sizing import Sizing, SizingQuestion
-from mech_twin.captions import unknown_name
+from mech_twin.declarations.captions import unknown_name
+from mech_twin.declarations.quantity import Parameters
 from mech_twin.parameters.load import machine_parameters, table
-from mech_twin.quantity import Parameters
 from mech_twin.studies.asking import asked_of
 
 MOST_TOLERANCE = 0.5  # beyond it a box of tolerances is no longer one machine

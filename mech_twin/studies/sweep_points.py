@@ -13,11 +13,16 @@ from pydantic import BaseModel
 
 from mech_twin.capabilities.arguments import by_name, real_number, several
 from mech_twin.capabilities.errors import StudyError
-from mech_twin.configuration_tree import ConfigurationError, configuration_tree, merged_tree, tree_from_flat
+from mech_twin.declarations.configuration_tree import (
+    ConfigurationError,
+    configuration_tree,
+    merged_tree,
+    tree_from_flat,
+)
+from mech_twin.declarations.quantity import Parameters
 from mech_twin.engine.run import frames
 from mech_twin.parameters.key_hints import declared_key, did_you_mean, key_units
 from mech_twin.parameters.load import catalogue_entry, validated
-from mech_twin.quantity import Parameters
 
 Value = float | int | str | bool
 MOST_POINTS = 10_000_000

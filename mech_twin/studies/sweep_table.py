@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from mech_twin.output_file import written_file
+from mech_twin.files.output_file import written_file
 from mech_twin.studies.sweep_points import Point, Question, Value
 
 REFUSED = "refused"

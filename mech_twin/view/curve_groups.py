@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from mech_twin.captions import caption, titled
+from mech_twin.declarations.captions import caption, titled
 from mech_twin.samples import BodySample, ForceSample, LinkageSample, MotorSample
 
 RESIDUAL_FLOOR = 1e-18

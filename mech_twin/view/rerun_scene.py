@@ -16,7 +16,7 @@ from types import TracebackType
 import rerun as rr
 
 from mech_twin.capabilities.mechanism import FrameTree
-from mech_twin.captions import metrics_table
+from mech_twin.declarations.captions import metrics_table
 from mech_twin.samples import BodySample, Drawing, Event, ForceSample, LinkageSample, MotorSample
 from mech_twin.view.annotations import Annotations, lost_energy
 from mech_twin.view.banner import Banner, sliding_joints

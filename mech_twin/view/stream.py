@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import rerun as rr
 
-from mech_twin.output_file import FILE_MODE
+from mech_twin.files.output_file import FILE_MODE
 from mech_twin.view.curves import SIM_TIME, STEP
 from mech_twin.view.errors import RerunSceneError
 

@@ -18,8 +18,8 @@ logger = logging.getLogger(compile_progress.LOGGER)
 logger.addHandler(handler)
 logger.setLevel(logging.INFO)
 assert "numba" not in sys.modules, "the command line does not load the compiler for it"
-from mech_twin.kernel import kernel
-from mech_twin.kernel_cache import COMPILING
+from mech_twin.kernels.kernel import kernel
+from mech_twin.kernels.cache import COMPILING
 doubled, halved = kernel(lambda x: 2.0 * x), kernel(lambda x: 0.5 * x)
 assert (doubled(1.0), lines) == (2.0, [f"{COMPILING}\\n"])
 now[0] = 7.0
@@ -50,6 +50,6 @@ def test_lines_come_at_growing_intervals() -> None:
 def test_a_warning_of_the_compiler_is_passed_on_and_begins_nothing() -> None:
     lines: list[str] = []
     handler = CompileProgress(lines.append)
-    handler.handle(logging.LogRecord("mech_twin.kernel", logging.WARNING, __file__, 1, "%s: damaged", ("file",), None))
+    handler.handle(logging.LogRecord("mech_twin.kernels", logging.WARNING, __file__, 1, "%s: damaged", ("file",), None))
     handler.close()
     assert lines == ["file: damaged\n"]

@@ -19,7 +19,7 @@ from mech_twin.cli.console import estimate
 from mech_twin.cli.main import QUESTIONS, VERBS, app, main
 from mech_twin.cli.option_values import seconds
 from mech_twin.cli.verb import Apart
-from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.parameters.key_hints import key_units, nearest_key
 from mech_twin.parameters.load import configuration_file, machine_of_prefix, machine_parameters

@@ -59,7 +59,7 @@ def plant(tmp_path_factory: pytest.TempPathFactory) -> Plant:
 
 def test_bag_and_table_show_the_same_samples(plant: Plant) -> None:
     from mech_twin.measurements.runs import read_run
-    from mech_twin.opened_runs import given_map, opened_run
+    from mech_twin.results.opened_runs import given_map, opened_run
 
     given = given_map(plant.map)
     with opened_run(plant.bag) as bag, opened_run(plant.table) as table:

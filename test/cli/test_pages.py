@@ -14,7 +14,7 @@ from mech_twin.capabilities.errors import StudyError
 from mech_twin.cli.failure import CommandError
 from mech_twin.cli.main import app
 from mech_twin.cli.pages import shipped_pages
-from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.parameters.load import description, machine_parameters
 
 RUNNER = CliRunner()

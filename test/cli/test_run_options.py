@@ -14,7 +14,7 @@ import yaml
 from mech_twin.cli.live_view import hold_view
 from mech_twin.cli.run import run_options
 from mech_twin.cli.verbs import RunVerb
-from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.nodes.exchange.base_node import RunOptions
 from mech_twin.parameters.load import configuration_file
 

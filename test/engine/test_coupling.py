@@ -12,6 +12,7 @@ from catalogue import built
 from parameter_bounds import accepts, has_range, live_names
 from pydantic import ValidationError
 
+from mech_twin.declarations.quantity import Parameters
 from mech_twin.engine.coupling import (
     RESET,
     Coupling,
@@ -22,7 +23,6 @@ from mech_twin.engine.coupling import (
     restarted,
 )
 from mech_twin.engine.run import frames
-from mech_twin.quantity import Parameters
 from mech_twin.samples import BodySample, ForceSample, Load, Named
 
 NONE = Named((), ())

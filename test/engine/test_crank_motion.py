@@ -29,7 +29,7 @@ from mech_twin.engine.crank_step import turned_crank
 from mech_twin.engine.hybrid.declared import declared
 from mech_twin.engine.hybrid.loop import TOO_LONG, UNSTEADY, advance, room_for
 from mech_twin.engine.sample_vectors import KIND, TIME
-from mech_twin.kernel import kernel
+from mech_twin.kernels.kernel import kernel
 
 FREE = ShaftDrive(0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, inf, 0.0, 0.0, 0.0)
 BOUNDARY = len(KINDS)

@@ -14,7 +14,7 @@ from mech_twin.engine.compiled_steps import chosen, force_step, motor_step
 from mech_twin.engine.held_models import held
 from mech_twin.engine.run import frames
 from mech_twin.engine.sample_vectors import motion_row
-from mech_twin.kernel_cache import modules_of, signature_text
+from mech_twin.kernels.cache import modules_of, signature_text
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -28,7 +28,7 @@ from mech_twin.engine.integration import (
     workspace,
 )
 from mech_twin.engine.tableaus import COOPER_VERNER_8, DORMAND_PRINCE_5, DORMAND_PRINCE_8
-from mech_twin.kernel import kernel
+from mech_twin.kernels.kernel import kernel
 
 ECCENTRICITY = 0.3
 

@@ -8,7 +8,12 @@ import random
 import numpy as np
 import pytest
 
-from mech_twin.configuration_tree import ConfigurationError, configuration_tree, merged_tree, tree_from_flat
+from mech_twin.declarations.configuration_tree import (
+    ConfigurationError,
+    configuration_tree,
+    merged_tree,
+    tree_from_flat,
+)
 from mech_twin.engine.compiled_machine import compiled_machine
 from mech_twin.fmi.packed_models import packed_models
 from mech_twin.fmi.unit_variables import unit_of

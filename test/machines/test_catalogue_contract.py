@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from catalogue import NAMES, PAGES, built
 
-from mech_twin.configuration_tree import ConfigurationError, configuration_tree
+from mech_twin.declarations.configuration_tree import ConfigurationError, configuration_tree
 from mech_twin.engine.coupling import RESET, complete_frame, next_frame, restarted
 from mech_twin.engine.run import frames
 from mech_twin.engine.trajectory import frame_numbers

@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.engine.run import frames
 from mech_twin.parameters.load import machine
 

@@ -13,7 +13,7 @@ from catalogue import NAMES, built
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.engine.run import frames
 from mech_twin.measurements.machine_columns import joint_column, machine_columns
 from mech_twin.measurements.measurement_map import Channel, read_map

@@ -13,7 +13,7 @@ from catalogue import built
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.engine.run import frames
 from mech_twin.engine.trajectory import frame_events, frame_numbers
 from mech_twin.measurements.machine_columns import machine_columns

@@ -10,7 +10,7 @@ import pytest
 from mechanics.absolute_coordinates import solve
 from mechanics.random_structures import coordinates_of, thrown
 
-from mech_twin.kernel import kernel
+from mech_twin.kernels.kernel import kernel
 from mech_twin.mechanics.dynamics import AppliedLoad, JointEffort, ReducedSystem
 from mech_twin.mechanics.kinematics import Kinematics, Scalar
 from mech_twin.mechanics.linear_solve import solution

@@ -16,7 +16,7 @@ from urllib.request import urlopen
 import numpy as np
 import pytest
 
-from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.nodes.shadow.monitor_node import MqttOutlet, PrometheusOutlet, host_and_port
 from mech_twin.studies.monitoring.alerts import Alert, alerts_of
 from mech_twin.studies.monitoring.fault_life import FaultLife, acknowledged, shelved

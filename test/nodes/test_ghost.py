@@ -9,7 +9,7 @@ from itertools import islice
 
 import pytest
 
-from mech_twin.configuration_tree import ConfigurationError, configuration_tree
+from mech_twin.declarations.configuration_tree import ConfigurationError, configuration_tree
 from mech_twin.engine.run import continued, frames
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.nodes.run.bench_process import SPAN_S, Ghost, rolled_out

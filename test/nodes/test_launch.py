@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.nodes.run import executables
 from mech_twin.nodes.run.domain import DISCOVERY

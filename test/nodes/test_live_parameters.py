@@ -6,7 +6,7 @@ from __future__ import annotations
 import pytest
 from catalogue import built
 
-from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.nodes.roles.linkage_node import LiveParameters
 
 IN_FORCE = built("impact_mass").parameters

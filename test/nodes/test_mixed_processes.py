@@ -18,7 +18,7 @@ from process_run import PROGRAMS
 from sensor_msgs.msg import JointState
 from step_samples import PARTS, recorded_samples
 
-from mech_twin.configuration_tree import configuration_tree
+from mech_twin.declarations.configuration_tree import configuration_tree
 from mech_twin.engine.coupling import next_body
 from mech_twin.engine.run import frames
 from mech_twin.messages import body as body_messages

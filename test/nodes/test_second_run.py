@@ -16,7 +16,7 @@ from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
-from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.messages.topics import EVERY, LATCHED, STEP_LINKAGE
 from mech_twin.nodes.run.domain import NameInUseError, replay_arguments, ros_arguments, run_namespace
 from mech_twin.nodes.run.name_guard import CLAIMS, HostClaims, NameGuard

@@ -19,7 +19,12 @@ from rclpy.signals import SignalHandlerOptions
 from rrd_tables import rrd_tables
 from sensor_msgs.msg import JointState
 
-from mech_twin.configuration_tree import ConfigurationError, configuration_tree, merged_tree, tree_from_flat
+from mech_twin.declarations.configuration_tree import (
+    ConfigurationError,
+    configuration_tree,
+    merged_tree,
+    tree_from_flat,
+)
 from mech_twin.engine.rollout import roll_out
 from mech_twin.measurements.machine_columns import sliding_in
 from mech_twin.measurements.measurement_map import MeasurementMap

@@ -15,7 +15,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from mech_twin.dependencies import EXTRA_OF, missing_extra, unmet
+from mech_twin.process.dependencies import EXTRA_OF, missing_extra, unmet
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = ROOT / "mech_twin"

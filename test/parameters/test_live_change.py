@@ -8,7 +8,7 @@ import re
 import pytest
 from catalogue import built
 
-from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.engine.run import frames
 from mech_twin.parameters.live_change import ChangingMachine, live_changes
 

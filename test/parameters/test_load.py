@@ -12,7 +12,7 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mech_twin.configuration_tree import ConfigurationError, merged_tree, tree_from_flat
+from mech_twin.declarations.configuration_tree import ConfigurationError, merged_tree, tree_from_flat
 from mech_twin.parameters import yaml_text
 from mech_twin.parameters.load import assignments, configuration_file, file_tree, machine_parameters, text_tree
 

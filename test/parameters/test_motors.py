@@ -3,7 +3,7 @@
 
 import pytest
 
-from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.parameters.load import description, description_text, machine_parameters
 
 

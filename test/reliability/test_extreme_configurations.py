@@ -14,10 +14,10 @@ from catalogue import NAMES
 from configuration_draws import is_group
 from extreme_values import FINE, MAGNITUDES, REFUSED, cases, outcome_of, present_leaves
 
-from mech_twin.configuration_tree import configuration_tree
+from mech_twin.declarations.configuration_tree import configuration_tree
+from mech_twin.declarations.quantity import RANGES
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.parameters.load import machine_parameters
-from mech_twin.quantity import RANGES
 
 SHOWN = 8  # of each machine
 

@@ -10,7 +10,7 @@ import pytest
 from catalogue import NAMES
 from mutations import mutated
 
-from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.parameters.load import catalogue_entry, configuration_file, machine_parameters
 
 pytestmark = pytest.mark.slow

@@ -28,11 +28,11 @@ from signal_cases import (
     until,
 )
 
+from mech_twin.process.stop_signal import interruptible
 from mech_twin.recording.bag_reader import BagReader
 from mech_twin.recording.bag_writer import BagWriter
 from mech_twin.recording.schemas import string_cdr
 from mech_twin.recording.split_file import SplitFile
-from mech_twin.stop_signal import interruptible
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("ros_domain")]
 LIMIT_S = 6.0  # promised is a second on a quiet machine; start-up of an interpreter and load come on top here

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from mech_twin.interruption import INTERRUPTED_LINE
+from mech_twin.process.interruption import INTERRUPTED_LINE
 
 # sends the signal to itself the moment that a module begins to be imported; without one, lists them instead
 PROGRAM = """
@@ -78,8 +78,8 @@ kept = weakref.ref(gone, lambda reference: os.kill(os.getpid(), {number}))
 del gone
 """
 UNDER_WAY = {
-    "a verb": "from mech_twin.stop_signal import interruptible as answering",
-    "a node": "from mech_twin.stop_signal import StopSignal\ndef answering():\n    return stop.interrupting()",
+    "a verb": "from mech_twin.process.stop_signal import interruptible as answering",
+    "a node": "from mech_twin.process.stop_signal import StopSignal\ndef answering():\n    return stop.interrupting()",
 }
 IMPORT = """
 from contextlib import nullcontext

@@ -11,7 +11,7 @@ from catalogue import built
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.studies.advice import (
     AdviceRules,

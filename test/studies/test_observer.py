@@ -10,7 +10,12 @@ import numpy as np
 import pytest
 from catalogue import built
 
-from mech_twin.configuration_tree import ConfigurationError, configuration_tree, merged_tree, tree_from_flat
+from mech_twin.declarations.configuration_tree import (
+    ConfigurationError,
+    configuration_tree,
+    merged_tree,
+    tree_from_flat,
+)
 from mech_twin.engine.rollout import roll_out
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.roles import Machine

@@ -12,7 +12,7 @@ from catalogue import NAMES, built
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.engine.coupling import complete_frame, next_frame, restarted
 from mech_twin.engine.run import frames
 from mech_twin.engine.step_samples import StepSamples

@@ -14,7 +14,7 @@ PROGRAM = """
 import resource, signal, sys
 from pathlib import Path
 import numpy as np
-from mech_twin.output_file import OutputError
+from mech_twin.files.output_file import OutputError
 from mech_twin.parameters.load import machine_parameters
 from mech_twin.parameters.written_configuration import write_configuration
 from mech_twin.studies.design_scan import DesignScan

@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 
 from mech_twin.engine.hybrid.laws import HIGH, HOLD, LOW, OPEN, Array, Equations
-from mech_twin.kernel import borrowing_kernel, inline_kernel
+from mech_twin.kernels.kernel import borrowing_kernel, inline_kernel
 
 SOLVED, CONTRADICTION = 0, -1
 DEPENDENT = 1e-11  # of a law's own mobility: less is left of it beside the laws that hold before it

@@ -31,7 +31,7 @@ from mech_twin.engine.hybrid.laws import (
     pass_signal,
 )
 from mech_twin.engine.hybrid.loop import room_for
-from mech_twin.kernel import borrowing_kernel, inline_kernel
+from mech_twin.kernels.kernel import borrowing_kernel, inline_kernel
 
 EVALUATE, ACCUMULATE, SIGNALS, BEGIN, END, PASS, CHANGE, STRIKE, IMPACT = range(9)
 _numba: Any = numba

@@ -26,7 +26,7 @@ from mech_twin.engine.integration import (
     start_step,
     take_step,
 )
-from mech_twin.kernel import borrowing_kernel, inline_kernel
+from mech_twin.kernels.kernel import borrowing_kernel, inline_kernel
 
 NOTHING = -1
 

@@ -13,7 +13,7 @@ import math
 
 from mech_twin.engine.hybrid.complementarity import fill_mobilities, solve_holding, solve_laws
 from mech_twin.engine.hybrid.laws import HOLD, OPEN, Array, Equations, Indices, only_freedom
-from mech_twin.kernel import borrowing_kernel
+from mech_twin.kernels.kernel import borrowing_kernel
 
 STRUCK, CLOSED = 1, 2  # what an impact did to a law
 CLOSED_M = 1e-12  # a gap of this size is none

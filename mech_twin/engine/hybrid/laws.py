@@ -36,7 +36,7 @@ from numba.extending import overload
 from numpy.typing import NDArray
 
 from mech_twin.engine.compiled_steps import chosen, is_declared, step_of
-from mech_twin.kernel import borrowing_kernel, embedded_kernel
+from mech_twin.kernels.kernel import borrowing_kernel, embedded_kernel
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

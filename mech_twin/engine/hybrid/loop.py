@@ -34,7 +34,7 @@ from mech_twin.engine.hybrid.laws import (
 from mech_twin.engine.hybrid.motion import Piece, PieceAt, prepare_instant, settle_regimes
 from mech_twin.engine.integration import Tableau, Workspace
 from mech_twin.engine.tableaus import DORMAND_PRINCE_5
-from mech_twin.kernel import borrowing_kernel, inline_kernel, kernel
+from mech_twin.kernels.kernel import borrowing_kernel, inline_kernel, kernel
 
 TOO_MANY, UNSTEADY, TOO_LONG, CONTRADICTS = -1, -2, -3, -4
 LOG_FULL, ENDED = -100, -101  # the second: the system asked for it

@@ -32,7 +32,7 @@ from mech_twin.engine.hybrid.laws import (
     only_freedom,
 )
 from mech_twin.engine.integration import rates_of
-from mech_twin.kernel import borrowing_kernel, embedded_kernel
+from mech_twin.kernels.kernel import borrowing_kernel, embedded_kernel
 
 UNKNOWN = math.nan  # the derivative of a signal that has none to offer
 

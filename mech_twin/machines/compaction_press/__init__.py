@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from mech_twin.declarations.quantity import Parameters
 from mech_twin.machines.compaction_press.cycle import POSITIONS, press_cycle
 from mech_twin.machines.compaction_press.drawing import drawing
 from mech_twin.machines.compaction_press.forces import PressForces
@@ -13,7 +14,6 @@ from mech_twin.machines.compaction_press.metrics import cycle_metrics, position_
 from mech_twin.machines.compaction_press.parameters import CompactionPress, press_constants
 from mech_twin.machines.compaction_press.roles import press_linkage
 from mech_twin.machines.compaction_press.run_metrics import PressObserver
-from mech_twin.quantity import Parameters
 from mech_twin.roles import Capabilities, Machine
 
 PARAMETERS = CompactionPress

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mech_twin.kernel import kernel
+from mech_twin.kernels.kernel import kernel
 from mech_twin.machines.compaction_press.cycle_extremes import Turn, asked_flywheel, cycle_extremes, one_turn
 from mech_twin.machines.compaction_press.dynamics import (
     CONTACT,

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mech_twin.kernel import kernel
+from mech_twin.kernels.kernel import kernel
 from mech_twin.machines.compaction_press.dynamics import CONTACT, FREE, Press, press_reduced, press_weights
 from mech_twin.machines.compaction_press.stroke_load import layer_work
 from mech_twin.parts.four_bar import position

@@ -14,7 +14,7 @@ import numpy as np
 from numba import prange
 
 from mech_twin.capabilities.design import Evaluation
-from mech_twin.kernel import kernel, parallel_kernel
+from mech_twin.kernels.kernel import kernel, parallel_kernel
 from mech_twin.machines.compaction_press.cycle_extremes import (
     asked_flywheel,
     cycle_extremes,

@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from mech_twin.kernel import kernel
+from mech_twin.kernels.kernel import kernel
 from mech_twin.machines.compaction_press.design_problem import Duty
 from mech_twin.machines.compaction_press.dynamics import Press, loaded_height
 from mech_twin.parts.four_bar import FourBar, acute_angles, position

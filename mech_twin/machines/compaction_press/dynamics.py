@@ -17,7 +17,7 @@ from mech_twin.engine.crank_state import (
     mechanism_state,
     under_load_share,
 )
-from mech_twin.kernel import inline_kernel, kernel
+from mech_twin.kernels.kernel import inline_kernel, kernel
 from mech_twin.machines.compaction_press.stroke_load import StrokeLoad, layer_force, layer_work, with_peak
 from mech_twin.parts.four_bar import (
     FourBar,

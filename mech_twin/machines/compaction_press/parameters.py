@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from pydantic import model_validator
 from scipy.optimize import brentq
 
+from mech_twin.declarations.quantity import Parameters, choice, quantity
 from mech_twin.machines.compaction_press.dynamics import Press, loaded_height
 from mech_twin.machines.compaction_press.stroke_load import StrokeLoad
 from mech_twin.machines.drives import DrivenCrank
 from mech_twin.parts.four_bar import CROSSED, OPEN, FourBar, Link, failing_inequality, smallest_transmission_angle
-from mech_twin.quantity import Parameters, choice, quantity
 
 GRAVITY = 9.80665
 SAMPLES = 720  # of a turn

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from mech_twin.capabilities.variation import varied
-from mech_twin.configuration_tree import configuration_tree
+from mech_twin.declarations.configuration_tree import configuration_tree
 from mech_twin.machines.compaction_press.cycle import turn_flywheel
 from mech_twin.machines.compaction_press.dynamics import Press
 from mech_twin.machines.compaction_press.parameters import CompactionPress, Stroke, press_constants

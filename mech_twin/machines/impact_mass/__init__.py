@@ -8,6 +8,7 @@ from functools import partial
 from typing import Any
 
 from mech_twin.capabilities.blow_gauge import blow_remarks
+from mech_twin.declarations.quantity import Parameters
 from mech_twin.machines.impact_mass.drawing import mass_drawing
 from mech_twin.machines.impact_mass.forces import StopReaction
 from mech_twin.machines.impact_mass.mechanism import mechanism
@@ -17,7 +18,6 @@ from mech_twin.machines.impact_mass.parameters import ImpactMass
 from mech_twin.machines.impact_mass.roles import ForceGenerator, MassOnStop
 from mech_twin.machines.impact_mass.wave_stop import blow_numbers, stop_gauge, unit_blow
 from mech_twin.parts.rod_waves.parameters import rounded_lengths
-from mech_twin.quantity import Parameters
 from mech_twin.roles import Capabilities, Machine, no_remarks
 
 PARAMETERS = ImpactMass

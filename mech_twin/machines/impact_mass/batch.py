@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mech_twin.kernel import kernel
+from mech_twin.kernels.kernel import kernel
 from mech_twin.machines.impact_mass.dynamics import (
     ImpactSystem,
     MassMotion,

@@ -23,8 +23,8 @@ from typing import Self
 
 from pydantic import model_validator
 
-from mech_twin.kernel import kernel
-from mech_twin.quantity import Parameters, quantity
+from mech_twin.declarations.quantity import Parameters, quantity
+from mech_twin.kernels.kernel import kernel
 
 LEAST_SHARE = 1e-10  # of the period, of either phase: rounding of a shorter one is of its own size
 

@@ -21,7 +21,7 @@ from mech_twin.engine.sample_vectors import (
     EventLayout,
     ForceLayout,
 )
-from mech_twin.kernel import kernel
+from mech_twin.kernels.kernel import kernel
 from mech_twin.machines.impact_mass.contact_estimate import ContactEstimate, contact_estimate
 from mech_twin.machines.impact_mass.memory import memory_of
 from mech_twin.machines.impact_mass.states import IMPACT, KIND_NAMES, STUCK

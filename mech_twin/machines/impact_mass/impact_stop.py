@@ -27,8 +27,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from mech_twin.kernel import kernel
-from mech_twin.quantity import Parameters, quantity
+from mech_twin.declarations.quantity import Parameters, quantity
+from mech_twin.kernels.kernel import kernel
 
 LISTED_RATIO = 1e-12  # impacts of a series slower than this share of its first are booked with the end of the series
 LEAST_RESTITUTION, LARGEST_RESTITUTION = 1e-6, 0.999999  # a millionth of the speed, or all but a millionth, is lost

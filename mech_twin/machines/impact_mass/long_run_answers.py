@@ -10,7 +10,7 @@ from typing import Any
 
 from mech_twin.capabilities.errors import StudyError
 from mech_twin.capabilities.long_run import CycleAnswer, RegimeAnswer, SynthesisAnswer
-from mech_twin.configuration_tree import configuration_tree
+from mech_twin.declarations.configuration_tree import configuration_tree
 from mech_twin.machines.impact_mass.parameters import ImpactMass
 from mech_twin.machines.impact_mass.regimes import regime_map, write_bifurcation_picture
 from mech_twin.machines.impact_mass.synthesis import CycleDesign, CycleSpec, RobustnessSpec, synthesise

@@ -14,7 +14,7 @@ from mech_twin.engine.sample_vectors import (
     REGIME,
     Array,
 )
-from mech_twin.kernel import kernel
+from mech_twin.kernels.kernel import kernel
 from mech_twin.machines.impact_mass.dynamics import ImpactSystem
 from mech_twin.machines.impact_mass.memory import (
     RESIDUALS_AT,

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from mech_twin.engine.records import record_of
 from mech_twin.engine.sample_vectors import LINKAGE_JOINTS, Array
-from mech_twin.kernel import kernel
+from mech_twin.kernels.kernel import kernel
 from mech_twin.machines.impact_mass.dynamics import ImpactSystem, MassMotion
 from mech_twin.machines.impact_mass.step import RunningCounts
 

@@ -7,6 +7,7 @@ from typing import Self
 
 from pydantic import model_validator
 
+from mech_twin.declarations.quantity import choice, quantity
 from mech_twin.engine.coupling import Coupling
 from mech_twin.machines.impact_mass.dynamics import ImpactSystem, impact_system
 from mech_twin.machines.impact_mass.force_generator import GeneratorParameters
@@ -17,7 +18,6 @@ from mech_twin.machines.impact_mass.impact_stop import (
 )
 from mech_twin.machines.impact_mass.wave_stop import StopModel, rod_restitution
 from mech_twin.parts.supply import SupplyParameters
-from mech_twin.quantity import choice, quantity
 
 MOST_PERIODS_PER_STEP = 100.0  # a step holds at most so many periods of the force, and so a bounded number of events
 

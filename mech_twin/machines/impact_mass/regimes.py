@@ -27,8 +27,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mech_twin.configuration_tree import configuration_tree, merged_tree, tree_from_flat
-from mech_twin.kernel import kernel
+from mech_twin.declarations.configuration_tree import configuration_tree, merged_tree, tree_from_flat
+from mech_twin.files.output_file import written_file
+from mech_twin.kernels.kernel import kernel
 from mech_twin.machines.impact_mass.batch import leaves_for_good
 from mech_twin.machines.impact_mass.dynamics import (
     ImpactSystem,
@@ -40,7 +41,6 @@ from mech_twin.machines.impact_mass.dynamics import (
 from mech_twin.machines.impact_mass.parameters import ImpactMass
 from mech_twin.machines.impact_mass.states import CHATTER_END, RELEASE
 from mech_twin.machines.impact_mass.tangent import exponent, release_growth
-from mech_twin.output_file import written_file
 
 WINDOW = 512
 LARGEST_LOG = 700.0  # of a growth that is still a double

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from mech_twin.engine.compiled_steps import log_event
 from mech_twin.engine.sample_vectors import Array
-from mech_twin.kernel import kernel
+from mech_twin.kernels.kernel import kernel
 from mech_twin.machines.impact_mass.balance import (
     BalanceResiduals,
     StepBalance,

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from mech_twin.kernel import kernel
+from mech_twin.kernels.kernel import kernel
 from mech_twin.machines.impact_mass.dynamics import (
     ImpactSystem,
     MassMotion,

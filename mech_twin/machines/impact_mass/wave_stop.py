@@ -14,6 +14,7 @@ from typing import Literal
 from pydantic import model_validator
 
 from mech_twin.capabilities.blow_gauge import BlowGauge, GaugeCurve
+from mech_twin.declarations.quantity import Parameters, choice
 from mech_twin.machines.impact_mass.states import IMPACT, KIND_CONTACTS, KIND_NAMES
 from mech_twin.parts.rod_waves.blow import RodBlow
 from mech_twin.parts.rod_waves.parameters import Wall, WaveTool, wave_grid
@@ -28,7 +29,6 @@ from mech_twin.parts.rod_waves.struck_tool import (
     place_m,
     rod_blow,
 )
-from mech_twin.quantity import Parameters, choice
 from mech_twin.samples import Event
 
 POWERS = (2, 2, 2, 1, 1, 1)  # of the speed, of each number of a gauge

@@ -7,6 +7,7 @@ import math
 from functools import partial
 
 from mech_twin.capabilities.blow_gauge import blow_remarks
+from mech_twin.declarations.quantity import Parameters
 from mech_twin.machines.mb10_breaker.blow_cycle_metrics import blow_energy
 from mech_twin.machines.mb10_breaker.constants import breaker
 from mech_twin.machines.mb10_breaker.coupling_limits import coupling_limits
@@ -21,7 +22,6 @@ from mech_twin.machines.mb10_breaker.run_metrics import BreakerObserver
 from mech_twin.machines.mb10_breaker.wave_metrics import tool_gauge
 from mech_twin.parts.induction_motor import motor_constants
 from mech_twin.parts.rod_waves.parameters import rounded_lengths
-from mech_twin.quantity import Parameters
 from mech_twin.roles import BodyRole, Capabilities, Machine, no_remarks
 
 PARAMETERS = BreakerParameters

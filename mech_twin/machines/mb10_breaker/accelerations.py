@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from mech_twin.kernel import inline_kernel, kernel
+from mech_twin.kernels.kernel import inline_kernel, kernel
 from mech_twin.machines.mb10_breaker.dynamics import (
     BLOCKED,
     MOVING,

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mech_twin.kernel import kernel
+from mech_twin.kernels.kernel import kernel
 from mech_twin.machines.mb10_breaker.bearing_friction import rubs, sign
 from mech_twin.machines.mb10_breaker.dynamics import BLOCKED, FLIGHT, PUSHED, Breaker, Senses
 from mech_twin.machines.mb10_breaker.event_rows import begin_row, log_post, set_off

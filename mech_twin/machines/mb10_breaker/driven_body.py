@@ -30,7 +30,7 @@ from mech_twin.engine.sample_vectors import (
     Array,
     BodyLayout,
 )
-from mech_twin.kernel import kernel
+from mech_twin.kernels.kernel import kernel
 from mech_twin.machines.mb10_breaker.coupling_limits import CouplingLimits
 from mech_twin.machines.mb10_breaker.dynamics import Breaker, spring_moment
 from mech_twin.machines.mb10_breaker.force_row import QUANTITIES_AT, STRIKES

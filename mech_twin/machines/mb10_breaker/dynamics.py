@@ -26,7 +26,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from mech_twin.kernel import inline_kernel, kernel
+from mech_twin.kernels.kernel import inline_kernel, kernel
 from mech_twin.parts.four_bar import Coefficients, FourBar, Link, Position, coefficients, offset, position
 from mech_twin.parts.gear import gear_torque
 from mech_twin.parts.rod_waves.parameters import WaveGrid

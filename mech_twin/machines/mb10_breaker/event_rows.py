@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from mech_twin.kernel import kernel
+from mech_twin.kernels.kernel import kernel
 from mech_twin.machines.mb10_breaker.dynamics import (
     FLIGHT,
 )

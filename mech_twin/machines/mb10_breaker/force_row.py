@@ -25,7 +25,7 @@ from mech_twin.engine.sample_vectors import (
     TIME,
     Array,
 )
-from mech_twin.kernel import kernel
+from mech_twin.kernels.kernel import kernel
 from mech_twin.machines.mb10_breaker.dynamics import FLIGHT, HELD, Breaker
 from mech_twin.machines.mb10_breaker.forces import QUANTITIES, PinForces, pin_forces, pin_impulses
 from mech_twin.machines.mb10_breaker.impacts import gap

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mech_twin.engine.events import FALLING, RISING
 from mech_twin.engine.integration import SHORTEST_S
-from mech_twin.kernel import kernel
+from mech_twin.kernels.kernel import kernel
 from mech_twin.machines.mb10_breaker.dynamics import BLOCKED
 from mech_twin.machines.mb10_breaker.event_rows import begin_row, log_post, set_off
 from mech_twin.machines.mb10_breaker.motion import GEAR_GRIP, GEAR_TURNS, Motion, gear_speed

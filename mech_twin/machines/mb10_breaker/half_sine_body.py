@@ -27,7 +27,7 @@ from mech_twin.engine.sample_vectors import (
     BodyLayout,
     EventLayout,
 )
-from mech_twin.kernel import kernel
+from mech_twin.kernels.kernel import kernel
 from mech_twin.machines.mb10_breaker.pressed_body.collar_contact import (
     BLOW,
     CAUSES,

@@ -8,8 +8,8 @@ import math
 
 from pydantic import model_validator
 
+from mech_twin.declarations.quantity import Parameters, quantity
 from mech_twin.parts.four_bar import OPEN, FourBar, failing_inequality
-from mech_twin.quantity import Parameters, quantity
 
 LEAST_TRANSMISSION_DEG = 5.0
 LINKS = ("crank", "coupler", "rocker")

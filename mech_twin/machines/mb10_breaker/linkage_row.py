@@ -20,7 +20,7 @@ from mech_twin.engine.sample_vectors import (
     SIDES,
     Array,
 )
-from mech_twin.kernel import kernel
+from mech_twin.kernels.kernel import kernel
 from mech_twin.machines.drives import KlossMotor, fill_motor
 from mech_twin.machines.mb10_breaker.dynamics import (
     FLIGHT,

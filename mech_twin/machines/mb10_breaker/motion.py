@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from mech_twin.engine.events import UNKNOWN, signals_of
 from mech_twin.engine.integration import Workspace, rates_of
 from mech_twin.engine.tableaus import COOPER_VERNER_8
-from mech_twin.kernel import inline_kernel, kernel
+from mech_twin.kernels.kernel import inline_kernel, kernel
 from mech_twin.machines.mb10_breaker.accelerations import (
     Accelerations,
     contact_accelerations,

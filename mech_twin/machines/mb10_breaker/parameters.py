@@ -8,6 +8,7 @@ from typing import Literal
 
 from pydantic import model_validator
 
+from mech_twin.declarations.quantity import Parameters, choice, quantity
 from mech_twin.engine.coupling import ExtrapolatedCoupling, coupling_step
 from mech_twin.machines.mb10_breaker.constants import breaker
 from mech_twin.machines.mb10_breaker.coupling_limits import (
@@ -28,7 +29,6 @@ from mech_twin.parts.induction_motor import InductionMotorParameters, motor_cons
 from mech_twin.parts.rod_waves.parameters import WaveTool, wave_grid
 from mech_twin.parts.rod_waves.struck_tool import LARGEST_HEAD
 from mech_twin.parts.supply import SupplyParameters
-from mech_twin.quantity import Parameters, choice, quantity
 
 STIFFEST_N_PER_M = 1e8  # of the springs, where the body follows the forces of the linkage
 LONGEST_STEP_S = 0.005

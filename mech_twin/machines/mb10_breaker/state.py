@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mech_twin.engine.records import record_of
-from mech_twin.kernel import inline_kernel, kernel
+from mech_twin.kernels.kernel import inline_kernel, kernel
 from mech_twin.samples import Coordinate
 
 EVENT_ROWS = 512  # of one coupling step; one more is an error in one line

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from mech_twin.engine.errors import MotionError
 from mech_twin.engine.events import FALLING, NONE, Step, first_event
 from mech_twin.engine.integration import Workspace, start_step, take_step
-from mech_twin.kernel import kernel
+from mech_twin.kernels.kernel import kernel
 from mech_twin.machines.mb10_breaker.bearing_events import (
     apply_bearing_event,
     is_bearing_event,

@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 from mech_twin.engine.sample_vectors import Array
-from mech_twin.kernel import kernel
+from mech_twin.kernels.kernel import kernel
 from mech_twin.machines.mb10_breaker.dynamics import Breaker, Masses, masses_at, weight_moments
 from mech_twin.parts.four_bar import FourBar, coefficients, position
 

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mech_twin.kernel import kernel
+from mech_twin.kernels.kernel import kernel
 from mech_twin.machines.mb10_breaker.dynamics import Breaker, masses_at, striker
 from mech_twin.machines.mb10_breaker.impacts import Blow, impact_direction
 from mech_twin.parts.rod_waves.struck_tool import rod_blow

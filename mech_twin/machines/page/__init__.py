@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from mech_twin.capabilities.blow_gauge import blow_remarks
+from mech_twin.declarations.quantity import Parameters
 from mech_twin.machines.page.drawing import PageDrawing
 from mech_twin.machines.page.equations import PageInstant
 from mech_twin.machines.page.force_laws import PageNumbers
@@ -16,7 +17,6 @@ from mech_twin.machines.page.mechanism import mechanism
 from mech_twin.machines.page.metrics import PageRun
 from mech_twin.machines.page.parameters import Page
 from mech_twin.machines.page.roles import Drives, PageLinkage, PageModel, PageReactions
-from mech_twin.quantity import Parameters
 from mech_twin.roles import Capabilities, Machine
 
 PARAMETERS = Page

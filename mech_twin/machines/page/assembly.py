@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.machines.page.elements import DEGREE, RPM
 from mech_twin.machines.page.parameters import GROUND, Page
 from mech_twin.mechanics.kinematics import Kinematics

@@ -14,7 +14,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.declarations.configuration_tree import ConfigurationError
 
 GRAVITY = 9.80665
 LENGTHS = {"rrr": ("first_m", "second_m"), "rrp": ("first_m",), "rpr": ()}

@@ -12,10 +12,10 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
+from mech_twin.declarations.quantity import Parameters, choice, quantity
 from mech_twin.machines.page.rods import ContactRod
 from mech_twin.machines.page.tables import TableRows, table
 from mech_twin.parts.induction_motor import InductionMotorParameters, motor_constants
-from mech_twin.quantity import Parameters, choice, quantity
 
 LONGEST_M, LARGEST = 1e3, 1e9
 RPM, DEGREE = math.pi / 30.0, math.pi / 180.0

@@ -7,9 +7,9 @@ from typing import Literal, Self
 
 from pydantic import model_validator
 
+from mech_twin.declarations.quantity import Parameters, choice, quantity
 from mech_twin.machines.page.elements import Name, one_of, only
 from mech_twin.machines.page.tables import TableRows, table
-from mech_twin.quantity import Parameters, choice, quantity
 
 AIR_PA = 101325.0
 

@@ -9,6 +9,7 @@ from typing import Self
 
 from pydantic import model_validator
 
+from mech_twin.declarations.quantity import Parameters, choice
 from mech_twin.engine.coupling import Coupling
 from mech_twin.machines.page.elements import (
     BodyElement,
@@ -24,7 +25,6 @@ from mech_twin.machines.page.elements import (
     vector,
 )
 from mech_twin.machines.page.force_elements import CouplingElement, Damper, FrictionElement, SpringElement
-from mech_twin.quantity import Parameters, choice
 
 GROUND = "ground"
 MOST_BODIES, MOST_ELEMENTS = 30, 60

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from pydantic import model_validator
 
 from mech_twin.capabilities.blow_gauge import BlowGauge, GaugeCurve
-from mech_twin.kernel import borrowing_kernel, kernel
+from mech_twin.declarations.quantity import choice
+from mech_twin.kernels.kernel import borrowing_kernel, kernel
 from mech_twin.parts.rod_waves.contact_law import LAW_COLUMNS, ContactLaw
 from mech_twin.parts.rod_waves.parameters import GridPiece, Wall, WaveGrid, WaveTool, rounded_lengths, wave_grid
 from mech_twin.parts.rod_waves.struck_tool import (
@@ -30,7 +31,6 @@ from mech_twin.parts.rod_waves.struck_tool import (
     told_of_blow,
     with_head_within,
 )
-from mech_twin.quantity import choice
 from mech_twin.samples import Event
 
 Array = NDArray[np.float64]

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.machines.page.assembly import Assembly
 from mech_twin.machines.page.elements import DEGREE
 from mech_twin.machines.page.force_elements import SpringElement

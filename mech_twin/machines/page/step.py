@@ -22,7 +22,7 @@ from mech_twin.engine.sample_vectors import (
     PINS,
     REGIME,
 )
-from mech_twin.kernel import kernel
+from mech_twin.kernels.kernel import kernel
 from mech_twin.machines.page.system import PageSystem, driving_effort, put_back, starting_regimes, tell_regimes
 from mech_twin.mechanics.straight_line import call_straight_line
 from mech_twin.parts.induction_motor import MotorConstants, motor_torque, motor_torque_slope

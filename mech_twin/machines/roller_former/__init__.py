@@ -6,6 +6,7 @@ from __future__ import annotations
 from math import radians
 from typing import Any
 
+from mech_twin.declarations.quantity import Parameters
 from mech_twin.machines.drives import KlossDrive
 from mech_twin.machines.roller_former.drawing import former_drawing
 from mech_twin.machines.roller_former.forces import FormerForces, FormerQuantities, loaded_bodies, pin_names
@@ -13,7 +14,6 @@ from mech_twin.machines.roller_former.mechanism import mechanism
 from mech_twin.machines.roller_former.metrics import FormerObserver, former_metrics, position_metrics
 from mech_twin.machines.roller_former.parameters import RollerFormer, former_of
 from mech_twin.machines.roller_former.roles import FormerLinkage, joint_names
-from mech_twin.quantity import Parameters
 from mech_twin.roles import Capabilities, Machine
 
 PARAMETERS = RollerFormer

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import model_validator
 
-from mech_twin.proposed_value import at_least
-from mech_twin.quantity import Parameters, choice, quantity
+from mech_twin.declarations.proposed_value import at_least
+from mech_twin.declarations.quantity import Parameters, choice, quantity
 
 LOADS = ("none", "reversing", "resist", "rectified", "printed")
 NONE, REVERSING, RESIST, RECTIFIED, PRINTED = range(len(LOADS))

@@ -14,8 +14,8 @@ from __future__ import annotations
 
 from typing import Literal
 
+from mech_twin.declarations.quantity import choice, quantity
 from mech_twin.parts.gear import Gear
-from mech_twin.quantity import choice, quantity
 
 
 class DriveParameters(Gear):

@@ -17,7 +17,7 @@ import numpy as np
 from mech_twin.engine.compiled_roles import CompiledForces
 from mech_twin.engine.compiled_steps import force_step, step_of
 from mech_twin.engine.sample_vectors import BODY_MOMENT, PINS, ForceLayout
-from mech_twin.kernel import borrowing_kernel, kernel
+from mech_twin.kernels.kernel import borrowing_kernel, kernel
 from mech_twin.machines.roller_former.cart_parameters import REVERSING
 from mech_twin.machines.roller_former.cart_statics import cart_motion, guide_reactions, rod_force, rod_weight_moment
 from mech_twin.machines.roller_former.dynamics import Array, Former, at_motor

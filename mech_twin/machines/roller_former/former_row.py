@@ -11,7 +11,7 @@ import numpy as np
 from mech_twin.engine.compiled_steps import linkage_step, step_of
 from mech_twin.engine.hybrid.loop import MOST_STEPS, UNSTEADY
 from mech_twin.engine.sample_vectors import MOTOR_COMMAND, MOTOR_JOINTS, Array
-from mech_twin.kernel import borrowing_kernel, kernel
+from mech_twin.kernels.kernel import borrowing_kernel, kernel
 from mech_twin.machines.roller_former.cart_statics import cart_load, cart_motion, load_moment, rod_weight_moment
 from mech_twin.machines.roller_former.dynamics import (
     STATE_SIZE,

@@ -24,7 +24,7 @@ from mech_twin.engine.hybrid.loop import (
 )
 from mech_twin.engine.integration import SHORTEST_S
 from mech_twin.engine.tableaus import DORMAND_PRINCE_8
-from mech_twin.kernel import borrowing_kernel, inline_kernel, kernel
+from mech_twin.kernels.kernel import borrowing_kernel, inline_kernel, kernel
 from mech_twin.machines.roller_former.cart_statics import (
     rod_weight_moment,
     shaft_terms,

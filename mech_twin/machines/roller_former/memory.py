@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from mech_twin.engine.records import record_of
 from mech_twin.engine.sample_vectors import Array
-from mech_twin.kernel import kernel
+from mech_twin.kernels.kernel import kernel
 
 
 class ShaftMotion(NamedTuple):

@@ -34,7 +34,7 @@ from mech_twin.engine.hybrid.laws import (
 from mech_twin.engine.hybrid.loop import (
     ENDED,
 )
-from mech_twin.kernel import borrowing_kernel, inline_kernel
+from mech_twin.kernels.kernel import borrowing_kernel, inline_kernel
 from mech_twin.machines.roller_former.cart_statics import (
     LOOK_AHEAD_RAD,
     has_kinks,

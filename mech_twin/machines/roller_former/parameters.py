@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import field_validator, model_validator
 
+from mech_twin.declarations.quantity import Parameters, choice, quantity
 from mech_twin.engine.coupling import Coupling
 from mech_twin.machines.roller_former.cart_parameters import (
     CartBank,
@@ -26,7 +27,6 @@ from mech_twin.machines.roller_former.elastic_drive import DriveParameters, redu
 from mech_twin.parts.friction import Friction
 from mech_twin.parts.induction_motor import InductionMotorParameters, motor_constants
 from mech_twin.parts.supply import SupplyParameters
-from mech_twin.quantity import Parameters, choice, quantity
 
 SET_KEYS = ("mass_kg", "roller_force_x_n", "roller_force_y_n", "weight_n")
 LARGEST_EXPANDED_RATIO = 0.5  # of crank to rod

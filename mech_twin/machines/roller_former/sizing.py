@@ -11,7 +11,7 @@ from mech_twin.capabilities.errors import StudyError
 from mech_twin.capabilities.progress import tell
 from mech_twin.capabilities.sizing import Constraint, Sizing, Table, binding_of
 from mech_twin.capabilities.variation import varied
-from mech_twin.configuration_tree import configuration_tree
+from mech_twin.declarations.configuration_tree import configuration_tree
 from mech_twin.machines.roller_former.coupling_choice import (
     SWEEP_DAMPING,
     SWEEP_STIFFNESS,

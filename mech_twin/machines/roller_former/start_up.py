@@ -10,7 +10,7 @@ import numpy as np
 
 from mech_twin.engine.errors import MotionError
 from mech_twin.engine.sample_vectors import EVENT_WIDTH
-from mech_twin.kernel import kernel
+from mech_twin.kernels.kernel import kernel
 from mech_twin.machines.roller_former.dynamics import CRANK, SPEED, Array, DriveLine, Former, Modes, state_array
 from mech_twin.machines.roller_former.integration import Advance, advance_motion, ending, entry_for
 from mech_twin.machines.roller_former.parameters import RollerFormer

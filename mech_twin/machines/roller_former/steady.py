@@ -12,7 +12,7 @@ import numpy as np
 from mech_twin.engine.errors import MotionError
 from mech_twin.engine.hybrid.loop import ENDED, UNSTEADY
 from mech_twin.engine.sample_vectors import EVENT_WIDTH
-from mech_twin.kernel import kernel
+from mech_twin.kernels.kernel import kernel
 from mech_twin.machines.roller_former.dynamics import (
     CRANK,
     SPEED,

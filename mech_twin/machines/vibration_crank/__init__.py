@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from mech_twin.declarations.quantity import Parameters
 from mech_twin.engine.crank_linkage import CrankLinkage
 from mech_twin.machines.vibration_crank.drawing import drawing
 from mech_twin.machines.vibration_crank.dynamics import ShakingCrank
@@ -14,7 +15,6 @@ from mech_twin.machines.vibration_crank.metrics import cycle_metrics, position_m
 from mech_twin.machines.vibration_crank.parameters import VibrationCrank, slider_crank_constants
 from mech_twin.machines.vibration_crank.run_metrics import VibrationCrankObserver
 from mech_twin.machines.vibration_crank.slider_crank import BOOM
-from mech_twin.quantity import Parameters
 from mech_twin.roles import Capabilities, LinkageRole, Machine
 
 PARAMETERS = VibrationCrank

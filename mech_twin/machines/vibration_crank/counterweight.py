@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from mech_twin.quantity import Parameters, quantity
+from mech_twin.declarations.quantity import Parameters, quantity
 
 
 class MovingMasses(Parameters):

@@ -22,7 +22,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from mech_twin.kernel import inline_kernel, kernel
+from mech_twin.kernels.kernel import inline_kernel, kernel
 
 INFINITE_ROD, FINITE_ROD, BOOM = 0, 1, 2
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from mech_twin.declarations.quantity import Parameters
 from mech_twin.machines.drives import PrescribedSpeed
 from mech_twin.machines.winding_drum.drawing import package_drawing
 from mech_twin.machines.winding_drum.drum_row import ENDED
@@ -12,7 +13,6 @@ from mech_twin.machines.winding_drum.mechanism import mechanism
 from mech_twin.machines.winding_drum.metrics import DrumObserver, package_metrics, position_metrics
 from mech_twin.machines.winding_drum.parameters import WindingDrum, package_constants
 from mech_twin.machines.winding_drum.roles import JOINTS, DrumForces, DrumLinkage
-from mech_twin.quantity import Parameters
 from mech_twin.roles import Capabilities, Machine
 
 PARAMETERS = WindingDrum

@@ -12,7 +12,7 @@ from mech_twin.engine.compiled_steps import force_step, linkage_step, step_of
 from mech_twin.engine.hybrid.laws import HOLD, Indices
 from mech_twin.engine.hybrid.loop import LOG_FULL, MOST_PIECES, MOST_STEPS
 from mech_twin.engine.sample_vectors import MOTOR_COMMAND, MOTOR_JOINTS, REGIME, Array
-from mech_twin.kernel import borrowing_kernel, kernel
+from mech_twin.kernels.kernel import borrowing_kernel, kernel
 from mech_twin.machines.winding_drum.dynamics import (
     ANGLE,
     DRIVE_WORK,

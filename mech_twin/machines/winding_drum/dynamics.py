@@ -33,7 +33,7 @@ from mech_twin.engine.hybrid.laws import (
 from mech_twin.engine.hybrid.loop import MOST_STEPS, TOO_LONG, UNSTEADY, advance, room_in, room_sizes
 from mech_twin.engine.sample_vectors import EVENT_WIDTH, PRE_VELOCITY, SIDES
 from mech_twin.engine.tableaus import DORMAND_PRINCE_8
-from mech_twin.kernel import borrowing_kernel, inline_kernel
+from mech_twin.kernels.kernel import borrowing_kernel, inline_kernel
 from mech_twin.machines.winding_drum.wound_package import (
     Package,
     Wound,

@@ -22,7 +22,7 @@ from mech_twin.capabilities.cycle import (
     speed_harmonic,
 )
 from mech_twin.capabilities.cycle_kernels import fitted_slope, fourier_coefficient, weighted_sum
-from mech_twin.kernel import kernel
+from mech_twin.kernels.kernel import kernel
 from mech_twin.machines.winding_drum.dynamics import drive_torque
 from mech_twin.machines.winding_drum.parameters import WindingDrum, package_constants
 from mech_twin.machines.winding_drum.wound_package import Package, package_mass, wound_at

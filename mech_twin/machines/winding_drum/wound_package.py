@@ -22,7 +22,7 @@ from __future__ import annotations
 from math import cos, pi, sin, sqrt
 from typing import NamedTuple
 
-from mech_twin.kernel import inline_kernel, kernel
+from mech_twin.kernels.kernel import inline_kernel, kernel
 
 
 class Package(NamedTuple):

@@ -21,6 +21,7 @@ from rclpy.node import Node
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 
+from mech_twin.declarations.quantity import LONGEST_RUN_S, Parameters, choice, quantity
 from mech_twin.messages.joint_state_cdr import CdrError, StepMessage, received_message
 from mech_twin.messages.step_marks import source
 from mech_twin.messages.step_message import MessageError
@@ -38,8 +39,7 @@ from mech_twin.nodes.exchange.parameter_bridge import declare_machine, declared_
 from mech_twin.nodes.exchange.peers import new_source
 from mech_twin.parameters.errors import refusal
 from mech_twin.parameters.load import RUN_GROUP, catalogue_entry, machine_parameters, validated
-from mech_twin.quantity import LONGEST_RUN_S, Parameters, choice, quantity
-from mech_twin.terminal_output import printable
+from mech_twin.process.terminal_output import printable
 
 
 class RunOptions(Parameters):

@@ -12,11 +12,11 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.node import Node
 
-from mech_twin.configuration_tree import ConfigurationError, tree_from_flat
+from mech_twin.declarations.configuration_tree import ConfigurationError, tree_from_flat
+from mech_twin.declarations.quantity import Parameters
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.parameters.declared_keys import Key, keys
 from mech_twin.parameters.load import MACHINE_KEY, is_of_ros
-from mech_twin.quantity import Parameters
 
 UNBOUNDED = 1.7e308
 

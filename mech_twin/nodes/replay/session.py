@@ -21,7 +21,7 @@ from mech_twin.nodes.replay.source import ReplaySource
 from mech_twin.nodes.run.console import TerminalKeys
 from mech_twin.nodes.run.domain import replay_arguments
 from mech_twin.nodes.run.name_guard import NameGuard
-from mech_twin.stop_signal import StopSignal
+from mech_twin.process.stop_signal import StopSignal
 
 LONGEST_WAIT_S = 0.05
 SHORTEST_WAIT_S = 1e-4

@@ -8,6 +8,7 @@ from functools import partial
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
+from mech_twin.declarations.quantity import Parameters
 from mech_twin.engine.coupling import GIVEN_STATE, RESET, next_body
 from mech_twin.messages import body as body_messages
 from mech_twin.messages import force as force_messages
@@ -28,7 +29,6 @@ from mech_twin.messages.topics import (
 from mech_twin.nodes.exchange.base_node import RunOptions
 from mech_twin.nodes.exchange.hand_over import HandedStep
 from mech_twin.nodes.roles.follower_node import FollowerNode
-from mech_twin.quantity import Parameters
 from mech_twin.roles import BodyRole
 from mech_twin.samples import BodySample, ForceSample
 

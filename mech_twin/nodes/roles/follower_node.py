@@ -11,6 +11,7 @@ from typing import Any, Generic, NamedTuple, TypeVar
 
 from std_msgs.msg import String
 
+from mech_twin.declarations.quantity import Parameters
 from mech_twin.messages.joint_state_cdr import StepMessage
 from mech_twin.messages.step_marks import ConfigurationMark
 from mech_twin.messages.topics import DESCRIPTION, EVERY_LATCHED, REJOIN, Topic
@@ -19,7 +20,6 @@ from mech_twin.nodes.exchange.hand_over import Step
 from mech_twin.nodes.exchange.peers import ASK_AGAIN_S, Admission, SourceLock
 from mech_twin.nodes.roles.role_node import RETRY_S, RoleNode
 from mech_twin.parameters.load import Description, description
-from mech_twin.quantity import Parameters
 
 REMEMBERED_SOURCES = 8
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from functools import partial
 
+from mech_twin.declarations.quantity import Parameters
 from mech_twin.messages import force as force_messages
 from mech_twin.messages import linkage as linkage_messages
 from mech_twin.messages.frames import frame_id
@@ -14,7 +15,6 @@ from mech_twin.messages.topics import FORCE_JOINT_STATES, STEP_FORCES, STEP_LINK
 from mech_twin.nodes.exchange.base_node import RunOptions
 from mech_twin.nodes.exchange.hand_over import HandedStep
 from mech_twin.nodes.roles.follower_node import FollowerNode
-from mech_twin.quantity import Parameters
 from mech_twin.samples import ForceSample, LinkageSample
 
 

@@ -13,7 +13,8 @@ from std_msgs.msg import String
 
 from mech_twin.capabilities.mechanism import FrameTree
 from mech_twin.capabilities.urdf import urdf
-from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.declarations.configuration_tree import ConfigurationError
+from mech_twin.declarations.quantity import Parameters
 from mech_twin.messages.frames import transforms
 from mech_twin.messages.joint_state_cdr import CdrError, Decoder
 from mech_twin.messages.step_message import stamp_s
@@ -29,7 +30,6 @@ from mech_twin.messages.topics import (
 )
 from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode
 from mech_twin.parameters.load import catalogue_entry, description
-from mech_twin.quantity import Parameters
 from mech_twin.recording.stamps import stamp_ns
 from mech_twin.roles import Machine
 

@@ -15,7 +15,7 @@ from types import ModuleType
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
-from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.messages import body as body_messages
 from mech_twin.messages import force as force_messages
 from mech_twin.messages import linkage as linkage_messages

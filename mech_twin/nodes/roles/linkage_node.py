@@ -15,7 +15,13 @@ from rcl_interfaces.msg import SetParametersResult
 from rclpy.parameter import Parameter
 from std_srvs.srv import SetBool, Trigger
 
-from mech_twin.configuration_tree import ConfigurationError, configuration_tree, merged_tree, tree_from_flat
+from mech_twin.declarations.configuration_tree import (
+    ConfigurationError,
+    configuration_tree,
+    merged_tree,
+    tree_from_flat,
+)
+from mech_twin.declarations.quantity import Parameters
 from mech_twin.engine.coupling import restarted
 from mech_twin.engine.errors import StateError
 from mech_twin.engine.stored_state import StoredState, check_storable, state_text, stored_state
@@ -29,7 +35,6 @@ from mech_twin.nodes.roles.step_pacer import LagNotice, StepPacer
 from mech_twin.nodes.roles.stepping_services import RequestOutcome, SteppingServices, answer_later
 from mech_twin.parameters.load import RUN_GROUP, catalogue_entry, description_text, is_of_ros
 from mech_twin.parameters.load import validated as validated_tree
-from mech_twin.quantity import Parameters
 from mech_twin.samples import LinkageSample
 
 CHANGE_SHARE = 0.1  # of a run's time that changes of parameters may take

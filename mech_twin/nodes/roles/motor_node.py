@@ -11,6 +11,7 @@ from std_msgs.msg import Float64, Float64MultiArray, String
 from std_srvs.srv import Trigger
 
 from mech_twin.capabilities.errors import StudyError
+from mech_twin.declarations.quantity import Parameters
 from mech_twin.engine.coupling import Target, driven, effort_limit
 from mech_twin.engine.start_forecast import LOOK_AHEAD_S, start_forecast
 from mech_twin.messages import linkage as linkage_messages
@@ -36,7 +37,6 @@ from mech_twin.nodes.exchange.base_node import RunOptions
 from mech_twin.nodes.exchange.hand_over import HandedStep
 from mech_twin.nodes.roles.follower_node import FollowerNode
 from mech_twin.nodes.roles.ration import Ration
-from mech_twin.quantity import Parameters
 from mech_twin.samples import EffortCommand, LinkageSample, MotorSample
 
 RATED = 1.0

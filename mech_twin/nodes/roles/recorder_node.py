@@ -16,6 +16,7 @@ from typing import NamedTuple
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from std_srvs.srv import Trigger
 
+from mech_twin.declarations.quantity import Parameters
 from mech_twin.messages.joint_state_cdr import CdrError, stamp_of
 from mech_twin.messages.step_head import NS_PER_S, StepHead, StepHeadReader
 from mech_twin.messages.step_message import MessageError
@@ -42,14 +43,13 @@ from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode
 from mech_twin.nodes.exchange.hand_over import HandedStep, Listener
 from mech_twin.nodes.exchange.peers import Admission, HeardSource
 from mech_twin.parameters.load import catalogue_entry, description_text
-from mech_twin.quantity import Parameters
+from mech_twin.process.stop_signal import closed_first
 from mech_twin.recording.bag_writer import BagWriter, WriterState
 from mech_twin.recording.errors import DecodeError
 from mech_twin.recording.message_types import decoded
 from mech_twin.recording.recent_messages import RecentMessage, RecentMessages
 from mech_twin.recording.schemas import offered_qos
 from mech_twin.recording.stamps import stamp_ns
-from mech_twin.stop_signal import closed_first
 
 
 class SequenceFault(NamedTuple):

@@ -22,7 +22,8 @@ from typing import Any, NamedTuple
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.parameter import Parameter
 
-from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.declarations.configuration_tree import ConfigurationError
+from mech_twin.declarations.quantity import Parameters
 from mech_twin.engine.run import warm_up
 from mech_twin.messages import body, force, motor
 from mech_twin.messages.joint_state_cdr import received_message
@@ -33,7 +34,6 @@ from mech_twin.messages.stream_window import steps_per_window
 from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode
 from mech_twin.parameters.declared_keys import keys
 from mech_twin.parameters.load import catalogue_entry, is_of_ros
-from mech_twin.quantity import Parameters
 from mech_twin.roles import Machine
 from mech_twin.samples import Sample
 

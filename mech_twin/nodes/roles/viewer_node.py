@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING
 
 from visualization_msgs.msg import MarkerArray
 
-from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.declarations.configuration_tree import ConfigurationError
+from mech_twin.declarations.quantity import Parameters
 from mech_twin.engine.assembly import OPEN_STEPS, FrameAssembler
 from mech_twin.engine.trajectory import frame_events
 from mech_twin.messages import body as body_messages
@@ -37,7 +38,6 @@ from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode
 from mech_twin.nodes.exchange.hand_over import Step
 from mech_twin.nodes.exchange.peers import Admission, HeardSource
 from mech_twin.parameters.load import catalogue_entry
-from mech_twin.quantity import Parameters
 from mech_twin.roles import Machine, Observer
 from mech_twin.samples import Drawing, Event, Frame, Sample, Shape
 from mech_twin.view.bench.link import PREFIX, BenchLink

@@ -22,10 +22,10 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from mech_twin.configuration_tree import ConfigurationError, merged_tree, tree_from_flat
+from mech_twin.declarations.configuration_tree import ConfigurationError, merged_tree, tree_from_flat
 from mech_twin.engine.errors import MotionError
 from mech_twin.nodes.run.bench_hall import DOWNLOAD, LIST, OPEN, OVERLAY, RUN, SALVAGE, Hall
-from mech_twin.parent_death import end_with_parent
+from mech_twin.process.parent_death import end_with_parent
 from mech_twin.view.bench.link import FEED, PREFIX
 from mech_twin.view.bench.server import Bench, OrderError
 

@@ -18,9 +18,9 @@ import rclpy
 import yaml
 from rclpy.signals import SignalHandlerOptions
 
-from mech_twin.configuration_tree import configuration_tree
+from mech_twin.declarations.configuration_tree import configuration_tree
+from mech_twin.declarations.quantity import Parameters
 from mech_twin.engine.assembly import FrameAssembler
-from mech_twin.interruption import EXIT_CODE_BASE, SIGNALS
 from mech_twin.messages.topics import FRAMES, ROBOT_DESCRIPTION, run_topics
 from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode, sent_messages
 from mech_twin.nodes.exchange.spinner import Spinner, destroy_nodes
@@ -36,9 +36,9 @@ from mech_twin.nodes.run.console import attended, keep_log_apart
 from mech_twin.nodes.run.domain import NodeEndedError, ros_arguments, run_namespace
 from mech_twin.nodes.run.name_guard import NameGuard
 from mech_twin.parameters.load import MACHINE_KEY, RUN_GROUP, catalogue_entry
-from mech_twin.quantity import Parameters
+from mech_twin.process.interruption import EXIT_CODE_BASE, SIGNALS
+from mech_twin.process.stop_signal import StopSignal
 from mech_twin.samples import Frame, Sample, Shape
-from mech_twin.stop_signal import StopSignal
 
 if TYPE_CHECKING:
     from mech_twin.nodes.roles.viewer_node import ViewerNode
@@ -284,7 +284,7 @@ def _parameter_file(machine_name: str, parameters: Parameters, options: RunOptio
 
 def _started(name: str, arguments: Sequence[str]) -> subprocess.Popen[bytes]:
     code = (
-        f"from mech_twin.programs import {name}; from mech_twin.parent_death import end_with_parent; "
+        f"from mech_twin.programs import {name}; from mech_twin.process.parent_death import end_with_parent; "
         f"end_with_parent({os.getpid()}); {name}()"
     )
     command = [sys.executable, "-c", code, *arguments]

@@ -17,10 +17,8 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from mech_twin.configuration_tree import ConfigurationError
-from mech_twin.dependencies import missing_extra
+from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.engine.errors import MotionError
-from mech_twin.interruption import end_at_once
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.messages.topics import CLOCK
 from mech_twin.nodes.run.domain import (
@@ -32,9 +30,11 @@ from mech_twin.nodes.run.domain import (
     settle_domain,
 )
 from mech_twin.parameters.load import MACHINE_KEY, catalogue_entry, configuration_file
-from mech_twin.stop_signal import StopSignal
-from mech_twin.system_limits import lacking
-from mech_twin.terminal_output import printable
+from mech_twin.process.dependencies import missing_extra
+from mech_twin.process.interruption import end_at_once
+from mech_twin.process.stop_signal import StopSignal
+from mech_twin.process.system_limits import lacking
+from mech_twin.process.terminal_output import printable
 
 if TYPE_CHECKING:
     from mech_twin.nodes.exchange.base_node import TwinNode

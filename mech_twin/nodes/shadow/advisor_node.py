@@ -20,10 +20,10 @@ from rclpy.parameter import Parameter
 from std_msgs.msg import Float64
 from std_srvs.srv import SetBool
 
+from mech_twin.declarations.quantity import Parameters
 from mech_twin.messages.topics import DECISIONS, RECOMMENDATION, SPEED_COMMAND
 from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode
 from mech_twin.parameters.load import catalogue_entry
-from mech_twin.quantity import Parameters
 from mech_twin.studies.advice import (
     AdviceState,
     AdviceStep,

@@ -17,13 +17,13 @@ from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
 from mech_twin.capabilities.errors import StudyError
-from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.declarations.configuration_tree import ConfigurationError
+from mech_twin.declarations.quantity import Parameters
 from mech_twin.engine.errors import MotionError
 from mech_twin.measurements.errors import MeasurementError
 from mech_twin.measurements.measurement_map import Channel
 from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode
-from mech_twin.parent_death import end_with_parent
-from mech_twin.quantity import Parameters
+from mech_twin.process.parent_death import end_with_parent
 from mech_twin.studies.identification.fit_runs import FitRun
 from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration
 from mech_twin.studies.identification.question import IdentificationQuestion

@@ -18,14 +18,14 @@ from rcl_interfaces.msg import SetParametersResult
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
-from mech_twin.configuration_tree import ConfigurationError
-from mech_twin.dependencies import extra_needed
+from mech_twin.declarations.configuration_tree import ConfigurationError
+from mech_twin.declarations.quantity import Parameters
 from mech_twin.messages.joint_state_cdr import Header, StepMessage, encoded
 from mech_twin.messages.topics import DIAGNOSTICS, STANDARD_RESIDUALS
 from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode
 from mech_twin.nodes.shadow.inputs import StampOrigin
 from mech_twin.parameters.load import catalogue_entry
-from mech_twin.quantity import Parameters
+from mech_twin.process.dependencies import extra_needed
 from mech_twin.studies.live_monitor import LiveMonitor, changes_by_faults, fault_values, has_news
 from mech_twin.studies.monitoring.alerts import Alert, alerts_of
 from mech_twin.studies.monitoring.fault_life import FaultLife

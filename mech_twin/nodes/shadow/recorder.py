@@ -12,12 +12,12 @@ from typing import NamedTuple
 
 from rclpy.qos import QoSProfile
 
+from mech_twin.declarations.quantity import Parameters
 from mech_twin.messages.topics import DIAGNOSTICS, EVERY, Topic, type_name
 from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode
 from mech_twin.nodes.shadow.inputs import Admitted, FollowedTopic, StampGate
 from mech_twin.nodes.shadow.shadow_node import FOLLOWED
 from mech_twin.parameters.load import description_text
-from mech_twin.quantity import Parameters
 from mech_twin.recording.bag_writer import BagWriter, WriterState
 from mech_twin.recording.errors import BagError
 from mech_twin.recording.measured_topics import SECOND_NS

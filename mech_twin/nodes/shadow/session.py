@@ -13,7 +13,8 @@ from typing import NamedTuple
 import rclpy
 from rclpy.signals import SignalHandlerOptions
 
-from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.declarations.configuration_tree import ConfigurationError
+from mech_twin.declarations.quantity import Parameters
 from mech_twin.messages.topics import ESTIMATED, RESIDUALS, TWIN, shadow_topics
 from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode, sent_messages
 from mech_twin.nodes.exchange.spinner import Spinner, destroy_nodes
@@ -25,8 +26,7 @@ from mech_twin.nodes.shadow.monitor_node import AlertOutlet, MonitorNode
 from mech_twin.nodes.shadow.recorder import BlackBox, ShadowRecorder, ShadowTopics
 from mech_twin.nodes.shadow.shadow_node import ShadowNode, ShadowSetup
 from mech_twin.parameters.load import catalogue_entry
-from mech_twin.quantity import Parameters
-from mech_twin.stop_signal import StopSignal
+from mech_twin.process.stop_signal import StopSignal
 from mech_twin.studies.advice_search import AdviceWish
 from mech_twin.studies.monitoring.monitor import MonitorSetup
 from mech_twin.studies.observer.lock_on import SeenSample

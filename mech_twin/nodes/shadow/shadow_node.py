@@ -19,6 +19,7 @@ from geometry_msgs.msg import WrenchStamped
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Float64
 
+from mech_twin.declarations.quantity import Parameters
 from mech_twin.engine.sample_vectors import Array
 from mech_twin.measurements.machine_columns import is_event, joint_column, sliding_in
 from mech_twin.measurements.measurement_map import MeasurementMap
@@ -49,7 +50,6 @@ from mech_twin.nodes.shadow.inputs import (
     sensed_channels,
 )
 from mech_twin.parameters.load import catalogue_entry
-from mech_twin.quantity import Parameters
 from mech_twin.recording.measured_topics import SECOND_NS
 from mech_twin.roles import Machine
 from mech_twin.samples import Event

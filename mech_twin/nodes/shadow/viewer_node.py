@@ -7,14 +7,14 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
-from mech_twin.captions import titled
+from mech_twin.declarations.captions import titled
+from mech_twin.declarations.quantity import Parameters
 from mech_twin.measurements.machine_columns import joint_column, sliding_in, unit_in
 from mech_twin.measurements.units import shown_unit
 from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode
 from mech_twin.nodes.shadow.monitor_node import MonitorNode
 from mech_twin.nodes.shadow.shadow_node import ShadowNode
 from mech_twin.parameters.load import catalogue_entry
-from mech_twin.quantity import Parameters
 from mech_twin.roles import Machine
 from mech_twin.samples import BodySample, Frame, LinkageSample, Shape
 from mech_twin.studies.advice import Recommendation

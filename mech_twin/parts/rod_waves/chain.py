@@ -27,7 +27,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mech_twin.kernel import kernel
+from mech_twin.kernels.kernel import kernel
 from mech_twin.parts.rod_waves.contact_law import ContactLaw, force_of_step, stored, yields
 
 Array = NDArray[np.float64]

@@ -22,7 +22,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from mech_twin.kernel import kernel
+from mech_twin.kernels.kernel import kernel
 
 FREE, RIGID, BONDED, PIECEWISE, HERTZ, POWER = range(6)
 MOST_ITERATIONS = 100

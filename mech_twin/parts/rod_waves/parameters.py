@@ -8,6 +8,7 @@ from typing import Literal, NamedTuple
 
 from pydantic import model_validator
 
+from mech_twin.declarations.quantity import Parameters, choice, quantity
 from mech_twin.parts.rod_waves.chain import wave_speed
 from mech_twin.parts.rod_waves.contact_law import (
     FREE_END,
@@ -19,7 +20,6 @@ from mech_twin.parts.rod_waves.contact_law import (
     yielding_wall,
 )
 from mech_twin.parts.rod_waves.fatigue import StressLine
-from mech_twin.quantity import Parameters, choice, quantity
 
 STEEL_MODULUS_PA = 2.1e11
 STEEL_DENSITY_KG_PER_M3 = 7850.0

@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from mech_twin.kernel import kernel
+from mech_twin.kernels.kernel import kernel
 from mech_twin.parts.rod_waves.blow import RodBlow, Window, lead_blow
 from mech_twin.parts.rod_waves.chain import Array, Chain, ChainState, set_speed
 from mech_twin.parts.rod_waves.contact_law import BOND, LAW_COLUMNS

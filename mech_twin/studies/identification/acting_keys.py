@@ -10,9 +10,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from mech_twin.configuration_tree import ConfigurationError, configuration_tree, merged_tree, tree_from_flat
+from mech_twin.declarations.configuration_tree import (
+    ConfigurationError,
+    configuration_tree,
+    merged_tree,
+    tree_from_flat,
+)
+from mech_twin.declarations.quantity import Parameters
 from mech_twin.parameters.load import catalogue_entry, validated
-from mech_twin.quantity import Parameters
 
 MOVED = 1e-3  # of a key, or of the unit where it is 0: enough to be seen, too little to be refused
 

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import yaml
 
-from mech_twin.configuration_tree import ConfigurationError, configuration_tree
+from mech_twin.declarations.configuration_tree import ConfigurationError, configuration_tree
+from mech_twin.declarations.quantity import Parameters
 from mech_twin.parameters.load import configuration_file
-from mech_twin.quantity import Parameters
 from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration, numbers_of
 
 ASSUMED = "assumed"

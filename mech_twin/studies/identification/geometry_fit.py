@@ -21,7 +21,7 @@ from scipy import stats
 from scipy.interpolate import CubicSpline
 from scipy.optimize import least_squares
 
-from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.measurements.blocks import Array
 from mech_twin.measurements.crank_motion import smoothed
 from mech_twin.measurements.errors import MeasurementError

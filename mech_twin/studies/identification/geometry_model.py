@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.measurements.blocks import Array
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.roles import CrankState, GuidedLinkage

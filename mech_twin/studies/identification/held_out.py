@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
+from mech_twin.declarations.quantity import Parameters
 from mech_twin.measurements.blocks import Array
-from mech_twin.quantity import Parameters
 from mech_twin.studies.identification.event_matching import first_of_series, matched
 from mech_twin.studies.identification.fit_runs import FitRun
 from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration

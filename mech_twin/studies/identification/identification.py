@@ -11,8 +11,8 @@ from functools import partial
 import numpy as np
 
 from mech_twin.capabilities.errors import StudyError
+from mech_twin.declarations.quantity import Parameters
 from mech_twin.measurements.blocks import Array
-from mech_twin.quantity import Parameters
 from mech_twin.studies.identification.channel_fits import ChannelFit, channel_fits, noise_misfit, refutation
 from mech_twin.studies.identification.combinations import Combination, Sensitivity, base_keys
 from mech_twin.studies.identification.fit_runs import FitRun

@@ -11,10 +11,15 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel
 
-from mech_twin.configuration_tree import ConfigurationError, configuration_tree, merged_tree, tree_from_flat
+from mech_twin.declarations.configuration_tree import (
+    ConfigurationError,
+    configuration_tree,
+    merged_tree,
+    tree_from_flat,
+)
+from mech_twin.declarations.quantity import Parameters
 from mech_twin.measurements.blocks import Array
 from mech_twin.parameters.load import catalogue_entry, validated
-from mech_twin.quantity import Parameters
 from mech_twin.studies.identification.acting_keys import acting_tree, number_in
 
 SEARCHED = 20.0  # times larger and smaller than configured, where nothing else bounds a positive key

@@ -7,11 +7,11 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.declarations.configuration_tree import ConfigurationError
+from mech_twin.declarations.quantity import Parameters
 from mech_twin.engine.rollout import RollOut, roll_out
 from mech_twin.measurements.blocks import Array
 from mech_twin.parameters.load import catalogue_entry
-from mech_twin.quantity import Parameters
 from mech_twin.studies.identification.channel_prediction import ColumnCurves, needed_columns
 from mech_twin.studies.identification.fit_runs import FitRun
 from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration, number_at

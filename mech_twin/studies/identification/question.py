@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from mech_twin.quantity import Parameters
+from mech_twin.declarations.quantity import Parameters
 
 
 @dataclass(frozen=True)

@@ -11,9 +11,9 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mech_twin.dependencies import require_extra
-from mech_twin.output_file import YAML_SUFFIXES, check_output_directory, check_output_file, written_file
-from mech_twin.quantity import Parameters
+from mech_twin.declarations.quantity import Parameters
+from mech_twin.files.output_file import YAML_SUFFIXES, check_output_directory, check_output_file, written_file
+from mech_twin.process.dependencies import require_extra
 from mech_twin.studies.identification.identification import Identification
 from mech_twin.studies.identification.written_identification import configuration_text, document
 

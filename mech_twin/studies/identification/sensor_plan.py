@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from scipy import stats
 
-from mech_twin.configuration_tree import ConfigurationError, merged_tree
+from mech_twin.declarations.configuration_tree import ConfigurationError, merged_tree
 from mech_twin.engine.rollout import column_names, roll_out
 from mech_twin.measurements.blocks import Array
 from mech_twin.measurements.machine_columns import joint_column

@@ -15,7 +15,7 @@ import scipy
 import yaml
 
 from mech_twin import __version__
-from mech_twin.input_file import opened_input
+from mech_twin.files.input_file import opened_input
 from mech_twin.parameters.load import description_text
 from mech_twin.studies.identification.channel_fits import ChannelFit
 from mech_twin.studies.identification.held_out import Score

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mech_twin.capabilities.cycle import Array
-from mech_twin.kernel import kernel
+from mech_twin.kernels.kernel import kernel
 
 ALLOWANCE = 0.5  # k, in standard deviations: best against a drift of one
 WINDOW = 60  # cycles that the jump chart looks back

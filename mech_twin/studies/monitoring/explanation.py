@@ -11,7 +11,7 @@ import numpy as np
 
 from mech_twin.capabilities.cycle import Array
 from mech_twin.capabilities.errors import StudyError
-from mech_twin.captions import axis_title
+from mech_twin.declarations.captions import axis_title
 from mech_twin.studies.monitoring.cycle_features import FeatureVector
 from mech_twin.studies.monitoring.monitor import MonitorSetup
 from mech_twin.studies.monitoring.naming import Candidate, Signature, fitted_fault

@@ -12,9 +12,9 @@ from pydantic import ValidationError
 from mech_twin.capabilities.cycle import Array
 from mech_twin.capabilities.operating_point import OperatingVariable
 from mech_twin.capabilities.variation import varied
+from mech_twin.declarations.quantity import Parameters
 from mech_twin.engine.errors import MotionError
 from mech_twin.engine.rollout import roll_out
-from mech_twin.quantity import Parameters
 from mech_twin.studies.monitoring.baseline import RIDGE, SMALLEST_SPREAD
 from mech_twin.studies.monitoring.cycle_features import FeatureVector
 from mech_twin.studies.monitoring.operating import (

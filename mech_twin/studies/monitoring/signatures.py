@@ -15,13 +15,13 @@ from mech_twin.capabilities.errors import StudyError
 from mech_twin.capabilities.faults import MachineFault
 from mech_twin.capabilities.operating_point import OperatingVariable
 from mech_twin.capabilities.variation import varied
+from mech_twin.declarations.quantity import Parameters
 from mech_twin.engine.errors import MotionError
 from mech_twin.engine.rollout import roll_out
 from mech_twin.machines.catalog import Entry
 from mech_twin.measurements.machine_columns import is_event, machine_columns
 from mech_twin.measurements.measurement_map import MeasurementMap
 from mech_twin.parameters.load import catalogue_entry
-from mech_twin.quantity import Parameters
 from mech_twin.studies.monitoring.baseline import RIDGE, SMALLEST_SPREAD
 from mech_twin.studies.monitoring.cycle_features import FeatureFeed, FeatureVector, feed_channels
 from mech_twin.studies.monitoring.naming import MODEL_SHARE, Signature

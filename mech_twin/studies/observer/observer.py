@@ -10,11 +10,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.declarations.configuration_tree import ConfigurationError
+from mech_twin.declarations.quantity import Parameters
 from mech_twin.engine.compiled_run import Indices
 from mech_twin.engine.errors import MotionError
 from mech_twin.engine.sample_vectors import Array
-from mech_twin.quantity import Parameters
 from mech_twin.roles import Machine
 from mech_twin.samples import Event, Frame
 from mech_twin.studies.observer.anchor_now import AnchorNow

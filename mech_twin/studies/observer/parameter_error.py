@@ -14,10 +14,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mech_twin.configuration_tree import ConfigurationError, configuration_tree, merged_tree, tree_from_flat
+from mech_twin.declarations.configuration_tree import (
+    ConfigurationError,
+    configuration_tree,
+    merged_tree,
+    tree_from_flat,
+)
+from mech_twin.declarations.quantity import Parameters
 from mech_twin.engine.compiled_run import DONE, Indices
 from mech_twin.engine.sample_vectors import Array
-from mech_twin.quantity import Parameters
 from mech_twin.roles import Machine
 from mech_twin.studies.observer.model_run import ModelRun, without_turns
 from mech_twin.studies.observer.step_bank import StepBank

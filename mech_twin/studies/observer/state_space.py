@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mech_twin.capabilities.anchored_motion import AnchoredMotion
-from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.engine.compiled_run import DONE, Indices
 from mech_twin.engine.sample_vectors import Array
 from mech_twin.parameters.load import catalogue_entry

@@ -7,11 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.engine.compiled_machine import CompiledMachine, compiled_machine
 from mech_twin.engine.compiled_run import DONE, Indices, Models, Widths, run_steps
 from mech_twin.engine.sample_vectors import Array, Places
-from mech_twin.kernel import released_kernel
+from mech_twin.kernels.kernel import released_kernel
 from mech_twin.roles import Machine
 from mech_twin.samples import Event
 

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from mech_twin.captions import caption
+from mech_twin.declarations.captions import caption
 from mech_twin.samples import Shape
 from mech_twin.view.extent import Bounds
 

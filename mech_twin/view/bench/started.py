@@ -15,7 +15,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from mech_twin.terminal_output import printable
+from mech_twin.process.terminal_output import printable
 from mech_twin.view.bench.link import FEED, PREFIX
 from mech_twin.view.errors import ViewerError
 

@@ -12,7 +12,7 @@ from mech_twin.engine.hybrid import laws
 from mech_twin.engine.hybrid.declared import declared, entry_of
 from mech_twin.engine.hybrid.laws import HOLD, OPEN
 from mech_twin.engine.hybrid.loop import advance, room_for
-from mech_twin.kernel import kernel
+from mech_twin.kernels.kernel import kernel
 
 NO_GAP = -1.0
 STRUCK, CHANGED, PASSED = 0, 1, 2  # kinds of the rows in the log

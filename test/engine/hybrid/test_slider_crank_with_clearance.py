@@ -20,7 +20,7 @@ from mech_twin.engine.hybrid import laws
 from mech_twin.engine.hybrid.declared import declared, entry_of
 from mech_twin.engine.hybrid.laws import HOLD, LOW, OPEN
 from mech_twin.engine.hybrid.loop import advance, room_for
-from mech_twin.kernel import kernel
+from mech_twin.kernels.kernel import kernel
 
 CRANK_M, ROD_M, HALF_LENGTH_M, HALF_HEIGHT_M, CLEARANCE_M = 0.153, 0.306, 0.05, 0.025, 0.001
 CRANK_KG, ROD_KG, SLIDER_KG = 0.038, 0.038, 0.076

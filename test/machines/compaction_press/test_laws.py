@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from crank_drives import PRESS_KLOSS as KLOSS
 
-from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.engine.run import frames
 from mech_twin.machines.compaction_press.cycle import WORK_POSITIONS, mean_torque, press_cycle, regime_at
 from mech_twin.machines.compaction_press.dynamics import (

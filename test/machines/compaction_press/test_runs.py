@@ -154,7 +154,7 @@ def test_the_flywheel_condition_is_told():
     ],
 )
 def test_a_press_that_cannot_be_computed_is_refused_with_the_number_that_is_broken(overrides, words):
-    from mech_twin.configuration_tree import ConfigurationError
+    from mech_twin.declarations.configuration_tree import ConfigurationError
 
     with pytest.raises(ConfigurationError, match=words) as refused:
         machine("compaction_press", overrides=overrides)

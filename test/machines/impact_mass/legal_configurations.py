@@ -13,7 +13,7 @@ from itertools import islice
 
 import numpy as np
 
-from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.engine.run import frames
 from mech_twin.engine.trajectory import frame_numbers
 from mech_twin.machines.impact_mass import build

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from machines.impact_mass.legal_configurations import broken_by, drawn
 
-from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.parameters.load import machine_parameters
 
 

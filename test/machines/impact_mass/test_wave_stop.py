@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import mech_twin
-from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.engine.rollout import roll_out
 from mech_twin.machines.impact_mass.parameters import ImpactMass
 from mech_twin.machines.impact_mass.wave_stop import blow_numbers, unit_blow

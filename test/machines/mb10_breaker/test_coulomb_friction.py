@@ -9,7 +9,7 @@ import pytest
 from machines.mb10_breaker.test_friction import turned
 from machines.mb10_breaker.test_reference import drawn
 
-from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.engine.coupling import next_frame
 from mech_twin.engine.run import frames
 from mech_twin.machines.mb10_breaker import build

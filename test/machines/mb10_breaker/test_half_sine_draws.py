@@ -6,7 +6,7 @@ import math
 import pytest
 from machines.mb10_breaker.half_sine_draws import USUAL, configuration, trouble
 
-from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.machines.mb10_breaker.pressed_body.parameters import BodyParameters, ExcitationParameters
 from mech_twin.parameters.load import machine_parameters
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from machines.mb10_breaker.test_reference import drawn
 
-from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.engine.errors import MotionError
 from mech_twin.engine.run import frames
 from mech_twin.machines.mb10_breaker import build, roles

@@ -8,7 +8,7 @@ import itertools
 import pytest
 from random_configurations import SHORTER_STEP, worst_margin
 
-from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.engine.invariants import broken_lines
 from mech_twin.engine.rollout import roll_out
 from mech_twin.engine.run import frames

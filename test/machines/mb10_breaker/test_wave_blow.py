@@ -11,7 +11,7 @@ import pytest
 
 import mech_twin
 from mech_twin.capabilities.plots import house_style
-from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.machines.mb10_breaker.constants import breaker
 from mech_twin.machines.mb10_breaker.dynamics import energies, masses_at, striker
 from mech_twin.machines.mb10_breaker.impacts import impact_direction, strike

@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 from mech_twin.capabilities.variation import varied
-from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.engine.run import frames
 from mech_twin.machines.page import build
 from mech_twin.machines.page.crank_and_dyads import page_of

@@ -11,7 +11,7 @@ import pytest
 from pydantic import ValidationError
 from roller_former_cases import machine_for, parameters_for
 
-from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.engine.coupling import next_frame
 from mech_twin.engine.errors import MotionError
 from mech_twin.engine.run import frames

@@ -8,7 +8,7 @@ import math
 import pytest
 from roller_former_cases import machine_for, parameters_for
 
-from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.engine.run import frames
 from mech_twin.machines.roller_former.metrics import moment_metrics
 from mech_twin.machines.roller_former.parameters import former_of

@@ -60,7 +60,7 @@ def test_a_load_beyond_the_joint_is_balanced_with_its_arm():
     ],
 )
 def test_a_crank_that_cannot_be_computed_is_refused_in_one_line(overrides, words):
-    from mech_twin.configuration_tree import ConfigurationError
+    from mech_twin.declarations.configuration_tree import ConfigurationError
 
     with pytest.raises(ConfigurationError, match=words) as refused:
         machine("vibration_crank", overrides=overrides)

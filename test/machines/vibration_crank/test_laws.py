@@ -9,7 +9,7 @@ from crank_drives import VIBRATION_CRANK_KLOSS as KLOSS
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.engine.run import frames
 from mech_twin.machines.vibration_crank.slider_crank import drive_moment, follower, pin_forces, rod_error
 from mech_twin.parameters.load import machine

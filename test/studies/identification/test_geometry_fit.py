@@ -12,7 +12,7 @@ import pytest
 import yaml
 from command_line import Ended, mech_twin
 
-from mech_twin.configuration_tree import ConfigurationError
+from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.parameters.load import machine_parameters
 from mech_twin.studies.identification.geometry_fit import GeometryFit, half_width, unseen
 from mech_twin.studies.identification.geometry_model import GeometryModel

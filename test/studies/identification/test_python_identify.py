@@ -13,8 +13,8 @@ import yaml
 
 import mech_twin as mt
 from mech_twin.cli.main import main
-from mech_twin.configuration_tree import ConfigurationError
-from mech_twin.output_file import OutputError
+from mech_twin.declarations.configuration_tree import ConfigurationError
+from mech_twin.files.output_file import OutputError
 from mech_twin.parameters.load import machine_parameters
 from mech_twin.studies.identification.saved_identification import SavedIdentification
 

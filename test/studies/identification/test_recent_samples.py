@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from catalogue import built
 
-from mech_twin.configuration_tree import configuration_tree, merged_tree, tree_from_flat
+from mech_twin.declarations.configuration_tree import configuration_tree, merged_tree, tree_from_flat
 from mech_twin.engine.rollout import roll_out
 from mech_twin.measurements.errors import MeasurementError
 from mech_twin.measurements.measurement_map import Channel

@@ -19,7 +19,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from mech_twin.kernel import kernel
+from mech_twin.kernels.kernel import kernel
 from mech_twin.machines.mb10_breaker.pressed_body.energy_balance import energy_left_open
 from mech_twin.machines.mb10_breaker.pressed_body.flight import (
     ROUNDING,

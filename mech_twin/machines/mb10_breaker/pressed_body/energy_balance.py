@@ -15,7 +15,7 @@ import math
 
 import numpy as np
 
-from mech_twin.kernel import kernel
+from mech_twin.kernels.kernel import kernel
 from mech_twin.machines.mb10_breaker.pressed_body.flight import SwingStretch, motion
 from mech_twin.machines.mb10_breaker.pressed_body.parameters import PressedBody
 

@@ -21,7 +21,7 @@ import math
 from typing import NamedTuple
 
 from mech_twin.engine.errors import MotionError
-from mech_twin.kernel import kernel
+from mech_twin.kernels.kernel import kernel
 from mech_twin.machines.mb10_breaker.pressed_body.parameters import PressedBody
 
 SERIES_REACH = 0.25  # k s or mu s below which the power series is used: its 15th term is below 1e-16 of the first

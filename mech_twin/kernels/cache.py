@@ -22,8 +22,8 @@ import numba
 import numpy as np
 from numba.core import compiler, config, serialize, types
 
-from mech_twin.kernel_sources import has_known_sources, is_known_module, keep_sources, sources_digest
-from mech_twin.kernel_store import directories, load, save
+from mech_twin.kernels.sources import has_known_sources, is_known_module, keep_sources, sources_digest
+from mech_twin.kernels.store import directories, load, save
 
 COMPILING = "compiling kernels for this machine, once; takes a minute or two"
 
@@ -35,7 +35,7 @@ _settings: Any = config
 _dumps: Any = serialize.dumps
 _rebuild: Any = compiler.CompileResult._rebuild
 
-_log = logging.getLogger("mech_twin.kernel")
+_log = logging.getLogger("mech_twin.kernels")
 _observers: list[Observer] = []
 _compiled: list[str] = []
 

@@ -12,12 +12,12 @@ from mech_twin.capabilities.design import Design
 from mech_twin.capabilities.errors import StudyError
 from mech_twin.capabilities.published import PublishedRow
 from mech_twin.capabilities.sizing import Constraint
-from mech_twin.columns import Columns, Numbers
+from mech_twin.declarations.quantity import Parameters
 from mech_twin.engine.invariants import Residual
+from mech_twin.measurements.columns import Columns, Numbers
 from mech_twin.measurements.machine_columns import shown_units
 from mech_twin.parameters.load import catalogue_entry, validated
-from mech_twin.quantity import Parameters
-from mech_twin.results import Analysis, Run, RunComparison, SizingResult
+from mech_twin.results.objects import Analysis, Run, RunComparison, SizingResult
 from mech_twin.samples import Coordinate, Event
 from mech_twin.studies.run_comparison import Comparison, Differing
 

@@ -24,7 +24,7 @@ DIRECTORY_VARIABLE = "MECH_TWIN_CACHE_DIR"
 DAY_S = 86400.0
 UNUSED_DAYS = 30
 
-_log = logging.getLogger("mech_twin.kernel")
+_log = logging.getLogger("mech_twin.kernels")
 
 
 @lru_cache(maxsize=1)

@@ -9,7 +9,7 @@ from typing import Any, TypeVar, cast
 from numba import njit
 from numba.core.dispatcher import Dispatcher
 
-from mech_twin.kernel_cache import KernelCache, compiled_count, on_compile
+from mech_twin.kernels.cache import KernelCache, compiled_count, on_compile
 
 __all__ = [
     "borrowing_kernel",

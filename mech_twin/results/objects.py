@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 
 from mech_twin.capabilities.errors import StudyError
 from mech_twin.capabilities.sizing import Sizing
-from mech_twin.columns import Columns, Numbers
-from mech_twin.configuration_tree import configuration_tree
-from mech_twin.dependencies import require_extra
+from mech_twin.declarations.configuration_tree import configuration_tree
+from mech_twin.declarations.quantity import Parameters
 from mech_twin.engine.invariants import Residual
-from mech_twin.quantity import Parameters
+from mech_twin.measurements.columns import Columns, Numbers
+from mech_twin.process.dependencies import require_extra
 from mech_twin.samples import Event
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ import ctypes
 import os
 import signal
 
-from mech_twin.interruption import EXIT_CODE_BASE, end_at_once
+from mech_twin.process.interruption import EXIT_CODE_BASE, end_at_once
 
 PR_SET_PDEATHSIG = 1
 

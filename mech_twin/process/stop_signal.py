@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """SIGINT, SIGTERM and SIGHUP: as exceptions where those are safe, or as a request to stop that is asked for later.
 
-Where an exception is not safe (`mech_twin.interruption`) the signal is sent again a little later, or, while a kernel is
-compiled or a module is imported, the process ends at once.
+Where an exception is not safe (`mech_twin.process.interruption`) the signal is sent again a little later, or, while a
+kernel is compiled or a module is imported, the process ends at once.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from types import FrameType, TracebackType
 from typing import Any
 
-from mech_twin.interruption import (
+from mech_twin.process.interruption import (
     EXIT_CODE_BASE,
     UninterruptedLock,
     answered_signals,

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from mech_twin.quantity import Parameters
+from mech_twin.declarations.quantity import Parameters
 
 
 def configuration_tree(parameters: Parameters) -> dict[str, Any]:
