@@ -37,6 +37,7 @@ if TYPE_CHECKING:
 
 TICK_S = 0.2  # how often the line of state is looked at where no estimates come
 SEEN = ("active", "latched", "pending")
+MOST_DIGITS = 12  # of an end of an interval
 Placed = TypeVar("Placed", LinkageSample, BodySample)
 
 
@@ -181,7 +182,10 @@ def shown_fit(identifier: IdentifierNode) -> ShownFit:
 def _interval(key: KeyVerdict) -> str:
     if not (math.isfinite(key.low_95) and math.isfinite(key.high_95)):
         return "-"
-    return f"{key.low_95:.4g} to {key.high_95:.4g}"
+    width, size = key.high_95 - key.low_95, max(abs(key.low_95), abs(key.high_95))
+    apart = math.ceil(math.log10(size / width)) + 2 if 0.0 < width < size else 0  # digits in which the ends differ
+    digits = min(max(4, apart), MOST_DIGITS)
+    return f"{key.low_95:.{digits}g} to {key.high_95:.{digits}g}"
 
 
 def _size(best: Candidate | None) -> str:

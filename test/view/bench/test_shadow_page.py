@@ -149,6 +149,7 @@ def test_a_hidden_mass_is_identified_from_the_last_seconds_and_the_model_goes_on
         expect(page.locator("#take-over")).to_be_disabled()
         expect(page.locator("#state")).to_have_text("locked", timeout=UP_MS)
         page.locator("#identify").click()
+        expect(told).not_to_contain_text("taken over", timeout=UP_MS)
         expect(told).to_contain_text(re.compile("found|not better"), timeout=UP_MS)
         before = float(row.locator("td").nth(1).inner_text())
         assert low < before < high, "the model that is fitted anew is the one taken over"

@@ -30,9 +30,11 @@ export function showFit({ phase, told, free, kept_s: kept, rows, held_out: held,
   find("fit").dataset.phase = phase;
   find("fit-free").textContent = `${free.length} free key${free.length === 1 ? "" : "s"}: ${free.join(", ")}`;
   const span = find("fit-span"), seconds = SPANS_S.filter((each) => each <= kept);
-  if (span.childElementCount !== Math.max(1, seconds.length)) {
+  const offered = seconds.length ? seconds : [Math.max(2, kept)];
+  if (span.dataset.offered !== String(offered)) {
     const chosen = span.value;
-    span.replaceChildren(...(seconds.length ? seconds : [Math.max(2, kept)]).map((each) => new Option(each < 120 ? `${each} s` : `${each / 60} min`, each)));
+    span.dataset.offered = String(offered);
+    span.replaceChildren(...offered.map((each) => new Option(each < 120 ? `${each} s` : `${each / 60} min`, each)));
     if (seconds.includes(Number(chosen))) span.value = chosen; else span.lastChild.selected = true;
   }
   find("fit-told").textContent = `${phase}: ${told}`;
