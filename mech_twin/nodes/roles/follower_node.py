@@ -210,7 +210,8 @@ class FollowerNode(RoleNode):
 
     def _answer_later(self, question: Any, message: Step) -> None:
         self._unanswered = (question, message)
-        self._retry_timer.reset()
+        if self._retry_timer.is_canceled():  # a timer set anew in its own callback kept the executor busy for seconds
+            self._retry_timer.reset()
 
     def _answer(self, question: Any, message: Step) -> None:
         if not self._is_configured(message.configuration):  # its description is on its way
