@@ -7,6 +7,7 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import NamedTuple
 
@@ -116,7 +117,7 @@ def _of_runs(runs: Sequence[_FeaturedRun], parameters: Parameters, arl0_h: float
             raise CommandError(f"{run.path}: has other channels than {runs[0].path}; expected the same in each day")
     found = fitted_setup(runs[0].monitored, joined_runs([run.vectors for run in runs]), arl0_h, seed)
     told = [BaselineRun(str(run.path.absolute()), len(run.vectors)) for run in runs]
-    return replace(found, origin=new_origin(parameters, runs[0].given, told))
+    return replace(found, origin=new_origin(datetime.now(UTC), parameters, runs[0].given, told))
 
 
 def _explained(setup: MonitorSetup, units: Mapping[str, str], run: Judged, fault: str) -> tuple[Explanation, ...]:

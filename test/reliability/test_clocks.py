@@ -25,7 +25,7 @@ from mech_twin.nodes.roles.recorder_node import RecorderNode
 from mech_twin.recording.bag_reader import BagReader
 
 DRUM = "winding_drum"
-PURE = ("samples", "roles", "declarations", "kernels", "parts", "engine", "machines", "studies")
+PURE = ("samples", "roles", "declarations", "kernels/kernel", "parts", "engine", "machines", "studies")
 WALL = {"time", "time_ns", "ctime", "localtime", "gmtime", "strftime", "now", "today", "utcnow"}
 ONLY_NAMES = {"bench_hall.py", "executables.py", "run.py"}  # the wall clock names a recording directory there
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from datetime import UTC, datetime
+from datetime import datetime
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -66,10 +66,9 @@ def origin_of_record(record: Mapping[str, Any]) -> Origin:
     return Origin(str(record["made_utc"]), str(record["configuration"]), str(record["sensors"]), runs)
 
 
-def new_origin(parameters: BaseModel, given: MeasurementMap, runs: Iterable[BaselineRun]) -> Origin:
+def new_origin(now: datetime, parameters: BaseModel, given: MeasurementMap, runs: Iterable[BaselineRun]) -> Origin:
     """Return the origin of a baseline that is made now."""
-    made_utc = datetime.now(UTC).isoformat(timespec="seconds")
-    return Origin(made_utc, configuration_hash(parameters), sensors_hash(given), tuple(runs))
+    return Origin(now.isoformat(timespec="seconds"), configuration_hash(parameters), sensors_hash(given), tuple(runs))
 
 
 def configuration_hash(parameters: BaseModel) -> str:

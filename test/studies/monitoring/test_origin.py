@@ -28,6 +28,7 @@ from mech_twin.studies.monitoring.thresholds import chart_limits
 
 DAYS = 3
 NOTHING = np.empty((0, 2))
+MADE = datetime(2026, 1, 31, 12, tzinfo=UTC)
 
 
 def days() -> list[np.ndarray]:
@@ -72,7 +73,7 @@ def test_the_origin_is_kept_in_the_file_and_nonsense_in_it_is_refused() -> None:
     baseline, innovations = fitted_baseline(joined_runs([vectors(rows) for rows in days()]))
     machine = monitored("impact_mass")
     runs = [BaselineRun(f"/runs/{day}.csv", 200) for day in range(DAYS)]
-    origin = new_origin(machine.parameters, machine.sensors, runs)
+    origin = new_origin(MADE, machine.parameters, machine.sensors, runs)
     limits = chart_limits(baseline, innovations, 1000.0)
     record = json.loads(json.dumps(replace(MonitorSetup("none", baseline, limits), origin=origin).record()))
     assert SetupRecord.model_validate_json(json.dumps(record)).setup().origin == origin
@@ -89,6 +90,6 @@ def test_the_origin_is_kept_in_the_file_and_nonsense_in_it_is_refused() -> None:
 
 def test_a_baseline_ages() -> None:
     machine = monitored("impact_mass")
-    origin = new_origin(machine.parameters, machine.sensors, [BaselineRun("a", 1)])
-    assert origin.age_days(datetime.now(UTC) + timedelta(days=41)) == pytest.approx(41.0, abs=0.1)
-    assert origin.age_days(datetime.now(UTC) - timedelta(days=1)) == 0.0
+    origin = new_origin(MADE, machine.parameters, machine.sensors, [BaselineRun("a", 1)])
+    assert origin.age_days(MADE + timedelta(days=41)) == pytest.approx(41.0, abs=0.1)
+    assert origin.age_days(MADE - timedelta(days=1)) == 0.0
