@@ -15,7 +15,8 @@ INSTALL_HASHED = $(BIN)/python -m pip install -q --require-hashes --no-deps -r $
 READERS := test/recording/npm
 # rooms, and files of others, whose tests neither talk over topics nor watch the clock: they share the cores, the others
 # run one by one
-QUIET_ROOMS := engine fmi golden literature machines measurements mechanics messages packaging parameters parts studies
+# the longest first, so that no core waits at the end
+QUIET_ROOMS := studies engine fmi golden literature machines measurements mechanics messages packaging parameters parts
 QUIET_FILES := $(addprefix cli/test_,completion.py consequences.py errors.py measurement_commands.py monitor.py pages.py \
     plain_recordings.py recording_losses.py reproduce.py run_options.py simulate_residuals.py story_recording.py study.py tables.py) \
   $(addprefix recording/test_,bag_samples.py bag_writer.py compressed_bags.py false_index.py foreign_readers.py fuzz.py \
@@ -23,7 +24,7 @@ QUIET_FILES := $(addprefix cli/test_,completion.py consequences.py errors.py mea
   $(addprefix view/test_,annotations.py decimation.py labels.py rerun_scene.py) view/bench/test_lanes.py \
   $(addprefix test_,captions.py changed_values.py kernel_cache.py output_file.py random_configurations.py terminal_output.py)
 QUIET := $(wildcard $(addprefix test/,$(QUIET_ROOMS) $(QUIET_FILES)))
-SHARED := -n 2 --dist loadfile $(QUIET)
+SHARED := -n 2 --dist loadfile --no-loadscope-reorder $(QUIET)
 ALONE := test $(addprefix --ignore=,$(QUIET) test/reliability)
 # these kill and stop processes of a run, beside which they listen: in a process that has not listened to others before
 FAULTS := test/reliability
