@@ -13,7 +13,7 @@ from mech_twin.declarations.captions import unit_of
 from mech_twin.declarations.configuration_tree import configuration_tree
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.files.output_file import check_output_file, written_file
-from mech_twin.report_page import page, picture, section, versions
+from mech_twin.files.report_page import page, picture, section, versions
 from mech_twin.studies.parameter_sweep import Sweep
 from mech_twin.studies.run_comparison import changed_settings
 

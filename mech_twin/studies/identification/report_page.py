@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mech_twin.capabilities.plots import BLUE, GREY, RED, house_style
+from mech_twin.files.report_page import page
 from mech_twin.measurements.blocks import Array
-from mech_twin.report_page import page
 from mech_twin.studies.identification.held_out import beside
 from mech_twin.studies.identification.identification import Identification
 from mech_twin.studies.identification.residuals import FitProblem

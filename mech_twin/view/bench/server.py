@@ -24,7 +24,7 @@ from typing import Any
 
 from aiohttp import WSCloseCode, WSMsgType, web
 
-from mech_twin.report_page import versions
+from mech_twin.files.report_page import versions
 from mech_twin.view.bench.bench_page import SEND_S, BenchPage
 from mech_twin.view.bench.guard import HEADERS, LONGEST_LINE, SILENT_S, Guard, content_policy, plain, silent_logger
 from mech_twin.view.bench.link import HEAD, LARGEST_BYTES, PICTURE
