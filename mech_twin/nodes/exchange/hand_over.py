@@ -15,7 +15,7 @@ by somebody else: their signature is not believed, and they count as unsigned.
 from __future__ import annotations
 
 import math
-from collections import deque
+from collections import OrderedDict, deque
 from collections.abc import Callable, Iterable
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -25,7 +25,7 @@ from mech_twin.messages.step_marks import ANONYMOUS, ConfigurationMark, configur
 from mech_twin.messages.step_message import REVISION, Row
 from mech_twin.samples import ForceSample, LinkageSample, MotorSample
 
-REMEMBERED = 1 << 16  # messages of a topic: a minute of steps of 1 ms, longer than any listener is behind
+REMEMBERED = 1 << 15  # messages of a topic: half a minute of steps of 1 ms, longer than any listener is behind
 SECOND = LinkageSample._fields.index("command")  # where a body has its pressing force
 
 
@@ -230,7 +230,7 @@ class StepChannel:
         self.listeners: list[Listener] = []
         self.senders = 0
         self._sources: set[float] = set()
-        self._published: dict[int, None] = {}  # hashes of the newest bytes
+        self._published: OrderedDict[int, None] = OrderedDict()  # hashes of the newest bytes
 
     def left(self) -> None:
         """Take note that a sender sends nothing here any more; what it publishes from now on is not known here."""
@@ -258,15 +258,18 @@ class StepChannel:
         if isinstance(step, HandedStep):
             self._sources.add(step.source)
         if subscriptions() > sum(handed):
-            self._remember(step.raw)
+            if self.listeners:
+                self._remember(step.raw)
             for listener, by_hand in zip(self.listeners, handed, strict=True):
                 listener.expect(step.raw, by_hand)
             publish(step.raw)
 
     def _remember(self, raw: bytes) -> None:
-        self._published[hash(raw)] = None
+        number = hash(raw)
+        self._published[number] = None
+        self._published.move_to_end(number)
         if len(self._published) > REMEMBERED:
-            del self._published[next(iter(self._published))]
+            self._published.popitem(last=False)
 
 
 class HandOver:
