@@ -88,6 +88,9 @@ class Timer(Ended):
             self._arm()
             self.call()
 
+    def is_canceled(self) -> bool:
+        return not self.running
+
     def cancel(self) -> None:
         self.running = False
 
