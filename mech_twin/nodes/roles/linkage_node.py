@@ -138,6 +138,11 @@ class LinkageNode(RoleNode):
         self._out.shared_clock.check()
         super().report()
 
+    def close(self) -> None:
+        """Let go of the claim on the shared clock."""
+        self._out.shared_clock.close()
+        super().close()
+
     def _step_of_sample(self) -> int | None:
         return None if self.sample is None else self.sample.step
 

@@ -6,6 +6,7 @@ All tools of a domain follow one clock, which one machine tells; each has anothe
 
 from __future__ import annotations
 
+import sys
 from functools import partial
 
 from std_msgs.msg import String
@@ -30,6 +31,7 @@ from mech_twin.messages.topics import (
 from mech_twin.nodes.exchange.base_node import TwinNode
 from mech_twin.nodes.exchange.counting_publisher import CountingPublisher
 from mech_twin.nodes.exchange.hand_over import HandedStep
+from mech_twin.nodes.exchange.host_claims import HostClaims
 from mech_twin.nodes.exchange.peers import clock_publishers
 from mech_twin.nodes.roles.role_node import RoleNode
 from mech_twin.samples import BodySample, Drawing, Event, LinkageSample
@@ -40,7 +42,8 @@ LINKAGE = "/linkage"  # how the full name of a node of the twin that tells time 
 class SharedClock:
     """``/clock``, published where nobody else does when the run begins, and given up if somebody does later.
 
-    Of two runs that begin at one instant both find nobody; then the one whose node has the lesser name goes on.
+    On one host whoever claims it first has it.  Of two hosts whose runs begin at one instant both find nobody; then the
+    one whose node has the lesser name goes on.
 
     Parameters
     ----------
@@ -51,6 +54,7 @@ class SharedClock:
     def __init__(self, node: TwinNode) -> None:
         self._node = node
         self._output: CountingPublisher | None = None
+        self._claim: HostClaims | None = None
 
     @property
     def topics(self) -> str:
@@ -60,11 +64,13 @@ class SharedClock:
 
     def begin(self) -> None:
         """Publish from now on where nobody else does; in a namespace that was asked for there is one clock only."""
-        if self._node.resolve_topic_name(CLOCK.name) == self._node.resolve_topic_name(OWN_CLOCK.name):
+        shared = self._node.resolve_topic_name(CLOCK.name)
+        if shared == self._node.resolve_topic_name(OWN_CLOCK.name):
             return
+        self._claim = HostClaims([shared]) if sys.platform == "linux" else None
         others = clock_publishers(self._node)
-        if others:
-            self._tell(others)
+        if others or (self._claim and self._claim.holder):
+            self._leave(others)
         else:
             self._output = self._node.output(CLOCK, recorded=False)
 
@@ -76,17 +82,24 @@ class SharedClock:
             self._output.withdraw(self._node)
             self._node.outputs.remove(self._output)
             self._output = None
-            self._tell(others)
+            self._leave(others)
 
     def send(self, raw: bytes) -> None:
         """Publish a message of the clock, where this run does."""
         if self._output is not None:
             self._output.send(raw)
 
-    def _tell(self, others: set[str]) -> None:
-        names = ", ".join(sorted(others))
-        shared = self._node.resolve_topic_name(CLOCK.name)
-        self._node.get_logger().info(f"{shared} is published by {names}; the time of this run is on {self.topics}")
+    def close(self) -> None:
+        """Let go of the claim."""
+        if self._claim is not None:
+            self._claim.close()
+
+    def _leave(self, others: set[str]) -> None:
+        """Leave the clock to others, who may not be discovered yet where they hold it on this host."""
+        holder = self._claim.holder if self._claim else ""
+        found = f"{self._node.resolve_topic_name(CLOCK.name)} is published by {', '.join(sorted(others))}"
+        self.close()
+        self._node.get_logger().info(f"{found if others else holder}; the time of this run is on {self.topics}")
 
 
 PEERS_THAT_STEP = 2  # motor and force analysis listen to every step

@@ -12,16 +12,11 @@ tells the instant at which it began; who hears an elder claim to one of its own 
 
 from __future__ import annotations
 
-import errno
-import hashlib
 import os
 import secrets
-import socket
-import struct
 import sys
 import time
-from collections.abc import Iterable, Sequence
-from contextlib import ExitStack, suppress
+from collections.abc import Sequence
 from functools import partial
 from types import TracebackType
 
@@ -32,6 +27,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from mech_twin.messages.topics import DATA, DIAGNOSTICS, EVERY_LATCHED, LATCHED
+from mech_twin.nodes.exchange.host_claims import HostClaims
 from mech_twin.nodes.run.domain import DISCOVERY, THIS_HOST, NameInUseError
 
 DISCOVERY_S = 3.5  # usually a tenth of a second; where that fails, with the announcement that comes each 3 s
@@ -40,52 +36,6 @@ PROOF_S = 1.5  # more than the window of the diagnostics
 TURN_S = 0.02
 CLAIMS = "/_mech_twin/claims"  # an instant, and the full names of topics; hidden from the usual lists
 LONGEST_CLAIM = 10_000
-
-
-class HostClaims:
-    """Names held on this host: abstract Unix sockets, which the kernel gives to one process at a time.
-
-    Parameters
-    ----------
-    names : iterable of str
-        What is claimed; all or none.
-
-    Attributes
-    ----------
-    holder : str
-        What is held by whom, if another process holds one of them; else empty.
-    """
-
-    def __init__(self, names: Iterable[str]) -> None:
-        self.holder = ""
-        self._held = ExitStack()
-        domain = rclpy.get_default_context().get_domain_id()
-        for name in sorted(names):  # all in one order, so that one of several gets them all
-            address = b"\0mech_twin/" + hashlib.sha256(f"{domain} {name}".encode()).digest()
-            try:
-                held = self._held.enter_context(socket.socket(socket.AF_UNIX))
-                held.bind(address)
-                held.listen()
-            except OSError as error:
-                self.close()
-                if error.errno != errno.EADDRINUSE:
-                    raise
-                self.holder = f"{name} is claimed by an earlier start{_holder(address)}"
-                return
-
-    def close(self) -> None:
-        """Let go of the names."""
-        self._held.close()
-
-
-def _holder(address: bytes) -> str:
-    """Return the process that listens at an address, in words."""
-    with suppress(OSError), socket.socket(socket.AF_UNIX) as asked:
-        asked.settimeout(TURN_S)
-        asked.connect(address)
-        process, _, _ = struct.unpack("3i", asked.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12))
-        return f", process {process}"
-    return ""
 
 
 def discovery_s() -> float:
