@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Draws the moving picture of the README: a machine over one cycle of its work, much slowed, with its pin reactions.
+"""Draws a machine over one slowed cycle: for the README with pin reactions, for the gallery small and bare.
 
-Usage: moving_picture.py MACHINE FILE.gif
+Usage: moving_picture.py MACHINE|PAGE FILE.gif [small]
 """
 
 from __future__ import annotations
@@ -30,31 +30,33 @@ from mech_twin.view.extent import ASPECT, MARGIN, Bounds
 from mech_twin.view.labels import written_beside
 
 RUN_S = 3.0  # by then the motion repeats itself
-PICTURES = 60
+PICTURES, PICTURES_SMALL = 60, 30
 SHOWN_S = 0.05  # of the reader's time, for each
 FLASH_S = 0.02  # of the machine's time, after a blow; the live view, which is faster, shows it longer
 SIZE_IN, DPI, COLOURS = (9.0, 4.6), 90, 48
+SIZE_SMALL_IN, COLOURS_SMALL = (4.8, 3.0), 24
 FORCES = ("#d55e00", "#0072b2", "#009e73", "#cc79a7")
 PAPER = (244, 244, 240)
 STYLES = ("-", (0, (4.0, 3.0)))  # reactions of a light link are nearly the same at both ends
+LATE_BLOWS = 12
 BLOWS = ("blow", "impact", "bottom")
 
 
 def cycle(run: Sequence[Frame]) -> tuple[int, int]:
-    """Return first and last index of the last whole cycle: from blow to blow, else a turn of the crank."""
+    """Return first and last index of a late whole cycle: the longest from blow to blow, else a turn of the crank."""
     struck = [i for i, frame in enumerate(run) if any(event.kind in BLOWS for event in frame_events(frame))]
     if len(struck) > 1:
-        return struck[-2], struck[-1]
+        return max(pairwise(struck[-LATE_BLOWS:]), key=lambda ends: ends[1] - ends[0])  # not one of a chatter
     angles = np.array([frame.linkage.position[0] for frame in run])
     return int(np.argmin(np.abs(angles - angles[-1] + np.copysign(2.0 * np.pi, angles[-1])))), len(run) - 1
 
 
-def extent(drawings: Sequence[Sequence[Shape]]) -> Bounds:
-    """Return the range that all drawings cover, with room for values below."""
+def extent(drawings: Sequence[Sequence[Shape]], below: float) -> Bounds:
+    """Return the range that all drawings cover, with a share of its height free below, for values."""
     points = np.array([point for shapes in drawings for shape in shapes for point in shape.points_m])
     (left, low), (right, high) = points.min(axis=0), points.max(axis=0)
     margin = MARGIN * max(right - left, high - low)
-    low -= 0.42 * (high - low)
+    low -= below * (high - low)
     width = max(right - left + 2.0 * margin, ASPECT * (high - low + 2.0 * margin))
     middle = 0.5 * (left + right)
     return Bounds(middle - 0.5 * width, middle + 0.5 * width, low - margin, high + margin)
@@ -108,7 +110,7 @@ def pictures(machine: Machine) -> list[Image.Image]:
     run, events, notes = prepared(machine)
     chosen = [run[round(i * (len(run) - 1) / PICTURES)] for i in range(PICTURES)]
     drawings = [machine.draw(frame.linkage, frame.body) for frame in chosen]
-    bounds = extent(drawings)
+    bounds = extent(drawings, below=0.42)
     made = []
     struck = 0
     for frame, shapes in zip(chosen, drawings, strict=True):
@@ -122,6 +124,35 @@ def pictures(machine: Machine) -> list[Image.Image]:
     return made
 
 
+def small_pictures(machine: Machine) -> list[Image.Image]:
+    """Return few and small pictures of one cycle, of the drawing alone."""
+    assert machine.draw is not None
+    run = list(frames(machine, RUN_S))
+    first, last = cycle(run)
+    chosen = [run[first + round(i * (last - first) / PICTURES_SMALL)] for i in range(PICTURES_SMALL)]
+    drawings = [[s for s in machine.draw(f.linkage, f.body) if s.kind != "text"] for f in chosen]
+    bounds = extent(drawings, below=0.0)
+    return [_small_picture(shapes, bounds) for shapes in drawings]
+
+
+def _small_picture(shapes: Sequence[Shape], bounds: Bounds) -> Image.Image:
+    figure = Figure(figsize=SIZE_SMALL_IN, dpi=DPI, layout="constrained")
+    figure.set_facecolor(tuple(part / 255.0 for part in PAPER))
+    canvas: Any = FigureCanvasAgg(figure)
+    axes = figure.subplots()
+    _frame(axes, bounds)
+    draw(axes, [shape._replace(text="") for shape in shapes], bounds.right_m - bounds.left_m)
+    canvas.draw()
+    return Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
+
+
+def _frame(axes: Axes, bounds: Bounds) -> None:
+    axes.set_xlim(bounds.left_m, bounds.right_m)
+    axes.set_ylim(bounds.low_m, bounds.high_m)
+    axes.set_aspect("equal")
+    axes.axis("off")
+
+
 def _picture(
     machine: Machine, run: Sequence[Frame], now: Frame, shapes: Sequence[Shape], bounds: Bounds
 ) -> Image.Image:
@@ -129,10 +160,7 @@ def _picture(
     figure.set_facecolor(tuple(part / 255.0 for part in PAPER))
     canvas: Any = FigureCanvasAgg(figure)
     left, right = figure.subplots(1, 2, width_ratios=(1.7, 1.0))
-    left.set_xlim(bounds.left_m, bounds.right_m)
-    left.set_ylim(bounds.low_m, bounds.high_m)
-    left.set_aspect("equal")
-    left.axis("off")
+    _frame(left, bounds)
     draw(left, shapes, bounds.right_m - bounds.left_m)
     start = run[0].linkage.time_s
     time_ms = [1000.0 * (frame.linkage.time_s - start) for frame in run]
@@ -150,10 +178,10 @@ def _picture(
     return Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
 
 
-def write(made: Sequence[Image.Image], file: Path) -> None:
+def write(made: Sequence[Image.Image], file: Path, colours: int = COLOURS) -> None:
     """Write the pictures as one that moves, in the colours of the first few."""
     strip = np.concatenate([np.asarray(picture) for picture in made[:: max(1, len(made) // 6)]])
-    palette = Image.fromarray(strip).quantize(COLOURS, dither=Image.Dither.NONE)
+    palette = Image.fromarray(strip).quantize(colours, dither=Image.Dither.NONE)
     drawn = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in made]
     changes = sum(np.any(np.asarray(one) != np.asarray(other)) for one, other in pairwise(drawn))
     if changes < len(drawn) // 2:
@@ -165,9 +193,12 @@ def write(made: Sequence[Image.Image], file: Path) -> None:
 
 def main() -> None:
     """Draw and write."""
-    name, file = sys.argv[1], Path(sys.argv[2])
+    machine, file = built_machine(sys.argv[1]), Path(sys.argv[2])
     with mpl.rc_context({"font.size": 9, "font.family": "DejaVu Sans"}):
-        write(pictures(built_machine(name, None, [])), file)
+        if "small" in sys.argv[3:]:
+            write(small_pictures(machine), file, COLOURS_SMALL)
+        else:
+            write(pictures(machine), file)
 
 
 if __name__ == "__main__":
