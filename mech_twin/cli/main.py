@@ -38,6 +38,7 @@ VERBS: dict[str, type[Verb]] = {
     "map": measurement_verbs.MapVerb,
     "identify": measurement_verbs.IdentifyVerb,
     "monitor": measurement_verbs.MonitorVerb,
+    "fleet": measurement_verbs.FleetVerb,
 }
 QUESTIONS: dict[str, type[Verb]] = {
     "sweep": study_verbs.SweepVerb,

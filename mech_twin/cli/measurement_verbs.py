@@ -146,3 +146,27 @@ class MonitorVerb(Verb):
     settings: Settings = []
     force: Force = False
     as_json: Json = False
+
+
+class FleetVerb(Verb):
+    """Rank machines of one kind, each against its own baseline and its sisters (exit code 1: one is suspect)."""
+
+    answer: ClassVar[str] = "mech_twin.cli.fleet:rank_fleet"
+    machine: MachineName
+    folder: Path = argument("folder with a folder for each machine: recordings, and baseline.json if it has one")
+    map_file: MapFile = None
+    known_arl0_h: float | None = option(
+        "mean time between false alarms of each machine, h", None, "--arl0", ge=1e-3, shown="24"
+    )
+    skip_s: float | None = option(
+        "time at the start of each recording that is left out, s", unit="s", shown="the machine's run-up"
+    )
+    save_baselines: bool = option("keep each machine's baseline in its folder (baseline.json)", False)
+    page: Path | None = option("page to write (.html)")
+    everything: bool = option("every machine, not the suspect ones alone", False, "--all")
+    cores: int | None = option("processor cores to use", ge=1, shown="all")
+    scheduler: str | None = option("Dask scheduler to spread over, tcp://HOST:PORT", metavar="ADDRESS")
+    config: Config = None
+    settings: Settings = []
+    force: Force = False
+    as_json: Json = False

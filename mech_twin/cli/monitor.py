@@ -6,30 +6,19 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from datetime import UTC, datetime
 from pathlib import Path
-from typing import NamedTuple
 
-from mech_twin.capabilities.blow_gauge import GAUGE_UNITS
 from mech_twin.cli.console import say
 from mech_twin.cli.failure import CommandError
+from mech_twin.cli.featured_run import ARL0_H, FeaturedRun, check_machine, featured_run, setup_of_runs
 from mech_twin.cli.measurement_verbs import MonitorVerb
 from mech_twin.cli.monitor_baseline import agreed, baseline_file, check_origin, check_request, earlier_runs, read_setup
 from mech_twin.cli.monitor_output import Judged, show_design, show_runs
 from mech_twin.declarations.quantity import Parameters
-from mech_twin.engine.rollout import roll_out
 from mech_twin.files.output_file import check_output_file, written_file
-from mech_twin.measurements.blocks import RunReader
-from mech_twin.measurements.machine_columns import is_event, machine_columns
-from mech_twin.measurements.measurement_map import Channel, MeasurementMap, Source
-from mech_twin.measurements.proposal import EXACT, map_of, proposed_channels
-from mech_twin.measurements.runs import read_parts
-from mech_twin.parameters.load import assignments, catalogue_entry, kind_of, machine_parameters
+from mech_twin.parameters.load import assignments, catalogue_entry, machine_parameters
 from mech_twin.process.dependencies import require_extra
-from mech_twin.results.opened_runs import given_map, opened_run
-from mech_twin.roles import Machine
-from mech_twin.studies.monitoring.cycle_features import FeatureVector
+from mech_twin.results.opened_runs import given_map
 from mech_twin.studies.monitoring.design import (
     DESIGN_CYCLES,
     arl0_cycles,
@@ -39,16 +28,11 @@ from mech_twin.studies.monitoring.design import (
 )
 from mech_twin.studies.monitoring.explanation import Explanation, drawn_explanation, explanation, known_fault
 from mech_twin.studies.monitoring.monitor import Monitor, MonitorSetup
-from mech_twin.studies.monitoring.origin import BaselineRun, joined_runs, new_origin, sensors_hash
-from mech_twin.studies.monitoring.report import judged, known_sensors, vectors_of_parts
+from mech_twin.studies.monitoring.report import judged
 from mech_twin.studies.monitoring.signatures import MonitoredMachine
 
 FAULT_FOUND = 1  # exit code
 HEALTHY_SHARE = 0.4  # of the first run, where no baseline is given
-ARL0_H = 24.0
-EVENTS_OF_S = 2.0  # of the model's own run, that tell which contacts its events have
-IMPACTS, BLOW_GAUGE = "impacts", "blow/gauge"  # topics of the twin, below its namespace
-EVENT_FIELDS = {"time": "stamp", "pre_velocity": "vector.x", "post_velocity": "vector.y", "impulse": "vector.z"}
 
 
 def _arl0_h(asked: MonitorVerb) -> float:
@@ -73,7 +57,7 @@ def monitor_machine(asked: MonitorVerb) -> None:
     if asked.picture is not None:
         require_extra("plots")
         check_output_file(asked.picture, force=asked.force, suffixes=(".png", ".svg"))
-    runs = [_vectors(asked, path, parameters) for path in asked.runs]
+    runs = [_featured(asked, path, parameters) for path in asked.runs]
     setup, runs[0] = _setup(asked, parameters, runs[0])
     if asked.save_baseline is not None:
         with written_file(asked.save_baseline, force=asked.force) as file:
@@ -94,30 +78,24 @@ def monitor_machine(asked: MonitorVerb) -> None:
         _renew(asked, kept_file, setup, runs, parameters)
 
 
+def _featured(asked: MonitorVerb, path: Path, parameters: Parameters) -> FeaturedRun:
+    return featured_run(path, asked.machine, parameters, asked.map_file, asked.skip_s)
+
+
 def _renew(
-    asked: MonitorVerb, file: Path, setup: MonitorSetup, runs: Sequence[_FeaturedRun], parameters: Parameters
+    asked: MonitorVerb, file: Path, setup: MonitorSetup, runs: Sequence[FeaturedRun], parameters: Parameters
 ) -> None:
     """Write the baseline anew, of its own runs and these, where there is a yes."""
     earlier = earlier_runs(file, setup, [run.path for run in runs])
     if not asked.yes and not agreed(file, setup, [str(run.path) for run in runs]):
         say(f"{file}: not renewed")
         return
-    read = [(_vectors(asked, run.path, parameters), run.cycles) for run in earlier]
+    read = [(_featured(asked, run.path, parameters), run.cycles) for run in earlier]
     known = [run._replace(vectors=run.vectors[:cycles]) for run, cycles in read]
-    renewed = _of_runs([*known, *runs], parameters, setup.arl0_h, 0)
+    renewed = setup_of_runs([*known, *runs], parameters, setup.arl0_h, 0)
     with written_file(file, force=True) as unfinished:
         unfinished.write_text(json.dumps(renewed.record()) + "\n", encoding="utf-8")
     say(f"{file}: renewed with {len(runs)} more, {len(known) + len(runs)} runs, {renewed.baseline.cycles} cycles")
-
-
-def _of_runs(runs: Sequence[_FeaturedRun], parameters: Parameters, arl0_h: float, seed: int) -> MonitorSetup:
-    """Return the setup of the healthy cycles of several runs; those of the first are the sensors."""
-    for run in runs:
-        if sensors_hash(run.given) != sensors_hash(runs[0].given):
-            raise CommandError(f"{run.path}: has other channels than {runs[0].path}; expected the same in each day")
-    found = fitted_setup(runs[0].monitored, joined_runs([run.vectors for run in runs]), arl0_h, seed)
-    told = [BaselineRun(str(run.path.absolute()), len(run.vectors)) for run in runs]
-    return replace(found, origin=new_origin(datetime.now(UTC), parameters, runs[0].given, told))
 
 
 def _explained(setup: MonitorSetup, units: Mapping[str, str], run: Judged, fault: str) -> tuple[Explanation, ...]:
@@ -127,7 +105,7 @@ def _explained(setup: MonitorSetup, units: Mapping[str, str], run: Judged, fault
     return tuple(each for each in told if each is not None)
 
 
-def _draw(path: Path, setup: MonitorSetup, runs: Sequence[tuple[_FeaturedRun, Judged]], *, force: bool) -> None:
+def _draw(path: Path, setup: MonitorSetup, runs: Sequence[tuple[FeaturedRun, Judged]], *, force: bool) -> None:
     """Write the picture of the first alarm that was explained; say where there is none."""
     from mech_twin.capabilities.plots import house_style
 
@@ -143,22 +121,11 @@ def _draw(path: Path, setup: MonitorSetup, runs: Sequence[tuple[_FeaturedRun, Ju
     say(f"{path}: not written, there is no alarm to explain")
 
 
-class _FeaturedRun(NamedTuple):
-    """The features of a run, and what it was measured with."""
-
-    path: Path
-    vectors: list[FeatureVector]
-    skipped: int
-    monitored: MonitoredMachine
-    units: Mapping[str, str]
-    given: MeasurementMap
-
-
 def _design(asked: MonitorVerb, parameters: Parameters) -> None:
     if asked.sensors is None or asked.runs:
         raise CommandError("--design: expected --sensors FILE and no runs")
     sensors = given_map(asked.sensors, catalogue_entry(asked.machine).build(parameters))
-    _check_machine(asked, asked.sensors, sensors)
+    check_machine(asked.machine, asked.sensors, sensors)
     monitored = MonitoredMachine(asked.machine, parameters, sensors)
     setup = fitted_setup(
         monitored, simulated_vectors(monitored, DESIGN_CYCLES, asked.seed or 0), _arl0_h(asked), asked.seed or 0
@@ -166,7 +133,7 @@ def _design(asked: MonitorVerb, parameters: Parameters) -> None:
     show_design(setup, sensor_design(setup), monitored.feed().features, as_json=asked.as_json)
 
 
-def _setup(asked: MonitorVerb, parameters: Parameters, first: _FeaturedRun) -> tuple[MonitorSetup, _FeaturedRun]:
+def _setup(asked: MonitorVerb, parameters: Parameters, first: FeaturedRun) -> tuple[MonitorSetup, FeaturedRun]:
     """Return the setup, and the first run without the cycles that were its baseline."""
     file = baseline_file(asked.baseline)
     if file is not None:
@@ -180,79 +147,9 @@ def _setup(asked: MonitorVerb, parameters: Parameters, first: _FeaturedRun) -> t
             )
         return kept_setup, first
     if asked.baseline:
-        days = [_vectors(asked, path, parameters) for path in asked.baseline]
-        return _of_runs(days, parameters, _arl0_h(asked), asked.seed or 0), first
+        days = [_featured(asked, path, parameters) for path in asked.baseline]
+        return setup_of_runs(days, parameters, _arl0_h(asked), asked.seed or 0), first
     kept = int(HEALTHY_SHARE * len(first.vectors))
     say(f"{first.path}: no --baseline given, the first {kept} of {len(first.vectors)} cycles are taken as healthy")
-    setup = _of_runs([first._replace(vectors=first.vectors[:kept])], parameters, _arl0_h(asked), asked.seed or 0)
+    setup = setup_of_runs([first._replace(vectors=first.vectors[:kept])], parameters, _arl0_h(asked), asked.seed or 0)
     return setup, first._replace(vectors=first.vectors[kept:])
-
-
-def _vectors(asked: MonitorVerb, path: Path, parameters: Parameters) -> _FeaturedRun:
-    """Return the features of a run, its map proposed from the twin's own names where none is given."""
-    with opened_run(path) as reader:
-        built = catalogue_entry(asked.machine).build(parameters)
-        given = given_map(asked.map_file, built) if asked.map_file is not None else _own_map(built, parameters, reader)
-        _check_machine(asked, asked.map_file or path, given)
-        parts = read_parts(reader, given)
-    monitored = MonitoredMachine(asked.machine, parameters, known_sensors(given, parts[0]))
-    declared = monitored.declared
-    feed = monitored.feed()
-    feed.run_up_s = declared.run_up_s if asked.skip_s is None else asked.skip_s
-    feed, vectors = vectors_of_parts(feed, parts)
-    if not vectors:
-        reference = declared.reference.column
-        raise CommandError(
-            f"{path}: no complete cycle of {reference} after {feed.run_up_s:g} s; expected some (--skip)"
-        )
-    units = {feature.name: feature.unit for feature in feed.features}
-    return _FeaturedRun(path, vectors, feed.skipped, monitored, units, given)
-
-
-def _own_map(built: Machine, parameters: Parameters, reader: RunReader) -> MeasurementMap:
-    """Return the map of a run under the twin's own names: the columns that the machine's features are made of."""
-    machine = built.name
-    ask = catalogue_entry(machine).capabilities.features
-    needed: set[str] = set()
-    if ask is not None:
-        declared = ask(parameters)
-        needed = {declared.reference.column, *(name for feature in declared.features for name in feature.needs)}
-    offered = reader.offered()
-    channels = [each for each in proposed_channels(offered, machine_columns(built)) if each.surety == EXACT]
-    proposed = map_of(machine, reader.proposed_time(), [each for each in channels if each.column in needed])
-    if proposed is None:
-        raise CommandError(f"{reader.path}: none of its channels has a name of {machine}; expected --map FILE")
-    return proposed.model_copy(
-        update={"channels": (*proposed.channels, *_own_events(machine, parameters, reader, needed))}
-    )
-
-
-def _own_events(machine: str, parameters: Parameters, reader: RunReader, needed: set[str]) -> list[Channel]:
-    """Return the channels of the twin's own impacts that features need; contacts are those of the model's own run."""
-    topic = next(
-        (each.source.topic for each in reader.offered() if each.source.topic and each.source.topic.endswith(IMPACTS)),
-        None,
-    )
-    kinds = {name.split(".")[1] for name in needed if is_event(name)}
-    if topic is None or not kinds:
-        return []
-    run = roll_out(catalogue_entry(machine).build(parameters), EVENTS_OF_S, ())
-    contacts = {event.kind: event.contact for event in run.events if event.kind in kinds}
-    return [
-        Channel.model_validate({"source": _event_source(topic, contacts[kind], kind, what), "is": column})
-        for column in sorted(needed)
-        if is_event(column)
-        for _, kind, what in (column.split("."),)
-        if kind in contacts
-    ]
-
-
-def _event_source(topic: str, contact: str, kind: str, what: str) -> Source:
-    if what in GAUGE_UNITS:
-        return Source(topic=f"{topic.removesuffix(IMPACTS)}{BLOW_GAUGE}", joint=what, field="effort")
-    return Source(topic=topic, joint=f"{contact}/{kind}", field=EVENT_FIELDS[what])
-
-
-def _check_machine(asked: MonitorVerb, where: Path, given: MeasurementMap) -> None:
-    if given.machine != kind_of(asked.machine):
-        raise CommandError(f"{where}: key 'machine', value {given.machine!r}: expected {kind_of(asked.machine)!r}")

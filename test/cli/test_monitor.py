@@ -6,7 +6,7 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
-from shutil import copytree
+from shutil import copyfile, copytree
 from typing import Any
 
 import pytest
@@ -101,6 +101,34 @@ def test_a_fault_in_a_run_is_found_named_and_sized(
     assert why["features"][0]["name"] in drawn and "first_level of" in drawn
     refused = command(monkeypatch, capsys, *words, "--baseline", kept, "--explain", "gone")
     assert refused[0] == 2 and "fault 'gone': expected one of " in refused[2] and "first_level" in refused[2]
+
+
+def test_a_fleet_is_ranked_each_machine_by_its_own_baseline_and_its_sisters(
+    plant: Plant, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    hall, page, first = tmp_path / "hall", tmp_path / "fleet.html", tmp_path / "hall" / "m0"
+    words = ("fleet", "impact_mass", hall, "--map", plant.map, "--set", OFF_BEAT, "--arl0", 1.0, "--cores", 1)
+    assert "hall: cannot be listed" in command(monkeypatch, capsys, *words)[2]
+    first.mkdir(parents=True)
+    copytree(plant.healthy, first / "a")
+    copyfile(plant.faulty, first / "b.csv")
+    code, _, err = command(monkeypatch, capsys, *words, "--save-baselines")
+    assert code == 1 and (first / "baseline.json").exists() and "too few sisters" in err
+    for name in ("m1", "m2", "m3", "m4", "m5"):
+        copytree(plant.healthy, hall / name / "a")
+        copyfile(first / "baseline.json", hall / name / "baseline.json")
+    (hall / "m6").mkdir()
+    code, out, _ = command(monkeypatch, capsys, *words, "--json", "--page", page)
+    told = json.loads(out)
+    assert code == 1 and told["machines"][0]["name"] == "m0"
+    assert told["machines"][0]["finding"] == "first_level" and told["machines"][0]["recording"] == "b.csv"
+    assert told["machines"][0]["candidate"]["low_95"] <= -0.1 <= told["machines"][0]["candidate"]["high_95"]
+    assert told["machines"][0]["onset_s"] == pytest.approx(CHANGE_S, abs=0.1)
+    assert not any(each["finding"] or each["is_apart"] for each in told["machines"][1:]) and told["limit"] > 0.0
+    assert "expected baseline.json and a recording" in told["refused"]["m6"]
+    assert "first_level" in page.read_text(encoding="utf-8") and "Not judged" in page.read_text(encoding="utf-8")
+    other = command(monkeypatch, capsys, *words[:5], "--set", "restitution=0.4", "--json")
+    assert other[0] == 2 and "made with another configuration" in json.loads(other[1])["refused"]["m1"]
 
 
 def test_a_healthy_run_has_no_alarm_and_exit_code_0(

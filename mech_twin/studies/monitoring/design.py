@@ -24,7 +24,12 @@ from mech_twin.studies.monitoring.naming import MODEL_SHARE, Signature
 from mech_twin.studies.monitoring.operating_fit import left_by_point, operating_surface
 from mech_twin.studies.monitoring.sensing import seen_run
 from mech_twin.studies.monitoring.sensor_quality import sensor_limits
-from mech_twin.studies.monitoring.signatures import MonitoredMachine, machine_signatures, mean_period_s
+from mech_twin.studies.monitoring.signatures import (
+    MonitoredMachine,
+    Responses,
+    machine_signatures,
+    mean_period_s,
+)
 from mech_twin.studies.monitoring.thresholds import ChartLimits, chart_limits
 
 DESIGN_CYCLES = 300
@@ -85,13 +90,17 @@ def arl0_cycles(arl0_h: float, period_s: float) -> float:
 
 
 def fitted_setup(
-    monitored: MonitoredMachine, vectors: Sequence[FeatureVector], arl0_h: float, seed: int = 0
+    monitored: MonitoredMachine,
+    vectors: Sequence[FeatureVector],
+    arl0_h: float,
+    seed: int = 0,
+    known: Responses | None = None,
 ) -> MonitorSetup:
     """Return the setup of a monitor from healthy cycles, for a stated time between false alarms (h).
 
     Charts and signatures are of what the operating point leaves of the features, where the machine declares one.
     """
-    return setup_for_cycles(monitored, vectors, lambda period_s: arl0_cycles(arl0_h, period_s), seed)
+    return setup_for_cycles(monitored, vectors, lambda period_s: arl0_cycles(arl0_h, period_s), seed, known=known)
 
 
 def setup_for_cycles(
@@ -101,19 +110,24 @@ def setup_for_cycles(
     seed: int = 0,
     *,
     named: bool = True,
+    known: Responses | None = None,
 ) -> MonitorSetup:
     """Return the same for a stated number of cycles between false alarms, or that as a function of the period (s).
 
-    Without ``named`` there are no signatures: changes are found, but not named.
+    Without ``named`` there are no signatures: changes are found, but not named.  What
+    is ``known`` from roll-outs of a sister with the same sensors is not computed again, and what is new is added.
     """
     raw, _ = fitted_baseline(vectors)
-    surface, runs = operating_surface(monitored, vectors, raw.names), vectors
+    known = known or Responses({}, {})
+    surface, runs = operating_surface(monitored, vectors, raw.names, known.points), vectors
     if surface is not None:
         surface, runs = left_by_point(surface, vectors)
     baseline, innovations = fitted_baseline(runs)
     arl0 = wanted(baseline.period_s) if callable(wanted) else wanted
     limits = chart_limits(baseline, innovations, arl0, seed)
-    signatures = machine_signatures(monitored, raw.names) if named else ()
+    if named and raw.names not in known.signatures:
+        known.signatures[raw.names] = machine_signatures(monitored, raw.names)
+    signatures = known.signatures[raw.names] if named else ()
     if surface is not None:
         signatures = tuple(map(surface.reduced_signature, signatures))
     return MonitorSetup(

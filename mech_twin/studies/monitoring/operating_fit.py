@@ -35,7 +35,10 @@ STEP_DRAWS = 4
 
 
 def operating_surface(
-    monitored: MonitoredMachine, vectors: Sequence[FeatureVector], names: tuple[str, ...]
+    monitored: MonitoredMachine,
+    vectors: Sequence[FeatureVector],
+    names: tuple[str, ...],
+    points: dict[tuple[tuple[str, ...], str], Array | None],
 ) -> OperatingSurface | None:
     """Return the operating points of a machine for these features; None where it declares none that its sensors see.
 
@@ -47,21 +50,28 @@ def operating_surface(
         Healthy cycles.
     names : tuple of str
         Features.
+    points : dict
+        See `Responses`; what is computed is added.
     """
     declared = monitored.operating
     if not declared:
         return None
     rows, root = _rows(vectors, names), _root_of_noise(vectors, names)
     duration_s = monitored.declared.run_up_s + (SETTLED_CYCLES + USED_CYCLES) * mean_period_s(monitored)
-    reference = _features_at(monitored, monitored.parameters, duration_s, names)
+
+    def features_at(parameters: Parameters | None) -> Array | None:
+        key = (names, "" if parameters is None else parameters.model_dump_json())
+        if key not in points:
+            points[key] = _features_at(monitored, parameters, duration_s, names)
+        return points[key]
+
+    reference = features_at(monitored.parameters)
     if reference is None:
         return None
     everywhere: dict[int, Array] = {}
     for i, variable in enumerate(declared):
         either = [
-            _features_at(
-                monitored, parameters_at(monitored.parameters, [variable], [side * variable.range]), duration_s, names
-            )
+            features_at(parameters_at(monitored.parameters, [variable], [side * variable.range]))
             for side in (-1.0, 1.0)
         ]
         if either[0] is not None and either[1] is not None:
@@ -76,7 +86,7 @@ def operating_surface(
     chosen = [usable[i] for i in kept]
 
     def rolled_out(shares: Array) -> Array | None:
-        found = _features_at(monitored, parameters_at(monitored.parameters, chosen, shares), duration_s, names)
+        found = features_at(parameters_at(monitored.parameters, chosen, shares))
         return None if found is None else found - reference
 
     surface = fitted_surface(groups, rolled_out, names, rows, root, unexplained)

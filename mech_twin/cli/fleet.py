@@ -1,0 +1,159 @@
+# SPDX-License-Identifier: Apache-2.0
+"""``mech-twin fleet``: machines of one kind ranked, each against its own baseline and against its sisters."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Mapping
+from functools import partial
+from math import isfinite
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from mech_twin.capabilities.errors import StudyError
+from mech_twin.cli.console import print_json, print_table, progress, say
+from mech_twin.cli.failure import CommandError
+from mech_twin.cli.featured_run import ARL0_H, FeaturedRun, featured_run, setup_of_runs
+from mech_twin.cli.measurement_verbs import FleetVerb
+from mech_twin.cli.monitor_baseline import check_origin, read_setup
+from mech_twin.declarations.quantity import Parameters
+from mech_twin.files.output_file import check_output_file, written_file
+from mech_twin.files.report_page import page, section, versions
+from mech_twin.measurements.errors import MeasurementError
+from mech_twin.parameters.load import assignments, machine_parameters
+from mech_twin.studies.monitoring.fleet import Fleet, FleetMember, Sister, fleet_of, judged_member
+from mech_twin.studies.monitoring.signatures import Responses
+from mech_twin.studies.spreading import available_cores, spread
+
+SUSPECT = 1  # exit code
+BASELINE = "baseline.json"
+HEADS = ("rank", "machine", "cycles", "finding", "size", "unit", "began in", "at, s", "apart by", "feature")
+
+
+class _Question(NamedTuple):
+    """What each machine is asked; it goes to other processes."""
+
+    machine: str
+    parameters: Parameters
+    map_file: Path | None
+    skip_s: float | None
+    arl0_h: float
+    save: bool
+    known: Responses
+
+
+def rank_fleet(asked: FleetVerb) -> None:
+    """Judge each machine of a folder; exit with 1 where one is suspect, with 2 where one could not be judged."""
+    begun_s = time.monotonic()
+    if asked.page is not None:
+        check_output_file(asked.page, force=asked.force, suffixes=(".html",))
+    folders = sorted(each for each in _listed(asked.folder) if each.is_dir())
+    if not folders:
+        raise CommandError(f"{asked.folder}: no folder in it; expected one for each machine, its recordings in it")
+    parameters = machine_parameters(asked.machine, asked.config, assignments(asked.settings))
+    arl0_h, kept = ARL0_H if asked.known_arl0_h is None else asked.known_arl0_h, asked.save_baselines
+    question = _Question(asked.machine, parameters, asked.map_file, asked.skip_s, arl0_h, kept, Responses({}, {}))
+    first, *others = folders
+    members = [judged_folder(question, first)]  # alone: what its roll-outs tell serves the others
+    task = partial(judged_folder, question)
+    results = spread(task, others, asked.cores or available_cores(), asked.scheduler)
+    with progress(results, len(others), "fleet") as found:
+        members += found
+    fleet = fleet_of(sorted(members))
+    _show(fleet, asked, time.monotonic() - begun_s)
+    if any(sister.is_suspect for sister in fleet.sisters):
+        raise SystemExit(SUSPECT)
+    if fleet.refused:
+        raise CommandError(f"{asked.folder}: {len(fleet.refused)} of {len(folders)} machines could not be judged")
+
+
+def judged_folder(question: _Question, folder: Path) -> FleetMember:
+    """Return what the baseline of a machine says of its recordings, or why it cannot."""
+    try:
+        return _judged(question, folder, _runs(question, folder))
+    except (CommandError, MeasurementError, StudyError) as error:
+        return FleetMember(folder.name, refused=str(error))
+
+
+def _runs(question: _Question, folder: Path) -> list[FeaturedRun]:
+    paths = sorted(each for each in _listed(folder) if each.name != BASELINE and not each.name.startswith("."))
+    if len(paths) + (folder / BASELINE).exists() < 2:
+        raise CommandError(f"{folder}: expected {BASELINE} and a recording, or two recordings, the first one healthy")
+    asked = question.machine, question.parameters, question.map_file, question.skip_s
+    return [featured_run(path, *asked) for path in paths]
+
+
+def _judged(question: _Question, folder: Path, runs: list[FeaturedRun]) -> FleetMember:
+    kept = folder / BASELINE
+    if kept.exists():
+        setup = read_setup(kept, question.machine)
+        check_origin(kept, setup, question.parameters, runs[0].given)
+    else:
+        first, *runs = runs
+        setup = setup_of_runs([first], question.parameters, question.arl0_h, 0, question.known)
+        if question.save:
+            with written_file(kept) as file:
+                file.write_text(json.dumps(setup.record()) + "\n", encoding="utf-8")
+    return judged_member(folder.name, setup, {run.path.name: run.vectors for run in runs})
+
+
+def _listed(folder: Path) -> list[Path]:
+    try:
+        return list(folder.iterdir())
+    except OSError as error:
+        raise CommandError(f"{folder}: cannot be listed: {error.strerror}") from error
+
+
+def _show(fleet: Fleet, asked: FleetVerb, took_s: float) -> None:
+    rows = [_row(rank, sister) for rank, sister in enumerate(fleet.sisters, 1)]
+    refused = [(member.name, member.refused) for member in fleet.refused]
+    suspects = sum(sister.is_suspect for sister in fleet.sisters)
+    told = f"{len(rows)} machines, {suspects} suspect, {len(refused)} not judged; {took_s:.0f} s"
+    if asked.page is not None:
+        parts = [
+            f"<p>{told}; {versions()}</p>",
+            section("Suspect", HEADS, rows[:suspects]),
+            section("Not judged", ("machine", "reason"), refused),
+            section("Moved in all", ("feature", "median, sigma"), list(fleet.common.items())),
+            section("Others", HEADS, rows[suspects:]),
+        ]
+        with written_file(asked.page, force=asked.force) as file:
+            file.write_text(page(f"{asked.machine}: fleet {asked.folder.name}", parts), encoding="utf-8")
+        say(f"written to {asked.page}")
+    if asked.as_json:
+        print_json({"machine": asked.machine, "limit": fleet.limit, "common": dict(fleet.common),
+                    "machines": [_record(sister) for sister in fleet.sisters],
+                    "refused": dict(refused)})  # fmt: skip
+        return
+    shown = rows if asked.everything else rows[:suspects]
+    if shown:
+        print_table(f"{asked.machine}: {told}", HEADS, shown)
+    else:
+        say(f"{asked.machine}: {told}")
+    for name, reason in refused:
+        say(f"{name}: not judged: {reason}")
+    if not isfinite(fleet.limit):
+        say("too few sisters to compare them; expected five or more with the same features")
+
+
+def _row(rank: int, sister: Sister) -> tuple[Any, ...]:
+    member, size = sister.member, sister.member.candidate
+    place = (rank, member.name, member.cycles, member.finding or "none")
+    sized = ("", "") if size is None else (_rounded(size.size), size.unit)
+    since = (member.recording, _rounded(member.onset_s))
+    return (*place, *sized, *since, f"{_rounded(sister.apart)}{' apart' if sister.is_apart else ''}", sister.feature)
+
+
+def _record(sister: Sister) -> Mapping[str, Any]:
+    member, size = sister.member, sister.member.candidate
+    return {
+        "name": member.name, "cycles": member.cycles, "finding": member.finding,
+        "candidate": None if size is None else size._asdict(), "recording": member.recording,
+        "onset_s": member.onset_s, "apart": sister.apart, "feature": sister.feature, "is_apart": sister.is_apart,
+        "shift": dict(member.shift),
+    }  # fmt: skip
+
+
+def _rounded(value: float) -> str:
+    return f"{value:.4g}" if isfinite(value) else ""
