@@ -10,7 +10,7 @@ from pathlib import Path
 from scipy import stats
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "reliability"))
-from measured import here
+from measured import here, machine_once
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "proof" / "identification.md"
 
@@ -38,7 +38,8 @@ def write_rows(script: str, columns: Sequence[str], rows: Iterable[Sequence[obje
     named = {line.split("|")[1] for line in fresh}
     kept = [line for line in old.splitlines()[1:] if line.startswith("|") and line not in title]
     kept = [line for line in kept if line.split("|")[1] not in named]
-    page.write_text("\n".join([head + begin, "", *title, *kept, *fresh, "", end + tail]), encoding="utf-8")
+    table = machine_once(old, [*title, *kept, *fresh])
+    page.write_text("\n".join([head + begin, "", *table, "", end + tail]), encoding="utf-8")
 
 
 def share_interval(held: int, asked: int) -> tuple[float, float]:

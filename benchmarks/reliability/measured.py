@@ -5,12 +5,14 @@ from __future__ import annotations
 
 import os
 import platform
+import re
 from collections.abc import Iterable, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 PAGE = DOCS / "proof" / "reliability.md"
+MADE_ON = re.compile(r"^Made on (.+), where a row names no other\.$", re.MULTILINE)
 OTHER_PAGES = dict.fromkeys(("random_draws", "value_pairs"), DOCS / "proof" / "random-configurations.md")
 
 
@@ -54,17 +56,27 @@ def write_table(script: str, columns: Sequence[str], rows: Iterable[Sequence[obj
 def add_rows(script: str, columns: Sequence[str], rows: Iterable[Sequence[object]], naming: int = 1) -> None:
     """Add rows to the table between the marks of a script, in place of those with the same first cells.
 
-    Each row says itself when and on what it was made; ``naming`` is how many cells tell it from the others.
+    Each row names its date, and its machine where that is another than the table's.  The first ``naming`` cells tell a
+    row from the others.
 
     Raises
     ------
     ValueError
         If the page has no such marks.
     """
-    head, fresh = _head(columns), _lines(rows)
-    old = [line for line in _between(script)[1].splitlines() if line.startswith("|") and line not in head]
+    head, fresh, table = _head(columns), _lines(rows), _between(script)[1]
+    old = [line for line in table.splitlines() if line.startswith("|") and line not in head]
     named = {_first_cells(line, naming) for line in fresh}
-    _replace(script, [*head, *(line for line in old if _first_cells(line, naming) not in named), *fresh])
+    kept = [line for line in old if _first_cells(line, naming) not in named]
+    _replace(script, machine_once(table, [*head, *kept, *fresh]))
+
+
+def machine_once(old: str, lines: Iterable[str]) -> list[str]:
+    """Return the line that names the machine of a table, and its lines; a row of another machine names its own."""
+    found = MADE_ON.search(old)
+    machine = found[1] if found else this_machine()
+    shorter = (line.replace(f", {machine} |", " |") for line in lines)
+    return [f"Made on {machine}, where a row names no other.", "", *shorter]
 
 
 def _first_cells(line: str, count: int) -> tuple[str, ...]:

@@ -20,7 +20,8 @@ WRITERS = sorted(
     for path in SCRIPTS.glob("*.py")
     if path.stem != "measured" and re.search(r"(write_table|add_rows)\(", path.read_text(encoding="utf-8"))
 )
-MADE = re.compile(r"\d{4}-\d\d-\d\d(, | on )\d+ cores of .+, Python \d")
+DATE = re.compile(r"\d{4}-\d\d-\d\d")
+MADE = re.compile(r"Made on .*\d+ cores of .+, Python \d")
 
 
 def test_every_script_of_the_room_writes_into_a_page() -> None:
@@ -35,7 +36,8 @@ def test_a_script_that_writes_is_named_and_has_its_place(script: str) -> None:
     assert f"python benchmarks/reliability/{script}.py" in page
     table = page.partition(begin)[2].partition(end)[0]
     rows = [line for line in table.splitlines() if line.startswith("|")][2:]
-    assert all(MADE.search(row) or MADE.search(table.partition("|")[0]) for row in rows)
+    head = table.partition("|")[0]
+    assert MADE.search(head) and all(DATE.search(row) or DATE.search(head) for row in rows)
 
 
 def test_tests_of_the_table_exist() -> None:
@@ -53,6 +55,15 @@ def test_rows_take_the_place_of_those_made_before(tmp_path: Path, monkeypatch: p
     written = page.read_text(encoding="utf-8").splitlines()
     assert written[0] == "above"
     assert written[-1] == "below"
-    assert written[2:-2] == ["| what | count |", "|---|---|", "| b | 2 |", "| a | 3 |"]
+    made = f"Made on {measured.this_machine()}, where a row names no other."
+    assert written[2:-2] == [made, "", "| what | count |", "|---|---|", "| b | 2 |", "| a | 3 |"]
     with pytest.raises(ValueError, match="has no marks"):
         measured.add_rows("another", ("what",), [])
+
+
+def test_only_a_row_of_another_machine_names_its_own() -> None:
+    rows = [f"| a | 2026-01-01, {measured.this_machine()} |", "| b | 2026-01-02, 8 cores of X, Python 3.13.1 |"]
+    first = measured.machine_once("", rows)
+    assert first[2:] == ["| a | 2026-01-01 |", rows[1]]
+    other = measured.machine_once("Made on 8 cores of X, Python 3.13.1, where a row names no other.", rows)
+    assert other[2:] == [rows[0], "| b | 2026-01-02 |"]
