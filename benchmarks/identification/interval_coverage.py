@@ -4,9 +4,9 @@
     python benchmarks/identification/interval_coverage.py STAND [--repeats N] [--first SEED] [--minutes M]
                                                           [--journal FILE] [--write]
 
-A row a key: how often it was called identified, how often its interval then held the truth, with the 95 % interval of
-that share, and the mean half width over that which ``--plan`` foretells; and every key that was called identified
-though it cannot be.  After M minutes no further repeat is begun.
+A row a stand: how often each key was called identified and its interval then held the truth, its median half width over
+that which ``--plan`` foretells, and the shares of all keys and combinations with their 95 % intervals; and every key
+that was called identified though it cannot be.  After M minutes no further repeat is begun.
 ``--journal`` keeps every finished repeat, so that a run which was ended goes on where it stopped.  ``--scheduler``
 spreads the repeats over a Dask cluster.  Ends with exit code 1 where a key that cannot be told was called identified.
 """
@@ -37,7 +37,7 @@ from mech_twin.studies.identification.sensor_plan import sensor_plan
 from mech_twin.studies.identification.verdicts import KeyVerdict
 from mech_twin.studies.spreading import spread
 
-HEADS = ("machine and key", "repeats", "identified", "held", "share, %", "95 % of it", "half width over plan's")
+HEADS = ("stand", "repeats", "held of identified (half width over plan's)", "all keys", "combinations")
 
 
 @dataclass(frozen=True)
@@ -111,30 +111,29 @@ def planned(stand: Stand) -> dict[str, float]:
     return {key.key: 0.5 * (key.high_95 - key.low_95) for key in keys if key.verdict == "identified"}
 
 
-def rows_of(stand: Stand, repeats: list[Repeat], plan: dict[str, float]) -> Iterator[tuple[object, ...]]:
-    """Yield the table's rows: a key each, all keys, and the combinations."""
-    true, every, every_held = stand.truth(), 0, 0
-    name = f"{stand.name}, {stand.duration_s:g} s, {len(stand.keys)} keys open:"
+def row_of(stand: Stand, repeats: list[Repeat], plan: dict[str, float]) -> tuple[object, ...]:
+    """Return the table's row: every key, all keys together, and the combinations."""
+    true, every, every_held, keys = stand.truth(), 0, 0, []
     for key in stand.keys:
         told = [v for each in repeats for v in each.keys if v.key == key and v.verdict == "identified"]
         held = sum(v.low_95 <= true[key] <= v.high_95 for v in told)
         every, every_held = every + len(told), every_held + held
         halves = [0.5 * (v.high_95 - v.low_95) for v in told]
-        over = f"{np.median(halves) / plan[key]:.2f}" if told and key in plan else ""
-        yield (f"{name} {key}", len(repeats), *_share(held, len(told)), over)
-    yield (f"{name} all", len(repeats), *_share(every_held, every), "")
+        over = f" ({np.median(halves) / plan[key]:.2f})" if told and key in plan else ""
+        keys.append(f"{key} {held} of {len(told)}{over}")
     told_products = sum(each.combinations for each in repeats)
     held_products = sum(each.combinations_held for each in repeats)
     beyond = sum(each.combinations_beyond for each in repeats)
-    rest = f", and {beyond} of other held values" if beyond else ""
-    yield (f"{name} combinations{rest}", len(repeats), *_share(held_products, told_products), "")
+    rest = f"; {beyond} of other held values" if beyond else ""
+    name = f"{stand.name}, {stand.duration_s:g} s"
+    return (name, len(repeats), ", ".join(keys), _share(every_held, every), _share(held_products, told_products) + rest)
 
 
-def _share(held: int, told: int) -> tuple[object, ...]:
+def _share(held: int, told: int) -> str:
     if not told:
-        return (0, 0, "", "")
+        return "none"
     low, high = share_interval(held, told)
-    return (told, held, f"{100.0 * held / told:.1f}", f"{low:.1f} to {high:.1f}")
+    return f"{held} of {told}: {100.0 * held / told:.1f} % ({low:.1f} to {high:.1f})"
 
 
 def main() -> None:
@@ -157,12 +156,12 @@ def main() -> None:
         out = [v.key for v in told if not v.low_95 <= stand.truth()[v.key] <= v.high_95]
         products = f"{each.combinations_held} of {each.combinations} combinations hold"
         print(f"seed {each.seed}: {each.seconds:.1f} s, {len(told)} identified, outside: {out}; {products}", flush=True)
-    rows = list(rows_of(stand, repeats, planned(stand)))
-    for row in [HEADS, *rows]:
-        print(*row, sep="; ")
+    row = row_of(stand, repeats, planned(stand))
+    print(*HEADS, sep="; ")
+    print(*row, sep="; ")
     print("wrongly identified:", wrong or "none")
     if asked.write:
-        write_rows("interval_coverage", HEADS, rows)
+        write_rows("interval_coverage", HEADS, [row])
     sys.exit(int(bool(wrong)))
 
 
