@@ -98,15 +98,15 @@ def measured(name: str, hours: float, step: str) -> int:
 def write_table() -> None:
     """Write the table into its page."""
     lines = [
-        "| machine | simulated | coupling step | residual | worst | limit | date |",
-        "|---|---|---|---|---|---|---|",
+        "| machine | simulated | coupling step | worst of each residual (its limit) | date |",
+        "|---|---|---|---|---|",
     ]
     for name in CATALOGUE:
         for file in sorted(KEPT.glob(f"{name}_*.json")):
             kept = json.loads(file.read_text())
-            for residual, (worst, limit) in kept["residuals"].items():
-                run_cells = f"| {name} | {kept['hours']:g} h | {1e3 * kept['step_s']:.4g} ms "
-                lines.append(f"{run_cells}| `{residual}` | {worst:.2g} | {limit:.2g} | {kept['date']} |")
+            worst = ", ".join(f"`{key}` {found:.2g} ({limit:.2g})" for key, (found, limit) in kept["residuals"].items())
+            cells = f"{name} | {kept['hours']:g} h | {1e3 * kept['step_s']:.4g} ms | {worst} | {kept['date']}"
+            lines.append(f"| {cells} |")
     head, _, rest = PAGE.read_text().partition(BEGIN)
     PAGE.write_text(head + BEGIN + "\n" + "\n".join(lines) + "\n" + END + rest.partition(END)[2])
 

@@ -22,11 +22,11 @@ os.environ.setdefault("ROS_DOMAIN_ID", "56")
 from measured import add_rows, here
 from signal_cases import SIGNALS, VERBS, faults, seen_after
 
-COLUMNS = ("verb and moment", "signals sent", "exit codes", "longest time to the end", "wrong", "made")
+COLUMNS = ("verb", "signals sent", "longest time to the end, s", "exit codes", "wrong", "made")
 
 
-def row(name: str, moment: str) -> tuple[list[object], list[str]]:
-    """Return the row of a verb and moment, and what was wrong."""
+def seen_at(name: str, moment: str) -> tuple[list[int | None], float, list[str]]:
+    """Return the exit codes of a verb that gets every signal at a moment, the longest time (s), and what was wrong."""
     codes, longest, wrong = [], 0.0, []
     for number in SIGNALS:
         for group in (False, True):
@@ -36,8 +36,22 @@ def row(name: str, moment: str) -> tuple[list[object], list[str]]:
                 wrong += [f"{number.name}: {fault}" for fault in faults(VERBS[name], moment, number, seen, place)]
             codes.append(seen.code)
             longest = max(longest, seen.took_s)
-    told = ", ".join(str(code) for code in dict.fromkeys(codes))
-    return [f"`{name}`, {moment}", len(codes), told, f"{longest:.2f} s", len(wrong), here()], wrong
+    return codes, longest, wrong
+
+
+def row(name: str) -> tuple[list[object], list[str]]:
+    """Return the row of a verb, and what was wrong."""
+    sent, times, told, wrong = 0, [], [], []
+    for moment in VERBS[name].moments:
+        codes, longest, faulty = seen_at(name, moment)
+        print(name, moment, codes, f"{longest:.2f} s", *faulty, sep=" | ", flush=True)
+        sent += len(codes)
+        times.append(f"{moment} {longest:.2f}")
+        told.append((moment, ", ".join(str(code) for code in dict.fromkeys(codes))))
+        wrong += faulty
+    first = told[0][1]
+    codes_cell = "; ".join([first, *(f"{moment} {codes}" for moment, codes in told if codes != first)])
+    return [f"`{name}`", sent, ", ".join(times), codes_cell, len(wrong), here()], wrong
 
 
 def main() -> int:
@@ -48,12 +62,10 @@ def main() -> int:
     asked = parser.parse_args()
     broken = 0
     for name in asked.verbs or VERBS:
-        for moment in VERBS[name].moments:
-            found, wrong = row(name, moment)
-            print(*found, *wrong, sep=" | ", flush=True)
-            broken += len(wrong)
-            if asked.write:
-                add_rows("signals", COLUMNS, [found])
+        found, wrong = row(name)
+        broken += len(wrong)
+        if asked.write:
+            add_rows("signals", COLUMNS, [found])
     return int(broken > 0)
 
 
