@@ -18,16 +18,18 @@ READERS := test/recording/npm
 # the longest first, so that no core waits at the end
 QUIET_ROOMS := studies engine fmi golden literature machines measurements mechanics messages packaging parameters parts
 QUIET_FILES := $(addprefix cli/test_,completion.py consequences.py errors.py measurement_commands.py monitor.py pages.py \
-    plain_recordings.py recording_losses.py reproduce.py run_options.py simulate_residuals.py story_recording.py study.py tables.py) \
+    plain_recordings.py readme.py recording_losses.py reproduce.py run_options.py simulate_residuals.py story_recording.py study.py tables.py) \
   $(addprefix recording/test_,bag_samples.py bag_writer.py compressed_bags.py false_index.py foreign_readers.py fuzz.py \
     message_writer.py recovery.py ros_distro.py schemas.py sqlite_bag.py) \
+  $(addprefix reliability/test_,extreme_configurations.py mutated_configurations.py mutated_files.py mutated_messages.py \
+    poor_surroundings.py soak_report.py) \
   $(addprefix view/test_,annotations.py decimation.py labels.py rerun_scene.py) view/bench/test_lanes.py \
   $(addprefix test_,captions.py changed_values.py kernel_cache.py output_file.py random_configurations.py terminal_output.py)
 QUIET := $(wildcard $(addprefix test/,$(QUIET_ROOMS) $(QUIET_FILES)))
 SHARED := -n 2 --dist loadfile --no-loadscope-reorder $(QUIET)
 ALONE := test $(addprefix --ignore=,$(QUIET) test/reliability)
 # these kill and stop processes of a run, beside which they listen: in a process that has not listened to others before
-FAULTS := test/reliability
+FAULTS := test/reliability $(addprefix --ignore=,$(filter test/reliability/%,$(QUIET)))
 MAIN := not browser and not slow
 REST := not browser and slow
 ARGS ?=
@@ -53,7 +55,7 @@ test-fast: $(VENV)/.test # of those the ones without topics
 test-rest: $(VENV)/.test # what `make test` leaves out
 	$(BIN)/python -m pytest -m "$(REST)" $(SHARED) $(ARGS)
 	$(BIN)/python -m pytest -m "$(REST)" $(ALONE) $(ARGS)
-	$(BIN)/python -m pytest -m "$(REST)" $(FAULTS) $(ARGS)
+	$(BIN)/python -m pytest -m "$(REST)" -n 2 --dist loadfile $(FAULTS) $(ARGS)
 	$(MAKE) test-browser
 	$(MAKE) colcon
 	$(MAKE) test-ros ROS=kilted
