@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mech_twin.capabilities.arguments import real_number, several
+from mech_twin.capabilities.blow_gauge import GAUGE_UNITS
 from mech_twin.capabilities.errors import StudyError, UnknownNameError
 from mech_twin.declarations.captions import unknown_name
 from mech_twin.engine.compiled_machine import CompiledMachine, compiled_machine
@@ -100,12 +101,18 @@ class RollOut:
         """
         if any(machine.gauge is None for _, machine in self.machines):
             raise StudyError(f"event.{kind}.{name}: no gauge on this machine; expected a blow told as a wave")
-        found = []
+        place = tuple(GAUGE_UNITS).index(name)
+        return np.array([numbers[place] for event, numbers in self._gauged if event.kind == kind])
+
+    @cached_property
+    def _gauged(self) -> list[tuple[Event, tuple[float, ...]]]:
+        """Every event and the numbers that a gauge tells of it: each blow is led through its rod once."""
+        found, none = [], (np.nan,) * len(GAUGE_UNITS)
         for step, event in self.stepped_events:
-            machine = next((one for last, one in self.machines if step <= last), self.machines[-1][1])
-            if event.kind == kind and machine.gauge is not None:
-                found.append(machine.gauge.number(event, name))
-        return np.array(found)
+            gauge = next((one for last, one in self.machines if step <= last), self.machines[-1][1]).gauge
+            if gauge is not None:
+                found.append((event, gauge.numbers(event) if gauge.tells(event) else none))
+        return found
 
     def __getitem__(self, column: str) -> Array:
         if column not in self.columns:

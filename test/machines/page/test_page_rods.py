@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from machines.page.pages import BALL, page, run
 from machines.page.test_page_machines import page as shipped
 from machines.test_rollout_contract import assert_same
 
+from mech_twin.capabilities.blow_gauge import GAUGE_UNITS
 from mech_twin.engine.rollout import roll_out
 from mech_twin.engine.run import frames
 from mech_twin.machines.impact_mass.parameters import ImpactMass
@@ -114,6 +116,21 @@ def test_a_roll_out_is_the_engine_to_the_bit_and_the_gauge_tells():
     assert len(strains) == len(hits) > 5
     assert built.gauge.sent == ("blow",)
     assert built.gauge.curve(hits[-1]).strain.max() == pytest.approx(strains[-1], rel=1e-9)
+
+
+def test_each_blow_is_led_through_its_rod_once_however_many_numbers_are_asked():
+    built = machine(shipped("rock_hammer"))
+    led = []
+
+    def numbers(event):
+        led.append(event.time_s)
+        return built.gauge.numbers(event)
+
+    found = roll_out(replace(built, gauge=built.gauge._replace(numbers=numbers)), 0.3)
+    told = {name: found.gauge_numbers("impact", name) for name in GAUGE_UNITS}
+    assert len(led) == len(set(led)) == len(told["peak_force"]) > 5
+    hit = next(event for event in found.events if event.kind == "impact")
+    assert [values[0] for values in told.values()] == list(built.gauge.numbers(hit))
 
 
 def test_a_softer_rock_takes_another_share_and_its_name_is_the_user_s():
