@@ -100,8 +100,8 @@ def _is_recording(name: str) -> bool:
     return name not in CATALOGUE and Path(name).suffix not in YAML_SUFFIXES
 
 
-def _simulated(name: str, duration_s: float, see: See) -> ComparedRun:
-    """Return a configuration, or a machine as installed, run from rest."""
+def configured_machine(name: str) -> Machine:
+    """Return a machine as installed, that of a configuration, or that of a page."""
     config = None if name in CATALOGUE else Path(name)
     tree = {} if config is None else file_tree(config)
     kind = name if config is None else str(tree.get("machine", ""))
@@ -109,7 +109,12 @@ def _simulated(name: str, duration_s: float, see: See) -> ComparedRun:
         kind, config = name, None
     if not kind:
         raise CommandError(f"{config}: key 'machine' is missing; expected one of {', '.join(CATALOGUE)}, or a page")
-    machine = built_machine(kind, config)
+    return built_machine(kind, config)
+
+
+def _simulated(name: str, duration_s: float, see: See) -> ComparedRun:
+    """Return a configuration, or a machine as installed, run from rest."""
+    machine = configured_machine(name)
     simulation = Simulation(machine)
     with progress(frames(machine, duration_s), steps_for(machine, duration_s) + 1, name) as run:
         for frame in run:

@@ -10,10 +10,11 @@ import yaml
 
 from mech_twin.cli.console import print_csv, print_json, print_table, say, say_result
 from mech_twin.cli.failure import CommandError
-from mech_twin.cli.pages import check_is_no_page
-from mech_twin.cli.verbs import InfoVerb
+from mech_twin.cli.pages import check_page
+from mech_twin.cli.verbs import CheckVerb, InfoVerb
 from mech_twin.files.bounded_yaml import bounded_yaml
 from mech_twin.measurements.tables import is_table
+from mech_twin.parameters.load import is_page
 
 if TYPE_CHECKING:
     from mech_twin.recording.bag_contents import BagInfo, RecordingReader
@@ -39,7 +40,11 @@ def show_info(asked: InfoVerb) -> None:
 
         examine_by_file(bag, asked.given_map, asked.config, as_json=asked.as_json)
         return
-    check_is_no_page(bag)
+    if is_page(str(bag)):
+        if asked.as_csv or asked.wide:
+            raise CommandError(f"--{'csv' if asked.as_csv else 'wide'}: is of a recording's topics; a page has none")
+        check_page(CheckVerb(page=str(bag), as_json=asked.as_json))
+        return
     if is_table(bag):
         raise CommandError(f"{bag}: a table says what its columns are with --map FILE; `mech-twin map` proposes one")
     from mech_twin.nodes.run.domain import settle_domain

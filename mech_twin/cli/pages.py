@@ -15,6 +15,7 @@ from mech_twin.cli.console import numbered, print_json, print_table, say_result
 from mech_twin.cli.failure import CommandError
 from mech_twin.cli.verbs import CheckVerb, NewVerb
 from mech_twin.declarations.configuration_tree import ConfigurationError
+from mech_twin.declarations.quantity import Parameters
 from mech_twin.files.output_file import check_output_file
 from mech_twin.machines.catalog import FORMER
 from mech_twin.parameters.load import (
@@ -126,6 +127,11 @@ def check_page(asked: CheckVerb) -> None:
         print_table("contacts at the start", ("contact", "state", "gap"), gaps)
     for line in found["remarks"]:
         say_result(line)
+
+
+def own_name(machine: str, parameters: Parameters) -> str:
+    """Return the name that a machine has on its topics: a page's own, where a path names it."""
+    return str(getattr(parameters, "name", PAGE.name)) if is_page(machine) else machine
 
 
 def check_is_no_page(recording: Path) -> None:

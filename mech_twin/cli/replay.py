@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from mech_twin.cli.console import say
 from mech_twin.cli.failure import CommandError
+from mech_twin.cli.pages import check_is_no_page
 from mech_twin.cli.verbs import ReplayVerb
 from mech_twin.nodes.run.domain import settle_domain
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 
 def replay(asked: ReplayVerb) -> None:
     """Publish a recording, or recompute it, or a measured run by its map."""
+    check_is_no_page(asked.bag)
     if asked.given_map is not None:
         if not asked.analyse:
             raise CommandError(

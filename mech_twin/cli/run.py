@@ -15,6 +15,7 @@ from mech_twin.cli.consequences import say_consequences
 from mech_twin.cli.console import print_json, say, say_result
 from mech_twin.cli.failure import CommandError, messages_in, report_losses
 from mech_twin.cli.live_view import RUN_ORDERS, WEB_VIEWS, check_view, hold_view, opened_view, told_machine
+from mech_twin.cli.pages import own_name
 from mech_twin.cli.run_summary import how_told, show_events, show_numbers
 from mech_twin.cli.verbs import RunVerb
 from mech_twin.declarations.configuration_tree import configuration_tree
@@ -71,7 +72,7 @@ def run_machine(request: RunVerb) -> None:
 
 def _of_page(request: RunVerb, parameters: Parameters) -> RunVerb:
     """Return the request for the machine that a page makes, in the namespace of the page's own name."""
-    name = str(getattr(parameters, "name", PAGE.name))
+    name = own_name(request.machine, parameters)
     config = request.config or Path(request.machine)
     record = request.record or _new_directory(name)
     return request.model_copy(

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -23,13 +23,13 @@ from mech_twin.cli.live_view import (
 )
 from mech_twin.cli.measurement_verbs import ShadowVerb
 from mech_twin.cli.monitor_baseline import read_setup
+from mech_twin.cli.pages import own_name
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.files.output_file import check_output_directory
-from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.nodes.run.domain import settle_domain
 from mech_twin.parameters.errors import refusal
 from mech_twin.parameters.key_hints import did_you_mean, key_units
-from mech_twin.parameters.load import assignments, catalogue_entry, document_tree, is_page, kind_of, machine_parameters
+from mech_twin.parameters.load import assignments, catalogue_entry, document_tree, kind_of, machine_parameters
 from mech_twin.recording.output_directory import check_recording_directory, remove_recording
 from mech_twin.studies.advice_search import AdviceWish
 
@@ -41,8 +41,6 @@ if TYPE_CHECKING:
 
 def shadow_machine(request: ShadowVerb) -> None:
     """Follow a machine until stopped and, at the end, tell what came of it."""
-    if is_page(request.machine):
-        raise CommandError(f"{request.machine}: a page has no observer; expected one of {', '.join(CATALOGUE)}")
     parameters = machine_parameters(request.machine, request.config, assignments(request.settings))
     if request.black_box is not None:
         check_output_directory(request.black_box, force=True)
@@ -57,11 +55,12 @@ def shadow_machine(request: ShadowVerb) -> None:
     wish = None if request.advise is None else validated_wish(request.advise)
     check_view(request.view, request.view_port, force=request.force)
     settle_domain()
+    machine, own = kind_of(request.machine), own_name(request.machine, parameters)
     from mech_twin.nodes.shadow.session import Company, FreeKeys, follow, followed_namespace
     from mech_twin.nodes.shadow.shadow_node import ShadowSetup
 
     free = FreeKeys(*_free_keys(request, parameters)) if request.identify else None
-    setup = ShadowSetup(followed_namespace(request.machine, request.followed), given, deviations=deviations)
+    setup = ShadowSetup(followed_namespace(own, request.followed), given, deviations=deviations)
     if request.record is not None:
         check_recording_directory(request.record, force=request.force)
         remove_recording(request.record)
@@ -69,18 +68,18 @@ def shadow_machine(request: ShadowVerb) -> None:
     say("starting (the first time compiles the numerical kernels, which takes up to a minute)")
 
     def told(node: object) -> None:
-        say(f"following {setup.namespace}; estimates below /{request.machine}/twin")
+        say(f"following {setup.namespace}; estimates below /{own}/twin")
 
     with ExitStack() as stack:
         view = opened_view(request.view, request.view_port, stack)
         if view.link is not None:
             offered = ((reference, MONITOR_ORDERS), (wish, ADVISOR_ORDERS), (free, IDENTIFIER_ORDERS))
             orders = [order for thing, each in offered if thing is not None for order in each]
-            view.tell("machine", told_machine(request.machine, f"/{request.machine}", orders, None))
+            view.tell("machine", told_machine(own, f"/{own}", orders, None))
             view.tell("status", {"text": f"listening for {setup.namespace}"})
         outlets = _outlets(request)
         company = Company(request.record, reference, request.black_box, wish, view.destination, outlets, free)
-        outcome = follow(request.machine, setup, parameters, company, request.duration_s, told)
+        outcome = follow(machine, setup, parameters, company, request.duration_s, told, own)
     _report(request, outcome)
     report_losses(request.record, *outcome.black_boxes, known=outcome.failed_boxes)
 
@@ -158,10 +157,11 @@ def key_deviations(parameters: Parameters, told: Sequence[str]) -> dict[str, flo
 def _number_of(parameters: Parameters, key: str, word: str) -> float:
     found: object = parameters
     for part in key.split("."):
-        if not isinstance(found, Parameters) or part not in type(found).model_fields:
+        inside = dict(found) if isinstance(found, Parameters | Mapping) else {}
+        if part not in inside:
             hint = did_you_mean(key, key_units(type(parameters)))
             raise CommandError(f"--uncertain {word}: the machine has no key '{key}'{hint}")
-        found = getattr(found, part)
+        found = inside[part]
     if isinstance(found, bool) or not isinstance(found, int | float):
         raise CommandError(f"--uncertain {word}: expected a key that is a number, '{key}' is {found!r}")
     return float(found)

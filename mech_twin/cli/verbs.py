@@ -169,23 +169,25 @@ class ReplayVerb(Verb):
 
 
 class ViewVerb(Verb):
-    """Show a recording in the viewer; with a map, the mechanism in a measured motion."""
+    """Show a recording, or a run of a page, in the viewer; with a map, the mechanism in a measured motion."""
 
     answer: ClassVar[str] = "mech_twin.cli.view:view_bag"
     rules: ClassVar[Rules] = (
         Apart("save", "port", "a file has no page"),
         Beside("config", ("given_map",), "a recording holds its own configuration"),
+        Apart("duration_s", "given_map", "a measurement has its own length"),
     )
     bag: BagOrTable
     given_map: MapFile = None
     config: Config = None
+    duration_s: float | None = option("of a page: time to simulate, s (3, 500ms)", unit="s", gt=0.0, shown="3")
     save: Path | None = option("write a file NAME.rrd instead of opening the view")
     port: Port = 0
     force: Force = False
 
 
 class InfoVerb(Verb):
-    """Describe a recording: what, how long, whether complete; with a map, the quality of a measurement's channels."""
+    """Describe a recording: what, how long, whether complete; with a map, a measurement's channels; or check a page."""
 
     answer: ClassVar[str] = "mech_twin.cli.info:show_info"
     rules: ClassVar[Rules] = (

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``mech-twin view``: shows a recording in the viewer, with the layout of a live run."""
+"""``mech-twin view``: shows a recording, or a run of a page, in the viewer, with the layout of a live run."""
 
 from __future__ import annotations
 
@@ -9,16 +9,21 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+from mech_twin.cli.compare import USUAL_DURATION_S, configured_machine
 from mech_twin.cli.console import progress, say
 from mech_twin.cli.failure import CommandError
 from mech_twin.cli.live_view import opened_bench
 from mech_twin.cli.overlay import PATIENCE_S, SHOWN_BYTES
-from mech_twin.cli.pages import check_is_no_page
 from mech_twin.cli.verbs import ViewVerb
 from mech_twin.declarations.configuration_tree import ConfigurationError, configuration_tree
+from mech_twin.engine.run import frames, steps_for
 from mech_twin.engine.step_samples import StepSamples
+from mech_twin.engine.trajectory import frame_events
 from mech_twin.files.output_file import check_output_file, written_file
 from mech_twin.nodes.run.domain import settle_domain
+from mech_twin.parameters.load import PAGE, is_page
+from mech_twin.roles import Machine
+from mech_twin.samples import Drawing
 from mech_twin.studies.run_comparison import changed_settings
 
 if TYPE_CHECKING:
@@ -32,9 +37,10 @@ WAIT_S = 0.05
 
 
 def view_bag(asked: ViewVerb) -> None:
-    """Show a recording, or by a map a measured run, in the viewer until stopped, or write it to a file."""
+    """Show a recording, a run of a page, or by a map a measured run, until stopped, or write it to a file."""
     bag, save, map_file = asked.bag, asked.save, asked.given_map
-    check_is_no_page(bag)
+    if not (simulated := is_page(str(bag))) and asked.duration_s is not None:
+        raise CommandError(f"--duration {asked.duration_s:g}: a recording has its own length; expected a page")
     if save is not None and save.suffix != ".rrd":
         raise CommandError(f"--save {save}: expected a file NAME.rrd")
     if save is not None:
@@ -45,7 +51,10 @@ def view_bag(asked: ViewVerb) -> None:
     with ExitStack() as stack:
         stop = stack.enter_context(StopSignal())
         with stop.interrupting():
-            shown = _recorded(stack, bag) if map_file is None else _measured(bag, map_file, asked.config)
+            if simulated:
+                shown = _simulated(bag, asked.duration_s or USUAL_DURATION_S)
+            else:
+                shown = _recorded(stack, bag) if map_file is None else _measured(bag, map_file, asked.config)
             file = None if save is None else stack.enter_context(written_file(save, force=asked.force))
             scene = _bench(stack, asked.port, shown, bag) if file is None else _file(stack, file, shown.machine)
         shown.show(scene, stop)
@@ -82,6 +91,47 @@ def _settings(samples: BagSamples) -> list[list[str]]:
     return recorded_settings(samples.descriptions())
 
 
+def _simulated(page: Path, duration_s: float) -> _Shown:
+    """Return the run of a page, or of a configuration, from its start."""
+    machine = configured_machine(str(page))
+    tree = configuration_tree(machine.parameters)
+    name = str(tree["name"]) if machine.name == PAGE.name else machine.name
+    return _Shown(
+        name,
+        lambda scene, stop: _show_run(scene, machine, duration_s, stop),
+        lambda: changed_settings(machine.name, tree),
+    )
+
+
+def _show_run(scene: BenchScene | RerunScene, machine: Machine, duration_s: float, stop: StopSignal) -> None:
+    from mech_twin.nodes.roles.viewer_node import RunMetrics
+
+    metrics = RunMetrics(lambda: machine)
+    _prepare(scene, machine)
+    with progress(frames(machine, duration_s), steps_for(machine, duration_s) + 1, "showing") as run:
+        for frame in run:
+            if stop.asked:
+                return
+            scene.frame(frame.motor, frame.linkage, frame.forces, frame.body)
+            for event in frame_events(frame):
+                scene.event(event)
+            if scene.drawing_due(frame.linkage.time_s):
+                shapes = machine.draw(frame.linkage, frame.body)
+                scene.drawing(Drawing(frame.linkage.step, frame.linkage.time_s, shapes))
+            metrics.observe(frame)
+    scene.metrics(metrics.numbers())
+
+
+def _prepare(scene: BenchScene | RerunScene, machine: Machine) -> None:
+    """Let a scene know the machine that it shows."""
+    from mech_twin.view.bench.scene import BenchScene
+
+    if (tree := machine.mechanism) is not None:
+        scene.know(tree, machine.blow_energy)
+    if isinstance(scene, BenchScene):
+        scene.watch(machine)
+
+
 def _measured(measurement: Path, map_file: Path, config: Path | None) -> _Shown:
     from mech_twin.cli.measured_run import read_measured, show_measured
 
@@ -111,13 +161,9 @@ def _bench(stack: ExitStack, port: int, shown: _Shown, bag: Path) -> BenchScene:
 
 
 def _show(scene: BenchScene | RerunScene, samples: BagSamples, stop: StopSignal) -> None:
-    from mech_twin.view.bench.scene import BenchScene
-
     metrics = None if stop.asked else _metrics(samples)
-    if metrics is not None and (tree := metrics.machine.mechanism) is not None:
-        scene.know(tree, metrics.machine.blow_energy)
-    if metrics is not None and isinstance(scene, BenchScene):
-        scene.watch(metrics.machine)
+    if metrics is not None:
+        _prepare(scene, metrics.machine)
     with progress(samples.shown(), samples.count, "showing") as shown:
         for item in shown:
             if stop.asked:

@@ -6,8 +6,10 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
+from rrd_tables import rrd_tables
 from typer.testing import CliRunner
 
 from mech_twin.capabilities.errors import StudyError
@@ -112,15 +114,34 @@ def test_a_map_of_a_page_is_of_every_path_of_it(page, tmp_path):
         answer("monitor", page, bag, "--map", chart, "--baseline", bag)
 
 
-@pytest.mark.parametrize("words", [("info",), ("view",)])
-def test_a_page_where_a_recording_is_expected_is_told_apart(page, words):
+@pytest.mark.parametrize("mode", [(), ("--resimulate",)])
+def test_a_page_where_a_recording_is_expected_is_told_apart(page, mode):
     with pytest.raises(CommandError, match="expected a recording, not a page"):
-        answer(*words, page)
+        answer("replay", page, *mode)
 
 
-def test_a_page_is_not_followed_and_that_is_told(page):
-    with pytest.raises(CommandError, match="a page has no observer"):
-        answer("shadow", page, "--from", "/there")
+def test_info_of_a_page_is_its_check(page):
+    assert json.loads(answer("info", page, "--json")) == json.loads(answer("check", page, "--json"))
+    with pytest.raises(CommandError, match="is of a recording's topics; a page has none"):
+        answer("info", page, "--csv")
+
+
+def test_view_of_a_page_shows_its_run(page, tmp_path):
+    file = tmp_path / "shown.rrd"
+    answer("view", page, "--duration", "0.2", "--save", file)
+    moving, _ = rrd_tables(file)
+    sliding = np.array(moving["/linkage_sliding/position"]["Scalars:scalars"].to_pylist())
+    assert (np.ptp(sliding, axis=0) > 0.01).all()
+    assert len(moving["/mechanism/figure"]) > 5
+    with pytest.raises(CommandError, match=r"--duration 1: a recording has its own length; expected a page"):
+        answer("view", tmp_path, "--duration", "1")
+
+
+def test_a_page_is_followed_under_its_own_name(page):
+    with pytest.raises(ConfigurationError, match="/spring_hammer/twin is the shadow's own"):
+        answer("shadow", page, "--from", "/spring_hammer/twin")
+    with pytest.raises(CommandError, match=r"--uncertain bodies\.ram\.mass=2%: the machine has no key"):
+        answer("shadow", page, "--from", "/plant", "--uncertain", "bodies.ram.mass=2%")
 
 
 @pytest.mark.parametrize(

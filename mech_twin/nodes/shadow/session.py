@@ -18,7 +18,7 @@ from mech_twin.declarations.quantity import Parameters
 from mech_twin.messages.topics import ESTIMATED, RESIDUALS, TWIN, shadow_topics
 from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode, sent_messages
 from mech_twin.nodes.exchange.spinner import Spinner, destroy_nodes
-from mech_twin.nodes.run.domain import run_namespace
+from mech_twin.nodes.run.domain import ros_arguments, run_namespace
 from mech_twin.nodes.run.name_guard import NameGuard
 from mech_twin.nodes.shadow.advisor_node import AdvisorNode
 from mech_twin.nodes.shadow.identifier_node import IdentifierNode
@@ -63,7 +63,7 @@ class Company(NamedTuple):
 ALONE = Company()
 
 
-def followed_namespace(machine_name: str, told: str) -> str:
+def followed_namespace(own_name: str, told: str) -> str:
     """Return the full namespace of the machine that is followed.
 
     Raises
@@ -72,10 +72,10 @@ def followed_namespace(machine_name: str, told: str) -> str:
         It is no name of ROS, or the shadow's own.
     """
     try:
-        full = run_namespace(machine_name, told)
+        full = run_namespace(own_name, told)
     except ConfigurationError as error:
         raise ConfigurationError(str(error).replace("--namespace", "--from", 1)) from error
-    own = f"/{machine_name}/{TWIN}"
+    own = f"/{own_name}/{TWIN}"
     if f"{full}/".startswith(f"{own}/"):
         raise ConfigurationError(f"--from {told}: expected the machine's namespace, {own} is the shadow's own")
     return full
@@ -88,6 +88,7 @@ def follow(
     company: Company = ALONE,
     duration_s: float = 0.0,
     ready: Callable[[ShadowNode], None] = lambda node: None,
+    own_name: str | None = None,
 ) -> ShadowOutcome:
     """Follow a machine until a signal, or for a duration.
 
@@ -101,19 +102,23 @@ def follow(
         Time (s) after which it ends by itself; 0: never.
     ready : callable
         Told the node when it listens.
+    own_name : str, optional
+        Name below which it publishes, such as a page's own; the machine's if absent.
 
     Raises
     ------
     NameInUseError
         Another shadow of this machine is alive.
     """
-    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    own = own_name or machine_name
+    moved = None if own == machine_name else own
+    rclpy.init(args=ros_arguments(machine_name, moved), signal_handler_options=SignalHandlerOptions.NO)
     nodes: list[TwinNode] = []
     with StopSignal() as signal, ExitStack() as at_end, ExitStack() as starting:
         at_end.callback(rclpy.try_shutdown)
         at_end.callback(destroy_nodes, nodes)
         starting.enter_context(signal.interrupting())
-        guard = at_end.enter_context(NameGuard([f"/{machine_name}/{topic.name}" for topic in (ESTIMATED, RESIDUALS)]))
+        guard = at_end.enter_context(NameGuard([f"/{own}/{topic.name}" for topic in (ESTIMATED, RESIDUALS)]))
         node = ShadowNode(machine_name, setup, parameters, RunOptions())
         nodes.append(node)
         guard.check(own_publishers=1)

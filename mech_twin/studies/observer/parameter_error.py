@@ -73,8 +73,10 @@ def uncertain_keys(parameters: Parameters, share: float, prefix: str = "") -> di
     found: dict[str, float] = {}
     for name, field in type(parameters).model_fields.items():
         value = getattr(parameters, name)
-        if isinstance(value, Parameters):
-            found |= uncertain_keys(value, share, f"{prefix}{name}.")
+        groups = {name: value} | ({f"{name}.{own}": of for own, of in value.items()} if isinstance(value, dict) else {})
+        for group, inside in groups.items():
+            if isinstance(inside, Parameters):
+                found |= uncertain_keys(inside, share, f"{prefix}{group}.")
         extra = field.json_schema_extra
         of_force = isinstance(extra, dict) and extra.get("unit") in OF_FORCES
         if of_force and isinstance(value, float) and value != 0.0 and np.isfinite(value):
@@ -169,7 +171,7 @@ def key_value(parameters: Parameters, key: str) -> float:
     """Return the number of a configuration key."""
     found: object = parameters
     for word in key.split("."):
-        found = getattr(found, word)
+        found = found[word] if isinstance(found, Mapping) else getattr(found, word)
     return float(found)  # type: ignore[arg-type]
 
 
