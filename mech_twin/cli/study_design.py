@@ -9,16 +9,18 @@ from typing import Any
 
 from mech_twin.cli.console import print_json, print_numbers, print_table, say
 from mech_twin.cli.failure import CommandError
-from mech_twin.cli.study_options import counted, limits_of, notes_of, shows_limits, study_errors, told
+from mech_twin.cli.study_options import counted, limits_of, notes_of, ranges_of, shows_limits, study_errors, told
 from mech_twin.cli.study_verbs import DesignsVerb, SearchVerb
 from mech_twin.declarations.configuration_tree import configuration_tree
 from mech_twin.files.output_file import YAML_SUFFIXES, check_output_file
 from mech_twin.parameters.load import assignments, machine_parameters
 from mech_twin.parameters.written_configuration import write_configuration
 from mech_twin.process.dependencies import require_extra
-from mech_twin.studies import designs, search
+from mech_twin.studies import designs, search, search_runs
+from mech_twin.studies.asking import asked_of, searches_by_runs
 
 POINTS = 9  # of a Pareto front
+NO_QUESTION = "no design question; its runs are searched with --objective NAME and --bound KEY=LOW:HIGH"
 
 
 def bounds_of(texts: list[str]) -> dict[str, tuple[float, float]]:
@@ -43,6 +45,14 @@ def bounds_of(texts: list[str]) -> dict[str, tuple[float, float]]:
 
 def answer_search(request: SearchVerb) -> None:
     """Search, write the configuration of the first design found, and show all."""
+    if searches_by_runs(request.machine):
+        if not request.bound or not request.objective:
+            asked_of(request.machine, "design", NO_QUESTION)
+        _search_by_runs(request)
+        return
+    for name, value in (("--duration", request.duration_s), ("--cores", request.cores)):
+        if value is not None:
+            raise CommandError(f"{name} {value:g}: is of a search by runs, with --objective and --bound of its own")
     objectives = tuple(request.objective)
     if request.points is not None and len(objectives) < 2:
         raise CommandError(f"--points {request.points}: expected several --objective, which give a Pareto front")
@@ -78,6 +88,40 @@ def answer_search(request: SearchVerb) -> None:
     near = sorted(found[0].margins.items(), key=lambda item: item[1])
     print_numbers("margins of the constraints (least first; 0 binds)", dict(near))
     say(f"wrote {out}" + (" (the first of the front)" if len(found) > 1 else ""))
+
+
+def _search_by_runs(request: SearchVerb) -> None:
+    """Search among the runs of a machine that has no design question, write the configuration found, and show it."""
+    if len(request.objective) > 1 or request.points is not None:
+        raise CommandError("a search by runs has one objective and no Pareto front")
+    out = request.out or Path(f"{Path(request.machine).stem}-found.yaml")
+    check_output_file(out, force=request.force, suffixes=YAML_SUFFIXES)
+    parameters = machine_parameters(request.machine, request.config, assignments(request.settings))
+    objective, duration_s = request.objective[0], request.duration_s or 0.0
+    with study_errors(), told(f"searching runs of {request.machine}"):
+        found = search_runs(
+            request.machine,
+            objective,
+            bounds_of(request.bound),
+            parameters=parameters,
+            limits=ranges_of(request.limit),
+            duration_s=duration_s,
+            seed=request.seed,
+            cores=request.cores,
+        )
+        notes = notes_of(objective=objective, limits=request.limit, duration_s=duration_s, seed=request.seed)
+        write_configuration(request.machine, found.parameters, out, request.config, notes)
+    if request.as_json:
+        row = {**found.variables, **found.objectives}
+        front = [{**row, "margins": found.margins, "config": configuration_tree(found.parameters)}]
+        names = {"machine": request.machine, "objectives": [objective], "seed": request.seed}
+        print_json({**names, "designs": front, "configuration": str(out)})
+        return
+    print_numbers("best design", {**found.variables, **found.objectives})
+    if found.margins:
+        near = sorted(found.margins.items(), key=lambda item: item[1])
+        print_numbers("margins of the limits (least first; 0 binds)", dict(near))
+    say(f"wrote {out}")
 
 
 def answer_designs(request: DesignsVerb) -> None:

@@ -90,6 +90,19 @@ def limits_of(texts: Sequence[str]) -> dict[str, float]:
     return limits
 
 
+def ranges_of(texts: Sequence[str]) -> dict[str, tuple[float, float]]:
+    """Return names and ranges of ``NAME=LOW:HIGH``, either left out where there is none; a number alone is HIGH."""
+    ranges = {}
+    for text in texts:
+        name, _, values = text.partition("=")
+        low, _, high = values.rpartition(":")
+        try:
+            ranges[name.strip()] = float(low or -math.inf), float(high or math.inf)
+        except ValueError as error:
+            raise CommandError(f"--limit {text}: expected NAME=HIGH or NAME=LOW:HIGH") from error
+    return ranges
+
+
 @contextmanager
 def study_errors() -> Iterator[None]:
     """Turn a configuration that a study refuses, or a file that cannot be written, into a failed command."""

@@ -93,12 +93,12 @@ class SizeVerb(Verb):
 
 
 class SearchVerb(Verb):
-    """Choose a machine's dimensions: scan, then optimise; a Pareto front for several objectives."""
+    """Choose a machine's dimensions: scan, then optimise; a Pareto front for several objectives; or by runs."""
 
     answer: ClassVar[str] = "mech_twin.cli.study_design:answer_search"
     machine: str
     objective: list[str] = option(
-        "quantity to minimise; several give a Pareto front",
+        "quantity to minimise; several give a Pareto front; by runs any number, large with - before it",
         [],
         metavar="NAME",
         shown="the usual one of the machine",
@@ -108,6 +108,10 @@ class SearchVerb(Verb):
     limit: Limits = []
     seed: Seed = 1
     points: int | None = option("points of a Pareto front", ge=1, le=1000, shown="9")
+    duration_s: float | None = option(
+        "by runs: time to simulate each design, s; 0: the analysis alone", unit="s", ge=0.0
+    )
+    cores: int | None = option("by runs: processor cores to use", ge=1, le=1024, shown="all cores")
     out: Path | None = option("configuration to write", shown="MACHINE-found.yaml")
     config: Config = None
     settings: Settings = []

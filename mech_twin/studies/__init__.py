@@ -169,6 +169,46 @@ def search(
     )
 
 
+def search_runs(
+    machine: str,
+    objective: str,
+    bounds: Mapping[str, tuple[float, float]],
+    *,
+    parameters: Parameters | None = None,
+    limits: Mapping[str, tuple[float, float]] | None = None,
+    duration_s: float = 0.0,
+    seed: int = 1,
+    cores: int | None = None,
+) -> Design:
+    """Return the best design of any machine by its report and its runs; the same for the same seed.
+
+    Parameters
+    ----------
+    machine : str
+        Machine of the catalogue, or the path of a page.
+    objective : str
+        Number of the report or of a run that is made small; ``-`` before it: large.
+    bounds : mapping
+        Least and largest value of each key that is chosen.
+    parameters : Parameters, optional
+        The rest of the configuration; the installed one if absent.
+    limits : mapping, optional
+        Least and largest value of numbers; infinite where there is none.
+    duration_s : float
+        Seconds to simulate each design; 0 for the report alone.
+    seed : int
+        Seed of the scan.
+    cores : int, optional
+        Processes to spread over; all cores if absent.
+    """
+    from mech_twin.parameters.load import machine_parameters
+    from mech_twin.studies.run_search import run_search, searched_by_runs
+
+    known = parameters or machine_parameters(machine)
+    asked = run_search(machine, known, objective, bounds, limits or {}, duration_s)
+    return searched_by_runs(asked, known, seed, cores)
+
+
 def designs(
     machine: str,
     count: int,

@@ -36,6 +36,11 @@ def asked_of(machine: str, capability: str, lack: str) -> Any:
     return found
 
 
+def searches_by_runs(machine: str) -> bool:
+    """Return whether a machine has no design question of its own, so that its runs are asked."""
+    return catalogue_entry(machine).capabilities.design is None
+
+
 def questions_of(machine: str) -> tuple[str, ...]:
     """Return the questions of `mech_twin.studies` that this machine has an answer to."""
     able = catalogue_entry(machine).capabilities

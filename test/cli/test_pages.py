@@ -145,11 +145,43 @@ def test_a_page_is_followed_under_its_own_name(page):
 
 
 @pytest.mark.parametrize(
-    ("question", "reason"), [("size", "leads every joint; this page has 1 free"), ("search", "no design question")]
+    ("question", "reason"),
+    [("size", "leads every joint; this page has 1 free"), ("search", "its runs are searched with --objective")],
 )
 def test_questions_that_a_page_does_not_answer_are_refused_by_name(page, question, reason):
     with pytest.raises(StudyError, match=reason):
         answer("study", page, question)
+
+
+def test_a_search_by_runs_finds_the_length_that_a_limit_allows(tmp_path):
+    """At its far dead point a slider-crank reaches r + l, and at its near one l - r."""
+    page, found = tmp_path / "my.yaml", tmp_path / "found.yaml"
+    page.write_text(answer("new", "slider_crank"), encoding="utf-8")
+    words = ["--bound", "bodies.crank.points_m.pin.0=0.03:0.08", "--duration", "0.2", "--cores", "1", "--json"]
+    limit = ["--limit", "guide_min_m=0.14:"]
+    told = answer("study", page, "search", "--objective", "-guide_max_m", *limit, *words, "--out", found)
+    (best,) = json.loads(told[told.index("{") :])["designs"]
+    assert best["bodies.crank.points_m.pin.0"] == pytest.approx(0.06, rel=2e-3)
+    assert best["guide_max_m"] == pytest.approx(0.26, rel=1e-3)
+    assert 0.0 <= best["margins"]["guide_min_m >= 0.14"] < 2e-4
+    assert machine_parameters(str(found)).bodies["crank"].points_m["pin"][0] == best["bodies.crank.points_m.pin.0"]
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("--objective", "no_number", "--bound", "bodies.ram.mass_kg=3:6"), "objective 'no_number'|no objective"),
+        (("--objective", "total_mass_kg", "--bound", "bodies.ram.masses=3:6"), "no configuration key"),
+        (("--objective", "total_mass_kg", "--bound", "bodies.ram.mass_kg=6"), "6 < 6 fails"),
+        (
+            ("--objective", "total_mass_kg", "--bound", "bodies.ram.mass_kg=3:6", "--limit", "total_mass_kg=:1"),
+            "no design keeps every limit; the nearest, bodies.ram.mass_kg = 3",
+        ),
+    ],
+)
+def test_a_search_by_runs_names_what_is_wrong_with_it(page, words, told):
+    with pytest.raises(StudyError, match=told):
+        answer("study", page, "search", *words, "--cores", "1")
 
 
 def test_a_flywheel_is_written_into_the_page(tmp_path):

@@ -64,7 +64,7 @@ def test_sizes_are_written_as_a_configuration_that_runs(asked, tmp_path):
         (("vibration_crank", "size", "--tolerance", "0.6"), "expected 0 to 0.5"),
         (("compaction_press", "size", "--limit", "non_uniformity=0"), "limit non_uniformity=0: expected"),
         (("vibration_crank", "size", "--limit", "counterweight_mass_kg=0"), "limit counterweight_mass_kg=0: expected"),
-        (("winding_drum", "search"), "no design question; there is an answer for compaction_press"),
+        (("winding_drum", "search"), "no design question; its runs are searched with"),
         (("impact_mass", "designs", "--count", "10"), "no design question; there is an answer for compaction_press"),
         (("compaction_press", "search", "--objective", "weight_kg"), "no objective 'weight_kg'"),
         (("compaction_press", "search", "--limit", "peak_n=1"), "no limit 'peak_n'"),

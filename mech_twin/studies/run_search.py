@@ -1,0 +1,213 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Search of any machine by its runs: keys within bounds, and which of its numbers is made small under which limits.
+
+A scan of a Sobol sequence finds where the limits are kept; linear approximations (COBYLA) go on from its best points.
+The same seed gives the same answer, whatever the number of cores.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+from scipy.stats import qmc
+
+from mech_twin.capabilities.arguments import real_number
+from mech_twin.capabilities.design import Design
+from mech_twin.capabilities.errors import StudyError
+from mech_twin.capabilities.progress import tell
+from mech_twin.capabilities.variation import varied
+from mech_twin.declarations.captions import unknown_name
+from mech_twin.declarations.configuration_tree import ConfigurationError
+from mech_twin.declarations.quantity import Parameters
+from mech_twin.engine.errors import MotionError
+from mech_twin.studies.spreading import available_cores, spread
+from mech_twin.studies.sweep_points import Question, question, summary
+
+Array = NDArray[np.float64]
+Range = tuple[float, float]
+Place = tuple[float, ...]  # of the unit cube
+LARGE = "-"  # before the name of an objective that is to be made large
+SCAN_POWER, MOST_SCAN_POWER = 4, 8  # of two: points of a scan of one key; one more for each further key
+REFINED = 4  # best points of the scan from which a refinement begins
+EVALUATIONS = 40  # of a refinement, for each key
+FIRST_STEP, LAST_STEP = 0.1, 1e-4  # of a refinement, in parts of the bounds
+BROKEN = 1e3  # violation of a point at which the machine is refused, or has not the number
+
+
+class JudgedPoint(NamedTuple):
+    """A point of the unit cube: its objective, made small, and its margins over their scales, negative where broken."""
+
+    place: Place
+    objective: float
+    margins: Place
+
+    @property
+    def rank(self) -> tuple[float, float]:
+        """What orders points: how far the limits are broken, then the objective."""
+        return sum(max(-margin, 0.0) for margin in self.margins), self.objective
+
+
+@dataclass(frozen=True)
+class RunSearch:
+    """A search.
+
+    Attributes
+    ----------
+    asked : Question
+        Machine, configuration and simulated seconds.
+    bounds : dict
+        Least and largest value of each key.
+    objective : str
+        Number that is made small; ``-`` before it: large.
+    limits : dict
+        Least and largest value of numbers.
+    scales : dict
+        Size of each number that counts, in the machine as it is.
+    """
+
+    asked: Question
+    bounds: dict[str, Range]
+    objective: str
+    limits: dict[str, Range]
+    scales: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def name(self) -> str:
+        """Name of the objective's number."""
+        return self.objective.removeprefix(LARGE)
+
+    def changes(self, place: Sequence[float]) -> dict[str, float]:
+        """Return the keys and their values at a point of the unit cube."""
+        pairs = zip(self.bounds.items(), place, strict=True)
+        return {key: low + share * (high - low) for (key, (low, high)), share in pairs}
+
+    def margins(self, numbers: Mapping[str, float]) -> dict[str, float]:
+        """Return how far each limit is kept, in the unit of its number; negative: it is broken."""
+        found: dict[str, float] = {}
+        for name, (low, high) in self.limits.items():
+            value = numbers.get(name, math.nan)
+            found |= {f"{name} >= {low:g}": value - low} if math.isfinite(low) else {}
+            found |= {f"{name} <= {high:g}": high - value} if math.isfinite(high) else {}
+        return found
+
+    def judged(self, place: Sequence[float]) -> JudgedPoint:
+        """Return what a point is worth."""
+        point = tuple(float(np.clip(share, 0.0, 1.0)) for share in place)
+        try:
+            numbers = summary(self.asked, self.changes(point))
+        except (ConfigurationError, MotionError):
+            numbers = {}
+        sign = -1.0 if self.objective.startswith(LARGE) else 1.0
+        value = sign * numbers.get(self.name, math.nan) / self.scales[self.name]
+        margins = [margin / self.scales[name.split(" ")[0]] for name, margin in self.margins(numbers).items()]
+        if not math.isfinite(value):
+            value, margins = BROKEN, [*margins, -BROKEN]
+        else:
+            margins = [*margins, 0.0]
+        return JudgedPoint(point, value, tuple(margin if math.isfinite(margin) else -BROKEN for margin in margins))
+
+
+def run_search(
+    machine: str,
+    parameters: Parameters,
+    objective: str,
+    bounds: Mapping[str, Range],
+    limits: Mapping[str, Range],
+    duration_s: float,
+) -> RunSearch:
+    """Return a search, checked against the numbers of the machine as it is.
+
+    Raises
+    ------
+    StudyError
+        A key, a number or a bound is none.
+    """
+    if not bounds:
+        raise StudyError("a search by runs needs at least one key and its bounds: --bound KEY=LOW:HIGH")
+    asked = question(machine, parameters, {key: (low,) for key, (low, _) in bounds.items()}, (), duration_s)
+    for key, (low, high) in bounds.items():
+        real_number(f"bounds of {key}, low", low, "a finite number")
+        real_number(f"bounds of {key}, high", high, f"a finite number above {low:g}")
+        if not low < high:
+            raise StudyError(f"bounds of {key}: {low:g} < {high:g} fails")
+    known = summary(asked, {})
+    for what, name in (("objective", objective.removeprefix(LARGE)), *(("limit", name) for name in limits)):
+        if name not in known:
+            raise StudyError(unknown_name(name, known, f"{what} "))
+    for name, (low, high) in limits.items():
+        if not low <= high or not (math.isfinite(low) or math.isfinite(high)):
+            raise StudyError(f"limit {name}: {low:g} <= {high:g} fails; expected NAME=LOW:HIGH, one of them at least")
+    counted = (objective.removeprefix(LARGE), *limits)
+    scales = {name: abs(known[name]) or 1.0 for name in counted}
+    return RunSearch(asked, dict(bounds), objective, dict(limits), scales)
+
+
+def searched_by_runs(asked: RunSearch, parameters: Parameters, seed: int = 1, cores: int | None = None) -> Design:
+    """Return the best design within the limits.
+
+    Raises
+    ------
+    StudyError
+        No design keeps every limit; the nearest one is told.
+    """
+    keys, workers = len(asked.bounds), cores or available_cores()
+    power = min(SCAN_POWER + keys - 1, MOST_SCAN_POWER)
+    places = qmc.Sobol(keys, scramble=True, rng=np.random.default_rng(seed)).random_base2(power)
+    steps = len(places) + REFINED
+    scanned = _spread(asked.judged, [tuple(place) for place in places.tolist()], workers, steps, 0)
+    starts = [point.place for point in sorted(scanned, key=lambda point: point.rank)[:REFINED]]
+    refined = _spread(partial(refined_from, asked), starts, workers, steps, len(places))
+    best = min((*scanned, *refined), key=lambda point: (point.rank, point.place))
+    changes = asked.changes(best.place)
+    numbers = summary(asked.asked, changes)
+    margins = asked.margins(numbers)
+    broken = {name: margin for name, margin in margins.items() if not margin >= 0.0}
+    if broken:
+        nearest = ", ".join(f"{key} = {value:.6g}" for key, value in changes.items())
+        told = ", ".join(f"{name} by {-margin:.4g}" for name, margin in broken.items())
+        raise StudyError(f"no design keeps every limit; the nearest, {nearest}, misses {told}")
+    return Design(changes, {asked.name: numbers[asked.name]}, margins, varied(parameters, changes))
+
+
+def refined_from(asked: RunSearch, start: Place) -> JudgedPoint:
+    """Return the best point that linear approximations find from a start."""
+    known: dict[Place, JudgedPoint] = {}
+
+    def at(place: Any) -> JudgedPoint:
+        point = tuple(float(share) for share in place)
+        if point not in known:
+            known[point] = asked.judged(point)
+        return known[point]
+
+    def inside(place: Any) -> Array:
+        return np.concatenate((place, 1.0 - np.asarray(place)))
+
+    limited = [{"type": "ineq", "fun": inside}, {"type": "ineq", "fun": lambda place: np.array(at(place).margins)}]
+    minimize(
+        lambda place: at(place).objective,
+        np.array(start),
+        method="COBYLA",
+        constraints=limited,
+        options={"rhobeg": FIRST_STEP, "tol": LAST_STEP, "maxiter": EVALUATIONS * len(start)},
+    )
+    return min(known.values(), key=lambda point: point.rank)
+
+
+def _spread(
+    function: Callable[[Place], JudgedPoint], points: list[Place], cores: int, steps: int, done: int
+) -> list[JudgedPoint]:
+    """Return what a function makes of points, on several cores, in the order of their places."""
+    found: list[JudgedPoint] = []
+    with closing(spread(function, points, cores)) as results:
+        for result in results:
+            found.append(result)
+            tell(done + len(found), steps)
+    return sorted(found, key=lambda point: point.place)
