@@ -141,10 +141,8 @@ class PageInstant(ElementForces):
             unit = "moment_nm" if spring.turns else "force_n"
             acts = self.actions if spring.gas is not None else self.conservative
             quantities[f"{name}_{unit}"] = acts[name].efforts[0].size
-        for name in self.page.couplings:
-            twisted = self.conservative[name].efforts[0].size
-            damped = self.actions[name].efforts[0].size if name in self.actions else 0.0
-            quantities[f"{name}_moment_nm"] = twisted + damped
+        for name, coupling in self.page.couplings.items():
+            quantities[f"{name}_{'force_n' if coupling.slides else 'moment_nm'}"] = -self.passed_on(name)
         for name, damper in self.page.dampers.items():
             quantities[f"{name}_{'moment_nm' if damper.turns else 'force_n'}"] = self.actions[name].efforts[0].size
         for name, joint_name in places.resisted.items():

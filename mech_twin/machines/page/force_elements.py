@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Elements of a page that act by length, speed or gas: springs, gas springs, dampers, friction, elastic shafts."""
+"""Elements of a page that act by length, speed or gas: springs, gas springs, dampers, friction, couplings."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Literal, Self
 from pydantic import model_validator
 
 from mech_twin.declarations.quantity import Parameters, choice, quantity
-from mech_twin.machines.page.elements import Name, one_of, only
+from mech_twin.machines.page.elements import DEGREE, Name, one_of, only
 from mech_twin.machines.page.tables import TableRows, table
 
 AIR_PA = 101325.0
@@ -48,13 +48,68 @@ class GasCharge(Parameters):
 
 
 class CouplingElement(Parameters):
-    """An elastic shaft between two revolutes: rate and damping of their difference, with backlash."""
+    """An elastic shaft, gear, belt or rack between two joints: rate and damping of what they miss of their ratio."""
 
-    kind: Literal["shaft"] = choice("an elastic shaft")
-    joints: tuple[str, str] = choice("the two revolutes that it couples; untwisted, amid its backlash, at the start")
-    rate_nm_per_rad: float = quantity("N m/rad", "rate", live=True, gt=0.0)
+    kind: Literal["shaft", "gear", "belt", "rack"] = choice(
+        "shaft, or gear or belt with a ratio, between revolutes; rack: a pinion's revolute, then a slider"
+    )
+    joints: tuple[str, str] = choice("the two joints that it couples; without force, amid its play, at the start")
+    ratio: float | None = quantity(
+        "1", "of gear or belt: turns of the second joint for one of the first; below 0: the other way", default=None
+    )
+    radius_m: float | None = quantity(
+        "m", "of a rack: travel of the slider for a radian of the pinion; below 0: backward", default=None
+    )
+    rate_nm_per_rad: float | None = quantity("N m/rad", "rate at the second joint", live=True, default=None, gt=0.0)
+    rate_n_per_m: float | None = quantity("N/m", "rate of a rack", live=True, default=None, gt=0.0)
     damping_nms_per_rad: float = quantity("N m s/rad", "damping while it carries", live=True, default=0.0, ge=0.0)
-    backlash_deg: float = quantity("deg", "play in all", default=0.0, ge=0.0, le=90.0)
+    damping_ns_per_m: float = quantity("N s/m", "damping of a rack while it carries", live=True, default=0.0, ge=0.0)
+    backlash_deg: float = quantity("deg", "play in all, at the second joint", default=0.0, ge=0.0, le=90.0)
+    backlash_m: float = quantity("m", "play of a rack in all", default=0.0, ge=0.0)
+    efficiency: float = quantity(
+        "1", "share that a gear, belt or rack passes on, either way", default=1.0, gt=0.0, le=1.0
+    )
+
+    @model_validator(mode="after")
+    def _complete(self) -> Self:
+        if self.kind == "rack":
+            only(self, "rack", ("joints", "radius_m", "rate_n_per_m"), ("damping_ns_per_m", "backlash_m", "efficiency"))
+        elif self.kind == "shaft":
+            only(self, "shaft", ("joints", "rate_nm_per_rad"), ("damping_nms_per_rad", "backlash_deg"))
+        else:
+            play = ("backlash_deg",) if self.kind == "gear" else ()
+            only(self, self.kind, ("joints", "ratio", "rate_nm_per_rad"), ("damping_nms_per_rad", "efficiency", *play))
+        if self.factor == 0.0:
+            raise ValueError(f"{'radius_m' if self.kind == 'rack' else 'ratio'} must not be 0")
+        if self.kind == "belt" and self.factor < 0.0:
+            raise ValueError("ratio of a belt must be above 0; a crossed one is a gear with a ratio below 0")
+        return self
+
+    @property
+    def slides(self) -> bool:
+        """Whether its second joint is a slider."""
+        return self.kind == "rack"
+
+    @property
+    def factor(self) -> float:
+        """Motion of the second joint for that of the first."""
+        found = self.radius_m if self.slides else self.ratio
+        return 1.0 if found is None else found
+
+    @property
+    def rate(self) -> float:
+        """Rate at the second joint (N m/rad or N/m)."""
+        return (self.rate_n_per_m if self.slides else self.rate_nm_per_rad) or 0.0
+
+    @property
+    def damping(self) -> float:
+        """Damping at the second joint (N m s/rad or N s/m)."""
+        return self.damping_ns_per_m if self.slides else self.damping_nms_per_rad
+
+    @property
+    def backlash(self) -> float:
+        """Play in all at the second joint (rad or m)."""
+        return self.backlash_m if self.slides else self.backlash_deg * DEGREE
 
 
 class SpringElement(Parameters):

@@ -23,7 +23,7 @@ from mech_twin.mechanics.actions import (
 )
 from mech_twin.mechanics.dynamics import JointEffort, ReducedSystem
 from mech_twin.mechanics.kinematics import JointRates, Kinematics, MovingPoint, Scalar
-from mech_twin.mechanics.recording import Number, Recording, larger, power, sine, smaller
+from mech_twin.mechanics.recording import Number, Recording, larger, power, sine, smaller, total
 
 UNKNOWN = math.nan  # rate of a signal that is not told
 LEAST_VOLUME = 1e-6  # of a gas spring, over that at the start
@@ -215,30 +215,35 @@ class ElementForces:
     def _couplings(self) -> None:
         for name, coupling in self.page.couplings.items():
             first, second = (self.coordinate(joint) for joint in coupling.joints)
-            row = [a - b for a, b in zip(first.row, second.row, strict=True)]
-            begun = StartLengths(self.places).twist(coupling.joints)
-            twist = Scalar(first.value - second.value - self.number(begun), row, _unbent)
+            factor, begun = self.number(coupling.factor), StartLengths(self.places).twist(coupling)
+            row = [factor * a - b for a, b in zip(first.row, second.row, strict=True)]
+            twist = Scalar(factor * first.value - second.value - self.number(begun), row, _unbent)
             speed, carried, carries = self.at.speed(twist), twist.value, 1.0  # type: Number, Number, Number
-            if coupling.backlash_deg > 0.0:
-                play = self.number(0.5 * coupling.backlash_deg * DEGREE)
+            if coupling.backlash > 0.0:
+                play = self.number(0.5 * coupling.backlash)
                 self.watch(f"{name}_forward", play - twist.value, -speed)
                 self.watch(f"{name}_backward", play + twist.value, speed)
                 carried = larger(twist.value - play, 0.0) + smaller(twist.value + play, 0.0)
                 carries = self.regime(f"{name}_forward") + self.regime(f"{name}_backward")
-            rate = self.number(coupling.rate_nm_per_rad)
+            rate = self.number(coupling.rate)
             self.potentials[name] = 0.5 * rate * (carried * carried)
-            self.conservative[name] = self._between_joints(coupling.joints, -(rate * carried))
-            if coupling.damping_nms_per_rad > 0.0:
-                moment = -(carries * self.number(coupling.damping_nms_per_rad) * speed)
-                self.actions[name] = self._between_joints(coupling.joints, moment)
+            self.conservative[name] = self._between_joints(coupling.joints, factor, -(rate * carried))
+            if coupling.damping > 0.0:
+                moment = -(carries * self.number(coupling.damping) * speed)
+                self.actions[name] = self._between_joints(coupling.joints, factor, moment)
 
-    def _between_joints(self, joints: tuple[str, str], size: Number) -> Action:
-        """Return a moment on the first joint and back on the second."""
+    def _between_joints(self, joints: tuple[str, str], factor: Number, size: Number) -> Action:
+        """Return a force on the first joint, by the ratio, and back on the second."""
         first, second = (
-            joint_action(self.at, self.joint(joints[0]), size),
+            joint_action(self.at, self.joint(joints[0]), factor * size),
             joint_action(self.at, self.joint(joints[1]), -size),
         )
         return Action([*first.efforts, *second.efforts], [*first.loads, *second.loads])
+
+    def passed_on(self, coupling: str) -> Number:
+        """Return the force of a coupling on its second joint, its loss apart (N m or N)."""
+        acts = [of[coupling] for of in (self.conservative, self.actions) if coupling in of]
+        return total([act.efforts[1].size for act in acts])
 
     def _dampers(self) -> None:
         for name, damper in self.page.dampers.items():
@@ -340,11 +345,19 @@ class ElementForces:
             elif load.joint == joint:
                 low -= load.against_forward_n or load.against_forward_nm or 0.0
                 high += load.against_backward_n or load.against_backward_nm or 0.0
-        for name, drive in self.page.drives.items():
-            if drive.joint == joint and (drive.gear_efficiency or 1.0) < 1.0:  # passes on from eta M to M / eta
-                eta, moment = drive.gear_efficiency or 1.0, self.actions[name].efforts[0].size
-                ends = self.number(eta - 1.0) * moment, self.number(1.0 / eta - 1.0) * moment
-                bounds.append((smaller(*ends), larger(*ends)))
+        geared = [
+            (drive.gear_efficiency or 1.0, self.actions[name].efforts[0].size)
+            for name, drive in self.page.drives.items()
+            if drive.joint == joint and (drive.gear_efficiency or 1.0) < 1.0
+        ]
+        geared += [
+            (coupling.efficiency, self.passed_on(name))
+            for name, coupling in self.page.couplings.items()
+            if coupling.joints[1] == joint and coupling.efficiency < 1.0
+        ]
+        for eta, moment in geared:  # passes on from eta M to M / eta
+            ends = self.number(eta - 1.0) * moment, self.number(1.0 / eta - 1.0) * moment
+            bounds.append((smaller(*ends), larger(*ends)))
         least, most = self.number(low), self.number(high)
         for one, other in bounds:
             least, most = least + one, most + other

@@ -41,7 +41,7 @@ class Page(Parameters):
     ground: Ground = choice("what stands still", default=Ground())
     bodies: dict[Name, BodyElement] = choice("rigid bodies by name")
     joints: dict[Name, JointElement] = choice("joints by name")
-    couplings: dict[Name, CouplingElement] = choice("elastic shafts by name", default={})
+    couplings: dict[Name, CouplingElement] = choice("elastic shafts, gears, belts and racks by name", default={})
     drives: dict[Name, DriveElement] = choice("drives by name", default={})
     supply: Supply = choice("supply of the drives", default=Supply())
     springs: dict[Name, SpringElement] = choice("springs by name", default={})
@@ -96,8 +96,10 @@ class Page(Parameters):
             if contact.rod is not None:
                 self._check_rod(f"contacts.{name}", contact)
         for name, coupling in self.couplings.items():
-            for joint in coupling.joints:
-                self._check_joint(f"couplings.{name}", joint, coupling, turns=True)
+            for joint, turns in zip(coupling.joints, (True, not coupling.slides), strict=True):
+                self._check_joint(f"couplings.{name}", joint, coupling, turns=turns)
+            if coupling.joints[0] == coupling.joints[1]:
+                raise ValueError(f"couplings.{name}.joints: '{coupling.joints[0]}' stands twice; expected two joints")
         for name, spring in self.springs.items():
             for port, opening in (spring.gas.ports if spring.gas is not None else {}).items():
                 self._check_joint(f"springs.{name}.gas.ports.{port}", opening.joint, opening, turns=False)

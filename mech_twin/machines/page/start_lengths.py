@@ -6,7 +6,7 @@ from __future__ import annotations
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.machines.page.assembly import Assembly
 from mech_twin.machines.page.elements import DEGREE
-from mech_twin.machines.page.force_elements import SpringElement
+from mech_twin.machines.page.force_elements import CouplingElement, SpringElement
 from mech_twin.machines.page.parameters import Page
 from mech_twin.machines.page.state_places import StatePlaces
 from mech_twin.mechanics.kinematics import Kinematics
@@ -28,12 +28,12 @@ class StartLengths:
         rate = spring.rate_n_per_m if spring.rate_n_per_m is not None else spring.rate_nm_per_rad or 0.0
         return self.length(spring) + (preload / rate if rate else 0.0)
 
-    def twist(self, joints: tuple[str, str]) -> float:
-        """Return the difference of two joints' angles at the start (rad)."""
+    def twist(self, coupling: CouplingElement) -> float:
+        """Return what the second joint of a coupling lacks of its share of the first at the start (rad or m)."""
         assembly = self._places.assembly
         motion = Kinematics(assembly.structure, assembly.start.tolist())
-        first, second = (motion.joint_coordinates(assembly.joint_number(name))[0].value for name in joints)
-        difference = first - second
+        first, second = (motion.joint_coordinates(assembly.joint_number(name))[0].value for name in coupling.joints)
+        difference = coupling.factor * first - second
         assert isinstance(difference, float | int)
         return float(difference)
 

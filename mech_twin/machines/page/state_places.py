@@ -79,6 +79,9 @@ class StatePlaces:
         for name, drive in page.drives.items():
             if (drive.gear_efficiency or 1.0) < 1.0:
                 found.setdefault(drive.joint, []).append(f"{name}_gear")
+        for name, coupling in page.couplings.items():
+            if coupling.efficiency < 1.0:
+                found.setdefault(coupling.joints[1], []).append(f"{name}_loss")
         return {names[0] if len(names) == 1 else joint: joint for joint, names in found.items()}
 
     @cached_property
@@ -119,7 +122,7 @@ class StatePlaces:
     @cached_property
     def backlashes(self) -> tuple[str, ...]:
         """Both ends of the play of each coupling."""
-        slack = [name for name, coupling in self.page.couplings.items() if coupling.backlash_deg > 0.0]
+        slack = [name for name, coupling in self.page.couplings.items() if coupling.backlash > 0.0]
         return tuple(f"{name}_{end}" for name in slack for end in ("forward", "backward"))
 
     @cached_property
@@ -149,7 +152,7 @@ class StatePlaces:
     def worked(self) -> tuple[str, ...]:
         """Elements whose work is booked beside that of driven coordinates and laws."""
         loads = [name for name, load in self.page.loads.items() if not load.resists]
-        shafts = [name for name, coupling in self.page.couplings.items() if coupling.damping_nms_per_rad > 0.0]
+        shafts = [name for name, coupling in self.page.couplings.items() if coupling.damping > 0.0]
         return (*self.motors, *self.page.dampers, *shafts, *self.gases, *loads, *self.compliant)
 
     @cached_property

@@ -111,6 +111,17 @@ VENT = {"vent": {"joint": "guid", "open_above_m": 1}}
             "springs.there.gas.ports.vent.joint: no joint 'guid'",
         ),
         ("couplings", {"kind": "shaft", "joints": ["guide", "guide"], "rate_nm_per_rad": 1.0}, "'guide' is a slider"),
+        ("couplings", {"kind": "gear", "joints": ["guide", "other"], "rate_nm_per_rad": 1.0}, "needs the key ratio"),
+        (
+            "couplings",
+            {"kind": "rack", "joints": ["guide", "other"], "radius_m": 0.1, "rate_n_per_m": 1.0},
+            "couplings.there.joint: 'guide' is a slider; expected keys in m, m/s, or N",
+        ),
+        (
+            "couplings",
+            {"kind": "belt", "joints": ["guide", "other"], "ratio": -1.0, "rate_nm_per_rad": 1.0},
+            "ratio of a belt must be above 0",
+        ),
         ("contacts", {"joint": "guide", "gives_way_n": 5.0, "most_m": 1.0}, "wall has no key most_m"),
         ("contacts", {"joint": "guide", "most_m": 0.0, "layer_m_n": [[0.1, 0], [1, 5]]}, "expected depths from 0 on"),
         ("loads", {"joint": "guide", "table_m_n": [[0, -1], [1, 5]]}, "a resistance is 0 or more"),
