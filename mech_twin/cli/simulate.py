@@ -9,7 +9,7 @@ from mech_twin.cli.consequences import say_consequences
 from mech_twin.cli.console import busy, print_json, progress, say, say_result
 from mech_twin.cli.failure import report_losses
 from mech_twin.cli.run_summary import how_told, print_numbers_csv, show_events, show_numbers, show_residuals
-from mech_twin.cli.simulate_outputs import check_outputs, opened_outputs
+from mech_twin.cli.simulate_outputs import check_outputs, draw_energy, energy_books, opened_outputs
 from mech_twin.cli.verbs import SimulateVerb
 from mech_twin.engine.invariants import broken_lines
 from mech_twin.engine.run import frames, steps_for, warm_up_run
@@ -28,6 +28,7 @@ def simulate_machine(asked: SimulateVerb) -> None:
     name = asked.machine
     machine = built_machine(name, asked.config, assignments(asked.settings))
     say_consequences(name, asked.config, asked.settings)
+    books = energy_books(asked, machine)
     with busy("compiling kernels, once after an installation or a change"):
         warm_up_run(machine)  # a signal while kernels are compiled ends the process: no recording may be open then
     changes = live_changes(asked.change)
@@ -41,6 +42,7 @@ def simulate_machine(asked: SimulateVerb) -> None:
         run = frames(machine, asked.duration_s)
     with ExitStack() as outputs:
         opened = opened_outputs(outputs, asked, machine, changing)
+        opened += [each.observe for each in books]
         opened += [] if beside is None else [beside.follow]
         counted = outputs.enter_context(progress(run, steps_for(machine, asked.duration_s) + 1, name))
         for frame in counted:
@@ -49,6 +51,7 @@ def simulate_machine(asked: SimulateVerb) -> None:
                 simulation.trajectory.append(frame)
             for output in opened:
                 output(frame)
+    draw_energy(asked, books)
     document = simulation.document()
     confirmed = {} if beside is None else beside.numbers(simulation.numbers())
     if beside is not None:

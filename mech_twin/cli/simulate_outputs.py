@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,7 +15,8 @@ from mech_twin.measurements.machine_columns import machine_columns
 from mech_twin.measurements.sensors import Reading, SensorBench
 from mech_twin.measurements.table_writer import WRITTEN_SUFFIXES, TableWriter, sensor_table
 from mech_twin.parameters.live_change import ChangingMachine
-from mech_twin.parameters.load import description_text
+from mech_twin.parameters.load import catalogue_entry, description_text
+from mech_twin.process.dependencies import require_extra
 from mech_twin.process.stop_signal import closed_first
 from mech_twin.results.opened_runs import given_map, topic_field
 from mech_twin.roles import Machine
@@ -24,6 +25,7 @@ from mech_twin.samples import Frame
 if TYPE_CHECKING:
     from mech_twin.cli.verbs import SimulateVerb
     from mech_twin.measurements.measurement_map import MeasurementMap
+    from mech_twin.studies.energy_flow import EnergyBooks
 
 Output = Callable[[Frame], None]
 
@@ -40,6 +42,29 @@ def check_outputs(bag: Path | None, table: Path | None, sensors: Path | None, *,
         if table.suffix not in WRITTEN_SUFFIXES:
             raise CommandError(f"--table {table}: expected a file that ends in {', '.join(WRITTEN_SUFFIXES)}")
         check_output_file(table, force=force)
+
+
+def energy_books(asked: SimulateVerb, machine: Machine) -> list[EnergyBooks]:
+    """Return what takes the books of the run, where their picture is asked for; refuse one that cannot be written."""
+    if asked.energy is None:
+        return []
+    require_extra("plots")
+    check_output_file(asked.energy, force=asked.force, suffixes=(".png", ".svg"))
+    from mech_twin.studies.energy_flow import EnergyBooks
+
+    return [EnergyBooks(catalogue_entry(asked.machine), machine)]
+
+
+def draw_energy(asked: SimulateVerb, books: Sequence[EnergyBooks]) -> None:
+    """Draw the energy flow of the last cycle, where that is asked for."""
+    for each in books:
+        from mech_twin.capabilities.plots import DPI
+        from mech_twin.studies.energy_flow import drawn_flow
+
+        assert asked.energy is not None
+        figure = drawn_flow(Path(asked.machine).stem.replace("_", " "), each.flow())
+        with written_file(asked.energy, force=asked.force) as file:
+            figure.savefig(file, dpi=DPI)
 
 
 def opened_outputs(stack: ExitStack, asked: SimulateVerb, machine: Machine, changing: ChangingMachine) -> list[Output]:

@@ -99,6 +99,7 @@ class SimulateVerb(Verb):
     duration_s: float = option("simulated time, s (3, 500ms, 2min)", ..., unit="s")
     bag: Path | None = option("recording (MCAP) of the messages that the nodes would publish")
     table: Path | None = option("table of every sample (.parquet, .csv, .tsv)")
+    energy: Path | None = option("picture (.png or .svg) of the energy flow of each element over the last cycle")
     sensors: Path | None = option("sensors (.yaml) through which the run is written instead")
     change: list[str] = option(
         "change a live parameter, motor.command or the operating point at S, s; S..S is a ramp, -20% relative",

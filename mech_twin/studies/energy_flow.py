@@ -1,0 +1,166 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Energy flow of a machine over its last cycle: the work of each element, from the books that its linkage keeps.
+
+Works are positive where an element gives energy to the machine.  With what the machine holds they balance.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from mech_twin.capabilities.cycle import CycleReference
+from mech_twin.capabilities.errors import StudyError
+from mech_twin.capabilities.plots import BLUE, COLOURS, GREY, RED, house_style, sheet, turn_axis
+from mech_twin.machines.catalog import Entry
+from mech_twin.roles import Machine
+from mech_twin.samples import Frame
+
+Array = NDArray[np.float64]
+WORK, LOSS, HELD = "_work_j", "_loss_j", "energy_j"
+OF_A_STEP = "step_"  # how the name of what is no book, but of one step, begins
+TURN = 2.0 * np.pi
+STILL = 1e-9  # of the largest work: a book in which nothing happens is not drawn
+LEAST_SAMPLES = 8  # of a cycle
+
+
+class EnergyFlow(NamedTuple):
+    """A cycle: its times (s), phase (0 to 1), what each element has given since its begin (J), and what is held (J).
+
+    ``turns`` is whether the phase is that of a turn, else that of the time.
+    """
+
+    times_s: Array
+    phase: Array
+    works_j: dict[str, Array]
+    held_j: Array | None
+    turns: bool
+
+    @property
+    def miss_j(self) -> float:
+        """Energy by which the books miss what is held, at the end of the cycle; nan where nothing tells what is."""
+        given = sum(float(work[-1]) for work in self.works_j.values())
+        return float("nan") if self.held_j is None else float(self.held_j[-1]) - given
+
+
+class EnergyBooks:
+    """Takes the books of a run.
+
+    Raises
+    ------
+    StudyError
+        The machine keeps none that go on from the start.
+    """
+
+    def __init__(self, entry: Entry, machine: Machine) -> None:
+        names = list(machine.linkage.start().memory.as_dict())
+        own = [name for name in names if not name.startswith(OF_A_STEP)]
+        self.names = tuple(name for name in own if name.endswith((WORK, LOSS)))
+        if not self.names:
+            raise StudyError(f"{machine.name}: its linkage keeps no work of its elements")
+        self._holds = HELD in names
+        self._joint = _turning_joint(entry, machine)
+        self._rows: list[tuple[float, ...]] = []
+
+    def observe(self, frame: Frame) -> None:
+        """Take one frame into account."""
+        linkage, memory = frame.linkage, frame.linkage.memory.as_dict()
+        angle = np.nan if self._joint is None else linkage.joint(self._joint).position
+        held = memory[HELD] if self._holds else np.nan
+        self._rows.append((linkage.time_s, angle, held, *(memory[name] for name in self.names)))
+
+    def flow(self) -> EnergyFlow:
+        """Return the last whole turn; the whole run, where nothing turns.
+
+        Raises
+        ------
+        StudyError
+            The run has no whole turn, or too few samples.
+        """
+        rows = np.array(self._rows)
+        turns = self._joint is not None
+        if turns:
+            rows = last_turn(rows)
+        if len(rows) < LEAST_SAMPLES:
+            raise StudyError(f"{len(rows)} samples in the cycle; expected {LEAST_SAMPLES} or more: a longer run")
+        since = rows - rows[0]
+        way = since[:, 1] if turns else since[:, 0]
+        signs = [-1.0 if name.endswith(LOSS) else 1.0 for name in self.names]
+        works = {
+            name.removesuffix(WORK).removesuffix(LOSS) if name.endswith(WORK) else name.removesuffix("_j"): sign * book
+            for name, sign, book in zip(self.names, signs, since[:, 3:].T, strict=True)
+        }
+        largest = max(float(np.abs(work).max()) for work in works.values())
+        moving = {name: work for name, work in works.items() if float(np.abs(work).max()) > STILL * largest}
+        return EnergyFlow(rows[:, 0], way / way[-1], moving, since[:, 2] if self._holds else None, turns)
+
+
+def last_turn(rows: Array) -> Array:
+    """Return the rows (time, angle, ...) of the last whole turn of an angle, its ends between samples.
+
+    Raises
+    ------
+    StudyError
+        There is none.
+    """
+    angle = rows[:, 1]
+    sign = 1.0 if angle[-1] >= angle[0] else -1.0
+    turned = np.maximum.accumulate(sign * (angle - angle[0]))
+    if turned[-1] < TURN:
+        raise StudyError(f"the crank makes {turned[-1] / TURN:.3g} of a turn; expected a whole one: a longer run")
+    begin = turned[-1] - TURN
+    first = int(np.searchsorted(turned, begin))
+    if first == 0 or turned[first] == begin:
+        return rows[first:]
+    share = (begin - turned[first - 1]) / (turned[first] - turned[first - 1])
+    return np.vstack((rows[first - 1] + share * (rows[first] - rows[first - 1]), rows[first:]))
+
+
+def _turning_joint(entry: Entry, machine: Machine) -> str | None:
+    """Return the joint by whose turns the machine's cycles are counted, if any."""
+    ask = entry.capabilities.features
+    try:
+        reference = CycleReference("", "rise") if ask is None else ask(machine.parameters).reference
+    except StudyError:
+        return None
+    role, _, rest = reference.column.partition(".")
+    return rest.removesuffix(".position") if role == "linkage" and reference.kind == "turn" else None
+
+
+def drawn_flow(title: str, flow: EnergyFlow) -> Figure:
+    """Return the diagram: what each element has given along the cycle, and its sum over it."""
+    with house_style():
+        order = sorted(flow.works_j, key=lambda name: -flow.works_j[name][-1])
+        figure, (along, whole) = sheet(1, 2, width=9.6, height=max(3.6, 1.6 + 0.26 * len(order)))
+        x = flow.phase * 360.0 if flow.turns else flow.times_s
+        for i, name in enumerate(order):
+            style = "-" if i < len(COLOURS) else "--"
+            colour = COLOURS[i % len(COLOURS)]
+            along.plot(x, flow.works_j[name], style, color=colour, label=name.replace("_", " "))
+        if flow.held_j is not None:
+            along.plot(x, flow.held_j, ":", color=GREY, label="held by the machine")
+        if flow.turns:
+            turn_axis(along, "angle since the begin of the cycle, degrees")
+        else:
+            along.set_xlabel("time, s")
+        along.set_ylabel("given to the machine, J")
+        along.set_title(title)
+        along.legend()
+        sums = [(name.replace("_", " "), float(flow.works_j[name][-1])) for name in order]
+        if flow.held_j is not None:
+            sums.append(("into the machine", -float(flow.held_j[-1])))
+        least = STILL * max(abs(value) for _, value in sums)
+        values = [value if abs(value) > least else 0.0 for _, value in sums]
+        colours = [BLUE if value >= 0.0 else RED for value in values]
+        bars = whole.barh(range(len(sums)), values, color=colours)
+        whole.bar_label(bars, [f"{value:.4g}" for value in values], padding=3)
+        whole.set_yticks(range(len(sums)), [name for name, _ in sums])
+        whole.invert_yaxis()
+        whole.margins(x=0.25)
+        whole.axvline(0.0, color=GREY, linewidth=0.8)
+        whole.set_xlabel("over the cycle, J")
+        whole.set_title("One cycle" if flow.turns else "The run")
+        return figure
