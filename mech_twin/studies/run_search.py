@@ -8,6 +8,7 @@ The same seed gives the same answer, whatever the number of cores.
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
@@ -28,6 +29,7 @@ from mech_twin.declarations.captions import unknown_name
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.engine.errors import MotionError
+from mech_twin.studies.parameter_sweep import WORTH_SPREADING_S
 from mech_twin.studies.spreading import available_cores, spread
 from mech_twin.studies.sweep_points import Question, question, summary
 
@@ -162,7 +164,11 @@ def searched_by_runs(asked: RunSearch, parameters: Parameters, seed: int = 1, co
     power = min(SCAN_POWER + keys - 1, MOST_SCAN_POWER)
     places = qmc.Sobol(keys, scramble=True, rng=np.random.default_rng(seed)).random_base2(power)
     steps = len(places) + REFINED
-    scanned = _spread(asked.judged, [tuple(place) for place in places.tolist()], workers, steps, 0)
+    points, begun = [tuple(place) for place in places.tolist()], time.monotonic()
+    scanned = [asked.judged(points[0])]  # here, so that kernels are compiled before processes ask for them
+    if (time.monotonic() - begun) * (len(points) + REFINED * EVALUATIONS * keys) < WORTH_SPREADING_S:
+        workers = 1
+    scanned += _spread(asked.judged, points[1:], workers, steps, 1)
     starts = [point.place for point in sorted(scanned, key=lambda point: point.rank)[:REFINED]]
     refined = _spread(partial(refined_from, asked), starts, workers, steps, len(places))
     best = min((*scanned, *refined), key=lambda point: (point.rank, point.place))
