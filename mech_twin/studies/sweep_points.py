@@ -20,6 +20,7 @@ from mech_twin.declarations.configuration_tree import (
     tree_from_flat,
 )
 from mech_twin.declarations.quantity import Parameters
+from mech_twin.engine.errors import MotionError
 from mech_twin.engine.run import frames
 from mech_twin.parameters.key_hints import declared_key, did_you_mean, key_units
 from mech_twin.parameters.load import catalogue_entry, validated
@@ -62,7 +63,7 @@ class Question:
 
 @dataclass(frozen=True)
 class Point:
-    """The numbers of one point by name, or why its configuration was refused."""
+    """The numbers of one point by name, or why its configuration was refused, or its motion could not be followed."""
 
     index: int
     numbers: dict[str, float]
@@ -134,7 +135,7 @@ def point(asked: Question, index: int) -> Point:
     """Return the numbers of one point, nan where it has not one that was asked for."""
     try:
         numbers = summary(asked, asked.changes(index))
-    except ConfigurationError as error:
+    except (ConfigurationError, MotionError) as error:
         return Point(index, {}, " ".join(str(error).split()))
     wanted = asked.outputs or tuple(numbers)
     return Point(index, {name: float(numbers.get(name, math.nan)) for name in wanted}, "")

@@ -3,6 +3,7 @@
 
 import csv
 import math
+from pathlib import Path
 
 import pytest
 from pyarrow import parquet
@@ -75,6 +76,14 @@ def test_a_journal_of_another_sweep_is_not_mixed_in(tmp_path):
     other = question("winding_drum", parameters, {"eccentricity_m": (0.0, 0.002)})
     with pytest.raises(StudyError, match="another sweep"):
         SweepJournal(tmp_path / "j", other)
+
+
+def test_a_point_whose_motion_cannot_be_followed_says_why_and_the_others_stand(tmp_path):
+    key, rates = "springs.spring.rate_n_per_m", (8000.0, 17128.20512820513)  # the second has endless events in a step
+    page = str(Path(__file__).parents[2] / "config" / "pages" / "spring_hammer.yaml")
+    done = sweep(page, {key: rates}, tmp_path / "hammer.csv", duration_s=0.2, cores=1, picture=False)
+    assert [bool(point.refused) for point in done.points] == [False, True]
+    assert "more events in a coupling step" in done.points[1].refused
 
 
 def test_a_refused_point_says_why_and_the_others_stand(tmp_path):
