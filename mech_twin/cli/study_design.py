@@ -10,6 +10,7 @@ from typing import Any
 from mech_twin.cli.console import print_json, print_numbers, print_table, say
 from mech_twin.cli.failure import CommandError
 from mech_twin.cli.study_options import counted, limits_of, notes_of, ranges_of, shows_limits, study_errors, told
+from mech_twin.cli.study_report import Studied, check_report, report_designs, report_search
 from mech_twin.cli.study_verbs import DesignsVerb, SearchVerb
 from mech_twin.declarations.configuration_tree import configuration_tree
 from mech_twin.files.output_file import YAML_SUFFIXES, check_output_file
@@ -18,6 +19,7 @@ from mech_twin.parameters.written_configuration import write_configuration
 from mech_twin.process.dependencies import require_extra
 from mech_twin.studies import designs, search, search_runs
 from mech_twin.studies.asking import asked_of, searches_by_runs
+from mech_twin.studies.design_scan import asked_objectives, design_question
 
 POINTS = 9  # of a Pareto front
 NO_QUESTION = "no design question; its runs are searched with --objective NAME and --bound KEY=LOW:HIGH"
@@ -60,6 +62,9 @@ def answer_search(request: SearchVerb) -> None:
         return
     out = request.out or Path(f"{Path(request.machine).stem}-found.yaml")
     check_output_file(out, force=request.force, suffixes=YAML_SUFFIXES)
+    check_report(request.report, force=request.force)
+    if request.report is not None and len(objectives) > 1:
+        require_extra("plots")
     parameters = machine_parameters(request.machine, request.config, assignments(request.settings))
     with study_errors(), told(f"searching designs of {request.machine}"):
         found = search(
@@ -73,6 +78,10 @@ def answer_search(request: SearchVerb) -> None:
         )
         notes = notes_of(objective=tuple(found[0].objectives), seed=request.seed)
         write_configuration(request.machine, found[0].parameters, out, request.config, notes)
+    if request.report is not None:
+        wanted = asked_objectives(design_question(request.machine), objectives)
+        options = {"objective": wanted, **{name: getattr(request, name) for name in ("bound", "limit", "seed")}}
+        report_search(Studied(request.report, request.machine, parameters, options), found)
     rows = [{**design.variables, **design.objectives} for design in found]
     if request.as_json:
         front = [
@@ -96,6 +105,7 @@ def _search_by_runs(request: SearchVerb) -> None:
         raise CommandError("a search by runs has one objective and no Pareto front")
     out = request.out or Path(f"{Path(request.machine).stem}-found.yaml")
     check_output_file(out, force=request.force, suffixes=YAML_SUFFIXES)
+    check_report(request.report, force=request.force)
     parameters = machine_parameters(request.machine, request.config, assignments(request.settings))
     objective, duration_s = request.objective[0], request.duration_s or 0.0
     with study_errors(), told(f"searching runs of {request.machine}"):
@@ -111,6 +121,9 @@ def _search_by_runs(request: SearchVerb) -> None:
         )
         notes = notes_of(objective=objective, limits=request.limit, duration_s=duration_s, seed=request.seed)
         write_configuration(request.machine, found.parameters, out, request.config, notes)
+    if request.report is not None:
+        options = {name: getattr(request, name) for name in ("objective", "bound", "limit", "duration_s", "seed")}
+        report_search(Studied(request.report, request.machine, parameters, options), [found])
     if request.as_json:
         row = {**found.variables, **found.objectives}
         front = [{**row, "margins": found.margins, "config": configuration_tree(found.parameters)}]
@@ -131,6 +144,7 @@ def answer_designs(request: DesignsVerb) -> None:
         check_output_file(out, force=request.force, suffixes=(".parquet",))
     if shows_limits(request.limit, request.machine, "design"):
         return
+    check_report(request.report, force=request.force)
     if out is not None:
         require_extra("tables")
     parameters = machine_parameters(request.machine, request.config, assignments(request.settings))
@@ -151,6 +165,9 @@ def answer_designs(request: DesignsVerb) -> None:
         if out is not None:
             notes = notes_of(machine=request.machine, seed=request.seed, designs=count)
             found.write(out, {"written by": "\n".join(notes)})
+    if request.report is not None:
+        options = {name: getattr(request, name) for name in ("count", "bound", "limit", "seed")}
+        report_designs(Studied(request.report, request.machine, parameters, options), found)
     best = {name: found.best(name) for name in found.objectives} if len(found.feasible) else {}
     document: dict[str, Any] = {
         "machine": request.machine,

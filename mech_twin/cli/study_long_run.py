@@ -11,6 +11,7 @@ from typing import Any
 from mech_twin.cli.console import print_csv, print_json, print_table, say
 from mech_twin.cli.failure import CommandError
 from mech_twin.cli.study_options import axes_of, counted, notes_of, study_errors, told
+from mech_twin.cli.study_report import Studied, check_report, report_regimes, report_synthesis
 from mech_twin.cli.study_verbs import RegimesVerb, SynthesiseVerb
 from mech_twin.files.output_file import YAML_SUFFIXES, check_output_file
 from mech_twin.parameters.load import assignments, machine_parameters
@@ -27,6 +28,7 @@ def answer_synthesise(request: SynthesiseVerb) -> None:
     machine, config = request.machine, request.config
     out = request.out or Path(f"{machine}-robust.yaml")
     check_output_file(out, force=request.force, suffixes=YAML_SUFFIXES)
+    check_report(request.report, force=request.force)
     with study_errors(), told(f"synthesising a cycle of {machine}"):
         parameters = machine_parameters(machine, config, assignments(request.settings))
         found = synthesise(
@@ -38,6 +40,8 @@ def answer_synthesise(request: SynthesiseVerb) -> None:
         )
         notes = notes_of(impact_speed_m_per_s=request.impact_speed_m_per_s, seed=request.seed, cycle=found.chosen)
         write_configuration(machine, found.cycle(found.chosen).parameters, out, config, notes)
+    if request.report is not None:
+        report_synthesis(Studied(request.report, machine, parameters, found.asked), found)
     if request.as_json:
         cycles = {cycle.name: cycle.record for cycle in found.cycles}
         print_json({"machine": machine, **found.asked, **cycles, "configuration": str(out)})
@@ -53,6 +57,7 @@ def answer_regimes(asked: RegimesVerb) -> None:
     machine, shape = asked.machine, asked.form
     out = asked.out or Path(f"{machine}-regimes.png")
     check_output_file(out, force=asked.force, suffixes=PICTURE)
+    check_report(asked.report, force=asked.force)
     require_extra("plots")
     axes: dict[str, tuple[Any, ...]] = axes_of(asked.over)
     if len(axes) != 1:
@@ -62,6 +67,9 @@ def answer_regimes(asked: RegimesVerb) -> None:
         parameters = machine_parameters(machine, asked.config, assignments(asked.settings))
         found = regimes(machine, values, key, parameters=parameters, settling_periods=asked.settling, progress=progress)
         found.write_picture(out)
+    if asked.report is not None:
+        options = {"over": asked.over, "settling": asked.settling}
+        report_regimes(Studied(asked.report, machine, parameters, options), found, out)
     if shape == "json":
         print_json({"machine": machine, "key": key, "regimes": found.records, "picture": str(out)})
         return

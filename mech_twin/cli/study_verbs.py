@@ -113,6 +113,7 @@ class SearchVerb(Verb):
     )
     cores: int | None = option("by runs: processor cores to use", ge=1, le=1024, shown="all cores")
     out: Path | None = option("configuration to write", shown="MACHINE-found.yaml")
+    report: Report = None
     config: Config = None
     settings: Settings = []
     force: Force = False
@@ -130,6 +131,7 @@ class DesignsVerb(Verb):
     limit: Limits = []
     seed: Seed = 1
     out: Path | None = option("Parquet file of the feasible designs")
+    report: Report = None
     cores: Cores = None
     scheduler: Scheduler = None
     config: Config = None
@@ -154,6 +156,7 @@ class SynthesiseVerb(Verb):
     seed: Seed = 1
     periods: int = option("length of the endurance runs in periods, at most 1000000000", 1_000_000, ge=1)
     out: Path | None = option("robust configuration to write", shown="MACHINE-robust.yaml")
+    report: Report = None
     config: Config = None
     settings: Settings = []
     force: Force = False
@@ -168,6 +171,7 @@ class RegimesVerb(Verb):
     over: Over
     settling: int = option("settling periods left out, at most 100000", 1000, ge=1)
     out: Path | None = option("bifurcation diagram to write (.png, .svg, .pdf)", shown="MACHINE-regimes.png")
+    report: Report = None
     config: Config = None
     settings: Settings = []
     everything: Everything = False

@@ -16,7 +16,8 @@ from mech_twin import __version__
 STYLE = """
 body { font-family: system-ui, sans-serif; margin: 2rem auto; max-width: 60rem; color: #2b2b2b; line-height: 1.45 }
 table { border-collapse: collapse; margin: 1rem 0; font-size: 0.92rem }
-th, td { border-bottom: 1px solid #ddd; padding: 0.25rem 0.7rem; text-align: right; overflow-wrap: anywhere }
+th, td { border-bottom: 1px solid #ddd; padding: 0.25rem 0.7rem; text-align: right; overflow-wrap: break-word }
+th { overflow-wrap: anywhere }
 th:first-child, td:first-child, td.words { text-align: left }
 .identified { color: #006b4c; font-weight: 600 } .other { color: #a04500 }
 svg, img { max-width: 100%; height: auto }

@@ -7,6 +7,7 @@ import csv
 import re
 from html import unescape
 
+import pytest
 from command_line import mech_twin
 
 from mech_twin import __version__
@@ -48,6 +49,51 @@ def test_a_sizing_is_reported_with_its_constraints(tmp_path, monkeypatch):
     states = {row[-1] for row in cells(html, "Constraints")[1:]}
     assert states <= {"binds", "holds", "not met"}
     assert states
+
+
+def reported(monkeypatch, folder, *words: str) -> str:
+    """Return the report of a study, which tells its question as asked."""
+    monkeypatch.chdir(folder)
+    ended = mech_twin("study", *words, "--report", "s.html")
+    assert ended.code == 0, ended.err
+    return (folder / "s.html").read_text(encoding="utf-8")
+
+
+def test_designs_are_reported_with_the_question_and_the_best_of_each_objective(tmp_path, monkeypatch):
+    words = ("--count", "2000", "--seed", "3", "--bound", "crank=0.03:0.08", "--set", "drive.speed_rpm=200.0")
+    html = reported(monkeypatch, tmp_path, "compaction_press", "designs", *words)
+    assert ["bound", "crank=0.03:0.08"] in cells(html, "Asked")
+    assert ["seed", "3"] in cells(html, "Asked")
+    assert cells(html, "Settings that differ from the machine as installed")[1][-1] == "200.0"
+    assert cells(html, "Designs")[1] == ["designs", "2000"]
+    head, *rows = cells(html, "Best designs")
+    assert all(0.03 <= float(row[head.index("crank [m]")]) <= 0.08 for row in rows)
+    torque = [float(row[head.index("peak torque [N m]")]) for row in rows]
+    assert torque[[row[0] for row in rows].index("peak_torque_nm")] == min(torque)
+
+
+@pytest.mark.slow
+def test_a_search_is_reported_with_its_front_and_its_margins(tmp_path, monkeypatch):
+    words = ("--objective", "peak_torque_nm", "--objective", "flywheel_inertia_kg_m2", "--points", "1")
+    html = reported(monkeypatch, tmp_path, "compaction_press", "search", *words)
+    assert ["objective", "peak_torque_nm, flywheel_inertia_kg_m2"] in cells(html, "Asked")
+    designs, margins = cells(html, "Designs"), cells(html, "Margins of the constraints; 0 binds")
+    assert len(designs) == len(margins) > 2
+    assert all(float(margin) >= 0.0 for row in margins[1:] for margin in row)
+    assert 'alt="Pareto front of peak_torque_nm, flywheel_inertia_kg_m2" src="data:image/png;base64,' in html
+
+
+@pytest.mark.slow
+def test_cycles_and_regimes_are_reported(tmp_path, monkeypatch):
+    html = reported(monkeypatch, tmp_path, "impact_mass", "synthesise", "--periods", "1000", "--starts", "10")
+    assert ["starts", "10"] in cells(html, "Asked")
+    assert cells(html, "Cycles")[0] == ["", "published", "robust"]
+    over = "phase1_duration_s=0.03:0.04:3"
+    words = ("--over", over, "--settling", "100", "--force")
+    html = reported(monkeypatch, tmp_path, "impact_mass", "regimes", *words)
+    assert ["over", over] in cells(html, "Asked")
+    assert len(cells(html, "Regimes")) == 4
+    assert 'src="data:image/png;base64,' in html
 
 
 def test_a_report_that_is_there_is_not_overwritten_and_another_suffix_is_refused(tmp_path, monkeypatch):
