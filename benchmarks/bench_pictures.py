@@ -12,10 +12,13 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
 from PIL import Image
 from playwright.sync_api import sync_playwright
 
@@ -24,9 +27,9 @@ sys.path.insert(0, str(ROOT / "test"))
 from browser import COMMAND, FLAGS, UP_MS, chromium, running  # noqa: E402
 
 IMAGES = ROOT / "docs" / "images"
-COLOURS = 128
+COLOURS = 96
 LARGEST_BYTES = 2_000_000
-FILM_S, FRAMES_A_SECOND, FILM_PX = 7.0, 6, 960
+FRAMES, FRAME_S, FILM_PX = 36, 0.16, 960
 MACHINES = (
     "mb10_breaker",
     "compaction_press",
@@ -36,12 +39,20 @@ MACHINES = (
     "winding_drum",
 )
 Act = Callable[[Any], None]
+Palette = NDArray[np.int32]
 
 
 def run_for_a_while(page: Any) -> None:
     """Wait until the plots are full and the numbers are there."""
     page.wait_for_function("() => window.bench.shown > 2.5", timeout=UP_MS)
     page.wait_for_selector("#metrics tr", timeout=UP_MS)
+
+
+def followed(page: Any) -> None:
+    """Wait until the shadow is locked, and its curves are full."""
+    page.wait_for_function("() => window.bench.shown > 0", timeout=UP_MS)
+    page.wait_for_function("() => document.getElementById('state').textContent === 'locked'", timeout=UP_MS)
+    page.wait_for_timeout(4000)
 
 
 def compared(page: Any) -> None:
@@ -58,7 +69,7 @@ def listed(page: Any) -> None:
     page.wait_for_selector(".recording", timeout=UP_MS)
     page.locator(".recording").first.get_by_role("button", name="Open").click()
     page.wait_for_function("() => Number(document.getElementById('cursor').max) > 1.9", timeout=UP_MS)
-    page.locator("#cursor").evaluate("(it) => { it.value = 1.6; it.dispatchEvent(new Event('input')); }")
+    page.locator("#events button").nth(2).click()
     page.wait_for_timeout(1000)
 
 
@@ -86,22 +97,38 @@ def move(page: Any, factor: float) -> None:
 def photograph(page: Any, file: Path) -> None:
     """Keep what a page shows, in few colours."""
     picture = Image.open(io.BytesIO(page.screenshot())).convert("RGB")
-    picture.quantize(COLOURS, dither=Image.Dither.NONE).save(file, optimize=True)
+    in_colours(picture, palette_of(picture)).save(file, optimize=True)
     checked(file)
+
+
+def palette_of(picture: Image.Image) -> Palette:
+    """Return the most frequent colours: those of every curve are among them, a mean of two is not."""
+    found, counts = np.unique(np.asarray(picture).reshape(-1, 3), axis=0, return_counts=True)
+    return found[np.argsort(-counts)[:COLOURS]].astype(np.int32)
+
+
+def in_colours(picture: Image.Image, palette: Palette) -> Image.Image:
+    """Return a picture in the colours of a palette, each the nearest."""
+    found, places = np.unique(np.asarray(picture).reshape(-1, 3), axis=0, return_inverse=True)
+    nearest = np.square(found.astype(np.int32)[:, None] - palette[None]).sum(axis=2).argmin(axis=1).astype(np.uint8)
+    drawn = Image.fromarray(nearest[places.ravel()].reshape(picture.height, picture.width), "P")
+    drawn.putpalette(palette.ravel().tolist())
+    return drawn
 
 
 def film(page: Any, file: Path) -> None:
     """Film the breaker while its slider is moved and let go."""
     tried(page)
-    frames, begin = [], time.monotonic()
-    while (now := time.monotonic() - begin) < FILM_S:
-        move(page, 1.0 + 0.8 * min(1.0, now / (0.6 * FILM_S)))
+    frames = []
+    for place in range(FRAMES):
+        begin = time.monotonic()
+        move(page, 1.0 + 0.8 * min(1.0, place / (0.6 * FRAMES)))
         frame = Image.open(io.BytesIO(page.screenshot())).convert("RGB")
         frames.append(frame.resize((FILM_PX, FILM_PX * frame.height // frame.width), Image.Resampling.LANCZOS))
-        time.sleep(max(0.0, len(frames) / FRAMES_A_SECOND - (time.monotonic() - begin)))
+        time.sleep(max(0.0, FRAME_S - (time.monotonic() - begin)))
     palette = frames[-1].quantize(256)
     drawn = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
-    drawn[0].save(file, save_all=True, append_images=drawn[1:], duration=1000 // FRAMES_A_SECOND, loop=0, optimize=True)
+    drawn[0].save(file, save_all=True, append_images=drawn[1:], duration=round(1000 * FRAME_S), loop=0, optimize=True)
     checked(file)
 
 
@@ -127,6 +154,7 @@ def main(names: list[str]) -> None:
             "light",
         ),
         "bench_recordings.png": (("bench", "recordings"), listed, "light"),
+        "view_shadow.png": (("shadow", "vibration_crank", "--from", "plant", "--view", "web"), followed, "light"),
         "bench.gif": (("run", "mb10_breaker", *run), run_for_a_while, "light"),
     }
     with tempfile.TemporaryDirectory() as kept, sync_playwright() as play:
@@ -135,7 +163,7 @@ def main(names: list[str]) -> None:
         browser = play.chromium.launch(executable_path=chromium(), headless=True, args=FLAGS)
         for name in names or scenes:
             words, act, scheme = scenes[name]
-            with running(*words, folder=folder) as (url, _):
+            with plant(folder, name), running(*words, folder=folder) as (url, _):
                 context = browser.new_context(viewport={"width": 1280, "height": 720}, color_scheme=scheme)
                 page = context.new_page()
                 page.goto(url)
@@ -146,6 +174,21 @@ def main(names: list[str]) -> None:
                     photograph(page, IMAGES / name)
                 context.close()
         browser.close()
+
+
+@contextmanager
+def plant(folder: Path, name: str) -> Iterator[None]:
+    """Run the machine that a shadow follows, for a picture of one."""
+    if "shadow" not in name:
+        yield
+        return
+    words = ["run", "vibration_crank", "--namespace", "plant", "--no-record", "--view", "none"]
+    process = subprocess.Popen([*COMMAND, *words], cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        yield
+    finally:
+        process.terminate()
+        process.wait(60)
 
 
 def prepare(folder: Path) -> None:

@@ -6,10 +6,10 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from mech_twin.capabilities.mechanism import FrameTree
-from mech_twin.samples import Event, ForceSample, LinkageSample, MotorSample, Named
+from mech_twin.samples import BodySample, Event, ForceSample, LinkageSample, MotorSample, Named
 from mech_twin.view.annotations import lost_energy
 from mech_twin.view.scale import with_prefix
 
@@ -18,6 +18,7 @@ WEAK_SHARE = 0.05  # blows below this share of the hardest recent one are bounce
 AT_REST = 1e-3  # rad/s or m/s
 STALLED = ("stalled", "stalled_1")
 POWER = "drive_power_w"
+REST = "rest"  # the regime of a body that lies against what it is pressed on
 
 
 class Card(NamedTuple):
@@ -59,16 +60,24 @@ class Banner:
     def __init__(self, tree: FrameTree | None, energy: Callable[[Event], float] = lost_energy) -> None:
         self._energy = energy
         self.rated_power_w: float | None = None
+        self.body_regimes: tuple[str, ...] = ()
         self._slides = sliding_joints(tree)
         self._known = tree is not None
         self._command = math.nan
         self._linkage: LinkageSample | None = None
         self._blows: deque[tuple[float, float]] = deque()
         self._power: deque[tuple[float, float]] = deque()
+        self._body: deque[tuple[float, float, bool]] = deque()  # time, pressing force, whether it is in contact
         self._broken = ""
         self._last_blow: tuple[float, float] | None = None
 
-    def add(self, motor: MotorSample | None, linkage: LinkageSample | None, forces: ForceSample | None) -> None:
+    def add(
+        self,
+        motor: MotorSample | None,
+        linkage: LinkageSample | None,
+        forces: ForceSample | None,
+        body: BodySample | None = None,
+    ) -> None:
         """Take a step into account."""
         if motor is not None:
             self._command = motor.command
@@ -78,6 +87,9 @@ class Banner:
         if forces is not None and POWER in forces.quantities.names:
             self._power.append((forces.time_s, _named(forces.quantities, POWER)))
             _forget(self._power, forces.time_s)
+        if body is not None and REST in self.body_regimes:
+            self._body.append((body.time_s, body.pressing_force_n, self.body_regimes[body.regime] == REST))
+            _forget(self._body, body.time_s)
 
     def strike(self, event: Event) -> None:
         """Take an event into account."""
@@ -120,7 +132,7 @@ class Banner:
         return self._broken or ("the machine is stalled" if linkage is not None and self._stalled(linkage) else "")
 
     def cards(self) -> list[Card]:
-        """Return name and value of what matters now: speed, rate, energy of the last blow, power."""
+        """Return name and value of what matters now: speed, rate, last blow, pressing force, contact share, power."""
         linkage = self._linkage
         return [] if linkage is None else [*self._speed(linkage), *self._work(linkage)]
 
@@ -147,6 +159,12 @@ class Banner:
         if self._last_blow is not None:
             time_s, energy_j = self._last_blow
             found.append(Card(f"last blow at {time_s:.2f} s", with_prefix(energy_j, "J"), "last blow", energy_j, "J"))
+        if self._body:
+            count = len(self._body)
+            mean_n = sum(force for _, force, _ in self._body) / count
+            percent = 100.0 * sum(rests for *_, rests in self._body) / count
+            found.append(Card("pressing force", with_prefix(mean_n, "N"), "pressing force", mean_n, "N"))
+            found.append(Card("contact share", f"{percent:.0f} %", "contact share", percent, "%"))
         if self._power:
             mean_w = sum(power for _, power in self._power) / len(self._power)
             name, rated_w = "mean drive power", self.rated_power_w
@@ -171,6 +189,6 @@ def _named(numbers: Named, name: str) -> float:
     return numbers.values[numbers.names.index(name)]
 
 
-def _forget(values: deque[tuple[float, float]], now_s: float) -> None:
+def _forget(values: deque[Any], now_s: float) -> None:
     while values and values[0][0] < now_s - RECENT_S:
         values.popleft()

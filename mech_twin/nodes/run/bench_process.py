@@ -84,7 +84,7 @@ def rolled_out(name: str, tree: dict[str, Any], content: dict[str, Any]) -> dict
     from mech_twin.view.banner import Banner
     from mech_twin.view.bench.frame_text import framed
     from mech_twin.view.bench.picture import packed_curves
-    from mech_twin.view.bench.scene import RoleCurves
+    from mech_twin.view.bench.scene import RoleCurves, body_regimes
     from mech_twin.view.sending import LIVE
 
     entry = catalogue_entry(name)
@@ -92,9 +92,10 @@ def rolled_out(name: str, tree: dict[str, Any], content: dict[str, Any]) -> dict
     begin = framed(content)
     roles = RoleCurves(frozenset() if machine.mechanism is None else machine.mechanism.sliding_joints)
     banner = Banner(machine.mechanism, *([] if machine.blow_energy is None else [machine.blow_energy]))
+    banner.body_regimes = body_regimes(machine)
     for frame in continued(machine, begin, SPAN_S, begin.motor.command):
         roles.add(frame.motor, frame.linkage, frame.forces, frame.body)
-        banner.add(frame.motor, frame.linkage, frame.forces)
+        banner.add(frame.motor, frame.linkage, frame.forces, frame.body)
         for event in frame_events(frame):
             banner.strike(event)
     return {

@@ -136,6 +136,7 @@ class BenchScene:
         self._roles = RoleCurves()
         self._banner = Banner(None)
         self._rated_power_w: float | None = None
+        self._body_regimes: tuple[str, ...] = ()
         self._annotations: Annotations | None = None
         self._extent = DrawnExtent()
         self._bounds: Bounds | None = None
@@ -152,14 +153,15 @@ class BenchScene:
     def watch(self, machine: Machine) -> None:
         """Show also regimes, and residuals against their limits; before the first step."""
         self._lanes, self._invariants = Lanes(machine), RunInvariants(machine)
-        self._rated_power_w = self._banner.rated_power_w = rated_power_w(machine)
+        self._rated_power_w, self._body_regimes = rated_power_w(machine), body_regimes(machine)
+        self._show_of_machine()
 
     def know(self, tree: FrameTree, blow_energy: Callable[[Event], float] | None = None) -> None:
         """Show also what needs the machine's frames; before the first step."""
         energy = lost_energy if blow_energy is None else blow_energy
         self._roles.sliding = sliding_joints(tree)
         self._banner = Banner(tree, energy)
-        self._banner.rated_power_w = self._rated_power_w
+        self._show_of_machine()
         self._annotations = Annotations(tree, energy)
 
     def frame(
@@ -170,7 +172,7 @@ class BenchScene:
         body: BodySample | None = None,
     ) -> None:
         """Add the samples of a step, all or some."""
-        self._banner.add(motor, linkage, forces)
+        self._banner.add(motor, linkage, forces, body)
         if self._annotations is not None and linkage is not None:
             self._annotations.add(linkage, forces)
         for sample in (motor, linkage, forces, body):
@@ -255,6 +257,9 @@ class BenchScene:
     ) -> None:
         self.close()
 
+    def _show_of_machine(self) -> None:
+        self._banner.rated_power_w, self._banner.body_regimes = self._rated_power_w, self._body_regimes
+
     def _behind_s(self, time_s: float, now_s: float) -> float:
         """Return by how much the run has fallen behind the wall clock since it last went without a halt."""
         ahead_s = time_s - now_s
@@ -285,6 +290,11 @@ def rated_power_w(machine: Machine) -> float | None:
     motor = getattr(machine.parameters, "motor", None)
     found = getattr(motor, "rated_power_w", None)
     return found if isinstance(found, float) and found > 0.0 else None
+
+
+def body_regimes(machine: Machine) -> tuple[str, ...]:
+    """Return the names of the regimes of the machine's body; empty where it has none."""
+    return () if machine.body is None else tuple(machine.body.regimes)
 
 
 def panels(names: Mapping[str, tuple[str, ...]], units: Mapping[str, str]) -> list[Panel]:

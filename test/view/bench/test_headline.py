@@ -3,11 +3,12 @@
 
 from __future__ import annotations
 
+import pytest
 from catalogue import built
 
 from mech_twin.engine.run import frames
-from mech_twin.view.banner import Banner
-from mech_twin.view.bench.scene import rated_power_w
+from mech_twin.view.banner import RECENT_S, Banner
+from mech_twin.view.bench.scene import body_regimes, rated_power_w
 
 
 def test_the_mean_drive_power_stands_beside_the_rated_power_of_the_motor():
@@ -24,3 +25,21 @@ def test_the_mean_drive_power_stands_beside_the_rated_power_of_the_motor():
 
 def test_a_machine_whose_configuration_tells_no_rated_power_has_no_limit():
     assert rated_power_w(built("vibration_crank")) is None
+
+
+def test_pressing_force_and_contact_share_are_those_of_the_last_two_seconds():
+    machine = built("mb10_breaker")
+    banner = Banner(machine.mechanism, machine.blow_energy)
+    banner.body_regimes = body_regimes(machine)
+    run = list(frames(machine, 3.0))
+    for frame in run:
+        banner.add(frame.motor, frame.linkage, frame.forces, frame.body)
+    recent = [frame.body for frame in run if frame.body.time_s >= run[-1].body.time_s - RECENT_S]
+    cards = {card.key: card for card in banner.cards()}
+    mean_n = sum(body.pressing_force_n for body in recent) / len(recent)
+    assert cards["pressing force"].value == pytest.approx(mean_n, rel=1e-12)
+    assert min(body.pressing_force_n for body in recent) < mean_n < max(body.pressing_force_n for body in recent)
+    resting = [body for body in recent if machine.body.regimes[body.regime] == "rest"]
+    assert 0 < len(resting) < len(recent)
+    assert cards["contact share"].value == pytest.approx(100.0 * len(resting) / len(recent), rel=1e-12)
+    assert cards["pressing force"].shown.endswith(" N")

@@ -62,6 +62,17 @@ LEGENDS = """() => [...document.querySelectorAll(".plot:has(.u-over)")].map((plo
 })"""
 
 
+# whether the last plot has curves: points of a legend's colour in its canvas
+DRAWN = """() => {
+  const plot = [...document.querySelectorAll(".plot:has(.u-over)")].at(-1);
+  const colour = plot.querySelector(".legend canvas").getContext("2d").getImageData(7, 4, 1, 1).data;
+  const canvas = plot.querySelector(".u-wrap canvas"), context = canvas.getContext("2d");
+  const data = context.getImageData(0, 0, canvas.width, canvas.height).data;
+  for (let at = 0; at < data.length; at += 4) {
+    if (data[at + 3] > 200 && [0, 1, 2].every((part) => Math.abs(data[at + part] - colour[part]) < 12)) return true;
+  }
+  return false;
+}"""
 LANES = """() => [...document.querySelectorAll("#lane-words li")].map((item) => [
   item.textContent, [...item.querySelector("canvas").getContext("2d").getImageData(7, 4, 1, 1).data].slice(0, 3),
 ])"""
@@ -226,14 +237,31 @@ def test_while_kernels_compile_the_page_says_so_from_the_first_second(browser):
             expect(other.locator("#status")).to_contain_text("needs the whole address")
 
 
+def shown_at(page) -> float:
+    """Return where in the first plot the time shown is marked, as a share of its width."""
+    mark, over = page.locator(".u-over .shown-at").first.bounding_box(), page.locator(".u-over").first.bounding_box()
+    return (mark["x"] + mark["width"] / 2 - over["x"]) / over["width"]
+
+
 def test_a_recording_is_played_scrubbed_and_has_no_commands(browser, ros_domain, tmp_path):
     made = [*COMMAND, "run", "vibration_crank", "--duration", "2", "--pace", "max", "--view", "none", "--record", "bag"]
     subprocess.run(made, check=True, capture_output=True, cwd=tmp_path)
     with running("view", "bag", folder=tmp_path) as (url, _), opened(browser, url, shows=False) as page:
         expect(page.locator("#command")).to_be_hidden()
         page.wait_for_function("() => Number(document.getElementById('cursor').max) > 1.9", timeout=UP_MS)
+        # it is opened at its end, with the whole of it in the plots
+        page.wait_for_function("() => window.bench.shown > 1.9 && window.bench.window()[1] > 1.9")
+        assert page.evaluate("() => window.bench.window()[0]") < 0.1
+        expect(page.locator("#span")).to_have_value("whole")
+        expect(page.locator(".shown-at:visible")).to_have_count(0)
         page.locator("#cursor").evaluate("(it) => { it.value = 0.5; it.dispatchEvent(new Event('input')); }")
         page.wait_for_function("() => Math.abs(window.bench.shown - 0.5) < 0.05")
+        assert page.evaluate("() => window.bench.window()[1]") > 1.9
+        assert shown_at(page) == pytest.approx(0.25, abs=0.02)
+        # a plot that is scrolled to is drawn, also where nothing moves
+        last = page.locator(".plot .u-over").last
+        last.scroll_into_view_if_needed()
+        page.wait_for_function(DRAWN)
         page.locator("#pace").select_option("0.1")
         page.locator("#play").click()
         page.wait_for_timeout(2000)

@@ -46,7 +46,7 @@ def page(browser):
             assert link.show(picture(PICTURE_S * place))
         with opened(browser, bench.url, shows=False) as found:
             found.link = link
-            found.locator("#follow").click()  # a recording stands still where it was opened
+            found.locator("#span").select_option("1")  # a recording is opened with the whole of it in sight
             found.wait_for_function(f"() => window.bench.shown > {LENGTH_S - PICTURE_S / 2}")
             found.wait_for_function("() => window.bench.window()[1] > 1.99")
             yield found
@@ -152,3 +152,51 @@ def test_what_is_shown_of_a_recording_is_kept_with_it_and_its_settings_stand_the
     expect(page.locator("#differs")).to_be_hidden()
     page.link.tell("machine", machine("first"))
     expect(plots.first).to_be_hidden()
+
+
+def test_in_the_whole_of_a_recording_a_click_or_enter_goes_to_a_time_and_the_window_stays(page):
+    page.locator("#span").select_option("whole")
+    page.wait_for_function("() => window.bench.window()[0] < 0.05")
+    whole = page.evaluate(WINDOW)
+    assert whole == pytest.approx([PICTURE_S, LENGTH_S])
+    point(page, 0.25)
+    page.mouse.down()
+    page.mouse.up()
+    wanted_s = whole[0] + 0.25 * (whole[1] - whole[0])
+    page.wait_for_function("() => window.bench.shown < 1.0")
+    assert page.evaluate("() => window.bench.shown") == pytest.approx(wanted_s, abs=2 * PICTURE_S)
+    assert page.evaluate(WINDOW) == pytest.approx(whole)
+    mark = page.locator(".u-over .shown-at").first
+    share = (mark.bounding_box()["x"] + 1 - over(page, 0)["x"]) / over(page, 0)["width"]
+    assert share == pytest.approx(0.25, abs=0.01)
+    page.mouse.move(5, 5)
+    page.locator(".plot:has(.u-over)").first.focus()
+    page.keyboard.press("End")
+    page.keyboard.press("Enter")
+    page.wait_for_function("() => window.bench.shown > 1.9")
+    expect(mark).to_be_hidden()
+
+
+def test_of_a_long_recording_the_extremes_are_drawn(page):
+    """A peak of one row among a hundred thousand is on the page."""
+    rows = 100_000
+    time_s = LENGTH_S + 1e-5 * np.arange(1, rows + 1)
+    spike = np.zeros((rows, 1))
+    spike[rows // 3] = 77.0
+    told = picture(LENGTH_S)
+    told["time_s"] = float(time_s[-1])
+    told["curves"] = packed_curves([Curves("square", NAMES["square"], time_s, spike)])
+    assert page.link.show(told)
+    page.locator("#span").select_option("whole")
+    page.wait_for_function("() => window.bench.window()[1] > 2.9")
+    drawn = page.evaluate("() => window.bench.drawn(1)")
+    assert drawn["rows"] <= 4001
+    assert drawn["largest"] == 77.0
+
+
+def test_an_event_of_the_log_is_gone_to(page):
+    told = picture(LENGTH_S)
+    told["events"] = [[1.255, "t = 1.255 s: blow"]]
+    assert page.link.show(told)
+    page.locator("#events button").click()
+    page.wait_for_function("() => Math.abs(window.bench.shown - 1.26) < 1e-6")

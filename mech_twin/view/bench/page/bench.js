@@ -5,7 +5,7 @@ import { changed, commands, forgetCommands, know, showPause, showRole } from "./
 import { answered, connect, cut } from "./connection.js";
 import { ghost, showGhost } from "./ghost.js";
 import { fetchFile, showHall } from "./hall.js";
-import { frame, layOut, plots } from "./instant.js";
+import { follow, frame, layOut, plots } from "./instant.js";
 import { showAdvice, showComparison, showFaults, showFit, showHealth, showMetrics } from "./panes.js";
 import { forgetLimits } from "./limits.js";
 import { forget, take } from "./pictures.js";
@@ -47,7 +47,7 @@ function beginAnew() {
   find("cover").hidden = false;
   find("cards").replaceChildren();
   find("time").textContent = "";
-  shown.following = true;
+  follow(true);
   curves.clear();
   ghost.curves.clear();
   ghost.until = -1;
@@ -64,7 +64,13 @@ function apart() {
   return { rows, largest };
 }
 
+// how many rows a plot has, and the largest value
+function drawn(place) {
+  const [times, ...columns] = plots.list[place].plot.data;
+  return { rows: times.length, largest: Math.max(...columns.flatMap((column) => [...column]).map((value) => value ?? -Infinity)) };
+}
+
 // what is looked at from outside: the time shown (s), the stretch in the plots (s), how many pictures were drawn
-window.bench = { apart, window: () => [plots.from, plots.now], lanes: () => lanes.at(shown.at), shown: 0, frames: 0, ghosts: [], cut };
+window.bench = { apart, drawn, window: () => [plots.from, plots.now], lanes: () => lanes.at(shown.at), shown: 0, frames: 0, ghosts: [], cut };
 requestAnimationFrame(frame);
 connect(() => { forget(); ghost.asked = null; }, hear, () => commands(false));

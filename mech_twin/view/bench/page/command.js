@@ -3,10 +3,11 @@
 
 import { order, send } from "./connection.js";
 import { attempt, warm } from "./ghost.js";
-import { follow, listPanels, plots } from "./instant.js";
+import { listPanels } from "./instant.js";
 import { find, rounded, rowsOf, run } from "./state.js";
 
 const undone = [];
+const MOST_READ = 1e6; // a bound beyond it is none that a person meets
 
 const WORDS = { start: "Start", stop: "Stop motor", reset: "Reset", pause: "Pause", "step": "One step" };
 
@@ -28,11 +29,10 @@ export function know(machine) {
   find("speed-row").hidden = !machine.orders.includes("speed");
   find("parameters").hidden = !machine.parameters.length;
   find("keys").replaceChildren(...machine.parameters.map(keyRow));
-  if (machine.recording) follow(false);
   if (!machine.sides) find("comparison").hidden = true;
   find("differs").hidden = !machine.settings?.length || Boolean(machine.sides);
   find("changed").replaceChildren(...rowsOf(machine.settings ?? []));
-  if (plots.list.length) listPanels();
+  listPanels();
   for (const [name, id] of [["acknowledge", "alarms"], ["accept", "advice"], ["identify", "fit"]]) if (!machine.orders.includes(name)) find(id).hidden = true;
   commands(run.commands);
   showPause();
@@ -51,7 +51,7 @@ function keyRow(parameter) {
   const label = document.createElement("label");
   label.textContent = parameter.name + (parameter.unit ? `, ${parameter.unit}` : "");
   const meaning = document.createElement("p");
-  const { low, high } = parameter;
+  const low = parameter.low, high = parameter.high < MOST_READ ? parameter.high : null;
   const range = low == null && high == null ? "" : high == null ? `at least ${rounded(low)}` : low == null ? `at most ${rounded(high)}` : `${rounded(low)} to ${rounded(high)}`;
   meaning.textContent = [parameter.meaning, range].filter(Boolean).join("; ");
   const controls = document.createElement("div");

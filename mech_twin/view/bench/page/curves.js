@@ -31,10 +31,30 @@ export class Curve {
     this.rows += at.length;
   }
 
-  // times and columns of a stretch, one row beyond either end so that lines go on to the edges
-  between(from, to) {
+  // times and columns of a stretch, one row beyond either end so that lines go on to the edges; at most so many rows
+  between(from, to, most = Infinity) {
     const first = Math.max(0, this.before(from)), last = Math.min(this.rows, this.before(to + 1e-9) + 1);
-    return [this.times.subarray(first, last), ...this.values.map((column) => column.subarray(first, last))];
+    const all = [this.times, ...this.values];
+    if (last - first <= most) return all.map((column) => column.subarray(first, last));
+    const rows = this.extremes(first, last, most);
+    return all.map((column) => column.constructor.from(rows, (row) => column[row]));
+  }
+
+  // the rows of a stretch that hold its ends, and of each window of it the extremes of every column
+  extremes(first, last, most) {
+    const windows = Math.max(1, Math.floor((most - 2) / (2 * this.width))), kept = new Set([first, last - 1]);
+    for (let place = 0; place < windows; place += 1) {
+      const begin = first + Math.floor(((last - first) * place) / windows), end = first + Math.floor(((last - first) * (place + 1)) / windows);
+      for (const column of this.values) {
+        let low = begin, high = begin;
+        for (let row = begin + 1; row < end; row += 1) {
+          if (column[row] < column[low]) low = row;
+          if (column[row] > column[high]) high = row;
+        }
+        kept.add(low).add(high);
+      }
+    }
+    return Uint32Array.from(kept).sort();
   }
 
   before(time) {

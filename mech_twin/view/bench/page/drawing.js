@@ -2,8 +2,12 @@
 // The drawing of the machine: lines, points, arrows and texts in the machine's plane, on a canvas.
 
 import { isDark, paint, unpacked } from "./curves.js";
+import { shown } from "./state.js";
 
-const HEAD_PX = 9;
+const HEAD_PX = 9, SEAM_PX = 4;
+const CLOSEST = 40; // times the whole
+const STEP_PX = 40, STEP = 1.25; // of a key
+const look = { zoom: 1, x: 0, y: 0 }; // how near, and how far the middle is moved (px)
 
 export function draw(canvas, shapes, bounds, under = null) {
   const ratio = window.devicePixelRatio || 1;
@@ -14,9 +18,9 @@ export function draw(canvas, shapes, bounds, under = null) {
     canvas.height = Math.round(height * ratio);
   }
   const [left, right, low, high] = bounds;
-  const scale = Math.min(width / (right - left), height / (high - low));
-  const x0 = (width - scale * (right - left)) / 2 - scale * left;
-  const y0 = (height + scale * (high - low)) / 2 + scale * low;
+  const scale = look.zoom * Math.min(width / (right - left), height / (high - low));
+  const x0 = look.x + (width - scale * (right - left)) / 2 - scale * left;
+  const y0 = look.y + (height + scale * (high - low)) / 2 + scale * low;
   const context = canvas.getContext("2d");
   context.setTransform(ratio, 0, 0, ratio, 0, 0);
   context.clearRect(0, 0, width, height);
@@ -90,15 +94,52 @@ function arrow(context, at, colour, size) {
   context.fill();
 }
 
-// dark on a light box, centred below its point, inside the picture
+// zoom about a point of the canvas, as seen from its middle
+function near(factor, x = 0, y = 0) {
+  const zoom = Math.max(1, Math.min(CLOSEST, look.zoom * factor)), by = zoom / look.zoom;
+  Object.assign(look, zoom === 1 ? { x: 0, y: 0 } : { x: x - by * (x - look.x), y: y - by * (y - look.y) }, { zoom });
+  shown.drawn = null;
+}
+
+function move(x, y) {
+  look.x += x;
+  look.y += y;
+  shown.drawn = null;
+}
+
+export function listen(canvas) {
+  canvas.addEventListener("wheel", (event) => {
+    event.preventDefault();
+    const box = canvas.getBoundingClientRect();
+    near(Math.exp(-event.deltaY / 400), event.clientX - box.left - box.width / 2, event.clientY - box.top - box.height / 2);
+  }, { passive: false });
+  canvas.addEventListener("pointerdown", (event) => { if (event.button === 0) canvas.setPointerCapture(event.pointerId); });
+  canvas.addEventListener("pointermove", (event) => { if (canvas.hasPointerCapture(event.pointerId)) move(event.movementX, event.movementY); });
+  canvas.addEventListener("dblclick", () => near(0));
+  canvas.addEventListener("keydown", (event) => {
+    const does = {
+      "+": () => near(STEP), "-": () => near(1 / STEP), 0: () => near(0),
+      ArrowLeft: () => move(STEP_PX, 0), ArrowRight: () => move(-STEP_PX, 0), ArrowUp: () => move(0, STEP_PX), ArrowDown: () => move(0, -STEP_PX),
+    }[event.key];
+    if (!does || event.ctrlKey || event.metaKey || event.altKey) return;
+    event.preventDefault();
+    does();
+  });
+}
+
+// dark in a light seam, centred below its point, inside the picture
 function write(context, text, [x, y], width) {
   const rows = text.split("\n");
   context.font = "12px system-ui, sans-serif";
   context.textBaseline = "top";
   const wide = Math.max(...rows.map((row) => context.measureText(row).width)) + 8;
   const left = Math.max(2, Math.min(width - wide - 2, x - wide / 2));
-  context.fillStyle = paint("--label");
-  context.fillRect(left, y + 1, wide, 15 * rows.length + 3);
+  context.strokeStyle = paint("--sheet");
   context.fillStyle = paint("--ink");
-  rows.forEach((row, i) => context.fillText(row, left + 4, y + 3 + 15 * i));
+  context.lineWidth = SEAM_PX;
+  context.lineJoin = "round";
+  rows.forEach((row, i) => {
+    context.strokeText(row, left + 4, y + 3 + 15 * i);
+    context.fillText(row, left + 4, y + 3 + 15 * i);
+  });
 }

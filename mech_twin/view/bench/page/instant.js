@@ -3,7 +3,7 @@
 
 import { isOpen, send } from "./connection.js";
 import { colours, Curve } from "./curves.js";
-import { draw } from "./drawing.js";
+import { draw, listen } from "./drawing.js";
 import { ghost, isTried } from "./ghost.js";
 import { judged, listLimits } from "./limits.js";
 import { placeOf } from "./pictures.js";
@@ -11,14 +11,16 @@ import { key, made, Plots } from "./plots.js";
 import { curves, find, lanes, other, run, shown } from "./state.js";
 
 const QUIET_MS = 1500;
+const DRAWN_ROWS = 4000; // of a curve; of more the extremes are drawn
+const WHOLE = "whole";
 
 export const plots = new Plots(find("plots"), {
   pieces(part, from, to) {
-    const piece = curves.get(part.path)?.between(from, to) ?? empty(part);
+    const piece = curves.get(part.path)?.between(from, to, DRAWN_ROWS) ?? empty(part);
     return (other.isThere && other.isDifference ? other.difference(part.path, piece) : piece) ?? empty(part);
   },
   second(part, from, to) {
-    const found = other.isThere ? !other.isDifference && other.between(part.path, from, to) : plots.to > plots.now && ghost.curves.get(part.path)?.between(from, to);
+    const found = other.isThere ? !other.isDifference && other.between(part.path, from, to, DRAWN_ROWS) : plots.to > plots.now && ghost.curves.get(part.path)?.between(from, to);
     return found || empty(part);
   },
   told(at) {
@@ -28,7 +30,7 @@ export const plots = new Plots(find("plots"), {
     find("lane-line").hidden = !(plots.share >= 0 && plots.share <= 1) || at === null;
     if (at !== null) find("lane-line").style.left = `${lanes.place(find("lane-drawing"), plots.share)}px`;
   },
-}, zoomed);
+}, zoomed, (at) => { if (isWhole()) seek(at); });
 const empty = (part) => [[], ...part.names.map(() => [])];
 
 export function frame(now) {
@@ -46,7 +48,7 @@ export function frame(now) {
     }
     const place = placeOf(shown.at);
     const picture = run.pictures[place];
-    if (picture !== shown.drawn || shown.playing) show(picture, shown.following ? picture.time_s : shown.at);
+    if (picture !== shown.drawn || shown.playing || (isWhole() && newest !== shown.newest)) show(picture, shown.following ? picture.time_s : shown.at);
   }
   if (shown.owed) { shown.owed = false; send({ kind: "drawn" }); }
   const isQuiet = isOpen() && shown.following && newest && !run.over && run.machine?.namespace && now - shown.heard > QUIET_MS;
@@ -55,7 +57,9 @@ export function frame(now) {
 
 // header, drawing and curves are all of the picture's instant
 export function show(picture, at) {
-  shown.drawn = picture;
+  const newest = run.pictures.at(-1);
+  if (shown.drawn === null || newest !== shown.newest) shown.changes += 1;
+  Object.assign(shown, { drawn: picture, newest });
   const header = `t = ${picture.time_s.toFixed(run.paused || !shown.following ? 4 : 2)} s`;
   if (find("time").textContent !== header) find("time").textContent = header;
   find("state").textContent = run.over && shown.following ? "over" : picture.state;
@@ -65,16 +69,19 @@ export function show(picture, at) {
   if (picture.shapes) draw(find("drawing"), picture.shapes, picture.bounds, other.isThere ? other.picture(at).shapes : null);
   if (picture.command !== null && document.activeElement !== find("speed")) find("speed").value = picture.command;
   if (picture.command !== null) find("speed-now").textContent = `${Math.round(100 * picture.command)} % now`;
-  const span = shown.span ?? Number(find("span").value);
-  const wanted = Math.max(at, picture.time_s), until = Math.max(wanted, isTried(wanted) ? ghost.until : wanted);
+  const wanted = Math.max(at, picture.time_s), now = isWhole() ? newest.time_s : wanted;
+  const from = isWhole() ? run.pictures[0].time_s : wanted - (shown.span ?? Number(find("span").value));
+  const until = Math.max(now, isTried(wanted) ? ghost.until : now);
   plots.ofTwo = other.isThere && !other.isDifference;
-  plots.show(wanted - span, wanted, until, shown.following);
+  plots.show(from, now, until, { isLive: shown.following && !isWhole(), at: wanted, stamp: shown.changes });
   find("lanes").hidden = !lanes.size;
   if (find("lane-words").childElementCount !== lanes.words.length) {
     const hues = colours(lanes.words.length);
     find("lane-words").replaceChildren(...lanes.words.map((word, place) => key(word, hues[place])));
   }
-  if (lanes.size) lanes.draw(find("lane-drawing"), wanted - span, until, wanted);
+  if (lanes.size) lanes.draw(find("lane-drawing"), from, until, now);
+  find("lane-mark").hidden = plots.mark === null;
+  if (plots.mark !== null) find("lane-mark").style.left = `${lanes.place(find("lane-drawing"), plots.mark)}px`;
   if (document.activeElement !== find("cursor") || shown.following || shown.playing) find("cursor").value = at;
   window.bench.shown = picture.time_s;
   window.bench.onshow?.(picture);
@@ -110,13 +117,17 @@ export function layOut(panels) {
   shown.drawn = null;
 }
 
+// the whole of a recording; of a run that goes on the last seconds
+const isWhole = () => shown.span === null && find("span").value === WHOLE;
+
 // what is shown of a recording, or of a machine that runs, is kept with its name while this window is open
 const kept = () => `shown of ${run.machine?.recording ?? run.machine?.name ?? ""}`;
 
 export function listPanels() {
   const told = JSON.parse(sessionStorage.getItem(kept()) ?? "{}");
   plots.hide(told.hidden ?? []);
-  if (told.span) find("span").value = told.span;
+  find("span").lastElementChild.hidden = !run.machine?.recording;
+  find("span").value = told.span ?? (run.machine?.recording ? WHOLE : "1");
   find("panel-names").replaceChildren(...plots.list.map(({ title }) => {
     const label = made("label"), box = made("input", { type: "checkbox", checked: !plots.hidden.has(title) });
     box.onchange = () => { if (box.checked) plots.hidden.delete(title); else plots.hidden.add(title); plots.hide(plots.hidden); keep(); };
@@ -135,6 +146,7 @@ function keep() {
 function zoomed(range) {
   const first = run.pictures[0]?.time_s, newest = run.pictures.at(-1)?.time_s;
   if (newest === undefined) return;
+  if (range === null && shown.span === null) return;
   if (range === null) { shown.span = null; if (shown.wasFollowing) follow(true); return void (shown.drawn = null); }
   if (shown.span === null) shown.wasFollowing = shown.following;
   const [from, to] = [Math.max(first, range[0]), Math.min(newest, range[1])];
@@ -142,6 +154,12 @@ function zoomed(range) {
   follow(false);
   play(false);
   Object.assign(shown, { span: to - from, at: to, drawn: null });
+}
+
+export function seek(time) {
+  follow(false);
+  play(false);
+  shown.at = Math.max(run.pictures[0]?.time_s ?? 0, Math.min(run.pictures.at(-1)?.time_s ?? 0, time));
 }
 
 export function follow(wanted) {
@@ -162,7 +180,7 @@ function play(wanted) {
 
 find("follow").onclick = () => follow(!shown.following);
 find("play").onclick = () => play(!shown.playing);
-find("cursor").oninput = () => { follow(false); play(false); shown.at = Number(find("cursor").value); };
+find("cursor").oninput = () => seek(Number(find("cursor").value));
 find("span").onchange = () => { shown.span = null; keep(); };
 
 addEventListener("keydown", (event) => {
@@ -177,11 +195,16 @@ addEventListener("keydown", (event) => {
 });
 
 function step(by) {
-  follow(false);
-  play(false);
   const place = Math.max(0, Math.min(run.pictures.length - 1, placeOf(shown.at) + by));
-  if (run.pictures[place]) shown.at = run.pictures[place].time_s;
+  if (run.pictures[place]) seek(run.pictures[place].time_s);
 }
 
+// an event is gone to: the first picture that has it
+find("events").onclick = ({ target }) => {
+  const time = Number(target.dataset.time ?? NaN), picture = run.pictures[placeOf(time)];
+  if (picture) seek(picture.time_s < time - 1e-9 ? run.pictures[placeOf(time) + 1]?.time_s ?? time : picture.time_s);
+};
+
+listen(find("drawing"));
 new ResizeObserver(() => { plots.fit(); shown.drawn = null; }).observe(find("plots"));
 new ResizeObserver(() => { shown.drawn = null; }).observe(find("drawing"));

@@ -3,7 +3,8 @@
 
 import { colours, paint } from "./curves.js";
 
-const ROW = 18, LEFT = 76, RIGHT = 8, MOST = 100_000;
+export const RIGHT = 18; // px, beside lanes and plots: half of the last time written below
+const ROW = 18, LEFT = 76, MOST = 100_000;
 
 export class Lanes {
   constructor() { this.clear(); }

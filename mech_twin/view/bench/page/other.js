@@ -32,10 +32,10 @@ export class Other {
   }
 
   // times and columns of a stretch of the first run's time
-  between(path, from, to) {
+  between(path, from, to, most) {
     const curve = this.curves.get(path);
     if (!curve) return null;
-    const [times, ...columns] = curve.between(this.own(from), this.own(to));
+    const [times, ...columns] = curve.between(this.own(from), this.own(to), most);
     return [this.byAngle ? Float64Array.from(times, (time) => this.first(time)) : times, ...columns];
   }
 

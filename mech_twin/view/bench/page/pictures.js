@@ -27,8 +27,10 @@ export function take(list) {
 
 export function note(time, text) {
   const line = document.createElement("li");
-  line.textContent = text;
-  line.dataset.time = time;
+  const button = document.createElement("button");
+  Object.assign(button, { type: "button", textContent: text, title: "go to this time" });
+  button.dataset.time = time;
+  line.append(button);
   find("log").hidden = false;
   find("events").prepend(line);
   while (find("events").childElementCount > 300) find("events").lastChild.remove();

@@ -2,15 +2,18 @@
 // The plots: which are shown, what a drag zooms to, and the values at a cursor that all of them share.
 
 import { colours, paint } from "./curves.js";
+import { RIGHT } from "./lanes.js";
 
 const HEIGHT = 118;
 const DRAGGED_PX = 5; // less is a click
+const NARROW = 16; // letters of a name that leave room for two of them side by side, each with its value
 const STEP = 0.01; // of the window, that an arrow key moves the cursor by
 
 export class Plots {
-  // source: pieces(part, from, to), second(part, from, to); zoomed: told [from, to], or null for the span asked for
-  constructor(box, source, zoomed) {
-    Object.assign(this, { box, source, zoomed, list: [], hidden: new Set(), from: 0, to: 1, now: 1, share: null, at: null, ofTwo: false });
+  // source: pieces(part, from, to), second(part, from, to); zoomed: told [from, to], or null for the span asked for;
+  // sought: told the time of a click
+  constructor(box, source, zoomed, sought) {
+    Object.assign(this, { box, source, zoomed, sought, mark: null, stamp: "", list: [], hidden: new Set(), from: 0, to: 1, now: 1, share: null, at: null, ofTwo: false });
   }
 
   layOut(panels) {
@@ -30,9 +33,11 @@ export class Plots {
   get ofTwo() { return this.box.classList.contains("two"); }
   set ofTwo(wanted) { this.box.classList.toggle("two", wanted); }
 
-  // the cursor stands still on the page while the newest is followed, and at its time otherwise
-  show(from, now, to, isLive) {
-    Object.assign(this, { from, now, to });
+  // the cursor stands still on the page while the newest is followed, and at its time otherwise; where the plots go on
+  // beyond the time shown, that has a mark; what has the stamp of before is drawn already
+  show(from, now, to, { isLive, at, stamp }) {
+    const mark = (at - from) / (to - from);
+    Object.assign(this, { from, now, to, mark: mark < 1 - 1e-9 ? mark : null, stamp: `${from} ${now} ${to} ${stamp}` });
     if (this.share !== null && isLive) this.at = from + this.share * (to - from);
     else if (this.share !== null) this.share = (this.at - from) / (to - from);
     for (const plot of this.shown) plot.show();
@@ -66,6 +71,7 @@ export class Plots {
       "-": () => this.zoom(-near, 2 - near),
       0: () => this.zoomed(null),
       Escape: () => this.point(null),
+      Enter: () => this.at !== null && this.sought(this.at),
     }[event.key];
     if (!does || event.ctrlKey || event.metaKey || event.altKey) return;
     event.preventDefault();
@@ -88,6 +94,7 @@ class Plot {
     this.box.append(made("h2", { textContent: panel.title }), holder, legend);
     this.values = this.names.map((name, place) => {
       const item = key(name, this.colours[place]), value = made("b");
+      item.classList.toggle("wide", name.length > NARROW);
       item.append(value);
       legend.append(item);
       return value;
@@ -96,20 +103,21 @@ class Plot {
     const axis = { stroke: () => paint("--ink"), grid: { stroke: () => paint("--grid"), width: 1 }, ticks: { stroke: () => paint("--tick"), width: 1 }, font: "12px system-ui" };
     const line = (label, place, dash) => ({ label, stroke: this.colours[place], width: 1.5, dash, points: { show: false }, spanGaps: true });
     this.plot = new uPlot({
-      width: this.width, height: HEIGHT, padding: [8, 8, 0, 0],
+      width: this.width, height: HEIGHT, padding: [8, RIGHT, 0, 0],
       legend: { show: false },
       cursor: { show: false },
       scales: { x: { time: false }, y: { range: (_, low, high) => padded(low, high) } },
       series: [{}, ...this.names.map((name, place) => line(name, place)), ...this.names.map((name, place) => line(`${name}, tried`, place, [5, 4]))],
-      axes: [{ ...axis, size: 24, gap: 2, values: (_, ticks) => ticks.map((tick) => `${Number(tick.toFixed(6))} s`), space: 90 },
-        { ...axis, size: 76, values: (_, ticks) => ticks.map(short), space: 18 }],
+      axes: [{ ...axis, size: 24, gap: 2, values: (_, ticks) => ticks.map((tick) => `${Number(tick.toFixed(6))} s`), space: 64 },
+        { ...axis, size: 76, values: (_, ticks) => ticks.map(short), space: 15 }],
     }, null, holder);
     this.line = made("div", { className: "reading", hidden: true });
     this.band = made("div", { className: "band", hidden: true });
-    this.plot.over.append(this.band, this.line);
+    this.mark = made("div", { className: "shown-at", hidden: true });
+    this.plot.over.append(this.band, this.mark, this.line);
     this.listen();
     this.visible = true;
-    new IntersectionObserver((seen) => { this.visible = seen.at(-1).isIntersecting; }, { root: all.box }).observe(this.box);
+    new IntersectionObserver((seen) => { this.visible = seen.at(-1).isIntersecting; this.show(); }, { root: all.box }).observe(this.box);
   }
 
   get width() { return Math.max(160, this.all.box.clientWidth - 16); }
@@ -129,7 +137,9 @@ class Plot {
     over.addEventListener("pointerup", (event) => {
       const from = begun, to = share(event);
       end();
-      if (from !== null && Math.abs(to - from) * over.clientWidth > DRAGGED_PX) this.all.zoom(Math.max(0, Math.min(1, from)), Math.max(0, Math.min(1, to)));
+      if (from === null) return;
+      if (Math.abs(to - from) * over.clientWidth <= DRAGGED_PX) this.all.sought(this.all.at);
+      else this.all.zoom(Math.max(0, Math.min(1, from)), Math.max(0, Math.min(1, to)));
     });
     over.addEventListener("pointercancel", end);
     over.addEventListener("pointerleave", () => { if (begun === null) this.all.point(null); });
@@ -139,7 +149,11 @@ class Plot {
 
   show() {
     if (!this.visible) return;
-    const { from, now, to, source } = this.all;
+    const { from, now, to, source, mark, stamp } = this.all;
+    this.mark.hidden = mark === null;
+    if (mark !== null) this.mark.style.left = `${100 * mark}%`;
+    if (this.stamp === stamp) return;
+    this.stamp = stamp;
     const pieces = this.parts.map((part) => source.pieces(part, from, now));
     for (const part of this.parts) pieces.push(source.second(part, from, to));
     const data = uPlot.join(pieces);
