@@ -27,9 +27,9 @@ sys.path.insert(0, str(ROOT / "test"))
 from browser import COMMAND, FLAGS, UP_MS, chromium, running  # noqa: E402
 
 IMAGES = ROOT / "docs" / "images"
-COLOURS = 96
+COLOURS = 192
 LARGEST_BYTES = 2_000_000
-FRAMES, FRAME_S, FILM_PX = 36, 0.16, 960
+FRAMES, FRAME_S, FILM_PX = 24, 0.25, 800
 MACHINES = (
     "mb10_breaker",
     "compaction_press",
@@ -126,7 +126,7 @@ def film(page: Any, file: Path) -> None:
         frame = Image.open(io.BytesIO(page.screenshot())).convert("RGB")
         frames.append(frame.resize((FILM_PX, FILM_PX * frame.height // frame.width), Image.Resampling.LANCZOS))
         time.sleep(max(0.0, FRAME_S - (time.monotonic() - begin)))
-    palette = frames[-1].quantize(256)
+    palette = frames[-1].quantize(96)
     drawn = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
     drawn[0].save(file, save_all=True, append_images=drawn[1:], duration=round(1000 * FRAME_S), loop=0, optimize=True)
     checked(file)

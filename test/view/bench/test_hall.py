@@ -6,6 +6,7 @@ from __future__ import annotations
 import json
 import re
 import subprocess
+from pathlib import Path
 
 import pytest
 from browser import COMMAND, UP_MS, opened, running
@@ -16,6 +17,8 @@ from mech_twin.recording.bag_reader import open_bag
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 SPAN_S = 1.5
+RUN = {"vibration_crank": "vibration crank", "winding_drum": "winding drum", "mine.yaml": "slider crank"}
+CONFIG = Path(__file__).parents[3] / "config"
 
 
 @pytest.fixture(scope="module")
@@ -78,18 +81,35 @@ def test_recordings_are_listed_opened_compared_fetched_and_salvaged(browser, rec
             assert reader.info.message_count > 100
 
 
-def test_a_machine_is_run_from_the_bench_commanded_there_and_its_recording_listed(browser, ros_domain, tmp_path):
+def test_machines_and_a_page_of_ones_own_are_run_from_the_bench_and_their_recordings_listed(
+    browser, ros_domain, tmp_path
+):
+    (tmp_path / "mine.yaml").write_bytes((CONFIG / "pages" / "slider_crank.yaml").read_bytes())
     with running("bench", str(tmp_path), folder=tmp_path) as (url, _), opened(browser, url, shows=False) as page:
         expect(page.locator("#recordings")).to_have_text("no recording here", timeout=UP_MS)
-        for machine in ("vibration_crank", "winding_drum"):
+        for machine, name in RUN.items():
+            page.evaluate("() => { window.bench.shown = 0; }")
             page.locator("#machines").select_option(machine)
             page.locator("#begin").click()
-            expect(page.locator("#machine")).to_have_text(machine.replace("_", " "), timeout=UP_MS)
+            expect(page.locator("#machine")).to_have_text(name, timeout=UP_MS)
             page.wait_for_function("() => window.bench.shown > 0.2", timeout=UP_MS)
             page.locator("#order-pause").click()
             expect(page.locator("#state")).to_have_text("paused")
+        step_once(page)
         page.locator("#list").click()
         expect(page.locator(".recording", has_text="vibration_crank")).to_contain_text("complete", timeout=UP_MS)
+
+
+def step_once(page) -> None:
+    """Order one step of a paused run: its time goes on by a step, and no further."""
+    before = page.evaluate("() => window.bench.shown")
+    page.locator("#order-step").click()
+    page.wait_for_function(f"() => window.bench.shown > {before}")
+    after = page.evaluate("() => window.bench.shown")
+    assert after - before < 0.05
+    page.wait_for_timeout(500)
+    assert page.evaluate("() => window.bench.shown") == after
+    expect(page.locator("#state")).to_have_text("paused")
 
 
 def test_a_report_holds_machine_settings_pictures_numbers_and_versions_in_one_file(browser, ros_domain, tmp_path):

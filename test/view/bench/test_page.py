@@ -243,6 +243,25 @@ def shown_at(page) -> float:
     return (mark["x"] + mark["width"] / 2 - over["x"]) / over["width"]
 
 
+def zoom_drawing(page) -> None:
+    """Zoom the drawing by wheel and by key; a double click shows all of it again."""
+    drawing = page.locator("#drawing")
+    shown = drawing.screenshot()
+    drawing.hover()
+    page.mouse.wheel(0, -300)
+    page.wait_for_timeout(300)
+    near = drawing.screenshot()
+    assert near != shown
+    drawing.press("+")
+    page.wait_for_timeout(300)
+    assert drawing.screenshot() != near
+    drawing.dblclick()
+    page.mouse.move(5, 5)
+    page.wait_for_timeout(300)
+    drawing.blur()
+    assert drawing.screenshot() == shown
+
+
 def test_a_recording_is_played_scrubbed_and_has_no_commands(browser, ros_domain, tmp_path):
     made = [*COMMAND, "run", "vibration_crank", "--duration", "2", "--pace", "max", "--view", "none", "--record", "bag"]
     subprocess.run(made, check=True, capture_output=True, cwd=tmp_path)
@@ -262,6 +281,7 @@ def test_a_recording_is_played_scrubbed_and_has_no_commands(browser, ros_domain,
         last = page.locator(".plot .u-over").last
         last.scroll_into_view_if_needed()
         page.wait_for_function(DRAWN)
+        zoom_drawing(page)
         page.locator("#pace").select_option("0.1")
         page.locator("#play").click()
         page.wait_for_timeout(2000)

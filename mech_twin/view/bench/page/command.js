@@ -14,8 +14,9 @@ const WORDS = { start: "Start", stop: "Stop motor", reset: "Reset", pause: "Paus
 export function know(machine) {
   run.machine = machine;
   run.orders = machine.orders;
-  find("machine").textContent = machine.name.replaceAll("_", " ");
-  document.title = `${machine.name} - bench`;
+  const name = machine.configuration?.name ?? machine.name; // a page of one's own is called what it calls itself
+  find("machine").textContent = name.replaceAll("_", " ");
+  document.title = `${name} - bench`;
   const buttons = machine.orders.filter((name) => WORDS[name]);
   find("orders").replaceChildren(...buttons.map((name) => {
     const button = document.createElement("button");
@@ -51,7 +52,7 @@ function keyRow(parameter) {
   const label = document.createElement("label");
   label.textContent = parameter.name + (parameter.unit ? `, ${parameter.unit}` : "");
   const meaning = document.createElement("p");
-  const low = parameter.low, high = parameter.high < MOST_READ ? parameter.high : null;
+  const [low, high] = [parameter.low, parameter.high].map((bound) => (bound == null || Math.abs(bound) > MOST_READ ? null : bound));
   const range = low == null && high == null ? "" : high == null ? `at least ${rounded(low)}` : low == null ? `at most ${rounded(high)}` : `${rounded(low)} to ${rounded(high)}`;
   meaning.textContent = [parameter.meaning, range].filter(Boolean).join("; ");
   const controls = document.createElement("div");
