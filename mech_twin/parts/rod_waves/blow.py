@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mech_twin.kernels.kernel import kernel
+from mech_twin.kernels.kernel import borrowing_kernel, kernel
 from mech_twin.parts.rod_waves.chain import (
     Chain,
     ChainState,
@@ -72,14 +72,14 @@ class RodBlow(NamedTuple):
     parted: bool  # before the limit
 
 
-@kernel
+@borrowing_kernel
 def mean_speed(chain: Chain, state: ChainState, left: int) -> float:
     """Return the mean speed (m/s) of the rod right of a contact."""
     first, last = chain.starts[left], chain.starts[left + 1]
     return rod_momentum(chain, state, first, last) / rod_mass(chain, first, last)
 
 
-@kernel
+@borrowing_kernel
 def has_parted(chain: Chain, state: ChainState, window: Window, idle: Array, quiet: int) -> bool:
     """Return whether nothing right of the striker will meet again: open for a round trip, and not closing.
 
@@ -111,7 +111,7 @@ def has_parted(chain: Chain, state: ChainState, window: Window, idle: Array, qui
     return True
 
 
-@kernel
+@borrowing_kernel
 def stress_extremes(chain: Chain, state: ChainState, extremes: Array) -> None:
     """Keep the largest compression and tension (Pa), and the cells where they were."""
     for i in range(len(chain.impedance)):

@@ -27,7 +27,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mech_twin.kernels.kernel import kernel
+from mech_twin.kernels.kernel import borrowing_kernel
 from mech_twin.parts.rod_waves.contact_law import ContactLaw, force_of_step, stored, yields
 
 Array = NDArray[np.float64]
@@ -72,7 +72,7 @@ class ChainState(NamedTuple):
     rod_loss_j: Array  # (1,)
 
 
-@kernel
+@borrowing_kernel
 def law_of(chain: Chain, contact: int) -> ContactLaw:
     """Return the law of a contact."""
     row = chain.laws[contact]
@@ -125,7 +125,7 @@ def chain_of(
     return chain, state
 
 
-@kernel
+@borrowing_kernel
 def set_speed(chain: Chain, state: ChainState, first: int, last: int, speed: float) -> None:
     """Let cells first to last - 1 move with a speed (m/s), free of stress."""
     for i in range(first, last):
@@ -133,7 +133,7 @@ def set_speed(chain: Chain, state: ChainState, first: int, last: int, speed: flo
         state.q[i] = -state.p[i]
 
 
-@kernel
+@borrowing_kernel
 def meet(chain: Chain, state: ChainState, contact: int) -> None:
     """Find the mean force of a contact over the next step and book its work."""
     at, cells = chain.starts[contact], len(chain.impedance)
@@ -154,7 +154,7 @@ def meet(chain: Chain, state: ChainState, contact: int) -> None:
         state.most_m[contact] = max(state.most_m[contact], start + change)
 
 
-@kernel
+@borrowing_kernel
 def move_waves(chain: Chain, state: ChainState, left: int) -> None:
     """Move the waves of the rod right of a contact on by one cell."""
     p, q, z = state.p, state.q, chain.impedance
@@ -177,7 +177,7 @@ def move_waves(chain: Chain, state: ChainState, left: int) -> None:
             state.rod_loss_j[0] += (held - p[i] * p[i] - q[i] * q[i]) * chain.span_s / z[i]
 
 
-@kernel
+@borrowing_kernel
 def advance(chain: Chain, state: ChainState) -> None:
     """Advance a chain by one step of time, the transit time of a cell."""
     contacts = len(chain.starts)
@@ -189,7 +189,7 @@ def advance(chain: Chain, state: ChainState) -> None:
         move_waves(chain, state, left)
 
 
-@kernel
+@borrowing_kernel
 def rod_energy(chain: Chain, state: ChainState, first: int, last: int) -> float:
     """Return the energy (J) in cells first to last - 1."""
     found = 0.0
@@ -198,7 +198,7 @@ def rod_energy(chain: Chain, state: ChainState, first: int, last: int) -> float:
     return float(found * chain.span_s)
 
 
-@kernel
+@borrowing_kernel
 def rod_momentum(chain: Chain, state: ChainState, first: int, last: int) -> float:
     """Return the momentum (N s) of cells first to last - 1."""
     found = 0.0
@@ -207,7 +207,7 @@ def rod_momentum(chain: Chain, state: ChainState, first: int, last: int) -> floa
     return float(found * chain.span_s)
 
 
-@kernel
+@borrowing_kernel
 def rod_mass(chain: Chain, first: int, last: int) -> float:
     """Return the mass (kg) of cells first to last - 1: each has the momentum Z h v."""
     found = 0.0
@@ -216,7 +216,7 @@ def rod_mass(chain: Chain, first: int, last: int) -> float:
     return float(found * chain.span_s)
 
 
-@kernel
+@borrowing_kernel
 def total_energy(chain: Chain, state: ChainState) -> float:
     """Return the energy (J) of mass and rods, the elastic energy of the contacts, and all that was lost."""
     found = 0.5 * chain.mass_kg * state.mass_speed[0] ** 2 + state.rod_loss_j[0]
@@ -225,7 +225,7 @@ def total_energy(chain: Chain, state: ChainState) -> float:
     return float(found + rod_energy(chain, state, 0, len(chain.impedance)))
 
 
-@kernel
+@borrowing_kernel
 def contact_loss(chain: Chain, state: ChainState, contact: int) -> float:
     """Return what a contact or wall has kept for good (J): its work less the elastic energy in it."""
     law = law_of(chain, contact)

@@ -129,8 +129,11 @@ def area(law: ContactLaw, most: float, start: float, end: float) -> float:
     """Return int F du (J) from one compression to another; both lines of the law are integrated without error."""
     low, high = min(start, end), max(start, end)
     if law.kind == HERTZ:
-        a, b = math.sqrt(max(low, 0.0)), math.sqrt(max(high, 0.0))
-        found = 0.4 * law.loading * (b - a) * (a**4 + a**3 * b + a * a * b * b + a * b**3 + b**4)
+        low, high = max(low, 0.0), max(high, 0.0)
+        if high == low:
+            return 0.0
+        a, b = math.sqrt(low), math.sqrt(high)
+        found = 0.4 * law.loading * (high - low) / (a + b) * (a**4 + a**3 * b + a * a * b * b + a * b**3 + b**4)
     else:
         foot, found = permanent(law, most), 0.0
         first, last = max(low, foot), min(high, most)
@@ -145,12 +148,13 @@ def area(law: ContactLaw, most: float, start: float, end: float) -> float:
 @kernel
 def mean_force(law: ContactLaw, most: float, start: float, change: float, span: float) -> float:
     """Return the mean force (N) over a change of compression in a span of time (s)."""
-    if change == 0.0:
+    end = start + change
+    if end == start:
         return contact_force(law, most, start)
-    force = area(law, most, start, start + change) / change
+    force = area(law, most, start, end) / (end - start)  # not by the change: it is rounded in the end
     if law.damping == 0.0:
         return force
-    return max(0.0, force + law.damping * (max(start + change, 0.0) - max(start, 0.0)) / span)
+    return max(0.0, force + law.damping * (max(end, 0.0) - max(start, 0.0)) / span)
 
 
 @kernel
@@ -181,12 +185,10 @@ def force_of_step(
             low = change
         slope = 0.0 if change == 0.0 else (contact_force(law, most, start + change) - force) / change
         better = change - missed / (1.0 + yielding * span * max(slope, 0.0))
-        if not low < better < high:
-            better = 0.5 * (low + high)
         if abs(better - change) <= CLOSED * (abs(free) + abs(start)):
             change = better
             break
-        change = better
+        change = better if low < better < high else 0.5 * (low + high)
     return mean_force(law, most, start, change, span), change
 
 
