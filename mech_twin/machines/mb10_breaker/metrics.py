@@ -41,6 +41,14 @@ def rated_blow(b: Breaker, q: float, u: float) -> Blow:
     return blow(b, q, u, 0.0, 0.0, True)
 
 
+def energy_given(b: Breaker, q: float, u: float, hit: Blow) -> float:
+    """Return the energy of the tool after the rated blow (J); of a wave what the striker gave, as in a run."""
+    if not b.waves:
+        return hit.tool_energy
+    _, slope, _ = striker(b, q)
+    return 0.5 * hit.impulse * (slope * u + slope * hit.u - b.tool_radius_m * hit.p)
+
+
 def rated_wave_numbers(b: Breaker, q: float, closing: float) -> dict[str, float]:
     """Return what the rated blow as a wave gives, the body at rest."""
     mass = impact_direction(b, q, 0.0, True, b.held).effective_kg
@@ -66,6 +74,7 @@ def static_metrics(p: BreakerParameters, b: Breaker) -> dict[str, float]:
     q = striking_angle(b)
     _, slope, bend = striker(b, q)
     held, free = (rated_blow(b._replace(held=held), q, u) for held in (True, False))
+    energy, held_energy = energy_given(b, q, u, free), energy_given(b, q, u, held)
     jump = pin_impulses(b, q, 0.0, free.u - u, free.p, free.impulse)
     held_jump = pin_impulses(b, q, 0.0, held.u - u, 0.0, held.impulse)
     k = b.spring_arm_m * math.sqrt(b.spring_rate_n_per_m / b.body_inertia_kg_m2)
@@ -101,13 +110,13 @@ def static_metrics(p: BreakerParameters, b: Breaker) -> dict[str, float]:
         "body_inertia_smallest_kg_m2": min(m.m22 for m in inertias),
         "body_inertia_largest_kg_m2": max(m.m22 for m in inertias),
         "blow_impulse_ns": free.impulse,
-        "blow_energy_j": free.tool_energy,
+        "blow_energy_j": energy,
         "blow_loss_j": free.loss,
-        "blow_energy_over_overtravel_n": free.tool_energy / b.overtravel_m,
+        "blow_energy_over_overtravel_n": energy / b.overtravel_m,
         "body_leaves_at_rad_per_s": free.p,
         "blow_impulse_on_body_nms": jump.moment,
         "blow_impulse_body_held_ns": held.impulse,
-        "blow_energy_body_held_j": held.tool_energy,
+        "blow_energy_body_held_j": held_energy,
         "blow_impulse_on_body_held_nms": held_jump.moment,
         "rocker_bearing_impulse_body_held_ns": math.hypot(held_jump.c_x, held_jump.c_y),
         "crank_bearing_impulse_body_held_ns": math.hypot(held_jump.o_x, held_jump.o_y),

@@ -15,7 +15,7 @@ from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.machines.mb10_breaker.constants import breaker
 from mech_twin.machines.mb10_breaker.dynamics import energies, masses_at, striker
 from mech_twin.machines.mb10_breaker.impacts import impact_direction, strike
-from mech_twin.machines.mb10_breaker.metrics import rated_crank_speed, striking_angle
+from mech_twin.machines.mb10_breaker.metrics import rated_crank_speed, static_metrics, striking_angle
 from mech_twin.machines.mb10_breaker.plots import pictures
 from mech_twin.machines.mb10_breaker.wave_blow import push_on_body, strike_as_wave
 from mech_twin.machines.mb10_breaker.wave_metrics import blow_metrics, blow_of
@@ -263,3 +263,17 @@ def test_less_pressing_force_fires_the_tool_blank():
     assert strong.seated_share == 1.0
     assert weak.seated_share < 0.1
     assert weak.transmitted_energy_j < 0.5 * strong.transmitted_energy_j
+
+
+@pytest.mark.parametrize("overrides", [{}, {"tool.wave.wall.kind": "loading"}])
+def test_the_rated_blow_tells_the_energy_that_a_blow_of_a_run_tells(overrides):
+    """What the striker gave: its kinetic energy before less that after, and not that of a tool that rests at last."""
+    b, q, u, hit = struck(overrides)
+    before, after = (energies(b, q, *s)[0] for s in ((u, 0.0, 0.0), (hit.u, 0.0, hit.p)))
+    told = static_metrics(built(overrides).parameters, b)
+    assert told["blow_energy_j"] == pytest.approx(before - after, rel=1e-9)
+    mass = told["striker_mass_kg"]
+    energy = told["striker_energy_j"]
+    assert told["blow_energy_j"] == pytest.approx(
+        energy - (hit.impulse - mass * told["striker_speed_m_per_s"]) ** 2 / (2.0 * mass), rel=1e-9
+    )
