@@ -23,6 +23,7 @@ GROUPS = MappingProxyType(
         "rollout": "roll-out of every machine beside its roles called one by one",
         "breaker_chain": "the whole breaker beside MuJoCo and Exudyn",
         "four_bar": "four-bar kernels beside pylinkage, numpy and MuJoCo",
+        "wave_blow": "roll-out with the blow as a wave beside the rigid blow",
         "impact_mass": "impacts beside scipy's solve_ivp with events",
         "roller_former": "roller former beside scipy's DOP853 and MuJoCo",
         "recording": "writing, reading and recovering recordings beside mcap and rosbags",
