@@ -66,8 +66,18 @@ def show_info(asked: InfoVerb) -> None:
     _print_topics(document["topics"], asked.wide)
     rows = [tuple("-" if value is None else value for value in split.values()) for split in document["splits"]]
     print_table("files", ("file", "bytes", "start, s", "end, s", "messages"), rows)
-    for problem in document["problems"]:
-        say(problem)
+    for line in [*document["problems"], *_shared_topics(document["topics"])]:
+        say(line)
+
+
+def _shared_topics(topics: dict[str, Any]) -> list[str]:
+    """Return a line for each topic that several published at once: a message does not tell whose it is."""
+    shared = {name: topic["counters"].get("publishers", 0) for name, topic in topics.items()}
+    return [
+        f"{name}: {number} publishers at once; of messages with the same source it is not certain whose they are"
+        for name, number in shared.items()
+        if number > 1
+    ]
 
 
 def _described(reader: RecordingReader) -> ConfigurationHistory | None:

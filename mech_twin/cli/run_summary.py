@@ -42,8 +42,11 @@ def show_numbers(
         say_result(f"{left} more numbers with --all; docs/glossary.md says what each is")
 
 
-def how_told(step_s: float, shorter_s: float | None = None) -> str:
+def how_told(step_s: float, shorter_s: float | None = None, failure: str = "") -> str:
     """Return the line that says how far the numbers of a run depend on its coupling step."""
+    if shorter_s is not None and failure:
+        checked = f"the check in steps of {shorter_s * 1e3:.3g} ms failed ({failure})"
+        return f"one run in steps of {step_s * 1e3:g} ms: {checked}; the last digits depend on the step"
     if shorter_s is None:
         return f"one run in steps of {step_s * 1e3:g} ms: the last digits depend on the step; `simulate` tells how many"
     steps = f"steps of {step_s * 1e3:g} ms and of {shorter_s * 1e3:.3g} ms"
@@ -87,9 +90,10 @@ def is_notable(event: Event) -> bool:
     return event.impulse_ns == 0.0 or abs(event.pre_velocity_m_per_s) > AUDIBLE_M_PER_S
 
 
-def print_numbers_csv(numbers: Mapping[str, Any]) -> None:
-    """Write every number with its unit as comma-separated values."""
-    print_csv(("quantity", "value", "unit"), numbered(numbers))
+def print_numbers_csv(numbers: Mapping[str, Any], shorter: Mapping[str, float] = NO_NUMBERS) -> None:
+    """Write every number with its unit, and its value in shorter steps where it has one, as comma-separated values."""
+    rows = [(*row, shorter.get(row[0], "")) for row in numbered(numbers)]
+    print_csv(("quantity", "value", "unit", "in shorter steps"), rows)
 
 
 def _row(event: Event) -> tuple[Any, ...]:

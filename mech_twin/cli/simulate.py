@@ -55,17 +55,19 @@ def simulate_machine(asked: SimulateVerb) -> None:
     document = simulation.document()
     confirmed = {} if beside is None else beside.numbers(simulation.numbers())
     if beside is not None:
-        document["shorter_steps"] = {"step_s": beside.step_s, "summary": confirmed}
+        failed = {"failure": beside.failure} if beside.failure else {}
+        document["shorter_steps"] = {"step_s": beside.step_s, "summary": confirmed, **failed}
     if asked.samples:
         document["samples"] = simulation.trajectory.columns()
     if asked.as_json:
         print_json(document)
     elif asked.as_csv:
-        print_numbers_csv(document["summary"])
+        print_numbers_csv(document["summary"], confirmed)
     else:
         title, everything = f"{name}: {asked.duration_s:g} s", asked.everything
         show_numbers(title, document["summary"], machine.report(), confirmed, everything=everything)
-        say_result(how_told(machine.coupling_step_s, None if beside is None else beside.step_s))
+        how = () if beside is None else (beside.step_s, beside.failure)
+        say_result(how_told(machine.coupling_step_s, *how))
         show_residuals(document["residuals"])
         show_events(simulation.events, everything=asked.everything)
     for remark in simulation.remarks():

@@ -52,7 +52,8 @@ class BagInfo:
     Attributes
     ----------
     counters : dict
-        Loss counters by topic (received, written, dropped, missed, late); empty for foreign bags.
+        Loss counters by topic (received, written, dropped, missed, late), and the most publishers of it at one time;
+        empty for foreign bags.
     configuration : str, optional
         The machine's configuration as YAML.
     finished : bool

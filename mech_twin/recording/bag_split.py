@@ -53,6 +53,8 @@ class TopicCounters:
         Published but never received: gaps in the sequence of the publisher.
     late : int
         Received after a later one.
+    publishers : int
+        The most publishers of the topic at one time, where the recorder follows one of them.
     """
 
     received: int = 0
@@ -60,6 +62,7 @@ class TopicCounters:
     dropped: int = 0
     missed: int = 0
     late: int = 0
+    publishers: int = 0
 
 
 @dataclass(frozen=True)

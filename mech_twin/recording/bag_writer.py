@@ -219,6 +219,14 @@ class BagWriter:
             self._topics[topic].counters.late += n
             self._touch_counters()
 
+    def count_publishers(self, topic: str, number: int) -> None:
+        """Keep the largest number of publishers that a topic had at one time."""
+        with self._lock:
+            counters = self._topics[topic].counters
+            if number > counters.publishers:
+                counters.publishers = number
+                self._touch_counters()
+
     def tick(self, monotonic_now: float | None = None) -> None:
         """Write a chunk that is due by age, and resume after an error; call it every 0.4 `max_loss_s` or more often."""
         with self._lock:

@@ -4,7 +4,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 from mech_twin.capabilities.errors import StudyError
 from mech_twin.capabilities.sizing import Sizing
@@ -58,6 +59,34 @@ class Run:
     def sound(self) -> bool:
         """Whether every residual stayed within its limit."""
         return not any(residual.broken for residual in self.residuals.values())
+
+    @cached_property
+    def in_shorter_steps(self) -> Numbers:
+        """The numbers of the run once more in shorter coupling steps, computed when they are first asked for.
+
+        Digits that both runs have do not depend on the step; see `digits`.
+
+        Raises
+        ------
+        StudyError
+            The run holds no samples, no shorter step is allowed, or the run in it ends with an error.
+        """
+        from mech_twin.parameters.load import catalogue_entry
+        from mech_twin.studies.shorter_steps import checked_numbers
+
+        times = self.samples["time_s"]
+        if not len(times):
+            raise StudyError(f"{self.machine}: how long the run was, only its samples say; there are none")
+        machine = catalogue_entry(self.machine).build(self.parameters)
+        found = checked_numbers(machine, float(times[-1]), set(self.summary) - set(machine.report()))
+        return Numbers(f"{self.summary.title}, in shorter steps", found)
+
+    @property
+    def digits(self) -> dict[str, Any]:
+        """Every number in the digits that shorter steps leave as they are; both numbers where those are few."""
+        from mech_twin.studies.shorter_steps import told
+
+        return {name: told(name, value, self.in_shorter_steps) for name, value in self.summary.items()}
 
     def plot(self, *names: str) -> Figure:
         """Return a picture of samples over time; see `Columns.plot`."""

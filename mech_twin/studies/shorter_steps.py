@@ -9,11 +9,12 @@ peak lies.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from pydantic import ValidationError
 
+from mech_twin.capabilities.errors import StudyError
 from mech_twin.capabilities.variation import varied
 from mech_twin.engine.run import frames, steps_for
 from mech_twin.parameters.live_change import ChangingMachine, LiveChange
@@ -49,25 +50,61 @@ class RunInShorterSteps:
         Simulated time.
     changes : sequence of LiveChange
         What changes during the run.
+
+    Attributes
+    ----------
+    failure : str
+        Why this run ended before the other; empty while it goes on.
     """
 
     def __init__(self, machine: Machine, duration_s: float, changes: Sequence[LiveChange] = ()) -> None:
+        self.failure = ""
         changing = ChangingMachine(machine, changes)
         self.step_s = machine.coupling_step_s
         self._observer = machine.observer()
-        self._frames = frames(machine, duration_s, changing.command, changing.at)
+        self._frames: Iterator[Frame] = frames(machine, duration_s, changing.command, changing.at)
         self._time_s = -math.inf
 
     def follow(self, other: Frame) -> None:
-        """Take the frames up to one of the other run into account."""
-        while self._time_s < other.linkage.time_s and (frame := next(self._frames, None)) is not None:
-            self._observer.observe(frame)
-            self._time_s = frame.linkage.time_s
+        """Take the frames up to one of the other run into account; an error ends this run and not the other."""
+        self._observe_until(other.linkage.time_s)
+
+    def finish(self) -> None:
+        """Take all frames into account."""
+        self._observe_until(math.inf)
+
+    def _observe_until(self, time_s: float) -> None:
+        try:
+            while self._time_s < time_s and (frame := next(self._frames, None)) is not None:
+                self._observer.observe(frame)
+                self._time_s = frame.linkage.time_s
+        except (ArithmeticError, ValueError) as error:
+            self.failure, self._frames = str(error) or type(error).__name__, iter(())
 
     def numbers(self, names: Iterable[str]) -> dict[str, float]:
-        """Return the numbers so far of these names, NaN where the run has none."""
+        """Return the numbers so far of these names, NaN where the run has none; no name where it ended early."""
+        if self.failure:
+            return {}
         found = self._observer.numbers()
         return {name: found.get(name, math.nan) for name in names}
+
+
+def checked_numbers(machine: Machine, duration_s: float, names: Iterable[str]) -> dict[str, float]:
+    """Return the numbers of a run in shorter steps.
+
+    Raises
+    ------
+    StudyError
+        The machine has no shorter step, or the run in it ends with an error.
+    """
+    shorter = in_shorter_steps(machine, duration_s)
+    if shorter is None:
+        raise StudyError(f"{machine.name}: no coupling step shorter than {machine.coupling_step_s:g} s is allowed")
+    run = RunInShorterSteps(shorter, duration_s)
+    run.finish()
+    if run.failure:
+        raise StudyError(f"{machine.name}: the run in steps of {run.step_s:g} s ended: {run.failure}")
+    return run.numbers(names)
 
 
 def told(name: str, value: Any, shorter: Mapping[str, float]) -> Any:

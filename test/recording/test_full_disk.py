@@ -76,7 +76,7 @@ def test_recording_goes_on_in_a_new_split_when_space_returns(disk: Path) -> None
     info = bag_info(disk / "bag")
     assert info.finished
     assert len(info.splits) == 2
-    dropped = {"received": 650, "written": first + 50, "dropped": 600 - first, "missed": 0, "late": 0}
+    dropped = {"received": 650, "written": first + 50, "dropped": 600 - first, "missed": 0, "late": 0, "publishers": 0}
     assert info.counters == {NOTES: dropped}
     with AnyReader([disk / "bag"]) as reader:
         assert sum(1 for _ in reader.messages()) == first + 50

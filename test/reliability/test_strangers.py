@@ -420,6 +420,7 @@ def test_a_recording_that_took_a_stranger_for_the_motor_is_not_called_different(
     found = json.loads(mech_twin("replay", tmp_path / "bag", "--resimulate", "--json").out)
     assert found["unused_samples"]["contradicting"] > 0
     assert found["identical"] is not False, found
+    assert f"/{DRUM}/{MOTOR}: 2 publishers at once" in mech_twin("info", tmp_path / "bag").err
 
 
 def test_a_second_publisher_of_steps_is_named(tmp_path: Path) -> None:

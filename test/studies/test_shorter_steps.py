@@ -3,14 +3,23 @@
 
 from __future__ import annotations
 
+import csv
+import json
 import math
+from collections.abc import Iterator
+from itertools import islice
+from typing import Any
 
 import pytest
+from command_line import mech_twin
 from hypothesis import given
 from hypothesis import strategies as st
 
+from mech_twin import simulate
+from mech_twin.engine.errors import MotionError
 from mech_twin.engine.run import frames
 from mech_twin.parameters.load import machine as built
+from mech_twin.samples import Frame
 from mech_twin.studies.shorter_steps import RunInShorterSteps, in_shorter_steps, told
 from mech_twin.studies.simulation import Simulation
 
@@ -50,6 +59,38 @@ def test_a_count_that_differs_is_told_as_both() -> None:
     assert told("unseated_blows", 20.0, {"unseated_blows": 21.0}) == "20 to 21"
     assert told("stall_events", 2.0, {"stall_events": math.nan}) == "2 to none"
     assert told("rest_force_n", 740.87, {}) == 740.87
+
+
+def ending_frames(*run: Any) -> Iterator[Frame]:
+    """Give the first frames of a run, then an error."""
+    yield from islice(frames(*run), 5)
+    raise MotionError("no step is small enough")
+
+
+def test_an_error_in_the_second_run_ends_neither_the_first_nor_the_command(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("mech_twin.studies.shorter_steps.frames", ending_frames)
+    ended = mech_twin("simulate", "compaction_press", "--duration", "0.05")
+    assert ended.code == 0, ended.err
+    assert "failed (" in ended.out and "checks within their limits" in ended.out
+    document = json.loads(mech_twin("simulate", "compaction_press", "--duration", "0.05", "--json").out)
+    assert document["shorter_steps"]["failure"] and document["shorter_steps"]["summary"] == {}
+
+
+def test_values_of_both_runs_stand_in_the_table() -> None:
+    rows = list(
+        csv.DictReader(mech_twin("simulate", "compaction_press", "--duration", "0.05", "--csv").out.splitlines())
+    )
+    both = [(float(row["value"]), float(row["in shorter steps"])) for row in rows if row["in shorter steps"]]
+    assert any(first != second for first, second in both)
+
+
+def test_a_run_in_python_tells_the_digits_that_shorter_steps_have_too() -> None:
+    run = simulate("compaction_press", 0.05)
+    document = json.loads(mech_twin("simulate", "compaction_press", "--duration", "0.05", "--json").out)
+    confirmed = document["shorter_steps"]["summary"]
+    assert dict(run.in_shorter_steps) == pytest.approx(confirmed, nan_ok=True)
+    assert run.digits == {name: told(name, value, run.in_shorter_steps) for name, value in run.summary.items()}
+    assert any(isinstance(value, str) for value in run.digits.values())
 
 
 @pytest.mark.parametrize("name", ["compaction_press", "roller_former", "vibration_crank", "mb10_breaker"])

@@ -361,6 +361,8 @@ class RecorderNode(TwinNode):
 
     def _tick(self) -> None:
         self._record_found()
+        for topic in map(self.resolve_topic_name, self._steps):
+            self.writer.count_publishers(topic, self.count_publishers(topic))
         self.time_s = self._time.now_ns * 1e-9
         self.writer.tick()
         self.diagnostics.state = self.writer.state.value
