@@ -10,6 +10,8 @@ from mech_twin.capabilities.published import FAILED, Literature
 from mech_twin.capabilities.variation import varied
 from mech_twin.cli.reproduce import reproduce_machines
 from mech_twin.cli.verbs import ReproduceVerb
+from mech_twin.machines.mb10_breaker.pressed_body.parameters import pressed_body
+from mech_twin.machines.mb10_breaker.published import load_rows, paper_body
 from mech_twin.parameters.load import machine_parameters
 from mech_twin.studies import reproduce, reproduction
 from mech_twin.studies.reproduction import all_hold, machines_with_published_values
@@ -50,6 +52,23 @@ def test_a_changed_input_changes_what_is_computed_and_breaks_gated_rows(machine,
     assert all(row.gated for row in after if not row.holds)
     if machine != "winding_drum":  # the fragment prints no number that a changed drum could miss
         assert not all_hold(after)
+
+
+def test_every_gated_row_of_the_impact_mass_fails_for_some_change_and_no_printed_number_moves():
+    before = rows_of("impact_mass")
+    parameters = machine_parameters("impact_mass")
+    changes = {"restitution": 0.9}, {"initial_position_m": -0.3}, {"phase1_force_n": 2000.0}
+    runs = [reproduce("impact_mass", varied(parameters, change)) for change in changes]
+    for row, *changed in zip(before, *runs, strict=True):
+        assert {each.published for each in changed} == {row.published}
+        assert not row.gated or not all(each.holds for each in changed), row
+
+
+def test_the_row_of_the_load_of_the_breaker_takes_the_frequency_that_acts():
+    changed = paper_body(machine_parameters("mb10_breaker"))
+    body = pressed_body(changed.body, changed.excitation)
+    assert all(row.holds for row in load_rows(body) if row.gated)
+    assert not any(row.holds for row in load_rows(body._replace(mu=1.01 * body.mu)) if row.gated)
 
 
 def test_the_contradictions_of_the_sources_come_first(each_machine_computed_once):

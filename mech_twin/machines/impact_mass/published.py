@@ -128,9 +128,9 @@ def _settling(parameters: ImpactMass) -> Iterator[PublishedRow]:
     inputs = f"t1 {parameters.phase1_duration_s:g} s, T {parameters.period_s:g} s, R {parameters.rebound:g}"
     paper = Literature(PAPER, "Fig. 2", f"{inputs}, xc 0 assumed")
     yield paper.limit(
-        "steady blow below the first, m/s",
-        seen.blows_m_per_s[0],
-        seen.blows_m_per_s[-1],
+        "steady blow over the first (print: well below, so below 1)",
+        1.0,
+        seen.blows_m_per_s[-1] / seen.blows_m_per_s[0],
         "the print says 'well below the first cycles'; its picture has no numbers",
         "below",
     )

@@ -62,7 +62,7 @@ def rows(parameters: BreakerParameters) -> Iterator[PublishedRow]:
     changed = paper_body(parameters)
     body = pressed_body(changed.body, changed.excitation)
     yield from _equation(body)
-    yield from _load(body)
+    yield from load_rows(body)
     yield from _swing(body)
     yield from _collar(body)
     yield from _motor(parameters)
@@ -85,11 +85,11 @@ def _equation(body: PressedBody) -> Iterator[PublishedRow]:
     )
 
 
-def _load(body: PressedBody) -> Iterator[PublishedRow]:
+def load_rows(body: PressedBody) -> Iterator[PublishedRow]:
+    """Yield what eq. (3) says of the load, and what the text leaves out."""
     omega = 2.0 * pi / body.period
     paper = Literature(PAPER, "eq. (3)", "t1 = 0.9 T")
-    half_period = pi / (body.period - body.onset) / omega
-    yield paper.gated("mu over omega", 5.0, half_period, "half a period fills T - t1", relative=1e-12)
+    yield paper.gated("mu over omega", 5.0, body.mu / omega, "half a period fills T - t1", relative=1e-12)
     turns = body.mu * body.onset / pi
     yield paper.gated(
         "mu t1 over pi",
