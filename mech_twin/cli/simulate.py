@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import ExitStack
 
 from mech_twin.cli.consequences import say_consequences
@@ -13,9 +14,10 @@ from mech_twin.cli.simulate_outputs import check_outputs, draw_energy, energy_bo
 from mech_twin.cli.verbs import SimulateVerb
 from mech_twin.engine.invariants import broken_lines
 from mech_twin.engine.run import frames, steps_for, warm_up_run
-from mech_twin.parameters.live_change import ChangingMachine, live_changes
+from mech_twin.parameters.live_change import ChangingMachine, LiveChange, live_changes
 from mech_twin.parameters.load import assignments
 from mech_twin.parameters.load import machine as built_machine
+from mech_twin.roles import Machine
 from mech_twin.studies.shorter_steps import RunInShorterSteps, in_shorter_steps
 from mech_twin.studies.simulation import Simulation
 
@@ -33,8 +35,7 @@ def simulate_machine(asked: SimulateVerb) -> None:
         warm_up_run(machine)  # a signal while kernels are compiled ends the process: no recording may be open then
     changes = live_changes(asked.change)
     changing = ChangingMachine(machine, changes)
-    shorter = None if asked.one_step else in_shorter_steps(machine, asked.duration_s)
-    beside = None if shorter is None else RunInShorterSteps(shorter, asked.duration_s, changes)
+    beside = None if asked.one_step else _beside(machine, asked.duration_s, changes)
     simulation = Simulation(machine)
     if asked.change:
         run = frames(machine, asked.duration_s, changing.command, changing.at)
@@ -77,3 +78,13 @@ def simulate_machine(asked: SimulateVerb) -> None:
         say(f"{name}: {'; '.join(broken)}")
         raise SystemExit(BROKEN_EXIT_CODE)
     report_losses(asked.bag)
+
+
+def _beside(machine: Machine, duration_s: float, changes: Sequence[LiveChange]) -> RunInShorterSteps | None:
+    """Return the run that checks the other; None where the machine cannot be built in shorter steps."""
+    try:
+        shorter = in_shorter_steps(machine, duration_s)
+        return None if shorter is None else RunInShorterSteps(shorter, duration_s, changes)
+    except (ArithmeticError, ValueError) as error:
+        say(f"warning: no run in shorter steps: {error}")
+        return None

@@ -19,6 +19,7 @@ from mech_twin import simulate
 from mech_twin.engine.errors import MotionError
 from mech_twin.engine.run import frames
 from mech_twin.parameters.load import machine as built
+from mech_twin.roles import Machine
 from mech_twin.samples import Frame
 from mech_twin.studies.shorter_steps import RunInShorterSteps, in_shorter_steps, told
 from mech_twin.studies.simulation import Simulation
@@ -74,6 +75,17 @@ def test_an_error_in_the_second_run_ends_neither_the_first_nor_the_command(monke
     assert "failed (" in ended.out and "checks within their limits" in ended.out
     document = json.loads(mech_twin("simulate", "compaction_press", "--duration", "0.05", "--json").out)
     assert document["shorter_steps"]["failure"] and document["shorter_steps"]["summary"] == {}
+
+
+def unbuildable(*_: Any) -> Machine:
+    raise MotionError("no such machine")
+
+
+def test_a_machine_that_cannot_be_built_in_shorter_steps_still_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("mech_twin.studies.shorter_steps.varied", unbuildable)
+    ended = mech_twin("simulate", "compaction_press", "--duration", "0.05")
+    assert ended.code == 0, ended.err
+    assert "no run in shorter steps: no such machine" in ended.err
 
 
 def test_values_of_both_runs_stand_in_the_table() -> None:
