@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from mech_twin.recording.bag_contents import BagInfo, RecordingReader
     from mech_twin.studies.configuration_history import ConfigurationHistory
 
-COUNTERS = ("received", "written", "dropped", "cut", "missed", "late")
+COUNTERS = ("received", "written", "dropped", "cut", "missed", "late", "publishers")
 LOSSES = ("dropped", "cut", "missed", "late")
 GROUPS = {  # by what a topic's path begins with, below the machine's namespace; the last takes the others
     "motion": ("joint_states", "motor/joint_states", "body/joint_states", "scene", "frames"),

@@ -70,9 +70,11 @@ def test_counters_are_in_the_file_with_each_chunk(tmp_path: Path) -> None:
     writer.write(NOTES, string_cdr("one"), 0, 0)
     writer.count_missed(NOTES, 3)
     writer.count_late(NOTES, 2)
+    writer.count_publishers(NOTES, 2)
+    writer.count_publishers(NOTES, 1)
     clock.now = 1.0
     writer.tick()
-    expected = {"received": 1, "written": 1, "dropped": 0, "missed": 3, "late": 2}
+    expected = {"received": 1, "written": 1, "dropped": 0, "missed": 3, "late": 2, "publishers": 2}
     assert bag_info(tmp_path / "bag").counters == {NOTES: expected}
     writer.count_missed(NOTES, 1)
     clock.now = 2.0
@@ -80,7 +82,7 @@ def test_counters_are_in_the_file_with_each_chunk(tmp_path: Path) -> None:
     assert bag_info(tmp_path / "bag").counters == {NOTES: expected | {"missed": 4}}
     writer.close()
     assert bag_info(tmp_path / "bag").counters == {NOTES: expected | {"missed": 4}}
-    assert writer.counters == {NOTES: TopicCounters(1, 1, 0, 4, 2)}
+    assert writer.counters == {NOTES: TopicCounters(1, 1, 0, 4, 2, 2)}
 
 
 def test_every_split_by_size_opens_alone(tmp_path: Path) -> None:

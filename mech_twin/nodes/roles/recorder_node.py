@@ -41,6 +41,7 @@ from mech_twin.messages.topics import (
 )
 from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode
 from mech_twin.nodes.exchange.hand_over import HandedStep, Listener
+from mech_twin.nodes.exchange.living_publishers import LivingPublishers
 from mech_twin.nodes.exchange.peers import Admission, HeardSource
 from mech_twin.parameters.load import catalogue_entry, description_text
 from mech_twin.process.stop_signal import closed_first
@@ -121,6 +122,7 @@ class StepInput:
         self.read = StepHeadReader()
         self.source = HeardSource(silence_s)
         self.sequence = StepSequence()
+        self.publishers = LivingPublishers()
         self.listener: Listener | None = None
 
 
@@ -361,8 +363,13 @@ class RecorderNode(TwinNode):
 
     def _tick(self) -> None:
         self._record_found()
-        for topic in map(self.resolve_topic_name, self._steps):
-            self.writer.count_publishers(topic, self.count_publishers(topic))
+        for topic, of_topic in self._steps.items():
+            name = self.resolve_topic_name(topic)
+            known = [
+                (f"{each.node_namespace}/{each.node_name}", bytes(each.endpoint_gid))
+                for each in self.get_publishers_info_by_topic(name)
+            ]
+            self.writer.count_publishers(name, of_topic.publishers.living(known, time.monotonic()))
         self.time_s = self._time.now_ns * 1e-9
         self.writer.tick()
         self.diagnostics.state = self.writer.state.value
