@@ -347,7 +347,8 @@ def from_json(document: FilePath) -> Any:
     ----------
     document : path
         File with the output of `simulate` (with ``--samples`` for the columns), `analyse`, `reproduce`, `compare`,
-        ``study size``, ``study search`` or ``study sweep``.
+        `identify` (in the machine's own motion; without the runs), ``study size``, ``study search`` or
+        ``study sweep``.
 
     Raises
     ------

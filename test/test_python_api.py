@@ -2,6 +2,7 @@
 """The functions of ``import mech_twin as mt``: what they return is what the rooms below give, with units."""
 
 import csv
+import math
 import re
 import subprocess
 import sys
@@ -245,6 +246,10 @@ VERBS = {
     "simulate": (
         ["simulate", "mb10_breaker", "--duration", "0.3", "--samples"],
         lambda: mt.simulate("mb10_breaker", 0.3),
+    ),
+    "simulate without bound": (
+        ["simulate", "vibration_crank", "--set", "rod_m=.inf", "--duration", "0.1", "--samples"],
+        lambda: mt.simulate("vibration_crank", 0.1, {"rod_m": math.inf}),
     ),
     "analyse": (
         ["analyse", "compaction_press", "--cycle", "4"],

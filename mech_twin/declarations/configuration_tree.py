@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -12,6 +13,15 @@ from mech_twin.declarations.quantity import Parameters
 def configuration_tree(parameters: Parameters) -> dict[str, Any]:
     """Return the parameters as nested plain values, absent options left out."""
     return parameters.model_dump(mode="json", exclude_none=True)
+
+
+def tree_from_json(tree: Any) -> Any:
+    """Return the tree of a configuration as JSON holds it, where null stands for an infinite value."""
+    if isinstance(tree, Mapping):
+        return {key: tree_from_json(value) for key, value in tree.items()}
+    if isinstance(tree, list):
+        return [tree_from_json(value) for value in tree]
+    return math.inf if tree is None else tree
 
 
 def merged_tree(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:

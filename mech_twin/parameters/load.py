@@ -28,6 +28,7 @@ from mech_twin.declarations.configuration_tree import (
     configuration_tree,
     merged_tree,
     tree_from_flat,
+    tree_from_json,
 )
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.files.input_file import opened_input
@@ -269,6 +270,11 @@ def validated(entry: Entry, tree: Mapping[str, Any], source: str, lines: KeyLine
         return entry.parameters.model_validate(values)
     except ValidationError as error:
         raise refusal(source, error, entry.parameters, lines) from error
+
+
+def configuration_read(name: str, tree: Mapping[str, Any], source: str) -> Parameters:
+    """Return the parameters of a machine whose tree was read from JSON; see `validated`."""
+    return validated(catalogue_entry(name), tree_from_json(tree), source)
 
 
 def machine(name: str, path: Path | None = None, overrides: Mapping[str, Any] | None = None) -> Machine:

@@ -6,6 +6,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping
 from math import inf, nan
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from mech_twin.capabilities.design import Design
@@ -16,9 +17,11 @@ from mech_twin.declarations.quantity import Parameters
 from mech_twin.engine.invariants import Residual
 from mech_twin.measurements.columns import Columns, Numbers
 from mech_twin.measurements.machine_columns import shown_units
-from mech_twin.parameters.load import catalogue_entry, validated
+from mech_twin.parameters.load import catalogue_entry, configuration_read
 from mech_twin.results.objects import Analysis, Run, RunComparison, SizingResult
 from mech_twin.samples import Coordinate, Event
+from mech_twin.studies.identification.saved_identification import SavedIdentification
+from mech_twin.studies.identification.written_identification import identification_read
 from mech_twin.studies.run_comparison import Comparison, Differing
 
 Document = Mapping[str, Any]
@@ -58,7 +61,7 @@ def from_document(text: str, source: str) -> Any:
 
 
 def _parameters(document: Document) -> Parameters:
-    return validated(catalogue_entry(document["machine"]), document["config"], "config")
+    return configuration_read(document["machine"], document["config"], "config")
 
 
 def _numbers(title: str, values: Document) -> Numbers:
@@ -117,7 +120,7 @@ def _designs(document: Document) -> list[Design]:
 def _design(machine: str, named: set[str], row: dict[str, Any]) -> Design:
     margins, config = row.pop("margins"), row.pop("config")
     objectives, variables = ({name: row[name] for name in row if (name in named) == asked} for asked in (True, False))
-    return Design(variables, objectives, margins, validated(catalogue_entry(machine), config, "config"))
+    return Design(variables, objectives, margins, configuration_read(machine, config, "config"))
 
 
 def _published(document: Document) -> tuple[PublishedRow, ...]:
@@ -134,6 +137,12 @@ def _comparison(document: Document) -> RunComparison:
     return RunComparison(Comparison(document["machine"], labels, settings, numbers, document["tolerance"]))
 
 
+def _identified(document: Document) -> SavedIdentification:
+    runs, held_out = (tuple(map(Path, document[name])) for name in ("runs", "held_out_runs"))
+    map_file = None if document["map"] is None else Path(document["map"])
+    return SavedIdentification(identification_read(document), runs, held_out, map_file)
+
+
 KINDS = (
     KnownDocument("simulate", frozenset({"machine", "config", "summary", "residuals", "events"}), _run),
     KnownDocument("study size", frozenset({"machine", "config", "sizes", "constraints"}), _sizes),
@@ -141,5 +150,6 @@ KINDS = (
     KnownDocument("study search", frozenset({"machine", "objectives", "designs", "configuration"}), _designs),
     KnownDocument("compare", frozenset({"machine", "first", "second", "settings", "numbers"}), _comparison),
     KnownDocument("reproduce", frozenset({"all_gated_hold", "rows"}), _published),
+    KnownDocument("identify", frozenset({"machine", "config", "before", "asked", "search"}), _identified),
     KnownDocument("analyse", frozenset({"machine", "config", "summary"}), _analysis),
 )

@@ -69,6 +69,8 @@ class Identification:
         Shape (fitted keys, fitted keys), in the order of ``fitted_keys``.
     seconds : float
         Time it took.
+    fitted : Fitted or None
+        Where the fit ended, with the runs; None where this was read from a document, which holds no runs.
     """
 
     question: IdentificationQuestion
@@ -84,7 +86,7 @@ class Identification:
     correlation: Array
     model_runs: int
     seconds: float
-    fitted: Fitted
+    fitted: Fitted | None = None
 
     @property
     def better(self) -> bool:

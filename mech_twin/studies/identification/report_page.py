@@ -15,6 +15,7 @@ from mech_twin.files.report_page import page
 from mech_twin.measurements.blocks import Array
 from mech_twin.studies.identification.held_out import beside
 from mech_twin.studies.identification.identification import Identification
+from mech_twin.studies.identification.least_squares_fit import Fitted
 from mech_twin.studies.identification.residuals import FitProblem
 from mech_twin.studies.identification.staged_search import Search
 
@@ -110,7 +111,9 @@ def _pictures(found: Identification) -> list[str]:
         shown = ["<h2>Intervals</h2>", _intervals(found)]
         if len(found.fitted_keys) > 1:
             shown += ["<h2>Correlation of the estimates</h2>", _correlation(found)]
-        after, before = beside_whole_runs(found)
+        if found.fitted is None:
+            return [*shown, "<p>Read from a document: it holds no runs to draw.</p>"]
+        after, before = beside_whole_runs(found, found.fitted)
         problem = after[0]
         for run in range(len(problem.runs)):
             shown.append(f"<h2>Channels: {escape(problem.runs[run].path.name)}</h2>")
@@ -122,12 +125,14 @@ def _pictures(found: Identification) -> list[str]:
     return shown
 
 
-def beside_whole_runs(found: Identification) -> tuple[tuple[FitProblem, Array], tuple[FitProblem, Array]]:
+def beside_whole_runs(
+    found: Identification, fitted: Fitted
+) -> tuple[tuple[FitProblem, Array], tuple[FitProblem, Array]]:
     """Return the fit, and the configuration before, beside the whole of the fitted runs, what was held out included."""
-    problem, asked = found.fitted.problem, found.question
+    problem, asked = fitted.problem, found.question
     other, offsets = beside(asked.machine, asked.base, problem.runs, asked.longest_begin_s)
     whole = [run.within(-np.inf, np.inf) for run in problem.runs]
-    return (problem.over(whole), found.fitted.x), (other.over(whole), offsets)
+    return (problem.over(whole), fitted.x), (other.over(whole), offsets)
 
 
 def _figure(width: float, height: float, rows: int = 1) -> tuple[Figure, Any]:

@@ -7,6 +7,7 @@ import hashlib
 import platform
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
+from math import inf, nan
 from pathlib import Path
 from typing import Any
 
@@ -15,14 +16,19 @@ import scipy
 import yaml
 
 from mech_twin import __version__
+from mech_twin.declarations.configuration_tree import configuration_tree
 from mech_twin.files.input_file import opened_input
-from mech_twin.parameters.load import description_text
+from mech_twin.parameters.load import configuration_read, description_text
 from mech_twin.studies.identification.channel_fits import ChannelFit
-from mech_twin.studies.identification.held_out import Score
+from mech_twin.studies.identification.combinations import Combination
+from mech_twin.studies.identification.held_out import ChannelScore, Score
 from mech_twin.studies.identification.identification import Identification
+from mech_twin.studies.identification.question import IdentificationQuestion
+from mech_twin.studies.identification.staged_search import Search
 from mech_twin.studies.identification.verdicts import COMBINATION, IDENTIFIED, KeyVerdict
 
 HASHED_BLOCK = 1 << 20
+ASKED = ("keys", "bounds", "priors", "longest_begin_s", "cores", "scheduler")  # beside machine, configuration and seed
 
 
 def configuration_text(found: Identification, runs: Sequence[str]) -> str:
@@ -68,8 +74,12 @@ def document(
 ) -> dict[str, Any]:
     """Return everything as plain values."""
     files = [*runs, *held_out, *([] if map_file is None else [map_file])]
+    asked = found.question
     return {
-        "machine": found.question.machine,
+        "machine": asked.machine,
+        "config": configuration_tree(found.parameters),
+        "before": configuration_tree(asked.base),
+        "asked": {name: getattr(asked, name) for name in ASKED},
         "parameters": [asdict(key) for key in found.keys],
         "combinations": [asdict(each) for each in found.combinations],
         "channels": [_channel(each) for each in found.channels],
@@ -88,7 +98,7 @@ def document(
             "numpy": np.__version__,
             "scipy": scipy.__version__,
         },
-        "seed": found.question.seed,
+        "seed": asked.seed,
         "model_runs": found.model_runs,
         "seconds": found.seconds,
     }
@@ -116,6 +126,62 @@ def _score(each: Score) -> dict[str, Any]:
         "missed_events": each.missed,
         "false_events": each.false,
     }
+
+
+def identification_read(document: Mapping[str, Any]) -> Identification:
+    """Return what was found as a document holds it, where null stands for a number that was not finite."""
+    machine, asked, search = document["machine"], document["asked"], document["search"]
+    found, base = (configuration_read(machine, document[name], name) for name in ("config", "before"))
+    bounds = {key: (_or(low, -inf), _or(high, inf)) for key, (low, high) in asked["bounds"].items()}
+    priors = {key: tuple(pair) for key, pair in asked["priors"].items()}
+    told = {**asked, "keys": tuple(asked["keys"]), "bounds": bounds, "priors": priors}
+    held, correlation = document["held_out"], document["correlation"]
+    return Identification(
+        IdentificationQuestion(machine, base, **told, seed=document["seed"]),
+        found,
+        tuple(KeyVerdict(**_interval(row)) for row in document["parameters"]),
+        tuple(map(_combination, document["combinations"])),
+        tuple(map(_channel_read, document["channels"])),
+        Search(**{**search, "margin": _or(search["margin"], inf)}),
+        None if held is None else _score_read(held),
+        None if held is None else _score_read(held["before"]),
+        document["begins_s"],
+        tuple(correlation["keys"]),
+        np.array(correlation["matrix"], dtype=float),
+        document["model_runs"],
+        document["seconds"],
+    )
+
+
+def _or(value: float | None, absent: float) -> float:
+    return absent if value is None else value
+
+
+def _interval(row: Mapping[str, Any]) -> dict[str, Any]:
+    absent = {"standard_error": nan, "low_95": -inf, "high_95": inf}
+    return {**row, **{name: _or(row[name], value) for name, value in absent.items() if name in row}}
+
+
+def _combination(row: Mapping[str, Any]) -> Combination:
+    within = {key: (_or(low, -inf), _or(high, inf)) for key, (low, high) in row["within"].items()}
+    sides = {"keys": tuple(row["keys"]), "weights": tuple(row["weights"]), "within": within}
+    return Combination(**{**_interval(row), **sides})
+
+
+def _channel_read(row: Mapping[str, Any]) -> ChannelFit:
+    rest = {name: value for name, value in row.items() if name != "is"}
+    return ChannelFit(row["is"], **{**rest, "fit_percent": _or(row["fit_percent"], nan)})
+
+
+def _score_read(record: Mapping[str, Any]) -> Score:
+    absent = {"fit_percent": -inf, "rms": inf, "white_p": nan}
+    channels = tuple(
+        ChannelScore(name, **{kind: _or(record[kind][name], value) for kind, value in absent.items()})
+        for name in record["fit_percent"]
+    )
+    missed, false = record["missed_events"], record["false_events"]
+    off = record["event_time_rms_s"]
+    return Score(channels, nan if off is None and missed + false else off, missed, false)
 
 
 def digest(path: Path) -> str:

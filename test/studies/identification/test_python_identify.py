@@ -4,7 +4,9 @@
 from __future__ import annotations
 
 import json
+import math
 import sys
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,14 +14,21 @@ import pytest
 import yaml
 
 import mech_twin as mt
+from mech_twin.cli.console import print_json
 from mech_twin.cli.main import main
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.files.output_file import OutputError
-from mech_twin.parameters.load import machine_parameters
+from mech_twin.measurements.runs import read_run
+from mech_twin.parameters.load import machine, machine_parameters
+from mech_twin.results.opened_runs import given_map, opened_run
+from mech_twin.studies.identification.fit_runs import FitRun, fit_run
+from mech_twin.studies.identification.identification import identified
+from mech_twin.studies.identification.question import IdentificationQuestion
 from mech_twin.studies.identification.saved_identification import SavedIdentification
 
 pytest.importorskip("matplotlib")
 MACHINE, TRUE = "vibration_crank", {"crank_m": 0.131, "rod_m": 0.47}
+UNSEEN = "masses.tree_kg"  # positions tell nothing of it
 CHANNELS = {"linkage.crank.position": 0.002, "linkage.slider.position": 3e-4}
 
 
@@ -112,6 +121,71 @@ def test_the_picture_shows_the_interval_of_each_key(found: SavedIdentification) 
         row = rows[name]
         ends = [100.0 * (row[end] / row["before"] - 1.0) for end in ("low_95", "high_95")]
         np.testing.assert_allclose(np.sort(np.asarray(bar, dtype=float)), ends, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "share",
+    [
+        pytest.param(0.2, id="a share held out"),
+        pytest.param(0.0, id="nothing held out"),
+    ],
+)
+def test_what_identify_prints_as_json_is_the_same_object_in_python(
+    share: float,
+    plant: tuple[Path, Path],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    bounds, prior = {"crank_m": (0.1, 0.2)}, {"rod_m": (0.47, 0.1)}
+    free = ["--free", "crank_m=0.1:0.2", "--free", "rod_m", "--free", UNSEEN, "--prior", "rod_m=0.47,0.1"]
+    words = [MACHINE, str(plant[0]), "--map", str(plant[1]), "--motion", "simulated", "--cores", "1", *free]
+    monkeypatch.setattr(sys, "argv", ["mech-twin", "identify", *words, "--hold-out", str(share), "--json"])
+    with pytest.raises(SystemExit):
+        main()
+    told = tmp_path / "told.json"
+    told.write_text(capsys.readouterr().out, encoding="utf-8")
+    keys = [*bounds, *prior, UNSEEN]
+    asked = identified(
+        IdentificationQuestion(MACHINE, machine_parameters(MACHINE), tuple(keys), bounds, prior, cores=1),
+        [_measured_run(plant)],
+        share=share,
+    )
+    read = mt.from_json(told)
+    assert isinstance(read, SavedIdentification)
+    assert (read.runs, read.held_out, read.map_file) == ((plant[0],), (), plant[1])
+    told_of = replace(asked, fitted=None, seconds=read.found.seconds)
+    np.testing.assert_equal(asdict(read.found), asdict(told_of))
+    assert math.isnan(next(row["standard_error"] for row in read.table if row["key"] == UNSEEN))
+    assert (read.found.held_out is None) == (share == 0.0)
+    assert read.better == asked.better
+    assert [line.get_xdata()[0] for line in read.plot().axes[0].lines]
+    written = {path.name: path.read_text(encoding="utf-8") for path in read.save(tmp_path / "found")}
+    assert machine_parameters(MACHINE, tmp_path / "found" / f"{MACHINE}.yaml") == asked.parameters
+    assert "holds no runs to draw" in written["report.html"]
+
+
+def test_numbers_without_bound_are_the_same_from_json(
+    found: SavedIdentification, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    key, *others = found.found.keys
+    boundless = replace(
+        found.found,
+        question=replace(found.found.question, bounds={"crank_m": (-math.inf, math.inf)}),
+        parameters=machine_parameters(MACHINE, None, {"rod_m": math.inf}),
+        keys=(replace(key, low_95=-math.inf, high_95=math.inf), *others),
+        search=replace(found.found.search, margin=math.inf),
+        fitted=None,
+    )
+    print_json(replace(found, found=boundless).document)
+    (tmp_path / "told.json").write_text(capsys.readouterr().out, encoding="utf-8")
+    np.testing.assert_equal(asdict(mt.from_json(tmp_path / "told.json").found), asdict(boundless))
+
+
+def _measured_run(plant: tuple[Path, Path]) -> FitRun:
+    channels = given_map(plant[1], machine(MACHINE))
+    with opened_run(plant[0]) as reader:
+        return fit_run(read_run(reader, channels), begin_known=True)
 
 
 def test_a_map_of_another_machine_is_refused(plant: tuple[Path, Path], tmp_path: Path) -> None:
