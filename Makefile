@@ -95,10 +95,11 @@ bench: $(VENV)/.bench # writes the tables of docs/proof/performance.md; ARGS: gr
 colcon: $(VENV)/.test
 	bash test/packaging/colcon_build.sh $(BIN)
 
-test-launch: $(VENV)/.test # launch library and fmusim come from their sources, the library for Windows runs where wine is
+test-launch: $(VENV)/.test # launch library, tf2_msgs and fmusim come from their sources, the library for Windows runs where wine is
 	bash .ci/launch_tests.sh $(BIN) $(ARGS)
 	$(BIN)/python -m pytest -q test/fmi -k needs_no_python
 	bash .ci/fmusim.sh $(BIN)
+	bash .ci/tf_tests.sh $(BIN) $(ARGS)
 
 mutation: $(VENV)/.test $(TOOLS)/.tools # ARGS: targets of .ci/mutation.toml; all without
 	$(TOOLS)/bin/python .ci/mutate.py $(BIN) $(TOOLS)/bin $(ARGS)

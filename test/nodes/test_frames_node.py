@@ -156,6 +156,19 @@ def test_a_run_tells_frames_and_description_unasked_and_once_what_is_missing_for
     assert capfd.readouterr().err.count("tf2_msgs is not installed") == int(missing)
 
 
+def test_a_listener_of_tf_hears_the_frames() -> None:
+    tf2_msgs = pytest.importorskip("tf2_msgs.msg", reason="no tf2_msgs; .ci/tf_tests.sh builds it")
+    heard_tf: dict[float, Any] = {}
+    with running("winding_drum") as (run, heard):
+        run.client.create_subscription(
+            tf2_msgs.TFMessage, "/tf", lambda m: heard_tf.update({stamp_s(m.transforms[0].header): m}), EVERY
+        )
+        run.until(lambda: len(heard_tf.keys() & heard.instants().keys()) > ENOUGH)
+        instants = heard.instants()
+    for time_s in sorted(heard_tf.keys() & instants.keys())[1:ENOUGH]:  # the first may have begun unheard
+        assert {frame.child_frame_id: frame for frame in heard_tf[time_s].transforms} == instants[time_s]
+
+
 def test_two_runs_have_a_tree_each() -> None:
     assert frame_id("/hall/left", "shaft") == "hall/left/shaft"
     assert frame_id("/hall/right", "shaft") != frame_id("/hall/left", "shaft")
