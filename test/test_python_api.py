@@ -24,7 +24,7 @@ from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.engine.run import frames
 from mech_twin.engine.trajectory import Trajectory
 from mech_twin.machines.catalog import CATALOGUE
-from mech_twin.parameters.load import configuration_file
+from mech_twin.parameters.load import configuration_file, description_text, machine_parameters
 from mech_twin.parameters.load import machine as built_machine
 from mech_twin.results.objects import Columns
 
@@ -283,18 +283,28 @@ def test_what_a_verb_prints_as_json_is_the_same_object_in_python(verb, tmp_path,
         assert read.to_pandas().equals(expected.to_pandas())
 
 
-def test_what_compare_prints_as_json_is_the_comparison_in_python(tmp_path, monkeypatch, capsys):
+@pytest.mark.parametrize(
+    ("name", "settings"),
+    [
+        pytest.param("roller_former", None, id="a side lacks settings"),
+        pytest.param("vibration_crank", {"rod_m": math.inf}, id="an infinite setting"),
+    ],
+)
+def test_what_compare_prints_as_json_is_the_comparison_in_python(name, settings, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    one_cart = str(configuration_file("roller_former_1"))
-    words = ["compare", "roller_former", one_cart, "--duration", "0.1", "--json"]
-    monkeypatch.setattr(sys, "argv", ["mech-twin", *words])
+    other = configuration_file("roller_former_1") if settings is None else tmp_path / "other.yaml"
+    if settings is not None:
+        other.write_text(description_text(name, machine_parameters(name, None, settings)), encoding="utf-8")
+    monkeypatch.setattr(sys, "argv", ["mech-twin", "compare", name, str(other), "--duration", "0.1", "--json"])
     with pytest.raises(SystemExit):
         main()
     Path("told.json").write_text(capsys.readouterr().out, encoding="utf-8")
     read = mt.from_json("told.json")
-    expected = mt.compare(*(mt.simulate("roller_former", 0.1, config=config) for config in (None, one_cart)))
-    assert plain(read.found.settings) == plain(expected.found.settings) and read.found.settings
-    assert read.to_pandas()["relative"].equals(expected.to_pandas()["relative"])
+    told, expected = (
+        [[plain(row._asdict()) for row in rows] for rows in (result.found.settings, result.found.numbers)]
+        for result in (read, mt.compare(*(mt.simulate(name, 0.1, config=config) for config in (None, other))))
+    )
+    assert told == expected and all(told)
     with pytest.raises(StudyError, match="holds no columns"):
         read.plot()
 

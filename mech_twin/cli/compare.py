@@ -25,7 +25,14 @@ from mech_twin.parameters.load import machine as built_machine
 from mech_twin.process.dependencies import require_extra
 from mech_twin.roles import Machine
 from mech_twin.samples import Frame
-from mech_twin.studies.run_comparison import ComparedRun, Comparison, columns_apart, compared, drawn_side_by_side
+from mech_twin.studies.run_comparison import (
+    ComparedRun,
+    Comparison,
+    Differing,
+    columns_apart,
+    compared,
+    drawn_side_by_side,
+)
 from mech_twin.studies.simulation import Simulation
 
 APART = 1
@@ -189,9 +196,14 @@ def _document(found: Comparison) -> dict[str, Any]:
         "second": found.labels[1],
         "tolerance": found.tolerance,
         "within_tolerance": not found.beyond,
-        "settings": [setting._asdict() for setting in found.settings],
-        "numbers": [number._asdict() for number in found.numbers],
+        "settings": [_sides(setting) for setting in found.settings],
+        "numbers": [_sides(number) for number in found.numbers],
     }
+
+
+def _sides(found: Differing) -> dict[str, Any]:
+    """Return a row without the side that has it not: null is a number that is not finite."""
+    return {name: value for name, value in found._asdict().items() if value is not None}
 
 
 def _show(found: Comparison, all_numbers: bool) -> None:

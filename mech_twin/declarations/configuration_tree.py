@@ -15,13 +15,13 @@ def configuration_tree(parameters: Parameters) -> dict[str, Any]:
     return parameters.model_dump(mode="json", exclude_none=True)
 
 
-def tree_from_json(tree: Any) -> Any:
-    """Return the tree of a configuration as JSON holds it, where null stands for an infinite value."""
+def tree_from_json(tree: Any, absent: float = math.inf) -> Any:
+    """Return the tree of a configuration as JSON holds it, where null stands for ``absent``."""
     if isinstance(tree, Mapping):
-        return {key: tree_from_json(value) for key, value in tree.items()}
+        return {key: tree_from_json(value, absent) for key, value in tree.items()}
     if isinstance(tree, list):
-        return [tree_from_json(value) for value in tree]
-    return math.inf if tree is None else tree
+        return [tree_from_json(value, absent) for value in tree]
+    return absent if tree is None else tree
 
 
 def merged_tree(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:

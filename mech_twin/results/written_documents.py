@@ -13,6 +13,7 @@ from mech_twin.capabilities.design import Design
 from mech_twin.capabilities.errors import StudyError
 from mech_twin.capabilities.published import PublishedRow
 from mech_twin.capabilities.sizing import Constraint
+from mech_twin.declarations.configuration_tree import tree_from_json
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.engine.invariants import Residual
 from mech_twin.measurements.columns import Columns, Numbers
@@ -129,12 +130,15 @@ def _published(document: Document) -> tuple[PublishedRow, ...]:
 
 
 def _comparison(document: Document) -> RunComparison:
-    settings, numbers = (
-        tuple(Differing(**{**row, "relative": inf if row["relative"] is None else row["relative"]}) for row in rows)
-        for rows in (document["settings"], document["numbers"])
-    )
+    settings = tuple(_differing(row, inf) for row in document["settings"])
+    numbers = tuple(_differing(row, nan) for row in document["numbers"])
     labels = (document["first"], document["second"])
     return RunComparison(Comparison(document["machine"], labels, settings, numbers, document["tolerance"]))
+
+
+def _differing(row: Document, absent: float) -> Differing:
+    first, second = (tree_from_json(row[side], absent) if side in row else None for side in ("first", "second"))
+    return Differing(row["name"], first, second, inf if row["relative"] is None else row["relative"])
 
 
 def _identified(document: Document) -> SavedIdentification:
