@@ -97,7 +97,8 @@ def _print_head(document: dict[str, Any]) -> None:
     """Write what is recorded, how long, and whether it is whole; then by what, how much, and what is missing."""
     duration, losses = document["duration_s"], _losses(document["topics"])
     length = "length unknown" if duration is None else f"{duration:.6g} s"
-    whole = "complete" if document["finished"] else "not complete: the recording was not closed"
+    why = "a part is missing" if any(" part " in each for each in document["problems"]) else "it was not closed"
+    whole = "complete" if document["finished"] else f"not complete: {why}"
     if document["finished"] and (document["problems"] or losses["dropped"] or losses["cut"]):
         whole = "closed, but not complete"
     counted = any(topic["counters"] for topic in document["topics"].values())

@@ -90,7 +90,8 @@ def _run(
 
     if directory is not None:
         remove_recording(directory)
-        say(f"recording to {directory}")
+        kept = f"the last {options.snapshot_s:g} s before each trigger or alarm " if options.snapshot_s else ""
+        say(f"recording {kept}to {directory}")
     say("starting (the first run compiles the numerical kernels, which takes up to a minute)")
     run_nodes = run_processes if request.processes else run_in_process
     return run_nodes(request.machine, parameters, options, directory, destination, request.namespace)

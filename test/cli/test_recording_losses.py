@@ -33,6 +33,19 @@ def test_a_recording_on_a_full_disk_is_not_called_complete(
     assert f"closed, but not complete; {writer.dropped} dropped" in written.out
 
 
+def test_a_part_that_is_missing_is_the_reason_that_info_gives(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag = tmp_path / "bag"
+    with BagWriter(bag, configuration="", split_duration_s=0.1) as writer:
+        writer.add_topic("/n", "std_msgs/msg/String")
+        for number in range(300):
+            writer.write("/n", string_cdr(str(number)), 1_000_000 * number, 1_000_000 * number)
+    (bag / "bag_2.mcap").unlink()
+    show_info(InfoVerb(bag=bag))
+    assert "not complete: a part is missing" in capsys.readouterr().out
+
+
 def test_a_run_that_recorded_nothing_lost_nothing(tmp_path: Path) -> None:
     report_losses(None)
     report_losses(tmp_path / "none")
