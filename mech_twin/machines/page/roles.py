@@ -35,7 +35,6 @@ from mech_twin.machines.page.step import (
     PageDrives,
     PageForces,
     PageMachine,
-    room_of_page,
     start_page,
 )
 from mech_twin.machines.page.system import BEND, KINDS, PHASE, PORT, TOUCH, PageSystem
@@ -222,8 +221,7 @@ class PageModel:
         return PageMachine(
             self.system, entry_of(self.system), self.functions.report.address(), self.drives,
             np.array(columns, dtype=np.int64),
-            self.tolerance, np.zeros(self.functions.report.size),
-            *room_of_page((p.free, len(p.laws), len(p.switches)), len(self.tolerance)), joints, len(p.books),
+            self.tolerance, np.zeros(self.functions.report.size), joints, len(p.books),
             len(p.books) + len(p.gases), len(p.tabled), len(p.motors),
             float(self.page.coupling.step_s),
         )  # fmt: skip

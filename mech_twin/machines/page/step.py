@@ -11,7 +11,7 @@ from mech_twin.engine.compiled_steps import force_step, linkage_step, motor_step
 from mech_twin.engine.hybrid.complementarity import SOLVED
 from mech_twin.engine.hybrid.declared import declared
 from mech_twin.engine.hybrid.laws import OPEN, Array, Indices
-from mech_twin.engine.hybrid.loop import LOG_FULL, Room, advance, let_open, room_in, room_sizes
+from mech_twin.engine.hybrid.loop import LOG_FULL, Room, advance, let_open, room_for
 from mech_twin.engine.hybrid.motion import find_accelerations, prepare_instant, settle_regimes
 from mech_twin.engine.integration import Workspace
 from mech_twin.engine.sample_vectors import (
@@ -22,7 +22,6 @@ from mech_twin.engine.sample_vectors import (
     PINS,
     REGIME,
 )
-from mech_twin.engine.tableaus import DORMAND_PRINCE_5
 from mech_twin.kernels.kernel import kernel
 from mech_twin.machines.page.system import PageSystem, driving_effort, put_back, starting_regimes, tell_regimes
 from mech_twin.mechanics.straight_line import call_straight_line
@@ -57,8 +56,6 @@ class PageMachine(NamedTuple):
     columns: Indices  # of the joints of free, dependent and driven coordinates
     tolerance: Array
     reported: Array  # room
-    room_numbers: Array  # of the loop
-    room_marks: Indices
     joints: int
     books: int
     kept: int  # the books, and the amounts of gas
@@ -174,21 +171,11 @@ def fill_found(model: PageMachine, linkage: Array) -> None:
         s.controls[i] = linkage[place + i]
 
 
-def room_of_page(places: tuple[int, int, int], size: int) -> tuple[Array, Indices]:
-    """Return what `page_room` makes the room of: for freedoms, laws, switches, and numbers of the state."""
-    numbers, marks = room_sizes(*places, size)
-    return np.zeros(numbers + size), np.zeros(marks, dtype=np.int64)
-
-
 @kernel
-def page_room(model: PageMachine) -> Room:
-    """Return the room of a page, cleared; its stages are whole states: dependent coordinates stand among the books."""
-    system, size = model.system, len(model.tolerance)
-    model.room_numbers[:] = 0.0
-    model.room_marks[:] = 0
-    n, m, own = system.free, system.law_count, system.switches
-    room = room_in(model.room_numbers[size:], model.room_marks, n, m, own, size, DORMAND_PRINCE_5)
-    work = Workspace(room.work.rates, model.room_numbers[:size], room.work.end)
+def page_room(system: PageSystem, size: int) -> Room:
+    """Return room for a page; its stages are whole states, since the dependent coordinates stand among the books."""
+    room = room_for(system.free, system.law_count, system.switches, size)
+    work = Workspace(room.work.rates, np.empty(size), room.work.end)
     return Room(
         room.at, work, room.search, room.candidates, room.struck, room.ended, room.past, room.cut,
         room.series, room.before, room.tolerance, room.method, room.steps,
@@ -240,7 +227,7 @@ def fill_linkage(model: PageMachine, t: float, y: Array, regimes: Indices, out: 
     """Fill joints and memory of a linkage row at a state; return the energy held (J)."""
     s = model.system
     n, nz, nr, m = s.free, s.dependent, s.driven, s.law_count
-    room = page_room(model)
+    room = page_room(s, len(y))
     tell_regimes(s, regimes)
     find_accelerations(declared(model.entry, s, room.at), t, y, regimes, room.at)
     energy = energy_held(model, t, y)
@@ -294,7 +281,7 @@ def page_step(
     s = model.system
     y, regimes = np.empty(len(model.tolerance)), np.empty(s.law_count + s.switches, dtype=np.int64)
     motor_controls(model, linkage, motor)
-    room, t, count = page_room(model), step * model.step_s, LOG_FULL
+    room, t, count = page_room(s, len(y)), step * model.step_s, LOG_FULL
     room.tolerance[:] = model.tolerance
     fill_state(model, linkage, y, regimes)
     begun = linkage[len(out) - 5] + energy_held(model, t, y) - linkage[len(out) - 3]
@@ -338,7 +325,7 @@ def page_step(
 def start_page(model: PageMachine, t: float, y: Array, regimes: Indices, out: Array) -> int:
     """Fill in a linkage row at the start, the regimes decided; return `SOLVED`, or less where laws contradict."""
     s = model.system
-    room = page_room(model)
+    room = page_room(s, len(y))
     system = declared(model.entry, s, room.at)
     candidates = np.zeros(s.law_count, dtype=np.int64)
     put_back(s, y)
