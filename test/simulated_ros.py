@@ -142,7 +142,8 @@ class Network:
         call()
 
     def end(self, node: Any) -> None:
-        """Take a node away without a word."""
+        """Take a node away without a word; what its process held open, the kernel closes."""
+        node.close()
         node.leave()
         for made in self._made.pop(node, ()):
             made.destroy()

@@ -46,12 +46,14 @@ def vector(unit: str, meaning: str, **options: Any) -> Any:
 
 
 def only(element: Parameters, kind: str, needed: tuple[str, ...], allowed: tuple[str, ...] = ()) -> None:
-    """Refuse an element that lacks a key of its kind, or has one of another kind."""
+    """Refuse an element that lacks a key of its kind, or has one of another kind; at its default that says nothing."""
     given = {key for key in element.model_fields_set if getattr(element, key) is not None}
+    fields = type(element).model_fields
+    spoken = {key for key in given if getattr(element, key) != fields[key].default}
     for key in needed:
         if key not in given:
             raise ValueError(f"kind {kind} needs the key {key}")
-    surplus = sorted(given - set(needed) - set(allowed) - {"kind"})
+    surplus = sorted(spoken - set(needed) - set(allowed) - {"kind"})
     if surplus:
         usable = ", ".join(sorted({*needed, *allowed}))
         raise ValueError(f"kind {kind} has no key {surplus[0]}; expected {usable}")
