@@ -13,8 +13,8 @@ EXTRAS := $(ROS),view,plots,tables
 INSTALL_HASHED = $(BIN)/python -m pip install -q --require-hashes --no-deps -r $(HASHES) && \
   $(BIN)/python -m pip install -q --no-deps --no-build-isolation -e .
 READERS := test/recording/npm
-# rooms, and files of others, whose tests neither talk over topics nor watch the clock: they share the cores, the others
-# run one by one
+# rooms, and files of others, whose tests neither talk over topics nor watch the clock; the others run apart from them,
+# file by file on two cores, each test in a ROS domain of its own
 # the longest first, so that no core waits at the end
 QUIET_ROOMS := studies engine fmi golden literature machines measurements mechanics messages packaging parameters parts
 QUIET_FILES := $(addprefix cli/test_,completion.py consequences.py errors.py measurement_commands.py monitor.py pages.py \
@@ -27,7 +27,7 @@ QUIET_FILES := $(addprefix cli/test_,completion.py consequences.py errors.py mea
   $(addprefix test_,captions.py changed_values.py kernel_cache.py output_file.py random_configurations.py terminal_output.py)
 QUIET := $(wildcard $(addprefix test/,$(QUIET_ROOMS) $(QUIET_FILES)))
 SHARED := -n 2 --dist loadfile --no-loadscope-reorder $(QUIET)
-ALONE := test $(addprefix --ignore=,$(QUIET) test/reliability)
+ALONE := -n 2 --dist loadfile test $(addprefix --ignore=,$(QUIET) test/reliability)
 # these kill and stop processes of a run, beside which they listen: in a process that has not listened to others before
 FAULTS := test/reliability $(addprefix --ignore=,$(filter test/reliability/%,$(QUIET)))
 MAIN := not browser and not slow

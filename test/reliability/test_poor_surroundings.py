@@ -271,6 +271,15 @@ def test_a_newer_verb_of_another_user_with_no_home_of_its_own(verb: str) -> None
         assert_answers(verb, called(newer_verbs(folder)[verb], changed, wrapped=SOMEBODY))
 
 
+@pytest.mark.parametrize(("limit", "lacks"), [(512 << 20, True), (resource.RLIM_INFINITY, False)])
+def test_an_extension_that_found_no_memory_lacks_it_where_there_is_a_limit(
+    limit: int, lacks: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(resource, "getrlimit", lambda _: (limit, limit))
+    told = lacking(SystemError("error return without exception set"))
+    assert (told is not None and "not enough memory (limit of address space 512 MiB)" in told) is lacks
+
+
 def test_an_error_of_the_programs_own_is_not_taken_for_a_lack() -> None:
     assert lacking(ValueError("failed")) is None
     assert lacking(RuntimeError("failed")) is None
