@@ -82,6 +82,7 @@ def _over_processes(function: Callable[[Batch], Result], batches: Sequence[Batch
                     if len(waiting) >= QUEUED_PER_CORE * cores:
                         break
                 if not waiting:
+                    pool.shutdown()  # waits for its thread, which holds semaphores: an end now would call them leaked
                     return
                 done, waiting = wait(waiting, return_when=FIRST_COMPLETED)
                 for future in done:
