@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from mech_twin.nodes.exchange.living_publishers import FORGOTTEN_S, LivingPublishers
+from mech_twin.nodes.exchange.living_publishers import FORGOTTEN_S, UNKNOWN, LivingPublishers
 
 DEAD, BORN, OTHER = ("/motor", b"1"), ("/motor", b"2"), ("/stranger", b"3")
 
@@ -26,3 +26,18 @@ def test_two_of_one_name_are_two_where_a_dead_one_would_be_forgotten() -> None:
     publishers = LivingPublishers()
     publishers.living([DEAD, BORN], 0.0)
     assert publishers.living([DEAD, BORN], FORGOTTEN_S + 1.0) == 2
+
+
+def test_an_endpoint_whose_node_is_not_yet_known_is_no_second_publisher() -> None:
+    publishers = LivingPublishers()
+    nameless = (f"_NODE_NAMESPACE_UNKNOWN_/{UNKNOWN}", b"2")
+    assert publishers.living([nameless], 0.0) == 1
+    assert publishers.living([DEAD, nameless], 1.0) == 1
+    assert publishers.living([DEAD, BORN], 2.0) == 1
+
+
+def test_a_nameless_endpoint_that_lasts_is_a_second_publisher() -> None:
+    publishers = LivingPublishers()
+    nameless = (f"_NODE_NAMESPACE_UNKNOWN_/{UNKNOWN}", b"2")
+    publishers.living([DEAD, nameless], 0.0)
+    assert publishers.living([DEAD, nameless], FORGOTTEN_S + 1.0) == 2

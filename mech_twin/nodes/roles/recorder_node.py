@@ -123,6 +123,7 @@ class StepInput:
         self.source = HeardSource(silence_s)
         self.sequence = StepSequence()
         self.publishers = LivingPublishers()
+        self.living = 0
         self.listener: Listener | None = None
 
 
@@ -207,9 +208,9 @@ class RecorderNode(TwinNode):
 
         A message does not tell its publisher: whoever copies the number of the one that is followed is taken for it.
         """
-        for topic in self._steps:
-            publishers = self.get_publishers_info_by_topic(self.resolve_topic_name(topic))
-            if len(publishers) > 1:
+        for topic, of_topic in self._steps.items():
+            if of_topic.living > 1:
+                publishers = self.get_publishers_info_by_topic(self.resolve_topic_name(topic))
                 names = ", ".join(sorted(f"{each.node_namespace}/{each.node_name}" for each in publishers))
                 self.diagnostics.warn(f"{topic} is published by {names}: whose message is whose is not certain")
 
@@ -369,7 +370,8 @@ class RecorderNode(TwinNode):
                 (f"{each.node_namespace}/{each.node_name}", bytes(each.endpoint_gid))
                 for each in self.get_publishers_info_by_topic(name)
             ]
-            self.writer.count_publishers(name, of_topic.publishers.living(known, time.monotonic()))
+            of_topic.living = of_topic.publishers.living(known, time.monotonic())
+            self.writer.count_publishers(name, of_topic.living)
         self.time_s = self._time.now_ns * 1e-9
         self.writer.tick()
         self.diagnostics.state = self.writer.state.value
