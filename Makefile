@@ -74,7 +74,7 @@ test-browser: $(VENV)/.test
 	$(BIN)/python -m pytest -m browser $(ARGS)
 
 test-ros: $(VENV)/.test
-	$(BIN)/python -m pytest test/messages test/nodes -m "not slow" $(ARGS)
+	$(BIN)/python -m pytest -n 2 --dist loadfile test/messages test/nodes -m "not slow" $(ARGS)
 
 test-oldest: $(TOOLS)/.tools # the fast tests with the oldest versions that setup.py allows
 	PYTHON=$(PYTHON) bash .ci/oldest $(TOOLS)/bin $(ARGS)
