@@ -62,6 +62,27 @@ class BodyWrench(NamedTuple):
     moment: Number = 0.0
 
 
+class JointForces(NamedTuple):
+    """What joints and gears hold.
+
+    Attributes
+    ----------
+    wrenches : list of BodyWrench
+        Of each joint on its second body, the moment being about the joint's second point.
+    gears : list of Number
+        Of each gear along its second joint (N m or N); along the first it is minus the ratio times that.
+    lack : list of Number
+        Of each coordinate of the tree beside the loads; 0 where all efforts are among them.
+    sizes : list of Number
+        The sum of the magnitudes of which a lack is the difference.
+    """
+
+    wrenches: list[BodyWrench]
+    gears: list[Number]
+    lack: list[Number]
+    sizes: list[Number]
+
+
 class ReducedSystem:
     """A structure at an instant, reduced to its led coordinates, free ones first.
 
@@ -197,18 +218,17 @@ class ReducedSystem:
 
     def joint_wrenches(
         self, accelerations: Sequence[Number], loads: Sequence[AppliedLoad], gravity: Vector
-    ) -> tuple[list[BodyWrench], list[Number], list[Number]]:
-        """Return the force of each joint on its second body, the moment being about the joint's second point.
-
-        Also what each coordinate of the tree lacks beside the loads (0 where all efforts are among them), and the sum
-        of the magnitudes it is the difference of.
-        """
+    ) -> JointForces:
+        """Return the forces in joints and gears under loads."""
         lack, size = self._lacking(accelerations, loads, gravity)
         mu = self._loop_multipliers(lack)
         held: list[BodyWrench] = [BodyWrench()] * len(self.structure.joints)
-        for number, w in self._loop_wrenches(mu).items():
-            joint = self.structure.joints[number]
+        loops = self._loop_wrenches(mu)
+        for number, w in loops.items():
             held[number] = w
+        teeth = mu[len(mu) - len(self.structure.gears) :]
+        for number, w in (*loops.items(), *self._gear_wrenches(teeth)):
+            joint = self.structure.joints[number]
             lack[joint.second] = _less(lack[joint.second], w)
             lack[joint.first] = _plus(lack[joint.first], w)
             for body in (joint.first, joint.second):
@@ -224,7 +244,7 @@ class ReducedSystem:
             for i in range(COORDINATES[joint.kind]):
                 needs[branch.coordinate + i] = self._along(branch.joint, i, on_second)
                 sizes[branch.coordinate + i] = size[branch.child]
-        return [self._about_joint(number, w) for number, w in enumerate(held)], needs, sizes
+        return JointForces([self._about_joint(number, w) for number, w in enumerate(held)], teeth, needs, sizes)
 
     def _second_point(self, number: int) -> MovingPoint:
         joint = self.structure.joints[number]
@@ -303,6 +323,19 @@ class ReducedSystem:
                 moment = mu[place]
                 place += 1
             found[number] = BodyWrench(fx, fy, moment + at.x * fy - at.y * fx)
+        return found
+
+    def _gear_wrenches(self, teeth: Sequence[Number]) -> list[tuple[int, BodyWrench]]:
+        """Return the wrench of each gear on the second body of both its joints, about the origin."""
+        found = []
+        for gear, mu in zip(self.structure.gears, teeth, strict=True):
+            for number, size in ((gear.first, -(gear.ratio * mu)), (gear.second, mu)):
+                joint, at = self.structure.joints[number], self._second_point(number)
+                if joint.kind == REVOLUTE:
+                    found.append((number, BodyWrench(moment=size)))
+                else:
+                    x, y = self.motion.frames[joint.first].turned(joint.axis)
+                    found.append((number, BodyWrench(size * x, size * y, size * (at.x * y - at.y * x))))
         return found
 
 

@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from mech_twin.mechanics.recording import Number, cosine, is_zero, sine, square_root, total
-from mech_twin.mechanics.structure import FREE, GROUND, REVOLUTE, SLIDER, PlanarJoint, Structure, Vector
+from mech_twin.mechanics.structure import FREE, GROUND, REVOLUTE, SLIDER, FirmGear, PlanarJoint, Structure, Vector
 
 Row = list[Number]
 
@@ -252,7 +252,7 @@ class Kinematics:
         return []
 
     def closures(self) -> list[Scalar]:
-        """Return what is zero where the loops are closed: of each loop places, then the angle."""
+        """Return what is zero where the loops are closed: of each loop places, then the angle; then of each gear."""
         found = []
         for number in self.structure.loops:
             joint = self.structure.joints[number]
@@ -263,7 +263,17 @@ class Kinematics:
                 found += [self._apart(start, end, 0), self._apart(start, end, 1)]
             if joint.kind not in (REVOLUTE, FREE):
                 found.append(self.angle(joint.first, joint.second, joint.turned[0]))
-        return found
+        return found + [self.geared(gear) for gear in self.structure.gears]
+
+    def geared(self, gear: FirmGear) -> Scalar:
+        """Return by how much the second joint of a gear is beyond its share of the first."""
+        first, second = (self.joint_coordinates(joint)[0] for joint in (gear.first, gear.second))
+
+        def bent(rates: JointRates) -> Number:
+            return second.bent(rates) - gear.ratio * first.bent(rates)
+
+        value = second.value - gear.ratio * first.value - gear.offset
+        return Scalar(value, [b - gear.ratio * a for a, b in zip(first.row, second.row, strict=True)], bent)
 
     def _apart(self, start: MovingPoint, end: MovingPoint, axis: int) -> Scalar:
         rows = (start.row_x, end.row_x) if axis == 0 else (start.row_y, end.row_y)

@@ -61,6 +61,15 @@ class PlanarJoint(NamedTuple):
     turned: tuple[Number, Number, Number] = (0.0, 1.0, 0.0)
 
 
+class FirmGear(NamedTuple):
+    """A firm ratio between the coordinates of two joints: that of the second is ``ratio * first + offset``."""
+
+    first: int
+    second: int
+    ratio: Number
+    offset: Number = 0.0
+
+
 class Branch(NamedTuple):
     """A joint of the tree: from the body that is placed already to the one it places; its first coordinate."""
 
@@ -78,11 +87,14 @@ class Structure:
     ----------
     preferred : sequence of int
         Joints that are to be of the tree before others, as those that are driven.
+    gears : sequence of FirmGear
+        Revolutes and sliders that move by a firm ratio; each gear closes as a loop does.
     """
 
     bodies: Sequence[RigidBody]
     joints: Sequence[PlanarJoint]
     preferred: Sequence[int] = ()
+    gears: Sequence[FirmGear] = ()
 
     @cached_property
     def branches(self) -> tuple[Branch, ...]:
@@ -152,8 +164,8 @@ class Structure:
 
     @property
     def closures(self) -> int:
-        """How many equations close the loops."""
-        return sum(3 - COORDINATES[self.joints[j].kind] for j in self.loops)
+        """How many equations close the loops and the gears."""
+        return sum(3 - COORDINATES[self.joints[j].kind] for j in self.loops) + len(self.gears)
 
 
 @dataclass(frozen=True)

@@ -31,43 +31,54 @@ def constraint_rows(structure, poses, rates):
         w = rates[body][2]
         return np.array([x, y]) + arm, row, -w * w * arm
 
-    for i in range(3):  # the ground stands
-        row = np.zeros(n)
-        row[i] = 1.0
-        rows.append(row)
-        rights.append(0.0)
-        owners.append((-1, "ground"))
-    flat = np.concatenate(rates)
-    for number, joint in enumerate(structure.joints):
+    def along(joint, direction):
+        """Return the row of how far the second point lies along a direction that turns with the first body."""
         p, row_p, bent_p = place(joint.first, np.array(joint.first_at))
         q, row_q, bent_q = place(joint.second, np.array(joint.second_at))
+        w, across = rates[joint.first][2], QUARTER @ direction
+        row = direction @ (row_q - row_p)
+        row[3 * joint.first + 2] += across @ (q - p)
+        apart = (row_q - row_p) @ flat
+        return row, -(direction @ (bent_q - bent_p) + 2.0 * w * across @ apart - w * w * direction @ (q - p))
+
+    def turned(joint):
+        row = np.zeros(n)
+        row[3 * joint.second + 2], row[3 * joint.first + 2] = 1.0, -1.0
+        return row
+
+    flat = np.concatenate(rates)
+
+    def told(row, right, *owner):
+        rows.append(row)
+        rights.append(right)
+        owners.append(owner)
+
+    for i in range(3):  # the ground stands
+        told(np.eye(n)[i], 0.0, -1, "ground")
+    for number, joint in enumerate(structure.joints):
         if joint.kind in ("revolute", "weld"):
+            _, row_p, bent_p = place(joint.first, np.array(joint.first_at))
+            _, row_q, bent_q = place(joint.second, np.array(joint.second_at))
             for i in range(2):
-                rows.append((row_q - row_p)[i])
-                rights.append((bent_p - bent_q)[i])
-                owners.append((number, "xy"[i]))
+                told((row_q - row_p)[i], (bent_p - bent_q)[i], number, "xy"[i])
         if joint.kind == "slider":
-            w1 = rates[joint.first][2]
-            normal = QUARTER @ turning(poses[joint.first][2]) @ np.array(joint.axis)
-            row = normal @ (row_q - row_p)
-            row[3 * joint.first + 2] += (QUARTER @ normal) @ (q - p)
-            rows.append(row)
-            apart = (row_q - row_p) @ flat
-            rights.append(
-                -(normal @ (bent_q - bent_p) + 2.0 * w1 * (QUARTER @ normal) @ apart - w1 * w1 * normal @ (q - p))
-            )
-            owners.append((number, "normal"))
+            told(*along(joint, QUARTER @ turning(poses[joint.first][2]) @ np.array(joint.axis)), number, "normal")
         if joint.kind in ("slider", "weld"):
-            row = np.zeros(n)
-            row[3 * joint.second + 2], row[3 * joint.first + 2] = 1.0, -1.0
-            rows.append(row)
-            rights.append(0.0)
-            owners.append((number, "angle"))
+            told(turned(joint), 0.0, number, "angle")
+    for number, gear in enumerate(structure.gears):
+        row, right = np.zeros(n), 0.0
+        for joint, share in ((structure.joints[gear.first], -gear.ratio), (structure.joints[gear.second], 1.0)):
+            if joint.kind == "revolute":
+                row += share * turned(joint)
+            else:
+                ahead, rest = along(joint, turning(poses[joint.first][2]) @ np.array(joint.axis))
+                row, right = row + share * ahead, right + share * rest
+        told(row, right, number, "gear")
     return np.array(rows), np.array(rights), owners
 
 
 def solve(structure, poses, rates, wrenches, gravity):
-    """Return accelerations of the frames (n, 3) and the force of each joint on its second body at its second point.
+    """Return accelerations of the frames (n, 3), each joint's force on its second body at its second point, gears'.
 
     ``wrenches`` are (body, place, force, moment) that act beside weight and constraints.
     """
@@ -92,9 +103,12 @@ def solve(structure, poses, rates, wrenches, gravity):
     matrix = np.block([[mass, rows.T], [rows, np.zeros((m, m))]])
     found = np.linalg.solve(matrix, np.concatenate([force, rights]))
     accelerations, multipliers = found[: 3 * count].reshape(count, 3), -found[3 * count :]
-    held = np.zeros((len(structure.joints), 3))
+    held, teeth = np.zeros((len(structure.joints), 3)), np.zeros(len(structure.gears))
     for (number, kind), lam in zip(owners, multipliers, strict=True):
         if number < 0:
+            continue
+        if kind == "gear":
+            teeth[number] = lam
             continue
         joint = structure.joints[number]
         if kind == "normal":
@@ -104,4 +118,4 @@ def solve(structure, poses, rates, wrenches, gravity):
             held[number, 2] += lam
         else:
             held[number, "xy".index(kind)] += lam
-    return accelerations, held
+    return accelerations, held, teeth

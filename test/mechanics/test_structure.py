@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from mech_twin.mechanics.recording import Recording
 from mech_twin.mechanics.straight_line import call_straight_line, generated
 from mech_twin.mechanics.structure import (
     COORDINATES,
+    FirmGear,
     PlanarJoint,
     RigidBody,
     Split,
@@ -50,11 +52,25 @@ def random_case(seed, loops=0):
         if structure.size <= structure.closures or (loops and not structure.closures):
             continue
         s = coordinates_of(structure, poses)
+        structure = geared(structure, s, rng)
+        if structure.size <= structure.closures:
+            continue
         try:
             split = regular_split(structure, s)
         except StructureError:
             continue
         return structure, poses, s, split, rng.uniform(-5.0, 5.0, len(split.led)), rng
+
+
+def geared(structure, s, rng):
+    """Return a structure with gears at random, which mesh where it stands."""
+    able = [number for number, joint in enumerate(structure.joints) if joint.kind in ("revolute", "slider")]
+    gears = []
+    for _ in range(int(rng.integers(0, 3)) if len(able) > 1 else 0):
+        first, second = (int(j) for j in rng.choice(able, 2, replace=False))
+        gear = FirmGear(first, second, float(rng.uniform(0.3, 2.0) * rng.choice([-1.0, 1.0])))
+        gears.append(gear._replace(offset=float(Kinematics(structure, list(s)).geared(gear).value)))
+    return replace(structure, gears=gears)
 
 
 @pytest.mark.parametrize("seed", range(500))
@@ -92,7 +108,7 @@ def test_accelerations_and_joint_forces_are_those_of_absolute_coordinates(seed):
         added = joint_loads(structure, at, number, driven[0] - structure.first_coordinate[number], torque)
         loads += added
         wrenches += [(w.body, (w.x, w.y), np.array([w.force_x, w.force_y]), w.moment) for w in added]
-    expected, held = solve(structure, poses, rates, wrenches, GRAVITY)
+    expected, held, teeth = solve(structure, poses, rates, wrenches, GRAVITY)
     scale = 1.0 + np.abs(expected).max()
     for frame, left, (ax, ay, aa) in zip(at.motion.frames, at.rates.origin, expected, strict=True):
         found = [sum(a * b for a, b in zip(row, accelerations, strict=True)) for row in (frame.row_x, frame.row_y)]
@@ -101,11 +117,12 @@ def test_accelerations_and_joint_forces_are_those_of_absolute_coordinates(seed):
         assert sum(a * b for a, b in zip(frame.row_angle, accelerations, strict=True)) == pytest.approx(
             aa, abs=1e-9 * scale
         )
-    found, needs, sizes = at.joint_wrenches(accelerations, loads, GRAVITY)
-    peak = 1.0 + np.abs(held).max()
-    for wrench, reference in zip(found, held, strict=True):
+    found = at.joint_wrenches(accelerations, loads, GRAVITY)
+    peak = 1.0 + max(np.abs(held).max(), np.abs(teeth).max(initial=0.0))
+    for wrench, reference in zip(found.wrenches, held, strict=True):
         assert [wrench.x, wrench.y, wrench.moment] == pytest.approx(reference, abs=1e-8 * peak)
-    assert np.abs(needs).max() <= 1e-8 * max(sizes)
+    assert found.gears == pytest.approx(teeth, abs=1e-8 * peak)
+    assert np.abs(found.lack).max() <= 1e-12 + 1e-8 * max(found.sizes)
 
 
 def joint_of(structure, coordinate):

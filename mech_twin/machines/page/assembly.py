@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -21,6 +21,7 @@ from mech_twin.mechanics.structure import (
     FREE,
     REVOLUTE,
     SLIDER,
+    FirmGear,
     PlanarJoint,
     RigidBody,
     Split,
@@ -44,8 +45,11 @@ def exact_turn(degrees: float) -> tuple[float, float]:
     return found or (math.cos(degrees * DEGREE), math.sin(degrees * DEGREE))
 
 
-def structure_of(page: Page, number: Callable[[float], Number]) -> Structure:
-    """Return the structure of a page; ``number`` makes each of its numbers, in a fixed order."""
+def structure_of(page: Page, number: Callable[[float], Number], offsets: Sequence[float]) -> Structure:
+    """Return the structure of a page; ``number`` makes each of its numbers, in a fixed order.
+
+    ``offsets`` are those of its firm couplings: what the second joint is beyond its share of the first (rad or m).
+    """
     names = [GROUND, *page.bodies]
     bodies = [RigidBody(GROUND)]
     for name, body in page.bodies.items():
@@ -66,7 +70,11 @@ def structure_of(page: Page, number: Callable[[float], Number]) -> Structure:
     order = list(page.joints)
     driven = [drive.joint for drive in page.drives.values() if drive.kind == "constant_speed"]
     others = [drive.joint for drive in page.drives.values() if drive.kind != "constant_speed"]
-    return Structure(bodies, joints, [order.index(joint) for joint in (*driven, *others)])
+    gears = [
+        FirmGear(order.index(c.joints[0]), order.index(c.joints[1]), number(c.factor), number(offset))
+        for c, offset in zip((c for c in page.couplings.values() if c.firm), offsets, strict=True)
+    ]
+    return Structure(bodies, joints, [order.index(joint) for joint in (*driven, *others)], gears)
 
 
 @dataclass(frozen=True)
@@ -82,7 +90,7 @@ class Assembly:
             (first, _), (second, _) = (self.page.point(point) for point in joint.between)
             if first == second:
                 raise ConfigurationError(f"joints.{name}.between: both points are of {first}; expected two bodies")
-        made = structure_of(self.page, float)
+        made = structure_of(self.page, float, self.offsets)
         try:
             size = made.size
         except StructureError as error:
@@ -90,6 +98,27 @@ class Assembly:
         if size > MOST_COORDINATES * 3:
             raise ConfigurationError(f"joints: {size} coordinates; expected at most {3 * MOST_COORDINATES}")
         return made
+
+    @cached_property
+    def firm(self) -> tuple[str, ...]:
+        """The couplings without a rate: firm ratios."""
+        return tuple(name for name, coupling in self.page.couplings.items() if coupling.firm)
+
+    @cached_property
+    def _loose(self) -> Assembly:
+        """The machine without its firm couplings, which mesh where it starts."""
+        couplings = {name: coupling for name, coupling in self.page.couplings.items() if not coupling.firm}
+        return Assembly(self.page.model_copy(update={"couplings": couplings}))
+
+    @cached_property
+    def offsets(self) -> tuple[float, ...]:
+        """What the second joint of each firm coupling is beyond its share of the first (rad or m)."""
+        if not self.firm:
+            return ()
+        motion = Kinematics(self._loose.structure, self._loose.start.tolist())
+        couplings = [self.page.couplings[name] for name in self.firm]
+        places = {j: motion.joint_coordinates(self.joint_number(j))[0].value for c in couplings for j in c.joints}
+        return tuple(float(places[c.joints[1]] - c.factor * places[c.joints[0]]) for c in couplings)  # type: ignore[arg-type]
 
     @cached_property
     def coordinates(self) -> tuple[str, ...]:
@@ -187,6 +216,8 @@ class Assembly:
         ConfigurationError
             No pose closes the loops.
         """
+        if self.firm:
+            return self._loose.start
         guess, told = self._guess
         rng = np.random.default_rng(1)
         best, miss = self._closed_near(guess)
@@ -245,10 +276,8 @@ class Assembly:
             raise ConfigurationError(f"joints: {freedoms} freedoms; expected at most {MOST_COORDINATES}")
 
         def regular(rest: tuple[int, ...]) -> bool:
-            if not len(rows):
-                return True
-            if len(rest) < len(rows):
-                return False
+            if len(rest) < len(rows) or not len(rows):
+                return not len(rows)
             values = np.linalg.svd(rows[:, list(rest)], compute_uv=False)
             return bool(values[len(rows) - 1] > REGULAR * values[0])
 
@@ -258,16 +287,17 @@ class Assembly:
             raise ConfigurationError(f"joints: {error}; the start is at a dead point, move it") from error
 
     def _redundant(self, rows: Array) -> str:
-        """Return which loop says what others say already, or contradicts them."""
+        """Return which loop or coupling says what others say already, or contradicts them."""
+        joints = [self.structure.joints[number] for number in self.structure.loops]
+        parts = [(f"joints.{joint.name}", 3 - COORDINATES[joint.kind]) for joint in joints]
         place = 0
-        for number in self.structure.loops:
-            joint = self.structure.joints[number]
-            place += 3 - COORDINATES[joint.kind]
+        for name, count in [*parts, *((f"couplings.{name}", 1) for name in self.firm)]:
+            place += count
             values = np.linalg.svd(rows[:place], compute_uv=False)
             if place > self.structure.size or values[place - 1] < 1e-7 * values[0]:
                 return (
-                    f"joints.{joint.name}: the joints before it hold its bodies already, in the pose at the start; "
-                    "take a joint away, or start away from the dead point"
+                    f"{name}: the joints before it hold its bodies already, in the pose at the start; "
+                    f"take a {name.partition('s.')[0]} away, or start away from the dead point"
                 )
         return "joints: the loops hold each other"
 
@@ -300,6 +330,8 @@ class Assembly:
         ConfigurationError
             The loops do not close where the page starts.
         """
+        if self.firm:
+            return self._loose.start
         guess, told = self._guess
         s, split = self.near_start.copy(), self.split
         for j in split.led:

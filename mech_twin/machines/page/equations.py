@@ -39,7 +39,9 @@ class PageInstant(ElementForces):
                 s[j] = state[begin + i]
         speeds = [*state[n : 2 * n], *state[driven + nr : driven + 2 * nr]]
         self.gravity: Vector = (number(self.page.gravity_m_per_s2[0]), number(self.page.gravity_m_per_s2[1]))
-        self.at = ReducedSystem(structure_of(self.page, number), split, s, speeds, list(controls[:nr]))
+        self.at = ReducedSystem(
+            structure_of(self.page, number, places.assembly.offsets), split, s, speeds, list(controls[:nr])
+        )
         self.motion: Kinematics = self.at.motion
         self.amounts = state[places.motion + len(places.books) :]
         self.put_together()
@@ -124,11 +126,12 @@ class PageInstant(ElementForces):
             rotors.append(joint_action(self.at, self.joint(drive.joint), -(rotor.size * turned)))
         acting = [*self.actions.values(), *self.conservative.values(), *laws.values(), *leading, *rotors]
         loads = [load for action in acting for load in action.loads]
-        wrenches, lack, sizes = self.at.joint_wrenches(accelerations, loads, self.gravity)
+        found = self.at.joint_wrenches(accelerations, loads, self.gravity)
+        teeth = dict(zip(places.assembly.firm, found.gears, strict=True))
         pins: dict[str, tuple[Number, Number, Number]] = {}
         for number, (name, joint) in enumerate(self.page.joints.items()):
             if joint.kind != FREE:
-                pins[name] = wrenches[number]
+                pins[name] = found.wrenches[number]
         for name in places.touching:
             load = (laws[name] if name in laws else self.actions[name]).loads[0]
             pins[name] = (load.force_x, load.force_y, load.moment)
@@ -142,13 +145,14 @@ class PageInstant(ElementForces):
             acts = self.actions if spring.gas is not None else self.conservative
             quantities[f"{name}_{unit}"] = acts[name].efforts[0].size
         for name, coupling in self.page.couplings.items():
-            quantities[f"{name}_{'force_n' if coupling.slides else 'moment_nm'}"] = -self.passed_on(name)
+            passed_on = teeth[name] if coupling.firm else self.passed_on(name)
+            quantities[f"{name}_{'force_n' if coupling.slides else 'moment_nm'}"] = -passed_on
         for name, damper in self.page.dampers.items():
             quantities[f"{name}_{'moment_nm' if damper.turns else 'force_n'}"] = self.actions[name].efforts[0].size
         for name, joint_name in places.resisted.items():
             unit = "moment_nm" if self.page.joints[joint_name].kind == "revolute" else "force_n"
             quantities[f"{name}_{unit}"] = laws[name].efforts[0].size
-        return JointReactions(pins, quantities | self.outputs(), lack, sizes)
+        return JointReactions(pins, quantities | self.outputs(), found.lack, found.sizes)
 
     def _effort(self, name: str, action: Action, turns: bool) -> dict[str, Number]:
         unit = "torque_nm" if turns else "force_n"

@@ -48,12 +48,17 @@ class GasCharge(Parameters):
 
 
 class CouplingElement(Parameters):
-    """An elastic shaft, gear, belt or rack between two joints: rate and damping of what they miss of their ratio."""
+    """An elastic shaft, gear, belt or rack between two joints: rate and damping of what they miss of their ratio.
+
+    Gear, belt and rack are firm without a rate.
+    """
 
     kind: Literal["shaft", "gear", "belt", "rack"] = choice(
         "shaft, or gear or belt with a ratio, between revolutes; rack: a pinion's revolute, then a slider"
     )
-    joints: tuple[str, str] = choice("the two joints that it couples; without force, amid its play, at the start")
+    joints: tuple[str, str] = choice(
+        "the two joints that it couples; they mesh as they start: without force, amid the play"
+    )
     ratio: float | None = quantity(
         "1", "of gear or belt: turns of the second joint for one of the first; below 0: the other way", default=None
     )
@@ -73,12 +78,17 @@ class CouplingElement(Parameters):
     @model_validator(mode="after")
     def _complete(self) -> Self:
         if self.kind == "rack":
-            only(self, "rack", ("joints", "radius_m", "rate_n_per_m"), ("damping_ns_per_m", "backlash_m", "efficiency"))
+            elastic = ("rate_n_per_m", "damping_ns_per_m", "backlash_m", "efficiency")
+            only(self, "rack", ("joints", "radius_m"), elastic)
         elif self.kind == "shaft":
             only(self, "shaft", ("joints", "rate_nm_per_rad"), ("damping_nms_per_rad", "backlash_deg"))
         else:
             play = ("backlash_deg",) if self.kind == "gear" else ()
-            only(self, self.kind, ("joints", "ratio", "rate_nm_per_rad"), ("damping_nms_per_rad", "efficiency", *play))
+            elastic = ("rate_nm_per_rad", "damping_nms_per_rad", "efficiency", *play)
+            only(self, self.kind, ("joints", "ratio"), elastic)
+        if self.firm and (self.damping > 0.0 or self.backlash > 0.0 or self.efficiency < 1.0):
+            rate = "rate_n_per_m" if self.slides else "rate_nm_per_rad"
+            raise ValueError(f"damping, play and efficiency need the key {rate}; without it a {self.kind} is firm")
         if self.factor == 0.0:
             raise ValueError(f"{'radius_m' if self.kind == 'rack' else 'ratio'} must not be 0")
         if self.kind == "belt" and self.factor < 0.0:
@@ -89,6 +99,11 @@ class CouplingElement(Parameters):
     def slides(self) -> bool:
         """Whether its second joint is a slider."""
         return self.kind == "rack"
+
+    @property
+    def firm(self) -> bool:
+        """Whether it is a firm ratio."""
+        return self.rate == 0.0
 
     @property
     def factor(self) -> float:

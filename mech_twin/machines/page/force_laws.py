@@ -214,6 +214,8 @@ class ElementForces:
 
     def _couplings(self) -> None:
         for name, coupling in self.page.couplings.items():
+            if coupling.firm:
+                continue
             first, second = (self.coordinate(joint) for joint in coupling.joints)
             factor, begun = self.number(coupling.factor), StartLengths(self.places).twist(coupling)
             row = [factor * a - b for a, b in zip(first.row, second.row, strict=True)]
