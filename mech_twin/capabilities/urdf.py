@@ -5,7 +5,8 @@ Joints have the names of the machine's joints, so that its joint states move the
 that moves as another does is a mimic joint.  URDF has no closed chains: where one was opened stands in a comment.
 
 Masses are the machine's own numbers.  A plane has one inertia, ``izz``; ``ixx`` and ``iyy`` are those of a flat link,
-half of it each, and nothing that moves in the plane depends on them.
+half of it each, and nothing that moves in the plane depends on them.  A point mass gets the inertia of a disc of
+`POINT_M`: readers refuse an inertia that is not positive definite.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from mech_twin.capabilities.mechanism import Bar, FrameTree, Inertia, Joint, joi
 UNLIMITED = "1e6"  # effort and speed: the machine's own limits are not the description's
 PLANAR = "planar: of each inertia izz is known; ixx and iyy are those of a flat link"
 SHORTEST_M = 1e-6  # a box of a link without extent
+POINT_M = 1e-4  # radius of gyration of a point mass
 
 
 def urdf(name: str, mechanism: FrameTree) -> str:
@@ -76,7 +78,8 @@ def _add_joint(robot: Element, joint: Joint, *, first: bool) -> None:
 def _add_inertial(link: Element, inertia: Inertia) -> None:
     inertial, about = SubElement(link, "inertial"), inertia.about_centre_kg_m2
     if about == 0.0:
-        inertial.append(ElementTree.Comment(" a point: the machine knows no inertia of this link "))
+        inertial.append(ElementTree.Comment(f" a point of the machine, here with a radius of gyration of {POINT_M} m "))
+        about = inertia.mass_kg * POINT_M**2
     SubElement(inertial, "origin", xyz=_row(*inertia.centre_m, 0.0), rpy=_row(0.0, 0.0, 0.0))
     SubElement(inertial, "mass", value=repr(float(inertia.mass_kg)))
     flat = {"ixx": 0.5 * about, "ixy": 0.0, "ixz": 0.0, "iyy": 0.5 * about, "iyz": 0.0, "izz": about}

@@ -120,7 +120,12 @@ def mechanism(shared: PageModel) -> FrameTree:
     masses = tuple(
         Inertia(n, b.mass_kg, (b.centre_m[0], b.centre_m[1]), b.inertia_kg_m2) for n, b in page.bodies.items()
     )
-    return FrameTree(tuple(frames.joints), tuple(loops), _bars(shared), (*lengths, *sliders), masses)
+    untold = tuple(
+        f"{name}: {body.inertia_kg_m2:g} kg m2 without a mass, of which no link has an inertia"
+        for name, body in page.bodies.items()
+        if body.inertia_kg_m2 > 0.0 == body.mass_kg
+    )
+    return FrameTree(tuple(frames.joints), tuple(loops), _bars(shared), (*lengths, *sliders), masses, untold)
 
 
 def _bars(shared: PageModel) -> tuple[Bar, ...]:

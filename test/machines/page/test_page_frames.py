@@ -12,7 +12,7 @@ from mechanics.random_structures import coordinates_of, thrown
 from urdf_parser_py.urdf import URDF
 
 from mech_twin.capabilities.mechanism import poses
-from mech_twin.capabilities.urdf import urdf
+from mech_twin.capabilities.urdf import POINT_M, urdf
 from mech_twin.machines.page.mechanism import mechanism
 from mech_twin.machines.page.parameters import Page
 from mech_twin.machines.page.roles import PageModel
@@ -90,10 +90,17 @@ def test_a_foreign_parser_reads_the_description(path):
 @pytest.mark.parametrize("path", PAGES)
 def test_the_description_of_a_page_holds_the_masses_of_its_bodies(path: str) -> None:
     page = machine_parameters(path).expanded
-    robot = URDF.from_xml_string(urdf("page", mechanism(PageModel(page))).encode())
+    text = urdf("page", mechanism(PageModel(page)))
+    robot = URDF.from_xml_string(text.encode())
     found = {link.name: link.inertial for link in robot.links if link.inertial}
     assert found.keys() == {name for name, body in page.bodies.items() if body.mass_kg > 0.0}
     for name, inertial in found.items():
         body = page.bodies[name]
-        assert (inertial.mass, inertial.inertia.izz) == pytest.approx((body.mass_kg, body.inertia_kg_m2), rel=1e-14)
+        told = body.inertia_kg_m2 or body.mass_kg * POINT_M**2
+        assert (inertial.mass, inertial.inertia.izz) == pytest.approx((body.mass_kg, told), rel=1e-14)
         assert tuple(inertial.origin.xyz) == pytest.approx((*body.centre_m, 0.0), rel=1e-14)
+        moments = np.linalg.eigvalsh(inertial.inertia.to_matrix())
+        assert moments[0] > 0.0 and moments[2] <= moments[0] + moments[1]  # those of a body: a reader refuses others
+    for name in page.bodies.keys() - found.keys():
+        massless = page.bodies[name].inertia_kg_m2
+        assert (f"{name}: {massless:g} kg m2 without a mass" in text) == (massless > 0.0)
