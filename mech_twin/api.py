@@ -341,19 +341,19 @@ def reproduce(
 
 
 def from_json(document: FilePath) -> Any:
-    """Return what a verb printed with ``--json`` as the object that the function of its name returns.
+    """Return what a verb printed with ``--json`` as an object.
 
     Parameters
     ----------
     document : path
-        File with the output of `simulate` (with ``--samples`` for the columns), `analyse`, `reproduce`, `compare`,
-        `identify` (in the machine's own motion; without the runs), ``study size``, ``study search`` or
-        ``study sweep``.
+        File with the output of any verb: what its function of Python returns, else an object with the keys as
+        attributes (`mech_twin.results.printed_documents`).  Columns of `simulate` need ``--samples``, those of
+        ``study designs`` the file of ``--out``; `identify` is without its runs.
 
     Raises
     ------
-    StudyError
-        It cannot be read, or is of another verb.
+    StudyError, ConfigurationError
+        It cannot be read, or no verb printed it.
     """
     from mech_twin.results.written_documents import from_document
 

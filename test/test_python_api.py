@@ -2,12 +2,9 @@
 """The functions of ``import mech_twin as mt``: what they return is what the rooms below give, with units."""
 
 import csv
-import math
 import re
 import subprocess
 import sys
-from collections.abc import Mapping
-from dataclasses import fields, is_dataclass
 from inspect import signature
 from pathlib import Path
 
@@ -18,13 +15,11 @@ from hypothesis import strategies as st
 
 import mech_twin as mt
 from mech_twin.capabilities.errors import StudyError
-from mech_twin.cli.main import main
 from mech_twin.declarations.captions import unit_of
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.engine.run import frames
 from mech_twin.engine.trajectory import Trajectory
 from mech_twin.machines.catalog import CATALOGUE
-from mech_twin.parameters.load import configuration_file, description_text, machine_parameters
 from mech_twin.parameters.load import machine as built_machine
 from mech_twin.results.objects import Columns
 
@@ -240,104 +235,6 @@ def test_a_roll_out_is_a_table_with_units_and_takes_settings():
     assert run.to_pandas()["time_s"].tolist() == run["time_s"].tolist()
     assert run.plot("linkage.crank.velocity").axes[0].get_ylabel() == "crank velocity [rad/s]"
     assert repr(run).startswith("mb10_breaker: 0.01 s: 11 rows of time_s, ")
-
-
-VERBS = {
-    "simulate": (
-        ["simulate", "mb10_breaker", "--duration", "0.3", "--samples"],
-        lambda: mt.simulate("mb10_breaker", 0.3),
-    ),
-    "simulate without bound": (
-        ["simulate", "vibration_crank", "--set", "rod_m=.inf", "--duration", "0.1", "--samples"],
-        lambda: mt.simulate("vibration_crank", 0.1, {"rod_m": math.inf}),
-    ),
-    "analyse": (
-        ["analyse", "compaction_press", "--cycle", "4"],
-        lambda: mt.analyse("compaction_press", positions=4),
-    ),
-    "size": (["study", "compaction_press", "size"], lambda: mt.size("compaction_press")),
-    "sweep": (
-        ["study", "winding_drum", "sweep", "--over", "package_radius_m=0.1,0.12", "--no-picture"],
-        lambda: mt.sweep("winding_drum", {"package_radius_m": [0.1, 0.12]}, cores=1),
-    ),
-    "search": (
-        ["study", "compaction_press", "search", "--bound", "crank=0.04:0.06"],
-        lambda: mt.search("compaction_press", bounds={"crank": (0.04, 0.06)}),
-    ),
-    "reproduce": (["reproduce", "winding_drum"], lambda: mt.reproduce("winding_drum")),
-}
-
-
-@pytest.mark.parametrize("verb", VERBS)
-def test_what_a_verb_prints_as_json_is_the_same_object_in_python(verb, tmp_path, monkeypatch, capsys):
-    words, asked = VERBS[verb]
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "argv", ["mech-twin", *words, "--json"])
-    with pytest.raises(SystemExit):
-        main()
-    Path("told.json").write_text(capsys.readouterr().out, encoding="utf-8")
-    read, expected = mt.from_json("told.json"), asked()
-    assert type(read) is type(expected)
-    assert plain(read) == plain(expected)
-    if hasattr(expected, "to_pandas"):
-        assert read.to_pandas().equals(expected.to_pandas())
-
-
-@pytest.mark.parametrize(
-    ("name", "settings"),
-    [
-        pytest.param("roller_former", None, id="a side lacks settings"),
-        pytest.param("vibration_crank", {"rod_m": math.inf}, id="an infinite setting"),
-    ],
-)
-def test_what_compare_prints_as_json_is_the_comparison_in_python(name, settings, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    other = configuration_file("roller_former_1") if settings is None else tmp_path / "other.yaml"
-    if settings is not None:
-        other.write_text(description_text(name, machine_parameters(name, None, settings)), encoding="utf-8")
-    monkeypatch.setattr(sys, "argv", ["mech-twin", "compare", name, str(other), "--duration", "0.1", "--json"])
-    with pytest.raises(SystemExit):
-        main()
-    Path("told.json").write_text(capsys.readouterr().out, encoding="utf-8")
-    read = mt.from_json("told.json")
-    told, expected = (
-        [[plain(row._asdict()) for row in rows] for rows in (result.found.settings, result.found.numbers)]
-        for result in (read, mt.compare(*(mt.simulate(name, 0.1, config=config) for config in (None, other))))
-    )
-    assert told == expected and all(told)
-    with pytest.raises(StudyError, match="holds no columns"):
-        read.plot()
-
-
-def plain(value):
-    """Return a result as values that compare, numbers by their bits, without the titles of its tables."""
-    if isinstance(value, Mapping):
-        return {key: plain(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray):
-        return [plain(item) for item in value.tolist()]
-    if isinstance(value, float):
-        return value.hex()
-    if isinstance(value, list):
-        return [plain(item) for item in value]
-    if is_dataclass(value):
-        return {field.name: plain(getattr(value, field.name)) for field in fields(value)}
-    return value
-
-
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("{", "not JSON"),
-        ("[1, 2]", "expected what one of these printed with --json: simulate, "),
-        ('{"machine": "winding_drum", "config": {}, "summary": {}}', "config"),
-        ('{"all_gated_hold": true, "rows": [{"a": 1}]}', "not as `reproduce` prints it"),
-    ],
-)
-def test_a_document_of_no_verb_is_refused_in_one_line(text, said, tmp_path):
-    tmp_path.joinpath("told.json").write_text(text, encoding="utf-8")
-    with pytest.raises((StudyError, ConfigurationError), match=re.escape(said)) as refused:
-        mt.from_json(tmp_path / "told.json")
-    assert "\n" not in str(refused.value)
 
 
 def test_a_frame_without_pandas_names_the_extra(monkeypatch):

@@ -47,10 +47,13 @@ class SynthesisQuestion(NamedTuple):
         Names of the options of robustness, with their usual values.
     answer : callable
         ``answer(parameters, impact_speed_m_per_s, options, periods)``; ``periods`` is the length of the endurance runs.
+    lines : callable
+        ``lines(record)``: the record of a cycle for people.
     """
 
     options: Mapping[str, float | int]
     answer: Callable[[Any, float, Mapping[str, float | int], int], SynthesisAnswer]
+    lines: Callable[[Mapping[str, Any]], dict[str, Any]]
 
 
 @dataclass(frozen=True)
@@ -68,8 +71,9 @@ class RegimeQuestion(NamedTuple):
     """How the regimes of a machine are mapped.
 
     ``answer(parameters, values, key, settling_periods, progress)``; ``usual_key`` is the key that is varied if none is
-    named.
+    named; ``read(key, records)`` returns an answer from its records.
     """
 
     usual_key: str
     answer: Callable[[Any, Sequence[float], str, int, Callable[[int, int], None] | None], RegimeAnswer]
+    read: Callable[[str, Sequence[Mapping[str, Any]]], RegimeAnswer]

@@ -57,7 +57,7 @@ def _show_explanation(run: str, found: Explanation) -> None:
     heads = ("feature", "unit", "healthy", "change", "+-95 %", "fault would", "moved, sigma", "left, sigma")
     rows = [
         (each.name, each.unit, *map(_rounded, (each.healthy, each.change, each.half_95, each.expected)),
-         f"{each.moved:.1f}", f"{each.left:.1f}")
+         f"{each.moved_sigma:.1f}", f"{each.left_sigma:.1f}")
         for each in found.features
     ]  # fmt: skip
     print_table(

@@ -44,7 +44,7 @@ def answer_synthesise(request: SynthesiseVerb) -> None:
         report_synthesis(Studied(request.report, machine, parameters, found.asked), found)
     if request.as_json:
         cycles = {cycle.name: cycle.record for cycle in found.cycles}
-        print_json({"machine": machine, **found.asked, **cycles, "configuration": str(out)})
+        print_json({"machine": machine, **found.asked, **cycles, "chosen": found.chosen, "configuration": str(out)})
         return
     titles = dict.fromkeys(title for cycle in found.cycles for title in cycle.lines)
     rows = [(title, *(cycle.lines.get(title, "-") for cycle in found.cycles)) for title in titles]

@@ -4,13 +4,25 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Callable, Mapping
+from dataclasses import MISSING, fields
+from functools import partial
 from math import inf, nan
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from pydantic import ValidationError
 
 from mech_twin.capabilities.design import Design
 from mech_twin.capabilities.errors import StudyError
+from mech_twin.capabilities.long_run import (
+    CycleAnswer,
+    RegimeAnswer,
+    RegimeQuestion,
+    SynthesisAnswer,
+    SynthesisQuestion,
+)
 from mech_twin.capabilities.published import PublishedRow
 from mech_twin.capabilities.sizing import Constraint
 from mech_twin.declarations.configuration_tree import tree_from_json
@@ -18,12 +30,37 @@ from mech_twin.declarations.quantity import Parameters
 from mech_twin.engine.invariants import Residual
 from mech_twin.measurements.columns import Columns, Numbers
 from mech_twin.measurements.machine_columns import shown_units
+from mech_twin.parameters.errors import refusal
 from mech_twin.parameters.load import catalogue_entry, configuration_read
 from mech_twin.results.objects import Analysis, Run, RunComparison, SizingResult
+from mech_twin.results.printed_documents import (
+    BouncesReport,
+    CheckReport,
+    ExaminedReport,
+    FmuReport,
+    LengthsReport,
+    MapReport,
+    MeasuredForcesReport,
+    MonitorReport,
+    PlanReport,
+    PrintedDocument,
+    RecomputedReport,
+    RecordingReport,
+    RunReport,
+    SensorSetReport,
+    ShadowReport,
+)
+from mech_twin.results.printed_types import read_as
 from mech_twin.samples import Coordinate, Event
+from mech_twin.studies.asking import asked_of
+from mech_twin.studies.design_scan import DesignScan, read_scan
 from mech_twin.studies.identification.saved_identification import SavedIdentification
 from mech_twin.studies.identification.written_identification import identification_read
+from mech_twin.studies.monitoring.fleet import Fleet
 from mech_twin.studies.run_comparison import Comparison, Differing
+
+if TYPE_CHECKING:
+    from mech_twin.recording.recovery import RecoveryReport
 
 Document = Mapping[str, Any]
 
@@ -34,6 +71,12 @@ class KnownDocument(NamedTuple):
     verb: str
     keys: frozenset[str]
     read: Callable[[Document], Any]
+
+
+def printed(verb: str, model: type[PrintedDocument]) -> KnownDocument:
+    """Return a kind of document that is an object of its own, known by the keys that it cannot be without."""
+    keys = (field.name for field in fields(model) if field.default is MISSING)
+    return KnownDocument(verb, frozenset(keys), partial(read_as, model))
 
 
 def from_document(text: str, source: str) -> Any:
@@ -51,12 +94,14 @@ def from_document(text: str, source: str) -> Any:
     except (ValueError, RecursionError) as error:
         raise StudyError(f"{source}: not JSON ({error}); expected what a verb printed with --json") from error
     held = set(document) if isinstance(document, dict) else set()
-    kind = next((kind for kind in KINDS if kind.keys <= held), None)
+    kind = max((kind for kind in KINDS if kind.keys <= held), key=lambda kind: len(kind.keys), default=None)
     if kind is None:
-        verbs = ", ".join(kind.verb for kind in KINDS)
+        verbs = ", ".join(dict.fromkeys(kind.verb for kind in KINDS))
         raise StudyError(f"{source}: expected what one of these printed with --json: {verbs}")
     try:
         return kind.read(document)
+    except ValidationError as error:
+        raise refusal(f"{source}: not as `{kind.verb}` prints it", error) from error
     except (KeyError, TypeError, AttributeError) as error:
         raise StudyError(f"{source}: not as `{kind.verb}` prints it ({type(error).__name__}: {error})") from error
 
@@ -147,6 +192,52 @@ def _identified(document: Document) -> SavedIdentification:
     return SavedIdentification(identification_read(document), runs, held_out, map_file)
 
 
+def _salvaged(document: Document) -> RecoveryReport:
+    from mech_twin.recording.recovery import RecoveryReport
+
+    return RecoveryReport(
+        Path(document["bag"]), Path(document["out"]), Counter(document["messages"]),
+        document["messages_of_lost_topics"], document["bytes_read"], document["bytes_skipped"], document["damages"],
+    )  # fmt: skip
+
+
+def _fleet(document: Document) -> Fleet:
+    own = ("feature", "apart", "is_apart")
+    sisters = [
+        {"member": {key: value for key, value in row.items() if key not in own}, **{key: row[key] for key in own}}
+        for row in document["machines"]
+    ]
+    refused = [{"name": name, "refused": reason} for name, reason in document["refused"].items()]
+    return read_as(Fleet, {**document, "sisters": sisters, "refused": refused})
+
+
+def _scan(document: Document) -> DesignScan:
+    if document["table"] is None:
+        raise StudyError("study designs: holds no designs; expected --out FILE.parquet beside --json")
+    return read_scan(document["machine"], document["designs"], Path(document["table"]))
+
+
+def _synthesis(document: Document) -> SynthesisAnswer:
+    machine, rest = document["machine"], {"machine", "chosen", "configuration"}
+    question: SynthesisQuestion = asked_of(machine, "synthesis", "no cycle to synthesise")
+    parts = {name: part for name, part in document.items() if name not in rest}
+    records = {name: part for name, part in parts.items() if "config" in part}
+    cycles = tuple(
+        CycleAnswer(name, configuration_read(machine, record["config"], "config"), record, question.lines(record))
+        for name, record in records.items()
+    )
+    return SynthesisAnswer({name: parts[name] for name in parts.keys() - records.keys()}, cycles, document["chosen"])
+
+
+def _regimes(document: Document) -> RegimeAnswer:
+    question: RegimeQuestion = asked_of(document["machine"], "regimes", "no regimes to map")
+    return question.read(document["key"], document["regimes"])
+
+
+def _names(document: Document) -> tuple[str, ...]:
+    return tuple(machine["name"] for machine in document["machines"])
+
+
 KINDS = (
     KnownDocument("simulate", frozenset({"machine", "config", "summary", "residuals", "events"}), _run),
     KnownDocument("study size", frozenset({"machine", "config", "sizes", "constraints"}), _sizes),
@@ -156,4 +247,24 @@ KINDS = (
     KnownDocument("reproduce", frozenset({"all_gated_hold", "rows"}), _published),
     KnownDocument("identify", frozenset({"machine", "config", "before", "asked", "search"}), _identified),
     KnownDocument("analyse", frozenset({"machine", "config", "summary"}), _analysis),
+    KnownDocument("study designs", frozenset({"machine", "designs", "feasible_share", "table"}), _scan),
+    KnownDocument("study synthesise", frozenset({"machine", "chosen", "configuration"}), _synthesis),
+    KnownDocument("study regimes", frozenset({"machine", "key", "regimes"}), _regimes),
+    KnownDocument("list", frozenset({"machines"}), _names),
+    KnownDocument("recover", frozenset({"bag", "out", "damages", "messages_of_lost_topics"}), _salvaged),
+    KnownDocument("fleet", frozenset({"machine", "limit", "common", "machines"}), _fleet),
+    printed("run", RunReport),
+    printed("replay", RecomputedReport),
+    printed("replay", MeasuredForcesReport),
+    printed("info", RecordingReport),
+    printed("info", ExaminedReport),
+    printed("check", CheckReport),
+    printed("map", MapReport),
+    printed("identify", BouncesReport),
+    printed("identify", LengthsReport),
+    printed("identify", PlanReport),
+    printed("monitor", MonitorReport),
+    printed("monitor", SensorSetReport),
+    printed("shadow", ShadowReport),
+    printed("export fmu", FmuReport),
 )

@@ -64,6 +64,25 @@ class DesignScan:
             )
 
 
+def read_scan(machine: str, designs: int, table: Path) -> DesignScan:
+    """Return a scan of so many designs whose feasible ones `DesignScan.write` wrote.
+
+    Raises
+    ------
+    StudyError
+        The file cannot be read, or is of another machine.
+    """
+    from pyarrow import parquet
+
+    question = design_question(machine)
+    try:
+        found = parquet.read_table(table)
+        feasible = np.column_stack([found[name].to_numpy() for name in (*question.variables, *question.objectives)])
+    except (OSError, ValueError, KeyError) as error:
+        raise StudyError(f"{table}: expected the table of designs of {machine} ({error})") from error
+    return DesignScan(tuple(question.variables), question.objectives, designs, feasible)
+
+
 def design_question(machine: str) -> DesignQuestion:
     """Return the design question of a machine.
 

@@ -94,8 +94,12 @@ def capabilities() -> Capabilities:
     return Capabilities(
         published=published.rows,
         pictures=plots.pictures,
-        synthesis=SynthesisQuestion(long_run_answers.USUAL_ROBUSTNESS, long_run_answers.synthesis_answer),
-        regimes=RegimeQuestion(long_run_answers.USUAL_KEY, long_run_answers.regime_answer),
+        synthesis=SynthesisQuestion(
+            long_run_answers.USUAL_ROBUSTNESS, long_run_answers.synthesis_answer, long_run_answers.cycle_lines
+        ),
+        regimes=RegimeQuestion(
+            long_run_answers.USUAL_KEY, long_run_answers.regime_answer, long_run_answers.regimes_read
+        ),
         features=features.features,
         faults=faults.faults,
         anchored_motion=ANCHORED_MOTION,

@@ -8,11 +8,13 @@ from dataclasses import asdict
 from functools import partial
 from typing import Any
 
+from pydantic import TypeAdapter
+
 from mech_twin.capabilities.errors import StudyError
 from mech_twin.capabilities.long_run import CycleAnswer, RegimeAnswer, SynthesisAnswer
 from mech_twin.declarations.configuration_tree import configuration_tree
 from mech_twin.machines.impact_mass.parameters import ImpactMass
-from mech_twin.machines.impact_mass.regimes import regime_map, write_bifurcation_picture
+from mech_twin.machines.impact_mass.regimes import LongRunRegime, RegimeMap, regime_map, write_bifurcation_picture
 from mech_twin.machines.impact_mass.synthesis import CycleDesign, CycleSpec, RobustnessSpec, synthesise
 from mech_twin.machines.impact_mass.tolerance_box import Certificate
 
@@ -55,9 +57,11 @@ def synthesis_answer(
         found = synthesise(spec, RobustnessSpec(**{**USUAL_ROBUSTNESS, **options}), periods)
     except ValueError as error:
         raise StudyError(str(error)) from error
+    designs = (found.published, found.robust)
+    records = {design.name: cycle_record(design) for design in designs}
     cycles = tuple(
-        CycleAnswer(design.name, design.parameters, cycle_record(design), cycle_lines(design))
-        for design in (found.published, found.robust)
+        CycleAnswer(design.name, design.parameters, records[design.name], cycle_lines(records[design.name]))
+        for design in designs
     )
     asked = {"spec": asdict(found.spec), "robustness": asdict(found.robustness)}
     return SynthesisAnswer(asked, cycles, found.robust.name)
@@ -81,6 +85,19 @@ def regime_answer(
         found = regime_map(parameters, values, key, settling_periods, progress)
     except TypeError as error:
         raise StudyError(str(error)) from error
+    return _answer(found)
+
+
+def regimes_read(key: str, records: Sequence[Mapping[str, Any]]) -> RegimeAnswer:
+    """Return regimes over the values of a key from the records of an answer."""
+    rest = {key, "note"}
+    regimes = [{name: value for name, value in record.items() if name not in rest} for record in records]
+    values = tuple(record[key] for record in records)
+    return _answer(RegimeMap(key, values, TypeAdapter(tuple[LongRunRegime, ...]).validate_python(regimes)))
+
+
+def _answer(found: RegimeMap) -> RegimeAnswer:
+    key = found.key
     records = tuple(
         {key: value, **asdict(regime), "note": regime.note}
         for value, regime in zip(found.values, found.regimes, strict=True)
@@ -123,44 +140,46 @@ def certificate_record(certificate: Certificate) -> dict[str, Any]:
     }
 
 
-def certificate_lines(certificate: Certificate) -> dict[str, Any]:
-    """Return the certificate for people, by title."""
+def certificate_lines(certificate: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the record of a certificate for people, by title."""
     c = certificate
-    off = ", ".join(f"{name} {100.0 * value:+.2g} %" for name, value in c.worst_deviation._asdict().items())
+    off = ", ".join(f"{name} {100.0 * value:+.2g} %" for name, value in c["worst_deviation"].items())
     return {
-        "tolerance of P1, P2, t1, T, R": c.tolerance,
+        "tolerance of P1, P2, t1, T, R": c["tolerance"],
         "points of the box tried (between them nothing is proved)": (
-            f"{c.corners} corners, {c.faces} faces, {c.inside} inside, {c.climbed} climbed"
+            f"{c['corners']} corners, {c['faces']} faces, {c['inside']} inside, {c['climbed']} climbed"
         ),
-        "worst share that reaches it": c.worst_fraction,
-        "worst margin": c.worst_margin,
-        "slowest start, periods": c.slowest_periods,
+        "worst share that reaches it": c["worst_fraction"],
+        "worst margin": c["worst_margin"],
+        "slowest start, periods": c["slowest_periods"],
         "worst point": off,
     }
 
 
-def cycle_lines(design: CycleDesign) -> dict[str, Any]:
-    """Return a cycle for people, by title."""
-    p, judged = design.parameters, design.verdict
+def cycle_lines(record: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the record of a cycle for people, by title."""
+    p, judged, certificate = record["config"], record["verdict"], record["certificate"]
     lines: dict[str, Any] = {
-        "T, s": p.period_s,
-        "t1, s": p.phase1_duration_s,
-        "P1, N": p.phase1_force_n,
-        "P2, N": p.phase2_force_n,
-        "start x0, m": p.initial_position_m,
-        "start v0, m/s": p.initial_velocity_m_per_s,
-        "stroke (largest gap), m": design.stroke_m,
-        "blow, m/s": design.impact_speed_m_per_s,
-        "verdict": judged.reason,
-        "margin 1 - |multiplier|": judged.margin,
+        "T, s": p["period_s"],
+        "t1, s": p["phase1_duration_s"],
+        "P1, N": p["phase1_force_n"],
+        "P2, N": p["phase2_force_n"],
+        "start x0, m": p["initial_position_m"],
+        "start v0, m/s": p["initial_velocity_m_per_s"],
+        "stroke (largest gap), m": record["stroke_m"],
+        "blow, m/s": record["impact_speed_m_per_s"],
+        "verdict": judged["reason"],
+        "margin 1 - |multiplier|": judged["margin"],
     }
-    if judged.basin is not None:
-        lines["basin: share that reaches it"] = judged.basin.fraction
-        lines["basin: share that ends at rest"] = judged.basin.at_rest / judged.basin.box.starts
-        lines["basin: starts, seed"] = f"{judged.basin.box.starts}, {judged.basin.box.seed}"
-    if design.certificate is not None:
-        lines.update(certificate_lines(design.certificate))
-    for name, lasting in zip(("T in full", "T to 4 decimals", "T cut to 3"), design.endurance, strict=False):
-        rest = f", at rest in period {lasting.rests_in_period}" if lasting.rests_in_period else ""
-        lines[name] = f"{lasting.period_s:.7g} s: holds {lasting.held_periods} of {lasting.periods} periods{rest}"
+    if (basin := judged["basin"]) is not None:
+        box = basin["box"]
+        lines["basin: share that reaches it"] = basin["fraction"]
+        lines["basin: share that ends at rest"] = basin["at_rest"] / box["starts"]
+        lines["basin: starts, seed"] = f"{box['starts']}, {box['seed']}"
+    if certificate is not None:
+        lines.update(certificate_lines(certificate))
+    for name, lasting in zip(("T in full", "T to 4 decimals", "T cut to 3"), record["endurance"], strict=False):
+        rest = f", at rest in period {lasting['rests_in_period']}" if lasting["rests_in_period"] else ""
+        held = f"holds {lasting['held_periods']} of {lasting['periods']} periods"
+        lines[name] = f"{lasting['period_s']:.7g} s: {held}{rest}"
     return lines

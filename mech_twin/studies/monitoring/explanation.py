@@ -45,18 +45,18 @@ class FeatureChange(NamedTuple):
     expected: float
 
     @property
-    def moved(self) -> float:
+    def moved_sigma(self) -> float:
         """The change in standard deviations of one cycle."""
         return self.change / self.sigma
 
     @property
-    def left(self) -> float:
+    def left_sigma(self) -> float:
         """What the fault leaves open, in standard deviations of one cycle."""
         return (self.change - self.expected) / self.sigma
 
     def record(self) -> dict[str, Any]:
         """Return the feature as JSON values."""
-        return {**self._asdict(), "moved_sigma": self.moved, "left_sigma": self.left}
+        return {**self._asdict(), "moved_sigma": self.moved_sigma, "left_sigma": self.left_sigma}
 
 
 class Explanation(NamedTuple):
@@ -122,7 +122,7 @@ def explanation(setup: MonitorSetup, units: Mapping[str, str], alarm: Alarm, fau
         strict=True,
     )  # fmt: skip
     features = [FeatureChange(name, units.get(name, "1"), *map(float, numbers)) for name, *numbers in rows]
-    features.sort(key=lambda each: -abs(each.moved))
+    features.sort(key=lambda each: -abs(each.moved_sigma))
     explains = fault in {candidate.name for candidate in alarm.candidates}
     called = alarm.finding or alarm.verdict
     return Explanation(found, explains, called, alarm.onset_s, alarm.change.cycles, tuple(features))
@@ -143,7 +143,7 @@ def drawn_explanation(setup: MonitorSetup, vectors: Sequence[FeatureVector], ala
     with house_style():
         figure, all_axes = sheet(1 + len(curves), 1, height=1.6 + 0.2 * len(bars) + 1.6 * len(curves))
         axes, rows = all_axes[0], np.arange(len(bars))[::-1]
-        moved, half = [each.moved for each in bars], [each.half_95 / each.sigma for each in bars]
+        moved, half = [each.moved_sigma for each in bars], [each.half_95 / each.sigma for each in bars]
         axes.errorbar(moved, rows, xerr=half, fmt="o", color=BLUE, markersize=4, label="measured, 95 %")
         expected = [each.expected / each.sigma for each in bars]
         unit = "" if found.fault.unit == "1" else f" {found.fault.unit}"

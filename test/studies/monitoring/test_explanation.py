@@ -50,7 +50,8 @@ def test_a_fault_is_explained_by_what_each_feature_did_beside_what_it_would_do(s
             inside[i] += abs(told[name].change - SOFT[i]) <= told[name].half_95
             assert told[name].healthy == pytest.approx(7.0, abs=0.3)
             assert told[name].expected == pytest.approx(-found.fault.size * SOFT[i])
-            assert told[name].moved - told[name].left == pytest.approx(told[name].expected / told[name].sigma)
+            explained = told[name].moved_sigma - told[name].left_sigma
+            assert explained == pytest.approx(told[name].expected / told[name].sigma)
         assert told["feature_0"].unit == "N" and told["feature_1"].unit == "1"
     assert (inside >= 33).all() and inside.sum() < 3 * len(seeds)  # of 40 at 95 %: 32 or less has a chance of 1e-3
 
@@ -60,7 +61,9 @@ def test_a_fault_that_is_not_the_one_is_told_with_what_it_leaves_open(setup: Mon
     assert found is not None and not found.explains and found.finding == "soft"
     assert found.fault.open_share > 0.9
     farthest = found.features[0]
-    assert farthest.name in ("feature_0", "feature_2") and farthest.expected == 0.0 and abs(farthest.left) > HALF_95
+    assert (
+        farthest.name in ("feature_0", "feature_2") and farthest.expected == 0.0 and abs(farthest.left_sigma) > HALF_95
+    )
 
 
 def test_a_fault_that_is_not_known_is_refused_with_those_that_are(setup: MonitorSetup) -> None:

@@ -1,0 +1,353 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What verbs print with ``--json`` for which Python has no function: a class each, with the keys as attributes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import ConfigDict, Field
+
+from mech_twin.measurements.measurement_map import Source
+from mech_twin.samples import Event
+from mech_twin.studies.first_difference import Value
+from mech_twin.studies.identification.combinations import Combination
+from mech_twin.studies.identification.geometry_report import HeldOut
+from mech_twin.studies.identification.sensor_plan import Help
+from mech_twin.studies.identification.verdicts import KeyVerdict
+from mech_twin.studies.measured_forces import Compared
+from mech_twin.studies.monitoring.design import FaultDesign
+from mech_twin.studies.monitoring.explanation import Explanation
+from mech_twin.studies.monitoring.fault_life import FaultLife
+from mech_twin.studies.monitoring.findings import FaultEvent
+from mech_twin.studies.monitoring.operating import OperatingValue
+from mech_twin.studies.monitoring.report import Alarm
+
+
+@dataclass(frozen=True, kw_only=True)
+class PrintedDocument:
+    """A document, or a part of one: it has these keys and no others."""
+
+    __pydantic_config__ = ConfigDict(extra="forbid", arbitrary_types_allowed=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunReport(PrintedDocument):
+    """`run`: what nodes computed, and what they sent and the recorder wrote."""
+
+    machine: str
+    config: Mapping[str, Any]
+    summary: Mapping[str, Any]
+    events: tuple[Event, ...]
+    recording: Path | None
+    messages_sent: Mapping[str, int]
+    messages_recorded: Mapping[str, int]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecomputedSample(PrintedDocument):
+    """The first sample in which a recording and the run computed again part."""
+
+    topic: str
+    step: int
+    time_s: float
+    field: str
+    recorded: Value
+    computed: Value
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecomputedReport(PrintedDocument):
+    """`replay --analyse` or ``--resimulate``; ``identical`` is None where that is not certain."""
+
+    bag: Path
+    recorded_with: tuple[str, ...]
+    version: str
+    machine: str
+    identical: bool | None
+    steps_compared: int
+    samples_compared: int
+    incomplete_steps: int
+    parameter_changes: int
+    resets: int = 0
+    resumed_at_steps: tuple[int, ...]
+    unused_samples: Mapping[str, int]
+    contradicted_from_step: int | None
+    first_difference: RecomputedSample | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeasuredForcesReport(PrintedDocument):
+    """`replay --analyse --map`: the largest forces of a measured motion, and its channels beside the model."""
+
+    measurement: Path
+    machine: str
+    samples: int
+    crank_zero_rad: float
+    largest: Mapping[str, float]
+    compared: tuple[Compared, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordingTopic(PrintedDocument):
+    """A topic of a recording: type, messages, and loss counters by name."""
+
+    type: str
+    messages: int
+    counters: Mapping[str, int]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordingFile(PrintedDocument):
+    """A file of a recording."""
+
+    file: str
+    size_bytes: int | None
+    start_s: float | None
+    end_s: float | None
+    messages: int | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordingReport(PrintedDocument):
+    """`info`: what a recording holds."""
+
+    bag: Path
+    machine: str | None
+    version: str | None
+    finished: bool
+    duration_s: float | None
+    message_count: int
+    topics: Mapping[str, RecordingTopic]
+    splits: tuple[RecordingFile, ...]
+    configuration: str | None
+    problems: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExaminedChannel(PrintedDocument):
+    """A channel of a measurement by its map, and what its samples are worth, in its own unit."""
+
+    source: Source
+    quantity: Annotated[str, Field(alias="is")]
+    unit: str | None
+    samples: int
+    rate_hz: float
+    jitter_s: float
+    gaps: int
+    repeats: int
+    back: int
+    drift: float
+    quantum: float
+    saturated: float
+    nan: int
+    noise: float
+    low: float
+    high: float
+    span_s: float
+    flaws: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExaminedReport(PrintedDocument):
+    """`info --map`: the quality of each channel, and what contradicts the map."""
+
+    measurement: Path
+    machine: str
+    channels: tuple[ExaminedChannel, ...]
+    problems: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExaminedRun(PrintedDocument):
+    """The quality of each channel in one of several runs."""
+
+    measurement: Path
+    channels: tuple[ExaminedChannel, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class MapReport(ExaminedReport):
+    """`map`: the text of the map that is proposed, and the quality of each channel in each run."""
+
+    map: str
+    runs: tuple[ExaminedRun, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class CheckedJoint(PrintedDocument):
+    """A joint of a page at the start."""
+
+    joint: str
+    kind: str
+    role: str
+    start: float
+    unit: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class CheckedContact(PrintedDocument):
+    """A contact of a page at the start."""
+
+    contact: str
+    state: str
+    gap: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class CheckReport(PrintedDocument):
+    """`check`, and `info` of a page: what a page amounts to."""
+
+    page: str
+    numbers: Mapping[str, Any]
+    joints: tuple[CheckedJoint, ...]
+    contacts: tuple[CheckedContact, ...]
+    masses_kg: Mapping[str, float]
+    remarks: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class FmuReport(PrintedDocument):
+    """`export fmu`: the unit that was written, and what an importer sees of it."""
+
+    machine: str
+    file: Path
+    fmi: int
+    platforms: tuple[str, ...]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    parameters: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class BouncingRun(PrintedDocument):
+    """The restitution that one run shows."""
+
+    run: Path
+    column: str
+    restitution: float
+    standard_deviation: float
+    bounces: int
+    flaws: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class BouncesReport(PrintedDocument):
+    """`identify` from bounces."""
+
+    machine: str
+    parameters: tuple[KeyVerdict, ...]
+    used: tuple[Path, ...]
+    runs: tuple[BouncingRun, ...]
+    seconds: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class FittedChannel(PrintedDocument):
+    """How well a channel is foretold in the runs that were fitted (percent)."""
+
+    quantity: Annotated[str, Field(alias="is")]
+    fit_percent: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class HeldOutRun(PrintedDocument):
+    """The run that was left out of the fit, and its scores."""
+
+    run: Path
+    scores: tuple[HeldOut, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class LengthsReport(PrintedDocument):
+    """`identify` in the measured motion of the crank."""
+
+    machine: str
+    parameters: tuple[KeyVerdict, ...]
+    channels: tuple[FittedChannel, ...]
+    lags_s: tuple[float, ...]
+    held_out: HeldOutRun | None
+    seconds: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlanReport(PrintedDocument):
+    """`identify --plan`: which keys given sensors would find, and what would help."""
+
+    machine: str
+    parameters: tuple[KeyVerdict, ...]
+    combinations: tuple[Combination, ...]
+    helps: tuple[Help, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class BaselineFeature(PrintedDocument):
+    """A feature in the healthy cycles."""
+
+    name: str
+    unit: str
+    mean: float
+    sigma: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class BaselineCycles(PrintedDocument):
+    """The healthy cycles: how many, the order of their autoregression, their length."""
+
+    cycles: int
+    order: int
+    period_s: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class SetupReport(PrintedDocument):
+    """The reference of a monitor."""
+
+    machine: str
+    features: tuple[BaselineFeature, ...]
+    baseline: BaselineCycles
+    arl0_h: float
+    arl0_cycles: float
+    extrapolated: bool
+    thresholds: Mapping[str, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class MonitoredRun(PrintedDocument):
+    """What a monitor says of a run."""
+
+    run: Path
+    cycles: int
+    skipped: int
+    alarms: tuple[Alarm, ...]
+    faults: tuple[FaultLife, ...]
+    events: tuple[FaultEvent, ...]
+    operating_point: tuple[OperatingValue, ...]
+    explained: tuple[Explanation, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class MonitorReport(SetupReport):
+    """`monitor`: what was found in each run."""
+
+    runs: tuple[MonitoredRun, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensorSetReport(SetupReport):
+    """`monitor --design`: what a sensor set would find, and the share of a row's fault that a column's leaves open."""
+
+    faults: tuple[FaultDesign, ...]
+    isolability: Mapping[str, Mapping[str, float]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShadowReport(PrintedDocument):
+    """`shadow`: its last values, what it sent, and the recordings of faults."""
+
+    machine: str
+    values: Mapping[str, str]
+    messages_sent: Mapping[str, int]
+    black_boxes: tuple[Path, ...]
