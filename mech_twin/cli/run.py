@@ -24,6 +24,7 @@ from mech_twin.nodes.run.domain import DISCOVERY, OTHER_HOSTS, settle_domain
 from mech_twin.parameters.errors import refusal
 from mech_twin.parameters.load import PAGE, RUN_GROUP, assignments, is_page, machine_parameters, run_group
 from mech_twin.parameters.load import machine as built_machine
+from mech_twin.process.dependencies import require_modules
 from mech_twin.recording.output_directory import check_recording_directory, remove_recording
 from mech_twin.studies.simulation import event_record
 
@@ -32,19 +33,11 @@ if TYPE_CHECKING:
     from mech_twin.nodes.run.composition import Outcome
 
 
-def _check_ros() -> None:
-    """Refuse in one line where ROS 2 is not installed, before a view is opened."""
-    try:
-        import rclpy  # noqa: F401
-    except ModuleNotFoundError as error:
-        raise CommandError(f"run: expected ROS 2 for Python (rclpy), no module {error.name!r}") from error
-
-
 def run_machine(request: RunVerb) -> None:
     """Run the nodes and, at the end, print the metrics of the run."""
     settle_domain(request.open_to_other_hosts)  # before anything large is loaded: where memory runs out is not chosen
     _check(request)
-    _check_ros()
+    require_modules("rclpy")  # before a view is opened
     parameters = machine_parameters(request.machine, request.config, assignments(request.settings))
     if is_page(request.machine):
         built_machine(request.machine, request.config, assignments(request.settings))  # refuses what cannot start

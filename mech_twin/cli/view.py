@@ -25,9 +25,9 @@ from mech_twin.parameters.load import PAGE, is_page
 from mech_twin.roles import Machine
 from mech_twin.samples import Drawing
 from mech_twin.studies.run_comparison import changed_settings
+from mech_twin.studies.run_metrics import RunMetrics
 
 if TYPE_CHECKING:
-    from mech_twin.nodes.roles.viewer_node import RunMetrics
     from mech_twin.process.stop_signal import StopSignal
     from mech_twin.recording.bag_samples import BagSamples
     from mech_twin.view.bench.scene import BenchScene
@@ -104,7 +104,6 @@ def _simulated(page: Path, duration_s: float) -> _Shown:
 
 
 def _show_run(scene: BenchScene | RerunScene, machine: Machine, duration_s: float, stop: StopSignal) -> None:
-    from mech_twin.nodes.roles.viewer_node import RunMetrics
 
     metrics = RunMetrics(lambda: machine)
     _prepare(scene, machine)
@@ -185,7 +184,6 @@ def _show(scene: BenchScene | RerunScene, samples: BagSamples, stop: StopSignal)
 
 def _metrics(samples: BagSamples) -> RunMetrics | None:
     """Return the observer of the run's metrics; None for a machine that is not in the catalogue."""
-    from mech_twin.nodes.roles.viewer_node import RunMetrics
     from mech_twin.studies.configuration_history import ConfigurationHistory
 
     try:

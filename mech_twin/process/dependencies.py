@@ -25,6 +25,7 @@ EXTRA_OF = {
     "paho": "alerts",
     "prometheus_client": "alerts",
 }
+_OF_ROS = re.compile(r"rclpy|\w+_(msgs|srvs|interfaces)")
 _BOUND = re.compile(r"([A-Za-z0-9._-]+)\s*>=\s*([0-9.]+)$")
 
 
@@ -105,5 +106,8 @@ def require_modules(*modules: str) -> None:
 
 def missing_extra(error: ImportError) -> str | None:
     """Return the line for an import that failed for want of an extra, or None if it failed for another reason."""
-    extra = EXTRA_OF.get((error.name or "").partition(".")[0])
+    module = (error.name or "").partition(".")[0]
+    if _OF_ROS.fullmatch(module):
+        return f"expected ROS 2 for Python, no module {module!r}: {extra_needed('jazzy')}"
+    extra = EXTRA_OF.get(module)
     return extra_needed(extra) if extra and isinstance(error, ModuleNotFoundError) else None

@@ -7,7 +7,6 @@ Its base, the observer, hears every step message, puts the frames together again
 from __future__ import annotations
 
 import time
-from collections import deque
 from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING
@@ -17,7 +16,6 @@ from visualization_msgs.msg import MarkerArray
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.engine.assembly import OPEN_STEPS, FrameAssembler
-from mech_twin.engine.trajectory import frame_events
 from mech_twin.messages import body as body_messages
 from mech_twin.messages import force as force_messages
 from mech_twin.messages import linkage as linkage_messages
@@ -38,76 +36,14 @@ from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode
 from mech_twin.nodes.exchange.hand_over import Step
 from mech_twin.nodes.exchange.peers import Admission, HeardSource
 from mech_twin.parameters.load import catalogue_entry
-from mech_twin.roles import Machine, Observer
-from mech_twin.samples import Drawing, Event, Frame, Sample, Shape
+from mech_twin.samples import Drawing, Frame, Sample, Shape
+from mech_twin.studies.run_metrics import RunMetrics
 from mech_twin.view.bench.link import PREFIX, BenchLink
 from mech_twin.view.bench.scene import BenchScene
 from mech_twin.view.sending import LIVE
 
 if TYPE_CHECKING:
     from mech_twin.view.rerun_scene import RerunScene
-
-KEPT_EVENTS = 20_000  # 2 kB each: more would grow a process for hours
-
-
-class RunMetrics:
-    """Observer of a run, with its events (the newest of a long run).
-
-    Parameters
-    ----------
-    build : callable
-        Returns the machine.  Called when the first frame comes, or the metrics are asked for: building a machine may
-        compile, which a process that waits for a run need not.
-    """
-
-    def __init__(self, build: Callable[[], Machine]) -> None:
-        self._build = build
-        self._machine: Machine | None = None
-        self.begin_anew()
-
-    def begin_anew(self) -> None:
-        """Forget the run so far: another begins."""
-        self.events: deque[Event] = deque(maxlen=KEPT_EVENTS)
-        self.event_count = 0
-        self.frames = 0
-        self.last: Frame | None = None
-        self._observer: Observer | None = None
-
-    def observe(self, frame: Frame) -> tuple[Event, ...]:
-        """Take one frame into account and return its events."""
-        self.frames += 1
-        self.last = frame
-        if self._observer is None:
-            self._observer = self._built().observer()
-        self._observer.observe(frame)
-        events = frame_events(frame)
-        self.events.extend(events)
-        self.event_count += len(events)
-        return events
-
-    def numbers(self) -> dict[str, float]:
-        """Return the metrics so far, the closed-form ones of a cycle included."""
-        return {**self._built().report(), **self.running_numbers()}
-
-    def running_numbers(self) -> dict[str, float]:
-        """Return the metrics of the run alone."""
-        return {} if self._observer is None else self._observer.numbers()
-
-    def regime(self, index: int) -> str:
-        """Return the name of a regime of the linkage, empty where the machine has none."""
-        regimes = self._built().linkage.regimes
-        return regimes[index] if regimes else ""
-
-    @property
-    def machine(self) -> Machine:
-        """The machine, built when it is first asked for."""
-        return self._built()
-
-    def _built(self) -> Machine:
-        if self._machine is None:
-            self._machine = self._build()
-        return self._machine
-
 
 FIRST_STEP_S = 1.0  # for what does not say its step, until the linkage has taken one: at time 0 any length does
 DECODERS: dict[str, Callable[..., Sample]] = {

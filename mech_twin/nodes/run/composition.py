@@ -31,7 +31,7 @@ from mech_twin.nodes.roles.linkage_node import LinkageNode
 from mech_twin.nodes.roles.motor_node import MotorNode
 from mech_twin.nodes.roles.recorder_node import RecorderNode
 from mech_twin.nodes.roles.role_node import RoleNode
-from mech_twin.nodes.roles.viewer_node import ObserverNode, RunMetrics
+from mech_twin.nodes.roles.viewer_node import ObserverNode
 from mech_twin.nodes.run.console import attended, keep_log_apart
 from mech_twin.nodes.run.domain import NodeEndedError, ros_arguments, run_namespace
 from mech_twin.nodes.run.name_guard import NameGuard
@@ -39,6 +39,7 @@ from mech_twin.parameters.load import MACHINE_KEY, RUN_GROUP, catalogue_entry
 from mech_twin.process.interruption import EXIT_CODE_BASE, SIGNALS
 from mech_twin.process.stop_signal import StopSignal
 from mech_twin.samples import Frame, Sample, Shape
+from mech_twin.studies.run_metrics import RunMetrics
 
 if TYPE_CHECKING:
     from mech_twin.nodes.roles.viewer_node import ViewerNode

@@ -28,8 +28,8 @@ from std_srvs.srv import SetBool, Trigger
 from mech_twin.measurements.machine_columns import sliding_in
 from mech_twin.messages.topics import SPEED_COMMAND
 from mech_twin.nodes.exchange.spinner import Spinner
-from mech_twin.nodes.roles.viewer_node import RunMetrics
 from mech_twin.samples import Event, Frame
+from mech_twin.studies.run_metrics import RunMetrics
 
 
 class TerminalKeys:
