@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import yaml
@@ -66,15 +67,16 @@ def show_info(asked: InfoVerb) -> None:
     _print_topics(document["topics"], asked.wide)
     rows = [tuple("-" if value is None else value for value in split.values()) for split in document["splits"]]
     print_table("files", ("file", "bytes", "start, s", "end, s", "messages"), rows)
-    for line in [*document["problems"], *_shared_topics(document["topics"])]:
+    for line in [*document["problems"], *shared_topics(info.counters)]:
         say(line)
 
 
-def _shared_topics(topics: dict[str, Any]) -> list[str]:
-    """Return a line for each topic that several published at once: a message does not tell whose it is."""
-    shared = {name: topic["counters"].get("publishers", 0) for name, topic in topics.items()}
+def shared_topics(counters: Mapping[str, Mapping[str, int]]) -> list[str]:
+    """Return a line for each topic, by name with its loss counters, that several published at once."""
+    shared = {name: row.get("publishers", 0) for name, row in counters.items()}
     return [
-        f"{name}: {number} publishers at once; of messages with the same source it is not certain whose they are"
+        f"{name}: {number} publishers at once; "
+        "what one sent with the source of another is below copied_source, where the middleware told them apart"
         for name, number in shared.items()
         if number > 1
     ]

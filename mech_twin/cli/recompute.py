@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from mech_twin import __version__
 from mech_twin.cli.console import print_json, print_table, progress, say
 from mech_twin.cli.failure import CommandError
+from mech_twin.cli.info import shared_topics
 from mech_twin.cli.verbs import ReplayVerb
 from mech_twin.nodes.run.domain import settle_domain
 from mech_twin.parameters.load import MACHINE_KEY, description_text, file_tree, machine_parameters
@@ -57,7 +58,10 @@ def recompute_bag(asked: ReplayVerb) -> None:
                 verdict = resimulated(steps, history.machine_at)
             for _ in islice(steps, LATEST_SECOND):
                 pass
+        shared = shared_topics(reader.info.counters)
     _write(bag, mode, samples, history, verdict, asked.as_json)
+    for line in shared:
+        say(line)
     if not verdict.identical:
         raise SystemExit(DIFFERENT)
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from mech_twin.messages.step_marks import ANONYMOUS
 from mech_twin.messages.step_message import SOURCE, Row
-from mech_twin.nodes.exchange.hand_over import HandedStep, HandOver, Listener, StepChannel
+from mech_twin.nodes.exchange.hand_over import HandedStep, HandOver, HeardBytes, Listener, StepChannel
 from mech_twin.samples import MotorSample
 
 SIGNED = Row(SOURCE, 17.0)
@@ -47,7 +47,7 @@ class Wire:
     def arrive(self) -> None:
         for listener, queue in self._here:
             while queue:
-                listener.hear(queue.popleft())
+                listener.hear(queue.popleft(), {"publication_sequence_number": None})
 
 
 class Bench:
@@ -56,9 +56,7 @@ class Bench:
     def __init__(self) -> None:
         self.heard: list[list[bytes]] = [[], []]
         take = [lambda found, heard=heard: heard.append(found.raw) for heard in self.heard]
-        self.listeners = [
-            Listener("/t", take[place], self.heard[place].append, patient=place > 0) for place in range(2)
-        ]
+        self.listeners = [Listener("/t", take[place], take[place], patient=place > 0) for place in range(2)]
         self.wire, self.exchange = Wire(self.listeners), HandOver()
         for listener in self.listeners:
             self.exchange.listen(listener)
@@ -145,17 +143,19 @@ def test_bytes_that_bear_the_number_of_a_sender_here_are_believed_only_if_it_sen
     bench.wire.stranger = True
     bench.send(step(1))
     for listener in bench.listeners:
-        assert listener.believed(number, step(1).raw) == number
-        assert listener.believed(number, step(0).raw) == ANONYMOUS, "it was handed over and never published"
-        assert listener.believed(number, step(1, 2.0).raw) == ANONYMOUS
-        assert listener.believed(number + 1.0, step(1, 2.0).raw) == number + 1.0
+        assert listener.believed(number, HeardBytes(step(1).raw, None)) == number
+        assert listener.believed(number, HeardBytes(step(0).raw, None)) == ANONYMOUS, (
+            "it was handed over and never published"
+        )
+        assert listener.believed(number, HeardBytes(step(1, 2.0).raw, None)) == ANONYMOUS
+        assert listener.believed(number + 1.0, HeardBytes(step(1, 2.0).raw, None)) == number + 1.0
 
 
 def test_what_a_sender_publishes_after_it_has_left_is_believed() -> None:
     bench, number = Bench(), SIGNED.position
     bench.send(step(0))
     bench.channel.left()
-    assert [each.believed(number, step(1).raw) for each in bench.listeners] == [number] * 2
+    assert [each.believed(number, HeardBytes(step(1).raw, None)) for each in bench.listeners] == [number] * 2
 
 
 def test_who_leaves_is_handed_nothing_more() -> None:

@@ -28,6 +28,7 @@ from mech_twin.messages import force as force_messages
 from mech_twin.messages import linkage as linkage_messages
 from mech_twin.messages import motor as motor_messages
 from mech_twin.messages import scene
+from mech_twin.messages.step_head import StepHeadReader
 from mech_twin.messages.step_message import REVISION, SOURCE, set_stamp
 from mech_twin.messages.topics import (
     DESCRIPTION,
@@ -48,10 +49,12 @@ from mech_twin.nodes.exchange.hand_over import HandOver
 from mech_twin.nodes.roles.force_node import ForceNode
 from mech_twin.nodes.roles.linkage_node import LinkageNode
 from mech_twin.nodes.roles.motor_node import MotorNode
-from mech_twin.nodes.roles.recorder_node import RecorderNode
+from mech_twin.nodes.roles.recorder_node import COPIED, RecorderNode
 from mech_twin.nodes.roles.viewer_node import ViewerNode
 from mech_twin.parameters.load import description_text, machine_parameters
-from mech_twin.recording.bag_reader import open_bag
+from mech_twin.recording.bag_reader import BagReader, open_bag
+from mech_twin.recording.bag_writer import BagWriter
+from mech_twin.recording.schemas import offered_qos
 from mech_twin.samples import Drawing, MotorSample, Shape
 
 pytestmark = pytest.mark.usefixtures("ros_domain")
@@ -404,23 +407,59 @@ def test_a_stranger_who_signs_as_the_motor_is_not_used_and_the_run_computed_agai
         assert reader.topics[f"/{DRUM}/{MOTOR}/copied_source"].message_count == recorded[MOTOR, "unknown_source"]
 
 
-def test_a_recording_that_took_a_stranger_for_the_motor_is_not_called_different(tmp_path: Path) -> None:
-    """As a recorder in a process of its own hears it: nothing tells it who published a message."""
+def shared_by_two(bag: Path, apart: tuple[str, ...]) -> None:
+    """Record a run beside a stranger who signs as the motor; nodes that are apart hear bytes, as in another process."""
     with BenchRun(DRUM, recorder=True) as run:
-        recorder = run.revive(lambda name, *known: RecorderNode(name, tmp_path / "bag", *known))
-        assert isinstance(recorder, RecorderNode)
-        recorder.leave()
+        recorder = run.revive(lambda name, *known: RecorderNode(name, bag, *known))
+        nodes = [recorder if role == "recorder" else run.node(role) for role in apart]
+        for node in nodes:
+            node.leave()
         run.steps(20)
         second_motor(run, stronger, run.node("motor").source)
-        run.steps(50)
+        run.steps(300)
+        run.until(lambda: recorder.statistics.total[MOTOR, "unknown_source"] > 50)
         run.linkage.done = True
         run.spin_for(0.3)
         recorder.close()
-        recorder.join(HandOver())
-    found = json.loads(mech_twin("replay", tmp_path / "bag", "--resimulate", "--json").out)
-    assert found["unused_samples"]["contradicting"] > 0
-    assert found["identical"] is not False, found
+        assert_engine(run)
+        for node in nodes:
+            node.join(HandOver())
+
+
+@pytest.mark.parametrize("apart", [("recorder",), ("linkage", "force_analysis", "motor", "recorder")])
+def test_over_processes_a_stranger_who_signs_as_the_motor_is_told_apart_by_the_numbers_of_the_middleware(
+    tmp_path: Path, apart: tuple[str, ...]
+) -> None:
+    shared_by_two(tmp_path / "bag", apart)
+    told = mech_twin("replay", tmp_path / "bag", "--resimulate", "--json")
+    found = json.loads(told.out)
+    assert found["identical"] is True and "contradicting" not in found["unused_samples"], found
+    assert f"/{DRUM}/{MOTOR}: 2 publishers at once" in told.err
     assert f"/{DRUM}/{MOTOR}: 2 publishers at once" in mech_twin("info", tmp_path / "bag").err
+
+
+def test_a_recording_in_which_two_publishers_were_not_told_apart_is_not_called_different(tmp_path: Path) -> None:
+    """As one of a middleware without numbers has it: the copies are among the steps."""
+    shared_by_two(tmp_path / "bag", ("recorder",))
+    step = f"/{DRUM}/{MOTOR}"
+    with (
+        BagReader(tmp_path / "bag") as reader,
+        BagWriter(tmp_path / "mixed", configuration=reader.info.configuration or "") as writer,
+    ):
+        for name, topic in reader.topics.items():
+            writer.add_topic(name, topic.type_name, offered_qos(durability="volatile", depth=1))
+        head = StepHeadReader()
+        copies = {head(each.raw).step: each.raw for each in reader.messages([f"{step}/{COPIED}"])}
+        for message in reader.messages(set(reader.topics) - {f"{step}/{COPIED}"}):
+            at_ns = message.log_time_ns
+            if message.topic == step and (copy := copies.pop(head(message.raw).step, None)):
+                writer.write(step, copy, at_ns, at_ns)
+            writer.write(message.topic, message.raw, at_ns, at_ns)
+        writer.count_publishers(step, 2)
+    told = mech_twin("replay", tmp_path / "mixed", "--resimulate", "--json")
+    found = json.loads(told.out)
+    assert found["unused_samples"]["contradicting"] > 0
+    assert found["identical"] is None and f"{step}: 2 publishers at once" in told.err, found
 
 
 def test_a_second_publisher_of_steps_is_named(tmp_path: Path) -> None:
@@ -437,19 +476,26 @@ def test_a_second_publisher_of_steps_is_named(tmp_path: Path) -> None:
         recorder.close()
 
 
-def test_of_a_message_rclpy_tells_times_and_numbers_and_not_its_publisher() -> None:
+def test_of_a_message_rclpy_tells_the_number_its_publisher_gave_it_and_not_its_publisher() -> None:
     rclpy.init(args=[])
     node = rclpy.create_node("apart")
-    heard, speaker = node.create_subscription(String, "whose", print, 10), node.create_publisher(String, "whose", 10)
-    info: dict[str, object] | None = None
+    heard: list[tuple[str, int]] = []
+    keys: set[str] = set()
+
+    def hear(message: String, info: dict[str, int]) -> None:
+        heard.append((message.data, info["publication_sequence_number"]))
+        keys.update(info)
+
+    node.create_subscription(String, "whose", hear, 10)
+    speakers = [node.create_publisher(String, "whose", 10) for _ in range(2)]
     end = time.monotonic() + 20.0
-    while info is None and time.monotonic() < end:
-        speaker.publish(String(data="mine"))
+    while any(speaker.get_subscription_count() < 1 for speaker in speakers) and time.monotonic() < end:
         time.sleep(0.05)
-        with heard.handle:
-            taken = heard.handle.take_message(String, False)
-        info = taken and taken[1]
+    for word, speaker in zip("aaba", [*speakers[:1] * 2, speakers[1], speakers[0]], strict=True):
+        speaker.publish(String(data=word))
+    while len(heard) < 4 and time.monotonic() < end:
+        rclpy.spin_once(node, timeout_sec=0.1)
     node.destroy_node()
     rclpy.shutdown()
-    assert info is not None
-    assert {key.rpartition("_")[2] for key in info} == {"timestamp", "number"}, "bind sources to what it tells now"
+    assert heard == [("a", 1), ("a", 2), ("b", 1), ("a", 3)]
+    assert {key.rpartition("_")[2] for key in keys} == {"timestamp", "number"}, "bind sources to what it tells now"

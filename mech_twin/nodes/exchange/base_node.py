@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Mapping
-from functools import partial
+from functools import partial, wraps
 from typing import Any, Literal
 
 from pydantic import ValidationError
@@ -34,7 +34,7 @@ from mech_twin.nodes.exchange.counting_publisher import (
     StepPublisher,
 )
 from mech_twin.nodes.exchange.diagnostics import NodeDiagnostics, TopicStatistics, array_message
-from mech_twin.nodes.exchange.hand_over import HandOver, Listener, ReceivedStep, Step
+from mech_twin.nodes.exchange.hand_over import HandOver, HeardBytes, Listener, ReceivedStep, Step
 from mech_twin.nodes.exchange.parameter_bridge import declare_machine, declared_tree
 from mech_twin.nodes.exchange.peers import new_source
 from mech_twin.parameters.errors import refusal
@@ -203,14 +203,14 @@ class TwinNode(Node):
             Called with each sample and the step it came by.
         """
 
-        def receive(raw: bytes) -> None:
+        def receive(heard: HeardBytes) -> None:
             try:
-                message = received_message(raw)
+                message = received_message(heard.raw)
                 sample = decode(message)
             except (CdrError, MessageError) as error:
                 self.statistics.count(topic.name, "malformed", str(error))
             else:
-                take(sample, ReceivedStep(message, listener.believed(source(message), raw)))
+                take(sample, ReceivedStep(message, listener.believed(source(message), heard)))
 
         listener = self.listen(topic, lambda step: take(step.sample, step), receive, **changes)
 
@@ -218,13 +218,15 @@ class TwinNode(Node):
         self,
         topic: Topic,
         take: Callable[[Any], None],
-        receive: Callable[[bytes], None],
+        receive: Callable[[HeardBytes], None],
         patient: bool = False,
         **changes: Any,
     ) -> Listener:
         """Return a subscription: by hand from nodes of the same executor, else as bytes."""
-        listener = Listener(self.resolve_topic_name(topic.name), take, receive, patient)
-        listener.publishers = self.subscribe(topic, listener.hear, raw=True, **changes).handle.get_publisher_count
+        silence_s = self.options.peer_timeout_s
+        listener = Listener(self.resolve_topic_name(topic.name), take, receive, patient, silence_s)
+        subscription = self.subscribe(topic, _with_info(listener.hear), raw=True, **changes)
+        listener.publishers = subscription.handle.get_publisher_count
         self._listeners.append(listener)
         if self._hand_over is not None:
             self._hand_over.listen(listener)
@@ -308,6 +310,17 @@ class TwinNode(Node):
         for line in lines:
             self.get_logger().warning(printable(line))
         self._diagnostics_out.send(array_message(self.time_s, status))
+
+
+def _with_info(hear: Callable[[bytes, Mapping[str, Any]], None]) -> Callable[..., None]:
+    """Return a callback of both, as rclpy reads its signature; its executor of events hands them over as one."""
+
+    @wraps(hear)
+    def call(*heard: Any) -> None:
+        raw, info = heard if len(heard) > 1 else heard[0]
+        hear(raw, info)
+
+    return call
 
 
 def _options(tree: Mapping[str, Any], source: str) -> RunOptions:

@@ -9,20 +9,22 @@ Order survives each change of the way: nothing is handed while bytes sent before
 while a handed step waits are taken after it.
 
 What senders here sign is known here.  Bytes that bear a sender's number and that no sender here published are a copy
-by somebody else: their signature is not believed, and they count as unsigned.
+by somebody else: their signature is not believed, and they count as unsigned.  So do those of a sender elsewhere that
+another publisher sent (`publisher_numbers`).
 """
 
 from __future__ import annotations
 
 import math
 from collections import OrderedDict, deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from functools import cached_property
 from typing import Any, NamedTuple
 
 from mech_twin.messages.joint_state_cdr import StepMessage
 from mech_twin.messages.step_marks import ANONYMOUS, ConfigurationMark, configuration_mark
 from mech_twin.messages.step_message import REVISION, Row
+from mech_twin.nodes.exchange.publisher_numbers import PublisherNumbers
 from mech_twin.samples import ForceSample, LinkageSample, MotorSample
 
 REMEMBERED = 1 << 15  # messages of a topic: half a minute of steps of 1 ms, longer than any listener is behind
@@ -82,6 +84,13 @@ class HandedBytes(NamedTuple):
 
 
 Handed = HandedStep | HandedBytes
+
+
+class HeardBytes(NamedTuple):
+    """A message as the subscription received it, and which of its publisher's it is; None where nobody knows."""
+
+    raw: bytes
+    number: int | None
 
 
 class ReceivedStep:
@@ -149,9 +158,11 @@ class Listener:
     take : callable
         Called with a step that is handed over.
     receive : callable
-        Called with the bytes of a step.
+        Called with the `HeardBytes` of a step.
     patient : bool
         Whether its steps may come some at a time, later than those of others.
+    silence_s : float
+        Time after which a publisher elsewhere counts as gone.
 
     Attributes
     ----------
@@ -160,7 +171,12 @@ class Listener:
     """
 
     def __init__(
-        self, topic: str, take: Callable[[Any], None], receive: Callable[[bytes], None], patient: bool = False
+        self,
+        topic: str,
+        take: Callable[[Any], None],
+        receive: Callable[[HeardBytes], None],
+        patient: bool = False,
+        silence_s: float = 0.5,
     ) -> None:
         self.topic, self.patient = topic, patient
         self.publishers: Callable[[], int] = int
@@ -170,21 +186,26 @@ class Listener:
         self._expected: deque[tuple[bytes, bool]] = deque()  # whether it was handed over as well
         self._only_bytes = 0
         self._channel: StepChannel | None = None
+        self._numbers = PublisherNumbers(silence_s)
 
-    def believed(self, source: float, raw: bytes) -> float:
-        """Return the number that signs bytes as heard; 0 where it is that of a sender here that did not send them."""
-        copied = self._channel is not None and self._channel.is_copy(source, raw)
-        return ANONYMOUS if copied else source
+    def believed(self, source: float, heard: HeardBytes) -> float:
+        """Return the number that signs bytes as heard; 0 where it is that of a sender who did not send them."""
+        if source == ANONYMOUS:
+            return source
+        if self._channel is not None and self._channel.signs(source):
+            return source if self._channel.published(heard.raw) else ANONYMOUS
+        return source if self._numbers.is_own(source, heard.number, lambda: self.publishers() <= 1) else ANONYMOUS
 
-    def hear(self, raw: bytes) -> None:
-        """Take bytes that the subscription received, unless the step was handed over."""
+    def hear(self, raw: bytes, info: Mapping[str, Any]) -> None:
+        """Take bytes that the subscription received, and what rclpy knows of them, unless the step was handed over."""
         if self._was_handed(raw):
             return
+        heard = HeardBytes(raw, info["publication_sequence_number"])
         if self._queued and self._waiting is not None:
             self._queued += 1
-            self._waiting.append((self, self._receive, raw))
+            self._waiting.append((self, self._receive, heard))
         else:
-            self._receive(raw)
+            self._receive(heard)
 
     def queue(self, step: Handed, senders: int) -> bool:
         """Put a step on its way by hand, if only these senders publish and no bytes of them are expected."""
@@ -237,9 +258,13 @@ class StepChannel:
         self.senders -= 1
         self._sources.clear()
 
-    def is_copy(self, source: float, raw: bytes) -> bool:
-        """Return whether bytes bear the number of a sender here that did not publish them."""
-        return source in self._sources and hash(raw) not in self._published
+    def signs(self, source: float) -> bool:
+        """Return whether a sender here signs with this number."""
+        return source in self._sources
+
+    def published(self, raw: bytes) -> bool:
+        """Return whether a sender here published these bytes."""
+        return hash(raw) in self._published
 
     def send(self, step: Handed, subscriptions: Callable[[], int], publish: Callable[[bytes], None]) -> None:
         """Hand a step over, and publish its bytes where a subscription is not served by hand.

@@ -40,7 +40,7 @@ from mech_twin.messages.topics import (
     type_name,
 )
 from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode
-from mech_twin.nodes.exchange.hand_over import HandedStep, Listener
+from mech_twin.nodes.exchange.hand_over import Handed, HandedStep, HeardBytes, Listener
 from mech_twin.nodes.exchange.living_publishers import LivingPublishers
 from mech_twin.nodes.exchange.peers import Admission, HeardSource
 from mech_twin.parameters.load import catalogue_entry, description_text
@@ -206,13 +206,13 @@ class RecorderNode(TwinNode):
     def report(self) -> None:
         """Publish the diagnostics of the window that ends now, and name the step topics that several publish.
 
-        A message does not tell its publisher: whoever copies the number of the one that is followed is taken for it.
+        Who copies the source of the one that is followed is recorded apart, where the middleware numbers messages.
         """
         for topic, of_topic in self._steps.items():
             if of_topic.living > 1:
                 publishers = self.get_publishers_info_by_topic(self.resolve_topic_name(topic))
                 names = ", ".join(sorted(f"{each.node_namespace}/{each.node_name}" for each in publishers))
-                self.diagnostics.warn(f"{topic} is published by {names}: whose message is whose is not certain")
+                self.diagnostics.warn(f"{topic} is published by {names}: the first to sign is followed")
 
         super().report()
 
@@ -238,8 +238,8 @@ class RecorderNode(TwinNode):
             handed, received = (partial(call, topic, name, of_topic) for call in (self._on_handed, self._on_step))
             of_topic.listener = self.listen(topic, handed, received, patient=True, qos=EVERY)
         else:
-            received = partial(self._on_message, topic, name, False)
-            self.listen(heard, lambda handed: received(handed.raw), received, patient=True, qos=EVERY)
+            received = partial(self._on_bytes, topic, name)
+            self.listen(heard, received, received, patient=True, qos=EVERY)
 
     def _record_found(self) -> None:
         """Record the pins' topics that have appeared, and those of a node of frames."""
@@ -251,6 +251,9 @@ class RecorderNode(TwinNode):
                 self._record(self._optional[name])
 
     # -- messages ---------------------------------------------------------------------------------------------------
+
+    def _on_bytes(self, topic: Topic, name: str, heard: Handed | HeardBytes) -> None:
+        self._on_message(topic, name, False, heard.raw)
 
     def _on_message(self, topic: Topic, name: str, latched: bool, raw: bytes) -> None:
         self._last_heard_s = time.monotonic()
@@ -268,15 +271,16 @@ class RecorderNode(TwinNode):
         head = StepHead(stamp.sec * NS_PER_S + stamp.nanosec, sample.step, step.source)
         self._record_step(topic, name, of_topic, head, step.raw)
 
-    def _on_step(self, topic: Topic, name: str, of_topic: StepInput, raw: bytes) -> None:
+    def _on_step(self, topic: Topic, name: str, of_topic: StepInput, heard: HeardBytes) -> None:
         self._last_heard_s = time.monotonic()
+        raw = heard.raw
         try:
             head = of_topic.read(raw)
         except (CdrError, MessageError) as error:
             self.statistics.count(topic.name, "malformed", str(error))
             self._write(name, raw, self._time.now_ns)
             return
-        if of_topic.listener is None or of_topic.listener.believed(head.source, raw) == head.source:
+        if of_topic.listener is None or of_topic.listener.believed(head.source, heard) == head.source:
             self._record_step(topic, name, of_topic, head, raw)
         else:
             self._record_copy(topic, f"{name}/{COPIED}", raw)
