@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mech_twin.capabilities.errors import StudyError
+from mech_twin.capabilities.shorter_steps import InShorterSteps
 from mech_twin.declarations.quantity import Parameters
 
 Array = NDArray[np.float64]
@@ -45,12 +46,16 @@ class DesignSpace:
 
 @dataclass(frozen=True)
 class Design:
-    """A design by name: its variables, objectives and margins, and the configuration they were computed from."""
+    """A design by name: its variables, objectives and margins, and the configuration they were computed from.
+
+    ``in_shorter_steps`` has objectives and margins once more, where they come from a run; else None.
+    """
 
     variables: dict[str, float]
     objectives: dict[str, float]
     margins: dict[str, float]
     parameters: Parameters
+    in_shorter_steps: InShorterSteps | None = None
 
 
 class DesignQuestion(NamedTuple):

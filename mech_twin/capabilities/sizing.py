@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple, Protocol
 
+from mech_twin.capabilities.shorter_steps import InShorterSteps
 from mech_twin.declarations.quantity import Parameters
 
 Table = Callable[[str], Mapping[str, Any]]  # an installed table by its name
@@ -38,10 +39,14 @@ class Constraint:
         return abs(self.margin) <= NEAR * max(abs(self.limit), 1e-12)
 
     @property
+    def demand(self) -> str:
+        """What is asked."""
+        return f"{self.name} {'<=' if self.side == 'below' else '>='} {self.limit:.6g}"
+
+    @property
     def text(self) -> str:
         """The constraint in a few words."""
-        sign = "<=" if self.side == "below" else ">="
-        return f"{self.name} {sign} {self.limit:.6g} (has {self.value:.6g})"
+        return f"{self.demand} (has {self.value:.6g})"
 
 
 @dataclass(frozen=True)
@@ -49,6 +54,7 @@ class Sizing:
     """Sizes by configuration key, the whole configuration, constraints, which binds, and the trade-off around it.
 
     ``tolerance`` is the relative tolerance of what is assumed, under which ``constraints`` hold (0: as configured).
+    ``in_shorter_steps`` has the ``metrics`` that come from a run once more; None where they come from no run.
     """
 
     machine: str
@@ -60,6 +66,7 @@ class Sizing:
     binding: str
     trade_off: tuple[dict[str, float | str], ...] = ()
     tolerance: float = 0.0
+    in_shorter_steps: InShorterSteps | None = None
 
 
 def binding_of(constraints: tuple[Constraint, ...], otherwise: str) -> str:

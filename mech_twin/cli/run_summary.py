@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
 
+from mech_twin.capabilities.shorter_steps import InShorterSteps
 from mech_twin.cli.console import numbered, print_csv, print_table, say_result
 from mech_twin.cli.metric_groups import CHECKS, group_rows, grouped, headlines
 from mech_twin.samples import Event
@@ -18,6 +19,11 @@ NO_NUMBERS: Mapping[str, float] = MappingProxyType({})
 HOLDS, BROKEN = "holds", "broken"
 AUDIBLE_M_PER_S = 1e-3  # slower impacts are the end of a series that dies out
 EVENT_COLUMNS = ("time, s", "kind", "contact", "before, m/s", "after, m/s", "impulse, N s")
+
+
+def shorter_record(shorter: InShorterSteps | None) -> dict[str, Any]:
+    """Return what a JSON document says of shorter steps: nothing where there were none."""
+    return {} if shorter is None else {"shorter_steps": {"step_s": shorter.step_s, "summary": dict(shorter.numbers)}}
 
 
 def show_numbers(
@@ -40,6 +46,12 @@ def show_numbers(
     left = len(numbers) - sum(map(len, groups.values()))
     if left:
         say_result(f"{left} more numbers with --all; docs/glossary.md says what each is")
+
+
+def in_common_digits(numbers: Mapping[str, Any], shorter: InShorterSteps | None) -> dict[str, Any]:
+    """Return numbers in the digits that they have in shorter steps too, where they come from a run."""
+    beside = NO_NUMBERS if shorter is None else shorter.numbers
+    return {name: told(name, value, beside) for name, value in numbers.items()}
 
 
 def how_told(step_s: float, shorter_s: float | None = None, failure: str = "") -> str:

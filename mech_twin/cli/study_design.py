@@ -9,6 +9,7 @@ from typing import Any
 
 from mech_twin.cli.console import print_json, print_numbers, print_table, say
 from mech_twin.cli.failure import CommandError
+from mech_twin.cli.run_summary import how_told, in_common_digits, shorter_record
 from mech_twin.cli.study_options import counted, limits_of, notes_of, ranges_of, shows_limits, study_errors, told
 from mech_twin.cli.study_report import Studied, check_report, report_designs, report_search
 from mech_twin.cli.study_verbs import DesignsVerb, SearchVerb
@@ -125,15 +126,18 @@ def _search_by_runs(request: SearchVerb) -> None:
         options = {name: getattr(request, name) for name in ("objective", "bound", "limit", "duration_s", "seed")}
         report_search(Studied(request.report, request.machine, parameters, options), [found])
     if request.as_json:
-        row = {**found.variables, **found.objectives}
+        row = {**found.variables, **found.objectives, **shorter_record(found.in_shorter_steps)}
         front = [{**row, "margins": found.margins, "config": configuration_tree(found.parameters)}]
         names = {"machine": request.machine, "objectives": [objective], "seed": request.seed}
         print_json({**names, "designs": front, "configuration": str(out)})
         return
-    print_numbers("best design", {**found.variables, **found.objectives})
+    shorter = found.in_shorter_steps
+    print_numbers("best design", {**found.variables, **in_common_digits(found.objectives, shorter)})
     if found.margins:
         near = sorted(found.margins.items(), key=lambda item: item[1])
-        print_numbers("margins of the limits (least first; 0 binds)", dict(near))
+        print_numbers("margins of the limits (least first; 0 binds)", in_common_digits(dict(near), shorter))
+    if shorter is not None:
+        say(how_told(shorter.beside_s, shorter.step_s))
     say(f"wrote {out}")
 
 

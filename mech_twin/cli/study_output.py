@@ -10,10 +10,10 @@ from typing import Any
 
 from mech_twin.capabilities.sizing import Sizing
 from mech_twin.cli.console import print_csv, print_json, print_numbers, print_table, say
+from mech_twin.cli.run_summary import how_told, in_common_digits, shorter_record
 from mech_twin.cli.study_options import HELP, axes_of, counted, limits_of, notes_of, shows_limits, study_errors, told
-from mech_twin.cli.study_report import check_report, report_sizing, report_sweep
+from mech_twin.cli.study_report import check_report, constraint_rows, report_sizing, report_sweep
 from mech_twin.cli.study_verbs import SizeVerb, SweepVerb
-from mech_twin.declarations.captions import unit_of
 from mech_twin.declarations.configuration_tree import configuration_tree
 from mech_twin.files.output_file import YAML_SUFFIXES, check_output_file
 from mech_twin.parameters.load import assignments, machine_parameters
@@ -149,21 +149,21 @@ def answer_size(asked: SizeVerb) -> None:
                 ],
                 "trade_off": answer.trade_off,
                 "configuration": str(out),
+                **shorter_record(answer.in_shorter_steps),
             }
         )
         return
-    print_numbers(f"{machine}: sizes", {**answer.sizes, **answer.metrics})
-    rows = [
-        (c.text, c.margin, unit_of(c.name), "binds" if c.binds else "holds" if c.holds else "not met")
-        for c in answer.constraints
-    ]
-    print_table("constraints", ("constraint", "margin", "unit", "state"), rows)
+    metrics = in_common_digits(answer.metrics, answer.in_shorter_steps)
+    print_numbers(f"{machine}: sizes", {**answer.sizes, **metrics})
+    print_table("constraints", ("constraint", "margin", "unit", "state"), constraint_rows(answer))
     if answer.trade_off:
         trade_off = [tuple(row.values()) for row in answer.trade_off]
         print_table("trade-off", tuple(answer.trade_off[0]), trade_off, marked=_chosen(answer))
     say(f"binding: {answer.binding}")
     if answer.tolerance > 0.0:
         say(f"holds with every assumed value off by up to {100.0 * answer.tolerance:g} %")
+    if answer.in_shorter_steps is not None:
+        say(how_told(answer.in_shorter_steps.beside_s, answer.in_shorter_steps.step_s))
     say(f"wrote {out}")
 
 

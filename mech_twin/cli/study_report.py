@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
@@ -12,6 +13,7 @@ from mech_twin.capabilities.design import Design
 from mech_twin.capabilities.long_run import RegimeAnswer, SynthesisAnswer
 from mech_twin.capabilities.sizing import Sizing
 from mech_twin.cli.console import say
+from mech_twin.cli.run_summary import in_common_digits
 from mech_twin.declarations.captions import titled, unit_of
 from mech_twin.declarations.configuration_tree import configuration_tree
 from mech_twin.declarations.quantity import Parameters
@@ -20,6 +22,7 @@ from mech_twin.files.report_page import page, picture, section, versions
 from mech_twin.studies.design_scan import DesignScan
 from mech_twin.studies.parameter_sweep import Sweep
 from mech_twin.studies.run_comparison import changed_settings
+from mech_twin.studies.shorter_steps import told as digits_told
 
 DPI = 120
 MARGIN_DIGITS = 6  # beyond them a constraint binds
@@ -50,21 +53,32 @@ def report_sweep(report: Path, done: Sweep, machine: str, parameters: Parameters
     _write(report, f"{machine}: sweep of {', '.join(done.asked.keys)}", parts)
 
 
+def constraint_rows(answer: Sizing) -> list[tuple[Any, ...]]:
+    """Return what is asked and reached, the margin and its unit, and whether it binds, of each constraint."""
+    beside = {} if answer.in_shorter_steps is None else answer.in_shorter_steps.numbers
+    rows = []
+    for c in answer.constraints:
+        text, margin = c.text, c.margin
+        if beside.get(c.name, c.value) != c.value:
+            again = replace(c, value=beside[c.name])
+            text = f"{c.demand} (has {digits_told(c.name, c.value, beside)})"
+            margin = digits_told(c.name, c.margin, {c.name: again.margin})
+        rows.append((text, margin, unit_of(c.name), "binds" if c.binds else "holds" if c.holds else "not met"))
+    return rows
+
+
 def report_sizing(report: Path, answer: Sizing, parameters: Parameters) -> None:
     """Write the report of a sizing."""
     sizes = [(key, value, unit_of(key)) for key, value in answer.sizes.items()]
-    numbers = [(key, value, unit_of(key)) for key, value in answer.metrics.items()]
-    held = [
-        (c.text, c.margin, unit_of(c.name), "binds" if c.binds else "holds" if c.holds else "not met")
-        for c in answer.constraints
-    ]
+    metrics = in_common_digits(answer.metrics, answer.in_shorter_steps)
+    numbers = [(key, value, unit_of(key)) for key, value in metrics.items()]
     trade_off = [tuple(row.values()) for row in answer.trade_off]
     parts = [
         *_head(answer.machine, parameters),
         f"<p>Objective: {answer.objective}; tolerance {answer.tolerance:g}; binding: {answer.binding}.</p>",
         section("Sizes", ("key", "value", "unit"), sizes),
         section("Numbers", ("quantity", "value", "unit"), numbers),
-        section("Constraints", ("constraint", "margin", "unit", "state"), held),
+        section("Constraints", ("constraint", "margin", "unit", "state"), constraint_rows(answer)),
         section("Trade-off", tuple(answer.trade_off[0]) if trade_off else (), trade_off),
     ]
     _write(report, f"{answer.machine}: sizing", parts)

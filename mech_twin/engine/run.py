@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
@@ -12,12 +13,19 @@ from mech_twin.engine.coupling import Target, complete_frame, effort_limit, next
 from mech_twin.roles import Machine
 from mech_twin.samples import EffortCommand, Frame
 
+TIMES_AS_MANY = math.sqrt(5.0)  # steps of a run beside one: below half as long, and samples fall between the other's
 FEW_FRAMES, MANY_FRAMES = 32, 512  # computed at a time: few at first, since who asks may stop early
 
 
 def steps_for(machine: Machine, duration_s: float) -> int:
     """Return how many coupling steps make up a duration (rounded to the nearest)."""
     return round(duration_s / machine.coupling_step_s)
+
+
+def shorter_step_s(machine: Machine, duration_s: float) -> float:
+    """Return a shorter coupling step (s) that divides the run as the machine's own does."""
+    steps = steps_for(machine, duration_s)
+    return machine.coupling_step_s * (steps / round(steps * TIMES_AS_MANY) if steps else 1.0 / TIMES_AS_MANY)
 
 
 def rated(step: int) -> float:

@@ -79,7 +79,7 @@ class Run:
             raise StudyError(f"{self.machine}: how long the run was, only its samples say; there are none")
         machine = catalogue_entry(self.machine).build(self.parameters)
         found = checked_numbers(machine, float(times[-1]), set(self.summary) - set(machine.report()))
-        return Numbers(f"{self.summary.title}, in shorter steps", found)
+        return Numbers(f"{self.summary.title}, in shorter steps", dict(found.numbers))
 
     @property
     def digits(self) -> dict[str, Any]:

@@ -24,12 +24,15 @@ from mech_twin.capabilities.arguments import real_number
 from mech_twin.capabilities.design import Design
 from mech_twin.capabilities.errors import StudyError
 from mech_twin.capabilities.progress import tell
+from mech_twin.capabilities.shorter_steps import InShorterSteps
 from mech_twin.capabilities.variation import varied
 from mech_twin.declarations.captions import unknown_name
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.engine.errors import MotionError
+from mech_twin.parameters.load import catalogue_entry
 from mech_twin.studies.parameter_sweep import WORTH_SPREADING_S
+from mech_twin.studies.shorter_steps import checked_numbers
 from mech_twin.studies.spreading import available_cores, spread
 from mech_twin.studies.sweep_points import Question, question, summary
 
@@ -180,7 +183,22 @@ def searched_by_runs(asked: RunSearch, parameters: Parameters, seed: int = 1, co
         nearest = ", ".join(f"{key} = {value:.6g}" for key, value in changes.items())
         told = ", ".join(f"{name} by {-margin:.4g}" for name, margin in broken.items())
         raise StudyError(f"no design keeps every limit; the nearest, {nearest}, misses {told}")
-    return Design(changes, {asked.name: numbers[asked.name]}, margins, varied(parameters, changes))
+    found = varied(parameters, changes)
+    return Design(changes, {asked.name: numbers[asked.name]}, margins, found, _checked(asked, found))
+
+
+def _checked(asked: RunSearch, found: Parameters) -> InShorterSteps | None:
+    """Return objective and margins of a design in a run in shorter steps, where there is one."""
+    machine = catalogue_entry(asked.asked.machine).build(found)
+    known = dict(machine.report())
+    names = {asked.name, *asked.limits} - known.keys()
+    if asked.asked.duration_s == 0.0 or not names:
+        return None
+    try:
+        step_s, beside_s, numbers = checked_numbers(machine, asked.asked.duration_s, names)
+    except StudyError:
+        return None
+    return InShorterSteps(step_s, beside_s, {**numbers, **asked.margins({**known, **numbers})})
 
 
 def refined_from(asked: RunSearch, start: Place) -> JudgedPoint:

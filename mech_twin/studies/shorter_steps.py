@@ -15,14 +15,14 @@ from typing import Any
 from pydantic import ValidationError
 
 from mech_twin.capabilities.errors import StudyError
+from mech_twin.capabilities.shorter_steps import InShorterSteps
 from mech_twin.capabilities.variation import varied
-from mech_twin.engine.run import frames, steps_for
+from mech_twin.engine.run import TIMES_AS_MANY, frames, shorter_step_s
 from mech_twin.parameters.live_change import ChangingMachine, LiveChange
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.roles import Machine
 from mech_twin.samples import Frame
 
-TIMES_AS_MANY = math.sqrt(5.0)
 DIGITS = 5  # told at most, since samples of both runs may miss a peak alike
 FIRST_ORDER = 1.0 / (1.0 - 1.0 / TIMES_AS_MANY)  # error over difference, of what falls as slowly as the step
 FEWEST_DIGITS = 2  # fewer say less than both numbers
@@ -30,10 +30,8 @@ FEWEST_DIGITS = 2  # fewer say less than both numbers
 
 def in_shorter_steps(machine: Machine, duration_s: float) -> Machine | None:
     """Return the machine with a shorter coupling step that divides the run; None where it has none so short."""
-    steps = steps_for(machine, duration_s)
-    shorter_s = machine.coupling_step_s * (steps / round(steps * TIMES_AS_MANY) if steps else 1.0 / TIMES_AS_MANY)
     try:
-        parameters = varied(machine.parameters, {"coupling.step_s": shorter_s})
+        parameters = varied(machine.parameters, {"coupling.step_s": shorter_step_s(machine, duration_s)})
     except ValidationError:
         return None
     return catalogue_entry(machine.name).build(parameters)
@@ -89,8 +87,8 @@ class RunInShorterSteps:
         return {name: found.get(name, math.nan) for name in names}
 
 
-def checked_numbers(machine: Machine, duration_s: float, names: Iterable[str]) -> dict[str, float]:
-    """Return the numbers of a run in shorter steps.
+def checked_numbers(machine: Machine, duration_s: float, names: Iterable[str]) -> InShorterSteps:
+    """Return numbers of a run in shorter steps.
 
     Raises
     ------
@@ -104,7 +102,7 @@ def checked_numbers(machine: Machine, duration_s: float, names: Iterable[str]) -
     run.finish()
     if run.failure:
         raise StudyError(f"{machine.name}: the run in steps of {run.step_s:g} s ended: {run.failure}")
-    return run.numbers(names)
+    return InShorterSteps(run.step_s, machine.coupling_step_s, run.numbers(names))
 
 
 def told(name: str, value: Any, shorter: Mapping[str, float]) -> Any:

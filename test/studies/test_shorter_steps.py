@@ -16,12 +16,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mech_twin import simulate
+from mech_twin.capabilities.variation import varied
+from mech_twin.cli.study_report import constraint_rows
 from mech_twin.engine.errors import MotionError
 from mech_twin.engine.run import frames
+from mech_twin.machines.mb10_breaker.settled_run import seating
+from mech_twin.parameters.load import catalogue_entry
 from mech_twin.parameters.load import machine as built
 from mech_twin.roles import Machine
 from mech_twin.samples import Frame
-from mech_twin.studies.shorter_steps import RunInShorterSteps, in_shorter_steps, told
+from mech_twin.studies import search_runs, size
+from mech_twin.studies.shorter_steps import RunInShorterSteps, checked_numbers, in_shorter_steps, told
 from mech_twin.studies.simulation import Simulation
 
 FINER = 3.7  # times shorter than the step of the run, so that samples of all three fall elsewhere
@@ -130,3 +135,36 @@ def test_a_third_step_agrees_with_every_number_told(name: str) -> None:
         if not low <= third[key] <= high:
             outside[key] = (value, confirmed[key], told(key, value, confirmed), third[key])
     assert outside == {}
+
+
+def test_figures_of_a_sizing_by_runs_are_told_in_digits_that_a_third_step_has_too() -> None:
+    answer = size("mb10_breaker", tolerance=0.0)
+    shorter = answer.in_shorter_steps
+    assert shorter is not None and shorter.step_s < 0.5 * shorter.beside_s
+    third = seating(varied(answer.parameters, {"coupling.step_s": shorter.beside_s / FINER}))
+    for key in shorter.numbers:
+        low, high = bounds(told(key, answer.metrics[key], shorter.numbers), answer.metrics[key])
+        assert low <= getattr(third, key) <= high, key
+    flight = told("flight_share", answer.metrics["flight_share"], shorter.numbers)
+    assert isinstance(flight, str) and f"flight_share <= 0.95 (has {flight})" in {
+        row[0] for row in constraint_rows(answer)
+    }
+
+
+def test_a_design_found_by_runs_is_told_in_digits_that_a_third_step_has_too() -> None:
+    limits = {"speed_max_rad_per_s": (0.0, 1e3)}
+    found = search_runs(
+        "winding_drum", "shaft_force_max_n", {"package_radius_m": (0.1, 0.2)}, limits=limits, duration_s=0.1, cores=1
+    )
+    shorter = found.in_shorter_steps
+    assert shorter is not None and set(shorter.numbers) > {"shaft_force_max_n", *found.margins}
+    finer = varied(found.parameters, {"coupling.step_s": shorter.beside_s / FINER})
+    third = checked_numbers(catalogue_entry("winding_drum").build(finer), 0.1, {"shaft_force_max_n"})
+    value = found.objectives["shaft_force_max_n"]
+    low, high = bounds(told("shaft_force_max_n", value, shorter.numbers), value)
+    assert low <= third.numbers["shaft_force_max_n"] <= high
+
+
+def test_a_design_of_a_number_of_the_configuration_has_no_run_to_check() -> None:
+    found = search_runs("winding_drum", "package_mass_kg", {"package_radius_m": (0.1, 0.2)}, cores=1)
+    assert found.in_shorter_steps is None

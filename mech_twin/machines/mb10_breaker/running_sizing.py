@@ -13,10 +13,11 @@ from math import inf
 
 from mech_twin.capabilities.errors import StudyError
 from mech_twin.capabilities.progress import tell
+from mech_twin.capabilities.shorter_steps import InShorterSteps
 from mech_twin.capabilities.sizing import Constraint, Sizing, binding_of
 from mech_twin.capabilities.tolerance_box import Factors, inner_points, neighbours, scaled
 from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
-from mech_twin.machines.mb10_breaker.settled_run import Seating, seating, with_rest_force
+from mech_twin.machines.mb10_breaker.settled_run import Seating, in_shorter_steps, seating, with_rest_force
 from mech_twin.machines.mb10_breaker.sizing import LIMITS
 
 # what the configuration calls assumed and the seating depends on
@@ -71,6 +72,7 @@ def running_sizing(soft: BreakerParameters, limits: Mapping[str, float], objecti
             f"no preload found that keeps the limits within {100.0 * tolerance:g} % in {MOST_ROUNDS} rounds"
         )
     metrics = _metrics(at(chosen, worst))
+    shorter = in_shorter_steps(scaled(with_rest_force(soft, chosen), worst))
     constraints = (
         Constraint("rest_force_n", chosen, bound, "above"),
         *(Constraint(name, metrics[name], limit) for name, limit in limits.items() if limit < inf),
@@ -106,6 +108,7 @@ def running_sizing(soft: BreakerParameters, limits: Mapping[str, float], objecti
             if factors == tuple(sorted(worst.items()))
         ),
         tolerance,
+        InShorterSteps(shorter.coupling.step_s, soft.coupling.step_s, _metrics(seating(shorter))),
     )
 
 

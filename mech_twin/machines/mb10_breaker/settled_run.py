@@ -5,8 +5,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from pydantic import ValidationError
+
 from mech_twin.capabilities.variation import varied
-from mech_twin.engine.run import frames, rated, steps_for
+from mech_twin.engine.run import frames, rated, shorter_step_s, steps_for
 from mech_twin.machines.mb10_breaker import build
 from mech_twin.machines.mb10_breaker.body_cycle_metrics import BodyCycle
 from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
@@ -70,6 +72,14 @@ def seating(parameters: BreakerParameters, duration_s: float = SETTLED_S) -> Sea
             lift = max(lift, _body_angle(linkage))
     force = body.spring_rate_n_per_m * (body.spring_arm_m * lift + body.preload_deflection_m)
     return Seating(blows, missed, gap, flight, returned, force)
+
+
+def in_shorter_steps(parameters: BreakerParameters, duration_s: float = SETTLED_S) -> BreakerParameters:
+    """Return the breaker in a shorter coupling step; as it is where that is the shortest allowed."""
+    try:
+        return varied(parameters, {"coupling.step_s": shorter_step_s(build(parameters), duration_s)})
+    except ValidationError:
+        return parameters
 
 
 def _body_angle(linkage: LinkageSample) -> float:
