@@ -109,6 +109,10 @@ class Literature:
         measure: Measure = "absolute" if absolute else "relative"
         return self._row(quantity, published, computed, measure, None, verdict, reason, gated=False)
 
+    def formula(self, quantity: str, printed: float, computed: float, reason: str) -> PublishedRow:
+        """Return a row of a printed formula that contradicts itself, worked with our inputs; no number is printed."""
+        return self.reported(f"{quantity}, by the printed formula", printed, computed, CONTRADICTS, reason)
+
     def unknown(self, quantity: str, computed: float | None, reason: str) -> PublishedRow:
         """Return a row for something published without the numbers it needs."""
         return PublishedRow(

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from math import nan, pi
 
-from mech_twin.capabilities.published import CHANGED, CONTRADICTS, DIFFERS, REPRODUCED, Literature, PublishedRow
+from mech_twin.capabilities.published import CHANGED, DIFFERS, REPRODUCED, Literature, PublishedRow
 from mech_twin.capabilities.variation import varied
 from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
 from mech_twin.machines.mb10_breaker.pressed_body.free_swing import (
@@ -76,11 +76,10 @@ def _inputs(body: PressedBody) -> str:
 
 def _equation(body: PressedBody) -> Iterator[PublishedRow]:
     paper = Literature(PAPER, "eq. (1)", f"c {body.rate:g} N/m, l {body.arm:g} m, J {body.inertia:g} kg m2")
-    yield paper.reported(
-        "k^2 of eq. (1) as printed against k^2 of eq. (2), 1/s2",
+    yield paper.formula(
+        "k^2 of eq. (1) against k^2 of eq. (2), 1/s2",
         body.rate * body.arm / body.inertia,
         body.k**2,
-        CONTRADICTS,
         "(1) adds an angle to a length and loses one arm; the paper's own (2) has k^2 = c l^2/J",
     )
 

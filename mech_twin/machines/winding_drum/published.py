@@ -8,7 +8,7 @@ from math import pi
 
 import numpy as np
 
-from mech_twin.capabilities.published import CONTRADICTS, Literature, PublishedRow
+from mech_twin.capabilities.published import Literature, PublishedRow
 from mech_twin.machines.winding_drum.metrics import package_metrics
 from mech_twin.machines.winding_drum.parameters import WindingDrum, package_constants
 from mech_twin.machines.winding_drum.wound_package import torque_terms, wound_at
@@ -28,11 +28,10 @@ def rows(parameters: WindingDrum) -> Iterator[PublishedRow]:
     wound = wound_at(package, radius)
     terms = torque_terms(package, wound, 1.0, theta, a)
     printed = terms.mass / radius
-    yield paper.reported(
-        "last term as printed (N) for a torque (N m)",
+    yield paper.formula(
+        "last term (N) for a torque (N m)",
         printed,
         terms.mass,
-        CONTRADICTS,
         "dJ/dR must carry R^3: the printed last term is a force, not a torque",
     )
     report = package_metrics(parameters, package, *parameters.radii_m)
