@@ -7,6 +7,7 @@
 import os
 import signal
 
+from launch import LaunchContext, LaunchDescription
 from launch.actions import (
     DeclareLaunchArgument,
     EmitEvent,
@@ -21,7 +22,6 @@ from launch.events.process import ProcessExited, ShutdownProcess
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from launch import LaunchContext, LaunchDescription
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.nodes.run import executables
 from mech_twin.nodes.run.domain import DISCOVERY, PARENT

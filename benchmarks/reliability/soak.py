@@ -35,10 +35,10 @@ os.environ.setdefault("ROS_DOMAIN_ID", "58")
 import psutil
 from footprint import FootprintLog
 from measured import add_rows, here
-from mech_twin.nodes.ends_with_launch import PARENT
 from process_run import ProcessRun
 from soak_report import SERVER, Comparison, Told, faults, lag_cell, memory_cell
 
+from mech_twin.nodes.ends_with_launch import PARENT
 from mech_twin.parameters.load import machine
 from mech_twin.roles import Machine
 

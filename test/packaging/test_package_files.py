@@ -5,6 +5,9 @@ from __future__ import annotations
 
 import ast
 import re
+import shutil
+import subprocess
+import sys
 from importlib.metadata import entry_points
 from pathlib import Path
 from xml.etree import ElementTree
@@ -84,3 +87,17 @@ def test_pins_are_exact_and_carry_no_address(file: Path) -> None:
     for line in file.read_text(encoding="utf-8").splitlines():
         if line and not line.startswith("#"):
             assert re.fullmatch(r"[A-Za-z0-9._-]+==[A-Za-z0-9.]+", line), line
+
+
+def test_what_make_leaves_beside_the_package_changes_no_verdict_of_lint(tmp_path: Path) -> None:
+    """As `make run` and then `make test`: a directory of recordings is no package whose imports are sorted apart."""
+    read = ROOT / "test" / "cli" / "test_outputs.py"
+    assert "from recordings import" in read.read_text(encoding="utf-8")
+    shutil.copy2(ROOT / "pyproject.toml", tmp_path)
+    (tmp_path / "test").mkdir()
+    shutil.copy2(read, tmp_path / "test")
+    for made in ("recordings", "build", "install", "log"):
+        (tmp_path / made).mkdir()
+    command = [sys.executable, "-m", "ruff", "check", "--no-cache", "--select", "I", "."]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout
