@@ -8,13 +8,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from functools import lru_cache
 
-from geometry_msgs.msg import Quaternion, Transform, TransformStamped, Vector3
+from geometry_msgs.msg import TransformStamped
 
 from mech_twin.capabilities.mechanism import FrameTree, Pose, moved
-from mech_twin.messages.step_message import set_stamp
+from mech_twin.messages.stamped_cdr import transform_bytes
 
 
+@lru_cache(maxsize=1024)
 def frame_id(namespace: str, frame: str) -> str:
     """Return the name of a frame among those of all runs.
 
@@ -28,10 +30,8 @@ def frame_id(namespace: str, frame: str) -> str:
     return f"{namespace.strip('/')}/{frame}"
 
 
-def transforms(
-    mechanism: FrameTree, positions: Mapping[str, float], time_s: float, namespace: str
-) -> list[TransformStamped]:
-    """Return the pose of each frame in its parent, parents first.
+def transforms(mechanism: FrameTree, positions: Mapping[str, float], time_s: float, namespace: str) -> list[bytes]:
+    """Return the pose of each frame in its parent, parents first, as bytes of TransformStamped.
 
     Parameters
     ----------
@@ -51,18 +51,14 @@ def transforms(
     """
     found = []
     for joint in mechanism.joints:
-        stamped = TransformStamped(child_frame_id=frame_id(namespace, joint.child))
-        set_stamp(stamped.header, time_s)
-        stamped.header.frame_id = frame_id(namespace, joint.parent)
-        stamped.transform = _transform(moved(joint, positions))
-        found.append(stamped)
+        parent, child = frame_id(namespace, joint.parent), frame_id(namespace, joint.child)
+        found.append(transform_bytes(time_s, parent, child, _numbers(moved(joint, positions))))
     return found
 
 
-def _transform(pose: Pose) -> Transform:
+def _numbers(pose: Pose) -> tuple[float, ...]:
     half = 0.5 * math.remainder(pose.angle_rad, 2.0 * math.pi)
-    rotation = Quaternion(x=0.0, y=0.0, z=math.sin(half), w=math.cos(half))
-    return Transform(translation=Vector3(x=pose.x_m, y=pose.y_m, z=0.0), rotation=rotation)
+    return pose.x_m, pose.y_m, 0.0, 0.0, 0.0, math.sin(half), math.cos(half)
 
 
 def pose(message: TransformStamped) -> Pose:

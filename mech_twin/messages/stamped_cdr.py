@@ -3,8 +3,8 @@
 
 ::
 
-      head | sec, nanosec | length, frame, NUL | gap | numbers
-           4              12                         8-byte aligned, counted from the end of the head
+      head | sec, nanosec | length, frame, NUL | (gap | length, child, NUL) | gap | numbers
+           4              12                                                        8-byte aligned, from the head's end
 
 The middleware's own converter reads such a message attribute by attribute, which costs ten times as much.
 """
@@ -18,17 +18,28 @@ from mech_twin.messages.joint_state_cdr import HEAD, STAMP, stamp_of
 
 
 @lru_cache(maxsize=256)
-def _form(frame: str, numbers: int) -> tuple[struct.Struct, bytes]:
-    """Return what writes a message of this frame, and the bytes of the frame."""
-    letters = frame.encode() + b"\0"
-    block = struct.pack("<I", len(letters)) + letters
+def _form(frames: tuple[str, ...], numbers: int) -> tuple[struct.Struct, bytes]:
+    """Return what writes a message of these frames, and the bytes of their names."""
+    block = b""
+    for frame in frames:
+        letters = frame.encode() + b"\0"
+        block += bytes(-len(block) % 4) + struct.pack("<I", len(letters)) + letters
     gap = -(STAMP.size + len(block)) % 8
     return struct.Struct(f"<{len(HEAD)}siI{len(block)}s{gap}x{numbers}d"), block
 
 
 def stamped_bytes(time_s: float, frame: str, numbers: tuple[float, ...]) -> bytes:
     """Return a message that is a header and these numbers, such as WrenchStamped or Vector3Stamped; padding is 0."""
-    form, block = _form(frame, len(numbers))
+    return _written(time_s, (frame,), numbers)
+
+
+def transform_bytes(time_s: float, frame: str, child: str, numbers: tuple[float, ...]) -> bytes:
+    """Return a TransformStamped of a child in a frame: translation x, y, z (m), rotation x, y, z, w; padding is 0."""
+    return _written(time_s, (frame, child), numbers)
+
+
+def _written(time_s: float, frames: tuple[str, ...], numbers: tuple[float, ...]) -> bytes:
+    form, block = _form(frames, len(numbers))
     sec, nanosec = stamp_of(time_s)
     return form.pack(HEAD, sec, nanosec, block, *numbers)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from geometry_msgs.msg import Vector3Stamped, WrenchStamped
+from geometry_msgs.msg import TransformStamped, Vector3Stamped, WrenchStamped
 from hypothesis import given
 from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
@@ -13,7 +13,7 @@ from rosgraph_msgs.msg import Clock
 
 from mech_twin.messages import body, force, impact
 from mech_twin.messages.joint_state_cdr import stamp_of
-from mech_twin.messages.stamped_cdr import clock_bytes
+from mech_twin.messages.stamped_cdr import clock_bytes, transform_bytes
 from mech_twin.samples import Event, Wrench
 
 number = st.floats(allow_nan=False)
@@ -48,3 +48,14 @@ def test_an_impact_reads_as_the_message(time_s: float, name: str, before: float,
 def test_a_clock_reads_as_its_time(time_s: float) -> None:
     stamp = read(clock_bytes(time_s), Clock).clock
     assert (stamp.sec, stamp.nanosec) == tuple(stamp_of(time_s))
+
+
+@given(time, frame, frame, st.tuples(*[number] * 7))
+def test_a_transform_reads_as_its_frames_and_numbers(
+    time_s: float, parent: str, child: str, numbers: tuple[float, ...]
+) -> None:
+    found = read(transform_bytes(time_s, parent, child, numbers), TransformStamped)
+    at, turn = found.transform.translation, found.transform.rotation
+    assert (found.header.frame_id, found.child_frame_id) == (parent, child)
+    assert (at.x, at.y, at.z, turn.x, turn.y, turn.z, turn.w) == numbers
+    assert (found.header.stamp.sec, found.header.stamp.nanosec) == tuple(stamp_of(time_s))

@@ -10,6 +10,7 @@ from typing import Any
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy
+from rclpy.serialization import serialize_message
 
 from mech_twin.messages.joint_state_cdr import StepMessage, encoded
 from mech_twin.messages.peak_hold import PeakHoldWindow
@@ -23,7 +24,7 @@ class CountingPublisher:
     """One topic a node publishes.
 
     A message that nobody listens to is counted and not handed to the middleware, except where it is kept for who comes
-    later.  Bytes are handed over to listeners served by the same executor, and published for others only.
+    later.  What is not kept is handed as bytes to listeners served by the same executor, and published for others only.
 
     Parameters
     ----------
@@ -73,10 +74,13 @@ class CountingPublisher:
             self._pass_on(make())
 
     def _pass_on(self, message: Any) -> None:
-        if isinstance(message, bytes) and not self._kept:
-            self._channel.send(HandedBytes(message), self._count, self._publisher.publish)
-        elif self.heard:
+        if not self.heard:
+            return
+        if self._kept:
             self._publisher.publish(message)
+        else:
+            raw = message if isinstance(message, bytes) else serialize_message(message)
+            self._channel.send(HandedBytes(raw), self._count, self._publisher.publish)
 
     def join(self, channel: StepChannel) -> None:
         """Send to the listeners of a channel by hand from now on."""

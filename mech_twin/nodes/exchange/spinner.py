@@ -72,6 +72,11 @@ class Spinner:
 
     One executor for as long as the nodes live: what a second one would find waiting it does not hear of.  Its own
     ``spin()`` is never called: in these wheels it does not end on a signal.
+
+    Attributes
+    ----------
+    patient : list of callable
+        Called some fifty times a second, where what is handed to patient listeners is delivered, and at the end.
     """
 
     def __init__(self, nodes: Iterable[Node] = ()) -> None:
@@ -81,6 +86,7 @@ class Spinner:
         self._slice = Future()
         self._by_message_until_s = 0.0
         self._slice_end_s = 0.0
+        self.patient: list[Callable[[], None]] = []
         self._thresholds = gc.get_threshold()
         for node in nodes:
             self.add(node)
@@ -94,7 +100,7 @@ class Spinner:
 
     def remove(self, node: Node) -> None:
         """Serve a node no longer; what it has been handed, if it is patient, it still takes."""
-        self._steps.deliver_later()
+        self._serve_patient()
         self.nodes.remove(node)
         if isinstance(node, Exchanging):
             node.leave()
@@ -109,8 +115,9 @@ class Spinner:
                 self._steps.deliver()
                 self._serve_others()
             else:
-                self._steps.deliver_later()
+                self._serve_patient()
                 spin_once(timeout_sec=_wait_s(ticking))
+        self._serve_patient()
 
     def serve(self, ended: Callable[[], bool]) -> None:
         """Serve the nodes until a run has ended, which is asked some fifty times a second, or rclpy is shut down.
@@ -141,6 +148,7 @@ class Spinner:
                 else:
                     self._slice = Future()
                     self._executor.spin_until_future_complete(self._slice, timeout_sec=LONGEST_SLICE_S)
+            self._serve_patient()
         finally:
             first.destroy_timer(timer)
 
@@ -154,10 +162,15 @@ class Spinner:
         """Serve those that are patient, and the executor, if a slice is over; return whether it is."""
         if time.monotonic() < self._slice_end_s:
             return False
-        self._steps.deliver_later()
+        self._serve_patient()
         self._drain()
         self._slice_end_s = time.monotonic() + SLICE_S
         return True
+
+    def _serve_patient(self) -> None:
+        self._steps.deliver_later()
+        for call in self.patient:
+            call()
 
     def _drain(self) -> None:
         """Serve everything that waits in the executor by now: a task is served after it."""

@@ -8,7 +8,9 @@ from __future__ import annotations
 
 from typing import Any
 
+from geometry_msgs.msg import TransformStamped
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message
 from std_msgs.msg import String
 
 from mech_twin.capabilities.mechanism import FrameTree
@@ -73,7 +75,7 @@ class FramesNode(TwinNode):
         self._last_ns: int | None = None
         self._describe()
         self.subscribe(DESCRIPTION, self._on_description, qos=EVERY_LATCHED)
-        self.subscribe(JOINT_STATES, self._on_joints, qos=NEWEST, raw=True)
+        self.listen(JOINT_STATES, lambda handed: self._on_joints(handed.raw), self._on_joints, qos=NEWEST)
 
     def _on_joints(self, raw: bytes) -> None:
         """Publish the frames at the stream's rate; time that goes back is another run, or a replay that jumped."""
@@ -82,6 +84,10 @@ class FramesNode(TwinNode):
             return
         last_ns = self._last_ns
         if last_ns is not None and last_ns <= now_ns < last_ns + EARLY * self._period_ns:
+            return
+        self.diagnostics.state = "running"
+        if not self._heard:
+            self.time_s, self._last_ns = now_ns * 1e-9, now_ns
             return
         try:
             message = self._decode(raw)
@@ -96,13 +102,19 @@ class FramesNode(TwinNode):
             self._last_ns = now_ns
             self._send(found)
 
-    def _send(self, found: list[Any]) -> None:
-        self.diagnostics.state = "running"
+    @property
+    def _heard(self) -> bool:
+        """Whether somebody listens to the frames."""
+        return self._frames.heard or (self._tf is not None and self._tf[0].heard)
+
+    def _send(self, found: list[bytes]) -> None:
         for transform in found:
             self._frames.send(transform)
         if self._tf is not None:
             publisher, message_type = self._tf
-            publisher.send(message_type(transforms=found))
+            publisher.send_made(
+                lambda: message_type(transforms=[deserialize_message(raw, TransformStamped) for raw in found])
+            )
 
     def _on_description(self, message: String) -> None:
         """Take over the dimensions of the machine that runs."""

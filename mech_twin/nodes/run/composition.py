@@ -9,6 +9,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from pathlib import Path
@@ -123,19 +124,23 @@ def run_in_process(
 
             viewer = ViewerNode(machine_name, place, parameters, apart, on_topics=False)
             nodes.append(viewer)
-        metrics = _observed(roles, viewer)
+        metrics, observe = _observed(roles, viewer)
         linkage = roles[-1]
         if linkage.machine.mechanism is not None:
             nodes.append(FramesNode(machine_name, parameters, apart))
         with Spinner(nodes) as spinner:
+            spinner.patient.append(observe)
             with attended(machine_name, metrics, directory, spinner) as quits:
                 spinner.serve(lambda: signal.asked or linkage.done or quits())
             drain(nodes, spinner)
         return Outcome(metrics, _sent(nodes), _heard(nodes))
 
 
-def _observed(roles: Sequence[RoleNode], viewer: ViewerNode | None) -> RunMetrics:
-    """Return the metrics of the run, fed - and the viewer with them - by the role nodes as they compute."""
+def _observed(roles: Sequence[RoleNode], viewer: ViewerNode | None) -> tuple[RunMetrics, Callable[[], None]]:
+    """Return the metrics of the run, and what feeds them - and the viewer - with what the role nodes have computed.
+
+    It is called some steps at a time: done at each step between the roles, the same takes twice as long.
+    """
     linkage = roles[-1]
     machine = linkage.machine
 
@@ -148,14 +153,17 @@ def _observed(roles: Sequence[RoleNode], viewer: ViewerNode | None) -> RunMetric
         viewer.draw = drawn
     take: Callable[[Frame], object] = metrics.observe if viewer is None else viewer.show
 
-    def on_sample(sample: Sample) -> None:
-        frame = assembler.add(sample)
-        if frame is not None:
-            take(frame)
+    computed: deque[Sample] = deque()
+
+    def observe() -> None:
+        while computed:
+            frame = assembler.add(computed.popleft())
+            if frame is not None:
+                take(frame)
 
     for node in roles:
-        node.on_sample = on_sample
-    return metrics
+        node.on_sample = computed.append
+    return metrics, observe
 
 
 def drain(nodes: Sequence[TwinNode], spinner: Spinner) -> None:
