@@ -1,15 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Drawing <-> visualization_msgs/MarkerArray on ``scene``."""
+"""Drawing <-> visualization_msgs/MarkerArray on ``scene``, one marker a shape.
+
+It is written straight into CDR bytes: the middleware's converter reads a marker attribute by attribute, its empty mesh
+and texture included.  ::
+
+      (gap) | sec, nanosec | frame, name | number, type, action | gap | pose, scale, colour, ... | points | empty, text
+      4-byte aligned                                              8-byte aligned, from the head's end
+"""
 
 from __future__ import annotations
 
-from copy import copy
+import struct
+from functools import lru_cache
+from itertools import chain
 
-from geometry_msgs.msg import Point, Pose, Quaternion, Vector3
-from std_msgs.msg import ColorRGBA, Header
+from rclpy.serialization import deserialize_message
 from visualization_msgs.msg import Marker, MarkerArray
 
-from mech_twin.messages.step_message import MessageError, set_stamp, stamp_s
+from mech_twin.messages.joint_state_cdr import HEAD, STAMP, stamp_of
+from mech_twin.messages.step_message import MessageError, stamp_s
 from mech_twin.samples import Drawing, Shape
 
 FRAME = "machine"
@@ -19,29 +28,62 @@ ARROW_POINTS = 2
 FARTHEST_M = 1000.0  # of anything drawn from the machine's origin: the picture would be widened to it for good
 MOST_MARKERS = 2000
 MOST_POINTS = 100_000  # of all markers together
-BLANK = Marker(action=Marker.ADD)
+COUNT = struct.Struct("<I")
+NUMBERS = struct.Struct("<3i")
+POSE_TO_POINTS = struct.Struct("<7d3d4f12xI")  # pose, scale, colour, lifetime, whether locked to its frame, points
+ALIGNMENT = 8
+
+
+def _word(text: str) -> bytes:
+    letters = text.encode() + b"\0"
+    return COUNT.pack(len(letters)) + letters
+
+
+def _aligned(raw: bytes, size: int = 4) -> bytes:
+    return raw + bytes(-len(raw) % size)
+
+
+NOTHING = _aligned(_word(""))
+BEFORE_TEXT = bytes(4) + NOTHING + bytes(STAMP.size) + NOTHING + NOTHING + bytes(8)  # colours, texture
+AFTER_TEXT = NOTHING + NOTHING + bytes(5)  # mesh
 
 
 def to_message(drawing: Drawing, frame: str = FRAME) -> MarkerArray:
-    """Return a drawing in a frame as markers, one a shape, its name as the marker's namespace."""
-    return MarkerArray(markers=[_marker(drawing.time_s, frame, i, shape) for i, shape in enumerate(drawing.shapes)])
+    """Return a drawing in a frame as markers, its names as their namespaces."""
+    message: MarkerArray = deserialize_message(to_bytes(drawing, frame), MarkerArray)
+    return message
 
 
-def _marker(time_s: float, frame: str, index: int, shape: Shape) -> Marker:
-    marker = copy(BLANK)  # to make one takes most of the time of a drawing: textures and meshes come with it
-    marker.ns, marker.id, marker.type = shape.name, index, TYPES[shape.kind]
-    marker.header = Header(frame_id=frame)
-    set_stamp(marker.header, time_s)
-    marker.pose = Pose(orientation=Quaternion(w=1.0))  # what others may write to is not shared between markers
-    marker.colors, marker.uv_coordinates = [], []
-    marker.scale = Vector3(x=shape.width_m, y=shape.width_m, z=shape.width_m)
-    red, green, blue = (part / 255.0 for part in shape.colour)
-    marker.color = ColorRGBA(r=red, g=green, b=blue, a=1.0)
-    marker.points = [Point(x=x, y=y, z=0.0) for x, y in shape.points_m]
-    marker.text = shape.text
+def to_bytes(drawing: Drawing, frame: str = FRAME) -> bytes:
+    """Return the bytes of `to_message`; padding is 0."""
+    stamp = STAMP.pack(*stamp_of(drawing.time_s))
+    parts = [COUNT.pack(len(drawing.shapes))]
+    end = COUNT.size  # counted from the end of the head
+    for index, shape in enumerate(drawing.shapes):
+        gap, opening = _opening(end % ALIGNMENT, frame, shape.name, index, shape.kind)
+        marker = b"".join((gap, stamp, opening, _body(shape), BEFORE_TEXT, _aligned(_word(shape.text)), AFTER_TEXT))
+        parts.append(marker)
+        end += len(marker)
+    return HEAD + b"".join(parts)
+
+
+@lru_cache(maxsize=4096)
+def _opening(begin: int, frame: str, name: str, index: int, kind: str) -> tuple[bytes, bytes]:
+    """Return what a marker that begins there has before its stamp, and after it up to its pose."""
+    gap = bytes(-begin % 4)
+    words = _aligned(_word(frame)) + _aligned(_word(name)) + NUMBERS.pack(index, TYPES[kind], Marker.ADD)
+    return gap, words + bytes(-(begin + len(gap) + STAMP.size + len(words)) % ALIGNMENT)
+
+
+def _body(shape: Shape) -> bytes:
+    x, y, points = 0.0, 0.0, shape.points_m
     if shape.kind == "text":  # stands at its pose
-        (marker.pose.position.x, marker.pose.position.y), marker.points = shape.points_m[0], []
-    return marker
+        (x, y), points = points[0], ()
+    red, green, blue = (part / 255.0 for part in shape.colour)
+    width = shape.width_m
+    numbers = (x, y, 0.0, 0.0, 0.0, 0.0, 1.0, width, width, width, red, green, blue, 1.0, len(points))
+    places = chain.from_iterable((x, y, 0.0) for x, y in points)
+    return POSE_TO_POINTS.pack(*numbers) + struct.pack(f"<{3 * len(points)}d", *places)
 
 
 def from_message(message: MarkerArray, step: int = 0) -> Drawing:

@@ -16,7 +16,7 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 from mcap.data_stream import RecordBuilder
@@ -187,4 +187,4 @@ class BagSplit:
 
 
 def _rows(counters: Mapping[str, TopicCounters]) -> dict[str, str]:
-    return {topic: json.dumps(asdict(row)) for topic, row in counters.items()}
+    return {topic: json.dumps(vars(row)) for topic, row in counters.items()}

@@ -153,7 +153,7 @@ class FrameRecorder:
             self._put(CLOCK, clock)
         if linkage.step % self._steps_per_drawing == 0:
             shapes, frame_name = self._machine.draw(linkage, frame.body), frame_id(self._machine.name, scene.FRAME)
-            self._put(SCENE, scene.to_message(Drawing(linkage.step, linkage.time_s, shapes), frame_name))
+            self._put(SCENE, scene.to_bytes(Drawing(linkage.step, linkage.time_s, shapes), frame_name))
 
     def _put_wrench(self, pin: str, kept: Any) -> None:
         if kept is not None:
@@ -167,5 +167,6 @@ class FrameRecorder:
 
     def _put(self, topic: Topic, message: Any) -> None:
         name = full_name(self._machine.name, topic)
-        raw = encoded(message) if isinstance(message, StepMessage) else serialize_message(message)
-        self._writer.write(name, raw, self._now_ns, self._now_ns, latched=topic.qos is LATCHED)
+        if not isinstance(message, bytes):
+            message = encoded(message) if isinstance(message, StepMessage) else serialize_message(message)
+        self._writer.write(name, message, self._now_ns, self._now_ns, latched=topic.qos is LATCHED)

@@ -5,20 +5,41 @@ from __future__ import annotations
 
 from typing import Any
 
-from geometry_msgs.msg import TransformStamped, Vector3Stamped, WrenchStamped
+from geometry_msgs.msg import Point, Pose, Quaternion, TransformStamped, Vector3, Vector3Stamped, WrenchStamped
 from hypothesis import given
 from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
 from rosgraph_msgs.msg import Clock
+from std_msgs.msg import ColorRGBA, Header
+from visualization_msgs.msg import Marker, MarkerArray
 
-from mech_twin.messages import body, force, impact
+from mech_twin.messages import body, force, impact, scene
 from mech_twin.messages.joint_state_cdr import stamp_of
 from mech_twin.messages.stamped_cdr import clock_bytes, transform_bytes
-from mech_twin.samples import Event, Wrench
+from mech_twin.messages.step_message import set_stamp
+from mech_twin.samples import Drawing, Event, Shape, Wrench
 
 number = st.floats(allow_nan=False)
 time = st.floats(0.0, 1e6)
 frame = st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=20)
+
+
+places = st.lists(st.tuples(number, number), min_size=1, max_size=4).map(tuple)
+colour = st.tuples(*[st.integers(0, 255)] * 3)
+shape = st.builds(Shape, frame, st.sampled_from([*scene.TYPES]), places, colour, number, frame)
+
+
+def marker(time_s: float, name: str, index: int, shape: Shape) -> Marker:
+    """Return a shape as the middleware's own message."""
+    x, y = shape.points_m[0] if shape.kind == "text" else (0.0, 0.0)
+    red, green, blue = (part / 255.0 for part in shape.colour)
+    made = Marker(header=Header(frame_id=name), ns=shape.name, id=index, type=scene.TYPES[shape.kind], text=shape.text)
+    set_stamp(made.header, time_s)
+    made.pose = Pose(position=Point(x=x, y=y), orientation=Quaternion(w=1.0))
+    made.scale = Vector3(x=shape.width_m, y=shape.width_m, z=shape.width_m)
+    made.color = ColorRGBA(r=red, g=green, b=blue, a=1.0)
+    made.points = [] if shape.kind == "text" else [Point(x=x, y=y) for x, y in shape.points_m]
+    return made
 
 
 def read(raw: bytes, kind: Any) -> Any:
@@ -59,3 +80,10 @@ def test_a_transform_reads_as_its_frames_and_numbers(
     assert (found.header.frame_id, found.child_frame_id) == (parent, child)
     assert (at.x, at.y, at.z, turn.x, turn.y, turn.z, turn.w) == numbers
     assert (found.header.stamp.sec, found.header.stamp.nanosec) == tuple(stamp_of(time_s))
+
+
+@given(time, frame, st.lists(shape, max_size=5).map(tuple))
+def test_a_drawing_reads_as_its_markers(time_s: float, name: str, shapes: tuple[Shape, ...]) -> None:
+    found = read(scene.to_bytes(Drawing(0, time_s, shapes), name), MarkerArray)
+    expected = MarkerArray(markers=[marker(time_s, name, index, each) for index, each in enumerate(shapes)])
+    assert found == read(bytes(serialize_message(expected)), MarkerArray)

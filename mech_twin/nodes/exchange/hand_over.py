@@ -18,7 +18,6 @@ from __future__ import annotations
 import math
 from collections import OrderedDict, deque
 from collections.abc import Callable, Iterable, Mapping
-from functools import cached_property
 from typing import Any, NamedTuple
 
 from mech_twin.messages.joint_state_cdr import StepMessage
@@ -48,6 +47,7 @@ class HandedStep:
         self.sample = sample
         self._marks = marks
         self._encode = encode
+        self._raw = b""
 
     @property
     def source(self) -> float:
@@ -61,10 +61,12 @@ class HandedStep:
         known = row is not None and row.name == REVISION
         return ConfigurationMark(int(row.position), row.velocity) if row is not None and known else ConfigurationMark()
 
-    @cached_property
+    @property
     def raw(self) -> bytes:
         """The bytes of the step message."""
-        return self._encode(self.sample, self._marks)
+        if not self._raw:
+            self._raw = self._encode(self.sample, self._marks)
+        return self._raw
 
     @property
     def finite(self) -> bool:

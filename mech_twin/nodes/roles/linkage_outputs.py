@@ -10,7 +10,6 @@ import sys
 from functools import partial
 
 from std_msgs.msg import String
-from visualization_msgs.msg import MarkerArray
 
 from mech_twin.messages import blow, impact, scene
 from mech_twin.messages import linkage as linkage_messages
@@ -157,6 +156,6 @@ class LinkageOutputs:
             if self._curve is not None and event.contact in gauge.sent:
                 self._curve.send_made(partial(blow.curve_message, gauge, event))
 
-    def _drawn(self, sample: LinkageSample, body: BodySample | None) -> MarkerArray:
+    def _drawn(self, sample: LinkageSample, body: BodySample | None) -> bytes:
         shapes = self._node.machine.draw(sample, body)
-        return scene.to_message(Drawing(sample.step, sample.time_s, shapes), self._frame)
+        return scene.to_bytes(Drawing(sample.step, sample.time_s, shapes), self._frame)

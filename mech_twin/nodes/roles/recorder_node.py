@@ -7,6 +7,7 @@ topic is counted.
 
 from __future__ import annotations
 
+import math
 import time
 from collections import Counter
 from functools import partial
@@ -111,6 +112,7 @@ class RecordingClock:
 
 
 TICK_S = 0.1
+LOOK_S = 1.0  # between looks at the graph of a run that has begun; to ask for all topics and their publishers is slow
 TICKS_PER_LOSS = 0.2
 MIB = 1024.0 * 1024.0
 
@@ -124,6 +126,7 @@ class StepInput:
         self.sequence = StepSequence()
         self.publishers = LivingPublishers()
         self.living = 0
+        self.matched = 0
         self.listener: Listener | None = None
 
 
@@ -153,6 +156,7 @@ class RecorderNode(TwinNode):
         super().__init__("recorder", machine_name, parameters, options)
         self._closed = False
         self._last_heard_s = time.monotonic()
+        self._looked_s = -math.inf
         self._time = RecordingClock()
         self._recent = RecentMessages(self.options.snapshot_s) if self.options.snapshot_s > 0.0 else None
         self._alarms: set[str] = set()
@@ -367,17 +371,27 @@ class RecorderNode(TwinNode):
             self.get_logger().warning(f"{', '.join(sorted(new))}: alarm; {self._snapshot()}")
 
     def _tick(self) -> None:
-        self._record_found()
+        now_s = time.monotonic()
+        begun = self._steps[STEP_LINKAGE.name].sequence.first is not None  # its nodes wait until all is recorded
+        due = not begun or now_s - self._looked_s >= LOOK_S
+        if due:
+            self._looked_s = now_s
+            self._record_found()
         for topic, of_topic in self._steps.items():
-            name = self.resolve_topic_name(topic)
-            known = [
-                (f"{each.node_namespace}/{each.node_name}", bytes(each.endpoint_gid))
-                for each in self.get_publishers_info_by_topic(name)
-            ]
-            of_topic.living = of_topic.publishers.living(known, time.monotonic())
-            self.writer.count_publishers(name, of_topic.living)
+            matched = 0 if of_topic.listener is None else of_topic.listener.publishers()
+            if due or matched != of_topic.matched:
+                of_topic.matched = matched
+                self._count_publishers(self.resolve_topic_name(topic), of_topic, now_s)
         self.time_s = self._time.now_ns * 1e-9
         self.writer.tick()
         self.diagnostics.state = self.writer.state.value
         if self.writer.state is WriterState.ERROR:
             self.diagnostics.error(self.writer.error)
+
+    def _count_publishers(self, name: str, of_topic: StepInput, now_s: float) -> None:
+        known = [
+            (f"{each.node_namespace}/{each.node_name}", bytes(each.endpoint_gid))
+            for each in self.get_publishers_info_by_topic(name)
+        ]
+        of_topic.living = of_topic.publishers.living(known, now_s)
+        self.writer.count_publishers(name, of_topic.living)
