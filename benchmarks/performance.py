@@ -27,6 +27,7 @@ GROUPS = MappingProxyType(
         "impact_mass": "impacts beside scipy's solve_ivp with events",
         "roller_former": "roller former beside scipy's DOP853 and MuJoCo",
         "recording": "writing, reading and recovering recordings beside mcap and rosbags",
+        "round_trip": "a message there and back between two bare nodes of rclpy",
         "topic_loop": "steps over topics beside bare nodes, and where a step's time goes",
         "real_time": "a run by the wall clock: processor time and how late the latest step was",
         "cold_start": "from the command to the first step, share by share",

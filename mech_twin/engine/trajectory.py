@@ -48,8 +48,9 @@ def frame_events(frame: Frame) -> tuple[Event, ...]:
 
 def step_events(linkage: LinkageSample | None, body: BodySample | None) -> tuple[Event, ...]:
     """Return the events of a step in time order, those of a missing sample left out."""
-    events = [event for sample in (linkage, body) if sample is not None for event in sample.events]
-    return tuple(sorted(events, key=lambda event: event.time_s))
+    own = () if linkage is None else linkage.events
+    others = () if body is None else body.events
+    return tuple(sorted((*own, *others), key=lambda event: event.time_s)) if own or others else ()
 
 
 class Trajectory:

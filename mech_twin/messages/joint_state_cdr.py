@@ -43,6 +43,7 @@ class Header(NamedTuple):
     frame_id: str = ""
 
 
+@lru_cache(maxsize=64)
 def stamp_of(time_s: float) -> Stamp:
     """Return a time as a header holds it, rounded to the nanosecond."""
     return Stamp(*divmod(round(time_s * 1e9), 1_000_000_000))

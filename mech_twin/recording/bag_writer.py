@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -96,12 +97,12 @@ class BagWriter:
         self._lock = UninterruptedLock()
         self._close_age_s = _CLOSE_AT * max_loss_s
         self._split_rule = SplitRule(split_bytes, split_duration_s)
+        self._splits = self._split_rule != SplitRule(None, None)
         self._retry_s = retry_s
         self._clock = clock
         self._topics: dict[str, RecordedTopic] = {}
         self._repeat_due = True
-        self._chunk_opened: float | None = None
-        self._counters_changed: float | None = None
+        self._commit_due = math.inf  # when the chunk, or a change of counters, is too old
         self._next_attempt = 0.0
         opened = False
         try:
@@ -193,7 +194,8 @@ class BagWriter:
                 raise ValueError(f"{self.directory}: the recording is closed")
             now = self._clock()
             entry.counters.received += 1
-            if self._state is WriterState.RECORDING and self._split_rule.due(self._series.current, log_time_ns):
+            recording = self._state is WriterState.RECORDING
+            if recording and self._splits and self._split_rule.due(self._series.current, log_time_ns):
                 try:
                     self._next_split()
                 except OSError as error:
@@ -233,7 +235,7 @@ class BagWriter:
             now = self._clock() if monotonic_now is None else monotonic_now
             if self._state is WriterState.ERROR:
                 self._attempt(now)
-            elif self._state is WriterState.RECORDING and self._old(now):
+            elif self._state is WriterState.RECORDING and now >= self._commit_due:
                 self._commit(now)
 
     def close(self, *, discard_empty: bool = False) -> None:
@@ -277,11 +279,12 @@ class BagWriter:
         assert split is not None
         if self._repeat_due:
             self._repeat_latched(split, log_time_ns)
-        if self._chunk_opened is None:
-            self._chunk_opened = now
-        entry.counters.written += 1
-        full = split.add_message(topic, raw, log_time_ns, publish_time_ns, entry.counters.received)
-        if full or self._old(now):
+        if self._commit_due == math.inf:
+            self._commit_due = now + self._close_age_s
+        counters = entry.counters
+        counters.written += 1
+        full = split.add_message(topic, raw, log_time_ns, publish_time_ns, counters.received)
+        if full or now >= self._commit_due:
             self._commit(now)
 
     def _repeat_latched(self, split: BagSplit, log_time_ns: int) -> None:
@@ -310,18 +313,12 @@ class BagWriter:
             if not any(path.iterdir()):
                 path.rmdir()
 
-    def _old(self, now: float) -> bool:
-        opened, changed = self._chunk_opened, self._counters_changed
-        return (opened is not None and now - opened >= self._close_age_s) or (
-            changed is not None and now - changed >= self._close_age_s
-        )
-
     def _touch_counters(self) -> None:
-        if self._counters_changed is None:
-            self._counters_changed = self._clock()
+        if self._commit_due == math.inf:
+            self._commit_due = self._clock() + self._close_age_s
 
     def _commit(self, now: float) -> None:
-        self._chunk_opened = self._counters_changed = None
+        self._commit_due = math.inf
         try:
             self._series.commit()
         except OSError as error:
@@ -332,7 +329,7 @@ class BagWriter:
         self._series.write_metadata(finished=False)
         self._series.open_next()
         self._repeat_due = True
-        self._chunk_opened = self._counters_changed = None
+        self._commit_due = math.inf
 
     def _note(self, error: OSError) -> None:
         self.error = f"{self.directory}: {error.strerror or error}"

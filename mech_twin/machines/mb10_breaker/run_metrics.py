@@ -84,6 +84,7 @@ class BreakerObserver:
 
     def numbers(self) -> dict[str, float]:
         """Return the metrics of the run (``run_...``), and means and peaks of its last cycles (``steady_...``)."""
+        self._keep_peaks()
         found = {"time_s": self._time_s, **self._counts}
         found["rest_force_n"] = self._b.spring_rate_n_per_m * self._b.preload_m
         found.update({f"run_{name}": value for name, value in self._run.items()})
@@ -171,6 +172,7 @@ class BreakerObserver:
             record["feed_per_blow_m"] = frame.linkage.memory.as_dict()["feed_per_blow_m"]  # of the pass before
             self._blows.append(record)
         self._seen_blow = True
+        self._keep_peaks()
         self._cycle = BlowCycle(event.time_s)
         self._cycle.take_speed(absolute_crank_speed(event.post))
         if not self._b.held:
@@ -208,5 +210,9 @@ class BreakerObserver:
         run = self._run
         run["largest_lift_at_tool_m"] = max(run["largest_lift_at_tool_m"], b.tool_radius_m * phi)
         run["largest_spring_force_n"] = max(run["largest_spring_force_n"], force)
+
+    def _keep_peaks(self) -> None:
+        """Take the peaks of the cycle so far into those of the run."""
+        run = self._run
         for name, peak in zip(PEAKS, self._cycle.peaks, strict=True):
             run[name] = max(run[name], peak)

@@ -74,13 +74,12 @@ class CountingPublisher:
             self._pass_on(make())
 
     def _pass_on(self, message: Any) -> None:
-        if not self.heard:
-            return
         if self._kept:
             self._publisher.publish(message)
-        else:
-            raw = message if isinstance(message, bytes) else serialize_message(message)
-            self._channel.send(HandedBytes(raw), self._count, self._publisher.publish)
+        elif isinstance(message, bytes):
+            self._channel.send(HandedBytes(message), self._count, self._publisher.publish)
+        elif self.heard:
+            self._channel.send(HandedBytes(serialize_message(message)), self._count, self._publisher.publish)
 
     def join(self, channel: StepChannel) -> None:
         """Send to the listeners of a channel by hand from now on."""

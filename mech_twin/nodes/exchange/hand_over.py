@@ -74,15 +74,13 @@ class HandedStep:
         return math.isfinite(_sum(self.sample))
 
 
-class HandedBytes(NamedTuple):
+class HandedBytes:
     """A message of which only bytes are wanted."""
 
-    raw: bytes
+    finite = True  # nobody asks it for numbers
 
-    @property
-    def finite(self) -> bool:
-        """Nobody asks it for numbers."""
-        return True
+    def __init__(self, raw: bytes) -> None:
+        self.raw = raw
 
 
 Handed = HandedStep | HandedBytes
@@ -337,8 +335,9 @@ class HandOver:
 
     def deliver_later(self) -> None:
         """Deliver all that waits for who is patient: what is done many times in a row is done faster."""
-        while self.later:
-            _deliver(self.later)
+        later = self.later
+        while later:
+            _deliver(later)
 
     def _queue(self, listener: Listener) -> Waiting:
         return self.later if listener.patient else self.waiting

@@ -82,6 +82,9 @@ class HeardSource:
         is not signed.
         """
         now_s = self._clock()
+        if source == self._lock.source:
+            self._heard_s = now_s
+            return Admission.FOLLOWED
         if self._lock.locked:
             unsigned = self._lock.source == ANONYMOUS and source != ANONYMOUS
             vacant = unsigned or now_s - self._heard_s > self._silence_s
