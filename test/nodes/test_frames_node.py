@@ -108,6 +108,20 @@ def test_frames_are_those_of_the_joint_states_of_their_time(name: str) -> None:
     assert compared == ENOUGH * len(mechanism.joints)
 
 
+def test_frames_are_made_only_while_somebody_listens() -> None:
+    name, heard = "winding_drum", list[TransformStamped]()
+    with BenchRun(name) as run:
+        node = FramesNode(name, built(name).parameters, run.options)
+        run.nodes.append(node)
+        run._spinner.add(node)
+        run.until(lambda: node.diagnostics.state == "running" and node.time_s > 0.1)
+        frames = next(output for output in node.outputs if output.name == FRAMES.name)
+        assert frames.sent == 0
+        run.client.create_subscription(TransformStamped, FRAMES.name, heard.append, EVERY)
+        run.until(lambda: len(heard) > 0)
+        assert frames.sent >= len(heard)
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_every_wrench_and_marker_names_a_frame_that_is_published(name: str) -> None:
     with running(name, duration_s=0.0) as (run, heard):
