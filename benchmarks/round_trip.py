@@ -14,7 +14,7 @@ import time
 from collections.abc import Callable
 from functools import partial
 from itertools import product
-from typing import Any
+from typing import Any, NoReturn
 
 import rclpy
 from comparison import Table, measure, ratio, told_in_turn
@@ -109,7 +109,7 @@ def measured() -> list[Table]:
     return [Table(how, columns, rows)]
 
 
-def answer(executor_name: str, kind: str) -> None:
+def answer(executor_name: str, kind: str) -> NoReturn:
     """Send back what is heard, for ever."""
     rclpy.init(args=[])
     node = rclpy.create_node("second", namespace="/trip")
@@ -121,7 +121,6 @@ def answer(executor_name: str, kind: str) -> None:
 
 
 if __name__ == "__main__":
-    if len(sys.argv) > 1 and sys.argv[1] in EXECUTORS:
+    if sys.argv[1:2] and sys.argv[1] in EXECUTORS:
         answer(*sys.argv[1:])
-    else:
-        measure("round_trip", measured)
+    measure("round_trip", measured)
