@@ -108,6 +108,15 @@ def mechanism_view(bounds: Bounds | None) -> rrb.Spatial2DView:
     return rrb.Spatial2DView(origin="/", contents=[f"/{MECHANISM}/**"], name="Mechanism", visual_bounds=visible)
 
 
+def events_view(*, has_level: bool) -> rrb.TextLogView:
+    """Return the panel of events: the text contains the time to the microsecond."""
+    columns = rrb.TextLogColumns(
+        timeline_columns=[TimelineColumn(SIM_TIME, visible=False)],
+        text_log_columns=["loglevel", "body"] if has_level else ["body"],
+    )
+    return rrb.TextLogView(origin="/", contents=[f"/{EVENTS}/**"], name="Events", columns=columns)
+
+
 def _curve_stack(contents: SceneContents, window_s: float, last: Sequence[rrb.View | rrb.Tabs]) -> rrb.Vertical | None:
     curves = contents.curves
     # without a body the moment on it is zero
@@ -210,11 +219,7 @@ def _lower_row(contents: SceneContents, window_s: float) -> list[rrb.View | rrb.
         )
         for joint in contents.portraits
     ]
-    columns = rrb.TextLogColumns(
-        timeline_columns=[TimelineColumn(SIM_TIME, visible=False)],  # the text contains the time to the microsecond
-        text_log_columns=["loglevel", "body"],
-    )
-    log = rrb.TextLogView(origin="/", contents=[f"/{EVENTS}/**"], name="Events", columns=columns)
+    log = events_view(has_level=True)
     titles = {"impulse": "Impacts, N s", "speed": "Impact speed, m/s"}
     marks = [
         plot(title, [f"{IMPACTS}/{kind}"], window_s, CONTACTS)

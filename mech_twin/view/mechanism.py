@@ -42,14 +42,25 @@ class Mechanism(DrawnExtent):
         ValueError
             The kind of a shape is unknown.
         """
+        bounds = self.bounds()
+        width_m = 1.0 if bounds is None else bounds.right_m - bounds.left_m
+        every = [shape for shape in (*shapes, *notes) if shape.kind != "text"]
+        self.place([*texts_of(shapes, notes, width_m), *every])
+
+    def place(self, shapes: Sequence[Shape]) -> None:
+        """Log shapes at the stream's time, each text where it stands.
+
+        Raises
+        ------
+        ValueError
+            The kind of a shape is unknown.
+        """
         by_kind: dict[str, list[Shape]] = {kind: [] for kind in KINDS}
-        for shape in (*shapes, *notes):
+        for shape in shapes:
             if shape.kind not in by_kind:
                 raise ValueError(f"shape {shape.name}: expected one of {', '.join(KINDS)}, got {shape.kind}")
             by_kind[shape.kind].append(shape)
-        bounds = self.bounds()
-        width_m = 1.0 if bounds is None else bounds.right_m - bounds.left_m
-        points = [*texts_of(shapes, notes, width_m), *by_kind["points"]]
+        points = [*by_kind["text"], *by_kind["points"]]
         self._stream.log(FIGURE, _lines(by_kind["line"]), _points(points), _arrows(by_kind["arrow"]))
 
 

@@ -22,6 +22,9 @@ SETTLE_S = 2.0
 CHROMIUMS = re.compile(r"(?!fonts\.)[\w.-]+\.(google|googleapis)\.com")
 HOST = re.compile(r"\w+ (?:http://)?([^/: ]+)")
 CONNECTED = "() => document.getElementById('role').textContent === 'this page commands'"
+# rerun's viewer asks for its newest release, and tells of its use
+RERUN = "() => document.getElementById('rerun').click()"
+RERUN_UP = "() => document.getElementById('viewer').contentWindow.state !== undefined"
 FOREIGN = "() => { fetch('http://fonts.example.org/x', { mode: 'no-cors' }).catch(() => {}); }"
 
 
@@ -46,7 +49,9 @@ def proxy():
         server.shutdown(socket.SHUT_RDWR)
 
 
-def hosts_asked_by(url: str, *, bypassing: bool = False, script: str = "() => {}") -> set[str]:
+def hosts_asked_by(
+    url: str, *, bypassing: bool = False, script: str = "() => {}", until: str = "() => true"
+) -> set[str]:
     """Return the other hosts that were asked for while a page came up and lived for a while."""
     flags = [flag for flag in FLAGS if not flag.startswith(("--no-proxy", "--host-resolver"))]
     with proxy() as (address, asked), sync_playwright() as play:
@@ -56,6 +61,7 @@ def hosts_asked_by(url: str, *, bypassing: bool = False, script: str = "() => {}
         page.goto(url, wait_until="commit", timeout=1000 * LIMIT_S)
         page.wait_for_function(CONNECTED, timeout=1000 * LIMIT_S, polling=100)
         page.evaluate(script)
+        page.wait_for_function(until, timeout=1000 * LIMIT_S)
         page.wait_for_timeout(1000 * SETTLE_S)
         browser.close()
     hosts = {HOST.match(request).group(1) for request in asked}
@@ -67,3 +73,10 @@ def test_the_page_asks_nothing_of_other_hosts_and_its_policy_lets_no_script_do_s
         assert hosts_asked_by(bench.url, script=FOREIGN) == set()
         beside = hosts_asked_by(bench.url, bypassing=True, script=FOREIGN)
     assert beside == {"fonts.example.org"}, "the count sees nothing, so that it proves nothing"
+
+
+def test_reruns_viewer_asks_nothing_of_other_hosts():
+    with StartedBench() as bench:
+        assert hosts_asked_by(bench.url, script=RERUN, until=RERUN_UP) == set()
+        beside = hosts_asked_by(bench.url, bypassing=True, script=RERUN, until=RERUN_UP)
+    assert "tel.rerun.io" in beside, "the count sees nothing, so that it proves nothing"

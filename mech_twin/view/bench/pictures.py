@@ -13,14 +13,14 @@ class Pictures:
     """Pictures in the order they came, bounded in bytes: the oldest go first."""
 
     def __init__(self, most_bytes: int) -> None:
-        self._most_bytes, self._bytes = most_bytes, 0
+        self.most_bytes, self._bytes = most_bytes, 0
         self._kept: deque[bytes] = deque()
 
     def add(self, picture: bytes) -> None:
         """Keep a picture."""
         self._kept.append(picture)
         self._bytes += len(picture)
-        while self._bytes > self._most_bytes and len(self._kept) > 1:
+        while self._bytes > self.most_bytes and len(self._kept) > 1:
             self._bytes -= len(self._kept.popleft())
 
     def clear(self) -> None:

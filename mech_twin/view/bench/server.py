@@ -29,6 +29,7 @@ from mech_twin.view.bench.bench_page import SEND_S, BenchPage
 from mech_twin.view.bench.guard import HEADERS, LONGEST_LINE, SILENT_S, Guard, content_policy, plain, silent_logger
 from mech_twin.view.bench.link import HEAD, LARGEST_BYTES, PICTURE
 from mech_twin.view.bench.pictures import Pictures
+from mech_twin.view.bench.rerun_door import PAGE, SLOW_S, RerunDoor, viewer_policy
 
 LOOPBACK, EVERYWHERE = "127.0.0.1", "0.0.0.0"
 TOKEN_S = 3.0  # how long a connection may be open without the token
@@ -83,6 +84,7 @@ class Bench:
         self._on_frame: Callable[[dict[str, Any]], None] = lambda frame: None
         self._try: Try | None = None
         self._offers: dict[str, tuple[Path, float]] = {}
+        self._rerun: RerunDoor | None = None
 
     @property
     def pages(self) -> list[BenchPage]:
@@ -111,7 +113,10 @@ class Bench:
             The port is busy.
         """
         app = web.Application(middlewares=[self._guard.middleware], client_max_size=0)
+        self._rerun = RerunDoor(feed.parent / "rerun", self._told, self._history, self._has_token)
         app.router.add_get("/feed", self._serve_page)
+        app.router.add_get("/rerun", self._serve_rerun)
+        app.router.add_get("/{name:re_viewer(?:[.]js|_bg[.]wasm)}", self._rerun.serve_file)
         app.router.add_get("/offer/{ticket}", self._serve_offer)
         app.router.add_get("/{name:[a-z.]*}", self._serve_file)
         runner = web.AppRunner(
@@ -197,6 +202,8 @@ class Bench:
         for page in self._pages:
             page.pending.add(picture)
             page.wake.set()
+        if self._rerun is not None:
+            self._rerun.show(picture)
 
     def _take(self, kind: str, message: dict[str, Any]) -> None:
         if kind == "anew":  # the run has begun anew: its time goes back
@@ -209,6 +216,8 @@ class Bench:
             self._on_frame(message)
             return
         self.tell(kind, message)
+        if kind in ("anew", "layout") and self._rerun is not None:
+            self._rerun.begin_anew()
 
     # -- pages --------------------------------------------------------------------------------------------------------
 
@@ -218,7 +227,10 @@ class Bench:
         if body is None:
             return plain(404, "no such file")
         kind = KINDS.get(Path(name).suffix, "text/plain")
-        policy = {"Content-Security-Policy": content_policy(request.headers["Host"])}
+        host = request.headers["Host"]
+        policy = {"Content-Security-Policy": content_policy(host)}
+        if name == PAGE:
+            policy = {"Content-Security-Policy": viewer_policy(host), "X-Frame-Options": "SAMEORIGIN"}
         return web.Response(body=body, content_type=kind, charset="utf-8", headers=HEADERS | policy)
 
     async def _serve_offer(self, request: web.Request) -> web.StreamResponse:
@@ -229,18 +241,33 @@ class Bench:
 
     async def _serve_page(self, request: web.Request) -> web.StreamResponse:
         """Serve one page over its connection, which begins with the token."""
-        if "Origin" not in request.headers:  # a browser always says where a page is from
-            return plain(403, "expected a page of this server")
-        socket = web.WebSocketResponse(max_msg_size=LARGEST_ORDER, heartbeat=HEARTBEAT_S, compress=False, timeout=1.0)
-        if not socket.can_prepare(request):
-            return plain(400, "expected a WebSocket")
-        await socket.prepare(request)
+        socket = await self._connected(request, HEARTBEAT_S)
+        if not isinstance(socket, web.WebSocketResponse):
+            return socket
         if not await self._has_token(socket):
             await socket.close(code=WSCloseCode.POLICY_VIOLATION, message=b"token")
         elif len(self._pages) >= MOST_PAGES:
             await socket.close(code=WSCloseCode.TRY_AGAIN_LATER, message=b"pages")
         else:
             await self._attend(socket, lambda: request.transport.abort() if request.transport is not None else None)
+        return socket
+
+    async def _serve_rerun(self, request: web.Request) -> web.StreamResponse:
+        """Serve the run to a page of rerun's viewer over its connection, which begins with the token."""
+        socket = await self._connected(request, SLOW_S)
+        if isinstance(socket, web.WebSocketResponse) and self._rerun is not None:
+            await self._rerun.serve_run(socket)
+        return socket
+
+    @staticmethod
+    async def _connected(request: web.Request, heartbeat_s: float) -> web.Response | web.WebSocketResponse:
+        """Return the connection of a page of this server, or the refusal."""
+        if "Origin" not in request.headers:  # a browser always says where a page is from
+            return plain(403, "expected a page of this server")
+        socket = web.WebSocketResponse(max_msg_size=LARGEST_ORDER, heartbeat=heartbeat_s, compress=False, timeout=1.0)
+        if not socket.can_prepare(request):
+            return plain(400, "expected a WebSocket")
+        await socket.prepare(request)
         return socket
 
     async def _has_token(self, socket: web.WebSocketResponse) -> bool:

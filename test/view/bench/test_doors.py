@@ -4,54 +4,22 @@
 from __future__ import annotations
 
 import asyncio
-import functools
 import json
 import os
 import socket
 import stat
 import time
-from contextlib import asynccontextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
 
 import aiohttp
 import pytest
+from served_bench import LIMIT_S, SECRET, in_loop, served, status
 
 from mech_twin.view.bench.guard import MOST_CONNECTIONS, SILENT_S, is_own_host
 from mech_twin.view.bench.link import FEED, PREFIX, BenchLink
-from mech_twin.view.bench.server import HEARTBEAT_S, LARGEST_ORDER, MOST_ORDERS, SEND_S, TOKEN_S, Bench, OrderError
+from mech_twin.view.bench.server import HEARTBEAT_S, LARGEST_ORDER, MOST_ORDERS, SEND_S, TOKEN_S, Bench
 from mech_twin.view.bench.started import StartedBench
-
-SECRET = "recorded in /home/someone/secret_machine"
-LIMIT_S = 10.0
-
-
-def in_loop(test):
-    """Return a test that runs in an event loop of its own."""
-
-    @functools.wraps(test)
-    def run(*arguments, **named):
-        asyncio.run(test(*arguments, **named))
-
-    return run
-
-
-@asynccontextmanager
-async def served(folder: Path, obey=None):
-    """Yield a bench that listens, and the list of orders that reached the machine."""
-    orders: list[dict] = []
-
-    async def note(message):
-        orders.append(dict(message))
-        if message["name"] == "refuse":
-            raise OrderError("value 7: expected at most 1")
-        return "done"
-
-    bench = Bench(obey or note)
-    await bench.start(0, folder / FEED)
-    try:
-        yield bench, orders
-    finally:
-        await bench.stop()
 
 
 async def opened(session: aiohttp.ClientSession, bench: Bench, token: str | None = None, **headers: str):
@@ -84,14 +52,6 @@ def deaf_page(bench: Bench) -> socket.socket:
     token = bench.token.encode()
     page.sendall(bytes([0x81, 0x80 | len(token), 0, 0, 0, 0]) + token)  # a masked text, its mask zero
     return page
-
-
-async def status(bench: Bench, path: str = "/", method: str = "GET", **headers: str) -> int:
-    async with (
-        aiohttp.ClientSession() as session,
-        session.request(method, f"http://127.0.0.1:{bench.port}{path}", headers=headers) as answer,
-    ):
-        return answer.status
 
 
 async def raw(port: int, sent: bytes, limit_s: float = LIMIT_S) -> bytes:

@@ -9,6 +9,7 @@ import { judged, listLimits } from "./limits.js";
 import { placeOf } from "./pictures.js";
 import { key, made, Plots } from "./plots.js";
 import { curves, find, lanes, other, run, shown } from "./state.js";
+import { tellTime } from "./viewer.js";
 
 const QUIET_MS = 1500;
 const DRAWN_ROWS = 4000; // of a curve; of more the extremes are drawn
@@ -46,6 +47,7 @@ export function frame(now) {
       shown.at = Math.min(newest.time_s, shown.at + passed * Number(find("pace").value));
       if (shown.at >= newest.time_s) play(false);
     }
+    tellTime(shown.following ? null : shown.at);
     const place = placeOf(shown.at);
     const picture = run.pictures[place];
     if (picture !== shown.drawn || shown.playing || (isWhole() && newest !== shown.newest)) show(picture, shown.following ? picture.time_s : shown.at);

@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: Apache-2.0
+"""rerun's own viewer of the run that a bench shows: its files, and the run as a recording, over a connection a page.
+
+The viewer is taken from the wheel when a page first asks for it; a page of it needs the token as every other.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import Awaitable, Callable, Mapping, Sequence
+from contextlib import suppress
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from aiohttp import WSCloseCode, web
+
+from mech_twin.view.bench.guard import HEADERS, content_policy, plain
+from mech_twin.view.bench.pictures import Pictures
+from mech_twin.view.errors import ViewerError
+
+PAGE = "rerun.html"
+SLOW_S = 60.0  # that a page may take for a file or a piece: where a processor draws the viewer is slow to start
+PIECE_BYTES = 1 << 20
+APART_S = 0.1  # between two pieces of a recording
+MOST_VIEWERS = 2  # each converts the pictures for itself
+KINDS = {".js": "text/javascript", ".wasm": "application/wasm"}
+
+
+class _Viewer:
+    """A viewer that is open."""
+
+    def __init__(self, most_bytes: int) -> None:
+        self.pending = Pictures(most_bytes)
+        self.wake = asyncio.Event()
+        self.is_new = True  # another run begins
+
+
+class RerunDoor:
+    """Gives out the viewer and the run.
+
+    Parameters
+    ----------
+    folder : Path
+        Of this user alone: the viewer's files go there.
+    told : mapping
+        What the pages are told, as text by kind.
+    history : Pictures
+        Of the run so far.
+    has_token : callable
+        Whether a connection begins with the token.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        told: Mapping[str, str],
+        history: Pictures,
+        has_token: Callable[[web.WebSocketResponse], Awaitable[bool]],
+    ) -> None:
+        self._folder, self._told, self._history, self._has_token = folder, told, history, has_token
+        self._viewers: list[_Viewer] = []
+        self._fetching = asyncio.Lock()
+
+    def show(self, picture: bytes) -> None:
+        """Take a picture of the run."""
+        for viewer in self._viewers:
+            viewer.pending.add(picture)
+            viewer.wake.set()
+
+    def begin_anew(self) -> None:
+        """Forget the run so far: another begins, or other curves."""
+        for viewer in self._viewers:
+            viewer.pending.clear()
+            for picture in self._history:
+                viewer.pending.add(picture)
+            viewer.is_new = True
+            viewer.wake.set()
+
+    async def serve_file(self, request: web.Request) -> web.StreamResponse:
+        """Serve a file of the viewer."""
+        from mech_twin.view.rerun_viewer import fetch_viewer
+
+        file = self._folder / request.match_info["name"]
+        async with self._fetching:
+            if not file.is_file():
+                try:
+                    await asyncio.to_thread(fetch_viewer, self._folder)
+                except ViewerError as error:
+                    return plain(404, str(error))
+        answer = web.StreamResponse(headers=HEADERS)
+        answer.content_type, answer.content_length = KINDS[file.suffix], file.stat().st_size
+        await answer.prepare(request)
+        async with asyncio.timeout(SLOW_S):
+            with file.open("rb") as content:
+                while piece := content.read(PIECE_BYTES):
+                    await answer.write(piece)
+        return answer
+
+    async def serve_run(self, socket: web.WebSocketResponse) -> None:
+        """Send the run so far, and then what comes of it, until the page is gone."""
+        if not await self._has_token(socket):
+            await socket.close(code=WSCloseCode.POLICY_VIOLATION, message=b"token")
+        elif len(self._viewers) >= MOST_VIEWERS:
+            await socket.close(code=WSCloseCode.TRY_AGAIN_LATER, message=b"viewers")
+        else:
+            viewer = _Viewer(self._history.most_bytes)
+            self._viewers.append(viewer)
+            pump = asyncio.ensure_future(self._pumped(socket, viewer))
+            self.begin_anew()
+            try:
+                async for _ in socket:
+                    pass
+            finally:
+                pump.cancel()
+                self._viewers.remove(viewer)
+
+    async def _pumped(self, socket: web.WebSocketResponse, viewer: _Viewer) -> None:
+        convert: Callable[[Sequence[Mapping[str, Any]]], bytes] | None = None
+        with suppress(TimeoutError, ConnectionError):
+            while True:
+                await viewer.wake.wait()
+                viewer.wake.clear()
+                while len(viewer.pending) and "layout" in self._told:
+                    if convert is None or viewer.is_new:
+                        viewer.is_new = False
+                        convert = await asyncio.to_thread(partial(_converter, dict(self._told)))
+                    pictures = viewer.pending.take()
+                    body = await asyncio.to_thread(_converted, convert, pictures)
+                    async with asyncio.timeout(SLOW_S):
+                        await socket.send_bytes(body)
+                await asyncio.sleep(APART_S)
+
+
+def viewer_policy(host: str) -> str:
+    """Return the policy of the viewer's page: it compiles its own code, and stands in a page of this server alone."""
+    policy = content_policy(host).replace("script-src 'self'", "script-src 'self' 'wasm-unsafe-eval'")
+    return policy.replace("frame-ancestors 'none'", "frame-ancestors 'self'")
+
+
+def _converter(told: Mapping[str, str]) -> Callable[[Sequence[Mapping[str, Any]]], bytes]:
+    from mech_twin.view.rerun_pictures import RerunPictures
+
+    machine = json.loads(told.get("machine", "{}"))
+    return RerunPictures(machine.get("name", "mech_twin"), json.loads(told["layout"])["panels"]).taken
+
+
+def _converted(convert: Callable[[Sequence[Mapping[str, Any]]], bytes], pictures: Sequence[bytes]) -> bytes:
+    """Return the next piece of a recording; of two runs in one view the first is in it."""
+    return convert([each for each in map(json.loads, pictures) if not each.get("side")])

@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The files of rerun's web viewer: its command has them inside, and serves them for a moment to this machine alone."""
+
+from __future__ import annotations
+
+import os
+import socket
+import subprocess
+import time
+from importlib.util import find_spec
+from pathlib import Path
+from urllib.error import URLError
+from urllib.request import urlopen
+
+from mech_twin.view.errors import ViewerError
+
+VIEWER_FILES = ("re_viewer.js", "re_viewer_bg.wasm")
+LOOPBACK = "127.0.0.1"
+OWN_PLACES = ("HOME", "XDG_CONFIG_HOME", "XDG_DATA_HOME", "XDG_CACHE_HOME")
+UP_LIMIT_S, FETCH_LIMIT_S, LOOK_S = 20.0, 60.0, 0.05
+
+
+def fetch_viewer(folder: Path) -> None:
+    """Put the viewer's files into a folder.
+
+    The command keeps its settings below that folder too, where it is told to send nobody anything of its use.
+
+    Raises
+    ------
+    ViewerError
+        rerun is not installed, or its command serves nothing; one line.
+    """
+    found = find_spec("rerun_cli")
+    if found is None or found.origin is None:
+        raise ViewerError("view: rerun is not installed: pip install 'mech_twin[view]'")
+    program = Path(found.origin).parent / "rerun"
+    folder.mkdir(parents=True, exist_ok=True)
+    env = os.environ | {name: str(folder) for name in OWN_PLACES}
+    try:
+        subprocess.run([program, "analytics", "disable"], check=True, env=env, timeout=UP_LIMIT_S, capture_output=True)
+    except (OSError, subprocess.SubprocessError) as reason:
+        raise ViewerError(f"view: {program} does not run: {reason}") from reason
+    ports = _free_ports(2)
+    words = ["--serve-web", "--bind", LOOPBACK, "--port", str(ports[0]), "--web-viewer-port", str(ports[1])]
+    with subprocess.Popen([program, *words], env=env, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as server:
+        try:
+            for name in VIEWER_FILES:
+                _fetch(server, f"http://{LOOPBACK}:{ports[1]}/{name}", folder / name)
+        finally:
+            server.kill()
+
+
+def _fetch(server: subprocess.Popen[bytes], address: str, file: Path) -> None:
+    """Fetch a file, as soon as the server listens; it is there whole or not at all."""
+    end = time.monotonic() + UP_LIMIT_S
+    while True:
+        try:
+            with urlopen(address, timeout=FETCH_LIMIT_S) as answer:
+                content = answer.read()
+            break
+        except (URLError, ConnectionError) as reason:
+            if server.poll() is not None or time.monotonic() > end:
+                raise ViewerError(f"view: rerun's viewer is not served: {reason}") from reason
+            time.sleep(LOOK_S)
+    unfinished = file.with_suffix(".part")
+    unfinished.write_bytes(content)
+    unfinished.replace(file)
+
+
+def _free_ports(count: int) -> list[int]:
+    sockets = [socket.create_server((LOOPBACK, 0)) for _ in range(count)]
+    ports = [int(each.getsockname()[1]) for each in sockets]
+    for each in sockets:
+        each.close()
+    return ports

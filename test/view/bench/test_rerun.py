@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: Apache-2.0
+"""rerun's own viewer on the bench: it shows the run at the bench's time, to who has the token."""
+
+from __future__ import annotations
+
+import json
+import re
+
+import aiohttp
+import numpy as np
+import pytest
+from browser import UP_MS, opened, running
+from served_bench import LIMIT_S, in_loop, served, status
+
+from mech_twin.samples import Shape
+from mech_twin.view.bench.link import FEED, PREFIX, BenchLink
+from mech_twin.view.bench.picture import Curves, packed_curves, packed_shapes
+from mech_twin.view.rerun_pictures import unpacked_shapes
+
+PANEL = {"title": "Torque, N m", "curves": [{"path": "motor/torque", "names": ["motor"]}]}
+
+
+def picture(time_s: float) -> dict:
+    """Return a picture as a run sends it."""
+    shapes = [
+        Shape("link", "line", ((0.0, 0.0), (0.5, 0.25)), (10, 20, 30), 0.01),
+        Shape("name", "text", ((0.5, 0.5),), (0, 0, 0), 0.02, "crank"),
+    ]
+    curves = [Curves("motor/torque", ("motor",), np.array([time_s]), np.array([[2.5]]))]
+    rest = {"state": "running", "alarm": "", "cards": [["crank", "62 rad/s"]], "events": [[time_s, "a blow"]]}
+    lanes = [["supply", time_s, "on", []]]
+    return rest | {
+        "time_s": time_s,
+        "bounds": [0.0, 1.0, 0.0, 1.0],
+        "shapes": packed_shapes(shapes),
+        "curves": packed_curves(curves),
+        "lanes": lanes,
+    }
+
+
+def test_shapes_of_a_picture_come_back_as_they_were():
+    line, text = unpacked_shapes(picture(0.0)["shapes"])
+    assert (line.kind, line.points_m, line.colour, line.width_m) == (
+        "line",
+        ((0.0, 0.0), (0.5, 0.25)),
+        (10, 20, 30),
+        0.01,
+    )
+    assert (text.kind, text.text, text.points_m) == ("text", "crank", ((0.5, 0.5),))
+
+
+@in_loop
+async def test_the_run_is_told_to_a_viewer_with_the_token_and_to_no_other(tmp_path):
+    async with served(tmp_path) as (bench, _), aiohttp.ClientSession() as session:
+        here = f"127.0.0.1:{bench.port}"
+        bench.tell("machine", {"name": "four_bar"})
+        bench.tell("layout", {"panels": [PANEL]})
+        with BenchLink(f"{PREFIX}{tmp_path / FEED}", 5.0) as link:
+            assert link.show(picture(1.0))
+            stranger = await session.ws_connect(f"ws://{here}/rerun", headers={"Origin": f"http://{here}"})
+            await stranger.send_str("0" * 43)
+            assert (await stranger.receive(LIMIT_S)).extra == "token"
+            with pytest.raises(aiohttp.WSServerHandshakeError) as refusal:
+                await session.ws_connect(f"ws://{here}/rerun", headers={"Origin": "http://evil.example"})
+            assert refusal.value.status == 403
+            viewer = await session.ws_connect(f"ws://{here}/rerun", headers={"Origin": f"http://{here}"})
+            await viewer.send_str(bench.token)
+            message = await viewer.receive(LIMIT_S)
+            assert message.type is aiohttp.WSMsgType.BINARY
+            assert message.data.startswith(b"RRF")
+            for told in (
+                "four_bar",
+                "motor/torque",
+                "mechanism/figure",
+                "regimes/supply",
+                "a blow",
+                "62 rad/s",
+                "sim_time",
+            ):
+                assert told.encode() in message.data, told
+            assert link.show(picture(1.1))
+            assert b"motor/torque" in (await viewer.receive(LIMIT_S)).data
+
+
+@in_loop
+async def test_only_the_viewers_page_compiles_code_and_only_this_server_frames_it(tmp_path):
+    async with served(tmp_path) as (bench, _), aiohttp.ClientSession() as session:
+        policies = {}
+        for name in ("", "rerun.html"):
+            async with session.get(f"http://127.0.0.1:{bench.port}/{name}") as answer:
+                policies[name] = answer.headers["Content-Security-Policy"]
+        assert "wasm" not in policies[""]
+        assert "frame-ancestors 'none'" in policies[""]
+        assert "script-src 'self' 'wasm-unsafe-eval';" in policies["rerun.html"]
+        assert "frame-ancestors 'self'" in policies["rerun.html"]
+        assert "'unsafe" not in json.dumps(policies)
+        assert await status(bench, "/re_viewer.js", Host="evil.example") == 403
+
+
+def cursor_ns(state: bytes) -> int:
+    """Return where the cursor stands in an encoded state of the viewer: after the last name of the timeline."""
+    found = re.search(
+        rb"sim_time\x10\x02\x1a.\x08([\x80-\xff]*[\x00-\x7f])", state[state.rindex(b"sim_time") :], re.DOTALL
+    )
+    assert found is not None
+    return sum((byte & 127) << 7 * place for place, byte in enumerate(found[1]))
+
+
+@pytest.mark.browser
+@pytest.mark.slow
+def test_reruns_viewer_shows_the_run_at_the_time_of_the_bench(browser, ros_domain, tmp_path):
+    with running("run", "vibration_crank", "--no-record", folder=tmp_path) as (url, _), opened(browser, url) as page:
+        page.wait_for_function("() => window.bench.shown > 1.2", timeout=UP_MS)
+        page.locator("#rerun").click()
+        page.wait_for_function("() => document.getElementById('viewer').contentWindow.received > 1", timeout=UP_MS)
+        page.locator("#cursor").evaluate("(it) => { it.value = 0.5; it.dispatchEvent(new Event('input')); }")
+        viewer = page.frame(url=re.compile("rerun.html"))
+        for _ in range(100):
+            page.wait_for_timeout(200)
+            if cursor_ns(bytes(viewer.evaluate("() => [...window.state()]"))) == 500_000_000:
+                break
+        else:
+            pytest.fail("the viewer did not go to 0.5 s")
+        page.locator("#rerun").click()
+        page.wait_for_selector("#drawing")
